@@ -1,0 +1,226 @@
+"""Articulated-body algorithm, RBDA section 7.3 (Table 7.1), in one common frame and in inverse-dynamics form.
+
+Let a_i be the acceleration that body i has when every joint acceleration is zero (velocity products and gravity
+included), and dA_i what the joint accelerations add to it.  Then
+
+    pA_i = I_i a_i + v_i x* I_i v_i - fext_i + sum over children (pA_j + U_j u_j / D_j)
+    IA_i = I_i + sum over children (IA_j - U_j U_j' / D_j)
+    U_i = IA_i S_i,   D_i = S_i' U_i + armature_i,   u_i = tau_i - S_i' pA_i
+    qdd_i = (u_i - U_i' dA_parent) / D_i,   dA_i = dA_parent + S_i qdd_i
+
+which is Table 7.1 with c_i moved from the articulated to the rigid inertia: 24 multiplications instead of 36.  In one
+frame a child's inertia is *added* to its parent's, with no transform.
+"""
+
+from .jit import inline, kernel
+from .kinematics import base_acceleration, motion_pass
+from .layout import DINV, SF, SH, SJ, SM, UU, P, R, U
+from .rigid_body import inertial_force, mass_center
+from .spatial import (
+    about_origin,
+    add,
+    cross,
+    dot,
+    load3,
+    load6,
+    load9,
+    rotate,
+    scale,
+    store3,
+    sub,
+    symmetric,
+)
+
+
+@kernel
+def aba(tree, base_q, base_qd, base_tau, q, qd, tau, armature, wrench, gravity, W, base_qdd, qdd):
+    """Forward dynamics: fill qdd (n,) [rad/s^2 or m/s^2] and, of a floating base, base_qdd (6,).
+
+    tree (n+1,) BODY; base_q (7,), base_qd (6,) and base_tau (6,) or None; q, qd, tau (n,); armature (n,) inertia added to each joint
+    [kg m^2 or kg] or None; wrench (n+1, 6) external [moment; force] about the common origin, world axes [N m; N] or
+    None; gravity (3,) [m/s^2]; W workspace.
+    """
+    motion_pass(tree, base_q, base_qd, None, q, qd, None, gravity, W)
+    articulated_pass(tree, base_q, base_tau, tau, armature, wrench, W)
+    acceleration_pass(tree, W, qdd)
+    if base_q is not None:
+        base_acceleration(base_qdd, W)
+
+
+@kernel
+def articulated_pass(tree, base_q, base_tau, tau, armature, wrench, W):
+    """Fill U, 1/D and u of every joint, tips to root, and dA of the root in its U columns."""
+    for k in range(1, len(tree)):
+        i = len(tree) - k
+        b = tree[i]
+        J, H, M, n, f = _articulated_body(b, i, wrench, W)
+        s = (W[i, R + 2], W[i, R + 5], W[i, R + 8])
+        if b.prismatic:
+            Un, Uf = rotate(H, s), symmetric(M, s)
+            D, Sp = dot(s, Uf), dot(s, f)
+        else:
+            r = cross(load3(W, i, P), s)
+            Un, Uf = add(symmetric(J, s), rotate(H, r)), add(_transposed(H, s), symmetric(M, r))
+            D, Sp = dot(s, Un) + dot(r, Uf), dot(s, n) + dot(r, f)
+        D = _enlarged(D, armature, b.dof)
+        Dinv = 1.0 / D
+        u = tau[b.dof] - Sp
+        store3(W, i, U, Un)
+        store3(W, i, U + 3, Uf)
+        W[i, DINV] = Dinv
+        W[i, UU] = u
+        _to_parent(tree[b.parent].slot, b.last, J, H, M, n, f, Un, Uf, Dinv, u, W)
+    _root(tree, base_q, base_tau, wrench, W)
+
+
+@inline
+def _enlarged(D, armature, i):
+    if armature is None:
+        return D
+    return D + armature[i]
+
+
+@inline
+def _transposed(H, a):
+    """H' a"""
+    return (
+        H[0] * a[0] + H[3] * a[1] + H[6] * a[2],
+        H[1] * a[0] + H[4] * a[1] + H[7] * a[2],
+        H[2] * a[0] + H[5] * a[1] + H[8] * a[2],
+    )
+
+
+@inline
+def _articulated_body(b, i, wrench, W):
+    """IA = [[J, H], [H', M]] and pA = [n; f] of body i: its own and what its children left in its slot."""
+    c, Jc = mass_center(b, i, W)
+    n, f = inertial_force(b, i, c, Jc, W)
+    J, h = about_origin(Jc, b.m, c), scale(c, b.m)
+    if wrench is not None:
+        n = sub(n, load3(wrench, i, 0))
+        f = sub(f, load3(wrench, i, 3))
+    if b.leaf:
+        H = (0.0, -h[2], h[1], h[2], 0.0, -h[0], -h[1], h[0], 0.0)
+        M = (b.m, 0.0, 0.0, b.m, 0.0, b.m)
+        return J, H, M, n, f
+    k = b.slot
+    cJ, cM = load6(W, k, SJ), load6(W, k, SM)
+    cH = load9(W, k, SH)
+    J = (J[0] + cJ[0], J[1] + cJ[1], J[2] + cJ[2], J[3] + cJ[3], J[4] + cJ[4], J[5] + cJ[5])
+    H = (cH[0], cH[1] - h[2], cH[2] + h[1], cH[3] + h[2], cH[4], cH[5] - h[0], cH[6] - h[1], cH[7] + h[0], cH[8])
+    M = (b.m + cM[0], cM[1], cM[2], b.m + cM[3], cM[4], b.m + cM[5])
+    return J, H, M, add(n, load3(W, k, SF)), add(f, load3(W, k, SF + 3))
+
+
+@inline
+def _to_parent(slot, first, J, H, M, n, f, Un, Uf, Dinv, u, W):
+    """Add IA - U U'/D and pA + U u/D to the parent's slot; the first child to come sets it."""
+    Vn, Vf = scale(Un, Dinv), scale(Uf, Dinv)
+    _accumulate(W, slot, SJ + 0, first, J[0] - Vn[0] * Un[0])
+    _accumulate(W, slot, SJ + 1, first, J[1] - Vn[0] * Un[1])
+    _accumulate(W, slot, SJ + 2, first, J[2] - Vn[0] * Un[2])
+    _accumulate(W, slot, SJ + 3, first, J[3] - Vn[1] * Un[1])
+    _accumulate(W, slot, SJ + 4, first, J[4] - Vn[1] * Un[2])
+    _accumulate(W, slot, SJ + 5, first, J[5] - Vn[2] * Un[2])
+    _accumulate(W, slot, SH + 0, first, H[0] - Vn[0] * Uf[0])
+    _accumulate(W, slot, SH + 1, first, H[1] - Vn[0] * Uf[1])
+    _accumulate(W, slot, SH + 2, first, H[2] - Vn[0] * Uf[2])
+    _accumulate(W, slot, SH + 3, first, H[3] - Vn[1] * Uf[0])
+    _accumulate(W, slot, SH + 4, first, H[4] - Vn[1] * Uf[1])
+    _accumulate(W, slot, SH + 5, first, H[5] - Vn[1] * Uf[2])
+    _accumulate(W, slot, SH + 6, first, H[6] - Vn[2] * Uf[0])
+    _accumulate(W, slot, SH + 7, first, H[7] - Vn[2] * Uf[1])
+    _accumulate(W, slot, SH + 8, first, H[8] - Vn[2] * Uf[2])
+    _accumulate(W, slot, SM + 0, first, M[0] - Vf[0] * Uf[0])
+    _accumulate(W, slot, SM + 1, first, M[1] - Vf[0] * Uf[1])
+    _accumulate(W, slot, SM + 2, first, M[2] - Vf[0] * Uf[2])
+    _accumulate(W, slot, SM + 3, first, M[3] - Vf[1] * Uf[1])
+    _accumulate(W, slot, SM + 4, first, M[4] - Vf[1] * Uf[2])
+    _accumulate(W, slot, SM + 5, first, M[5] - Vf[2] * Uf[2])
+    _accumulate(W, slot, SF + 0, first, n[0] + Vn[0] * u)
+    _accumulate(W, slot, SF + 1, first, n[1] + Vn[1] * u)
+    _accumulate(W, slot, SF + 2, first, n[2] + Vn[2] * u)
+    _accumulate(W, slot, SF + 3, first, f[0] + Vf[0] * u)
+    _accumulate(W, slot, SF + 4, first, f[1] + Vf[1] * u)
+    _accumulate(W, slot, SF + 5, first, f[2] + Vf[2] * u)
+
+
+@inline
+def _accumulate(W, slot, k, first, x):
+    if first:
+        W[slot, k] = x
+    else:
+        W[slot, k] += x
+
+
+@inline
+def _root(tree, base_q, base_tau, wrench, W):
+    """dA of the root: zero for the world, the solution of IA dA = -pA for a floating base."""
+    if base_q is None:
+        store3(W, 0, U, (0.0, 0.0, 0.0))
+        store3(W, 0, U + 3, (0.0, 0.0, 0.0))
+    else:
+        J, H, M, n, f = _articulated_body(tree[0], 0, wrench, W)
+        if base_tau is not None:
+            n = sub(n, rotate(load9(W, 0, R), (base_tau[3], base_tau[4], base_tau[5])))
+            f = sub(f, (base_tau[0], base_tau[1], base_tau[2]))
+        dA = _solve6(J, H, M, n, f)
+        for k in range(6):
+            W[0, U + k] = -dA[k]
+
+
+@inline
+def _solve6(J, H, M, n, f):
+    """Solve [[J, H], [H', M]] x = [n; f] for a positive definite matrix: M by blocks, then 3 x 3."""
+    x, y, z = (H[0], H[1], H[2]), (H[3], H[4], H[5]), (H[6], H[7], H[8])
+    L = _factor3(M)
+    Mx, My, Mz, Mf = _solve3(L, x), _solve3(L, y), _solve3(L, z), _solve3(L, f)
+    K = (
+        J[0] - dot(x, Mx),
+        J[1] - dot(x, My),
+        J[2] - dot(x, Mz),
+        J[3] - dot(y, My),
+        J[4] - dot(y, Mz),
+        J[5] - dot(z, Mz),
+    )
+    a = _solve3(_factor3(K), (n[0] - dot(x, Mf), n[1] - dot(y, Mf), n[2] - dot(z, Mf)))
+    b = sub(Mf, add(scale(Mx, a[0]), add(scale(My, a[1]), scale(Mz, a[2]))))
+    return (a[0], a[1], a[2], b[0], b[1], b[2])
+
+
+@inline
+def _factor3(M):
+    """L D L' of a symmetric positive definite 3 x 3 matrix: (l21, l31, l32, 1/d1, 1/d2, 1/d3)."""
+    e1 = 1.0 / M[0]
+    l21, l31 = M[1] * e1, M[2] * e1
+    e2 = 1.0 / (M[3] - l21 * M[1])
+    w = M[4] - l31 * M[1]
+    l32 = w * e2
+    e3 = 1.0 / (M[5] - l31 * M[2] - l32 * w)
+    return (l21, l31, l32, e1, e2, e3)
+
+
+@inline
+def _solve3(L, b):
+    y2 = b[1] - L[0] * b[0]
+    y3 = b[2] - L[1] * b[0] - L[2] * y2
+    x3 = y3 * L[5]
+    x2 = y2 * L[4] - L[2] * x3
+    return (b[0] * L[3] - L[0] * x2 - L[1] * x3, x2, x3)
+
+
+@kernel
+def acceleration_pass(tree, W, qdd):
+    """Fill qdd, root to tips; dA replaces U."""
+    for i in range(1, len(tree)):
+        b = tree[i]
+        dn, df = load3(W, b.parent, U), load3(W, b.parent, U + 3)
+        s = (W[i, R + 2], W[i, R + 5], W[i, R + 8])
+        a = (W[i, UU] - (dot(load3(W, i, U), dn) + dot(load3(W, i, U + 3), df))) * W[i, DINV]
+        qdd[b.dof] = a
+        if b.prismatic:
+            store3(W, i, U, dn)
+            store3(W, i, U + 3, add(df, scale(s, a)))
+        else:
+            store3(W, i, U, add(dn, scale(s, a)))
+            store3(W, i, U + 3, add(df, scale(cross(load3(W, i, P), s), a)))

@@ -1,0 +1,233 @@
+"""The dynamics algorithms as functions of a model, for one state or many.
+
+Coordinates are those of `model.py`: of a fixed base the joints in file order; of a floating base
+``q = [x y z, qw qx qy qz, joints]`` and ``qd = [velocity (world axes), angular velocity (body axes), joint rates]``.
+Every argument may have a leading axis of states, ``(n, nv)``; eight states then go through the kernels at once, with
+the same bits as one by one.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .core import batch
+from .core.elementary import SINCOS_LIMIT
+from .core.lanes import WIDTH, aligned
+from .model import Model
+from .scene import GRAVITY, Tree, compile_tree
+
+
+class Poses(NamedTuple):
+    """Frames of all links in the world."""
+
+    rotation: np.ndarray  # (links, 3, 3) or (n, links, 3, 3), link -> world
+    position: np.ndarray  # (links, 3) or (n, links, 3) [m]
+
+
+def forward_dynamics(model: Model, q, qd, tau, *, wrench=None, armature=None, gravity=GRAVITY) -> np.ndarray:
+    """Accelerations that forces cause (ABA, RBDA section 7.3).
+
+    Parameters
+    ----------
+    q : (nq,) or (n, nq) positions [rad, m]
+    qd : (nv,) or (n, nv) velocities [rad/s, m/s]
+    tau : (nv,) or (n, nv) generalised forces [N m, N]; of a floating base the first six are the force (world axes)
+        and the moment (body axes) on the base
+    wrench : {link name: (6,) or (n, 6)} external [moment; force] at the link's origin, world axes [N m; N]
+    armature : (joints,) inertia added to each joint, G^2 J of a rotor [kg m^2]
+    gravity : (3,) [m/s^2]
+
+    Returns qdd (nv,) or (n, nv) [rad/s^2, m/s^2].  Raises ValueError on wrong shapes and non-finite values.
+    """
+    x = _arguments(model, q=q, qd=qd, tau=tau)
+    out = _solve(model, batch.aba_rows, batch.aba_lanes, x, wrench, armature, gravity)
+    return _shaped(out, q, qd, tau)
+
+
+def inverse_dynamics(model: Model, q, qd, qdd, *, wrench=None, armature=None, gravity=GRAVITY) -> np.ndarray:
+    """Generalised forces (nv,) or (n, nv) that a motion takes (RNEA, RBDA Table 5.1); arguments as above."""
+    x = _arguments(model, q=q, qd=qd, qdd=qdd)
+    out = _solve(model, batch.rnea_rows, batch.rnea_lanes, x, wrench, armature, gravity)
+    return _shaped(out, q, qd, qdd)
+
+
+def mass_matrix(model: Model, q, *, armature=None) -> np.ndarray:
+    """Joint-space inertia matrix (nv, nv) or (n, nv, nv) [kg m^2, kg m, kg] (CRBA, RBDA Table 6.2)."""
+    tree, x = compile_tree(model), _arguments(model, q=q)
+    base_q, joints = _split(tree, x["q"])
+    H = np.zeros((len(joints), model.nv, model.nv))
+    armature = _vector("armature", armature, tree.n)
+    batch.crba_rows(tree.bodies, base_q, _zero6(tree), joints, np.zeros(tree.n), armature, np.zeros(3), _work(tree), H)
+    return _shaped(H, q)
+
+
+def energy(model: Model, q, qd, *, armature=None, gravity=GRAVITY) -> np.ndarray:
+    """Kinetic and potential energy (2,) or (n, 2) [J]; heights count from the world's origin."""
+    return _shaped(_measures(model, q, qd, armature, gravity)[0], q, qd)
+
+
+def center_of_mass(model: Model, q) -> np.ndarray:
+    """Centre of mass (3,) or (n, 3) in the world [m], a fixed base included."""
+    return _shaped(_measures(model, q, np.zeros(model.nv), None, GRAVITY)[1][:, :3], q)
+
+
+def momentum(model: Model, q, qd) -> np.ndarray:
+    """Angular momentum about the centre of mass and linear momentum (6,) or (n, 6) [kg m^2/s; kg m/s], world axes."""
+    return _shaped(_measures(model, q, qd, None, GRAVITY)[2], q, qd)
+
+
+def forward_kinematics(model: Model, q) -> Poses:
+    """Pose of every link, in the order of `model.links`."""
+    tree, x = compile_tree(model), _arguments(model, q=q)
+    poses = _poses(tree, x["q"])
+    places = [tree.placements[link.name] for link in model.links]
+    E = poses[:, [place.row for place in places], :9].reshape(len(poses), -1, 3, 3)
+    rotation = E @ np.array([place.E for place in places])
+    position = poses[:, [place.row for place in places], 9:] + _turned(E, [place.r for place in places])
+    if tree.floating:
+        position = position + x["q"][:, None, :3]
+    return Poses(_shaped(rotation, q), _shaped(position, q))
+
+
+def _arguments(model: Model, **arrays) -> dict[str, np.ndarray]:
+    """The arguments as rows (n, width), checked."""
+    rows = {}
+    for name, value in arrays.items():
+        width = model.nq if name == "q" else model.nv
+        a = np.asarray(value, dtype=float)
+        if a.ndim not in (1, 2) or a.shape[-1] != width:
+            raise ValueError(f"{model.name}: {name} has shape {a.shape}; it must be ({width},) or (n, {width})")
+        if not np.isfinite(a).all():
+            raise ValueError(f"{model.name}: {name} has a value that is not finite: {a[~np.isfinite(a)][0]}")
+        rows[name] = np.atleast_2d(a)
+    n = max(len(a) for a in rows.values())
+    for name, a in rows.items():
+        if len(a) not in (1, n):
+            raise ValueError(f"{model.name}: {name} has {len(a)} rows where another argument has {n}; give 1 or {n}")
+    _check_positions(model, rows["q"])
+    return {name: np.broadcast_to(a, (n, a.shape[-1])) for name, a in rows.items()}
+
+
+def _check_positions(model: Model, q: np.ndarray) -> None:
+    """Refuse angles too large to be reduced exactly and quaternions without a direction."""
+    if model.base == "floating" and (np.linalg.norm(q[:, 3:7], axis=1) < 1e-6).any():
+        raise ValueError(f"{model.name}: the base's quaternion q[3:7] is zero; [1, 0, 0, 0] is no rotation")
+    for k, joint in enumerate(model.moving_joints, start=model.nq - len(model.moving_joints)):
+        if joint.type != "prismatic" and (np.abs(q[:, k]) > SINCOS_LIMIT).any():
+            raise ValueError(
+                f"{model.name}: angle of {joint.name} is {q[np.abs(q[:, k]).argmax(), k]:g} rad; "
+                f"at most {SINCOS_LIMIT:.0f} rad: subtract whole turns"
+            )
+
+
+def _vector(name: str, value, width: int):
+    """None, or a checked vector of `width` finite numbers."""
+    if value is None:
+        return None
+    a = np.ascontiguousarray(value, dtype=float)
+    if a.shape != (width,) or not np.isfinite(a).all():
+        raise ValueError(f"{name} must be {width} finite numbers; it is {value!r}")
+    return a
+
+
+def _shaped(out: np.ndarray, *arguments) -> np.ndarray:
+    """One state in, one state out; rows in, rows out."""
+    return out[0] if all(np.ndim(a) == 1 for a in arguments) else out
+
+
+def _split(tree: Tree, a: np.ndarray):
+    """The base's and the joints' columns, contiguous; None for a fixed base."""
+    k = a.shape[1] - tree.n
+    return (np.ascontiguousarray(a[:, :k]) if k else None), np.ascontiguousarray(a[:, k:])
+
+
+def _work(tree: Tree) -> np.ndarray:
+    return np.zeros((1, *tree.workspace_shape()))
+
+
+def _zero6(tree: Tree):
+    return np.zeros(6) if tree.floating else None
+
+
+def _solve(model: Model, rows, lanes, x, wrench, armature, gravity) -> np.ndarray:
+    """Run a kernel over all states: in lanes where there are enough to fill them."""
+    tree = compile_tree(model)
+    fext = _wrench(model, tree, x["q"], wrench)
+    n = len(x["q"])
+    bases, joints = zip(*(_split(tree, a) for a in x.values()))
+    outs = (np.zeros((n, 6)) if tree.floating else None), np.zeros((n, tree.n))
+    constants = _vector("armature", armature, tree.n), _vector("gravity", gravity, 3)
+    if n < WIDTH:
+        rows(tree.bodies, *bases, *joints, constants[0], fext, constants[1], _work(tree), *outs)
+    else:
+        work = aligned((1, *tree.workspace_shape(), WIDTH))
+        bases, joints, packed = ([_to_lanes(a) for a in group] for group in (bases, joints, outs))
+        lanes(tree.bodies, *bases, *joints, constants[0], _to_lanes(fext), constants[1], work, *packed)
+        outs = [_from_lanes(a, n) for a in packed]
+    out = np.concatenate([a for a in outs if a is not None], axis=1)
+    return out
+
+
+def _to_lanes(a):
+    """Rows (n, ...) as (ceil(n / WIDTH), ..., WIDTH), aligned; the last row fills up the last block."""
+    if a is None:
+        return None
+    blocks = -(-len(a) // WIDTH)
+    filled = np.concatenate([a, np.repeat(a[-1:], blocks * WIDTH - len(a), axis=0)])
+    out = aligned((blocks, *a.shape[1:], WIDTH))
+    out[:] = np.moveaxis(filled.reshape(blocks, WIDTH, *a.shape[1:]), 1, -1)
+    return out
+
+
+def _from_lanes(a, n: int):
+    """The inverse of `_to_lanes`."""
+    if a is None:
+        return None
+    return np.moveaxis(a, -1, 1).reshape(-1, *a.shape[1:-1])[:n]
+
+
+def _wrench(model: Model, tree: Tree, q: np.ndarray, wrench):
+    """External forces (n, bodies, 6) about the common origin, None where there are none."""
+    if not wrench:
+        return None
+    poses = _poses(tree, q)
+    out = np.zeros((len(q), tree.n + 1, 6))
+    for name, value in wrench.items():
+        if name not in tree.placements:
+            raise ValueError(f"{model.name}: no link {name!r} to push; links: {', '.join(tree.placements)}")
+        f = np.asarray(value, dtype=float)
+        if f.shape not in ((6,), (len(q), 6)) or not np.isfinite(f).all():
+            raise ValueError(f"{model.name}: wrench on {name} must be (6,) or ({len(q)}, 6) finite numbers: {value!r}")
+        place = tree.placements[name]
+        E = poses[:, [place.row], :9].reshape(-1, 1, 3, 3)
+        p = poses[:, place.row, 9:] + _turned(E, [place.r])[:, 0]
+        f = np.broadcast_to(f, (len(q), 6))
+        out[:, place.row, :3] += f[:, :3] + np.cross(p, f[:, 3:])
+        out[:, place.row, 3:] += f[:, 3:]
+    return out
+
+
+def _turned(E: np.ndarray, vectors) -> np.ndarray:
+    """E (n, k, 3, 3) times k vectors."""
+    return np.einsum("nkij,kj->nki", E, np.array(vectors))
+
+
+def _poses(tree: Tree, q: np.ndarray) -> np.ndarray:
+    """(n, bodies, 12): rotation and position from the base's origin."""
+    base_q, joints = _split(tree, q)
+    out = np.zeros((len(q), tree.n + 1, 12))
+    batch.poses_rows(tree.bodies, base_q, _zero6(tree), joints, np.zeros(tree.n), np.zeros(3), _work(tree), out)
+    return out
+
+
+def _measures(model: Model, q, qd, armature, gravity):
+    """Energies (n, 2), centre of mass (n, 6) and momentum (n, 6)."""
+    tree, x = compile_tree(model), _arguments(model, q=q, qd=qd)
+    (bq, joints), (bv, rates) = _split(tree, x["q"]), _split(tree, x["qd"])
+    n = len(joints)
+    outs = np.zeros((n, 2)), np.zeros((n, 6)), np.zeros((n, 6))
+    armature, gravity = _vector("armature", armature, tree.n), _vector("gravity", gravity, 3)
+    batch.measures_rows(tree.bodies, bq, bv, joints, rates, armature, gravity, _work(tree), *outs)
+    return outs

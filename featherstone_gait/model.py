@@ -1,0 +1,469 @@
+"""What a robot is: frozen dataclasses in SI units, as read from URDF and TOML, checked when they are made.
+
+A `Model` holds the links and joints exactly as the files state them.  Choosing frames, merging rigidly connected
+links and laying the numbers out for the kernels is the work of `scene.py`.
+
+Coordinates of a state, the same as MuJoCo's free joint:
+
+- fixed base: ``q (nq,)`` are the joint positions in file order, ``qd (nv,)`` their rates;
+- floating base: ``q = [x y z, qw qx qy qz, joints]``, ``qd = [v (world axes), omega (body axes), joint rates]``.
+
+Every class raises ValueError, naming the element, the value, what is allowed and what to do about it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+import numpy as np
+
+JointType = Literal["revolute", "continuous", "prismatic", "fixed"]
+Law = Literal["state", "pid_position", "pid_speed", "pd", "pd_clamped"]
+
+AXIS_TOLERANCE = 1e-9  # how far from 1 the length of a joint axis may be
+DEFINITE_TOLERANCE = 1e-9  # smallest principal moment of inertia, relative to the largest
+TRIANGLE_TOLERANCE = 1e-6  # relative; a flat plate meets A + B = C exactly, and files round to about seven digits
+
+_RULES = {
+    "> 0": lambda x: 0 < x < math.inf,
+    ">= 0": lambda x: 0 <= x < math.inf,
+    "> 0 or inf": lambda x: x > 0,
+    ">= 0 or inf": lambda x: x >= 0,
+    "finite": math.isfinite,
+}
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid body.  `inertia` is about the centre of mass, in link axes."""
+
+    name: str
+    mass: float  # [kg]; 0 for a mere frame
+    center_of_mass: tuple[float, float, float]  # [m], link frame
+    inertia: tuple[float, float, float, float, float, float]  # ixx ixy ixz iyy iyz izz [kg m^2]
+
+    def __post_init__(self):
+        what = f"link {self.name!r}"
+        _check_name("link", self.name)
+        _check_number(what, "mass", self.mass, ">= 0", "kg", "a link without mass is one without <inertial>")
+        _check_vector(what, "center_of_mass", self.center_of_mass, 3)
+        _check_vector(what, "inertia", self.inertia, 6)
+        _check_inertia(what, self.mass, self.inertia)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint from `parent` to `child`; the child's frame sits at the joint."""
+
+    name: str
+    type: JointType
+    parent: str
+    child: str
+    xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)  # child frame in the parent frame at zero [m]
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)  # fixed-axis roll, pitch, yaw [rad]
+    axis: tuple[float, float, float] = (1.0, 0.0, 0.0)  # in the child frame; unit length unless fixed
+    lower: float = -math.inf  # [rad or m]
+    upper: float = math.inf  # [rad or m]
+    effort: float = math.inf  # [N m or N]
+    velocity: float = math.inf  # [rad/s or m/s]
+    damping: float = 0.0  # [N m s/rad or N s/m]
+    friction: float = 0.0  # Coulomb [N m or N]
+
+    def __post_init__(self):
+        what = f"joint {self.name!r}"
+        _check_name("joint", self.name)
+        _check_choice(what, "type", self.type, get_args(JointType))
+        if self.parent == self.child:
+            raise ValueError(f"{what}: parent and child are both {self.child!r}; connect two different links")
+        _check_vector(what, "xyz", self.xyz, 3)
+        _check_vector(what, "rpy", self.rpy, 3)
+        _check_vector(what, "axis", self.axis, 3)
+        if self.type == "fixed":
+            return
+        if abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
+            raise ValueError(f"{what}: axis {self.axis!r} is not of unit length; divide it by its length")
+        if not self.lower < self.upper:
+            raise ValueError(
+                f"{what}: limits lower {self.lower!r}, upper {self.upper!r}; lower must be below upper: "
+                "swap them, or use type 'fixed' for a joint that does not move"
+            )
+        for name, rule in _JOINT_RANGES.items():
+            _check_number(what, name, getattr(self, name), rule, "SI", "correct the value")
+
+
+_JOINT_RANGES = {"effort": ">= 0 or inf", "velocity": ">= 0 or inf", "damping": ">= 0", "friction": ">= 0"}
+
+
+@dataclass(frozen=True)
+class Gearbox:
+    """A gear train.  Stiffness, damping and backlash are stated at the output side, the rotor's at the rotor."""
+
+    ratio: float  # G = rotor speed / joint speed [-]
+    rotor_inertia: float = 0.0  # J [kg m^2], rotor side; reflected to the joint it is G^2 J
+    rotor_damping: float = 0.0  # B_vr [N m s/rad], rotor side
+    stiffness: float = math.inf  # K_out [N m/rad], output side
+    damping: float = 0.0  # B_out [N m s/rad], output side
+    backlash: float = 0.0  # whole gap [rad], output side
+
+    def __post_init__(self):
+        remedy = "to turn the motor round, reverse the joint's axis"
+        _check_number("gearbox", "ratio", self.ratio, "> 0", "rotor turns per joint turn", remedy)
+        _check_numbers("gearbox", self, _GEARBOX_RANGES)
+
+
+_GEARBOX_RANGES = {
+    "rotor_inertia": (">= 0", "kg m^2"),
+    "rotor_damping": (">= 0", "N m s/rad"),
+    "stiffness": ("> 0 or inf", "N m/rad"),
+    "damping": (">= 0", "N m s/rad"),
+    "backlash": (">= 0", "rad"),
+}
+
+
+@dataclass(frozen=True)
+class Controller:
+    """The servo's own control law.
+
+    `state`, `pid_position`, `pid_speed`: sampled every `period`, output a voltage (the servo of Lima et al. 2013,
+    Fig. 3, with the controllers of SimTwo).
+    `pd`, `pd_clamped`: continuous torque laws; `pd` keeps the damping (back-EMF) outside the torque clamp,
+    `pd_clamped` clamps the sum.
+    """
+
+    law: Law
+    Kp: float = 0.0  # [V/rad], of pid_speed [V s/rad], of pd [N m/rad]
+    Ki: float = 0.0  # [V/(rad s)], of pid_speed [V/rad]
+    Kd: float = 0.0  # [V s/rad], of pid_speed [V s^2/rad], of pd [N m s/rad]
+    Kf: float = 0.0  # feed-forward of the angle reference [V/rad]
+    period: float = 0.01  # [s]
+    lag: float = 0.01  # from a reference being issued to the controller seeing it [s]
+    torque_limit: float = math.inf  # of the pd laws [N m]
+
+    def __post_init__(self):
+        _check_choice("controller", "law", self.law, get_args(Law))
+        _check_numbers("controller", self, _CONTROLLER_RANGES)
+
+
+_CONTROLLER_RANGES = {
+    "Kp": (">= 0", "V/rad"),
+    "Ki": (">= 0", "V/(rad s)"),
+    "Kd": (">= 0", "V s/rad"),
+    "Kf": ("finite", "V/rad"),
+    "period": ("> 0", "s"),
+    "lag": (">= 0", "s"),
+    "torque_limit": ("> 0 or inf", "N m"),
+}
+
+
+@dataclass(frozen=True)
+class Servo:
+    """A DC motor with its controller, gearbox and friction (Lima et al. 2013, Tables 1 and 2)."""
+
+    controller: Controller
+    gearbox: Gearbox
+    resistance: float  # R [Ohm]
+    inductance: float  # L [H]
+    motor_constant: float  # K [V s/rad] = [N m/A], rotor side
+    voltage_limit: float  # [V]
+    current_limit: float = math.inf  # [A]
+    current_slew: float = math.inf  # [A/s]
+    viscous_friction: float = 0.0  # B_v [N m s/rad], output side
+    coulomb_friction: float = 0.0  # F_c [N m], output side
+    encoder_resolution: float = 0.0  # [rad]; 0 = exact
+    speed_filter: float = 0.0  # time constant of the speed that controller and viscous friction see [s]
+
+    def __post_init__(self):
+        _check_numbers("servo", self, _SERVO_RANGES)
+
+
+_SERVO_RANGES = {
+    "resistance": ("> 0", "Ohm"),
+    "inductance": (">= 0", "H"),
+    "motor_constant": ("> 0", "V s/rad"),
+    "voltage_limit": ("> 0", "V"),
+    "current_limit": ("> 0 or inf", "A"),
+    "current_slew": ("> 0 or inf", "A/s"),
+    "viscous_friction": (">= 0", "N m s/rad"),
+    "coulomb_friction": (">= 0", "N m"),
+    "encoder_resolution": (">= 0", "rad"),
+    "speed_filter": (">= 0", "s"),
+}
+
+
+@dataclass(frozen=True)
+class ContactPoint:
+    """A point of a link that can touch the ground."""
+
+    link: str
+    position: tuple[float, float, float]  # [m], link frame
+
+    def __post_init__(self):
+        _check_vector(f"contact point on link {self.link!r}", "position", self.position, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A robot.  Compared and hashed by identity; compare `links` and `joints` to compare robots."""
+
+    name: str
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    base: Literal["fixed", "floating"] = "fixed"
+    locked: dict[str, float] = field(default_factory=dict)  # joint name -> position it is held at [rad or m]
+    servos: dict[str, Servo] = field(default_factory=dict)  # joint name -> servo
+    contacts: tuple[ContactPoint, ...] = ()
+    notes: tuple[str, ...] = ()  # what the reader skipped or changed, one sentence each
+    source: str = ""  # file it was read from
+
+    def __post_init__(self):
+        _check_name("robot", self.name)
+        _check_choice(f"robot {self.name!r}", "base", self.base, ("fixed", "floating"))
+        check_tree(self.links, self.joints)
+        check_locked(self.joints, self.locked)
+        check_servos(self.joints, self.servos)
+        check_contacts(self.links, self.contacts)
+        _check_groups(self)
+
+    @property
+    def moving_joints(self) -> tuple[Joint, ...]:
+        """The joints that have a coordinate, in file order."""
+        return tuple(j for j in self.joints if j.type != "fixed" and j.name not in self.locked)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return tuple(j.name for j in self.moving_joints)
+
+    @property
+    def nq(self) -> int:
+        """Number of position coordinates."""
+        return len(self.moving_joints) + (7 if self.base == "floating" else 0)
+
+    @property
+    def nv(self) -> int:
+        """Number of velocity coordinates."""
+        return len(self.moving_joints) + (6 if self.base == "floating" else 0)
+
+    @property
+    def mass(self) -> float:
+        """Total mass [kg]; of a fixed base too."""
+        return math.fsum(link.mass for link in self.links)
+
+
+def check_tree(links: Iterable[Link], joints: Iterable[Joint]) -> None:
+    """Raise ValueError unless the joints make one tree of the links."""
+    names = _unique("link", [link.name for link in links])
+    if not names:
+        raise ValueError("the robot has no link; at least one <link> is needed")
+    _unique("joint", [joint.name for joint in joints])
+    parent_joint: dict[str, Joint] = {}
+    for joint in joints:
+        for end in (joint.parent, joint.child):
+            if end not in names:
+                raise ValueError(f"joint {joint.name!r}: there is no link {end!r}; define it, or correct the name")
+        if joint.child in parent_joint:
+            raise ValueError(
+                f"link {joint.child!r} is the child of joints {parent_joint[joint.child].name!r} and {joint.name!r}; "
+                "a link has one parent joint: cut the closed loop, or rename one of the two"
+            )
+        parent_joint[joint.child] = joint
+    _check_root(names, parent_joint)
+
+
+def _check_root(names: list[str], parent_joint: dict[str, Joint]) -> None:
+    """Raise ValueError unless every link leads up to one root."""
+    roots = [name for name in names if name not in parent_joint]
+    if len(roots) > 1:
+        raise ValueError(
+            f"links {_listed(roots)} have no parent joint; exactly one link may be the root: "
+            "connect the others to it, for instance by a fixed joint"
+        )
+    rooted = set(roots)
+    for name in names:
+        path: dict[str, None] = {}  # a set that keeps its order
+        while name not in rooted:
+            if name in path:
+                cycle = list(path)[list(path).index(name) :]
+                raise ValueError(f"links {_listed(cycle)} form a cycle of joints; a robot is a tree: remove one joint")
+            path[name] = None
+            name = parent_joint[name].parent
+        rooted.update(path)
+
+
+def check_locked(joints: Iterable[Joint], locked: dict[str, float]) -> None:
+    """Raise ValueError unless every locked joint exists, moves and is held within its limits."""
+    by_name = {joint.name: joint for joint in joints}
+    for name, position in locked.items():
+        joint = _movable(by_name, name, "locked")
+        _check_number(f"locked joint {name!r}", "position", position, "finite", "rad or m", "give a finite position")
+        if not joint.lower <= position <= joint.upper:
+            raise ValueError(
+                f"locked joint {name!r}: position {position!r} is outside its limits "
+                f"{joint.lower!r} to {joint.upper!r}; hold it at a position between them"
+            )
+
+
+def check_servos(joints: Iterable[Joint], servos: dict[str, Servo]) -> None:
+    """Raise ValueError unless every servo's joint exists and moves."""
+    by_name = {joint.name: joint for joint in joints}
+    for name in servos:
+        _movable(by_name, name, "servos")
+
+
+def check_contacts(links: Iterable[Link], contacts: Iterable[ContactPoint]) -> None:
+    """Raise ValueError unless every contact point is on a link of the robot."""
+    names = [link.name for link in links]
+    for contact in contacts:
+        if contact.link not in names:
+            raise ValueError(f"contacts: there is no link {contact.link!r}; links are {_listed(names)}: use one of them")
+
+
+def _movable(by_name: dict[str, Joint], name: str, where: str) -> Joint:
+    """The joint of that name; ValueError if there is none or it is fixed."""
+    if name not in by_name:
+        moving = [joint.name for joint in by_name.values() if joint.type != "fixed"]
+        raise ValueError(f"{where}: there is no joint {name!r}; moving joints are {_listed(moving)}: use one of them")
+    if by_name[name].type == "fixed":
+        raise ValueError(f"{where}: joint {name!r} is of type 'fixed'; remove it here, or change its type in the URDF")
+    return by_name[name]
+
+
+def _check_groups(model: Model) -> None:
+    """Raise ValueError unless what moves as one has a mass and an inertia that resist every motion."""
+    groups = _rigid_groups(model)
+    for leader, members in groups.items():
+        if leader == next(iter(groups)) and model.base == "fixed":
+            continue  # it never moves
+        what = f"link {leader!r}" + (f" with what is rigidly attached to it, {_listed(members)}," * (len(members) > 1))
+        mass, moments = _composite(members)
+        if not mass > 0:
+            raise ValueError(f"{what} moves but has mass {mass!r} kg; expected > 0: give it an <inertial>, or fix its joint")
+        if not moments[0] > DEFINITE_TOLERANCE * moments[2]:
+            raise ValueError(
+                f"{what} moves but has principal moments of inertia {_listed(moments)} kg m^2; all must be > 0: "
+                "a point mass or an ideal rod needs its real, small inertia"
+            )
+
+
+def _rigid_groups(model: Model) -> dict[str, dict[str, tuple[Link, np.ndarray, np.ndarray]]]:
+    """Links by the topmost link that they move with, each with its pose (E, r) in that link; the root's group first."""
+    links = {link.name: link for link in model.links}
+    below: dict[str, list[Joint]] = {name: [] for name in links}
+    for joint in model.joints:
+        below[joint.parent].append(joint)
+    root = (links.keys() - {joint.child for joint in model.joints}).pop()
+    groups = {root: {root: (links[root], np.eye(3), np.zeros(3))}}
+    stack = [(root, root)]
+    while stack:
+        leader, name = stack.pop()
+        _, E, r = groups[leader][name]
+        for joint in below[name]:
+            if joint.type == "fixed" or joint.name in model.locked:
+                X, p = _held(joint, model.locked.get(joint.name, 0.0))
+                groups[leader][joint.child] = (links[joint.child], E @ X, r + E @ p)
+                stack.append((leader, joint.child))
+            else:
+                groups[joint.child] = {joint.child: (links[joint.child], np.eye(3), np.zeros(3))}
+                stack.append((joint.child, joint.child))
+    return groups
+
+
+def _composite(members: dict[str, tuple[Link, np.ndarray, np.ndarray]]) -> tuple[float, list[float]]:
+    """Mass [kg] and principal moments about the common centre of mass, ascending [kg m^2]."""
+    mass = math.fsum(link.mass for link, _, _ in members.values())
+    if not mass > 0:
+        return mass, [0.0, 0.0, 0.0]
+    points = [(link.mass, r + E @ np.array(link.center_of_mass)) for link, E, r in members.values()]
+    center = sum(m * p for m, p in points) / mass
+    total = sum(E @ inertia_matrix(link.inertia) @ E.T for link, E, _ in members.values())
+    total = total + sum(m * ((p - center) @ (p - center) * np.eye(3) - np.outer(p - center, p - center)) for m, p in points)
+    return mass, np.linalg.eigvalsh(total).tolist()
+
+
+def _held(joint: Joint, position: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pose of the child frame in the parent frame with the joint at a position."""
+    E, r, axis = rotation_from_rpy(joint.rpy), np.array(joint.xyz), np.array(joint.axis)
+    if joint.type == "prismatic":
+        return E, r + E @ axis * position
+    if joint.type == "fixed":
+        return E, r
+    K = np.cross(np.eye(3), axis).T  # K v = axis x v
+    return E @ (np.eye(3) + math.sin(position) * K + (1.0 - math.cos(position)) * K @ K), r  # Rodrigues
+
+
+def rotation_from_rpy(rpy: tuple[float, float, float]) -> np.ndarray:
+    """Rotation matrix (3, 3), child to parent, of roll, pitch and yaw [rad] about fixed axes: Rz Ry Rx."""
+    (cr, cp, cy), (sr, sp, sy) = [math.cos(a) for a in rpy], [math.sin(a) for a in rpy]
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def inertia_matrix(inertia: tuple[float, ...]) -> np.ndarray:
+    """Symmetric (3, 3) matrix of ixx ixy ixz iyy iyz izz [kg m^2]."""
+    xx, xy, xz, yy, yz, zz = inertia
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _check_inertia(what: str, mass: float, inertia: tuple[float, ...]) -> None:
+    """Raise ValueError unless some distribution of the mass has this inertia (a point or a rod included)."""
+    if mass == 0:
+        if any(inertia):
+            raise ValueError(f"{what}: mass is 0 but inertia is {tuple(inertia)!r}; give it a mass > 0, or set both to 0")
+        return
+    A, B, C = np.linalg.eigvalsh(inertia_matrix(inertia)).tolist()
+    if A < -DEFINITE_TOLERANCE * max(C, -A):
+        raise ValueError(
+            f"{what}: inertia {tuple(inertia)!r} kg m^2 is not positive definite (principal moments "
+            f"{A:.6g}, {B:.6g}, {C:.6g}); all must be > 0: correct the diagonal and the signs of the products"
+        )
+    if A + B < C * (1.0 - TRIANGLE_TOLERANCE):
+        raise ValueError(
+            f"{what}: principal moments of inertia {A:.6g}, {B:.6g}, {C:.6g} kg m^2 break the triangle inequality; "
+            f"no body has one above the sum of the others (relative tolerance {TRIANGLE_TOLERANCE:g}): "
+            "compute the inertia about the centre of mass again"
+        )
+
+
+def _check_name(kind: str, name: str) -> None:
+    if not name or not name.isprintable():
+        raise ValueError(f"{kind} name {name!r} is empty or has characters that cannot be printed; give it a plain name")
+
+
+def _check_choice(what: str, name: str, value: str, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise ValueError(f"{what}: {name} is {value!r}; expected one of {_listed(choices)}: use one of these")
+
+
+def _check_number(what: str, name: str, value: float, rule: str, unit: str, remedy: str) -> None:
+    if not _RULES[rule](value):
+        raise ValueError(f"{what}: {name} is {value!r} [{unit}]; expected {rule}: {remedy}")
+
+
+def _check_numbers(what: str, record, ranges: dict[str, tuple[str, str]]) -> None:
+    for name, (rule, unit) in ranges.items():
+        _check_number(what, name, getattr(record, name), rule, unit, f"correct it, and mind the unit {unit}")
+
+
+def _check_vector(what: str, name: str, value: tuple[float, ...], size: int) -> None:
+    if len(value) != size or not all(math.isfinite(x) for x in value):
+        raise ValueError(f"{what}: {name} is {value!r}; expected {size} finite numbers: correct it")
+
+
+def _unique(kind: str, names: list[str]) -> list[str]:
+    twice = {name for name in names if names.count(name) > 1} if len(set(names)) < len(names) else ()
+    if twice:
+        raise ValueError(f"{kind} name {_listed(sorted(twice))} is used more than once; give every {kind} its own name")
+    return names
+
+
+def _listed(items: Iterable) -> str:
+    """The items for a message, cut short after ten."""
+    shown = [repr(item) for item in items]
+    return ", ".join(shown[:10]) + (f" and {len(shown) - 10} more" if len(shown) > 10 else "")
