@@ -14,6 +14,7 @@ Every class raises ValueError, naming the element, the value, what is allowed an
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Literal, get_args
@@ -89,6 +90,10 @@ class Joint:
             raise ValueError(
                 f"{what}: limits lower {self.lower!r}, upper {self.upper!r}; lower must be below upper: "
                 "swap them, or use type 'fixed' for a joint that does not move"
+            )
+        if self.type == "continuous" and (self.lower, self.upper) != (-math.inf, math.inf):
+            raise ValueError(
+                f"{what}: type 'continuous' has limits {self.lower!r} to {self.upper!r}; use type 'revolute'"
             )
         for name, rule in _JOINT_RANGES.items():
             _check_number(what, name, getattr(self, name), rule, "SI", "correct the value")
@@ -272,7 +277,7 @@ def check_tree(links: Iterable[Link], joints: Iterable[Joint]) -> None:
     _check_root(names, parent_joint)
 
 
-def _check_root(names: list[str], parent_joint: dict[str, Joint]) -> None:
+def _check_root(names: Iterable[str], parent_joint: dict[str, Joint]) -> None:
     """Raise ValueError unless every link leads up to one root."""
     roots = [name for name in names if name not in parent_joint]
     if len(roots) > 1:
@@ -285,7 +290,7 @@ def _check_root(names: list[str], parent_joint: dict[str, Joint]) -> None:
         path: dict[str, None] = {}  # a set that keeps its order
         while name not in rooted:
             if name in path:
-                cycle = list(path)[list(path).index(name) :]
+                cycle = list(path)[list(path).index(name) :]  # the part of the path that comes back on itself
                 raise ValueError(f"links {_listed(cycle)} form a cycle of joints; a robot is a tree: remove one joint")
             path[name] = None
             name = parent_joint[name].parent
@@ -314,10 +319,10 @@ def check_servos(joints: Iterable[Joint], servos: dict[str, Servo]) -> None:
 
 def check_contacts(links: Iterable[Link], contacts: Iterable[ContactPoint]) -> None:
     """Raise ValueError unless every contact point is on a link of the robot."""
-    names = [link.name for link in links]
+    names = {link.name: link for link in links}
     for contact in contacts:
         if contact.link not in names:
-            raise ValueError(f"contacts: there is no link {contact.link!r}; links are {_listed(names)}: use one of them")
+            raise ValueError(f"contacts: there is no link {contact.link!r}; use one of {_listed(names)}")
 
 
 def _movable(by_name: dict[str, Joint], name: str, where: str) -> Joint:
@@ -336,13 +341,14 @@ def _check_groups(model: Model) -> None:
     for leader, members in groups.items():
         if leader == next(iter(groups)) and model.base == "fixed":
             continue  # it never moves
-        what = f"link {leader!r}" + (f" with what is rigidly attached to it, {_listed(members)}," * (len(members) > 1))
+        attached = [name for name in members if name != leader]
+        what = f"link {leader!r}" + (f" with {_listed(attached)} rigidly attached" if attached else "")
         mass, moments = _composite(members)
         if not mass > 0:
-            raise ValueError(f"{what} moves but has mass {mass!r} kg; expected > 0: give it an <inertial>, or fix its joint")
+            raise ValueError(f"{what} moves but has mass {mass!r} kg; expected > 0: add <inertial>, or fix its joint")
         if not moments[0] > DEFINITE_TOLERANCE * moments[2]:
             raise ValueError(
-                f"{what} moves but has principal moments of inertia {_listed(moments)} kg m^2; all must be > 0: "
+                f"{what} moves but its principal moments of inertia are {_listed(moments)} kg m^2; all must be > 0: "
                 "a point mass or an ideal rod needs its real, small inertia"
             )
 
@@ -375,10 +381,12 @@ def _composite(members: dict[str, tuple[Link, np.ndarray, np.ndarray]]) -> tuple
     mass = math.fsum(link.mass for link, _, _ in members.values())
     if not mass > 0:
         return mass, [0.0, 0.0, 0.0]
-    points = [(link.mass, r + E @ np.array(link.center_of_mass)) for link, E, r in members.values()]
-    center = sum(m * p for m, p in points) / mass
-    total = sum(E @ inertia_matrix(link.inertia) @ E.T for link, E, _ in members.values())
-    total = total + sum(m * ((p - center) @ (p - center) * np.eye(3) - np.outer(p - center, p - center)) for m, p in points)
+    centers = {name: r + E @ np.array(link.center_of_mass) for name, (link, E, r) in members.items()}
+    center = sum(link.mass * centers[name] for name, (link, _, _) in members.items()) / mass
+    total = np.zeros((3, 3))
+    for name, (link, E, _) in members.items():
+        d = centers[name] - center
+        total += E @ inertia_matrix(link.inertia) @ E.T + link.mass * (d @ d * np.eye(3) - np.outer(d, d))
     return mass, np.linalg.eigvalsh(total).tolist()
 
 
@@ -415,7 +423,7 @@ def _check_inertia(what: str, mass: float, inertia: tuple[float, ...]) -> None:
     """Raise ValueError unless some distribution of the mass has this inertia (a point or a rod included)."""
     if mass == 0:
         if any(inertia):
-            raise ValueError(f"{what}: mass is 0 but inertia is {tuple(inertia)!r}; give it a mass > 0, or set both to 0")
+            raise ValueError(f"{what}: mass is 0 but inertia is {tuple(inertia)!r}; give a mass > 0, or set both to 0")
         return
     A, B, C = np.linalg.eigvalsh(inertia_matrix(inertia)).tolist()
     if A < -DEFINITE_TOLERANCE * max(C, -A):
@@ -433,7 +441,7 @@ def _check_inertia(what: str, mass: float, inertia: tuple[float, ...]) -> None:
 
 def _check_name(kind: str, name: str) -> None:
     if not name or not name.isprintable():
-        raise ValueError(f"{kind} name {name!r} is empty or has characters that cannot be printed; give it a plain name")
+        raise ValueError(f"{kind} name {name!r} is empty or has characters that cannot be printed; use a plain name")
 
 
 def _check_choice(what: str, name: str, value: str, choices: tuple[str, ...]) -> None:
@@ -456,11 +464,13 @@ def _check_vector(what: str, name: str, value: tuple[float, ...], size: int) -> 
         raise ValueError(f"{what}: {name} is {value!r}; expected {size} finite numbers: correct it")
 
 
-def _unique(kind: str, names: list[str]) -> list[str]:
-    twice = {name for name in names if names.count(name) > 1} if len(set(names)) < len(names) else ()
+def _unique(kind: str, names: list[str]) -> dict[str, int]:
+    """How often each name occurs: once, or ValueError."""
+    counts = Counter(names)
+    twice = [name for name, count in counts.items() if count > 1]
     if twice:
-        raise ValueError(f"{kind} name {_listed(sorted(twice))} is used more than once; give every {kind} its own name")
-    return names
+        raise ValueError(f"{kind} name {_listed(twice)} is used more than once; give every {kind} its own name")
+    return counts
 
 
 def _listed(items: Iterable) -> str:

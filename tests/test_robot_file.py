@@ -1,0 +1,779 @@
+"""Reading and writing robot files: what is legal means what URDF says, what is not is refused by name."""
+
+import contextlib
+import math
+import re
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from featherstone_gait.model import ContactPoint, Controller, Gearbox, Joint, Link, Model, Servo
+from featherstone_gait.robot_file import (
+    MAX_BYTES,
+    RobotFileError,
+    RobotFileNotFoundError,
+    gearbox_presets,
+    load_robot,
+    load_servo,
+    save_robot,
+)
+
+URDF = """<?xml version="1.0"?>
+<robot name="bot">
+  <link name="base"/>
+  <link name="thigh">
+    <inertial>
+      <origin xyz="0.1 0 -0.2" rpy="0 0 0"/>
+      <mass value="0.5"/>
+      <inertia ixx="0.002" ixy="0" ixz="0" iyy="0.002" iyz="0" izz="0.001"/>
+    </inertial>
+  </link>
+  <link name="foot">
+    <inertial><mass value="0.25"/><inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial>
+  </link>
+  <joint name="hip" type="revolute">
+    <parent link="base"/><child link="thigh"/>
+    <origin xyz="0 0 1" rpy="0 0 0.5"/>
+    <axis xyz="0 1 0"/>
+    <limit lower="-1.5" upper="1.5" effort="2" velocity="6"/>
+    <dynamics damping="0.01" friction="0.02"/>
+  </joint>
+  <joint name="ankle" type="continuous">
+    <parent link="thigh"/><child link="foot"/>
+    <axis xyz="0 1 0"/>
+  </joint>
+</robot>
+"""
+
+TOML = """base = "floating"
+contacts = [{link = "foot", position = [0.1, 0, -0.02]}]
+[servos]
+default = "ax12"
+[servos.joints.hip]
+voltage_limit = 9.6
+[locked.stiff]
+ankle_deg = 90
+"""
+
+BODY = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+
+
+def write(folder, urdf=URDF, toml=None):
+    """Write robot.urdf, and robot.toml if there is one; return the path of the first."""
+    for name, content in (("robot.urdf", urdf), ("robot.toml", toml)):
+        if content is not None:
+            (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    return folder / "robot.urdf"
+
+
+def swap(text, *pairs):
+    """The text with each old part, which must be there exactly once, replaced."""
+    for old, new in zip(pairs[::2], pairs[1::2]):
+        assert text.count(old) == 1, f"{old!r} occurs {text.count(old)} times"
+        text = text.replace(old, new)
+    return text
+
+
+def bad(name, *pairs, says):
+    return pytest.param(swap(URDF, *pairs), says, id=name)
+
+
+def chain(link, joint, count):
+    """A robot of many links and joints, from templates of the index."""
+    body = "".join(link.format(k) for k in range(count)) + "".join(joint.format(k, k + 1) for k in range(count - 1))
+    return f'<robot name="long">{body}</robot>'
+
+
+FIXED = '<joint name="j{0}" type="fixed"><parent link="l{0}"/><child link="l{1}"/></joint>'
+BOMB = '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]><robot name="&b;"/>'
+EXTERNAL = '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/passwd">]><robot name="&a;"/>'
+CYCLE = URDF.replace(
+    '<link name="base"/>', f'<link name="base"/><link name="p">{BODY}</link><link name="q">{BODY}</link>'
+)
+CYCLE = CYCLE.replace(
+    "</robot>",
+    '<joint name="pq" type="continuous"><parent link="p"/><child link="q"/></joint>'
+    '<joint name="qp" type="continuous"><parent link="q"/><child link="p"/></joint></robot>',
+)
+ROOTLESS = URDF.replace(
+    "</robot>", '<joint name="back" type="fixed"><parent link="foot"/><child link="base"/></joint></robot>'
+)
+FLOATING = '<joint name="{0}" type="floating"><parent link="{1}"/><child link="{2}"/></joint></robot>'
+LIMIT = '<limit lower="-1.5" upper="1.5" effort="2" velocity="6"/>'
+INERTIA = 'ixx="0.002" ixy="0" ixz="0" iyy="0.002" iyz="0" izz="0.001"'
+FOOT_BODY = (
+    '<inertial><mass value="0.25"/><inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial>'
+)
+
+MALFORMED_URDF = [
+    # not a URDF at all
+    pytest.param("", ["is empty", "write the robot"], id="empty"),
+    pytest.param("   \n\t", ["is empty", "write the robot"], id="blank"),
+    pytest.param("hello, robot", ["not well-formed XML", "line 1", "correct the syntax"], id="plain_text"),
+    pytest.param(b"\x7fELF\x02\x01\x01\x00", ["not well-formed XML", "correct the syntax"], id="binary"),
+    pytest.param('{"name": "bot"}', ["not well-formed XML", "correct the syntax"], id="json"),
+    pytest.param(URDF[:400], ["not well-formed XML", "line ", "correct the syntax"], id="cut_short"),
+    pytest.param(
+        URDF.replace("bot", "b\xf6t").encode("latin-1"), ["not well-formed XML", "line 2"], id="latin1_as_utf8"
+    ),
+    pytest.param(
+        '<?xml version="1.0" encoding="klingon"?><robot name="a"/>', ["klingon", "UTF-8"], id="unknown_encoding"
+    ),
+    pytest.param(
+        '<?xml version="1.0" encoding="utf-7"?><robot name="a"/>', ["encoding", "save it as UTF-8"], id="utf7"
+    ),
+    pytest.param('<sdf version="1.6"/>', ["<sdf>", "expected <robot>", "convert"], id="sdf"),
+    pytest.param(BOMB, ["<!DOCTYPE", "entities", "remove"], id="entity_bomb"),
+    pytest.param(EXTERNAL, ["<!DOCTYPE", "entities", "remove"], id="external_entity"),
+    pytest.param("<!DOCTYPE robot>" + URDF[22:], ["<!DOCTYPE", "remove"], id="doctype"),
+    pytest.param("<a>" * 200_000 + "</a>" * 200_000, ["<a>", "64 elements deep", "flatten"], id="nested_200000_deep"),
+    pytest.param(
+        URDF.replace("</robot>", "<gazebo>" * 70 + "</gazebo>" * 70 + "</robot>"),
+        ["<gazebo>", "64", "flatten"],
+        id="nested_in_skipped_element",
+    ),
+    pytest.param(URDF + " " * MAX_BYTES, ["larger than 10000000 bytes", "reduce"], id="huge_file"),
+    pytest.param(
+        chain('<link name="l{0}"/>', FIXED, 10_001), ["10001 links", "at most 10000", "reduce"], id="too_many_links"
+    ),
+    # tags, attributes, text
+    bad(
+        "unknown_tag", '<mass value="0.5"/>', '<mas value="0.5"/>', says=["'thigh'", "<inertial>", "<mas>", "spelling"]
+    ),
+    bad("unknown_top_tag", "</robot>", "<motor/></robot>", says=["robot 'bot'", "<motor>", "<link>", "spelling"]),
+    bad(
+        "unknown_attribute",
+        'mass value="0.5"',
+        'mass value="0.5" unit="kg"',
+        says=["'thigh'", "'unit'", "value", "remove"],
+    ),
+    bad("misspelt_attribute", 'upper="1.5"', 'uper="1.5"', says=["joint 'hip'", "'uper'", "upper", "spelling"]),
+    bad(
+        "quaternion", 'xyz="0 0 1" rpy="0 0 0.5"', 'quat_xyzw="0 0 0 1"', says=["'hip'", "'quat_xyzw'", "rpy", "remove"]
+    ),
+    bad("xacro", "</robot>", '<x:if xmlns:x="http://ros.org/wiki/xacro"/></robot>', says=["xacro}if", "expand"]),
+    bad("stray_text", '<mass value="0.5"/>', '0.5<mass value="0.5"/>', says=["'thigh'", "stray text '0.5'", "remove"]),
+    bad("no_robot_name", '<robot name="bot">', "<robot>", says=["<robot>", "'name'", "add it"]),
+    bad("empty_link_name", 'link name="base"', 'link name=""', says=["link name ''", "plain name"]),
+    bad(
+        "unprintable_name",
+        'joint name="ankle"',
+        'joint name="an&#9;kle"',
+        says=["joint name", r"an\tkle", "plain name"],
+    ),
+    bad("no_link_name", '<link name="foot">', "<link>", says=["link", "'name'", "missing", "add it"]),
+    bad("no_joint_type", '"ankle" type="continuous"', '"ankle"', says=["joint 'ankle'", "'type'", "add it"]),
+    bad("no_parent", '<parent link="base"/>', "", says=["joint 'hip'", "<parent>", "missing", "add it"]),
+    bad(
+        "two_children",
+        '<child link="foot"/>',
+        '<child link="foot"/><child link="foot"/>',
+        says=["'ankle'", "2", "<child>", "remove"],
+    ),
+    bad(
+        "two_inertials",
+        FOOT_BODY,
+        FOOT_BODY * 2,
+        says=["'foot'", "2", "<inertial>", "remove"],
+    ),
+    bad("no_mass_element", '<mass value="0.5"/>', "", says=["'thigh'", "<mass>", "missing", "add it"]),
+    bad("no_inertia_element", f"<inertia {INERTIA}/>", "", says=["'thigh'", "<inertia>", "missing", "add it"]),
+    bad("half_an_inertia", INERTIA, 'ixx="1" iyy="1" izz="1"', says=["'thigh'", "'ixy'", "missing", "add it"]),
+    bad(
+        "mimic",
+        '<axis xyz="0 1 0"/>\n  </joint>',
+        '<axis xyz="0 1 0"/><mimic joint="hip"/></joint>',
+        says=["joint 'ankle'", "<mimic>", "lock the joint"],
+    ),
+    # numbers
+    bad("decimal_comma", 'mass value="0.5"', 'mass value="0,5"', says=["'thigh'", "value is '0,5'", "0.15"]),
+    bad("underscore", 'mass value="0.5"', 'mass value="1_0"', says=["'thigh'", "value is '1_0'", "write it like"]),
+    bad("nan_mass", 'mass value="0.5"', 'mass value="nan"', says=["'thigh'", "value is 'nan'", "write it like"]),
+    bad("inf_mass", 'mass value="0.5"', 'mass value="inf"', says=["'thigh'", "value is 'inf'", "write it like"]),
+    bad("overflow", 'mass value="0.5"', 'mass value="1e999"', says=["'thigh'", "value is '1e999'", "up to 1e+30"]),
+    bad("absurd_size", 'xyz="0.1 0 -0.2"', 'xyz="1e200 0 0"', says=["'thigh'", "xyz is '1e200'", "up to 1e+30"]),
+    bad("hexadecimal", 'mass value="0.5"', 'mass value="0x1p-1"', says=["'thigh'", "'0x1p-1'", "write it like"]),
+    bad("unit_in_number", 'mass value="0.5"', 'mass value="0.5kg"', says=["'thigh'", "'0.5kg'", "write it like"]),
+    bad("arabic_digits", 'mass value="0.5"', 'mass value="\u0661"', says=["'thigh'", "'\u0661'", "write it like"]),
+    bad(
+        "endless_digits",
+        'mass value="0.5"',
+        f'mass value="{"1" * 2_000_000}x"',
+        says=["'thigh'", "'1111", "write it like"],
+    ),
+    bad("empty_number", 'mass value="0.5"', 'mass value=""', says=["'thigh'", "value is ''", "write it like"]),
+    bad("two_of_three", 'xyz="0 0 1"', 'xyz="0 0"', says=["joint 'hip'", "xyz='0 0'", "2 numbers", "expected 3"]),
+    bad(
+        "four_of_three",
+        'rpy="0 0 0.5"',
+        'rpy="0 0 0 1"',
+        says=["joint 'hip'", "rpy='0 0 0 1'", "4 numbers", "expected 3"],
+    ),
+    bad("comma_separated", 'xyz="0 0 1"', 'xyz="0,0,1"', says=["joint 'hip'", "'0,0,1'", "separated by spaces"]),
+    bad("nan_limit", 'lower="-1.5"', 'lower="NaN"', says=["joint 'hip'", "lower is 'NaN'", "write it like"]),
+    # mass and inertia
+    bad(
+        "negative_mass",
+        'mass value="0.5"',
+        'mass value="-0.5"',
+        says=["'thigh'", "mass is -0.5", ">= 0", "without <inertial>"],
+    ),
+    bad("zero_mass", 'mass value="0.5"', 'mass value="0"', says=["'thigh'", "mass is 0", "mass > 0"]),
+    bad("massless_moves", FOOT_BODY, "", says=["'foot'", "mass 0.0", "> 0", "add <inertial>"]),
+    bad("negative_moment", 'ixx="0.002"', 'ixx="-0.002"', says=["'thigh'", "-0.002", "positive definite", "correct"]),
+    bad(
+        "indefinite",
+        INERTIA,
+        INERTIA.replace('ixy="0"', 'ixy="0.003"'),
+        says=["'thigh'", "0.003", "positive definite", "signs"],
+    ),
+    bad("triangle", 'izz="0.001"', 'izz="0.005"', says=["'thigh'", "0.005", "triangle inequality", "1e-06", "compute"]),
+    bad(
+        "point_mass_moves",
+        INERTIA,
+        'ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"',
+        says=["'thigh'", "0.0", "> 0", "small inertia"],
+    ),
+    # joints
+    bad(
+        "unknown_type", 'type="continuous"', 'type="hinge"', says=["joint 'ankle'", "'hinge'", "'revolute'", "use one"]
+    ),
+    bad("planar", 'type="continuous"', 'type="planar"', says=["joint 'ankle'", "'planar'", "two prismatic"]),
+    bad(
+        "zero_axis",
+        '<axis xyz="0 1 0"/>\n    <limit',
+        '<axis xyz="0 0 0"/>\n    <limit',
+        says=["'hip'", "length 0.0", "0 0 1"],
+    ),
+    bad("no_limit", LIMIT, "", says=["joint 'hip'", "'revolute'", "<limit>", "'continuous'"]),
+    bad(
+        "no_limit_prismatic",
+        LIMIT,
+        "",
+        'type="revolute"',
+        'type="prismatic"',
+        says=["'hip'", "'prismatic'", "<limit>", "add it"],
+    ),
+    bad("crossed_limits", 'lower="-1.5"', 'lower="2.5"', says=["joint 'hip'", "lower 2.5, upper 1.5", "swap"]),
+    bad("equal_limits", 'lower="-1.5"', 'lower="1.5"', says=["joint 'hip'", "lower 1.5, upper 1.5", "'fixed'"]),
+    bad("limits_left_out", 'lower="-1.5" upper="1.5" ', "", says=["joint 'hip'", "lower 0.0, upper 0.0", "'fixed'"]),
+    bad("negative_effort", 'effort="2"', 'effort="-2"', says=["joint 'hip'", "effort is -2.0", ">= 0", "correct"]),
+    bad(
+        "negative_damping",
+        'damping="0.01"',
+        'damping="-0.01"',
+        says=["joint 'hip'", "damping is -0.01", ">= 0", "correct"],
+    ),
+    bad(
+        "negative_friction",
+        'friction="0.02"',
+        'friction="-1"',
+        says=["joint 'hip'", "friction is -1.0", ">= 0", "correct"],
+    ),
+    # the tree
+    pytest.param('<robot name="bot"/>', ["no link", "at least one"], id="no_links"),
+    bad(
+        "missing_parent",
+        'parent link="base"',
+        'parent link="bass"',
+        says=["joint 'hip'", "no link 'bass'", "define it"],
+    ),
+    bad(
+        "missing_child", 'child link="foot"', 'child link="feet"', says=["joint 'ankle'", "no link 'feet'", "define it"]
+    ),
+    bad(
+        "self_joint",
+        '<parent link="thigh"/>',
+        '<parent link="foot"/>',
+        says=["joint 'ankle'", "'foot'", "two different"],
+    ),
+    bad(
+        "two_link_names",
+        'link name="base"',
+        'link name="foot"',
+        says=["link name 'foot'", "more than once", "own name"],
+    ),
+    bad(
+        "two_joint_names",
+        'joint name="ankle"',
+        'joint name="hip"',
+        says=["joint name 'hip'", "more than once", "own name"],
+    ),
+    bad(
+        "two_roots",
+        '<link name="base"/>',
+        f'<link name="base"/><link name="lost">{BODY}</link>',
+        says=["'base', 'lost'", "no parent joint", "exactly one", "connect"],
+    ),
+    bad(
+        "two_parents",
+        'child link="foot"',
+        'child link="thigh"',
+        'parent link="thigh"',
+        'parent link="foot"',
+        says=["link 'thigh'", "'hip' and 'ankle'", "cut the closed loop"],
+    ),
+    pytest.param(CYCLE, ["'p', 'q'", "cycle", "remove one joint"], id="cycle_beside_the_tree"),
+    pytest.param(ROOTLESS, ["'base', 'foot', 'thigh'", "cycle", "remove one joint"], id="cycle_through_the_root"),
+    # floating joints
+    pytest.param(
+        URDF.replace("</robot>", FLOATING.format("f", "thigh", "foot")),
+        ["joint 'f'", "'thigh'", "base='floating'"],
+        id="floating_inside",
+    ),
+    bad(
+        "floating_from_heavy_world",
+        "</robot>",
+        f'<link name="w">{BODY}</link>' + FLOATING.format("f", "w", "base"),
+        says=["joint 'f'", "'w'", "massless", "remove"],
+    ),
+    bad(
+        "two_floating",
+        "</robot>",
+        '<link name="w"/>' + FLOATING.format("f", "w", "base")[:-8] + FLOATING.format("g", "w", "foot"),
+        says=["joint 'f'", "one such joint", "remove"],
+    ),
+]
+
+
+@pytest.mark.parametrize(("urdf", "says"), MALFORMED_URDF)
+def test_a_malformed_urdf_is_refused_by_name(tmp_path, urdf, says):
+    with pytest.raises(RobotFileError) as caught:
+        load_robot(write(tmp_path, urdf))
+    for part in ["robot.urdf: ", *says]:
+        assert part in str(caught.value)
+
+
+def worse(name, *pairs, says):
+    return pytest.param(swap(TOML, *pairs), says, id=name)
+
+
+MALFORMED_TOML = [
+    pytest.param("", ["is empty", "remove it"], id="empty"),
+    pytest.param("base = floating", ["not TOML", "line 1", "correct the syntax"], id="no_quotes"),
+    pytest.param(
+        'base = "fixed"\nbase = "fixed"', ["not TOML", "overwrite a value", "correct the syntax"], id="key_twice"
+    ),
+    pytest.param(b'base = "fl\xf6ating"', ["not UTF-8", "save it as UTF-8"], id="latin1"),
+    pytest.param("contacts = " + "[" * 100_000, ["too deeply", "flatten"], id="nested_100000_deep"),
+    pytest.param("#" * (MAX_BYTES + 1), ["larger than 10000000 bytes", "reduce"], id="huge_file"),
+    worse("unknown_key", "base =", "basis =", says=["'basis'", "base, contacts, servos, locked", "correct"]),
+    worse("unknown_base", '"floating"', '"flying"', says=["base is 'flying'", "'floating'", "use one"]),
+    worse(
+        "servos_not_a_table",
+        'default = "ax12"',
+        'joints = "ax12"',
+        "[servos.joints.hip]\nvoltage_limit = 9.6\n",
+        "",
+        says=["servos.joints is 'ax12'", "[servos.joints]"],
+    ),
+    worse("unknown_servo", '"ax12"', '"ax13"', says=["'ax13'", "ax12", "use one"]),
+    worse("servo_by_path", '"ax12"', '"../servos/ax12"', says=["'../servos/ax12'", "ax12", "use one"]),
+    worse("servo_not_a_name", '"ax12"', "12", says=["servos", "default is 12", "quotes"]),
+    worse("unknown_gearbox", '"ax12"', '"ax12"\ngearbox = "gold"', says=["ax12.toml", "'gold'", "physical", "use one"]),
+    worse(
+        "unknown_servo_key", "voltage_limit", "voltage", says=["joint 'hip'", "'voltage'", "voltage_limit", "correct"]
+    ),
+    worse(
+        "unknown_joint_in_servos",
+        "servos.joints.hip",
+        "servos.joints.knee",
+        says=["'knee'", "'hip', 'ankle'", "use one"],
+    ),
+    worse("text_for_number", "= 9.6", '= "9.6"', says=["joint 'hip'", "voltage_limit is '9.6'", "without quotes"]),
+    worse("bool_for_number", "= 9.6", "= true", says=["joint 'hip'", "voltage_limit is True", "expected a number"]),
+    worse("number_too_large", "= 9.6", "= 1" + 400 * "0", says=["joint 'hip'", "voltage_limit is beyond", "correct"]),
+    worse(
+        "negative_resistance",
+        "voltage_limit = 9.6",
+        "resistance = -8",
+        says=["'hip'", "resistance is -8.0", "> 0", "Ohm"],
+    ),
+    worse(
+        "zero_ratio",
+        "voltage_limit = 9.6",
+        "ratio = 0",
+        says=["'hip'", "ratio is 0.0", "> 0", "reverse the joint's axis"],
+    ),
+    worse("negative_rotor", "voltage_limit = 9.6", "rotor_inertia = -1e-7", says=["'hip'", "-1e-07", ">= 0", "kg m^2"]),
+    worse("infinite_resistance", "voltage_limit = 9.6", "resistance = inf", says=["'hip'", "inf", "> 0", "correct"]),
+    worse("nan_gain", "voltage_limit = 9.6", "Kp = nan", says=["'hip'", "Kp is nan", ">= 0", "correct"]),
+    worse("zero_period", "voltage_limit = 9.6", "period = 0", says=["'hip'", "period is 0.0", "> 0", "unit s"]),
+    worse("unknown_law", "voltage_limit = 9.6", 'law = "lqr"', says=["'hip'", "law is 'lqr'", "'state'", "use one"]),
+    worse(
+        "angle_twice",
+        "voltage_limit = 9.6",
+        "backlash = 0.1\nbacklash_deg = 1",
+        says=["'hip'", "backlash", "twice", "keep one"],
+    ),
+    worse(
+        "degrees_of_no_angle",
+        "voltage_limit = 9.6",
+        "period_deg = 1",
+        says=["'hip'", "'period_deg'", "period", "correct"],
+    ),
+    worse("servo_not_complete", 'default = "ax12"', "", says=["joint 'hip'", "law is missing", "servo type"]),
+    worse(
+        "preset_without_type",
+        'default = "ax12"',
+        "",
+        "voltage_limit = 9.6",
+        'gearbox = "physical"',
+        says=["joint 'hip'", "'physical'", "add type"],
+    ),
+    worse("unknown_locked_joint", "ankle_deg", "knee_deg", says=["locked", "'knee'", "'ankle'", "use one"]),
+    worse("locked_outside", "ankle_deg", "hip_deg", says=["joint 'hip'", "1.5707", "-1.5 to 1.5", "between"]),
+    worse(
+        "locked_twice",
+        "ankle_deg = 90",
+        "ankle_deg = 90\nankle = 1",
+        says=["locked.stiff", "'ankle'", "twice", "keep one"],
+    ),
+    worse("locked_nan", "ankle_deg = 90", "ankle = nan", says=["joint 'ankle'", "nan", "finite"]),
+    worse("locked_text", "ankle_deg = 90", 'ankle = "90"', says=["locked.stiff", "'ankle'", "'90'", "without quotes"]),
+    worse(
+        "locked_not_a_table",
+        "[locked.stiff]\nankle_deg = 90",
+        "[locked]\nankle = 1",
+        says=["locked.ankle is 1", "[locked.ankle]"],
+    ),
+    worse("contact_link", 'link = "foot"', 'link = "toe"', says=["contacts", "'toe'", "'foot'", "use one"]),
+    worse(
+        "contact_two_numbers", "[0.1, 0, -0.02]", "[0.1, 0]", says=["contacts[0]", "'foot'", "[0.1, 0]", "[x, y, z]"]
+    ),
+    worse("contact_nan", "[0.1, 0, -0.02]", "[nan, 0, 0]", says=["'foot'", "nan", "3 finite numbers", "correct"]),
+    worse("contact_key", "position", "pos", says=["contacts[0]", "'pos'", "position", "correct"]),
+    worse(
+        "contact_not_a_list",
+        '[{link = "foot", position = [0.1, 0, -0.02]}]',
+        "3",
+        says=["contacts is 3", "expected a list", "position"],
+    ),
+]
+
+
+@pytest.mark.parametrize(("toml", "says"), MALFORMED_TOML)
+def test_a_malformed_toml_is_refused_by_name(tmp_path, toml, says):
+    with pytest.raises(RobotFileError) as caught:
+        load_robot(write(tmp_path, URDF, toml))
+    for part in [".toml: ", *says]:
+        assert part in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("locked", "says"),
+    [
+        ("loose", ["'loose'", "stiff", "[locked.loose]"]),
+        ({"knee": 0.0}, ["'knee'", "'hip', 'ankle'", "use one"]),
+        ({"hip": 2.0}, ["'hip'", "2.0", "-1.5 to 1.5", "between"]),
+        ({"ankle": math.inf}, ["'ankle'", "inf", "finite"]),
+        (["knee"], ["'knee'", "'hip', 'ankle'", "use one"]),
+    ],
+)
+def test_locking_what_cannot_be_locked_is_refused_by_name(tmp_path, locked, says):
+    with pytest.raises(RobotFileError) as caught:
+        load_robot(write(tmp_path, URDF, TOML), locked=locked)
+    for part in ["robot.urdf: load_robot(locked=", *says]:
+        assert part in str(caught.value)
+
+
+def test_a_file_that_is_not_there_is_both_a_value_error_and_a_file_not_found_error(tmp_path):
+    for target in (tmp_path / "none.urdf", str(tmp_path / "none.urdf"), "no_such_robot", "../arm7", ""):
+        with pytest.raises(RobotFileNotFoundError) as caught:
+            load_robot(target)
+        assert isinstance(caught.value, ValueError)
+        assert isinstance(caught.value, FileNotFoundError)
+    with pytest.raises(RobotFileNotFoundError, match=r"no_such_robot.*arm7.*humanoid.*path of a \.urdf"):
+        load_robot("no_such_robot")
+
+
+def test_a_directory_and_a_device_are_not_robots(tmp_path):
+    with pytest.raises(RobotFileError, match=r"is a directory; give the \.urdf file"):
+        load_robot(tmp_path)
+    (tmp_path / "zero.urdf").symlink_to("/dev/zero")
+    with pytest.raises(RobotFileError, match=r"zero\.urdf: is not a regular file; copy"):
+        load_robot(tmp_path / "zero.urdf")
+
+
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.integers(0, len(URDF) - 1), st.integers(0, 40), st.binary(max_size=8))
+def test_a_damaged_file_is_read_or_refused_and_never_anything_else(tmp_path, start, length, noise):
+    data = URDF.encode()
+    path = write(tmp_path, data[:start] + noise + data[start + length :])
+    with contextlib.suppress(RobotFileError):
+        assert all(math.isfinite(link.mass) for link in load_robot(path).links)
+
+
+def test_a_urdf_without_toml_is_a_fixed_robot_without_servos(tmp_path):
+    robot = load_robot(write(tmp_path))
+    assert (robot.name, robot.base, robot.nq, robot.nv) == ("bot", "fixed", 2, 2)
+    assert (robot.locked, robot.servos, robot.contacts, robot.notes) == ({}, {}, (), ())
+    assert robot.links[1] == Link("thigh", 0.5, (0.1, 0.0, -0.2), (0.002, 0.0, 0.0, 0.002, 0.0, 0.001))
+    assert robot.joints[0] == Joint(
+        "hip",
+        "revolute",
+        "base",
+        "thigh",
+        (0.0, 0.0, 1.0),
+        (0.0, 0.0, 0.5),
+        (0.0, 1.0, 0.0),
+        -1.5,
+        1.5,
+        2.0,
+        6.0,
+        0.01,
+        0.02,
+    )
+    assert robot.source == str(tmp_path / "robot.urdf")
+
+
+def test_the_default_axis_is_x_as_urdf_says(tmp_path):
+    text = swap(URDF, '<axis xyz="0 1 0"/>\n  </joint>', "</joint>")
+    assert load_robot(write(tmp_path, text)).joints[1].axis == (1.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("scale", [2.0, 1e-200, 1e29])
+def test_an_axis_is_scaled_to_unit_length_and_that_is_noted(tmp_path, scale):
+    text = swap(URDF, '<axis xyz="0 1 0"/>\n  </joint>', f'<axis xyz="{3 * scale} 0 {4 * scale}"/></joint>')
+    robot = load_robot(write(tmp_path, text))
+    assert robot.joints[1].axis == pytest.approx((0.6, 0.0, 0.8), abs=1e-15)
+    assert any("'ankle'" in note and "unit length" in note for note in robot.notes)
+
+
+def test_a_rounded_axis_is_scaled_without_a_note(tmp_path):
+    text = swap(URDF, '<axis xyz="0 1 0"/>\n  </joint>', '<axis xyz="0.70710678 0 0.70710678"/></joint>')
+    robot = load_robot(write(tmp_path, text))
+    assert math.hypot(*robot.joints[1].axis) == pytest.approx(1.0, abs=1e-15)
+    assert robot.notes == ()
+
+
+def test_inertia_given_in_turned_axes_is_turned_into_the_link(tmp_path):
+    text = swap(URDF, 'xyz="0.1 0 -0.2" rpy="0 0 0"', f'xyz="0.1 0 -0.2" rpy="{math.pi / 2} 0 0"')
+    assert load_robot(write(tmp_path, text)).links[1].inertia == pytest.approx((2e-3, 0, 0, 1e-3, 0, 2e-3), abs=1e-18)
+
+
+def test_a_flat_plate_meets_the_triangle_inequality(tmp_path):
+    text = swap(URDF, INERTIA, 'ixx="0.0012345" ixy="0" ixz="0" iyy="0.0023456" iyz="0" izz="0.0035801"')
+    assert load_robot(write(tmp_path, text)).links[1].inertia[5] == 0.0035801
+
+
+def test_what_plays_no_part_is_skipped_and_noted(tmp_path):
+    shape = '<geometry><mesh filename="package://x/../../../etc/passwd"/></geometry>'
+    text = swap(
+        URDF,
+        '<link name="base"/>',
+        f'<link name="base"><visual>{shape}<material name="red"/></visual><collision>{shape}</collision></link>',
+        "</robot>",
+        '<material name="red"><color rgba="1 0 0 1"/></material><transmission name="t"><type>any</type></transmission>'
+        '<gazebo reference="foot"><mu1>0.9</mu1></gazebo><gazebo/><mujoco><compiler/></mujoco>'
+        '<ros2_control name="c" type="system"/></robot>',
+        '<axis xyz="0 1 0"/>\n  </joint>',
+        '<axis xyz="0 1 0"/><safety_controller k_velocity="1"/><calibration rising="0"/></joint>',
+    )
+    robot = load_robot(write(tmp_path, text))
+    assert robot.links == load_robot(write(tmp_path)).links
+    tags = "material transmission gazebo mujoco ros2_control visual collision safety_controller calibration".split()
+    assert len(robot.notes) == len(tags)
+    for tag in tags:
+        assert sum(f"<{tag}>" in note for note in robot.notes) == 1
+    assert any("<gazebo>" in note and "(2 times)" in note for note in robot.notes)
+
+
+def test_all_attributes_that_urdf_knows_are_legal(tmp_path):
+    text = swap(
+        URDF,
+        '<robot name="bot">',
+        '<robot name="bot" version="1.0" xmlns:xacro="http://ros.org/wiki/xacro" '
+        'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:schemaLocation="a b">',
+        'velocity="6"',
+        'velocity="6" acceleration="1" deceleration="1" jerk="1"',
+        '<link name="foot">',
+        '<link name="foot" type="end">',
+    )
+    robot = load_robot(write(tmp_path, text))
+    assert robot.joints == load_robot(write(tmp_path)).joints
+    assert len(robot.notes) == 3
+
+
+def test_a_default_namespace_changes_nothing(tmp_path):
+    text = swap(URDF, '<robot name="bot">', '<robot name="bot" xmlns="http://www.ros.org">')
+    assert load_robot(write(tmp_path, text)).links == load_robot(write(tmp_path)).links
+
+
+def test_utf16_with_a_byte_order_mark_is_read(tmp_path):
+    text = swap(URDF, '<?xml version="1.0"?>', '<?xml version="1.0" encoding="utf-16"?>')
+    assert load_robot(write(tmp_path, text.encode("utf-16"))).name == "bot"
+
+
+def test_stops_of_a_continuous_joint_are_skipped_and_noted(tmp_path):
+    text = swap(
+        URDF, '<axis xyz="0 1 0"/>\n  </joint>', '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="3"/></joint>'
+    )
+    robot = load_robot(write(tmp_path, text))
+    assert (robot.joints[1].lower, robot.joints[1].upper) == (-math.inf, math.inf)
+    assert (robot.joints[1].effort, robot.joints[1].velocity) == (3.0, math.inf)
+    assert len(robot.notes) == 2
+
+
+def test_a_floating_joint_from_a_massless_world_means_a_floating_base(tmp_path):
+    world = '<link name="world"/><joint name="free" type="floating"><parent link="world"/><child link="base"/></joint>'
+    text = swap(URDF, '<link name="base"/>', f'<link name="base">{BODY}</link>{world}')
+    robot = load_robot(write(tmp_path, text))
+    assert (robot.base, robot.nq, robot.nv) == ("floating", 9, 8)
+    assert [link.name for link in robot.links] == ["base", "thigh", "foot"]
+    assert any("'world'" in note for note in robot.notes)
+    assert load_robot(tmp_path / "robot.urdf", base="fixed").base == "fixed"
+
+
+def test_a_fixed_joint_from_a_massless_world_is_a_fixed_robot(tmp_path):
+    world = '<link name="world"/><joint name="bolt" type="fixed"><parent link="world"/><child link="base"/></joint>'
+    robot = load_robot(write(tmp_path, swap(URDF, '<link name="base"/>', f'<link name="base"/>{world}')))
+    assert (robot.base, robot.nq, len(robot.links)) == ("fixed", 2, 4)
+
+
+def test_a_floating_base_needs_a_mass(tmp_path):
+    with pytest.raises(RobotFileError, match=r"robot\.urdf: link 'base' moves but has mass 0\.0 kg"):
+        load_robot(write(tmp_path), base="floating")
+
+
+def test_a_massless_link_may_move_if_something_heavy_is_fixed_to_it(tmp_path):
+    text = swap(URDF, FOOT_BODY, "", "</robot>", f'<link name="l9">{BODY}</link></robot>')
+    joint = '<joint name="weld" type="{}"><parent link="foot"/><child link="l9"/></joint></robot>'
+    assert load_robot(write(tmp_path, swap(text, "</robot>", joint.format("fixed")))).mass == 1.5
+    with pytest.raises(RobotFileError, match="link 'foot' moves but has mass 0"):
+        load_robot(write(tmp_path, swap(text, "</robot>", joint.format("continuous"))))
+    assert load_robot(tmp_path / "robot.urdf", locked=["weld"]).joint_names == ("hip", "ankle")
+
+
+def test_point_masses_off_one_line_make_a_body_and_on_one_line_do_not():
+    def points(*places):
+        links = [Link("base", 0.0, (0, 0, 0), (0,) * 6)]
+        links += [Link(f"p{k}", 1.0, place, (0,) * 6) for k, place in enumerate(places)]
+        joints = [Joint("hinge", "continuous", "base", "p0")]
+        joints += [Joint(f"weld{k}", "fixed", "p0", f"p{k}") for k in range(1, len(places))]
+        return Model("points", tuple(links), tuple(joints))
+
+    assert points((0, 0, 0), (1, 0, 0), (0, 1, 0)).mass == 3.0
+    with pytest.raises(ValueError, match=r"link 'p0' with 'p1', 'p2' rigidly attached .* all must be > 0"):
+        points((0, 0, 0), (1, 1, 0), (2, 2, 0))
+
+
+def test_base_and_locked_are_the_callers_then_the_tomls_then_the_default(tmp_path):
+    heavy = swap(URDF, '<link name="base"/>', f'<link name="base">{BODY}</link>')
+    path = write(tmp_path, heavy, TOML + "[locked.default]\nhip = 0.25\n")
+    assert (load_robot(path).base, load_robot(path, base="fixed").base) == ("floating", "fixed")
+    assert load_robot(path).locked == {"hip": 0.25}
+    assert load_robot(path, locked="stiff").locked == {"ankle": math.pi / 2}
+    assert load_robot(path, locked={"ankle": 2}).locked == {"ankle": 2.0}
+    assert load_robot(path, locked=("hip", "ankle")).joint_names == ()
+    assert load_robot(path, locked=()).joint_names == ("hip", "ankle")
+    with pytest.raises(RobotFileError, match=r"base is 'flying'; expected one of 'fixed', 'floating'"):
+        load_robot(path, base="flying")
+
+
+def test_servos_come_from_the_default_and_the_joints_own_settings(tmp_path):
+    heavy = swap(URDF, '<link name="base"/>', f'<link name="base">{BODY}</link>')
+    toml = swap(TOML, "voltage_limit = 9.6", 'gearbox = "code_2012"\nKp = 73\nencoder_resolution_deg = 0.3')
+    toml = swap(toml, 'default = "ax12"', 'default = "ax12"\ncurrent_limit = 1.5\nKp = 50')
+    servos = load_robot(write(tmp_path, heavy, toml)).servos
+    assert servos["ankle"] == load_servo("ax12", current_limit=1.5, Kp=50)
+    assert servos["hip"] == load_servo(
+        "ax12", "code_2012", current_limit=1.5, Kp=73, encoder_resolution=math.radians(0.3)
+    )
+
+
+def test_the_default_servo_is_for_joints_that_turn(tmp_path):
+    toml = '[servos]\ndefault = "ax12"\n'
+    path = write(tmp_path, swap(URDF, 'type="revolute"', 'type="prismatic"'), toml)
+    assert list(load_robot(path).servos) == ["ankle"]
+    write(tmp_path, swap(URDF, 'type="revolute"', 'type="prismatic"'), toml + "[servos.joints.hip]\nratio = 1000\n")
+    assert load_robot(path).servos["hip"] == load_servo("ax12", ratio=1000)
+
+
+def test_a_servo_beside_the_robot_comes_before_one_of_the_package(tmp_path):
+    (tmp_path / "ax12.toml").write_text(
+        'resistance = 5\ninductance = 0\nmotor_constant = 0.01\nvoltage_limit = 12\nlaw = "pd"\nratio = 10\n'
+        "[gearboxes.physical]\nbacklash_deg = 0.5\n"
+    )
+    servo = load_robot(write(tmp_path, URDF, '[servos]\ndefault = "ax12"\n')).servos["hip"]
+    assert servo == Servo(Controller("pd"), Gearbox(10.0, backlash=math.radians(0.5)), 5.0, 0.0, 0.01, 12.0)
+
+
+def test_the_servos_field_names_do_not_clash():
+    names = [f.name for cls in (Servo, Controller, Gearbox) for f in fields(cls)]
+    assert len(names) == len(set(names))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ((("ax13",), {}), "no servo 'ax13'; expected one of ax12"),
+        ((("ax12", "gold"), {}), "no gearbox 'gold'; expected one of physical"),
+        ((("ax12",), {"mass": 1}), "overrides: unknown key 'mass'"),
+        ((("ax12",), {"resistance": -8}), "ax12: servo: resistance is -8.0 [Ohm]; expected > 0"),
+    ],
+)
+def test_a_servo_that_cannot_be_is_refused_by_name(arguments, says):
+    with pytest.raises(RobotFileError, match=re.escape(says)):
+        load_servo(*arguments[0], **arguments[1])
+
+
+def test_presets_of_a_servo_that_is_not_there_are_refused_by_name():
+    with pytest.raises(RobotFileError, match="no servo 'ax13'; expected one of ax12"):
+        gearbox_presets("ax13")
+
+
+def random_robot(seed):
+    """A tree of bodies with every kind of joint and every number at full precision."""
+    rng = np.random.default_rng(seed)
+    links, joints = [Link("root", 1.0, tuple(rng.normal(size=3)), (1.0, 0.1, 0.0, 1.0, 0.0, 1.0))], []
+    for k in range(12):
+        A = rng.normal(size=(3, 8))
+        I = np.trace(A @ A.T) * np.eye(3) - A @ A.T  # of eight point masses: realisable
+        links.append(Link(f'b & "{k}"', rng.uniform(0.1, 2), tuple(rng.normal(size=3)), tuple(I[np.triu_indices(3)])))
+        kind = ("revolute", "continuous", "prismatic", "fixed")[k % 4]
+        axis = rng.normal(size=3)
+        numbers = {
+            "axis": tuple(axis / np.linalg.norm(axis)),
+            "effort": rng.uniform(1, 2),
+            "damping": rng.uniform(),
+            "friction": rng.uniform(),
+        }
+        limits = {"lower": -rng.uniform(), "upper": rng.uniform()} if kind in ("revolute", "prismatic") else {}
+        parent = links[rng.integers(len(links) - 1)].name
+        place = {"xyz": tuple(rng.normal(size=3)), "rpy": tuple(rng.normal(size=3))}
+        moves = {} if kind == "fixed" else numbers | limits
+        joints.append(Joint(f"é < {k}", kind, parent, links[-1].name, **place, **moves))
+    servo = load_servo("ax12", "standard", Kp=rng.uniform(), current_limit=math.inf, backlash=rng.uniform())
+    contacts = tuple(ContactPoint(links[k % 3].name, tuple(rng.normal(size=3))) for k in range(5))
+    locked, servos = (
+        {joints[0].name: joints[0].upper, joints[1].name: 1e3},
+        {joints[1].name: servo, joints[2].name: servo},
+    )
+    return Model("b \\ö", tuple(links), tuple(joints), "floating", locked, servos, contacts)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_is_saved_loads_back_to_the_last_bit(tmp_path, seed):
+    robot = random_robot(seed)
+    save_robot(robot, tmp_path / "saved.urdf")
+    again = load_robot(tmp_path / "saved.urdf")
+    for name in ("name", "links", "joints", "base", "locked", "servos", "contacts"):
+        assert getattr(again, name) == getattr(robot, name)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["saved.toml", "saved.urdf"]
+
+
+def test_a_robot_that_cannot_be_saved_leaves_the_old_files_alone(tmp_path):
+    path = tmp_path / "saved.urdf"
+    robot = random_robot(0)
+    save_robot(robot, path)
+    before = [(p.name, p.read_bytes()) for p in sorted(tmp_path.iterdir())]
+    endless = replace(robot.joints[4], lower=-math.inf)
+    with pytest.raises(ValueError, match=r"joint 'é < 4': .*-inf.*'continuous'"):
+        save_robot(replace(robot, joints=(*robot.joints[:4], endless, *robot.joints[5:])), path)
+    with pytest.raises(ValueError, match=r"saved\.xml: the file name must end in \.urdf"):
+        save_robot(robot, tmp_path / "saved.xml")
+    assert [(p.name, p.read_bytes()) for p in sorted(tmp_path.iterdir())] == before
