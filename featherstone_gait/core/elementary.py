@@ -146,7 +146,7 @@ def exp(x):
 
 @kernel
 def tanh(x):
-    """Hyperbolic tangent of x, odd to the sign of zero; error below 1.5 ulp."""
+    """Hyperbolic tangent of x, odd to the sign of zero; error below 1.25 ulp."""
     a = abs(x)
     z = a * a
     small = a <= _TANH_SMALL

@@ -1,0 +1,176 @@
+"""The elementary functions: error against mpmath, special values, equal bits in any width and with the JIT off."""
+
+import hashlib
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pytest
+
+from featherstone_gait.core.elementary import SINCOS_LIMIT, atan2, exp, sincos, tanh
+from featherstone_gait.core.jit import entry, kernel
+from featherstone_gait.core.lanes import WIDTH, aligned, as_lanes
+
+pytestmark = pytest.mark.nojit
+
+ROOT = Path(__file__).parents[1]
+INF, NAN = math.inf, math.nan
+SMALLEST = 5e-324
+SIN, COS, EXP, TANH, ATAN2 = range(5)
+SPECIAL = np.array([0.0, -0.0, 1.0, -1.0, SMALLEST, -SMALLEST, INF, -INF, NAN])
+
+
+@kernel
+def _all(x, y, out):
+    for i in range(x.shape[0]):
+        out[0, i], out[1, i] = sincos(x[i])
+        out[2, i] = exp(x[i])
+        out[3, i] = tanh(x[i])
+        out[4, i] = atan2(y[i], x[i])
+
+
+@entry
+def all_scalars(x, y, out):
+    _all(x, y, out)
+
+
+@entry
+def all_lanes(x, y, out):
+    _all(as_lanes(x), as_lanes(y), as_lanes(out))
+
+
+def evaluate(x, y=None):
+    """sin x, cos x, exp x, tanh x and atan2(y, x), shape (5, n)."""
+    x = np.ascontiguousarray(x, dtype=float)
+    y = np.zeros_like(x) if y is None else np.ascontiguousarray(y, dtype=float)
+    out = np.empty((5, x.size))
+    all_scalars(x, y, out)
+    return out
+
+
+def largest_error(function, got, *arguments):
+    """Largest error of `got` against the mpmath function, in ulp of the true value."""
+    with mpmath.workprec(300):
+        true = [function(*map(mpmath.mpf, map(float, values))) for values in zip(*arguments)]
+        return max(float(abs(float(g) - t) / math.ulp(float(t))) for g, t in zip(got, true))
+
+
+def near_multiples(divisor, count, rng):
+    """The float64 nearest to multiples of pi/divisor, small ones and all over the range."""
+    most = int(SINCOS_LIMIT / math.pi * divisor)
+    with mpmath.workprec(300):
+        multiples = (*range(-count // 2, count // 2), *rng.integers(-most, most, count))
+        return np.array([float(int(n) * mpmath.pi / divisor) for n in multiples])
+
+
+SINCOS_SAMPLES = {
+    "first quadrant": lambda rng: rng.uniform(-math.pi / 2, math.pi / 2, 4000),
+    "edge of the reduction": lambda rng: rng.uniform(0.7, 0.87, 4000),
+    "joint angles": lambda rng: rng.uniform(-20.0, 20.0, 4000),
+    "whole range": lambda rng: rng.uniform(-SINCOS_LIMIT, SINCOS_LIMIT, 4000),
+    "multiples of pi/2": lambda rng: near_multiples(2, 2000, rng),
+    "multiples of pi/4": lambda rng: near_multiples(4, 2000, rng),
+    "tiny": lambda rng: rng.choice([-1.0, 1.0], 1000) * np.exp(rng.uniform(-744.0, 0.0, 1000)),
+    "limit": lambda rng: np.array([SINCOS_LIMIT, -SINCOS_LIMIT]),
+}
+
+
+@pytest.mark.parametrize("sample", SINCOS_SAMPLES)
+def test_sine_and_cosine_err_by_less_than_one_ulp(sample):
+    x = SINCOS_SAMPLES[sample](np.random.default_rng(1))
+    out = evaluate(x)
+    assert largest_error(mpmath.sin, out[SIN], x) < 1.0
+    assert largest_error(mpmath.cos, out[COS], x) < 1.0
+
+
+@pytest.mark.parametrize("span", [(-0.35, 0.35), (-20.0, 20.0), (-708.0, 709.7), (-745.13, -708.0)])
+def test_exponential_errs_by_less_than_one_ulp(span):
+    x = np.random.default_rng(2).uniform(*span, 4000)
+    assert largest_error(mpmath.exp, evaluate(x)[EXP], x) < 1.0
+
+
+@pytest.mark.parametrize("span", [(-300.0, -1.0), (-1.0, -0.2), (-0.2, -0.1), (-0.1, 0.0), (0.0, 1.4)])
+def test_hyperbolic_tangent_errs_by_less_than_five_quarters_of_an_ulp(span):
+    x = 10.0 ** np.random.default_rng(3).uniform(*span, 4000)
+    assert largest_error(mpmath.tanh, evaluate(x)[TANH], x) < 1.25
+
+
+@pytest.mark.parametrize("ratio", [1e-300, 1e-9, 1e-2, 0.3, 0.5, 1.0, 2.0, 3.0, 1e2, 1e9, 1e300])
+def test_arc_tangent_errs_by_less_than_two_ulp(ratio):
+    rng = np.random.default_rng(4)
+    x = rng.choice([-1.0, 1.0], 1000) * rng.uniform(1.0, 2.0, 1000)
+    y = ratio * x[::-1] * rng.uniform(0.5, 2.0, 1000)
+    assert largest_error(mpmath.atan2, evaluate(x, y)[ATAN2], y, x) < 2.0
+
+
+def test_arc_tangent_neither_overflows_nor_underflows_between():
+    y = np.array([1e308, 1.7e308, 1.7e308, SMALLEST, SMALLEST, 3 * SMALLEST, 1e-310])
+    x = np.array([1.7e308, 1e308, -1.7e308, 2 * SMALLEST, -SMALLEST, SMALLEST, 3e-310])
+    assert largest_error(mpmath.atan2, evaluate(x, y)[ATAN2], y, x) < 2.0
+
+
+def test_arc_tangent_of_zeros_and_infinities_is_that_of_c99():
+    y, x = (grid.ravel() for grid in np.meshgrid(SPECIAL, SPECIAL))
+    expected = np.array([math.atan2(*pair) for pair in zip(y, x)])
+    got = evaluate(x, y)[ATAN2]
+    np.testing.assert_array_equal(got, expected)
+    number = ~np.isnan(expected)
+    np.testing.assert_array_equal(np.signbit(got[number]), np.signbit(expected[number]))
+
+
+def test_sine_and_cosine_beyond_the_limit_are_nan():
+    beyond = np.nextafter(SINCOS_LIMIT, INF)
+    out = evaluate([beyond, -beyond, 1e300, INF, -INF, NAN])
+    assert np.isnan(out[[SIN, COS]]).all()
+
+
+def test_odd_functions_are_odd_and_even_ones_even_to_the_bit():
+    rng = np.random.default_rng(5)
+    x = np.concatenate((rng.uniform(0.0, SINCOS_LIMIT, 2000), rng.uniform(0.0, 3.0, 2000), [0.0, SINCOS_LIMIT]))
+    plus, minus = evaluate(x), evaluate(-x)
+    assert minus[SIN].tobytes() == (-plus[SIN]).tobytes()
+    assert minus[COS].tobytes() == plus[COS].tobytes()
+    assert minus[TANH].tobytes() == (-plus[TANH]).tobytes()
+
+
+def test_limits_of_the_exponential():
+    largest, underflow = 709.782712893384, -745.1332191019411
+    x = [-INF, np.nextafter(underflow, -INF), underflow, -0.0, 0.0, largest, np.nextafter(largest, INF), INF, NAN]
+    expected = [0.0, 0.0, SMALLEST, 1.0, 1.0, float(mpmath.exp(largest)), INF, INF, NAN]
+    np.testing.assert_array_equal(evaluate(x)[EXP], expected)
+
+
+def test_hyperbolic_tangent_saturates():
+    got = evaluate([20.0, -20.0, 1e308, INF, -INF, NAN])[TANH]
+    np.testing.assert_array_equal(got, [1.0, -1.0, 1.0, 1.0, -1.0, NAN])
+
+
+def digest():
+    """Hash of the bits of all functions over a sample with special values: one for scalars, one for lanes."""
+    rng = np.random.default_rng(6)
+    special = np.append(SPECIAL, [3 * SMALLEST, 1e308, -1.7e308])
+    pairs = np.array([(a, b) for a in special for b in special]).T
+    ranges = (1.0, 30.0, 800.0, 2e5)
+    x, y = np.hstack([pairs, *(rng.uniform(-high, high, (2, 50 * WIDTH)) for high in ranges)])
+    scalars = evaluate(x, y)
+    lanes = [aligned((*lead, x.size // WIDTH, WIDTH)) for lead in ((), (), (5,))]
+    lanes[0][...], lanes[1][...] = x.reshape(-1, WIDTH), y.reshape(-1, WIDTH)
+    all_lanes(*lanes)
+    results = (np.where(np.isnan(out), NAN, out) for out in (scalars, lanes[2]))  # IEEE 754 leaves a NaN's sign open
+    return " ".join(hashlib.sha256(out.tobytes()).hexdigest() for out in results)
+
+
+def test_lanes_have_the_bits_of_scalars():
+    scalars, lanes = digest().split()
+    assert scalars == lanes
+
+
+def test_bits_are_the_same_with_the_jit_off():
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-W", "error", "-c", "import test_elementary as t; print(t.digest())"]
+    run = subprocess.run(command, cwd=ROOT / "tests", env=environment, capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == digest()
