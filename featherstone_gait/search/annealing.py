@@ -1,0 +1,372 @@
+"""Adaptive simulated annealing: a random search around the best point so far, with re-heating.
+
+The candidate of iteration ``k`` is ``best + amplitude * u_k / miss`` with ``u_k`` uniform in [-1, 1) per component.
+A lower cost is accepted and sets ``miss`` to 1; any other adds 1 to it, so that the search narrows; when it reaches
+``max_miss`` it drops to 0.1, which throws the next candidate ten amplitudes wide.  Despite the name there is no
+temperature, and nothing worse is ever accepted.
+
+Reference: J. Lima et al., "Humanoid gait optimization resorting to an improved simulation model", Int. J. Advanced
+Robotic Systems 10 (2013), figure 14.  What the printed pseudo-code leaves open or has wrong, and how it is mended:
+
+- ``neighbour(s) / miss`` would shrink the state itself: only the perturbation is divided;
+- ``s`` is never updated: candidates are drawn around the best state;
+- the best cost is never initialised: the initial state is evaluated first, as iteration 0;
+- ``miss = MAXMISS`` is tested for equality, which 0.1, 1.1, 2.1, ... never meet, so that re-heating happens once:
+  ``>=`` is used;
+- ``MISS`` and ``miss`` are the same variable;
+- the loop ends at KMAX where the text ends "after a predetermined number of iterations without progress": both;
+- ``return`` stands inside the loop;
+- a cost that is not a number compares as neither better nor worse: not a number and infinity are misses.
+
+The noise ``u_k`` is a function of (seed, k) alone and ``miss`` of the history of misses.  Hence the next candidates *on
+the assumption that all miss* are known in advance and can be evaluated at once, and the sequence of states visited does
+not depend on how many are.  The cost is taken to be deterministic: one lucky noisy value would stay the best for ever.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import OptimizeResult
+from tqdm.auto import tqdm
+
+REHEATED = 0.1  # miss count after max_miss misses (figure 14)
+MESSAGES = {
+    0: "max_iterations reached",
+    1: "no progress for no_progress iterations",
+    2: "interrupted; the best so far is returned",
+    3: "stopped by the callback",
+}
+_log = logging.getLogger(__name__)
+
+
+class Visit(NamedTuple):
+    """A state of the search."""
+
+    iteration: int
+    x: np.ndarray  # (D,)
+    f: float
+    miss: float  # that divided its perturbation
+    accepted: bool
+
+
+class AdaptiveSimulatedAnnealing:
+    """The search as ask and tell, one candidate or a speculative batch at a time.
+
+    `x0` (D,); `amplitude` of the perturbation, a number or (D,), in x0's units; `bounds` (D, 2) or None; `seed` a
+    whole number >= 0.  Candidates beyond a bound are reflected at it: clipping would pile them up on the bounds, where
+    half of all later perturbations of that component are lost.  Raises ValueError for settings out of range.
+    """
+
+    def __init__(self, x0, *, amplitude, max_miss=20, max_iterations=3000, no_progress=500, bounds=None, seed=0):
+        self.x0 = np.array(x0, dtype=float)
+        self.amplitude = np.array(np.broadcast_to(np.asarray(amplitude, dtype=float), self.x0.shape))
+        self.bounds = None if bounds is None else np.array(bounds, dtype=float)
+        self.max_miss, self.max_iterations, self.no_progress, self.seed = max_miss, max_iterations, no_progress, seed
+        self._check()
+        self.best_x, self.best_f = self.x0.copy(), np.inf
+        self.iteration = 0  # of the next candidate; 0 is x0
+        self.miss = 1.0
+        self.since_progress = 0
+        self.wasted = 0  # candidates of batches evaluated but not visited
+        self.visited = []  # every Visit so far
+        self._asked = []
+
+    @property
+    def status(self):
+        """None while there is more to do, else the key of `MESSAGES`."""
+        if self.iteration > self.max_iterations:
+            return 0
+        return 1 if self.since_progress >= self.no_progress else None
+
+    def ask(self):
+        """Return the next candidate (D,).  Raises RuntimeError when the search is over."""
+        return self.ask_batch(1)[0]
+
+    def ask_batch(self, k):
+        """Return up to `k` next candidates, as they will be if all miss; fewer if the search would end before."""
+        if self.status is not None:
+            raise RuntimeError(f"the search is over: {MESSAGES[self.status]}")
+        left = min(self.max_iterations + 1 - self.iteration, self.no_progress - self.since_progress + self._initial)
+        miss, self._asked = self.miss, []
+        for i in range(min(k, left)):
+            self._asked.append(self._candidate(self.iteration + i, miss))
+            miss = miss if self.iteration + i == 0 else self._after_miss(miss)
+        return [x.copy() for x in self._asked]
+
+    def tell(self, x, f):
+        """Take the cost `f` of the candidate `x` that `ask` returned; return whether it is the new best."""
+        if len(self._asked) != 1 or not np.array_equal(x, self._asked[0]):
+            raise ValueError("tell: x is not the candidate that was asked for; ask first and tell it unchanged")
+        return self._visit(self._asked.pop(), f)
+
+    def tell_batch(self, fs):
+        """Take the costs of the candidates of `ask_batch`, up to the first improvement; return how many were taken.
+
+        The others were drawn around a state that is no longer the best; they are dropped and counted as wasted.
+        Raises ValueError unless there is one cost a candidate.
+        """
+        if len(fs) != len(self._asked) or not self._asked:
+            raise ValueError(f"tell_batch: {len(fs)} costs for {len(self._asked)} candidates asked for")
+        asked, self._asked = self._asked, []
+        taken = 0
+        for x, f in zip(asked, fs):
+            first = self._initial
+            better = self._visit(x, f)
+            taken += 1
+            if better and not first:
+                break
+        self.wasted += len(asked) - taken
+        return taken
+
+    @property
+    def _initial(self):
+        return self.iteration == 0
+
+    def _check(self):
+        if self.x0.ndim != 1 or not len(self.x0) or not np.isfinite(self.x0).all():
+            raise ValueError(f"x0 must be a finite (D,) array with D > 0, got shape {self.x0.shape}")
+        if not (np.isfinite(self.amplitude) & (self.amplitude > 0)).all():
+            raise ValueError(f"amplitude must be finite and > 0, got {self.amplitude}")
+        for name, least in (("max_miss", 2), ("max_iterations", 0), ("no_progress", 1), ("seed", 0)):
+            if int(getattr(self, name)) != getattr(self, name) or getattr(self, name) < least:
+                raise ValueError(f"{name} = {getattr(self, name)} must be a whole number >= {least}")
+        if self.bounds is None:
+            return
+        if self.bounds.shape != (len(self.x0), 2):
+            raise ValueError(f"bounds must be ({len(self.x0)}, 2), got {self.bounds.shape}")
+        outside = ~((self.bounds[:, 0] <= self.x0) & (self.x0 <= self.bounds[:, 1]))
+        if outside.any():
+            i = int(outside.argmax())
+            raise ValueError(f"x0[{i}] = {self.x0[i]} lies outside its bounds {self.bounds[i, 0]}..{self.bounds[i, 1]}")
+
+    def _candidate(self, iteration, miss):
+        if iteration == 0:
+            return self.x0.copy()
+        x = self.best_x + self.amplitude * _noise(self.seed, iteration, len(self.x0)) / miss
+        return x if self.bounds is None else _reflect(x, *self.bounds.T)
+
+    def _after_miss(self, miss):
+        return REHEATED if miss + 1.0 >= self.max_miss else miss + 1.0
+
+    def _visit(self, x, f):
+        better = bool(np.isfinite(f) and f < self.best_f)
+        if better:
+            self.best_x, self.best_f = x, float(f)
+        self.visited.append(Visit(self.iteration, x, float(f), self.miss, better))
+        if better or self._initial:
+            self.miss, self.since_progress = 1.0, 0
+        else:
+            self.miss, self.since_progress = self._after_miss(self.miss), self.since_progress + 1
+        self.iteration += 1
+        return better
+
+
+def _noise(seed, iteration, n):
+    """Return n numbers uniform in [-1, 1) that depend on seed and iteration alone.
+
+    They are made from Philox's raw 64 bits, which NumPy promises to keep, unlike what its distributions make of them.
+    """
+    raw = np.random.Philox(key=seed, counter=[0, iteration, 0, 0]).random_raw(n)
+    return (raw >> np.uint64(11)) * 2.0**-52 - 1.0
+
+
+def _reflect(x, lower, upper):
+    """Fold `x` back between its bounds, as often as it takes; infinite bounds fold nothing."""
+    x = np.where(x < lower, 2.0 * lower - x, x)
+    x = np.where(x > upper, 2.0 * upper - x, x)
+    outside = (x < lower) | (x > upper)
+    if outside.any():
+        a, width = lower[outside], (upper - lower)[outside]
+        turn = np.mod(x[outside] - a, 2.0 * width, where=width > 0.0, out=np.zeros_like(a))
+        x[outside] = a + np.minimum(turn, 2.0 * width - turn)
+    return np.clip(x, lower, upper)  # against the last bit
+
+
+def minimize(
+    fun, x0, *, amplitude, max_miss=20, max_iterations=3000, no_progress=500, bounds=None, seed=0,
+    map=map, batch=1, callback=None, history=None, resume=False, progress=False,
+):  # fmt: skip
+    """Minimise `fun` by adaptive simulated annealing and return a `scipy.optimize.OptimizeResult`.
+
+    `fun(x)` returns the cost, or (cost, status) with a short text for the history; a cost that is not finite is a miss.
+    The states visited depend on the settings of `AdaptiveSimulatedAnnealing` and not on how they are evaluated: `batch`
+    candidates at a time through ``map(fun, candidates)``, for which any executor's ``map`` will do.
+
+    `callback(result)` is called at every improvement and stops the search by returning True.  `history` names a file
+    of JSON lines, written as the search goes; with `resume` the search goes on from it (from `x0` if there is none), to
+    the same states as if never interrupted; only max_iterations and no_progress may differ.  `progress` shows a bar.
+
+    The result has x, fun, nit (candidates after x0), nfev (evaluations, wasted ones included), wasted, success, status
+    (a key of `MESSAGES`), message, and history: arrays x (nit + 1, D), f, miss and accepted.  KeyboardInterrupt ends
+    the search with what was found.  Raises FileExistsError for a `history` that would be overwritten, ValueError for
+    one of another search or a damaged one.
+    """
+    search = AdaptiveSimulatedAnnealing(
+        x0, amplitude=amplitude, max_miss=max_miss, max_iterations=max_iterations, no_progress=no_progress,
+        bounds=bounds, seed=seed,
+    )  # fmt: skip
+    if batch < 1:
+        raise ValueError(f"batch = {batch} must be at least 1")
+    log = None if history is None else _History(Path(history), search, resume)
+    status = None
+    bar = tqdm(total=max_iterations + 1, initial=search.iteration, disable=not progress, unit="candidate")
+    try:
+        while status is None and search.status is None:
+            improved = _advance(search, fun, map, batch, log)
+            bar.update(search.iteration - bar.n)
+            bar.set_postfix(best=search.best_f)
+            if improved and callback is not None and callback(_result(search, None)):
+                status = 3
+    except KeyboardInterrupt:
+        status = 2
+    finally:
+        bar.close()
+        if log is not None:
+            log.close()
+    return _result(search, search.status if status is None else status)
+
+
+def _advance(search, fun, map, batch, log):
+    """Evaluate one batch; return whether it brought an improvement."""
+    candidates = search.ask_batch(batch)
+    answers = [answer if isinstance(answer, tuple) else (answer, "") for answer in map(fun, candidates)]
+    taken = search.tell_batch([f for f, _ in answers])
+    visits = search.visited[-taken:]
+    if log is not None:
+        log.write(visits, [text for _, text in answers[:taken]], wasted=len(answers) - taken)
+    return any(visit.accepted for visit in visits)
+
+
+def _result(search, status):
+    visited = search.visited
+    arrays = {
+        "x": np.array([visit.x for visit in visited]).reshape(-1, len(search.x0)),
+        "f": np.array([visit.f for visit in visited]),
+        "miss": np.array([visit.miss for visit in visited]),
+        "accepted": np.array([visit.accepted for visit in visited], dtype=bool),
+    }
+    found = bool(np.isfinite(search.best_f))
+    message = MESSAGES.get(status, "running") if found else "no candidate had a finite cost"
+    return OptimizeResult(
+        x=search.best_x.copy(), fun=search.best_f, nit=max(0, len(visited) - 1), nfev=len(visited) + search.wasted,
+        wasted=search.wasted, success=found and status in (0, 1), status=status, message=message, history=arrays,
+    )  # fmt: skip
+
+
+class _History:
+    """The visits of a search as JSON lines: a header with the settings, then one line a visit."""
+
+    def __init__(self, path, search, resume):
+        self.start = time.perf_counter()
+        header = _header(search)
+        lines = self._complete_lines(path, resume)
+        if lines:
+            _check_header(path, lines[0], header)
+            for number, line in enumerate(lines[1:], start=2):
+                self.start = time.perf_counter() - _replay(path, number, line, search)
+        self.file = path.open("a", encoding="utf-8")
+        if not lines:
+            self._write_line(header)
+
+    def write(self, visits, texts, wasted):
+        for visit, text in zip(visits, texts):
+            finite = bool(np.isfinite(visit.f))
+            self._write_line({
+                "iteration": visit.iteration,
+                "x": visit.x.tolist(),
+                "f": visit.f if finite else None,
+                "status": text or ("ok" if finite else "not finite"),
+                "accepted": visit.accepted,
+                "miss": visit.miss,
+                "wasted": wasted if visit is visits[-1] else 0,
+                "seconds": round(time.perf_counter() - self.start, 3),
+            })  # fmt: skip
+
+    def close(self):
+        self.file.close()
+
+    def _write_line(self, content):
+        self.file.write(json.dumps(content) + "\n")
+        self.file.flush()
+
+    @staticmethod
+    def _complete_lines(path, resume):
+        """Return the lines of the file, cutting off a last one that was not written to its end."""
+        if not path.exists():
+            return []
+        if not resume:
+            raise FileExistsError(f"{path} exists; pass resume=True to go on from it, or another file name")
+        data = path.read_bytes()
+        complete = data[: data.rfind(b"\n") + 1]
+        if len(complete) < len(data):
+            _log.warning("%s: dropped the last line, which was cut off", path)
+            with path.open("r+b") as file:
+                file.truncate(len(complete))
+        return complete.decode("utf-8", errors="replace").splitlines()
+
+
+def _header(search):
+    """Return the settings as JSON will give them back; infinite bounds as text, for which JSON has no number."""
+    bounds = None if search.bounds is None else [[_number(b) for b in pair] for pair in search.bounds.tolist()]
+    return {
+        "search": "adaptive simulated annealing",
+        "version": 1,
+        "seed": int(search.seed),
+        "max_miss": int(search.max_miss),
+        "max_iterations": int(search.max_iterations),
+        "no_progress": int(search.no_progress),
+        "amplitude": search.amplitude.tolist(),
+        "bounds": bounds,
+        "x0": search.x0.tolist(),
+    }
+
+
+def _number(value):
+    return value if np.isfinite(value) else str(value)
+
+
+def _parse(path, number, line):
+    try:
+        content = json.loads(line)
+    except json.JSONDecodeError as error:
+        raise ValueError(
+            f"{path}, line {number}: damaged ({error}); delete this line and all below to resume before it"
+        ) from error
+    if not isinstance(content, dict):
+        raise ValueError(f"{path}, line {number}: expected a JSON object, got {line[:40]!r}")
+    return content
+
+
+def _check_header(path, line, expected):
+    found = _parse(path, 1, line)
+    for key in expected:
+        if key not in ("max_iterations", "no_progress") and found.get(key) != expected[key]:
+            raise ValueError(
+                f"{path}, line 1: the history's {key} is {found.get(key)}, but this search has {expected[key]}; "
+                "resume with the settings it was begun with, or take another file name"
+            )
+
+
+def _replay(path, number, line, search):
+    """Repeat a visit of the history, which must be the search's own next one; return its time [s]."""
+    content = _parse(path, number, line)
+    if search.status is not None:
+        raise ValueError(
+            f"{path}, line {number}: the history is longer than this search may be ({MESSAGES[search.status]}); "
+            "raise that setting, or take another file name"
+        )
+    x = search.ask()
+    if content.get("iteration") != search.iteration or content.get("x") != x.tolist():
+        raise ValueError(
+            f"{path}, line {number}: not iteration {search.iteration} of this search; lines are missing or changed; "
+            "delete this line and all below to resume before it"
+        )
+    search.tell(x, np.inf if content.get("f") is None else content["f"])
+    search.wasted += content.get("wasted", 0)
+    return content.get("seconds", 0.0)

@@ -1,0 +1,204 @@
+"""Key poses of one stride: what an optimiser changes and a robot plays back.
+
+A gait holds ``n_poses`` postures, evenly spaced over one stride (two steps); between them the joint angles follow the
+periodic cubic spline, so that positions, speeds and accelerations are continuous from stride to stride.  Four states of
+ten joints make the forty parameters of J. Lima et al., "Humanoid gait optimization resorting to an improved simulation
+model", Int. J. Advanced Robotic Systems 10 (2013), section 4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from featherstone_gait.walking.kinematics import link_poses
+
+TICK = 0.04  # [s] between the references sent to the servos (Lima et al. 2013, figure 2)
+DECIMALS = 9  # of fitted poses [rad]: hides the last bits of the least squares, in which LAPACKs differ
+
+
+@dataclass(frozen=True, eq=False)
+class Mirror:
+    """How a posture looks in the plane y = 0: ``mirrored[i] = sign[i] * angles[index[i]]``."""
+
+    index: np.ndarray  # (nj,)
+    sign: np.ndarray  # (nj,) +1 or -1
+
+    def __call__(self, angles):
+        """Mirror postures (..., nj)."""
+        return self.sign * angles[..., self.index]
+
+
+@dataclass(frozen=True, eq=False)
+class Gait:
+    """Key poses over one stride.  With a `mirror`, the second half is the first half mirrored left to right."""
+
+    joint_names: tuple[str, ...]
+    poses: np.ndarray  # (n_poses, nj) [rad], pose k at time k / n_poses of the period
+    period: float  # of a stride [s]
+    mirror: Mirror | None = None
+
+    def __post_init__(self):
+        n_poses, nj = np.shape(self.poses)
+        if nj != len(self.joint_names) or n_poses < 3:
+            raise ValueError(f"gait: poses must be (>= 3, {len(self.joint_names)}), got {(n_poses, nj)}")
+        if not np.isfinite(self.poses).all():
+            pose, joint = np.argwhere(~np.isfinite(self.poses))[0]
+            raise ValueError(f"gait: pose {pose} of joint {self.joint_names[joint]!r} is not finite")
+        if not (np.isfinite(self.period) and self.period > 0):
+            raise ValueError(f"gait: period = {self.period} s must be finite and > 0")
+        if self.mirror and n_poses % 2:
+            raise ValueError(f"gait: a mirrored gait needs an even number of poses, got {n_poses}")
+
+    def to_vector(self):
+        """Return the free poses as a vector (D,) [rad], pose by pose."""
+        return self.poses[: self._free_poses].ravel()
+
+    def from_vector(self, x):
+        """Return the gait with the free poses `x` (D,) [rad]; exact inverse of `to_vector`.
+
+        Raises ValueError unless D fits.
+        """
+        x = np.asarray(x, dtype=float)
+        free = self._free_poses
+        if x.shape != (free * len(self.joint_names),):
+            raise ValueError(f"gait vector must be ({free * len(self.joint_names)},), got {x.shape}")
+        poses = x.reshape(free, -1).copy()
+        if self.mirror:
+            poses = np.concatenate([poses, self.mirror(poses)])
+        return replace(self, poses=poses)
+
+    def angles(self, times):
+        """Return joint angles (n, nj) [rad] at `times` (n,) [s] of the repeating stride."""
+        return periodic_spline(self.poses, np.asarray(times, dtype=float) / self.period)
+
+    @property
+    def _free_poses(self):
+        return len(self.poses) // 2 if self.mirror else len(self.poses)
+
+
+@dataclass(frozen=True, eq=False)
+class GaitFit:
+    """A gait fitted to a stride."""
+
+    gait: Gait
+    phase: float  # time of the stride at which the gait's first pose lies [s]
+    rms: np.ndarray  # (nj,) root mean square of the residual [deg]
+    largest: np.ndarray  # (nj,) largest residual [deg]
+
+
+def mirror_of(model):
+    """Pair the joints of `model` left to right by name ("left", "right") and compare their axes.
+
+    A rotation about ``(x, y, z)`` looks in the mirror like one about ``(-x, y, -z)``.  Raises ValueError for a joint
+    that has no partner or whose partner's axis is not its mirror image.
+    """
+    names = model.joint_names
+    axes = link_poses(model, np.zeros(len(names))).axis[0]
+    axes = {joint.name: axes[k] for k, joint in enumerate(model.joints)}
+    index, sign = [], []
+    for name in names:
+        partner = _other_side(name)
+        if partner not in names:
+            raise ValueError(f"joint {name!r} of {model.name!r} has no partner {partner!r} on the other side")
+        cosine = axes[name] @ (axes[partner] * (-1.0, 1.0, -1.0))
+        if abs(abs(cosine) - 1.0) > 1e-9:
+            raise ValueError(f"the axes of {name!r} and {partner!r} of {model.name!r} do not mirror each other")
+        index.append(names.index(partner))
+        sign.append(np.sign(cosine))
+    return Mirror(np.array(index), np.array(sign))
+
+
+def fit_gait(stride, n_poses=4, *, mirror=None, fit_phase=False):
+    """Fit key poses to a planned `Stride` by least squares over its samples and return a `GaitFit`.
+
+    With a `mirror` (of `mirror_of`) only half the poses are free.  With `fit_phase` the first pose may lie anywhere in
+    the first gap between poses, on a sample of the stride, wherever the residual is least.
+    """
+    phases = stride.times[stride.times < stride.period / n_poses] if fit_phase else stride.times[:1]
+    fits = [_fit_at(stride, n_poses, mirror, phase) for phase in phases]
+    return min(fits, key=lambda fit: np.sqrt((fit.rms**2).mean()))
+
+
+def references(gait, n_strides, start, *, tick=TICK, blend_strides=1):
+    """Sample a start and `n_strides` of `gait` every `tick` [s]; return times (n,) [s] and joint angles (n, nj) [rad].
+
+    `start` is a standing posture (nj,), held over `blend_strides`, or a start-up (m, nj) sampled every tick that is in
+    step with the gait (`Plan.start_up`).  Over its last `blend_strides` it goes over into the gait with the weight
+    ``3 s^2 - 2 s^3``; from ``times[m]``, for a posture ``blend_strides * gait.period``, the gait plays by itself.
+    The last sample is that of the first pose.  Raises ValueError unless the period is a whole number of ticks.
+    """
+    per_stride = round(gait.period / tick)
+    if abs(per_stride * tick - gait.period) > 1e-9:
+        raise ValueError(
+            f"gait: the period of {gait.period} s is not a whole number of ticks of {tick} s; "
+            f"take {max(per_stride, 1) * tick:g} s"
+        )
+    ramp = blend_strides * per_stride
+    start = np.asarray(start, dtype=float)
+    if start.ndim == 1:
+        start = np.tile(start, (ramp, 1))
+    if start.shape[1:] != (len(gait.joint_names),) or len(start) < ramp:
+        raise ValueError(f"start must be (nj,) or (>= {ramp}, nj) with nj = {len(gait.joint_names)}, got {start.shape}")
+    stride = gait.angles(tick * np.arange(per_stride))
+    s = np.arange(ramp)[:, None] / max(ramp, 1)
+    weight = s * s * (3.0 - 2.0 * s)
+    held, blended = np.split(start, [len(start) - ramp])
+    blended = blended + weight * (np.tile(stride, (blend_strides, 1)) - blended)
+    angles = np.concatenate([held, blended, np.tile(stride, (n_strides, 1)), stride[:1]])
+    return tick * np.arange(len(angles)), angles
+
+
+def bounds(model, gait):
+    """Return lower and upper bounds (D, 2) [rad] of the gait vector from the joint limits of `model`."""
+    limits = np.array([(joint.lower, joint.upper) for joint in model.moving_joints])
+    return np.tile(limits, (len(gait.to_vector()) // len(limits), 1))
+
+
+def periodic_spline(values, s):
+    """Evaluate at `s` (n,), in periods, the periodic cubic spline through `values` (k, ...), evenly spaced.
+
+    Its second derivatives solve ``M_(i-1) + 4 M_i + M_(i+1) = 6 (y_(i-1) - 2 y_i + y_(i+1))``, with the unit of length
+    the gap between values; the inverse of that circulant matrix is known.  Only sums and products: the same bits on
+    every machine.
+    """
+    k = len(values)
+    u = np.mod(s, 1.0) * k
+    i = np.minimum(u.astype(int), k - 1)
+    right = (u - i).reshape(-1, *(1,) * (values.ndim - 1))
+    left = 1.0 - right
+    M = _second_derivatives(values)
+    j = (i + 1) % k
+    return left * values[i] + right * values[j] + ((left**3 - left) * M[i] + (right**3 - right) * M[j]) / 6.0
+
+
+def _second_derivatives(values):
+    k = len(values)
+    z = np.sqrt(3.0) - 2.0  # root of z^2 + 4 z + 1
+    power = np.cumprod(np.concatenate([[1.0], np.full(k, z)]))
+    green = (power[:k] + power[:0:-1]) / ((1.0 - power[k]) * 2.0 * np.sqrt(3.0))
+    rhs = 6.0 * (np.roll(values, 1, axis=0) - 2.0 * values + np.roll(values, -1, axis=0))
+    M = np.zeros_like(values)
+    for j in range(k):
+        M += green[j] * np.roll(rhs, j, axis=0)
+    return M
+
+
+def _fit_at(stride, n_poses, mirror, phase):
+    angles = stride.angles
+    if mirror:
+        half = len(angles) // 2
+        angles = 0.5 * (angles + mirror(np.roll(angles, -half, axis=0)))
+    basis = periodic_spline(np.eye(n_poses), (stride.times - phase) / stride.period)
+    poses = np.round(np.linalg.lstsq(basis, angles, rcond=None)[0], DECIMALS)
+    gait = Gait(stride.joint_names, poses, stride.period, mirror)
+    gait = gait.from_vector(gait.to_vector())
+    residual = np.degrees(gait.angles(stride.times - phase) - stride.angles)
+    return GaitFit(gait, float(phase), np.sqrt((residual**2).mean(axis=0)), np.abs(residual).max(axis=0))
+
+
+def _other_side(name):
+    if "left" in name:
+        return name.replace("left", "right")
+    return name.replace("right", "left")

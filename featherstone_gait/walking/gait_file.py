@@ -1,0 +1,121 @@
+"""Joint angles as files a robot can play: CSV in degrees, and goal positions of AX-12 servos.
+
+The CSV has a header ``time_s`` and one column a joint, named as in the model; angles are in degrees.  An AX-12 counts
+0..1023 over 300 degrees, 512 in the middle (ROBOTIS e-Manual, AX-12A, control table address 30).
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+
+MIDDLE, LARGEST, RANGE = 512, 1023, 300.0  # of an AX-12 [counts, counts, deg]
+TIME_COLUMN = "time_s"
+
+
+def write_angles(path, times, angles, joint_names):
+    """Write `angles` (n, nj) [rad] at `times` (n,) [s] as CSV in degrees, with all digits."""
+    _write(path, times, np.degrees(angles), joint_names)
+
+
+def write_goal_positions(path, times, angles, joint_names):
+    """Write `angles` (n, nj) [rad] at `times` (n,) [s] as CSV of AX-12 goal positions.  Raises as `goal_positions`."""
+    _write(path, times, goal_positions(angles, joint_names), joint_names)
+
+
+def goal_positions(angles, joint_names):
+    """Convert `angles` (n, nj) [rad] to AX-12 goal positions (n, nj), 0..1023.
+
+    Raises ValueError, naming joint and row, for an angle that the servo cannot take.
+    """
+    degrees = np.degrees(np.atleast_2d(angles))
+    counts = np.round(MIDDLE + degrees * LARGEST / RANGE)
+    bad = ~((counts >= 0) & (counts <= LARGEST))
+    if bad.any():
+        row, joint = np.argwhere(bad)[0]
+        raise ValueError(
+            f"row {row}, joint {joint_names[joint]!r}: {degrees[row, joint]:.2f} deg is outside the AX-12's "
+            f"{_degrees(0):.2f}..{_degrees(LARGEST):.2f} deg; tighten the joint's limits"
+        )
+    return counts.astype(int)
+
+
+def angles_of_goal_positions(counts):
+    """Convert AX-12 goal positions to angles [rad]."""
+    return np.radians(_degrees(np.asarray(counts, dtype=float)))
+
+
+def read_angles(path, joint_names=None):
+    """Read a CSV of `write_angles`; return times (n,) [s], angles (n, nj) [rad] and the joint names.
+
+    With `joint_names` the columns must be these, and come back in their order.  Raises ValueError, naming file, line
+    and column, for a missing, doubled or unknown column, a row of the wrong length, a value that is not a finite number
+    or is beyond one turn, or times that do not increase.
+    """
+    with Path(path).open(newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    names = _header(path, rows, joint_names)
+    if len(rows) < 2:
+        raise ValueError(f"{path}: no rows below the header; at least one is needed")
+    table = np.array([_row(path, line, row, rows[0]) for line, row in enumerate(rows[1:], start=2)])
+    late = np.flatnonzero(np.diff(table[:, 0]) <= 0.0)
+    if len(late):
+        line = late[0] + 3
+        raise ValueError(
+            f"{path}, line {line}, column {TIME_COLUMN!r}: {table[line - 2, 0]} s does not lie after "
+            f"{table[line - 3, 0]} s; sort the rows by time and drop doubled ones"
+        )
+    columns = [rows[0].index(name) for name in names]
+    return table[:, 0], np.radians(table[:, columns]), names
+
+
+def _degrees(counts):
+    return (counts - MIDDLE) * RANGE / LARGEST
+
+
+def _write(path, times, values, joint_names):
+    with Path(path).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow([TIME_COLUMN, *joint_names])
+        # Rounding takes the noise of k * 0.04 off the times; the values keep all digits.
+        writer.writerows([round(float(t), 9), *row] for t, row in zip(times, np.asarray(values).tolist()))
+
+
+def _header(path, rows, joint_names):
+    """Check the header and return the joint names in the order wanted."""
+    header = rows[0] if rows else []
+    if not header or header[0] != TIME_COLUMN:
+        raise ValueError(f"{path}, line 1: the first column must be {TIME_COLUMN!r}, got {header[:1]}")
+    found = header[1:]
+    doubled = sorted({name for name in found if found.count(name) > 1})
+    wanted = tuple(found if joint_names is None else joint_names)
+    missing, unknown = sorted(set(wanted) - set(found)), sorted(set(found) - set(wanted))
+    if doubled or missing or unknown or not found:
+        raise ValueError(
+            f"{path}, line 1: joint columns doubled: {doubled}, missing: {missing}, unknown: {unknown}; "
+            "there must be one column for each joint of the robot and no other"
+        )
+    return wanted
+
+
+def _row(path, line, row, header):
+    if len(row) != len(header):
+        raise ValueError(f"{path}, line {line}: {len(row)} values, but the header has {len(header)} columns")
+    return [_number(path, line, name, text) for name, text in zip(header, row)]
+
+
+def _number(path, line, name, text):
+    largest = math.inf if name == TIME_COLUMN else 360.0
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and abs(value) <= largest):
+        unit = "s" if name == TIME_COLUMN else "deg, -360..360"
+        raise ValueError(
+            f"{path}, line {line}, column {name!r}: {text!r} must be a finite number [{unit}], with a decimal point"
+        )
+    return value

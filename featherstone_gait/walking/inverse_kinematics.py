@@ -1,0 +1,135 @@
+"""Leg inverse kinematics: joint angles that put a point of a foot somewhere, the sole turned as wanted.
+
+A damped Newton iteration over a whole trajectory at once: with the task error ``e`` and its Jacobian ``J``,
+``dq = J^T (J J^T + |e|^2 1)^-1 e``.  The damping dies with the error, so that convergence stays superlinear and a
+target out of reach is answered by the nearest pose instead of a blow-up (T. Sugihara, "Solvability-unconcerned
+inverse kinematics by the Levenberg-Marquardt method", IEEE T-RO 27 (2011)).
+
+A chain of six joints or more meets position and orientation; one of five, position and the tilt of the sole (roll and
+pitch), which leaves its yaw as it falls.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from featherstone_gait.walking.kinematics import link_index, link_poses, root_link
+
+TOLERANCE = 1e-11  # of the task error [m and rad]; rounding alone leaves 1e-16
+MAX_ITERATIONS = 200
+MAX_STEP = 0.3  # of a joint in one iteration [rad]; keeps the iteration on the branch it starts on
+
+
+def leg_joints(model, foot):
+    """Return the columns of ``model.joint_names`` that move the link `foot`, from the root outwards.
+
+    Raises ValueError if one of them is not a revolute joint or none moves it.
+    """
+    by_child = {joint.child: joint for joint in model.joints}
+    link_index(model, foot)
+    columns, link = [], foot
+    while link != root_link(model):
+        joint = by_child[link]
+        if joint.name in model.joint_names:
+            if joint.type == "prismatic":
+                raise ValueError(
+                    f"joint {joint.name!r} on the way to {foot!r} is prismatic; a leg must be all revolute"
+                )
+            columns.append(model.joint_names.index(joint.name))
+        link = joint.parent
+    if not columns:
+        raise ValueError(f"no moving joint leads from {root_link(model)!r} to {foot!r}")
+    return tuple(reversed(columns))
+
+
+def solve_leg(model, foot, target, *, times=None, **how):
+    """Solve for the joints between the root link and the link `foot` within their limits; arguments as of `reach`.
+
+    Raises ValueError, naming joint, angle, limit and time (`times` (n,) [s], else the sample), if a target is out of
+    reach or a joint limit is passed.
+    """
+    angles = reach(model, foot, target, times=times, **how)
+    check_limits(model, angles, times)
+    return angles
+
+
+def reach(model, foot, target, *, point=(0.0, 0.0, 0.0), rotation=None, start=None, times=None):
+    """Solve for the joints between the root link and the link `foot`, whatever their limits.
+
+    `target` (n, 3) [m] is where `point` of the foot (its own axes) shall be, seen from the root link; `rotation` (3, 3)
+    the foot's orientation there, by default that of the zero posture.  `start` is the posture (nj,) or the postures
+    (n, nj) the iteration starts from, by default the middle of the joint ranges, which also decides how the knee bends;
+    joints outside the leg keep the start's values.  Returns angles (n, nj) [rad].  Raises ValueError, naming foot and
+    time, for a target out of reach.
+    """
+    target = np.atleast_2d(np.asarray(target, dtype=float))
+    columns = list(leg_joints(model, foot))
+    if rotation is None:
+        rotation = link_poses(model, np.zeros(len(model.joint_names))).rotation[0, link_index(model, foot)]
+    start = mid_range(model) if start is None else start
+    angles = np.broadcast_to(start, (len(target), len(model.joint_names))).astype(float)
+    for _ in range(MAX_ITERATIONS):
+        error, J = _task(model, foot, columns, angles, target, point, rotation)
+        size = np.sqrt((error**2).sum(axis=1))
+        if (size < TOLERANCE).all():
+            return angles
+        angles[:, columns] += _newton_step(J, error, size)
+    k = int(size.argmax())
+    x, y, z = target[k]
+    raise ValueError(
+        f"link {foot!r} of {model.name!r} cannot reach ({x:.4f}, {y:.4f}, {z:.4f}) m from the root link with the sole "
+        f"as asked {_when(k, times)}: the nearest posture misses by {size[k]:.2e} (m and rad); take a shorter step or "
+        "a lower centre of mass"
+    )
+
+
+def mid_range(model):
+    """Return the posture (nj,) [rad] in the middle of the joint ranges, 0 where a range is unbounded."""
+    ranges = np.array([(j.lower, j.upper) for j in model.moving_joints])
+    middle = np.zeros(len(ranges))
+    bounded = np.isfinite(ranges).all(axis=1)
+    middle[bounded] = ranges[bounded].mean(axis=1)
+    return middle
+
+
+def check_limits(model, angles, times=None):
+    """Raise ValueError for the joint of `angles` (n, nj) [rad] that is farthest outside its limits, if one is."""
+    lower = np.array([j.lower for j in model.moving_joints])
+    upper = np.array([j.upper for j in model.moving_joints])
+    excess = np.maximum(lower - angles, angles - upper)
+    if excess.size == 0 or excess.max() <= 0.0:
+        return
+    k, i = np.unravel_index(excess.argmax(), excess.shape)
+    low, high, angle = np.degrees([lower[i], upper[i], angles[k, i]])
+    raise ValueError(
+        f"joint {model.joint_names[i]!r} needs {angle:.2f} deg {_when(k, times)}, outside its limits "
+        f"{low:.2f}..{high:.2f} deg; take a shorter step, a lower lift or another height of the centre of mass"
+    )
+
+
+def _task(model, foot, columns, angles, target, point, rotation):
+    """Return the task error (n, m) and its Jacobian (n, m, joints of the leg)."""
+    poses = link_poses(model, angles)
+    index = link_index(model, foot)
+    turned = poses.rotation[:, index]
+    reached = poses.position[:, index] + turned @ np.asarray(point, dtype=float)
+    # Half the sum of the cross products of the axes: the rotation's axis times the sine of its angle.
+    turn = 0.5 * np.cross(turned, rotation[None], axis=1).sum(axis=2)
+    moving = [model.joints.index(model.moving_joints[c]) for c in columns]
+    origin = np.stack([poses.position[:, link_index(model, model.joints[k].child)] for k in moving], axis=1)
+    axes = poses.axis[:, moving]
+    lever = np.cross(axes, reached[:, None] - origin)
+    error = np.concatenate([target - reached, turn], axis=1)
+    J = np.concatenate([lever, axes], axis=2).transpose(0, 2, 1)
+    rows = 6 if len(columns) >= 6 else 5
+    return error[:, :rows], J[:, :rows]
+
+
+def _newton_step(J, error, size):
+    damping = (size**2)[:, None, None] * np.eye(J.shape[1])
+    step = J.transpose(0, 2, 1) @ np.linalg.solve(J @ J.transpose(0, 2, 1) + damping, error[..., None])
+    return np.clip(step[..., 0], -MAX_STEP, MAX_STEP)
+
+
+def _when(k, times):
+    return f"at sample {k}" if times is None else f"at t = {times[k]:.3f} s"

@@ -1,0 +1,129 @@
+"""Preview control of the zero-moment point (ZMP) of a cart-table, giving the motion of the centre of mass.
+
+The cart-table of height ``z_c``: state ``x = (c, c', c'')`` of the centre of mass, input ``u = c'''`` held over a
+sample of length ``T``, output the ZMP ``p = c - (z_c / g) c''``.  In error-augmented form the controller minimises
+``sum Q (p - p_ref)^2 + R (u_k - u_(k-1))^2`` and is
+
+    u_k = -G_i sum_(i<=k) (p_i - p_ref_i) - G_x x_k - sum_(j=1..N) G_d(j) p_ref_(k+j).
+
+References: S. Kajita et al., "Biped walking pattern generation by using preview control of zero-moment point", ICRA
+2003, eqs. (8)-(13); T. Katayama et al., "Design of an optimal controller for a discrete-time system subject to
+previewable demand", Int. J. Control 41 (1985), for the gains, of which ``G_d(1) = -G_i``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+# Against a 60-digit solution the Riccati solver's gains are off by up to 6e-12 of their size (Kajita's parameters), and
+# differently so on another LAPACK.  Seven digits lie five orders above that, so that practically all gains round alike;
+# ten digits would let one in a hundred differ.  The price: the ZMP of a 0.3 m step moves by 2e-7 m.
+GAIN_DIGITS = 7
+
+
+@dataclass(frozen=True, eq=False)
+class PreviewController:
+    """The gains of the preview controller of a cart-table."""
+
+    T: float  # sample time [s]
+    z_c: float  # height of the centre of mass [m]
+    g: float  # [m/s^2]
+    integral_gain: float  # G_i [1/s^3]
+    state_gain: np.ndarray  # G_x (3,) [1/s^3, 1/s^2, 1/s]
+    preview_gain: np.ndarray  # G_d (N,) [1/s^3]; entry j-1 weighs the reference j samples ahead
+
+
+@dataclass(frozen=True, eq=False)
+class ComPlan:
+    """Motion of the centre of mass and its cart-table ZMP, each of the reference's shape."""
+
+    position: np.ndarray  # [m]
+    velocity: np.ndarray  # [m/s]
+    acceleration: np.ndarray  # [m/s^2]
+    zmp: np.ndarray  # [m]
+
+
+def preview_controller(T, z_c, *, N, Q=1.0, R=1e-6, g=9.81):
+    """Solve for the gains of a cart-table sampled every `T` [s], `z_c` [m] high, with `N` samples of preview.
+
+    Kajita et al. (2003) use T = 5 ms, z_c = 0.814 m, N = 320, Q = 1, R = 1e-6.  Raises ValueError unless all are > 0.
+    """
+    for name, value in dict(T=T, z_c=z_c, N=N, Q=Q, R=R, g=g).items():
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(f"preview control: {name} = {value} must be finite and > 0")
+    A, b = _augmented_cart_table(T, z_c, g)
+    P = solve_discrete_are(A, b[:, None], np.diag([Q, 0.0, 0.0, 0.0]), np.array([[R]]))
+    s = R + b @ P @ b
+    K = b @ P @ A / s
+    A_closed = A - np.outer(b, K)
+    preview = np.empty(N)
+    X = P[:, 0]
+    for j in range(N):
+        preview[j] = -(b @ X) / s
+        X = A_closed.T @ X
+    K = np.array([_round_to(k, abs(k)) for k in K])
+    # The small late preview gains come out of the same recursion as the largest and carry its error.
+    preview = _round_to(preview, np.abs(preview).max())
+    return PreviewController(T, z_c, g, float(K[0]), K[1:], preview)
+
+
+def plan_com(zmp_ref, T, z_c, *, N=120, Q=1.0, R=1e-7, g=9.81):
+    """Plan the motion of the centre of mass whose ZMP follows `zmp_ref`.
+
+    `zmp_ref` is (n,) or (n, axes) [m], one row every `T` [s]; the axes are independent.  The motion starts at rest
+    over ``zmp_ref[0]``, and the reference is taken to stay at its last row.  Returns a `ComPlan`.
+    """
+    controller = preview_controller(T, z_c, N=N, Q=Q, R=R, g=g)
+    ref = np.asarray(zmp_ref, dtype=float)
+    if ref.ndim not in (1, 2) or len(ref) == 0 or not np.isfinite(ref).all():
+        raise ValueError(f"zmp_ref must be a finite (n,) or (n, axes) array with n > 0, got shape {ref.shape}")
+    state, zmp = _track(controller, ref.reshape(len(ref), -1))
+    return ComPlan(*(state[:, i].reshape(ref.shape) for i in range(3)), zmp.reshape(ref.shape))
+
+
+def _augmented_cart_table(T, z_c, g):
+    """Return A (4, 4) and b (4,) of the state (p - p_ref, dx) with input du."""
+    A = np.array([[1.0, T, T * T / 2], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
+    b = np.array([T**3 / 6, T * T / 2, T])
+    c = np.array([1.0, 0.0, -z_c / g])
+    augmented = np.eye(4)
+    augmented[0, 1:] = c @ A
+    augmented[1:, 1:] = A
+    return augmented, np.concatenate([[c @ b], b])
+
+
+def _round_to(gain, size):
+    """Round `gain` to `GAIN_DIGITS` significant digits of a number of the given size."""
+    return np.round(gain, int(GAIN_DIGITS - 1 - np.floor(np.log10(size))))
+
+
+def _preview_sum(gain, ref):
+    """Sum ``gain(j) ref(k + j)`` over j for every k; the order of addition is fixed, unlike that of a BLAS product."""
+    n = len(ref)
+    padded = np.concatenate([ref, np.repeat(ref[-1:], len(gain), axis=0)])
+    total = np.zeros_like(ref)
+    for j, g_j in enumerate(gain, start=1):
+        total += g_j * padded[j : j + n]
+    return total
+
+
+def _track(controller, ref):
+    """Run the controller along `ref` (n, axes); return the states (n, 3, axes) and the ZMP (n, axes)."""
+    T, (k_c, k_v, k_a) = controller.T, controller.state_gain
+    preview = _preview_sum(controller.preview_gain, ref)
+    states, zmp = np.empty((len(ref), 3, ref.shape[1])), np.empty_like(ref)
+    c, v, a = ref[0].copy(), np.zeros_like(ref[0]), np.zeros_like(ref[0])
+    # The integral that holds the table at rest over the first reference.
+    error_sum = -(k_c * c + controller.preview_gain.sum() * ref[0]) / controller.integral_gain
+    for k in range(len(ref)):
+        p = c - controller.z_c / controller.g * a
+        states[k], zmp[k] = (c, v, a), p
+        error_sum = error_sum + (p - ref[k])
+        u = -controller.integral_gain * error_sum - (k_c * c + k_v * v + k_a * a) - preview[k]
+        c = c + T * v + T * T / 2 * a + T**3 / 6 * u
+        v = v + T * a + T * T / 2 * u
+        a = a + T * u
+    return states, zmp

@@ -1,0 +1,76 @@
+"""The zero-moment point of a moving robot, link by link, and how far inside the support polygon it lies.
+
+The ZMP is the point of the ground plane ``z = 0`` about which gravity and inertia have no horizontal moment.  With
+the links' masses ``m``, centres ``c``, angular momenta ``L`` about them and ``F = m (c'' + g)``:
+
+    p_x = sum(c_x F_z - c_z F_x - L'_y) / sum F_z,    p_y = sum(c_y F_z - c_z F_y + L'_x) / sum F_z.
+
+Reference: M. Vukobratovic, B. Borovac, "Zero-moment point - thirty five years of its life", Int. J. Humanoid Robotics
+1 (2004); S. Kajita et al., "Introduction to Humanoid Robotics" (Springer 2014), section 3.2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from featherstone_gait.walking.kinematics import link_centers, link_poses
+
+# Of the cross product: (a x b)_k = LEVI_CIVITA[k, i, j] a_i b_j.
+LEVI_CIVITA = np.array([np.cross(np.eye(3)[:, None], np.eye(3)[None])[..., k] for k in range(3)])
+
+
+def multibody_zmp(model, angles, base_position, T, g=9.81):
+    """Compute the ZMP (n, 2) [m] of a motion sampled every `T` [s], the root link upright.
+
+    `angles` is (n, nj) [rad], `base_position` (n, 3) [m].  Velocities and accelerations are central differences, so
+    that the error is O(T^2); the first and last two samples repeat their neighbour's value.
+    """
+    poses = link_poses(model, angles, base_position)
+    mass = np.array([link.mass for link in model.links])
+    center = link_centers(model, poses)[2:-2]
+    force = mass[:, None] * (_second_difference(link_centers(model, poses), T)[1:-1] + np.array([0.0, 0.0, g]))
+    momentum_rate = _central_difference(_angular_momentum(model, poses.rotation, T), T).sum(axis=1)
+    weight = force[..., 2].sum(axis=1)
+    lever = (center[..., :2] * force[..., 2:] - center[..., 2:] * force[..., :2]).sum(axis=1)
+    zmp = (lever + np.stack([-momentum_rate[:, 1], momentum_rate[:, 0]], axis=1)) / weight[:, None]
+    return np.pad(zmp, ((2, 2), (0, 0)), mode="edge")
+
+
+def support_polygon(points):
+    """Return the convex hull (k, 2) of ground `points` (m, 2) [m], counter-clockwise."""
+    return points[ConvexHull(points).vertices]
+
+
+def polygon_margin(point, polygon):
+    """Return how far `point` (2,) lies inside a convex, counter-clockwise `polygon` (k, 2) [m]; negative is outside.
+
+    Inside, it is the distance to the nearest edge; outside, that to the farthest of the edges' lines that it is beyond.
+    """
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    offset = point - polygon
+    inside = edge[:, 0] * offset[:, 1] - edge[:, 1] * offset[:, 0]
+    return float((inside / np.hypot(*edge.T)).min())
+
+
+def _angular_momentum(model, rotation, T):
+    """Return the links' angular momenta (n - 2, links, 3) about their centres of mass, world axes [kg m^2/s]."""
+    I = np.array([_inertia_matrix(link.inertia) for link in model.links])
+    here = rotation[1:-1]
+    rate = _central_difference(rotation, T)
+    spin = rate @ here.swapaxes(-1, -2)  # the cross-product matrix of the angular velocity
+    omega = 0.5 * np.einsum("kji,...ij->...k", LEVI_CIVITA, spin)
+    return np.einsum("nlij,ljk,nlmk,nlm->nli", here, I, here, omega, optimize=True)
+
+
+def _inertia_matrix(inertia):
+    ixx, ixy, ixz, iyy, iyz, izz = inertia
+    return [[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]
+
+
+def _central_difference(x, T):
+    return (x[2:] - x[:-2]) / (2 * T)
+
+
+def _second_difference(x, T):
+    return (x[2:] - 2 * x[1:-1] + x[:-2]) / T**2

@@ -1,0 +1,186 @@
+"""The planned walk: feet, centre of mass and zero-moment point are where a walk needs them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from biped import biped, without_contacts
+
+from featherstone_gait.model import Joint, Link, Model
+from featherstone_gait.robot_file import load_robot
+from featherstone_gait.walking.gait import mirror_of
+from featherstone_gait.walking.kinematics import center_of_mass, link_index, link_poses
+from featherstone_gait.walking.plan import walking_plan
+from featherstone_gait.walking.zero_moment_point import multibody_zmp, polygon_margin, support_polygon
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return walking_plan(biped())
+
+
+def sole_corners(model, plan):
+    """World positions (n, corners, 3) of the contact points."""
+    poses = link_poses(model, plan.angles, plan.base_position)
+    corners = []
+    for contact in model.contacts:
+        i = link_index(model, contact.link)
+        corners.append(poses.position[:, i] + poses.rotation[:, i] @ np.array(contact.position))
+    return np.stack(corners, axis=1)
+
+
+def test_zmp_of_the_moving_links_stays_25_mm_inside_the_support_polygon(plan):
+    assert plan.margin().min() > 0.025
+
+
+@pytest.mark.parametrize("step_time", [0.28, 0.30, 0.36])
+def test_other_step_times_keep_15_mm(step_time):
+    assert walking_plan(biped(), step_time=step_time).margin().min() > 0.015
+
+
+def test_zmp_keeps_to_its_reference(plan):
+    # What is left are the lift-off and touch-down of the swing foot, whose half sine begins and ends at full speed.
+    assert (np.sqrt(((plan.zmp - plan.zmp_reference) ** 2).mean(axis=0)) < 4e-3).all()
+
+
+def test_standing_soles_lie_flat_and_still_and_no_sole_is_below_ground(plan):
+    model = biped()
+    corners = sole_corners(model, plan)
+    left = np.array([contact.link.startswith("left") for contact in model.contacts])
+    for foot, own in enumerate((left, ~left)):
+        stands = plan.contact[:, foot]
+        assert np.abs(corners[stands][:, own, 2]).max() < 1e-8
+        still = stands[1:] & stands[:-1]
+        assert np.abs(np.diff(corners[:, own], axis=0)[still]).max() < 1e-8
+    assert corners[..., 2].min() > -1e-8
+    assert corners[..., 2].max() == pytest.approx(plan.walk.lift, rel=0.01)
+
+
+def test_the_models_centre_of_mass_follows_its_path_at_constant_height(plan):
+    center = center_of_mass(biped(), link_poses(biped(), plan.angles, plan.base_position))
+    assert np.abs(center - plan.com).max() < 3e-9
+    assert np.ptp(plan.com[:, 2]) == 0.0
+
+
+def test_the_walk_starts_and_ends_standing_one_step_less_ahead_than_steps(plan):
+    walk = plan.walk
+    assert np.abs(np.diff(plan.angles[:10], axis=0)).max() < 1e-5
+    assert plan.com[-1, 0] - plan.com[0, 0] == pytest.approx(walk.step_length * (walk.n_steps - 1), abs=1e-5)
+    assert plan.standing == pytest.approx(mirror_of(biped())(plan.standing), abs=1e-7)
+    assert plan.contact[[0, -1]].all()
+
+
+def test_a_foot_is_in_the_air_for_the_single_support_share(plan):
+    walk = plan.walk
+    single = (plan.contact.sum(axis=1) == 1).sum() * walk.T / (walk.n_steps * walk.step_time)
+    assert single == pytest.approx(1.0 - walk.double_support, abs=walk.T / walk.step_time)
+
+
+def test_the_stride_repeats_and_is_its_own_mirror_image_half_a_stride_later(plan):
+    stride = plan.stride()
+    assert stride.mismatch < 1e-5
+    assert len(stride.times) == 64
+    assert stride.period == 0.64
+    later = np.roll(stride.angles, -32, axis=0)
+    assert np.abs(mirror_of(biped())(later) - stride.angles).max() < 1e-5
+
+
+def test_the_start_up_leads_from_standing_into_the_stride(plan):
+    start, stride = plan.start_up(strides=3, phase=0.02), plan.stride()
+    assert np.abs(start[0] - plan.standing).max() < 1e-3
+    assert start[-1] == pytest.approx(stride.angles[-2], abs=1e-4)  # 40 ms before 20 ms
+    assert start[-16] == pytest.approx(stride.angles[2], abs=1e-3)
+    with pytest.raises(ValueError, match="n_steps > 16"):
+        plan.start_up(strides=8)
+
+
+def test_planning_twice_gives_the_same_bits(plan):
+    assert np.array_equal(walking_plan(biped()).angles, plan.angles)
+
+
+def test_feet_can_be_named(plan):
+    feet = ["left_ankle_lateral_link", "right_ankle_lateral_link"]
+    assert np.array_equal(walking_plan(biped(), feet=feet).angles, plan.angles)
+    with pytest.raises(ValueError, match="contact points on two feet"):
+        walking_plan(biped(), feet=["left_knee_link", "right_knee_link"])
+
+
+def test_a_model_that_cannot_stand_is_refused():
+    with pytest.raises(ValueError, match="contact points on two feet"):
+        walking_plan(without_contacts())
+    with pytest.raises(ValueError, match="3 or more contact points"):
+        walking_plan(replace(biped(), contacts=biped().contacts[2:]))
+
+
+@pytest.mark.parametrize(
+    ("walk", "message"),
+    [
+        (dict(com_height=0.3), r"cannot reach .* at t = .* lower centre of mass"),
+        (dict(step_length=0.2), r"cannot reach .* shorter step"),
+        (dict(lift=0.1), r"joint 'left_\w+' needs .* outside its limits"),
+        (dict(n_steps=3), "n_steps = 3"),
+        (dict(step_time=0.325), "whole number of samples"),
+        (dict(double_support=0.0), "double_support = 0.0"),
+        (dict(T=-0.01), "T = -0.01 must be finite and > 0"),
+    ],
+)
+def test_a_walk_that_cannot_be_is_refused_by_name(walk, message):
+    with pytest.raises(ValueError, match=message):
+        walking_plan(biped(), **walk)
+
+
+def test_a_walk_too_short_to_settle_has_no_stride():
+    with pytest.raises(ValueError, match="not settled"):
+        walking_plan(biped(), n_steps=4).stride()
+
+
+@pytest.mark.parametrize("step_time", [0.28, 0.32, 0.36])
+def test_the_humanoid_walks_with_its_ten_joints(step_time):
+    model = load_robot("humanoid", locked="simplified")
+    plan = walking_plan(model, step_time=step_time)
+    assert len(plan.joint_names) == 10
+    assert plan.margin().min() > 0.015
+    stride = plan.stride()
+    half = len(stride.times) // 2
+    assert stride.mismatch < 1e-5
+    assert np.abs(mirror_of(model)(np.roll(stride.angles, -half, axis=0)) - stride.angles).max() < 1e-5
+    assert np.abs(sole_corners(model, plan)[plan.contact.all(axis=1)][..., 2]).max() < 1e-8
+
+
+def test_free_arms_hang_and_free_hips_do_not_turn():
+    simple, full = load_robot("humanoid", locked="simplified"), load_robot("humanoid", locked={})
+    plan, whole = walking_plan(simple), walking_plan(full)
+    shared = [full.joint_names.index(name) for name in simple.joint_names]
+    assert np.abs(whole.angles[:, shared] - plan.angles).max() < 1e-8
+    others = np.setdiff1d(np.arange(len(full.joint_names)), shared)
+    assert len(others) == 9
+    assert np.abs(whole.angles[:, others]).max() < 1e-8
+
+
+def wheel_on_a_post(I):
+    """A wheel on a frictionless pivot at 0.5 m, its centre of mass on the axis y."""
+    links = (Link("post", 1.0, (0, 0, 0), (1, 0, 0, 1, 0, 1)), Link("wheel", 2.0, (0, 0, 0), (I, 0, 0, I, 0, 2 * I)))
+    return Model("wheel", links, (Joint("pivot", "revolute", "post", "wheel", xyz=(0, 0, 0.5), axis=(0, 1, 0)),))
+
+
+def test_a_wheel_speeding_up_shifts_the_zmp_by_its_torque_over_the_weight():
+    I, alpha, T = 0.03, 4.0, 1e-3
+    angles = 0.5 * alpha * (T * np.arange(50))[:, None] ** 2
+    zmp = multibody_zmp(wheel_on_a_post(I), angles, np.zeros((50, 3)), T)
+    assert zmp == pytest.approx(np.tile([-I * alpha / (3.0 * 9.81), 0.0], (50, 1)), rel=1e-5)
+
+
+def test_a_body_moved_without_turning_has_the_zmp_of_a_cart_table():
+    T, a, height = 0.01, np.array([0.7, -0.4]), 0.2
+    base = np.zeros((40, 3))
+    base[:, :2], base[:, 2] = 0.5 * a * (T * np.arange(40))[:, None] ** 2, height
+    body = Model("body", (Link("body", 2.0, (0, 0, 0), (1, 0, 0, 1, 0, 1)),), ())
+    zmp = multibody_zmp(body, np.zeros((40, 0)), base, T)[2:-2]
+    assert zmp == pytest.approx(base[2:-2, :2] - height / 9.81 * a, abs=1e-12)
+
+
+def test_margin_is_the_distance_to_the_nearest_edge():
+    square = support_polygon(np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 0.5], [2.0, 1.0], [0.0, 1.0]]))
+    assert len(square) == 4
+    assert polygon_margin(np.array([1.0, 0.3]), square) == pytest.approx(0.3)
+    assert polygon_margin(np.array([2.5, 0.3]), square) == pytest.approx(-0.5)
