@@ -126,7 +126,7 @@ def _vector(name: str, value, width: int):
     """None, or a checked vector of `width` finite numbers."""
     if value is None:
         return None
-    a = np.ascontiguousarray(value, dtype=float)
+    a = np.array(value, dtype=float)
     if a.shape != (width,) or not np.isfinite(a).all():
         raise ValueError(f"{name} must be {width} finite numbers; it is {value!r}")
     return a
@@ -138,9 +138,9 @@ def _shaped(out: np.ndarray, *arguments) -> np.ndarray:
 
 
 def _split(tree: Tree, a: np.ndarray):
-    """The base's and the joints' columns, contiguous; None for a fixed base."""
+    """The base's and the joints' columns, copied (a read-only array is another type to compile for); base or None."""
     k = a.shape[1] - tree.n
-    return (np.ascontiguousarray(a[:, :k]) if k else None), np.ascontiguousarray(a[:, k:])
+    return (np.array(a[:, :k], order="C") if k else None), np.array(a[:, k:], order="C")
 
 
 def _work(tree: Tree) -> np.ndarray:

@@ -209,6 +209,32 @@ class ContactPoint:
         _check_vector(f"contact point on link {self.link!r}", "position", self.position, 3)
 
 
+@dataclass(frozen=True)
+class Ground:
+    """Ground under the contact points, given as what a person knows; `scene.py` converts it to stiffness and damping.
+
+    A robot that stands on all its contact points sinks in by `sinking`.  Steps are vertical rises that begin at a
+    given distance along the slope; their faces push nothing back.
+    """
+
+    friction: float = 0.95  # coefficient of friction; SimTwo's default
+    sinking: float = 5e-4  # under the robot's weight, shared by all contact points [m]
+    damping_ratio: float = 0.7  # of small motions about rest; 1 = critical
+    height: float = 0.0  # at the world's origin [m]
+    slope: float = 0.0  # rising along x [rad]
+    steps: tuple[tuple[float, float], ...] = ()  # (distance along the slope, rise) [m]
+
+    def __post_init__(self):
+        _check_number("ground", "friction", self.friction, ">= 0", "-", "0 is ice, 1 is rubber")
+        _check_number("ground", "sinking", self.sinking, "> 0", "m", "0.0005 suits a small robot")
+        _check_number("ground", "damping_ratio", self.damping_ratio, ">= 0", "-", "0.7 hardly bounces")
+        _check_number("ground", "height", self.height, "finite", "m", "0 is the world's origin")
+        if not abs(self.slope) < 0.5 * math.pi:
+            raise ValueError(f"ground: slope {self.slope!r} rad; it must lie between -pi/2 and pi/2: give it in radians")
+        for step in self.steps:
+            _check_vector("ground", "step", step, 2)
+
+
 @dataclass(frozen=True, eq=False)
 class Model:
     """A robot.  Compared and hashed by identity; compare `links` and `joints` to compare robots."""

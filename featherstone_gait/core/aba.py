@@ -14,7 +14,8 @@ frame a child's inertia is *added* to its parent's, with no transform.
 
 from .jit import inline, kernel
 from .kinematics import base_acceleration, motion_pass
-from .layout import DINV, SF, SH, SJ, SM, UU, P, R, U
+from .lanes import select
+from .layout import DINV, SF, SH, SJ, SM, TOUCH, UU, P, R, U
 from .rigid_body import inertial_force, mass_center
 from .spatial import (
     about_origin,
@@ -36,24 +37,27 @@ from .spatial import (
 def aba(tree, base_q, base_qd, base_tau, q, qd, tau, armature, wrench, gravity, W, base_qdd, qdd):
     """Forward dynamics: fill qdd (n,) [rad/s^2 or m/s^2] and, of a floating base, base_qdd (6,).
 
-    tree (n+1,) BODY; base_q (7,), base_qd (6,) and base_tau (6,) or None; q, qd, tau (n,); armature (n,) inertia added to each joint
-    [kg m^2 or kg] or None; wrench (n+1, 6) external [moment; force] about the common origin, world axes [N m; N] or
-    None; gravity (3,) [m/s^2]; W workspace.
+    tree (n+1,) BODY; base_q (7,), base_qd (6,) and base_tau (6,) or None; q, qd, tau (n,); armature (n,) inertia
+    added to each joint [kg m^2 or kg] or None; wrench (n+1, 6) external [moment; force] about the common origin, world
+    axes [N m; N] or None; gravity (3,) [m/s^2]; W workspace.
     """
     motion_pass(tree, base_q, base_qd, None, q, qd, None, gravity, W)
-    articulated_pass(tree, base_q, base_tau, tau, armature, wrench, W)
+    articulated_pass(tree, base_q, base_tau, tau, armature, wrench, None, W)
     acceleration_pass(tree, W, qdd)
     if base_q is not None:
         base_acceleration(base_qdd, W)
 
 
 @kernel
-def articulated_pass(tree, base_q, base_tau, tau, armature, wrench, W):
-    """Fill U, 1/D and u of every joint, tips to root, and dA of the root in its U columns."""
+def articulated_pass(tree, base_q, base_tau, tau, armature, wrench, contact, W):
+    """Fill U, 1/D and u of every joint, tips to root, and dA of the root in its U columns.
+
+    `contact` None leaves the bodies' contact rows out of account.
+    """
     for k in range(1, len(tree)):
         i = len(tree) - k
         b = tree[i]
-        J, H, M, n, f = _articulated_body(b, i, wrench, W)
+        J, H, M, n, f = _articulated_body(b, i, wrench, contact, W)
         s = (W[i, R + 2], W[i, R + 5], W[i, R + 8])
         if b.prismatic:
             Un, Uf = rotate(H, s), symmetric(M, s)
@@ -70,7 +74,7 @@ def articulated_pass(tree, base_q, base_tau, tau, armature, wrench, W):
         W[i, DINV] = Dinv
         W[i, UU] = u
         _to_parent(tree[b.parent].slot, b.last, J, H, M, n, f, Un, Uf, Dinv, u, W)
-    _root(tree, base_q, base_tau, wrench, W)
+    _root(tree, base_q, base_tau, wrench, contact, W)
 
 
 @inline
@@ -91,14 +95,19 @@ def _transposed(H, a):
 
 
 @inline
-def _articulated_body(b, i, wrench, W):
-    """IA = [[J, H], [H', M]] and pA = [n; f] of body i: its own and what its children left in its slot."""
+def _articulated_body(b, i, wrench, contact, W):
+    """IA = [[J, H], [H', M]] and pA = [n; f] of body i: its own, its children's and its contacts'."""
     c, Jc = mass_center(b, i, W)
     n, f = inertial_force(b, i, c, Jc, W)
     J, h = about_origin(Jc, b.m, c), scale(c, b.m)
     if wrench is not None:
         n = sub(n, load3(wrench, i, 0))
         f = sub(f, load3(wrench, i, 3))
+    return _with_contacts(b, contact, W, *_with_children(b, J, h, n, f, W))
+
+
+@inline
+def _with_children(b, J, h, n, f, W):
     if b.leaf:
         H = (0.0, -h[2], h[1], h[2], 0.0, -h[0], -h[1], h[0], 0.0)
         M = (b.m, 0.0, 0.0, b.m, 0.0, b.m)
@@ -110,6 +119,53 @@ def _articulated_body(b, i, wrench, W):
     H = (cH[0], cH[1] - h[2], cH[2] + h[1], cH[3] + h[2], cH[4], cH[5] - h[0], cH[6] - h[1], cH[7] + h[0], cH[8])
     M = (b.m + cM[0], cM[1], cM[2], b.m + cM[3], cM[4], b.m + cM[5])
     return J, H, M, add(n, load3(W, k, SF)), add(f, load3(W, k, SF + 3))
+
+
+@inline
+def _with_contacts(b, contact, W, J, H, M, n, f):
+    """Add the contact row of the body in the lanes where it touches."""
+    if contact is None:
+        return J, H, M, n, f
+    k = b.contact
+    if k == 0:
+        return J, H, M, n, f
+    on = W[k, TOUCH] > 0.0
+    a, c, d = load6(W, k, SJ), load9(W, k, SH), load6(W, k, SM)
+    J = (
+        select(on, J[0] + a[0], J[0]),
+        select(on, J[1] + a[1], J[1]),
+        select(on, J[2] + a[2], J[2]),
+        select(on, J[3] + a[3], J[3]),
+        select(on, J[4] + a[4], J[4]),
+        select(on, J[5] + a[5], J[5]),
+    )
+    H = (
+        select(on, H[0] + c[0], H[0]),
+        select(on, H[1] + c[1], H[1]),
+        select(on, H[2] + c[2], H[2]),
+        select(on, H[3] + c[3], H[3]),
+        select(on, H[4] + c[4], H[4]),
+        select(on, H[5] + c[5], H[5]),
+        select(on, H[6] + c[6], H[6]),
+        select(on, H[7] + c[7], H[7]),
+        select(on, H[8] + c[8], H[8]),
+    )
+    M = (
+        select(on, M[0] + d[0], M[0]),
+        select(on, M[1] + d[1], M[1]),
+        select(on, M[2] + d[2], M[2]),
+        select(on, M[3] + d[3], M[3]),
+        select(on, M[4] + d[4], M[4]),
+        select(on, M[5] + d[5], M[5]),
+    )
+    n = _choose(on, sub(n, load3(W, k, SF)), n)
+    f = _choose(on, sub(f, load3(W, k, SF + 3)), f)
+    return J, H, M, n, f
+
+
+@inline
+def _choose(mask, a, b):
+    return (select(mask, a[0], b[0]), select(mask, a[1], b[1]), select(mask, a[2], b[2]))
 
 
 @inline
@@ -154,13 +210,13 @@ def _accumulate(W, slot, k, first, x):
 
 
 @inline
-def _root(tree, base_q, base_tau, wrench, W):
+def _root(tree, base_q, base_tau, wrench, contact, W):
     """dA of the root: zero for the world, the solution of IA dA = -pA for a floating base."""
     if base_q is None:
         store3(W, 0, U, (0.0, 0.0, 0.0))
         store3(W, 0, U + 3, (0.0, 0.0, 0.0))
     else:
-        J, H, M, n, f = _articulated_body(tree[0], 0, wrench, W)
+        J, H, M, n, f = _articulated_body(tree[0], 0, wrench, contact, W)
         if base_tau is not None:
             n = sub(n, rotate(load9(W, 0, R), (base_tau[3], base_tau[4], base_tau[5])))
             f = sub(f, (base_tau[0], base_tau[1], base_tau[2]))

@@ -111,7 +111,9 @@ def _base_block(inertia, W, H):
         s = (E[k], E[3 + k], E[6 + k])
         n = rotate_back(E, symmetric(J, s))
         f = cross(s, h)
-        for j in range(3):
+        for j in range(k + 1):  # symmetric to the last bit
             H[3 + j, 3 + k] = n[j]
+            H[3 + k, 3 + j] = n[j]
+        for j in range(3):
             H[j, 3 + k] = f[j]
             H[3 + k, j] = f[j]

@@ -4,7 +4,8 @@
 `entry` one that Python calls: it is cached on disk (with everything it calls) and releases the GIL.
 
 Numba's own cache does not see an edit in a *called* file, so the cache lies in a folder named by the hash of all
-sources of this package: other sources, other folder; a stale kernel cannot be loaded.
+sources of this package: other sources, other folder; a stale kernel cannot be loaded.  Numba does not tell kernels with
+bounds checks from those without either, so they have a folder of their own.
 
 Floating point is strict IEEE 754 (no fastmath), which is what makes results equal to the bit in any width, on any
 number of threads and with the JIT off.
@@ -20,6 +21,7 @@ from pathlib import Path
 
 import numba
 import numpy as np
+from llvmlite.binding import get_host_cpu_features
 
 JIT = not numba.config.DISABLE_JIT
 
@@ -39,7 +41,7 @@ def _cache_folder() -> str:
     for root in (numba.config.CACHE_DIR, os.path.join(user, "featherstone_gait")):
         if not root:
             continue
-        folder = os.path.join(root, source_hash())
+        folder = os.path.join(root, source_hash() + ("_boundscheck" if numba.config.BOUNDSCHECK else ""))
         try:
             os.makedirs(folder, exist_ok=True)
         except OSError:
@@ -78,3 +80,11 @@ def _quiet(function):
             return function(*args)
 
     return call
+
+
+def instruction_set() -> str:
+    """The widest vector instructions of this processor: AVX-512, AVX2 or neither."""
+    features = get_host_cpu_features()
+    if features.get("avx512f"):
+        return "AVX-512"
+    return "AVX2" if features.get("avx2") else "neither AVX2 nor AVX-512"

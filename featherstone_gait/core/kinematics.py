@@ -7,6 +7,7 @@ plus the joint's.  `A` is the true acceleration less gravity, so that weight ent
 from .elementary import sincos
 from .jit import inline, kernel
 from .layout import A, P, R, U, V
+from .optional import item
 from .spatial import add, compose, cross, load3, load9, rotate, rotate_back, scale, store3, store9, sub
 
 
@@ -21,15 +22,7 @@ def motion_pass(tree, base_q, base_qd, base_qdd, q, qd, qdd, gravity, W):
     for i in range(1, len(tree)):
         b = tree[i]
         _pose(b, i, q[b.dof], W)
-        _joint_motion(b, i, qd[b.dof], _at(qdd, b.dof), W)
-
-
-@inline
-def _at(array, i):
-    """array[i], None if there is no array."""
-    if array is None:
-        return None
-    return array[i]
+        _joint_motion(b, i, qd[b.dof], item(qdd, b.dof), W)
 
 
 @inline

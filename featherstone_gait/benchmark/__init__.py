@@ -1,0 +1,1 @@
+"""Benchmarks: run time, always beside the error."""

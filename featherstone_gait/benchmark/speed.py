@@ -1,0 +1,382 @@
+"""Time of forward and inverse dynamics and of the mass matrix beside their error, next to MuJoCo on the same robots.
+
+ABA, RNEA and CRBA run inside compiled loops, on one state in float64 and on eight in lanes (per robot: an eighth of the
+time of a pass).  Where MuJoCo is installed, `mj_forward` is given the same URDF and state, without
+contact, limits and friction, through a Python loop; a call of it from Python costs some 0.1 us, which is not
+subtracted.  All are timed in turn in one process, and the medians compared: a busy machine then slows all alike.
+
+Chains are those of the arm `arm7_spatial`, prolonged.
+"""
+
+from __future__ import annotations
+
+import csv
+import importlib.metadata
+import importlib.util
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core import timing
+from ..core.jit import instruction_set
+from ..core.lanes import WIDTH, aligned
+from ..dynamics import inverse_dynamics, mass_matrix
+from ..model import Joint, Link, Model
+from ..robot_file import load_robot, save_robot
+from ..scene import GRAVITY, compile_tree
+
+LENGTHS = (5, 10, 20, 50, 100, 200)
+REPEATS, REPEATS_FULL = 15, 51
+SCALARS, LANES = "float64", f"{WIDTH} lanes"
+MUJOCO = "mj_forward"
+
+
+class Row(NamedTuple):
+    """One line of the table."""
+
+    robot: str
+    joints: int
+    algorithm: str
+    width: str
+    time: float  # median of one call for one robot [us]
+    spread: float  # from the first to the third quartile, relative to the median
+    error: float  # greatest difference from the reference by its greatest value
+    ratio: float  # time by that of mj_forward, NaN without MuJoCo
+
+
+class Question(NamedTuple):
+    """What is asked of each algorithm: accelerations under tau, forces for qdd, and the mass matrix."""
+
+    q: np.ndarray
+    qd: np.ndarray
+    qdd: np.ndarray
+    tau: np.ndarray
+
+
+class Answer(NamedTuple):
+    """The reference that errors are counted from."""
+
+    qdd: np.ndarray
+    tau: np.ndarray
+    H: np.ndarray
+
+
+class Timer(NamedTuple):
+    """Something to be timed."""
+
+    algorithm: str
+    width: str
+    call: Callable[[], object]
+    count: int  # evaluations in a call
+    error: float
+
+
+def run(out_dir, full: bool = False) -> list[Row]:
+    """Time everything, print the table, write speed.csv and speed.png into `out_dir`; `full` repeats it more often."""
+    out_dir = Path(out_dir)
+    out_dir.mkdir(parents=True, exist_ok=True)
+    machine, compilation = _machine(), _compile_times()
+    print(machine)
+    print(compilation)
+    rows = []
+    print(f"{'robot':14}{'joints':>7}  {'algorithm':11}{'width':9}{'us':>10}{'spread':>8}{'error':>10}{'ratio':>8}")
+    for model in (load_robot("humanoid", locked={}), load_robot("arm7_spatial"), *map(chain, LENGTHS)):
+        for row in _time_robot(model, REPEATS_FULL if full else REPEATS):
+            rows.append(row)
+            print(
+                f"{row.robot:14}{row.joints:7}  {row.algorithm:11}{row.width:9}{row.time:10.3f}{row.spread:8.0%}"
+                f"{row.error:10.1e}{row.ratio:8.3f}"
+            )
+    _write(rows, f"{machine}\n{compilation}", out_dir / "speed.csv")
+    _plot(rows, machine, out_dir / "speed.png")
+    return rows
+
+
+def chain(links: int) -> Model:
+    """`arm7_spatial` prolonged to any number of links, hanging: axes y, x, y, x ..."""
+    arm = load_robot("arm7_spatial")
+    names = [arm.links[0].name, *(f"link{k}" for k in range(1, links + 1))]
+    x, y, z = arm.links[1].center_of_mass
+    bodies = (replace(arm.links[1], name=name, center_of_mass=(x, y, -z)) for name in names[1:])
+    length = max(abs(value) for value in arm.joints[2].xyz)
+    joints = tuple(
+        Joint(
+            f"joint{k + 1}",
+            "continuous",
+            names[k],
+            names[k + 1],
+            (0.0, 0.0, -length if k else 0.0),
+            axis=(0.0, 1.0, 0.0) if k % 2 == 0 else (1.0, 0.0, 0.0),
+        )
+        for k in range(links)
+    )
+    return Model(f"chain{links}", (Link(names[0], 0.0, (0.0,) * 3, (0.0,) * 6), *bodies), joints)
+
+
+def _time_robot(model: Model, repeats: int) -> list[Row]:
+    question = _question(model)
+    if importlib.util.find_spec("mujoco"):
+        timers, answer = _mujoco(model, question)
+    else:
+        timers, answer = [], _own_answer(model, question)
+    timers += _own_timers(model, question, answer)
+    times = _interleaved(timers, repeats)
+    medians = np.median(times, axis=1)
+    low, high = np.percentile(times, [25, 75], axis=1)
+    peer = medians[0] if timers[0].algorithm == MUJOCO else np.nan
+    return [
+        Row(model.name, len(model.joint_names), t.algorithm, t.width, m, (b - a) / m, t.error, m / peer)
+        for t, m, a, b in zip(timers, medians, low, high)
+    ]
+
+
+def _question(model: Model) -> Question:
+    """A state within half a radian of zero, with speeds of 1 rad/s and forces of 0.1 N m."""
+    rng = np.random.default_rng(0)
+    n, nv = len(model.joint_names), model.nv
+    q = rng.normal(size=n) * 0.5
+    if model.base == "floating":
+        q = np.concatenate([[0.1, 0.2, 0.3, 0.9, 0.1, 0.3, -0.2], q])
+    qd, qdd, tau = rng.normal(size=(3, nv))
+    if model.base == "floating":
+        q[3:7] /= np.linalg.norm(q[3:7])
+    return Question(q, qd, qdd, 0.1 * tau)
+
+
+def _own_answer(model: Model, x: Question) -> Answer:
+    """Each algorithm by way of the others."""
+    H = inverse_dynamics(model, x.q, 0 * x.qd, np.eye(model.nv), gravity=(0.0, 0.0, 0.0)).T
+    bias = inverse_dynamics(model, x.q, x.qd, 0 * x.qdd)
+    return Answer(np.linalg.solve(mass_matrix(model, x.q), x.tau - bias), mass_matrix(model, x.q) @ x.qdd + bias, H)
+
+
+def _mujoco(model: Model, x: Question) -> tuple[list[Timer], Answer]:
+    """`mj_forward` on the same URDF, and what MuJoCo answers."""
+    import mujoco
+
+    m = _mujoco_model(model)
+    d = mujoco.MjData(m)
+    d.qpos[:], d.qvel[:], d.qacc[:] = x.q, x.qd, x.qdd  # depth first, which is the order of these robots' files
+    mujoco.mj_inverse(m, d)
+    tau = d.qfrc_inverse.copy()
+    d.qfrc_applied[:] = x.tau
+    mujoco.mj_forward(m, d)
+    H = np.zeros((m.nv, m.nv))
+    mujoco.mj_fullM(m, d, H)
+    count = _passes(model)
+
+    def loop():
+        for _ in range(count):
+            mujoco.mj_forward(m, d)
+
+    return [Timer(MUJOCO, SCALARS, loop, count, 0.0)], Answer(d.qacc.copy(), tau, H)
+
+
+def _mujoco_model(model: Model):
+    """The robot's URDF in MuJoCo, its root kept a body of its own, without contact, limits, damping and friction."""
+    import mujoco
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{model.name}.urdf"
+        save_robot(model, path)
+        spec = mujoco.MjSpec.from_file(str(path))
+    spec.compiler.fusestatic = False
+    if model.base == "floating":
+        spec.worldbody.first_body().add_freejoint()
+    m = spec.compile()
+    order = [m.joint(k).name for k in range(m.njnt)][-len(model.joint_names) :]
+    if not np.isclose(m.body_mass.sum(), model.mass) or tuple(order) != model.joint_names:
+        raise RuntimeError(f"{model.name}: MuJoCo reads another robot from its URDF; the comparison would be void")
+    flags = mujoco.mjtDisableBit
+    for flag in (flags.mjDSBL_CONTACT, flags.mjDSBL_CONSTRAINT, flags.mjDSBL_DAMPER):
+        m.opt.disableflags |= flag
+    return m
+
+
+def _own_timers(model: Model, x: Question, answer: Answer) -> list[Timer]:
+    forward, inverse = (x.q, x.qd, x.tau), (x.q, x.qd, x.qdd)
+    return [
+        _timer("ABA", SCALARS, timing.repeat_aba_rows, model, forward, answer.qdd),
+        _timer("ABA", LANES, timing.repeat_aba_lanes, model, forward, answer.qdd),
+        _timer("RNEA", SCALARS, timing.repeat_rnea_rows, model, inverse, answer.tau),
+        _timer("RNEA", LANES, timing.repeat_rnea_lanes, model, inverse, answer.tau),
+        _crba_timer(model, x.q, answer.H),
+    ]
+
+
+def _timer(algorithm: str, width: str, kernel, model: Model, inputs, exact) -> Timer:
+    """A kernel on one state, or on the same one in every lane."""
+    tree = compile_tree(model)
+    lanes = (WIDTH,) if width == LANES else ()
+    bases = [_filled(a[: -tree.n], lanes) if tree.floating else None for a in inputs]
+    joints = [_filled(a[-tree.n :], lanes) for a in inputs]
+    work = aligned((1, *tree.workspace_shape(), *lanes))
+    base = aligned((1, 6, *lanes)) if tree.floating else None
+    out = aligned((1, tree.n, *lanes))
+    arguments = (tree.bodies, *bases, *joints, None, None, np.array(GRAVITY), work, base, out)
+    kernel(1, *arguments)
+    result = np.concatenate([a[0] for a in (base, out) if a is not None])
+    error = _error(result[..., -1] if lanes else result, exact)
+    count = _passes(model)
+    return Timer(algorithm, width, lambda: kernel(count, *arguments), count * (WIDTH if lanes else 1), error)
+
+
+def _crba_timer(model: Model, q, exact) -> Timer:
+    tree = compile_tree(model)
+    base = _filled(q[: -tree.n], ()) if tree.floating else None
+    zero6 = np.zeros(6) if tree.floating else None
+    work, H = aligned((1, *tree.workspace_shape())), np.zeros((1, model.nv, model.nv))
+    arguments = (tree.bodies, base, zero6, _filled(q[-tree.n :], ()), np.zeros(tree.n), None, np.zeros(3), work, H)
+    kernel, count = timing.repeat_crba_rows, _passes(model)
+    kernel(1, *arguments)
+    return Timer("CRBA", SCALARS, lambda: kernel(count, *arguments), count, _error(H[0], exact))
+
+
+def _passes(model: Model) -> int:
+    """So many that the call from Python does not count."""
+    return max(1, 10000 // model.nv)
+
+
+def _filled(a, lanes) -> np.ndarray:
+    """(1, len(a), *lanes) with a in every lane."""
+    out = aligned((1, len(a), *lanes))
+    out[:] = a.reshape(-1, *(1 for _ in lanes))
+    return out
+
+
+def _error(x, exact) -> float:
+    return float(np.abs(x - exact).max() / np.abs(exact).max())
+
+
+def _interleaved(timers: list[Timer], repeats: int) -> np.ndarray:
+    """Times (timers, repeats) of one evaluation [us], taken in turn."""
+    times = np.zeros((len(timers), repeats))
+    for k in range(repeats):
+        for timer, row in zip(timers, times):
+            start = time.perf_counter()
+            timer.call()
+            row[k] = (time.perf_counter() - start) / timer.count * 1e6
+    return times
+
+
+PROGRAM = """
+import time
+start = time.perf_counter()
+import numpy as np
+from featherstone_gait.dynamics import forward_dynamics
+from featherstone_gait.robot_file import load_robot
+model = load_robot("humanoid")
+q, v = np.zeros(model.nq), np.zeros(model.nv)
+q[3] = 1.0
+loaded = time.perf_counter()
+forward_dynamics(model, q, v, v)
+one = time.perf_counter()
+forward_dynamics(model, np.tile(q, (8, 1)), v, v)
+print(loaded - start, one - loaded, time.perf_counter() - one)
+"""
+
+
+def _compile_times() -> str:
+    """Seconds of a fresh process up to its first results, with an empty cache and with a filled one."""
+    with tempfile.TemporaryDirectory() as cache:
+        environment = os.environ | {"NUMBA_CACHE_DIR": cache, "PYTHONPATH": os.pathsep.join(sys.path)}
+        command = [sys.executable, "-c", PROGRAM]
+        runs = [subprocess.run(command, env=environment, capture_output=True, text=True, check=True) for _ in range(2)]
+    lines = ["seconds of a fresh process:  import and load  first ABA, float64  first ABA, 8 lanes"]
+    for label, run_ in zip(("cache empty", "cache filled"), runs):
+        load, one, eight = map(float, run_.stdout.split())
+        lines.append(f"{label:27}{load:18.2f}{one:20.2f}{eight:20.2f}")
+    return "\n".join(lines)
+
+
+def _machine() -> str:
+    """Processor and versions, one line each."""
+    packages = [name for name in ("numpy", "numba", "llvmlite", "mujoco") if importlib.util.find_spec(name)]
+    versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in packages)
+    return (
+        f"{_processor()}, {os.cpu_count()} cores, {instruction_set()}, {platform.system()} {platform.machine()}\n"
+        f"Python {platform.python_version()}, {versions}"
+    )
+
+
+def _processor() -> str:
+    """Name of the processor; Linux states it in a file only."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or "unknown processor"
+
+
+def _write(rows: list[Row], notes: str, path: Path) -> None:
+    with path.open("w", newline="") as file:
+        file.writelines(f"# {line}\n" for line in notes.splitlines())
+        writer = csv.writer(file)
+        writer.writerow(["robot", "joints", "algorithm", "width", "time_us", "spread", "error", "ratio_to_mj_forward"])
+        writer.writerows(rows)
+
+
+STYLES = {
+    (MUJOCO, SCALARS): ("0.35", "s-", "MuJoCo mj_forward"),
+    ("ABA", SCALARS): ("C0", "o-", "ABA, float64"),
+    ("ABA", LANES): ("C0", "o--", "ABA, lanes"),
+    ("RNEA", SCALARS): ("C2", "^-", "RNEA, float64"),
+    ("RNEA", LANES): ("C2", "^--", "RNEA, lanes"),
+    ("CRBA", SCALARS): ("C1", "v-", "CRBA, float64"),
+}
+
+
+def _plot(rows: list[Row], machine: str, path: Path) -> None:
+    """Time and error against the length of the chains, and the robots' times side by side."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13, 4.8), layout="constrained")
+    times, errors, bars = figure.subplots(1, 3, width_ratios=(4, 3, 3))
+    chains = [row for row in rows if row.robot.startswith("chain")]
+    _lines(times, chains, "time")
+    times.set(ylabel="time per call and robot [us]", title="Chains: time")
+    times.legend(frameon=False, fontsize=8)
+    _lines(errors, [row for row in chains if row.algorithm != MUJOCO and row.width == SCALARS], "error")
+    errors.set(ylabel="greatest error by greatest value", title="Chains: error")
+    _bars(bars, [row for row in rows if row not in chains])
+    figure.suptitle(machine, fontsize=8)
+    figure.savefig(path, dpi=150)
+
+
+def _lines(axes, rows: list[Row], value: str) -> None:
+    """One of the columns against the number of links."""
+    for key, (color, style, label) in STYLES.items():
+        line = [row for row in rows if (row.algorithm, row.width) == key]
+        if line:
+            joints, values = [row.joints for row in line], [getattr(row, value) for row in line]
+            axes.loglog(joints, values, style, color=color, label=label, markersize=4)
+    lengths = sorted({row.joints for row in rows})
+    axes.set_xticks(lengths, [str(n) for n in lengths])
+    axes.minorticks_off()
+    axes.set_xlabel("links")
+    axes.grid(alpha=0.3)
+
+
+def _bars(axes, rows: list[Row]) -> None:
+    """Time of each algorithm, robot by robot."""
+    robots = list(dict.fromkeys(row.robot for row in rows))
+    keys = [key for key in STYLES if any((row.algorithm, row.width) == key for row in rows)]
+    labels = [STYLES[key][2] for key in keys]
+    for k, robot in enumerate(robots):
+        times = {(row.algorithm, row.width): row.time for row in rows if row.robot == robot}
+        y = np.arange(len(keys)) + (k - (len(robots) - 1) / 2) * 0.4
+        bars = axes.barh(y, [times[key] for key in keys], 0.38, label=robot)
+        axes.bar_label(bars, fmt="%.2f", fontsize=8, padding=2)
+    axes.set_yticks(np.arange(len(keys)), labels)
+    axes.invert_yaxis()
+    axes.set(xlabel="time per call and robot [us]", title="Robots")
+    axes.margins(x=0.12)
+    axes.legend(frameon=False, loc="lower right")

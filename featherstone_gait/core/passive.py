@@ -1,0 +1,34 @@
+"""Friction and stops of the joints: torques that depend on the joint's own angle and speed, never rising with speed."""
+
+from .jit import inline
+from .lanes import select
+from .layout import COULOMB, LOWER, STOP_D, STOP_K, UPPER, VISCOUS
+from .motor import clamp
+
+# Coulomb friction grows linearly up to this speed: a loaded joint that should stick creeps at a fraction of it.
+STICK_SPEED = 1e-3  # [rad/s or m/s]
+
+
+@inline
+def friction_torque(friction, i, speed):
+    """Torque on the joint [N m] and its slope -dT/d speed."""
+    if friction is None:
+        return 0.0, 0.0
+    x = clamp(speed * (1.0 / STICK_SPEED), -1.0 + 0.0 * speed, 1.0 + 0.0 * speed)
+    sticks = abs(x) < 1.0
+    slope = friction[i, VISCOUS] + select(sticks, friction[i, COULOMB] * (1.0 / STICK_SPEED) + 0.0 * x, 0.0 * x)
+    return -(friction[i, VISCOUS] * speed + friction[i, COULOMB] * x), slope
+
+
+@inline
+def stop_torque(stops, i, angle, speed, h):
+    """Torque of the one-sided spring-dampers at the limits [N m] and its slope; the angle moves on by h speed."""
+    if stops is None:
+        return 0.0, 0.0
+    at = angle + h * speed
+    over = stops[i, STOP_K] * (at - stops[i, UPPER]) + stops[i, STOP_D] * speed
+    under = stops[i, STOP_K] * (stops[i, LOWER] - at) - stops[i, STOP_D] * speed
+    high = (at > stops[i, UPPER]) & (over > 0.0)
+    low = (at < stops[i, LOWER]) & (under > 0.0)
+    slope = select(high | low, h * stops[i, STOP_K] + stops[i, STOP_D] + 0.0 * at, 0.0 * at)
+    return select(high, -over, select(low, under, 0.0 * at)), slope

@@ -1,0 +1,164 @@
+"""A whole simulation in one call: controller ticks, steps, watching for failure, recording."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .advance import advance
+from .controller import control_tick
+from .jit import entry, inline, kernel
+from .knots import Knots, Signals, evaluate, inputs
+from .lanes import any_lane, as_lanes, invert, select
+from .runge_kutta import rk4_step
+from .simtwo import simtwo_step
+from .step import solve_step
+
+OK, FELL, DIVERGED = 0, 1, 2
+TOO_FAST = 1e8  # sum of the sizes of positions and velocities beyond which a run has diverged
+
+
+class Plan(NamedTuple):
+    """The course of a run in whole steps."""
+
+    h: float  # step [s]
+    theta: float  # 1: Euler, 1/2: midpoint
+    steps: int
+    per_tick: int  # steps of a controller tick
+    per_sample: int  # steps between records
+    lag: float  # from a reference to its effect [s]
+    min_height: float  # of the base over the world's origin [m]; below it the robot has fallen
+    min_upright: float  # cosine of the base's tilt; below it the robot has fallen
+
+
+class Scratch(NamedTuple):
+    """What a step overwrites; None for what the integrator does not use."""
+
+    W: np.ndarray  # workspace of the tree
+    Z: np.ndarray  # joints
+    C: np.ndarray  # contact points
+    F: np.ndarray  # pushes
+    predicted: np.ndarray | None  # midpoint
+    stages: np.ndarray | None  # rk4
+    torques: np.ndarray | None  # simtwo
+    good: np.ndarray  # the state at the last tick that was found sound
+
+
+@kernel
+def rollout(scene, o, plan, signals, y, scratch, channels, out):
+    """Run the scene; out (samples, channels) takes y[channels] every per_sample steps."""
+    good = scratch.good
+    dead = y[o.status] > 0.0
+    for k in range(plan.steps + 1):
+        t = k * plan.h
+        if k % plan.per_tick == 0 or k == plan.steps:
+            dead = _inspect(scene, o, plan, t, y, good)
+            _tick(scene.servo, scene, o, signals, plan, t, y)
+        if k % plan.per_sample == 0:
+            for j in range(len(channels)):
+                out[k // plan.per_sample, j] = y[channels[j]]
+        if k == plan.steps or not any_lane(invert(dead)):
+            break
+        _step(scene, o, plan, t, signals, y, scratch.predicted, scratch.stages, scratch.torques, scratch)
+        if any_lane(dead):
+            for i in range(len(good)):
+                y[i] = select(dead, good[i], y[i])
+    for j in range(len(channels)):  # a run that ended early stays at its last state
+        for m in range(k // plan.per_sample + 1, len(out)):
+            out[m, j] = y[channels[j]]
+
+
+@inline
+def _tick(servo, scene, o, signals, plan, t, y):
+    """The sampled controllers see the reference as it was a lag ago."""
+    if servo is not None:
+        if signals.reference is not None:
+            evaluate(signals.reference, t - plan.lag, signals.drive)
+        control_tick(o, scene.law, servo, signals.drive, y, plan.per_tick * plan.h)
+
+
+@inline
+def _step(scene, o, plan, t, signals, y, predicted, stages, torques, s):
+    if stages is not None:
+        rk4_step(scene, scene.floating, o, y, t, plan.h, stages, signals, s.W, s.Z, s.C, s.F)
+    else:
+        if torques is not None:
+            simtwo_step(scene, o, y, t, plan.h, torques, s.W, s.Z, s.C, s.F)
+        else:
+            sub = plan.theta * plan.h
+            inputs(signals, t + sub)
+            solve_step(scene, scene.points, scene.push, o, y, t, predicted, signals.tau, signals.drive, plan.h, sub, s.W, s.Z, s.C, s.F)
+            advance(scene, scene.servo, scene.gear, scene.points, scene.floating, o, y, predicted, signals.tau, signals.drive, plan.h, sub, plan.theta, s.W, s.Z, s.C)
+
+
+@kernel
+def _inspect(scene, o, plan, t, y, good):
+    """Give runs that failed their status and their last sound state; return which have."""
+    size = 0.0 * y[o.status]
+    for i in range(o.current):
+        size = size + abs(y[i])
+    failed = select(size < TOO_FAST, OK + 0.0 * size, DIVERGED + 0.0 * size)
+    failed = select(_fell(scene.floating, o, plan, y) & (size < TOO_FAST), FELL + 0.0 * size, failed)
+    failed = select(size == size, failed, DIVERGED + 0.0 * y[o.status])
+    dead = y[o.status] > 0.0
+    new = invert(dead) & (failed > 0.0)
+    if any_lane(new & (failed == DIVERGED)):
+        for i in range(len(good)):
+            y[i] = select(new & (failed == DIVERGED), good[i], y[i])
+    y[o.status] = select(new, failed, y[o.status])
+    y[o.end] = select(new, t + 0.0 * y[o.end], y[o.end])
+    for i in range(len(good)):
+        good[i] = y[i]
+    return dead | new
+
+
+@inline
+def _fell(floating, o, plan, y):
+    if floating is None:
+        return y[o.status] > 1e9
+    k = o.base_q
+    x, yy = y[k + 4], y[k + 5]
+    return (y[k + 2] < plan.min_height) | (1.0 - 2.0 * (x * x + yy * yy) < plan.min_upright)
+
+
+@entry
+def rollout_one(scene, o, plan, signals, y, scratch, channels, out):
+    rollout(scene, o[0], plan, signals, y, scratch, channels, out)
+
+
+@inline
+def _view(array):
+    if array is None:
+        return None
+    return as_lanes(array)
+
+
+@inline
+def _view_knots(knots):
+    if knots is None:
+        return None
+    return Knots(knots.times, as_lanes(knots.cubics), knots.period)
+
+
+@entry
+def rollout_lanes(scene, o, plan, signals, y, scratch, channels, out):
+    """Eight runs at once: signals, y, scratch and out have a last axis of lanes."""
+    seen = Signals(
+        _view_knots(signals.reference),
+        as_lanes(signals.drive),
+        _view_knots(signals.torques),
+        _view(signals.torque_values),
+        _view(signals.tau),
+        signals.continuous,
+    )
+    s = scratch
+    work = Scratch(
+        as_lanes(s.W),
+        as_lanes(s.Z),
+        as_lanes(s.C),
+        as_lanes(s.F),
+        _view(s.predicted),
+        _view(s.stages),
+        _view(s.torques),
+        as_lanes(s.good),
+    )
+    rollout(scene, o[0], plan, seen, as_lanes(y), work, channels, as_lanes(out))

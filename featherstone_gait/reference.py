@@ -1,0 +1,63 @@
+"""References and torques over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from .core.knots import Knots
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A signal given at knots.
+
+    times (k,) rising [s]; values (k, n) [rad or m, N m or N]; `hold` keeps each value until the next knot, `linear` and
+    `cubic` (a C2 spline, natural at its ends) interpolate.  A cyclic signal repeats after the last knot, whose value
+    must be that of the first.  Outside its knots any other signal keeps its end values.
+    Raises ValueError on shapes that do not fit, times that do not rise and values that are not finite.
+    """
+
+    times: np.ndarray
+    values: np.ndarray
+    kind: Literal["hold", "linear", "cubic"] = "linear"
+    cyclic: bool = False
+
+    def __post_init__(self):
+        times = np.array(self.times, dtype=float)
+        values = np.array(self.values, dtype=float)
+        if times.ndim != 1 or values.ndim != 2 or len(times) != len(values) or len(times) == 0:
+            raise ValueError(f"reference: times {times.shape} and values {values.shape}; give (k,) and (k, n), k > 0")
+        if not (np.isfinite(times).all() and np.isfinite(values).all()):
+            raise ValueError("reference: a time or value is not finite")
+        if (np.diff(times) <= 0).any():
+            k = int(np.argmax(np.diff(times) <= 0))
+            raise ValueError(f"reference: time {times[k + 1]:g} s follows {times[k]:g} s; times must rise")
+        if self.kind not in ("hold", "linear", "cubic"):
+            raise ValueError(f"reference: kind {self.kind!r}; use hold, linear or cubic")
+        if self.cyclic and (len(times) < 2 or not np.array_equal(values[0], values[-1])):
+            raise ValueError("reference: a cyclic one needs two knots or more and the same values at both ends")
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "values", values)
+
+    def knots(self) -> Knots:
+        """The signal as the kernels read it."""
+        times, values = self.times, self.values
+        if len(times) == 1:
+            times, values = np.array([times[0], times[0] + 1.0]), np.repeat(values, 2, axis=0)
+        cubics = np.zeros((len(times) - 1, values.shape[1], 4))
+        cubics[..., 0] = values[:-1]
+        if self.kind == "linear":
+            cubics[..., 1] = np.diff(values, axis=0) / np.diff(times)[:, None]
+        if self.kind == "cubic":
+            from scipy.interpolate import CubicSpline
+
+            spline = CubicSpline(times, values, bc_type="periodic" if self.cyclic else "natural")
+            cubics[:] = np.moveaxis(spline.c[::-1], 0, -1)
+        if self.kind == "hold" and not self.cyclic:  # the last value is held too
+            times = np.append(times, times[-1] + 1.0)
+            cubics = np.concatenate([cubics, np.zeros((1, *cubics.shape[1:]))])
+            cubics[-1, :, 0] = values[-1]
+        return Knots(times, cubics, float(times[-1] - times[0]) if self.cyclic else 0.0)

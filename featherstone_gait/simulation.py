@@ -1,0 +1,344 @@
+"""From a model to a trajectory.
+
+    scene = compile_scene(model, servos="mipsd", ground=Ground())
+    trajectory = simulate(scene, 2.0, reference=Reference(times, angles))
+
+A scene fixes robot, servos, ground, integrator and step; a simulation is then one call of compiled code.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+
+from .core import layout, rollout
+from .core.contact import SCRATCH as CONTACT_SCRATCH
+from .core.controller import PID_SPEED
+from .core.knots import Knots, Signals
+from .core.lanes import WIDTH, aligned
+from .core.push import PUSH_COLUMNS
+from .core.step import SCRATCH as JOINT_SCRATCH
+from .dynamics import forward_kinematics
+from .reference import Reference
+from .scene import CompiledScene
+from .trajectory import Trajectory
+
+# Channel -> part of the state; those of one number a joint, contact point, ... in the model's order.
+PARTS = tuple(name for name in layout.STATE.names if name not in ("size", "status", "end", "last_error"))
+STATUS = {rollout.OK: "ok", rollout.FELL: "fell", rollout.DIVERGED: "diverged"}
+CHATTER_LIMIT = 0.05  # [rad/s]; see `worst_chatter` in core/layout.py
+
+
+class Push(NamedTuple):
+    """An external force on a link from `start` to `end`."""
+
+    link: str
+    force: tuple[float, float, float] = (0.0, 0.0, 0.0)  # world axes [N]
+    moment: tuple[float, float, float] = (0.0, 0.0, 0.0)  # world axes [N m]
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)  # where it acts, link frame [m]
+    start: float = 0.0  # [s]
+    end: float = math.inf  # [s]
+
+
+def initial_state(scene: CompiledScene, q=None, qd=None) -> np.ndarray:
+    """The whole state (size,) of a robot at positions q and velocities qd; zero where None.
+
+    A floating robot over ground whose q is None stands with its lowest contact point sunk in by the ground's
+    `sinking`.  Rotors turn with their joints, currents and bristles are zero.
+    """
+    model, o, n = scene.model, scene.layout, scene.tree.n
+    y = np.zeros(int(o["size"]))
+    default = np.zeros(model.nq)
+    if model.base == "floating":
+        default[3] = 1.0
+        if scene.ground is not None and q is None:
+            default[2] = _standing_height(scene, default)
+    q = _vector("q", default if q is None else q, model.nq)
+    qd = _vector("qd", np.zeros(model.nv) if qd is None else qd, model.nv)
+    y[o["q"] : o["q"] + n] = q[-n:] if n else ()
+    y[o["qd"] : o["qd"] + n] = qd[-n:] if n else ()
+    if model.base == "floating":
+        y[o["base_q"] : o["base_q"] + 7], y[o["base_qd"] : o["base_qd"] + 6] = q[:7], qd[:6]
+        y[o["base_q"] + 3 : o["base_q"] + 7] /= np.linalg.norm(q[3:7])
+    if scene.constants.servo is not None:
+        y[o["filtered"] : o["filtered"] + n] = qd[-n:]
+    if scene.constants.gear is not None:
+        y[o["rotor"] : o["rotor"] + n], y[o["rotor_speed"] : o["rotor_speed"] + n] = q[-n:], qd[-n:]
+    return y
+
+
+def _vector(name: str, value, width: int) -> np.ndarray:
+    a = np.array(value, dtype=float)
+    if a.shape != (width,) or not np.isfinite(a).all():
+        raise ValueError(f"{name} must be {width} finite numbers; it is {value!r}")
+    return a
+
+
+def _standing_height(scene: CompiledScene, q: np.ndarray) -> float:
+    """Height of the base at which the lowest contact point has sunk in as far as the ground allows."""
+    poses = forward_kinematics(scene.model, q)
+    names = [link.name for link in scene.model.links]
+    ground = scene.ground
+    clearances = []
+    for point in scene.model.contacts:
+        k = names.index(point.link)
+        x = poses.position[k] + poses.rotation[k] @ np.array(point.position)
+        clearances.append(x[2] - ground.height - math.tan(ground.slope) * x[0])
+    return -min(clearances) - ground.sinking / math.cos(ground.slope)
+
+
+def simulate(
+    scene: CompiledScene,
+    duration: float,
+    state=None,
+    reference: Reference | None = None,
+    tau=None,
+    pushes: Sequence[Push] = (),
+    record: Iterable[str] = ("q", "qd"),
+    sample: float | None = None,
+) -> Trajectory:
+    """Run the scene for `duration` [s], rounded up to whole controller ticks.
+
+    state: what `initial_state` or an earlier `Trajectory.final` gave; reference: joint angles for the servos, None
+    holds the initial ones; tau: (joints,) constant torques or a `Reference` of torques [N m]; pushes: external forces;
+    record: channels, any of `PARTS`; sample: time between records [s], a multiple of the step (a tick if None).
+    Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
+    """
+    return simulate_batch(scene, duration, [state], [reference], [tau], pushes, record, sample)[0]
+
+
+def simulate_batch(
+    scene: CompiledScene,
+    duration: float,
+    states=None,
+    references=None,
+    taus=None,
+    pushes: Sequence[Push] = (),
+    record: Iterable[str] = ("q", "qd"),
+    sample: float | None = None,
+    executor: Executor | None = None,
+) -> list[Trajectory]:
+    """`simulate` for many states, references or torques at once: eight to a vector, vectors over threads.
+
+    The lists must be equally long, or None.  Each run has the same bits as alone.  Runs share a vector if their
+    references have the same knot times.
+    """
+    n = max((len(x) for x in (states, references, taus) if x is not None), default=1)
+    columns = [[None] * n if x is None else list(x) for x in (states, references, taus)]
+    if any(len(column) != n for column in columns):
+        raise ValueError(f"states, references and taus have {[len(c) for c in columns]} entries; give as many of each")
+    runs = [_Run.prepared(scene, *row) for row in zip(*columns)]
+    course = _course(scene, duration, sample)
+    channels, slices = _channels(scene, tuple(record))
+    scene = scene.pushed(_push_arrays(scene, pushes))
+    groups = _groups(runs)
+
+    def work(group):
+        return _run_group(scene, course, [runs[i] for i in group], channels)
+
+    if executor is None and len(groups) > 1:
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            results = list(pool.map(work, groups))
+    else:
+        results = list((executor.map if executor else map)(work, groups))
+    out: list[Trajectory | None] = [None] * n
+    for group, (ys, outs) in zip(groups, results):
+        for k, i in enumerate(group):
+            out[i] = _trajectory(scene, course, slices, ys[k], outs[k])
+    return out
+
+
+class _Run(NamedTuple):
+    """What one simulation starts from."""
+
+    y: np.ndarray
+    reference: Knots | None
+    torques: Knots | None
+
+    @classmethod
+    def prepared(cls, scene: CompiledScene, state, reference, tau) -> _Run:
+        n, o = scene.tree.n, scene.layout
+        y = initial_state(scene) if state is None else _vector("state", state, int(o["size"]))
+        driven = scene.constants.servo is not None or scene.constants.pd is not None
+        if reference is not None and not driven:
+            raise ValueError(f"{scene.model.name}: a reference needs servos; compile the scene with servos=...")
+        if reference is None and driven:
+            reference = Reference([0.0], y[None, o["q"] : o["q"] + n])
+        if tau is not None and not isinstance(tau, Reference):
+            tau = Reference([0.0], _vector("tau", tau, n)[None])
+        for what, signal in (("reference", reference), ("tau", tau)):
+            if signal is not None and signal.values.shape[1] != n:
+                raise ValueError(
+                    f"{scene.model.name}: {what} has {signal.values.shape[1]} columns; the robot has {n} moving joints: "
+                    f"{', '.join(scene.model.joint_names)}"
+                )
+        run = cls(y, reference.knots() if reference else None, tau.knots() if tau else None)
+        return run._replace(y=_with_first_error(scene, run))
+
+
+def _with_first_error(scene: CompiledScene, run: _Run) -> np.ndarray:
+    """The controllers' last error at the start, so that a derivative term sees no jump."""
+    if scene.constants.servo is None or run.y[scene.layout["passes"]] > 0:
+        return run.y
+    n, o, y = scene.tree.n, scene.layout, run.y.copy()
+    speed = scene.constants.law == PID_SPEED
+    error = np.where(speed, 0.0, run.reference.cubics[0, :, 0]) - np.where(
+        speed, y[o["qd"] : o["qd"] + n], y[o["q"] : o["q"] + n]
+    )
+    y[o["last_error"] : o["last_error"] + n] = error
+    return y
+
+
+def _course(scene: CompiledScene, duration: float, sample: float | None) -> rollout.Plan:
+    """The run in whole steps, ticks and samples."""
+    h, tick = scene.timestep, scene.tick_steps
+    if not 0 < duration < math.inf:
+        raise ValueError(f"duration is {duration!r} s; it must be positive and finite")
+    ticks = math.ceil(duration / (tick * h) - 1e-9)
+    every = tick if sample is None else round(sample / h)
+    if every < 1 or (sample is not None and abs(every * h - sample) > 1e-9 * sample):
+        raise ValueError(f"sample is {sample!r} s; it must be a whole number of steps of {h:g} s")
+    least = 0.0 if scene.model.base == "fixed" else scene.fall_height
+    upright = -2.0 if scene.model.base == "fixed" else scene.fall_upright
+    return rollout.Plan(h, scene.theta, ticks * tick, tick, every, scene.lag, least, upright)
+
+
+def _channels(scene: CompiledScene, record: tuple[str, ...]) -> tuple[np.ndarray, dict[str, slice]]:
+    """Indices into the state of all recorded numbers, and each channel's place among them."""
+    indices: list[int] = []
+    slices = {}
+    for name in record:
+        if name not in PARTS:
+            raise ValueError(f"record: there is no channel {name!r}; channels: {', '.join(PARTS)}")
+        start, stop = scene.part(name)
+        slices[name] = slice(len(indices), len(indices) + stop - start)
+        indices.extend(range(start, stop))
+    return np.array(indices, dtype=np.int64), slices
+
+
+def _push_arrays(scene: CompiledScene, pushes: Sequence[Push]):
+    """Rows of numbers and the body of each push, None without pushes."""
+    if not pushes:
+        return None
+    table, rows = np.zeros((len(pushes), PUSH_COLUMNS)), np.zeros(len(pushes), np.int64)
+    for k, push in enumerate(pushes):
+        if push.link not in scene.tree.placements:
+            raise ValueError(f"push: no link {push.link!r}; links: {', '.join(scene.tree.placements)}")
+        place = scene.tree.placements[push.link]
+        point = place.r + place.E @ np.array(push.point)
+        table[k] = (*point, *push.moment, *push.force, push.start, push.end)
+        rows[k] = place.row
+        if np.isnan(table[k]).any():
+            raise ValueError(f"push on {push.link}: a number is nan: {push}")
+    return table, rows
+
+
+def _groups(runs: list[_Run]) -> list[list[int]]:
+    """Indices of the runs that go together: as many as a vector holds, with the same knot times; small rests alone."""
+    alike: dict[tuple, list[int]] = {}
+    for i, run in enumerate(runs):
+        key = tuple(None if k is None else (k.times.tobytes(), k.period) for k in (run.reference, run.torques))
+        alike.setdefault(key, []).append(i)
+    groups = []
+    for members in alike.values():
+        for k in range(0, len(members), WIDTH):
+            part = members[k : k + WIDTH]
+            groups.extend([part] if len(part) > 2 else [[i] for i in part])
+    return groups
+
+
+def _run_group(scene: CompiledScene, course: rollout.Plan, runs: list[_Run], channels: np.ndarray):
+    """Final states and records of the runs of one group."""
+    samples = course.steps // course.per_sample + 1
+    if len(runs) == 1:
+        y, out = runs[0].y.copy(), np.zeros((samples, len(channels)))
+        signals = _signals(scene, runs[0].reference, runs[0].torques, np.zeros)
+        scratch = _scratch(scene, np.zeros)
+        rollout.rollout_one(scene.constants, scene.offsets, course, signals, y, scratch, channels, out)
+        return [y], [out]
+    runs = runs + [runs[-1]] * (WIDTH - len(runs))
+    y, out = aligned((len(runs[0].y), WIDTH)), aligned((samples, max(len(channels), 1), WIDTH))
+    y[:] = np.stack([run.y for run in runs], axis=-1)
+    signals = _signals(
+        scene, _in_lanes([r.reference for r in runs]), _in_lanes([r.torques for r in runs]), _lane_zeros
+    )
+    scratch = _scratch(scene, _lane_zeros)
+    rollout.rollout_lanes(scene.constants, scene.offsets, course, signals, y, scratch, channels, out)
+    return list(np.moveaxis(y, -1, 0).copy()), list(np.moveaxis(out[:, : len(channels)], -1, 0).copy())
+
+
+def _lane_zeros(shape) -> np.ndarray:
+    return aligned((*np.atleast_1d(shape), WIDTH))
+
+
+def _in_lanes(knots: list[Knots | None]) -> Knots | None:
+    if knots[0] is None:
+        return None
+    cubics = aligned((*knots[0].cubics.shape, WIDTH))
+    cubics[:] = np.stack([k.cubics for k in knots], axis=-1)
+    return knots[0]._replace(cubics=cubics)
+
+
+def _signals(scene: CompiledScene, reference, torques, zeros) -> Signals:
+    n = scene.tree.n
+    values, tau = (None, None) if torques is None else (zeros((n, 2)), zeros(n))
+    return Signals(reference, zeros((n, 2)), torques, values, tau, True if scene.constants.pd is not None else None)
+
+
+def _scratch(scene: CompiledScene, zeros) -> rollout.Scratch:
+    n, model, o = scene.tree.n, scene.model, scene.layout
+    points = 0 if scene.constants.points is None else len(scene.constants.points)
+    return rollout.Scratch(
+        zeros(scene.tree.workspace_shape()),
+        zeros((JOINT_SCRATCH, max(n, 1))),
+        zeros((max(points, 1), CONTACT_SCRATCH)),
+        zeros((n + 1, 6)),
+        zeros(model.nq + model.nv) if scene.integrator == "midpoint" else None,
+        zeros((3, int(o["voltage"]))) if scene.integrator == "rk4" else None,
+        zeros(n) if scene.integrator == "simtwo" else None,
+        zeros(int(o["size"])),
+    )
+
+
+def _trajectory(scene: CompiledScene, course: rollout.Plan, slices, y: np.ndarray, out: np.ndarray) -> Trajectory:
+    """Name the channels and say how the run ended."""
+    o = scene.layout
+    channels = {"time": np.arange(len(out)) * (course.per_sample * course.h)}
+    channels.update({name: scene.shaped(name, out[:, where]) for name, where in slices.items()})
+    status, message, end = _verdict(scene, course, y)
+    info = {
+        "robot": scene.model.name,
+        "integrator": scene.integrator,
+        "timestep": scene.timestep,
+        "reason": scene.preflight.reason,
+        "servos": scene.servos,
+        "worst_chatter": float(max(y[slice(*scene.part("worst_chatter"))], default=0.0)),
+        "newton_passes": float(y[o["passes"]]),
+        "not_converged_steps": float(y[o["passes"] + 1]),
+    }
+    return Trajectory(channels, status, message, end, y, info)
+
+
+def _verdict(scene: CompiledScene, course: rollout.Plan, y: np.ndarray) -> tuple[str, str, float]:
+    o, end = scene.layout, course.steps * course.h
+    code = int(y[o["status"]])
+    if code != rollout.OK:
+        status = STATUS[code]
+        return status, f"{scene.model.name} {status} at {y[o['end']]:.4g} s", float(y[o["end"]])
+    chatter = y[slice(*scene.part("worst_chatter"))]
+    if len(chatter) and chatter.max() > CHATTER_LIMIT:
+        joint = scene.model.joint_names[int(chatter.argmax())]
+        return (
+            "chatter",
+            f"the speed of {joint} alternated by {chatter.max():.3g} rad/s from step to step (limit {CHATTER_LIMIT}): "
+            f"a step of {scene.timestep:g} s is too large for {scene.integrator} in this scene",
+            end,
+        )
+    if y[o["passes"] + 1] > 0:
+        return "not converged", f"{y[o['passes'] + 1]:.0f} implicit steps missed their tolerance", end
+    return "ok", "", end

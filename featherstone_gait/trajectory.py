@@ -1,0 +1,101 @@
+"""The result of a simulation: recorded channels, how the run ended, and where its energy went."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+UNITS = {
+    "q": "rad or m",
+    "qd": "rad/s or m/s",
+    "qdd": "rad/s² or m/s²",
+    "torque": "N m",
+    "current": "A",
+    "voltage": "V",
+    "rotor": "rad",
+    "rotor_speed": "rad/s",
+    "contact_force": "N",
+    "contact_work": "J",
+    "energy": "J",
+    "chatter": "rad/s",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory(Mapping):
+    """Channels by name, arrays (samples, ...); `time` (samples,) [s] is one of them.
+
+    status is "ok", "fell" or "diverged" (the run ended there, at `end_time`; later samples repeat the last sound
+    state), "chatter" (velocities alternated from step to step: the step is too large for the integrator and the
+    result is wrong, however bounded) or "not converged" (an implicit step missed its tolerance).
+    """
+
+    channels: dict[str, np.ndarray]
+    status: str
+    message: str
+    end_time: float  # [s]
+    final: np.ndarray  # the whole state at the end, to go on from
+    info: dict[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.channels[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.channels)
+
+    def __len__(self) -> int:
+        return len(self.channels)
+
+    @property
+    def ok(self) -> bool:
+        return self.status == "ok"
+
+    def save(self, path) -> None:
+        """Write PATH.npz (channels and final state) and PATH.json (status and settings), whole or not at all."""
+        path = Path(path).with_suffix("")
+        described = {"status": self.status, "message": self.message, "end_time": self.end_time, "info": self.info}
+        with _replacing(path.with_suffix(".npz")) as file:
+            np.savez_compressed(file, final=self.final, **{f"channel_{k}": v for k, v in self.channels.items()})
+        with _replacing(path.with_suffix(".json")) as file:
+            file.write(json.dumps(described, indent=2, default=float).encode())
+
+    @classmethod
+    def load(cls, path) -> Trajectory:
+        """Read what `save` wrote."""
+        path = Path(path).with_suffix("")
+        described = json.loads(path.with_suffix(".json").read_text())
+        with np.load(path.with_suffix(".npz")) as data:
+            channels = {k.removeprefix("channel_"): data[k] for k in data.files if k != "final"}
+            return cls(channels, final=data["final"], **described)
+
+    def plot(self, *names: str, axes=None):
+        """Draw channels against time, one panel each; return the figure."""
+        from .plotting import plot_trajectory
+
+        return plot_trajectory(self, names or tuple(k for k in self if k != "time"), axes)
+
+
+class _replacing:
+    """A binary file that takes the place of `path` only when it is complete."""
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    def __enter__(self):
+        handle, self.name = tempfile.mkstemp(dir=self.path.parent, prefix=self.path.name + ".")
+        self.file = os.fdopen(handle, "wb")
+        return self.file
+
+    def __exit__(self, kind, value, traceback):
+        self.file.close()
+        if kind is None:
+            os.replace(self.name, self.path)
+        else:
+            os.unlink(self.name)
