@@ -1,0 +1,52 @@
+"""Articulated-body simulation of servo-driven robots, and gait optimisation on top of it.
+
+The public names are loaded when they are first used, so that importing the package costs nothing.  Walking patterns
+are in `featherstone_gait.walking`, optimisers in `featherstone_gait.search`.
+"""
+
+from importlib import import_module
+
+__version__ = "0.1.0"
+
+_MODULES = {
+    "dynamics": (
+        "Poses",
+        "center_of_mass",
+        "energy",
+        "forward_dynamics",
+        "forward_kinematics",
+        "inverse_dynamics",
+        "mass_matrix",
+        "momentum",
+    ),
+    "model": ("ContactPoint", "Controller", "Gearbox", "Ground", "Joint", "Link", "Model", "Servo"),
+    "plotting": ("plot_motion", "plot_trajectory"),
+    "reference": ("Reference",),
+    "robot_file": (
+        "RobotFileError",
+        "RobotFileNotFoundError",
+        "gearbox_presets",
+        "load_robot",
+        "load_servo",
+        "robot_names",
+        "save_robot",
+    ),
+    "scene": ("CompiledScene", "compile_scene"),
+    "simulation": ("Push", "initial_state", "simulate", "simulate_batch"),
+    "trajectory": ("Trajectory",),
+}
+_HOME = {name: module for module, names in _MODULES.items() for name in names}
+
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str):
+    """Load a public name from its module (PEP 562)."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(f".{_HOME[name]}", __name__), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]

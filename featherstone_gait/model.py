@@ -230,7 +230,9 @@ class Ground:
         _check_number("ground", "damping_ratio", self.damping_ratio, ">= 0", "-", "0.7 hardly bounces")
         _check_number("ground", "height", self.height, "finite", "m", "0 is the world's origin")
         if not abs(self.slope) < 0.5 * math.pi:
-            raise ValueError(f"ground: slope {self.slope!r} rad; it must lie between -pi/2 and pi/2: give it in radians")
+            raise ValueError(
+                f"ground: slope {self.slope!r} rad; it must lie between -pi/2 and pi/2: give it in radians"
+            )
         for step in self.steps:
             _check_vector("ground", "step", step, 2)
 

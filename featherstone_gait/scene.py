@@ -236,7 +236,9 @@ def compile_scene(
     continuous = _is_continuous(model, chosen)
     points = None if ground is None or not model.contacts else model.contacts
     if ground is not None and points is None:
-        raise ValueError(f"{model.name}: ground without contact points; add [[contacts]] to its TOML or use ground=None")
+        raise ValueError(
+            f"{model.name}: ground without contact points; add [[contacts]] to its TOML or use ground=None"
+        )
     armature = _armature(tree, chosen, servos)
     check = _preflight(model, tree, chosen, servos, continuous, ground, armature, integrator, timestep)
     h = check.timestep
@@ -316,7 +318,9 @@ def _period(model: Model, chosen, continuous: bool, h: float) -> tuple[float, fl
         raise ValueError(f"{model.name}: controllers differ in period or lag: {sorted(settings)}; give them the same")
     period, lag = settings.pop()
     if round(period / h) < 1 or abs(round(period / h) * h - period) > 1e-9 * period:
-        raise ValueError(f"timestep {h:g} s does not divide the controllers' period of {period:g} s; steps end on ticks")
+        raise ValueError(
+            f"timestep {h:g} s does not divide the controllers' period of {period:g} s; steps end on ticks"
+        )
     return period, lag
 
 

@@ -29,7 +29,7 @@ from .scene import CompiledScene
 from .trajectory import Trajectory
 
 # Channel -> part of the state; those of one number a joint, contact point, ... in the model's order.
-PARTS = tuple(name for name in layout.STATE.names if name not in ("size", "status", "end", "last_error"))
+PARTS = tuple(name for name in layout.STATE.names if name not in ("length", "status", "end", "last_error"))
 STATUS = {rollout.OK: "ok", rollout.FELL: "fell", rollout.DIVERGED: "diverged"}
 CHATTER_LIMIT = 0.05  # [rad/s]; see `worst_chatter` in core/layout.py
 
@@ -52,7 +52,7 @@ def initial_state(scene: CompiledScene, q=None, qd=None) -> np.ndarray:
     `sinking`.  Rotors turn with their joints, currents and bristles are zero.
     """
     model, o, n = scene.model, scene.layout, scene.tree.n
-    y = np.zeros(int(o["size"]))
+    y = np.zeros(int(o["length"]))
     default = np.zeros(model.nq)
     if model.base == "floating":
         default[3] = 1.0
@@ -163,7 +163,7 @@ class _Run(NamedTuple):
     @classmethod
     def prepared(cls, scene: CompiledScene, state, reference, tau) -> _Run:
         n, o = scene.tree.n, scene.layout
-        y = initial_state(scene) if state is None else _vector("state", state, int(o["size"]))
+        y = initial_state(scene) if state is None else _vector("state", state, int(o["length"]))
         driven = scene.constants.servo is not None or scene.constants.pd is not None
         if reference is not None and not driven:
             raise ValueError(f"{scene.model.name}: a reference needs servos; compile the scene with servos=...")
@@ -301,7 +301,7 @@ def _scratch(scene: CompiledScene, zeros) -> rollout.Scratch:
         zeros(model.nq + model.nv) if scene.integrator == "midpoint" else None,
         zeros((3, int(o["voltage"]))) if scene.integrator == "rk4" else None,
         zeros(n) if scene.integrator == "simtwo" else None,
-        zeros(int(o["size"])),
+        zeros(int(o["length"])),
     )
 
 

@@ -29,7 +29,7 @@ from .passive import friction_torque, stop_torque
 from .spatial import dot, load3
 from .step import DA, VN, WN, joint_force, move_base, point_force
 
-CHATTER_WINDOW = 64.0  # steps over which alternating changes of velocity are averaged
+CHATTER_WINDOW = 64.0  # steps over which changes of velocity are averaged
 
 
 @kernel
@@ -83,7 +83,7 @@ def _joint_energies(scene, gear, o, y, tau, drive, h, sub, i, v, w):
     E = o.energy + ENERGIES * i
     Tf, _ = friction_torque(scene.friction, i, v)
     Ts, _ = stop_torque(scene.stops, i, y[o.q + i], v, sub)
-    T, F, _, _, _ = joint_force(scene, o, y, tau, drive, h, sub, i, v, w)
+    T, _, _, _, _ = joint_force(scene, o, y, tau, drive, h, sub, i, v, w)
     T = T - (Tf + Ts)
     y[o.torque + i] = T
     y[E + WORK] += h * (T * v)
@@ -117,11 +117,14 @@ def _move_motor(scene, gear, o, y, h, theta, i, v, w):
 
 @inline
 def _watch(o, y, i, dv):
-    """Running mean of the changes of velocity that undo the one before: zero for motion that a step resolves."""
+    """Running mean of how far a change of velocity undoes the one before, less how far it goes on with it.
+
+    Motion that the step resolves goes on; a step beyond the stability limit of an explicit method alternates.
+    """
     last = y[o.increment + i]
     size = select(abs(dv) < abs(last), abs(dv), abs(last))
     mean = y[o.chatter + i]
-    mean = mean + (select(dv * last < 0.0, size, 0.0 * size) - mean) * (1.0 / CHATTER_WINDOW)
+    mean = mean + (select(dv * last < 0.0, size, -size) - mean) * (1.0 / CHATTER_WINDOW)
     y[o.increment + i] = dv
     y[o.chatter + i] = mean
     y[o.worst_chatter + i] = select(mean > y[o.worst_chatter + i], mean, y[o.worst_chatter + i])

@@ -41,10 +41,11 @@ from .layout import (
     WORK,
 )
 from .motor import current_rate
+from .optional import part, when
 from .passive import friction_torque, stop_torque
 from .push import push_bodies
 from .spatial import load3, store3
-from .step import TAU, part, part_of, pd_torque
+from .step import TAU, pd_torque
 
 
 @kernel
@@ -62,7 +63,7 @@ def derivative(scene, points, push, floating, o, y, t, dy, tau, drive, W, Z, C, 
         fold_contacts(scene.point_bodies, scene.tree, scene.ground, 0.0, W, C)
     if push is not None:
         push_bodies(push, scene.push_rows, t, W, F)
-    articulated_pass(scene.tree, bq, None, Z[TAU], scene.armature, part_of(push, F), points, W)
+    articulated_pass(scene.tree, bq, None, Z[TAU], scene.armature, when(push, F), points, W)
     acceleration_pass(scene.tree, W, a)
     for i in range(n):
         dy[o.q + i] = v[i]

@@ -72,12 +72,12 @@ STATE = np.dtype(
             "torque",  # n, mean of the last step, at the joint [N m or N]
             "contact_force",  # 3 a contact point: normal, two tangential [N]
             "increment",  # n, last change of qd
-            "chatter",  # n, running mean of the alternating changes of qd [rad/s]
+            "chatter",  # n, running mean of alternating less lasting changes of qd [rad/s]
             "worst_chatter",  # n, its largest value so far
             "passes",  # 2: passes of Newton's iteration so far, steps in which it did not converge
             "status",  # 1: see STATUS in simulation.py
             "end",  # 1: time of failure [s]
-            "size",
+            "length",  # of the state
         )
     ]
 )

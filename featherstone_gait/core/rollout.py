@@ -3,12 +3,15 @@
 from typing import NamedTuple
 
 import numpy as np
+from numba import types
+from numba.extending import overload
 
 from .advance import advance
 from .controller import control_tick
 from .jit import entry, inline, kernel
 from .knots import Knots, Signals, evaluate, inputs
 from .lanes import any_lane, as_lanes, invert, select
+from .optional import viewed
 from .runge_kutta import rk4_step
 from .simtwo import simtwo_step
 from .step import solve_step
@@ -86,8 +89,41 @@ def _step(scene, o, plan, t, signals, y, predicted, stages, torques, s):
         else:
             sub = plan.theta * plan.h
             inputs(signals, t + sub)
-            solve_step(scene, scene.points, scene.push, o, y, t, predicted, signals.tau, signals.drive, plan.h, sub, s.W, s.Z, s.C, s.F)
-            advance(scene, scene.servo, scene.gear, scene.points, scene.floating, o, y, predicted, signals.tau, signals.drive, plan.h, sub, plan.theta, s.W, s.Z, s.C)
+            solve_step(
+                scene,
+                scene.points,
+                scene.push,
+                o,
+                y,
+                t,
+                predicted,
+                signals.tau,
+                signals.drive,
+                plan.h,
+                sub,
+                s.W,
+                s.Z,
+                s.C,
+                s.F,
+            )
+            advance(
+                scene,
+                scene.servo,
+                scene.gear,
+                scene.points,
+                scene.floating,
+                o,
+                y,
+                predicted,
+                signals.tau,
+                signals.drive,
+                plan.h,
+                sub,
+                plan.theta,
+                s.W,
+                s.Z,
+                s.C,
+            )
 
 
 @kernel
@@ -125,29 +161,26 @@ def rollout_one(scene, o, plan, signals, y, scratch, channels, out):
     rollout(scene, o[0], plan, signals, y, scratch, channels, out)
 
 
-@inline
-def _view(array):
-    if array is None:
-        return None
-    return as_lanes(array)
+def _viewed_knots(knots):
+    return None if knots is None else Knots(knots.times, as_lanes(knots.cubics), knots.period)
 
 
-@inline
-def _view_knots(knots):
-    if knots is None:
-        return None
-    return Knots(knots.times, as_lanes(knots.cubics), knots.period)
+@overload(_viewed_knots)
+def _overload_viewed_knots(knots):
+    if isinstance(knots, types.NoneType):
+        return lambda knots: None
+    return lambda knots: Knots(knots.times, as_lanes(knots.cubics), knots.period)
 
 
 @entry
 def rollout_lanes(scene, o, plan, signals, y, scratch, channels, out):
     """Eight runs at once: signals, y, scratch and out have a last axis of lanes."""
     seen = Signals(
-        _view_knots(signals.reference),
+        _viewed_knots(signals.reference),
         as_lanes(signals.drive),
-        _view_knots(signals.torques),
-        _view(signals.torque_values),
-        _view(signals.tau),
+        _viewed_knots(signals.torques),
+        viewed(signals.torque_values),
+        viewed(signals.tau),
         signals.continuous,
     )
     s = scratch
@@ -156,9 +189,9 @@ def rollout_lanes(scene, o, plan, signals, y, scratch, channels, out):
         as_lanes(s.Z),
         as_lanes(s.C),
         as_lanes(s.F),
-        _view(s.predicted),
-        _view(s.stages),
-        _view(s.torques),
+        viewed(s.predicted),
+        viewed(s.stages),
+        viewed(s.torques),
         as_lanes(s.good),
     )
     rollout(scene, o[0], plan, seen, as_lanes(y), work, channels, as_lanes(out))

@@ -15,7 +15,22 @@ def rk4_step(scene, floating, o, y, t, h, stages, signals, W, Z, C, F):
         start[i] = y[i]
     for k in range(4):
         inputs(signals, t + 0.5 * h * ((k + 1) // 2))
-        derivative(scene, scene.points, scene.push, floating, o, y, t + 0.5 * h * ((k + 1) // 2), slope, signals.tau, signals.drive, W, Z, C, F)
+        derivative(
+            scene,
+            scene.points,
+            scene.push,
+            floating,
+            o,
+            y,
+            t + 0.5 * h * ((k + 1) // 2),
+            slope,
+            signals.tau,
+            signals.drive,
+            W,
+            Z,
+            C,
+            F,
+        )
         weight = 1.0
         if k == 1 or k == 2:
             weight = 2.0

@@ -41,6 +41,7 @@ from .kinematics import motion_pass
 from .lanes import any_lane, select, sqrt
 from .layout import DAMPING, INERTIA, KT, PD_FOLD, PD_KD, PD_KP, PD_LIMIT, PD_OUTSIDE, ROTOR_DAMPING, STIFFNESS
 from .motor import clamp, current_step
+from .optional import part, when
 from .passive import friction_torque, stop_torque
 from .push import push_bodies
 from .spatial import add, dot, load3, scale
@@ -107,22 +108,6 @@ def solve_step(scene, points, push, o, y, t, predicted, tau, drive, h, sub, W, Z
             s = _line_search(scene, o, y, tau, drive, h, sub, rising, Z, C)
         _advance(scene, scene.gear, points, s, active, Z, C)
     y[o.passes + 1] = select(active, y[o.passes + 1] + 1.0, y[o.passes + 1])
-
-
-@inline
-def part(present, y, start, count):
-    """A part of the state, None where the scene has none."""
-    if present is None:
-        return None
-    return y[start : start + count]
-
-
-@inline
-def part_of(present, array):
-    """The array, None if the scene has no use for it."""
-    if present is None:
-        return None
-    return array
 
 
 @kernel
@@ -262,7 +247,7 @@ def _solve_linear(scene, armature, gear, points, o, y, predicted, sub, W, Z, C, 
     if points is not None:
         fold_contacts(scene.point_bodies, scene.tree, scene.ground, sub, W, C)
     base_q = part(scene.floating, y, o.base_q, 7)
-    articulated_pass(scene.tree, base_q, None, Z[TAU], Z[DIAGONAL], part_of(scene.push, F), points, W)
+    articulated_pass(scene.tree, base_q, None, Z[TAU], Z[DIAGONAL], when(scene.push, F), points, W)
     acceleration_pass(scene.tree, W, Z[DA])
     for i in range(n):
         v = Z[VP, i] + sub * Z[DA, i]

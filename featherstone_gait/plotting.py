@@ -1,0 +1,106 @@
+"""Pictures of trajectories: channels against time, and the robot as a stick figure at successive instants."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .dynamics import forward_kinematics
+from .model import Model
+from .trajectory import UNITS, Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Channels of several numbers per joint or contact point: their sum over joints or points is drawn, with these names.
+SUMMED = {
+    "energy": ("supply", "meter", "copper", "driver", "friction", "gear", "stops", "work"),
+    "contact_force": ("normal", "tangential 1", "tangential 2"),
+}
+MOST_LABELS = 10  # more lines than this go without a legend
+
+
+def plot_trajectory(trajectory: Trajectory, names: Sequence[str], axes=None) -> Figure:
+    """Draw channels against time [s], one panel each, in `axes` if given; return the figure.
+
+    Raises ValueError on an unknown channel and on another number of axes than of names.
+    """
+    for name in names:
+        if name not in trajectory:
+            raise ValueError(f"there is no channel {name!r}; channels: {', '.join(trajectory)}")
+    if axes is None:
+        from matplotlib import pyplot
+
+        size = (7.0, 1.0 + 2.0 * len(names))
+        _, axes = pyplot.subplots(len(names), sharex=True, squeeze=False, figsize=size, layout="constrained")
+    panels = np.ravel(axes)
+    if len(panels) != len(names):
+        raise ValueError(f"{len(names)} channels and {len(panels)} axes; give one each")
+    for panel, name in zip(panels, names):
+        _plot_channel(panel, trajectory, name)
+    panels[-1].set_xlabel("time [s]")
+    return panels[-1].figure
+
+
+def _plot_channel(axes: Axes, trajectory: Trajectory, name: str) -> None:
+    values, labels = trajectory[name], trajectory.info.get("joints")
+    if name in SUMMED:
+        values, labels = values.sum(axis=1), SUMMED[name]
+    values = values.reshape(len(values), -1)
+    if labels is None or len(labels) != values.shape[1]:
+        labels = [str(k) for k in range(values.shape[1])]
+    for column, label in zip(values.T, labels):
+        axes.plot(trajectory["time"], column, linewidth=1.2, label=label)
+    axes.set_ylabel(f"{name} [{UNITS[name]}]" if name in UNITS else name)
+    axes.grid(alpha=0.3)
+    if 1 < values.shape[1] <= MOST_LABELS:
+        axes.legend(frameon=False, fontsize=8, ncols=2)
+
+
+def plot_motion(model: Model, trajectory: Trajectory, axes=None, count: int = 12, view: str = "xz") -> Figure:
+    """Draw the robot as a stick figure at `count` instants from the start (dark) to the end (light); return the figure.
+
+    Each link is a line from its joint to those of its children, a last link one to its centre of mass, a sole one to
+    each contact point.  view: the world axes to the right and up.  The trajectory needs the channel q, and base_q of a
+    floating base.
+    """
+    from matplotlib import colormaps
+    from matplotlib.collections import LineCollection
+
+    if axes is None:
+        from matplotlib import pyplot
+
+        _, axes = pyplot.subplots(figsize=(5.0, 5.0), layout="constrained")
+    rows = np.linspace(0, len(trajectory["time"]) - 1, count).round().astype(int)
+    colors = colormaps["viridis"](np.linspace(0.0, 0.9, count))
+    right, up = ("xyz".index(axis) for axis in view)
+    sticks = _sticks(model, positions(trajectory)[rows])[..., [right, up]]
+    for figure, color in zip(sticks, colors):
+        axes.add_collection(LineCollection(figure, colors=[color], linewidths=2.0, capstyle="round"))
+        axes.plot(*figure[:, 0].T, "o", color=color, markersize=3)
+    axes.set(xlabel=f"{view[0]} [m]", ylabel=f"{view[1]} [m]")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.autoscale_view()
+    axes.grid(alpha=0.3)
+    return axes.figure
+
+
+def positions(trajectory: Trajectory) -> np.ndarray:
+    """Positions q (samples, nq) as the functions of `dynamics` take them."""
+    return np.hstack([trajectory["base_q"], trajectory["q"]]) if "base_q" in trajectory else trajectory["q"]
+
+
+def _sticks(model: Model, q: np.ndarray) -> np.ndarray:
+    """Both ends (n, lines, 2, 3) of every line, in the world [m]."""
+    row = {link.name: k for k, link in enumerate(model.links)}
+    ends = [(joint.parent, joint.xyz) for joint in model.joints] + [(p.link, p.position) for p in model.contacts]
+    led_on = {name for name, _ in ends}
+    ends += [(link.name, link.center_of_mass) for link in model.links if link.name not in led_on]
+    poses = forward_kinematics(model, q)
+    links = [row[name] for name, _ in ends]
+    start = poses.position[:, links]
+    end = start + np.einsum("nkij,kj->nki", poses.rotation[:, links], np.array([point for _, point in ends]))
+    return np.stack([start, end], axis=2)

@@ -1,0 +1,110 @@
+"""Who may import whom, and other rules that hold for every file of the package."""
+
+import ast
+import importlib
+import pkgutil
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import featherstone_gait
+from featherstone_gait import core
+
+PACKAGE = Path(featherstone_gait.__file__).parent
+ROBOTS = Path(__file__).parents[1] / "robots"
+MODULES = {
+    ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__"): path
+    for path in PACKAGE.rglob("*.py")
+}
+
+
+def imports(name):
+    """Full names of all that a module imports, wherever in the file."""
+    path = MODULES[name]
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            parents = package.split(".")[: len(package.split(".")) + 1 - node.level] if node.level else []
+            source = ".".join([*parents, *filter(None, [node.module])])
+            yield from (f"{source}.{alias.name}" for alias in node.names)
+
+
+def within(name, *packages):
+    return any(name == package or name.startswith(package + ".") for package in packages)
+
+
+def modules_of(part):
+    found = [name for name in MODULES if within(name, f"featherstone_gait.{part}")]
+    assert found
+    return found
+
+
+@pytest.mark.parametrize("module", modules_of("core"))
+def test_core_imports_only_core_and_what_compiles_it(module):
+    allowed = ("featherstone_gait.core", "numpy", "numba", "llvmlite", *sys.stdlib_module_names)
+    assert [name for name in imports(module) if not within(name, *allowed)] == []
+
+
+@pytest.mark.parametrize("module", modules_of("search"))
+def test_search_knows_no_physics(module):
+    known = [name for name in imports(module) if within(name, "featherstone_gait", "numba")]
+    assert [name for name in known if not within(name, "featherstone_gait.search")] == []
+
+
+def test_nothing_imports_the_experiments_and_the_command_line():
+    outer = ("featherstone_gait.experiments", "featherstone_gait.cli")
+    inner = [name for name in MODULES if not within(name, *outer, "featherstone_gait.__main__")]
+    assert [(module, name) for module in inner for name in imports(module) if within(name, *outer)] == []
+
+
+def test_only_core_knows_numba():
+    outside = [name for name in MODULES if not within(name, "featherstone_gait.core")]
+    assert [(module, name) for module in outside for name in imports(module) if within(name, "numba", "llvmlite")] == []
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_only_jit_compiles(module):
+    """`core/jit.py` holds all options of the compiler; everybody else uses its decorators."""
+    compilers = {"jit", "njit", "vectorize", "guvectorize", "cfunc", "stencil", "jitclass"}
+    if module == "featherstone_gait.core.jit":
+        return
+    tree = ast.parse(MODULES[module].read_text("utf-8"))
+    named = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    of_numba = {
+        node.attr
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in ("numba", "nb")
+    }
+    imported = {name.rpartition(".")[2] for name in imports(module) if within(name, "numba")}
+    assert compilers & (named | of_numba | imported) == set()
+
+
+def test_fields_of_records_are_not_attributes_of_arrays():
+    """Compiled code reads any field; with the JIT off a field named as a method of NumPy's would give the method."""
+    names = [info.name for info in pkgutil.iter_modules(core.__path__, core.__name__ + ".")]
+    types = [x for name in names for x in vars(importlib.import_module(name)).values() if isinstance(x, np.dtype)]
+    fields = {field for record in types for field in record.names or ()}
+    assert "parent" in fields
+    assert fields & {*dir(np.record), *dir(np.recarray)} == set()
+
+
+def test_importing_the_package_is_cheap():
+    """SciPy and Matplotlib are loaded by those who use them, when they use them."""
+    program = "import sys, featherstone_gait; print(*{name.partition('.')[0] for name in sys.modules})"
+    command = [sys.executable, "-c", program]
+    run = subprocess.run(command, cwd=PACKAGE.parent, capture_output=True, text=True, check=True)
+    assert {"scipy", "matplotlib", "mujoco", "pandas"} & set(run.stdout.split()) == set()
+
+
+@pytest.mark.parametrize("folder", [PACKAGE, ROBOTS], ids=["package", "robots"])
+def test_no_file_names_a_place_on_some_machine(folder):
+    place = re.compile(r"(?<![\w.])/(home|Users|root|work|tmp|mnt|shared)/|[A-Z]:\\\\")
+    texts = [path for path in folder.rglob("*") if path.suffix in (".py", ".toml", ".urdf", ".md")]
+    assert texts
+    assert [path.name for path in texts if place.search(path.read_text("utf-8"))] == []

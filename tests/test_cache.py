@@ -1,0 +1,89 @@
+"""The cache of compiled kernels: used by the next process, never stale, and dispensable."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import featherstone_gait
+
+PROGRAM = """
+from featherstone_gait.core import batch, jit
+from featherstone_gait.dynamics import forward_dynamics
+from featherstone_gait.model import Joint, Link, Model
+
+links = [Link(name, 1.0, (0.1, 0.0, 0.2), (0.01, 0.0, 0.0, 0.01, 0.0, 0.01)) for name in "ab"]
+model = Model("pendulum", tuple(links), (Joint("j", "continuous", "a", "b"),))
+result = forward_dynamics(model, [0.1], [0.2], [0.3])
+stats = batch.aba_rows.stats
+print(result[0].hex(), sum(stats.cache_hits.values()), sum(stats.cache_misses.values()), jit.CACHE_FOLDER)
+"""
+
+
+@pytest.fixture
+def package(tmp_path):
+    """A copy of the package whose files may be edited."""
+    copy = tmp_path / "copy"
+    shutil.copytree(
+        Path(featherstone_gait.__file__).parent,
+        copy / "featherstone_gait",
+        ignore=shutil.ignore_patterns("__pycache__", "*.nbi", "*.nbc"),
+    )
+    return copy
+
+
+def run(package, *, program=PROGRAM, **environment):
+    """Result, cache hits, cache misses and cache folder of a fresh process."""
+    clean = {key: value for key, value in os.environ.items() if not key.startswith(("NUMBA_", "XDG_"))}
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, cwd=package, env=clean | environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    result, hits, misses, folder = done.stdout.split()
+    return result, int(hits), int(misses), Path(folder)
+
+
+def test_the_next_process_compiles_nothing_and_an_edited_callee_is_compiled_anew(package, tmp_path):
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    first = run(package, **cache)
+    assert first[1:3] == (0, 1)
+    files = sorted(first[3].rglob("*.nb?"))
+    assert files
+    assert first[3].is_relative_to(tmp_path / "cache")
+
+    second = run(package, **cache)
+    assert second == (first[0], 1, 0, first[3])
+    assert sorted(first[3].rglob("*.nb?")) == files
+
+    source = package / "featherstone_gait" / "core" / "spatial.py"
+    original = source.read_text("utf-8")
+    edited = original.replace("a[0] * b[0] + a[1] * b[1] + a[2] * b[2]", "2 * a[0] * b[0] + a[1] * b[1] + a[2] * b[2]")
+    assert edited != original
+    source.write_text(edited, "utf-8")
+    third = run(package, **cache)
+    assert third[1:3] == (0, 1)
+    assert third[0] != first[0]
+    assert third[3] != first[3]
+
+    source.write_text(original, "utf-8")
+    assert run(package, **cache) == second
+
+
+def test_without_a_place_to_write_everything_works(package, tmp_path):
+    file = tmp_path / "file"
+    file.write_text("no folder can be made in a file")
+    blocked = {"NUMBA_CACHE_DIR": str(file / "a"), "XDG_CACHE_HOME": str(file / "b"), "TMPDIR": str(tmp_path)}
+    result, hits, misses, folder = run(package, **blocked)
+    assert (hits, misses) == (0, 1)
+    assert folder.parent == tmp_path
+    assert float.fromhex(result) != 0.0
+
+
+def test_kernels_with_bounds_checks_have_a_folder_of_their_own(package, tmp_path):
+    program = "from featherstone_gait.core import jit; print(0, 0, 0, jit.CACHE_FOLDER)"
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    plain = run(package, program=program, **cache)
+    checked = run(package, program=program, NUMBA_BOUNDSCHECK="1", **cache)
+    assert plain[3] != checked[3]
