@@ -374,13 +374,13 @@ def _gear_table(model: Model, n: int, chosen) -> np.ndarray:
 
 
 def _pd_table(n: int, chosen, check: Preflight, armature, h: float) -> np.ndarray:
-    """Fold the spring only where its own period needs it: at the start of the step it is more accurate."""
+    """Fold the spring only where its own period needs it: Euler is more accurate with it at the start of the step."""
     table = np.zeros((n, layout.PD_COLUMNS))
     for row, servo, inertia in zip(table, chosen, check.inertias):
         if servo is not None:
             c = servo.controller
             limit = c.torque_limit if c.torque_limit < math.inf else 1e300
-            fold = h * h * c.Kp > inertia + h * c.Kd
+            fold = check.integrator == "midpoint" or h * h * c.Kp > inertia + h * c.Kd
             row[:] = (c.Kp, c.Kd, limit, c.law == "pd", fold)
     return table
 
