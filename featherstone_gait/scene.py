@@ -15,7 +15,7 @@ from .core.controller import PID_POSITION, PID_SPEED, STATE_FEEDBACK
 from .core.layout import BODY, COLUMNS
 from .core.scene import Scene
 from .model import Ground, Joint, Link, Model, Servo, inertia_matrix, rotation_from_rpy
-from .preflight import Limit, Preflight, joint_limit
+from .preflight import Limit, Preflight, coupled_limit, joint_limit
 
 GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2]
 
@@ -240,7 +240,7 @@ def compile_scene(
             f"{model.name}: ground without contact points; add [[contacts]] to its TOML or use ground=None"
         )
     armature = _armature(tree, chosen, servos)
-    check = _preflight(model, tree, chosen, servos, continuous, ground, armature, integrator, timestep)
+    check = _preflight(model, chosen, servos, continuous, ground, armature, integrator, timestep)
     h = check.timestep
     period, lag = _period(model, chosen, continuous, h)
     if check.integrator not in INTEGRATORS:
@@ -401,7 +401,7 @@ def _stop_table(model: Model, tree: Tree, chosen, armature) -> np.ndarray | None
     if not any(math.isfinite(j.lower) or math.isfinite(j.upper) for j in joints):
         return None
     table = np.zeros((len(joints), layout.STOP_COLUMNS))
-    inertias = _felt_inertias(model, armature)
+    inertias = 1.0 / np.diag(_mobility(model, armature))
     for k, (row, joint) in enumerate(zip(table, joints)):
         servo = chosen[k] if chosen else None
         torque = model.mass * 9.81 * 0.1
@@ -505,51 +505,57 @@ def _offsets(tree: Tree, sampled: bool, constants: Scene) -> np.ndarray:
     return offsets
 
 
-def _felt_inertias(model: Model, armature) -> np.ndarray:
-    """1 / (M^-1)_ii at zero: the inertia that each joint feels when all others are free."""
+def _mobility(model: Model, armature) -> np.ndarray:
+    """The joints' part of M^-1 at zero (n, n): accelerations that torques cause."""
     from .dynamics import mass_matrix
 
     q = np.zeros(model.nq)
     if model.base == "floating":
         q[3] = 1.0
     n = len(model.moving_joints)
-    return 1.0 / np.diag(np.linalg.inv(mass_matrix(model, q, armature=armature)))[model.nv - n :]
+    return np.linalg.inv(mass_matrix(model, q, armature=armature))[model.nv - n :, model.nv - n :]
 
 
-def _preflight(model, tree, chosen, servos, continuous, ground, armature, integrator, timestep) -> Preflight:
+def _preflight(model, chosen, servos, continuous, ground, armature, integrator, timestep) -> Preflight:
     """Limits of explicit steps, and from them what is not given."""
-    inertias = _felt_inertias(model, armature) if tree.n else np.zeros(0)
-    limits = []
+    own = mobility = _mobility(model, armature)
+    limits, dampers, springs = [], [], []
     for k, joint in enumerate(model.moving_joints):
-        dampings, springs = {"joint damping": joint.damping}, {}
-        servo = chosen[k] if chosen else None
-        if servo and continuous:
-            dampings["pd damping"], springs["pd spring"] = servo.controller.Kd, servo.controller.Kp
-        elif servo:
-            dampings["viscous friction"] = servo.viscous_friction
-            _add_servo_limits(servo, servos, dampings, springs)
-        limits.append(joint_limit(joint.name, float(inertias[k]), dampings, springs))
+        damping, spring = _stiffest(joint, chosen[k] if chosen else None, servos, continuous)
+        limits.append(joint_limit(joint.name, 1.0 / mobility[k, k], damping, spring))
+        dampers.append(sum(damping.values()))
+        springs.append(sum(spring.values()))
+    if servos == "mipsd":  # the gear's spring and damper act between link and rotor
+        mobility = mobility + np.diag(
+            [1.0 / (s.gearbox.ratio**2 * s.gearbox.rotor_inertia) if s else 0 for s in chosen]
+        )
+    largest = coupled_limit(mobility, np.array(dampers), np.array(springs))
     if ground is not None:
         limits.append(Limit("contact", 2.0 * math.sqrt(ground.sinking / 9.81), "contact spring"))
-    largest = min((limit.step for limit in limits), default=math.inf)
-    chosen_step = timestep if timestep is not None else (1e-3 if chosen or ground is not None else 5e-4)
-    if not 0 < chosen_step < math.inf:
+        largest = min(largest, limits[-1].step)
+    step = timestep if timestep is not None else (1e-3 if chosen or ground is not None else 5e-4)
+    if not 0 < step < math.inf:
         raise ValueError(f"timestep is {timestep!r} s; it must be positive and finite")
     if integrator is not None:
         reason = "as asked for"
-    elif chosen or ground is not None or largest < 10 * chosen_step:
+    elif chosen or ground is not None or largest < 10 * step:
         integrator = "implicit_euler"
-        reason = f"an explicit step is limited to {largest:.2g} s, or friction and limits make kinks"
+        reason = f"an explicit step is limited to {largest:.2g} s, or clips and friction make kinks"
     else:
-        integrator = "rk4"
-        reason = "nothing is stiff: order 4"
-    return Preflight(tuple(limits), integrator, chosen_step, reason, tuple(float(x) for x in inertias))
+        integrator, reason = "rk4", "nothing is stiff: order 4"
+    inertias = tuple(float(x) for x in 1.0 / np.diag(own))
+    return Preflight(tuple(limits), integrator, step, reason, inertias, largest)
 
 
-def _add_servo_limits(servo: Servo, servos, dampings: dict, springs: dict) -> None:
+def _stiffest(joint: Joint, servo: Servo | None, servos, continuous: bool) -> tuple[dict, dict]:
+    """Dampers [N m s/rad] and springs [N m/rad] that act on a joint, by name."""
+    damping = {"joint damping": joint.damping}
+    if servo is None:
+        return damping, {}
+    damping["viscous friction"] = servo.viscous_friction
+    if continuous:
+        return damping | {"pd damping": servo.controller.Kd}, {"pd spring": servo.controller.Kp}
     g = servo.gearbox
-    back_emf = (g.ratio * servo.motor_constant) ** 2 / servo.resistance
     if servos == "mipsd":
-        dampings["gearbox damping"], springs["gearbox spring"] = g.damping, g.stiffness
-    else:
-        dampings["back-EMF"] = back_emf
+        return damping | {"gearbox damping": g.damping}, {"gearbox spring": g.stiffness}
+    return damping | {"back-EMF": (g.ratio * servo.motor_constant) ** 2 / servo.resistance}, {}

@@ -1,0 +1,62 @@
+"""The step limits that a scene announces, against where explicit steps really break."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from featherstone_gait.preflight import coupled_limit, joint_limit
+from featherstone_gait.reference import Reference
+from featherstone_gait.robot_file import load_robot, load_servo
+from featherstone_gait.scene import compile_scene
+from featherstone_gait.simulation import initial_state, simulate
+
+
+def amplification(mobility, dampings, springs, h):
+    """Spectral radius of one semi-implicit Euler step of dv/dt = -M^-1 (C v + K x)."""
+    n = len(mobility)
+    v = np.hstack([-h * mobility * springs, np.eye(n) - h * mobility * dampings])
+    x = np.hstack([np.eye(n), np.zeros((n, n))]) + h * v
+    return np.abs(np.linalg.eigvals(np.vstack([x, v]))).max()
+
+
+@pytest.mark.parametrize(("damping", "spring"), [(0.4, 0.0), (0.0, 13.0)])
+def test_coupled_limit_is_where_the_linear_step_stops_being_stable(damping, spring):
+    model = load_robot("arm7")
+    from featherstone_gait.dynamics import mass_matrix
+
+    mobility = np.linalg.inv(mass_matrix(model, np.zeros(7)))
+    dampings, springs = np.full(7, damping), np.full(7, spring)
+    limit = coupled_limit(mobility, dampings, springs)
+    assert amplification(mobility, dampings, springs, 0.999 * limit) < 1 + 1e-9
+    assert amplification(mobility, dampings, springs, 1.001 * limit) > 1 + 1e-6
+
+
+def test_single_joint_limit_names_what_acts_first():
+    assert joint_limit("elbow", 1e-4, {"back-EMF": 0.4}, {"spring": 1.0}) == ("elbow", pytest.approx(5e-4), "back-EMF")
+    assert joint_limit("elbow", 1e-4, {"back-EMF": 0.0}, {"spring": 1e2}).cause == "spring"
+    assert joint_limit("elbow", 1e-4, {}, {}).step == np.inf
+
+
+@pytest.mark.parametrize(("factor", "status"), [(0.93, "ok"), (1.24, "chatter")])
+def test_standard_servos_chatter_beyond_the_announced_step(factor, status):
+    """Without inductance and filter the servo of 2012 is the linear damper of the theory, until it clips."""
+    arm = load_robot("arm7")
+    servo = load_servo("ax12", gearbox="standard", inductance=0.0, speed_filter=0.0)
+    model = replace(arm, servos=dict.fromkeys(arm.joint_names, servo))
+    limit = compile_scene(model, servos="standard").preflight.largest_explicit_step
+    h = 0.01 / round(0.01 / (factor * limit))
+    scene = compile_scene(model, servos="standard", integrator="simtwo", timestep=h)
+    still = Reference([0.0], np.zeros((1, 7)))
+    assert simulate(scene, 1.0, initial_state(scene, np.full(7, 0.01)), still).status == status
+
+
+def test_scene_chooses_integrator_and_step_and_says_why():
+    arm = load_robot("arm7")
+    free = compile_scene(arm).preflight
+    stiff = compile_scene(arm, servos="standard").preflight
+    asked = compile_scene(arm, servos="standard", integrator="midpoint", timestep=5e-4).preflight
+    assert (free.integrator, free.largest_explicit_step) == ("rk4", np.inf)
+    assert (stiff.integrator, stiff.timestep) == ("implicit_euler", 1e-3)
+    assert "explicit step" in stiff.reason
+    assert (asked.integrator, asked.timestep, asked.reason) == ("midpoint", 5e-4, "as asked for")
