@@ -26,6 +26,7 @@ from .spatial import (
     load6,
     load9,
     rotate,
+    rotate_back,
     scale,
     store3,
     sub,
@@ -64,7 +65,7 @@ def articulated_pass(tree, base_q, base_tau, tau, armature, wrench, contact, W):
             D, Sp = dot(s, Uf), dot(s, f)
         else:
             r = cross(load3(W, i, P), s)
-            Un, Uf = add(symmetric(J, s), rotate(H, r)), add(_transposed(H, s), symmetric(M, r))
+            Un, Uf = add(symmetric(J, s), rotate(H, r)), add(rotate_back(H, s), symmetric(M, r))
             D, Sp = dot(s, Un) + dot(r, Uf), dot(s, n) + dot(r, f)
         D = _enlarged(D, armature, b.dof)
         Dinv = 1.0 / D
@@ -82,16 +83,6 @@ def _enlarged(D, armature, i):
     if armature is None:
         return D
     return D + armature[i]
-
-
-@inline
-def _transposed(H, a):
-    """H' a"""
-    return (
-        H[0] * a[0] + H[3] * a[1] + H[6] * a[2],
-        H[1] * a[0] + H[4] * a[1] + H[7] * a[2],
-        H[2] * a[0] + H[5] * a[1] + H[8] * a[2],
-    )
 
 
 @inline

@@ -54,8 +54,13 @@ SCRATCH = 27
 
 @kernel
 def place_points(points, bodies, ground, base_q, W, C, h):
-    """Fill position, penetration and predicted velocity of every point; h the time by which W lies ahead [s]."""
+    """Fill position, penetration and predicted velocity of every point.
+
+    base_q is that of the step's start, from which the base's travel to the time h at which W lies ahead [s] is absent:
+    only the points' motion relative to the base is taken back from the penetration.
+    """
     n, t, s = load3(ground, 0, GN), load3(ground, 0, GT), load3(ground, 0, GS)
+    base = dot(n, load3(W, 0, V + 3))
     for c in range(len(bodies)):
         i = bodies[c]
         x = add(load3(W, i, P), rotate(load9(W, i, R), load3(points, c, CX)))
@@ -64,7 +69,7 @@ def place_points(points, bodies, ground, base_q, W, C, h):
         u = (dot(n, v), dot(t, v), dot(s, v))
         store3(C, c, U0, u)
         store3(C, c, UK, u)
-        C[c, DEPTH] = _depth(ground, base_q, x, n, t) + h * u[0]
+        C[c, DEPTH] = _depth(ground, base_q, x, n, t) + h * (u[0] - base)
 
 
 @inline

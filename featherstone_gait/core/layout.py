@@ -76,7 +76,7 @@ STATE = np.dtype(
             "worst_chatter",  # n, its largest value so far
             "passes",  # 2: passes of Newton's iteration so far, steps in which it did not converge
             "status",  # 1: see STATUS in simulation.py
-            "end",  # 1: time of failure [s]
+            "end",  # 1: time reached, of a run that failed the time of that [s]
             "length",  # of the state
         )
     ]

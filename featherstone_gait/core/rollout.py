@@ -55,7 +55,8 @@ def rollout(scene, o, plan, signals, y, scratch, channels, out):
         t = k * plan.h
         if k % plan.per_tick == 0 or k == plan.steps:
             dead = _inspect(scene, o, plan, t, y, good)
-            _tick(scene.servo, scene, o, signals, plan, t, y)
+            if k < plan.steps:  # the tick at the very end is the first of what goes on from here
+                _tick(scene.servo, scene, o, signals, plan, t, y)
         if k % plan.per_sample == 0:
             for j in range(len(channels)):
                 out[k // plan.per_sample, j] = y[channels[j]]
@@ -141,7 +142,7 @@ def _inspect(scene, o, plan, t, y, good):
         for i in range(len(good)):
             y[i] = select(new & (failed == DIVERGED), good[i], y[i])
     y[o.status] = select(new, failed, y[o.status])
-    y[o.end] = select(new, t + 0.0 * y[o.end], y[o.end])
+    y[o.end] = select(dead, y[o.end], t + 0.0 * y[o.end])
     for i in range(len(good)):
         good[i] = y[i]
     return dead | new
