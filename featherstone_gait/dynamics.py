@@ -16,7 +16,7 @@ from .core import batch
 from .core.elementary import SINCOS_LIMIT
 from .core.lanes import WIDTH, aligned
 from .model import Model
-from .scene import GRAVITY, Tree, compile_tree
+from .tree import GRAVITY, Tree, compile_tree
 
 
 class Poses(NamedTuple):

@@ -1,8 +1,7 @@
-"""From the robot's files to what kernels read: merging, locking, the choice of frames, servos, ground and preflight."""
+"""From a model, its servos and the ground to the numbers that kernels read, with a preflight of the step."""
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
@@ -12,149 +11,11 @@ import numpy as np
 from .core import layout
 from .core.batch import exponential
 from .core.controller import PID_POSITION, PID_SPEED, STATE_FEEDBACK
-from .core.layout import BODY, COLUMNS
 from .core.scene import Scene
-from .model import Ground, Joint, Link, Model, Servo, inertia_matrix, rotation_from_rpy
+from .dynamics import forward_kinematics, mass_matrix
+from .model import Ground, Joint, Model, Servo
 from .preflight import Limit, Preflight, coupled_limit, joint_limit
-
-GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2]
-
-
-class Placement(NamedTuple):
-    """Where a link sits: the moving body that carries it and its frame in that body's frame."""
-
-    row: int  # row of the body; 0 is the world or the floating base
-    E: np.ndarray  # (3, 3) rotation link -> body frame
-    r: np.ndarray  # (3,) origin of the link frame in the body frame [m]
-
-
-class Tree(NamedTuple):
-    """A model laid out for the kernels."""
-
-    bodies: np.recarray  # (n + 1,) BODY
-    floating: bool
-    names: tuple[str, ...]  # of the rows: the root link, then each joint's child
-    placements: dict[str, Placement]  # of every link
-    rows: int  # of the workspace: bodies, slots, contact rows
-
-    @property
-    def n(self) -> int:
-        """Number of moving joints."""
-        return len(self.bodies) - 1
-
-    def workspace_shape(self) -> tuple[int, int]:
-        return (self.rows, COLUMNS)
-
-
-@functools.lru_cache(maxsize=64)
-def compile_tree(model: Model) -> Tree:
-    """Merge what is rigidly connected, turn every joint to z and order bodies depth first, parents before children."""
-    links = {link.name: link for link in model.links}
-    order = _depth_first(model)
-    dof = {name: k for k, name in enumerate(model.joint_names)}
-    bodies = np.zeros(len(dof) + 1, BODY)
-    bodies[0]["E"] = np.eye(3).ravel()
-    root = ({link.name for link in model.links} - {joint.child for joint in model.joints}).pop()
-    placements = {root: Placement(0, np.eye(3), np.zeros(3))}
-    groups: list[list[str]] = [[root]]
-    for joint in order:
-        parent = placements[joint.parent]
-        E = parent.E @ rotation_from_rpy(joint.rpy)
-        r = parent.r + parent.E @ np.array(joint.xyz)
-        if joint.name not in dof:
-            E, r = _held(joint, model.locked.get(joint.name, 0.0), E, r)
-            placements[joint.child] = Placement(parent.row, E, r)
-            groups[parent.row].append(joint.child)
-            continue
-        Q = _rotation_z_to(joint.axis)
-        row = len(groups)
-        body = bodies[row]
-        body["parent"], body["dof"], body["prismatic"] = parent.row, dof[joint.name], joint.type == "prismatic"
-        body["E"], body["r"] = (E @ Q).ravel(), r
-        placements[joint.child] = Placement(row, Q.T, np.zeros(3))
-        groups.append([joint.child])
-    for body, group in zip(bodies, groups):
-        _merge(body, [(links[name], placements[name]) for name in group])
-    rows = len(bodies) + _assign_slots(bodies)
-    for row in sorted({placements[point.link].row for point in model.contacts}):
-        bodies[row]["contact"] = rows
-        rows += 1
-    names = tuple(group[0] for group in groups)
-    return Tree(bodies.view(np.recarray), model.base == "floating", names, placements, rows)
-
-
-def _depth_first(model: Model) -> list[Joint]:
-    """The joints so that each chain is contiguous: the accumulator of a chain is then reused along it."""
-    children: dict[str, list[Joint]] = {}
-    for joint in model.joints:
-        children.setdefault(joint.parent, []).append(joint)
-    root = ({link.name for link in model.links} - {joint.child for joint in model.joints}).pop()
-    order, stack = [], children.get(root, [])[::-1]
-    while stack:
-        joint = stack.pop()
-        order.append(joint)
-        stack.extend(children.get(joint.child, [])[::-1])
-    return order
-
-
-def rotation_axis(axis, angle: float) -> np.ndarray:
-    """Rotation about a unit axis (Rodrigues)."""
-    x, y, z = axis
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + math.sin(angle) * K + (1 - math.cos(angle)) * (K @ K)
-
-
-def _held(joint: Joint, position: float, E, r) -> tuple[np.ndarray, np.ndarray]:
-    """The child frame of a fixed or locked joint."""
-    if position == 0.0:
-        return E, r
-    if joint.type == "prismatic":
-        return E, r + E @ (position * np.array(joint.axis))
-    return E @ rotation_axis(joint.axis, position), r
-
-
-def _rotation_z_to(axis) -> np.ndarray:
-    """A rotation that takes z to the unit vector `axis`; entries are exactly 0 and 1 for coordinate axes."""
-    z = np.array(axis)
-    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
-    x /= math.sqrt(x @ x)
-    return np.column_stack([x, np.cross(z, x), z])
-
-
-def _merge(body, group: list[tuple[Link, Placement]]) -> None:
-    """Mass, centre of mass and inertia of the links that move as one, in the body's frame."""
-    m = math.fsum(link.mass for link, _ in group)
-    centers = [place.r + place.E @ np.array(link.center_of_mass) for link, place in group]
-    c = sum((link.mass * center for (link, _), center in zip(group, centers)), np.zeros(3))
-    c = c / m if m > 0 else c
-    J = np.zeros((3, 3))
-    for (link, place), center in zip(group, centers):
-        d = center - c
-        J += place.E @ inertia_matrix(link.inertia) @ place.E.T + link.mass * ((d @ d) * np.eye(3) - np.outer(d, d))
-    body["m"], body["c"] = m, c
-    body["J"] = J[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
-
-
-def _assign_slots(bodies) -> int:
-    """Give each parent an accumulator row, reusing rows whose parent has been passed; return how many are needed."""
-    n = len(bodies)
-    slot = [-1] * n
-    free: list[int] = []
-    used = 0
-    for i in range(n - 1, -1, -1):
-        bodies[i]["leaf"] = slot[i] < 0
-        if slot[i] >= 0:
-            free.append(slot[i])
-        parent = bodies[i]["parent"]
-        if i > 0 and slot[parent] < 0:
-            bodies[i]["last"] = 1
-            if not free:
-                free.append(used)
-                used += 1
-            slot[parent] = free.pop()
-    bodies["slot"] = [n + max(s, 0) for s in slot]
-    return used
-
+from .tree import GRAVITY, Tree, compile_tree
 
 ServoKind = Literal["mipsd", "rotor", "standard"]
 INTEGRATORS = {"implicit_euler": 1.0, "midpoint": 0.5, "rk4": 1.0, "simtwo": 1.0}  # name -> theta
@@ -232,88 +93,96 @@ def compile_scene(
     Raises ValueError on servos that the model does not have and on steps that do not fit.
     """
     tree = compile_tree(model)
-    chosen = _joint_servos(model, servos)
-    continuous = _is_continuous(model, chosen)
-    points = None if ground is None or not model.contacts else model.contacts
-    if ground is not None and points is None:
-        raise ValueError(
-            f"{model.name}: ground without contact points; add [[contacts]] to its TOML or use ground=None"
-        )
-    armature = _armature(tree, chosen, servos)
-    check = _preflight(model, chosen, servos, continuous, ground, armature, integrator, timestep)
-    h = check.timestep
-    period, lag = _period(model, chosen, continuous, h)
+    drive = _drive(model, servos)
+    if ground is not None and not model.contacts:
+        raise ValueError(f"{model.name}: ground without contact points; add contacts to its TOML, or ground=None")
+    check = _preflight(model, drive, ground, integrator, timestep)
     if check.integrator not in INTEGRATORS:
         raise ValueError(f"integrator {check.integrator!r}; use one of {', '.join(INTEGRATORS)}")
-    if check.integrator == "simtwo" and (continuous or not chosen):
+    if check.integrator == "simtwo" and not drive.sampled:
         raise ValueError("simtwo is the update order of sampled servos; use implicit_euler for other scenes")
-    sampled = bool(chosen) and not continuous
-    constants = Scene(
-        tree.bodies,
-        True if tree.floating else None,
-        np.array(gravity, dtype=float),
-        _servo_table(tree.n, chosen, h) if sampled else None,
-        _gear_table(model, tree.n, chosen) if sampled and servos == "mipsd" else None,
-        _pd_table(tree.n, chosen, check, armature, h) if continuous else None,
-        np.array([LAWS[s.controller.law] if s else 0 for s in chosen], np.int64) if sampled else None,
-        armature,
-        _friction_table(model, chosen, check.integrator),
-        _stop_table(model, tree, chosen, armature),
-        None if points is None else _contact_table(model, tree, ground),
-        None if points is None else np.array([tree.placements[p.link].row for p in _by_body(model, tree)], np.int64),
-        None if points is None else _ground_table(ground),
-        None,
-        None,
-    )
-    stand = _fall_height(model, tree, ground, fall_height) if tree.floating and points else -math.inf
-    upright = math.cos(fall_tilt) if tree.floating and points else -2.0
+    period, lag = _period(model, drive, check.timestep)
+    constants = _constants(model, tree, drive, check, ground, gravity)
+    falls = tree.floating and ground is not None
     return CompiledScene(
-        model,
-        tree,
-        constants,
-        _offsets(tree, sampled, constants),
-        check.integrator,
-        h,
-        round(period / h),
-        lag,
-        servos,
-        ground,
-        check,
-        stand,
-        upright,
+        model=model,
+        tree=tree,
+        constants=constants,
+        offsets=_offsets(tree, constants),
+        integrator=check.integrator,
+        timestep=check.timestep,
+        tick_steps=round(period / check.timestep),
+        lag=lag,
+        servos=servos,
+        ground=ground,
+        preflight=check,
+        fall_height=_fall_height(model, ground, fall_height) if falls else -math.inf,
+        fall_upright=math.cos(fall_tilt) if falls else -2.0,
     )
 
 
-def _joint_servos(model: Model, servos: ServoKind | None) -> list[Servo | None]:
-    """The servo of each moving joint; an empty list for a scene without."""
-    if servos is None:
-        return []
-    if servos not in ("mipsd", "rotor", "standard"):
-        raise ValueError(f"servos is {servos!r}; use 'mipsd', 'rotor', 'standard' or None")
-    if not any(name in model.servos for name in model.joint_names):
+class _Drive(NamedTuple):
+    """The servos of a scene, joint by joint."""
+
+    kind: ServoKind | None
+    servos: list[Servo | None]  # of each moving joint; empty without servos
+    sampled: bool
+    continuous: bool
+    armature: np.ndarray | None  # reflected inertia G^2 J of rigid gearboxes [kg m^2]
+
+    def of(self, k: int) -> Servo | None:
+        return self.servos[k] if self.servos else None
+
+
+def _drive(model: Model, kind: ServoKind | None) -> _Drive:
+    if kind is None:
+        return _Drive(None, [], False, False, None)
+    if kind not in ("mipsd", "rotor", "standard"):
+        raise ValueError(f"servos is {kind!r}; use 'mipsd', 'rotor', 'standard' or None")
+    servos = [model.servos.get(name) for name in model.joint_names]
+    if not any(servos):
         raise ValueError(f"{model.name} has no servos; name them in the [servos] table of its TOML, or use servos=None")
-    return [model.servos.get(name) for name in model.joint_names]
-
-
-def _is_continuous(model: Model, chosen: list[Servo | None]) -> bool:
-    kinds = {servo.controller.law in ("pd", "pd_clamped") for servo in chosen if servo}
-    if len(kinds) > 1:
+    laws = {servo.controller.law in ("pd", "pd_clamped") for servo in servos if servo}
+    if len(laws) > 1:
         raise ValueError(f"{model.name} mixes pd servos with sampled ones; give all joints one kind of law")
-    return kinds == {True}
+    continuous = laws.pop()
+    if continuous and kind == "mipsd":
+        raise ValueError(f"{model.name}: a pd servo has no motor to drive a spring-damper gearbox; use servos='rotor'")
+    armature = None
+    if kind == "rotor":
+        armature = np.array([s.gearbox.ratio**2 * s.gearbox.rotor_inertia if s else 0.0 for s in servos])
+    return _Drive(kind, servos, not continuous, continuous, armature)
 
 
-def _armature(tree: Tree, chosen, servos) -> np.ndarray | None:
-    """Reflected inertia G^2 J of rigid gearboxes [kg m^2]."""
-    if servos != "rotor":
-        return None
-    return np.array([s.gearbox.ratio**2 * s.gearbox.rotor_inertia if s else 0.0 for s in chosen])
+def _constants(model: Model, tree: Tree, drive: _Drive, check: Preflight, ground: Ground | None, gravity) -> Scene:
+    """All parameter arrays; None for what the scene lacks."""
+    h, sampled = check.timestep, drive.sampled
+    laws = [LAWS[servo.controller.law] if servo else 0 for servo in drive.servos] if sampled else None
+    rows = [tree.placements[point.link].row for point in _by_body(model, tree)]
+    return Scene(
+        tree=tree.bodies,
+        floating=True if tree.floating else None,
+        gravity=np.array(gravity, dtype=float),
+        servo=_servo_table(drive, h) if sampled else None,
+        gear=_gear_table(model, drive) if sampled and drive.kind == "mipsd" else None,
+        pd=_pd_table(drive, check) if drive.continuous else None,
+        law=np.array(laws, np.int64) if sampled else None,
+        armature=drive.armature,
+        friction=_friction_table(model, drive, check.integrator),
+        stops=_stop_table(model, drive, check),
+        points=None if ground is None else _contact_table(model, tree, ground),
+        point_bodies=None if ground is None else np.array(rows, np.int64),
+        ground=None if ground is None else _ground_table(ground),
+        push=None,
+        push_rows=None,
+    )
 
 
-def _period(model: Model, chosen, continuous: bool, h: float) -> tuple[float, float]:
+def _period(model: Model, drive: _Drive, h: float) -> tuple[float, float]:
     """Controller tick and lag [s], one for all joints."""
-    if not chosen or continuous:
+    if not drive.sampled:
         return max(1, round(NO_SERVO_TICK / h)) * h, 0.0
-    settings = {(s.controller.period, s.controller.lag) for s in chosen if s}
+    settings = {(s.controller.period, s.controller.lag) for s in drive.servos if s}
     if len(settings) > 1:
         raise ValueError(f"{model.name}: controllers differ in period or lag: {sorted(settings)}; give them the same")
     period, lag = settings.pop()
@@ -324,10 +193,10 @@ def _period(model: Model, chosen, continuous: bool, h: float) -> tuple[float, fl
     return period, lag
 
 
-def _servo_table(n: int, chosen, h: float) -> np.ndarray:
-    table = np.zeros((n, layout.SERVO_COLUMNS))
+def _servo_table(drive: _Drive, h: float) -> np.ndarray:
+    table = np.zeros((len(drive.servos), layout.SERVO_COLUMNS))
     table[:, layout.RES] = 1.0  # a joint without a servo: no torque, no current
-    for row, servo in zip(table, chosen):
+    for row, servo in zip(table, drive.servos):
         if servo is None:
             continue
         c, z = servo.controller, math.inf
@@ -349,11 +218,11 @@ def _servo_table(n: int, chosen, h: float) -> np.ndarray:
     return table
 
 
-def _gear_table(model: Model, n: int, chosen) -> np.ndarray:
-    table = np.zeros((n, layout.GEAR_COLUMNS))
+def _gear_table(model: Model, drive: _Drive) -> np.ndarray:
+    table = np.zeros((len(drive.servos), layout.GEAR_COLUMNS))
     table[:, layout.INERTIA] = 1.0
     table[:, layout.RATIO] = 1.0
-    for row, servo, name in zip(table, chosen, model.joint_names):
+    for row, servo, name in zip(table, drive.servos, model.joint_names):
         if servo is None:
             continue
         g = servo.gearbox
@@ -373,10 +242,11 @@ def _gear_table(model: Model, n: int, chosen) -> np.ndarray:
     return table
 
 
-def _pd_table(n: int, chosen, check: Preflight, armature, h: float) -> np.ndarray:
+def _pd_table(drive: _Drive, check: Preflight) -> np.ndarray:
     """Fold the spring only where its own period needs it: Euler is more accurate with it at the start of the step."""
-    table = np.zeros((n, layout.PD_COLUMNS))
-    for row, servo, inertia in zip(table, chosen, check.inertias):
+    h = check.timestep
+    table = np.zeros((len(drive.servos), layout.PD_COLUMNS))
+    for row, servo, inertia in zip(table, drive.servos, check.inertias):
         if servo is not None:
             c = servo.controller
             limit = c.torque_limit if c.torque_limit < math.inf else 1e300
@@ -385,32 +255,36 @@ def _pd_table(n: int, chosen, check: Preflight, armature, h: float) -> np.ndarra
     return table
 
 
-def _friction_table(model: Model, chosen, integrator: str) -> np.ndarray | None:
+def _friction_table(model: Model, drive: _Drive, integrator: str) -> np.ndarray | None:
     """Viscous and Coulomb friction of joint and servo; the 2012 order applies the servo's viscous part itself."""
     table = np.zeros((len(model.moving_joints), layout.FRICTION_COLUMNS))
     for k, joint in enumerate(model.moving_joints):
-        servo = chosen[k] if chosen else None
+        servo = drive.of(k)
         own = servo.viscous_friction if servo and integrator != "simtwo" else 0.0
         table[k] = joint.damping + own, joint.friction + (servo.coulomb_friction if servo else 0.0)
     return table if table.any() else None
 
 
-def _stop_table(model: Model, tree: Tree, chosen, armature) -> np.ndarray | None:
+def _stop_table(model: Model, drive: _Drive, check: Preflight) -> np.ndarray | None:
     """One-sided spring-dampers, critically damped with the inertia that the joint feels at zero."""
     joints = model.moving_joints
     if not any(math.isfinite(j.lower) or math.isfinite(j.upper) for j in joints):
         return None
     table = np.zeros((len(joints), layout.STOP_COLUMNS))
-    inertias = 1.0 / np.diag(_mobility(model, armature))
     for k, (row, joint) in enumerate(zip(table, joints)):
-        servo = chosen[k] if chosen else None
+        servo = drive.of(k)
         torque = model.mass * 9.81 * 0.1
         if servo is not None:
             torque = _stall_torque(servo)
         elif joint.effort < 1e3:
             torque = joint.effort
         stiffness = max(torque, 1e-6) / STOP_DEPTH
-        row[:] = max(joint.lower, -1e300), min(joint.upper, 1e300), stiffness, 2.0 * math.sqrt(stiffness * inertias[k])
+        row[:] = (
+            max(joint.lower, -1e300),
+            min(joint.upper, 1e300),
+            stiffness,
+            2.0 * math.sqrt(stiffness * check.inertias[k]),
+        )
     return table
 
 
@@ -451,10 +325,8 @@ def _ground_table(ground: Ground) -> np.ndarray:
     return table
 
 
-def _fall_height(model: Model, tree: Tree, ground: Ground, fraction: float) -> float:
+def _fall_height(model: Model, ground: Ground, fraction: float) -> float:
     """Height of the base [m] below which the robot lies."""
-    from .dynamics import forward_kinematics
-
     q = np.zeros(model.nq)
     q[3] = 1.0
     poses = forward_kinematics(model, q)
@@ -467,10 +339,10 @@ def _fall_height(model: Model, tree: Tree, ground: Ground, fraction: float) -> f
     return ground.height - fraction * lowest
 
 
-def _offsets(tree: Tree, sampled: bool, constants: Scene) -> np.ndarray:
+def _offsets(tree: Tree, constants: Scene) -> np.ndarray:
     """Give each part of the state its place."""
     n, base = tree.n, tree.floating
-    servo, gear = n * sampled, n * (constants.gear is not None)
+    servo, gear = n * (constants.servo is not None), n * (constants.gear is not None)
     points = 0 if constants.points is None else len(constants.points)
     sizes = {
         "base_q": 7 * base,
@@ -507,8 +379,6 @@ def _offsets(tree: Tree, sampled: bool, constants: Scene) -> np.ndarray:
 
 def _mobility(model: Model, armature) -> np.ndarray:
     """The joints' part of M^-1 at zero (n, n): accelerations that torques cause."""
-    from .dynamics import mass_matrix
-
     q = np.zeros(model.nq)
     if model.base == "floating":
         q[3] = 1.0
@@ -516,29 +386,29 @@ def _mobility(model: Model, armature) -> np.ndarray:
     return np.linalg.inv(mass_matrix(model, q, armature=armature))[model.nv - n :, model.nv - n :]
 
 
-def _preflight(model, chosen, servos, continuous, ground, armature, integrator, timestep) -> Preflight:
+def _preflight(model: Model, drive: _Drive, ground: Ground | None, integrator, timestep) -> Preflight:
     """Limits of explicit steps, and from them what is not given."""
-    own = mobility = _mobility(model, armature)
+    own = mobility = _mobility(model, drive.armature)
     limits, dampers, springs = [], [], []
     for k, joint in enumerate(model.moving_joints):
-        damping, spring = _stiffest(joint, chosen[k] if chosen else None, servos, continuous)
+        damping, spring = _stiffest(joint, drive.of(k), drive)
         limits.append(joint_limit(joint.name, 1.0 / mobility[k, k], damping, spring))
         dampers.append(sum(damping.values()))
         springs.append(sum(spring.values()))
-    if servos == "mipsd":  # the gear's spring and damper act between link and rotor
+    if drive.kind == "mipsd":  # the gear's spring and damper act between link and rotor
         mobility = mobility + np.diag(
-            [1.0 / (s.gearbox.ratio**2 * s.gearbox.rotor_inertia) if s else 0 for s in chosen]
+            [1.0 / (s.gearbox.ratio**2 * s.gearbox.rotor_inertia) if s else 0 for s in drive.servos]
         )
     largest = coupled_limit(mobility, np.array(dampers), np.array(springs))
     if ground is not None:
         limits.append(Limit("contact", 2.0 * math.sqrt(ground.sinking / 9.81), "contact spring"))
         largest = min(largest, limits[-1].step)
-    step = timestep if timestep is not None else (1e-3 if chosen or ground is not None else 5e-4)
+    step = timestep if timestep is not None else (1e-3 if drive.servos or ground is not None else 5e-4)
     if not 0 < step < math.inf:
         raise ValueError(f"timestep is {timestep!r} s; it must be positive and finite")
     if integrator is not None:
         reason = "as asked for"
-    elif chosen or ground is not None or largest < 10 * step:
+    elif drive.servos or ground is not None or largest < 10 * step:
         integrator = "implicit_euler"
         reason = f"an explicit step is limited to {largest:.2g} s, or clips and friction make kinks"
     else:
@@ -547,15 +417,15 @@ def _preflight(model, chosen, servos, continuous, ground, armature, integrator, 
     return Preflight(tuple(limits), integrator, step, reason, inertias, largest)
 
 
-def _stiffest(joint: Joint, servo: Servo | None, servos, continuous: bool) -> tuple[dict, dict]:
+def _stiffest(joint: Joint, servo: Servo | None, drive: _Drive) -> tuple[dict, dict]:
     """Dampers [N m s/rad] and springs [N m/rad] that act on a joint, by name."""
     damping = {"joint damping": joint.damping}
     if servo is None:
         return damping, {}
     damping["viscous friction"] = servo.viscous_friction
-    if continuous:
+    if drive.continuous:
         return damping | {"pd damping": servo.controller.Kd}, {"pd spring": servo.controller.Kp}
     g = servo.gearbox
-    if servos == "mipsd":
+    if drive.kind == "mipsd":
         return damping | {"gearbox damping": g.damping}, {"gearbox spring": g.stiffness}
     return damping | {"back-EMF": (g.ratio * servo.motor_constant) ** 2 / servo.resistance}, {}

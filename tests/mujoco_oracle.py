@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from featherstone_gait.model import Model
-from featherstone_gait.scene import GRAVITY
+from featherstone_gait.tree import GRAVITY
 
 FLAGS = mujoco.mjtDisableBit
 DISABLED = FLAGS.mjDSBL_CONTACT | FLAGS.mjDSBL_CONSTRAINT | FLAGS.mjDSBL_LIMIT | FLAGS.mjDSBL_FRICTIONLOSS

@@ -16,7 +16,7 @@ from featherstone_gait.core.lanes import WIDTH, aligned
 from featherstone_gait.dynamics import forward_dynamics, inverse_dynamics
 from featherstone_gait.model import Joint, Link, Model
 from featherstone_gait.robot_file import load_robot
-from featherstone_gait.scene import GRAVITY, compile_tree
+from featherstone_gait.tree import GRAVITY, compile_tree
 
 FUNCTIONS = [forward_dynamics, inverse_dynamics]
 COUNT = 64

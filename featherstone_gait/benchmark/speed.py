@@ -32,7 +32,7 @@ from ..core.lanes import WIDTH, aligned
 from ..dynamics import inverse_dynamics, mass_matrix
 from ..model import Joint, Link, Model
 from ..robot_file import load_robot, save_robot
-from ..scene import GRAVITY, compile_tree
+from ..tree import GRAVITY, compile_tree
 
 LENGTHS = (5, 10, 20, 50, 100, 200)
 REPEATS, REPEATS_FULL = 15, 51
