@@ -17,7 +17,10 @@ from pathlib import Path
 
 from . import __version__
 
-BENCHMARKS = ("speed",)  # modules of `featherstone_gait.benchmark`
+BENCHMARKS = {  # modules of `featherstone_gait.benchmark`, and the files they write
+    "speed": "speed.csv, speed.png",
+    "servo": "servo_arm.csv, servo_pd.csv, servo.png",
+}
 SWING, PULL = 0.5 * math.pi, 0.1  # where the first joint starts, without and with servos [rad]
 SAMPLE = 2e-3  # time between records, in whole steps [s]
 UNITS = {
@@ -43,6 +46,13 @@ UNITS = {
     "stiffness": "N m/rad",
     "damping": "N m s/rad",
     "backlash": "rad",
+}
+SERVO_HELP = "gearbox of the servos (default: mipsd if the robot has any, but a fixed one swings without)"
+TORQUE_GAINS = {"Kp": "N m/rad", "Kd": "N m s/rad"}
+GAINS = {  # of the laws that differ
+    "pid_speed": {"Kp": "V s/rad", "Ki": "V/rad", "Kd": "V s^2/rad"},
+    "pd": TORQUE_GAINS,
+    "pd_clamped": TORQUE_GAINS,
 }
 
 
@@ -80,8 +90,9 @@ def _parser() -> argparse.ArgumentParser:
     simulation.add_argument("--integrator", metavar="NAME", help="implicit_euler, midpoint, rk4 or simtwo")
     simulation.add_argument("--timestep", type=float, metavar="S", help="[s] (default: chosen, and stated)")
 
-    benchmark = _command(commands, "benchmark", _benchmark, "run a benchmark", "NAME.csv and NAME.png")
-    benchmark.add_argument("name", metavar="NAME", choices=BENCHMARKS, help=", ".join(BENCHMARKS))
+    files = "; ".join(f"{name}: {files}" for name, files in BENCHMARKS.items())
+    benchmark = _command(commands, "benchmark", _benchmark, "run a benchmark", f"tables and a picture ({files})")
+    benchmark.add_argument("name", metavar="NAME", choices=BENCHMARKS, help=" or ".join(BENCHMARKS))
     benchmark.add_argument("--full", action="store_true", help="repeat everything more often")
     return parser
 
@@ -97,7 +108,7 @@ def _command(commands, name: str, run, does: str, writes: str) -> argparse.Argum
 def _add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("robot", metavar="ROBOT", help="name of a robot that comes with the package, or a .urdf file")
     parser.add_argument("--locked", metavar="SET", help="set of joints to hold, from the robot's TOML file")
-    parser.add_argument("--servos", choices=("mipsd", "rotor", "standard", "none"), help="gearbox of the servos")
+    parser.add_argument("--servos", choices=("mipsd", "rotor", "standard", "none"), help=SERVO_HELP)
 
 
 def _output(args, kind: str) -> Path:
@@ -151,27 +162,31 @@ def _link_table(model) -> list[str]:
 def _joint_table(model, check) -> list[str]:
     """The joints, with the largest step that an explicit integrator could take."""
     head = ("joint", "type", "parent", "child", "axis", "limits", "effort", "speed", "explicit step [ms]")
-    steps = {limit.joint: f"{1e3 * limit.step:.3g}, {limit.cause}" for limit in check.limits}
+    steps = {limit.joint: _limit(limit) for limit in check.limits}
+    steps |= {
+        joint.name: f"locked at {_angle(joint, model.locked[joint.name])}"
+        for joint in model.joints
+        if joint.name in model.locked
+    }
     rows = []
     for joint in model.joints:
-        held = joint.name in model.locked
-        step = f"locked at {_angle(joint, model.locked[joint.name])}" if held else steps.get(joint.name, "")
         if joint.type == "fixed":
             rows.append((joint.name, joint.type, joint.parent, joint.child, *"-----"))
             continue
         limits = f"{_angle(joint, joint.lower)} to {_angle(joint, joint.upper)}"
-        axis, torque = _numbers(joint.axis), "N" if joint.type == "prismatic" else "N m"
-        effort, speed = f"{joint.effort:.4g} {torque}", f"{joint.velocity:.4g} {torque and _rate(joint)}"
-        rows.append((joint.name, joint.type, joint.parent, joint.child, axis, limits, effort, speed, step))
+        force, rate = ("N", "m/s") if joint.type == "prismatic" else ("N m", "rad/s")
+        effort, speed = f"{joint.effort:.4g} {force}", f"{joint.velocity:.4g} {rate}"
+        axis = _numbers(joint.axis)
+        rows.append((joint.name, joint.type, joint.parent, joint.child, axis, limits, effort, speed, steps[joint.name]))
     return _table(head, rows)
+
+
+def _limit(limit) -> str:
+    return f"{1e3 * limit.step:.3g}, {limit.cause}" if limit.step < math.inf else f"any, {limit.cause}"
 
 
 def _angle(joint, value: float) -> str:
     return f"{value:.4g} m" if joint.type == "prismatic" else f"{math.degrees(value):.4g} deg"
-
-
-def _rate(joint) -> str:
-    return "m/s" if joint.type == "prismatic" else "rad/s"
 
 
 def _servo_table(model) -> list[str]:
@@ -183,16 +198,18 @@ def _servo_table(model) -> list[str]:
     for servo, joints in kinds.items():
         parts = {"motor": servo, "controller": servo.controller, "gearbox": servo.gearbox}
         rows = [(part, name, value, unit) for part, record in parts.items() for name, value, unit in _fields(record)]
-        lines += ["", f"servo of {', '.join(joints)}", *_table(("part", "parameter", "value", "unit"), rows)[1:]]
+        whose = ", ".join(joints) if len(kinds) > 1 else "all joints"
+        lines += ["", f"servo of {whose}", *_table(("part", "parameter", "value", "unit"), rows)[1:]]
     return lines
 
 
 def _fields(record):
     """Name, value and unit of the numbers of a servo, controller or gearbox."""
+    units = UNITS | GAINS.get(getattr(record, "law", ""), {})
     for field in dataclasses.fields(record):
         value = getattr(record, field.name)
         if not dataclasses.is_dataclass(value):
-            yield field.name, value if isinstance(value, str) else f"{value:.6g}", UNITS.get(field.name, "")
+            yield field.name, value if isinstance(value, str) else f"{value:.6g}", units.get(field.name, "")
 
 
 def _contact_table(model) -> list[str]:
@@ -236,7 +253,7 @@ def _simulate(args) -> int:
     driven = model.base == "floating" and bool(model.servos)
     servos = None if args.servos == "none" else args.servos or ("mipsd" if driven else None)
     scene = compile_scene(model, servos, _ground(model), args.integrator, args.timestep)
-    duration = args.duration or (1.0 if servos is None and scene.ground is None else 2.0)
+    duration = args.duration if args.duration is not None else (1.0 if _is_free(scene) else 2.0)
     text, run = _experiment(scene)
     run(scene, scene.timestep)  # compiles, or loads what an earlier process compiled
     ready = time.perf_counter()
@@ -256,3 +273,145 @@ def _simulate(args) -> int:
     print("\n".join(_summary(scene, trajectory, duration)))
     print(f"files       {path}.npz, .json, .png")
     return 0 if trajectory.ok else 1
+
+
+def _is_free(scene) -> bool:
+    """Whether nothing but gravity, friction and stops acts: then energy tells how exact the run is."""
+    return scene.servos is None and scene.ground is None
+
+
+def _experiment(scene):
+    """What happens, in words, and the function that simulates it: run(scene, duration)."""
+    import numpy as np
+
+    from .reference import Reference
+    from .simulation import initial_state, simulate
+
+    model, state, reference = scene.model, None, None
+    home = np.array([min(max(0.0, joint.lower), joint.upper) for joint in model.moving_joints])
+    doing = "servos hold all joints at zero" if scene.servos else "all joints limp"
+    text = f"{model.name} stands on the ground, {doing}"
+    if scene.ground is None:
+        q, posture = _start(model, home, PULL if scene.servos else SWING)
+        text = f"{model.name} swings freely from rest, {posture}"
+        if scene.servos:
+            reference, text = Reference([0.0], home[None]), f"{model.name}, {posture}, is pulled to zero by its servos"
+        state = initial_state(scene, q)
+    sample = max(1, round(SAMPLE / scene.timestep)) * scene.timestep
+    record = ["q", "qd", "torque", "energy"]
+    record += ["base_q", "base_qd"] if model.base == "floating" else []
+    record += ["contact_force"] if scene.ground else []
+
+    def run(scene, duration):
+        return simulate(scene, duration, state, reference, record=record, sample=sample)
+
+    return text, run
+
+
+def _start(model, home, angle: float):
+    """Positions at the start: the first joint, if it turns, at `angle` or as far as it goes, the others at home."""
+    q, posture = home.copy(), "all joints at zero"
+    if model.moving_joints and model.moving_joints[0].type != "prismatic":
+        joint = model.moving_joints[0]
+        q[0] = min(max(angle, joint.lower), joint.upper)
+        posture = f"{joint.name} at {math.degrees(q[0]):.4g} deg, all others at zero"
+    return ([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *q] if model.base == "floating" else q), posture
+
+
+def _measures(scene, trajectory, finer) -> dict:
+    """How exact the run is, and what it shows."""
+    import numpy as np
+
+    n = min(len(trajectory["q"]), len(finer["q"]))
+    change = np.abs(trajectory["q"][:n] - finer["q"][:n])
+    measures = {"change_at_half_step": float(change.max(initial=0.0))}
+    if _is_free(scene):
+        drift, kinetic = _drift(scene, trajectory)
+        measures |= {"energy_error_J": float(np.abs(drift).max()), "kinetic_energy_J": float(kinetic.max())}
+    if scene.servos:
+        from .plotting import SUMMED
+
+        spent = trajectory["energy"][-1].sum(axis=0)
+        measures["energy_J"] = dict(zip(SUMMED["energy"], map(float, spent)))
+    if scene.ground:
+        shift = np.linalg.norm(trajectory["base_q"][:, :3] - trajectory["base_q"][0, :3], axis=1)
+        weight = scene.model.mass * -scene.constants.gravity[2]
+        measures["base_shift_m"] = float(shift.max())
+        measures["ground_force_by_weight"] = float(trajectory["contact_force"][-1, :, 0].sum() / weight)
+    return measures
+
+
+def _drift(scene, trajectory):
+    """Change of the energy [J] that friction and stops do not explain, and the kinetic energy [J], at each sample."""
+    import numpy as np
+
+    from .core.layout import FRICTION, STOPS
+    from .dynamics import energy
+    from .plotting import positions
+
+    base = [trajectory["base_qd"]] if scene.model.base == "floating" else []
+    kinetic, potential = energy(scene.model, positions(trajectory), np.hstack([*base, trajectory["qd"]])).T
+    spent = trajectory["energy"].sum(axis=1)
+    total = kinetic + potential + spent[:, FRICTION] + spent[:, STOPS]
+    return total - total[0], kinetic
+
+
+def _summary(scene, trajectory, duration: float) -> list[str]:
+    m = trajectory.info["measures"]
+    lines = [
+        f"simulated   {trajectory.info['start']}: {duration:g} s",
+        f"status      {trajectory.status}{': ' if trajectory.message else ''}{trajectory.message}",
+        f"integrator  {_choice(scene)}",
+    ]
+    if "energy_error_J" in m:
+        share = f", {m['energy_error_J'] / m['kinetic_energy_J']:.1e} of" if m["kinetic_energy_J"] > 0 else ";"
+        lines.append(
+            f"energy      off by at most {m['energy_error_J']:.1e} J{share} the largest kinetic energy, "
+            f"{m['kinetic_energy_J']:.3g} J"
+        )
+    if "energy_J" in m:
+        lines.append("energy      " + ", ".join(f"{k} {v:.3g}" for k, v in m["energy_J"].items()) + " J")
+    if "base_shift_m" in m:
+        shift, force = 1e3 * m["base_shift_m"], m["ground_force_by_weight"]
+        lines.append(f"ground      base moves by at most {shift:.3g} mm; ground carries {force:.4f} of the weight")
+    return [
+        *lines,
+        f"step        halving it changes the joints by at most {m['change_at_half_step']:.1e} rad or m",
+        f"time        {1e3 * m['seconds_per_simulated_second']:.2f} ms per simulated second; ready to run after "
+        f"{m['seconds_until_ready']:.2f} s, plot {m['seconds_of_plotting']:.2f} s",
+    ]
+
+
+def _plot_simulation(scene, trajectory, text: str, path: Path) -> None:
+    """The motion on the left; joints and what tells how good the run is on the right."""
+    from matplotlib.figure import Figure
+
+    from .plotting import plot_motion, plot_trajectory
+
+    figure = Figure(figsize=(11.0, 5.5), layout="constrained")
+    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.2))
+    motion = left.subplots()
+    plot_motion(scene.model, trajectory, motion, view="xz")
+    motion.set_title("dark: start, light: end", fontsize=9)
+    if scene.ground:
+        motion.axhline(scene.ground.height, color="0.2", linewidth=0.8)
+    panels = right.subplots(2, sharex=True)
+    if _is_free(scene):
+        plot_trajectory(trajectory, ["q"], panels[0])
+        drift, kinetic = _drift(scene, trajectory)
+        panels[1].plot(trajectory["time"], drift / (kinetic.max() or 1.0), color="0.2", linewidth=1.2)
+        panels[1].set(xlabel="time [s]", ylabel="energy error by\nlargest kinetic energy")
+        panels[1].grid(alpha=0.3)
+    else:
+        plot_trajectory(trajectory, ["q", "contact_force" if scene.ground else "torque"], panels)
+    panels[0].set(xlabel="", ylabel="joints [rad or m]")
+    figure.suptitle(text, fontsize=11)
+    figure.savefig(path, dpi=120)
+
+
+# ---------------------------------------------------------------------------------------------- benchmark
+
+
+def _benchmark(args) -> int:
+    import_module(f".benchmark.{args.name}", __package__).run(args.out, full=args.full)
+    return 0

@@ -20,7 +20,7 @@ SUMMED = {
     "energy": ("supply", "meter", "copper", "driver", "friction", "gear", "stops", "work"),
     "contact_force": ("normal", "tangential 1", "tangential 2"),
 }
-MOST_LABELS = 10  # more lines than this go without a legend
+STYLES = ("-", "--", ":")  # of every ten lines, which have ten colours
 
 
 def plot_trajectory(trajectory: Trajectory, names: Sequence[str], axes=None) -> Figure:
@@ -52,12 +52,15 @@ def _plot_channel(axes: Axes, trajectory: Trajectory, name: str) -> None:
     values = values.reshape(len(values), -1)
     if labels is None or len(labels) != values.shape[1]:
         labels = [str(k) for k in range(values.shape[1])]
-    for column, label in zip(values.T, labels):
-        axes.plot(trajectory["time"], column, linewidth=1.2, label=label)
+    for k, (column, label) in enumerate(zip(values.T, labels)):
+        axes.plot(trajectory["time"], column, STYLES[k // 10 % 3], linewidth=1.2, label=label)
     axes.set_ylabel(f"{name} [{UNITS[name]}]" if name in UNITS else name)
     axes.grid(alpha=0.3)
-    if 1 < values.shape[1] <= MOST_LABELS:
-        axes.legend(frameon=False, fontsize=8, ncols=2)
+    if trajectory.end_time < trajectory["time"][-1]:
+        axes.axvline(trajectory.end_time, color="0.2", linestyle=":", linewidth=1.2)
+    if values.shape[1] > 1:
+        size = 8 if values.shape[1] <= 10 else 6
+        axes.legend(frameon=False, fontsize=size, labelspacing=0.2, loc="upper left", bbox_to_anchor=(1.0, 1.05))
 
 
 def plot_motion(model: Model, trajectory: Trajectory, axes=None, count: int = 12, view: str = "xz") -> Figure:
@@ -74,7 +77,8 @@ def plot_motion(model: Model, trajectory: Trajectory, axes=None, count: int = 12
         from matplotlib import pyplot
 
         _, axes = pyplot.subplots(figsize=(5.0, 5.0), layout="constrained")
-    rows = np.linspace(0, len(trajectory["time"]) - 1, count).round().astype(int)
+    last = np.searchsorted(trajectory["time"], trajectory.end_time - 1e-9)  # of a failed run the end is earlier
+    rows = np.linspace(0, min(last, len(trajectory["time"]) - 1), count).round().astype(int)
     colors = colormaps["viridis"](np.linspace(0.0, 0.9, count))
     right, up = ("xyz".index(axis) for axis in view)
     sticks = _sticks(model, positions(trajectory)[rows])[..., [right, up]]
@@ -82,8 +86,8 @@ def plot_motion(model: Model, trajectory: Trajectory, axes=None, count: int = 12
         axes.add_collection(LineCollection(figure, colors=[color], linewidths=2.0, capstyle="round"))
         axes.plot(*figure[:, 0].T, "o", color=color, markersize=3)
     axes.set(xlabel=f"{view[0]} [m]", ylabel=f"{view[1]} [m]")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.autoscale_view()
+    middle, half = 0.5 * (sticks.max((0, 1, 2)) + sticks.min((0, 1, 2))), 0.55 * np.ptp(sticks, (0, 1, 2)).max()
+    axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half), aspect="equal")
     axes.grid(alpha=0.3)
     return axes.figure
 

@@ -8,6 +8,7 @@ A scene fixes robot, servos, ground, integrator and step; a simulation is then o
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 from collections.abc import Iterable, Sequence
@@ -21,7 +22,7 @@ from .core.contact import SCRATCH as CONTACT_SCRATCH
 from .core.controller import PID_SPEED
 from .core.knots import Knots, Signals
 from .core.lanes import WIDTH, aligned
-from .core.push import PUSH_COLUMNS
+from .core.push import END, PUSH_COLUMNS
 from .core.step import SCRATCH as JOINT_SCRATCH
 from .dynamics import forward_kinematics
 from .reference import Reference
@@ -60,6 +61,8 @@ def initial_state(scene: CompiledScene, q=None, qd=None) -> np.ndarray:
             default[2] = _standing_height(scene, default)
     q = _vector("q", default if q is None else q, model.nq)
     qd = _vector("qd", np.zeros(model.nv) if qd is None else qd, model.nv)
+    if model.base == "floating" and not np.linalg.norm(q[3:7]) > 1e-6:
+        raise ValueError(f"{model.name}: the base's quaternion q[3:7] is {q[3:7]}; [1, 0, 0, 0] is no rotation")
     y[o["q"] : o["q"] + n] = q[-n:] if n else ()
     y[o["qd"] : o["qd"] + n] = qd[-n:] if n else ()
     if model.base == "floating":
@@ -72,10 +75,24 @@ def initial_state(scene: CompiledScene, q=None, qd=None) -> np.ndarray:
     return y
 
 
+def standing_state(scene: CompiledScene, angles) -> np.ndarray:
+    """The whole state of a floating robot at rest over the origin: base upright, joints at `angles`, on the ground.
+
+    Raises ValueError for a fixed base, without ground and for angles that do not fit.
+    """
+    model = scene.model
+    if model.base != "floating" or scene.ground is None:
+        raise ValueError(f"{model.name}: only a floating robot over ground stands; its base is {model.base}")
+    q = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *_vector("angles", angles, scene.tree.n)])
+    q[2] = _standing_height(scene, q)
+    return initial_state(scene, q)
+
+
 def _vector(name: str, value, width: int) -> np.ndarray:
     a = np.array(value, dtype=float)
     if a.shape != (width,) or not np.isfinite(a).all():
-        raise ValueError(f"{name} must be {width} finite numbers; it is {value!r}")
+        shown = np.array2string(a, threshold=20)
+        raise ValueError(f"{name} must be {width} finite numbers; its shape is {a.shape}: {shown}")
     return a
 
 
@@ -88,7 +105,10 @@ def _standing_height(scene: CompiledScene, q: np.ndarray) -> float:
     for point in scene.model.contacts:
         k = names.index(point.link)
         x = poses.position[k] + poses.rotation[k] @ np.array(point.position)
-        clearances.append(x[2] - ground.height - math.tan(ground.slope) * x[0])
+        surface = ground.height + math.tan(ground.slope) * x[0]
+        along = math.cos(ground.slope) * x[0] + math.sin(ground.slope) * surface
+        rises = sum(rise for start, rise in ground.steps if along > start)
+        clearances.append(x[2] - surface - rises / math.cos(ground.slope))
     return -min(clearances) - ground.sinking / math.cos(ground.slope)
 
 
@@ -137,15 +157,13 @@ def simulate_batch(
     channels, slices = _channels(scene, tuple(record))
     scene = scene.pushed(_push_arrays(scene, pushes))
     groups = _groups(runs)
-
-    def work(group):
-        return _run_group(scene, course, [runs[i] for i in group], channels)
-
+    work = functools.partial(_run_group, scene, course, channels)
+    batches = [[runs[i] for i in group] for group in groups]
     if executor is None and len(groups) > 1:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            results = list(pool.map(work, groups))
+            results = list(pool.map(work, batches))
     else:
-        results = list((executor.map if executor else map)(work, groups))
+        results = list((executor.map if executor else map)(work, batches))
     out: list[Trajectory | None] = [None] * n
     for group, (ys, outs) in zip(groups, results):
         for k, i in enumerate(group):
@@ -169,6 +187,10 @@ class _Run(NamedTuple):
             raise ValueError(f"{scene.model.name}: a reference needs servos; compile the scene with servos=...")
         if reference is None and driven:
             reference = Reference([0.0], y[None, o["q"] : o["q"] + n])
+        if reference is not None and not isinstance(reference, Reference):
+            raise ValueError(f"reference is a {type(reference).__name__}; give Reference(times, values)")
+        if tau is not None and scene.integrator == "simtwo":
+            raise ValueError("simtwo takes its torques from the servos alone; use implicit_euler for scenes with tau")
         if tau is not None and not isinstance(tau, Reference):
             tau = Reference([0.0], _vector("tau", tau, n)[None])
         for what, signal in (("reference", reference), ("tau", tau)):
@@ -183,7 +205,7 @@ class _Run(NamedTuple):
 
 def _with_first_error(scene: CompiledScene, run: _Run) -> np.ndarray:
     """The controllers' last error at the start, so that a derivative term sees no jump."""
-    if scene.constants.servo is None or run.y[scene.layout["passes"]] > 0:
+    if scene.constants.servo is None or run.y[scene.layout["end"]] > 0:  # there is none, or it goes on
         return run.y
     n, o, y = scene.tree.n, scene.layout, run.y.copy()
     speed = scene.constants.law == PID_SPEED
@@ -215,9 +237,13 @@ def _channels(scene: CompiledScene, record: tuple[str, ...]) -> tuple[np.ndarray
     for name in record:
         if name not in PARTS:
             raise ValueError(f"record: there is no channel {name!r}; channels: {', '.join(PARTS)}")
-        start, stop = scene.part(name)
-        slices[name] = slice(len(indices), len(indices) + stop - start)
-        indices.extend(range(start, stop))
+        places = np.arange(*scene.part(name))
+        if name in ("contact_force", "bristle") and len(places):  # the scene keeps the points of a body together
+            rows = [scene.tree.placements[point.link].row for point in scene.model.contacts]
+            order = np.argsort(np.argsort(rows, kind="stable"))
+            places = places.reshape(len(rows), -1)[order].ravel()
+        slices[name] = slice(len(indices), len(indices) + len(places))
+        indices.extend(places)
     return np.array(indices, dtype=np.int64), slices
 
 
@@ -233,8 +259,8 @@ def _push_arrays(scene: CompiledScene, pushes: Sequence[Push]):
         point = place.r + place.E @ np.array(push.point)
         table[k] = (*point, *push.moment, *push.force, push.start, push.end)
         rows[k] = place.row
-        if np.isnan(table[k]).any():
-            raise ValueError(f"push on {push.link}: a number is nan: {push}")
+        if not np.isfinite(table[k, :END]).all() or not push.start <= push.end:
+            raise ValueError(f"push on {push.link}: give finite numbers, and a start before the end: {push}")
     return table, rows
 
 
@@ -252,7 +278,7 @@ def _groups(runs: list[_Run]) -> list[list[int]]:
     return groups
 
 
-def _run_group(scene: CompiledScene, course: rollout.Plan, runs: list[_Run], channels: np.ndarray):
+def _run_group(scene: CompiledScene, course: rollout.Plan, channels: np.ndarray, runs: list[_Run]):
     """Final states and records of the runs of one group."""
     samples = course.steps // course.per_sample + 1
     if len(runs) == 1:
@@ -313,6 +339,7 @@ def _trajectory(scene: CompiledScene, course: rollout.Plan, slices, y: np.ndarra
     status, message, end = _verdict(scene, course, y)
     info = {
         "robot": scene.model.name,
+        "joints": scene.model.joint_names,
         "integrator": scene.integrator,
         "timestep": scene.timestep,
         "reason": scene.preflight.reason,
@@ -328,8 +355,19 @@ def _verdict(scene: CompiledScene, course: rollout.Plan, y: np.ndarray) -> tuple
     o, end = scene.layout, course.steps * course.h
     code = int(y[o["status"]])
     if code != rollout.OK:
-        status = STATUS[code]
-        return status, f"{scene.model.name} {status} at {y[o['end']]:.4g} s", float(y[o["end"]])
+        status, message = STATUS[code], f"{scene.model.name} {STATUS[code]} at {y[o['end']]:.4g} s"
+        speeds = np.abs(y[slice(*scene.part("qd"))])
+        if code == rollout.DIVERGED and len(speeds):
+            joint = scene.model.joint_names[int(speeds.argmax())]
+            message += f"; in the last sound state the fastest joint was {joint} at {speeds.max():.3g} rad/s or m/s"
+        return status, message, float(y[o["end"]])
+    if (joint := _unresolved_stop(scene, y)) is not None:
+        return (
+            "not converged",
+            f"{joint} ran into its stop, which {scene.integrator} does not resolve at {scene.timestep:g} s: "
+            "use implicit_euler or a smaller step",
+            end,
+        )
     chatter = y[slice(*scene.part("worst_chatter"))]
     if len(chatter) and chatter.max() > CHATTER_LIMIT:
         joint = scene.model.joint_names[int(chatter.argmax())]
@@ -342,3 +380,14 @@ def _verdict(scene: CompiledScene, course: rollout.Plan, y: np.ndarray) -> tuple
     if y[o["passes"] + 1] > 0:
         return "not converged", f"{y[o['passes'] + 1]:.0f} implicit steps missed their tolerance", end
     return "ok", "", end
+
+
+def _unresolved_stop(scene: CompiledScene, y: np.ndarray) -> str | None:
+    """The joint whose stop an explicit integrator has met with too large a step: RK4 needs some 40 to its period."""
+    stops = scene.constants.stops
+    if scene.integrator != "rk4" or stops is None:
+        return None
+    work = y[slice(*scene.part("energy"))].reshape(-1, layout.ENERGIES)[:, layout.STOPS]
+    period = 2.0 * math.pi * np.sqrt(np.array(scene.preflight.inertias) / stops[:, layout.STOP_K])
+    met = (work != 0.0) & (scene.timestep > period / 40.0)
+    return scene.model.joint_names[int(met.argmax())] if met.any() else None

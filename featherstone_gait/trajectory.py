@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
+import secrets
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -59,19 +59,21 @@ class Trajectory(Mapping):
 
     def save(self, path) -> None:
         """Write PATH.npz (channels and final state) and PATH.json (status and settings), whole or not at all."""
-        path = Path(path).with_suffix("")
+        path = _bare(path)
         described = {"status": self.status, "message": self.message, "end_time": self.end_time, "info": self.info}
-        with _replacing(path.with_suffix(".npz")) as file:
-            np.savez_compressed(file, final=self.final, **{f"channel_{k}": v for k, v in self.channels.items()})
-        with _replacing(path.with_suffix(".json")) as file:
-            file.write(json.dumps(described, indent=2, default=float).encode())
+        with (
+            _replacing(path.with_name(path.name + ".npz")) as data,
+            _replacing(path.with_name(path.name + ".json")) as text,
+        ):
+            np.savez_compressed(data, final=self.final, **{f"channel_{k}": v for k, v in self.channels.items()})
+            text.write(json.dumps(described, indent=2, default=float).encode())
 
     @classmethod
     def load(cls, path) -> Trajectory:
         """Read what `save` wrote."""
-        path = Path(path).with_suffix("")
-        described = json.loads(path.with_suffix(".json").read_text())
-        with np.load(path.with_suffix(".npz")) as data:
+        path = _bare(path)
+        described = json.loads(path.with_name(path.name + ".json").read_text())
+        with np.load(path.with_name(path.name + ".npz")) as data:
             channels = {k.removeprefix("channel_"): data[k] for k in data.files if k != "final"}
             return cls(channels, final=data["final"], **described)
 
@@ -82,6 +84,12 @@ class Trajectory(Mapping):
         return plot_trajectory(self, names or tuple(k for k in self if k != "time"), axes)
 
 
+def _bare(path) -> Path:
+    """The path without .npz or .json; other dots belong to the name."""
+    path = Path(path)
+    return path.with_suffix("") if path.suffix in (".npz", ".json") else path
+
+
 class _replacing:
     """A binary file that takes the place of `path` only when it is complete."""
 
@@ -89,8 +97,8 @@ class _replacing:
         self.path = path
 
     def __enter__(self):
-        handle, self.name = tempfile.mkstemp(dir=self.path.parent, prefix=self.path.name + ".")
-        self.file = os.fdopen(handle, "wb")
+        self.name = self.path.with_name(f"{self.path.name}.{secrets.token_hex(4)}")  # with the usual permissions
+        self.file = open(self.name, "xb")
         return self.file
 
     def __exit__(self, kind, value, traceback):

@@ -1,0 +1,175 @@
+"""The command line does what its help says, and says in one line what is wrong."""
+
+import importlib
+import json
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from matplotlib import image
+
+from featherstone_gait import Trajectory, cli, load_robot, simulation
+
+SLIDER = """<robot name="slider">
+  <link name="rail"/>
+  <link name="sled">
+    <inertial><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+  </link>
+  <joint name="fall" type="prismatic">
+    <parent link="rail"/><child link="sled"/><axis xyz="0 0 1"/>
+    <limit lower="-10" upper="10" effort="1" velocity="1"/>
+  </joint>
+</robot>
+"""
+
+
+def run(*arguments, folder):
+    """A fresh process in a folder; what it wrote to its output."""
+    path = os.pathsep.join(sys.path)
+    command = [sys.executable, "-m", "featherstone_gait", *arguments]
+    done = subprocess.run(command, cwd=folder, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout
+
+
+def results(folder, robot):
+    """The trajectory and the measures that `simulate` wrote; its picture is checked to be one."""
+    picture = image.imread(folder / f"{robot}_simulation.png")
+    assert picture.shape[:2] == (660, 1320)
+    assert np.ptp(picture[..., :3]) > 0.9
+    trajectory = Trajectory.load(folder / f"{robot}_simulation")
+    return trajectory, trajectory.info["measures"]
+
+
+def test_info_prints_every_link_and_joint_and_writes_the_same(tmp_path):
+    printed = run("info", "humanoid", "--locked", "simplified", folder=tmp_path)
+    assert (tmp_path / "humanoid_info.txt").read_text("utf-8") == printed
+    model = load_robot("humanoid", locked="simplified")
+    rows = {line.split()[0]: line.split() for line in reversed(printed.splitlines()) if line}  # the first wins
+    assert math.fsum(float(rows[link.name][1]) for link in model.links) == pytest.approx(model.mass, rel=1e-4)
+    assert {joint.name for joint in model.joints} <= rows.keys()
+    locked = [name for name, row in rows.items() if "locked" in row and name in model.locked]
+    assert sorted(locked) == sorted(model.locked)
+    assert rows["chosen:"][1] == "implicit_euler,"
+
+
+def test_a_free_swing_keeps_its_energy(tmp_path):
+    printed = run("simulate", "arm7", folder=tmp_path)
+    trajectory, measures = results(tmp_path, "arm7")
+    assert trajectory.status == "ok"
+    assert trajectory["q"][0] == pytest.approx([math.pi / 2, *[0.0] * 6])
+    assert trajectory["time"][-1] == pytest.approx(1.0)
+    model = load_robot("arm7")
+    drop = 2 * sum(0.1 * 9.81 * (0.1 * k + 0.05) for k in range(7))  # from upright to hanging
+    assert 0.25 * drop < measures["kinetic_energy_J"] < 0.5 * drop
+    assert 0 < measures["energy_error_J"] < 1e-7 * measures["kinetic_energy_J"]
+    assert 0 < measures["change_at_half_step"] < 1e-5
+    assert trajectory.info["joints"] == list(model.joint_names)
+    assert f"{measures['change_at_half_step']:.1e}" in printed
+    assert "rk4, step 0.5 ms" in printed
+
+
+def test_a_slider_of_the_users_own_falls_freely(tmp_path):
+    (tmp_path / "slider.urdf").write_text(SLIDER)
+    out = tmp_path / "new" / "folder"
+    assert cli.main(["simulate", str(tmp_path / "slider.urdf"), "--timestep", "1e-3", "--out", str(out)]) == 0
+    trajectory, measures = results(out, "slider")
+    assert trajectory["q"][:, 0] == pytest.approx(-0.5 * 9.81 * trajectory["time"] ** 2, abs=1e-12)
+    assert measures["kinetic_energy_J"] == pytest.approx(0.5 * 2 * 9.81**2)
+
+
+def test_the_humanoid_stands(tmp_path):
+    assert cli.main(["simulate", "humanoid", "--duration", "1", "--out", str(tmp_path)]) == 0
+    trajectory, measures = results(tmp_path, "humanoid")
+    assert measures["ground_force_by_weight"] == pytest.approx(1.0, abs=0.01)
+    assert measures["base_shift_m"] < 0.01
+    assert measures["energy_J"]["meter"] >= measures["energy_J"]["supply"] > 0
+    assert trajectory.info["servos"] == "mipsd"
+
+
+def test_a_wrong_result_is_told_by_status_and_exit_code(tmp_path, capsys):
+    """The paper's standard servo model in the update order of 2012 chatters at 1 ms; an implicit step does not."""
+    command = ["simulate", "arm7", "--servos", "standard", "--timestep", "1e-3", "--out", str(tmp_path)]
+    assert cli.main([*command, "--integrator", "simtwo"]) == 1
+    assert "status      chatter: " in capsys.readouterr().out
+    assert json.loads((tmp_path / "arm7_simulation.json").read_text())["status"] == "chatter"
+    assert cli.main([*command, "--integrator", "implicit_euler"]) == 0
+    assert "status      ok\n" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["info", "arm8"], "arm8"),
+        (["info", "missing.urdf"], "missing.urdf"),
+        (["info", "humanoid", "--locked", "arms"], "simplified"),
+        (["simulate", "arm7", "--integrator", "euler"], "implicit_euler"),
+        (["simulate", "arm7", "--integrator", "simtwo"], "simtwo"),
+        (["simulate", "arm7", "--timestep", "-1"], "-1.0"),
+        (["simulate", "arm7", "--timestep", "nan"], "nan"),
+        (["simulate", "arm7", "--servos", "mipsd", "--timestep", "3e-3"], "0.003"),
+        (["simulate", "arm7", "--duration", "0"], "0.0"),
+        (["simulate", "arm7", "--duration", "inf"], "inf"),
+        (["simulate", "slider.urdf", "--servos", "mipsd"], "servos"),
+        (["simulate", "arm7", "--out", "slider.urdf"], "slider.urdf"),
+    ],
+)
+def test_wrong_arguments_get_one_line(arguments, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "slider.urdf").write_text(SLIDER)
+    assert cli.main(arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("error: ")
+    assert captured.err.count("\n") == 1
+    assert said in captured.err
+    assert [path.name for path in tmp_path.iterdir()] == ["slider.urdf"]
+
+
+def test_ctrl_c_is_an_exit_code(monkeypatch, tmp_path, capsys):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(simulation, "simulate", interrupted)
+    assert cli.main(["simulate", "arm7", "--out", str(tmp_path)]) == 130
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+@pytest.mark.parametrize("command", ["info", "simulate", "benchmark"])
+def test_help_says_what_is_written_and_where(command, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main([command, "--help"])
+    assert stop.value.code == 0
+    text = capsys.readouterr().out
+    assert "Writes " in text
+    assert "--out DIR" in text
+
+
+@pytest.mark.parametrize("arguments", [[], ["dance"], ["benchmark", "nothing"], ["info"]])
+def test_unknown_commands_are_refused(arguments):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(arguments)
+    assert stop.value.code == 2
+
+
+def test_help_answers_before_anything_heavy_is_loaded():
+    program = (
+        "import contextlib, sys\nfrom featherstone_gait.cli import main\n"
+        "with contextlib.suppress(SystemExit):\n    main(['simulate', '--help'])\n"
+        "assert 'numpy' not in sys.modules and 'numba' not in sys.modules"
+    )
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run([sys.executable, "-c", program], env=environment, check=True, stdout=subprocess.DEVNULL)
+
+
+@pytest.mark.parametrize("name", cli.BENCHMARKS)
+def test_a_benchmark_gets_its_folder_and_its_length(name, monkeypatch, tmp_path):
+    calls = []
+    module = importlib.import_module(f"featherstone_gait.benchmark.{name}")
+    monkeypatch.setattr(module, "run", lambda out_dir, full=False: calls.append((out_dir, full)))
+    assert cli.main(["benchmark", name, "--out", str(tmp_path)]) == 0
+    assert cli.main(["benchmark", name, "--full", "--out", str(tmp_path)]) == 0
+    assert calls == [(tmp_path, False), (tmp_path, True)]
