@@ -25,6 +25,7 @@ from .core.lanes import WIDTH, aligned
 from .core.push import END, PUSH_COLUMNS
 from .core.step import SCRATCH as JOINT_SCRATCH
 from .dynamics import forward_kinematics
+from .lane_engine import Queue, run_lanes
 from .reference import Reference
 from .scene import CompiledScene
 from .trajectory import Trajectory
@@ -32,6 +33,7 @@ from .trajectory import Trajectory
 # Channel -> part of the state; those of one number a joint, contact point, ... in the model's order.
 PARTS = tuple(name for name in layout.STATE.names if name not in ("length", "status", "end", "last_error"))
 STATUS = {rollout.OK: "ok", rollout.FELL: "fell", rollout.DIVERGED: "diverged"}
+BATCH = 32  # runs that an executor is given at a time
 CHATTER_LIMIT = 0.05  # [rad/s]; see `worst_chatter` in core/layout.py
 
 
@@ -145,8 +147,9 @@ def simulate_batch(
 ) -> list[Trajectory]:
     """`simulate` for many states, references or torques at once: eight to a vector, vectors over threads.
 
-    The lists must be equally long, or None.  Each run has the same bits as alone.  Runs share a vector if their
-    references have the same knot times.
+    The lists must be equally long, or None.  Each run has the same bits as alone.  Where the controllers are sampled, a
+    lane whose run has ended takes the next; runs with continuous servos, torques or pushes share a vector if their
+    references have the same knot times.  executor: any `concurrent.futures.Executor` in place of the threads.
     """
     n = max((len(x) for x in (states, references, taus) if x is not None), default=1)
     columns = [[None] * n if x is None else list(x) for x in (states, references, taus)]
@@ -156,19 +159,54 @@ def simulate_batch(
     course = _course(scene, duration, sample)
     channels, slices = _channels(scene, tuple(record))
     scene = scene.pushed(_push_arrays(scene, pushes))
-    groups = _groups(runs)
+    if executor is None and _refills(scene, runs):
+        results = _run_refilled(scene, course, channels, runs, os.cpu_count() or 1)
+    else:
+        results = _run_grouped(scene, course, channels, runs, executor)
+    return [_trajectory(scene, course, slices, y, out) for y, out in results]
+
+
+def _refills(scene: CompiledScene, runs: list[_Run]) -> bool:
+    """Whether lanes may be at different times: nothing but the controllers' ticks depends on the time."""
+    timeless = scene.constants.push is None and all(run.torques is None for run in runs)
+    return timeless and scene.constants.servo is not None and len(runs) > 2
+
+
+def _run_refilled(scene: CompiledScene, course: rollout.Plan, channels: np.ndarray, runs: list[_Run], threads: int):
+    """Final state and records of each run; every thread drives one vector and takes runs from the same queue."""
+    results: list = [None] * len(runs)
+    queue = Queue(len(runs))
+
+    def keep(index, y, out):
+        results[index] = y, out
+
+    def work(_=None):
+        run_lanes(scene, course, channels, runs, queue, _scratch(scene, _lane_zeros), keep)
+
+    threads = min(threads, -(-len(runs) // WIDTH))
+    if threads == 1:
+        work()
+    else:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(work, range(threads)))
+    return results
+
+
+def _run_grouped(scene: CompiledScene, course: rollout.Plan, channels: np.ndarray, runs: list[_Run], executor):
+    """Final state and records of each run; groups of runs go to the executor, by default to threads."""
+    groups = _groups(runs, _refills(scene, runs))
     work = functools.partial(_run_group, scene, course, channels)
     batches = [[runs[i] for i in group] for group in groups]
     if executor is None and len(groups) > 1:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            results = list(pool.map(work, batches))
+            done = list(pool.map(work, batches))
     else:
-        results = list((executor.map if executor else map)(work, batches))
-    out: list[Trajectory | None] = [None] * n
-    for group, (ys, outs) in zip(groups, results):
-        for k, i in enumerate(group):
-            out[i] = _trajectory(scene, course, slices, ys[k], outs[k])
-    return out
+        done = list((executor.map if executor else map)(work, batches))
+    results: list = [None] * len(runs)
+    for group, members in zip(groups, done):
+        for i, result in zip(group, members):
+            results[i] = result
+    return results
 
 
 class _Run(NamedTuple):
@@ -196,7 +234,7 @@ class _Run(NamedTuple):
         for what, signal in (("reference", reference), ("tau", tau)):
             if signal is not None and signal.values.shape[1] != n:
                 raise ValueError(
-                    f"{scene.model.name}: {what} has {signal.values.shape[1]} columns; the robot has {n} moving joints: "
+                    f"{scene.model.name}: {what} has {signal.values.shape[1]} columns; the robot has {n} joints: "
                     f"{', '.join(scene.model.joint_names)}"
                 )
         run = cls(y, reference.knots() if reference else None, tau.knots() if tau else None)
@@ -264,38 +302,45 @@ def _push_arrays(scene: CompiledScene, pushes: Sequence[Push]):
     return table, rows
 
 
-def _groups(runs: list[_Run]) -> list[list[int]]:
-    """Indices of the runs that go together: as many as a vector holds, with the same knot times; small rests alone."""
+def _groups(runs: list[_Run], refills: bool) -> list[list[int]]:
+    """Indices of the runs that go together; small rests alone."""
     alike: dict[tuple, list[int]] = {}
     for i, run in enumerate(runs):
-        key = tuple(None if k is None else (k.times.tobytes(), k.period) for k in (run.reference, run.torques))
+        key = () if refills else tuple(k and (k.times.tobytes(), k.period) for k in (run.reference, run.torques))
         alike.setdefault(key, []).append(i)
+    size = BATCH if refills else WIDTH
     groups = []
     for members in alike.values():
-        for k in range(0, len(members), WIDTH):
-            part = members[k : k + WIDTH]
+        for k in range(0, len(members), size):
+            part = members[k : k + size]
             groups.extend([part] if len(part) > 2 else [[i] for i in part])
     return groups
 
 
 def _run_group(scene: CompiledScene, course: rollout.Plan, channels: np.ndarray, runs: list[_Run]):
-    """Final states and records of the runs of one group."""
-    samples = course.steps // course.per_sample + 1
+    """Final state and records of the runs of one group."""
     if len(runs) == 1:
-        y, out = runs[0].y.copy(), np.zeros((samples, len(channels)))
+        y, out = runs[0].y.copy(), np.zeros((course.steps // course.per_sample + 1, len(channels)))
         signals = _signals(scene, runs[0].reference, runs[0].torques, np.zeros)
         scratch = _scratch(scene, np.zeros)
         rollout.rollout_one(scene.constants, scene.offsets, course, signals, y, scratch, channels, out)
-        return [y], [out]
-    runs = runs + [runs[-1]] * (WIDTH - len(runs))
+        return [(y, out)]
+    if _refills(scene, runs):
+        return _run_refilled(scene, course, channels, runs, 1)
+    return _run_together(scene, course, channels, runs)
+
+
+def _run_together(scene: CompiledScene, course: rollout.Plan, channels: np.ndarray, runs: list[_Run]):
+    """Up to eight runs of references with the same knot times, in step."""
+    count, samples = len(runs), course.steps // course.per_sample + 1
+    runs = runs + [runs[-1]] * (WIDTH - count)
     y, out = aligned((len(runs[0].y), WIDTH)), aligned((samples, max(len(channels), 1), WIDTH))
     y[:] = np.stack([run.y for run in runs], axis=-1)
-    signals = _signals(
-        scene, _in_lanes([r.reference for r in runs]), _in_lanes([r.torques for r in runs]), _lane_zeros
-    )
+    references, torques = (_in_lanes(list(knots)) for knots in zip(*(run[1:] for run in runs)))
+    signals = _signals(scene, references, torques, _lane_zeros)
     scratch = _scratch(scene, _lane_zeros)
     rollout.rollout_lanes(scene.constants, scene.offsets, course, signals, y, scratch, channels, out)
-    return list(np.moveaxis(y, -1, 0).copy()), list(np.moveaxis(out[:, : len(channels)], -1, 0).copy())
+    return [(y[:, lane].copy(), out[:, : len(channels), lane].copy()) for lane in range(count)]
 
 
 def _lane_zeros(shape) -> np.ndarray:
@@ -313,7 +358,8 @@ def _in_lanes(knots: list[Knots | None]) -> Knots | None:
 def _signals(scene: CompiledScene, reference, torques, zeros) -> Signals:
     n = scene.tree.n
     values, tau = (None, None) if torques is None else (zeros((n, 2)), zeros(n))
-    return Signals(reference, zeros((n, 2)), torques, values, tau, True if scene.constants.pd is not None else None)
+    continuous = True if scene.constants.pd is not None else None
+    return Signals(reference, zeros((n, 2)), torques, values, tau, None, continuous)
 
 
 def _scratch(scene: CompiledScene, zeros) -> rollout.Scratch:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .jit import inline, kernel
+from .jit import entry, inline, kernel
 
 
 class Knots(NamedTuple):
@@ -23,6 +23,7 @@ class Signals(NamedTuple):
     torques: Knots | None
     torque_values: np.ndarray | None  # (n, 2)
     tau: np.ndarray | None  # (n,) [N m]
+    samples: np.ndarray | None  # (ticks, n, 2) what `drive` is to be at each tick, in place of `reference`
     continuous: bool | None  # True where the servo follows the reference at every instant, None where it samples it
 
 
@@ -74,3 +75,10 @@ def _evaluate_drive(reference, drive, continuous, t):
     if continuous is not None:
         if reference is not None:
             evaluate(reference, t, drive)
+
+
+@entry
+def sample_ticks(knots, per_tick, h, lag, first, out):
+    """Fill out (ticks, n, 2) with what sampled controllers see, from the tick `first` on."""
+    for k in range(len(out)):
+        evaluate(knots, ((first + k) * per_tick) * h - lag, out[k])

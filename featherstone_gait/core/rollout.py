@@ -56,28 +56,37 @@ def rollout(scene, o, plan, signals, y, scratch, channels, out):
         if k % plan.per_tick == 0 or k == plan.steps:
             dead = _inspect(scene, o, plan, t, y, good)
             if k < plan.steps:  # the tick at the very end is the first of what goes on from here
-                _tick(scene.servo, scene, o, signals, plan, t, y)
+                _tick(scene.servo, signals.reference, signals.samples, scene, o, signals, plan, k, t, y)
+                _keep(dead, good, y)
         if k % plan.per_sample == 0:
             for j in range(len(channels)):
                 out[k // plan.per_sample, j] = y[channels[j]]
         if k == plan.steps or not any_lane(invert(dead)):
             break
         _step(scene, o, plan, t, signals, y, scratch.predicted, scratch.stages, scratch.torques, scratch)
-        if any_lane(dead):
-            for i in range(len(good)):
-                y[i] = select(dead, good[i], y[i])
+        _keep(dead, good, y)
     for j in range(len(channels)):  # a run that ended early stays at its last state
         for m in range(k // plan.per_sample + 1, len(out)):
             out[m, j] = y[channels[j]]
 
 
 @inline
-def _tick(servo, scene, o, signals, plan, t, y):
-    """The sampled controllers see the reference as it was a lag ago."""
+def _keep(dead, good, y):
+    """A run that has ended stays at its last sound state."""
+    if any_lane(dead):
+        for i in range(len(good)):
+            y[i] = select(dead, good[i], y[i])
+
+
+@inline
+def _tick(servo, reference, samples, scene, o, signals, plan, k, t, y):
+    """The sampled controllers see the reference as it was a lag ago; it comes as knots or as samples at each tick."""
     if servo is not None:
-        if signals.reference is not None:
-            evaluate(signals.reference, t - plan.lag, signals.drive)
-        control_tick(o, scene.law, servo, signals.drive, y, plan.per_tick * plan.h)
+        if samples is not None:
+            control_tick(o, scene.law, servo, samples[k // plan.per_tick], y, plan.per_tick * plan.h)
+        if reference is not None:
+            evaluate(reference, t - plan.lag, signals.drive)
+            control_tick(o, scene.law, servo, signals.drive, y, plan.per_tick * plan.h)
 
 
 @inline
@@ -182,6 +191,7 @@ def rollout_lanes(scene, o, plan, signals, y, scratch, channels, out):
         _viewed_knots(signals.torques),
         viewed(signals.torque_values),
         viewed(signals.tau),
+        viewed(signals.samples),
         signals.continuous,
     )
     s = scratch
