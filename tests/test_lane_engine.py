@@ -1,0 +1,97 @@
+"""Lanes that take the next run when theirs has ended: same bits, fewer idle lanes, bounded memory."""
+
+import numpy as np
+import pytest
+
+from featherstone_gait.core import rollout
+from featherstone_gait.lane_engine import Queue, run_lanes, segment_steps
+from featherstone_gait.model import Ground
+from featherstone_gait.reference import Reference
+from featherstone_gait.robot_file import load_robot
+from featherstone_gait.scene import compile_scene
+from featherstone_gait.simulation import simulate, simulate_batch, standing_state
+
+RECORD = ("base_q", "voltage", "energy", "contact_force")
+TIMES = np.linspace(0.0, 1.2, 31)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return compile_scene(load_robot("humanoid", locked="simplified"), servos="mipsd", ground=Ground(), timestep=1e-3)
+
+
+@pytest.fixture(scope="module")
+def references(scene):
+    """Every third stays upright, the others are thrown about and most of them fall, at different times."""
+    rng = np.random.default_rng(3)
+    sizes = [0.01 if i % 3 == 0 else 1.2 for i in range(21)]
+    return [
+        Reference(TIMES[: 31 - i % 4], size * rng.uniform(-1, 1, (31 - i % 4, scene.tree.n)))
+        for i, size in enumerate(sizes)
+    ]
+
+
+@pytest.fixture(scope="module")
+def alone(scene, references):
+    state = standing_state(scene, np.zeros(scene.tree.n))
+    return [simulate(scene, 1.2, state, r, record=RECORD, sample=5e-3) for r in references]
+
+
+def test_some_fall_and_some_do_not(alone):
+    """The comparison below means nothing if no lane changes hands early."""
+    fallen = [run.end_time for run in alone if run.status == "fell"]
+    assert len(fallen) >= 5
+    assert len(set(fallen)) >= 4
+    assert sum(run.status == "ok" for run in alone) >= 5
+
+
+@pytest.mark.parametrize("order", ["forward", "backward"])
+def test_refilled_lanes_have_the_bits_of_single_runs(scene, references, alone, order):
+    indices = list(range(len(references)))[:: 1 if order == "forward" else -1]
+    state = standing_state(scene, np.zeros(scene.tree.n))
+    states = [state] * len(indices)
+    batch = simulate_batch(scene, 1.2, states, [references[i] for i in indices], record=RECORD, sample=5e-3)
+    for i, run in zip(indices, batch):
+        assert (run.status, run.message, run.end_time) == (alone[i].status, alone[i].message, alone[i].end_time)
+        assert run.final.tobytes() == alone[i].final.tobytes()
+        for name in ("time", *RECORD):
+            assert run[name].tobytes() == alone[i][name].tobytes(), name
+
+
+class Run:
+    """What the engine asks of a run."""
+
+    def __init__(self, y, reference):
+        self.y, self.reference = y, reference.knots()
+
+
+def test_lanes_are_mostly_at_work(scene, references):
+    """Used lane-steps over all: without refilling it would be the mean life of a run over the longest."""
+    from featherstone_gait.simulation import _course, _lane_zeros, _scratch
+
+    state = standing_state(scene, np.zeros(scene.tree.n))
+    falling = [r for i, r in enumerate(references) if i % 3]
+    runs = [Run(state, falling[i % len(falling)]) for i in range(64)]
+    course, lives = _course(scene, 1.2, None), []
+    no_channels = np.zeros(0, np.int64)
+
+    def finish(index, y, out):
+        lives.append(y[scene.layout["end"]])
+
+    used, there = run_lanes(scene, course, no_channels, runs, Queue(64), _scratch(scene, _lane_zeros), finish)
+    assert len(lives) == 64
+    without = np.mean(lives) / 1.2
+    assert used / there > 0.8 > without
+
+
+@pytest.mark.parametrize(
+    ("tick", "sample", "total", "expected"), [(10, 10, 4000, 250), (10, 4, 4000, 240), (1, 7, 5, 5)]
+)
+def test_segments_are_whole_ticks_and_samples(tick, sample, total, expected):
+    course = rollout.Plan(1e-3, 1.0, total, tick, sample, 0.01, 0.0, -2.0)
+    assert segment_steps(course) == expected
+
+
+def test_queue_hands_out_each_index_once():
+    queue = Queue(3)
+    assert [queue.next() for _ in range(5)] == [0, 1, 2, None, None]
