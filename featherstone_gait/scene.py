@@ -22,6 +22,8 @@ INTEGRATORS = {"implicit_euler": 1.0, "midpoint": 0.5, "rk4": 1.0, "simtwo": 1.0
 LAWS = {"state": STATE_FEEDBACK, "pid_position": PID_POSITION, "pid_speed": PID_SPEED}
 NO_SERVO_TICK = 1e-2  # [s] between the checks of a scene without sampled controllers
 STOP_DEPTH = 0.01  # [rad or m] that the strongest torque at a joint drives it into its stop
+STOP_SOFT = 0.1  # of that depth, at which a stop is critically damped
+TOOTH_LOAD = 0.1  # of the stall torque, at which teeth that meet across a gap are damped as the gearbox is
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +118,7 @@ def compile_scene(
         servos=servos,
         ground=ground,
         preflight=check,
-        fall_height=_fall_height(model, ground, fall_height) if falls else -math.inf,
+        fall_height=_fall_height(model, fall_height) if falls else -math.inf,
         fall_upright=math.cos(fall_tilt) if falls else -2.0,
     )
 
@@ -238,6 +240,7 @@ def _gear_table(model: Model, drive: _Drive) -> np.ndarray:
             g.ratio**2 * g.rotor_inertia,
             g.ratio**2 * g.rotor_damping,
             g.ratio,
+            g.damping / (TOOTH_LOAD * _stall_torque(servo)),
         )
     return table
 
@@ -266,7 +269,7 @@ def _friction_table(model: Model, drive: _Drive, integrator: str) -> np.ndarray 
 
 
 def _stop_table(model: Model, drive: _Drive, check: Preflight) -> np.ndarray | None:
-    """One-sided spring-dampers, critically damped with the inertia that the joint feels at zero."""
+    """One-sided stops, critically damped at a small depth with the inertia that the joint feels at zero."""
     joints = model.moving_joints
     if not any(math.isfinite(j.lower) or math.isfinite(j.upper) for j in joints):
         return None
@@ -325,8 +328,8 @@ def _ground_table(ground: Ground) -> np.ndarray:
     return table
 
 
-def _fall_height(model: Model, ground: Ground, fraction: float) -> float:
-    """Height of the base [m] below which the robot lies."""
+def _fall_height(model: Model, fraction: float) -> float:
+    """Height of the base over the ground [m] below which the robot lies."""
     q = np.zeros(model.nq)
     q[3] = 1.0
     poses = forward_kinematics(model, q)
@@ -336,7 +339,7 @@ def _fall_height(model: Model, ground: Ground, fraction: float) -> float:
         for p in model.contacts
         for k in [names.index(p.link)]
     )
-    return ground.height - fraction * lowest
+    return -fraction * lowest
 
 
 def _offsets(tree: Tree, constants: Scene) -> np.ndarray:
@@ -374,7 +377,7 @@ def _offsets(tree: Tree, constants: Scene) -> np.ndarray:
     for name in layout.STATE.names:
         offsets[0][name] = at
         at += sizes.get(name, 0)
-    return offsets
+    return offsets.view(np.recarray)
 
 
 def _mobility(model: Model, armature) -> np.ndarray:

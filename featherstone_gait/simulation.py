@@ -33,6 +33,7 @@ from .trajectory import Trajectory
 # Channel -> part of the state; those of one number a joint, contact point, ... in the model's order.
 PARTS = tuple(name for name in layout.STATE.names if name not in ("length", "status", "end", "last_error"))
 STATUS = {rollout.OK: "ok", rollout.FELL: "fell", rollout.DIVERGED: "diverged"}
+RK4_LIMIT = 1.39  # of the explicit limit 2 / lambda: RK4's stability interval is 2.785 / lambda
 BATCH = 32  # runs that an executor is given at a time
 CHATTER_LIMIT = 0.05  # [rad/s]; see `worst_chatter` in core/layout.py
 
@@ -385,7 +386,7 @@ def _trajectory(scene: CompiledScene, course: rollout.Plan, slices, y: np.ndarra
     status, message, end = _verdict(scene, course, y)
     info = {
         "robot": scene.model.name,
-        "joints": scene.model.joint_names,
+        "joints": list(scene.model.joint_names),
         "integrator": scene.integrator,
         "timestep": scene.timestep,
         "reason": scene.preflight.reason,
@@ -407,6 +408,13 @@ def _verdict(scene: CompiledScene, course: rollout.Plan, y: np.ndarray) -> tuple
             joint = scene.model.joint_names[int(speeds.argmax())]
             message += f"; in the last sound state the fastest joint was {joint} at {speeds.max():.3g} rad/s or m/s"
         return status, message, float(y[o["end"]])
+    largest = RK4_LIMIT * scene.preflight.largest_explicit_step
+    if scene.integrator == "rk4" and scene.timestep > largest:
+        return (
+            "not converged",
+            f"rk4 is stable up to {largest:.2g} s in this scene; the step is {scene.timestep:g} s",
+            end,
+        )
     if (joint := _unresolved_stop(scene, y)) is not None:
         return (
             "not converged",

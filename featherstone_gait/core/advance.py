@@ -9,7 +9,6 @@ from .layout import (
     COPPER,
     CTD,
     CTK,
-    DAMPING,
     DRIVER,
     ENERGIES,
     FADE,
@@ -91,9 +90,8 @@ def _joint_energies(scene, gear, o, y, tau, drive, h, sub, i, v, w):
     y[E + STOPS] -= h * (Ts * v)
     if gear is not None:
         e = y[o.rotor + i] - y[o.q + i] + sub * (w - v)
-        _, touch = gear_torque(gear, i, e, w - v)
-        loss = gear[i, DAMPING] * ((w - v) * (w - v))
-        y[E + GEAR] += select(touch, h * loss, 0.0 * loss)
+        _, _, loss = gear_torque(gear, i, e, w - v, sub)
+        y[E + GEAR] += h * loss
         y[E + FRICTION] += h * (gear[i, ROTOR_DAMPING] * (w * w))
 
 

@@ -76,11 +76,16 @@ def place_points(points, bodies, ground, base_q, W, C, h):
 def _depth(ground, base_q, x, n, t):
     if base_q is not None:
         x = add(x, (base_q[0], base_q[1], base_q[2]))
-    height = ground[0, GH]
-    along = dot(t, x)
+    return ground_height(ground, dot(t, x)) - dot(n, x)
+
+
+@inline
+def ground_height(ground, along):
+    """Height of the ground along its normal [m] at the distance along its first tangent [m]."""
+    height = ground[0, GH] + 0.0 * along
     for k in range(1, len(ground)):
         height = select(along > ground[k, 0], height + ground[k, 1], height)
-    return height - dot(n, x)
+    return height
 
 
 @inline

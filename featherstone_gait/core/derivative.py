@@ -24,7 +24,6 @@ from .lanes import select
 from .layout import (
     CMU,
     COPPER,
-    DAMPING,
     DRIVER,
     ENERGIES,
     FILTER,
@@ -119,12 +118,11 @@ def _drive(servo, gear, pd, o, y, dy, drive, i, v, E):
     if gear is None:
         return servo[i, KT] * _motor_rates(servo, o, y, dy, i, v, E)
     w = y[o.rotor_speed + i]
-    T, touch = gear_torque(gear, i, y[o.rotor + i] - y[o.q + i], w - v)
+    T, _, loss = gear_torque(gear, i, y[o.rotor + i] - y[o.q + i], w - v, 0.0)
     F = servo[i, KT] * _motor_rates(servo, o, y, dy, i, w, E) - gear[i, ROTOR_DAMPING] * w - T
     dy[o.rotor + i] = w
     dy[o.rotor_speed + i] = F / gear[i, INERTIA]
-    loss = gear[i, DAMPING] * ((w - v) * (w - v))
-    dy[E + GEAR] = select(touch, loss, 0.0 * loss)
+    dy[E + GEAR] = loss
     dy[E + FRICTION] = gear[i, ROTOR_DAMPING] * (w * w)
     return T
 

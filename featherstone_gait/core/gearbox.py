@@ -1,23 +1,32 @@
-"""Spring-damper gearbox with backlash (Lima et al. 2013, equations 3-6), at the output side.
+"""Spring-damper gearbox (Lima et al. 2013, equations 3-6) with backlash, at the output side.
 
-e = rotor angle / G - joint angle; the teeth touch beyond the gap and push only:
-T = K (e -+ gap) + B de/dt where |e| > gap and T has the sign of e, else 0.
+e = rotor angle / G - joint angle.  Without backlash T = K e + B de/dt, as printed.  With a gap on either side the teeth
+touch beyond it and only push; a plain damper would then jump as they meet, so that they follow Hunt and Crossley,
+T = K x (1 + d dx/dt) with x = |e| - gap, which is continuous and never falls with the closing speed.
 """
 
 from .jit import inline
 from .lanes import select
-from .layout import DAMPING, GAP, STIFFNESS
+from .layout import DAMPING, GAP, STIFFNESS, TOOTH_D
 
 
 @inline
-def gear_torque(gear, i, e, de):
-    """Torque on the joint [N m] and whether the teeth touch; e [rad], de [rad/s]."""
+def gear_torque(gear, i, e, de, h):
+    """Torque on the joint [N m], its slope in de [N m s/rad] and the power it loses [W]; e moves on by h de."""
+    K, B = gear[i, STIFFNESS], gear[i, DAMPING]
+    tight = gear[i, GAP] <= 0.0
     side = select(e >= 0.0, 1.0 + 0.0 * e, -1.0 + 0.0 * e)
-    wind = e - side * gear[i, GAP]
-    torque = gear[i, STIFFNESS] * wind + gear[i, DAMPING] * de
-    # Without backlash the teeth are always in contact: the spring-damper of the paper.
-    touch = (gear[i, GAP] <= 0.0) | ((wind * side > 0.0) & (torque * side > 0.0))
-    return select(touch, torque, 0.0 * torque), touch
+    x, closing = e * side - gear[i, GAP], de * side
+    grip = 1.0 + gear[i, TOOTH_D] * closing
+    on = (x > 0.0) & (grip > 0.0)
+    push = select(on, K * x * grip, 0.0 * x)
+    slope = select(on, K * (h * grip + gear[i, TOOTH_D] * x), 0.0 * x)
+    loss = select(x > 0.0, (push - K * x) * closing, 0.0 * x)
+    return (
+        select(tight, K * e + B * de, push * side),
+        select(tight, h * K + B + 0.0 * e, slope),
+        select(tight, B * (de * de), loss),
+    )
 
 
 @inline

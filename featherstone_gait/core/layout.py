@@ -119,7 +119,8 @@ GAP = 2  # half the backlash [rad]
 INERTIA = 3  # G^2 J [kg m^2]
 ROTOR_DAMPING = 4  # G^2 B_vr [N m s/rad]
 RATIO = 5  # G
-GEAR_COLUMNS = 6
+TOOTH_D = 6  # Hunt-Crossley damping of teeth that meet across a gap [s/rad]
+GEAR_COLUMNS = 7
 
 # Columns of the continuous servo (pd).
 PD_KP = 0  # [N m/rad]
@@ -136,7 +137,7 @@ FRICTION_COLUMNS = 2
 LOWER = 0  # [rad]
 UPPER = 1  # [rad]
 STOP_K = 2  # [N m/rad]
-STOP_D = 3  # [N m s/rad]
+STOP_D = 3  # Hunt-Crossley damping [s/rad]
 STOP_COLUMNS = 4
 
 # Columns of a contact point.

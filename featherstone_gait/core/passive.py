@@ -22,13 +22,19 @@ def friction_torque(friction, i, speed):
 
 @inline
 def stop_torque(stops, i, angle, speed, h):
-    """Torque of the one-sided spring-dampers at the limits [N m] and its slope; the angle moves on by h speed."""
+    """Torque of the one-sided stops at the limits [N m] and its slope; the angle moves on by h speed."""
     if stops is None:
         return 0.0, 0.0
     at = angle + h * speed
-    over = stops[i, STOP_K] * (at - stops[i, UPPER]) + stops[i, STOP_D] * speed
-    under = stops[i, STOP_K] * (stops[i, LOWER] - at) - stops[i, STOP_D] * speed
-    high = (at > stops[i, UPPER]) & (over > 0.0)
-    low = (at < stops[i, LOWER]) & (under > 0.0)
-    slope = select(high | low, h * stops[i, STOP_K] + stops[i, STOP_D] + 0.0 * at, 0.0 * at)
-    return select(high, -over, select(low, under, 0.0 * at)), slope
+    over, c_over = _pushed_back(stops, i, at - stops[i, UPPER], speed, h)
+    under, c_under = _pushed_back(stops, i, stops[i, LOWER] - at, -speed, h)
+    return under - over, c_over + c_under
+
+
+@inline
+def _pushed_back(stops, i, depth, speed, h):
+    """K x (1 + d dx/dt) and its slope: Hunt and Crossley's law is continuous at touch-down, a plain damper is not."""
+    k, d = stops[i, STOP_K], stops[i, STOP_D]
+    grip = 1.0 + d * speed
+    on = (depth > 0.0) & (grip > 0.0)
+    return select(on, k * depth * grip, 0.0 * depth), select(on, k * (h * grip + d * depth), 0.0 * depth)

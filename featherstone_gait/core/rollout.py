@@ -7,13 +7,16 @@ from numba import types
 from numba.extending import overload
 
 from .advance import advance
+from .contact import ground_height
 from .controller import control_tick
 from .jit import entry, inline, kernel
 from .knots import Knots, Signals, evaluate, inputs
 from .lanes import any_lane, as_lanes, invert, select
+from .layout import GN, GT
 from .optional import viewed
 from .runge_kutta import rk4_step
 from .simtwo import simtwo_step
+from .spatial import dot, load3
 from .step import solve_step
 
 OK, FELL, DIVERGED = 0, 1, 2
@@ -29,7 +32,7 @@ class Plan(NamedTuple):
     per_tick: int  # steps of a controller tick
     per_sample: int  # steps between records
     lag: float  # from a reference to its effect [s]
-    min_height: float  # of the base over the world's origin [m]; below it the robot has fallen
+    min_height: float  # of the base over the ground, along its normal [m]; below it the robot has fallen
     min_upright: float  # cosine of the base's tilt; below it the robot has fallen
 
 
@@ -51,6 +54,8 @@ def rollout(scene, o, plan, signals, y, scratch, channels, out):
     """Run the scene; out (samples, channels) takes y[channels] every per_sample steps."""
     good = scratch.good
     dead = y[o.status] > 0.0
+    for i in range(len(good)):
+        good[i] = y[i]
     for k in range(plan.steps + 1):
         t = k * plan.h
         if k % plan.per_tick == 0 or k == plan.steps:
@@ -143,7 +148,7 @@ def _inspect(scene, o, plan, t, y, good):
     for i in range(o.current):
         size = size + abs(y[i])
     failed = select(size < TOO_FAST, OK + 0.0 * size, DIVERGED + 0.0 * size)
-    failed = select(_fell(scene.floating, o, plan, y) & (size < TOO_FAST), FELL + 0.0 * size, failed)
+    failed = select(_fell(scene.floating, scene.ground, o, plan, y) & (size < TOO_FAST), FELL + 0.0 * size, failed)
     failed = select(size == size, failed, DIVERGED + 0.0 * y[o.status])
     dead = y[o.status] > 0.0
     new = invert(dead) & (failed > 0.0)
@@ -158,12 +163,17 @@ def _inspect(scene, o, plan, t, y, good):
 
 
 @inline
-def _fell(floating, o, plan, y):
-    if floating is None:
-        return y[o.status] > 1e9
-    k = o.base_q
-    x, yy = y[k + 4], y[k + 5]
-    return (y[k + 2] < plan.min_height) | (1.0 - 2.0 * (x * x + yy * yy) < plan.min_upright)
+def _fell(floating, ground, o, plan, y):
+    """Whether a floating base is too low over the ground or tilted too far; False where there is no ground."""
+    fell = y[o.status] != y[o.status]
+    if ground is not None:
+        if floating is not None:
+            k = o.base_q
+            x, n, t = (y[k], y[k + 1], y[k + 2]), load3(ground, 0, GN), load3(ground, 0, GT)
+            height = dot(n, x) - ground_height(ground, dot(t, x))
+            lean = 1.0 - 2.0 * (y[k + 4] * y[k + 4] + y[k + 5] * y[k + 5])
+            fell = (height < plan.min_height) | (lean < plan.min_upright)
+    return fell
 
 
 @entry

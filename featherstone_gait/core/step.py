@@ -39,7 +39,7 @@ from .gearbox import gear_torque
 from .jit import inline, kernel
 from .kinematics import motion_pass
 from .lanes import any_lane, select, sqrt
-from .layout import DAMPING, INERTIA, KT, PD_FOLD, PD_KD, PD_KP, PD_LIMIT, PD_OUTSIDE, ROTOR_DAMPING, STIFFNESS
+from .layout import INERTIA, KT, PD_FOLD, PD_KD, PD_KP, PD_LIMIT, PD_OUTSIDE, ROTOR_DAMPING
 from .motor import clamp, current_step
 from .optional import part, when
 from .passive import friction_torque, stop_torque
@@ -123,8 +123,8 @@ def motion(scene, gear, o, y, predicted, sub, W, Z):
     else:
         a = y[o.qdd : o.qdd + n]
         for i in range(n):
-            predicted[i] = q[i] + sub * v[i]
             predicted[n + i] = v[i] + sub * a[i]
+            predicted[i] = q[i] + sub * predicted[n + i]
             Z[VP, i] = predicted[n + i]
         ba = part(scene.floating, y, o.base_qdd, 6)
         _predict_base(bq, bv, ba, predicted, 2 * n, sub)
@@ -139,9 +139,9 @@ def motion(scene, gear, o, y, predicted, sub, W, Z):
 @inline
 def _predict_base(bq, bv, ba, predicted, start, sub):
     if bq is not None:
-        move_base(bq, bv, sub, predicted[start : start + 7])
         for k in range(6):
             predicted[start + 7 + k] = bv[k] + sub * ba[k]
+        move_base(bq, predicted[start + 7 : start + 13], sub, predicted[start : start + 7])
 
 
 @inline
@@ -189,8 +189,7 @@ def _drive_force(servo, gear, pd, o, y, drive, h, sub, i, v, w, T, c):
         return T + servo[i, KT] * mean, 0.0, c + servo[i, KT] * slope, 0.0, 0.0
     _, mean, slope = current_step(servo, i, y[o.current + i], y[o.voltage + i], w, h)
     e = y[o.rotor + i] - y[o.q + i] + sub * (w - v)
-    Tg, touch = gear_torque(gear, i, e, w - v)
-    cg = select(touch, sub * gear[i, STIFFNESS] + gear[i, DAMPING] + 0.0 * e, 0.0 * e)
+    Tg, cg, _ = gear_torque(gear, i, e, w - v, sub)
     F = servo[i, KT] * mean - gear[i, ROTOR_DAMPING] * w - Tg
     return T + Tg, F, c, cg, servo[i, KT] * slope + gear[i, ROTOR_DAMPING]
 
