@@ -90,6 +90,32 @@ def _parser() -> argparse.ArgumentParser:
     simulation.add_argument("--integrator", metavar="NAME", help="implicit_euler, midpoint, rk4 or simtwo")
     simulation.add_argument("--timestep", type=float, metavar="S", help="[s] (default: chosen, and stated)")
 
+    optimization = _command(
+        commands,
+        "optimize",
+        _optimize,
+        "plan a biped's walk and search for a gait that takes less energy per distance; Ctrl-C keeps the best so far",
+        "ROBOT_gait.json (measures before and after), .npz (arrays), _animation.html, _convergence.png, _angles.png, "
+        "_angles.csv [deg], _goal_positions.csv (AX-12, every 40 ms) and _history.jsonl",
+    )
+    optimization.add_argument("--robot", default="humanoid", help="name or .urdf file (default: humanoid, simplified)")
+    optimization.add_argument("--servos", choices=("mipsd", "rotor", "standard"), default="mipsd", help="gearbox")
+    optimization.add_argument("--iterations", type=int, default=800, metavar="N", help="candidates (default: 800)")
+    optimization.add_argument("--seed", type=int, default=0, metavar="N", help="of the search (default: 0)")
+    optimization.add_argument("--resume", action="store_true", help="go on from the history in the folder")
+
+    study = _command(
+        commands,
+        "study",
+        _study,
+        "run a parameter study, or go on with one that was interrupted",
+        "FILE.csv (a row a run), .png (summary) and .jsonl (finished runs, to go on from)",
+    )
+    study.add_argument("file", type=Path, metavar="FILE.toml", help="what to run: help(featherstone_gait.study)")
+    study.add_argument("--batch", type=int, metavar="N", help="runs handed over at a time (default: 8; of many 64)")
+    study.add_argument("--cluster", metavar="ADDRESS", help="of a dask scheduler, instead of this machine's cores")
+    study.add_argument("--parquet", action="store_true", help="also write FILE.parquet (needs pandas and pyarrow)")
+
     files = "; ".join(f"{name}: {files}" for name, files in BENCHMARKS.items())
     benchmark = _command(commands, "benchmark", _benchmark, "run a benchmark", f"tables and a picture ({files})")
     benchmark.add_argument("name", metavar="NAME", choices=BENCHMARKS, help=" or ".join(BENCHMARKS))
@@ -407,6 +433,47 @@ def _plot_simulation(scene, trajectory, text: str, path: Path) -> None:
     panels[0].set(xlabel="", ylabel="joints [rad or m]")
     figure.suptitle(text, fontsize=11)
     figure.savefig(path, dpi=120)
+
+
+# ---------------------------------------------------------------------------------------------- optimize
+
+
+def _optimize(args) -> int:
+    from .optimize import main_job
+
+    main_job(
+        args.robot, servos=args.servos, iterations=args.iterations, seed=args.seed, out=args.out, resume=args.resume
+    )
+    return 0
+
+
+# ---------------------------------------------------------------------------------------------- study
+
+
+def _study(args) -> int:
+    from .study import read_study, run_study
+
+    study = read_study(args.file)
+    start = time.perf_counter()
+    options = {"batch": args.batch, "progress": True, "parquet": args.parquet}
+    if args.cluster is None:
+        outcome = run_study(study, args.out, **options)
+    else:
+        with _cluster(args.cluster) as client:
+            outcome = run_study(study, args.out, executor=client.get_executor(), **options)
+    seconds = time.perf_counter() - start
+    print(f"{study.name}: {len(study)} runs, {outcome.computed} of them now in {seconds:.3g} s")
+    print("status: " + ", ".join(f"{status} {count}" for status, count in outcome.statuses.items()))
+    print(f"files: {outcome.table}, {outcome.picture}")
+    return 0
+
+
+def _cluster(address: str):
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ValueError('--cluster needs dask: pip install "featherstone-gait[cluster]"') from error
+    return Client(address)
 
 
 # ---------------------------------------------------------------------------------------------- benchmark

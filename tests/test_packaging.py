@@ -51,7 +51,8 @@ def test_the_wheel_holds_package_robots_and_licence(distributions):
     with zipfile.ZipFile(path) as wheel:
         names = set(wheel.namelist())
         (metadata,) = (wheel.read(name).decode() for name in names if name.endswith(".dist-info/METADATA"))
-    modules = {str(p.relative_to(ROOT).as_posix()) for p in (ROOT / "featherstone_gait").rglob("*.py")}
+    sources = [p for p in (ROOT / "featherstone_gait").rglob("*") if p.suffix in (".py", ".html")]
+    modules = {str(p.relative_to(ROOT).as_posix()) for p in sources}
     rest = names - modules - {f"featherstone_gait/{name}" for name in ROBOT_FILES}
     assert len(names - rest) == len(modules) + len(ROBOT_FILES)
     assert {name.partition("/")[0] for name in rest} == {f"featherstone_gait-{featherstone_gait.__version__}.dist-info"}

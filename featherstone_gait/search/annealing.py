@@ -33,7 +33,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import OptimizeResult
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 REHEATED = 0.1  # miss count after max_miss misses (figure 14)
 MESSAGES = {

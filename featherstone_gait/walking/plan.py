@@ -30,6 +30,12 @@ SOLE_THICKNESS = 1e-3  # contact points this close to a foot's lowest one belong
 STILL = 1e-3  # change of an angle by which the walk has begun [rad]
 DECIMALS = 9  # of the angles [rad]: hides the last bits, in which CPUs differ, far below any servo's resolution
 
+# With this walk four poses a stride carry a humanoid of the size of a Bioloid, on AX-12 servos and without feedback; of
+# 256 gaits with all angles off by up to a degree 88 % walk ten strides.  3 mm narrower it is 79 %, 5 mm higher 86 %,
+# with steps of 0.36 s 86 %, and with those of 0.24 s or the defaults of `Walk` the gait itself falls; 3 mm wider it is
+# 92 %, but slower; 5 mm lower the knees pass their limits.
+BIOLOID_WALK = {"step_time": 0.32, "com_height": 0.205, "half_width": 0.039, "n_steps": 12}
+
 
 @dataclass(frozen=True)
 class Walk:

@@ -1,0 +1,178 @@
+"""The main job: from a plan to a cheaper gait and all its files."""
+
+import csv
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+from matplotlib import image
+
+from featherstone_gait import cli, load_robot
+from featherstone_gait.optimize import main_job, optimize_gait, walking_cost
+from featherstone_gait.walking import BIOLOID_WALK, read_angles
+from featherstone_gait.walking.cost import cost_of_motion
+from featherstone_gait.walking.gait_file import angles_of_goal_positions
+
+ITERATIONS = 24
+
+
+@pytest.fixture(scope="module")
+def cost():
+    return walking_cost(load_robot("humanoid", locked="simplified"))
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("job")
+    return folder, main_job(iterations=ITERATIONS, out=folder, progress=False)
+
+
+def test_the_job_finds_a_cheaper_gait_and_reports_both(job):
+    _, report = job
+    before, after = report["before"], report["after"]
+    assert before["status"] == after["status"] == "ok"
+    assert after["cost"] < before["cost"]
+    for side in (before, after):
+        assert side["cost"] == pytest.approx(side["energy"] / side["distance"], rel=1e-12)
+        assert side["cost_of_transport"] == pytest.approx(side["cost"] / side["weight"], rel=1e-12)
+        assert side["at_a_quarter_of_the_step"]["cost"] == pytest.approx(side["cost"], rel=0.05)
+        assert 0.5 < side["safe"] <= 1.0
+
+
+def test_the_report_is_the_json_file_and_names_every_file(job):
+    folder, report = job
+    assert json.loads((folder / "humanoid_gait.json").read_text("utf-8")) == report
+    assert sorted(report["files"].values()) == sorted(str(path) for path in folder.iterdir())
+    assert report["settings"]["iterations"] == ITERATIONS
+    assert report["search"]["candidates"] == ITERATIONS
+
+
+def test_the_arrays_hold_the_gait_whose_cost_is_reported(job, cost):
+    folder, report = job
+    with np.load(folder / "humanoid_gait.npz") as data:
+        assert cost(data["x"]) == (report["after"]["cost"], "ok")
+        assert np.array_equal(data["first"], cost.gait.to_vector())
+        assert data["costs"].shape == (ITERATIONS + 1,)
+        assert data["costs"].min() == report["after"]["cost"]
+
+
+def test_the_csv_can_be_simulated_and_costs_the_same(job, cost):
+    folder, report = job
+    start = report["settings"]["start_of_measurement"]
+    path = folder / "humanoid_gait_angles.csv"
+    strides = round((read_angles(path)[0][-1] - start) / cost.gait.period)
+    found = cost_of_motion(cost.scene, path, start=start, strides=strides)
+    assert found.cost == pytest.approx(report["after"]["cost"], rel=0.02)  # two strides more are measured
+
+
+def test_the_goal_positions_are_the_angles_to_half_a_count(job, cost):
+    folder, _ = job
+    times, angles, names = read_angles(folder / "humanoid_gait_angles.csv", cost.gait.joint_names)
+    with (folder / "humanoid_gait_goal_positions.csv").open(newline="") as file:
+        rows = list(csv.reader(file))
+    assert rows[0] == ["time_s", *names]
+    counts = np.array(rows[1:], dtype=float)
+    assert counts[:, 0] == pytest.approx(times)
+    assert np.abs(angles_of_goal_positions(counts[:, 1:]) - angles).max() <= math.radians(0.5 * 300 / 1023) * 1.001
+
+
+def test_the_pictures_show_something(job):
+    folder, _ = job
+    for name in ("convergence", "angles"):
+        picture = image.imread(folder / f"humanoid_gait_{name}.png")
+        assert picture.shape[0] > 400
+        assert np.ptp(picture[..., :3]) > 0.9
+
+
+def test_the_animation_needs_nothing_from_the_network_and_moves(job):
+    folder, report = job
+    page = (folder / "humanoid_gait_animation.html").read_text("utf-8")
+    assert len(page) < 3e6
+    assert re.findall(r"https?:|//[a-z]|<link|@import|src=", page) == []
+    runs = json.loads(re.search(r"const runs = (\[.*?\]);", page)[1])
+    assert [run["caption"].split(":")[0] for run in runs] == ["first gait", "optimised gait"]
+    boxes = 1e-4 * np.array(runs[0]["boxes"]).reshape(len(runs[0]["boxes"]), -1, 4, 3)
+    assert boxes[-1, 0, 0, 0] - boxes[0, 0, 0, 0] > 10 * report["before"]["stride_length"]
+    volume = np.abs(np.linalg.det(boxes[:, :, 1:]))
+    assert volume == pytest.approx(np.broadcast_to(volume[0], volume.shape), rel=0.02)  # rigid, rounded to 0.1 mm
+    assert (np.linalg.det(boxes[0, :, 1:]) > 0.0).all()
+
+
+def test_a_boxs_edges_are_those_of_the_uniform_box_with_the_links_inertia(job):
+    folder, _ = job
+    page = (folder / "humanoid_gait_animation.html").read_text("utf-8")
+    runs = json.loads(re.search(r"const runs = (\[.*?\]);", page)[1])
+    links = [link for link in load_robot("humanoid").links if link.mass > 0]
+    edges = 1e-4 * np.linalg.norm(np.array(runs[0]["boxes"][0]).reshape(-1, 4, 3)[:, 1:], axis=2)
+    for link, size in zip(links, edges):
+        moments = np.linalg.eigvalsh(np.diag([link.inertia[k] for k in (0, 3, 5)]))
+        x, y, z = np.sort(size)[::-1]
+        expected = link.mass / 12 * np.array([y * y + z * z, x * x + z * z, x * x + y * y])
+        assert moments == pytest.approx(expected, rel=0.02)
+
+
+def test_an_interrupted_job_resumes_to_the_same_gait(job, tmp_path):
+    folder, report = job
+    main_job(iterations=ITERATIONS // 2, out=tmp_path, progress=False)
+    history = tmp_path / "humanoid_gait_history.jsonl"
+    with history.open("a", encoding="utf-8") as file:
+        file.write('{"iteration": 13, "x": [0.1')  # cut off while writing
+    resumed = main_job(iterations=ITERATIONS, out=tmp_path, resume=True, progress=False)
+    assert resumed["after"] == report["after"]
+    angles = "humanoid_gait_angles.csv"
+    assert (tmp_path / angles).read_bytes() == (folder / angles).read_bytes()
+
+
+def test_a_history_is_not_overwritten(job, capsys):
+    folder, _ = job
+    before = (folder / "humanoid_gait_history.jsonl").read_bytes()
+    assert cli.main(["optimize", "--iterations", "1", "--out", str(folder)]) == 2
+    assert "resume (--resume)" in capsys.readouterr().err
+    assert (folder / "humanoid_gait_history.jsonl").read_bytes() == before
+
+
+def test_a_history_in_which_the_first_gait_costs_something_else_is_not_continued(job, tmp_path, capsys):
+    folder, report = job
+    history = (folder / "humanoid_gait_history.jsonl").read_text("utf-8")
+    cost = repr(report["before"]["cost"])
+    assert history.count(cost) == 1
+    (tmp_path / "humanoid_gait_history.jsonl").write_text(history.replace(cost, "12.5"), "utf-8")
+    assert cli.main(["optimize", "--iterations", "30", "--resume", "--out", str(tmp_path)]) == 2
+    assert "line 2: the first gait cost 12.5 J/m" in capsys.readouterr().err
+
+
+def test_the_command_shows_progress_and_a_table(tmp_path, capsys):
+    assert cli.main(["optimize", "--iterations", "2", "--out", str(tmp_path)]) == 0
+    shown = capsys.readouterr()
+    assert "3/3" in shown.err
+    assert "best=" in shown.err
+    for name in ("energy per distance", "cost of transport", "step length", "speed", "slip"):
+        assert re.search(rf"^{name}.* \d+\.\d+ +\d+\.\d+", shown.out, re.MULTILINE)
+
+
+def test_the_result_depends_on_the_seed_alone(cost):
+    results = [optimize_gait(cost, iterations=8, seed=seed) for seed in (1, 1, 2)]
+    assert np.array_equal(results[0].x, results[1].x)
+    assert results[0].fun == results[1].fun
+    assert not np.array_equal(results[0].history["x"], results[2].history["x"])
+
+
+def test_every_candidate_keeps_to_the_joint_limits(cost):
+    result = optimize_gait(cost, iterations=16, amplitude=1.0)
+    poses = result.history["x"].reshape(17, 4, 10)
+    joints = cost.scene.model.moving_joints
+    assert (poses >= [joint.lower for joint in joints]).all()
+    assert (poses <= [joint.upper for joint in joints]).all()
+
+
+def test_a_job_in_which_nothing_walks_says_why(tmp_path, monkeypatch):
+    monkeypatch.setitem(BIOLOID_WALK, "step_time", 0.24)
+    with pytest.raises(ValueError, match=r"none of 1 gaits walked; the first: humanoid fell at"):
+        main_job(iterations=0, out=tmp_path, progress=False)
+
+
+def test_a_robot_without_two_soles_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="needs contact points on two feet"):
+        main_job("arm7", out=tmp_path, progress=False)
