@@ -20,6 +20,7 @@ from . import __version__
 BENCHMARKS = {  # modules of `featherstone_gait.benchmark`, and the files they write
     "speed": "speed.csv, speed.png",
     "servo": "servo_arm.csv, servo_pd.csv, servo.png",
+    "walk": "walk.csv, walk.png",
 }
 SWING, PULL = 0.5 * math.pi, 0.1  # where the first joint starts, without and with servos [rad]
 SAMPLE = 2e-3  # time between records, in whole steps [s]
