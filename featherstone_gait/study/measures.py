@@ -1,0 +1,197 @@
+"""The experiments of a study, and what they measure; this is what a worker does.
+
+- `hold`: servos pull all joints of a resting robot to zero (or the limit nearest to it) from `posture.tilt` [rad]
+  beside it and hold them there.  A servo model or step that is not stable shows in the second half of the run, when
+  everything should rest (Lima et al. 2013, Figs. 7-10).
+- `walk`: a gait of four key poses, fitted to a walk planned by preview control (`gait.*`), on the ground; its cost is
+  that of `walking.cost`.
+
+Every run gives a row: status ("ok", that of the trajectory, "no cost" for a walk without one, or "refused" for
+parameters that make no scene), the columns of `COLUMNS`, None where there is no value, and a message.  Sums are
+correctly rounded (`math.fsum`), so that a row has the same bits wherever and in whatever company it was computed.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from ..core.jit import CACHE_FOLDER
+from ..core.lanes import WIDTH
+from ..core.layout import METER
+from ..reference import Reference
+from ..scene import CompiledScene, compile_scene
+from ..simulation import initial_state, simulate_batch, standing_state
+from ..trajectory import Trajectory
+from .compiling import one_process_at_a_time
+from .settings import ONLY, Setup, ground_with, servos_with
+
+INLINE = SimpleNamespace(map=map)  # in place of an executor: a worker is one of many and starts no threads
+TILT = 0.01  # default of posture.tilt [rad]
+COLUMNS = {  # name of a column -> what its axis says; the first one is plotted
+    "hold": {
+        "variance_deg2": "largest variance of a joint [deg²]",
+        "offset_deg": "largest distance of a joint from its target [deg]",
+        "chatter_rad_s": "chatter [rad/s]",
+        "energy_J": "electrical energy [J]",
+        "end_s": "time reached [s]",
+    },
+    "walk": {
+        "cost_J_m": "energy per distance [J/m]",
+        "cost_of_transport": "cost of transport [-]",
+        "speed_m_s": "speed [m/s]",
+        "stride_length_m": "length of a stride [m]",
+        "distance_m": "distance [m]",
+        "sideways_m": "distance sideways [m]",
+        "energy_J": "electrical energy [J]",
+        "slip_m": "slip of a contact point per stride [m]",
+    },
+}
+
+
+def run_batch(setup: Setup, points: list[tuple]) -> list[dict[str, Any]]:
+    """The rows of runs, each given by its varied parameters; runs that share a scene go through lanes together."""
+    setup = _known(setup)
+    rows: list[dict[str, Any] | None] = [None] * len(points)
+    values = [{**setup.fixed, **dict(zip(setup.names, point))} for point in points]
+    for members in _sharing(values):
+        for k, row in zip(members, _rows(setup, [values[k] for k in members])):
+            rows[k] = row
+    return rows
+
+
+@functools.lru_cache(maxsize=4)
+def _known(setup: Setup) -> Setup:
+    """The first equal one that this process met: what was prepared for its model can be used again."""
+    return setup
+
+
+def _sharing(values: list[dict]) -> list[list[int]]:
+    """Indices of runs with the same scene."""
+    alike: dict[tuple, list[int]] = {}
+    for k, value in enumerate(values):
+        alike.setdefault(_scene_values(value), []).append(k)
+    return list(alike.values())
+
+
+def _scene_values(values: dict) -> tuple:
+    return tuple(sorted(item for item in values.items() if item[0].partition(".")[0] not in ONLY))
+
+
+def _rows(setup: Setup, values: list[dict]) -> list[dict]:
+    """Rows of runs that share a scene."""
+    try:
+        scene = _scene(setup, _scene_values(values[0]))
+        _compile(scene, 1 if setup.experiment == "walk" else len(values))
+        if setup.experiment == "hold":
+            return _hold(setup, scene, [value.get("posture.tilt", TILT) for value in values])
+    except ValueError as error:
+        return [_row(setup, "refused", str(error))] * len(values)
+    return [_walk(setup, scene, value) for value in values]
+
+
+def _row(setup: Setup, status: str, message: str, numbers: dict[str, float] | None = None) -> dict:
+    found = {name: float((numbers or {}).get(name, math.nan)) for name in COLUMNS[setup.experiment]}
+    finite = {name: value if math.isfinite(value) else None for name, value in found.items()}
+    return {"status": status, **finite, "message": message}
+
+
+@functools.lru_cache(maxsize=64)
+def _scene(setup: Setup, values: tuple) -> CompiledScene:
+    values = dict(values)
+    model = servos_with(setup.model, values)
+    given = {name[6:]: value for name, value in values.items() if name.startswith("scene.")}
+    servos, on_ground = given.pop("servos", "mipsd"), given.pop("ground", model.base == "floating")
+    ground = ground_with(values) if on_ground else None
+    return compile_scene(model, None if servos == "none" else servos, ground, **given)
+
+
+def _compile(scene: CompiledScene, runs: int) -> None:
+    """Have the kernels ready for so many runs of such a scene."""
+    runs = min(runs, WIDTH)
+    present = tuple(part is not None for part in scene.constants)
+    with one_process_at_a_time(CACHE_FOLDER, scene.integrator, present, runs):
+        simulate_batch(scene, scene.timestep, [None] * runs, executor=INLINE)
+
+
+# ---------------------------------------------------------------------------------------------- hold
+
+
+def _hold(setup: Setup, scene: CompiledScene, tilts: list[float]) -> list[dict]:
+    if scene.servos is None:
+        raise ValueError("hold needs servos; set scene.servos to mipsd, rotor or standard")
+    target = np.array([min(max(0.0, joint.lower), joint.upper) for joint in scene.model.moving_joints])
+    states = [_resting(scene, target + tilt) for tilt in tilts]
+    references = [Reference([0.0], target[None])] * len(tilts)
+    runs = simulate_batch(scene, setup.duration, states, references, record=("q", "energy"), executor=INLINE)
+    return [_row(setup, run.status, run.message, _held(run, target)) for run in runs]
+
+
+def _resting(scene: CompiledScene, angles: np.ndarray) -> np.ndarray:
+    if scene.ground is not None and scene.model.base == "floating":
+        return standing_state(scene, angles)
+    base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if scene.model.base == "floating" else []
+    return initial_state(scene, [*base, *angles])
+
+
+def _held(run: Trajectory, target: np.ndarray) -> dict[str, float]:
+    """Variance and offset over the second half, if it was reached; the run's chatter and energy."""
+    numbers = {"chatter_rad_s": run.info["worst_chatter"], "end_s": run.end_time}
+    if run.status in ("fell", "diverged"):
+        return numbers
+    angles = np.degrees(run["q"][len(run["time"]) // 2 :] - target)
+    return numbers | {
+        "variance_deg2": max(map(_variance, angles.T.tolist())),
+        "offset_deg": float(np.abs(angles).max()),
+        "energy_J": math.fsum(run["energy"][-1, :, METER].tolist()),
+    }
+
+
+def _variance(values: list[float]) -> float:
+    mean = math.fsum(values) / len(values)
+    return math.fsum((value - mean) ** 2 for value in values) / len(values)
+
+
+# ---------------------------------------------------------------------------------------------- walk
+
+
+def _walk(setup: Setup, scene: CompiledScene, values: dict) -> dict:
+    from ..walking.cost import WalkingCost
+
+    wanted = tuple(sorted(item for item in values.items() if item[0].startswith("gait.")))
+    try:
+        gait, start = _gait(setup, wanted)
+        cost = WalkingCost(scene, gait, start, warm_up=setup.warm_up, strides=setup.strides)
+        (found,) = cost.measure([gait.to_vector()])
+    except ValueError as error:
+        return _row(setup, "refused", str(error))
+    numbers = {
+        "cost_J_m": found.cost,
+        "cost_of_transport": found.cost_of_transport,
+        "speed_m_s": found.speed,
+        "stride_length_m": found.stride_length,
+        "distance_m": found.distance,
+        "sideways_m": found.sideways,
+        "energy_J": found.energy,
+        "slip_m": found.slip,
+    }
+    if found.status == "ok":
+        return _row(setup, "ok", "", numbers)
+    return _row(setup, "no cost", found.status, numbers)
+
+
+@functools.lru_cache(maxsize=16)
+def _gait(setup: Setup, values: tuple):
+    """The gait that parameters `gait.*` plan, and the start-up that leads to it."""
+    from ..walking import fit_gait, mirror_of, walking_plan
+
+    walk = {name[5:]: value for name, value in values}
+    if "period" in walk:
+        walk["step_time"] = 0.5 * walk.pop("period")
+    plan = walking_plan(setup.model, **walk)
+    fit = fit_gait(plan.stride(), mirror=mirror_of(setup.model), fit_phase=True)
+    return fit.gait, plan.start_up(phase=fit.phase)

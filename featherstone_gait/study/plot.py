@@ -1,0 +1,179 @@
+"""The picture of a study: its first measure over what was varied.
+
+One parameter: a line.  Two: a map.  More: a panel for each, with all runs and the median of those that are "ok".  Runs
+of another status are crosses, at the edge of the panel where they have no value.
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from .measures import COLUMNS
+from .settings import PARAMETERS, Axis, Study
+from .table import complete
+
+SHOWN = 20_000  # runs drawn as points
+BINS, FEW = 12, 50  # of the median along a parameter that takes more than a few values
+DECADES = 30.0  # largest by smallest value from which an axis is logarithmic
+SPAN = 1e-16  # smallest by largest value of an axis or colour
+LABELS = 9  # of an axis of a map
+BLUE, RED = "#2a5d9c", "#c8102e"
+
+
+class _Column(NamedTuple):
+    """A varied parameter of all runs, as places on an axis."""
+
+    label: str
+    x: np.ndarray  # (runs,)
+    names: tuple[str, ...] | None  # of the places 0, 1, ...; None for numbers
+    axis: Axis
+
+    @property
+    def log(self) -> bool:
+        return self.names is None and _wide(self.x)
+
+
+def plot_study(study: Study, table: Path, path: Path) -> None:
+    """Draw a study's table as PNG."""
+    from matplotlib.figure import Figure
+
+    measure, says = next(iter(COLUMNS[study.setup.experiment].items()))
+    read = _read(table, (*study.setup.names, "status", measure))
+    y = np.array([float(text) if text else np.nan for text in read[measure]])
+    ok = np.array(read["status"]) == "ok"
+    columns = [_column(name, axis, read[name]) for name, axis in zip(study.setup.names, study.axes)]
+    width = min(len(columns), 3) if len(columns) > 2 else 1
+    height = -(-len(columns) // width) if len(columns) > 2 else 1
+    size = (7.0, 4.5) if width == 1 else (3.6 * width, 0.5 + 2.9 * height)
+    figure = Figure(figsize=size, layout="constrained")
+    panels = figure.subplots(height, width, squeeze=False).ravel()
+    if len(columns) == 2:
+        _map(figure, panels[0], columns, y, ok, says)
+    else:
+        for panel, column in zip(panels, columns):
+            _marginal(panel, column, y, ok, line=len(columns) == 1)
+        for panel in panels[::width]:
+            panel.set_ylabel(says)
+        for panel in panels[len(columns) :]:
+            panel.set_axis_off()
+        if panels[0].get_legend_handles_labels()[1]:
+            panels[0].legend(fontsize=8, frameon=False)
+    figure.suptitle(f"{study.name}: {study.setup.model.name}, {study.setup.experiment}, {len(study)} runs", fontsize=11)
+    with complete(path) as temporary:
+        figure.savefig(temporary, dpi=130, format="png")
+
+
+def _read(table: Path, names: tuple[str, ...]) -> dict[str, list[str]]:
+    """Some columns of a CSV, as text."""
+    with table.open(newline="", encoding="utf-8") as file:
+        rows = csv.reader(file)
+        header = next(rows)
+        places = [header.index(name) for name in names]
+        found = [[row[k] for k in places] for row in rows]
+    return dict(zip(names, map(list, zip(*found))))
+
+
+def _column(name: str, axis: Axis, texts: list[str]) -> _Column:
+    unit = PARAMETERS[name]
+    if isinstance(unit, str):
+        return _Column(name if unit == "-" else f"{name} [{unit}]", np.array(texts, dtype=float), None, axis)
+    names = tuple(str(value) for value in axis.values)
+    return _Column(name, np.array([names.index(text) for text in texts], dtype=float), names, axis)
+
+
+def _wide(values: np.ndarray) -> bool:
+    """Whether positive values range so far that only a logarithmic axis shows them."""
+    known = values[np.isfinite(values)]
+    return len(known) > 1 and known.min() > 0 and known.max() > DECADES * known.min()
+
+
+def _least(values: np.ndarray) -> float:
+    """The smallest value worth showing: nothing can be read off more than so many decades."""
+    known = values[np.isfinite(values)]
+    return max(known.min(), SPAN * known.max()) if _wide(values) else known.min()
+
+
+def _scale_x(panel, column: _Column) -> None:
+    panel.set_xlabel(column.label)
+    if column.names is not None:
+        panel.set_xticks(range(len(column.names)), column.names, rotation=20 if len(column.names) > 3 else 0)
+        panel.set_xlim(-0.5, len(column.names) - 0.5)
+    elif column.log:
+        panel.set_xscale("log")
+
+
+def _marginal(panel, column: _Column, y: np.ndarray, ok: np.ndarray, line: bool) -> None:
+    """The measure over one parameter; with `line` its values are joined, else their median is drawn."""
+    _scale_x(panel, column)
+    if _wide(y):
+        panel.set_yscale("log")
+        y = np.maximum(y, _least(y))
+    shown = np.zeros(len(y), bool)
+    shown[:: -(-len(y) // SHOWN)] = True
+    good, bad, lost = (shown & part for part in (ok & np.isfinite(y), ~ok & np.isfinite(y), ~np.isfinite(y)))
+    panel.plot(column.x[good], y[good], "o", color=BLUE, markersize=5 if line else 3, alpha=1 if line else 0.4, mew=0)
+    marks = {"color": RED, "markersize": 6 if line else 4, "linestyle": ""}
+    panel.plot(column.x[bad], y[bad], "x", label="not ok" if bad.any() else None, **marks)
+    marks |= {"transform": panel.get_xaxis_transform(), "label": "no value" if lost.any() else None}
+    panel.plot(column.x[lost], np.full(lost.sum(), 0.02), "x", **marks)
+    median = _median(column, np.where(ok, y, np.nan))
+    if column.names is None:
+        panel.plot(*median, color=BLUE, linewidth=1.5, label=None if line else "median")
+    elif not line:
+        panel.plot(*median, "_", color=BLUE, markersize=18, label="median")
+    panel.grid(alpha=0.3)
+
+
+def _median(column: _Column, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Median of the runs at each value, or in bins along a parameter that takes more than a few."""
+    x, known = column.x, np.isfinite(y)
+    if column.axis.values is None or (len(column.axis.values) > FEW and column.names is None):
+        spaced = np.geomspace if column.log else np.linspace
+        edges = spaced(x.min(), x.max(), BINS + 1)
+        place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, BINS - 1)
+    else:
+        place = np.unique(x, return_inverse=True)[1]
+    groups = [known & (place == k) for k in range(place.max() + 1)]
+    groups = [group for group in groups if group.any()]
+    return np.array([x[g].mean() for g in groups]), np.array([np.median(y[g]) for g in groups])
+
+
+def _map(figure, panel, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str) -> None:
+    """The measure as colour over two parameters: cells for a grid, points otherwise."""
+    from matplotlib.colors import LogNorm, Normalize
+
+    known = y[np.isfinite(y)]
+    kind = LogNorm if _wide(y) else Normalize
+    norm = kind(_least(y), known.max()) if len(known) else Normalize(0.0, 1.0)
+    across, up = columns[1], columns[0]
+    panel.set_facecolor("0.85")
+    if all(column.axis.values is not None for column in columns) and len(y) == np.prod(
+        [len(column.axis.values) for column in columns]
+    ):
+        shape = [len(column.axis.values) for column in columns]
+        image = panel.pcolormesh(y.reshape(shape), norm=norm, cmap="viridis")
+        for set_ticks, column in ((panel.set_xticks, across), (panel.set_yticks, up)):
+            step = -(-len(column.axis.values) // LABELS)
+            values = column.axis.values[::step]
+            texts = [value if isinstance(value, str) else f"{value:.3g}" for value in values]
+            set_ticks(0.5 + step * np.arange(len(values)), texts)
+        rows, cells = np.nonzero(~ok.reshape(shape))
+        crosses = 0.5 + cells, 0.5 + rows
+        panel.set(xlabel=across.label, ylabel=up.label)
+    else:
+        _scale_x(panel, across)
+        panel.set_ylabel(up.label)
+        if up.names is not None:
+            panel.set_yticks(range(len(up.names)), up.names)
+        elif up.log:
+            panel.set_yscale("log")
+        image = panel.scatter(across.x[ok], up.x[ok], c=y[ok], norm=norm, cmap="viridis", s=25)
+        crosses = across.x[~ok], up.x[~ok]
+    panel.plot(*crosses, "x", color=RED, markersize=6, label="not ok")
+    if not ok.all():
+        panel.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.0, -0.1), frameon=False)
+    figure.colorbar(image, ax=panel, label=says)

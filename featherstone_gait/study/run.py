@@ -1,0 +1,208 @@
+"""Running a study: batches through an executor, finished runs into a log that survives, and from it the table.
+
+The log is a file of JSON lines, NAME.jsonl: a header with the settings, then a line for each run in order of
+completion, written and synced batch by batch.  A last line that was cut off is dropped.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+from collections.abc import Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from tqdm.auto import tqdm
+
+from .measures import run_batch
+from .plot import plot_study
+from .settings import Study
+from .table import check_parquet, write_parquet, write_table
+
+QUEUED = 256  # batches handed to the executor at a time: bounds memory, and is enough to keep a cluster busy
+SMALL, LARGE, MANY = 8, 64, 1024  # runs of a batch; the larger from this many runs on
+_log = logging.getLogger(__name__)
+
+
+class Outcome(NamedTuple):
+    """What `run_study` wrote."""
+
+    table: Path
+    picture: Path
+    statuses: dict[str, int]  # how many runs ended how
+    computed: int  # runs that were not in the log before
+
+
+def run_study(
+    study: Study,
+    out=".",
+    *,
+    executor: Executor | None = None,
+    batch: int | None = None,
+    progress: bool = False,
+    parquet: bool = False,
+) -> Outcome:
+    """Run what the log in the folder `out` does not have yet; write NAME.csv and NAME.png there.
+
+    executor: any `concurrent.futures.Executor`; None is a thread for each core.  batch: runs handed over at a time
+    (None: 8, of 1024 and more runs 64); neither has any influence on the table.  parquet: also write NAME.parquet.
+    Raises ValueError for a log of other settings or a damaged one, OSError if a file cannot be written or the executor
+    loses its workers; finished batches are kept.
+    """
+    if batch is not None and batch < 1:
+        raise ValueError(f"batch is {batch}; give a whole number >= 1")
+    if parquet:
+        check_parquet()
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    table = folder / f"{study.name}.csv"
+    with Log(table.with_suffix(".jsonl"), study) as log:
+        computed = len(study) - log.count
+        with tqdm(total=len(study), initial=log.count, disable=not progress, unit="run") as bar:
+            if executor is not None:
+                _evaluate(study, log, executor, batch, bar)
+            elif computed:
+                with ThreadPoolExecutor(_cores()) as pool:
+                    _evaluate(study, log, pool, batch, bar)
+        statuses = write_table(table, study, log)
+    if parquet:
+        write_parquet(table)
+    plot_study(study, table, table.with_suffix(".png"))
+    return Outcome(table, table.with_suffix(".png"), statuses, computed)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _evaluate(study: Study, log: Log, executor: Executor, batch: int | None, bar) -> None:
+    """Hand all runs that are missing to the executor, and write down what comes back."""
+    running: dict[Future, list[int]] = {}
+    try:
+        for runs in _batches(study, log, batch):
+            points = [study.values(run) for run in runs]
+            running[executor.submit(run_batch, study.setup, points)] = runs
+            if len(running) >= QUEUED:
+                _collect(running, log, bar)
+        while running:
+            _collect(running, log, bar)
+    except BrokenExecutor as error:
+        raise OSError(f"workers ended unexpectedly ({error}); {log.saved()}") from error
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def _batches(study: Study, log: Log, batch: int | None) -> Iterator[list[int]]:
+    missing = np.flatnonzero(log.places < 0)
+    size = batch or (LARGE if len(study) >= MANY else SMALL)
+    for k in range(0, len(missing), size):
+        yield missing[k : k + size].tolist()
+
+
+def _collect(running: dict[Future, list[int]], log: Log, bar) -> None:
+    """Wait for a batch; write down what has succeeded before raising what has not."""
+    done, _ = wait(running, return_when=FIRST_COMPLETED)
+    batches = [(future, running.pop(future)) for future in done]
+    for future, runs in sorted(batches, key=lambda item: item[0].exception() is not None):
+        log.append(runs, future.result())
+        bar.update(len(runs))
+
+
+class Log:
+    """The finished runs of a study on disk; `places` (runs,) are their lines' offsets in the file, -1 without one."""
+
+    def __init__(self, path: Path, study: Study):
+        self.path = path
+        self.places = np.full(len(study), -1, np.int64)
+        header = {"study": "featherstone_gait", "runs": len(study), **study.settings}
+        self.file = path.open("a+b", buffering=0)
+        try:
+            self.length = self._read(header)
+            if self.length == 0:
+                self._write(json.dumps(header) + "\n")
+        except BaseException:
+            self.file.close()
+            raise
+
+    def __enter__(self) -> Log:
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.file.close()
+
+    @property
+    def count(self) -> int:
+        """Number of finished runs."""
+        return int((self.places >= 0).sum())
+
+    def saved(self) -> str:
+        """What to do after a failure, in words."""
+        return f"{self.count} of {len(self.places)} runs are kept in {self.path}; start the study again to go on"
+
+    def append(self, runs: list[int], rows: list[dict]) -> None:
+        """Write runs down, all lines whole, and wait until they are on the disk."""
+        lines = [json.dumps({"run": run, **row}) + "\n" for run, row in zip(runs, rows)]
+        sizes = [0, *np.cumsum([len(line) for line in lines]).tolist()]  # json.dumps gives ASCII
+        start = self.length
+        self._write("".join(lines))
+        self.places[runs] = [start + size for size in sizes[:-1]]
+
+    def rows(self) -> Iterator[dict]:
+        """All rows in the order of the runs."""
+        with self.path.open("rb") as file:
+            for place in self.places.tolist():
+                file.seek(place)
+                yield json.loads(file.readline())
+
+    def _write(self, text: str) -> None:
+        data = memoryview(text.encode("ascii"))
+        size = len(data)
+        try:
+            while data:
+                data = data[self.file.write(data) :]
+            os.fsync(self.file.fileno())
+        except OSError as error:
+            self.file.truncate(self.length)
+            remedy = f"make room and start the study again; {self.count} of {len(self.places)} runs are kept"
+            raise OSError(f"{self.path}: cannot be written ({error.strerror}): {remedy}") from error
+        self.length += size
+
+    def _read(self, header: dict) -> int:
+        """Find the lines of an earlier start; return the length of what is sound."""
+        self.file.seek(0)
+        place = 0
+        with open(self.file.fileno(), "rb", closefd=False) as file:
+            for number, line in enumerate(file, start=1):
+                if not line.endswith(b"\n"):
+                    _log.warning("%s: dropped the last line, which was cut off", self.path)
+                    self.file.truncate(place)
+                    break
+                self._take(number, line, place, header)
+                place += len(line)
+        return place
+
+    def _take(self, number: int, line: bytes, place: int, header: dict) -> None:
+        try:
+            content = json.loads(line)
+            if number > 1:
+                self.places[range(len(self.places))[content["run"]]] = place
+                return
+        except (ValueError, TypeError, KeyError, IndexError) as error:
+            remedy = "delete this line and all below, or the whole file to begin anew"
+            raise ValueError(f"{self.path}, line {number}: damaged; {remedy}") from error
+        for key, value in header.items():
+            found = content.get(key) if isinstance(content, dict) else None
+            if found != value:
+                raise ValueError(
+                    f"{self.path}: was begun with {key} = {_short(found)}, but this study has {_short(value)}; delete "
+                    "the file to begin anew, or choose another folder"
+                )
+
+
+def _short(value) -> str:
+    text = json.dumps(value)
+    return text if len(text) < 100 else text[:97] + "..."

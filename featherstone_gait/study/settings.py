@@ -1,0 +1,393 @@
+"""What a study is, read strictly from TOML.
+
+    robot, locked, base     as `load_robot` takes them
+    experiment              "hold" or "walk", see `measures`
+    duration                of a run of hold [s]; default 10
+    strides, warm_up        of a run of walk: measured, and before them; default 8 and 2
+    [scene] [servo] [ground] [posture] [gait]    parameters of all runs
+    [vary]                  the parameters that differ, by the same names, with a list of values or, for a number,
+                            {from, to, scale = "linear" or "log"}, and for a grid its count
+    [sampling]              method = "grid" (default), "random" or "latin_hypercube"; count, seed of the last two
+
+`PARAMETERS` lists all names and units; values are SI.  `servo` changes all servos of the robot.  Runs are numbered with
+the last parameter changing fastest; `posture` and `gait` come last: they leave the scene as it is, so that neighbours
+share it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+import tomllib
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple, get_args
+
+import numpy as np
+
+from .. import __version__
+from ..core.jit import source_hash
+from ..model import Controller, Gearbox, Ground, Law, Model, Servo
+from ..robot_file import load_robot, load_servo
+from ..scene import INTEGRATORS
+
+MOST_RUNS = 20_000_000
+SERVO_UNITS = {
+    "resistance": "Ohm",
+    "inductance": "H",
+    "motor_constant": "V s/rad",
+    "voltage_limit": "V",
+    "current_limit": "A",
+    "current_slew": "A/s",
+    "viscous_friction": "N m s/rad",
+    "coulomb_friction": "N m",
+    "encoder_resolution": "rad",
+    "speed_filter": "s",
+    "Kp": "V/rad",
+    "Ki": "V/(rad s)",
+    "Kd": "V s/rad",
+    "Kf": "V/rad",
+    "period": "s",
+    "lag": "s",
+    "torque_limit": "N m",
+    "ratio": "-",
+    "rotor_inertia": "kg m²",
+    "rotor_damping": "N m s/rad",
+    "stiffness": "N m/rad",
+    "damping": "N m s/rad",
+    "backlash": "rad",
+}
+GROUND_UNITS = {"friction": "-", "sinking": "m", "damping_ratio": "-", "height": "m", "slope": "rad"}
+GAIT_UNITS = {
+    "period": "s",  # of a stride, two steps
+    "step_length": "m",
+    "com_height": "m",
+    "half_width": "m",
+    "lift": "m",
+    "double_support": "-",
+}
+# Name -> unit of a number, or the values that are allowed (None: any text).
+PARAMETERS: dict[str, str | tuple | None] = {
+    "scene.servos": ("mipsd", "rotor", "standard", "none"),
+    "scene.ground": (True, False),
+    "scene.integrator": tuple(INTEGRATORS),
+    "scene.timestep": "s",
+    "scene.fall_height": "-",
+    "scene.fall_tilt": "rad",
+    "servo.type": None,
+    "servo.gearbox": None,
+    "servo.law": get_args(Law),
+    **{f"servo.{name}": unit for name, unit in SERVO_UNITS.items()},
+    **{f"ground.{name}": unit for name, unit in GROUND_UNITS.items()},
+    "posture.tilt": "rad",
+    **{f"gait.{name}": unit for name, unit in GAIT_UNITS.items()},
+}
+SECTIONS = tuple(dict.fromkeys(name.partition(".")[0] for name in PARAMETERS))
+ONLY = {"posture": "hold", "gait": "walk"}  # sections that only one experiment reads; they leave the scene as it is
+METHODS = ("grid", "random", "latin_hypercube")
+_PARTS = {f.name: cls for cls in (Controller, Gearbox, Servo) for f in dataclasses.fields(cls)}
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a worker has to know; equal if the digests of all that a result depends on are."""
+
+    digest: str
+    model: Model = field(compare=False)
+    experiment: str = field(compare=False)
+    duration: float = field(compare=False)  # [s]
+    strides: int = field(compare=False)
+    warm_up: int = field(compare=False)
+    fixed: dict[str, Any] = field(compare=False)  # parameters of all runs
+    names: tuple[str, ...] = field(compare=False)  # of those that vary
+
+
+class Axis(NamedTuple):
+    """The values that a parameter takes: `values`, or any between `low` and `high`."""
+
+    values: tuple | None
+    low: float = 0.0
+    high: float = 1.0
+    log: bool = False
+
+    def at(self, u: float):
+        """The value at a share u in [0, 1) of the way."""
+        if self.values is not None:
+            return self.values[int(u * len(self.values))]
+        if self.log:
+            return self.low * (self.high / self.low) ** u
+        return self.low + u * (self.high - self.low)
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A study, ready to run; made by `read_study`."""
+
+    name: str
+    setup: Setup
+    axes: tuple[Axis, ...]
+    shares: np.ndarray | None  # (runs, axes) in [0, 1); None for a grid
+    settings: dict[str, Any]  # all that results depend on, as JSON has it
+
+    def __len__(self) -> int:
+        """Number of runs."""
+        return math.prod(len(axis.values) for axis in self.axes) if self.shares is None else len(self.shares)
+
+    def values(self, run: int) -> tuple:
+        """The varied parameters of a run, in the order of `setup.names`."""
+        if self.shares is not None:
+            return tuple(axis.at(u) for axis, u in zip(self.axes, self.shares[run].tolist()))
+        places = np.unravel_index(run, [len(axis.values) for axis in self.axes])
+        return tuple(axis.values[k] for axis, k in zip(self.axes, places))
+
+
+def read_study(path) -> Study:
+    """Read a study from TOML.  Raises ValueError, naming file, key, value, what is allowed and a remedy."""
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            table = tomllib.load(file)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not a TOML file ({error}); correct it there") from error
+    try:
+        return _study(path, table)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _study(path: Path, table: dict) -> Study:
+    own = ("robot", "locked", "base", "experiment", "duration", "strides", "warm_up", "sampling", "vary")
+    _check_keys(table, (*own, *SECTIONS), "top level")
+    experiment = _choice(table, "experiment", ("hold", "walk"))
+    foreign = {"hold": ("strides", "warm_up"), "walk": ("duration",)}[experiment]
+    for key in foreign:
+        if key in table:
+            raise ValueError(f"{key} is no setting of experiment {experiment!r}: remove it")
+    sampling = _sampling(_table(table, "sampling"))
+    fixed = {name: _value(name, value) for name, value in _parameters(table, experiment)}
+    axes = _axes(_table(table, "vary"), experiment, sampling)
+    for name in axes:
+        if name in fixed:
+            raise ValueError(f"{name} is both in [{name.partition('.')[0]}] and in [vary]; keep one of the two")
+    model = _model(path, table)
+    _check_values(model, fixed, axes)
+    shares = _shares(sampling, len(axes))
+    settings = {
+        "robot": _digest(repr(replace(model, notes=(), source=""))),
+        "experiment": experiment,
+        "duration": _number(table, "duration", 10.0, 0.0),
+        "strides": _whole(table, "strides", 8, 1),
+        "warm_up": _whole(table, "warm_up", 2, 0),
+        "fixed": fixed,
+        "sampling": sampling,
+        "vary": {name: list(axis) for name, axis in axes.items()},
+        "sample": None if shares is None else _digest(shares.tobytes()),
+        "version": __version__,
+        "kernels": source_hash(),
+    }
+    settings = json.loads(json.dumps(settings))
+    digest = _digest(json.dumps(settings))
+    runs = {key: settings[key] for key in ("experiment", "duration", "strides", "warm_up")}
+    setup = Setup(digest, model, fixed=fixed, names=tuple(axes), **runs)
+    study = Study(path.stem, setup, tuple(axes.values()), shares, settings)
+    _few("the number of combinations", len(study))
+    return study
+
+
+def _model(path: Path, table: dict) -> Model:
+    """The robot; a .urdf file is looked for beside the study."""
+    robot = _choice(table, "robot", None)
+    if robot.endswith(".urdf"):
+        robot = path.parent / robot
+    base = _choice(table, "base", ("fixed", "floating")) if "base" in table else None
+    locked = table.get("locked")
+    if not isinstance(locked, (str, list, dict, type(None))):
+        raise ValueError(f"locked is {locked!r}; give a set of the robot, a list of joints or a table of positions")
+    return load_robot(robot, base, locked)
+
+
+def _parameters(table: dict, experiment: str, where: str = ""):
+    """Name and value of everything in the sections of a table, in its order."""
+    for section in [key for key in table if key in SECTIONS]:
+        for key, value in _table(table, section, where).items():
+            name = f"{section}.{key}"
+            if name not in PARAMETERS:
+                known = [other for other in PARAMETERS if other.startswith(section + ".")]
+                raise ValueError(f"{where}{name} is no parameter; use one of {', '.join(known)}")
+            if ONLY.get(section, experiment) != experiment:
+                raise ValueError(f"{where}{name} plays no part in experiment {experiment!r}: remove it")
+            yield name, value
+
+
+def _value(name: str, value):
+    """A single value of a parameter, checked as far as it can be alone."""
+    kind = PARAMETERS[name]
+    if isinstance(kind, str):
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
+            raise ValueError(f"{name} is {value!r}; give a number [{kind}], or vary it under [vary]")
+        return float(value)
+    if kind is None and not isinstance(value, str):
+        raise ValueError(f"{name} is {value!r}; give a name in quotes")
+    if kind is not None and (value not in kind or type(value) is not type(kind[0])):
+        raise ValueError(f"{name} is {value!r}; use one of {', '.join(map(_shown, kind))}")
+    return value
+
+
+def _axes(vary: dict, experiment: str, sampling: dict) -> dict[str, Axis]:
+    _check_keys(vary, SECTIONS, "vary")
+    found = {name: _axis(name, value, sampling) for name, value in _parameters(vary, experiment, "vary.")}
+    if not found:
+        raise ValueError("vary is empty; name at least one parameter, for instance [vary] servo.Kp = [30.0, 60.0]")
+    order = sorted(found, key=lambda name: name.partition(".")[0] in ONLY)
+    return {name: found[name] for name in order}
+
+
+def _axis(name: str, value, sampling: dict) -> Axis:
+    if isinstance(value, list) and value:
+        values = tuple(_value(name, each) for each in value)
+        if len(set(values)) < len(values):
+            raise ValueError(f"vary.{name} is {value!r}; give every value once")
+        return Axis(values)
+    if isinstance(value, dict) and isinstance(PARAMETERS[name], str):
+        return _range(name, value, sampling)
+    remedy = "" if not isinstance(PARAMETERS[name], str) else " or a table {from = ..., to = ...}"
+    raise ValueError(f"vary.{name} is {value!r}; give a list of values{remedy}")
+
+
+def _range(name: str, table: dict, sampling: dict) -> Axis:
+    what, grid = f"vary.{name}", sampling["method"] == "grid"
+    _check_keys(table, ("from", "to", "scale", *(("count",) if grid else ())), what)
+    if not {"from", "to"} <= table.keys() or (grid and "count" not in table):
+        raise ValueError(f"{what} is {table!r}; give from and to{', and for a grid the count of values' * grid}")
+    low, high = (_value(name, table[key]) for key in ("from", "to"))
+    log = _choice({"scale": "linear", **table}, "scale", ("linear", "log"), what + ".") == "log"
+    if not -math.inf < low < high < math.inf or (log and low <= 0):
+        raise ValueError(f"{what} goes from {low} to {high}; give two finite numbers that rise{', > 0' * log}")
+    if not grid:
+        return Axis(None, low, high, log)
+    count = _few(what + ".count", _whole(table, "count", 2, 2, what + "."))
+    spaced = np.geomspace if log else np.linspace
+    return Axis(tuple(float(f"{x:.15g}") for x in spaced(low, high, count)))
+
+
+def _sampling(table: dict) -> dict:
+    _check_keys(table, ("method", "count", "seed"), "sampling")
+    method = _choice({"method": "grid", **table}, "method", METHODS, "sampling.")
+    if method == "grid":
+        _check_keys(table, ("method",), "sampling of a grid")
+        return {"method": method}
+    if "count" not in table:
+        raise ValueError(f"sampling.count is missing; say how many runs {method!r} shall make")
+    count = _few("sampling.count", _whole(table, "count", 1, 1, "sampling."))
+    return {"method": method, "count": count, "seed": _whole(table, "seed", 0, 0, "sampling.")}
+
+
+def _few(what: str, count: int) -> int:
+    if count > MOST_RUNS:
+        raise ValueError(f"{what} is {count}; at most {MOST_RUNS} runs are allowed: make several studies of it")
+    return count
+
+
+def _shares(sampling: dict, width: int) -> np.ndarray | None:
+    """Where each run lies along each axis (runs, axes), in [0, 1); None for a grid."""
+    if sampling["method"] == "grid":
+        return None
+    generator = np.random.default_rng(sampling["seed"])
+    if sampling["method"] == "random":
+        return generator.random((sampling["count"], width))
+    from scipy.stats import qmc
+
+    shares = qmc.LatinHypercube(width, seed=generator).random(sampling["count"])
+    return np.minimum(shares, np.nextafter(1.0, 0.0))
+
+
+def servos_with(model: Model, values: dict[str, Any]) -> Model:
+    """The robot with its servos changed by the parameters `servo.*`."""
+    given = {name[6:]: value for name, value in values.items() if name.startswith("servo.")}
+    if not given:
+        return model
+    kind, gearbox = given.pop("type", None), given.pop("gearbox", None)
+    if gearbox is not None and kind is None:
+        raise ValueError("servo.gearbox is a preset of a servo type and none is given: add servo.type")
+    if kind is not None:
+        return replace(model, servos=dict.fromkeys(model.joint_names, load_servo(kind, gearbox or "physical", **given)))
+    if not model.servos:
+        raise ValueError(f"{model.name} has no servos to change; add servo.type")
+    return replace(model, servos={joint: _changed(servo, given) for joint, servo in model.servos.items()})
+
+
+def _changed(servo: Servo, given: dict[str, float]) -> Servo:
+    part = {cls: {k: v for k, v in given.items() if _PARTS[k] is cls} for cls in (Controller, Gearbox, Servo)}
+    controller, gearbox = replace(servo.controller, **part[Controller]), replace(servo.gearbox, **part[Gearbox])
+    return replace(servo, controller=controller, gearbox=gearbox, **part[Servo])
+
+
+def ground_with(values: dict[str, Any]) -> Ground:
+    """The ground that the parameters `ground.*` describe."""
+    return Ground(**{name[7:]: value for name, value in values.items() if name.startswith("ground.")})
+
+
+def _check_values(model: Model, fixed: dict, axes: dict[str, Axis]) -> None:
+    """Try every value that `servo` and `ground` can take, one parameter at a time."""
+    ends = {name: axis.values or (axis.low, axis.high) for name, axis in axes.items()}
+    first = {name: values[0] for name, values in ends.items()}
+    for name, values in ends.items():
+        for value in values:
+            _check_point(model, {**fixed, **first, name: value}, f"vary.{name} = {_shown(value)}: ")
+    _check_point(model, {**fixed, **first}, "")
+
+
+def _check_point(model: Model, values: dict, what: str) -> None:
+    if values.get("scene.timestep", 1.0) <= 0 or not math.isfinite(values.get("scene.timestep", 1.0)):
+        raise ValueError(f"{what}scene.timestep is {values['scene.timestep']} s; it must be positive and finite")
+    try:
+        servos_with(model, values)
+        ground_with(values)
+    except ValueError as error:
+        raise ValueError(f"{what}{error}") from error
+
+
+def _digest(data: bytes | str) -> str:
+    data = data.encode() if isinstance(data, str) else data
+    return hashlib.sha256(data).hexdigest()[:16]
+
+
+def _shown(value) -> str:
+    return str(value).lower() if isinstance(value, bool) else repr(value)
+
+
+def _check_keys(table: dict, known: tuple[str, ...], what: str) -> None:
+    for key in table:
+        if key not in known:
+            raise ValueError(f"{what}: unknown key {key!r}; use {', '.join(known)}")
+
+
+def _table(table: dict, key: str, where: str = "") -> dict:
+    value = table.get(key, {})
+    if not isinstance(value, dict):
+        raise ValueError(f"{where}{key} is {value!r}; give a table: [{where}{key}] and key = value lines below it")
+    return value
+
+
+def _choice(table: dict, key: str, choices: tuple[str, ...] | None, where: str = "") -> str:
+    value = table.get(key)
+    if not isinstance(value, str) or (choices is not None and value not in choices):
+        allowed = "a name in quotes" if choices is None else f"one of {', '.join(map(repr, choices))}"
+        raise ValueError(f"{where}{key} is {'missing' if value is None else repr(value)}; give {allowed}")
+    return value
+
+
+def _number(table: dict, key: str, default: float, above: float) -> float:
+    value = table.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not above < value < math.inf:
+        raise ValueError(f"{key} is {value!r}; give a finite number > {above:g}")
+    return float(value)
+
+
+def _whole(table: dict, key: str, default: int, least: int, where: str = "") -> int:
+    value = table.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise ValueError(f"{where}{key} is {value!r}; give a whole number >= {least}")
+    return value

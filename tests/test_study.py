@@ -1,0 +1,448 @@
+"""Parameter studies: what is read, what is drawn from it, and a table that nothing can change or spoil."""
+
+import contextlib
+import csv
+import fcntl
+import json
+import math
+import os
+import random
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib import image
+
+from featherstone_gait import Reference, compile_scene, initial_state, load_robot, simulate
+from featherstone_gait.study import read_study, run_study
+from featherstone_gait.study.compiling import one_process_at_a_time
+from featherstone_gait.study.measures import run_batch
+
+ROOT = Path(__file__).parents[1]
+ARM = 'robot = "ax12_arm"\nexperiment = "hold"\nduration = 0.5\n'
+GRID = ARM + "[vary]\nservo.Kp = [20.0, 61.0, 100.0]\nposture.tilt = {from = -0.1, to = 0.1, count = 5}\n"
+DRAWN = ARM + '[sampling]\nmethod = "{}"\ncount = {}\nseed = {}\n'
+DRAWN += '[vary]\nservo.Kp = {{from = 1.0, to = 100.0, scale = "log"}}\n'
+LARGE = ARM.replace("0.5", "4.0") + "[vary]\nservo.Kp = {from = 20.0, to = 80.0, count = 100}\n"
+LARGE += "posture.tilt = {from = -0.2, to = 0.2, count = 40}\n"  # 4000 runs, some seconds
+
+
+def written(folder, text, name="study"):
+    path = folder / f"{name}.toml"
+    path.write_text(text, "utf-8")
+    return path
+
+
+def read(folder, text, name="study"):
+    return read_study(written(folder, text, name))
+
+
+def table(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def refused(folder, text, *words):
+    with pytest.raises(ValueError, match=r"study\.toml: ") as caught:
+        read(folder, text)
+    assert [word for word in words if word not in str(caught.value)] == []
+
+
+# ---------------------------------------------------------------------------------------------- reading
+
+
+def test_a_grid_has_every_combination_once_and_neighbours_share_a_scene(tmp_path):
+    text = ARM + "[vary]\nposture.tilt = [0.0, 0.1]\nservo.Kp = [20.0, 61.0]\nscene.timestep = [0.001, 0.002]\n"
+    study = read(tmp_path, text)
+    assert study.setup.names[-1] == "posture.tilt"
+    points = [study.values(run) for run in range(len(study))]
+    assert len(set(points)) == len(points) == 8
+    assert [point[2] for point in points] == [0.0, 0.1] * 4
+
+
+def test_a_range_of_a_grid_is_evenly_spaced_on_its_scale(tmp_path):
+    text = ARM + '[vary]\nservo.Kp = {from = 1.0, to = 1000.0, count = 4, scale = "log"}\n'
+    study = read(tmp_path, text)
+    assert [study.values(run)[0] for run in range(4)] == [1.0, 10.0, 100.0, 1000.0]
+
+
+def test_a_latin_hypercube_has_one_run_in_every_layer_and_log_uniform_is_uniform_in_the_logarithm(tmp_path):
+    study = read(tmp_path, DRAWN.format("latin_hypercube", 100, 5))
+    layers = [math.floor(50.0 * math.log10(study.values(run)[0])) for run in range(100)]
+    assert sorted(layers) == list(range(100))
+
+
+def test_random_runs_depend_on_the_seed_alone(tmp_path):
+    drawn = [read(tmp_path, DRAWN.format("random", 50, seed)) for seed in (1, 1, 2)]
+    points = [[study.values(run) for run in range(50)] for study in drawn]
+    assert points[0] == points[1] != points[2]
+    assert [study.setup.digest == drawn[0].setup.digest for study in drawn] == [True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("robot = ", ["not a TOML file"]),
+        (GRID.replace("ax12_arm", "arm8"), ["arm8", "ax12_arm"]),
+        (GRID.replace("duration", "length"), ["length", "duration"]),
+        (GRID.replace("0.5", "-0.5"), ["duration is -0.5", "> 0"]),
+        (GRID.replace("0.5", '"0.5"'), ["duration is '0.5'", "> 0"]),
+        (GRID.replace('"hold"', '"run"'), ["experiment is 'run'", "'hold'", "'walk'"]),
+        (GRID.replace('"hold"', '"walk"'), ["duration", "walk"]),
+        (ARM, ["vary is empty"]),
+        (GRID.replace("servo.Kp", "servo.kp"), ["vary.servo.kp", "servo.Kp"]),
+        (GRID.replace("servo.Kp", "motor.Kp"), ["unknown key 'motor'", "servo"]),
+        (GRID.replace("posture.tilt", "gait.period"), ["gait.period", "hold"]),
+        (GRID.replace("20.0", "-20.0"), ["vary.servo.Kp = -20.0", ">= 0", "V/rad"]),
+        (GRID.replace("20.0", '"20"'), ["servo.Kp is '20'", "number [V/rad]"]),
+        (GRID.replace("20.0", "nan"), ["servo.Kp is nan", "number"]),
+        (GRID.replace("20.0", "61.0"), ["every value once"]),
+        (GRID.replace("[20.0, 61.0, 100.0]", "[]"), ["servo.Kp is []", "list"]),
+        (GRID.replace("count = 5", "number = 5"), ["unknown key 'number'", "count"]),
+        (GRID.replace(", count = 5", ""), ["vary.posture.tilt", "count"]),
+        (GRID.replace("count = 5", "count = 1"), ["count is 1", ">= 2"]),
+        (GRID.replace("from = -0.1", "from = 0.2"), ["from 0.2 to 0.1", "rise"]),
+        (GRID.replace("count = 5", 'count = 5, scale = "log"'), ["from -0.1 to 0.1", "> 0"]),
+        (GRID.replace("servo.Kp", "scene.ground"), ["scene.ground is 20.0", "true, false"]),
+        (GRID.replace("servo.Kp", "scene.timestep").replace("20.0", "0.0"), ["scene.timestep = 0.0", "positive"]),
+        (GRID.replace("servo.Kp", "scene.integrator"), ["scene.integrator is 20.0", "simtwo"]),
+        (GRID + "[servo]\nKp = 61.0\n", ["both in [servo] and in [vary]"]),
+        (GRID + "[servo]\ngearbox = 'standard'\n", ["servo.type"]),
+        (GRID + "[ground]\nfriction = -1.0\n", ["friction", "-1.0", ">= 0"]),
+        (GRID + "[sampling]\nmethod = 'sobol'\n", ["sampling.method is 'sobol'", "latin_hypercube"]),
+        (GRID + "[sampling]\ncount = 10\n", ["sampling of a grid", "'count'"]),
+        (DRAWN.format("random", 0, 1), ["sampling.count is 0", ">= 1"]),
+        (DRAWN.format("random", 5, -1), ["sampling.seed is -1", ">= 0"]),
+        (DRAWN.format("random", 10**12, 1), ["sampling.count", "at most"]),
+        (GRID.replace("count = 5", "count = 900000000"), ["at most"]),
+    ],
+)
+def test_what_is_wrong_is_said_with_file_key_value_and_remedy(tmp_path, text, words):
+    refused(tmp_path, text, *words)
+
+
+# ---------------------------------------------------------------------------------------------- running
+
+
+def test_a_row_is_what_the_simulation_gives(tmp_path):
+    """Variance, offset and energy of one run of the table, worked out by hand."""
+    text = ARM.replace("ax12_arm", "arm7") + '[scene]\nservos = "rotor"\ntimestep = 0.002\n'
+    outcome = run_study(read(tmp_path, text + "[vary]\nposture.tilt = [0.01, 0.05]\n"), tmp_path)
+    scene = compile_scene(load_robot("arm7"), "rotor", timestep=0.002)
+    still = Reference([0.0], np.zeros((1, 7)))
+    run = simulate(scene, 0.5, initial_state(scene, np.full(7, 0.05)), still, record=("q", "energy"))
+    half = np.degrees(run["q"][len(run["q"]) // 2 :])
+    row = table(outcome.table)[1]
+    assert (row["run"], row["posture.tilt"], row["status"], row["message"]) == ("1", "0.05", "ok", "")
+    assert float(row["variance_deg2"]) == pytest.approx(half.var(axis=0).max(), rel=1e-12)
+    assert float(row["offset_deg"]) == np.abs(half).max()
+    assert float(row["energy_J"]) == pytest.approx(run["energy"][-1, :, 1].sum(), rel=1e-12)
+    assert outcome.statuses == {"ok": 2}
+
+
+def test_every_parameter_changes_the_scene_it_names(tmp_path):
+    """Each makes a difference to the energy that the same robot takes for the same motion."""
+    text = 'robot = "humanoid"\nlocked = "simplified"\nexperiment = "hold"\nduration = 0.02\n[vary]\n'
+    changes = [
+        "posture.tilt = [0, 0.3]",
+        "scene.ground = [true, false]",
+        'scene.servos = ["mipsd", "rotor"]',
+        "ground.friction = [0.9, 0.0]",
+        "ground.sinking = [5e-4, 1e-3]",
+        "servo.Kp = [61.0, 30.0]",
+        "servo.ratio = [254.0, 127.0]",
+        "servo.voltage_limit = [10.0, 0.1]",
+        'servo.gearbox = ["physical", "paper_rotor_side"]\nservo.type = ["ax12"]',
+    ]
+    for k, change in enumerate(changes):
+        rows = table(run_study(read(tmp_path, text + change, f"study{k}"), tmp_path).table)
+        assert [row["status"] for row in rows] == ["ok", "ok"], change
+        assert rows[0]["energy_J"] != rows[1]["energy_J"], change
+
+
+def test_runs_that_fail_or_make_no_scene_are_rows_like_others(tmp_path):
+    """The humanoid tips over on a slope of 40 degrees; a step of 3 ms does not fit the controllers' 10 ms."""
+    text = 'robot = "humanoid"\nlocked = "simplified"\nexperiment = "hold"\nduration = 2.0\n'
+    text += "[vary]\nground.slope = [0.7, 0.0]\nscene.timestep = [0.001, 0.003]\n"
+    outcome = run_study(read(tmp_path, text), tmp_path)
+    rows = table(outcome.table)
+    assert [row["status"] for row in rows] == ["fell", "refused", "ok", "refused"]
+    assert rows[0]["variance_deg2"] == rows[1]["variance_deg2"] == ""
+    assert "does not divide" in rows[1]["message"]
+    assert float(rows[0]["end_s"]) < 2.0
+    assert outcome.statuses == {"refused": 2, "fell": 1, "ok": 1}
+
+
+def test_a_walk_has_the_cost_of_its_gait(tmp_path):
+    text = 'robot = "humanoid"\nlocked = "simplified"\nexperiment = "walk"\nstrides = 1\nwarm_up = 1\n'
+    text += "[gait]\nstep_length = 0.015\nperiod = 0.48\nlift = 0.015\n"
+    outcome = run_study(read(tmp_path, text + "[vary]\nground.friction = [0.95, 0.0]\n"), tmp_path)
+    normal, ice = table(outcome.table)
+    assert normal["status"] == "ok"
+    cost, energy, distance = (float(normal[name]) for name in ("cost_J_m", "energy_J", "distance_m"))
+    assert cost == pytest.approx(energy / distance, rel=1e-12)
+    assert (ice["status"], ice["cost_J_m"]) == ("no cost", "")
+    assert ice["message"]
+
+
+@pytest.mark.parametrize("batch", [1, 3, 8, 100])
+def test_the_batch_has_no_influence(tmp_path, batch):
+    study = read(tmp_path, GRID)
+    points = [study.values(run) for run in range(len(study))]
+    alone = [run_batch(study.setup, [point])[0] for point in points]
+    outcome = run_study(study, tmp_path / str(batch), batch=batch)
+    assert [json.loads(line)["status"] for line in lines(outcome)[1:]] == ["ok"] * 15
+    rows = {row.pop("run"): row for row in map(json.loads, lines(outcome)[1:])}
+    assert [rows[run] for run in range(15)] == alone
+
+
+def lines(outcome):
+    return outcome.table.with_suffix(".jsonl").read_text("ascii").splitlines()
+
+
+def test_executor_and_order_have_no_influence(tmp_path):
+    study = read(tmp_path, GRID)
+    made = {None: lambda: contextlib.nullcontext()}
+    made |= {f"{n} threads": lambda n=n: ThreadPoolExecutor(n) for n in (1, 2)}
+    made |= {"processes": lambda: ProcessPoolExecutor(2, mp_context=spawned())}
+    tables = []
+    for k, make in enumerate(made.values()):
+        with make() as executor:
+            outcome = run_study(study, tmp_path / str(k), executor=executor, batch=2)
+        assert outcome.computed == len(study)
+        tables.append(outcome.table.read_bytes())
+    assert len(tables) == 4
+    assert set(tables) == {tables[0]}
+
+
+def spawned():
+    """Worker processes that inherit no threads."""
+    import multiprocessing
+
+    return multiprocessing.get_context("spawn")
+
+
+def test_workers_that_die_are_an_error_that_says_what_is_kept(tmp_path):
+    class Dying(ThreadPoolExecutor):
+        """Loses its workers after two batches."""
+
+        left = 2
+
+        def submit(self, *arguments):
+            self.left -= 1
+            if self.left < 0:
+                raise BrokenProcessPool("a worker was killed")
+            return super().submit(*arguments)
+
+    study = read(tmp_path, GRID)
+    with Dying(1) as pool, pytest.raises(OSError, match=r"15 runs are kept in .*study\.jsonl; start the study again"):
+        run_study(study, tmp_path, executor=pool, batch=4)
+    assert not (tmp_path / "study.csv").exists()
+    assert run_study(study, tmp_path).statuses == {"ok": 15}
+
+
+# ---------------------------------------------------------------------------------------------- going on
+
+
+def test_a_log_cut_off_anywhere_leads_to_the_same_table(tmp_path):
+    study = read(tmp_path, GRID)
+    whole = run_study(study, tmp_path)
+    log, expected = whole.table.with_suffix(".jsonl"), whole.table.read_bytes()
+    data = log.read_bytes()
+    for cut in [0, 1, 200, *random.Random(7).sample(range(len(data)), 12), len(data) - 1]:
+        log.write_bytes(data[:cut])
+        whole.table.unlink()
+        outcome = run_study(study, tmp_path)
+        assert outcome.table.read_bytes() == expected
+        assert outcome.computed == 15 - max(0, data[:cut].count(b"\n") - 1)
+
+
+def test_a_finished_study_computes_nothing(tmp_path):
+    study = read(tmp_path, GRID)
+    assert [run_study(study, tmp_path).computed for _ in range(2)] == [15, 0]
+
+
+def test_a_log_of_other_settings_and_a_damaged_one_are_refused(tmp_path):
+    run_study(read(tmp_path, GRID), tmp_path)
+    with pytest.raises(ValueError, match=r"study\.jsonl: was begun with duration = 0\.5, but .* 0\.6; delete the file"):
+        run_study(read(tmp_path, GRID.replace("0.5", "0.6")), tmp_path)
+    log = tmp_path / "study.jsonl"
+    good = log.read_text("ascii").splitlines(keepends=True)
+    for bad in ("{]\n", "[]\n", '{"run": 15}\n', '{"status": "ok"}\n'):
+        log.write_text("".join([*good[:3], bad, *good[4:]]), "ascii")
+        with pytest.raises(ValueError, match=r"study\.jsonl, line 4: damaged; delete this line"):
+            run_study(read(tmp_path, GRID), tmp_path)
+
+
+def test_killed_at_random_moments_it_comes_to_the_same_table(tmp_path):
+    """Twenty real processes end by SIGKILL, wherever they are; each goes on where the one before was."""
+    path = written(tmp_path, LARGE)
+    expected = run_study(read_study(path), tmp_path / "whole").table.read_bytes()
+    log, kept, chance = tmp_path / "study.jsonl", [0], random.Random(11)
+    for k in range(20):
+        process = started(path, tmp_path)
+        if k % 3:  # two of three while runs are being written
+            wait_for_growth(log, process)
+            time.sleep(chance.uniform(0.0, 0.06))
+        else:
+            time.sleep(chance.uniform(0.1, 1.2))
+        assert process.poll() is None, "the study ended before it could be killed: make it larger"
+        process.kill()
+        process.wait()
+        kept.append(log.read_bytes().count(b"\n") if log.exists() else 0)
+    assert kept == sorted(kept)
+    assert len(set(kept)) >= 12
+    assert kept[-1] <= 4000
+    assert not (tmp_path / "study.csv").exists()
+    assert started(path, tmp_path).wait() == 0
+    assert (tmp_path / "study.csv").read_bytes() == expected
+    assert [name for name in os.listdir(tmp_path) if name.startswith(".")] == []
+
+
+def started(path, folder, **options):
+    """A process that runs a study with one thread, eight runs at a time."""
+    program = (
+        "import sys; from concurrent.futures import ThreadPoolExecutor\n"
+        "from featherstone_gait.study import read_study, run_study\n"
+        "run_study(read_study(sys.argv[1]), sys.argv[2], executor=ThreadPoolExecutor(1), batch=8)"
+    )
+    command = [sys.executable, "-c", program, path, folder]
+    return subprocess.Popen(command, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}, **options)
+
+
+def wait_for_growth(log, process):
+    size = log.stat().st_size if log.exists() else 0
+    while (not log.exists() or log.stat().st_size <= size) and process.poll() is None:
+        time.sleep(0.002)
+
+
+# ---------------------------------------------------------------------------------------------- files
+
+
+def test_a_full_disk_is_a_clear_error_with_nothing_half_written(tmp_path):
+    """A limit on the size of files stops the log in the middle of a line, as a full disk does."""
+
+    def limited():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
+
+    path = written(tmp_path, GRID)
+    process = started(path, tmp_path, preexec_fn=limited, stderr=subprocess.PIPE, text=True)
+    _, message = process.communicate()
+    assert process.returncode == 1
+    assert "study.jsonl: cannot be written (File too large): make room and start the study again" in message
+    left = (tmp_path / "study.jsonl").read_bytes()
+    assert left.endswith(b"\n")
+    assert 1 < left.count(b"\n") < 16
+    assert sorted(os.listdir(tmp_path)) == ["study.jsonl", "study.toml"]
+    outcome = run_study(read_study(path), tmp_path)
+    assert outcome.computed == 16 - left.count(b"\n")
+    assert outcome.table.read_bytes() == run_study(read_study(path), tmp_path / "whole").table.read_bytes()
+
+
+def test_a_folder_that_cannot_be_written_is_an_error_before_anything_runs(tmp_path):
+    study = read(tmp_path, GRID)
+    with tempfile.TemporaryDirectory() as folder, without_privileges():
+        os.chmod(folder, 0o555) if os.geteuid() == os.stat(folder).st_uid else None
+        with pytest.raises(PermissionError, match=r"study\.jsonl"):
+            run_study(study, folder, executor=ThreadPoolExecutor(1))
+        assert os.geteuid() != 0
+
+
+@contextlib.contextmanager
+def without_privileges():
+    """Rights of an ordinary user: the superuser may write everywhere."""
+    user = os.geteuid()
+    if user == 0:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(user)
+
+
+def test_a_table_that_cannot_be_written_leaves_the_earlier_one(tmp_path, monkeypatch):
+    study = read(tmp_path, GRID)
+    before = run_study(study, tmp_path).table.read_bytes()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OSError, match=r"study\.csv: cannot be written \(No space left on device\)"):
+        run_study(study, tmp_path)
+    assert sorted(os.listdir(tmp_path)) == ["study.csv", "study.jsonl", "study.png", "study.toml"]
+    assert (tmp_path / "study.csv").read_bytes() == before
+
+
+def test_parquet_without_its_libraries_is_refused_before_anything_runs(tmp_path, monkeypatch):
+    monkeypatch.setattr("featherstone_gait.study.table.find_spec", lambda name: None)
+    with pytest.raises(ValueError, match="Parquet needs pandas and pyarrow: pip install pandas pyarrow"):
+        run_study(read(tmp_path, GRID), tmp_path, parquet=True)
+    assert os.listdir(tmp_path) == ["study.toml"]
+
+
+@pytest.mark.parametrize(
+    ("vary", "count"),
+    [
+        ("servo.Kp = [20.0, 61.0]", 1),
+        ('scene.servos = ["rotor", "none"]', 1),
+        ("servo.Kp = [20.0, 61.0]\nposture.tilt = [0.0, 0.1]", 2),
+        ('servo.Kp = [20.0, 61.0]\nposture.tilt = [0.0, 0.1]\nscene.servos = ["rotor", "none"]', 3),
+    ],
+)
+def test_a_picture_for_any_number_of_parameters(tmp_path, vary, count):
+    outcome = run_study(read(tmp_path, ARM + "[vary]\n" + vary), tmp_path)
+    picture = image.imread(outcome.picture)
+    assert picture.shape[1] == (1404 if count == 3 else 910)
+    assert np.ptp(picture[..., :3]) > 0.8
+
+
+def test_a_picture_of_drawn_runs(tmp_path):
+    text = DRAWN.format("random", 20, 1) + 'scene.integrator = ["implicit_euler", "simtwo"]\n'
+    assert image.imread(run_study(read(tmp_path, text), tmp_path).picture).shape[1] == 910
+
+
+def test_kernels_are_compiled_by_one_process_at_a_time(tmp_path):
+    """The first meeting with a kind of scene holds the folder's lock; later ones need none."""
+    with one_process_at_a_time(str(tmp_path), "kind"), (tmp_path / "compiling.lock").open("ab") as other:
+        with pytest.raises(BlockingIOError):
+            fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    with (tmp_path / "compiling.lock").open("ab") as other:
+        fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with one_process_at_a_time(str(tmp_path), "kind"):
+            pass
+
+
+# ---------------------------------------------------------------------------------------------- command line
+
+
+def test_the_command_runs_the_example_and_goes_on(tmp_path):
+    text = (ROOT / "notebooks" / "stability_study.toml").read_text("utf-8")
+    path = written(tmp_path, text.replace("20.0", "0.5").replace("0.001, 0.002, ", ""))
+    printed = [command(path, "--out", tmp_path, "--batch", "4") for _ in range(2)]
+    assert [done.returncode for done in printed] == [0, 0]
+    assert "12 runs, 12 of them now" in printed[0].stdout
+    assert "12 runs, 0 of them now" in printed[1].stdout
+    assert sorted(os.listdir(tmp_path)) == ["study.csv", "study.jsonl", "study.png", "study.toml"]
+    statuses = [row["status"] for row in table(tmp_path / "study.csv")]
+    assert f"ok {statuses.count('ok')}" in printed[1].stdout
+
+
+def test_the_command_says_in_one_line_what_is_wrong(tmp_path):
+    done = command(written(tmp_path, GRID.replace("20.0", "-20.0")))
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "study.toml: vary.servo.Kp = -20.0" in done.stderr
+    assert command(tmp_path / "none.toml").returncode == 2
+
+
+def command(*arguments):
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    line = [sys.executable, "-m", "featherstone_gait", "study", *map(str, arguments)]
+    return subprocess.run(line, env=environment, capture_output=True, text=True)
