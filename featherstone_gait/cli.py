@@ -24,30 +24,6 @@ BENCHMARKS = {  # modules of `featherstone_gait.benchmark`, and the files they w
 }
 SWING, PULL = 0.5 * math.pi, 0.1  # where the first joint starts, without and with servos [rad]
 SAMPLE = 2e-3  # time between records, in whole steps [s]
-UNITS = {
-    "resistance": "Ohm",
-    "inductance": "H",
-    "motor_constant": "V s/rad",
-    "voltage_limit": "V",
-    "current_limit": "A",
-    "current_slew": "A/s",
-    "viscous_friction": "N m s/rad",
-    "coulomb_friction": "N m",
-    "encoder_resolution": "rad",
-    "speed_filter": "s",
-    "Kp": "V/rad",
-    "Ki": "V/(rad s)",
-    "Kd": "V s/rad",
-    "Kf": "V/rad",
-    "period": "s",
-    "lag": "s",
-    "torque_limit": "N m",
-    "rotor_inertia": "kg m^2",
-    "rotor_damping": "N m s/rad",
-    "stiffness": "N m/rad",
-    "damping": "N m s/rad",
-    "backlash": "rad",
-}
 SERVO_HELP = "gearbox of the servos (default: mipsd if the robot has any, but a fixed one swings without)"
 TORQUE_GAINS = {"Kp": "N m/rad", "Kd": "N m s/rad"}
 GAINS = {  # of the laws that differ
@@ -232,7 +208,9 @@ def _servo_table(model) -> list[str]:
 
 def _fields(record):
     """Name, value and unit of the numbers of a servo, controller or gearbox."""
-    units = UNITS | GAINS.get(getattr(record, "law", ""), {})
+    from .model import SERVO_UNITS
+
+    units = SERVO_UNITS | GAINS.get(getattr(record, "law", ""), {})
     for field in dataclasses.fields(record):
         value = getattr(record, field.name)
         if not dataclasses.is_dataclass(value):
@@ -249,7 +227,8 @@ def _preflight_lines(scene) -> list[str]:
     worst = min(check.limits, key=lambda limit: limit.step, default=None)
     limited = "nothing limits an explicit step"
     if worst is not None and worst.step < math.inf:
-        limited = f"explicit steps up to {1e3 * worst.step:.3g} ms ({worst.joint}: {worst.cause})"
+        alone = f"{worst.joint} alone {1e3 * worst.step:.3g} ms, by its {worst.cause}"
+        limited = f"explicit steps up to {1e3 * check.largest_explicit_step:.3g} ms, all joints together ({alone})"
     where = "on the ground" if scene.ground else "without ground"
     return [f"with {servos}, {where}: {limited}", f"chosen: {_choice(scene)}"]
 

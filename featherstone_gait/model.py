@@ -28,6 +28,33 @@ AXIS_TOLERANCE = 1e-9  # how far from 1 the length of a joint axis may be
 DEFINITE_TOLERANCE = 1e-9  # smallest principal moment of inertia, relative to the largest
 TRIANGLE_TOLERANCE = 1e-6  # relative; a flat plate meets A + B = C exactly, and files round to about seven digits
 
+# Units of the numbers of Servo, Controller and Gearbox; the gains of the laws other than state and pid_position differ.
+SERVO_UNITS = {
+    "resistance": "Ohm",
+    "inductance": "H",
+    "motor_constant": "V s/rad",
+    "voltage_limit": "V",
+    "current_limit": "A",
+    "current_slew": "A/s",
+    "viscous_friction": "N m s/rad",
+    "coulomb_friction": "N m",
+    "encoder_resolution": "rad",
+    "speed_filter": "s",
+    "Kp": "V/rad",
+    "Ki": "V/(rad s)",
+    "Kd": "V s/rad",
+    "Kf": "V/rad",
+    "period": "s",
+    "lag": "s",
+    "torque_limit": "N m",
+    "ratio": "-",
+    "rotor_inertia": "kg m^2",
+    "rotor_damping": "N m s/rad",
+    "stiffness": "N m/rad",
+    "damping": "N m s/rad",
+    "backlash": "rad",
+}
+
 _RULES = {
     "> 0": lambda x: 0 < x < math.inf,
     ">= 0": lambda x: 0 <= x < math.inf,

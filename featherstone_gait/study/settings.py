@@ -29,36 +29,11 @@ import numpy as np
 
 from .. import __version__
 from ..core.jit import source_hash
-from ..model import Controller, Gearbox, Ground, Law, Model, Servo
+from ..model import SERVO_UNITS, Controller, Gearbox, Ground, Law, Model, Servo
 from ..robot_file import load_robot, load_servo
 from ..scene import INTEGRATORS
 
 MOST_RUNS = 20_000_000
-SERVO_UNITS = {
-    "resistance": "Ohm",
-    "inductance": "H",
-    "motor_constant": "V s/rad",
-    "voltage_limit": "V",
-    "current_limit": "A",
-    "current_slew": "A/s",
-    "viscous_friction": "N m s/rad",
-    "coulomb_friction": "N m",
-    "encoder_resolution": "rad",
-    "speed_filter": "s",
-    "Kp": "V/rad",
-    "Ki": "V/(rad s)",
-    "Kd": "V s/rad",
-    "Kf": "V/rad",
-    "period": "s",
-    "lag": "s",
-    "torque_limit": "N m",
-    "ratio": "-",
-    "rotor_inertia": "kg m²",
-    "rotor_damping": "N m s/rad",
-    "stiffness": "N m/rad",
-    "damping": "N m s/rad",
-    "backlash": "rad",
-}
 GROUND_UNITS = {"friction": "-", "sinking": "m", "damping_ratio": "-", "height": "m", "slope": "rad"}
 GAIT_UNITS = {
     "period": "s",  # of a stride, two steps
