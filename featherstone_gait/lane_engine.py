@@ -57,7 +57,7 @@ def run_lanes(
     scratch: rollout.Scratch,
     finish: Callable[[int, np.ndarray, np.ndarray], None],
 ) -> tuple[int, int]:
-    """Take runs (each with y and reference) from the queue until it is empty; call finish(index, y, out) for each.
+    """Take runs (y, reference, noise) from the queue until it is empty; call finish(index, y, out) for each.
 
     scratch: lane arrays of the scene.  Returns how many lane-steps were used and how many there were.
     """
@@ -83,7 +83,11 @@ def run_lanes(
                 y[:, lane], scratch.good[:, lane] = y[:, busy[0]], scratch.good[:, busy[0]]
             _sample(runs[held.index].reference, held.done, course, ticks, lane)
         out = aligned((steps // course.per_sample + 1, max(len(channels), 1), WIDTH))
-        signals = Signals(None, drive, None, None, None, ticks, None)
+        noise = None if runs[lanes[busy[0]].index].noise is None else aligned(ticks.shape)
+        for lane in range(WIDTH):
+            held = lanes[lane if lanes[lane] is not None else busy[0]]
+            _sample_noise(runs[held.index].noise, held.done // course.per_tick, noise, lane)
+        signals = Signals(None, drive, None, None, None, ticks, noise, None)
         part = course._replace(steps=steps)
         rollout.rollout_lanes(scene.constants, scene.offsets, part, signals, y, scratch, channels, out)
         there += steps * WIDTH
@@ -97,6 +101,13 @@ def _sample(reference: Knots, done: int, course: rollout.Plan, ticks: np.ndarray
     values = np.empty(ticks.shape[:3])
     sample_ticks(reference, course.per_tick, course.h, course.lag, done // course.per_tick, values)
     ticks[..., lane] = values
+
+
+def _sample_noise(whole, first: int, noise, lane: int) -> None:
+    """The noise of one lane in the coming segment."""
+    if noise is not None:
+        part = whole[first : first + len(noise)]
+        noise[: len(part), ..., lane] = part
 
 
 def _after(scene, course, held: _Occupant, steps: int, y, out, finish) -> _Occupant | None:

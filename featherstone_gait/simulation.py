@@ -124,15 +124,17 @@ def simulate(
     pushes: Sequence[Push] = (),
     record: Iterable[str] = ("q", "qd"),
     sample: float | None = None,
+    noise=None,
 ) -> Trajectory:
     """Run the scene for `duration` [s], rounded up to whole controller ticks.
 
     state: what `initial_state` or an earlier `Trajectory.final` gave; reference: joint angles for the servos, None
     holds the initial ones; tau: (joints,) constant torques or a `Reference` of torques [N m]; pushes: external forces;
-    record: channels, any of `PARTS`; sample: time between records [s], a multiple of the step (a tick if None).
+    record: channels, any of `PARTS`; sample: time between records [s], a multiple of the step (a tick if None);
+    noise: (ticks, joints, 2), added at each controller tick to the measured angle [rad] and to the voltage [V].
     Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
     """
-    return simulate_batch(scene, duration, [state], [reference], [tau], pushes, record, sample)[0]
+    return simulate_batch(scene, duration, [state], [reference], [tau], pushes, record, sample, noises=[noise])[0]
 
 
 def simulate_batch(
@@ -145,6 +147,7 @@ def simulate_batch(
     record: Iterable[str] = ("q", "qd"),
     sample: float | None = None,
     executor: Executor | None = None,
+    noises=None,
 ) -> list[Trajectory]:
     """`simulate` for many states, references or torques at once: eight to a vector, vectors over threads.
 
@@ -152,12 +155,16 @@ def simulate_batch(
     lane whose run has ended takes the next; runs with continuous servos, torques or pushes share a vector if their
     references have the same knot times.  executor: any `concurrent.futures.Executor` in place of the threads.
     """
-    n = max((len(x) for x in (states, references, taus) if x is not None), default=1)
-    columns = [[None] * n if x is None else list(x) for x in (states, references, taus)]
+    given = (states, references, taus, noises)
+    n = max((len(x) for x in given if x is not None), default=1)
+    columns = [[None] * n if x is None else list(x) for x in given]
     if any(len(column) != n for column in columns):
-        raise ValueError(f"states, references and taus have {[len(c) for c in columns]} entries; give as many of each")
-    runs = [_Run.prepared(scene, *row) for row in zip(*columns)]
+        lengths = [len(column) for column in columns]
+        raise ValueError(f"states, references, taus and noises have {lengths} entries; give as many of each")
     course = _course(scene, duration, sample)
+    runs = [_Run.prepared(scene, course, *row) for row in zip(*columns)]
+    if len({run.noise is None for run in runs}) > 1:
+        raise ValueError("noises: some runs have noise and some have none; give all of them an array, or none")
     channels, slices = _channels(scene, tuple(record))
     scene = scene.pushed(_push_arrays(scene, pushes))
     if executor is None and _refills(scene, runs):
@@ -216,9 +223,10 @@ class _Run(NamedTuple):
     y: np.ndarray
     reference: Knots | None
     torques: Knots | None
+    noise: np.ndarray | None
 
     @classmethod
-    def prepared(cls, scene: CompiledScene, state, reference, tau) -> _Run:
+    def prepared(cls, scene: CompiledScene, course: rollout.Plan, state, reference, tau, noise) -> _Run:
         n, o = scene.tree.n, scene.layout
         y = initial_state(scene) if state is None else _vector("state", state, int(o["length"]))
         driven = scene.constants.servo is not None or scene.constants.pd is not None
@@ -238,8 +246,20 @@ class _Run(NamedTuple):
                     f"{scene.model.name}: {what} has {signal.values.shape[1]} columns; the robot has {n} joints: "
                     f"{', '.join(scene.model.joint_names)}"
                 )
-        run = cls(y, reference.knots() if reference else None, tau.knots() if tau else None)
+        noise = _checked_noise(scene, course, noise)
+        run = cls(y, reference.knots() if reference else None, tau.knots() if tau else None, noise)
         return run._replace(y=_with_first_error(scene, run))
+
+
+def _checked_noise(scene: CompiledScene, course: rollout.Plan, noise):
+    if noise is None:
+        return None
+    if scene.constants.servo is None:
+        raise ValueError(f"{scene.model.name}: noise acts on sampled servos; this scene has none")
+    noise, shape = np.array(noise, dtype=float), (course.steps // course.per_tick, scene.tree.n, 2)
+    if noise.shape != shape or not np.isfinite(noise).all():
+        raise ValueError(f"{scene.model.name}: noise must be {shape} finite numbers; its shape is {noise.shape}")
+    return noise
 
 
 def _with_first_error(scene: CompiledScene, run: _Run) -> np.ndarray:
@@ -322,7 +342,7 @@ def _run_group(scene: CompiledScene, course: rollout.Plan, channels: np.ndarray,
     """Final state and records of the runs of one group."""
     if len(runs) == 1:
         y, out = runs[0].y.copy(), np.zeros((course.steps // course.per_sample + 1, len(channels)))
-        signals = _signals(scene, runs[0].reference, runs[0].torques, np.zeros)
+        signals = _signals(scene, runs[0].reference, runs[0].torques, np.zeros)._replace(noise=runs[0].noise)
         scratch = _scratch(scene, np.zeros)
         rollout.rollout_one(scene.constants, scene.offsets, course, signals, y, scratch, channels, out)
         return [(y, out)]
@@ -337,8 +357,11 @@ def _run_together(scene: CompiledScene, course: rollout.Plan, channels: np.ndarr
     runs = runs + [runs[-1]] * (WIDTH - count)
     y, out = aligned((len(runs[0].y), WIDTH)), aligned((samples, max(len(channels), 1), WIDTH))
     y[:] = np.stack([run.y for run in runs], axis=-1)
-    references, torques = (_in_lanes(list(knots)) for knots in zip(*(run[1:] for run in runs)))
-    signals = _signals(scene, references, torques, _lane_zeros)
+    references, torques = (_in_lanes(list(knots)) for knots in zip(*(run[1:3] for run in runs)))
+    noise = None if runs[0].noise is None else aligned((*runs[0].noise.shape, WIDTH))
+    if noise is not None:
+        noise[:] = np.stack([run.noise for run in runs], axis=-1)
+    signals = _signals(scene, references, torques, _lane_zeros)._replace(noise=noise)
     scratch = _scratch(scene, _lane_zeros)
     rollout.rollout_lanes(scene.constants, scene.offsets, course, signals, y, scratch, channels, out)
     return [(y[:, lane].copy(), out[:, : len(channels), lane].copy()) for lane in range(count)]
@@ -360,7 +383,7 @@ def _signals(scene: CompiledScene, reference, torques, zeros) -> Signals:
     n = scene.tree.n
     values, tau = (None, None) if torques is None else (zeros((n, 2)), zeros(n))
     continuous = True if scene.constants.pd is not None else None
-    return Signals(reference, zeros((n, 2)), torques, values, tau, None, continuous)
+    return Signals(reference, zeros((n, 2)), torques, values, tau, None, None, continuous)
 
 
 def _scratch(scene: CompiledScene, zeros) -> rollout.Scratch:

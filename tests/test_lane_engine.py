@@ -58,11 +58,36 @@ def test_refilled_lanes_have_the_bits_of_single_runs(scene, references, alone, o
             assert run[name].tobytes() == alone[i][name].tobytes(), name
 
 
+def test_noise_is_an_input_and_its_runs_have_the_same_bits(scene, references):
+    """Encoder and supply noise, seeded outside: it changes the motion, and the same array gives the same bits."""
+    state = standing_state(scene, np.zeros(scene.tree.n))
+    rng = np.random.default_rng(11)
+    noises = [rng.normal(size=(120, scene.tree.n, 2)) * [1e-3, 0.1] for _ in references]
+    count = len(references)
+    batch = simulate_batch(scene, 1.2, [state] * count, references, record=RECORD, noises=noises)
+    for k in (0, 1, 3, 20):
+        run = simulate(scene, 1.2, state, references[k], record=RECORD, noise=noises[k])
+        assert run.final.tobytes() == batch[k].final.tobytes()
+        assert run["voltage"].tobytes() == batch[k]["voltage"].tobytes()
+        assert run.final.tobytes() != simulate(scene, 1.2, state, references[k], record=RECORD).final.tobytes()
+
+
+def test_noise_moves_what_the_encoder_reads_and_the_voltage(scene):
+    state = standing_state(scene, np.zeros(scene.tree.n))
+    noise = np.zeros((1, scene.tree.n, 2))
+    quiet = simulate(scene, 0.01, state, record=("voltage",), noise=noise)["voltage"][0]
+    noise[0, 2] = 0.01, 0.25
+    loud = simulate(scene, 0.01, state, record=("voltage",), noise=noise)["voltage"][0]
+    expected = np.zeros(scene.tree.n)
+    expected[2] = -61.0 * 0.01 + 0.25  # Kp times the angle read too large, and what is added to the voltage
+    assert np.allclose(loud - quiet, expected, atol=1e-12)
+
+
 class Run:
     """What the engine asks of a run."""
 
     def __init__(self, y, reference):
-        self.y, self.reference = y, reference.knots()
+        self.y, self.reference, self.noise = y, reference.knots(), None
 
 
 def test_lanes_are_mostly_at_work(scene, references):

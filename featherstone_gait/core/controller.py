@@ -29,10 +29,13 @@ def quantised(angle, resolution):
 
 
 @kernel
-def control_tick(o, law, servo, reference, y, period):
-    """Set the voltages; reference (n, 2) angle [rad] and rate [rad/s]; period since the last tick [s]."""
+def control_tick(o, law, servo, reference, noise, y, period):
+    """Set the voltages; reference (n, 2) angle [rad] and rate [rad/s]; period since the last tick [s].
+
+    noise (n, 2) is added to the angle that the encoder sees [rad] and to the voltage [V]; None: there is none.
+    """
     for i in range(len(law)):
-        angle = quantised(y[o.q + i], servo[i, ENCODER])
+        angle = quantised(_plus(y[o.q + i], noise, i, 0), servo[i, ENCODER])
         e = reference[i, 0] - angle
         de = reference[i, 1] - select(servo[i, FILTER] > 0.0, y[o.filtered + i], y[o.qd + i])
         if law[i] == PID_SPEED:
@@ -46,4 +49,11 @@ def control_tick(o, law, servo, reference, y, period):
             integral = select(abs(u) >= servo[i, VMAX], y[o.integral + i], integral)
         y[o.integral + i] = integral
         y[o.last_error + i] = e
-        y[o.voltage + i] = clamp(u, -servo[i, VMAX], servo[i, VMAX])
+        y[o.voltage + i] = _plus(clamp(u, -servo[i, VMAX], servo[i, VMAX]), noise, i, 1)
+
+
+@inline
+def _plus(x, noise, i, k):
+    if noise is None:
+        return x
+    return x + noise[i, k]

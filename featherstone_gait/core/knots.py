@@ -24,6 +24,7 @@ class Signals(NamedTuple):
     torque_values: np.ndarray | None  # (n, 2)
     tau: np.ndarray | None  # (n,) [N m]
     samples: np.ndarray | None  # (ticks, n, 2) what `drive` is to be at each tick, in place of `reference`
+    noise: np.ndarray | None  # (ticks, n, 2) added to measured angles [rad] and to voltages [V] at each tick
     continuous: bool | None  # True where the servo follows the reference at every instant, None where it samples it
 
 

@@ -13,7 +13,7 @@ from .jit import entry, inline, kernel
 from .knots import Knots, Signals, evaluate, inputs
 from .lanes import any_lane, as_lanes, invert, select
 from .layout import GN, GT
-from .optional import viewed
+from .optional import item, viewed
 from .runge_kutta import rk4_step
 from .simtwo import simtwo_step
 from .spatial import dot, load3
@@ -61,7 +61,7 @@ def rollout(scene, o, plan, signals, y, scratch, channels, out):
         if k % plan.per_tick == 0 or k == plan.steps:
             dead = _inspect(scene, o, plan, t, y, good)
             if k < plan.steps:  # the tick at the very end is the first of what goes on from here
-                _tick(scene.servo, signals.reference, signals.samples, scene, o, signals, plan, k, t, y)
+                _tick(scene.servo, signals.reference, signals.samples, signals.noise, scene, o, signals, plan, k, t, y)
                 _keep(dead, good, y)
         if k % plan.per_sample == 0:
             for j in range(len(channels)):
@@ -84,14 +84,15 @@ def _keep(dead, good, y):
 
 
 @inline
-def _tick(servo, reference, samples, scene, o, signals, plan, k, t, y):
+def _tick(servo, reference, samples, noise, scene, o, signals, plan, k, t, y):
     """The sampled controllers see the reference as it was a lag ago; it comes as knots or as samples at each tick."""
     if servo is not None:
+        tick, period = k // plan.per_tick, plan.per_tick * plan.h
         if samples is not None:
-            control_tick(o, scene.law, servo, samples[k // plan.per_tick], y, plan.per_tick * plan.h)
+            control_tick(o, scene.law, servo, samples[tick], item(noise, tick), y, period)
         if reference is not None:
             evaluate(reference, t - plan.lag, signals.drive)
-            control_tick(o, scene.law, servo, signals.drive, y, plan.per_tick * plan.h)
+            control_tick(o, scene.law, servo, signals.drive, item(noise, tick), y, period)
 
 
 @inline
@@ -202,6 +203,7 @@ def rollout_lanes(scene, o, plan, signals, y, scratch, channels, out):
         viewed(signals.torque_values),
         viewed(signals.tau),
         viewed(signals.samples),
+        viewed(signals.noise),
         signals.continuous,
     )
     s = scratch
