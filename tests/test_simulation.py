@@ -69,7 +69,7 @@ def test_what_a_scene_has_no_use_for_is_refused():
         simulate(hinge(), 0.1, reference=Reference([0.0], [[0.0]]))
     with pytest.raises(ValueError, match="simtwo takes its torques from the servos"):
         simulate(arm_scene(servos="standard", integrator="simtwo"), 0.1, tau=np.zeros(7))
-    with pytest.raises(ValueError, match=r"\[2, 3, 3\] entries"):
+    with pytest.raises(ValueError, match=r"\[2, 3, 3, 3\] entries"):
         simulate_batch(arm_scene(), 0.1, [None] * 2, [None] * 3, [None] * 3)
 
 
