@@ -146,7 +146,7 @@ def _plot(path: Path, arm: list[ArmRow], pd: list[PdRow]) -> None:
         [*INTEGRATORS, "standard", "rotor", "mipsd"],
         fontsize=8,
         loc="center",
-        bbox_to_anchor=(0.5, 0.36),
+        bbox_to_anchor=(0.73, 0.72),
         ncols=2,
     )
     left.axhline(0.5, color="0.6", linestyle=":")
