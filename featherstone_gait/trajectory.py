@@ -34,7 +34,8 @@ class Trajectory(Mapping):
 
     status is "ok", "fell" or "diverged" (the run ended there, at `end_time`; later samples repeat the last sound
     state), "chatter" (velocities alternated from step to step: the step is too large for the integrator and the
-    result is wrong, however bounded) or "not converged" (an implicit step missed its tolerance).
+    result is wrong, however bounded) or "not converged" (an implicit step missed its tolerance,
+    or rk4 went beyond its stability interval or into a stop that it does not resolve at that step).
     """
 
     channels: dict[str, np.ndarray]
