@@ -4,11 +4,13 @@ import os
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 import featherstone_gait
+from featherstone_gait.core import jit
 
 PROGRAM = """
 from featherstone_gait.core import batch, jit
@@ -87,3 +89,44 @@ def test_kernels_with_bounds_checks_have_a_folder_of_their_own(package, tmp_path
     plain = run(package, program=program, **cache)
     checked = run(package, program=program, NUMBA_BOUNDSCHECK="1", **cache)
     assert plain[3] != checked[3]
+
+
+def test_one_process_at_a_time_compiles(tmp_path):
+    fcntl = pytest.importorskip("fcntl")
+
+    def taken():
+        with (tmp_path / "compiling.lock").open("ab") as other:
+            try:
+                fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return True
+        return False
+
+    with jit.one_process_at_a_time(tmp_path), jit.one_process_at_a_time(tmp_path):
+        assert taken()
+    assert not taken()
+
+
+def test_processes_that_compile_at_once_leave_a_sound_cache(package, tmp_path):
+    """Each compiles another version of the same kernel; afterwards both versions load."""
+    program = """
+import sys
+import numpy as np
+from featherstone_gait.core import batch, jit
+from featherstone_gait.dynamics import forward_dynamics
+from featherstone_gait.model import Joint, Link, Model
+
+links = [Link(name, 1.0, (0.1, 0.0, 0.2), (0.01, 0.0, 0.0, 0.01, 0.0, 0.01)) for name in "ab"]
+model = Model("pendulum", tuple(links), (Joint("j", "continuous", "a", "b"),), base=BASE)
+nq, nv = (1, 1) if BASE == "fixed" else (8, 7)
+result = forward_dynamics(model, np.ones(nq), np.zeros(nv), np.zeros(nv))
+stats = batch.aba_rows.stats
+print(float(result[-1]).hex(), sum(stats.cache_hits.values()), sum(stats.cache_misses.values()), jit.CACHE_FOLDER)
+"""
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    programs = [program.replace("BASE", repr(base)) for base in ("fixed", "floating")]
+    with ThreadPoolExecutor() as pool:
+        first = list(pool.map(lambda p: run(package, program=p, **cache), programs))
+    assert [(hits, misses) for _, hits, misses, _ in first] == [(0, 1), (0, 1)]
+    for p, (result, _, _, _) in zip(programs, first):
+        assert run(package, program=p, **cache)[:3] == (result, 1, 0)

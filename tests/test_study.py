@@ -2,7 +2,6 @@
 
 import contextlib
 import csv
-import fcntl
 import json
 import math
 import os
@@ -22,7 +21,6 @@ from matplotlib import image
 
 from featherstone_gait import Reference, compile_scene, initial_state, load_robot, simulate
 from featherstone_gait.study import read_study, run_study
-from featherstone_gait.study.compiling import one_process_at_a_time
 from featherstone_gait.study.measures import run_batch
 
 ROOT = Path(__file__).parents[1]
@@ -407,17 +405,6 @@ def test_a_picture_for_any_number_of_parameters(tmp_path, vary, count):
 def test_a_picture_of_drawn_runs(tmp_path):
     text = DRAWN.format("random", 20, 1) + 'scene.integrator = ["implicit_euler", "simtwo"]\n'
     assert image.imread(run_study(read(tmp_path, text), tmp_path).picture).shape[1] == 910
-
-
-def test_kernels_are_compiled_by_one_process_at_a_time(tmp_path):
-    """The first meeting with a kind of scene holds the folder's lock; later ones need none."""
-    with one_process_at_a_time(str(tmp_path), "kind"), (tmp_path / "compiling.lock").open("ab") as other:
-        with pytest.raises(BlockingIOError):
-            fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    with (tmp_path / "compiling.lock").open("ab") as other:
-        fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        with one_process_at_a_time(str(tmp_path), "kind"):
-            pass
 
 
 # ---------------------------------------------------------------------------------------------- command line

@@ -20,14 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from ..core.jit import CACHE_FOLDER
-from ..core.lanes import WIDTH
 from ..core.layout import METER
 from ..reference import Reference
 from ..scene import CompiledScene, compile_scene
 from ..simulation import initial_state, simulate_batch, standing_state
 from ..trajectory import Trajectory
-from .compiling import one_process_at_a_time
 from .settings import ONLY, Setup, ground_with, servos_with
 
 INLINE = SimpleNamespace(map=map)  # in place of an executor: a worker is one of many and starts no threads
@@ -86,7 +83,6 @@ def _rows(setup: Setup, values: list[dict]) -> list[dict]:
     """Rows of runs that share a scene."""
     try:
         scene = _scene(setup, _scene_values(values[0]))
-        _compile(scene, 1 if setup.experiment == "walk" else len(values))
         if setup.experiment == "hold":
             return _hold(setup, scene, [value.get("posture.tilt", TILT) for value in values])
     except ValueError as error:
@@ -108,14 +104,6 @@ def _scene(setup: Setup, values: tuple) -> CompiledScene:
     servos, on_ground = given.pop("servos", "mipsd"), given.pop("ground", model.base == "floating")
     ground = ground_with(values) if on_ground else None
     return compile_scene(model, None if servos == "none" else servos, ground, **given)
-
-
-def _compile(scene: CompiledScene, runs: int) -> None:
-    """Have the kernels ready for so many runs of such a scene."""
-    runs = min(runs, WIDTH)
-    present = tuple(part is not None for part in scene.constants)
-    with one_process_at_a_time(CACHE_FOLDER, scene.integrator, present, runs):
-        simulate_batch(scene, scene.timestep, [None] * runs, executor=INLINE)
 
 
 # ---------------------------------------------------------------------------------------------- hold
