@@ -11,6 +11,7 @@ import numpy as np
 from .core import layout
 from .core.batch import exponential
 from .core.controller import PID_POSITION, PID_SPEED, STATE_FEEDBACK
+from .core.pace import PACE
 from .core.scene import Scene
 from .dynamics import forward_kinematics, mass_matrix
 from .model import Ground, Joint, Model, Servo
@@ -18,9 +19,11 @@ from .preflight import Limit, Preflight, coupled_limit, joint_limit
 from .tree import GRAVITY, Tree, compile_tree
 
 ServoKind = Literal["mipsd", "rotor", "standard"]
-INTEGRATORS = {"implicit_euler": 1.0, "midpoint": 0.5, "rk4": 1.0, "simtwo": 1.0}  # name -> theta
+INTEGRATORS = {"implicit_euler": 1.0, "midpoint": 0.5, "rk4": 1.0, "simtwo": 1.0, "dop853": 1.0, "extrapolation": 1.0}
+ADAPTIVE = ("dop853", "extrapolation")  # with error control; of the others the number is theta of the step
 LAWS = {"state": STATE_FEEDBACK, "pid_position": PID_POSITION, "pid_speed": PID_SPEED}
 NO_SERVO_TICK = 1e-2  # [s] between the checks of a scene without sampled controllers
+STIFF = 5e-3  # [s]; explicit limit below which extrapolation takes implicit steps
 STOP_DEPTH = 0.01  # [rad or m] that the strongest torque at a joint drives it into its stop
 STOP_SOFT = 0.1  # of that depth, at which a stop is critically damped
 TOOTH_LOAD = 0.1  # of the stall torque, at which teeth that meet across a gap are damped as the gearbox is
@@ -43,6 +46,17 @@ class CompiledScene:
     preflight: Preflight
     fall_height: float  # [m]
     fall_upright: float  # cosine
+    stiff: bool  # something limits explicit steps to less than `STIFF`
+    arguments: dict  # of `compile_scene`, after the model
+
+    def recompiled(self, **changes) -> CompiledScene:
+        """The scene with other arguments of `compile_scene`; the state's layout stays."""
+        return compile_scene(self.model, **(self.arguments | changes))
+
+    @property
+    def adaptive(self) -> bool:
+        """Whether the integrator chooses its steps by their error."""
+        return self.integrator in ADAPTIVE
 
     @property
     def theta(self) -> float:
@@ -87,8 +101,9 @@ def compile_scene(
     servos : "mipsd" (spring-damper gearbox with rotor), "rotor" (rigid, with the rotor's reflected inertia),
         "standard" (rigid, none), or None: no servos, torques from `simulate(tau=...)`
     ground : None where the robot touches nothing
-    integrator : "implicit_euler", "midpoint", "rk4" or "simtwo"; None chooses from the preflight
-    timestep : [s]; must divide the controllers' period; None chooses
+    integrator : "implicit_euler", "midpoint", "rk4" or "simtwo" of fixed steps; "extrapolation", or for what is not
+        stiff "dop853", which choose their steps by the error that `simulate` allows; None chooses from the preflight
+    timestep : [s]; must divide the controllers' period; None chooses.  Of the latter two the grid of ticks and records
     fall_height, fall_tilt : a floating robot over ground has fallen below this fraction of its standing height, or
         tilted by more than this [rad]
 
@@ -105,6 +120,7 @@ def compile_scene(
         raise ValueError("simtwo is the update order of sampled servos; use implicit_euler for other scenes")
     period, lag = _period(model, drive, check.timestep)
     constants = _constants(model, tree, drive, check, ground, gravity)
+    stiff = drive.sampled or ground is not None or check.largest_explicit_step < STIFF or _sticks(constants)
     falls = tree.floating and ground is not None
     return CompiledScene(
         model=model,
@@ -120,7 +136,22 @@ def compile_scene(
         preflight=check,
         fall_height=_fall_height(model, fall_height) if falls else -math.inf,
         fall_upright=math.cos(fall_tilt) if falls else -2.0,
+        stiff=stiff,
+        arguments={
+            "servos": servos,
+            "ground": ground,
+            "integrator": check.integrator,
+            "timestep": check.timestep,
+            "gravity": gravity,
+            "fall_height": fall_height,
+            "fall_tilt": fall_tilt,
+        },
     )
+
+
+def _sticks(constants: Scene) -> bool:
+    """Whether a joint has Coulomb friction, whose steep part about zero speed is a strong damper."""
+    return constants.friction is not None and bool(constants.friction[:, layout.COULOMB].any())
 
 
 class _Drive(NamedTuple):
@@ -253,7 +284,7 @@ def _pd_table(drive: _Drive, check: Preflight) -> np.ndarray:
         if servo is not None:
             c = servo.controller
             limit = c.torque_limit if c.torque_limit < math.inf else 1e300
-            fold = check.integrator == "midpoint" or h * h * c.Kp > inertia + h * c.Kd
+            fold = check.integrator in ("midpoint", "extrapolation") or h * h * c.Kp > inertia + h * c.Kd
             row[:] = (c.Kp, c.Kd, limit, c.law == "pd", fold)
     return table
 
@@ -370,6 +401,7 @@ def _offsets(tree: Tree, constants: Scene) -> np.ndarray:
         "chatter": n,
         "worst_chatter": n,
         "passes": 2,
+        "pace": PACE,
         "status": 1,
         "end": 1,
     }

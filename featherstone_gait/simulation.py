@@ -8,6 +8,7 @@ A scene fixes robot, servos, ground, integrator and step; a simulation is then o
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 import os
@@ -17,7 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .core import layout, rollout
+from .core import layout, pace, rollout
+from .core.adaptive import rollout_adaptive
 from .core.contact import SCRATCH as CONTACT_SCRATCH
 from .core.controller import PID_SPEED
 from .core.knots import Knots, Signals
@@ -28,11 +30,19 @@ from .dynamics import forward_kinematics
 from .lane_engine import Queue, run_lanes
 from .reference import Reference
 from .scene import CompiledScene
-from .trajectory import Trajectory
+from .trajectory import Trajectory, with_error
 
 # Channel -> part of the state; those of one number a joint, contact point, ... in the model's order.
-PARTS = tuple(name for name in layout.STATE.names if name not in ("length", "status", "end", "last_error"))
-STATUS = {rollout.OK: "ok", rollout.FELL: "fell", rollout.DIVERGED: "diverged"}
+PARTS = tuple(name for name in layout.STATE.names if name not in ("length", "pace", "status", "end", "last_error"))
+STATUS = {
+    rollout.OK: "ok",
+    rollout.FELL: "fell",
+    rollout.DIVERGED: "diverged",
+    rollout.TOO_SMALL: "step too small",
+}
+RTOL = 1e-6  # of integrators with error control
+LEAST_STEP = 1e-9  # [s]
+FIRST_STEP, FIRST_COLUMNS = 1e-3, 5  # where error control begins [s]
 RK4_LIMIT = 1.39  # of the explicit limit 2 / lambda: RK4's stability interval is 2.785 / lambda
 BATCH = 32  # runs that an executor is given at a time
 CHATTER_LIMIT = 0.05  # [rad/s]; see `worst_chatter` in core/layout.py
@@ -57,6 +67,7 @@ def initial_state(scene: CompiledScene, q=None, qd=None) -> np.ndarray:
     """
     model, o, n = scene.model, scene.layout, scene.tree.n
     y = np.zeros(int(o["length"]))
+    y[o["pace"] + np.array([pace.STEP, pace.COLUMNS, pace.LAST])] = FIRST_STEP, FIRST_COLUMNS, 1e-4
     default = np.zeros(model.nq)
     if model.base == "floating":
         default[3] = 1.0
@@ -125,16 +136,25 @@ def simulate(
     record: Iterable[str] = ("q", "qd"),
     sample: float | None = None,
     noise=None,
+    rtol: float | None = None,
+    atol: float | None = None,
+    estimate_error: bool = False,
 ) -> Trajectory:
     """Run the scene for `duration` [s], rounded up to whole controller ticks.
 
     state: what `initial_state` or an earlier `Trajectory.final` gave; reference: joint angles for the servos, None
     holds the initial ones; tau: (joints,) constant torques or a `Reference` of torques [N m]; pushes: external forces;
     record: channels, any of `PARTS`; sample: time between records [s], a multiple of the step (a tick if None);
-    noise: (ticks, joints, 2), added at each controller tick to the measured angle [rad] and to the voltage [V].
+    noise: (ticks, joints, 2), added at each controller tick to the measured angle [rad] and to the voltage [V];
+    rtol, atol: error allowed in a step, relative and absolute [rad, m, and their rates; A; J], of an integrator that
+    chooses its steps (atol is rtol if None); given for a scene of fixed steps, they choose such an integrator for this
+    run: "extrapolation" if it is stiff, else "dop853";
+    estimate_error: simulate again with half the step, or a tenth of the tolerances, for `Trajectory.error`.
     Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
     """
-    return simulate_batch(scene, duration, [state], [reference], [tau], pushes, record, sample, noises=[noise])[0]
+    return simulate_batch(
+        scene, duration, [state], [reference], [tau], pushes, record, sample, None, [noise], rtol, atol, estimate_error
+    )[0]
 
 
 def simulate_batch(
@@ -148,20 +168,29 @@ def simulate_batch(
     sample: float | None = None,
     executor: Executor | None = None,
     noises=None,
+    rtol: float | None = None,
+    atol: float | None = None,
+    estimate_error: bool = False,
 ) -> list[Trajectory]:
     """`simulate` for many states, references or torques at once: eight to a vector, vectors over threads.
 
     The lists must be equally long, or None.  Each run has the same bits as alone.  Where the controllers are sampled, a
     lane whose run has ended takes the next; runs with continuous servos, torques or pushes share a vector if their
-    references have the same knot times.  executor: any `concurrent.futures.Executor` in place of the threads.
+    references have the same knot times; with error control each run has its own steps, and none share a vector.
+    executor: any `concurrent.futures.Executor` in place of the threads.
     """
+    scene, rtol, atol = _accuracy(scene, rtol, atol)
+    if estimate_error:
+        given = (states, references, taus, pushes, record)
+        return _with_errors(scene, duration, given, sample, executor, noises, rtol, atol)
     given = (states, references, taus, noises)
     n = max((len(x) for x in given if x is not None), default=1)
     columns = [[None] * n if x is None else list(x) for x in given]
     if any(len(column) != n for column in columns):
         lengths = [len(column) for column in columns]
         raise ValueError(f"states, references, taus and noises have {lengths} entries; give as many of each")
-    course = _course(scene, duration, sample)
+    driven = any(tau is not None for tau in columns[2])
+    course = _course(scene, duration, sample, driven)._replace(rtol=rtol or 0.0, atol=atol or 0.0)
     runs = [_Run.prepared(scene, course, *row) for row in zip(*columns)]
     if len({run.noise is None for run in runs}) > 1:
         raise ValueError("noises: some runs have noise and some have none; give all of them an array, or none")
@@ -174,9 +203,45 @@ def simulate_batch(
     return [_trajectory(scene, course, slices, y, out) for y, out in results]
 
 
+def _with_errors(scene, duration, given, sample, executor, noises, rtol, atol) -> list[Trajectory]:
+    """The runs, and the same in half the steps: of integrators with error control also to a tenth of the tolerance."""
+    sample = scene.tick_steps * scene.timestep if sample is None else sample
+    runs = simulate_batch(scene, duration, *given, sample, executor, noises, rtol, atol)
+    if not scene.adaptive:
+        finer = scene.recompiled(timestep=0.5 * scene.timestep)
+        better = simulate_batch(finer, duration, *given, sample, executor, noises)
+        return [with_error(run, fine, 2.0) for run, fine in zip(runs, better)]
+    finer = scene.recompiled(timestep=0.5 * scene.timestep)  # steps end on records: twice as many
+    better = simulate_batch(finer, duration, *given, 0.5 * sample, executor, noises, 0.1 * rtol, 0.1 * atol)
+    return [with_error(run, _every_other(fine), 1.1) for run, fine in zip(runs, better)]
+
+
+def _every_other(run: Trajectory) -> Trajectory:
+    return dataclasses.replace(run, channels={name: values[::2] for name, values in run.channels.items()})
+
+
+def _accuracy(scene: CompiledScene, rtol: float | None, atol: float | None):
+    """The scene with an integrator that can meet the tolerances, and these; None for fixed steps."""
+    if rtol is None and atol is not None:
+        raise ValueError(f"atol is {atol!r} but rtol is not given; give rtol too")
+    for name, value in (("rtol", rtol), ("atol", atol)):
+        if value is not None and not 1e-14 <= value <= 1.0:
+            raise ValueError(f"{name} is {value!r}; it must lie between 1e-14 and 1")
+    if rtol is not None and not scene.adaptive:
+        if scene.integrator == "simtwo":
+            raise ValueError(
+                "simtwo is an order of updates at a fixed step, not a differential equation; without rtol and atol"
+            )
+        scene = scene.recompiled(integrator="extrapolation" if scene.stiff else "dop853")
+    if not scene.adaptive:
+        return scene, None, None
+    rtol = RTOL if rtol is None else rtol
+    return scene, rtol, rtol if atol is None else atol
+
+
 def _refills(scene: CompiledScene, runs: list[_Run]) -> bool:
     """Whether lanes may be at different times: nothing but the controllers' ticks depends on the time."""
-    timeless = scene.constants.push is None and all(run.torques is None for run in runs)
+    timeless = scene.constants.push is None and not scene.adaptive and all(run.torques is None for run in runs)
     return timeless and scene.constants.servo is not None and len(runs) > 2
 
 
@@ -202,7 +267,7 @@ def _run_refilled(scene: CompiledScene, course: rollout.Plan, channels: np.ndarr
 
 def _run_grouped(scene: CompiledScene, course: rollout.Plan, channels: np.ndarray, runs: list[_Run], executor):
     """Final state and records of each run; groups of runs go to the executor, by default to threads."""
-    groups = _groups(runs, _refills(scene, runs))
+    groups = _groups(scene, runs, _refills(scene, runs))
     work = functools.partial(_run_group, scene, course, channels)
     batches = [[runs[i] for i in group] for group in groups]
     if executor is None and len(groups) > 1:
@@ -275,8 +340,8 @@ def _with_first_error(scene: CompiledScene, run: _Run) -> np.ndarray:
     return y
 
 
-def _course(scene: CompiledScene, duration: float, sample: float | None) -> rollout.Plan:
-    """The run in whole steps, ticks and samples."""
+def _course(scene: CompiledScene, duration: float, sample: float | None, driven: bool = False) -> rollout.Plan:
+    """The run in whole steps, ticks and samples; driven: by torques from outside."""
     h, tick = scene.timestep, scene.tick_steps
     if not 0 < duration < math.inf:
         raise ValueError(f"duration is {duration!r} s; it must be positive and finite")
@@ -286,7 +351,12 @@ def _course(scene: CompiledScene, duration: float, sample: float | None) -> roll
         raise ValueError(f"sample is {sample!r} s; it must be a whole number of steps of {h:g} s")
     least = 0.0 if scene.model.base == "fixed" else scene.fall_height
     upright = -2.0 if scene.model.base == "fixed" else scene.fall_upright
-    return rollout.Plan(h, scene.theta, ticks * tick, tick, every, scene.lag, least, upright)
+    plan = rollout.Plan(h, scene.theta, ticks * tick, tick, every, scene.lag, least, upright)
+    if not scene.adaptive:
+        return plan
+    o, acts = scene.layout, scene.constants
+    works = any(part is not None for part in (acts.servo, acts.pd, acts.friction, acts.stops, acts.points)) or driven
+    return plan._replace(least_step=LEAST_STEP, integrated=int(o["voltage" if works else "energy"]))
 
 
 def _channels(scene: CompiledScene, record: tuple[str, ...]) -> tuple[np.ndarray, dict[str, slice]]:
@@ -323,11 +393,13 @@ def _push_arrays(scene: CompiledScene, pushes: Sequence[Push]):
     return table, rows
 
 
-def _groups(runs: list[_Run], refills: bool) -> list[list[int]]:
+def _groups(scene: CompiledScene, runs: list[_Run], refills: bool) -> list[list[int]]:
     """Indices of the runs that go together; small rests alone."""
     alike: dict[tuple, list[int]] = {}
     for i, run in enumerate(runs):
         key = () if refills else tuple(k and (k.times.tobytes(), k.period) for k in (run.reference, run.torques))
+        if scene.adaptive:
+            key = (i,)
         alike.setdefault(key, []).append(i)
     size = BATCH if refills else WIDTH
     groups = []
@@ -344,7 +416,8 @@ def _run_group(scene: CompiledScene, course: rollout.Plan, channels: np.ndarray,
         y, out = runs[0].y.copy(), np.zeros((course.steps // course.per_sample + 1, len(channels)))
         signals = _signals(scene, runs[0].reference, runs[0].torques, np.zeros)._replace(noise=runs[0].noise)
         scratch = _scratch(scene, np.zeros)
-        rollout.rollout_one(scene.constants, scene.offsets, course, signals, y, scratch, channels, out)
+        run = rollout_adaptive if scene.adaptive else rollout.rollout_one
+        run(scene.constants, scene.offsets, course, signals, y, scratch, channels, out)
         return [(y, out)]
     if _refills(scene, runs):
         return _run_refilled(scene, course, channels, runs, 1)
@@ -395,9 +468,30 @@ def _scratch(scene: CompiledScene, zeros) -> rollout.Scratch:
         zeros((max(points, 1), CONTACT_SCRATCH)),
         zeros((n + 1, 6)),
         zeros(model.nq + model.nv) if scene.integrator == "midpoint" else None,
-        zeros((3, int(o["voltage"]))) if scene.integrator == "rk4" else None,
+        zeros(({"rk4": 3, "dop853": 13}[scene.integrator], int(o["voltage"])))
+        if scene.integrator in ("rk4", "dop853")
+        else None,
         zeros(n) if scene.integrator == "simtwo" else None,
         zeros(int(o["length"])),
+        _ladder(scene) if scene.integrator == "extrapolation" else None,
+        np.zeros(pace.PACE) if scene.adaptive else None,
+    )
+
+
+def _ladder(scene: CompiledScene) -> pace.Ladder:
+    o, servo = scene.layout, scene.constants.servo
+    size, rates, columns = int(o["length"]), int(o["voltage"]), np.arange(pace.LONGEST + 1)
+    steps = columns + 1 if scene.stiff else 2 * (columns + 1)
+    return pace.Ladder(
+        start=np.zeros(size),
+        table=np.zeros((pace.LONGEST + 1, size)),
+        slope=np.zeros(rates),
+        first=np.zeros(rates),
+        previous=np.zeros(rates),
+        servo=None if servo is None else servo.copy(),
+        work=np.cumsum(steps).astype(float),
+        wanted=np.zeros(pace.LONGEST + 1),
+        implicit=True if scene.stiff else None,
     )
 
 
@@ -418,6 +512,10 @@ def _trajectory(scene: CompiledScene, course: rollout.Plan, slices, y: np.ndarra
         "newton_passes": float(y[o["passes"]]),
         "not_converged_steps": float(y[o["passes"] + 1]),
     }
+    if scene.adaptive:
+        taken, rejected, evaluations = y[o["pace"] + pace.STEPS : o["pace"] + pace.LAST]
+        info |= {"rtol": course.rtol, "atol": course.atol}
+        info |= {"steps": int(taken), "rejected_steps": int(rejected), "evaluations": int(evaluations)}
     return Trajectory(channels, status, message, end, y, info)
 
 
@@ -426,6 +524,8 @@ def _verdict(scene: CompiledScene, course: rollout.Plan, y: np.ndarray) -> tuple
     code = int(y[o["status"]])
     if code != rollout.OK:
         status, message = STATUS[code], f"{scene.model.name} {STATUS[code]} at {y[o['end']]:.4g} s"
+        if code == rollout.TOO_SMALL:
+            message = f"{scene.model.name}: the tolerance asks for steps below {LEAST_STEP:g} s at {y[o['end']]:.4g} s"
         speeds = np.abs(y[slice(*scene.part("qd"))])
         if code == rollout.DIVERGED and len(speeds):
             joint = scene.model.joint_names[int(speeds.argmax())]

@@ -49,7 +49,7 @@ from .step import TAU, pd_torque
 
 @kernel
 def derivative(scene, points, push, floating, o, y, t, dy, tau, drive, W, Z, C, F):
-    """Fill dy[:o.voltage]; also torque, contact force and accelerations in y."""
+    """Fill dy[:o.voltage], zero to begin with; also torque, contact force and accelerations in y."""
     n = len(scene.tree) - 1
     bq, bv = part(floating, y, o.base_q, 7), part(floating, y, o.base_qd, 6)
     q, v, a = y[o.q : o.q + n], y[o.qd : o.qd + n], y[o.qdd : o.qdd + n]
@@ -90,21 +90,38 @@ def _base_rates(o, y, dy, bq, bv, W):
 
 @inline
 def _joint_rates(scene, o, y, dy, tau, drive, i, Z):
-    """Torque on the joint; rates of motor, rotor, filter and energies."""
+    """Torque on the joint; rates of motor, rotor, filter and of those energies that something changes."""
     v = y[o.qd + i]
     E = o.energy + ENERGIES * i
-    Tf, _ = friction_torque(scene.friction, i, v)
-    Ts, _ = stop_torque(scene.stops, i, y[o.q + i], v, 0.0)
-    for k in range(ENERGIES):
-        dy[E + k] = 0.0 * v
     T = _drive(scene.servo, scene.gear, scene.pd, o, y, dy, drive, i, v, E)
     if tau is not None:
         T = T + tau[i]
     y[o.torque + i] = T + 0.0 * v
     dy[E + WORK] = T * v
-    dy[E + FRICTION] = dy[E + FRICTION] - Tf * v
-    dy[E + STOPS] = -Ts * v
-    Z[TAU, i] = T + (Tf + Ts)
+    Tf = _friction(scene.friction, scene.gear, dy, i, v, E)
+    Z[TAU, i] = T + (Tf + _stop(scene.stops, o, y, dy, i, v, E))
+
+
+@inline
+def _friction(friction, gear, dy, i, v, E):
+    """Torque of the friction; its loss adds to what the gearbox's rotor loses."""
+    if friction is None:
+        return 0.0
+    T, _ = friction_torque(friction, i, v)
+    if gear is None:
+        dy[E + FRICTION] = -T * v
+    else:
+        dy[E + FRICTION] = dy[E + FRICTION] - T * v
+    return T
+
+
+@inline
+def _stop(stops, o, y, dy, i, v, E):
+    if stops is None:
+        return 0.0
+    T, _ = stop_torque(stops, i, y[o.q + i], v, 0.0)
+    dy[E + STOPS] = -T * v
+    return T
 
 
 @inline

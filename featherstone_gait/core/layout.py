@@ -75,6 +75,7 @@ STATE = np.dtype(
             "chatter",  # n, running mean of alternating less lasting changes of qd [rad/s]
             "worst_chatter",  # n, its largest value so far
             "passes",  # 2: passes of Newton's iteration so far, steps in which it did not converge
+            "pace",  # 6, of error control: see core/pace.py
             "status",  # 1: see STATUS in simulation.py
             "end",  # 1: time reached, of a run that failed the time of that [s]
             "length",  # of the state

@@ -14,12 +14,13 @@ from .knots import Knots, Signals, evaluate, inputs
 from .lanes import any_lane, as_lanes, invert, select
 from .layout import GN, GT
 from .optional import item, viewed
+from .pace import Ladder
 from .runge_kutta import rk4_step
 from .simtwo import simtwo_step
 from .spatial import dot, load3
 from .step import solve_step
 
-OK, FELL, DIVERGED = 0, 1, 2
+OK, FELL, DIVERGED, TOO_SMALL = 0, 1, 2, 3
 TOO_FAST = 1e8  # sum of the sizes of positions and velocities beyond which a run has diverged
 
 
@@ -34,6 +35,11 @@ class Plan(NamedTuple):
     lag: float  # from a reference to its effect [s]
     min_height: float  # of the base over the ground, along its normal [m]; below it the robot has fallen
     min_upright: float  # cosine of the base's tilt; below it the robot has fallen
+    # Of integrators with error control, for which h is only the grid on which ticks and records lie:
+    rtol: float = 0.0  # error allowed of a step, relative ...
+    atol: float = 0.0  # ... and absolute [rad, m, and their rates; A]
+    least_step: float = 0.0  # [s]
+    integrated: int = 0  # how much of the state changes between ticks
 
 
 class Scratch(NamedTuple):
@@ -47,6 +53,8 @@ class Scratch(NamedTuple):
     stages: np.ndarray | None  # rk4
     torques: np.ndarray | None  # simtwo
     good: np.ndarray  # the state at the last tick that was found sound
+    ladder: Ladder | None = None  # extrapolation
+    pace: np.ndarray | None = None  # integrators with error control
 
 
 @kernel
@@ -59,24 +67,24 @@ def rollout(scene, o, plan, signals, y, scratch, channels, out):
     for k in range(plan.steps + 1):
         t = k * plan.h
         if k % plan.per_tick == 0 or k == plan.steps:
-            dead = _inspect(scene, o, plan, t, y, good)
+            dead = inspect(scene, o, plan, t, y, good)
             if k < plan.steps:  # the tick at the very end is the first of what goes on from here
-                _tick(scene.servo, signals.reference, signals.samples, signals.noise, scene, o, signals, plan, k, t, y)
-                _keep(dead, good, y)
+                tick(scene.servo, signals.reference, signals.samples, signals.noise, scene, o, signals, plan, k, t, y)
+                keep(dead, good, y)
         if k % plan.per_sample == 0:
             for j in range(len(channels)):
                 out[k // plan.per_sample, j] = y[channels[j]]
         if k == plan.steps or not any_lane(invert(dead)):
             break
         _step(scene, o, plan, t, signals, y, scratch.predicted, scratch.stages, scratch.torques, scratch)
-        _keep(dead, good, y)
+        keep(dead, good, y)
     for j in range(len(channels)):  # a run that ended early stays at its last state
         for m in range(k // plan.per_sample + 1, len(out)):
             out[m, j] = y[channels[j]]
 
 
 @inline
-def _keep(dead, good, y):
+def keep(dead, good, y):
     """A run that has ended stays at its last sound state."""
     if any_lane(dead):
         for i in range(len(good)):
@@ -84,7 +92,7 @@ def _keep(dead, good, y):
 
 
 @inline
-def _tick(servo, reference, samples, noise, scene, o, signals, plan, k, t, y):
+def tick(servo, reference, samples, noise, scene, o, signals, plan, k, t, y):
     """The sampled controllers see the reference as it was a lag ago; it comes as knots or as samples at each tick."""
     if servo is not None:
         tick, period = k // plan.per_tick, plan.per_tick * plan.h
@@ -143,7 +151,7 @@ def _step(scene, o, plan, t, signals, y, predicted, stages, torques, s):
 
 
 @kernel
-def _inspect(scene, o, plan, t, y, good):
+def inspect(scene, o, plan, t, y, good):
     """Give runs that failed their status and their last sound state; return which have."""
     size = 0.0 * y[o.status]
     for i in range(o.current):

@@ -1,0 +1,87 @@
+"""What error-controlled integrators share: the numbers that they go by, the error's scale, the end of the interval."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .elementary import exp
+from .jit import inline, kernel
+from .lanes import sqrt
+
+# Numbers of the array `pace`.
+STEP = 0  # next step to try [s]
+COLUMNS = 1  # of the extrapolation table, aimed at
+STEPS = 2  # taken
+REJECTED = 3
+EVALUATIONS = 4  # of the derivative, or linearly implicit steps
+LAST = 5  # error of the step before, by the tolerance
+PACE = 6
+
+LONGEST = 10  # columns: rounding errors grow by 2.7 a column of the linear sequence
+
+
+class Ladder(NamedTuple):
+    """Scratch of the extrapolation."""
+
+    start: np.ndarray  # (length of the state,)
+    table: np.ndarray  # (LONGEST + 1, length of the state): the last row of the scheme
+    slope: np.ndarray  # (o.voltage,)
+    first: np.ndarray  # (o.voltage,): slope at the start
+    previous: np.ndarray  # (o.voltage,)
+    servo: np.ndarray | None  # servo parameters, with exponentials for the present step
+    work: np.ndarray  # (LONGEST + 1,): evaluations up to each column
+    wanted: np.ndarray  # (LONGEST + 1,): the step that each column's error asks for [s]
+    implicit: bool | None  # True: linearly implicit Euler, None: explicit midpoint
+
+
+@inline
+def in_time(step, length):
+    """The step, or what leaves no sliver of the remaining `length` [s]."""
+    if step >= 0.999 * length:
+        return length
+    if step >= 0.5 * length:
+        return 0.5 * length
+    return step
+
+
+@inline
+def scaled(plan, error, before, after):
+    """Size of an error by the tolerance."""
+    return abs(error) / (plan.atol + plan.rtol * max(abs(before), abs(after)))
+
+
+@inline
+def meters(servo):
+    """How many joints have an electrical energy whose error counts."""
+    if servo is None:
+        return 0
+    return len(servo)
+
+
+@inline
+def unit_quaternion(floating, o, y):
+    """Bring the base's quaternion back to length 1."""
+    if floating is not None:
+        k = o.base_q + 3
+        r = 1.0 / sqrt(y[k] * y[k] + y[k + 1] * y[k + 1] + y[k + 2] * y[k + 2] + y[k + 3] * y[k + 3])
+        for i in range(4):
+            y[k + i] = y[k + i] * r
+
+
+@kernel
+def root(x, n):
+    """x ** (1 / n) to six digits, which is enough for a step; x >= 0, infinite and NaN taken as 1e60."""
+    if not x < 1e60:
+        x = 1e60
+    x = max(x, 1e-60)
+    octaves = 0.0
+    while x > 1.4:
+        x *= 0.5
+        octaves += 1.0
+    while x < 0.7:
+        x *= 2.0
+        octaves -= 1.0
+    z = (x - 1.0) / (x + 1.0)
+    w = z * z
+    log = 2.0 * z * (1.0 + w * (1.0 / 3.0 + w * (0.2 + w * (1.0 / 7.0 + w * (1.0 / 9.0)))))
+    return exp((log + octaves * 0.6931471805599453) / n)
