@@ -1,5 +1,32 @@
-"""Search for the least cost: knows vectors and numbers only."""
+"""Search for the least cost: knows vectors and numbers only.
+
+All methods are searches by ask and tell, objects with
+
+    best_x, best_f   the best so far
+    status           None while there is more to do
+    ask_batch(k)     up to k next candidates, a list of (D,)
+    tell_batch(fs)   takes their costs in that order, returns of how many; the others were asked for on the assumption
+                     that the first would be no better, are dropped, and come again if need be
+    ask(), tell(x, f)  the same for one
+
+and depend on seed and costs alone, not on the size of the batches.  `run` evaluates one of them, `run_together`
+several, restarts above all.  A cost that is not finite is worse than any other.
+"""
 
 from featherstone_gait.search.annealing import AdaptiveSimulatedAnnealing, minimize
+from featherstone_gait.search.cma_es import cma_es
+from featherstone_gait.search.differential_evolution import differential_evolution
+from featherstone_gait.search.dual_annealing import dual_annealing
+from featherstone_gait.search.noisy import minimize_noisy
+from featherstone_gait.search.run import run, run_together
 
-__all__ = ["AdaptiveSimulatedAnnealing", "minimize"]
+__all__ = [
+    "AdaptiveSimulatedAnnealing",
+    "cma_es",
+    "differential_evolution",
+    "dual_annealing",
+    "minimize",
+    "minimize_noisy",
+    "run",
+    "run_together",
+]

@@ -1,5 +1,6 @@
 """Walking: preview control of the zero-moment point, leg inverse kinematics, plans, key-pose gaits and their cost."""
 
+from featherstone_gait.walking.constraints import ConstrainedCost, ConstraintReport, Constraints
 from featherstone_gait.walking.cost import Measures, WalkingCost, cost_of_motion
 from featherstone_gait.walking.gait import Gait, bounds, fit_gait, mirror_of, references
 from featherstone_gait.walking.gait_file import read_angles, write_angles, write_goal_positions
@@ -10,6 +11,9 @@ from featherstone_gait.walking.zero_moment_point import multibody_zmp
 
 __all__ = [
     "BIOLOID_WALK",
+    "ConstrainedCost",
+    "ConstraintReport",
+    "Constraints",
     "Gait",
     "Measures",
     "Plan",

@@ -1,0 +1,55 @@
+"""CMA-ES, the evolution strategy that adapts its covariance matrix, by ask and tell; needs the package `cma`.
+
+Reference: N. Hansen, A. Ostermeier, "Completely derandomized self-adaptation in evolution strategies", Evolutionary
+Computation 9 (2001), doi:10.1162/106365601750190398.  It uses the order of the costs alone.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from featherstone_gait.search.generations import Generations, check_start
+
+# pycma's tests for the end are off, so that methods can be compared at equal numbers of evaluations.
+ENDLESS = {
+    "maxiter": math.inf, "tolx": 0, "tolfun": 0, "tolfunhist": 0, "tolfunrel": 0, "tolstagnation": math.inf,
+    "tolflatfitness": math.inf, "verbose": -9, "verb_log": 0,
+}  # fmt: skip
+
+
+def cma_es(x0, *, amplitude, bounds=None, seed=0, population=None):
+    """Return the search; it ends when a generation has shrunk to a point.
+
+    First `x0` (D,) itself is evaluated, then normal samples about it with the standard deviation of a uniform
+    perturbation of `amplitude`, a number or (D,), in x0's units.  `population` is pycma's 4 + 3 log(D) if None.  Runs
+    are the same to the bit with the same LAPACK, whose eigenvectors they use.  Raises ImportError without `cma` and
+    ValueError for x0 out of `bounds` (D, 2), an amplitude that is not positive and a population below 3.
+    """
+    try:
+        import cma
+    except ImportError as error:
+        raise ImportError("CMA-ES needs the package cma: pip install 'featherstone-gait[search]'") from error
+    x0, bounds = check_start(x0, bounds, amplitude)
+    if population is not None and population < 3:
+        raise ValueError(f"population = {population} must be at least 3")
+    rng = np.random.Generator(np.random.PCG64(seed))  # pycma's own seeding would seed all of NumPy
+    options = ENDLESS | {
+        "randn": lambda *shape: rng.standard_normal(shape),
+        "seed": math.nan,
+        "CMA_stds": np.broadcast_to(amplitude, x0.shape) / math.sqrt(3.0),
+        "bounds": [[None if math.isinf(b) else b for b in side] for side in bounds.T.tolist()],
+    }
+    if population is not None:
+        options["popsize"] = population
+    return Generations(_generations(cma.CMAEvolutionStrategy(x0, 1.0, options), x0), x0)
+
+
+def _generations(strategy, x0):
+    yield [x0]
+    while True:
+        candidates = strategy.ask()
+        if all(np.array_equal(x, candidates[0]) for x in candidates):
+            return
+        strategy.tell(candidates, (yield candidates))

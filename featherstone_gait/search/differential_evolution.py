@@ -1,0 +1,41 @@
+"""SciPy's differential evolution by ask and tell, a generation at a time.
+
+Reference: R. Storn, K. Price, "Differential evolution - a simple and efficient heuristic for global optimization over
+continuous spaces", J. Global Optimization 11 (1997).  The strategy is SciPy's default, best/1/bin.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import optimize
+
+from featherstone_gait.search.generations import Generations, check_finite, check_start
+from featherstone_gait.search.inverted import inverted
+
+POPULATION = 50  # SciPy's 15 D are 600 evaluations a generation for a gait of forty angles
+
+
+def differential_evolution(x0, *, amplitude, bounds, seed=0, population=POPULATION):
+    """Return the search, which has no end, within finite `bounds` (D, 2).
+
+    The first of the population is `x0` (D,), but for its last bit; the others are uniform within `amplitude` of it, a
+    number or (D,), and the bounds: of gaits drawn from all that the joints allow hardly one walks.  Raises ValueError
+    for bounds that are not finite or do not hold x0, an amplitude that is not positive and a population below 5.
+    """
+    x0, bounds = check_start(x0, bounds, amplitude)
+    check_finite(bounds, "differential evolution")
+    if population < 5:
+        raise ValueError(f"population = {population} must be at least 5, or there is too little to take differences of")
+    rng = np.random.Generator(np.random.PCG64(seed))
+    first = x0 + amplitude * rng.uniform(-1.0, 1.0, (population, len(x0)))
+    first[0] = x0
+    lower, upper = bounds.T
+    first = np.clip(first, lower, upper)
+
+    def minimize(evaluate):
+        optimize.differential_evolution(
+            lambda x: np.array(evaluate(list(np.clip(x.T, lower, upper)))), bounds, init=first, rng=rng,
+            maxiter=2**62, tol=0.0, atol=-np.inf, polish=False, updating="deferred", vectorized=True,
+        )  # fmt: skip
+
+    return Generations(inverted(minimize), x0)

@@ -1,0 +1,34 @@
+"""SciPy's dual annealing by ask and tell: generalised simulated annealing over the whole box of the bounds.
+
+Reference: Y. Xiang et al., "Generalized simulated annealing algorithm and its application to the Thomson model",
+Physics Letters A 233 (1997).  It asks for one candidate at a time, each depending on the cost of the last; several
+searches with different seeds fill a batch (`run_together`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import optimize
+
+from featherstone_gait.search.generations import Generations, check_finite, check_start
+from featherstone_gait.search.inverted import inverted
+
+
+def dual_annealing(x0, *, bounds, seed=0, initial_temp=5230.0, local_search=False):
+    """Return the search, from `x0` (D,) within finite `bounds` (D, 2); it has no end.
+
+    `initial_temp` is SciPy's; SciPy's visiting steps scale with it, not with the box.  `local_search` turns L-BFGS-B
+    with differences over 1e-8 on, as is SciPy's default: for costs that are smooth on that scale, which a gait's with
+    its impacts is not.  A start whose cost is not finite is left by wandering until one is.  Raises ValueError for
+    bounds that are not finite or do not hold x0.
+    """
+    x0, bounds = check_start(x0, bounds)
+    check_finite(bounds, "dual annealing")
+
+    def minimize(evaluate):
+        optimize.dual_annealing(
+            lambda x: evaluate([x])[0], bounds, x0=x0, rng=np.random.Generator(np.random.PCG64(seed)),
+            initial_temp=initial_temp, maxiter=2**62, maxfun=np.inf, no_local_search=not local_search,
+        )  # fmt: skip
+
+    return Generations(inverted(minimize), x0)

@@ -1,0 +1,106 @@
+"""Ask and tell for a method that evaluates whole generations, written as a Python generator.
+
+    def method():
+        costs = yield candidates      # lists of equal length, as often as it likes
+
+The candidates of a generation may be asked for in pieces of any size; the method goes on when all are told.  Hence the
+states visited do not depend on the size of a batch.
+
+What is not a finite number, a fall above all, is told to the method as `FALLEN`: worse than any cost and like any other
+fall, which keeps the order of all others.  SciPy's methods and CMA-ES need a finite number, and a square that is one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+FALLEN = 1e100  # [the cost's unit]
+
+
+class Generations:
+    """A search by ask and tell around `method`, a generator; the best so far begins as `x0` (D,) with infinite cost.
+
+    When the method returns, the search is over, which status 1 says.
+    """
+
+    def __init__(self, method, x0):
+        self._method = method
+        self.best_x, self.best_f = np.array(x0, dtype=float), np.inf
+        self.status = None
+        self._costs, self._asked = [], 0
+        self._candidates = self._advance(None)
+
+    def ask(self):
+        """Return the next candidate (D,).  Raises RuntimeError when the search is over."""
+        return self.ask_batch(1)[0]
+
+    def ask_batch(self, k):
+        """Return up to `k` next candidates, no more than are left of the generation."""
+        if self.status is not None:
+            raise RuntimeError("the search is over: its method came to an end")
+        told = len(self._costs)
+        asked = self._candidates[told : told + k]
+        self._asked = len(asked)
+        return [x.copy() for x in asked]
+
+    def tell(self, x, f):
+        """Take the cost `f` of the candidate `x` that `ask` returned; return whether it is the new best."""
+        if self._asked != 1 or not np.array_equal(x, self._candidates[len(self._costs)]):
+            raise ValueError("tell: x is not the candidate that was asked for; ask first and tell it unchanged")
+        before = self.best_f
+        self.tell_batch([f])
+        return self.best_f < before
+
+    def tell_batch(self, fs):
+        """Take the costs of the candidates of `ask_batch`; return how many were taken, which is all of them.
+
+        Raises ValueError unless there is one cost a candidate.
+        """
+        if len(fs) != self._asked or not self._asked:
+            raise ValueError(f"tell_batch: {len(fs)} costs for {self._asked} candidates asked for")
+        self._asked = 0
+        for f in fs:
+            finite = bool(np.isfinite(f))
+            if finite and f < self.best_f:
+                self.best_x, self.best_f = self._candidates[len(self._costs)].copy(), float(f)
+            self._costs.append(min(float(f), FALLEN) if finite else FALLEN)
+        if len(self._costs) == len(self._candidates):
+            costs, self._costs = self._costs, []
+            self._candidates = self._advance(costs)
+        return len(fs)
+
+    def _advance(self, costs):
+        """Let the method go on to its next generation."""
+        try:
+            return [np.array(x, dtype=float) for x in self._method.send(costs)]
+        except StopIteration:
+            self.status = 1
+            return []
+
+
+def check_start(x0, bounds, amplitude=None):
+    """Return `x0` (D,) and `bounds` (D, 2), infinite where None, as arrays of numbers.
+
+    Raises ValueError unless x0 is finite and lies in its bounds and `amplitude` is None or finite and positive.
+    """
+    x0 = np.array(x0, dtype=float)
+    if x0.ndim != 1 or not len(x0) or not np.isfinite(x0).all():
+        raise ValueError(f"x0 must be a finite (D,) array with D > 0, got shape {x0.shape}")
+    bounds = np.tile([-np.inf, np.inf], (len(x0), 1)) if bounds is None else np.array(bounds, dtype=float)
+    if bounds.shape != (len(x0), 2):
+        raise ValueError(f"bounds must be ({len(x0)}, 2), got {bounds.shape}")
+    outside = ~((bounds[:, 0] <= x0) & (x0 <= bounds[:, 1]) & (bounds[:, 0] < bounds[:, 1]))
+    if outside.any():
+        i = int(outside.argmax())
+        raise ValueError(f"x0[{i}] = {x0[i]} must lie in bounds that leave it room, got {bounds[i, 0]}..{bounds[i, 1]}")
+    if amplitude is not None and not (np.isfinite(amplitude) & (np.asarray(amplitude) > 0)).all():
+        raise ValueError(f"amplitude must be finite and > 0, got {amplitude}")
+    return x0, bounds
+
+
+def check_finite(bounds, method):
+    """Raise ValueError unless all `bounds` (D, 2) are finite, which `method` needs."""
+    infinite = ~np.isfinite(bounds).all(axis=1)
+    if infinite.any():
+        i = int(infinite.argmax())
+        raise ValueError(f"{method} draws from the whole box: bounds[{i}] = {bounds[i].tolist()} must be finite")

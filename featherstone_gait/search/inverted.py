@@ -1,0 +1,44 @@
+"""A minimiser that calls its cost function, turned inside out: a generator that is told the costs.
+
+The minimiser runs in a thread of its own, which waits whenever we go on and the other way round: never do both run, so
+that nothing depends on the threads' timing.
+"""
+
+from __future__ import annotations
+
+from queue import SimpleQueue
+from threading import Thread
+
+
+def inverted(minimize):
+    """Yield what ``minimize(evaluate)`` evaluates; send the costs.
+
+    `evaluate` takes a list of candidates and returns a list of costs.  What the minimiser raises is raised here.  When
+    the generator is closed, or no longer referred to, the minimiser ends at its next evaluation.
+    """
+    questions, answers = SimpleQueue(), SimpleQueue()
+    Thread(target=_work, args=(minimize, questions, answers), name="minimiser", daemon=True).start()
+    try:
+        while (question := questions.get()) is not None:
+            if isinstance(question, BaseException):
+                raise question
+            answers.put((yield question))
+    finally:
+        answers.put(None)
+
+
+def _work(minimize, questions, answers):
+    def evaluate(candidates):
+        questions.put(candidates)
+        costs = answers.get()
+        if costs is None:
+            raise SystemExit  # ends the minimiser
+        return costs
+
+    try:
+        minimize(evaluate)
+        questions.put(None)
+    except SystemExit:
+        return
+    except Exception as error:
+        questions.put(error)

@@ -1,0 +1,118 @@
+"""Run searches by ask and tell for a given number of evaluations, alone or several together in one batch."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import OptimizeResult
+from tqdm import tqdm
+
+MESSAGES = {
+    0: "all evaluations made",
+    1: "the search came to its end before all evaluations were made",
+    2: "interrupted; the best so far is returned",
+}
+
+
+def run(search, fun, *, evaluations, map=map, batch=1, progress=False):
+    """Evaluate exactly `evaluations` candidates of a search and return a `scipy.optimize.OptimizeResult`.
+
+    `search` is one by ask and tell, see `featherstone_gait.search`; `fun` and `map` are those of `minimize`, of which
+    `batch` candidates at most are evaluated at once.  The candidates visited do not depend on `batch`.  A search with
+    an end of its own, as the paper's has, may come to it before; give it room.
+
+    The result has x, fun, nit (candidates after the first), nfev (evaluations, wasted ones included), wasted (of
+    speculative batches, made but not visited), success, status (a key of `MESSAGES`), message, and history: arrays x
+    (nit + 1, D), f and best, the least of f so far.  KeyboardInterrupt ends the search with what was found.
+    """
+    return run_together([search], fun, evaluations=evaluations, map=map, batch=batch, progress=progress).results[0]
+
+
+def run_together(searches, fun, *, evaluations, map=map, batch=1, progress=False):
+    """Run `searches` side by side, `evaluations` each, and return the best's result.
+
+    This is how to restart a search: give it with several seeds.  All that they ask for is evaluated at once, `batch`
+    shared out evenly but at least one candidate each.  Each does what it does when run alone.  To the result of `run`
+    are added results, those of all searches in their order, and best, the index of the best one (the first of equals);
+    nfev and wasted are sums, and an interrupt ends them all.  Raises ValueError without searches, and unless
+    `evaluations` and `batch` are positive.
+    """
+    runs = [_Run(search, evaluations) for search in searches]
+    for name, value in (("searches", len(runs)), ("evaluations", evaluations), ("batch", batch)):
+        if value < 1:
+            raise ValueError(f"{name}: {value}; there must be at least 1")
+    interrupted = False
+    bar = tqdm(total=len(runs) * evaluations, disable=not progress, unit="candidate")
+    try:
+        while active := [one for one in runs if one.status is None]:
+            _advance(active, fun, map, batch)
+            bar.update(sum(len(one.f) for one in runs) - bar.n)
+            bar.set_postfix(best=min(one.search.best_f for one in runs))
+    except KeyboardInterrupt:
+        interrupted = True
+    finally:
+        bar.close()
+    return _together([one.result(interrupted) for one in runs])
+
+
+class _Run:
+    """A search and what it has visited."""
+
+    def __init__(self, search, evaluations):
+        self.search, self.evaluations = search, evaluations
+        self.x, self.f, self.nfev = [], [], 0
+
+    @property
+    def status(self):
+        if len(self.f) == self.evaluations:
+            return 0
+        return None if self.search.status is None else 1
+
+    def ask(self, k):
+        return self.search.ask_batch(min(k, self.evaluations - len(self.f)))
+
+    def tell(self, x, f):
+        taken = self.search.tell_batch(f)
+        self.x += x[:taken]
+        self.f += f[:taken]
+        self.nfev += len(f)
+
+    def result(self, interrupted):
+        search, n = self.search, len(self.f)
+        status = 2 if interrupted and self.status is None else self.status
+        found = bool(np.isfinite(search.best_f))
+        f = np.array(self.f, dtype=float)
+        best = np.minimum.accumulate(np.where(np.isfinite(f), f, np.inf))
+        history = {"x": np.array(self.x).reshape(n, -1), "f": f, "best": best}
+        return OptimizeResult(
+            x=search.best_x.copy(), fun=search.best_f, nit=max(0, n - 1), nfev=self.nfev, wasted=self.nfev - n,
+            success=found and status != 2, status=status, history=history,
+            message=MESSAGES[status] if found else "no candidate had a finite cost",
+        )  # fmt: skip
+
+
+def _advance(runs, fun, map, batch):
+    """Evaluate one batch, shared out among the searches."""
+    share, rest = divmod(batch, len(runs))
+    asked = [one.ask(max(1, share + (i < rest))) for i, one in enumerate(runs)]
+    costs = costs_of(map(fun, [x for candidates in asked for x in candidates]), sum(len(part) for part in asked))
+    for one, candidates in zip(runs, asked):
+        one.tell(candidates, costs[: len(candidates)])
+        costs = costs[len(candidates) :]
+
+
+def costs_of(answers, n):
+    """Return the `n` costs of answers that are costs or (cost, status).  Raises ValueError if there are not as many."""
+    costs = [float(answer[0] if isinstance(answer, tuple) else answer) for answer in answers]
+    if len(costs) != n:
+        raise ValueError(f"map returned {len(costs)} costs for {n} candidates")
+    return costs
+
+
+def _together(results):
+    best = min(range(len(results)), key=lambda i: results[i].fun)
+    total = {name: sum(result[name] for result in results) for name in ("nfev", "wasted")}
+    status = max(result.status for result in results)
+    together = OptimizeResult({**results[best], **total}, results=results, best=best, status=status)
+    if np.isfinite(together.fun):
+        together.success, together.message = status != 2, MESSAGES[status]
+    return together

@@ -1,0 +1,178 @@
+"""What a gait must keep to beside being cheap, as penalties that are reported apart from its cost.
+
+    penalty = weight * sum over the components of the mean over the measured time of max(0, violation)^2,
+
+the quadratic penalty of J. Nocedal, S. Wright, "Numerical Optimization" (2nd ed., Springer 2006), section 17.1, taken
+from outside: exactly zero where a limit is kept, so that it leaves the costs of sound gaits alone; continuous with its
+gradient where it is passed, so that a search from a gait that passes it finds the way back; and never infinite.  The
+mean over time, not the largest value: the support polygon grows by a whole foot at a touch-down, whose time moves with
+the gait, and the largest value would jump with it.  A penalty gives way where that is cheaper: what remains of a
+violation falls in proportion to 1 / weight, and the report says how large it is.  A trajectory is looked at every
+`SAMPLE`, 10 ms: what happens between two samples is not seen.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from featherstone_gait.dynamics import forward_kinematics
+from featherstone_gait.simulation import simulate_batch, standing_state
+from featherstone_gait.tree import GRAVITY
+from featherstone_gait.walking.cost import LOADED, RECORD, SAMPLE, Measures, WalkingCost, _measures
+
+ALIKE = 1e-9  # points of the sole closer than this are one [m]
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """Limits, each None or a number, and what it costs to pass them by one unit.
+
+    The default weights make 0.1 N m, 1 degree, 1 mm and 10 mm, root mean square over the time measured, cost 1 J/m.
+    Raises ValueError for numbers out of range.
+    """
+
+    torque: float | None = None  # largest torque of a servo, at the joint [N m]
+    joint_margin: float | None = None  # least distance from a joint's limits [rad]
+    slip: float | None = None  # largest path of a contact point under load [m per stride], see `Measures.slip`
+    zmp_margin: float | None = None  # least distance of the ZMP from the edge of the support polygon [m]
+    torque_weight: float = 1e2  # [J/m per (N m)^2], sum over the joints
+    joint_weight: float = math.degrees(1.0) ** 2  # [J/m per rad^2], sum over the joints
+    slip_weight: float = 1e6  # [J/m per m^2]
+    zmp_weight: float = 1e4  # [J/m per m^2]
+
+    def __post_init__(self):
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None and not 0.0 <= value < math.inf:
+                raise ValueError(f"constraints: {field.name} = {value} must be >= 0 and finite")
+
+    @property
+    def weights(self) -> dict[str, float]:
+        """The weights of the limits that are set, by their names."""
+        pairs = dict(
+            torque=self.torque_weight, joint_margin=self.joint_weight, slip=self.slip_weight, zmp_margin=self.zmp_weight
+        )
+        return {name: weight for name, weight in pairs.items() if getattr(self, name) is not None}
+
+    def violations(self, model, run, window: slice, slip: float) -> dict[str, np.ndarray]:
+        """By how much a trajectory with `RECORD` and torque passes each limit that is set, negative where it does not.
+
+        Returns (samples, components) arrays in the limit's unit, of a window of the samples; `slip` [m per stride].
+        """
+        found = {}
+        if self.torque is not None:
+            found["torque"] = np.abs(run["torque"][window]) - self.torque
+        if self.joint_margin is not None:
+            lower, upper = np.array([(joint.lower, joint.upper) for joint in model.moving_joints]).T
+            q = run["q"][window]
+            found["joint_margin"] = self.joint_margin - np.minimum(q - lower, upper - q)
+        if self.slip is not None:
+            found["slip"] = np.array([[slip - self.slip]])
+        if self.zmp_margin is not None:
+            found["zmp_margin"] = self.zmp_margin - zmp_margins(model, run, window)[:, None]
+        return found
+
+
+@dataclass(frozen=True)
+class ConstraintReport:
+    """Cost and penalties of a gait, apart; numbers are nan or infinite if it has no cost."""
+
+    measures: Measures
+    penalties: dict[str, float]  # by the limit's name [J/m]
+    violations: dict[str, float]  # the largest, in the limit's unit; 0 where it is kept
+
+    @property
+    def cost(self) -> float:
+        """Energy per distance [J/m]."""
+        return self.measures.cost
+
+    @property
+    def total(self) -> float:
+        """Cost and penalties together [J/m]."""
+        return self.cost + sum(self.penalties.values()) if math.isfinite(self.cost) else math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class ConstrainedCost:
+    """A `WalkingCost` and the penalties of `constraints`, for the same searches."""
+
+    walking: WalkingCost
+    constraints: Constraints
+
+    def __call__(self, x) -> tuple[float, str]:
+        """Return cost and penalties [J/m] and status of one vector."""
+        return self.map(None, [x])[0]
+
+    def map(self, fun, candidates) -> list[tuple[float, str]]:
+        """Evaluate many vectors at once; `fun` is ignored, as in `WalkingCost.map`."""
+        return [(report.total, report.measures.status) for report in self.reports(candidates)]
+
+    def report(self, x) -> ConstraintReport:
+        """Return cost, penalties and violations of one vector."""
+        return self.reports([x])[0]
+
+    def reports(self, vectors) -> list[ConstraintReport]:
+        """Simulate gait vectors once and report on each."""
+        cost = self.walking
+        signals = [cost.reference(x, cost.warm_up + cost.strides) for x in vectors]
+        states = [standing_state(cost.scene, signal.values[0]) for signal in signals]
+        record = (*RECORD, "torque")
+        runs = simulate_batch(cost.scene, signals[0].times[-1], states, signals, record=record, sample=SAMPLE)
+        return [self._report(run) for run in runs]
+
+    def _report(self, run) -> ConstraintReport:
+        cost, names = self.walking, self.constraints.weights
+        end = cost.mark + cost.strides * cost.gait.period
+        measures = _measures(cost.scene, run, cost.mark, end, cost.strides)
+        if measures.status != "ok":
+            return ConstraintReport(measures, dict.fromkeys(names, math.nan), dict.fromkeys(names, math.nan))
+        first, last = np.searchsorted(run["time"], [cost.mark - 1e-9, end - 1e-9])
+        found = self.constraints.violations(cost.scene.model, run, slice(first, last + 1), measures.slip)
+        excess = {name: np.maximum(violation, 0.0) for name, violation in found.items()}
+        penalties = {name: names[name] * float((e**2).mean(axis=0).sum()) for name, e in excess.items()}
+        return ConstraintReport(measures, penalties, {name: float(e.max()) for name, e in excess.items()})
+
+
+def zmp_margins(model, run, window=slice(None)):
+    """How far inside the support polygon the ZMP lies (n,) [m], of a trajectory with base_q, q and contact_force.
+
+    The ZMP is the centre of pressure of the contact points, with which it coincides on level ground (M. Vukobratovic,
+    B. Borovac, Int. J. Humanoid Robotics 1 (2004), section 2).  A simulation knows it exactly; `multibody_zmp`, which
+    takes the trunk as upright and differentiates twice, misses it by 8 mm on the humanoid's first gait.  The polygon is
+    that of all contact points of the links that bear more than `LOADED` of the weight: on tiptoe, on the edge of a
+    sole, the margin is 0, and in the air, where there is no ZMP, it is taken as 0.
+    """
+    poses = forward_kinematics(model, np.hstack([run["base_q"], run["q"]])[window])
+    names = [link.name for link in model.links]
+    rows = np.array([names.index(contact.link) for contact in model.contacts])
+    local = np.array([contact.position for contact in model.contacts])
+    points = (poses.position[:, rows] + np.einsum("nkij,kj->nki", poses.rotation[:, rows], local))[..., :2]
+    force = run["contact_force"][window, :, 0]
+    together = rows[:, None] == rows
+    stands = force @ together > -LOADED * model.mass * GRAVITY[2]
+    force = np.where(stands, force, 0.0)
+    pressed = stands.any(axis=1)
+    zmp = np.einsum("nk,nki->ni", force, points) / np.where(pressed, force.sum(axis=1), 1.0)[:, None]
+    return np.where(pressed, hull_margins(zmp, points, stands), 0.0)
+
+
+def hull_margins(point, points, used):
+    """How far `point` (n, 2) lies inside the convex hull of those `points` (n, m, 2) that are `used` (n, m).
+
+    As `polygon_margin`, but for many hulls of a few points: a side of the hull is a pair of points that has all others
+    to its left.  Not a number where there is no pair.
+    """
+    edge = points[:, None, :, :] - points[:, :, None, :]  # (n, from, to, 2)
+    length = np.linalg.norm(edge, axis=-1)
+    pair = used[:, :, None] & used[:, None, :] & (length > ALIKE)
+    along = edge / np.where(pair, length, 1.0)[..., None]
+    normal = np.stack([-along[..., 1], along[..., 0]], axis=-1)  # to the left
+    offset = np.einsum("nijx,nix->nij", normal, points)
+    left = np.einsum("nijx,nkx->nijk", normal, points) - offset[..., None]
+    side = pair & np.where(used[:, None, None, :], left >= -ALIKE, True).all(axis=-1)
+    margin = np.einsum("nijx,nx->nij", normal, point) - offset
+    least = np.where(side, margin, np.inf).min(axis=(1, 2))
+    return np.where(side.any(axis=(1, 2)), least, np.nan)
