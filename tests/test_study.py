@@ -13,6 +13,7 @@ import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ import pytest
 from matplotlib import image
 
 from featherstone_gait import Reference, compile_scene, initial_state, load_robot, simulate
+from featherstone_gait.robot_file import load_servo
 from featherstone_gait.study import read_study, run_study
 from featherstone_gait.study.measures import run_batch
 
@@ -98,6 +100,7 @@ def test_random_runs_depend_on_the_seed_alone(tmp_path):
         (GRID.replace("servo.Kp", "servo.kp"), ["vary.servo.kp", "servo.Kp"]),
         (GRID.replace("servo.Kp", "motor.Kp"), ["unknown key 'motor'", "servo"]),
         (GRID.replace("posture.tilt", "gait.period"), ["gait.period", "hold"]),
+        (GRID.replace('"hold"', '"stable_step"').replace("servo.Kp", "scene.timestep"), ["timestep", "stable_step"]),
         (GRID.replace("20.0", "-20.0"), ["vary.servo.Kp = -20.0", ">= 0", "V/rad"]),
         (GRID.replace("20.0", '"20"'), ["servo.Kp is '20'", "number [V/rad]"]),
         (GRID.replace("20.0", "nan"), ["servo.Kp is nan", "number"]),
@@ -176,6 +179,28 @@ def test_runs_that_fail_or_make_no_scene_are_rows_like_others(tmp_path):
     assert "does not divide" in rows[1]["message"]
     assert float(rows[0]["end_s"]) < 2.0
     assert outcome.statuses == {"refused": 2, "fell": 1, "ok": 1}
+
+
+def test_a_stable_step_comes_to_rest_and_the_next_larger_one_does_not(tmp_path):
+    """Both ends of the interval, run again as `hold`: the second half of the run rests, or chatters from step to step.
+
+    Steps of an interval divide no period, so that each run gets a period of as many of its steps.
+    """
+    text = ARM.replace("hold", "stable_step").replace("0.5", "2.0")
+    text += "[servo]\ninductance = 0.0\nspeed_filter = 0.0\n[scene]\nservos = 'standard'\nintegrator = 'simtwo'\n"
+    row = table(run_study(read(tmp_path, text + "[vary]\nposture.tilt = [0.05]\n"), tmp_path).table)[0]
+    ends = [float(row["stable_step_s"]), float(row["unstable_step_s"])]
+    assert ends[0] < ends[1] < 1.04 * ends[0]
+    model, variances = load_robot("ax12_arm"), []
+    for h in ends:
+        period = {"period": round(0.01 / h) * h}
+        servo = load_servo("ax12", inductance=0.0, speed_filter=0.0, **period)
+        scene = compile_scene(
+            replace(model, servos=dict.fromkeys(model.joint_names, servo)), "standard", None, "simtwo", h
+        )
+        run = simulate(scene, 2.0, initial_state(scene, np.full(1, 0.05)), Reference([0.0], np.zeros((1, 1))))
+        variances.append(run["qd"][len(run["qd"]) // 2 :].var())
+    assert variances[0] < 1e-6 < 1e-3 < variances[1]
 
 
 def test_a_walk_has_the_cost_of_its_gait(tmp_path):

@@ -3,7 +3,7 @@
 A study is a TOML file (`settings`) that names a robot, an experiment (`measures`) and what varies::
 
     robot = "arm7"
-    experiment = "hold"                              # or "walk"
+    experiment = "hold"                              # "walk" or "stable_step"
     duration = 20.0                                  # [s]
 
     [scene]                                          # what holds for all runs

@@ -3,6 +3,11 @@
 - `hold`: servos pull all joints of a resting robot to zero (or the limit nearest to it) from `posture.tilt` [rad]
   beside it and hold them there.  A servo model or step that is not stable shows in the second half of the run, when
   everything should rest (Lima et al. 2013, Figs. 7-10).
+- `stable_step`: the largest step with which servos bring a robot to rest from eight postures `posture.tilt` [rad]
+  beside zero, by bisection.  Stable is a step with which all eight come to rest: the root mean square speed of joints
+  and rotors in the last quarter of the run is at most `FADING` of that in the quarter before, or below `STILL`.  A
+  run takes `duration`, but at least `LEAST_STEPS` steps and `LEAST_TICKS` periods of the controllers; the period is
+  the whole number of steps nearest to theirs, at least one.
 - `walk`: a gait of four key poses, fitted to a walk planned by preview control (`gait.*`), on the ground; its cost is
   that of `walking.cost`.
 
@@ -20,15 +25,20 @@ from typing import Any
 
 import numpy as np
 
+from ..core.lanes import WIDTH
 from ..core.layout import METER
 from ..reference import Reference
 from ..scene import CompiledScene, compile_scene
 from ..simulation import initial_state, simulate_batch, standing_state
 from ..trajectory import Trajectory
+from .bisection import largest
 from .settings import ONLY, Setup, ground_with, servos_with
 
 INLINE = SimpleNamespace(map=map)  # in place of an executor: a worker is one of many and starts no threads
 TILT = 0.01  # default of posture.tilt [rad]
+SMALLEST, LARGEST = 2e-5, 0.1  # steps that stable_step tries [s]
+LEAST_STEPS, LEAST_TICKS = 200, 40  # of a run of stable_step
+FADING, STILL = 0.9, 1e-6  # of speeds when a robot comes to rest [-], [rad/s]
 COLUMNS = {  # name of a column -> what its axis says; the first one is plotted
     "hold": {
         "variance_deg2": "largest variance of a joint [deg²]",
@@ -36,6 +46,10 @@ COLUMNS = {  # name of a column -> what its axis says; the first one is plotted
         "chatter_rad_s": "chatter [rad/s]",
         "energy_J": "electrical energy [J]",
         "end_s": "time reached [s]",
+    },
+    "stable_step": {
+        "stable_step_s": "largest stable step [s]",
+        "unstable_step_s": "smallest unstable step [s]",
     },
     "walk": {
         "cost_J_m": "energy per distance [J/m]",
@@ -82,6 +96,8 @@ def _scene_values(values: dict) -> tuple:
 def _rows(setup: Setup, values: list[dict]) -> list[dict]:
     """Rows of runs that share a scene."""
     try:
+        if setup.experiment == "stable_step":
+            return [_stable_step(setup, value) for value in values]
         scene = _scene(setup, _scene_values(values[0]))
         if setup.experiment == "hold":
             return _hold(setup, scene, [value.get("posture.tilt", TILT) for value in values])
@@ -110,13 +126,18 @@ def _scene(setup: Setup, values: tuple) -> CompiledScene:
 
 
 def _hold(setup: Setup, scene: CompiledScene, tilts: list[float]) -> list[dict]:
-    if scene.servos is None:
-        raise ValueError("hold needs servos; set scene.servos to mipsd, rotor or standard")
-    target = np.array([min(max(0.0, joint.lower), joint.upper) for joint in scene.model.moving_joints])
+    target = _target(scene)
     states = [_resting(scene, target + tilt) for tilt in tilts]
     references = [Reference([0.0], target[None])] * len(tilts)
     runs = simulate_batch(scene, setup.duration, states, references, record=("q", "energy"), executor=INLINE)
     return [_row(setup, run.status, run.message, _held(run, target)) for run in runs]
+
+
+def _target(scene: CompiledScene) -> np.ndarray:
+    """Zero or the limit nearest to it, of each joint."""
+    if scene.servos is None:
+        raise ValueError("this experiment needs servos; set scene.servos to mipsd, rotor or standard")
+    return np.array([min(max(0.0, joint.lower), joint.upper) for joint in scene.model.moving_joints])
 
 
 def _resting(scene: CompiledScene, angles: np.ndarray) -> np.ndarray:
@@ -142,6 +163,53 @@ def _held(run: Trajectory, target: np.ndarray) -> dict[str, float]:
 def _variance(values: list[float]) -> float:
     mean = math.fsum(values) / len(values)
     return math.fsum((value - mean) ** 2 for value in values) / len(values)
+
+
+# ---------------------------------------------------------------------------------------------- stable_step
+
+
+def _stable_step(setup: Setup, values: dict) -> dict:
+    tilt = values.get("posture.tilt", TILT)
+    given = values | {"servo.period": _period(setup, values)}
+    good, bad = largest(lambda h: _comes_to_rest(setup, given, tilt, h), SMALLEST, LARGEST)
+    numbers = {"stable_step_s": good, "unstable_step_s": bad}
+    if math.isnan(good):
+        return _row(setup, "unstable", f"no step from {SMALLEST:g} s on is stable", numbers)
+    return _row(setup, "ok", f"stable up to {LARGEST:g} s, the largest step tried" * math.isnan(bad), numbers)
+
+
+def _period(setup: Setup, values: dict) -> float:
+    """The longest period of the robot's controllers [s]."""
+    servos = servos_with(setup.model, values).servos.values()
+    return max((servo.controller.period for servo in servos), default=1.0)
+
+
+def _comes_to_rest(setup: Setup, values: dict, tilt: float, h: float) -> bool:
+    steps = max(1, round(values["servo.period"] / h))
+    scene = _scene(setup, _scene_values(values | {"scene.timestep": h, "servo.period": steps * h}))
+    target = _target(scene)
+    sides = np.sign(np.random.default_rng(0).normal(size=(WIDTH, len(target))))
+    states = [_resting(scene, target + tilt * side) for side in sides]
+    references = [Reference([0.0], target[None])] * WIDTH
+    duration = max(setup.duration, LEAST_STEPS * h, LEAST_TICKS * steps * h)
+    runs = simulate_batch(scene, duration, states, references, record=("qd", "rotor_speed"), executor=INLINE)
+    return all(map(_rests, runs))
+
+
+def _rests(run: Trajectory) -> bool:
+    """Whether all speeds fade; what chatters or swings on does not.  Rotors may chatter that hardly move a joint."""
+    if run.status in ("fell", "diverged"):
+        return False
+    for speeds in (run["qd"], run["rotor_speed"]):
+        quarter = len(speeds) // 4
+        last, before = (_mean_square(speeds[-k * quarter :][:quarter]) for k in (1, 2))
+        if last > max(FADING**2 * before, STILL**2):
+            return False
+    return True
+
+
+def _mean_square(values: np.ndarray) -> float:
+    return math.fsum((values**2).ravel().tolist()) / max(values.size, 1)
 
 
 # ---------------------------------------------------------------------------------------------- walk

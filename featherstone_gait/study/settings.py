@@ -1,8 +1,8 @@
 """What a study is, read strictly from TOML.
 
     robot, locked, base     as `load_robot` takes them
-    experiment              "hold" or "walk", see `measures`
-    duration                of a run of hold [s]; default 10
+    experiment              "hold", "walk" or "stable_step", see `measures`
+    duration                of a run of hold or stable_step [s]; default 10
     strides, warm_up        of a run of walk: measured, and before them; default 8 and 2
     [scene] [servo] [ground] [posture] [gait]    parameters of all runs
     [vary]                  the parameters that differ, by the same names, with a list of values or, for a number,
@@ -60,7 +60,9 @@ PARAMETERS: dict[str, str | tuple | None] = {
     **{f"gait.{name}": unit for name, unit in GAIT_UNITS.items()},
 }
 SECTIONS = tuple(dict.fromkeys(name.partition(".")[0] for name in PARAMETERS))
-ONLY = {"posture": "hold", "gait": "walk"}  # sections that only one experiment reads; they leave the scene as it is
+# Settings and sections that not all experiments read; the sections leave the scene as it is.
+FOREIGN = {"hold": ("strides", "warm_up"), "walk": ("duration",), "stable_step": ("strides", "warm_up")}
+ONLY = {"posture": ("hold", "stable_step"), "gait": ("walk",)}
 METHODS = ("grid", "random", "latin_hypercube")
 _PARTS = {f.name: cls for cls in (Controller, Gearbox, Servo) for f in dataclasses.fields(cls)}
 
@@ -135,9 +137,8 @@ def read_study(path) -> Study:
 def _study(path: Path, table: dict) -> Study:
     own = ("robot", "locked", "base", "experiment", "duration", "strides", "warm_up", "sampling", "vary")
     _check_keys(table, (*own, *SECTIONS), "top level")
-    experiment = _choice(table, "experiment", ("hold", "walk"))
-    foreign = {"hold": ("strides", "warm_up"), "walk": ("duration",)}[experiment]
-    for key in foreign:
+    experiment = _choice(table, "experiment", tuple(FOREIGN))
+    for key in FOREIGN[experiment]:
         if key in table:
             raise ValueError(f"{key} is no setting of experiment {experiment!r}: remove it")
     sampling = _sampling(_table(table, "sampling"))
@@ -191,7 +192,8 @@ def _parameters(table: dict, experiment: str, where: str = ""):
             if name not in PARAMETERS:
                 known = [other for other in PARAMETERS if other.startswith(section + ".")]
                 raise ValueError(f"{where}{name} is no parameter; use one of {', '.join(known)}")
-            if ONLY.get(section, experiment) != experiment:
+            found = name == "scene.timestep" and experiment == "stable_step"
+            if found or experiment not in ONLY.get(section, (experiment,)):
                 raise ValueError(f"{where}{name} plays no part in experiment {experiment!r}: remove it")
             yield name, value
 

@@ -1,0 +1,514 @@
+"""What a scene does not have costs nothing: each saving with and without, in executed instructions, time and code.
+
+Executed instructions are counted exactly: a forked child runs the kernel instruction by instruction (`ptrace`, Linux),
+while the records that the kernel writes into shared memory tell where a tick ends.  That needs no performance counters,
+which virtual machines hide.  Where it is not allowed the table says n/a, and what remains are the time and the
+instructions of the compiled code.
+
+All kernels are those for one robot, implicit Euler at 1 ms, unless stated otherwise.
+"""
+
+from __future__ import annotations
+
+import csv
+import ctypes
+import functools
+import math
+import mmap
+import os
+import signal
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core import rollout
+from ..core.aba import aba
+from ..core.advance import advance
+from ..core.gearbox import gear_torque
+from ..core.jit import entry
+from ..core.layout import DAMPING, IMAX, KT, RES, SLEW, STIFFNESS
+from ..core.motor import clamp, current_step
+from ..core.step import solve_step
+from ..model import Ground, Model
+from ..reference import Reference
+from ..robot_file import load_robot, load_servo
+from ..scene import CompiledScene, compile_scene
+from ..simulation import (
+    PARTS,
+    Push,
+    _channels,
+    _course,
+    _push_arrays,
+    _Run,
+    _scratch,
+    _signals,
+    initial_state,
+    simulate,
+    simulate_batch,
+    standing_state,
+)
+from ..study.table import complete
+from .speed import _machine
+
+STEP = 1e-3  # [s]
+SETTLE = 0.1  # of simulated time before anything is counted [s]
+COUNTED = 10  # steps, a tick
+TIMED = 2000  # steps of a timed call
+REPEATS, REPEATS_FULL = 9, 51
+ALLOWED = 0.03  # over a bare ABA loop
+
+
+class Work(NamedTuple):
+    """Compiled code that does some steps; prepare(steps) gives its arguments and what it writes before and after."""
+
+    kernel: Callable
+    prepare: Callable[[int], tuple[tuple, np.ndarray]]
+
+
+class Cost(NamedTuple):
+    """What a step takes."""
+
+    executed: float  # instructions, NaN if they cannot be counted
+    time: float  # of the processor, the least of some runs: what else it does only adds [us]
+    code: float  # instructions of the compiled code
+
+
+class Row(NamedTuple):
+    """One line of the table."""
+
+    saving: str
+    without: Cost
+    having: Cost
+    note: str
+
+
+def run(out_dir: Path, full: bool = False) -> list[Row]:
+    """Print the tables; write skip.csv into `out_dir`."""
+    machine = _machine()
+    print(machine)
+    repeats = REPEATS_FULL if full else REPEATS
+    parts = _costs(step_parts(), repeats)
+    _print_parts(parts)
+    rows = []
+    groups = f"{'executed instructions a step':>29}{'us a step':>18}{'instructions of code':>22}"
+    pairs = "".join(f"{'without':>{width}}{'with':>8}" for width in (10, 14))
+    print(f"\n{'':46}{groups}\n{'saving':46}{'without':>11}{'with':>9}{'more':>9}{pairs}")
+    for name, without, having, note in savings():
+        rows.append(Row(name, *_costs({"without": without, "with": having}, repeats).values(), note))
+        print(_line(rows[-1]))
+    print()
+    for name, text in unskipped(rows):
+        print(f"{name}: {text}")
+    print(handed_over(3 * repeats if full else 3))
+    _write(Path(out_dir) / "skip.csv", machine, parts, rows)
+    return rows
+
+
+# ---------------------------------------------------------------------------------------------- counting
+
+
+@functools.cache
+def executed(work: Work, steps: int = COUNTED) -> float:
+    """Instructions that a step executes, the mean over so many; NaN where the system does not let us count."""
+    arguments, marks = work.prepare(steps)
+    counts = instructions_at(lambda: work.kernel(*arguments), marks)
+    return (counts[1] - counts[0]) / steps if counts else math.nan
+
+
+def shared_array(*shape: int) -> np.ndarray:
+    """NaN, in memory that a child shares."""
+    array = np.frombuffer(mmap.mmap(-1, 8 * math.prod(shape))).reshape(shape)
+    array[:] = np.nan
+    return array
+
+
+def instructions_at(call: Callable[[], object], marks: np.ndarray) -> list[int] | None:
+    """Instructions that a forked child had executed when each of its marks stopped being NaN, in their order.
+
+    None on systems other than Linux, where tracing is forbidden, and if the call ends before the last mark.
+    """
+    if not sys.platform.startswith("linux"):
+        return None
+    trace_me, step = 0, 9  # PTRACE_TRACEME, PTRACE_SINGLESTEP of sys/ptrace.h
+    ptrace = ctypes.CDLL(None, use_errno=True).ptrace
+    ptrace.argtypes, ptrace.restype = [ctypes.c_long] * 4, ctypes.c_long
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of a fork beside threads: the child needs none of them
+        child = os.fork()
+    if child == 0:
+        if ptrace(trace_me, 0, 0, 0) == 0:
+            os.kill(os.getpid(), signal.SIGSTOP)
+            call()
+        os._exit(0)
+    counts: list[int] = []
+    number = 0
+    _, status = os.waitpid(child, 0)
+    while not os.WIFEXITED(status) and not os.WIFSIGNALED(status):
+        while len(counts) < len(marks) and marks[len(counts)] == marks[len(counts)]:
+            counts.append(number)
+        if len(counts) == len(marks) or ptrace(step, child, 0, 0) != 0:
+            os.kill(child, signal.SIGKILL)
+        else:
+            number += 1
+        _, status = os.waitpid(child, 0)
+    return counts if len(counts) == len(marks) else None
+
+
+def code(work: Work) -> float:
+    """Instructions of the compiled code of a kernel, with all that it calls and its wrapper for Python.
+
+    What the compiler merges into what varies by some per cent, even with what it compiled before.
+    """
+    return _code(work.kernel, tuple(map(work.kernel.typeof_pyval, work.prepare(1)[0])))
+
+
+@functools.cache
+def _code(kernel, signature) -> float:
+    """A kernel that was loaded from the cache has no assembly: compile it once more, beside the cache."""
+    afresh = type(kernel)(kernel.py_func, targetoptions=dict(kernel.targetoptions))
+    afresh.compile(signature)
+    (text,) = afresh.inspect_asm().values()
+    return float(sum(map(_is_instruction, text.splitlines())))
+
+
+def _is_instruction(line: str) -> bool:
+    """Of assembly: no label, directive, comment or padding."""
+    return line[:1] == "\t" and line[1:2].isalpha() and "nop" not in line
+
+
+def _costs(works: dict[str, Work], repeats: int) -> dict[str, Cost]:
+    """The costs of several pieces of work, timed in turn."""
+    for work in works.values():
+        work.kernel(*work.prepare(1)[0])
+    times = np.zeros((repeats, len(works)))
+    for row in times:
+        for k, work in enumerate(works.values()):
+            arguments, _ = work.prepare(TIMED)
+            start = time.thread_time()
+            work.kernel(*arguments)
+            row[k] = 1e6 * (time.thread_time() - start) / TIMED
+    return {
+        name: Cost(executed(work), float(least), code(work))
+        for (name, work), least in zip(works.items(), times.min(axis=0))
+    }
+
+
+# ---------------------------------------------------------------------------------------------- bare loops
+
+
+@entry
+def aba_loop(steps, tree, gravity, h, q, qd, tau, W, qdd, seen):
+    """Semi-implicit Euler, nothing else."""
+    for k in range(steps + 1):
+        if k == 0 or k == steps:
+            seen[k // steps] = qd[0]
+        aba(tree, None, None, None, q, qd, tau, None, None, gravity, W, None, qdd)
+        for i in range(len(q)):
+            qd[i] += h * qdd[i]
+            q[i] += h * qd[i]
+
+
+@entry
+def rk4_loop(steps, tree, gravity, h, x, start, total, slope, tau, W, seen):
+    """Runge-Kutta, x = (q, qd)."""
+    n = len(tau)
+    for k in range(steps + 1):
+        if k == 0 or k == steps:
+            seen[k // steps] = x[0]
+        for i in range(2 * n):
+            start[i] = x[i]
+            total[i] = 0.0
+        for stage in range(4):
+            aba(tree, None, None, None, x[:n], x[n:], tau, None, None, gravity, W, None, slope[n:])
+            weight = 2.0 if stage == 1 or stage == 2 else 1.0
+            ahead = h if stage == 2 else 0.5 * h
+            for i in range(n):
+                slope[i] = x[n + i]
+            for i in range(2 * n):
+                total[i] += weight * slope[i]
+                x[i] = start[i] + ahead * slope[i]
+        for i in range(2 * n):
+            x[i] = start[i] + (h / 6.0) * total[i]
+
+
+@entry
+def solve_loop(steps, scene, o, h, y, s, seen):
+    """The solution of an implicit step, after which nothing moves."""
+    for k in range(steps + 1):
+        if k == 0 or k == steps:
+            seen[k // steps] = y[0]
+        solve_step(scene, None, None, o[0], y, 0.0, None, None, None, h, h, s.W, s.Z, s.C, s.F)
+
+
+@entry
+def step_loop(steps, scene, o, h, y, s, seen):
+    """Solve and advance: a step without ticks and records."""
+    for k in range(steps + 1):
+        if k == 0 or k == steps:
+            seen[k // steps] = y[0]
+        solve_step(scene, None, None, o[0], y, 0.0, None, None, None, h, h, s.W, s.Z, s.C, s.F)
+        advance(scene, None, None, None, None, o[0], y, None, None, None, h, h, 1.0, s.W, s.Z, s.C)
+
+
+@entry
+def current_loop(steps, servo, h, current, voltage, speed, out, seen):
+    for k in range(steps + 1):
+        if k == 0 or k == steps:
+            seen[k // steps] = h
+        for i in range(len(servo)):
+            out[i, 0], out[i, 1], out[i, 2] = current_step(servo, i, current[i], voltage[i], speed[i], h)
+
+
+@entry
+def resistive_loop(steps, servo, h, current, voltage, speed, out, seen):
+    """The same of a motor without inductance."""
+    for k in range(steps + 1):
+        if k == 0 or k == steps:
+            seen[k // steps] = h
+        for i in range(len(servo)):
+            free = (voltage[i] - servo[i, KT] * speed[i]) / servo[i, RES]
+            end = clamp(free, current[i] - servo[i, SLEW] * h, current[i] + servo[i, SLEW] * h)
+            end = clamp(end, -servo[i, IMAX], servo[i, IMAX])
+            out[i, 0], out[i, 1], out[i, 2] = end, end, servo[i, KT] / servo[i, RES] if end == free else 0.0
+
+
+@entry
+def gear_loop(steps, gear, h, e, de, out, seen):
+    for k in range(steps + 1):
+        if k == 0 or k == steps:
+            seen[k // steps] = h
+        for i in range(len(gear)):
+            out[i, 0], out[i, 1], out[i, 2] = gear_torque(gear, i, e[i], de[i], h)
+
+
+@entry
+def tight_loop(steps, gear, h, e, de, out, seen):
+    """The same of a gearbox without backlash."""
+    for k in range(steps + 1):
+        if k == 0 or k == steps:
+            seen[k // steps] = h
+        for i in range(len(gear)):
+            K, B = gear[i, STIFFNESS], gear[i, DAMPING]
+            out[i, 0], out[i, 1], out[i, 2] = K * e[i] + B * de[i], h * K + B, B * (de[i] * de[i])
+
+
+# ---------------------------------------------------------------------------------------------- scenes
+
+
+def free_arm() -> Model:
+    """`arm7` without friction, stops and servos."""
+    return _limp(load_robot("arm7"))
+
+
+def _limp(model: Model) -> Model:
+    free = {"type": "continuous", "lower": -math.inf, "upper": math.inf, "damping": 0.0, "friction": 0.0}
+    joints = tuple(replace(j, **free) if j.name in model.joint_names else j for j in model.joints)
+    return replace(model, joints=joints, servos={})
+
+
+def _driven(**changes) -> Model:
+    """The arm with AX-12 servos without friction."""
+    arm = free_arm()
+    servo = load_servo("ax12", viscous_friction=0.0, coulomb_friction=0.0, **changes)
+    return replace(arm, servos=dict.fromkeys(arm.joint_names, servo))
+
+
+def _loop(kernel, *constants) -> Work:
+    """A bare loop; arrays are copied, as it changes some of them."""
+
+    def prepare(steps):
+        seen = shared_array(2)
+        return (steps, *(c.copy() if type(c) is np.ndarray else c for c in constants), seen), seen
+
+    return Work(kernel, prepare)
+
+
+def _rollout(scene: CompiledScene, state=None, push: Push | None = None, record=(), every: int = COUNTED) -> Work:
+    """A scene that goes on from where it is after a tenth of a second, recorded every so many steps."""
+    pushes = (push,) if push else ()
+    start = simulate(scene, SETTLE, state, pushes=pushes, record=()).final
+    channels = _channels(scene, record)[0] if record else np.array([scene.layout["q"]], np.int64)
+    bound = scene.pushed(_push_arrays(scene, pushes))
+
+    def prepare(steps):
+        apart = min(every, steps)  # a record before the first and one after the last step
+        course = _course(scene, STEP * COUNTED, None)._replace(steps=steps, per_sample=apart)
+        run_ = _Run.prepared(scene, course, start, None, None, None)
+        signals, scratch = _signals(scene, run_.reference, run_.torques, np.zeros), _scratch(scene, np.zeros)
+        out = shared_array(steps // apart + 1, len(channels))
+        arguments = (bound.constants, bound.offsets, course, signals, run_.y.copy(), scratch, channels, out)
+        return arguments, out[:: max(1, len(out) - 1), 0]
+
+    return Work(rollout.rollout_one, prepare)
+
+
+def _compiled(model: Model, servos=None, ground: Ground | None = None, integrator: str = "implicit_euler"):
+    return compile_scene(model, servos, ground, integrator=integrator, timestep=STEP, fall_height=-1e6, fall_tilt=3.2)
+
+
+def step_parts() -> dict[str, Work]:
+    """From the bare loop to the whole step of the free arm, for both integrators of such a scene."""
+    scene, fourth = _compiled(free_arm()), _compiled(free_arm(), integrator="rk4")
+    c, n, zeros = scene.constants, scene.tree.n, np.zeros
+    W, x = zeros(scene.tree.workspace_shape()), np.full(2 * n, 0.1)
+    y, s = initial_state(scene, x[:n], x[n:]), _scratch(scene, zeros)
+    return {
+        "bare ABA loop": _loop(aba_loop, c.tree, c.gravity, STEP, x[:n], x[n:], zeros(n), W, zeros(n)),
+        "+ servo-free forces, Newton's check": _loop(solve_loop, c, scene.offsets, STEP, y, s),
+        "+ state, energies, chatter": _loop(step_loop, c, scene.offsets, STEP, y, s),
+        "+ ticks, status, records: implicit_euler": _rollout(scene, y),
+        "bare RK4 loop of ABA": _loop(rk4_loop, c.tree, c.gravity, STEP, x, x, x, x, zeros(n), W),
+        "rk4": _rollout(fourth, initial_state(fourth, x[:n], x[n:])),
+    }
+
+
+def savings():
+    """Name, the work without and with it, and a remark."""
+    arm = free_arm()
+    bare = _rollout(_compiled(arm))
+    last = arm.joints[-1]
+    yield "fixed joint lumped (of 7 the last)", _rollout(_compiled(_changed(arm, last, type="fixed"))), bare, ""
+    held = replace(arm, locked={j.name: 0.0 for j in arm.joints[4:]})
+    yield "locked joints lumped (of 7 three)", _rollout(_compiled(held)), bare, ""
+    rubbed = replace(arm, joints=tuple(replace(j, damping=0.01, friction=0.01) for j in arm.joints))
+    yield "no friction", bare, _rollout(_compiled(rubbed)), ""
+    limits = {"type": "revolute", "lower": -3.0, "upper": 3.0}
+    stopped = replace(arm, joints=tuple(replace(j, **limits) for j in arm.joints))
+    yield "no stops", bare, _rollout(_compiled(stopped)), "no joint at its stop"
+    push = Push(arm.links[-1].name, force=(0.1, 0.0, 0.0))
+    yield "no pushes", bare, _rollout(_compiled(arm), push=push), "one push"
+    yield "no recorded channel", _rollout(_compiled(arm), every=1), _rollout(_compiled(arm), record=PARTS, every=1), (
+        "one number and all channels, each step"
+    )
+    rigid, soft = _rollout(_compiled(_driven(), "standard")), _rollout(_compiled(_driven(), "mipsd"))
+    yield "no servos", bare, rigid, "standard model"
+    yield "no rotor", rigid, soft, "standard model and mipsd"
+    direct = _rollout(_compiled(_driven(inductance=0.0), "standard"))
+    yield "no inductance (a number of the same kernel)", direct, rigid, "not skipped, see below"
+    loose = _rollout(_compiled(_driven(backlash=0.01), "mipsd"))
+    yield "no backlash (a number of the same kernel)", soft, loose, "not skipped, see below"
+    body = _limp(load_robot("humanoid", locked="simplified"))
+    flying = _rollout(_compiled(body))
+    yield "no floating base (humanoid)", _rollout(_compiled(replace(body, base="fixed"))), flying, ""
+    over = _compiled(body, ground=Ground())
+    standing = standing_state(over, np.zeros(over.tree.n))
+    high = standing.copy()
+    high[over.layout["base_q"] + 2] += 10.0
+    yield "no ground (humanoid)", flying, _rollout(over, standing), f"{len(body.contacts)} points, standing"
+    yield "nothing near the ground (humanoid)", _rollout(over, high), _rollout(over, standing), "same kernel"
+
+
+def _changed(model: Model, joint, **changes) -> Model:
+    return replace(model, joints=tuple(replace(j, **changes) if j is joint else j for j in model.joints))
+
+
+def unskipped(rows: list[Row]):
+    """What inductance and backlash cost where they are zero: their share of the laws, alone in a loop."""
+    steps = {row.saving: row for row in rows}
+    rigid, soft = _compiled(_driven(inductance=0.0), "standard"), _compiled(_driven(), "mipsd")
+    n = rigid.tree.n
+    small, out = np.full(n, 0.1), np.zeros((n, 3))
+    loops = {
+        "inductance": (current_loop, resistive_loop, (rigid.constants.servo, STEP, small, small, small, out)),
+        "backlash": (gear_loop, tight_loop, (soft.constants.gear, STEP, small, small, out)),
+    }
+    for name, (with_, without, constants) in loops.items():
+        step = steps[f"no {name} (a number of the same kernel)"].without.executed
+        more = []
+        for kernel in (with_, without):
+            work = _loop(kernel, *constants)
+            kernel(*work.prepare(1)[0])
+            more.append(executed(work))
+        extra = EVALUATIONS * (more[0] - more[1])
+        share = f"{extra / step:.1%} of a step" if extra == extra else "n/a"
+        yield name, f"not skipped where it is zero: costs at most {_count(extra)} instructions, {share}"
+
+
+EVALUATIONS = 4  # of the law of a joint in a step without clipping: linearised, compared, energies, motor or gear
+
+
+def handed_over(repeats: int) -> str:
+    """Candidates of which every second falls soon: all in one queue, and eight at a time that wait for the last."""
+    scene = compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "implicit_euler", STEP)
+    stands = standing_state(scene, np.zeros(scene.tree.n))
+    falls = stands.copy()
+    falls[scene.layout["base_qd"]] = 2.0  # [m/s]
+    states = [stands, falls] * 16
+    still = [Reference([0.0], np.zeros((1, scene.tree.n)))] * 8
+    inline = SimpleNamespace(map=map)
+
+    def rollouts(size):
+        return [
+            run_
+            for k in range(0, len(states), size)
+            for run_ in simulate_batch(
+                scene, 2.0, states[k : k + size], still * (size // 8), record=(), executor=inline
+            )
+        ]
+
+    fallen = [run_.end_time for run_ in rollouts(len(states)) if run_.status == "fell"]
+    times = np.zeros((repeats, 2))
+    for row in times:
+        for k, size in enumerate((len(states), 8)):
+            start = time.thread_time()
+            rollouts(size)
+            row[k] = time.thread_time() - start
+    whole, waiting = np.median(times, axis=0)
+    spread = np.ptp(times[:, 0] / times[:, 1])
+    return (
+        f"fallen lanes handed over: {len(fallen)} of {len(states)} walkers fall after {np.median(fallen):.2f} of 2 s; "
+        f"processor time {whole / waiting:.2f} +-{0.5 * spread:.2f} of that without handing over"
+    )
+
+
+# ---------------------------------------------------------------------------------------------- output
+
+
+def _print_parts(parts: dict[str, Cost]) -> None:
+    print("\nthe free arm of seven joints, a step of it")
+    print(f"{'':46}{'executed':>9}{'by bare':>9}{'us':>8}{'by bare':>9}{'code':>8}")
+    bare = next(iter(parts.values()))
+    for name, cost in parts.items():
+        bare = cost if name.startswith("bare") else bare
+        print(
+            f"{name:46}{_count(cost.executed):>9}{_ratio(cost.executed, bare.executed):>9}{cost.time:8.2f}"
+            f"{_ratio(cost.time, bare.time):>9}{cost.code:8.0f}"
+        )
+        if name.endswith("implicit_euler") or name == "rk4":
+            more = cost.executed / bare.executed - 1.0
+            verdict = "n/a" if more != more else f"{more:+.1%}: {'holds' if more <= ALLOWED else 'does not hold'}"
+            print(f"at most {ALLOWED:.0%} more instructions than the bare loop: {verdict}")
+
+
+def _line(row: Row) -> str:
+    a, b = row.without, row.having
+    more = "n/a" if math.isnan(a.executed) else f"{b.executed / a.executed - 1.0:+.1%}"
+    return (
+        f"{row.saving:46}{_count(a.executed):>11}{_count(b.executed):>9}{more:>9}{a.time:10.2f}{b.time:8.2f}"
+        f"{a.code:14.0f}{b.code:8.0f}  {row.note}"
+    )
+
+
+def _count(x: float) -> str:
+    return "n/a" if math.isnan(x) else f"{x:.0f}"
+
+
+def _ratio(x: float, y: float) -> str:
+    return "n/a" if math.isnan(x) or math.isnan(y) else f"{x / y:.3f}"
+
+
+def _write(path: Path, machine: str, parts: dict[str, Cost], rows: list[Row]) -> None:
+    names = ("executed", "time_us", "code")
+    with complete(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        file.writelines(f"# {line}\n" for line in machine.splitlines())
+        writer = csv.writer(file)
+        writer.writerow(["saving", *(f"{name}_without" for name in names), *(f"{name}_with" for name in names), "note"])
+        writer.writerows([name, *cost, *[""] * len(names), "free arm"] for name, cost in parts.items())
+        writer.writerows([row.saving, *row.without, *row.having, row.note] for row in rows)
