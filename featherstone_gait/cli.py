@@ -2,7 +2,7 @@
 
 A command is one function from its arguments to an exit code, registered in `_parser`; what it needs is imported where
 it is used, so that `--help` answers at once.  Exit codes: 0 done, 1 the simulation ended with another status than
-"ok", 2 an argument or a file is wrong (one line says which), 130 interrupted.
+"ok" or an experiment failed, 2 an argument or a file is wrong (one line says which), 130 interrupted.
 """
 
 from __future__ import annotations
@@ -16,11 +16,14 @@ from importlib import import_module
 from pathlib import Path
 
 from . import __version__
+from .experiments import EXPERIMENTS
 
 BENCHMARKS = {  # modules of `featherstone_gait.benchmark`, and the files they write
     "speed": "speed.csv, speed.png",
     "servo": "servo_arm.csv, servo_pd.csv, servo.png",
     "walk": "walk.csv, walk.png",
+    "skip": "skip.csv",
+    "stability": "stability.csv, stability.png",
 }
 SWING, PULL = 0.5 * math.pi, 0.1  # where the first joint starts, without and with servos [rad]
 SAMPLE = 2e-3  # time between records, in whole steps [s]
@@ -97,6 +100,18 @@ def _parser() -> argparse.ArgumentParser:
     benchmark = _command(commands, "benchmark", _benchmark, "run a benchmark", f"tables and a picture ({files})")
     benchmark.add_argument("name", metavar="NAME", choices=BENCHMARKS, help=" or ".join(BENCHMARKS))
     benchmark.add_argument("--full", action="store_true", help="repeat everything more often")
+
+    reproduction = _command(
+        commands,
+        "reproduce",
+        _reproduce,
+        "run the paper's experiments, or go on with them, and compare each claim with the paper",
+        "reproduction.html, reproduction.md and reproduction_files (pictures, and finished experiments to go on from)",
+    )
+    names = ", ".join(EXPERIMENTS)
+    reproduction.add_argument("names", metavar="NAME", nargs="*", help=f"{names} (default: all)")
+    reproduction.add_argument("--full", action="store_true", help="more runs and finer steps; takes much longer")
+    reproduction.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers (default: 0)")
     return parser
 
 
@@ -462,3 +477,18 @@ def _cluster(address: str):
 def _benchmark(args) -> int:
     import_module(f".benchmark.{args.name}", __package__).run(args.out, full=args.full)
     return 0
+
+
+# ---------------------------------------------------------------------------------------------- reproduce
+
+
+def _reproduce(args) -> int:
+    from .experiments.report import reproduce
+
+    entries = reproduce(args.names, args.out, full=args.full, seed=args.seed, progress=True)
+    for entry in entries:
+        print(entry.name + (f": failed: {entry.failure}" if entry.failure else ""))
+        for claim in entry.claims:
+            print(f"  {claim.verdict:23} {claim.claim}")
+    print(f"files: {args.out / 'reproduction.html'}, {args.out / 'reproduction.md'}")
+    return 1 if any(entry.failure for entry in entries) else 0

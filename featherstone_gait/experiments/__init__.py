@@ -12,6 +12,8 @@ EXPERIMENTS = (  # modules, in the paper's order
     "servo_step",
     "arm_fall",
     "identification",
+    "seven_joint_arm",
+    "posture",
 )
 
 __all__ = ["EXPERIMENTS", "Claim", "Verdict"]

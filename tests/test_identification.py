@@ -1,0 +1,227 @@
+"""Identification recovers known servos, says how far to trust it, and reads recordings strictly."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from featherstone_gait.experiments import identification as experiment
+from featherstone_gait.identification import (
+    MOTOR_OFF,
+    Recording,
+    changed,
+    identify,
+    predict,
+    prediction_error,
+    read_recording,
+    write_recording,
+)
+from featherstone_gait.robot_file import load_robot
+
+COUNT = experiment.COUNT
+TRUTH = {"motor_constant": 0.0072, "viscous_friction": 0.02, "rotor_inertia": 1.5e-7}
+STEP = 1e-3  # of simulation here, for data and fit alike: this is about statistics
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return load_robot("ax12_whole_arm")
+
+
+@pytest.fixture(scope="module")
+def exact(arm):
+    """Recordings without noise of the servo with TRUTH: two motions, a fall."""
+    time = 0.01 * np.arange(250)
+    blank = [
+        Recording("chirp", time, 0.9 * np.sin((1.2 * time) ** 2), 0.0 * time, settings={"Kp": 30.0}),
+        Recording("product", time, np.sin(1.1 * time) * np.sin(4.1 * time), 0.0 * time, settings={"Kp": 30.0}),
+        Recording("fall", time[:90], 0.0 * time[:90], 0.0 * time[:90] + 1.5, settings=MOTOR_OFF),
+    ]
+    runs = predict(changed(arm, **TRUTH), blank, timestep=STEP)
+    return [Recording(r.name, r.time, r.reference, q, u, r.settings) for r, (q, u) in zip(blank, runs)]
+
+
+def read(recordings, seed):
+    """As an encoder shows them, with noise of half its step."""
+    noise = 0.5 * COUNT
+    random = np.random.default_rng(seed)
+    return [
+        Recording(
+            r.name,
+            r.time,
+            r.reference,
+            np.rint((r.angle + random.normal(0.0, noise, len(r.time))) / COUNT) * COUNT,
+            r.voltage,
+            r.settings,
+        )
+        for r in recordings
+    ]
+
+
+def errors(result):
+    return np.array([math.log(result.values[name] / value) for name, value in TRUTH.items()])
+
+
+# --- the estimates -----------------------------------------------------------------------------------------------
+
+
+def test_exact_recordings_give_the_parameters_back(arm, exact):
+    """From 5 to 50 % off.  The search ends when the cost changes by less than 1e-7 of itself, far below 1e-4 here."""
+    result = identify(arm, exact, list(TRUTH), timestep=STEP)
+    assert result.converged
+    assert np.abs(errors(result)).max() < 1e-4
+    assert result.rms.max() < 1e-6
+
+
+def test_voltages_alone_tell_the_gain(arm, exact):
+    """With a gain that the recordings do not state."""
+    motions = [Recording(r.name, r.time, r.reference, r.angle, r.voltage) for r in exact[:2]]
+    result = identify(changed(arm, **TRUTH), motions, ["Kp"], timestep=STEP, voltage_weight=0.01)
+    assert result.values["Kp"] == pytest.approx(30.0, rel=1e-4)
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say(arm, exact):
+    """Noise of half an encoder count makes the rounding an independent error, so theory holds: of 3 x 24 intervals
+    95 % hold the truth (these seeds: 93 %), give or take 2.6 % (binomial) if the parameters' errors are independent,
+    4.5 % if they are one; 82 % is three of the latter below.  Standardised errors have the spread 1 (1.0 to 1.1); over
+    24 seeds its own standard deviation is 0.14, so 0.6 to 1.4 is three."""
+    start = changed(arm, **TRUTH)
+    options = {"start_range": 3 * COUNT, "timestep": STEP}
+    results = [identify(start, read(exact, seed), list(TRUTH), **options) for seed in range(24)]
+    inside = [[r.intervals[n][0] <= v <= r.intervals[n][1] for n, v in TRUTH.items()] for r in results]
+    scores = np.array([errors(r) / r.standard_errors for r in results])
+    assert np.mean(inside) >= 0.82
+    assert ((scores.std(axis=0) > 0.6) & (scores.std(axis=0) < 1.4)).all()
+    assert (np.abs(scores.mean(axis=0)) < 3.0 / math.sqrt(24)).all()  # no bias that the spread does not explain
+
+
+def test_autocorrelated_errors_widen_the_intervals(arm, exact):
+    """A slow drift of 1 deg, as of a loose mount: the textbook's interval does not know it."""
+    drifting = [
+        Recording(r.name, r.time, r.reference, r.angle + math.radians(1) * np.sin(5 * r.time), r.voltage, r.settings)
+        for r in read(exact, 1)
+    ]
+    result = identify(changed(arm, **TRUTH), drifting, list(TRUTH), timestep=STEP)
+    assert result.independent_samples < 0.3 * sum(len(r.time) for r in drifting)
+    assert (result.standard_errors / result.textbook_errors).max() > 1.5
+
+
+def test_a_parameter_without_effect_is_said_to_be_undetermined(arm, exact):
+    """Inductance: its time constant of 0.6 ms is far below what readings every 10 ms through an encoder show; and a
+    fall with the motor off does not contain it at all."""
+    result = identify(changed(arm, **TRUTH), read(exact, 2)[2:], ["inductance"], timestep=STEP)
+    assert result.undetermined == ("inductance",)
+    assert "not determined" in result.summary()
+
+
+def test_a_gain_held_out_is_predicted_as_well_as_noise_allows(arm):
+    """The protocol with short motions: encoder and noise inside the control loop, another step than that of the fit."""
+    settings = replace(experiment.QUICK, duration=3.0)
+    truth = dict(settings.truth)
+    servo = changed(arm, **truth)
+    result = identify(
+        changed(arm, coulomb_friction=settings.first_guess),
+        experiment.record(settings, servo, settings.gains, 5),
+        list(truth),
+        start_range=2 * COUNT,
+        timestep=STEP,
+    )
+    for name, value in truth.items():
+        # standard errors are 0.1 to 0.5 %, the step of 1 ms adds up to 0.2 %: 2 % is far outside both
+        assert result.values[name] == pytest.approx(value, rel=0.02), name
+    test = experiment.record(settings, servo, (settings.held_out,), 6)[:3]
+    floor = math.sqrt(settings.noise**2 + COUNT**2 / 12)
+    assert (prediction_error(result.model, test) < 1.2 * floor).all()
+    assert (prediction_error(arm, test) > 2 * floor).all()  # before the fit
+
+
+def test_loads_may_differ_between_recordings(arm):
+    forearm, time = load_robot("ax12_arm"), 0.01 * np.arange(150)
+    truth = changed(arm, viscous_friction=0.03), changed(forearm, viscous_friction=0.03)
+    blank = Recording("fall", time, 0 * time, 0 * time + 1.5, settings=MOTOR_OFF)
+    recordings = [Recording("fall", time, 0 * time, predict(m, [blank])[0][0], settings=MOTOR_OFF) for m in truth]
+    result = identify([arm, forearm], recordings, ["viscous_friction"])
+    assert result.values["viscous_friction"] == pytest.approx(0.03, rel=1e-4)
+
+
+# --- reading -----------------------------------------------------------------------------------------------------
+
+HEAD = "time [s],reference [rad],angle [rad],voltage [V]"
+ROWS = [f"{0.01 * k:.2f},0.5,{0.001 * k},1.5" for k in range(12)]
+
+
+def table(folder, *lines):
+    path = folder / "step.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_a_recording_is_read_as_written(tmp_path, exact):
+    path = tmp_path / "chirp.csv"
+    write_recording(path, exact[0])
+    again = read_recording(path, Kp=30.0)
+    for name in ("time", "reference", "angle", "voltage"):
+        assert np.array_equal(getattr(again, name), getattr(exact[0], name))
+    assert (again.name, again.settings) == ("chirp", {"Kp": 30.0})
+    assert [p.name for p in tmp_path.iterdir()] == ["chirp.csv"]
+
+
+def test_voltage_may_be_missing_and_time_starts_anywhere(tmp_path):
+    rows = [f"{7 + 0.01 * k:.2f},{0.001 * k},0.5" for k in range(12)]
+    recording = read_recording(table(tmp_path, "time [s],angle [rad],reference [rad]", *rows))
+    assert recording.voltage is None
+    assert recording.time == pytest.approx(0.01 * np.arange(12))
+    assert recording.reference[0] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ([], ["line 1", "'time [s]' is missing"]),
+        (["time,angle [rad]", *ROWS], ["line 1", "'time'", "time [s]"]),
+        ([HEAD + ",angle [rad]", *ROWS], ["line 1", "twice"]),
+        ([HEAD.replace(",", ";"), *ROWS], ["line 1", "separated by commas"]),
+        ([HEAD, *ROWS[:3], "0.03,0.5,abc,1.5", *ROWS[4:]], ["line 5", "'angle [rad]'", "'abc'", "delete"]),
+        ([HEAD, *ROWS[:3], "0.03,0.5,,1.5", *ROWS[4:]], ["line 5", "'angle [rad]'", "''"]),
+        ([HEAD, *ROWS[:3], "0.03,0.5,nan,1.5", *ROWS[4:]], ["line 5", "'nan'"]),
+        ([HEAD, *ROWS[:3], "0.03,0.5,1.5", *ROWS[4:]], ["line 5", "3 values, expected 4"]),
+        ([HEAD, *ROWS[:3], "0.03,60,0.1,1.5", *ROWS[4:]], ["line 5", "'reference [rad]'", "degrees to radians"]),
+        ([HEAD, *ROWS[:3], "0.02,0.5,0.1,1.5", *ROWS[4:]], ["line 5", "0.02 follows 0.02"]),
+        ([HEAD, *ROWS[:3], "30,0.5,0.1,1.5", *ROWS[4:]], ["line 5", "30 follows 0.02", "seconds"]),
+        ([HEAD, *ROWS[:9]], ["9 samples", "10"]),
+    ],
+)
+def test_a_damaged_table_is_refused_with_its_place(lines, said, tmp_path):
+    with pytest.raises(ValueError, match=r"step\.csv") as error:
+        read_recording(table(tmp_path, *lines))
+    assert [text for text in said if text not in str(error.value)] == []
+
+
+def test_settings_must_be_parameters(tmp_path):
+    with pytest.raises(ValueError, match=r"'gain'.*Kp"):
+        read_recording(table(tmp_path, HEAD, *ROWS), gain=3.0)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "options", "said"),
+    [
+        (["friction"], {}, "'friction'"),
+        ("Kp", {}, "list of names"),
+        ([], {}, "list of names"),
+        (["Kp", "Kp"], {}, "each once"),
+        (["period"], {}, "period cannot be fitted"),
+        (["Ki"], {}, "Ki starts at 0.0"),
+        (["Kp"], {}, "set by a recording"),
+        (["resistance"], {"confidence": 95}, "confidence"),
+        (["resistance"], {"start_range": -1.0}, "start_range"),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused(parameters, options, said, arm, exact):
+    with pytest.raises(ValueError, match=said):
+        identify(arm, exact, parameters, **options)
+
+
+def test_only_one_joint_is_identified_at_a_time(exact):
+    with pytest.raises(ValueError, match=r"arm7.*one moving joint"):
+        identify(load_robot("arm7"), exact, ["resistance"])

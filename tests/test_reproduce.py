@@ -1,0 +1,194 @@
+"""`featherstone-gait reproduce`: one report, failures in it, finished experiments kept."""
+
+import json
+import re
+import sys
+from dataclasses import dataclass
+from html.parser import HTMLParser
+from types import ModuleType
+
+import pytest
+from matplotlib.figure import Figure
+
+from featherstone_gait import cli
+from featherstone_gait.experiments import EXPERIMENTS, Claim, report
+
+NASTY = 'a <b> & "c" | *d* _e_ `f`'
+
+
+@dataclass(frozen=True)
+class Settings:
+    duration: float = 2.0  # [s] long <enough>
+    gains: tuple[float, ...] = (20.0, 61.0)  # [V/rad]
+
+
+def stand_in(name, calls, fails=None):
+    """An experiment that notes its calls."""
+    module = ModuleType(f"featherstone_gait.experiments.{name}", f"Title of {name}.\n\nMore.")
+    module.QUICK, module.FULL = Settings(), Settings(duration=20.0)
+
+    def run(settings, seed, progress):
+        calls.append((name, settings.duration, seed))
+        if fails:
+            raise fails
+        return f"{settings.duration} {seed}"
+
+    def plot(result):
+        figure = Figure(figsize=(2, 1))
+        figure.subplots().set_title(result)
+        return {f"caption {NASTY}": figure, "second": Figure(figsize=(1, 1))}
+
+    module.run, module.plot = run, plot
+    module.check = lambda result: [Claim(NASTY, "1 m", f"{result} | 2 m", "reproduced", "because\nof x")]
+    return module
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Stand-ins for two experiments, first and last; their calls."""
+    made = []
+    monkeypatch.setattr(report, "EXPERIMENTS", ("first", "last"))
+    for name in ("first", "last"):
+        monkeypatch.setitem(sys.modules, f"featherstone_gait.experiments.{name}", stand_in(name, made))
+    return made
+
+
+def fail(monkeypatch, calls, name, error):
+    monkeypatch.setitem(sys.modules, f"featherstone_gait.experiments.{name}", stand_in(name, calls, error))
+
+
+class Tags(HTMLParser):
+    """Elements that were opened and closed, and addresses that would be fetched."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.addresses = [], []
+
+    def handle_starttag(self, tag, attributes):
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+        self.addresses += [value for name, value in attributes if name in ("src", "href")]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_the_report_stands_alone_and_is_well_formed(calls, tmp_path):
+    report.reproduce(out=tmp_path)
+    text = (tmp_path / "reproduction.html").read_text("utf-8")
+    tags = Tags()
+    tags.feed(text)
+    assert tags.open == []
+    assert all(re.match(r"#|data:image/png;base64,", address) for address in tags.addresses)
+    assert text.count("data:image/png;base64,") == 4
+    assert "<b>" not in text
+    assert "a &lt;b&gt; &amp;" in text
+    assert "[s] long &lt;enough&gt;" in text
+    assert text.index("2.0 0 | 2 m") < text.index("Title of first</h2>") < text.index("Title of last</h2>")
+
+
+def test_the_markdown_has_every_claim_and_its_pictures(calls, tmp_path):
+    report.reproduce(out=tmp_path)
+    lines = (tmp_path / "reproduction.md").read_text("utf-8").splitlines()
+    rows = [line for line in lines if line.startswith("| first ")]
+    assert len(rows) == 1
+    assert len(re.findall(r"(?<!\\)\|", rows[0])) == 7  # six cells: what the claim holds is escaped
+    assert "because of x" in rows[0]
+    pictures = [re.match(r"!\[\w+\]\((.*)\)", line)[1] for line in lines if line.startswith("![")]
+    assert len(pictures) == 4
+    assert all((tmp_path / picture).read_bytes().startswith(b"\x89PNG") for picture in pictures)
+
+
+def test_the_report_says_what_it_is_of(calls, tmp_path):
+    report.reproduce(out=tmp_path, full=True, seed=7)
+    text = (tmp_path / "reproduction.md").read_text("utf-8")
+    assert "full, seed 7" in text
+    assert f"featherstone-gait {report.__version__}, Python" in text
+    assert calls == [("first", 20.0, 7), ("last", 20.0, 7)]
+
+
+def test_finished_experiments_are_kept(calls, tmp_path):
+    report.reproduce(out=tmp_path)
+    written = (tmp_path / "reproduction.html").read_bytes()
+    entries = report.reproduce(out=tmp_path)
+    assert len(calls) == 2
+    assert all(entry.finished for entry in entries)
+    assert (tmp_path / "reproduction.html").read_bytes() == written
+    report.reproduce(["last"], tmp_path, seed=1)
+    assert calls[2:] == [("last", 2.0, 1)]
+
+
+@pytest.mark.parametrize("damage", ["", "{", "[]", '{"key": 1}'])
+def test_a_damaged_or_missing_file_is_made_again(damage, calls, tmp_path):
+    report.reproduce(out=tmp_path)
+    files = tmp_path / "reproduction_files"
+    (files / "first.json").write_text(damage)
+    (files / "last_1.png").unlink()
+    report.reproduce(out=tmp_path)
+    assert calls[2:] == [("first", 2.0, 0), ("last", 2.0, 0)]
+
+
+def test_another_program_runs_again(calls, monkeypatch, tmp_path):
+    report.reproduce(["first"], tmp_path)
+    monkeypatch.setattr(report, "_program", lambda: "another")
+    report.reproduce(["first"], tmp_path)
+    assert len(calls) == 2
+
+
+def test_after_an_interruption_the_same_call_goes_on(calls, monkeypatch, tmp_path):
+    fail(monkeypatch, calls, "last", KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        report.reproduce(out=tmp_path)
+    assert "Not run yet: last" in (tmp_path / "reproduction.md").read_text("utf-8")
+    monkeypatch.setitem(sys.modules, "featherstone_gait.experiments.last", stand_in("last", calls))
+    report.reproduce(out=tmp_path)
+    assert [name for name, *_ in calls] == ["first", "last", "last"]
+
+
+def test_a_failed_experiment_is_reported_and_the_others_run(calls, monkeypatch, tmp_path, capsys):
+    fail(monkeypatch, calls, "first", RuntimeError("no <luck>"))
+    assert cli.main(["reproduce", "--out", str(tmp_path)]) == 1
+    text = (tmp_path / "reproduction.html").read_text("utf-8")
+    assert "RuntimeError: no &lt;luck&gt;" in text
+    assert str(tmp_path.parent) not in text
+    assert "Title of last</h2>" in text
+    assert "first: failed: RuntimeError" in capsys.readouterr().out
+    assert not (tmp_path / "reproduction_files" / "first.json").exists()
+
+
+def test_an_experiment_that_cannot_be_loaded_is_a_failed_one(calls, monkeypatch, tmp_path):
+    monkeypatch.delitem(sys.modules, "featherstone_gait.experiments.first")
+    first, last = report.reproduce(out=tmp_path)
+    assert "ModuleNotFoundError" in first.failure
+    assert last.finished
+
+
+def test_the_command_hands_its_options_over(calls, tmp_path, capsys):
+    assert cli.main(["reproduce", "--full", "--seed", "3", "--out", str(tmp_path)]) == 0
+    assert calls == [("first", 20.0, 3), ("last", 20.0, 3)]
+    assert "reproduced" in capsys.readouterr().out
+    assert json.loads((tmp_path / "reproduction_files" / "last.json").read_text("utf-8"))["name"] == "last"
+
+
+def test_nothing_half_written_stays(calls, monkeypatch, tmp_path):
+    def full_disk(self, data):
+        raise OSError("no space left")
+
+    monkeypatch.setattr("pathlib.Path.write_bytes", full_disk)
+    with pytest.raises(OSError, match="no space"):
+        report.reproduce(out=tmp_path)
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+def test_an_unknown_experiment_is_refused(tmp_path, capsys):
+    assert cli.main(["reproduce", "dance", "--out", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert "'dance'" in said
+    assert "servo_step" in said
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_experiment_explains_its_settings(name):
+    module = __import__(f"featherstone_gait.experiments.{name}", fromlist=["QUICK"])
+    assert [row for row in report._settings(module.QUICK) if not row[2]] == []
+    assert module.QUICK != module.FULL
