@@ -24,9 +24,10 @@ from .layout import (
     WORK,
 )
 from .motor import current_step, square_mean
+from .optional import either
 from .passive import friction_torque, stop_torque
 from .spatial import dot, load3
-from .step import DA, VN, WN, joint_force, move_base, point_force
+from .step import DA, VN, WN, acting, joint_force, move_base, point_force
 
 CHATTER_WINDOW = 64.0  # steps over which changes of velocity are averaged
 
@@ -42,7 +43,7 @@ def advance(scene, servo, gear, points, floating, o, y, predicted, tau, drive, h
         w = v
         if gear is not None:
             w = Z[WN, i]
-        _joint_energies(scene, gear, o, y, tau, drive, h, sub, i, v, w)
+        _joint_energies(either(acting(scene), tau), scene, gear, o, y, tau, drive, h, sub, i, v, w)
         if servo is not None:
             _move_motor(scene, gear, o, y, h, theta, i, v, w)
     for i in range(n):
@@ -50,7 +51,7 @@ def advance(scene, servo, gear, points, floating, o, y, predicted, tau, drive, h
         if predicted is not None:
             a = a + y[o.qdd + i]
         dv = h * a
-        _watch(o, y, i, dv)
+        _watch(acting(scene), o, y, i, dv)
         y[o.qdd + i] = a
         y[o.q + i] += h * Z[VN, i]
         y[o.qd + i] += dv
@@ -77,8 +78,10 @@ def _move_base(o, y, predicted, h, sub, W):
 
 
 @inline
-def _joint_energies(scene, gear, o, y, tau, drive, h, sub, i, v, w):
+def _joint_energies(forces, scene, gear, o, y, tau, drive, h, sub, i, v, w):
     """Energies of friction, stops and drive, at the velocities that the step used."""
+    if forces is None:
+        return
     E = o.energy + ENERGIES * i
     Tf, _ = friction_torque(scene.friction, i, v)
     Ts, _ = stop_torque(scene.stops, i, y[o.q + i], v, sub)
@@ -114,11 +117,14 @@ def _move_motor(scene, gear, o, y, h, theta, i, v, w):
 
 
 @inline
-def _watch(o, y, i, dv):
+def _watch(forces, o, y, i, dv):
     """Running mean of how far a change of velocity undoes the one before, less how far it goes on with it.
 
-    Motion that the step resolves goes on; a step beyond the stability limit of an explicit method alternates.
+    Motion that the step resolves goes on; a step beyond the stability limit of an explicit method alternates, if there
+    is a damper or a spring to make it.
     """
+    if forces is None:
+        return
     last = y[o.increment + i]
     size = select(abs(dv) < abs(last), abs(dv), abs(last))
     mean = y[o.chatter + i]

@@ -7,6 +7,9 @@ import numpy as np
 from .jit import entry, inline, kernel
 
 
+AHEAD = 1e-9  # [s]: a tick that falls on a knot sees what begins there, whichever of both was rounded down
+
+
 class Knots(NamedTuple):
     """A signal of n components."""
 
@@ -82,4 +85,4 @@ def _evaluate_drive(reference, drive, continuous, t):
 def sample_ticks(knots, per_tick, h, lag, first, out):
     """Fill out (ticks, n, 2) with what sampled controllers see, from the tick `first` on."""
     for k in range(len(out)):
-        evaluate(knots, ((first + k) * per_tick) * h - lag, out[k])
+        evaluate(knots, ((first + k) * per_tick) * h - lag + AHEAD, out[k])

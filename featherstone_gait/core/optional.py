@@ -68,3 +68,15 @@ def _when(present, array):
     if isinstance(present, types.NoneType):
         return lambda present, array: None
     return lambda present, array: array
+
+
+def either(a, b):
+    """True if one of both is present, None if neither is."""
+    return None if a is None and b is None else True
+
+
+@overload(either)
+def _either(a, b):
+    if isinstance(a, types.NoneType) and isinstance(b, types.NoneType):
+        return lambda a, b: None
+    return lambda a, b: True

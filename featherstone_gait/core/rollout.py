@@ -10,7 +10,7 @@ from .advance import advance
 from .contact import ground_height
 from .controller import control_tick
 from .jit import entry, inline, kernel
-from .knots import Knots, Signals, evaluate, inputs
+from .knots import AHEAD, Knots, Signals, evaluate, inputs
 from .lanes import any_lane, as_lanes, invert, select
 from .layout import GN, GT
 from .optional import item, viewed
@@ -99,7 +99,7 @@ def tick(servo, reference, samples, noise, scene, o, signals, plan, k, t, y):
         if samples is not None:
             control_tick(o, scene.law, servo, samples[tick], item(noise, tick), y, period)
         if reference is not None:
-            evaluate(reference, t - plan.lag, signals.drive)
+            evaluate(reference, t - plan.lag + AHEAD, signals.drive)
             control_tick(o, scene.law, servo, signals.drive, item(noise, tick), y, period)
 
 

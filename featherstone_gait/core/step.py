@@ -41,7 +41,7 @@ from .kinematics import motion_pass
 from .lanes import any_lane, select, sqrt
 from .layout import INERTIA, KT, PD_FOLD, PD_KD, PD_KP, PD_LIMIT, PD_OUTSIDE, ROTOR_DAMPING
 from .motor import clamp, current_step
-from .optional import part, when
+from .optional import either, part, when
 from .passive import friction_torque, stop_torque
 from .push import push_bodies
 from .spatial import add, dot, load3, scale
@@ -94,6 +94,28 @@ def solve_step(scene, points, push, o, y, t, predicted, tau, drive, h, sub, W, Z
         friction_limits(o, points, y, C, sub)
     if push is not None:
         push_bodies(push, scene.push_rows, t + sub, W, F)
+    _find_velocities(
+        either(either(acting(scene), tau), points), scene, points, o, y, predicted, tau, drive, h, sub, W, Z, C, F
+    )
+
+
+@inline
+def acting(scene):
+    """None where nothing acts on the joints but gravity, bias forces and torques from outside."""
+    return either(either(scene.servo, scene.pd), either(scene.friction, scene.stops))
+
+
+@inline
+def _find_velocities(forces, scene, points, o, y, predicted, tau, drive, h, sub, W, Z, C, F):
+    """Newton's iteration; where no force depends on the velocity sought, or is there at all, one ABA."""
+    if forces is None:
+        _solve_free(scene, scene.armature, o, y, predicted, sub, W, Z, F)
+    else:
+        _iterate(scene, points, o, y, predicted, tau, drive, h, sub, W, Z, C, F)
+
+
+@inline
+def _iterate(scene, points, o, y, predicted, tau, drive, h, sub, W, Z, C, F):
     active = Z[VP, 0] == Z[VP, 0]  # false for a lane that is not finite
     for k in range(MAX_PASSES):
         _linearise(scene, scene.gear, points, o, y, tau, drive, h, sub, Z, C)
@@ -108,6 +130,21 @@ def solve_step(scene, points, push, o, y, t, predicted, tau, drive, h, sub, W, Z
             s = _line_search(scene, o, y, tau, drive, h, sub, rising, Z, C)
         _advance(scene, scene.gear, points, s, active, Z, C)
     y[o.passes + 1] = select(active, y[o.passes + 1] + 1.0, y[o.passes + 1])
+
+
+@inline
+def _solve_free(scene, armature, o, y, predicted, sub, W, Z, F):
+    """Accelerations and velocities of bodies on which nothing acts; Z[TAU] is zero to begin with."""
+    if armature is not None:
+        if predicted is not None:
+            for i in range(len(scene.tree) - 1):
+                Z[TAU, i] = -armature[i] * y[o.qdd + i]
+    base_q = part(scene.floating, y, o.base_q, 7)
+    articulated_pass(scene.tree, base_q, None, Z[TAU], armature, when(scene.push, F), None, W)
+    acceleration_pass(scene.tree, W, Z[DA])
+    for i in range(len(scene.tree) - 1):
+        Z[VN, i] = Z[VP, i] + sub * Z[DA, i]
+    y[o.passes] = y[o.passes] + 1.0
 
 
 @kernel
