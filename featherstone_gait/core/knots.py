@@ -7,7 +7,7 @@ import numpy as np
 from .jit import entry, inline, kernel
 
 
-AHEAD = 1e-9  # [s]: a tick that falls on a knot sees what begins there, whichever of both was rounded down
+AHEAD = 1e-12  # [s]: a tick that falls on a knot sees what begins there, whichever of both was rounded down
 
 
 class Knots(NamedTuple):
