@@ -447,7 +447,7 @@ def _preflight(model: Model, drive: _Drive, ground: Ground | None, integrator, t
         integrator = "implicit_euler"
         reason = f"an explicit step is limited to {largest:.2g} s, or clips and friction make kinks"
     else:
-        integrator, reason = "rk4", "nothing is stiff: order 4"
+        integrator, reason = "dop853", "nothing is stiff: order 8"
     inertias = tuple(float(x) for x in 1.0 / np.diag(own))
     return Preflight(tuple(limits), integrator, step, reason, inertias, largest)
 

@@ -91,18 +91,18 @@ def test_kernels_with_bounds_checks_have_a_folder_of_their_own(package, tmp_path
     assert plain[3] != checked[3]
 
 
-def test_one_process_at_a_time_compiles(tmp_path):
+def test_one_process_at_a_time_saves(tmp_path):
     fcntl = pytest.importorskip("fcntl")
 
     def taken():
-        with (tmp_path / "compiling.lock").open("ab") as other:
+        with (tmp_path / "saving.lock").open("ab") as other:
             try:
                 fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 return True
         return False
 
-    with jit.one_process_at_a_time(tmp_path), jit.one_process_at_a_time(tmp_path):
+    with jit.one_process_at_a_time(tmp_path):
         assert taken()
     assert not taken()
 

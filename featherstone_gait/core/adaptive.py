@@ -1,6 +1,10 @@
-"""A whole simulation with error control: the steps end on controller ticks and records and are free in between."""
+"""A whole simulation with error control.
 
-from .dormand_prince import dop853, slope_at
+The steps end on controller ticks and are free in between; those of the extrapolation also end on records, which lie
+anywhere within a step of the explicit pair.
+"""
+
+from .dormand_prince import END, STOP, dop853, interpolate, prepare_dense, slope_at
 from .extrapolation import extrapolate, first_slope
 from .jit import entry, inline, kernel
 from .pace import PACE
@@ -24,8 +28,8 @@ def rollout(scene, o, plan, signals, y, s, channels, out):
                 out[k // plan.per_sample, j] = y[channels[j]]
         if k == plan.steps or dead:
             break
-        end = _end(scene.servo, plan, k)
-        dead = _cross(scene, o, plan, signals, y, t, end * plan.h - t, s.stages, s.ladder, s)
+        end = _end(scene.servo, s.ladder, plan, k)
+        dead = _cross(scene, o, plan, signals, y, k, end, s.stages, s.ladder, channels, out, s)
         k = end
     for i in range(PACE):
         y[o.pace + i] = s.pace[i]
@@ -35,26 +39,31 @@ def rollout(scene, o, plan, signals, y, s, channels, out):
 
 
 @inline
-def _end(servo, plan, k):
-    """Grid step at which the next interval ends: a record, or a tick of controllers."""
-    end = min(plan.steps, (k // plan.per_sample + 1) * plan.per_sample)
+def _end(servo, ladder, plan, k):
+    """Grid step at which the next interval ends."""
+    end = plan.steps
+    if ladder is not None:
+        end = min(end, (k // plan.per_sample + 1) * plan.per_sample)
     if servo is not None:
         end = min(end, (k // plan.per_tick + 1) * plan.per_tick)
     return end
 
 
 @inline
-def _cross(scene, o, plan, signals, y, t, length, stages, ladder, s):
-    """Step through an interval; return whether the run has ended."""
-    done = 0.0
+def _cross(scene, o, plan, signals, y, k, end, stages, ladder, channels, out, s):
+    """Step from grid step k to `end`; return whether the run has ended."""
+    t, done = k * plan.h, 0.0
+    length = end * plan.h - t
+    record = k // plan.per_sample + 1
     if stages is not None:
-        slope_at(scene, o, y, t, signals, stages[0], s)
+        slope_at(scene, o, y, t, signals, stages[END], s)
     if ladder is not None:
         first_slope(ladder.implicit, scene, o, y, t, signals, ladder, s)
     while done < length:
         h = 0.0
         if stages is not None:
             h = dop853(scene, o, plan, y, t + done, length - done, stages, signals, s.pace, s)
+            record = _record_within(scene, o, plan, signals, y, t + done, h, end, record, stages, channels, out, s)
         if ladder is not None:
             h = extrapolate(scene, o, plan, y, t + done, length - done, ladder, signals, s.pace, s)
         done = length if h >= length - done else done + h
@@ -64,6 +73,29 @@ def _cross(scene, o, plan, signals, y, t, length, stages, ladder, s):
             y[o.status] = TOO_SMALL
             return True
     return False
+
+
+@inline
+def _record_within(scene, o, plan, signals, y, t, h, end, record, stages, channels, out, s):
+    """Record what lies within the step from t over h, before grid step `end`; return the next record."""
+    if record * plan.per_sample >= end or record * plan.per_sample * plan.h >= t + h:
+        return record
+    prepare_dense(scene, o, plan, y, t, h, stages, signals, s.pace, s)
+    derived = False
+    for j in range(len(channels)):
+        derived = derived | (channels[j] >= o.voltage)
+    while record * plan.per_sample < end and record * plan.per_sample * plan.h < t + h:
+        at = record * plan.per_sample * plan.h
+        interpolate(scene, o, plan, y, h, (at - t) / h, stages)
+        if derived:
+            slope_at(scene, o, y, at, signals, stages[1], s)
+        for j in range(len(channels)):
+            out[record, j] = y[channels[j]]
+        record += 1
+    for i in range(o.voltage):
+        y[i] = stages[STOP, i]
+    slope_at(scene, o, y, t + h, signals, stages[END], s)
+    return record
 
 
 @entry

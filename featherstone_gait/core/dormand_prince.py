@@ -1,8 +1,9 @@
-"""DOP853, the explicit Runge-Kutta pair of order 8 by Dormand and Prince, with error control.
+"""DOP853, the explicit Runge-Kutta pair of order 8 by Dormand and Prince, with error control and dense output.
 
-Coefficients, error estimate and step size after E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential
-Equations I, 2nd edition, sections II.4 and II.10.  The step follows the error by a PI controller (E. Hairer, G. Wanner,
-II, section IV.2): without its integral part a quarter of a chaotic arm's steps are rejected, with it a tenth.
+Coefficients, error estimate, interpolation and step size after E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary
+Differential Equations I, 2nd edition, sections II.4, II.6 and II.10.  The step follows the error by a PI controller
+(E. Hairer, G. Wanner, II, section IV.2): without its integral part a quarter of a chaotic arm's steps are rejected,
+with it a tenth.
 """
 
 from .derivative import derivative
@@ -11,9 +12,16 @@ from .knots import inputs
 from .lanes import sqrt
 from .layout import ENERGIES, METER
 from .pace import EVALUATIONS, LAST, REJECTED, STEP, STEPS, in_time, meters, root, scaled, unit_quaternion
-from .tableau import E3, E5, A, B, C
+from .tableau import DENSE_A, DENSE_C, E3, E5, A, B, C, D
 
 STAGES = 12
+# Rows of the scratch `stages`, each of the length of what is integrated; the twelve slopes come first.
+END = 12  # slope at the end of the last step
+DENSE = 13  # 3: further slopes, for the interpolation
+START = 16  # state at the start of the last step
+STOP = 17  # state at its end, kept while states between are recorded
+COEFFICIENTS = 18  # 4: of the interpolation
+ROWS = 22
 SAFETY, LEAST, MOST = 0.8, 0.333, 6.0  # of the step's factor
 BETA = 0.04  # share of the last error in it
 
@@ -42,15 +50,15 @@ def slope_at(scene, o, y, t, signals, slope, s):
 
 @kernel
 def dop853(scene, o, plan, y, t, length, stages, signals, pace, s):
-    """Take one step of at most `length` [s] from t; y moves on, stages[0] holds its slope before and after.
+    """Take one step of at most `length` [s] from t; y moves on, stages[END] holds its slope before and after.
 
-    stages (14, o.voltage): twelve slopes, the start and the embedded errors' sum.  Returns the step, 0 if the error
-    control asks for one too small.
+    Returns the step, 0 if the error control asks for one too small.
     """
     n, rejected = plan.integrated, False
-    start = stages[STAGES]
+    start = stages[START]
     for i in range(o.voltage):
         start[i] = y[i]
+        stages[0, i] = stages[END, i]
     while True:
         h = in_time(pace[STEP], length)
         for k in range(1, STAGES):
@@ -61,7 +69,7 @@ def dop853(scene, o, plan, y, t, length, stages, signals, pace, s):
         pace[EVALUATIONS] += STAGES
         error = h * _error(scene.servo, o, plan, start, y, stages)
         if error <= 1.0:
-            slope_at(scene, o, y, t + h, signals, stages[0], s)
+            slope_at(scene, o, y, t + h, signals, stages[END], s)
             pace[STEPS] += 1.0
             factor = SAFETY * root(pace[LAST], 1.0 / BETA) / root(error, 1.0 / (0.125 - 0.2 * BETA))
             factor = max(LEAST, min(1.0 if rejected else MOST, factor))
@@ -76,6 +84,39 @@ def dop853(scene, o, plan, y, t, length, stages, signals, pace, s):
             for i in range(o.voltage):
                 y[i] = start[i]
             return 0.0
+
+
+@kernel
+def prepare_dense(scene, o, plan, y, t, h, stages, signals, pace, s):
+    """Fill what interpolates the last step, from t over h [s], and keep its end."""
+    n = plan.integrated
+    for i in range(o.voltage):
+        stages[STOP, i] = y[i]
+    for k in range(3):
+        _sum(DENSE_A[k], DENSE + k, h, stages, stages[START], y, n)
+        slope_at(scene, o, y, t + DENSE_C[k] * h, signals, stages[DENSE + k], s)
+    for k in range(4):
+        for i in range(n):
+            total = 0.0
+            for j in range(START):
+                total += D[k, j] * stages[j, i]
+            stages[COEFFICIENTS + k, i] = h * total
+    pace[EVALUATIONS] += 3.0
+
+
+@kernel
+def interpolate(scene, o, plan, y, h, x, stages):
+    """The state at the fraction x of the last step, of order 7."""
+    u = 1.0 - x
+    for i in range(plan.integrated):
+        a = stages[START, i]
+        d = stages[STOP, i] - a
+        b = h * stages[0, i] - d
+        c = d + (d - h * (stages[END, i] + stages[0, i]))
+        e = stages[COEFFICIENTS, i]
+        f = stages[COEFFICIENTS + 1, i] + u * (stages[COEFFICIENTS + 2, i] + x * stages[COEFFICIENTS + 3, i])
+        y[i] = a + x * (d + u * (b + x * (c + u * (e + x * f))))
+    unit_quaternion(scene.floating, o, y)
 
 
 @inline

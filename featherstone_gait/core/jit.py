@@ -6,8 +6,8 @@
 Numba's own cache does not see an edit in a *called* file, so the cache lies in a folder named by the hash of all
 sources of this package: other sources, other folder; a stale kernel cannot be loaded.  Numba does not tell kernels with
 bounds checks from those without either, so they have a folder of their own.  It reads, changes and writes the folder's
-index without a lock: of two processes that compile different versions of one kernel at the same moment, one may lose
-its entry or leave its code under the other's name.  Hence one process at a time compiles or loads.
+index without a lock: of two processes that save different versions of one kernel at the same moment, one may lose its
+entry or leave its code under the other's name.  Hence one process at a time saves.
 
 Floating point is strict IEEE 754 (no fastmath), which is what makes results equal to the bit in any width, on any
 number of threads and with the JIT off.
@@ -25,7 +25,6 @@ from pathlib import Path
 import numba
 import numpy as np
 from llvmlite.binding import get_host_cpu_features
-from numba.core.compiler_lock import global_compiler_lock
 
 JIT = not numba.config.DISABLE_JIT
 
@@ -73,33 +72,22 @@ def entry(function):
         dispatcher = numba.njit(function, error_model="numpy", cache=True, nogil=True)
     finally:
         numba.config.CACHE_DIR = outside
-    compiled = dispatcher.compile
+    save = dispatcher._cache.save_overload
 
-    def compile_alone(signature):
+    def save_alone(*overload):
         with one_process_at_a_time(CACHE_FOLDER):
-            return compiled(signature)
+            save(*overload)
 
-    dispatcher.compile = compile_alone
+    dispatcher._cache.save_overload = save_alone
     return dispatcher
-
-
-_holding: list = []  # the open lock file, while this process holds it
 
 
 @contextmanager
 def one_process_at_a_time(folder):
     """Hold the lock of a cache folder; it goes with the process, however that ends."""
-    with global_compiler_lock:  # one thread at a time, and again from within
-        if _holding:
-            yield
-            return
-        with open(os.path.join(folder, "compiling.lock"), "ab") as file:
-            _lock(file)
-            _holding.append(file)
-            try:
-                yield
-            finally:
-                _holding.pop()
+    with open(os.path.join(folder, "saving.lock"), "ab") as file:
+        _lock(file)
+        yield
 
 
 def _lock(file) -> None:

@@ -6,7 +6,6 @@ import numpy as np
 
 from .jit import entry, inline, kernel
 
-
 AHEAD = 1e-12  # [s]: a tick that falls on a knot sees what begins there, whichever of both was rounded down
 
 
