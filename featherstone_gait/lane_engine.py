@@ -1,16 +1,17 @@
 """Many runs of one scene, eight to a vector; a lane whose run has ended takes the next one.
 
-A vector runs for a segment of some ticks, then lanes whose run fell, diverged or reached its end are handed over.  What
-sampled controllers see is worked out beforehand for each tick, so that lanes may be at different times of different
-references.  A run's bits do not depend on its lane, its neighbours or the segments it is cut into.
+A vector runs for a segment of some ticks, then lanes whose run fell, diverged, reached its end or is no longer wanted
+are handed over.  What sampled controllers see is worked out beforehand for each tick, so that lanes may be at different
+times of different references.  A run's bits do not depend on its lane, its neighbours or the segments it is cut into.
 """
 
 from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -21,22 +22,51 @@ from .core.lanes import WIDTH, aligned
 SEGMENT = 25  # ticks between changes of the runs: 0.25 s at the usual 10 ms
 
 
+class Source(Protocol):
+    """What lanes get their work from and give the answers to; called from several threads."""
+
+    def take(self, wait: bool) -> Any | None:
+        """The key of a run nobody has taken.  None: there are no more, or, unless `wait`, none at present."""
+
+    def wanted(self, key) -> bool:
+        """Whether a run taken is still to be finished."""
+
+    def give(self, key, answer) -> None:
+        """Take the answer of a run."""
+
+    def close(self) -> None:
+        """Hand out no more: a thread has failed."""
+
+
 class Queue:
-    """Indices handed out once each, to any number of threads."""
+    """The source of a known number of runs; its keys are their indices."""
 
     def __init__(self, count: int):
+        self.answers: list = [None] * count
         self._indices: Iterator[int] = iter(range(count))
         self._lock = threading.Lock()
 
-    def next(self) -> int | None:
+    def take(self, wait: bool = True) -> int | None:
         with self._lock:
             return next(self._indices, None)
 
+    def wanted(self, key: int) -> bool:
+        return True
 
-class _Occupant(NamedTuple):
+    def give(self, key: int, answer) -> None:
+        self.answers[key] = answer
+
+    def close(self) -> None:
+        with self._lock:
+            self._indices = iter(())
+
+
+@dataclass
+class _Occupant:
     """The run in a lane."""
 
-    index: int
+    key: Any
+    run: Any
     done: int  # steps
     out: np.ndarray  # its records (samples, channels)
 
@@ -52,48 +82,64 @@ def run_lanes(
     scene,
     course: rollout.Plan,
     channels: np.ndarray,
-    runs: Sequence,
-    queue: Queue,
+    source: Source,
+    begin: Callable[[Any], Any],
+    end: Callable[[np.ndarray, np.ndarray], Any],
     scratch: rollout.Scratch,
-    finish: Callable[[int, np.ndarray, np.ndarray], None],
 ) -> tuple[int, int]:
-    """Take runs (y, reference, noise) from the queue until it is empty; call finish(index, y, out) for each.
+    """Simulate what the source hands out until there is no more.
 
+    `begin(key)` returns a run (y, reference, noise), `end(y, out)` the answer from its final state and records;
     scratch: lane arrays of the scene.  Returns how many lane-steps were used and how many there were.
     """
-    n, size = scene.tree.n, len(scratch.good)
+    n, size, status = scene.tree.n, len(scratch.good), int(scene.layout["status"])
     y, drive = aligned((size, WIDTH)), aligned((n, 2, WIDTH))
     lanes: list[_Occupant | None] = [None] * WIDTH
-    samples = course.steps // course.per_sample + 1
     longest = segment_steps(course)
+    whole_out = aligned((longest // course.per_sample + 1, max(len(channels), 1), WIDTH))
+    whole_ticks = aligned((-(-longest // course.per_tick), n, 2, WIDTH))
     used = there = 0
-    while True:
-        for lane in range(WIDTH):
-            if lanes[lane] is None and (index := queue.next()) is not None:
-                y[:, lane] = scratch.good[:, lane] = runs[index].y
-                lanes[lane] = _Occupant(index, 0, np.zeros((samples, len(channels))))
+    while _fill(lanes, source, begin, course, channels, y, scratch):
         busy = [lane for lane in range(WIDTH) if lanes[lane] is not None]
-        if not busy:
-            return used, there
         steps = min(longest, min(course.steps - lanes[lane].done for lane in busy))
-        ticks = aligned((-(-steps // course.per_tick), n, 2, WIDTH))
+        ticks, out = whole_ticks[: -(-steps // course.per_tick)], whole_out[: steps // course.per_sample + 1]
+        noise = None if lanes[busy[0]].run.noise is None else aligned(ticks.shape)
         for lane in range(WIDTH):
-            held = lanes[lane if lanes[lane] is not None else busy[0]]
-            if lanes[lane] is None:  # an idle lane repeats a busy one
+            held = lanes[lane]
+            if held is None:  # an idle lane repeats a busy one
+                held = lanes[busy[0]]
                 y[:, lane], scratch.good[:, lane] = y[:, busy[0]], scratch.good[:, busy[0]]
-            _sample(runs[held.index].reference, held.done, course, ticks, lane)
-        out = aligned((steps // course.per_sample + 1, max(len(channels), 1), WIDTH))
-        noise = None if runs[lanes[busy[0]].index].noise is None else aligned(ticks.shape)
-        for lane in range(WIDTH):
-            held = lanes[lane if lanes[lane] is not None else busy[0]]
-            _sample_noise(runs[held.index].noise, held.done // course.per_tick, noise, lane)
+            _sample(held.run.reference, held.done, course, ticks, lane)
+            _sample_noise(held.run.noise, held.done // course.per_tick, noise, lane)
         signals = Signals(None, drive, None, None, None, ticks, noise, None)
         part = course._replace(steps=steps)
         rollout.rollout_lanes(scene.constants, scene.offsets, part, signals, y, scratch, channels, out)
         there += steps * WIDTH
+        used += steps * len(busy)
         for lane in busy:
-            used += steps
-            lanes[lane] = _after(scene, course, lanes[lane], steps, y[:, lane], out[:, : len(channels), lane], finish)
+            held, first = lanes[lane], lanes[lane].done // course.per_sample
+            held.out[first : first + len(out)] = out[:, : len(channels), lane]
+            if y[status, lane] != rollout.OK or held.done + steps == course.steps:
+                source.give(held.key, end(*_ended(scene, course, held, y[:, lane], first + len(out))))
+                lanes[lane] = None
+            held.done += steps
+    return used, there
+
+
+def _fill(lanes: list, source: Source, begin, course: rollout.Plan, channels: np.ndarray, y, scratch) -> bool:
+    """Give a run to each lane that is free or whose own is no longer wanted; False when there are no more."""
+    for lane in range(WIDTH):
+        if lanes[lane] is not None and not source.wanted(lanes[lane].key):
+            lanes[lane] = None
+    samples = course.steps // course.per_sample + 1
+    for lane in (lane for lane in range(WIDTH) if lanes[lane] is None):
+        key = source.take(wait=lanes.count(None) == WIDTH)  # who has nothing else to do can wait
+        if key is None:
+            break
+        run = begin(key)
+        y[:, lane] = scratch.good[:, lane] = run.y
+        lanes[lane] = _Occupant(key, run, 0, np.zeros((samples, len(channels))))
+    return lanes.count(None) < WIDTH
 
 
 def _sample(reference: Knots, done: int, course: rollout.Plan, ticks: np.ndarray, lane: int) -> None:
@@ -110,16 +156,9 @@ def _sample_noise(whole, first: int, noise, lane: int) -> None:
         noise[: len(part), ..., lane] = part
 
 
-def _after(scene, course, held: _Occupant, steps: int, y, out, finish) -> _Occupant | None:
-    """Keep the records of a segment; hand over a run that has ended."""
-    first = held.done // course.per_sample
-    held.out[first : first + len(out)] = out
-    failed = y[scene.layout["status"]] != rollout.OK
-    if not failed and held.done + steps < course.steps:
-        return held._replace(done=held.done + steps)
-    y = y.copy()
-    end = int(scene.layout["end"])
-    y[end] = (held.done + round(y[end] / course.h)) * course.h
-    held.out[first + len(out) :] = out[-1]
-    finish(held.index, y, held.out)
-    return None
+def _ended(scene, course: rollout.Plan, held: _Occupant, y: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
+    """Final state and records of a run that has ended; the records after the end repeat the last one."""
+    y, time = y.copy(), int(scene.layout["end"])
+    y[time] = (held.done + round(y[time] / course.h)) * course.h
+    held.out[samples:] = held.out[samples - 1]
+    return y, held.out

@@ -15,7 +15,12 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import shutil
+import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -28,6 +33,7 @@ from .model import Ground, Model
 from .robot_file import load_robot
 from .scene import ServoKind, compile_scene
 from .search import minimize
+from .simulation import streams
 from .walking.cost import Measures, WalkingCost
 from .walking.gait import bounds, fit_gait
 from .walking.gait_file import write_angles, write_goal_positions
@@ -36,7 +42,7 @@ from .walking.plan import BIOLOID_WALK, walking_plan
 N_POSES = 4  # of a stride: the paper's four states
 AMPLITUDE = math.radians(1.0)  # of the search [rad]; see above
 MAX_MISS = 20
-BATCH = 16  # candidates evaluated at once: two vectors of eight, for two cores
+BATCH = 16  # candidates evaluated at once where lanes cannot be at different times
 PERTURBED, PERTURBATION = 63, math.radians(1.0)  # gaits that tell how safe one is, and how far theirs are off [rad]
 SHOWN = 12  # strides in the files and the animation
 
@@ -60,12 +66,18 @@ def optimize_gait(
     """Search for a cheaper gait than that of `cost`, within the joints' limits; return the result of `search.minimize`.
 
     `how`: its other arguments, history, resume, progress and callback among them.  The result depends on seed and
-    settings alone, not on the machine's load or number of cores.
+    settings alone, not on the machine's load or number of cores; but for nfev, wasted and what is added here:
+    occupancy, the share of the lane-steps that a candidate was in (nan with servos that are not sampled).
     """
-    return minimize(
+    occupancy = [math.nan]
+    if streams(cost.scene):
+        how["evaluate"] = lambda candidates: occupancy.append(cost.evaluate(candidates))
+    result = minimize(
         cost, cost.gait.to_vector(), amplitude=amplitude, max_miss=max_miss, max_iterations=iterations, seed=seed,
         bounds=bounds(cost.scene.model, cost.gait), map=cost.map, batch=BATCH, **how,
     )  # fmt: skip
+    result.occupancy = occupancy[-1]
+    return result
 
 
 @dataclass(frozen=True)
@@ -97,45 +109,82 @@ def main_job(
 
     `robot`: a name or a .urdf file, as of `load_robot`; of "humanoid" the paper's simplified one.  `resume` goes on
     from the history in `out`, if there is one.  KeyboardInterrupt ends the search, and the files hold what was found.
-    Raises ValueError if no gait walks or the history is of another robot, FileExistsError if there is a history and
-    `resume` is not set.
+    A process that is killed leaves the history, from which it resumes to the same files; they appear only when all of
+    them are complete.  Raises ValueError if no gait walks or the history is of another robot, FileExistsError if there
+    is a history and `resume` is not set, OSError if files cannot be written, if possible before the search.
     """
     began = time.perf_counter()
     model = load_robot(robot, locked="simplified" if robot == "humanoid" else None)
-    Path(out).mkdir(parents=True, exist_ok=True)
+    _check_folder(Path(out))
     stem = Path(out) / f"{Path(robot).stem}_gait"
     history = stem.with_name(stem.name + "_history.jsonl")
     if history.exists() and not resume:
         raise FileExistsError(f"{history} exists; resume (--resume) to go on from it, or give another folder (--out)")
     cost = walking_cost(model, servos)
-    before = quality(cost, cost.gait.to_vector())
-    _check_history(history, before.measures.cost)
+    first = cost.measure([cost.gait.to_vector()])[0]
+    _check_history(history, first.cost)
     if progress:
-        print(f"first gait: {_described(before.measures)}")
+        print(f"first gait: {_described(first)}")
     searching = time.perf_counter()
     result = optimize_gait(cost, iterations=iterations, seed=seed, history=history, resume=resume, progress=progress)
     searched = time.perf_counter()
     if not np.isfinite(result.fun):
-        raise ValueError(f"{model.name}: none of {result.nit + 1} gaits walked; the first: {before.measures.status}")
-    after = quality(cost, result.x)
-    files = write_results(stem, cost, result)
-    files["history"] = str(history)
-    report = {
-        "robot": model.name,
-        "source": model.source,
-        "version": __version__,
-        "settings": _settings(cost, iterations, seed),
-        "search": {"candidates": result.nit, "evaluations": result.nfev, "message": result.message},
-        "before": before.as_dict(),
-        "after": after.as_dict(),
-        "seconds": {"search": searched - searching, "all": time.perf_counter() - began},
-        "files": files,
-    }
-    text = json.dumps(report, indent=2)
-    Path(files["report"]).write_text(text, encoding="utf-8")
+        raise ValueError(f"{model.name}: none of {result.nit + 1} gaits walked; the first: {first.status}")
+    before, after = (quality(cost, x) for x in (cost.gait.to_vector(), result.x))
+    with _appearing_together(stem) as folder:
+        files = write_results(folder / stem.name, cost, result)
+        report = {
+            "robot": model.name,
+            "source": model.source,
+            "version": __version__,
+            "settings": _settings(cost, iterations, seed),
+            "search": {"candidates": result.nit, "message": result.message},
+            "before": before.as_dict(),
+            "after": after.as_dict(),
+            # What differs from run to run:
+            "evaluations": {"begun": result.nfev, "wasted": result.wasted, "lane_occupancy": _number(result.occupancy)},
+            "seconds": {"search": searched - searching, "all": time.perf_counter() - began},
+            "files": {kind: str(stem.parent / path.name) for kind, path in files.items()} | {"history": str(history)},
+        }
+        text = json.dumps(report, indent=2)
+        files["report"].write_text(text, encoding="utf-8")
     if progress:
         print(summary(report))
     return json.loads(text)
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _check_folder(folder: Path) -> None:
+    """Make the folder and a file in it; raise OSError unless that works."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"0")
+    except OSError as error:
+        why = f"{folder}: no file can be written here ({error.strerror}); give another folder (--out)"
+        raise OSError(why) from error
+
+
+@contextmanager
+def _appearing_together(stem: Path) -> Iterator[Path]:
+    """A folder whose files take their places beside it when all are complete; if they cannot be, none does."""
+    folder = stem.with_name(stem.name + ".partial")
+    shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
+    try:
+        folder.mkdir()
+        yield folder
+        for path in sorted(folder.iterdir()):
+            os.replace(path, stem.parent / path.name)
+    except OSError as error:
+        raise OSError(
+            f"{stem.parent}: the results cannot be written ({error.strerror}); the search is kept in its history: make "
+            "room, then resume (--resume)"
+        ) from error
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _check_history(path: Path, first: float) -> None:
@@ -149,8 +198,8 @@ def _check_history(path: Path, first: float) -> None:
         )
 
 
-def write_results(stem: Path, cost: WalkingCost, result: OptimizeResult) -> dict[str, str]:
-    """Write arrays, plots, animation and the motion for the real robot; return the file names by kind."""
+def write_results(stem: Path, cost: WalkingCost, result: OptimizeResult) -> dict[str, Path]:
+    """Write arrays, plots, animation and the motion for the real robot; return the files by kind, with the report's."""
     endings = {
         "report": ".json", "arrays": ".npz", "convergence": "_convergence.png", "angles_plot": "_angles.png",
         "animation": "_animation.html", "angles": "_angles.csv", "goal_positions": "_goal_positions.csv",
@@ -172,7 +221,7 @@ def write_results(stem: Path, cost: WalkingCost, result: OptimizeResult) -> dict
     captions = [f"{name}: {_described(m)}" for name, m in zip(vectors, cost.measure(vectors.values()))]
     title = f"{cost.scene.model.name}, {cost.scene.servos} servos"
     write_animation(files["animation"], cost.scene.model, dict(zip(captions, runs)), title)
-    return {kind: str(path) for kind, path in files.items()}
+    return files
 
 
 def summary(report: dict) -> str:
@@ -193,9 +242,12 @@ def summary(report: dict) -> str:
         a, b = (math.nan if side[key] is None else scale * side[key] for side in (before, after))
         change = f"{100.0 * (b / a - 1.0):+.0f} %" if a > 0.0 and unit != "%" else ""
         lines.append(f"{name:30} {a:10.{digits}f} {b:10.{digits}f} {change:>8} {unit}".rstrip())
+    work, lanes = report["evaluations"], report["evaluations"]["lane_occupancy"]
     lines += [
-        f"{search['candidates']} candidates, {search['evaluations']} evaluations in "
-        f"{report['seconds']['search']:.1f} s, all in {report['seconds']['all']:.1f} s: {search['message']}",
+        f"{search['candidates']} candidates in {report['seconds']['search']:.1f} s, all in "
+        f"{report['seconds']['all']:.1f} s: {search['message']}",
+        f"{work['begun']} evaluations begun, {work['wasted']} of them wasted by speculation"
+        + (f"; lanes {100.0 * lanes:.1f} % occupied" if lanes is not None else ""),
         *(f"{kind:15} {path}" for kind, path in report["files"].items()),
     ]
     return "\n".join(lines)
@@ -211,7 +263,7 @@ def _settings(cost: WalkingCost, iterations: int, seed: int) -> dict:
     scene = cost.scene
     return {
         "servos": scene.servos, "integrator": scene.integrator, "timestep": scene.timestep,
-        "ground": asdict(scene.ground), "iterations": iterations, "seed": seed, "max_miss": MAX_MISS, "batch": BATCH,
+        "ground": asdict(scene.ground), "iterations": iterations, "seed": seed, "max_miss": MAX_MISS,
         "amplitude_deg": math.degrees(AMPLITUDE), "period": cost.gait.period, "poses": len(cost.gait.poses),
         "warm_up_strides": cost.warm_up, "measured_strides": cost.strides, "start_of_measurement": cost.mark,
     }  # fmt: skip

@@ -12,9 +12,9 @@ import dataclasses
 import functools
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,12 +22,13 @@ from .core import layout, pace, rollout
 from .core.adaptive import rollout_adaptive
 from .core.contact import SCRATCH as CONTACT_SCRATCH
 from .core.controller import PID_SPEED
+from .core.dormand_prince import ROWS
 from .core.knots import Knots, Signals
 from .core.lanes import WIDTH, aligned
 from .core.push import END, PUSH_COLUMNS
 from .core.step import SCRATCH as JOINT_SCRATCH
 from .dynamics import forward_kinematics
-from .lane_engine import Queue, run_lanes
+from .lane_engine import Queue, Source, run_lanes
 from .reference import Reference
 from .scene import CompiledScene
 from .trajectory import Trajectory, with_error
@@ -40,7 +41,7 @@ STATUS = {
     rollout.DIVERGED: "diverged",
     rollout.TOO_SMALL: "step too small",
 }
-RTOL = 1e-6  # of integrators with error control
+RTOL = 1e-8  # of integrators with error control
 LEAST_STEP = 1e-9  # [s]
 FIRST_STEP, FIRST_COLUMNS = 1e-3, 5  # where error control begins [s]
 RK4_LIMIT = 1.39  # of the explicit limit 2 / lambda: RK4's stability interval is 2.785 / lambda
@@ -239,30 +240,72 @@ def _accuracy(scene: CompiledScene, rtol: float | None, atol: float | None):
     return scene, rtol, rtol if atol is None else atol
 
 
-def _refills(scene: CompiledScene, runs: list[_Run]) -> bool:
+def simulate_stream(
+    scene: CompiledScene,
+    duration: float,
+    source: Source,
+    begin: Callable[[Any], tuple[np.ndarray, Reference]],
+    end: Callable[[Trajectory], Any],
+    record: Iterable[str] = ("q", "qd"),
+    sample: float | None = None,
+    threads: int | None = None,
+) -> float:
+    """Simulate what `source` hands out, in all lanes of all cores, until there is no more.
+
+    `begin(key)` returns the state and the reference of a run, `end(trajectory)` the answer that the source is given.  A
+    run that it wants no longer is given up within `lane_engine.SEGMENT` ticks.  Each run has the bits that `simulate`
+    gives it.  Duration, record and sample are those of `simulate`; threads: one a core if None.  Returns the share of
+    the lane-steps that a run was in.  Raises ValueError for a scene without sampled servos.
+    """
+    if not streams(scene):
+        raise ValueError(
+            f"{scene.model.name}: a stream needs sampled servos, fixed steps and no pushes; use simulate_batch"
+        )
+    course = _course(scene, duration, sample)
+    channels, slices = _channels(scene, tuple(record))
+
+    def prepared(key):
+        return _Run.prepared(scene, course, *begin(key), None, None)
+
+    def ended(y, out):
+        return end(_trajectory(scene, course, slices, y, out))
+
+    return _drive_lanes(scene, course, channels, source, prepared, ended, threads or os.cpu_count() or 1)
+
+
+def streams(scene: CompiledScene) -> bool:
     """Whether lanes may be at different times: nothing but the controllers' ticks depends on the time."""
-    timeless = scene.constants.push is None and not scene.adaptive and all(run.torques is None for run in runs)
-    return timeless and scene.constants.servo is not None and len(runs) > 2
+    return scene.constants.push is None and scene.constants.servo is not None and not scene.adaptive
+
+
+def _refills(scene: CompiledScene, runs: list[_Run]) -> bool:
+    return streams(scene) and all(run.torques is None for run in runs) and len(runs) > 2
 
 
 def _run_refilled(scene: CompiledScene, course: rollout.Plan, channels: np.ndarray, runs: list[_Run], threads: int):
     """Final state and records of each run; every thread drives one vector and takes runs from the same queue."""
-    results: list = [None] * len(runs)
-    queue = Queue(len(runs))
+    queue, threads = Queue(len(runs)), min(threads, -(-len(runs) // WIDTH))
+    _drive_lanes(scene, course, channels, queue, runs.__getitem__, lambda y, out: (y, out), threads)
+    return queue.answers
 
-    def keep(index, y, out):
-        results[index] = y, out
+
+def _drive_lanes(scene: CompiledScene, course: rollout.Plan, channels, source: Source, begin, end, threads) -> float:
+    """`run_lanes` in every thread; return the share of the lane-steps that were used."""
 
     def work(_=None):
-        run_lanes(scene, course, channels, runs, queue, _scratch(scene, _lane_zeros), keep)
+        try:
+            return run_lanes(scene, course, channels, source, begin, end, _scratch(scene, _lane_zeros))
+        except BaseException:
+            source.close()  # or the other threads would go on
+            raise
 
-    threads = min(threads, -(-len(runs) // WIDTH))
     if threads == 1:
-        work()
+        counts = [work()]
     else:
         with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(work, range(threads)))
-    return results
+            counts = list(pool.map(work, range(threads)))
+    used, there = np.sum(counts, axis=0)
+    return float(used / max(there, 1))
 
 
 def _run_grouped(scene: CompiledScene, course: rollout.Plan, channels: np.ndarray, runs: list[_Run], executor):
@@ -468,7 +511,7 @@ def _scratch(scene: CompiledScene, zeros) -> rollout.Scratch:
         zeros((max(points, 1), CONTACT_SCRATCH)),
         zeros((n + 1, 6)),
         zeros(model.nq + model.nv) if scene.integrator == "midpoint" else None,
-        zeros(({"rk4": 3, "dop853": 13}[scene.integrator], int(o["voltage"])))
+        zeros(({"rk4": 3, "dop853": ROWS}[scene.integrator], int(o["voltage"])))
         if scene.integrator in ("rk4", "dop853")
         else None,
         zeros(n) if scene.integrator == "simtwo" else None,

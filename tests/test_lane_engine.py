@@ -1,5 +1,7 @@
 """Lanes that take the next run when theirs has ended: same bits, fewer idle lanes, bounded memory."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from featherstone_gait.model import Ground
 from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.scene import compile_scene
-from featherstone_gait.simulation import simulate, simulate_batch, standing_state
+from featherstone_gait.simulation import simulate, simulate_batch, simulate_stream, standing_state
 
 RECORD = ("base_q", "voltage", "energy", "contact_force")
 TIMES = np.linspace(0.0, 1.2, 31)
@@ -97,15 +99,12 @@ def test_lanes_are_mostly_at_work(scene, references):
     state = standing_state(scene, np.zeros(scene.tree.n))
     falling = [r for i, r in enumerate(references) if i % 3]
     runs = [Run(state, falling[i % len(falling)]) for i in range(64)]
-    course, lives = _course(scene, 1.2, None), []
-    no_channels = np.zeros(0, np.int64)
-
-    def finish(index, y, out):
-        lives.append(y[scene.layout["end"]])
-
-    used, there = run_lanes(scene, course, no_channels, runs, Queue(64), _scratch(scene, _lane_zeros), finish)
-    assert len(lives) == 64
-    without = np.mean(lives) / 1.2
+    course, queue, no_channels = _course(scene, 1.2, None), Queue(64), np.zeros(0, np.int64)
+    used, there = run_lanes(
+        scene, course, no_channels, queue, runs.__getitem__, lambda y, out: y[scene.layout["end"]],
+        _scratch(scene, _lane_zeros),
+    )  # fmt: skip
+    without = np.mean(queue.answers) / 1.2
     assert used / there > 0.8 > without
 
 
@@ -119,4 +118,51 @@ def test_segments_are_whole_ticks_and_samples(tick, sample, total, expected):
 
 def test_queue_hands_out_each_index_once():
     queue = Queue(3)
-    assert [queue.next() for _ in range(5)] == [0, 1, 2, None, None]
+    assert [queue.take() for _ in range(5)] == [0, 1, 2, None, None]
+
+
+class Changing(Queue):
+    """Gives up every fifth run, when it has been asked about it twice."""
+
+    def __init__(self, count):
+        super().__init__(count)
+        self.asked = Counter()
+
+    def wanted(self, key):
+        self.asked[key] += 1
+        return key % 5 or self.asked[key] < 3
+
+
+def test_runs_given_up_leave_their_lanes_to_others_and_those_their_bits(scene, references, alone):
+    state = standing_state(scene, np.zeros(scene.tree.n))
+    source, upright = Changing(len(references)), [i for i, run in enumerate(alone) if run.ok]
+    share = simulate_stream(
+        scene, 1.2, source, lambda i: (state, references[i]), lambda run: run, RECORD, sample=5e-3, threads=2
+    )
+    assert 0.0 < share <= 1.0
+    assert any(source.answers[i] is None for i in upright)
+    for i, run in enumerate(source.answers):
+        if run is None:
+            assert i % 5 == 0
+        else:
+            assert run.final.tobytes() == alone[i].final.tobytes()
+            assert all(run[name].tobytes() == alone[i][name].tobytes() for name in RECORD)
+
+
+def test_a_failure_in_one_thread_ends_all_of_them(scene, references):
+    state = standing_state(scene, np.zeros(scene.tree.n))
+    queue = Queue(1000)
+
+    def begin(index):
+        if index == 17:
+            raise ValueError("no such run")
+        return state, references[0]
+
+    with pytest.raises(ValueError, match="no such run"):
+        simulate_stream(scene, 0.1, queue, begin, lambda run: run, threads=2)
+    assert queue.answers.count(None) > 900
+
+
+def test_a_stream_needs_sampled_servos(scene):
+    with pytest.raises(ValueError, match="needs sampled servos"):
+        simulate_stream(compile_scene(scene.model, None, Ground()), 1.0, Queue(1), None, None)

@@ -11,7 +11,8 @@ from matplotlib import image
 
 from featherstone_gait import cli, load_robot
 from featherstone_gait.optimize import main_job, optimize_gait, walking_cost
-from featherstone_gait.walking import BIOLOID_WALK, read_angles
+from featherstone_gait.search import minimize
+from featherstone_gait.walking import BIOLOID_WALK, bounds, read_angles
 from featherstone_gait.walking.cost import cost_of_motion
 from featherstone_gait.walking.gait_file import angles_of_goal_positions
 
@@ -47,6 +48,7 @@ def test_the_report_is_the_json_file_and_names_every_file(job):
     assert sorted(report["files"].values()) == sorted(str(path) for path in folder.iterdir())
     assert report["settings"]["iterations"] == ITERATIONS
     assert report["search"]["candidates"] == ITERATIONS
+    assert report["evaluations"]["begun"] == ITERATIONS + 1 + report["evaluations"]["wasted"]
 
 
 def test_the_arrays_hold_the_gait_whose_cost_is_reported(job, cost):
@@ -148,6 +150,7 @@ def test_the_command_shows_progress_and_a_table(tmp_path, capsys):
     shown = capsys.readouterr()
     assert "3/3" in shown.err
     assert "best=" in shown.err
+    assert re.search(r"^\d+ evaluations begun, \d+ of them wasted by .*; lanes [\d.]+ % occupied", shown.out, re.M)
     for name in ("energy per distance", "cost of transport", "step length", "speed", "slip"):
         assert re.search(rf"^{name}.* \d+\.\d+ +\d+\.\d+", shown.out, re.MULTILINE)
 
@@ -157,6 +160,20 @@ def test_the_result_depends_on_the_seed_alone(cost):
     assert np.array_equal(results[0].x, results[1].x)
     assert results[0].fun == results[1].fun
     assert not np.array_equal(results[0].history["x"], results[2].history["x"])
+
+
+def test_lanes_that_run_ahead_find_what_one_candidate_at_a_time_finds(cost):
+    """Also where candidates fall: with 10 degrees most do."""
+    ahead = optimize_gait(cost, iterations=9, amplitude=math.radians(10.0))
+    one = minimize(
+        cost, cost.gait.to_vector(), amplitude=math.radians(10.0), max_iterations=9,
+        bounds=bounds(cost.scene.model, cost.gait),
+    )  # fmt: skip
+    assert np.array_equal(ahead.history["x"], one.history["x"])
+    assert np.array_equal(ahead.history["f"], one.history["f"])
+    assert np.isinf(one.history["f"]).any()
+    assert 0.0 < ahead.occupancy <= 1.0
+    assert ahead.nfev == 10 + ahead.wasted
 
 
 def test_every_candidate_keeps_to_the_joint_limits(cost):

@@ -2,10 +2,11 @@
 
 The robot, simplified (10 joints) and complete (19), walks 4 s from standing with a planned gait, each rollout with
 references changed by a seeded noise of 0.06 deg.  Ours: MIPSD servos, bristle friction, implicit Euler at 1 ms, eight
-rollouts a vector.  MuJoCo's: the same URDF with position servos of the same stiffness, damping and reflected inertia,
-four spheres a sole, elliptic cones, implicitfast at 1 ms.  It has no gearbox spring, no motor current and no energy
-meter, so it does less; the walks differ, and each engine's error is its own: the trunk's path against the same engine
-at a quarter of the step.
+rollouts a vector, of whose lane-steps a share is occupied: a lane whose robot has fallen or arrived takes the next
+rollout, until there is none.  A gait search, whose candidates fall or are given up, is measured for itself.  MuJoCo's:
+the same URDF with position servos of the same stiffness, damping and reflected inertia, four spheres a sole, elliptic
+cones, implicitfast at 1 ms.  It has no gearbox spring, no motor current and no energy meter, so it does less; the walks
+differ, and each engine's error is its own: the trunk's path against the same engine at a quarter of the step.
 """
 
 from __future__ import annotations
@@ -22,11 +23,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..lane_engine import Queue
 from ..model import Ground, Model
 from ..reference import Reference
 from ..robot_file import load_robot, save_robot
 from ..scene import compile_scene
-from ..simulation import simulate_batch, standing_state
+from ..simulation import simulate_stream, standing_state
 
 DURATION = 4.0  # [s]
 STEP = 1e-3  # [s]
@@ -44,6 +46,7 @@ class Row(NamedTuple):
     steps: float  # thousand steps a second and thread
     upright: float  # share of the rollouts that did not fall
     error: float  # median over the upright of the trunk's largest deviation from a quarter of the step [m]
+    occupancy: float  # share of the lane-steps that a rollout was in; nan without lanes
 
 
 def run(out_dir: Path, full: bool = False) -> list[Row]:
@@ -54,20 +57,33 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
         rows += _robot_rows(load_robot("humanoid", locked=locked), count)
     print(
         f"{'robot':12} {'engine':28} {'threads':>7} {'1/s':>8} {'1/s/core':>9} {'k steps/s':>9} "
-        f"{'upright':>8} {'error':>9}"
+        f"{'upright':>8} {'error':>9} {'lanes':>7}"
     )
     for r in rows:
         print(
             f"{r.robot:12} {r.engine:28} {r.threads:7} {r.rate:8.1f} {r.per_core:9.1f} {r.steps:9.0f} "
-            f"{r.upright:8.0%} {r.error * 1e3:6.2f} mm"
+            f"{r.upright:8.0%} {r.error * 1e3:6.2f} mm {'' if math.isnan(r.occupancy) else f'{r.occupancy:.1%}':>7}"
         )
     for robot in dict.fromkeys(r.robot for r in rows):
         ours, *theirs = (r for r in rows if r.robot == robot and r.threads == 1)
         for other in theirs:
             print(f"{robot}: {ours.per_core / other.per_core:.1f} times the rate of {other.engine} per core")
+    print(_search_line(800 if full else 100))
     _write(Path(out_dir) / "walk.csv", rows)
     _plot(Path(out_dir) / "walk.png", rows)
     return rows
+
+
+def _search_line(iterations: int) -> str:
+    """What a gait search does with its lanes."""
+    from ..optimize import optimize_gait, walking_cost
+
+    result = optimize_gait(walking_cost(load_robot("humanoid", locked="simplified")), iterations=iterations)
+    failed = np.mean(~np.isfinite(result.history["f"]))
+    return (
+        f"search of {result.nit} gaits, of which {failed:.1%} fell: lanes occupied {result.occupancy:.1%}, "
+        f"{result.nfev} evaluations begun, {result.wasted} of them wasted by speculation"
+    )
 
 
 def _robot_rows(model: Model, count: int) -> list[Row]:
@@ -95,11 +111,13 @@ def _our_rows(name: str, model: Model, times, references) -> list[Row]:
     def rollouts(h, executor):
         scene = compile_scene(model, servos="mipsd", ground=Ground(), integrator="implicit_euler", timestep=h)
         knots = [Reference(times, values) for values in references]
-        state = standing_state(scene, references[0][0])
-        runs = simulate_batch(
-            scene, DURATION, [state] * len(knots), knots, record=("base_q",), sample=0.01, executor=executor
-        )
-        paths[h] = [r["base_q"][:, :3] if r.ok else None for r in runs]
+        state, queue, threads = standing_state(scene, references[0][0]), Queue(len(knots)), executor._max_workers
+        occupancy = simulate_stream(
+            scene, DURATION, queue, lambda k: (state, knots[k]), lambda r: r["base_q"][:, :3] if r.ok else None,
+            record=("base_q",), sample=0.01, threads=threads,
+        )  # fmt: skip
+        paths[h] = queue.answers
+        return occupancy
 
     return _rows(name, "featherstone_gait", len(references), rollouts, paths)
 
@@ -109,21 +127,21 @@ def _rows(name: str, engine: str, count: int, rollouts, paths) -> list[Row]:
     measured = []
     for threads in (1, min(2, os.cpu_count() or 1)):
         with ThreadPoolExecutor(threads) as executor:
-            rollouts(STEP, executor)
+            occupancy = rollouts(STEP, executor)
             times = []
             for _ in range(3):
                 begin = time.perf_counter()
                 rollouts(STEP, executor)
                 times.append(time.perf_counter() - begin)
-            measured.append((threads, count / float(np.median(times))))
+            measured.append((threads, count / float(np.median(times)), occupancy))
             if threads == 1:
                 rollouts(STEP / 4, executor)
     pairs = [(a, b) for a, b in zip(paths[STEP], paths[STEP / 4]) if a is not None and b is not None]
     error = float(np.median([np.abs(a - b).max() for a, b in pairs])) if pairs else float("nan")
     upright = float(np.mean([p is not None for p in paths[STEP]]))
     return [
-        Row(name, engine, threads, rate, rate / threads, rate / threads * DURATION / STEP / 1e3, upright, error)
-        for threads, rate in measured
+        Row(name, engine, threads, rate, rate / threads, rate / threads * DURATION / STEP / 1e3, upright, error, lanes)
+        for threads, rate, lanes in measured
     ]
 
 
@@ -150,6 +168,7 @@ def _mujoco_rows(name: str, model: Model, times, references) -> list[Row]:
         every = round(0.01 / h)
         height = 0.6 * begin[3]
         paths[h] = [s[every - 1 :: every, 1:4] if (s[:, 3] > height).all() else None for s in states]
+        return math.nan
 
     return _rows(name, "mujoco rollout, implicitfast", len(references), rollouts, paths)
 

@@ -18,22 +18,26 @@ Robotic Systems 10 (2013), figure 14.  What the printed pseudo-code leaves open 
 - ``return`` stands inside the loop;
 - a cost that is not a number compares as neither better nor worse: not a number and infinity are misses.
 
-The noise ``u_k`` is a function of (seed, k) alone and ``miss`` of the history of misses.  Hence the next candidates *on
-the assumption that all miss* are known in advance and can be evaluated at once, and the sequence of states visited does
-not depend on how many are.  The cost is taken to be deterministic: one lucky noisy value would stay the best for ever.
+The noise ``u_k`` is a function of (seed, k) alone and ``miss`` of the history of misses.  Hence the candidates that may
+come are known in advance and can be evaluated at once, in batches that assume that all miss or as `speculation` orders
+them, and the sequence of states visited does not depend on which are.  The cost is taken to be deterministic: one lucky
+noisy value would stay the best for ever.
 """
 
 from __future__ import annotations
 
 import json
 import logging
-import time
+import os
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import OptimizeResult
 from tqdm import tqdm
+
+from featherstone_gait.search.speculation import Speculation
 
 REHEATED = 0.1  # miss count after max_miss misses (figure 14)
 MESSAGES = {
@@ -73,16 +77,33 @@ class AdaptiveSimulatedAnnealing:
         self.iteration = 0  # of the next candidate; 0 is x0
         self.miss = 1.0
         self.since_progress = 0
-        self.wasted = 0  # candidates of batches evaluated but not visited
+        self.wasted = 0  # evaluations begun for candidates that were not visited
         self.visited = []  # every Visit so far
         self._asked = []
 
     @property
     def status(self):
         """None while there is more to do, else the key of `MESSAGES`."""
-        if self.iteration > self.max_iterations:
+        return self.ends(self.iteration, self.since_progress)
+
+    def ends(self, iteration, since_progress):
+        """The `status` before a candidate of that iteration, that many misses after the last improvement."""
+        if iteration > self.max_iterations:
             return 0
-        return 1 if self.since_progress >= self.no_progress else None
+        return 1 if since_progress >= self.no_progress else None
+
+    def candidate(self, iteration, best_x, miss):
+        """The candidate (D,) of an iteration around `best_x`."""
+        if iteration == 0:
+            return self.x0.copy()
+        x = best_x + self.amplitude * _noise(self.seed, iteration, len(self.x0)) / miss
+        return x if self.bounds is None else _reflect(x, *self.bounds.T)
+
+    def after(self, iteration, miss, since_progress, better):
+        """Iteration, miss and misses since progress after a candidate that is the new best or not."""
+        if better or iteration == 0:
+            return iteration + 1, 1.0, 0
+        return iteration + 1, REHEATED if miss + 1.0 >= self.max_miss else miss + 1.0, since_progress + 1
 
     def ask(self):
         """Return the next candidate (D,).  Raises RuntimeError when the search is over."""
@@ -92,11 +113,10 @@ class AdaptiveSimulatedAnnealing:
         """Return up to `k` next candidates, as they will be if all miss; fewer if the search would end before."""
         if self.status is not None:
             raise RuntimeError(f"the search is over: {MESSAGES[self.status]}")
-        left = min(self.max_iterations + 1 - self.iteration, self.no_progress - self.since_progress + self._initial)
-        miss, self._asked = self.miss, []
-        for i in range(min(k, left)):
-            self._asked.append(self._candidate(self.iteration + i, miss))
-            miss = miss if self.iteration + i == 0 else self._after_miss(miss)
+        place, self._asked = (self.iteration, self.miss, self.since_progress), []
+        while len(self._asked) < k and self.ends(place[0], place[2]) is None:
+            self._asked.append(self.candidate(place[0], self.best_x, place[1]))
+            place = self.after(*place, False)
         return [x.copy() for x in self._asked]
 
     def tell(self, x, f):
@@ -116,17 +136,13 @@ class AdaptiveSimulatedAnnealing:
         asked, self._asked = self._asked, []
         taken = 0
         for x, f in zip(asked, fs):
-            first = self._initial
+            first = self.iteration == 0
             better = self._visit(x, f)
             taken += 1
             if better and not first:
                 break
         self.wasted += len(asked) - taken
         return taken
-
-    @property
-    def _initial(self):
-        return self.iteration == 0
 
     def _check(self):
         if self.x0.ndim != 1 or not len(self.x0) or not np.isfinite(self.x0).all():
@@ -145,25 +161,14 @@ class AdaptiveSimulatedAnnealing:
             i = int(outside.argmax())
             raise ValueError(f"x0[{i}] = {self.x0[i]} lies outside its bounds {self.bounds[i, 0]}..{self.bounds[i, 1]}")
 
-    def _candidate(self, iteration, miss):
-        if iteration == 0:
-            return self.x0.copy()
-        x = self.best_x + self.amplitude * _noise(self.seed, iteration, len(self.x0)) / miss
-        return x if self.bounds is None else _reflect(x, *self.bounds.T)
-
-    def _after_miss(self, miss):
-        return REHEATED if miss + 1.0 >= self.max_miss else miss + 1.0
-
     def _visit(self, x, f):
         better = bool(np.isfinite(f) and f < self.best_f)
         if better:
             self.best_x, self.best_f = x, float(f)
         self.visited.append(Visit(self.iteration, x, float(f), self.miss, better))
-        if better or self._initial:
-            self.miss, self.since_progress = 1.0, 0
-        else:
-            self.miss, self.since_progress = self._after_miss(self.miss), self.since_progress + 1
-        self.iteration += 1
+        self.iteration, self.miss, self.since_progress = self.after(
+            self.iteration, self.miss, self.since_progress, better
+        )
         return better
 
 
@@ -190,22 +195,25 @@ def _reflect(x, lower, upper):
 
 def minimize(
     fun, x0, *, amplitude, max_miss=20, max_iterations=3000, no_progress=500, bounds=None, seed=0,
-    map=map, batch=1, callback=None, history=None, resume=False, progress=False,
+    map=map, batch=1, evaluate=None, callback=None, history=None, resume=False, progress=False,
 ):  # fmt: skip
     """Minimise `fun` by adaptive simulated annealing and return a `scipy.optimize.OptimizeResult`.
 
     `fun(x)` returns the cost, or (cost, status) with a short text for the history; a cost that is not finite is a miss.
     The states visited depend on the settings of `AdaptiveSimulatedAnnealing` and not on how they are evaluated: `batch`
-    candidates at a time through ``map(fun, candidates)``, for which any executor's ``map`` will do.
+    candidates at a time through ``map(fun, candidates)``, for which any executor's ``map`` will do, or without waiting
+    for one another by ``evaluate(candidates)``, which works off a `Speculation` and returns when that is over.
 
     `callback(result)` is called at every improvement and stops the search by returning True.  `history` names a file
-    of JSON lines, written as the search goes; with `resume` the search goes on from it (from `x0` if there is none), to
-    the same states as if never interrupted; only max_iterations and no_progress may differ.  `progress` shows a bar.
+    of JSON lines, each written before the next candidate is visited and holding nothing that depends on the time; with
+    `resume` the search goes on from it (from `x0` if there is none), to the same states and the same file as if never
+    interrupted; only max_iterations and no_progress may differ.  `progress` shows a bar.
 
-    The result has x, fun, nit (candidates after x0), nfev (evaluations, wasted ones included), wasted, success, status
-    (a key of `MESSAGES`), message, and history: arrays x (nit + 1, D), f, miss and accepted.  KeyboardInterrupt ends
-    the search with what was found.  Raises FileExistsError for a `history` that would be overwritten, ValueError for
-    one of another search or a damaged one.
+    The result has x, fun, nit (candidates after x0), nfev (evaluations begun, wasted ones included), wasted (not
+    visited; of these two a history knows nothing), success, status (a key of `MESSAGES`), message, and history: arrays
+    x (nit + 1, D), f, miss and accepted.  KeyboardInterrupt ends the search with what was found.  Raises
+    FileExistsError for a `history` that would be overwritten, ValueError for one of another search or a damaged one,
+    OSError for one that cannot be written, whose lines so far are kept.
     """
     search = AdaptiveSimulatedAnnealing(
         x0, amplitude=amplitude, max_miss=max_miss, max_iterations=max_iterations, no_progress=no_progress,
@@ -216,31 +224,55 @@ def minimize(
     log = None if history is None else _History(Path(history), search, resume)
     status = None
     bar = tqdm(total=max_iterations + 1, initial=search.iteration, disable=not progress, unit="candidate")
+    steps = _in_batches(search, fun, map, batch) if evaluate is None else _speculating(search, evaluate)
     try:
-        while status is None and search.status is None:
-            improved = _advance(search, fun, map, batch, log)
+        for texts in steps:
+            visits = search.visited[-len(texts) :]
+            if log is not None:
+                log.write(visits, texts)
             bar.update(search.iteration - bar.n)
-            bar.set_postfix(best=search.best_f)
+            improved = any(visit.accepted for visit in visits)
+            if improved:
+                bar.set_postfix(best=search.best_f)
             if improved and callback is not None and callback(_result(search, None)):
                 status = 3
+                break
     except KeyboardInterrupt:
         status = 2
     finally:
+        steps.close()
         bar.close()
         if log is not None:
             log.close()
     return _result(search, search.status if status is None else status)
 
 
-def _advance(search, fun, map, batch, log):
-    """Evaluate one batch; return whether it brought an improvement."""
-    candidates = search.ask_batch(batch)
-    answers = [answer if isinstance(answer, tuple) else (answer, "") for answer in map(fun, candidates)]
-    taken = search.tell_batch([f for f, _ in answers])
-    visits = search.visited[-taken:]
-    if log is not None:
-        log.write(visits, [text for _, text in answers[:taken]], wasted=len(answers) - taken)
-    return any(visit.accepted for visit in visits)
+def _in_batches(search, fun, map, batch):
+    """Evaluate batch after batch; yield the statuses of the candidates visited."""
+    while search.status is None:
+        candidates = search.ask_batch(batch)
+        answers = [answer if isinstance(answer, tuple) else (answer, "") for answer in map(fun, candidates)]
+        taken = search.tell_batch([f for f, _ in answers])
+        yield [text for _, text in answers[:taken]]
+
+
+def _speculating(search, evaluate):
+    """Let `evaluate` run in a thread of its own; yield the status of each candidate visited."""
+    candidates, before = Speculation(search), search.wasted - len(search.visited)
+    with ThreadPoolExecutor(1) as pool:
+        done = pool.submit(evaluate, candidates)
+        done.add_done_callback(lambda _: candidates.close())
+        try:
+            while visits := candidates.visits():
+                for _, (f, text) in visits:
+                    search.tell(search.ask(), f)
+                    search.wasted = before + candidates.begun - len(search.visited)
+                    yield [text]
+        finally:
+            candidates.close()
+    done.result()  # raises what it raised
+    if search.status is None:
+        raise RuntimeError("evaluate returned before the search was over")
 
 
 def _result(search, status):
@@ -263,18 +295,21 @@ class _History:
     """The visits of a search as JSON lines: a header with the settings, then one line a visit."""
 
     def __init__(self, path, search, resume):
-        self.start = time.perf_counter()
-        header = _header(search)
+        self.path, header = path, _header(search)
         lines = self._complete_lines(path, resume)
         if lines:
             _check_header(path, lines[0], header)
             for number, line in enumerate(lines[1:], start=2):
-                self.start = time.perf_counter() - _replay(path, number, line, search)
-        self.file = path.open("a", encoding="utf-8")
-        if not lines:
-            self._write_line(header)
+                _replay(path, number, line, search)
+        self.file = path.open("ab", buffering=0)
+        try:
+            if not lines:
+                self._write_line(header)
+        except OSError:
+            self.file.close()
+            raise
 
-    def write(self, visits, texts, wasted):
+    def write(self, visits, texts):
         for visit, text in zip(visits, texts):
             finite = bool(np.isfinite(visit.f))
             self._write_line({
@@ -284,16 +319,26 @@ class _History:
                 "status": text or ("ok" if finite else "not finite"),
                 "accepted": visit.accepted,
                 "miss": visit.miss,
-                "wasted": wasted if visit is visits[-1] else 0,
-                "seconds": round(time.perf_counter() - self.start, 3),
             })  # fmt: skip
 
     def close(self):
-        self.file.close()
+        with self.file:
+            try:
+                os.fsync(self.file.fileno())
+            except OSError:  # not a file on a disk
+                pass
 
     def _write_line(self, content):
-        self.file.write(json.dumps(content) + "\n")
-        self.file.flush()
+        """Hand a line to the system, which keeps it whatever becomes of this process; all of it or nothing."""
+        line, complete = (json.dumps(content) + "\n").encode(), self.file.seek(0, os.SEEK_END)
+        try:
+            while line:
+                line = line[self.file.write(line) :]
+        except OSError as error:
+            self.file.truncate(complete)
+            raise OSError(
+                f"{self.path} cannot be written ({error.strerror}); it holds all candidates so far: make room, resume"
+            ) from error
 
     @staticmethod
     def _complete_lines(path, resume):
@@ -354,7 +399,7 @@ def _check_header(path, line, expected):
 
 
 def _replay(path, number, line, search):
-    """Repeat a visit of the history, which must be the search's own next one; return its time [s]."""
+    """Repeat a visit of the history, which must be the search's own next one."""
     content = _parse(path, number, line)
     if search.status is not None:
         raise ValueError(
@@ -368,5 +413,3 @@ def _replay(path, number, line, search):
             "delete this line and all below to resume before it"
         )
     search.tell(x, np.inf if content.get("f") is None else content["f"])
-    search.wasted += content.get("wasted", 0)
-    return content.get("seconds", 0.0)

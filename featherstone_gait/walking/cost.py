@@ -14,6 +14,7 @@ control table address 32): they are joined by straight lines.  Held until the ne
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import asdict, dataclass
 
@@ -23,7 +24,7 @@ from featherstone_gait.core.layout import METER
 from featherstone_gait.dynamics import forward_kinematics
 from featherstone_gait.reference import Reference
 from featherstone_gait.scene import CompiledScene
-from featherstone_gait.simulation import simulate_batch, standing_state
+from featherstone_gait.simulation import simulate_batch, simulate_stream, standing_state
 from featherstone_gait.tree import GRAVITY
 from featherstone_gait.walking.gait import TICK, Gait, references
 from featherstone_gait.walking.gait_file import read_angles
@@ -97,12 +98,37 @@ class WalkingCost:
         """Evaluate many vectors at once; `fun` is ignored, so that this can be the `map` of `search.minimize`."""
         return [(measures.cost, measures.status) for measures in self.measure(candidates)]
 
+    def evaluate(self, candidates) -> float:
+        """Work off the candidates of a `search.Speculation`, so that this can be the `evaluate` of `search.minimize`.
+
+        Returns the share of the lane-steps that a candidate was in.  Raises ValueError for a scene that
+        `simulate_stream` refuses.
+        """
+
+        @functools.cache  # candidates start from the same posture
+        def standing(angles: bytes):
+            return standing_state(self.scene, np.frombuffer(angles))
+
+        def begin(candidate):
+            signal = self.reference(candidate.x, self.warm_up + self.strides)
+            return standing(signal.values[0].tobytes()), signal
+
+        def end(run):
+            measures = self._measured(run, slip=False)
+            return measures.cost, measures.status
+
+        return simulate_stream(self.scene, self._end, candidates, begin, end, record=("base_q", "energy"), sample=TICK)
+
     def measure(self, vectors) -> list[Measures]:
         """Simulate gait vectors and measure them."""
-        vectors = list(vectors)
-        end = self.mark + self.strides * self.gait.period
-        trajectories = self.simulate(vectors)
-        return [_measures(self.scene, run, self.mark, end, self.strides) for run in trajectories]
+        return [self._measured(run) for run in self.simulate(list(vectors))]
+
+    def _measured(self, run, slip=True) -> Measures:
+        return _measures(self.scene, run, self.mark, self._end, self.strides, slip)
+
+    @property
+    def _end(self) -> float:
+        return self.mark + self.strides * self.gait.period
 
     def simulate(self, vectors, *, strides=None, sample=SAMPLE):
         """Simulate gait vectors from standing; return a `Trajectory` each, with the channels `RECORD`.
@@ -142,8 +168,8 @@ def cost_of_motion(scene: CompiledScene, path, *, start: float = 0.0, strides: i
     return _measures(scene, run, start, times[-1], strides)
 
 
-def _measures(scene, run, start, end, strides) -> Measures:
-    """Measure a trajectory between two times, which fall on its samples to within one."""
+def _measures(scene, run, start, end, strides, slip=True) -> Measures:
+    """Measure a trajectory between two times, which fall on its samples to within one; slip is nan if not asked for."""
     weight = -scene.model.mass * GRAVITY[2]
     first, last = np.searchsorted(run["time"], [start - 1e-9, end - 1e-9])
     duration = float(run["time"][last] - run["time"][first])
@@ -151,11 +177,11 @@ def _measures(scene, run, start, end, strides) -> Measures:
         return Measures(run.message, strides, duration, *[math.nan] * 4, weight)
     way = (run["base_q"][last] - run["base_q"][first])[:2].tolist()
     energy = float(np.sum(run["energy"][last, :, METER] - run["energy"][first, :, METER]))
-    slip = _slip(scene.model, run, slice(first, last + 1), LOADED * weight) / strides
+    slid = _slip(scene.model, run, slice(first, last + 1), LOADED * weight) / strides if slip else math.nan
     status = "ok"
     if way[0] < LEAST_SPEED * duration:
         status = f"went {1e3 * way[0]:.0f} mm in {duration:.3g} s, less than {1e3 * LEAST_SPEED:g} mm/s forward"
-    return Measures(status, strides, duration, energy, *way, slip, weight)
+    return Measures(status, strides, duration, energy, *way, slid, weight)
 
 
 def _slip(model, run, window, load) -> float:

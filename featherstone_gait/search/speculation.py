@@ -1,0 +1,163 @@
+"""Candidates of adaptive simulated annealing, evaluated before it is known whether they come.
+
+A candidate either improves on the best or misses, and what comes next in either case is known before its cost is: the
+future is a binary tree whose nodes are candidates.  Whoever is free evaluates the likeliest node not begun yet.  Most
+of these follow misses alone; when improvements are frequent, the one after an improvement is likelier than the tenth
+miss in a row.  When a cost comes in, the branches that it rules out are no longer wanted, and their evaluations may be
+given up at once, even while earlier candidates are still running.
+
+Which nodes are evaluated depends on the timing.  Which are visited does not: they are the path through the tree that
+the costs dictate, the same that one evaluation at a time takes.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import threading
+
+import numpy as np
+
+RECENT = 100  # visits that tell how likely an improvement is
+_NO_ONE = object()
+
+
+class Candidate:
+    """A node of the tree: a vector `x` (D,) that the search may come to."""
+
+    __slots__ = ("answer", "begun", "best", "iteration", "miss", "next", "since_progress", "x")
+
+    def __init__(self, x, iteration, miss, since_progress, best):
+        self.x, self.iteration, self.miss, self.since_progress = x, iteration, miss, since_progress
+        self.best = best  # the Candidate around which this one was drawn
+        self.begun, self.answer = False, None  # (cost, status) once known
+        self.next = {}  # by whether this one improves; None where the search is over
+
+    @property
+    def improves(self) -> bool | None:
+        """Whether it is better than the best before it; None while that is not known."""
+        if self.answer is None:
+            return None
+        if not np.isfinite(self.answer[0]):
+            return False
+        return None if self.best.answer is None else bool(self.answer[0] < self.best.answer[0])
+
+
+class Speculation:
+    """The candidates of a search, for evaluation by any number of threads:
+
+        while (candidate := candidates.take()) is not None:
+            candidates.give(candidate, fun(candidate.x))
+
+    `search`: an `AdaptiveSimulatedAnnealing`, from whose present state it starts and which it leaves alone; what has
+    been visited comes out of `visits`.
+    """
+
+    def __init__(self, search):
+        self.begun = 0  # evaluations
+        self._search = search
+        self._changed = threading.Condition()
+        self._root = None  # the next candidate to be visited
+        self._alive = set()  # candidates begun that may still be visited
+        self._visits = []  # not handed out yet
+        self._recent = [False] * RECENT
+        self._closed = search.status is not None
+        if not self._closed:
+            best = Candidate(search.best_x, None, None, None, None)
+            best.answer = search.best_f, ""
+            self._root = self._drawn(search.iteration, search.miss, search.since_progress, best)
+
+    def take(self, wait=True) -> Candidate | None:
+        """Return the likeliest candidate that nobody has taken.
+
+        If there is none, because all that may come are being evaluated, wait for one, or return None unless `wait`.
+        Returns None when the search is over.
+        """
+        with self._changed:
+            while not self._closed:
+                candidate = self._likeliest()
+                if candidate is not None:
+                    candidate.begun = True
+                    self.begun += 1
+                    self._alive.add(candidate)
+                    return candidate
+                if not wait:
+                    return None
+                self._changed.wait()
+        return None
+
+    def wanted(self, candidate) -> bool:
+        """Whether the search may still come to a candidate taken; if not, its evaluation may be given up."""
+        with self._changed:  # `_alive` is made anew while an answer is taken in
+            return candidate in self._alive and not self._closed
+
+    def give(self, candidate, answer) -> None:
+        """Take the cost of a candidate, or (cost, status)."""
+        with self._changed:
+            candidate.answer = answer if isinstance(answer, tuple) else (answer, "")
+            if candidate in self._alive and not self._closed:
+                self._advance()
+                self._changed.notify_all()
+
+    def visits(self, wait=True) -> list[tuple[np.ndarray, tuple[float, str]]]:
+        """Return x and (cost, status) of the candidates visited since the last call, in order.
+
+        If there are none, wait for one unless the search is over; or return none unless `wait`.
+        """
+        with self._changed:
+            while wait and not self._visits and not self._closed:
+                self._changed.wait(0.1)  # on Windows nothing interrupts a longer one
+            visits, self._visits = self._visits, []
+            return visits
+
+    def close(self) -> None:
+        """Take no more, want no more."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def _drawn(self, iteration, miss, since_progress, best):
+        x = self._search.candidate(iteration, best.x, miss)
+        return Candidate(x, iteration, miss, since_progress, best)
+
+    def _after(self, candidate, improves):
+        """The candidate that comes next; None where the search ends."""
+        following = candidate.next.get(improves, _NO_ONE)
+        if following is _NO_ONE:
+            place = self._search.after(candidate.iteration, candidate.miss, candidate.since_progress, improves)
+            over = self._search.ends(place[0], place[2]) is not None
+            following = None if over else self._drawn(*place, candidate if improves else candidate.best)
+            candidate.next[improves] = following
+        return following
+
+    def _likeliest(self):
+        """The likeliest candidate not begun: best first through the tree."""
+        share = (sum(self._recent) + 1) / (RECENT + 2)
+        order = itertools.count()  # between equals
+        heap = [(-1.0, next(order), self._root)]
+        while heap:
+            chance, _, candidate = heapq.heappop(heap)
+            if not candidate.begun:
+                return candidate
+            known = candidate.improves
+            better = 0.99 if candidate.iteration == 0 else share  # x0 is better than nothing
+            for improves, part in ((False, 1.0 - better), (True, better)):
+                if known in (None, improves) and (following := self._after(candidate, improves)) is not None:
+                    heapq.heappush(heap, (chance * (part if known is None else 1.0), next(order), following))
+        return None
+
+    def _advance(self):
+        """Visit what is certain by now, and forget what is ruled out."""
+        while self._root is not None and (improves := self._root.improves) is not None:
+            visited, self._root = self._root, self._after(self._root, improves)
+            visited.next = {}  # others hold on to it as their best
+            self._visits.append((visited.x, visited.answer))
+            self._recent = [*self._recent[1:], improves]
+        self._closed = self._root is None
+        self._alive, open_ = set(), [self._root]
+        while open_:
+            candidate = open_.pop()
+            if candidate is not None and candidate.begun:
+                self._alive.add(candidate)
+                known = candidate.improves
+                open_ += [c for improves, c in candidate.next.items() if known in (None, improves)]
