@@ -56,7 +56,7 @@ def walking_cost(model: Model, servos: ServoKind = "mipsd", ground: Ground | Non
     lower, upper = np.array([(joint.lower, joint.upper) for joint in model.moving_joints]).T
     gait = fit_gait(plan.stride(), N_POSES).gait
     gait = replace(gait, poses=np.clip(gait.poses, lower, upper))
-    scene = compile_scene(model, servos, ground or Ground(), "implicit_euler", 1e-3)
+    scene = compile_scene(model, servos, ground or Ground(), "midpoint", 1e-3)
     return WalkingCost(scene, gait, plan.start_up(1))
 
 

@@ -109,7 +109,7 @@ def _our_rows(name: str, model: Model, times, references) -> list[Row]:
     paths = {}
 
     def rollouts(h, executor):
-        scene = compile_scene(model, servos="mipsd", ground=Ground(), integrator="implicit_euler", timestep=h)
+        scene = compile_scene(model, servos="mipsd", ground=Ground(), integrator="midpoint", timestep=h)
         knots = [Reference(times, values) for values in references]
         state, queue, threads = standing_state(scene, references[0][0]), Queue(len(knots)), executor._max_workers
         occupancy = simulate_stream(
