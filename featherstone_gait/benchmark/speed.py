@@ -11,10 +11,8 @@ Chains are those of the arm `arm7_spatial`, prolonged.
 from __future__ import annotations
 
 import csv
-import importlib.metadata
 import importlib.util
 import os
-import platform
 import subprocess
 import sys
 import tempfile
@@ -27,12 +25,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import timing
-from ..core.jit import instruction_set
 from ..core.lanes import WIDTH, aligned
 from ..dynamics import inverse_dynamics, mass_matrix
 from ..model import Joint, Link, Model
 from ..robot_file import load_robot, save_robot
 from ..tree import GRAVITY, compile_tree
+from .machine import machine as _machine
 
 LENGTHS = (5, 10, 20, 50, 100, 200)
 REPEATS, REPEATS_FULL = 15, 51
@@ -296,24 +294,6 @@ def _compile_times() -> str:
         load, one, eight = map(float, run_.stdout.split())
         lines.append(f"{label:27}{load:18.2f}{one:20.2f}{eight:20.2f}")
     return "\n".join(lines)
-
-
-def _machine() -> str:
-    """Processor and versions, one line each."""
-    packages = [name for name in ("numpy", "numba", "llvmlite", "mujoco") if importlib.util.find_spec(name)]
-    versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in packages)
-    return (
-        f"{_processor()}, {os.cpu_count()} cores, {instruction_set()}, {platform.system()} {platform.machine()}\n"
-        f"Python {platform.python_version()}, {versions}"
-    )
-
-
-def _processor() -> str:
-    """Name of the processor; Linux states it in a file only."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or "unknown processor"
 
 
 def _write(rows: list[Row], notes: str, path: Path) -> None:

@@ -1,0 +1,697 @@
+"""The same robots in Pinocchio, MuJoCo and SciPy: forward dynamics, trajectories at equal error, a humanoid's steps.
+
+All engines read the same URDF, run in turn in one process on one core, and are compared by CPU time as ratios.
+
+Forward dynamics: Pinocchio's `aba` is called from Python; a call with a robot of no joints, which costs nothing but the
+call, is subtracted.  Its published package is compiled for any processor of the kind; compiled for this one it may be
+faster.  A call of MuJoCo's `mj_forward` costs some 0.1 us, which is not subtracted.
+
+MuJoCo's Python package times every step by a clock of its own, which takes up to half the time of a step of the arm; it
+is switched off here.
+
+Trajectories: the three scenes of the arm in `benchmark.precision`, errors at the end of the run, counted from the same
+reference.  MuJoCo does all its steps in one call of `mj_step`, without contact and limits; its servo is a position
+actuator (clamped torque), the same with the damping at the joint (out of the clamp), or a DC motor.  SciPy's solvers
+call Pinocchio's `aba`.  Cost at an error is interpolated between neighbouring settings of one method on logarithmic
+scales, but not across a jump of more than a factor 1000, which is where a step becomes stable.
+
+Humanoid: planned walk, a stride, simplified robot on servos; MuJoCo has position servos of the same stiffness, damping
+and reflected inertia, but no gearbox spring, current and energy meter: see `benchmark.walk`.  The robots walk
+differently, and each engine's error is its own, counted from a sixteenth of the step.
+"""
+
+from __future__ import annotations
+
+import csv
+import ctypes
+import importlib.util
+import math
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from ..core import rollout
+from ..core.lanes import WIDTH, aligned
+from ..model import Model
+from ..plotting import positions
+from ..reference import Reference
+from ..robot_file import load_robot, save_robot
+from ..simulation import _in_lanes, _lane_zeros, _scratch, _signals, initial_state, simulate
+from ..study.table import complete
+from . import precision, speed, walk
+from .machine import machine
+from .precision import Problem, Run
+
+KP, KD, LIMIT = (precision.STIFF_SERVO[name] for name in ("Kp", "Kd", "torque_limit"))
+ARMATURE = 254.0**2 * 1e-7  # reflected inertia of an AX-12's rotor [kg m^2]
+LENGTHS = (7, 10, 20, 50, 100, 200)
+REPEATS, REPEATS_FULL = 9, 31
+STEPS = (0.1, 0.063, 0.05, 0.04, 0.02, *(m * 10.0**e for e in (-2, -3) for m in (1, 0.5, 0.25)), 2e-4, 1e-4, 5e-5, 2e-5,
+         1e-5)  # fmt: skip
+TOLERANCES = tuple(10.0**-k for k in range(3, 13))
+EMPTY_CALL = "Pinocchio, call alone"
+FIXED = ("implicit_euler", "midpoint")
+JUMP = 1e3  # of the error, from which on nothing is interpolated
+MS = 1e-3  # [s]
+FINER = 16  # a reference's step is the measured one by this
+NOISE = 1e-3  # of the references, lane by lane [rad]
+
+
+class Speed(NamedTuple):
+    """Time of forward dynamics or of a step."""
+
+    what: str
+    robot: str
+    joints: int
+    engine: str
+    time: float  # of the processor [us]
+    error: float  # forward dynamics: by the greatest acceleration; humanoid: of joints and turn of the trunk [rad]
+    shift: float = math.nan  # of the trunk [m]
+
+
+class Point(NamedTuple):
+    """A trajectory with one setting of one method."""
+
+    problem: str
+    method: str
+    setting: float  # step [s] or tolerance
+    error: float  # at the end [rad]
+    time: float  # CPU time per simulated second [ms]
+
+
+class Line(NamedTuple):
+    """What is asked and what was measured."""
+
+    line: str
+    asked: str
+    measured: str
+    met: bool
+    note: str = ""
+
+
+def run(out_dir: Path, full: bool = False) -> list[Line]:
+    """Print the tables; write peers.csv, peers_speed.csv, peers_lines.csv and peers.png into `out_dir`.
+
+    Raises ValueError without MuJoCo or Pinocchio.
+    """
+    missing = [package for module, package in (("mujoco", "mujoco"), ("pinocchio", "pin"))
+               if importlib.util.find_spec(module) is None]  # fmt: skip
+    if missing:
+        raise ValueError(f'the benchmark peers needs {" and ".join(missing)}: pip install "featherstone-gait[peers]"')
+    out_dir, repeats, where = Path(out_dir), REPEATS_FULL if full else REPEATS, machine()
+    print(where)
+    with quick_mujoco():
+        bar = tqdm(robots(), "forward dynamics", disable=None)
+        speeds = [row for model in bar for row in forward_dynamics(model, repeats)]
+        speeds += [chain_step(links, repeats) for links in tqdm(LENGTHS, "chains", disable=None)]
+        _print_speeds(speeds)
+        points = []
+        for problem in scenes():
+            points += trajectories(problem, repeats)
+            _print_costs(points, problem.name)
+        steps = humanoid_steps(repeats)
+        _print_speeds(steps)
+    speeds += steps
+    found = lines(speeds, points)
+    _print_lines(found)
+    _write(out_dir / "peers.csv", Point, points, where)
+    _write(out_dir / "peers_speed.csv", Speed, speeds, where)
+    _write(out_dir / "peers_lines.csv", Line, found, where)
+    _plot(out_dir / "peers.png", speeds, points, where)
+    return found
+
+
+@contextmanager
+def quick_mujoco():
+    """MuJoCo without the clock by which its Python package times every step, and without warnings on the screen."""
+    import mujoco
+
+    library = next(Path(mujoco.__file__).parent.glob("libmujoco*"), None)
+    clock = ctypes.c_void_p.in_dll(ctypes.CDLL(str(library)), "mjcb_time") if library else ctypes.c_void_p()
+    before, clock.value = clock.value, None
+    mujoco.set_mju_user_warning(lambda text: None)
+    try:
+        yield
+    finally:
+        clock.value = before
+        mujoco.set_mju_user_warning(None)
+
+
+# ---------------------------------------------------------------------------------------------- forward dynamics
+
+
+def robots() -> list[Model]:
+    return [load_robot("arm7_spatial"), load_robot("humanoid", locked={}), *map(speed.chain, LENGTHS)]
+
+
+def forward_dynamics(model: Model, repeats: int) -> list[Speed]:
+    """One state's accelerations by all engines; the error is counted from MuJoCo's."""
+    model = _bounded(model)
+    question = speed._question(model)
+    (mujoco_timer,), answer = speed._mujoco(model, question)
+    pinocchio, call, error = _pinocchio_aba(model, question, answer.qdd)
+    own = speed._own_timers(model, question, answer)[:2]
+    count = mujoco_timer.count
+    calls: dict[str, tuple[Callable, int, float]] = {
+        "MuJoCo mj_forward": (mujoco_timer.call, count, 0.0),
+        "Pinocchio aba": (_loop(pinocchio, count), count, error),
+        EMPTY_CALL: (_loop(call, count), count, 0.0),
+        "float64": (own[0].call, own[0].count, own[0].error),
+        "lanes": (own[1].call, own[1].count, own[1].error),
+    }
+    times = _least(calls, repeats)
+    times["Pinocchio aba"] -= times[EMPTY_CALL]
+    n = len(model.joint_names)
+    return [Speed("forward dynamics", model.name, n, name, t, calls[name][2]) for name, t in times.items()]
+
+
+def _bounded(model: Model) -> Model:
+    """Joints without limits get wide ones: Pinocchio would describe each by sine and cosine, and be slower."""
+    wide = {"type": "revolute", "lower": -1e3, "upper": 1e3, "effort": 1e3, "velocity": 1e3}
+    joints = (replace(j, **wide) if j.type == "continuous" else j for j in model.joints)
+    return replace(model, joints=tuple(joints))
+
+
+def _pinocchio(model: Model):
+    import pinocchio as pin
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "robot.urdf"
+        save_robot(model, path)
+        base = (pin.JointModelFreeFlyer(),) if model.base == "floating" else ()
+        m = pin.buildModelFromUrdf(str(path), *base)
+    if m.nv != model.nv:
+        raise RuntimeError(f"{model.name}: Pinocchio reads another robot from its URDF; the comparison would be void")
+    return m
+
+
+def _pinocchio_aba(model: Model, x, exact):
+    """Its call, the call of a robot without joints, and the error of the joints' accelerations."""
+    import pinocchio as pin
+
+    m, none = _pinocchio(model), pin.Model()
+    d, empty, zero = m.createData(), none.createData(), np.zeros(0)
+    n = len(model.joint_names)
+    ids = [m.joints[m.getJointId(name)] for name in model.joint_names]
+    q, v, tau = np.zeros(m.nq), np.zeros(m.nv), np.zeros(m.nv)
+    if model.base == "floating":  # quaternion x y z w; velocities in the base's own axes
+        turn = pin.Quaternion(*x.q[3:7]).matrix()
+        q[:3], q[3:7] = x.q[:3], x.q[[4, 5, 6, 3]]
+        v[:3], v[3:6], tau[:3], tau[3:6] = turn.T @ x.qd[:3], x.qd[3:6], turn.T @ x.tau[:3], x.tau[3:6]
+    at = [joint.idx_v for joint in ids]
+    q[[joint.idx_q for joint in ids]], v[at], tau[at] = x.q[-n:], x.qd[-n:], x.tau[-n:]
+    error = np.abs(pin.aba(m, d, q, v, tau)[at] - exact[-n:]).max() / np.abs(exact).max()
+    return lambda: pin.aba(m, d, q, v, tau), lambda: pin.aba(none, empty, zero, zero, zero), float(error)
+
+
+def _loop(call: Callable, count: int) -> Callable:
+    def loop():
+        for _ in range(count):
+            call()
+
+    return loop
+
+
+def _least(calls: dict[str, tuple[Callable, int, float]], repeats: int) -> dict[str, float]:
+    """Least CPU time of one evaluation [us], taken in turn."""
+    times = np.full((repeats, len(calls)), math.inf)
+    for row in times:
+        for k, (call, count, _) in enumerate(calls.values()):
+            start = time.thread_time()
+            call()
+            row[k] = 1e6 * (time.thread_time() - start) / count
+    return dict(zip(calls, times.min(axis=0).tolist()))
+
+
+def chain_step(links: int, repeats: int) -> Speed:
+    """A whole step of a hanging chain, by the implicit midpoint rule."""
+    model = speed.chain(links)
+    problem = Problem(model.name, model, {}, 0.2, lambda scene: initial_state(scene, np.full(links, 0.01)), {})
+    run = problem.run("midpoint", MS)
+    finer = problem.run("midpoint", MS / FINER)
+    time_ = min(run.once() for _ in range(repeats + 1))
+    finer.once()
+    error, _ = precision.deviation(problem.model, positions(run.trajectory), positions(finer.trajectory))
+    return Speed("step, midpoint 1 ms", problem.name, links, "float64", time_, error)
+
+
+# ---------------------------------------------------------------------------------------------- trajectories
+
+
+def scenes() -> list[Problem]:
+    return [precision.free_arm(), precision.stiff_arm("standard"), precision.stiff_arm("rotor")]
+
+
+def trajectories(problem: Problem, repeats: int) -> list[Point]:
+    """Work and precision of all methods."""
+    exact = precision.solution(problem)[0][-1]
+    points = [
+        Point(problem.name, row.integrator, row.step if math.isnan(row.rtol) else row.rtol, row.angle, row.time)
+        for row in precision.measure(problem, repeats)
+    ]
+    scene = problem.scene("midpoint", MS)
+    q0 = problem.state(scene)[slice(*scene.part("q"))]
+    methods = {**_mujoco_methods(problem), **_scipy_methods(problem)}
+    for name, (settings, solve) in tqdm(methods.items(), desc=f"peers: {problem.name}", leave=False, disable=None):
+        for setting in settings:
+            try:
+                q, least = _timed(lambda h=setting, solve=solve: solve(h, q0), repeats)
+            except ArithmeticError:
+                continue  # it failed: there is no result to compare
+            error = float(np.abs(q - exact).max())
+            points.append(Point(problem.name, name, setting, error, least / problem.duration))
+    return points
+
+
+def _timed(solve: Callable[[], tuple[np.ndarray, float]], repeats: int) -> tuple[np.ndarray, float]:
+    """Positions at the end, and the least CPU time of some runs [ms]."""
+    q, spent = solve()
+    times = [spent]
+    while len(times) < repeats and sum(times) < precision.ENOUGH:
+        times.append(solve()[1])
+    if not np.isfinite(q).all():
+        raise ArithmeticError
+    return q, 1e3 * min(times)
+
+
+def _mujoco_methods(problem: Problem) -> dict:
+    """Integrators and ways to express the servo: (steps, function from step and start to the end and CPU time)."""
+    import mujoco
+
+    servos = {"free": None}
+    if problem.reference is not None:
+        servos = {"position": _position_servo, "joint damping": _damped_joint, "dcmotor": _dc_motor}
+    methods = {}
+    for servo, fit in servos.items():
+        m = _mujoco_arm(problem, fit)
+        for name in ("Euler", "implicitfast", "implicit", "RK4", "discrete"):
+            integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}", None)
+            if integrator is not None and (servo != "joint damping" or name == "Euler"):
+                label = f"MuJoCo {name}" + ("" if servo == "free" else f", {servo}")
+                methods[label] = (STEPS, _mujoco_solver(m, integrator, problem.duration))
+    return methods
+
+
+def _mujoco_arm(problem: Problem, servo):
+    """The arm with a servo at each joint."""
+    import mujoco
+
+    model = _bounded(replace(problem.model, servos={}))
+    with tempfile.TemporaryDirectory() as folder:
+        save_robot(model, Path(folder) / "arm.urdf")
+        spec = mujoco.MjSpec.from_file(str(Path(folder) / "arm.urdf"))
+    spec.compiler.fusestatic = False
+    for name in model.joint_names if servo else ():
+        joint = spec.joint(name)
+        joint.armature = ARMATURE if problem.arguments["servos"] == "rotor" else 0.0
+        actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        servo(joint, actuator)
+        actuator.forcelimited, actuator.forcerange = True, [-LIMIT, LIMIT]
+    m = spec.compile()
+    m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    return m
+
+
+def _position_servo(joint, actuator) -> None:
+    actuator.set_to_position(kp=KP, kv=KD)
+
+
+def _damped_joint(joint, actuator) -> None:
+    """The clamp holds the spring alone."""
+    joint.damping[0] = KD
+    actuator.set_to_position(kp=KP)
+
+
+def _dc_motor(joint, actuator) -> None:
+    import mujoco
+
+    position = int(mujoco.mjtCtrlInput.mjINPUT_POS)
+    actuator.set_to_dcmotor(
+        motorconst=[math.sqrt(8.0 * KD), 0.0], resistance=8.0, controller=[KP, 0.0, KD, 0.0, 0.0, 0.0],
+        ctrlspec=position,
+    )  # fmt: skip
+
+
+def _mujoco_solver(m, integrator, duration: float):
+    import mujoco
+
+    d = mujoco.MjData(m)
+
+    def solve(h, q0):
+        mujoco.mj_resetData(m, d)
+        steps = max(1, round(duration / h))
+        m.opt.integrator, m.opt.timestep = integrator, duration / steps
+        d.qpos[:] = q0
+        start = time.thread_time()
+        mujoco.mj_step(m, d, steps)
+        spent = time.thread_time() - start
+        if d.warning.number.any():
+            raise ArithmeticError
+        return d.qpos.copy(), spent
+
+    return solve
+
+
+def _scipy_methods(problem: Problem) -> dict:
+    """Tolerances, and a function from tolerance and start to the end and CPU time."""
+    import pinocchio as pin
+    from scipy.integrate import solve_ivp
+
+    model = _bounded(replace(problem.model, servos={}))
+    m, n = _pinocchio(model), len(model.joint_names)
+    driven = problem.reference is not None
+    if driven and problem.arguments["servos"] == "rotor":
+        m.armature[:] = ARMATURE
+    d, zero = m.createData(), np.zeros(n)
+
+    def rates(t, y):
+        q, v = y[:n], y[n:]
+        tau = np.clip(-KP * q - KD * v, -LIMIT, LIMIT) if driven else zero
+        return np.concatenate([v, pin.aba(m, d, q, v, tau)])
+
+    def solver(method):
+        def solve(rtol, q0):
+            start = time.thread_time()
+            answer = solve_ivp(rates, (0.0, problem.duration), np.concatenate([q0, zero]), method, rtol=rtol, atol=rtol)
+            spent = time.thread_time() - start
+            if not answer.success:
+                raise ArithmeticError
+            return answer.y[:n, -1], spent
+
+        return solve
+
+    stiff = problem.arguments.get("servos") == "standard"
+    names = ("Radau", "LSODA") if stiff else ("Radau", "DOP853", "LSODA")
+    return {f"SciPy {name}": (TOLERANCES[: 8 if name == "Radau" else None], solver(name)) for name in names}
+
+
+def cost_at(error: float, points: list[Point]) -> float:
+    """CPU time per simulated second [ms] at which one method first has this error; infinite if it never has."""
+    line = sorted(points, key=lambda p: p.setting, reverse=True)
+    costs = [p.time for p in line if p.error <= error]
+    for a, b in pairwise(line):
+        if b.error <= error < a.error < JUMP * b.error:
+            share = math.log(a.error / error) / math.log(a.error / b.error)
+            costs.append(a.time * (b.time / a.time) ** share)
+    return min(costs, default=math.inf)
+
+
+def cheapest(error: float, points: list[Point], problem: str, which: Callable[[str], bool]) -> tuple[float, str]:
+    """The least such cost of some methods, and whose."""
+    methods = dict.fromkeys(p.method for p in points if p.problem == problem and which(p.method))
+    costs = {name: cost_at(error, [p for p in points if (p.problem, p.method) == (problem, name)]) for name in methods}
+    name = min(costs, key=costs.get)
+    return costs[name], name if math.isfinite(costs[name]) else "none"
+
+
+def is_peer(method: str) -> bool:
+    return method.startswith(("MuJoCo", "SciPy"))
+
+
+def clipped_limit() -> tuple[float, str]:
+    """Largest step [s] up to which the stiff arm settles from 0.5 rad, and by which integrator."""
+    best = (0.0, "none")
+    problem = precision.stiff_arm("standard")
+    for integrator in FIXED:
+        good = 0.0
+        for h in (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1):
+            scene = problem.scene(integrator, h)
+            run = simulate(scene, 4.0, initial_state(scene, np.full(7, 0.5)), problem.reference)
+            if run.status == "diverged" or np.sqrt((run["qd"][-len(run["qd"]) // 4 :] ** 2).mean()) > 1e-2:
+                break
+            good = h
+        best = max(best, (good, integrator))
+    return best
+
+
+# ---------------------------------------------------------------------------------------------- humanoid
+
+
+def humanoid_steps(repeats: int) -> list[Speed]:
+    """Steps of 1 ms on the ground, standing and walking a stride."""
+    standing, walking = precision.humanoids()
+    rows = []
+    for problem in (standing, walking):
+        for integrator in FIXED:
+            rows += _own_steps(problem, integrator, repeats)
+        rows += _mujoco_steps(problem, repeats)
+    return rows
+
+
+def _own_steps(problem: Problem, integrator: str, repeats: int) -> list[Speed]:
+    run, finer = problem.run(integrator, MS), problem.run(integrator, MS / FINER)
+    finer.once()
+    run.once()
+    errors = precision.deviation(problem.model, positions(run.trajectory), positions(finer.trajectory))
+    lanes = _lane_run(problem, run)
+    calls = {"float64": (run.once, run.course.steps, 0.0), "lanes": (lanes, run.course.steps * WIDTH, 0.0)}
+    n = len(problem.model.joint_names)
+    return [
+        Speed(problem.name, "humanoid", n, f"{integrator}, {width}", time_, *errors)
+        for width, time_ in _least(calls, repeats).items()
+    ]
+
+
+def _lane_run(problem: Problem, run: Run) -> Callable[[], None]:
+    """The run in eight lanes, whose references differ by a little noise."""
+    rng = np.random.default_rng(0)
+    times, values = problem.reference.times, problem.reference.values
+    knots = [Reference(times, values + NOISE * rng.normal(size=values.shape[1])).knots() for _ in range(WIDTH)]
+    start, y = run.prepared.y, aligned((len(run.prepared.y), WIDTH))
+    out = aligned((*run.out.shape, WIDTH))
+    signals = _signals(run.scene, _in_lanes(knots), None, _lane_zeros)
+    scratch = _scratch(run.scene, _lane_zeros)
+
+    def call():
+        y[:] = start[:, None]
+        scene, o = run.scene.constants, run.scene.offsets
+        rollout.rollout_lanes(scene, o, run.course, signals, y, scratch, run.channels, out)
+
+    call()
+    return call
+
+
+def _mujoco_steps(problem: Problem, repeats: int) -> list[Speed]:
+    """MuJoCo's humanoid, its servos' targets renewed every 10 ms as those of ours are."""
+    import mujoco
+
+    model = problem.model
+    m = walk._mujoco_model(model)
+    joints = model.joint_names
+    rows = []
+    for name in ("Euler", "implicitfast", "discrete"):
+        integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}", None)
+        if integrator is None:
+            continue
+        m.opt.integrator = integrator
+        start = _mujoco_start(m, problem)
+        paths = {}
+        for h in (MS, MS / FINER):
+            paths[h] = _mujoco_path(m, problem, start, h)
+        errors = precision.deviation(model, paths[MS][0], paths[MS / FINER][0])
+        least = min(_mujoco_path(m, problem, start, MS)[1] for _ in range(repeats))
+        steps = round(problem.duration / MS)
+        rows.append(Speed(problem.name, "humanoid", len(joints), f"MuJoCo {name}", 1e6 * least / steps, *errors))
+    return rows
+
+
+def _mujoco_start(m, problem: Problem):
+    """Its state where the measured part begins: standing, or walked there."""
+    import mujoco
+
+    d = mujoco.MjData(m)
+    signal = problem.reference
+    state = walk._mujoco_state(m, d, signal.values[0])
+    if signal.times[0] < 0.0:
+        lead = problem._replace(duration=-signal.times[0], reference=Reference(signal.times - signal.times[0],
+                                signal.values))  # fmt: skip
+        state = _mujoco_path(m, lead, state, MS)[2]
+    state[0] = 0.0
+    return state
+
+
+def _mujoco_path(m, problem: Problem, state, h: float):
+    """Positions every 10 ms, CPU time [s] and the state at the end."""
+    import mujoco
+
+    kind, d, m.opt.timestep = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.MjData(m), h
+    mujoco.mj_setState(m, d, state, kind)
+    ticks, per_tick = round(problem.duration / 0.01), round(0.01 / h)
+    times, values = problem.reference.times, problem.reference.values
+    control = np.stack([np.interp(0.01 * np.arange(ticks), times, column) for column in values.T], axis=1)
+    path, spent = [d.qpos.copy()], 0.0
+    for row in control:
+        d.ctrl[:] = row
+        start = time.thread_time()
+        mujoco.mj_step(m, d, per_tick)
+        spent += time.thread_time() - start
+        path.append(d.qpos.copy())
+    end = np.zeros(len(state))
+    mujoco.mj_getState(m, d, end, kind)
+    return np.array(path), spent, end
+
+
+# ---------------------------------------------------------------------------------------------- lines
+
+
+def lines(speeds: list[Speed], points: list[Point]) -> list[Line]:
+    """What is asked beside what was measured."""
+    free, stiff, rotor = (problem.name for problem in scenes())
+    steps = [p for p in points if p.problem == stiff and p.setting == 1e-2 and p.method in FIXED]
+    best = min(steps, key=lambda p: p.error)
+    both = ", ".join(f"{p.method} {p.error:.1e}" for p in steps)
+    limit, integrator = clipped_limit()
+    found = [
+        _times(points, stiff, 1e-6, 20.0, is_peer),
+        _times(points, stiff, 1e-4, 10.0, is_peer),
+        Line("stiff arm: error at 10 ms", "< 1e-3", f"{best.error:.1e}", best.error < 1e-3, both),
+        Line("stiff arm from 0.5 rad, clipped: stable up to", ">= 50 ms", f"{1e3 * limit:g} ms", limit >= 0.05,
+             integrator),
+        _times(points, free, 1e-6, 16.0, _is_rk4),
+        _times(points, free, 1e-8, 20.0, _is_rk4),
+        _times(points, rotor, 1e-6, 1.5, _is_rk4),
+    ]  # fmt: skip
+    for what in dict.fromkeys(row.what for row in speeds if row.robot == "humanoid" and "humanoid" in row.what):
+        found += _humanoid_lines([row for row in speeds if row.what == what])
+    return found + _chain_lines(speeds)
+
+
+def _is_rk4(method: str) -> bool:
+    return method.startswith("MuJoCo RK4")
+
+
+def _times(points: list[Point], problem: str, error: float, asked: float, peers: Callable[[str], bool]) -> Line:
+    ours, method = cheapest(error, points, problem, lambda m: not is_peer(m))
+    theirs, peer = cheapest(error, points, problem, peers)
+    ratio = theirs / ours
+    note = f"{method} {ours:.3g} ms/s, {peer} {theirs:.3g} ms/s"
+    line = f"{problem}: less CPU time at error {error:.0e}"
+    return Line(line, f">= {asked:g} x", f"{ratio:.3g} x", ratio >= asked, note)
+
+
+def _humanoid_lines(rows: list[Speed]) -> list[Line]:
+    """Against each of MuJoCo's integrators that carries the robot; the fastest is what counts."""
+    peers = [row for row in rows if row.engine.startswith("MuJoCo") and row.error < 0.5]
+    peer = min(peers, key=lambda row: row.time)
+    found = []
+    for width, asked in (("float64", 2.0), ("lanes", 10.0)):
+        own = next(row for row in rows if row.engine == f"midpoint, {width}")
+        ratio = peer.time / own.time
+        exact = own.error <= peer.error and own.shift <= peer.shift
+        note = (
+            f"{own.time:.3g} us, {own.error:.1e} rad, {own.shift:.1e} m; {peer.engine} {peer.time:.3g} us, "
+            f"{peer.error:.1e} rad, {peer.shift:.1e} m"
+        )
+        line = f"{own.what}: step {width}, faster at no larger error"
+        found.append(Line(line, f">= {asked:g} x", f"{ratio:.3g} x", ratio >= asked and exact, note))
+    return found
+
+
+def _chain_lines(speeds: list[Speed]) -> list[Line]:
+    """Forward dynamics of chains next to Pinocchio's, and how the time of a step grows with the links."""
+    dynamics = {(r.robot, r.engine): r.time for r in speeds if r.what == "forward dynamics"}
+    chains = dict.fromkeys(robot for robot, _ in dynamics if robot.startswith("chain"))
+    found = []
+    for width, asked in (("float64", 0.55), ("lanes", 0.11)):
+        ratios = {robot: dynamics[robot, width] / dynamics[robot, "Pinocchio aba"] for robot in chains}
+        note = ", ".join(f"{robot[5:]} links {ratio:.2f}" for robot, ratio in ratios.items())
+        worst = max(ratios.values())
+        found.append(Line(f"ABA, {width}, by Pinocchio's, worst of all chains", f"<= {asked:g}", f"{worst:.3g}",
+                          worst <= asked, note))  # fmt: skip
+    steps = [row for row in speeds if row.what.startswith("step")]
+    slope = np.polyfit(np.log([row.joints for row in steps]), np.log([row.time for row in steps]), 1)[0]
+    note = ", ".join(f"{row.joints} links {row.time:.3g} us" for row in steps)
+    return [*found, Line("time of a step by links^x", "x <= 1.05", f"{slope:.3f}", slope <= 1.05, note)]
+
+
+# ---------------------------------------------------------------------------------------------- output
+
+
+def _print_speeds(speeds: list[Speed]) -> None:
+    print(f"\n{'':28}{'robot':14}{'joints':>7}  {'engine':26}{'time':>10}{'error':>10}{'error':>10}")
+    print(f"{'':77}{'[us]':>10}{'[rad]':>10}{'[m]':>10}")
+    for r in speeds:
+        shift = "" if math.isnan(r.shift) else f"{r.shift:.1e}"
+        print(f"{r.what:28}{r.robot:14}{r.joints:7}  {r.engine:26}{r.time:10.3f}{r.error:10.1e}{shift:>10}")
+
+
+def _print_costs(points: list[Point], problem: str) -> None:
+    errors = (1e-2, 1e-4, 1e-6, 1e-8)
+    print(f"\n{problem}\nCPU time per simulated second [ms] at error" + "".join(f"{e:>10.0e}" for e in errors))
+    part = [p for p in points if p.problem == problem]
+    for method in dict.fromkeys(p.method for p in part):
+        costs = [cost_at(e, [p for p in part if p.method == method]) for e in errors]
+        print(f"  {method:41}" + "".join(f"{c:10.3g}" if math.isfinite(c) else f"{'-':>10}" for c in costs))
+
+
+def _print_lines(found: list[Line]) -> None:
+    print(f"\n{'line':66}{'asked':>10}{'measured':>10}")
+    for x in found:
+        print(f"{x.line:66}{x.asked:>10}{x.measured:>10}  {'met' if x.met else 'NOT MET'}  {x.note}")
+
+
+def _write(path: Path, kind, rows, notes: str) -> None:
+    with complete(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        file.writelines(f"# {line}\n" for line in notes.splitlines())
+        writer = csv.writer(file)
+        writer.writerow(kind._fields)
+        writer.writerows(rows)
+
+
+def _plot(path: Path, speeds: list[Speed], points: list[Point], notes: str) -> None:
+    """The three scenes, and forward dynamics of chains."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13.0, 8.0), layout="constrained")
+    *panels, dynamics = figure.subplots(2, 2).ravel()
+    for panel, problem in zip(panels, dict.fromkeys(p.problem for p in points)):
+        _scene_panel(panel, [p for p in points if p.problem == problem])
+    chains = [r for r in speeds if r.robot.startswith("chain") and r.what == "forward dynamics"]
+    _dynamics_panel(dynamics, [r for r in chains if r.engine != EMPTY_CALL])
+    figure.suptitle(notes, fontsize=8)
+    with complete(path) as temporary:
+        figure.savefig(temporary, dpi=130, format="png")
+
+
+GREYS = {"MuJoCo Euler": "C5", "MuJoCo implicitfast": "C6", "MuJoCo implicit": "C9", "MuJoCo RK4": "C7",
+         "MuJoCo discrete": "C8", "SciPy Radau": "gold", "SciPy DOP853": "navy", "SciPy LSODA": "lime"}  # fmt: skip
+DASHES = {"": "-", ", position": "-", ", joint damping": "--", ", dcmotor": ":"}
+
+
+def _scene_panel(panel, points: list[Point]) -> None:
+    """Solid circles are ours."""
+    for method in dict.fromkeys(p.method for p in points):
+        line = [p for p in points if p.method == method and 1e-14 < p.error < 1.0]
+        name, comma, servo = method.partition(",")
+        peer = is_peer(method)
+        panel.loglog(
+            [p.error for p in line], [p.time for p in line], DASHES[comma + servo], label=method,
+            color=GREYS[name] if peer else precision.COLOURS[name], marker="x" if peer else "o", markersize=4,
+            linewidth=1.0 if peer else 2.0,
+        )  # fmt: skip
+    panel.set(title=points[0].problem, xlabel="error at the end [rad]", ylabel="CPU time per simulated second [ms]")
+    panel.grid(alpha=0.3)
+    panel.legend(fontsize=6.5, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+LABELS = {"float64": "ours, float64", "lanes": "ours, lanes"}
+
+
+def _dynamics_panel(panel, rows: list[Speed]) -> None:
+    for engine, colour in zip(dict.fromkeys(r.engine for r in rows), ("0.5", "C3", "C0", "C2")):
+        line = [r for r in rows if r.engine == engine]
+        label = LABELS.get(engine, engine)
+        panel.loglog([r.joints for r in line], [r.time for r in line], "o-", color=colour, label=label)
+    panel.set(xlabel="links", ylabel="CPU time per robot [us]", title="Forward dynamics of chains")
+    panel.set_xticks(LENGTHS, map(str, LENGTHS))
+    panel.minorticks_off()
+    panel.grid(alpha=0.3)
+    panel.legend(fontsize=8, frameon=False)

@@ -1,0 +1,456 @@
+"""Run time against error of every integrator: arms, a humanoid that flies, stands and walks, published problems.
+
+Each problem is run with fixed steps and with tolerances.  The error is the largest of joint angles and turn of the base
+[rad], and of the base's position [m], at the end or over all records, against a closed form or a run of error control
+near rounding, whose own error is what another integrator or a ten times looser tolerance changes.
+
+The time is that of the compiled run, with all its arguments prepared: least CPU time of some runs, single-threaded, by
+simulated time.  A call of `simulate` costs more, which is a column of its own.
+
+The published problems: the free box of the Gazebo benchmark (github.com/scpeters/benchmark, 1 x 4 x 9 m, simple: no
+gravity, turning about one axis; complex: thrown, turning about the middle axis, which is unstable) and, of the IFToMM
+library of benchmark problems, A01, the pendulum (M. Gonzalez et al., A collaborative benchmarking framework for
+multibody system dynamics, Engineering with Computers 26 (2010), doi 10.1007/s00366-009-0139-0).  A05 of that library,
+the flyball governor, is missing: its spring-dampers join two bodies across a loop of the mechanism, and here springs
+act at joints only.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from ..core import rollout
+from ..core.adaptive import rollout_adaptive
+from ..model import Ground, Joint, Link, Model
+from ..plotting import positions
+from ..reference import Reference
+from ..robot_file import load_robot, load_servo
+from ..scene import ADAPTIVE, CompiledScene, compile_scene
+from ..simulation import (
+    _accuracy,
+    _channels,
+    _course,
+    _Run,
+    _scratch,
+    _signals,
+    _trajectory,
+    initial_state,
+    simulate,
+    standing_state,
+)
+from ..study.table import complete
+from ..trajectory import Trajectory
+from .machine import machine
+
+STEPS = (0.1, 5e-2, 2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5)  # [s]
+TOLERANCES = tuple(10.0**-k for k in range(2, 14))
+ENOUGH, REPEATS, REPEATS_FULL = 0.15, 5, 25  # CPU seconds and runs after which a time is believed
+STIFF_SERVO = {"law": "pd_clamped", "Kp": 12.97, "Kd": 0.374, "torque_limit": 1.5}
+MISSING = "without IFToMM A05, the flyball governor: it needs springs between bodies, and here they act at joints"
+
+
+class Problem(NamedTuple):
+    """What is simulated."""
+
+    name: str
+    model: Model
+    arguments: dict  # of `compile_scene`
+    duration: float  # [s]
+    state: Callable[[CompiledScene], np.ndarray]
+    integrators: dict[str, float]  # the finest step [s], or the least tolerance
+    reference: Reference | None = None
+    sample: float | None = None  # time between records [s]; None: the end alone counts
+    exact: Callable[[np.ndarray], np.ndarray] | None = None  # joint angles at times [s]
+    coarsest: float = 1e-2  # step [s]
+    best: str = "extrapolation"  # gives the reference solution ...
+    finest: float = 1e-13  # ... with this tolerance
+    check: str | None = None  # integrator that tells its error; None: a ten times looser tolerance does
+
+    def scene(self, integrator: str, timestep: float | None = None) -> CompiledScene:
+        return compile_scene(self.model, integrator=integrator, timestep=timestep, **self.arguments)
+
+    @property
+    def record(self) -> tuple[str, ...]:
+        return ("base_q", "q") if self.model.base == "floating" else ("q",)
+
+    def run(self, integrator: str, setting: float) -> Run:
+        """The compiled run with a step [s] or a tolerance."""
+        adaptive = integrator in ADAPTIVE
+        scene = self.scene(integrator, None if adaptive else setting)
+        every = self.sample or self.duration
+        return Run(scene, self.duration, self.state(scene), self.reference, every, setting if adaptive else None,
+                   self.record)  # fmt: skip
+
+
+class Row(NamedTuple):
+    """One line of the table."""
+
+    problem: str
+    integrator: str
+    step: float  # [s], NaN with error control
+    rtol: float  # NaN with fixed steps
+    angle: float  # error of joints and of the base's turn [rad]
+    shift: float  # error of the base's position [m], NaN where it is fixed
+    reference_error: float  # of what the errors are counted from [rad or m]
+    time: float  # of the compiled run per simulated second [ms]
+    call: float  # of `simulate` per simulated second [ms]
+    evaluations: int  # of the derivative or implicit solutions; with fixed steps one or, of rk4, four a step
+    status: str
+
+    @property
+    def error(self) -> float:
+        """The larger one [rad or m]."""
+        return self.angle if math.isnan(self.shift) else max(self.angle, self.shift)
+
+
+class Run:
+    """The compiled run of a simulation with its arguments prepared, to be timed without what Python does about it."""
+
+    def __init__(self, scene, duration, state, reference, sample, rtol=None, record=("q",)):
+        self.scene, rtol, atol = _accuracy(scene, rtol, None)
+        self.arguments = (duration, state, reference, sample, rtol, record)
+        self.course = _course(self.scene, duration, sample)._replace(rtol=rtol or 0.0, atol=atol or 0.0)
+        self.channels, self.slices = _channels(self.scene, record)
+        self.prepared = _Run.prepared(self.scene, self.course, state, reference, None, None)
+        self.out = np.zeros((self.course.steps // self.course.per_sample + 1, len(self.channels)))
+        self.signals = _signals(self.scene, self.prepared.reference, None, np.zeros)
+        self.scratch = _scratch(self.scene, np.zeros)
+        self.y = self.prepared.y.copy()
+
+    def once(self) -> float:
+        """Run; return CPU time per simulated second [ms]."""
+        kernel = rollout_adaptive if self.scene.adaptive else rollout.rollout_one
+        self.y[:] = self.prepared.y
+        start = time.thread_time()
+        kernel(
+            self.scene.constants, self.scene.offsets, self.course, self.signals, self.y, self.scratch, self.channels,
+            self.out,
+        )  # fmt: skip
+        return 1e3 * (time.thread_time() - start) / self.arguments[0]
+
+    def call(self) -> float:
+        """The same by `simulate`; return its CPU time per simulated second [ms]."""
+        duration, state, reference, sample, rtol, record = self.arguments
+        start = time.thread_time()
+        simulate(self.scene, duration, state, reference, record=record, sample=sample, rtol=rtol)
+        return 1e3 * (time.thread_time() - start) / duration
+
+    @property
+    def trajectory(self) -> Trajectory:
+        return _trajectory(self.scene, self.course, self.slices, self.y, self.out)
+
+
+def run(out_dir: Path, full: bool = False) -> list[Row]:
+    """Print the table; write precision.csv and precision.png into `out_dir`; `full` repeats runs more often."""
+    out_dir = Path(out_dir)
+    where = machine()
+    print(where)
+    print(MISSING)
+    rows: list[Row] = []
+    for problem in problems():
+        rows += measure(problem, REPEATS_FULL if full else REPEATS)
+    print_table(rows)
+    write(out_dir / "precision.csv", rows, where)
+    plot(out_dir / "precision.png", rows, where)
+    return rows
+
+
+def measure(problem: Problem, repeats: int = REPEATS, settings=None) -> list[Row]:
+    """Rows of a problem; settings: (integrator, step or tolerance) to try, by default all."""
+    exact, own_error = solution(problem)
+    tried = settings or [
+        (integrator, value)
+        for integrator, finest in problem.integrators.items()
+        for value in (TOLERANCES if integrator in ADAPTIVE else STEPS)
+        if 0.99 * finest <= value <= (1.0 if integrator in ADAPTIVE else problem.coarsest)
+    ]
+    for integrator in dict.fromkeys(integrator for integrator, _ in tried):
+        coarsest = max(value for name, value in tried if name == integrator)
+        problem.run(integrator, coarsest).once()  # compiles
+    return [
+        _row(problem, integrator, value, exact, own_error, repeats)
+        for integrator, value in tqdm(tried, desc=problem.name, leave=False, disable=None)
+    ]
+
+
+def solution(problem: Problem) -> tuple[np.ndarray, float]:
+    """Positions (samples, nq) as exact as we can tell, and their own error [rad or m]."""
+    best = problem.run(problem.best, problem.finest)
+    if problem.exact is not None:
+        return problem.exact(best.trajectory["time"]), 0.0
+    other = problem.run(problem.check or problem.best, problem.finest if problem.check else 10.0 * problem.finest)
+    best.once()
+    other.once()
+    reference = positions(best.trajectory)
+    return reference, float(np.nanmax(deviation(problem.model, positions(other.trajectory), reference)))
+
+
+def deviation(model: Model, q: np.ndarray, exact: np.ndarray) -> tuple[float, float]:
+    """Largest errors of positions (samples, nq): joints and turn of the base [rad], place of the base [m] or NaN."""
+    if model.base != "floating":
+        return float(np.abs(q - exact).max()), math.nan
+    a, b = q[:, 3:7], exact[:, 3:7]
+    axis = a[:, :1] * b[:, 1:] - b[:, :1] * a[:, 1:] - np.cross(a[:, 1:], b[:, 1:])
+    turn = 2.0 * np.arcsin(np.minimum(np.linalg.norm(axis, axis=1), 1.0))
+    joints = np.abs(q[:, 7:] - exact[:, 7:]).max(initial=0.0)
+    return float(max(turn.max(), joints)), float(np.linalg.norm(q[:, :3] - exact[:, :3], axis=1).max())
+
+
+def _row(problem: Problem, integrator: str, setting: float, exact, own_error: float, repeats: int) -> Row:
+    run = problem.run(integrator, setting)
+    times, calls = [], []
+    while not times or (len(times) < repeats and sum(times) + sum(calls) < 1e3 * ENOUGH / problem.duration):
+        times.append(run.once())
+        calls.append(run.call())
+    result = run.trajectory
+    failed = result.status in ("diverged", "fell", "step too small")
+    errors = deviation(problem.model, positions(result), exact)
+    if failed:
+        errors = (math.inf, math.inf + errors[1])
+    adaptive = integrator in ADAPTIVE
+    evaluations = result.info.get("evaluations", run.course.steps * (4 if integrator == "rk4" else 1))
+    step, rtol = (math.nan, setting) if adaptive else (setting, math.nan)
+    return Row(problem.name, integrator, step, rtol, *errors, own_error, min(times), min(calls), evaluations,
+               result.status)  # fmt: skip
+
+
+# ---------------------------------------------------------------------------------------------- problems
+
+
+def problems() -> list[Problem]:
+    """All problems, in the order of the table."""
+    return [
+        free_arm(),
+        stiff_arm("standard"),
+        stiff_arm("rotor"),
+        geared_arm(),
+        flying(),
+        *humanoids(),
+        free_box("simple"),
+        free_box("complex"),
+        pendulum(),
+    ]
+
+
+def unlimited(model: Model) -> Model:
+    """Without stops."""
+    free = {"type": "continuous", "lower": -math.inf, "upper": math.inf}
+    moving = model.joint_names
+    return replace(model, joints=tuple(replace(j, **free) if j.name in moving else j for j in model.joints))
+
+
+SMOOTH = {"best": "dop853", "check": "extrapolation"}
+ALL = {"implicit_euler": 2e-5, "midpoint": 2e-5, "rk4": 2e-5, "dop853": 1e-13, "extrapolation": 1e-13}
+
+
+def free_arm() -> Problem:
+    """Seven links let go at 0.5 rad a joint: chaotic, not stiff."""
+    model = unlimited(load_robot("arm7_spatial"))
+    return Problem("arm, free", model, {}, 1.0, _at(0.5), ALL, **SMOOTH)
+
+
+def stiff_arm(servos: str) -> Problem:
+    """The arm let go at 0.05 rad, on stiff continuous servos; those without rotor inertia are the stiff ones."""
+    arm = unlimited(load_robot("arm7_spatial"))
+    servo = load_servo("ax12", **STIFF_SERVO, viscous_friction=0.0, coulomb_friction=0.0)
+    model = replace(arm, servos=dict.fromkeys(arm.joint_names, servo))
+    name = "arm, stiff servos" if servos == "standard" else "arm, servos with rotors"
+    still = Reference([0.0], np.zeros((1, 7)))
+    return Problem(name, model, {"servos": servos}, 0.5, _at(0.05), ALL, still, check="dop853", coarsest=0.1)
+
+
+def geared_arm() -> Problem:
+    """The planar arm of Lima et al. 2013 with the whole chain: sampled control, motor, spring-damper gearbox."""
+    how = {"implicit_euler": 2e-5, "midpoint": 2e-5, "simtwo": 2e-5, "extrapolation": 1e-11}
+    still = Reference([0.0], np.zeros((1, 7)))
+    return Problem("arm, geared servos", load_robot("arm7"), {"servos": "mipsd"}, 0.5, _at(0.01), how, still,
+                   finest=1e-12)  # fmt: skip
+
+
+def flying() -> Problem:
+    """The humanoid tumbles freely, all joints limp."""
+    model = unlimited(replace(load_robot("humanoid", locked="simplified"), servos={}))
+    rng = np.random.default_rng(0)
+    n = len(model.joint_names)
+    q = np.concatenate([[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0], 0.3 * rng.normal(size=n)])
+    qd = 3.0 * rng.normal(size=n + 6)
+    return Problem("humanoid, flying", model, {}, 0.5, lambda s: initial_state(s, q, qd), ALL, **SMOOTH)
+
+
+def humanoids() -> list[Problem]:
+    """The humanoid on its soles, with the whole servo chain: it stands for half a second, and it walks a stride."""
+    from ..optimize import walking_cost
+
+    cost = walking_cost(load_robot("humanoid", locked="simplified"))
+    how = {"implicit_euler": 2e-5, "midpoint": 2e-5, "simtwo": 2e-5, "extrapolation": 1e-8}
+    common = {"integrators": how, "sample": 0.01, "finest": 1e-9}
+    scene = {"servos": "mipsd", "ground": Ground()}
+    signal = cost.reference(cost.gait.to_vector(), cost.warm_up + 1)
+    posture = signal.values[0]
+    still = Reference([0.0], posture[None])
+    start = simulate(cost.scene, cost.mark, standing_state(cost.scene, posture), signal, sample=cost.mark).final
+    stride = Reference(signal.times - cost.mark, signal.values, "linear")
+    stands = Problem("humanoid, standing", cost.scene.model, scene, 0.5, lambda s: standing_state(s, posture),
+                     reference=still, **common)  # fmt: skip
+    walks = Problem("humanoid, walking a stride", cost.scene.model, scene, cost.gait.period, lambda _: start,
+                    reference=stride, **common)  # fmt: skip
+    return [stands, walks]
+
+
+BOX = (1.0, 4.0, 9.0)  # edges [m]
+
+
+def free_box(kind: str) -> Problem:
+    """A uniform box in free flight for ten seconds."""
+    x, y, z = BOX
+    inertia = ((y * y + z * z) / 12, 0.0, 0.0, (x * x + z * z) / 12, 0.0, (x * x + y * y) / 12)
+    model = Model("box", (Link("box", 1.0, (0.0, 0.0, 0.0), inertia),), (), "floating")
+    simple = kind == "simple"
+    gravity = (0.0, 0.0, 0.0) if simple else (0.0, 0.0, -9.8)
+    velocity = [-0.9, 0.4, 0.1, 0.5, 0.0, 0.0] if simple else [-2.0, 2.0, 8.0, 0.1, 5.0, 0.1]
+
+    def turning(t):
+        """The simple box turns about its first axis and drifts."""
+        zero = 0.0 * t
+        return np.stack([-0.9 * t, 0.4 * t, 0.1 * t, np.cos(0.25 * t), np.sin(0.25 * t), zero, zero], axis=1)
+
+    return Problem(f"free box, {kind}", model, {"gravity": gravity}, 10.0,
+                   lambda s: initial_state(s, [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], velocity),
+                   ALL | dict.fromkeys(("implicit_euler", "midpoint", "rk4"), 1e-4),
+                   exact=turning if simple else None, coarsest=0.1, **SMOOTH)  # fmt: skip
+
+
+def pendulum() -> Problem:
+    """IFToMM A01: 1 kg at 1 m, let go horizontally; sin(q / 2) = k sn(K - w t), k = sin(45 deg), of elliptic sn."""
+    from scipy.special import ellipj, ellipk
+
+    base = Link("base", 0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
+    bob = Link("bob", 1.0, (0.0, 0.0, -1.0), POINT)
+    model = Model("pendulum", (base, bob), (Joint("hinge", "continuous", "base", "bob", axis=(0.0, 1.0, 0.0)),))
+    w, k = math.sqrt(9.81 / (1.0 + POINT[3])), math.sqrt(0.5)
+
+    def swinging(t):
+        return 2.0 * np.arcsin(k * ellipj(ellipk(k * k) - w * t, k * k)[0])[:, None]
+
+    return Problem("IFToMM A01, pendulum", model, {}, 10.0, _at(0.5 * math.pi), ALL, sample=0.1, exact=swinging)
+
+
+POINT = (1e-9, 0.0, 0.0, 1e-9, 0.0, 1e-9)  # of a point mass, which the model does not know [kg m^2]
+
+
+def _at(angle: float):
+    """At rest with this angle at all joints."""
+    return lambda scene: initial_state(scene, np.full(scene.tree.n, angle))
+
+
+# ---------------------------------------------------------------------------------------------- output
+
+
+def print_table(rows: list[Row]) -> None:
+    """One block for each problem."""
+    for problem in dict.fromkeys(row.problem for row in rows):
+        part = [row for row in rows if row.problem == problem]
+        print(f"\n{problem}; the reference is exact to {part[0].reference_error:.1e} rad or m")
+        print(f"{'integrator':15}{'step or rtol':>14}{'error':>11}{'error':>11}{'time':>11}{'simulate':>11}"
+              f"{'evaluations':>13}")  # fmt: skip
+        print(f"{'':29}{'[rad]':>11}{'[m]':>11}{'[ms/s]':>11}{'[ms/s]':>11}")
+        for r in part:
+            setting = f"{1e3 * r.step:g} ms" if math.isnan(r.rtol) else f"{r.rtol:.0e}"
+            shift = "" if math.isnan(r.shift) else f"{r.shift:.1e}"
+            status = "" if r.status == "ok" else f"  {r.status}"
+            print(f"{r.integrator:15}{setting:>14}{r.angle:11.1e}{shift:>11}{r.time:11.4g}{r.call:11.4g}"
+                  f"{r.evaluations:13}{status}")  # fmt: skip
+
+
+def write(path: Path, rows: list[Row], notes: str) -> None:
+    """The table as CSV, the notes as comments over it."""
+    columns = ["problem", "integrator", "step_s", "rtol", "error_rad", "error_m", "reference_error", "run_ms_per_s",
+               "simulate_ms_per_s", "evaluations", "status"]  # fmt: skip
+    with complete(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        file.writelines(f"# {line}\n" for line in notes.splitlines())
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(["" if isinstance(x, float) and math.isnan(x) else x for x in row] for row in rows)
+
+
+def read(path: Path) -> list[Row]:
+    """The rows of a precision.csv."""
+    with Path(path).open(newline="", encoding="utf-8") as file:
+        _, *lines = csv.reader(line for line in file if not line.startswith("#"))
+    return [
+        Row(p, i, *(float(x) if x else math.nan for x in numbers), int(evaluations), status)
+        for p, i, *numbers, evaluations, status in lines
+    ]
+
+
+COLOURS = {
+    "implicit_euler": "C0",
+    "midpoint": "C2",
+    "rk4": "C1",
+    "simtwo": "C3",
+    "dop853": "C4",
+    "extrapolation": "0.15",
+}
+
+
+def plot(path: Path, rows: list[Row], notes: str = "") -> None:
+    """A panel for each problem: time against error, of runs that are right to 1 rad or m; right and low is bad."""
+    from matplotlib.figure import Figure
+
+    names = list(dict.fromkeys(row.problem for row in rows))
+    columns = min(4, len(names))
+    lines = -(-len(names) // columns)
+    figure = Figure(figsize=(max(3.3 * columns + 0.3, 8.0), 2.9 * lines + 0.9), layout="constrained")
+    panels = figure.subplots(lines, columns, squeeze=False).ravel()
+    for panel, name in zip(panels, names):
+        _panel(panel, [row for row in rows if row.problem == name])
+    for panel in panels[len(names) :]:
+        panel.set_axis_off()
+    for k in range(len(names)):
+        panels[k].set_ylabel("CPU time [ms/s]" if k % columns == 0 else "")
+    used = [name for name in COLOURS if any(row.integrator == name for row in rows)]
+    handles = [_line(name) for name in used]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(used), frameon=False)
+    figure.suptitle(
+        "CPU milliseconds per simulated second against error; filled: error control, hollow: fixed steps\n" + notes,
+        fontsize=9,
+    )
+    with complete(path) as temporary:
+        figure.savefig(temporary, dpi=130, format="png")
+
+
+def _style(name: str) -> dict:
+    fill = COLOURS[name] if name in ADAPTIVE else "white"
+    return {"color": COLOURS[name], "marker": "o", "markersize": 4, "markerfacecolor": fill, "linewidth": 1.2}
+
+
+def _line(name: str):
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], label=name, **_style(name))
+
+
+def _panel(panel, rows: list[Row]) -> None:
+    from matplotlib.ticker import NullFormatter
+
+    for name in COLOURS:
+        line = [row for row in rows if row.integrator == name and 0.0 < row.error < 1.0]
+        panel.loglog([row.error for row in line], [row.time for row in line], **_style(name))
+    if rows[0].reference_error > 0.0:
+        panel.axvspan(1e-20, rows[0].reference_error, color="0.9")
+    shown = [row.error for row in rows if 0.0 < row.error < 1.0]
+    panel.set_xlim(0.3 * min(shown), 3.0 * max(shown))
+    panel.set_title(rows[0].problem, fontsize=10)
+    panel.set_xlabel("error [rad]" if math.isnan(rows[0].shift) else "error [rad or m]", fontsize=9)
+    panel.grid(alpha=0.3)
+    panel.tick_params(labelsize=8)
+    panel.yaxis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,133 @@
+"""The benchmarks' problems obey their physics, their errors fall as they must, and engines agree where compared."""
+
+import math
+
+import numpy as np
+import pytest
+
+from featherstone_gait.benchmark import peers, precision
+from featherstone_gait.benchmark.peers import Point, cost_at
+from featherstone_gait.dynamics import energy
+from featherstone_gait.simulation import simulate
+
+
+def errors(problem, integrator, settings):
+    rows = precision.measure(problem, repeats=1, settings=[(integrator, value) for value in settings])
+    assert all(row.time > 0 and row.call > 0 and row.evaluations > 0 for row in rows)
+    return [row.error for row in rows]
+
+
+# --- problems ----------------------------------------------------------------------------------------------------
+
+
+def test_the_simple_box_turns_evenly():
+    """Against its closed form: rounding only for order 8; the midpoint rule's quaternion lags as the step squared."""
+    problem = precision.free_box("simple")
+    assert errors(problem, "dop853", [1e-12])[0] < 1e-11
+    coarse, fine = errors(problem, "midpoint", [2e-2, 1e-2])
+    assert coarse / fine == pytest.approx(4.0, rel=0.01)
+
+
+def test_the_complex_box_keeps_momentum_and_energy_and_flies_a_parabola():
+    problem = precision.free_box("complex")
+    scene = problem.scene("dop853")
+    run = simulate(scene, 10.0, problem.state(scene), record=("base_q", "base_qd"), sample=0.1, rtol=1e-12)
+    t, q, qd = run["time"], run["base_q"], run["base_qd"]
+    parabola = np.outer(t, [-2.0, 2.0, 8.0]) + np.outer(0.5 * t * t, [0.0, 0.0, -9.8])
+    assert np.abs(q[:, :3] - parabola).max() < 1e-9
+    xx, _, _, yy, _, zz = problem.model.links[0].inertia
+    w, x, y, z = q[:, 3:7].T
+    spin = np.array([xx, yy, zz]) * qd[:, 3:]
+    first = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=1)
+    along_x = (first * spin).sum(axis=1)  # the angular momentum along the world's x axis
+    assert np.abs(along_x - along_x[0]).max() < 1e-9 * np.linalg.norm(spin[0])
+    turning = 0.5 * (qd[:, 3:] * spin).sum(axis=1)
+    assert turning == pytest.approx(turning[0], rel=1e-9)
+    assert np.ptp(qd[:, 4]) > 9.0  # it tips over: the middle axis is unstable
+    assert np.isfinite(energy(problem.model, q, qd)).all()
+
+
+def test_the_pendulum_follows_the_elliptic_functions():
+    """The bob's inertia, which the closed form has too, is 1e-9 of that of the pendulum; 30 rad of phase in ten s."""
+    (error,) = errors(precision.pendulum(), "dop853", [1e-13])
+    assert error < 2e-11
+
+
+@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint"])
+def test_the_error_of_the_stiff_arm_falls_with_the_step(integrator):
+    """Order 1 and 2; an explicit step of 1 ms is wrong by far."""
+    order = {"implicit_euler": 1, "midpoint": 2}[integrator]
+    problem = precision.stiff_arm("standard")
+    coarse, fine = errors(problem, integrator, [1e-3, 5e-4])
+    assert coarse / fine == pytest.approx(2.0**order, rel=0.1)
+    assert coarse < 1e-4
+    if integrator == "implicit_euler":
+        assert errors(problem, "rk4", [1e-3])[0] > 1e-2
+
+
+def test_the_reference_is_closer_to_another_solver_than_the_errors_counted_from_it():
+    for problem in (precision.stiff_arm("rotor"), precision.free_arm()):
+        assert precision.solution(problem)[1] < 1e-9
+
+
+def test_deviation_does_not_mind_the_sign_of_a_quaternion():
+    model = precision.free_box("simple").model
+    a = np.array([[1.0, 2.0, 3.0, math.cos(0.1), 0.0, math.sin(0.1), 0.0]])
+    b = np.array([[1.0, 2.0, 3.5, -math.cos(0.2), 0.0, -math.sin(0.2), 0.0]])
+    assert precision.deviation(model, a, b) == pytest.approx((0.2, 0.5))
+    assert precision.deviation(model, a, a * [1, 1, 1, -1, -1, -1, -1]) == (0.0, 0.0)
+
+
+def test_rows_survive_a_file_and_are_drawn(tmp_path):
+    rows = precision.measure(precision.free_box("simple"), 1, [("midpoint", 1e-2), ("dop853", 1e-6), ("dop853", 1e-9)])
+    precision.write(tmp_path / "precision.csv", rows, "processor\nversions")
+    again = precision.read(tmp_path / "precision.csv")
+    assert [repr(row) for row in again] == [repr(row) for row in rows]
+    precision.plot(tmp_path / "precision.png", again)
+    assert (tmp_path / "precision.png").stat().st_size > 1000
+
+
+# --- peers -------------------------------------------------------------------------------------------------------
+
+
+def points(errors, times):
+    return [Point("scene", "method", 10.0**-k, error, time) for k, (error, time) in enumerate(zip(errors, times))]
+
+
+def test_cost_is_interpolated_along_a_power_law():
+    line = points([1e-2, 1e-4, 1e-6], [1.0, 10.0, 100.0])
+    assert cost_at(1e-3, line) == pytest.approx(math.sqrt(10.0))
+    assert cost_at(1e-4, line) == 10.0
+    assert cost_at(1.0, line) == 1.0
+    assert cost_at(1e-7, line) == math.inf
+
+
+def test_nothing_is_interpolated_where_a_step_becomes_stable():
+    assert cost_at(1e-3, points([0.4, 1e-9], [1.0, 2.0])) == 2.0
+
+
+def test_a_missing_package_is_named_with_its_extra(monkeypatch, tmp_path):
+    monkeypatch.setattr(peers.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ValueError, match=r"needs mujoco and pin: pip install \"featherstone-gait\[peers\]\""):
+        peers.run(tmp_path)
+
+
+def test_engines_agree_on_accelerations():
+    pytest.importorskip("mujoco")
+    pytest.importorskip("pinocchio")
+    for row in peers.forward_dynamics(peers.speed.chain(10), repeats=1):
+        assert row.error < 1e-12, row
+
+
+@pytest.mark.parametrize("make", peers.scenes(), ids=lambda problem: problem.name)
+def test_engines_agree_on_where_the_arm_ends(make):
+    """Of order 4 or more the peers reach the reference, which so has no error of its own that matters."""
+    pytest.importorskip("mujoco")
+    pytest.importorskip("pinocchio")
+    exact = precision.solution(make)[0][-1]
+    q0 = np.full(7, 0.05 if make.reference else 0.5)
+    names = ["MuJoCo RK4, position", "MuJoCo RK4, dcmotor"] if make.reference else ["MuJoCo RK4"]
+    methods = {**peers._mujoco_methods(make), **peers._scipy_methods(make)}
+    for name in names:
+        assert np.abs(methods[name][1](1e-4, q0)[0] - exact).max() < 1e-8, name
+    assert np.abs(methods["SciPy LSODA"][1](1e-11, q0)[0] - exact).max() < 1e-7
