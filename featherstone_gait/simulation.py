@@ -46,9 +46,9 @@ LEAST_STEP = 1e-9  # [s]
 FIRST_STEP, FIRST_COLUMNS = 1e-3, 5  # where error control begins [s]
 RK4_LIMIT = 1.39  # of the explicit limit 2 / lambda: RK4's stability interval is 2.785 / lambda
 BATCH = 32  # runs that an executor is given at a time
-# Of the angle by which alternating speeds move a joint to and fro from step to step [rad or m]: half of what would count
-# as a wrong result.  The midpoint rule's ringing after an impact stays below it, explicit steps beyond their limit do not.
-CHATTER_LIMIT = 5e-4
+# Of the angle by which alternating speeds move a joint to and fro from step to step: half of what counts as a wrong
+# result.  The midpoint rule's ringing after an impact stays below it, explicit steps beyond their limit do not.
+CHATTER_LIMIT = 5e-4  # [rad or m]
 
 
 class Push(NamedTuple):

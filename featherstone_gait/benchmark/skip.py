@@ -55,7 +55,7 @@ from ..simulation import (
     standing_state,
 )
 from ..study.table import complete
-from .speed import _machine
+from .machine import machine
 
 STEP = 1e-3  # [s]
 SETTLE = 0.1  # of simulated time before anything is counted [s]
@@ -91,8 +91,8 @@ class Row(NamedTuple):
 
 def run(out_dir: Path, full: bool = False) -> list[Row]:
     """Print the tables; write skip.csv into `out_dir`."""
-    machine = _machine()
-    print(machine)
+    host = machine()
+    print(host)
     repeats = REPEATS_FULL if full else REPEATS
     parts = _costs(step_parts(), repeats)
     _print_parts(parts)
@@ -107,7 +107,7 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
     for name, text in unskipped(rows):
         print(f"{name}: {text}")
     print(handed_over(3 * repeats if full else 3))
-    _write(Path(out_dir) / "skip.csv", machine, parts, rows)
+    _write(Path(out_dir) / "skip.csv", host, parts, rows)
     return rows
 
 

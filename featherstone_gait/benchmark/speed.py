@@ -30,7 +30,7 @@ from ..dynamics import inverse_dynamics, mass_matrix
 from ..model import Joint, Link, Model
 from ..robot_file import load_robot, save_robot
 from ..tree import GRAVITY, compile_tree
-from .machine import machine as _machine
+from .machine import machine
 
 LENGTHS = (5, 10, 20, 50, 100, 200)
 REPEATS, REPEATS_FULL = 15, 51
@@ -82,8 +82,8 @@ def run(out_dir, full: bool = False) -> list[Row]:
     """Time everything, print the table, write speed.csv and speed.png into `out_dir`; `full` repeats it more often."""
     out_dir = Path(out_dir)
     out_dir.mkdir(parents=True, exist_ok=True)
-    machine, compilation = _machine(), _compile_times()
-    print(machine)
+    host, compilation = machine(), _compile_times()
+    print(host)
     print(compilation)
     rows = []
     print(f"{'robot':14}{'joints':>7}  {'algorithm':11}{'width':9}{'us':>10}{'spread':>8}{'error':>10}{'ratio':>8}")
@@ -94,8 +94,8 @@ def run(out_dir, full: bool = False) -> list[Row]:
                 f"{row.robot:14}{row.joints:7}  {row.algorithm:11}{row.width:9}{row.time:10.3f}{row.spread:8.0%}"
                 f"{row.error:10.1e}{row.ratio:8.3f}"
             )
-    _write(rows, f"{machine}\n{compilation}", out_dir / "speed.csv")
-    _plot(rows, machine, out_dir / "speed.png")
+    _write(rows, f"{host}\n{compilation}", out_dir / "speed.csv")
+    _plot(rows, host, out_dir / "speed.png")
     return rows
 
 

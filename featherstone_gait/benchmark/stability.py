@@ -29,7 +29,7 @@ from ..study.bisection import largest
 from ..study.linear_stability import growth, linearised
 from ..study.measures import LARGEST, SMALLEST
 from ..study.table import complete
-from .speed import _machine
+from .machine import machine
 
 JOINTS = (1, 2, 3, 5, 7)
 RATIOS = (160.0, 200.0, 254.0, 320.0, 400.0)
@@ -75,10 +75,10 @@ def run(out_dir: Path, full: bool = False) -> dict[Point, Found]:
         print(f"study {k} of {len(studies)}: {name}")
         measured |= _study(folder, name, joints, vary)
     found = {point: Found(*steps, linear_step(point)) for point, steps in measured.items()}
-    machine = _machine()
-    print(machine)
+    host = machine()
+    print(host)
     _print(found)
-    _write(out_dir / "stability.csv", found, machine)
+    _write(out_dir / "stability.csv", found, host)
     _plot(out_dir / "stability.png", found)
     return found
 

@@ -21,7 +21,7 @@ import numpy as np
 from featherstone_gait.dynamics import forward_kinematics
 from featherstone_gait.simulation import simulate_batch, standing_state
 from featherstone_gait.tree import GRAVITY
-from featherstone_gait.walking.cost import LOADED, RECORD, SAMPLE, Measures, WalkingCost, _measures
+from featherstone_gait.walking.cost import LOADED, RECORD, SAMPLE, Measures, WalkingCost, measured
 
 ALIKE = 1e-9  # points of the sole closer than this are one [m]
 
@@ -126,7 +126,7 @@ class ConstrainedCost:
     def _report(self, run) -> ConstraintReport:
         cost, names = self.walking, self.constraints.weights
         end = cost.mark + cost.strides * cost.gait.period
-        measures = _measures(cost.scene, run, cost.mark, end, cost.strides)
+        measures = measured(cost.scene, run, cost.mark, end, cost.strides)
         if measures.status != "ok":
             return ConstraintReport(measures, dict.fromkeys(names, math.nan), dict.fromkeys(names, math.nan))
         first, last = np.searchsorted(run["time"], [cost.mark - 1e-9, end - 1e-9])

@@ -124,7 +124,7 @@ class WalkingCost:
         return [self._measured(run) for run in self.simulate(list(vectors))]
 
     def _measured(self, run, slip=True) -> Measures:
-        return _measures(self.scene, run, self.mark, self._end, self.strides, slip)
+        return measured(self.scene, run, self.mark, self._end, self.strides, slip)
 
     @property
     def _end(self) -> float:
@@ -165,10 +165,10 @@ def cost_of_motion(scene: CompiledScene, path, *, start: float = 0.0, strides: i
         raise ValueError(f"{path}: start is {start} s; it must lie between 0 and the motion's end at {times[-1]:g} s")
     state, reference = standing_state(scene, angles[0]), Reference(times, angles, "linear")
     (run,) = simulate_batch(scene, times[-1], [state], [reference], record=RECORD, sample=SAMPLE)
-    return _measures(scene, run, start, times[-1], strides)
+    return measured(scene, run, start, times[-1], strides)
 
 
-def _measures(scene, run, start, end, strides, slip=True) -> Measures:
+def measured(scene: CompiledScene, run, start: float, end: float, strides: int, slip: bool = True) -> Measures:
     """Measure a trajectory between two times, which fall on its samples to within one; slip is nan if not asked for."""
     weight = -scene.model.mass * GRAVITY[2]
     first, last = np.searchsorted(run["time"], [start - 1e-9, end - 1e-9])
