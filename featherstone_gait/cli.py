@@ -20,9 +20,10 @@ from .experiments import EXPERIMENTS
 
 INTEGRATORS = ("implicit_euler", "midpoint", "rk4", "simtwo", "dop853", "extrapolation")
 BENCHMARKS = {  # modules of `featherstone_gait.benchmark`, and the files they write
-    "speed": "speed.csv, speed.png",
+    "speed": "speed.csv, speed_steps.csv, speed.png",
     "servo": "servo_arm.csv, servo_pd.csv, servo.png",
     "walk": "walk.csv, walk.png",
+    "stress": "stress.csv, stress.png",
     "skip": "skip.csv",
     "stability": "stability.csv, stability.png",
     "precision": "precision.csv, precision.png",

@@ -46,9 +46,10 @@ LEAST_STEP = 1e-9  # [s]
 FIRST_STEP, FIRST_COLUMNS = 1e-3, 5  # where error control begins [s]
 RK4_LIMIT = 1.39  # of the explicit limit 2 / lambda: RK4's stability interval is 2.785 / lambda
 BATCH = 32  # runs that an executor is given at a time
-# Of the angle by which alternating speeds move a joint to and fro from step to step: half of what counts as a wrong
-# result.  The midpoint rule's ringing after an impact stays below it, explicit steps beyond their limit do not.
-CHATTER_LIMIT = 5e-4  # [rad or m]
+CHATTER_LIMIT = 0.05  # [rad/s or m/s]; see `worst_chatter` in core/layout.py
+# The midpoint rule rings about the right mean after an impact; there the limit is the angle that this moves a joint to
+# and fro, half of what counts as a wrong result [rad or m].
+RINGING_LIMIT = 5e-4
 
 
 class Push(NamedTuple):
@@ -591,12 +592,14 @@ def _verdict(scene: CompiledScene, course: rollout.Plan, y: np.ndarray) -> tuple
             end,
         )
     chatter = y[slice(*scene.part("worst_chatter"))]
-    if len(chatter) and chatter.max() * scene.timestep > CHATTER_LIMIT:
+    limit = CHATTER_LIMIT
+    if scene.integrator == "midpoint":
+        limit = max(limit, RINGING_LIMIT / scene.timestep)
+    if len(chatter) and chatter.max() > limit:
         joint = scene.model.joint_names[int(chatter.argmax())]
         return (
             "chatter",
-            f"the speed of {joint} alternated by {chatter.max():.3g} rad/s from step to step "
-            f"(limit {CHATTER_LIMIT / scene.timestep:.3g}): "
+            f"the speed of {joint} alternated by {chatter.max():.3g} rad/s from step to step (limit {limit:.3g}): "
             f"a step of {scene.timestep:g} s is too large for {scene.integrator} in this scene",
             end,
         )

@@ -6,6 +6,9 @@ contact, limits and friction, through a Python loop; a call of it from Python co
 subtracted.  All are timed in turn in one process, and the medians compared: a busy machine then slows all alike.
 
 Chains are those of the arm `arm7_spatial`, prolonged.
+
+A second table holds whole steps: scenes of `precision` by the midpoint rule at 1 ms, one run in float64, eight to a
+vector, and as many vectors as there are cores, each beside the error of that step.
 """
 
 from __future__ import annotations
@@ -28,7 +31,9 @@ from ..core import timing
 from ..core.lanes import WIDTH, aligned
 from ..dynamics import inverse_dynamics, mass_matrix
 from ..model import Joint, Link, Model
+from ..plotting import positions
 from ..robot_file import load_robot, save_robot
+from ..simulation import simulate_batch
 from ..tree import GRAVITY, compile_tree
 from .machine import machine
 
@@ -49,6 +54,17 @@ class Row(NamedTuple):
     spread: float  # from the first to the third quartile, relative to the median
     error: float  # greatest difference from the reference by its greatest value
     ratio: float  # time by that of mj_forward, NaN without MuJoCo
+
+
+class Step(NamedTuple):
+    """One line of the table of steps."""
+
+    scene: str
+    scalar: float  # one step in float64 [us]
+    lanes: float  # eight to a vector, one thread, per robot [us]
+    scaling: float  # steps per second on all cores by those on one
+    error: float  # at the end of the run [rad or m]
+    reference_error: float  # of what the error is counted from
 
 
 class Question(NamedTuple):
@@ -79,7 +95,7 @@ class Timer(NamedTuple):
 
 
 def run(out_dir, full: bool = False) -> list[Row]:
-    """Time everything, print the table, write speed.csv and speed.png into `out_dir`; `full` repeats it more often."""
+    """Time everything, print the tables, write speed.csv, speed_steps.csv and speed.png; `full` repeats more."""
     out_dir = Path(out_dir)
     out_dir.mkdir(parents=True, exist_ok=True)
     host, compilation = machine(), _compile_times()
@@ -94,6 +110,11 @@ def run(out_dir, full: bool = False) -> list[Row]:
                 f"{row.robot:14}{row.joints:7}  {row.algorithm:11}{row.width:9}{row.time:10.3f}{row.spread:8.0%}"
                 f"{row.error:10.1e}{row.ratio:8.3f}"
             )
+    steps = _steps(REPEATS_FULL if full else REPEATS)
+    with (out_dir / "speed_steps.csv").open("w", newline="") as file:
+        file.writelines(f"# {line}\n" for line in host.splitlines())
+        writer = csv.writer(file)
+        writer.writerows([Step._fields, *steps])
     _write(rows, f"{host}\n{compilation}", out_dir / "speed.csv")
     _plot(rows, host, out_dir / "speed.png")
     return rows
@@ -294,6 +315,37 @@ def _compile_times() -> str:
         load, one, eight = map(float, run_.stdout.split())
         lines.append(f"{label:27}{load:18.2f}{one:20.2f}{eight:20.2f}")
     return "\n".join(lines)
+
+
+def _steps(repeats: int) -> list[Step]:
+    """Time whole steps of 1 ms; print and return their table."""
+    from . import precision
+
+    rows, cores = [], os.cpu_count() or 1
+    columns = ("float64 us", "lanes us", f"{cores} threads", "error", "reference")
+    print("\n{:26}{:>11}{:>10}{:>11}{:>10}{:>10}".format("midpoint, 1 ms", *columns))
+    for problem in precision.problems():
+        if problem.exact is not None or problem.name.startswith("free box"):
+            continue
+        exact, own_error = precision.solution(problem)
+        run = problem.run("midpoint", 1e-3)
+        scalar = np.median([run.once() for _ in range(repeats)][1:])
+        error = np.nanmax(precision.deviation(problem.model, positions(run.trajectory), exact))
+        few, many = (_batch_rate(problem, run, count, repeats // 3) for count in (WIDTH, WIDTH * cores))
+        rows.append(Step(problem.name, float(scalar), 1e6 / few, many / few, float(error), own_error))
+        print("{:26}{:11.3f}{:10.3f}{:11.2f}{:10.1e}{:10.1e}".format(*rows[-1]))
+    return rows
+
+
+def _batch_rate(problem, run, count: int, repeats: int) -> float:
+    """Steps per second of `count` equal runs, eight to a vector and a vector to a thread."""
+    arguments = problem.duration, [run.prepared.y] * count, [problem.reference] * count
+    times = []
+    for _ in range(repeats + 1):
+        start = time.perf_counter()
+        simulate_batch(run.scene, *arguments, record=(), sample=problem.duration)
+        times.append(time.perf_counter() - start)
+    return count * run.course.steps / float(np.median(times[1:]))
 
 
 def _write(rows: list[Row], notes: str, path: Path) -> None:
