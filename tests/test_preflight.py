@@ -56,7 +56,7 @@ def test_scene_chooses_integrator_and_step_and_says_why():
     free = compile_scene(arm).preflight
     stiff = compile_scene(arm, servos="standard").preflight
     asked = compile_scene(arm, servos="standard", integrator="midpoint", timestep=5e-4).preflight
-    assert (free.integrator, free.largest_explicit_step) == ("rk4", np.inf)
+    assert (free.integrator, free.largest_explicit_step) == ("dop853", np.inf)
     assert (stiff.integrator, stiff.timestep) == ("implicit_euler", 1e-3)
     assert "explicit step" in stiff.reason
     assert (asked.integrator, asked.timestep, asked.reason) == ("midpoint", 5e-4, "as asked for")

@@ -45,7 +45,7 @@ from ..walking.cost import LEAST_SPEED, WalkingCost
 from ..walking.gait import TICK, bounds
 from .claim import Claim
 
-EXPLICIT, IMPLICIT = "simtwo", "implicit_euler"
+EXPLICIT, IMPLICIT = "simtwo", "midpoint"
 PAPER_CONVERGED, PAPER_OLD, PAPER_COST, PAPER_STEP = 800, 2600, -0.14, 0.13
 FACTOR, POINTS = 1.5, 0.05  # within which iterations and changes count as the same
 PAPER_ITERATIONS = 3000
