@@ -9,7 +9,7 @@ transport is E / (m g d).  A run that fails, goes backward or hardly moves costs
 The references go out every 40 ms.  Between two of them the servo is taken to run at the speed that brings it to the
 next one in time, as an AX-12 does whose moving speed is sent along with its goal position (ROBOTIS e-Manual, AX-12A,
 control table address 32): they are joined by straight lines.  Held until the next one instead, they are steps of up to
-15 degrees: the humanoid's first gait then spends 89.5 J/m where it spends 65.3.
+15 degrees: the humanoid's first gait then spends 89.5 J/m where it spends 65.3 (implicit Euler at 1 ms).
 """
 
 from __future__ import annotations
