@@ -14,4 +14,4 @@ def test_notebook_runs_and_is_stored_with_its_results(path):
     notebook = nbformat.read(path, as_version=4)
     cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert all(cell.execution_count for cell in cells)
-    NotebookClient(notebook, timeout=120, resources={"metadata": {"path": path.parent}}).execute()
+    NotebookClient(notebook, timeout=900, resources={"metadata": {"path": path.parent}}).execute()
