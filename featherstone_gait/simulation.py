@@ -153,6 +153,7 @@ def simulate(
     rtol, atol: error allowed in a step, relative and absolute [rad, m, and their rates; A; J], of an integrator that
     chooses its steps (atol is rtol if None); given for a scene of fixed steps, they choose such an integrator for this
     run: "extrapolation" if it is stiff, else "dop853";
+    with pushes, or torques or continuous references that change, these are steps of the grid at most, by extrapolation;
     estimate_error: simulate again with half the step, or a tenth of the tolerances, for `Trajectory.error`.
     Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
     """
@@ -184,6 +185,10 @@ def simulate_batch(
     executor: any `concurrent.futures.Executor` in place of the threads.
     """
     scene, rtol, atol = _accuracy(scene, rtol, atol)
+    kinks = bool(pushes) or _has_knots(taus) or (scene.constants.pd is not None and _has_knots(references))
+    if scene.adaptive and kinks and not estimate_error and not (sample and sample < 1.5 * scene.timestep):
+        rest = (states, references, taus, pushes, record)
+        return _resolving_kinks(scene, duration, rest, sample, executor, noises, rtol, atol)
     if estimate_error:
         given = (states, references, taus, pushes, record)
         return _with_errors(scene, duration, given, sample, executor, noises, rtol, atol)
@@ -207,6 +212,24 @@ def simulate_batch(
     return [_trajectory(scene, course, slices, y, out) for y, out in results]
 
 
+def _has_knots(signals) -> bool:
+    """Whether any of the signals changes with time."""
+    return any(isinstance(x, Reference) and len(x.times) > 1 for x in signals or ())
+
+
+def _resolving_kinks(scene, duration, given, sample, executor, noises, rtol, atol) -> list[Trajectory]:
+    """Runs with pushes or signals that begin and end in between: error control would step over what it does not meet.
+
+    The extrapolation ends its steps on records, here on every step of the scene's grid; so it meets all that lasts as
+    long.  The explicit pair would not, and gives way to it.
+    """
+    if scene.integrator == "dop853":
+        scene = scene.recompiled(integrator="extrapolation")
+    every = scene.tick_steps if sample is None else round(sample / scene.timestep)
+    runs = simulate_batch(scene, duration, *given, scene.timestep, executor, noises, rtol, atol)
+    return [_each(run, every) for run in runs]
+
+
 def _with_errors(scene, duration, given, sample, executor, noises, rtol, atol) -> list[Trajectory]:
     """The runs, and the same in half the steps: of integrators with error control also to a tenth of the tolerance."""
     sample = scene.tick_steps * scene.timestep if sample is None else sample
@@ -217,11 +240,12 @@ def _with_errors(scene, duration, given, sample, executor, noises, rtol, atol) -
         return [with_error(run, fine, 2.0) for run, fine in zip(runs, better)]
     finer = scene.recompiled(timestep=0.5 * scene.timestep)  # steps end on records: twice as many
     better = simulate_batch(finer, duration, *given, 0.5 * sample, executor, noises, 0.1 * rtol, 0.1 * atol)
-    return [with_error(run, _every_other(fine), 1.1) for run, fine in zip(runs, better)]
+    return [with_error(run, _each(fine, 2), 1.1) for run, fine in zip(runs, better)]
 
 
-def _every_other(run: Trajectory) -> Trajectory:
-    return dataclasses.replace(run, channels={name: values[::2] for name, values in run.channels.items()})
+def _each(run: Trajectory, count: int) -> Trajectory:
+    """The run with only each so many-th record."""
+    return dataclasses.replace(run, channels={name: values[::count] for name, values in run.channels.items()})
 
 
 def _accuracy(scene: CompiledScene, rtol: float | None, atol: float | None):

@@ -97,9 +97,10 @@ def with_error(run: Trajectory, finer: Trajectory, factor: float) -> Trajectory:
 
     With half the step a method of order p leaves 1 / (1 - 2**-p) of the difference: 2 holds from order 1 on, and where
     kinks cost a higher method its order.  A tenth of the tolerance leaves a tenth of the error: 1.1.  Where the finer
-    run ended otherwise, the error is infinite.
+    run ended otherwise, or the run failed, the error is infinite.
     """
-    same = run.status == finer.status and abs(run.end_time - finer.end_time) <= 0.02 * run.end_time
+    failed = run.status in ("diverged", "step too small")
+    same = not failed and run.status == finer.status and abs(run.end_time - finer.end_time) <= 0.02 * run.end_time
     error = {
         name: factor * np.abs(values - finer[name]) if same else np.full(values.shape, np.inf)
         for name, values in run.channels.items()

@@ -61,7 +61,7 @@ class Step(NamedTuple):
 
     scene: str
     scalar: float  # one step in float64 [us]
-    lanes: float  # eight to a vector, one thread, per robot [us]
+    lanes: float  # eight to a vector, one thread, per robot, with the set-up of the batch [us]
     scaling: float  # steps per second on all cores by those on one
     error: float  # at the end of the run [rad or m]
     reference_error: float  # of what the error is counted from
@@ -331,21 +331,22 @@ def _steps(repeats: int) -> list[Step]:
         run = problem.run("midpoint", 1e-3)
         scalar = np.median([run.once() for _ in range(repeats)][1:])
         error = np.nanmax(precision.deviation(problem.model, positions(run.trajectory), exact))
-        few, many = (_batch_rate(problem, run, count, repeats // 3) for count in (WIDTH, WIDTH * cores))
-        rows.append(Step(problem.name, float(scalar), 1e6 / few, many / few, float(error), own_error))
+        (few, cpu), (many, _) = (_batch_time(problem, run, count, repeats // 3) for count in (WIDTH, WIDTH * cores))
+        rows.append(Step(problem.name, float(scalar), cpu, few / many, float(error), own_error))
         print("{:26}{:11.3f}{:10.3f}{:11.2f}{:10.1e}{:10.1e}".format(*rows[-1]))
     return rows
 
 
-def _batch_rate(problem, run, count: int, repeats: int) -> float:
-    """Steps per second of `count` equal runs, eight to a vector and a vector to a thread."""
+def _batch_time(problem, run, count: int, repeats: int) -> tuple[float, float]:
+    """Wall and CPU time of a step and run [us], `count` at once, with what `simulate_batch` does to set them up."""
     arguments = problem.duration, [run.prepared.y] * count, [problem.reference] * count
     times = []
     for _ in range(repeats + 1):
-        start = time.perf_counter()
+        start = time.perf_counter(), time.process_time()
         simulate_batch(run.scene, *arguments, record=(), sample=problem.duration)
-        times.append(time.perf_counter() - start)
-    return count * run.course.steps / float(np.median(times[1:]))
+        times.append((time.perf_counter() - start[0], time.process_time() - start[1]))
+    wall, cpu = 1e6 * np.median(times[1:], axis=0) / (count * run.course.steps)
+    return float(wall), float(cpu)
 
 
 def _write(rows: list[Row], notes: str, path: Path) -> None:
