@@ -23,6 +23,7 @@ from .core.adaptive import rollout_adaptive
 from .core.contact import SCRATCH as CONTACT_SCRATCH
 from .core.controller import PID_SPEED
 from .core.dormand_prince import ROWS
+from .core.extrapolation import LONGEST, Ladder
 from .core.knots import Knots, Signals
 from .core.lanes import WIDTH, aligned
 from .core.push import END, PUSH_COLUMNS
@@ -153,7 +154,6 @@ def simulate(
     rtol, atol: error allowed in a step, relative and absolute [rad, m, and their rates; A; J], of an integrator that
     chooses its steps (atol is rtol if None); given for a scene of fixed steps, they choose such an integrator for this
     run: "extrapolation" if it is stiff, else "dop853";
-    with pushes, or torques or continuous references that change, these are steps of the grid at most, by extrapolation;
     estimate_error: simulate again with half the step, or a tenth of the tolerances, for `Trajectory.error`.
     Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
     """
@@ -185,10 +185,6 @@ def simulate_batch(
     executor: any `concurrent.futures.Executor` in place of the threads.
     """
     scene, rtol, atol = _accuracy(scene, rtol, atol)
-    kinks = bool(pushes) or _has_knots(taus) or (scene.constants.pd is not None and _has_knots(references))
-    if scene.adaptive and kinks and not estimate_error and not (sample and sample < 1.5 * scene.timestep):
-        rest = (states, references, taus, pushes, record)
-        return _resolving_kinks(scene, duration, rest, sample, executor, noises, rtol, atol)
     if estimate_error:
         given = (states, references, taus, pushes, record)
         return _with_errors(scene, duration, given, sample, executor, noises, rtol, atol)
@@ -210,24 +206,6 @@ def simulate_batch(
     else:
         results = _run_grouped(scene, course, channels, runs, executor)
     return [_trajectory(scene, course, slices, y, out) for y, out in results]
-
-
-def _has_knots(signals) -> bool:
-    """Whether any of the signals changes with time."""
-    return any(isinstance(x, Reference) and len(x.times) > 1 for x in signals or ())
-
-
-def _resolving_kinks(scene, duration, given, sample, executor, noises, rtol, atol) -> list[Trajectory]:
-    """Runs with pushes or signals that begin and end in between: error control would step over what it does not meet.
-
-    The extrapolation ends its steps on records, here on every step of the scene's grid; so it meets all that lasts as
-    long.  The explicit pair would not, and gives way to it.
-    """
-    if scene.integrator == "dop853":
-        scene = scene.recompiled(integrator="extrapolation")
-    every = scene.tick_steps if sample is None else round(sample / scene.timestep)
-    runs = simulate_batch(scene, duration, *given, scene.timestep, executor, noises, rtol, atol)
-    return [_each(run, every) for run in runs]
 
 
 def _with_errors(scene, duration, given, sample, executor, noises, rtol, atol) -> list[Trajectory]:
@@ -485,7 +463,7 @@ def _run_group(scene: CompiledScene, course: rollout.Plan, channels: np.ndarray,
     if len(runs) == 1:
         y, out = runs[0].y.copy(), np.zeros((course.steps // course.per_sample + 1, len(channels)))
         signals = _signals(scene, runs[0].reference, runs[0].torques, np.zeros)._replace(noise=runs[0].noise)
-        scratch = _scratch(scene, np.zeros)
+        scratch = _scratch(scene, np.zeros, signals.tau is not None)
         run = rollout_adaptive if scene.adaptive else rollout.rollout_one
         run(scene.constants, scene.offsets, course, signals, y, scratch, channels, out)
         return [(y, out)]
@@ -529,38 +507,48 @@ def _signals(scene: CompiledScene, reference, torques, zeros) -> Signals:
     return Signals(reference, zeros((n, 2)), torques, values, tau, None, None, continuous)
 
 
-def _scratch(scene: CompiledScene, zeros) -> rollout.Scratch:
+def _scratch(scene: CompiledScene, zeros, driven: bool = False) -> rollout.Scratch:
+    """What a step overwrites; driven: by torques from outside."""
     n, model, o = scene.tree.n, scene.model, scene.layout
     points = 0 if scene.constants.points is None else len(scene.constants.points)
+    if scene.integrator == "extrapolation":
+        zeros = _lane_zeros
+    stages = {"rk4": (3, int(o["voltage"])), "dop853": (ROWS, int(o["increment"]))}.get(scene.integrator)
     return rollout.Scratch(
         zeros(scene.tree.workspace_shape()),
         zeros((JOINT_SCRATCH, max(n, 1))),
         zeros((max(points, 1), CONTACT_SCRATCH)),
         zeros((n + 1, 6)),
         zeros(model.nq + model.nv) if scene.integrator == "midpoint" else None,
-        zeros(({"rk4": 3, "dop853": ROWS}[scene.integrator], int(o["voltage"])))
-        if scene.integrator in ("rk4", "dop853")
-        else None,
+        zeros(stages) if stages else None,
         zeros(n) if scene.integrator == "simtwo" else None,
-        zeros(int(o["length"])),
-        _ladder(scene) if scene.integrator == "extrapolation" else None,
-        np.zeros(pace.PACE) if scene.adaptive else None,
+        np.zeros(int(o["length"])) if scene.adaptive else zeros(int(o["length"])),
+        _ladder(scene, driven) if scene.integrator == "extrapolation" else None,
+        np.zeros(pace.PACE_SCRATCH) if scene.adaptive else None,
     )
 
 
-def _ladder(scene: CompiledScene) -> pace.Ladder:
-    o, servo = scene.layout, scene.constants.servo
-    size, rates, columns = int(o["length"]), int(o["voltage"]), np.arange(pace.LONGEST + 1)
-    steps = columns + 1 if scene.stiff else 2 * (columns + 1)
-    return pace.Ladder(
+def _ladder(scene: CompiledScene, driven: bool) -> Ladder:
+    o, servo, n = scene.layout, scene.constants.servo, scene.tree.n
+    size, rates = int(o["length"]), int(o["voltage"])
+    if servo is not None:
+        parameters = _lane_zeros(servo.shape)
+        parameters[:] = servo[..., None]
+    return Ladder(
         start=np.zeros(size),
-        table=np.zeros((pace.LONGEST + 1, size)),
-        slope=np.zeros(rates),
-        first=np.zeros(rates),
-        previous=np.zeros(rates),
-        servo=None if servo is None else servo.copy(),
-        work=np.cumsum(steps).astype(float),
-        wanted=np.zeros(pace.LONGEST + 1),
+        best=np.zeros(size),
+        table=np.zeros((LONGEST, size)),
+        lanes=np.zeros((3, WIDTH), np.int64),
+        wanted=np.zeros(LONGEST),
+        y=_lane_zeros(size),
+        h=_lane_zeros(1),
+        last=_lane_zeros(1),
+        slope=_lane_zeros(rates),
+        first=_lane_zeros(rates),
+        previous=_lane_zeros(rates),
+        drive=_lane_zeros((n, 2)),
+        tau=_lane_zeros(n) if driven else None,
+        servo=None if servo is None else parameters,
         implicit=True if scene.stiff else None,
     )
 

@@ -18,7 +18,7 @@ from .contact import (
     place_points,
 )
 from .gearbox import gear_torque
-from .jit import inline, kernel
+from .jit import inline
 from .kinematics import base_acceleration, motion_pass
 from .lanes import select
 from .layout import (
@@ -47,7 +47,7 @@ from .spatial import load3, store3
 from .step import TAU, pd_torque
 
 
-@kernel
+@inline
 def derivative(scene, points, push, floating, o, y, t, dy, tau, drive, W, Z, C, F):
     """Fill dy[:o.voltage], zero to begin with; also torque, contact force and accelerations in y."""
     n = len(scene.tree) - 1

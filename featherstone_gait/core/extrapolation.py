@@ -3,78 +3,122 @@
 The interval H is crossed in n = n_1, n_2, ... equal steps of a basic method; since the result is a polynomial in h (or
 in h^2) plus a rest, Aitken and Neville's scheme extrapolates it to h = 0.  Basic methods:
 
-    nothing stiff: the explicit midpoint rule, expansion in h^2 (Gragg, Bulirsch, Stoer), n = 2, 4, 6, ...
+    nothing stiff: the explicit midpoint rule with Gragg's last step, expansion in h^2 (Bulirsch, Stoer), n = 2, 4, ...
     servos, gearboxes, contacts: the linearly implicit Euler step of step.py, expansion in h, n = 1, 2, 3, ...
 
 Order and step are chosen for the least work by distance: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary
 Differential Equations I, 2nd edition, section II.9, and E. Hairer, G. Wanner, II, section IV.9 (ODEX and SEULEX).
 What a step derives (torques, forces, accelerations) is a smooth function of h too, and is extrapolated along.
+
+The columns of the scheme do not depend on each other and run side by side in lanes.  Column k and column K - k take
+together as many steps as column K, so that K columns fill K/2 + 1 lanes without a gap, and K columns cost the time of
+the longest: order pays more than it does one column at a time.
 """
 
+from typing import NamedTuple
+
+import numpy as np
+
 from .advance import advance
-from .dormand_prince import slope_at
+from .derivative import derivative
 from .elementary import exp
 from .jit import inline, kernel
-from .knots import inputs
+from .knots import evaluate
+from .lanes import WIDTH, select
 from .layout import DECAY, ENERGIES, FADE, FILTER, IND, MEAN, METER, RES
-from .pace import COLUMNS, EVALUATIONS, LONGEST, REJECTED, STEP, STEPS, in_time, meters, root, scaled, unit_quaternion
-from .scene import Scene
+from .pace import (
+    COLUMNS,
+    EVALUATIONS,
+    REJECTED,
+    SINCE,
+    STEP,
+    STEPS,
+    UNTIL,
+    in_time,
+    meters,
+    root,
+    scaled,
+    unit_quaternion,
+)
+from .scene import driven
 from .step import solve_step
 
+LONGEST = 10  # columns: rounding errors grow by 2.7 a column of the linear sequence
 SAFETY, TARGET = 0.94, 0.65  # step = SAFETY h (TARGET / error) ** (1 / order)
-LOWER, HIGHER = 0.8, 0.9  # work a column less or more must save to be preferred
+HIGHER = 0.9  # work that the last column must have saved for another one to be tried
+LEFT, DONE, COLUMN = 0, 1, 2  # rows of `lanes`: steps to go, steps done, column
+
+
+class Ladder(NamedTuple):
+    """What the extrapolation overwrites; its lanes are seen by the kernels as `Columns`."""
+
+    start: np.ndarray  # (length of the state,)
+    best: np.ndarray  # (length of the state,)
+    table: np.ndarray  # (LONGEST, length of the state): the columns, then the last row of the scheme
+    lanes: np.ndarray  # (3, WIDTH): what each lane is at
+    wanted: np.ndarray  # (LONGEST,): the step that each column's error asks for [s]
+    y: np.ndarray  # (length of the state, WIDTH)
+    h: np.ndarray  # (1, WIDTH): steps [s]
+    last: np.ndarray  # (1, WIDTH): 1 where the step is the last of its column
+    slope: np.ndarray  # (o.voltage, WIDTH)
+    first: np.ndarray  # (o.voltage, WIDTH): slope at the start
+    previous: np.ndarray  # (o.voltage, WIDTH)
+    drive: np.ndarray  # (n, 2, WIDTH)
+    tau: np.ndarray | None  # (n, WIDTH) [N m]
+    servo: np.ndarray | None  # (n, SERVO_COLUMNS, WIDTH): servo parameters, with exponentials for each lane's step
+    implicit: bool | None  # True: linearly implicit Euler, None: explicit midpoint
+
+
+class Columns(NamedTuple):
+    """The lanes of `Ladder` and the workspaces."""
+
+    y: np.ndarray
+    h: np.ndarray
+    last: np.ndarray
+    slope: np.ndarray
+    first: np.ndarray
+    previous: np.ndarray
+    drive: np.ndarray
+    tau: np.ndarray | None
+    servo: np.ndarray | None
+    W: np.ndarray
+    Z: np.ndarray
+    C: np.ndarray
+    F: np.ndarray
 
 
 @kernel
-def extrapolate(scene, o, plan, y, t, length, ladder, signals, pace, s):
-    """Take one step of at most `length` [s] from t; y moves on, as does ladder.first, the slope there.
+def extrapolate(scene, o, plan, y, t, length, ladder, columns, signals, pace):
+    """Take one step of at most `length` [s] from t; y moves on, as does columns.first, the slope there.
 
     Returns the step, 0 if the error control asks for one too small.
     """
-    start, table, wanted = ladder.start, ladder.table, ladder.wanted
-    for i in range(len(start)):
+    start = ladder.start
+    for i in range(o.pace):
         start[i] = y[i]
     rejected = False
     while True:
         h = in_time(pace[STEP], length)
-        aim = min(max(int(pace[COLUMNS]), 2), LONGEST)
-        error, done, j = 1e300, False, 0
-        while j <= aim and not done:
-            failed = _column(ladder.implicit, scene, o, plan, y, t, h, j, signals, ladder, pace, s)
-            _neville(ladder.implicit, y, j, table, _smooth(ladder.implicit, o, plan))
-            if failed:
-                error = 1e300
-                break
-            j += 1
-            if j > 1:
-                error = _error(scene.servo, o, plan, start, table)
-                wanted[j - 1] = min(SAFETY * h * root(TARGET / max(error, 1e-30), _power(ladder.implicit, j)), 20.0 * h)
-                done = error <= 1.0
-                if not done and j >= aim and error > _hopeless(ladder.implicit, j, aim):
-                    break
-        if done:
-            _accept(ladder.implicit, o, plan, y, table, start)
+        count = min(max(int(pace[COLUMNS]), 2), LONGEST)
+        error = 1e300
+        if _sweep(ladder.implicit, scene, o, plan, t, h, count, signals, ladder, columns, pace):
+            error = _combine(ladder.implicit, scene.servo, o, plan, h, count, ladder)
+        if error <= 1.0:
+            _accept(ladder.implicit, o, plan, y, ladder)
             unit_quaternion(scene.floating, o, y)
-            first_slope(ladder.implicit, scene, o, y, t + h, signals, ladder, s)
+            first_slope(ladder.implicit, scene, o, y, t + h, signals, ladder, columns, pace)
             pace[STEPS] += 1.0
-            _choose(ladder, pace, j - 1, h, length, rejected)
+            _choose(ladder, pace, count - 1, h, length, rejected)
             return h
         rejected = True
         pace[REJECTED] += 1.0
         pace[STEP] = h * 0.25
         if error < 1e300:
-            pace[STEP] = min(0.7 * h, max(0.05 * h, wanted[j - 1]))
-        for i in range(len(start)):
-            y[i] = start[i]
+            best = _cheapest(ladder, count - 1, h)
+            pace[COLUMNS] = best + 1
+            pace[STEP] = min(0.7 * h, max(0.05 * h, ladder.wanted[best]))
         if not pace[STEP] > plan.least_step:
             return 0.0
-
-
-@inline
-def first_slope(implicit, scene, o, y, t, signals, ladder, s):
-    """The explicit rule's slope at the start of the next step."""
-    if implicit is None:
-        slope_at(scene, o, y, t, signals, ladder.first, s)
 
 
 @inline
@@ -93,125 +137,292 @@ def _power(implicit, count):
     return count
 
 
-@inline
-def _hopeless(implicit, count, aim):
-    """The error with `count` columns beyond which one more will not meet the tolerance."""
-    ratio = (aim + 1) / 1.0
-    if implicit is None:
-        return ratio * ratio
-    return ratio
+# ---------------------------------------------------------------------------------------------- columns
 
 
 @inline
-def _column(implicit, scene, o, plan, y, t, h, j, signals, ladder, pace, s):
-    """Cross the interval by the basic method in y; return whether it failed."""
-    for i in range(len(y)):
-        y[i] = ladder.start[i]
-    n = _steps(implicit, j)
-    pace[EVALUATIONS] += n
+def _sweep(implicit, scene, o, plan, t, h, count, signals, ladder, columns, pace):
+    """Cross the interval in `count` columns, which fill the rows of the table; return whether all of them succeeded.
+
+    Lane l takes the column l from the last one, then column l - 1, if there is one: together they are as long as the
+    last.  Lanes left over do as the first.
+    """
+    half, sound = count // 2, True
+    for lane in range(WIDTH):
+        column = count - 1
+        if lane <= half:
+            column = count - 1 - lane
+        _assign(implicit, ladder, lane, column, h)
+    _begin(implicit, o, plan, ladder, columns)
+    _set_exponentials(scene.servo, columns)
+    total = _steps(implicit, count - 1)
+    for k in range(total):
+        for lane in range(WIDTH):
+            _lane_inputs(signals, ladder, lane, min(t + _time(ladder, lane, implicit), pace[UNTIL]))
+        _step(implicit, scene, o, plan, signals, columns, pace)
+        fresh = False
+        for lane in range(half + 1):
+            ladder.lanes[LEFT, lane] -= 1
+            ladder.lanes[DONE, lane] += 1
+            if ladder.lanes[LEFT, lane] == 0:
+                sound = sound & _harvest(implicit, o, plan, ladder, lane)
+                pace[EVALUATIONS] += ladder.lanes[DONE, lane]
+                if k < total - 1:
+                    _assign(implicit, ladder, lane, max(lane - 1, 0), h)
+                    _begin_again(implicit, o, plan, ladder, lane)
+                    fresh = True
+            if implicit is None:
+                ladder.last[0, lane] = 1.0 if ladder.lanes[LEFT, lane] == 1 else 0.0
+        if implicit is None:
+            for lane in range(half + 1, WIDTH):
+                ladder.last[0, lane] = ladder.last[0, 0]
+        if fresh:
+            _set_exponentials(scene.servo, columns)
+    return sound
+
+
+@inline
+def _assign(implicit, ladder, lane, column, h):
+    """Give a lane a column."""
+    n = _steps(implicit, column)
+    ladder.lanes[LEFT, lane] = n
+    ladder.lanes[DONE, lane] = 0
+    ladder.lanes[COLUMN, lane] = column
+    ladder.h[0, lane] = h / n
+
+
+@inline
+def _time(ladder, lane, implicit):
+    """Time of a lane's next evaluation since the interval's start [s]; the first of either method lies a step ahead."""
+    return (ladder.lanes[DONE, lane] + 1) * ladder.h[0, lane]
+
+
+@inline
+def _begin(implicit, o, plan, ladder, columns):
+    """All lanes to the start."""
+    for i in range(o.pace):
+        columns.y[i] = ladder.start[i]
     if implicit is None:
-        _midpoint(scene, o, plan.integrated, y, t, h / n, n, signals, ladder, s)
-        return False
-    _euler(scene, ladder.servo, o, y, t, h / n, n, signals, s)
-    return y[o.passes + 1] > ladder.start[o.passes + 1]
+        h = columns.h[0]
+        for i in range(plan.integrated):
+            columns.previous[i] = ladder.start[i]
+            columns.y[i] = ladder.start[i] + h * columns.first[i]
+        columns.last[0] = 0.0
+
+
+@inline
+def _begin_again(implicit, o, plan, ladder, lane):
+    """One lane to the start."""
+    for i in range(o.pace):
+        ladder.y[i, lane] = ladder.start[i]
+    if implicit is None:
+        h = ladder.h[0, lane]
+        for i in range(plan.integrated):
+            ladder.previous[i, lane] = ladder.start[i]
+            ladder.y[i, lane] = ladder.start[i] + h * ladder.first[i, lane]
+
+
+@inline
+def _harvest(implicit, o, plan, ladder, lane):
+    """Put a lane's column into the table; return whether Newton's iteration converged in all of its steps."""
+    column = ladder.lanes[COLUMN, lane]
+    for i in range(_smooth(implicit, o, plan)):
+        ladder.table[column, i] = ladder.y[i, lane]
+    return not ladder.y[o.passes + 1, lane] > ladder.start[o.passes + 1]
+
+
+@inline
+def _step(implicit, scene, o, plan, signals, columns, pace):
+    """One step of every lane."""
+    if implicit is None:
+        _midpoint(scene, o, plan.integrated, columns, pace)
+    else:
+        _euler(scene, o, columns, pace)
 
 
 @kernel
-def _midpoint(scene, o, m, y, t, h, n, signals, ladder, s):
-    """Gragg's explicit midpoint rule: y_{k+1} = y_{k-1} + 2 h f(y_k), begun with an Euler step."""
-    start, previous, slope = ladder.start, ladder.previous, ladder.slope
+def _midpoint(scene, o, m, columns, pace):
+    """y_{k+1} = y_{k-1} + 2 h f(y_k); in the end Gragg's mean (y_{n-1} + 2 y_n + y_{n+1}) / 4, which sees the end."""
+    _slope(scene, o, columns, columns.slope, pace[SINCE])
+    y, previous, slope = columns.y, columns.previous, columns.slope
+    h, last = columns.h[0], columns.last[0] > 0.0
     for i in range(m):
-        previous[i] = start[i]
-        y[i] = start[i] + h * ladder.first[i]
-    for k in range(1, n):
-        slope_at(scene, o, y, t + k * h, signals, slope, s)
-        for i in range(m):
-            after = previous[i] + 2.0 * h * slope[i]
-            previous[i] = y[i]
-            y[i] = after
+        here, step = y[i], h * slope[i]
+        y[i] = select(last, 0.5 * (here + (previous[i] + step)), previous[i] + 2.0 * step)
+        previous[i] = here
 
 
 @kernel
-def _euler(scene, servo, o, y, t, h, n, signals, s):
-    """n linearly implicit Euler steps."""
-    if servo is not None:
-        set_exponentials(servo, h)
-    at = Scene(
-        scene.tree,
-        scene.floating,
-        scene.gravity,
-        servo,
-        scene.gear,
-        scene.pd,
-        scene.law,
-        scene.armature,
-        scene.friction,
-        scene.stops,
+def _slope(scene, o, columns, slope, since):
+    derivative(
+        scene,
         scene.points,
-        scene.point_bodies,
-        scene.ground,
         scene.push,
-        scene.push_rows,
+        scene.floating,
+        o,
+        columns.y,
+        since,
+        slope,
+        columns.tau,
+        columns.drive,
+        columns.W,
+        columns.Z,
+        columns.C,
+        columns.F,
     )
-    for k in range(n):
-        inputs(signals, t + (k + 1) * h)
-        solve_step(
-            at,
-            at.points,
-            at.push,
-            o,
-            y,
-            t + k * h,
-            None,
-            signals.tau,
-            signals.drive,
-            h,
-            h,
-            s.W,
-            s.Z,
-            s.C,
-            s.F,
-        )
-        advance(
-            at,
-            at.servo,
-            at.gear,
-            at.points,
-            at.floating,
-            o,
-            y,
-            None,
-            signals.tau,
-            signals.drive,
-            h,
-            h,
-            1.0,
-            s.W,
-            s.Z,
-            s.C,
-        )
 
 
 @inline
-def set_exponentials(servo, h):
-    """What is left of currents and filtered speeds after a step h [s], and the currents' mean."""
-    for i in range(len(servo)):
-        servo[i, DECAY] = servo[i, MEAN] = servo[i, FADE] = 0.0
-        if servo[i, IND] > 0.0:
-            z = h * servo[i, RES] / servo[i, IND]
-            servo[i, DECAY] = exp(-z)
-            servo[i, MEAN] = (1.0 - servo[i, DECAY]) / z
-            if z < 1e-3:  # the difference loses digits
-                servo[i, MEAN] = 1.0 - z * (0.5 - z * (1.0 / 6.0 - z * (1.0 / 24.0)))
-        if servo[i, FILTER] > 0.0:
-            servo[i, FADE] = exp(-h / servo[i, FILTER])
+def first_slope(implicit, scene, o, y, t, signals, ladder, columns, pace):
+    """The explicit rule's slope at the start of the next step, and what is derived there, in y too."""
+    if implicit is None:
+        for i in range(o.pace):
+            columns.y[i] = y[i]
+        for lane in range(WIDTH):
+            _lane_inputs(signals, ladder, lane, t)
+        _slope(scene, o, columns, columns.first, pace[SINCE])
+        pace[EVALUATIONS] += 1.0
+        for i in range(o.base_qdd, o.increment):
+            y[i] = ladder.y[i, 0]
+
+
+@kernel
+def _euler(scene, o, columns, pace):
+    """A linearly implicit Euler step."""
+    at = driven(scene, columns.servo, scene.gear, scene.pd, scene.law)
+    h = columns.h[0]
+    solve_step(
+        at,
+        at.points,
+        at.push,
+        o,
+        columns.y,
+        pace[SINCE],
+        None,
+        columns.tau,
+        columns.drive,
+        h,
+        h,
+        columns.W,
+        columns.Z,
+        columns.C,
+        columns.F,
+    )
+    advance(
+        at,
+        at.servo,
+        at.gear,
+        at.points,
+        at.floating,
+        o,
+        columns.y,
+        None,
+        columns.tau,
+        columns.drive,
+        h,
+        h,
+        1.0,
+        columns.W,
+        columns.Z,
+        columns.C,
+    )
 
 
 @inline
-def _neville(implicit, y, j, table, m):
+def _set_exponentials(servo, columns):
+    """What is left of currents and filtered speeds after each lane's step, and the currents' mean."""
+    if servo is not None:
+        h = columns.h[0]
+        for i in range(len(servo)):
+            if servo[i, IND] > 0.0:
+                z = h * (servo[i, RES] / servo[i, IND])
+                decay = exp(-z)
+                series = 1.0 - z * (0.5 - z * (1.0 / 6.0 - z * (1.0 / 24.0)))  # where the difference loses digits
+                columns.servo[i, DECAY] = decay
+                columns.servo[i, MEAN] = select(z < 1e-3, series, (1.0 - decay) / z)
+            if servo[i, FILTER] > 0.0:
+                columns.servo[i, FADE] = exp(-h / servo[i, FILTER])
+
+
+@inline
+def _lane_inputs(signals, ladder, lane, t):
+    """Bring a lane's torques and references of continuous servos to the time t, if they change at all."""
+    _lane_torques(signals.torques, signals.torque_values, ladder.tau, lane, t)
+    _lane_drive(signals.continuous, signals.reference, signals.drive, ladder.drive, lane, t)
+
+
+@inline
+def _lane_torques(torques, values, tau, lane, t):
+    if torques is not None:
+        if len(torques.times) > 1:
+            _put_torques(torques, values, tau, lane, t)
+
+
+@inline
+def _put_torques(torques, values, tau, lane, t):
+    evaluate(torques, t, values)
+    for i in range(len(tau)):
+        tau[i, lane] = values[i, 0]
+
+
+@inline
+def _lane_drive(continuous, reference, drive, out, lane, t):
+    if continuous is not None:
+        if reference is not None:
+            if len(reference.times) > 1:
+                _put_drive(reference, drive, out, lane, t)
+
+
+@inline
+def _put_drive(reference, drive, out, lane, t):
+    evaluate(reference, t, drive)
+    for i in range(len(drive)):
+        out[i, 0, lane] = drive[i, 0]
+        out[i, 1, lane] = drive[i, 1]
+
+
+@inline
+def begin_inputs(signals, ladder):
+    """Torques and references that are constant."""
+    for lane in range(WIDTH):
+        _begin_torques(signals.torques, signals.torque_values, ladder.tau, lane)
+        _begin_drive(signals.continuous, signals.reference, signals.drive, ladder.drive, lane)
+
+
+@inline
+def _begin_torques(torques, values, tau, lane):
+    if torques is not None:
+        _put_torques(torques, values, tau, lane, 0.0)
+
+
+@inline
+def _begin_drive(continuous, reference, drive, out, lane):
+    if continuous is not None:
+        if reference is not None:
+            _put_drive(reference, drive, out, lane, 0.0)
+
+
+# ---------------------------------------------------------------------------------------------- extrapolation
+
+
+@inline
+def _combine(implicit, servo, o, plan, h, count, ladder):
+    """Extrapolate; `best` takes the value of the smallest error, which is returned; `wanted` is filled."""
+    m, least = _smooth(implicit, o, plan), 1e300
+    for j in range(1, count):
+        _neville(implicit, j, ladder.table, m)
+        error = _error(servo, o, plan, ladder.start, ladder.table)
+        ladder.wanted[j] = min(SAFETY * h * root(TARGET / max(error, 1e-30), _power(implicit, j + 1)), 20.0 * h)
+        if error < least:
+            least = error
+            for i in range(m):
+                ladder.best[i] = ladder.table[0, i]
+    return least
+
+
+@inline
+def _neville(implicit, j, table, m):
     """Add column j to the scheme: table[0] becomes the new best value, table[1] the one of an order less."""
-    for i in range(m):
-        table[j, i] = y[i]
     for l in range(j, 0, -1):
         ratio = _steps(implicit, j) / _steps(implicit, l - 1)
         if implicit is None:
@@ -252,28 +463,45 @@ def _smooth(implicit, o, plan):
 
 
 @inline
-def _accept(implicit, o, plan, y, table, start):
-    """The best values; counters and the watch on chatter stay as they were."""
+def _accept(implicit, o, plan, y, ladder):
+    """The best values; the watch on chatter stays as it was, passes are those of the last column."""
     for i in range(_smooth(implicit, o, plan)):
-        y[i] = table[0, i]
-    for i in range(o.increment, o.passes):
-        y[i] = start[i]
+        y[i] = ladder.best[i]
+    y[o.passes] = ladder.y[o.passes, 0]
+
+
+# ---------------------------------------------------------------------------------------------- order and step
 
 
 @inline
-def _choose(ladder, pace, j, h, length, rejected):
-    """Order and step of least work by distance, after j + 1 columns were enough."""
-    work, wanted = ladder.work, ladder.wanted
-    best = j
-    if j > 1 and work[j - 1] * min(wanted[j], length) < LOWER * work[j] * min(wanted[j - 1], length):
-        best = j - 1
+def _work(count):
+    """Time of a step with so many columns: their steps, and one for what comes with it."""
+    return count + 1.0
+
+
+@inline
+def _cheapest(ladder, last, length):
+    """The column up to which the work by distance is least."""
+    best = 1
+    for j in range(2, last + 1):
+        if _work(j + 1) * min(ladder.wanted[best], length) < _work(best + 1) * min(ladder.wanted[j], length):
+            best = j
+    return best
+
+
+@inline
+def _choose(ladder, pace, last, h, length, rejected):
+    """Order and step of least work by distance, after columns up to `last`."""
+    wanted = ladder.wanted
+    best = _cheapest(ladder, last, length)
     step = wanted[best]
-    if best == j and not rejected and j + 2 < LONGEST:
-        if j < 2 or work[j] * min(wanted[j - 1], length) < HIGHER * work[j - 1] * min(wanted[j], length):
-            best = j + 1
-            step = wanted[j] * work[j + 1] / work[j]
+    if best == last and not rejected and last + 1 < LONGEST:
+        gained = _work(last) * min(wanted[last], length) * HIGHER > _work(last + 1) * min(wanted[last - 1], length)
+        if last < 2 or gained:
+            step = wanted[last] * _work(last + 2) / _work(last + 1)
+            best = last + 1
     if rejected:
         step = min(step, h)
-    pace[COLUMNS] = max(best + 1, 2)
+    pace[COLUMNS] = best + 1
     if h < length or step < h:
         pace[STEP] = step

@@ -58,6 +58,21 @@ def evaluate(knots, t, out):
             out[i, 1] = 0.0
 
 
+@kernel
+def next_knot(knots, t):
+    """Time of the first knot after t [s]."""
+    times = knots.times
+    turns = 0.0
+    if knots.period > 0.0:
+        turns = np.floor((t + AHEAD - times[0]) / knots.period) * knots.period
+    for k in range(len(times)):
+        if times[k] + turns > t + AHEAD:
+            return times[k] + turns
+    if knots.period > 0.0:
+        return times[0] + turns + knots.period
+    return 1e300
+
+
 @inline
 def inputs(signals, t):
     """Bring torques and the references of continuous servos to the time t."""

@@ -1,9 +1,5 @@
 """What error-controlled integrators share: the numbers that they go by, the error's scale, the end of the interval."""
 
-from typing import NamedTuple
-
-import numpy as np
-
 from .elementary import exp
 from .jit import inline, kernel
 from .lanes import sqrt
@@ -15,23 +11,11 @@ STEPS = 2  # taken
 REJECTED = 3
 EVALUATIONS = 4  # of the derivative, or linearly implicit steps
 LAST = 5  # error of the step before, by the tolerance
-PACE = 6
-
-LONGEST = 10  # columns: rounding errors grow by 2.7 a column of the linear sequence
-
-
-class Ladder(NamedTuple):
-    """Scratch of the extrapolation."""
-
-    start: np.ndarray  # (length of the state,)
-    table: np.ndarray  # (LONGEST + 1, length of the state): the last row of the scheme
-    slope: np.ndarray  # (o.voltage,)
-    first: np.ndarray  # (o.voltage,): slope at the start
-    previous: np.ndarray  # (o.voltage,)
-    servo: np.ndarray | None  # servo parameters, with exponentials for the present step
-    work: np.ndarray  # (LONGEST + 1,): evaluations up to each column
-    wanted: np.ndarray  # (LONGEST + 1,): the step that each column's error asks for [s]
-    implicit: bool | None  # True: linearly implicit Euler, None: explicit midpoint
+PACE = 6  # of these a state keeps
+# The interval between two events, within which pushes and signals are smooth [s].
+SINCE = 6
+UNTIL = 7
+PACE_SCRATCH = 8
 
 
 @inline

@@ -1,6 +1,7 @@
 """External forces that act on given points of links for a given time."""
 
 from .jit import kernel
+from .knots import AHEAD
 from .layout import P, R
 from .spatial import add, cross, load3, load9, rotate
 
@@ -28,3 +29,14 @@ def push_bodies(push, rows, t, W, F):
             for k in range(3):
                 F[i, k] += n[k]
                 F[i, 3 + k] += f[k]
+
+
+@kernel
+def next_edge(push, t):
+    """Time at which a push begins or ends next after t [s]."""
+    edge = 1e300
+    for j in range(len(push)):
+        for k in range(START, END + 1):
+            if push[j, k] > t + AHEAD:
+                edge = min(edge, push[j, k])
+    return edge

@@ -9,12 +9,12 @@ from numba.extending import overload
 from .advance import advance
 from .contact import ground_height
 from .controller import control_tick
+from .extrapolation import Ladder
 from .jit import entry, inline, kernel
 from .knots import AHEAD, Knots, Signals, evaluate, inputs
 from .lanes import any_lane, as_lanes, invert, select
 from .layout import GN, GT
 from .optional import item, viewed
-from .pace import Ladder
 from .runge_kutta import rk4_step
 from .simtwo import simtwo_step
 from .spatial import dot, load3
@@ -119,7 +119,7 @@ def _step(scene, o, plan, t, signals, y, predicted, stages, torques, s):
                 scene.push,
                 o,
                 y,
-                t,
+                t + sub,
                 predicted,
                 signals.tau,
                 signals.drive,

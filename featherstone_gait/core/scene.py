@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .jit import inline
+
 
 class Scene(NamedTuple):
     """Columns of the parameter arrays: layout.py."""
@@ -23,3 +25,25 @@ class Scene(NamedTuple):
     ground: np.ndarray | None  # (1 + steps, GROUND_COLUMNS)
     push: np.ndarray | None  # (pushes, PUSH_COLUMNS)
     push_rows: np.ndarray | None  # (pushes,) row of the body
+
+
+@inline
+def driven(scene, servo, gear, pd, law):
+    """The scene with other drives."""
+    return Scene(
+        scene.tree,
+        scene.floating,
+        scene.gravity,
+        servo,
+        gear,
+        pd,
+        law,
+        scene.armature,
+        scene.friction,
+        scene.stops,
+        scene.points,
+        scene.point_bodies,
+        scene.ground,
+        scene.push,
+        scene.push_rows,
+    )

@@ -29,7 +29,7 @@ from .layout import (
     WORK,
 )
 from .motor import clamp, current_step
-from .scene import Scene
+from .scene import driven
 from .step import solve_step
 
 
@@ -39,24 +39,8 @@ def simtwo_step(scene, o, y, t, h, torques, W, Z, C, F):
     n = len(scene.tree) - 1
     for i in range(n):
         torques[i] = _servo(scene.servo, scene.gear, o, y, h, i)
-    bare = Scene(
-        scene.tree,
-        scene.floating,
-        scene.gravity,
-        None,
-        None,
-        None,
-        None,
-        scene.armature,
-        scene.friction,
-        scene.stops,
-        scene.points,
-        scene.point_bodies,
-        scene.ground,
-        scene.push,
-        scene.push_rows,
-    )
-    solve_step(bare, bare.points, bare.push, o, y, t, None, torques, None, h, h, W, Z, C, F)
+    bare = driven(scene, None, None, None, None)
+    solve_step(bare, bare.points, bare.push, o, y, t + h, None, torques, None, h, h, W, Z, C, F)
     advance(bare, bare.servo, bare.gear, bare.points, bare.floating, o, y, None, torques, None, h, h, 1.0, W, Z, C)
 
 

@@ -105,3 +105,10 @@ D[3, [0, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]] = [
     -37.45832313645163, 104.0996495089623, 29.8402934266605, -43.53345659001114, 96.32455395918828,
     -39.17726167561544, -149.72683625798564,
 ]
+
+# The same as one table: stages 1 ... 11, 12 the step's end, 13 ... 15 for the interpolation.
+WEIGHTS = np.zeros((16, 15))
+WEIGHTS[:12, :11] = A
+WEIGHTS[12, :12] = B
+WEIGHTS[13:] = DENSE_A
+NODES = np.array([*C, 1.0, *DENSE_C, 0.0])
