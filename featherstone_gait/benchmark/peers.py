@@ -23,13 +23,11 @@ differently, and each engine's error is its own, counted from a sixteenth of the
 from __future__ import annotations
 
 import csv
-import ctypes
 import importlib.util
 import math
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import contextmanager
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -48,6 +46,7 @@ from ..simulation import _in_lanes, _lane_zeros, _scratch, _signals, initial_sta
 from ..study.table import complete
 from . import precision, speed, walk
 from .machine import machine
+from .mujoco_clock import quick_mujoco
 from .precision import Problem, Run
 
 KP, KD, LIMIT = (precision.STIFF_SERVO[name] for name in ("Kp", "Kd", "torque_limit"))
@@ -127,22 +126,6 @@ def run(out_dir: Path, full: bool = False) -> list[Line]:
     _write(out_dir / "peers_lines.csv", Line, found, where)
     _plot(out_dir / "peers.png", speeds, points, where)
     return found
-
-
-@contextmanager
-def quick_mujoco():
-    """MuJoCo without the clock by which its Python package times every step, and without warnings on the screen."""
-    import mujoco
-
-    library = next(Path(mujoco.__file__).parent.glob("libmujoco*"), None)
-    clock = ctypes.c_void_p.in_dll(ctypes.CDLL(str(library)), "mjcb_time") if library else ctypes.c_void_p()
-    before, clock.value = clock.value, None
-    mujoco.set_mju_user_warning(lambda text: None)
-    try:
-        yield
-    finally:
-        clock.value = before
-        mujoco.set_mju_user_warning(None)
 
 
 # ---------------------------------------------------------------------------------------------- forward dynamics
