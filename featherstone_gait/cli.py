@@ -44,7 +44,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run a command; return its exit code."""
     args = _parser().parse_args(argv)
     try:
-        args.out.mkdir(parents=True, exist_ok=True)
+        _make_folder(args.out)
         return args.run(args)
     except (ValueError, OSError) as error:
         print("error:", " ".join(str(error).split()), file=sys.stderr)
@@ -52,6 +52,15 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
+
+
+def _make_folder(path: Path) -> None:
+    """Raises ValueError where a file, at the path or above it, is in the way."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        file = next(each for each in (path, *path.parents) if each.exists())
+        raise ValueError(f"--out {path}: {file} is a file, not a folder; give another folder, or move it") from error
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -6,6 +6,7 @@ import math
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -127,6 +128,17 @@ def test_wrong_arguments_get_one_line(arguments, said, tmp_path, monkeypatch, ca
     assert captured.err.count("\n") == 1
     assert said in captured.err
     assert [path.name for path in tmp_path.iterdir()] == ["slider.urdf"]
+
+
+@pytest.mark.parametrize("out", ["slider.urdf", "slider.urdf/new/folder"])
+@pytest.mark.parametrize("command", ["info slider.urdf", "optimize", "study study.toml", "benchmark walk", "reproduce"])
+def test_a_file_is_no_folder_for_results(command, out, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "slider.urdf").write_text(SLIDER)
+    assert cli.main([*command.split(), "--out", out]) == 2
+    problem = "slider.urdf is a file, not a folder; give another folder, or move it"
+    assert capsys.readouterr().err == f"error: --out {Path(out)}: {problem}\n"
+    assert (tmp_path / "slider.urdf").read_text() == SLIDER
 
 
 def test_ctrl_c_is_an_exit_code(monkeypatch, tmp_path, capsys):
