@@ -9,7 +9,7 @@ such a fall shows the printed constants at all, and whether they hold for the im
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -21,7 +21,7 @@ from ..reference import Reference
 from ..robot_file import load_robot
 from ..scene import compile_scene
 from ..simulation import initial_state, simulate_batch
-from .claim import Claim
+from .claim import Claim, plus_minus
 
 COUNT = math.radians(300.0 / 1023.0)  # encoder step of the AX-12 [rad], ROBOTIS e-manual
 HANGING = math.radians(5.0)  # an arm within this of the vertical hangs [rad]
@@ -51,6 +51,7 @@ class Fall:
     label: str
     time: np.ndarray  # (k,) [s]
     angles: np.ndarray  # (starts, k) [rad]; 0 hangs
+    finer: Fall | None = None  # at half the step
 
     @property
     def overshoot(self) -> float:
@@ -113,7 +114,13 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
 
 
 def _fall(settings: Settings, model: Model, kind: str, label: str) -> Fall:
-    scene = compile_scene(changed(model, **MOTOR_OFF), kind, timestep=settings.timestep)
+    """Falls, and the same at half the step."""
+    found, finer = (_falls(settings, model, kind, label, h * settings.timestep) for h in (1.0, 0.5))
+    return replace(found, finer=finer)
+
+
+def _falls(settings: Settings, model: Model, kind: str, label: str, timestep: float) -> Fall:
+    scene = compile_scene(changed(model, **MOTOR_OFF), kind, timestep=timestep)
     states = [initial_state(scene, [angle]) for angle in settings.starts]
     still = [Reference([0.0], [[0.0]])] * len(states)
     runs = simulate_batch(scene, settings.duration, states, still, record=("q",), sample=SAMPLE)
@@ -151,7 +158,7 @@ def _fall_claim(result: Result) -> Claim:
     falls = {arm: kinds["standard"] for arm, kinds in result.gearboxes.items()}
     damped = all(fall.overshoot < 0.25 * result.settings.starts[0] and fall.settled < 2.0 for fall in falls.values())
     text = "; ".join(
-        f"{arm} hangs after {fall.settled:.2f} s, {math.degrees(fall.overshoot):.0f} deg beyond the vertical, damping "
+        f"{arm} hangs after {fall.settled:.2f} ± {SAMPLE:g} s, {_overshoot(fall)} deg beyond the vertical, damping "
         f"ratio {result.damping_ratios[arm]:.2f}"
         for arm, fall in falls.items()
     )
@@ -162,48 +169,67 @@ def _fall_claim(result: Result) -> Claim:
         verdict="reproduced in direction" if damped else "not reproduced",
         why="Table 2 makes a servo that can be turned by hand and that stops an arm within one swing (less than a "
         "quarter of the way up, within 2 s), as geared servos do. More cannot be said: the measured curve is a "
-        "picture, the arm is not described, and the manual states no friction",
+        "picture, the arm is not described, and the manual states no friction. After ±: a reading's distance from the "
+        "next, and how far half the step moves an angle",
     )
 
 
 def _coulomb_claim(result: Result) -> Claim:
     """Reproduced if the printed F_c changes the fall by more than the servo's encoder can tell."""
-    none, printed, at_rotor, _ = (fall.angles for fall in result.frictions.values())
-    seen, seen_at_rotor = (float(np.abs(angles - none).max()) for angles in (printed, at_rotor))
+    none, printed, at_rotor, _ = result.frictions.values()
+    seen, seen_at_rotor = (math.degrees(_apart(fall, none)) for fall in (printed, at_rotor))
+    finer, finer_at_rotor = (math.degrees(_apart(fall.finer, none.finer)) for fall in (printed, at_rotor))
+    count = math.degrees(COUNT)
     return Claim(
         claim="The static friction constant F_c was computed from such recordings (Table 2)",
         paper="F_c = 0.0000171 N m",
-        ours=f"it changes the forearm's fall by at most {math.degrees(seen):.3f} deg",
-        verdict="reproduced" if seen > COUNT else "not reproduced",
-        why=f"the encoder's count is {math.degrees(COUNT):.2f} deg: a fall cannot tell F_c at the output from none. "
+        ours=f"it changes the forearm's fall by at most {plus_minus(seen, finer, '.3f')} deg",
+        verdict="reproduced" if seen > count else "not reproduced",
+        why=f"the encoder's count is {count:.2f} deg: a fall cannot tell F_c at the output from none. "
         "Meant at the rotor, 254 times more at the output, it changes the fall by "
-        f"{math.degrees(seen_at_rotor):.1f} deg: the likelier meaning. The step response hardly shows it"
-        if seen < COUNT
-        else f"more than the encoder's count of {math.degrees(COUNT):.2f} deg",
+        f"{plus_minus(seen_at_rotor, finer_at_rotor, '.2f')} deg: the likelier meaning. The step response hardly shows "
+        "it"
+        if seen < count
+        else f"more than the encoder's count of {count:.2f} deg",
     )
 
 
 def _gearbox_claim(result: Result) -> Claim:
     """Reproduced if the fall stays within a count of the encoder, in direction if a new B_v brings it back there."""
     kinds = result.gearboxes["forearm"]
-    apart = float(np.abs(kinds["mipsd"].angles - kinds["standard"].angles).max())
+    apart, finer = (_apart(*falls) for falls in (kinds.values(), [fall.finer for fall in kinds.values()]))
+    changed_by = plus_minus(math.degrees(apart), math.degrees(finer), ".1f")
     rms = {J: float(np.sqrt(np.mean(fit.rms**2))) for J, fit in result.refits.items()}
     verdict = "reproduced in direction" if max(rms.values()) < COUNT else "not reproduced"
     refits = "; ".join(
-        f"J = {J:g} kg m²: B_v {fit.values['viscous_friction']:.4f} N m s/rad, rms {math.degrees(rms[J]):.1f} deg, "
-        f"whole arm {math.degrees(result.transfers[J]):.1f} deg"
+        f"J = {J:g} kg m²: B_v {fit.values['viscous_friction']:.4f} ({_interval(fit)}) N m s/rad, rms "
+        f"{math.degrees(rms[J]):.1f} deg, whole arm {math.degrees(result.transfers[J]):.1f} deg"
         for J, fit in result.refits.items()
     )
-    over = math.degrees(kinds["mipsd"].overshoot)
     return Claim(
         claim="The improved gearbox keeps the servomotor model and its constants (section 3)",
         paper="servomotor model unchanged",
-        ours=f"with J = 1e-7 kg m² and Table 2's B_v the forearm's fall differs by up to {math.degrees(apart):.0f} deg "
-        f"and swings {over:.0f} deg beyond the vertical",
+        ours=f"with J = 1e-7 kg m² and Table 2's B_v the forearm's fall differs by up to {changed_by} deg and "
+        f"swings {_overshoot(kinds['mipsd'])} deg beyond the vertical",
         verdict="reproduced" if apart < COUNT else verdict,
         why="the reflected rotor inertia (6.5e-3 kg m² for J = 1e-7) is 23 times the forearm's: friction identified "
-        f"without it does not carry over. B_v fitted again to the same fall: {refits}. No B_v replaces the inertia",
+        f"without it does not carry over. B_v fitted again to the same fall (95 % interval): {refits}. No B_v replaces "
+        "the inertia",
     )
+
+
+def _apart(one: Fall, other: Fall) -> float:
+    """Largest difference of an angle [rad]."""
+    return float(np.abs(one.angles - other.angles).max())
+
+
+def _overshoot(fall: Fall) -> str:
+    return plus_minus(math.degrees(fall.overshoot), math.degrees(fall.finer.overshoot), ".1f")
+
+
+def _interval(fit: Identification) -> str:
+    low, high = fit.intervals["viscous_friction"]
+    return f"{low:.4f} to {high:.4f}"
 
 
 def plot(result: Result) -> dict[str, Figure]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -17,3 +18,19 @@ class Claim:
     ours: str  # our value with its unit and spread
     verdict: Verdict
     why: str  # what the verdict rests on; where it is not "reproduced", the most likely reason
+
+
+def plus_minus(value: float, finer: float, form: str) -> str:
+    """A figure and how far half the step moves it."""
+    return f"{value:{form}} ± {abs(value - finer):.1g}"
+
+
+def span(values, form: str) -> str:
+    """Smallest to largest of those that are finite, and how many are not."""
+    finite = [x for x in values if math.isfinite(x)]
+    falls = len(values) - len(finite)
+    if not finite:
+        return "all fall" if falls > 1 else "falls"
+    low, high = min(finite), max(finite)
+    text = f"{low:{form}} to {high:{form}}" if high > low else f"{low:{form}}"
+    return text + (f" ({falls} of {len(values)} fall)" if falls else "")

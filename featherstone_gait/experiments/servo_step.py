@@ -24,7 +24,7 @@ from ..reference import Reference
 from ..robot_file import load_robot
 from ..scene import compile_scene
 from ..simulation import simulate
-from .claim import Claim
+from .claim import Claim, plus_minus
 
 COUNT = math.radians(300.0 / 1023.0)  # encoder step [rad], [manual]
 MARGIN = 1 * COUNT  # compliance margin: no output within it [rad], [manual]
@@ -33,6 +33,8 @@ PUNCH = 32 / 1023  # smallest output, of full, [manual]
 NO_LOAD = 59 * 2.0 * math.pi / 60 / 12  # no-load speed by supply [rad/(s V)], [manual]
 STALL = {10.0: 16.5 * 0.0980665, 12.0: 1.5}  # stall torque at a supply [N m], [original], [manual]
 CURRENT = {10.0: 0.9, 12.0: 1.5}  # largest current at a supply [A], [original], [manual]
+DEGREES = math.degrees(1.0)
+ERROR = "After ±: how far half the step moves it"
 TOLERANCE = 0.1  # within which a figure counts as the same: catalogues give no-load speeds to about 10 %
 
 
@@ -63,6 +65,11 @@ class Step:
     speed: float  # largest [rad/s]
     overshoot: float  # over the step [rad]
     error: float  # angle less reference at the end [rad]
+    finer: Step | None = None  # at half the step
+
+    def stated(self, name: str, scale: float, form: str) -> str:
+        """One of the figures, times `scale`, with how far half the step moves it."""
+        return plus_minus(scale * getattr(self, name), scale * getattr(self.finer, name), form)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,13 +117,25 @@ def _supplied(model: Model, volts: float) -> Model:
 
 
 def _step(settings: Settings, model: Model, label: str, kind: str = "mipsd") -> Step:
-    scene = compile_scene(model, kind, timestep=settings.timestep)
+    """A response, and the same at half the step."""
+    found, finer = (_response(settings, model, label, kind, h * settings.timestep) for h in (1.0, 0.5))
+    return replace(found, finer=finer)
+
+
+def _response(settings: Settings, model: Model, label: str, kind: str, timestep: float) -> Step:
+    scene = compile_scene(model, kind, timestep=timestep)
     reference = Reference([0.0], [[settings.step]])
-    run = simulate(scene, settings.duration, reference=reference, record=("q", "qd"), sample=settings.timestep)
+    run = simulate(scene, settings.duration, reference=reference, record=("q", "qd"), sample=timestep)
     time, angle = run["time"], run["q"][:, 0]
-    first, last = (time[np.argmax(angle >= share * settings.step)] for share in (0.1, 0.9))
+    first, last = (_reached(time, angle, share * settings.step) for share in (0.1, 0.9))
     overshoot = max(0.0, float(angle.max()) - settings.step)
     return Step(label, time, angle, last - first, float(run["qd"].max()), overshoot, angle[-1] - settings.step)
+
+
+def _reached(time: np.ndarray, angle: np.ndarray, level: float) -> float:
+    """When the angle first is `level` [s]."""
+    k = int(np.argmax(angle >= level))
+    return float(np.interp(level, angle[k - 1 : k + 1], time[k - 1 : k + 1]))
 
 
 def _no_load(settings: Settings, model: Model) -> float:
@@ -142,18 +161,18 @@ def _speed_claim(result: Result) -> Claim:
     """Reproduced if every supply's no-load speed is the manual's within the tolerance, and the step comes near it."""
     off = {volts: speed / (NO_LOAD * volts) - 1.0 for volts, speed in result.no_load.items()}
     worst = max(off.values(), key=abs)
-    standard = result.gearboxes["standard"].speed
+    standard, mipsd = (result.gearboxes[kind].stated("speed", 1.0, ".2f") for kind in ("standard", "mipsd"))
     same = abs(worst) < TOLERANCE
     return Claim(
         claim="Model and real servo agree in a step (Fig. 4): how fast it turns",
         paper=f"curves coincide; the AX-12's manual: {12 * NO_LOAD:.2f} rad/s without load at 12 V",
         ours=f"{result.no_load[12.0]:.2f} rad/s at 12 V ({off[12.0]:+.1%}); largest speed in the step at 10 V "
-        f"{standard:.2f} rad/s standard, {result.gearboxes['mipsd'].speed:.2f} rad/s MIPSD",
+        f"{standard} rad/s standard, {mipsd} rad/s MIPSD",
         verdict="reproduced" if same else "not reproduced",
         why=f"no-load speed within {TOLERANCE:.0%} of the manual's, taken in proportion to the supply, at "
         f"{', '.join(f'{volts:g}' for volts in off)} V: off by {min(off.values()):+.1%} to {max(off.values()):+.1%}. "
         "Without rotor inertia the first surge goes beyond it: with time constants of 0.6 ms (current) and 0.7 ms "
-        "(forearm on the back-EMF) the two overshoot for some milliseconds",
+        f"(forearm on the back-EMF) the two overshoot for some milliseconds. {ERROR}",
     )
 
 
@@ -177,14 +196,14 @@ def _torque_claim(result: Result) -> Claim:
 def _error_claim(result: Result) -> Claim:
     """Reproduced if the last error differs from that of the compliance law by less than the encoder can tell."""
     ours = result.gearboxes["standard"].error
+    standard, mipsd = (result.gearboxes[kind].stated("error", DEGREES, ".3f") for kind in ("standard", "mipsd"))
     linear = -result.load / result.stiffness
     real = -_compliance_error(result)
     same = abs(ours - real) < COUNT
     return Claim(
         claim="Model and real servo agree in a step (Fig. 4): where it comes to rest",
         paper=f"compliance law of the manual under this load: up to {math.degrees(real):.2f} deg",
-        ours=f"{math.degrees(ours):.3f} deg (MIPSD {math.degrees(result.gearboxes['mipsd'].error):.3f} deg); "
-        f"load by stiffness {math.degrees(linear):.3f} deg",
+        ours=f"{standard} deg (MIPSD {mipsd} deg); load by stiffness {math.degrees(linear):.3f} deg",
         verdict="reproduced" if same else "not reproduced",
         why=f"the difference is {math.degrees(abs(ours - real)):.2f} deg, less than one count of the encoder "
         f"({math.degrees(COUNT):.2f} deg). The paper's controller is linear; the real one gives nothing within a "
@@ -204,20 +223,22 @@ def _compliance_error(result: Result) -> float:
 def _gearbox_claim(result: Result) -> Claim:
     """Reproduced if the rise time is the same within the tolerance and the arm does not swing beyond it."""
     standard, mipsd = result.gearboxes["standard"], result.gearboxes["mipsd"]
+    percent = 100.0 / result.settings.step
     longer, over = mipsd.rise / standard.rise - 1.0, mipsd.overshoot / result.settings.step
     same = abs(longer) < TOLERANCE and over < TOLERANCE
     by_inertia = ", ".join(
-        f"{J:g} kg m²: {1e3 * step.rise:.0f} ms, {step.overshoot / result.settings.step:.0%}"
+        f"{J:g} kg m²: {step.stated('rise', 1e3, '.0f')} ms, {step.stated('overshoot', percent, '.1f')} %"
         for J, step in result.inertias.items()
     )
     return Claim(
         claim="The improved gearbox keeps the servomotor model unchanged (section 3)",
         paper="servomotor model and controller unchanged",
-        ours=f"rise {1e3 * standard.rise:.0f} ms standard, {1e3 * mipsd.rise:.0f} ms MIPSD ({longer:+.0%}); overshoot "
-        f"{standard.overshoot / result.settings.step:.0%} and {over:.0%}",
+        ours=f"rise {standard.stated('rise', 1e3, '.0f')} ms standard, {mipsd.stated('rise', 1e3, '.0f')} ms MIPSD "
+        f"({longer:+.0%}); overshoot {standard.stated('overshoot', percent, '.1f')} and "
+        f"{mipsd.stated('overshoot', percent, '.1f')} %",
         verdict="reproduced" if same else "reproduced in direction" if abs(longer) < TOLERANCE else "not reproduced",
         why=f"rise time and overshoot within {TOLERANCE:.0%}. It depends on the rotor inertia, which the paper does "
-        f"not give (rise, overshoot): {by_inertia}",
+        f"not give (rise, overshoot): {by_inertia}. {ERROR}",
     )
 
 
