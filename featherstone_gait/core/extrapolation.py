@@ -45,6 +45,7 @@ from .step import solve_step
 
 LONGEST = 12  # columns: rounding errors grow by 2.7 a column of the linear sequence
 SAFETY, TARGET = 0.94, 0.65  # step = SAFETY h (TARGET / error) ** (1 / order)
+FALL = 10.0  # of the error, that a column in powers of h is believed
 LEFT, DONE, COLUMN = 0, 1, 2  # rows of `lanes`: steps to go, steps done, column
 
 
@@ -406,17 +407,30 @@ def _begin_drive(continuous, reference, drive, out, lane):
 
 @inline
 def _combine(implicit, servo, o, plan, h, count, ladder):
-    """Extrapolate; `best` takes the value of the smallest error, which is returned; `wanted` is filled."""
-    m, least = _smooth(implicit, o, plan), 1e300
+    """Extrapolate; `best` takes the value of the smallest error, which is returned; `wanted` is filled.
+
+    A column's error is what it changes, but no less than a share of the column's before: where the solution is smooth
+    the errors fall by some such factor from column to column, while a kink in the interval keeps them all alike, and
+    then one of them is small by chance.
+    """
+    m, least, error = _smooth(implicit, o, plan), 1e300, 0.0
     for j in range(1, count):
         _neville(implicit, j, ladder.table, m)
-        error = _error(servo, o, plan, ladder.start, ladder.table)
+        error = max(_error(servo, o, plan, ladder.start, ladder.table), error / _largest_fall(implicit))
         ladder.wanted[j] = min(SAFETY * h * root(TARGET / max(error, 1e-30), _power(implicit, j + 1)), 20.0 * h)
         if error < least:
             least = error
             for i in range(m):
                 ladder.best[i] = ladder.table[0, i]
     return least
+
+
+@inline
+def _largest_fall(implicit):
+    """Of the error from one column to the next."""
+    if implicit is None:
+        return FALL * FALL
+    return FALL
 
 
 @inline
