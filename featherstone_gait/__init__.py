@@ -18,8 +18,9 @@ _MODULES = {
         "inverse_dynamics",
         "mass_matrix",
         "momentum",
+        "spring_energy",
     ),
-    "model": ("ContactPoint", "Controller", "Gearbox", "Ground", "Joint", "Link", "Model", "Servo"),
+    "model": ("ContactPoint", "Controller", "Gearbox", "Ground", "Joint", "Link", "Model", "Servo", "Spring"),
     "plotting": ("plot_motion", "plot_trajectory"),
     "reference": ("Reference",),
     "robot_file": (

@@ -8,6 +8,7 @@ the same bits as one by one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from .core import batch
 from .core.elementary import SINCOS_LIMIT
 from .core.lanes import WIDTH, aligned
-from .model import Model
+from .model import Model, Spring, check_springs
 from .tree import GRAVITY, Tree, compile_tree
 
 
@@ -89,6 +90,27 @@ def forward_kinematics(model: Model, q) -> Poses:
     if tree.floating:
         position = position + x["q"][:, None, :3]
     return Poses(_shaped(rotation, q), _shaped(position, q))
+
+
+def spring_energy(model: Model, springs: Sequence[Spring], q) -> np.ndarray:
+    """Energy stored in each spring, (springs,) or (n, springs) [J]."""
+    stretch = np.linalg.norm(spring_vectors(model, springs, q), axis=-1) - [spring.length for spring in springs]
+    return 0.5 * np.array([spring.stiffness for spring in springs]) * stretch**2
+
+
+def spring_vectors(model: Model, springs: Sequence[Spring], q) -> np.ndarray:
+    """From point a to point b of each spring, (springs, 3) or (n, springs, 3) in world axes [m]."""
+    check_springs(model.links, springs)
+    poses = forward_kinematics(model, q)
+    rows = {link.name: k for k, link in enumerate(model.links)}
+
+    def ends(links, points):
+        at = [rows[link] for link in links]
+        return poses.position[..., at, :] + np.einsum("...ij,...j->...i", poses.rotation[..., at, :, :], points)
+
+    a = ends([spring.a for spring in springs], np.array([spring.point_a for spring in springs]))
+    b = ends([spring.b for spring in springs], np.array([spring.point_b for spring in springs]))
+    return b - a
 
 
 def _arguments(model: Model, **arrays) -> dict[str, np.ndarray]:

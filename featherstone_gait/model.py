@@ -264,6 +264,33 @@ class Ground:
             _check_vector("ground", "step", step, 2)
 
 
+@dataclass(frozen=True)
+class Spring:
+    """A spring with a damper between points of two links: it pulls them together with K (l - l0) + C dl/dt.
+
+    One of the links may be the root of a robot with a fixed base.  The simulator takes its force at the start of a
+    step, or of a stage: a stiff one asks for small steps, best chosen by error control.
+    """
+
+    a: str  # link
+    b: str  # link
+    point_a: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m], frame of link a
+    point_b: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m], frame of link b
+    stiffness: float = 0.0  # K [N/m]
+    damping: float = 0.0  # C [N s/m]
+    length: float = 0.0  # l0, at rest [m]
+
+    def __post_init__(self):
+        what = f"spring from link {self.a!r} to {self.b!r}"
+        if self.a == self.b:
+            raise ValueError(f"{what}: both points are on one link, which does not stretch; give two links")
+        _check_vector(what, "point_a", self.point_a, 3)
+        _check_vector(what, "point_b", self.point_b, 3)
+        _check_number(what, "stiffness", self.stiffness, ">= 0", "N/m", "0 is a damper alone")
+        _check_number(what, "damping", self.damping, ">= 0", "N s/m", "0 is a spring alone")
+        _check_number(what, "length", self.length, ">= 0", "m", "it is the distance at which the spring is slack")
+
+
 @dataclass(frozen=True, eq=False)
 class Model:
     """A robot.  Compared and hashed by identity; compare `links` and `joints` to compare robots."""
@@ -378,6 +405,15 @@ def check_contacts(links: Iterable[Link], contacts: Iterable[ContactPoint]) -> N
     for contact in contacts:
         if contact.link not in names:
             raise ValueError(f"contacts: there is no link {contact.link!r}; use one of {_listed(names)}")
+
+
+def check_springs(links: Iterable[Link], springs: Iterable[Spring]) -> None:
+    """Raise ValueError unless every spring joins links of the robot."""
+    names = {link.name: link for link in links}
+    for spring in springs:
+        for end in (spring.a, spring.b):
+            if end not in names:
+                raise ValueError(f"springs: there is no link {end!r}; use one of {_listed(names)}")
 
 
 def _movable(by_name: dict[str, Joint], name: str, where: str) -> Joint:

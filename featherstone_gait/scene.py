@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
@@ -13,8 +14,9 @@ from .core.batch import exponential
 from .core.controller import PID_POSITION, PID_SPEED, STATE_FEEDBACK
 from .core.pace import PACE
 from .core.scene import Scene
-from .dynamics import forward_kinematics, mass_matrix
-from .model import Ground, Joint, Model, Servo
+from .core.spring import SPRING_COLUMNS
+from .dynamics import forward_kinematics, inverse_dynamics, mass_matrix, spring_vectors
+from .model import Ground, Joint, Model, Servo, Spring, check_springs
 from .preflight import Limit, Preflight, coupled_limit, joint_limit
 from .tree import GRAVITY, Tree, compile_tree
 
@@ -43,10 +45,11 @@ class CompiledScene:
     lag: float  # [s]
     servos: ServoKind | None
     ground: Ground | None
+    springs: tuple[Spring, ...]
     preflight: Preflight
     fall_height: float  # [m]
     fall_upright: float  # cosine
-    stiff: bool  # something limits explicit steps to less than `STIFF`
+    stiff: bool  # something that an implicit step takes in limits explicit steps to less than `STIFF`
     arguments: dict  # of `compile_scene`, after the model
 
     def recompiled(self, **changes) -> CompiledScene:
@@ -93,6 +96,7 @@ def compile_scene(
     gravity=GRAVITY,
     fall_height: float = 0.6,
     fall_tilt: float = math.radians(45),
+    springs: Sequence[Spring] = (),
 ) -> CompiledScene:
     """Lay a model, its servos and the ground out for the kernels.
 
@@ -104,6 +108,7 @@ def compile_scene(
     integrator : "implicit_euler", "midpoint", "rk4" or "simtwo" of fixed steps; "extrapolation", or for what is not
         stiff "dop853", which choose their steps by the error that `simulate` allows; None chooses from the preflight
     timestep : [s]; must divide the controllers' period; None chooses.  Of the latter two the grid of ticks and records
+    springs : between points of two links.  All integrators take them explicitly: stiff ones are for "dop853"
     fall_height, fall_tilt : a floating robot over ground has fallen below this fraction of its standing height, or
         tilted by more than this [rad]
 
@@ -113,14 +118,15 @@ def compile_scene(
     drive = _drive(model, servos)
     if ground is not None and not model.contacts:
         raise ValueError(f"{model.name}: ground without contact points; add contacts to its TOML, or ground=None")
-    check = _preflight(model, drive, ground, integrator, timestep)
+    check_springs(model.links, springs)
+    check = _preflight(model, drive, ground, springs, integrator, timestep)
     if check.integrator not in INTEGRATORS:
         raise ValueError(f"integrator {check.integrator!r}; use one of {', '.join(INTEGRATORS)}")
     if check.integrator == "simtwo" and not drive.sampled:
         raise ValueError("simtwo is the update order of sampled servos; use implicit_euler for other scenes")
     period, lag = _period(model, drive, check.timestep)
-    constants = _constants(model, tree, drive, check, ground, gravity)
-    stiff = drive.sampled or ground is not None or check.largest_explicit_step < STIFF or _sticks(constants)
+    constants = _constants(model, tree, drive, check, ground, springs, gravity)
+    stiff = drive.sampled or ground is not None or check.folded_step < STIFF or _sticks(constants)
     falls = tree.floating and ground is not None
     return CompiledScene(
         model=model,
@@ -133,6 +139,7 @@ def compile_scene(
         lag=lag,
         servos=servos,
         ground=ground,
+        springs=tuple(springs),
         preflight=check,
         fall_height=_fall_height(model, fall_height) if falls else -math.inf,
         fall_upright=math.cos(fall_tilt) if falls else -2.0,
@@ -145,6 +152,7 @@ def compile_scene(
             "gravity": gravity,
             "fall_height": fall_height,
             "fall_tilt": fall_tilt,
+            "springs": tuple(springs),
         },
     )
 
@@ -187,7 +195,7 @@ def _drive(model: Model, kind: ServoKind | None) -> _Drive:
     return _Drive(kind, servos, not continuous, continuous, armature)
 
 
-def _constants(model: Model, tree: Tree, drive: _Drive, check: Preflight, ground: Ground | None, gravity) -> Scene:
+def _constants(model: Model, tree: Tree, drive: _Drive, check: Preflight, ground, springs, gravity) -> Scene:
     """All parameter arrays; None for what the scene lacks."""
     h, sampled = check.timestep, drive.sampled
     laws = [LAWS[servo.controller.law] if servo else 0 for servo in drive.servos] if sampled else None
@@ -208,6 +216,8 @@ def _constants(model: Model, tree: Tree, drive: _Drive, check: Preflight, ground
         ground=None if ground is None else _ground_table(ground),
         push=None,
         push_rows=None,
+        springs=_spring_table(tree, springs) if springs else None,
+        spring_rows=_spring_rows(tree, springs) if springs else None,
     )
 
 
@@ -359,6 +369,19 @@ def _ground_table(ground: Ground) -> np.ndarray:
     return table
 
 
+def _spring_table(tree: Tree, springs: Sequence[Spring]) -> np.ndarray:
+    """The ends in the frames of the bodies that carry the links, and what joins them."""
+    table = np.zeros((len(springs), SPRING_COLUMNS))
+    for row, s in zip(table, springs):
+        a, b = tree.placements[s.a], tree.placements[s.b]
+        row[:] = (*(a.r + a.E @ s.point_a), *(b.r + b.E @ s.point_b), s.stiffness, s.damping, s.length)
+    return table
+
+
+def _spring_rows(tree: Tree, springs: Sequence[Spring]) -> np.ndarray:
+    return np.array([[tree.placements[s.a].row, tree.placements[s.b].row] for s in springs], np.int64)
+
+
 def _fall_height(model: Model, fraction: float) -> float:
     """Height of the base over the ground [m] below which the robot lies."""
     q = np.zeros(model.nq)
@@ -412,44 +435,68 @@ def _offsets(tree: Tree, constants: Scene) -> np.ndarray:
     return offsets.view(np.recarray)
 
 
-def _mobility(model: Model, armature) -> np.ndarray:
-    """The joints' part of M^-1 at zero (n, n): accelerations that torques cause."""
+def _mobility(model: Model, armature, springs: Sequence[Spring]) -> np.ndarray:
+    """J M^-1 J' at zero (n + springs, ...): accelerations of joints and springs' lengths that forces on these cause.
+
+    J holds the joints' own directions, then how fast each spring lengthens.
+    """
     q = np.zeros(model.nq)
     if model.base == "floating":
         q[3] = 1.0
     n = len(model.moving_joints)
-    return np.linalg.inv(mass_matrix(model, q, armature=armature))[model.nv - n :, model.nv - n :]
+    J = np.zeros((n + len(springs), model.nv))
+    J[:n, model.nv - n :] = np.eye(n)
+    if springs:
+        J[n:] = _lengthening(model, springs, q)
+    return J @ np.linalg.inv(mass_matrix(model, q, armature=armature)) @ J.T
 
 
-def _preflight(model: Model, drive: _Drive, ground: Ground | None, integrator, timestep) -> Preflight:
-    """Limits of explicit steps, and from them what is not given."""
-    own = mobility = _mobility(model, drive.armature)
-    limits, dampers, springs = [], [], []
-    for k, joint in enumerate(model.moving_joints):
-        damping, spring = _stiffest(joint, drive.of(k), drive)
-        limits.append(joint_limit(joint.name, 1.0 / mobility[k, k], damping, spring))
-        dampers.append(sum(damping.values()))
-        springs.append(sum(spring.values()))
+def _lengthening(model: Model, springs: Sequence[Spring], q: np.ndarray) -> np.ndarray:
+    """dl/dt of each spring by velocity (springs, nv): the generalised force that holds it against a pull of 1 N."""
+    still, rotation = np.zeros(model.nv), forward_kinematics(model, q).rotation
+    names = [link.name for link in model.links]
+    rows = []
+    for spring, d in zip(springs, spring_vectors(model, springs, q)):
+        length = np.linalg.norm(d)
+        pull = d / length if length > 0 else d
+        wrench = {
+            link: np.concatenate([np.cross(rotation[names.index(link)] @ point, force), force])
+            for link, point, force in ((spring.a, spring.point_a, pull), (spring.b, spring.point_b, -pull))
+        }
+        rows.append(inverse_dynamics(model, q, still, still, wrench=wrench, gravity=(0.0, 0.0, 0.0)))
+    return np.array(rows)
+
+
+def _preflight(model: Model, drive: _Drive, ground: Ground | None, between, integrator, timestep) -> Preflight:
+    """Limits of explicit steps, and from them what is not given; between: the springs between bodies."""
+    mobility, n = _mobility(model, drive.armature, between), len(model.moving_joints)
+    inertias = tuple(float(x) for x in 1.0 / np.diag(mobility)[:n])
+    acting = [(joint.name, *_stiffest(joint, drive.of(k), drive)) for k, joint in enumerate(model.moving_joints)]
+    acting += [(f"{s.a} - {s.b}", {"spring's damper": s.damping}, {"spring": s.stiffness}) for s in between]
+    limits = [joint_limit(name, 1.0 / own if own > 0 else math.inf, damping, spring)
+              for own, (name, damping, spring) in zip(np.diag(mobility), acting)]  # fmt: skip
+    dampers, springs = (np.array([sum(x[k].values()) for x in acting]) for k in (1, 2))
     if drive.kind == "mipsd":  # the gear's spring and damper act between link and rotor
-        mobility = mobility + np.diag(
-            [1.0 / (s.gearbox.ratio**2 * s.gearbox.rotor_inertia) if s else 0 for s in drive.servos]
-        )
-    largest = coupled_limit(mobility, np.array(dampers), np.array(springs))
+        for k, s in enumerate(drive.servos):
+            mobility[k, k] += 1.0 / (s.gearbox.ratio**2 * s.gearbox.rotor_inertia) if s else 0.0
+    folded = coupled_limit(mobility[:n, :n], dampers[:n], springs[:n])
+    largest = coupled_limit(mobility, dampers, springs)
     if ground is not None:
         limits.append(Limit("contact", 2.0 * math.sqrt(ground.sinking / 9.81), "contact spring"))
-        largest = min(largest, limits[-1].step)
+        folded, largest = min(folded, limits[-1].step), min(largest, limits[-1].step)
     step = timestep if timestep is not None else (1e-3 if drive.servos or ground is not None else 5e-4)
     if not 0 < step < math.inf:
         raise ValueError(f"timestep is {timestep!r} s; it must be positive and finite")
     if integrator is not None:
         reason = "as asked for"
-    elif drive.servos or ground is not None or largest < 10 * step:
+    elif drive.servos or ground is not None or folded < 10 * step:
         integrator = "implicit_euler"
         reason = f"an explicit step is limited to {largest:.2g} s, or clips and friction make kinks"
     else:
         integrator, reason = "dop853", "nothing is stiff: order 8"
-    inertias = tuple(float(x) for x in 1.0 / np.diag(own))
-    return Preflight(tuple(limits), integrator, step, reason, inertias, largest)
+        if largest < 10 * step:
+            reason = f"springs between bodies limit any step to some {largest:.2g} s: order 8 finds its own"
+    return Preflight(tuple(limits), integrator, step, reason, inertias, largest, folded)
 
 
 def _stiffest(joint: Joint, servo: Servo | None, drive: _Drive) -> tuple[dict, dict]:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from featherstone_gait.benchmark import peers, precision
 from featherstone_gait.benchmark.peers import Point, cost_at
@@ -53,6 +54,43 @@ def test_the_pendulum_follows_the_elliptic_functions():
     assert error < 2e-11
 
 
+def test_the_governor_rises_as_far_as_energy_and_momentum_let_it():
+    """Of the same mechanism with rigid lower rods, whose one coordinate is the rods' angle; a spring of 8e5 N/m gives
+    way by some 0.1 mm under 100 N, and its damper takes 1e-6 of the energy."""
+    problem = precision.governor()
+    scene = problem.scene("dop853")
+    run = simulate(scene, 1.0, problem.state(scene), record=("q",), sample=1e-3, rtol=1e-10)
+
+    def height(angle):
+        """Of slider and balls below the top, the lower rods as long as half a rod."""
+        return -math.sin(angle)
+
+    def inertia(angle):
+        """About the vertical: shaft, slider, rods and balls."""
+        r = math.cos(angle)
+        rods = 2.0 * (0.3 * (0.05**2 + 0.05 * r + r * r / 3.0) + 0.3 * 1e-4 / 12.0 * (1.0 + math.sin(angle) ** 2))
+        return 0.3 * 2e-4 / 12.0 + 3.0 * 0.01 / 6.0 + rods + 2.0 * 5.0 * (0.05 + r) ** 2
+
+    spin = inertia(math.radians(30.0)) * 2.0 * math.pi
+
+    def least_energy(angle):
+        weight = 3.0 + 2.0 * (5.0 + 0.15)  # the rods' own weight lies half way down
+        return 9.81 * weight * height(angle) + 0.5 * spin**2 / inertia(angle)
+
+    start = least_energy(math.radians(30.0))
+    top = brentq(lambda angle: least_energy(angle) - start, math.radians(25.0), 0.0)
+    assert run["q"][:, 1].max() == pytest.approx(height(top) + 0.5, abs=2e-4)
+
+
+@pytest.mark.parametrize(("integrator", "order"), [("midpoint", 2), ("implicit_euler", 1)])
+def test_the_error_of_the_governor_falls_with_the_step(integrator, order):
+    """Below the limit of the springs, which is 0.25 ms for Euler's step and half of that for the midpoint rule."""
+    coarse, fine = errors(precision.governor(), integrator, [1e-4, 5e-5])
+    assert coarse / fine == pytest.approx(2.0**order, rel=0.02)
+    (wrong,) = precision.measure(precision.governor(), 1, [(integrator, 5e-4)])
+    assert wrong.status == "diverged"
+
+
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint"])
 def test_the_error_of_the_stiff_arm_falls_with_the_step(integrator):
     """Order 1 and 2; an explicit step of 1 ms is wrong by far."""
@@ -66,7 +104,7 @@ def test_the_error_of_the_stiff_arm_falls_with_the_step(integrator):
 
 
 def test_the_reference_is_closer_to_another_solver_than_the_errors_counted_from_it():
-    for problem in (precision.stiff_arm("rotor"), precision.free_arm()):
+    for problem in (precision.stiff_arm("rotor"), precision.free_arm(), precision.governor()):
         assert precision.solution(problem)[1] < 1e-9
 
 

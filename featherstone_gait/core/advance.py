@@ -51,7 +51,7 @@ def advance(scene, servo, gear, points, floating, o, y, predicted, tau, drive, h
         if predicted is not None:
             a = a + y[o.qdd + i]
         dv = h * a
-        _watch(acting(scene), o, y, i, dv)
+        _watch(either(acting(scene), scene.springs), o, y, i, dv)
         y[o.qdd + i] = a
         y[o.q + i] += h * Z[VN, i]
         y[o.qd + i] += dv

@@ -42,7 +42,7 @@ from .layout import (
 from .motor import current_rate
 from .optional import part, when
 from .passive import friction_torque, stop_torque
-from .push import push_bodies
+from .push import external_forces, outside
 from .spatial import load3, store3
 from .step import TAU, pd_torque
 
@@ -60,9 +60,8 @@ def derivative(scene, points, push, floating, o, y, t, dy, tau, drive, W, Z, C, 
         place_points(points, scene.point_bodies, scene.ground, bq, W, C, 0.0)
         _contact_rates(scene, o, y, dy, C)
         fold_contacts(scene.point_bodies, scene.tree, scene.ground, 0.0, W, C)
-    if push is not None:
-        push_bodies(push, scene.push_rows, t, W, F)
-    articulated_pass(scene.tree, bq, None, Z[TAU], scene.armature, when(push, F), points, W)
+    external_forces(outside(scene), scene, push, scene.springs, t, W, F)
+    articulated_pass(scene.tree, bq, None, Z[TAU], scene.armature, when(outside(scene), F), points, W)
     acceleration_pass(scene.tree, W, a)
     for i in range(n):
         dy[o.q + i] = v[i]

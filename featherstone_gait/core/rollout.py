@@ -48,7 +48,7 @@ class Scratch(NamedTuple):
     W: np.ndarray  # workspace of the tree
     Z: np.ndarray  # joints
     C: np.ndarray  # contact points
-    F: np.ndarray  # pushes
+    F: np.ndarray  # pushes and springs
     predicted: np.ndarray | None  # midpoint
     stages: np.ndarray | None  # rk4
     torques: np.ndarray | None  # simtwo

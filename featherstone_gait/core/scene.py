@@ -25,6 +25,8 @@ class Scene(NamedTuple):
     ground: np.ndarray | None  # (1 + steps, GROUND_COLUMNS)
     push: np.ndarray | None  # (pushes, PUSH_COLUMNS)
     push_rows: np.ndarray | None  # (pushes,) row of the body
+    springs: np.ndarray | None  # (springs, SPRING_COLUMNS)
+    spring_rows: np.ndarray | None  # (springs, 2) rows of both bodies
 
 
 @inline
@@ -46,4 +48,6 @@ def driven(scene, servo, gear, pd, law):
         scene.ground,
         scene.push,
         scene.push_rows,
+        scene.springs,
+        scene.spring_rows,
     )

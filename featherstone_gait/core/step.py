@@ -16,7 +16,8 @@ When a pass overshoots, a line search along it restores descent: the inertial fo
 equals the linear model's T at each solution, so its value along the line costs nothing.
 
 v_p is the velocity for which the bias is taken: that of the start (Euler), or extrapolated with the last step's
-acceleration (midpoint), which makes the step second order with one evaluation.
+acceleration (midpoint), which makes the step second order with one evaluation.  Springs between bodies (spring.py) are
+taken at that state like the bias, outside the fold: the step is then limited as an explicit one is.
 """
 
 from .aba import acceleration_pass, articulated_pass
@@ -43,7 +44,7 @@ from .layout import INERTIA, KT, PD_FOLD, PD_KD, PD_KP, PD_LIMIT, PD_OUTSIDE, RO
 from .motor import clamp, current_step
 from .optional import either, part, when
 from .passive import friction_torque, stop_torque
-from .push import push_bodies
+from .push import external_forces, outside
 from .spatial import add, dot, load3, scale
 from .spatial import sub as minus
 
@@ -81,7 +82,7 @@ def solve_step(scene, points, push, o, y, t, predicted, tau, drive, h, sub, W, Z
 
     scene, o, y: see rollout.py; t the time for which pushes are taken [s]; predicted: scratch (nq + nv,) for the
     predicted state, None for theta = 1; tau (n,) external torques [N m] or None; drive (n, 2) references of the pd
-    servo; h step, sub = theta h [s]; F (n + 1, 6) scratch for pushes.
+    servo; h step, sub = theta h [s]; F (n + 1, 6) scratch for pushes and springs.
     A lane that has converged repeats its last pass to the same bits while its neighbours go on.
     """
     motion(scene, scene.gear, o, y, predicted, sub, W, Z)
@@ -92,8 +93,7 @@ def solve_step(scene, points, push, o, y, t, predicted, tau, drive, h, sub, W, Z
         base_q = part(scene.floating, y, o.base_q, 7)
         place_points(points, scene.point_bodies, scene.ground, base_q, W, C, ahead)
         friction_limits(o, points, y, C, sub)
-    if push is not None:
-        push_bodies(push, scene.push_rows, t, W, F)
+    external_forces(outside(scene), scene, push, scene.springs, t, W, F)
     _find_velocities(
         either(either(acting(scene), tau), points), scene, points, o, y, predicted, tau, drive, h, sub, W, Z, C, F
     )
@@ -140,7 +140,7 @@ def _solve_free(scene, armature, o, y, predicted, sub, W, Z, F):
             for i in range(len(scene.tree) - 1):
                 Z[TAU, i] = -armature[i] * y[o.qdd + i]
     base_q = part(scene.floating, y, o.base_q, 7)
-    articulated_pass(scene.tree, base_q, None, Z[TAU], armature, when(scene.push, F), None, W)
+    articulated_pass(scene.tree, base_q, None, Z[TAU], armature, when(outside(scene), F), None, W)
     acceleration_pass(scene.tree, W, Z[DA])
     for i in range(len(scene.tree) - 1):
         Z[VN, i] = Z[VP, i] + sub * Z[DA, i]
@@ -283,7 +283,7 @@ def _solve_linear(scene, armature, gear, points, o, y, predicted, sub, W, Z, C, 
     if points is not None:
         fold_contacts(scene.point_bodies, scene.tree, scene.ground, sub, W, C)
     base_q = part(scene.floating, y, o.base_q, 7)
-    articulated_pass(scene.tree, base_q, None, Z[TAU], Z[DIAGONAL], when(scene.push, F), points, W)
+    articulated_pass(scene.tree, base_q, None, Z[TAU], Z[DIAGONAL], when(outside(scene), F), points, W)
     acceleration_pass(scene.tree, W, Z[DA])
     for i in range(n):
         v = Z[VP, i] + sub * Z[DA, i]
