@@ -31,10 +31,11 @@ from ..model import Ground
 from ..optimize import walking_cost
 from ..robot_file import load_robot
 from ..scene import compile_scene
-from ..simulation import simulate_batch, standing_state
+from ..simulation import standing_state
 from ..walking.cost import WalkingCost
 from ..walking.gait import TICK
 from .claim import Claim
+from .common import heavier
 
 PAPER = {"standard": 0.1462, "mipsd": 0.039}  # standard deviation over mean
 EXPLICIT, IMPLICIT = "simtwo", "implicit_euler"
@@ -145,9 +146,7 @@ def gait_cost(
     settings: Settings, planned: WalkingCost, servos, integrator, timestep: float = 1e-3, mass: float = 1.0
 ) -> WalkingCost:
     """The planned walk with other servos, integrator, step and this many times the masses."""
-    model = planned.scene.model
-    links = [replace(x, mass=mass * x.mass, inertia=tuple(mass * i for i in x.inertia)) for x in model.links]
-    scene = compile_scene(replace(model, links=tuple(links)), servos, Ground(), integrator, timestep)
+    scene = compile_scene(heavier(planned.scene.model, mass), servos, Ground(), integrator, timestep)
     return replace(planned, scene=scene, warm_up=settings.warm_up, strides=settings.strides)
 
 
@@ -162,7 +161,7 @@ def disturbed(settings: Settings, cost: WalkingCost, source: str, seed: int, sca
     """Initial states and noises (runs, ticks, joints, 2) of the runs, `scale` times the sizes of the settings."""
     angles = cost.reference(cost.gait.to_vector(), 0).values[0]
     servo = next(iter(cost.scene.model.servos.values()))  # the same in every joint
-    ticks = math.ceil(_end(cost) / servo.controller.period - 1e-9)
+    ticks = math.ceil(cost.end / servo.controller.period - 1e-9)
     shape = (settings.runs, ticks, len(angles))
     states = [standing_state(cost.scene, angles)] * settings.runs
     noises = np.zeros((*shape, 2))
@@ -185,16 +184,10 @@ def disturbed(settings: Settings, cost: WalkingCost, source: str, seed: int, sca
     return states, noises
 
 
-def _end(cost: WalkingCost) -> float:
-    return cost.mark + cost.strides * cost.gait.period
-
-
 def _energies(cost: WalkingCost, states: list, noises: np.ndarray) -> tuple[np.ndarray, list[str]]:
     """Energy of each measured stride (runs, strides) [J], and the runs' statuses; chatter does not make it invalid."""
-    references = [cost.reference(cost.gait.to_vector(), cost.warm_up + cost.strides)] * len(states)
-    runs = simulate_batch(
-        cost.scene, _end(cost), states, references, record=("energy",), sample=TICK, noises=list(noises)
-    )
+    vectors, noises = [cost.gait.to_vector()] * len(states), list(noises)
+    runs = cost.simulate(vectors, sample=TICK, record=("energy",), states=states, noises=noises)
     marks = np.round((cost.mark + np.arange(cost.strides + 1) * cost.gait.period) / TICK).astype(int)
     energies = np.stack([np.diff(run["energy"][marks, :, METER].sum(axis=1)) for run in runs])
     energies[[run.status in ("fell", "diverged") for run in runs]] = np.nan
@@ -226,14 +219,14 @@ def _size(result: Result, servos: str) -> Claim:
         verdict="reproduced" if near else "reproduced in direction" if side else "not reproduced",
         why=f"Rule: within a factor {FACTOR:g}; in direction if on the same side of {middle:.1%}, the two figures' "
         "geometric mean. Explicit order, as in the paper's program, with all sources; alone: "
-        + ", ".join(f"{source} {_percent(result.scatter(model, source).value)}" for source in SOURCES)
+        + ", ".join(f"{source} {result.scatter(model, source)}" for source in SOURCES)
         + f". The paper does not say what differs between runs, nor masses, nor step: {listed}",
     )
 
 
 def _spread(result: Result, model, source) -> str:
     fell = result.fell(model, source)
-    return _percent(result.scatter(model, source).value) + (f" ({fell} fell)" if fell else "")
+    return f"{result.scatter(model, source)}" + (f", {fell} fell," if fell else "")
 
 
 def _lower(result: Result) -> Claim:

@@ -22,6 +22,7 @@ from ..robot_file import load_robot
 from ..search import AdaptiveSimulatedAnnealing, cma_es, differential_evolution, dual_annealing, run_together
 from ..walking.gait import bounds
 from .claim import Claim
+from .common import draw_band, draw_marks
 
 PAPERS = "adaptive simulated annealing"
 METHODS = (PAPERS, "CMA-ES", "dual annealing", "differential evolution")
@@ -208,10 +209,8 @@ def _progress(result: Result) -> Figure:
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
     for k, (method, best) in enumerate(result.best.items()):
         n = np.arange(1, best.shape[1] + 1)
-        left.fill_between(n, best.min(axis=0), best.max(axis=0), color=COLOURS[method], alpha=0.15)
-        left.plot(n, np.median(best, axis=0), color=COLOURS[method], label=method)
-        right.plot(np.full(len(best), k), best[:, -1], "o", ms=5, alpha=0.6, color=COLOURS[method])
-        right.plot([k - 0.3, k + 0.3], [np.median(best[:, -1])] * 2, color=COLOURS[method], linewidth=2)
+        draw_band(left, n, best, COLOURS[method], method)
+        draw_marks(right, k, best[:, -1], COLOURS[method], 0.3)
     left.set(xlabel="evaluations", ylabel="energy per distance [J/m]", xlim=(1, result.settings.evaluations))
     left.set_ylim(bottom=0.0)
     right.set(xticks=[], xlim=(-0.6, len(result.best) - 0.4), xlabel="gaits found")

@@ -29,6 +29,7 @@ from ..robot_file import load_robot
 from ..scene import CompiledScene, compile_scene
 from ..simulation import initial_state, simulate_batch, standing_state
 from .claim import Claim
+from .common import grid_of_panels, heavier
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -146,7 +147,7 @@ def all_cases(settings: Settings) -> list[Case]:
     cases = [replace(m, base=base, integral_time=Ti) for m in models for base, Ti in product(BASES, laws)]
     cases += [Case("rotor", integrator, "fixed") for integrator in INTEGRATORS]
     cases += [replace(m, integral_time=SHORT_INTEGRAL_TIME) for m in models]
-    cases += [replace(m, step=5e-4) for m in models]
+    cases += [replace(m, step=5e-4, base=base, integral_time=Ti) for m in models for base, Ti in product(BASES, laws)]
     cases += [replace(m, mass=mass) for m in models for mass in settings.masses]
     cases += [replace(m, base="fixed", step=2e-3) for m in models]
     cases += [replace(m, base="fixed", Kp=Kp) for m in models for Kp in settings.gains]
@@ -161,8 +162,7 @@ def scene_of(case: Case) -> CompiledScene:
     servo = next(iter(model.servos.values()))  # the same in every joint
     controller = replace(servo.controller, Kp=case.Kp, Ki=case.Kp / case.integral_time)
     servo = replace(servo, controller=controller, encoder_resolution=case.resolution)
-    links = [replace(x, mass=case.mass * x.mass, inertia=tuple(case.mass * i for i in x.inertia)) for x in model.links]
-    model = replace(model, links=tuple(links), servos=dict.fromkeys(model.joint_names, servo))
+    model = replace(heavier(model, case.mass), servos=dict.fromkeys(model.joint_names, servo))
     ground = Ground() if case.base == "floating" else None
     return compile_scene(model, case.servos, ground, case.integrator, case.step)
 
@@ -192,15 +192,26 @@ def _places(model: Model) -> list[int]:
 
 
 def table(result: Result) -> str:
-    """The paper's Table 3 and ours: extreme angles over all disturbances and median deviation, in degrees."""
-    lines = [f"{'max, min, deviation [deg]':42}" + "".join(f"{_title(joint):>24}" for joint in JOINTS)]
+    """The paper's Table 3 and ours: extreme angles over all disturbances and median deviation, in degrees.
+
+    Last, the error of the step: how far half of it moves any of these.
+    """
+    head = f"{'max, min, deviation [deg]':42}" + "".join(f"{_title(joint):>24}" for joint in JOINTS)
+    lines = [f"{head}{'half the step':>16}"]
     for servos in SERVOS:
-        lines.append(_row(f"paper, {servos}", *zip(*[values[servos] for _, values in TABLE_3.values()])))
+        paper = _row(f"paper, {servos}", *zip(*[values[servos] for _, values in TABLE_3.values()]))
+        lines.append(f"{paper}{'':16}")
         for base, Ti, integrator in product(BASES, (INTEGRAL_TIME, P), INTEGRATORS):
             o = result.of(servos=servos, base=base, integral_time=Ti, integrator=integrator)
+            half = result.of(servos=servos, base=base, integral_time=Ti, integrator=integrator, step=5e-4)
             name = f"{servos}, {integrator}, {BASE[base]}, {'P' if Ti == P else 'PI'}"
-            lines.append(_row(name, o.highest.max(axis=0), o.lowest.min(axis=0), o.typical))
+            off = np.abs(np.array(_numbers(o)) - _numbers(half)).max()
+            lines.append(f"{_row(name, *_numbers(o))}{off:16.1g}")
     return "\n".join(lines)
+
+
+def _numbers(outcome: Outcome) -> tuple[np.ndarray, ...]:
+    return outcome.highest.max(axis=0), outcome.lowest.min(axis=0), outcome.typical
 
 
 def _row(name: str, *numbers) -> str:
@@ -353,15 +364,8 @@ def plot(result: Result) -> dict[str, Figure]:
     }
 
 
-def _figure(width: float, height: float, rows: int = 1, columns: int = 1, **shared):
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    return figure, figure.subplots(rows, columns, squeeze=False, **shared)
-
-
 def _elbow(result: Result) -> Figure:
-    figure, axes = _figure(11.0, 3.6, 1, 3, sharey=True)
+    figure, axes = grid_of_panels(11.0, 3.6, 1, 3, sharey=True)
     models = (("standard", EXPLICIT), ("mipsd", EXPLICIT), ("standard", IMPLICIT))
     for panel, (servos, integrator) in zip(axes[0], models):
         for base, colour in (("floating", "#c8102e"), ("fixed", "#2a5d9c")):
@@ -378,7 +382,7 @@ def _elbow(result: Result) -> Figure:
 
 def _ranges(result: Result) -> Figure:
     """Thin: smallest to largest angle over all disturbances; thick: mean (the paper's: middle) ± deviation."""
-    figure, axes = _figure(13.0, 4.2, 1, 4, sharey=True)
+    figure, axes = grid_of_panels(13.0, 4.2, 1, 4, sharey=True)
     rows: list[tuple] = []
     for servos in SERVOS:
         rows.append((servos, None, "", 0.0))
@@ -413,7 +417,7 @@ def _ranges(result: Result) -> Figure:
 
 
 def _dependence(result: Result) -> Figure:
-    figure, axes = _figure(12.0, 4.0, 1, 3, sharey=True)
+    figure, axes = grid_of_panels(12.0, 4.0, 1, 3, sharey=True)
     settings, paper = result.settings, _paper("standard")[:, 2].max()
     sweeps = (
         ("step [ms]", 1e3, [{"base": "fixed", "step": h} for h in settings.steps]),

@@ -117,28 +117,25 @@ class WalkingCost:
             measures = self._measured(run, slip=False)
             return measures.cost, measures.status
 
-        return simulate_stream(self.scene, self._end, candidates, begin, end, record=("base_q", "energy"), sample=TICK)
+        return simulate_stream(self.scene, self.end, candidates, begin, end, record=("base_q", "energy"), sample=TICK)
 
     def measure(self, vectors) -> list[Measures]:
         """Simulate gait vectors and measure them."""
         return [self._measured(run) for run in self.simulate(list(vectors))]
 
     def _measured(self, run, slip=True) -> Measures:
-        return measured(self.scene, run, self.mark, self._end, self.strides, slip)
+        return measured(self.scene, run, self.mark, self.end, self.strides, slip)
 
-    @property
-    def _end(self) -> float:
-        return self.mark + self.strides * self.gait.period
+    def simulate(self, vectors, *, strides=None, sample=SAMPLE, record=RECORD, states=None, **how):
+        """Simulate gait vectors; return a `Trajectory` each, with the channels `record`.
 
-    def simulate(self, vectors, *, strides=None, sample=SAMPLE):
-        """Simulate gait vectors from standing; return a `Trajectory` each, with the channels `RECORD`.
-
-        `strides`: how many after the start, by default those that are needed to measure.
+        `strides`: how many after the start, by default those that are needed to measure; `states`: to begin from, by
+        default standing; `how`: pushes, noises, rtol and what else `simulate_batch` takes.
         """
         strides = self.warm_up + self.strides if strides is None else strides
         signals = [self.reference(x, strides) for x in vectors]
-        states = [standing_state(self.scene, signal.values[0]) for signal in signals]
-        return simulate_batch(self.scene, signals[0].times[-1], states, signals, record=RECORD, sample=sample)
+        states = states or [standing_state(self.scene, signal.values[0]) for signal in signals]
+        return simulate_batch(self.scene, signals[0].times[-1], states, signals, record=record, sample=sample, **how)
 
     def reference(self, x, strides: int) -> Reference:
         """What the servos are sent: the start and `strides` strides, every 40 ms."""
@@ -151,6 +148,11 @@ class WalkingCost:
         ramp = self.blend_strides * round(self.gait.period / TICK)
         start = ramp if np.ndim(self.start) == 1 else len(self.start)
         return start * TICK + self.warm_up * self.gait.period
+
+    @property
+    def end(self) -> float:
+        """When they are over [s]."""
+        return self.mark + self.strides * self.gait.period
 
 
 def cost_of_motion(scene: CompiledScene, path, *, start: float = 0.0, strides: int = 1) -> Measures:
