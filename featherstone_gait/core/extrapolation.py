@@ -45,7 +45,8 @@ from .step import solve_step
 
 LONGEST = 12  # columns: rounding errors grow by 2.7 a column of the linear sequence
 SAFETY, TARGET = 0.94, 0.65  # step = SAFETY h (TARGET / error) ** (1 / order)
-FALL = 10.0  # of the error, that a column in powers of h is believed
+FALL, FALL_SQUARES = 10.0, 1000.0  # of the error, that one more column in powers of h or h^2 is believed to bring
+INSTANT = 1e-3  # of the interval: after its start
 LEFT, DONE, COLUMN = 0, 1, 2  # rows of `lanes`: steps to go, steps done, column
 
 
@@ -100,8 +101,8 @@ def extrapolate(scene, o, plan, y, t, length, ladder, columns, signals, pace):
     while True:
         h = in_time(pace[STEP], length)
         count = min(max(int(pace[COLUMNS]), 2), LONGEST)
-        error = 1e300
-        if _sweep(ladder.implicit, scene, o, plan, t, h, count, signals, ladder, columns, pace):
+        error, skipped = 1e300, _sweep(ladder.implicit, scene, o, plan, t, h, count, signals, ladder, columns, pace)
+        if skipped <= 1.0:
             error = _combine(ladder.implicit, scene.servo, o, plan, h, count, ladder)
         if error <= 1.0:
             _accept(ladder.implicit, o, plan, y, ladder)
@@ -112,7 +113,7 @@ def extrapolate(scene, o, plan, y, t, length, ladder, columns, signals, pace):
             return h
         rejected = True
         pace[REJECTED] += 1.0
-        pace[STEP] = h * 0.25
+        pace[STEP] = h * max(0.1, 0.8 / root(skipped, 3))
         if error < 1e300:
             best = _cheapest(ladder, count - 1, h)
             pace[COLUMNS] = best + 2
@@ -142,10 +143,11 @@ def _power(implicit, count):
 
 @inline
 def _sweep(implicit, scene, o, plan, t, h, count, signals, ladder, columns, pace):
-    """Cross the interval in `count` columns, which fill the rows of the table; return whether all of them succeeded.
+    """Cross the interval in `count` columns, which fill the rows of the table.
 
     Lane l takes the column l from the last one, then column l - 1, if there is one: together they are as long as the
-    last.  Lanes left over do as the first.
+    last.  Of the lanes left over the last tells what the interval's start hides from the columns: see `_skipped`.
+    Returns that error by the tolerance, and 1e60 if Newton's iteration failed.
     """
     half, sound = count // 2, True
     for lane in range(WIDTH):
@@ -153,6 +155,8 @@ def _sweep(implicit, scene, o, plan, t, h, count, signals, ladder, columns, pace
         if lane <= half:
             column = count - 1 - lane
         _assign(implicit, ladder, lane, column, h)
+    if implicit is not None:
+        ladder.h[0, WIDTH - 1] = h * INSTANT
     _begin(implicit, o, plan, ladder, columns)
     _set_exponentials(scene.servo, columns)
     total = _steps(implicit, count - 1)
@@ -160,6 +164,10 @@ def _sweep(implicit, scene, o, plan, t, h, count, signals, ladder, columns, pace
         for lane in range(WIDTH):
             _lane_inputs(signals, ladder, lane, min(t + _time(ladder, lane, implicit), pace[UNTIL]))
         _step(implicit, scene, o, plan, signals, columns, pace)
+        if implicit is not None and k == 0:
+            skipped = _skipped(scene.floating, o, plan, len(scene.tree) - 1, min(half, 3), ladder)
+            if skipped > 1.0:
+                return skipped
         fresh = False
         for lane in range(half + 1):
             ladder.lanes[LEFT, lane] -= 1
@@ -178,7 +186,38 @@ def _sweep(implicit, scene, o, plan, t, h, count, signals, ladder, columns, pace
                 ladder.last[0, lane] = ladder.last[0, 0]
         if fresh:
             _set_exponentials(scene.servo, columns)
-    return sound
+    return 0.0 if sound else 1e60
+
+
+@inline
+def _skipped(floating, o, plan, n, last, ladder):
+    """What the linearly implicit step does not see of the interval's start, as an error of the positions.
+
+    It takes forces at the end of a step only.  A kink within the first step of all columns is the same for all of them,
+    as if it had been at the start, and nothing in the scheme tells.  But the accelerations of the columns' first steps,
+    extrapolated to a step of none, then differ from those of an instant after the start.
+    """
+    worst = 0.0
+    for i in range(n):
+        worst = max(worst, _skipped_by(plan, last, o.qdd + i, o.q + i, ladder))
+    if floating is not None:
+        for i in range(6):  # the quaternion's vector is half the turn
+            worst = max(worst, _skipped_by(plan, last, o.base_qdd + i, o.base_q + i + i // 3, ladder))
+    return worst
+
+
+@inline
+def _skipped_by(plan, last, acceleration, position, ladder):
+    """Of one coordinate, whose acceleration and position have these places in the state."""
+    h, a = ladder.h[0], 0.0
+    for j in range(last + 1):
+        weight = 1.0
+        for k in range(last + 1):
+            if k != j:
+                weight *= h[k] / (h[k] - h[j])
+        a += weight * ladder.y[acceleration, j]
+    e = (ladder.y[acceleration, WIDTH - 1] - a) * h[0] * h[0] / 6.0
+    return scaled(plan, e, ladder.start[position], ladder.start[position])
 
 
 @inline
@@ -429,7 +468,7 @@ def _combine(implicit, servo, o, plan, h, count, ladder):
 def _largest_fall(implicit):
     """Of the error from one column to the next."""
     if implicit is None:
-        return FALL * FALL
+        return FALL_SQUARES
     return FALL
 
 
