@@ -222,7 +222,7 @@ def test_extrapolation_and_midpoint_agree_on_the_whole_servo_chain():
     scene = compile_scene(model, "mipsd", None, "midpoint", 2e-5)
     fine = simulate(scene, 0.1, initial_state(scene, state), still, record=("q", "energy"), sample=0.1)
     scene = compile_scene(model, "mipsd", None, "extrapolation", 1e-3)
-    run = simulate(scene, 0.1, initial_state(scene, state), still, record=("q", "energy"), sample=0.1, rtol=1e-9)
+    run = simulate(scene, 0.1, initial_state(scene, state), still, record=("q", "energy"), sample=0.1, rtol=1e-10)
     assert np.abs(run["q"][-1] - fine["q"][-1]).max() < 1e-9
     a, b = (r["energy"][-1, :, layout.METER].sum() for r in (run, fine))
     assert a == pytest.approx(b, rel=1e-6)
