@@ -244,7 +244,7 @@ def solve_loop(steps, scene, o, h, y, s, seen):
     for k in range(steps + 1):
         if k == 0 or k == steps:
             seen[k // steps] = y[0]
-        solve_step(scene, None, None, o[0], y, 0.0, None, None, None, h, h, s.W, s.Z, s.C, s.F)
+        solve_step(scene, None, None, o[0], y, 0.0, h, None, None, None, h, h, s.W, s.Z, s.C, s.F)
 
 
 @entry
@@ -253,7 +253,7 @@ def step_loop(steps, scene, o, h, y, s, seen):
     for k in range(steps + 1):
         if k == 0 or k == steps:
             seen[k // steps] = y[0]
-        solve_step(scene, None, None, o[0], y, 0.0, None, None, None, h, h, s.W, s.Z, s.C, s.F)
+        solve_step(scene, None, None, o[0], y, 0.0, h, None, None, None, h, h, s.W, s.Z, s.C, s.F)
         advance(scene, None, None, None, None, o[0], y, None, None, None, h, h, 1.0, s.W, s.Z, s.C)
 
 

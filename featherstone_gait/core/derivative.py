@@ -48,8 +48,11 @@ from .step import TAU, pd_torque
 
 
 @inline
-def derivative(scene, points, push, floating, o, y, t, dy, tau, drive, W, Z, C, F):
-    """Fill dy[:o.voltage], zero to begin with; also torque, contact force and accelerations in y."""
+def derivative(scene, points, push, floating, o, y, t, span, dy, tau, drive, W, Z, C, F):
+    """Fill dy[:o.voltage], zero to begin with; also torque, contact force and accelerations in y.
+
+    Pushes are those of the time from t over `span` [s].
+    """
     n = len(scene.tree) - 1
     bq, bv = part(floating, y, o.base_q, 7), part(floating, y, o.base_qd, 6)
     q, v, a = y[o.q : o.q + n], y[o.qd : o.qd + n], y[o.qdd : o.qdd + n]
@@ -60,7 +63,7 @@ def derivative(scene, points, push, floating, o, y, t, dy, tau, drive, W, Z, C, 
         place_points(points, scene.point_bodies, scene.ground, bq, W, C, 0.0)
         _contact_rates(scene, o, y, dy, C)
         fold_contacts(scene.point_bodies, scene.tree, scene.ground, 0.0, W, C)
-    external_forces(outside(scene), scene, push, scene.springs, t, W, F)
+    external_forces(outside(scene), scene, push, scene.springs, t, span, W, F)
     articulated_pass(scene.tree, bq, None, Z[TAU], scene.armature, when(outside(scene), F), points, W)
     acceleration_pass(scene.tree, W, a)
     for i in range(n):

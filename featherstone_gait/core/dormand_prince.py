@@ -55,6 +55,7 @@ def _evaluate(first, last, scene, o, plan, y, t, h, stages, signals, pace, s):
             o,
             y,
             pace[SINCE],
+            0.0,
             stages[k],
             signals.tau,
             signals.drive,

@@ -4,7 +4,7 @@ from .jit import inline, kernel
 from .knots import AHEAD
 from .layout import P, R
 from .optional import either
-from .spatial import add, cross, load3, load9, rotate
+from .spatial import add, cross, load3, load9, rotate, scale
 from .spring import spring_bodies
 
 # Columns of a push.
@@ -23,30 +23,43 @@ def outside(scene):
 
 
 @inline
-def external_forces(forces, scene, push, springs, t, W, F):
-    """Fill F (n + 1, 6) with what acts at the time t, as [moment; force] about the common origin; forces: `outside`."""
+def external_forces(forces, scene, push, springs, t, span, W, F):
+    """Fill F (n + 1, 6) with what acts, as [moment; force] about the common origin; forces: `outside`.
+
+    t, span: the time that pushes are averaged over, from t on [s]; 0 for what acts at t.
+    """
     if forces is not None:
         for i in range(len(F)):
             for k in range(6):
                 F[i, k] = 0.0
     if push is not None:
-        push_bodies(push, scene.push_rows, t, W, F)
+        push_bodies(push, scene.push_rows, t, span, W, F)
     if springs is not None:
         spring_bodies(springs, scene.spring_rows, W, F)
 
 
 @kernel
-def push_bodies(push, rows, t, W, F):
-    """Add the pushes that act at the time t to F."""
+def push_bodies(push, rows, t, span, W, F):
+    """Add the pushes to F."""
     for j in range(len(push)):
-        i = rows[j]
-        if push[j, START] <= t < push[j, END]:
+        i, share = rows[j], _share(push[j, START], push[j, END], t, span)
+        if share > 0.0:
             p = add(load3(W, i, P), rotate(load9(W, i, R), load3(push, j, POINT)))
-            f = load3(push, j, FORCE)
-            n = add(load3(push, j, MOMENT), cross(p, f))
+            f = scale(load3(push, j, FORCE), share)
+            n = add(scale(load3(push, j, MOMENT), share), cross(p, f))
             for k in range(3):
                 F[i, k] += n[k]
                 F[i, 3 + k] += f[k]
+
+
+@inline
+def _share(start, end, t, span):
+    """Of the time from t over `span`, how much a push acts: so that none is lost or cut short by fixed steps."""
+    if start <= t and t + span < end:
+        return 1.0
+    if span > 0.0:
+        return max(0.0, min(end, t + span) - max(start, t)) / span
+    return 0.0
 
 
 @kernel

@@ -127,15 +127,15 @@ def _step(scene, o, plan, theta, t, signals, y, predicted, stages, torques, s):
             simtwo_step(scene, o, y, t, plan.h, torques, s.W, s.Z, s.C, s.F)
         else:
             sub = theta * plan.h
-            at = t + plan.theta * plan.h
-            inputs(signals, at)
+            inputs(signals, t + plan.theta * plan.h)
             solve_step(
                 scene,
                 scene.points,
                 scene.push,
                 o,
                 y,
-                at,
+                t,
+                plan.h,
                 predicted,
                 signals.tau,
                 signals.drive,

@@ -40,7 +40,7 @@ def simtwo_step(scene, o, y, t, h, torques, W, Z, C, F):
     for i in range(n):
         torques[i] = _servo(scene.servo, scene.gear, o, y, h, i)
     bare = driven(scene, None, None, None, None)
-    solve_step(bare, bare.points, bare.push, o, y, t + h, None, torques, None, h, h, W, Z, C, F)
+    solve_step(bare, bare.points, bare.push, o, y, t, h, None, torques, None, h, h, W, Z, C, F)
     advance(bare, bare.servo, bare.gear, bare.points, bare.floating, o, y, None, torques, None, h, h, 1.0, W, Z, C)
 
 

@@ -77,11 +77,11 @@ SCRATCH = 19
 
 
 @kernel
-def solve_step(scene, points, push, o, y, t, predicted, tau, drive, h, sub, W, Z, C, F):
+def solve_step(scene, points, push, o, y, t, span, predicted, tau, drive, h, sub, W, Z, C, F):
     """Find the solution of one step: accelerations in y, velocities VN, WN, UN in the scratch; W is filled.
 
-    scene, o, y: see rollout.py; t the time for which pushes are taken [s]; predicted: scratch (nq + nv,) for the
-    predicted state, None for theta = 1; tau (n,) external torques [N m] or None; drive (n, 2) references of the pd
+    scene, o, y: see rollout.py; t, span: the time over which pushes are averaged [s]; predicted: scratch (nq + nv,) for
+    the predicted state, None for theta = 1; tau (n,) external torques [N m] or None; drive (n, 2) references of the pd
     servo; h step, sub = theta h [s]; F (n + 1, 6) scratch for pushes and springs.
     A lane that has converged repeats its last pass to the same bits while its neighbours go on.
     """
@@ -93,7 +93,7 @@ def solve_step(scene, points, push, o, y, t, predicted, tau, drive, h, sub, W, Z
         base_q = part(scene.floating, y, o.base_q, 7)
         place_points(points, scene.point_bodies, scene.ground, base_q, W, C, ahead)
         friction_limits(o, points, y, C, sub)
-    external_forces(outside(scene), scene, push, scene.springs, t, W, F)
+    external_forces(outside(scene), scene, push, scene.springs, t, span, W, F)
     _find_velocities(
         either(either(acting(scene), tau), points), scene, points, o, y, predicted, tau, drive, h, sub, W, Z, C, F
     )
