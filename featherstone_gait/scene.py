@@ -62,6 +62,11 @@ class CompiledScene:
         return self.integrator in ADAPTIVE
 
     @property
+    def gravity(self) -> np.ndarray:
+        """(3,) [m/s^2], world axes."""
+        return self.constants.gravity
+
+    @property
     def theta(self) -> float:
         return INTEGRATORS[self.integrator]
 
