@@ -32,8 +32,8 @@ _MODULES = {
         "robot_names",
         "save_robot",
     ),
-    "scene": ("CompiledScene", "compile_scene"),
-    "simulation": ("Push", "initial_state", "simulate", "simulate_batch"),
+    "build.scene": ("CompiledScene", "compile_scene"),
+    "run.simulate": ("Push", "initial_state", "simulate", "simulate_batch", "standing_state"),
     "trajectory": ("Trajectory",),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}

@@ -14,7 +14,7 @@ from string import Template
 
 import numpy as np
 
-from .core.layout import METER
+from .core.effects.energies import METER
 from .dynamics import forward_kinematics
 from .model import Model, inertia_matrix
 from .plotting import positions

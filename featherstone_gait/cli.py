@@ -158,8 +158,8 @@ def _ground(model):
 
 
 def _info(args) -> int:
+    from .build.scene import compile_scene
     from .robot_file import load_robot
-    from .scene import compile_scene
 
     model = load_robot(args.robot, locked=args.locked)
     servos = args.servos or ("mipsd" if any(name in model.servos for name in model.joint_names) else None)
@@ -285,8 +285,8 @@ def _table(head, rows) -> list[str]:
 
 def _simulate(args) -> int:
     start = time.perf_counter()
+    from .build.scene import compile_scene
     from .robot_file import load_robot
-    from .scene import compile_scene
 
     model = load_robot(args.robot, locked=args.locked)
     driven = model.base == "floating" and bool(model.servos)
@@ -324,7 +324,7 @@ def _experiment(scene):
     import numpy as np
 
     from .reference import Reference
-    from .simulation import initial_state, simulate
+    from .run.simulate import initial_state, simulate
 
     model, state, reference = scene.model, None, None
     home = np.array([min(max(0.0, joint.lower), joint.upper) for joint in model.moving_joints])
@@ -382,7 +382,7 @@ def _drift(scene, trajectory):
     """Change of the energy [J] that friction and stops do not explain, and the kinetic energy [J], at each sample."""
     import numpy as np
 
-    from .core.layout import FRICTION, STOPS
+    from .core.effects.energies import FRICTION, STOPS
     from .dynamics import energy
     from .plotting import positions
 

@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .core import batch
-from .core.elementary import SINCOS_LIMIT
-from .core.lanes import WIDTH, aligned
+from .core.compile.elementary import SINCOS_LIMIT
+from .core.compile.lanes import WIDTH, aligned
+from .core.tree import batch
+from .core.tree.layout import Motion, Robot
 from .model import Model, Spring, check_springs
 from .tree import GRAVITY, Tree, compile_tree
 
@@ -43,24 +44,22 @@ def forward_dynamics(model: Model, q, qd, tau, *, wrench=None, armature=None, gr
     Returns qdd (nv,) or (n, nv) [rad/s^2, m/s^2].  Raises ValueError on wrong shapes and non-finite values.
     """
     x = _arguments(model, q=q, qd=qd, tau=tau)
-    out = _solve(model, batch.aba_rows, batch.aba_lanes, x, wrench, armature, gravity)
+    out = _solve(model, batch.aba_rows, batch.aba_lanes, x, wrench, _robot(model, armature, gravity))
     return _shaped(out, q, qd, tau)
 
 
 def inverse_dynamics(model: Model, q, qd, qdd, *, wrench=None, armature=None, gravity=GRAVITY) -> np.ndarray:
     """Generalised forces (nv,) or (n, nv) that a motion takes (RNEA, RBDA Table 5.1); arguments as above."""
     x = _arguments(model, q=q, qd=qd, qdd=qdd)
-    out = _solve(model, batch.rnea_rows, batch.rnea_lanes, x, wrench, armature, gravity)
+    out = _solve(model, batch.rnea_rows, batch.rnea_lanes, x, wrench, _robot(model, armature, gravity))
     return _shaped(out, q, qd, qdd)
 
 
 def mass_matrix(model: Model, q, *, armature=None) -> np.ndarray:
     """Joint-space inertia matrix (nv, nv) or (n, nv, nv) [kg m^2, kg m, kg] (CRBA, RBDA Table 6.2)."""
     tree, x = compile_tree(model), _arguments(model, q=q)
-    base_q, joints = _split(tree, x["q"])
-    H = np.zeros((len(joints), model.nv, model.nv))
-    armature = _vector("armature", armature, tree.n)
-    batch.crba_rows(tree.bodies, base_q, _zero6(tree), joints, np.zeros(tree.n), armature, np.zeros(3), _work(tree), H)
+    H = np.zeros((len(x["q"]), model.nv, model.nv))
+    batch.crba_rows(_robot(model, armature, np.zeros(3)), _still(tree, x["q"]), _work(tree), H)
     return _shaped(H, q)
 
 
@@ -165,37 +164,48 @@ def _split(tree: Tree, a: np.ndarray):
     return (np.array(a[:, :k], order="C") if k else None), np.array(a[:, k:], order="C")
 
 
-def _work(tree: Tree) -> np.ndarray:
-    return np.zeros((1, *tree.workspace_shape()))
-
-
-def _zero6(tree: Tree):
-    return np.zeros(6) if tree.floating else None
-
-
-def _solve(model: Model, rows, lanes, x, wrench, armature, gravity) -> np.ndarray:
-    """Run a kernel over all states: in lanes where there are enough to fill them."""
+def _robot(model: Model, armature, gravity) -> Robot:
     tree = compile_tree(model)
-    fext = _wrench(model, tree, x["q"], wrench)
-    n = len(x["q"])
-    bases, joints = zip(*(_split(tree, a) for a in x.values()))
+    return Robot(tree.bodies, _vector("armature", armature, tree.n), _vector("gravity", gravity, 3))
+
+
+def _still(tree: Tree, q: np.ndarray) -> Motion:
+    """States at rest."""
+    base_q, joints = _split(tree, q)
+    base_qd = None if base_q is None else np.zeros((len(q), 6))
+    return Motion(base_q, base_qd, None, joints, np.zeros(joints.shape), None)
+
+
+def _motion(tree: Tree, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray | None = None) -> Motion:
+    (base_q, joints), (base_qd, rates) = _split(tree, q), _split(tree, qd)
+    base_qdd, accelerations = (None, None) if qdd is None else _split(tree, qdd)
+    return Motion(base_q, base_qd, base_qdd, joints, rates, accelerations)
+
+
+def _solve(model: Model, rows, lanes, x, wrench, robot: Robot) -> np.ndarray:
+    """Run a kernel over all states: in lanes where there are enough to fill them."""
+    tree, n = compile_tree(model), len(x["q"])
+    given = [_motion(tree, x["q"], x["qd"], x.get("qdd"))]
+    if "tau" in x:
+        given.extend(_split(tree, x["tau"]))
+    given.append(_wrench(model, tree, x["q"], wrench))
     outs = (np.zeros((n, 6)) if tree.floating else None), np.zeros((n, tree.n))
-    constants = _vector("armature", armature, tree.n), _vector("gravity", gravity, 3)
     if n < WIDTH:
-        rows(tree.bodies, *bases, *joints, constants[0], fext, constants[1], _work(tree), *outs)
+        rows(robot, *given, _work(tree), *outs)
     else:
         work = aligned((1, *tree.workspace_shape(), WIDTH))
-        bases, joints, packed = ([_to_lanes(a) for a in group] for group in (bases, joints, outs))
-        lanes(tree.bodies, *bases, *joints, constants[0], _to_lanes(fext), constants[1], work, *packed)
+        packed = [_to_lanes(a) for a in outs]
+        lanes(robot, *(_to_lanes(a) for a in given), work, *packed)
         outs = [_from_lanes(a, n) for a in packed]
-    out = np.concatenate([a for a in outs if a is not None], axis=1)
-    return out
+    return np.concatenate([a for a in outs if a is not None], axis=1)
 
 
 def _to_lanes(a):
     """Rows (n, ...) as (ceil(n / WIDTH), ..., WIDTH), aligned; the last row fills up the last block."""
     if a is None:
         return None
+    if isinstance(a, Motion):
+        return Motion(*map(_to_lanes, a))
     blocks = -(-len(a) // WIDTH)
     filled = np.concatenate([a, np.repeat(a[-1:], blocks * WIDTH - len(a), axis=0)])
     out = aligned((blocks, *a.shape[1:], WIDTH))
@@ -238,18 +248,19 @@ def _turned(E: np.ndarray, vectors) -> np.ndarray:
 
 def _poses(tree: Tree, q: np.ndarray) -> np.ndarray:
     """(n, bodies, 12): rotation and position from the base's origin."""
-    base_q, joints = _split(tree, q)
     out = np.zeros((len(q), tree.n + 1, 12))
-    batch.poses_rows(tree.bodies, base_q, _zero6(tree), joints, np.zeros(tree.n), np.zeros(3), _work(tree), out)
+    batch.poses_rows(Robot(tree.bodies, None, np.zeros(3)), _still(tree, q), _work(tree), out)
     return out
+
+
+def _work(tree: Tree) -> np.ndarray:
+    return np.zeros((1, *tree.workspace_shape()))
 
 
 def _measures(model: Model, q, qd, armature, gravity):
     """Energies (n, 2), centre of mass (n, 6) and momentum (n, 6)."""
     tree, x = compile_tree(model), _arguments(model, q=q, qd=qd)
-    (bq, joints), (bv, rates) = _split(tree, x["q"]), _split(tree, x["qd"])
-    n = len(joints)
+    n = len(x["q"])
     outs = np.zeros((n, 2)), np.zeros((n, 6)), np.zeros((n, 6))
-    armature, gravity = _vector("armature", armature, tree.n), _vector("gravity", gravity, 3)
-    batch.measures_rows(tree.bodies, bq, bv, joints, rates, armature, gravity, _work(tree), *outs)
+    batch.measures_rows(_robot(model, armature, gravity), _motion(tree, x["q"], x["qd"]), _work(tree), *outs)
     return outs

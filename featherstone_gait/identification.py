@@ -34,10 +34,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
+from .build.scene import ServoKind, compile_scene
 from .model import SERVO_UNITS, Controller, Gearbox, Model, Servo
 from .reference import Reference
-from .scene import ServoKind, compile_scene
-from .simulation import initial_state, simulate_batch
+from .run.simulate import initial_state, simulate_batch
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

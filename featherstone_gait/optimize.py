@@ -29,11 +29,11 @@ from scipy.optimize import OptimizeResult
 
 from . import __version__
 from .animation import write_animation
+from .build.scene import ServoKind, compile_scene
 from .model import Ground, Model
 from .robot_file import load_robot
-from .scene import ServoKind, compile_scene
+from .run.simulate import streams
 from .search import minimize
-from .simulation import streams
 from .walking.cost import Measures, WalkingCost
 from .walking.gait import bounds, fit_gait
 from .walking.gait_file import write_angles, write_goal_positions

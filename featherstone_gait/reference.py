@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from .core.knots import Knots
+from .core.step.signals import Knots
 
 
 @dataclass(frozen=True, eq=False)

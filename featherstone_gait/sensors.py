@@ -10,8 +10,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from .build.scene import CompiledScene
 from .dynamics import forward_kinematics
-from .scene import CompiledScene
 from .trajectory import Trajectory
 
 

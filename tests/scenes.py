@@ -5,12 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from featherstone_gait.core.layout import CK, CTK
+from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.dynamics import energy
 from featherstone_gait.model import ContactPoint, Ground, Joint, Link, Model
 from featherstone_gait.robot_file import load_robot
-from featherstone_gait.scene import compile_scene
-from featherstone_gait.simulation import initial_state, simulate
+from featherstone_gait.run.simulate import initial_state, simulate
 
 G = 9.81  # [m/s^2]
 NEVER_FALLEN = {"fall_height": -1e6, "fall_tilt": math.pi}
@@ -85,7 +84,7 @@ def elastic_energy(scene, run):
     """Energy in the contacts' springs, normal and tangential [J]."""
     depth = np.maximum(-normal_to(scene, corners(scene.model, run["base_q"])) + scene.ground.height, 0.0)
     bristle = np.sum(run["bristle"] ** 2, axis=2)
-    k, kt = scene.constants.points[:, CK], scene.constants.points[:, CTK]
+    k, kt = scene.constants.contact.points.stiffness, scene.constants.contact.points.tangential_stiffness
     return 0.5 * (depth**2 @ k + bristle @ kt)
 
 

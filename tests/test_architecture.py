@@ -70,9 +70,9 @@ def test_only_core_knows_numba():
 
 @pytest.mark.parametrize("module", MODULES)
 def test_only_jit_compiles(module):
-    """`core/jit.py` holds all options of the compiler; everybody else uses its decorators."""
+    """`core/compile/jit.py` holds all options of the compiler; everybody else uses its decorators."""
     compilers = {"jit", "njit", "vectorize", "guvectorize", "cfunc", "stencil", "jitclass"}
-    if module == "featherstone_gait.core.jit":
+    if module == "featherstone_gait.core.compile.jit":
         return
     tree = ast.parse(MODULES[module].read_text("utf-8"))
     named = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
@@ -87,7 +87,7 @@ def test_only_jit_compiles(module):
 
 def test_fields_of_records_are_not_attributes_of_arrays():
     """Compiled code reads any field; with the JIT off a field named as a method of NumPy's would give the method."""
-    names = [info.name for info in pkgutil.iter_modules(core.__path__, core.__name__ + ".")]
+    names = [info.name for info in pkgutil.walk_packages(core.__path__, core.__name__ + ".")]
     types = [x for name in names for x in vars(importlib.import_module(name)).values() if isinstance(x, np.dtype)]
     fields = {field for record in types for field in record.names or ()}
     assert "parent" in fields

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from featherstone_gait.benchmark import peers, precision
 from featherstone_gait.benchmark.peers import Point, cost_at
 from featherstone_gait.dynamics import energy
-from featherstone_gait.simulation import simulate
+from featherstone_gait.run.simulate import simulate
 
 
 def errors(problem, integrator, settings):

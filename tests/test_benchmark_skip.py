@@ -15,7 +15,7 @@ from featherstone_gait.benchmark.skip import (
     instructions_at,
     shared_array,
 )
-from featherstone_gait.core.jit import JIT, entry
+from featherstone_gait.core.compile.jit import JIT, entry
 
 pytestmark = pytest.mark.skipif(not JIT, reason="counts compiled code")
 

@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 
 import featherstone_gait
-from featherstone_gait.core import jit
+from featherstone_gait.core.compile import jit
 
 PROGRAM = """
-from featherstone_gait.core import batch, jit
+from featherstone_gait.core.compile import jit
+from featherstone_gait.core.tree import batch
 from featherstone_gait.dynamics import forward_dynamics
 from featherstone_gait.model import Joint, Link, Model
 
@@ -84,7 +85,7 @@ def test_without_a_place_to_write_everything_works(package, tmp_path):
 
 
 def test_kernels_with_bounds_checks_have_a_folder_of_their_own(package, tmp_path):
-    program = "from featherstone_gait.core import jit; print(0, 0, 0, jit.CACHE_FOLDER)"
+    program = "from featherstone_gait.core.compile import jit; print(0, 0, 0, jit.CACHE_FOLDER)"
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     plain = run(package, program=program, **cache)
     checked = run(package, program=program, NUMBA_BOUNDSCHECK="1", **cache)
@@ -112,7 +113,8 @@ def test_processes_that_compile_at_once_leave_a_sound_cache(package, tmp_path):
     program = """
 import sys
 import numpy as np
-from featherstone_gait.core import batch, jit
+from featherstone_gait.core.compile import jit
+from featherstone_gait.core.tree import batch
 from featherstone_gait.dynamics import forward_dynamics
 from featherstone_gait.model import Joint, Link, Model
 

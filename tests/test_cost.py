@@ -8,7 +8,7 @@ import pytest
 
 from featherstone_gait import ContactPoint, Ground, Link, Model, Reference, Trajectory, compile_scene, load_robot
 from featherstone_gait.optimize import walking_cost
-from featherstone_gait.simulation import simulate, standing_state
+from featherstone_gait.run.simulate import simulate, standing_state
 from featherstone_gait.walking import write_angles
 from featherstone_gait.walking.cost import LOADED, Measures, _slip, cost_of_motion
 

@@ -11,9 +11,9 @@ import mpmath
 import numpy as np
 import pytest
 
-from featherstone_gait.core.elementary import SINCOS_LIMIT, atan2, exp, sincos, tanh
-from featherstone_gait.core.jit import entry, kernel
-from featherstone_gait.core.lanes import WIDTH, aligned, as_lanes
+from featherstone_gait.core.compile.elementary import SINCOS_LIMIT, atan2, exp, sincos, tanh
+from featherstone_gait.core.compile.jit import entry, kernel
+from featherstone_gait.core.compile.lanes import WIDTH, aligned, as_lanes
 
 pytestmark = pytest.mark.nojit
 

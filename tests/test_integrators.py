@@ -9,12 +9,12 @@ from mpmath import mp
 from scenes import NEVER_FALLEN, box, box_on, pendulum, resting, thrown, with_controller
 from scipy.special import ellipj, ellipk
 
-from featherstone_gait.core import layout
+from featherstone_gait.build.scene import compile_scene
+from featherstone_gait.core.effects import energies
 from featherstone_gait.model import Ground, Joint, Link, Model
 from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot, load_servo
-from featherstone_gait.scene import compile_scene
-from featherstone_gait.simulation import Push, initial_state, simulate, simulate_batch
+from featherstone_gait.run.simulate import Push, initial_state, simulate, simulate_batch
 from featherstone_gait.trajectory import Trajectory
 
 UNCLIPPED = {"coulomb_friction": 0.0, "current_limit": 1e3, "current_slew": 1e9, "voltage_limit": 1e3}
@@ -224,7 +224,7 @@ def test_extrapolation_and_midpoint_agree_on_the_whole_servo_chain():
     scene = compile_scene(model, "mipsd", None, "extrapolation", 1e-3)
     run = simulate(scene, 0.1, initial_state(scene, state), still, record=("q", "energy"), sample=0.1, rtol=1e-10)
     assert np.abs(run["q"][-1] - fine["q"][-1]).max() < 1e-9
-    a, b = (r["energy"][-1, :, layout.METER].sum() for r in (run, fine))
+    a, b = (r["energy"][-1, :, energies.METER].sum() for r in (run, fine))
     assert a == pytest.approx(b, rel=1e-6)
 
 

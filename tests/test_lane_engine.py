@@ -5,13 +5,14 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from featherstone_gait.core import rollout
-from featherstone_gait.lane_engine import Queue, run_lanes, segment_steps
+from featherstone_gait.build.scene import compile_scene
+from featherstone_gait.core.step.context import Plan
 from featherstone_gait.model import Ground
 from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
-from featherstone_gait.scene import compile_scene
-from featherstone_gait.simulation import simulate, simulate_batch, simulate_stream, standing_state
+from featherstone_gait.run.lane_engine import Queue, run_lanes, segment_steps
+from featherstone_gait.run.prepared import prepare
+from featherstone_gait.run.simulate import simulate, simulate_batch, simulate_stream, standing_state
 
 RECORD = ("base_q", "voltage", "energy", "contact_force")
 TIMES = np.linspace(0.0, 1.2, 31)
@@ -85,25 +86,13 @@ def test_noise_moves_what_the_encoder_reads_and_the_voltage(scene):
     assert np.allclose(loud - quiet, expected, atol=1e-12)
 
 
-class Run:
-    """What the engine asks of a run."""
-
-    def __init__(self, y, reference):
-        self.y, self.reference, self.noise = y, reference.knots(), None
-
-
 def test_lanes_are_mostly_at_work(scene, references):
     """Used lane-steps over all: without refilling it would be the mean life of a run over the longest."""
-    from featherstone_gait.simulation import _course, _lane_zeros, _scratch
-
     state = standing_state(scene, np.zeros(scene.tree.n))
     falling = [r for i, r in enumerate(references) if i % 3]
-    runs = [Run(state, falling[i % len(falling)]) for i in range(64)]
-    course, queue, no_channels = _course(scene, 1.2, None), Queue(64), np.zeros(0, np.int64)
-    used, there = run_lanes(
-        scene, course, no_channels, queue, runs.__getitem__, lambda y, out: y[scene.layout["end"]],
-        _scratch(scene, _lane_zeros),
-    )  # fmt: skip
+    ready, queue = prepare(scene, 1.2, record=()), Queue(64)
+    starts = [ready.start(state, falling[i % len(falling)]) for i in range(64)]
+    used, there = run_lanes(ready, queue, starts.__getitem__, lambda y, out: y[scene.layout["end"]])
     without = np.mean(queue.answers) / 1.2
     assert used / there > 0.8 > without
 
@@ -112,7 +101,7 @@ def test_lanes_are_mostly_at_work(scene, references):
     ("tick", "sample", "total", "expected"), [(10, 10, 4000, 250), (10, 4, 4000, 240), (1, 7, 5, 5)]
 )
 def test_segments_are_whole_ticks_and_samples(tick, sample, total, expected):
-    course = rollout.Plan(1e-3, 1.0, total, tick, sample, 0.01, 0.0, -2.0)
+    course = Plan(1e-3, 1.0, total, tick, sample, 0.01, 0.0, -2.0)
     assert segment_steps(course) == expected
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from featherstone_gait.core.jit import entry, kernel
-from featherstone_gait.core.lanes import WIDTH, aligned, any_lane, as_lanes, invert, power_of_two, select, sqrt
+from featherstone_gait.core.compile.jit import entry, kernel
+from featherstone_gait.core.compile.lanes import WIDTH, aligned, any_lane, as_lanes, invert, power_of_two, select, sqrt
 
 pytestmark = pytest.mark.nojit
 

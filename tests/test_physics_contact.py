@@ -18,12 +18,11 @@ from scenes import (
     total_energy,
 )
 
-from featherstone_gait.core.layout import CK
+from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.model import Ground
 from featherstone_gait.robot_file import load_robot
-from featherstone_gait.scene import compile_scene
+from featherstone_gait.run.simulate import Push, initial_state, simulate
 from featherstone_gait.sensors import contact_positions
-from featherstone_gait.simulation import Push, initial_state, simulate
 
 INTEGRATORS = ("implicit_euler", "midpoint", "rk4")
 LINEARLY_IMPLICIT = ("implicit_euler", "midpoint")
@@ -53,7 +52,7 @@ def test_a_standing_humanoid_sinks_in_as_asked_carries_its_weight_and_does_not_c
     force = run["contact_force"][-1, :, 0]
     assert force.sum() == pytest.approx(scene.model.mass * G, rel=1e-6)
     assert -positions[-1, :, 2].mean() == pytest.approx(scene.ground.sinking, rel=1e-6)
-    np.testing.assert_allclose(-positions[-1, :, 2], force / scene.constants.points[:, CK], rtol=1e-4)
+    np.testing.assert_allclose(-positions[-1, :, 2], force / scene.constants.contact.points.stiffness, rtol=1e-4)
     after_start, last_ten = positions - positions[0], positions[1000:] - positions[1000]
     assert np.abs(after_start[:1001, :, :2]).max() < 1e-4  # [m] in 10 s, settling of the legs included
     assert np.abs(last_ten).max() < 1e-6
@@ -168,7 +167,7 @@ def test_of_higher_order_energy_grows_at_most_by_a_step_into_the_ground_and_fall
         scene, run = dropped(integrator, timestep, damping_ratio, tilt)
         E = total_energy(scene, run)
         speed = np.abs(run["base_qd"][:, 2]).max() + 0.4 * np.abs(run["base_qd"][:, 3:]).max()
-        bound = 0.5 * scene.constants.points[:, CK].sum() * (0.5 * timestep * speed) ** 2
+        bound = 0.5 * scene.constants.contact.points.stiffness.sum() * (0.5 * timestep * speed) ** 2
         assert (E - np.minimum.accumulate(E)).max() < bound
         flying = elastic_energy(scene, run) == 0.0
         assert E[flying].max() < E[0] + 1e-12 * E[0]

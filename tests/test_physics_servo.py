@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from featherstone_gait.core import layout
+from featherstone_gait.build.scene import compile_scene
+from featherstone_gait.core.effects import energies
+from featherstone_gait.core.effects.mipsd_servo import MipsdServo
 from featherstone_gait.dynamics import energy
 from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import gearbox_presets, load_robot, load_servo
-from featherstone_gait.scene import compile_scene
-from featherstone_gait.simulation import initial_state, simulate
+from featherstone_gait.run.simulate import initial_state, simulate
 
 GK = 254 * 0.00681  # [N m/A]
 
@@ -191,22 +192,22 @@ def stored(scene, y):
     """Energy in currents, rotors, springs and bodies [J]."""
     c = scene.constants
     total = 0.0
-    if c.servo is not None:
-        total += 0.5 * c.servo[:, layout.IND] @ parts(scene, y, "current")[0] ** 2
-    if c.gear is not None:
+    if c.actuator is not None:
+        total += 0.5 * c.actuator.motor.inductance @ parts(scene, y, "current")[0] ** 2
+    if isinstance(c.actuator, MipsdServo):
         rotor, speed, q = parts(scene, y, "rotor", "rotor_speed", "q")
-        wind = np.maximum(np.abs(rotor - q) - c.gear[:, layout.GAP], 0.0)
-        total += 0.5 * (c.gear[:, layout.INERTIA] @ speed**2 + c.gear[:, layout.STIFFNESS] @ wind**2)
+        wind = np.maximum(np.abs(rotor - q) - c.actuator.gear.gap, 0.0)
+        total += 0.5 * (c.actuator.gear.inertia @ speed**2 + c.actuator.gear.stiffness @ wind**2)
     base_q, q, base_qd, qd = parts(scene, y, "base_q", "q", "base_qd", "qd")
     return total + energy(scene.model, [*base_q, *q], [*base_qd, *qd], armature=c.armature).sum()
 
 
 def residual(scene, y0, y1):
     """What the energy balance misses, relative to the energy turned over."""
-    E = parts(scene, y1, "energy")[0].reshape(-1, layout.ENERGIES).sum(axis=0)
-    losses = E[layout.COPPER] + E[layout.DRIVER] + E[layout.FRICTION] + E[layout.GEAR] + E[layout.STOPS]
+    E = parts(scene, y1, "energy")[0].reshape(-1, energies.ENERGIES).sum(axis=0)
+    losses = E[energies.COPPER] + E[energies.DRIVER] + E[energies.FRICTION] + E[energies.GEAR] + E[energies.STOPS]
     gained = stored(scene, y1) - stored(scene, y0)
-    return abs(E[layout.SUPPLY] - losses - gained) / (E[layout.METER] + abs(gained))
+    return abs(E[energies.SUPPLY] - losses - gained) / (E[energies.METER] + abs(gained))
 
 
 def moved_arm(servos, integrator, h, **overrides):
@@ -239,7 +240,7 @@ def test_backlash_and_stops_take_part_in_the_balance():
     y = initial_state(scene, [model.moving_joints[0].upper - 0.3])
     run = simulate(scene, 0.4, y, hold(model.moving_joints[0].upper + 0.5), record=("energy",))
     E = run["energy"][-1, 0]
-    assert E[layout.STOPS] > 1e-4
+    assert E[energies.STOPS] > 1e-4
     # The stop's spring is part of STOPS, so the balance closes at every instant.
     assert residual(scene, y, run.final) < 1e-6
 
@@ -248,7 +249,7 @@ def test_meter_counts_no_regeneration():
     model = servo_arm("arm7")
     scene = compile_scene(model, servos="rotor", timestep=1e-3)
     run = simulate(scene, 1.0, initial_state(scene, np.full(7, 0.3)), hold(*np.zeros(7)), record=("energy",))
-    supply, meter = run["energy"][..., layout.SUPPLY], run["energy"][..., layout.METER]
+    supply, meter = run["energy"][..., energies.SUPPLY], run["energy"][..., energies.METER]
     assert (np.diff(meter, axis=0) >= 0).all()
     assert (meter >= supply - 1e-15).all()
     assert meter[-1].sum() > supply[-1].sum()

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from featherstone_gait.preflight import coupled_limit, joint_limit
+from featherstone_gait.build.preflight import coupled_limit, joint_limit
+from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot, load_servo
-from featherstone_gait.scene import compile_scene
-from featherstone_gait.simulation import initial_state, simulate
+from featherstone_gait.run.simulate import initial_state, simulate
 
 
 def amplification(mobility, dampings, springs, h):

@@ -6,10 +6,10 @@ import pytest
 from scenes import arm_scene, with_controller
 from scipy.interpolate import CubicSpline, make_interp_spline
 
-from featherstone_gait.core.knots import evaluate
+from featherstone_gait.core.step.signals import evaluate
 from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
-from featherstone_gait.simulation import simulate
+from featherstone_gait.run.simulate import simulate
 
 TIMES = np.array([-0.3, 0.0, 0.25, 1.0, 1.1, 2.0])
 VALUES = np.random.default_rng(1).normal(size=(6, 3))

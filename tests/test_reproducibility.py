@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from random_tree import random_states
 
-from featherstone_gait.core.batch import aba_lanes, rnea_lanes
-from featherstone_gait.core.lanes import WIDTH, aligned
+from featherstone_gait.core.compile.lanes import WIDTH, aligned
+from featherstone_gait.core.tree.batch import aba_lanes, rnea_lanes
+from featherstone_gait.core.tree.layout import Motion, Robot
 from featherstone_gait.dynamics import forward_dynamics, inverse_dynamics
 from featherstone_gait.model import Joint, Link, Model
 from featherstone_gait.robot_file import load_robot
@@ -70,7 +71,12 @@ def lanes_of(kernel, model, states):
     bases = [in_lanes(a[:, : a.shape[1] - tree.n]) for a in states]
     work = aligned((1, *tree.workspace_shape(), WIDTH))
     base, out = aligned((1, 6, WIDTH)), aligned((1, tree.n, WIDTH))
-    kernel(tree.bodies, *bases, *joints, None, None, np.array(GRAVITY), work, base, out)
+    robot = Robot(tree.bodies, None, np.array(GRAVITY))
+    if kernel is aba_lanes:
+        given = (Motion(*bases[:2], None, *joints[:2], None), bases[2], joints[2])
+    else:
+        given = (Motion(*bases, *joints),)
+    kernel(robot, *given, None, work, base, out)
     return np.ascontiguousarray(np.concatenate([base[0], out[0]]).T)
 
 

@@ -10,7 +10,7 @@ from featherstone_gait import sensors
 from featherstone_gait.dynamics import center_of_mass
 from featherstone_gait.model import Ground
 from featherstone_gait.robot_file import load_robot
-from featherstone_gait.simulation import Push, initial_state, simulate
+from featherstone_gait.run.simulate import Push, initial_state, simulate
 from featherstone_gait.trajectory import Trajectory
 
 CHANNELS = ("q", "base_q", "base_qd", "base_qdd", "contact_force")

@@ -9,13 +9,14 @@ import pytest
 from scenes import G, arm_scene, box, box_on, pendulum, resting, thrown, with_controller
 from scipy.integrate import solve_ivp
 
-from featherstone_gait.core import layout
+from featherstone_gait.build.scene import compile_scene
+from featherstone_gait.build.stop import STOP_DEPTH
+from featherstone_gait.core.effects import energies
 from featherstone_gait.dynamics import energy
 from featherstone_gait.model import Ground
 from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
-from featherstone_gait.scene import STOP_DEPTH, compile_scene
-from featherstone_gait.simulation import PARTS, Push, initial_state, simulate, simulate_batch
+from featherstone_gait.run.simulate import PARTS, Push, initial_state, simulate, simulate_batch
 
 NOWHERE = Ground(height=-100.0)
 ZERO = (0.0,)
@@ -94,9 +95,9 @@ def test_states_that_are_none_are_refused(q, qd, message):
 def test_every_channel_has_its_shape():
     scene, n = arm_scene(), 7
     run = simulate(scene, 0.02, record=PARTS, sample=2e-3)
-    one_a_joint = "q qd current rotor rotor_speed filtered voltage integral qdd torque increment chatter worst_chatter"
+    one_a_joint = "q qd power current rotor rotor_speed filtered voltage integral qdd torque increment chatter worst_chatter"
     shapes = dict.fromkeys(one_a_joint.split(), (11, n))
-    shapes |= {"time": (11,), "energy": (11, n, layout.ENERGIES), "contact_work": (11, 1), "passes": (11, 2)}
+    shapes |= {"time": (11,), "energy": (11, n, energies.ENERGIES), "contact_work": (11, 1), "passes": (11, 2)}
     for name in run:
         nothing = name.startswith("base") or name in ("bristle", "contact_force")
         assert run[name].size == 0 if nothing else run[name].shape == shapes[name], name
@@ -218,7 +219,7 @@ def test_dry_friction_stops_a_joint_after_its_momentum_over_its_torque():
     assert run["qd"][int(stop * 1000) - 5, 0] > 0.0
     assert abs(run["qd"][int(stop * 1000) + 20, 0]) < 1e-6
     assert run["q"][-1, 0] == pytest.approx(0.5 * stop / 2, rel=5e-3)
-    assert run["energy"][-1, 0, layout.FRICTION] == pytest.approx(0.5 * (0.25 / 3) * 0.5**2, rel=5e-3)
+    assert run["energy"][-1, 0, energies.FRICTION] == pytest.approx(0.5 * (0.25 / 3) * 0.5**2, rel=5e-3)
 
 
 def test_dry_friction_holds_below_its_torque_and_gives_above():
@@ -274,12 +275,12 @@ def test_a_stop_catches_a_swinging_link_and_takes_its_energy(integrator, timeste
     assert run.ok, run.message
     end, E = run["q"][-1, 0], run["energy"][:, 0]
     assert limit < run["q"].max() < limit + STOP_DEPTH
-    push = scene.constants.stops[0, layout.STOP_K] * (end - limit)
+    push = scene.constants.stops[0].stiffness * (end - limit)
     assert push == pytest.approx(torque - 0.25 * G * math.sin(end), rel=1e-4)
     stored = energy(scene.model, run["q"], run["qd"]).sum(axis=1)
-    balance = stored - stored[0] - E[:, layout.WORK] + E[:, layout.FRICTION] + E[:, layout.STOPS]
-    assert E[-1, layout.STOPS] > 0.1
-    assert np.abs(balance).max() < tolerance * E[-1, layout.STOPS]
+    balance = stored - stored[0] - E[:, energies.WORK] + E[:, energies.FRICTION] + E[:, energies.STOPS]
+    assert E[-1, energies.STOPS] > 0.1
+    assert np.abs(balance).max() < tolerance * E[-1, energies.STOPS]
 
 
 def test_a_stop_pushes_only_back():

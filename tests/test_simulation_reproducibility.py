@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from scenes import arm_scene, box_on, thrown
 
+from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.dynamics import energy, momentum
 from featherstone_gait.model import Ground
 from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
-from featherstone_gait.scene import compile_scene
-from featherstone_gait.simulation import initial_state, simulate, simulate_batch
+from featherstone_gait.run.simulate import initial_state, simulate, simulate_batch
 
 COUNT = 11
 RECORD = ("q", "qd", "energy", "voltage")

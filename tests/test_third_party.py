@@ -5,11 +5,11 @@ import pytest
 from mujoco_oracle import Oracle
 from random_tree import random_states
 
-from featherstone_gait.core import layout
+from featherstone_gait.build.scene import compile_scene
+from featherstone_gait.core.effects import energies
 from featherstone_gait.dynamics import energy, forward_dynamics
 from featherstone_gait.robot_file import load_robot
-from featherstone_gait.scene import compile_scene
-from featherstone_gait.simulation import initial_state, simulate
+from featherstone_gait.run.simulate import initial_state, simulate
 
 URDF = """<?xml version="1.0"?>
 <robot name="pan_tilt" xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -82,7 +82,7 @@ def test_it_swings_and_loses_what_damping_and_friction_take(model):
     state = initial_state(scene, [0.3, 0.8], [2.0, 0.0])
     run = simulate(scene, 0.3, state, record=("q", "qd", "energy"))
     total = energy(model, run["q"], run["qd"]).sum(axis=1)
-    lost = run["energy"][..., [layout.FRICTION, layout.STOPS]].sum(axis=(1, 2))
+    lost = run["energy"][..., [energies.FRICTION, energies.STOPS]].sum(axis=(1, 2))
     assert run.status == "ok"
     assert lost[-1] > 1e-4
     assert np.abs(total + lost - total[0]).max() < 1e-8  # the stop's spring is part of STOPS

@@ -8,7 +8,7 @@ import pytest
 from scenes import box_on, resting
 
 from featherstone_gait.model import Ground
-from featherstone_gait.simulation import simulate
+from featherstone_gait.run.simulate import simulate
 from featherstone_gait.trajectory import Trajectory
 
 matplotlib.use("Agg")

@@ -8,7 +8,7 @@ import os
 import platform
 from pathlib import Path
 
-from ..core.jit import instruction_set
+from ..core.compile.jit import instruction_set
 
 PACKAGES = {"numpy": "numpy", "scipy": "scipy", "numba": "numba", "llvmlite": "llvmlite"}
 PACKAGES |= {"mujoco": "mujoco", "pinocchio": "pin"}  # module: name under which it is installed

@@ -36,13 +36,13 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ..core import rollout
-from ..core.lanes import WIDTH, aligned
+from ..core.compile.lanes import WIDTH
+from ..core.integrate.rollout import rollout_lanes
 from ..model import Model
 from ..plotting import positions
 from ..reference import Reference
 from ..robot_file import load_robot, save_robot
-from ..simulation import _in_lanes, _lane_zeros, _scratch, _signals, initial_state, simulate
+from ..run.simulate import initial_state, simulate
 from ..study.table import complete
 from . import precision, speed, walk
 from .machine import machine
@@ -435,7 +435,7 @@ def _own_steps(problem: Problem, integrator: str, repeats: int) -> list[Speed]:
     run.once()
     errors = precision.deviation(problem.model, positions(run.trajectory), positions(finer.trajectory))
     lanes = _lane_run(problem, run)
-    calls = {"float64": (run.once, run.course.steps, 0.0), "lanes": (lanes, run.course.steps * WIDTH, 0.0)}
+    calls = {"float64": (run.once, run.ready.plan.steps, 0.0), "lanes": (lanes, run.ready.plan.steps * WIDTH, 0.0)}
     n = len(problem.model.joint_names)
     return [
         Speed(problem.name, "humanoid", n, f"{integrator}, {width}", time_, *errors)
@@ -448,15 +448,12 @@ def _lane_run(problem: Problem, run: Run) -> Callable[[], None]:
     rng = np.random.default_rng(0)
     times, values = problem.reference.times, problem.reference.values
     knots = [Reference(times, values + NOISE * rng.normal(size=values.shape[1])).knots() for _ in range(WIDTH)]
-    start, y = run.prepared.y, aligned((len(run.prepared.y), WIDTH))
-    out = aligned((*run.out.shape, WIDTH))
-    signals = _signals(run.scene, _in_lanes(knots), None, _lane_zeros)
-    scratch = _scratch(run.scene, _lane_zeros)
+    start = run.start.y
+    in_lanes, y, out = run.ready.arguments_in_lanes([run.start._replace(reference=k) for k in knots])
 
     def call():
         y[:] = start[:, None]
-        scene, o = run.scene.constants, run.scene.offsets
-        rollout.rollout_lanes(scene, o, run.course, signals, y, scratch, run.channels, out)
+        rollout_lanes(in_lanes, y, out)
 
     call()
     return call

@@ -27,25 +27,15 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ..core import rollout
-from ..core.adaptive import rollout_adaptive
+from ..build.scene import CompiledScene, compile_scene
+from ..core.integrate import INTEGRATORS
 from ..model import Ground, Joint, Link, Model, Spring
 from ..plotting import positions
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
-from ..scene import ADAPTIVE, CompiledScene, compile_scene
-from ..simulation import (
-    _accuracy,
-    _channels,
-    _course,
-    _Run,
-    _scratch,
-    _signals,
-    _trajectory,
-    initial_state,
-    simulate,
-    standing_state,
-)
+from ..run.prepared import prepare, with_tolerance
+from ..run.simulate import initial_state, simulate, standing_state
+from ..run.verdict import trajectory
 from ..study.table import complete
 from ..trajectory import Trajectory
 from .machine import machine
@@ -82,7 +72,7 @@ class Problem(NamedTuple):
 
     def run(self, integrator: str, setting: float) -> Run:
         """The compiled run with a step [s] or a tolerance."""
-        adaptive = integrator in ADAPTIVE
+        adaptive = INTEGRATORS[integrator].adaptive
         scene = self.scene(integrator, None if adaptive else setting)
         every = self.sample or self.duration
         return Run(scene, self.duration, self.state(scene), self.reference, every, setting if adaptive else None,
@@ -114,37 +104,29 @@ class Run:
     """The compiled run of a simulation with its arguments prepared, to be timed without what Python does about it."""
 
     def __init__(self, scene, duration, state, reference, sample, rtol=None, record=("q",)):
-        self.scene, rtol, atol = _accuracy(scene, rtol, None)
-        self.arguments = (duration, state, reference, sample, rtol, record)
-        self.course = _course(self.scene, duration, sample)._replace(rtol=rtol or 0.0, atol=atol or 0.0)
-        self.channels, self.slices = _channels(self.scene, record)
-        self.prepared = _Run.prepared(self.scene, self.course, state, reference, None, None)
-        self.out = np.zeros((self.course.steps // self.course.per_sample + 1, len(self.channels)))
-        self.signals = _signals(self.scene, self.prepared.reference, None, np.zeros)
-        self.scratch = _scratch(self.scene, np.zeros)
-        self.y = self.prepared.y.copy()
+        self.scene, rtol, atol = with_tolerance(scene, rtol, None)
+        self.settings = (duration, state, reference, sample, rtol, record)
+        self.ready = prepare(self.scene, duration, record, sample, rtol=rtol or 0.0, atol=atol or 0.0)
+        self.start = self.ready.start(state, reference)
+        self.arguments = self.ready.arguments(self.start)
 
     def once(self) -> float:
         """Run; return CPU time per simulated second [ms]."""
-        kernel = rollout_adaptive if self.scene.adaptive else rollout.rollout_one
-        self.y[:] = self.prepared.y
+        self.arguments[1][:] = self.start.y
         start = time.thread_time()
-        kernel(
-            self.scene.constants, self.scene.offsets, self.course, self.signals, self.y, self.scratch, self.channels,
-            self.out,
-        )  # fmt: skip
-        return 1e3 * (time.thread_time() - start) / self.arguments[0]
+        self.ready.kernel(*self.arguments)
+        return 1e3 * (time.thread_time() - start) / self.settings[0]
 
     def call(self) -> float:
         """The same by `simulate`; return its CPU time per simulated second [ms]."""
-        duration, state, reference, sample, rtol, record = self.arguments
+        duration, state, reference, sample, rtol, record = self.settings
         start = time.thread_time()
         simulate(self.scene, duration, state, reference, record=record, sample=sample, rtol=rtol)
         return 1e3 * (time.thread_time() - start) / duration
 
     @property
     def trajectory(self) -> Trajectory:
-        return _trajectory(self.scene, self.course, self.slices, self.y, self.out)
+        return trajectory(self.ready, *self.arguments[1:])
 
 
 def run(out_dir: Path, full: bool = False) -> list[Row]:
@@ -167,8 +149,8 @@ def measure(problem: Problem, repeats: int = REPEATS, settings=None) -> list[Row
     tried = settings or [
         (integrator, value)
         for integrator, finest in problem.integrators.items()
-        for value in (TOLERANCES if integrator in ADAPTIVE else STEPS)
-        if 0.99 * finest <= value <= (1.0 if integrator in ADAPTIVE else problem.coarsest)
+        for value in (TOLERANCES if INTEGRATORS[integrator].adaptive else STEPS)
+        if 0.99 * finest <= value <= (1.0 if INTEGRATORS[integrator].adaptive else problem.coarsest)
     ]
     for integrator in dict.fromkeys(integrator for integrator, _ in tried):
         coarsest = max(value for name, value in tried if name == integrator)
@@ -213,8 +195,8 @@ def _row(problem: Problem, integrator: str, setting: float, exact, own_error: fl
     errors = deviation(problem.model, positions(result), exact)
     if failed:
         errors = (math.inf, math.inf + errors[1])
-    adaptive = integrator in ADAPTIVE
-    evaluations = result.info.get("evaluations", run.course.steps * (4 if integrator == "rk4" else 1))
+    adaptive = INTEGRATORS[integrator].adaptive
+    evaluations = result.info.get("evaluations", run.ready.plan.steps * INTEGRATORS[integrator].stages)
     step, rtol = (math.nan, setting) if adaptive else (setting, math.nan)
     return Row(problem.name, integrator, step, rtol, *errors, own_error, min(times), min(calls), evaluations,
                result.status)  # fmt: skip
@@ -475,7 +457,7 @@ def plot(path: Path, rows: list[Row], notes: str = "") -> None:
 
 
 def _style(name: str) -> dict:
-    fill = COLOURS[name] if name in ADAPTIVE else "white"
+    fill = COLOURS[name] if INTEGRATORS[name].adaptive else "white"
     return {"color": COLOURS[name], "marker": "o", "markersize": 4, "markerfacecolor": fill, "linewidth": 1.2}
 
 

@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..build.scene import compile_scene
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
-from ..scene import compile_scene
-from ..simulation import initial_state, simulate
+from ..run.simulate import initial_state, simulate
 
 INTEGRATORS = ("implicit_euler", "midpoint", "simtwo")
 ARM_STEPS = (1e-3, 5e-3, 1e-2)

@@ -28,32 +28,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core import rollout
-from ..core.aba import aba
-from ..core.advance import advance
-from ..core.gearbox import gear_torque
-from ..core.jit import entry
-from ..core.layout import DAMPING, IMAX, KT, RES, SLEW, STIFFNESS
-from ..core.motor import clamp, current_step
-from ..core.step import solve_step
+from ..build.external import Push
+from ..build.scene import CompiledScene, compile_scene
+from ..core.compile.jit import entry
+from ..core.compile.lanes import clamp
+from ..core.effects.gearbox import gear_torque
+from ..core.effects.motor import current_step
+from ..core.step.advance import advance
+from ..core.step.context import Step
+from ..core.step.newton import solve_step
+from ..core.tree.aba import aba
+from ..core.tree.layout import Motion, Robot
 from ..model import Ground, Model
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
-from ..scene import CompiledScene, compile_scene
-from ..simulation import (
-    PARTS,
-    Push,
-    _channels,
-    _course,
-    _push_arrays,
-    _Run,
-    _scratch,
-    _signals,
-    initial_state,
-    simulate,
-    simulate_batch,
-    standing_state,
-)
+from ..run.prepared import prepare, with_steps
+from ..run.simulate import PARTS, initial_state, simulate, simulate_batch, standing_state
 from ..study.table import complete
 from .machine import machine
 
@@ -204,19 +194,19 @@ def _costs(works: dict[str, Work], repeats: int) -> dict[str, Cost]:
 
 
 @entry
-def aba_loop(steps, tree, gravity, h, q, qd, tau, W, qdd, seen):
+def aba_loop(steps, robot, h, q, qd, tau, W, qdd, seen):
     """Semi-implicit Euler, nothing else."""
     for k in range(steps + 1):
         if k == 0 or k == steps:
             seen[k // steps] = qd[0]
-        aba(tree, None, None, None, q, qd, tau, None, None, gravity, W, None, qdd)
+        aba(robot, Motion(None, None, None, q, qd, None), None, tau, None, W, None, qdd)
         for i in range(len(q)):
             qd[i] += h * qdd[i]
             q[i] += h * qd[i]
 
 
 @entry
-def rk4_loop(steps, tree, gravity, h, x, start, total, slope, tau, W, seen):
+def rk4_loop(steps, robot, h, x, start, total, slope, tau, W, seen):
     """Runge-Kutta, x = (q, qd)."""
     n = len(tau)
     for k in range(steps + 1):
@@ -226,7 +216,7 @@ def rk4_loop(steps, tree, gravity, h, x, start, total, slope, tau, W, seen):
             start[i] = x[i]
             total[i] = 0.0
         for stage in range(4):
-            aba(tree, None, None, None, x[:n], x[n:], tau, None, None, gravity, W, None, slope[n:])
+            aba(robot, Motion(None, None, None, x[:n], x[n:], None), None, tau, None, W, None, slope[n:])
             weight = 2.0 if stage == 1 or stage == 2 else 1.0
             ahead = h if stage == 2 else 0.5 * h
             for i in range(n):
@@ -239,44 +229,48 @@ def rk4_loop(steps, tree, gravity, h, x, start, total, slope, tau, W, seen):
 
 
 @entry
-def solve_loop(steps, scene, o, h, y, s, seen):
+def solve_loop(steps, run, h, y, seen):
     """The solution of an implicit step, after which nothing moves."""
+    scene, o, s = run.scene, run.places[0], run.work.scratch
     for k in range(steps + 1):
         if k == 0 or k == steps:
             seen[k // steps] = y[0]
-        solve_step(scene, None, None, o[0], y, 0.0, h, None, None, None, h, h, s.W, s.Z, s.C, s.F)
+        solve_step(Step(scene, None, None, o, y, None, None, None, 0.0, h, h, h, 1.0, s.W, s.Z, s.C, s.F))
 
 
 @entry
-def step_loop(steps, scene, o, h, y, s, seen):
+def step_loop(steps, run, h, y, seen):
     """Solve and advance: a step without ticks and records."""
+    scene, o, s = run.scene, run.places[0], run.work.scratch
     for k in range(steps + 1):
         if k == 0 or k == steps:
             seen[k // steps] = y[0]
-        solve_step(scene, None, None, o[0], y, 0.0, h, None, None, None, h, h, s.W, s.Z, s.C, s.F)
-        advance(scene, None, None, None, None, o[0], y, None, None, None, h, h, 1.0, s.W, s.Z, s.C)
+        at = Step(scene, None, None, o, y, None, None, None, 0.0, h, h, h, 1.0, s.W, s.Z, s.C, s.F)
+        solve_step(at)
+        advance(at)
 
 
 @entry
-def current_loop(steps, servo, h, current, voltage, speed, out, seen):
+def current_loop(steps, motor, decay, h, current, voltage, speed, out, seen):
     for k in range(steps + 1):
         if k == 0 or k == steps:
             seen[k // steps] = h
-        for i in range(len(servo)):
-            out[i, 0], out[i, 1], out[i, 2] = current_step(servo, i, current[i], voltage[i], speed[i], h)
+        for i in range(len(motor)):
+            out[i, 0], out[i, 1], out[i, 2] = current_step(motor[i], decay, i, current[i], voltage[i], speed[i], h)
 
 
 @entry
-def resistive_loop(steps, servo, h, current, voltage, speed, out, seen):
+def resistive_loop(steps, motor, decay, h, current, voltage, speed, out, seen):
     """The same of a motor without inductance."""
     for k in range(steps + 1):
         if k == 0 or k == steps:
             seen[k // steps] = h
-        for i in range(len(servo)):
-            free = (voltage[i] - servo[i, KT] * speed[i]) / servo[i, RES]
-            end = clamp(free, current[i] - servo[i, SLEW] * h, current[i] + servo[i, SLEW] * h)
-            end = clamp(end, -servo[i, IMAX], servo[i, IMAX])
-            out[i, 0], out[i, 1], out[i, 2] = end, end, servo[i, KT] / servo[i, RES] if end == free else 0.0
+        for i in range(len(motor)):
+            m = motor[i]
+            free = (voltage[i] - m.torque_constant * speed[i]) / m.resistance
+            end = clamp(free, current[i] - m.current_slew * h, current[i] + m.current_slew * h)
+            end = clamp(end, -m.current_limit, m.current_limit)
+            out[i, 0], out[i, 1], out[i, 2] = end, end, m.torque_constant / m.resistance if end == free else 0.0
 
 
 @entry
@@ -285,7 +279,7 @@ def gear_loop(steps, gear, h, e, de, out, seen):
         if k == 0 or k == steps:
             seen[k // steps] = h
         for i in range(len(gear)):
-            out[i, 0], out[i, 1], out[i, 2] = gear_torque(gear, i, e[i], de[i], h)
+            out[i, 0], out[i, 1], out[i, 2] = gear_torque(gear[i], e[i], de[i], h)
 
 
 @entry
@@ -295,7 +289,7 @@ def tight_loop(steps, gear, h, e, de, out, seen):
         if k == 0 or k == steps:
             seen[k // steps] = h
         for i in range(len(gear)):
-            K, B = gear[i, STIFFNESS], gear[i, DAMPING]
+            K, B = gear[i].stiffness, gear[i].damping
             out[i, 0], out[i, 1], out[i, 2] = K * e[i] + B * de[i], h * K + B, B * (de[i] * de[i])
 
 
@@ -334,19 +328,16 @@ def _rollout(scene: CompiledScene, state=None, push: Push | None = None, record=
     """A scene that goes on from where it is after a tenth of a second, recorded every so many steps."""
     pushes = (push,) if push else ()
     start = simulate(scene, SETTLE, state, pushes=pushes, record=()).final
-    channels = _channels(scene, record)[0] if record else np.array([scene.layout["q"]], np.int64)
-    bound = scene.pushed(_push_arrays(scene, pushes))
+    ready = prepare(scene, STEP * COUNTED, record, pushes=pushes)
+    if not record:
+        ready = replace(ready, channels=np.array([scene.layout["q"]], np.int64))
 
-    def prepare(steps):
-        apart = min(every, steps)  # a record before the first and one after the last step
-        course = _course(scene, STEP * COUNTED, None)._replace(steps=steps, per_sample=apart)
-        run_ = _Run.prepared(scene, course, start, None, None, None)
-        signals, scratch = _signals(scene, run_.reference, run_.torques, np.zeros), _scratch(scene, np.zeros)
-        out = shared_array(steps // apart + 1, len(channels))
-        arguments = (bound.constants, bound.offsets, course, signals, run_.y.copy(), scratch, channels, out)
-        return arguments, out[:: max(1, len(out) - 1), 0]
+    def arguments(steps):
+        shorter = with_steps(ready, steps, min(every, steps))  # a record before the first and one after the last step
+        out = shared_array(shorter.samples, len(ready.channels))
+        return shorter.arguments(ready.start(start), out), out[:: max(1, len(out) - 1), 0]
 
-    return Work(rollout.rollout_one, prepare)
+    return Work(ready.kernel, arguments)
 
 
 def _compiled(model: Model, servos=None, ground: Ground | None = None, integrator: str = "implicit_euler"):
@@ -356,15 +347,17 @@ def _compiled(model: Model, servos=None, ground: Ground | None = None, integrato
 def step_parts() -> dict[str, Work]:
     """From the bare loop to the whole step of the free arm, for both integrators of such a scene."""
     scene, fourth = _compiled(free_arm()), _compiled(free_arm(), integrator="rk4")
-    c, n, zeros = scene.constants, scene.tree.n, np.zeros
+    n, zeros, robot = scene.tree.n, np.zeros, Robot(scene.tree.bodies, None, scene.gravity)
     W, x = zeros(scene.tree.workspace_shape()), np.full(2 * n, 0.1)
-    y, s = initial_state(scene, x[:n], x[n:]), _scratch(scene, zeros)
+    y = initial_state(scene, x[:n], x[n:])
+    ready = prepare(scene, STEP)
+    run_, _, _ = ready.arguments(ready.start(y))
     return {
-        "bare ABA loop": _loop(aba_loop, c.tree, c.gravity, STEP, x[:n], x[n:], zeros(n), W, zeros(n)),
-        "+ servo-free forces, Newton's check": _loop(solve_loop, c, scene.offsets, STEP, y, s),
-        "+ state, energies, chatter": _loop(step_loop, c, scene.offsets, STEP, y, s),
+        "bare ABA loop": _loop(aba_loop, robot, STEP, x[:n], x[n:], zeros(n), W, zeros(n)),
+        "+ servo-free forces, Newton's check": _loop(solve_loop, run_, STEP, y),
+        "+ state, energies, chatter": _loop(step_loop, run_, STEP, y),
         "+ ticks, status, records: implicit_euler": _rollout(scene, y),
-        "bare RK4 loop of ABA": _loop(rk4_loop, c.tree, c.gravity, STEP, x, x, x, x, zeros(n), W),
+        "bare RK4 loop of ABA": _loop(rk4_loop, robot, STEP, x, x, x, x, zeros(n), W),
         "rk4": _rollout(fourth, initial_state(fourth, x[:n], x[n:])),
     }
 
@@ -414,10 +407,10 @@ def unskipped(rows: list[Row]):
     steps = {row.saving: row for row in rows}
     rigid, soft = _compiled(_driven(inductance=0.0), "standard"), _compiled(_driven(), "mipsd")
     n = rigid.tree.n
-    small, out = np.full(n, 0.1), np.zeros((n, 3))
+    small, out, motor = np.full(n, 0.1), np.zeros((n, 3)), rigid.constants.actuator.motor
     loops = {
-        "inductance": (current_loop, resistive_loop, (rigid.constants.servo, STEP, small, small, small, out)),
-        "backlash": (gear_loop, tight_loop, (soft.constants.gear, STEP, small, small, out)),
+        "inductance": (current_loop, resistive_loop, (motor, rigid.constants.decay, STEP, small, small, small, out)),
+        "backlash": (gear_loop, tight_loop, (soft.constants.actuator.gear, STEP, small, small, out)),
     }
     for name, (with_, without, constants) in loops.items():
         step = steps[f"no {name} (a number of the same kernel)"].without.executed

@@ -29,13 +29,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core import timing
-from ..core.lanes import WIDTH, aligned
+from ..core.compile.lanes import WIDTH, aligned
+from ..core.tree import timing
+from ..core.tree.layout import Motion, Robot
 from ..dynamics import inverse_dynamics, mass_matrix
 from ..model import Joint, Link, Model
 from ..plotting import positions
 from ..robot_file import load_robot, save_robot
-from ..simulation import simulate_batch
+from ..run.simulate import simulate_batch
 from ..tree import GRAVITY, compile_tree
 from .machine import machine
 from .mujoco_clock import quick_mujoco
@@ -245,7 +246,12 @@ def _timer(algorithm: str, width: str, kernel, model: Model, inputs, exact) -> T
     work = aligned((1, *tree.workspace_shape(), *lanes))
     base = aligned((1, 6, *lanes)) if tree.floating else None
     out = aligned((1, tree.n, *lanes))
-    arguments = (tree.bodies, *bases, *joints, None, None, np.array(GRAVITY), work, base, out)
+    robot = Robot(tree.bodies, None, np.array(GRAVITY))
+    if algorithm == "RNEA":
+        given = (Motion(*bases, *joints),)
+    else:
+        given = (Motion(*bases[:2], None, *joints[:2], None), bases[2], joints[2])
+    arguments = (robot, *given, None, work, base, out)
     kernel(1, *arguments)
     result = np.concatenate([a[0] for a in (base, out) if a is not None])
     error = _error(result[..., -1] if lanes else result, exact)
@@ -256,9 +262,10 @@ def _timer(algorithm: str, width: str, kernel, model: Model, inputs, exact) -> T
 def _crba_timer(model: Model, q, exact) -> Timer:
     tree = compile_tree(model)
     base = _filled(q[: -tree.n], ()) if tree.floating else None
-    zero6 = np.zeros(6) if tree.floating else None
+    zero6 = np.zeros((1, 6)) if tree.floating else None
     work, H = aligned((1, *tree.workspace_shape())), np.zeros((1, model.nv, model.nv))
-    arguments = (tree.bodies, base, zero6, _filled(q[-tree.n :], ()), np.zeros(tree.n), None, np.zeros(3), work, H)
+    still = Motion(base, zero6, None, _filled(q[-tree.n :], ()), np.zeros((1, tree.n)), None)
+    arguments = (Robot(tree.bodies, None, np.zeros(3)), still, work, H)
     kernel, count = timing.repeat_crba_rows, _passes(model)
     kernel(1, *arguments)
     return Timer("CRBA", SCALARS, lambda: kernel(count, *arguments), count, _error(H[0], exact))

@@ -21,7 +21,7 @@ from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
-from ..core.jit import source_hash
+from ..core.compile.jit import source_hash
 from ..model import Model
 from ..robot_file import load_robot, load_servo, save_robot
 from ..study import read_study, run_study

@@ -23,12 +23,12 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
+from ..build.scene import compile_scene
 from ..model import ContactPoint, Ground, Joint, Link, Model
 from ..plotting import positions
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
-from ..scene import compile_scene
-from ..simulation import Push, initial_state, simulate
+from ..run.simulate import Push, initial_state, simulate
 from .machine import machine
 from .precision import unlimited
 from .speed import chain

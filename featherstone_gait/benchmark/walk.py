@@ -24,12 +24,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..lane_engine import Queue
+from ..build.scene import compile_scene
 from ..model import Ground, Model
 from ..reference import Reference
 from ..robot_file import load_robot, save_robot
-from ..scene import compile_scene
-from ..simulation import simulate_stream, standing_state
+from ..run.lane_engine import Queue
+from ..run.simulate import simulate_stream, standing_state
 from .mujoco_clock import quick_mujoco
 
 DURATION = 4.0  # [s]

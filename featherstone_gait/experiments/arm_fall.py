@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..build.scene import compile_scene
 from ..dynamics import inverse_dynamics, mass_matrix
 from ..identification import MOTOR_OFF, Identification, Recording, changed, identify, prediction_error
 from ..model import Model
 from ..reference import Reference
 from ..robot_file import load_robot
-from ..scene import compile_scene
-from ..simulation import initial_state, simulate_batch
+from ..run.simulate import initial_state, simulate_batch
 from .claim import Claim, plus_minus
 
 COUNT = math.radians(300.0 / 1023.0)  # encoder step of the AX-12 [rad], ROBOTIS e-manual

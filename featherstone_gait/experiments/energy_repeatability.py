@@ -26,12 +26,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from ..core.layout import METER
+from ..build.scene import compile_scene
+from ..core.effects.energies import METER
 from ..model import Ground
 from ..optimize import walking_cost
 from ..robot_file import load_robot
-from ..scene import compile_scene
-from ..simulation import standing_state
+from ..run.simulate import standing_state
 from ..walking.cost import WalkingCost
 from ..walking.gait import TICK
 from .claim import Claim

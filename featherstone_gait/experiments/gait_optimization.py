@@ -31,15 +31,15 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from ..core.jit import source_hash
-from ..core.layout import METER
+from ..build.scene import compile_scene
+from ..core.compile.jit import source_hash
+from ..core.effects.energies import METER
 from ..model import Ground, Model
 from ..optimize import AMPLITUDE, MAX_MISS, walking_cost
 from ..plotting import plot_motion
 from ..robot_file import load_robot
-from ..scene import compile_scene
+from ..run.simulate import simulate_stream, standing_state
 from ..search import minimize
-from ..simulation import simulate_stream, standing_state
 from ..trajectory import Trajectory
 from ..walking.cost import LEAST_SPEED, WalkingCost
 from ..walking.gait import TICK, bounds

@@ -16,12 +16,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
+from ..build.scene import compile_scene
 from ..identification import EARLY, MOTOR_OFF, STEP, Identification, Recording, changed, identify, prediction_error
 from ..model import SERVO_UNITS, Model
 from ..reference import Reference
 from ..robot_file import load_robot
-from ..scene import compile_scene
-from ..simulation import initial_state, simulate_batch
+from ..run.simulate import initial_state, simulate_batch
 from .claim import Claim
 
 COUNT = math.radians(300.0 / 1023.0)  # encoder step of the AX-12 [rad], ROBOTIS e-manual

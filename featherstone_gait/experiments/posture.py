@@ -23,11 +23,11 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from tqdm import tqdm
 
+from ..build.scene import CompiledScene, compile_scene
 from ..model import Ground, Model
 from ..reference import Reference
 from ..robot_file import load_robot
-from ..scene import CompiledScene, compile_scene
-from ..simulation import initial_state, simulate_batch, standing_state
+from ..run.simulate import initial_state, simulate_batch, standing_state
 from .claim import Claim
 from .common import grid_of_panels, heavier
 

@@ -19,12 +19,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
+from ..build.scene import compile_scene
 from ..identification import changed
 from ..model import Ground, Model
 from ..optimize import optimize_gait, walking_cost
 from ..robot_file import load_robot
-from ..scene import compile_scene
-from ..simulation import Push
+from ..run.simulate import Push
 from ..walking.cost import WalkingCost
 from .claim import Claim, span
 from .common import draw_marks, heavier

@@ -18,12 +18,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..build.scene import compile_scene
 from ..identification import changed
 from ..model import Model
 from ..reference import Reference
 from ..robot_file import load_robot
-from ..scene import compile_scene
-from ..simulation import simulate
+from ..run.simulate import simulate
 from .claim import Claim, plus_minus
 
 COUNT = math.radians(300.0 / 1023.0)  # encoder step [rad], [manual]

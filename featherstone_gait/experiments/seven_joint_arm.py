@@ -27,12 +27,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
+from ..build.scene import compile_scene
 from ..dynamics import inverse_dynamics
 from ..model import Gearbox, Model
 from ..reference import Reference
 from ..robot_file import gearbox_presets, load_robot
-from ..scene import compile_scene
-from ..simulation import initial_state, simulate_batch
+from ..run.simulate import initial_state, simulate_batch
 from .claim import Claim
 from .common import grid_of_panels
 

@@ -25,11 +25,11 @@ from typing import Any
 
 import numpy as np
 
-from ..core.lanes import WIDTH
-from ..core.layout import METER
+from ..build.scene import CompiledScene, compile_scene
+from ..core.compile.lanes import WIDTH
+from ..core.effects.energies import METER
 from ..reference import Reference
-from ..scene import CompiledScene, compile_scene
-from ..simulation import initial_state, simulate_batch, standing_state
+from ..run.simulate import initial_state, simulate_batch, standing_state
 from ..trajectory import Trajectory
 from .bisection import largest
 from .settings import ONLY, Setup, ground_with, servos_with

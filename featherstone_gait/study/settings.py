@@ -28,10 +28,10 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 
 from .. import __version__
-from ..core.jit import source_hash
+from ..core.compile.jit import source_hash
+from ..core.integrate import INTEGRATORS
 from ..model import SERVO_UNITS, Controller, Gearbox, Ground, Law, Model, Servo
 from ..robot_file import load_robot, load_servo
-from ..scene import INTEGRATORS
 
 MOST_RUNS = 20_000_000
 GROUND_UNITS = {"friction": "-", "sinking": "m", "damping_ratio": "-", "height": "m", "slope": "rad"}

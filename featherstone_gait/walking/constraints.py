@@ -19,7 +19,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from featherstone_gait.dynamics import forward_kinematics
-from featherstone_gait.simulation import simulate_batch, standing_state
+from featherstone_gait.run.simulate import simulate_batch, standing_state
 from featherstone_gait.tree import GRAVITY
 from featherstone_gait.walking.cost import LOADED, RECORD, SAMPLE, Measures, WalkingCost, measured
 

@@ -1,0 +1,89 @@
+"""Contact points and ground."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..core.effects.contact import PLANE, POINT, RISE, Contact
+from ..dynamics import forward_kinematics
+from ..model import Ground, Model
+from ..tree import Tree
+from .records import fill, records
+
+
+def build_contact(model: Model, tree: Tree, ground: Ground | None) -> Contact | None:
+    """What can touch what, None without ground."""
+    if ground is None:
+        return None
+    if not model.contacts:
+        raise ValueError(f"{model.name}: ground without contact points; add contacts to its TOML, or ground=None")
+    return Contact(_points(model, tree, ground), _plane(ground), _rises(ground))
+
+
+def _points(model: Model, tree: Tree, ground: Ground) -> np.recarray:
+    """Stiffness and damping from sinking and damping ratio: k = m g / (N sinking), and for small motions about rest
+    c = 2 zeta sqrt(k m / N), which Hunt and Crossley's law has at its static depth for d = 2 zeta / sqrt(g sinking)."""
+    contacts = [model.contacts[k] for k in by_body(model, tree)]
+    share = model.mass / len(contacts)
+    k = share * 9.81 / ground.sinking
+    table = records(len(contacts), POINT)
+    for row, point in zip(table, contacts):
+        place = tree.placements[point.link]
+        fill(row, point, ground)
+        row.body, row.position = place.row, place.r + place.E @ np.array(point.position)
+        row.stiffness, row.damping = k, 2.0 * ground.damping_ratio / math.sqrt(9.81 * ground.sinking)
+        row.tangential_stiffness = k
+        row.tangential_damping = 2.0 * max(ground.damping_ratio, 0.1) * math.sqrt(k * share)
+    return table
+
+
+def by_body(model: Model, tree: Tree) -> list[int]:
+    """Indices of the contact points, those of one body together."""
+    rows = [tree.placements[point.link].row for point in model.contacts]
+    return sorted(range(len(rows)), key=rows.__getitem__)
+
+
+def _plane(ground: Ground) -> np.recarray:
+    c, s = math.cos(ground.slope), math.sin(ground.slope)
+    plane = records(1, PLANE)
+    plane[0].normal, plane[0].first, plane[0].second = (-s, 0.0, c), (c, 0.0, s), (0.0, 1.0, 0.0)
+    plane[0].height = ground.height * c
+    return plane
+
+
+def _rises(ground: Ground) -> np.recarray:
+    table = records(len(ground.steps), RISE)
+    for row, (start, rise) in zip(table, ground.steps):
+        row.start, row.rise = start, rise
+    return table
+
+
+def standing_height(model: Model, ground: Ground, q: np.ndarray) -> float:
+    """Height of the base [m] at which the lowest contact point of the posture q has sunk in as far as the ground allows."""
+    clearances = []
+    for x in contact_points(model, q):
+        surface = ground.height + math.tan(ground.slope) * x[0]
+        along = math.cos(ground.slope) * x[0] + math.sin(ground.slope) * surface
+        rises = sum(rise for start, rise in ground.steps if along > start)
+        clearances.append(x[2] - surface - rises / math.cos(ground.slope))
+    return -min(clearances) - ground.sinking / math.cos(ground.slope)
+
+
+def fallen_height(model: Model, fraction: float) -> float:
+    """Height of the base over the ground [m] below which the robot lies: a fraction of its own in the zero posture."""
+    q = np.zeros(model.nq)
+    q[3] = 1.0
+    return -fraction * min(x[2] for x in contact_points(model, q))
+
+
+def contact_points(model: Model, q: np.ndarray) -> list[np.ndarray]:
+    """The contact points in the world [m]."""
+    poses = forward_kinematics(model, q)
+    names = [link.name for link in model.links]
+    return [
+        poses.position[k] + poses.rotation[k] @ np.array(point.position)
+        for point in model.contacts
+        for k in [names.index(point.link)]
+    ]

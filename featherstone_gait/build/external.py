@@ -1,0 +1,56 @@
+"""Pushes and springs: external forces on the bodies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.effects.push import PUSH
+from ..core.effects.spring import SPRING
+from ..model import Spring
+from ..tree import Tree
+from .records import fill, records
+
+
+class Push(NamedTuple):
+    """An external force on a link from `start` to `end`."""
+
+    link: str
+    force: tuple[float, float, float] = (0.0, 0.0, 0.0)  # world axes [N]
+    moment: tuple[float, float, float] = (0.0, 0.0, 0.0)  # world axes [N m]
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)  # where it acts, link frame [m]
+    start: float = 0.0  # [s]
+    end: float = math.inf  # [s]
+
+
+def build_pushes(tree: Tree, pushes: Sequence[Push]) -> np.recarray | None:
+    """PUSH of each, None without pushes; ValueError on unknown links and numbers that are not finite."""
+    if not pushes:
+        return None
+    table = records(len(pushes), PUSH)
+    for row, push in zip(table, pushes):
+        if push.link not in tree.placements:
+            raise ValueError(f"push: no link {push.link!r}; links: {', '.join(tree.placements)}")
+        numbers = (*push.force, *push.moment, *push.point, push.start)
+        if not np.isfinite(numbers).all() or not push.start <= push.end:
+            raise ValueError(f"push on {push.link}: give finite numbers, and a start before the end: {push}")
+        place = tree.placements[push.link]
+        fill(row, push)
+        row.body, row.point = place.row, place.r + place.E @ np.array(push.point)
+    return table
+
+
+def build_springs(tree: Tree, springs: Sequence[Spring]) -> np.recarray | None:
+    """SPRING of each, the ends in the frames of the bodies that carry the links; None without springs."""
+    if not springs:
+        return None
+    table = records(len(springs), SPRING)
+    for row, spring in zip(table, springs):
+        a, b = tree.placements[spring.a], tree.placements[spring.b]
+        fill(row, spring)
+        row.a, row.b = a.row, b.row
+        row.point_a, row.point_b = a.r + a.E @ spring.point_a, b.r + b.E @ spring.point_b
+    return table

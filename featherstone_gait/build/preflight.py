@@ -1,0 +1,181 @@
+"""What limits the step of a scene, worked out before anything runs.
+
+The linearised scene M dv/dt = -C v - K x is stable under explicit steps (semi-implicit Euler) only while
+h < 2 / lambda(M^-1 C) and h < 2 / sqrt(lambda(M^-1 K)), lambda the largest eigenvalue; M at zero posture.  For one
+joint alone the inertia is what it feels when all others are free, 1 / (M^-1)_ii; together the joints allow less.
+
+Springs between bodies enter with the length that changes along them in place of a joint's angle: of joints and springs
+together, whose rates are J v, the mobility is J M^-1 J'.  Left out are that a stretched spring resists turning, and
+springs whose points coincide at zero, where they have no direction.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.effects import contact, friction, spring
+from ..core.integrate import INTEGRATORS
+from ..dynamics import forward_kinematics, inverse_dynamics, mass_matrix, spring_vectors
+from ..model import Ground, Model, Spring
+from .actuator import Drive
+
+
+class Limit(NamedTuple):
+    """The largest explicit step of one joint or spring, and why."""
+
+    joint: str
+    step: float  # [s]; inf where nothing limits it
+    cause: str
+
+
+class Preflight(NamedTuple):
+    """Step limits of a scene and the integrator that was chosen for it."""
+
+    limits: tuple[Limit, ...]
+    integrator: str
+    timestep: float  # [s]
+    reason: str
+    inertias: tuple[float, ...]  # that each joint feels [kg m^2 or kg]
+    largest_explicit_step: float  # of all joints, springs and contacts together [s]
+    folded_step: float  # without the springs, which no implicit step takes in [s]
+
+
+class _Acting(NamedTuple):
+    """Dampers and springs of joints and springs, by name, each (n,) [N m s/rad, N m/rad or N s/m, N/m]."""
+
+    names: list[str]
+    dampers: dict[str, np.ndarray]
+    springs: dict[str, np.ndarray]
+    mobility: np.ndarray | float  # that rotors add to what acts through a gear [1/(kg m^2)]
+
+
+def preflight(model: Model, drive: Drive, rubbing, ground: Ground | None, between, wish) -> Preflight:
+    """Limits of explicit steps, and from them what is not given.
+
+    rubbing: FRICTION of the joints or None; between: the springs between bodies and their SPRING records; wish:
+    integrator and timestep as asked for, None where not.  Raises ValueError on names and steps that are none.
+    """
+    (springs, table), n = between, len(model.moving_joints)
+    mobility = joint_mobility(model, drive.armature, springs)
+    inertias = tuple(float(x) for x in 1.0 / np.diag(mobility)[:n])
+    joints, ends = _on_joints(model, drive, rubbing), _between_bodies(springs, table)
+    limits = _each(joints, np.diag(mobility)[:n]) + _each(ends, np.diag(mobility)[n:])
+    mobility[:n, :n] += np.diag(np.broadcast_to(joints.mobility, n))
+    dampers, stiff = ([*_sum(joints, k, n), *_sum(ends, k, len(springs))] for k in (1, 2))
+    folded = coupled_limit(mobility[:n, :n], np.array(dampers[:n]), np.array(stiff[:n]))
+    largest = coupled_limit(mobility, np.array(dampers), np.array(stiff))
+    if ground is not None:
+        limits.append(Limit("contact", float(contact.explicit_limit(ground.sinking, 9.81)), "contact spring"))
+        folded, largest = min(folded, limits[-1].step), min(largest, limits[-1].step)
+    clipped = drive.actuator is not None or ground is not None
+    integrator, step, reason = _choice(*wish, clipped, folded, largest)
+    return Preflight(tuple(limits), integrator, step, reason, inertias, largest, folded)
+
+
+def _choice(name: str | None, timestep: float | None, clipped: bool, folded: float, largest: float):
+    """Integrator, step [s] and the reason for both; clipped: servos or ground make kinks."""
+    step = timestep if timestep is not None else (1e-3 if clipped else 5e-4)
+    if not 0 < step < math.inf:
+        raise ValueError(f"timestep is {timestep!r} s; it must be positive and finite")
+    if name is not None:
+        if name not in INTEGRATORS:
+            raise ValueError(f"integrator {name!r}; use one of {', '.join(INTEGRATORS)}")
+        return name, step, "as asked for"
+    if clipped or folded < 10 * step:
+        reason = f"an explicit step is limited to {largest:.2g} s, or clips and friction make kinks"
+        return "implicit_euler", step, reason
+    reason = "nothing is stiff: order 8"
+    if largest < 10 * step:
+        reason = f"springs between bodies limit any step to some {largest:.2g} s: order 8 finds its own"
+    return "dop853", step, reason
+
+
+def _on_joints(model: Model, drive: Drive, rubbing) -> _Acting:
+    dampers, springs, mobility = {}, {}, 0.0
+    if rubbing is not None:
+        dampers, springs = friction.explicit_limits(rubbing)
+    if drive.actuator is not None:
+        more, stiff, mobility = drive.actuator.explicit_limits()
+        dampers, springs = dampers | more, springs | stiff
+    return _Acting(list(model.joint_names), dampers, springs, mobility)
+
+
+def _between_bodies(springs: Sequence[Spring], table) -> _Acting:
+    if table is None:
+        return _Acting([], {}, {}, 0.0)
+    return _Acting([f"{s.a} - {s.b}" for s in springs], *spring.explicit_limits(table), 0.0)
+
+
+def _sum(acting: _Acting, which: int, count: int) -> np.ndarray:
+    return sum(acting[which].values(), np.zeros(count))
+
+
+def _each(acting: _Acting, mobility: np.ndarray) -> list[Limit]:
+    """The limit of each joint or spring alone."""
+    return [
+        joint_limit(
+            name,
+            1.0 / mobility[k] if mobility[k] > 0 else math.inf,
+            {cause: c[k] for cause, c in acting.dampers.items()},
+            {cause: c[k] for cause, c in acting.springs.items()},
+        )
+        for k, name in enumerate(acting.names)
+    ]
+
+
+def coupled_limit(mobility: np.ndarray, dampings: np.ndarray, springs: np.ndarray) -> float:
+    """The limit of all joints together [s]; mobility (n, n) = M^-1 [1/(kg m^2)], one damper and spring a joint.
+
+    With springs between bodies mobility = J M^-1 J' has a row for each of them too [1/kg].
+    """
+    largest = [max(np.linalg.eigvals(mobility * x).real, default=0.0) for x in (dampings, springs)]
+    damped = 2.0 / largest[0] if largest[0] > 0 else np.inf
+    return float(min(damped, 2.0 / np.sqrt(largest[1]) if largest[1] > 0 else np.inf))
+
+
+def joint_limit(name: str, inertia: float, dampings: dict[str, float], springs: dict[str, float]) -> Limit:
+    """The limit of one joint of effective inertia [kg m^2] with dampers [N m s/rad] and springs [N m/rad]."""
+    limit = Limit(name, np.inf, "nothing stiff")
+    for cause, c in dampings.items():
+        if c > 0 and 2.0 * inertia / c < limit.step:
+            limit = Limit(name, float(2.0 * inertia / c), cause)
+    for cause, k in springs.items():
+        if k > 0 and 2.0 * np.sqrt(inertia / k) < limit.step:
+            limit = Limit(name, 2.0 * float(np.sqrt(inertia / k)), cause)
+    return limit
+
+
+def joint_mobility(model: Model, armature, springs: Sequence[Spring]) -> np.ndarray:
+    """J M^-1 J' at zero (n + springs, ...): accelerations of joints and springs' lengths that forces on these cause.
+
+    J holds the joints' own directions, then how fast each spring lengthens.
+    """
+    q = np.zeros(model.nq)
+    if model.base == "floating":
+        q[3] = 1.0
+    n = len(model.moving_joints)
+    J = np.zeros((n + len(springs), model.nv))
+    J[:n, model.nv - n :] = np.eye(n)
+    if springs:
+        J[n:] = _lengthening(model, springs, q)
+    return J @ np.linalg.inv(mass_matrix(model, q, armature=armature)) @ J.T
+
+
+def _lengthening(model: Model, springs: Sequence[Spring], q: np.ndarray) -> np.ndarray:
+    """dl/dt of each spring by velocity (springs, nv): the generalised force that holds it against a pull of 1 N."""
+    still, rotation = np.zeros(model.nv), forward_kinematics(model, q).rotation
+    names = [link.name for link in model.links]
+    rows = []
+    for s, d in zip(springs, spring_vectors(model, springs, q)):
+        length = np.linalg.norm(d)
+        pull = d / length if length > 0 else d
+        wrench = {
+            link: np.concatenate([np.cross(rotation[names.index(link)] @ point, force), force])
+            for link, point, force in ((s.a, s.point_a, pull), (s.b, s.point_b, -pull))
+        }
+        rows.append(inverse_dynamics(model, q, still, still, wrench=wrench, gravity=(0.0, 0.0, 0.0)))
+    return np.array(rows)

@@ -1,0 +1,18 @@
+"""Constants go from a dataclass of the model to a record of the kernels by their name."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def records(count: int, dtype: np.dtype) -> np.recarray:
+    """That many records of zeros; kernels without JIT read their fields as attributes."""
+    return np.zeros(count, dtype).view(np.recarray)
+
+
+def fill(record, *sources) -> None:
+    """Give each field the number of that name, from the first source that has one."""
+    for name in record.dtype.names:
+        values = [value for source in sources if not isinstance(value := getattr(source, name, ""), str)]
+        if values:
+            record[name] = values[0]

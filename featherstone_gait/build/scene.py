@@ -1,0 +1,190 @@
+"""From a model, its servos and the ground to the numbers that kernels read, with a preflight of the step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..core.integrate import INTEGRATORS
+from ..core.integrate.integrator import Integrator
+from ..core.step import state
+from ..core.step.context import Scene
+from ..model import Ground, Model, Spring, check_springs
+from ..tree import GRAVITY, Tree, compile_tree
+from .actuator import Drive, ServoKind, build_decay, build_drive, controller_period, fold_springs
+from .contact import build_contact, fallen_height
+from .external import build_pushes, build_springs
+from .friction import build_friction, sticks
+from .preflight import Preflight, preflight
+from .stop import build_stops
+
+NO_SERVO_TICK = 1e-2  # [s] between the checks of a scene without sampled controllers
+STIFF = 5e-3  # [s]; explicit limit below which extrapolation takes implicit steps
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledScene:
+    """A scene ready to run; made by `compile_scene`."""
+
+    model: Model
+    tree: Tree
+    constants: Scene
+    offsets: np.ndarray  # (1,) STATE
+    method: Integrator
+    timestep: float  # [s]
+    tick_steps: int  # steps of a controller tick
+    lag: float  # [s]
+    servos: ServoKind | None
+    ground: Ground | None
+    springs: tuple[Spring, ...]
+    preflight: Preflight
+    fall_height: float  # [m]
+    fall_upright: float  # cosine
+    stiff: bool  # something that an implicit step takes in limits explicit steps to less than `STIFF`
+    arguments: dict  # of `compile_scene`, after the model
+
+    def recompiled(self, **changes) -> CompiledScene:
+        """The scene with other arguments of `compile_scene`; the state's layout stays."""
+        return compile_scene(self.model, **(self.arguments | changes))
+
+    @property
+    def integrator(self) -> str:
+        """Name of the integrator."""
+        return self.method.name
+
+    @property
+    def adaptive(self) -> bool:
+        """Whether the integrator chooses its steps by their error."""
+        return self.method.adaptive
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """(3,) [m/s^2], world axes."""
+        return self.constants.gravity
+
+    @property
+    def sampled(self) -> bool:
+        """Whether servos have controllers that act at ticks."""
+        return self.constants.decay is not None
+
+    @property
+    def layout(self) -> np.void:
+        """Where each part of the state starts."""
+        return self.offsets[0]
+
+    @property
+    def parts(self) -> dict[str, tuple[int, int]]:
+        """First and past-the-last index of each part of the state."""
+        return state.parts(self.layout)
+
+    def part(self, name: str) -> tuple[int, int]:
+        """First and past-the-last index of a part of the state."""
+        return self.parts[name]
+
+    def pushed(self, pushes) -> CompiledScene:
+        """The scene with external forces, a list of `Push`."""
+        if not pushes:
+            return self
+        return replace(self, constants=self.constants._replace(push=build_pushes(self.tree, pushes)))
+
+
+def compile_scene(
+    model: Model,
+    servos: ServoKind | None = None,
+    ground: Ground | None = None,
+    integrator: str | None = None,
+    timestep: float | None = None,
+    gravity=GRAVITY,
+    fall_height: float = 0.6,
+    fall_tilt: float = math.radians(45),
+    springs: Sequence[Spring] = (),
+) -> CompiledScene:
+    """Lay a model, its servos and the ground out for the kernels.
+
+    Parameters
+    ----------
+    servos : "mipsd" (spring-damper gearbox with rotor), "rotor" (rigid, with the rotor's reflected inertia),
+        "standard" (rigid, none), or None: no servos, torques from `simulate(tau=...)`
+    ground : None where the robot touches nothing
+    integrator : "implicit_euler", "midpoint", "rk4" or "simtwo" of fixed steps; "extrapolation", or for what is not
+        stiff "dop853", which choose their steps by the error that `simulate` allows; None chooses from the preflight
+    timestep : [s]; must divide the controllers' period; None chooses.  Of the latter two the grid of ticks and records
+    springs : between points of two links.  All integrators take them explicitly: stiff ones are for "dop853"
+    fall_height, fall_tilt : a floating robot over ground has fallen below this fraction of its standing height, or
+        tilted by more than this [rad]
+
+    Raises ValueError on servos that the model does not have and on steps that do not fit.
+    """
+    tree = compile_tree(model)
+    drive = build_drive(model, servos)
+    contact = build_contact(model, tree, ground)
+    check_springs(model.links, springs)
+    between = build_springs(tree, springs)
+    check = preflight(
+        model, drive, build_friction(model, drive), ground, (springs, between), (integrator, timestep)
+    )
+    method, h = INTEGRATORS[check.integrator], check.timestep
+    if method.own_drive and not drive.sampled:
+        raise ValueError(f"{method.name} is the update order of sampled servos; use implicit_euler for other scenes")
+    period, lag = controller_period(model, drive, h, NO_SERVO_TICK)
+    fold_springs(drive, method, h, check.inertias)
+    constants = Scene(
+        tree=tree.bodies,
+        floating=True if tree.floating else None,
+        gravity=np.array(gravity, dtype=float),
+        actuator=drive.actuator,
+        decay=build_decay(drive, h),
+        armature=drive.armature,
+        friction=build_friction(model, drive, method.own_drive),
+        stops=build_stops(model, drive, check.inertias),
+        contact=contact,
+        push=None,
+        springs=between,
+    )
+    falls = tree.floating and ground is not None
+    limited = check.folded_step < STIFF or sticks(constants.friction)
+    return CompiledScene(
+        model=model,
+        tree=tree,
+        constants=constants,
+        offsets=_offsets(tree, drive, contact),
+        method=method,
+        timestep=h,
+        tick_steps=round(period / h),
+        lag=lag,
+        servos=servos,
+        ground=ground,
+        springs=tuple(springs),
+        preflight=check,
+        fall_height=fallen_height(model, fall_height) if falls else -math.inf,
+        fall_upright=math.cos(fall_tilt) if falls else -2.0,
+        stiff=drive.sampled or ground is not None or limited,
+        arguments={
+            "servos": servos,
+            "ground": ground,
+            "integrator": method.name,
+            "timestep": h,
+            "gravity": gravity,
+            "fall_height": fall_height,
+            "fall_tilt": fall_tilt,
+            "springs": tuple(springs),
+        },
+    )
+
+
+def _offsets(tree: Tree, drive: Drive, contact) -> np.recarray:
+    """Give each part of the state its place."""
+    has = () if drive.actuator is None else drive.actuator.PARTS
+    return state.lay_out(
+        {
+            "base": int(tree.floating),
+            "joint": tree.n,
+            "servo": tree.n * ("servo" in has),
+            "rotor": tree.n * ("rotor" in has),
+            "point": 0 if contact is None else len(contact.points),
+            "run": 1,
+        }
+    )

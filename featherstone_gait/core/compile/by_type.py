@@ -1,0 +1,57 @@
+"""Functions of kernels that are chosen by the type of their first argument when a kernel is compiled.
+
+    @by_type
+    def force(actuator, s, i):
+        \"\"\"What each kind of actuator has to tell.\"\"\"
+
+    @force.of(Servo)
+    def _servo_force(actuator, s, i):
+        ...
+
+`Servo` is a NamedTuple class, or NoneType for an actuator that is absent.  A kind that a kernel is not compiled for
+costs nothing, and a new one is told to no list.  With the JIT off it is a look-up by `type`.
+"""
+
+import functools
+
+from numba import types
+from numba.core.errors import TypingError
+from numba.extending import overload
+
+from .jit import INLINE
+
+NoneType = type(None)
+
+
+def by_type(function):
+    """Make `function` a choice among what `function.of(Type, ...)` and `function.otherwise` register.
+
+    Its own body never runs.
+    """
+    kinds = {}
+
+    @functools.wraps(function)
+    def call(chosen, *arguments):
+        return (kinds.get(type(chosen)) or kinds[None])(chosen, *arguments)
+
+    def of(*types_):
+        def register(implementation):
+            kinds.update(dict.fromkeys(types_, implementation))
+            return implementation
+
+        return register
+
+    def otherwise(implementation):
+        kinds[None] = implementation
+        return implementation
+
+    @overload(call, jit_options=INLINE, strict=False)
+    def _choose(chosen, *arguments):
+        kind = NoneType if isinstance(chosen, types.NoneType) else getattr(chosen, "instance_class", None)
+        if kind not in kinds and None not in kinds:
+            known = ", ".join(k.__name__ for k in kinds)
+            raise TypingError(f"{function.__name__} of {chosen}: there is none; there are those of {known}")
+        return kinds.get(kind) or kinds[None]
+
+    call.of, call.otherwise = of, otherwise
+    return call

@@ -1,0 +1,330 @@
+"""Eight float64 as one value: the SIMD type that lets one kernel source serve one scene or eight.
+
+A kernel is written for scalars.  Compiled with `float64` arguments it steps one scene; compiled with `Lanes` it steps
+eight, each operation one vector instruction.  Arrays of lanes are float64 arrays whose last axis has length `WIDTH`
+and whose data is aligned to 64 bytes (`aligned`); `as_lanes` views them with one dimension less.
+
+Rules for kernels: no branch on a simulated value (`select`, `any_lane`), no allocation, no libm.  Numba does not
+vectorise a loop over copies by itself, since array arguments carry no `noalias`; hence the explicit type, built with
+Numba's public extension API (https://numba.readthedocs.io/en/stable/extending/).
+
+With the JIT off the same source runs on NumPy: a lane value is an array of length `WIDTH`.
+"""
+
+from __future__ import annotations
+
+import operator
+
+import llvmlite.ir as ir
+import numpy as np
+from numba import types
+from numba.core import cgutils
+from numba.core.imputils import lower_builtin, lower_cast
+from numba.core.typeconv import Conversion
+from numba.core.typing.templates import AbstractTemplate, ConcreteTemplate, infer_global, signature
+from numba.extending import intrinsic, models, overload, register_model
+
+WIDTH = 8
+
+
+class _LanesType(types.Type):
+    """The Numba type of eight float64; a plain number converts to it by being repeated."""
+
+    def __init__(self):
+        super().__init__(name="Lanes8")
+
+    def can_convert_from(self, typingctx, other):
+        if isinstance(other, types.Float | types.Integer) and not isinstance(other, types.Boolean):
+            return Conversion.promote
+        return None
+
+    def unify(self, typingctx, other):
+        if self.can_convert_from(typingctx, other) is not None:
+            return self
+        return None
+
+
+class _MaskType(types.Type):
+    """The Numba type of eight truth values; a plain truth value converts to it by being repeated."""
+
+    def __init__(self):
+        super().__init__(name="Mask8")
+
+    def can_convert_from(self, typingctx, other):
+        return Conversion.promote if isinstance(other, types.Boolean) else None
+
+    def unify(self, typingctx, other):
+        return self if self.can_convert_from(typingctx, other) is not None else None
+
+
+Lanes = _LanesType()
+Mask = _MaskType()
+_VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
+_BITS = ir.VectorType(ir.IntType(1), WIDTH)
+_INTEGERS = ir.VectorType(ir.IntType(64), WIDTH)
+
+
+@register_model(_LanesType)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, dmm, fe_type):
+        super().__init__(dmm, fe_type, _VECTOR)
+
+
+@register_model(_MaskType)
+class _MaskModel(models.PrimitiveModel):
+    def __init__(self, dmm, fe_type):
+        super().__init__(dmm, fe_type, _BITS)
+
+
+def _splat(builder, scalar, vector=_VECTOR):
+    """The vector with `scalar` in every lane."""
+    undefined = ir.Constant(vector, ir.Undefined)
+    one = builder.insert_element(undefined, scalar, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(one, undefined, ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH))
+
+
+@lower_cast(types.Float, _LanesType)
+@lower_cast(types.Integer, _LanesType)
+def _cast_number(context, builder, fromty, toty, value):
+    return _splat(builder, context.cast(builder, value, fromty, types.float64))
+
+
+@lower_cast(types.Boolean, _MaskType)
+def _cast_truth(context, builder, fromty, toty, value):
+    return _splat(builder, builder.trunc(value, ir.IntType(1)) if value.type.width > 1 else value, _BITS)
+
+
+def _binary(op, build, result=Lanes, operand=Lanes):
+    @infer_global(op)
+    class Template(ConcreteTemplate):
+        cases = [signature(result, operand, operand)]  # noqa: RUF012
+
+    @lower_builtin(op, operand, operand)
+    def lower(context, builder, sig, args):
+        return build(builder, *args)
+
+
+def _unary(op, build, operand=Lanes):
+    @infer_global(op)
+    class Template(AbstractTemplate):
+        def generic(self, args, kws):
+            return signature(operand, operand) if args == (operand,) else None
+
+    @lower_builtin(op, operand)
+    def lower(context, builder, sig, args):
+        return build(builder, args[0])
+
+
+def _llvm(name):
+    """Build a call of the LLVM intrinsic `name` on a vector."""
+
+    def build(builder, value):
+        function = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(_VECTOR, [_VECTOR]), f"llvm.{name}.v{WIDTH}f64"
+        )
+        return builder.call(function, [value])
+
+    return build
+
+
+for _op, _in_place, _name in (
+    (operator.add, operator.iadd, "fadd"),
+    (operator.sub, operator.isub, "fsub"),
+    (operator.mul, operator.imul, "fmul"),
+    (operator.truediv, operator.itruediv, "fdiv"),
+):
+    for _o in (_op, _in_place):
+        _binary(_o, lambda builder, a, b, name=_name: getattr(builder, name)(a, b))
+for _op, _sign in (
+    (operator.lt, "<"),
+    (operator.le, "<="),
+    (operator.gt, ">"),
+    (operator.ge, ">="),
+    (operator.eq, "=="),
+):
+    _binary(_op, lambda builder, a, b, sign=_sign: builder.fcmp_ordered(sign, a, b), result=Mask)
+_binary(operator.ne, lambda builder, a, b: builder.fcmp_unordered("!=", a, b), result=Mask)
+_binary(operator.and_, lambda builder, a, b: builder.and_(a, b), result=Mask, operand=Mask)
+_binary(operator.or_, lambda builder, a, b: builder.or_(a, b), result=Mask, operand=Mask)
+_unary(operator.neg, lambda builder, a: builder.fneg(a))
+_unary(operator.invert, lambda builder, a: builder.not_(a), operand=Mask)
+_unary(abs, _llvm("fabs"))
+
+
+def select(mask, a, b):
+    """`a` where `mask`, else `b`."""
+    if np.ndim(mask) == 0:
+        return a if mask else b
+    return np.where(mask, a, b).view(LaneValue)
+
+
+@intrinsic
+def _select_lanes(typingctx, mask, a, b):
+    def codegen(context, builder, sig, args):
+        return builder.select(*args)
+
+    return signature(Lanes, Mask, Lanes, Lanes), codegen
+
+
+@overload(select)
+def _select(mask, a, b):
+    if mask is Mask:
+        return lambda mask, a, b: _select_lanes(mask, a, b)
+    return lambda mask, a, b: a if mask else b
+
+
+def clamp(x, lower, upper):
+    """x, but no less than `lower` and no more than `upper`; NaN stays."""
+    return select(x < lower, lower, select(x > upper, upper, x))
+
+
+@overload(clamp, jit_options={"forceinline": True})
+def _clamp(x, lower, upper):
+    return lambda x, lower, upper: select(x < lower, lower, select(x > upper, upper, x))
+
+
+def any_lane(mask):
+    """Whether `mask` holds in at least one lane."""
+    return bool(np.any(mask))
+
+
+@intrinsic
+def _any_mask(typingctx, mask):
+    def codegen(context, builder, sig, args):
+        bits = builder.bitcast(args[0], ir.IntType(WIDTH))
+        return builder.icmp_unsigned("!=", bits, ir.Constant(ir.IntType(WIDTH), 0))
+
+    return signature(types.boolean, Mask), codegen
+
+
+@overload(any_lane)
+def _any_lane(mask):
+    if mask is Mask:
+        return lambda mask: _any_mask(mask)
+    return lambda mask: mask
+
+
+def invert(mask):
+    """Where `mask` does not hold."""
+    return np.logical_not(mask)
+
+
+@overload(invert)
+def _invert(mask):
+    if mask is Mask:
+        return lambda mask: ~mask
+    return lambda mask: not mask
+
+
+def sqrt(x):
+    """Square root, correctly rounded."""
+    return np.sqrt(x)
+
+
+@intrinsic
+def _sqrt(typingctx, x):
+    def codegen(context, builder, sig, args):
+        vector = args[0].type
+        name = f"llvm.sqrt.v{WIDTH}f64" if vector == _VECTOR else "llvm.sqrt.f64"
+        function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(vector, [vector]), name)
+        return builder.call(function, [args[0]])
+
+    return signature(x, x), codegen
+
+
+@overload(sqrt)
+def _overload_sqrt(x):
+    return lambda x: _sqrt(x)
+
+
+def power_of_two(n):
+    """2**n for integer-valued n in -1022 ... 1023, exactly."""
+    return np.ldexp(1.0, np.asanyarray(n).astype(np.int64))[()]
+
+
+@intrinsic
+def _power_of_two(typingctx, n):
+    def codegen(context, builder, sig, args):
+        vector = args[0].type
+        integers = _INTEGERS if vector == _VECTOR else ir.IntType(64)
+
+        def constant(value):
+            return ir.Constant(integers, [value] * WIDTH if vector == _VECTOR else value)
+
+        exponent = builder.add(builder.fptosi(args[0], integers), constant(1023))
+        return builder.bitcast(builder.shl(exponent, constant(52)), vector)
+
+    return signature(n, n), codegen
+
+
+@overload(power_of_two)
+def _overload_power_of_two(n):
+    return lambda n: _power_of_two(n)
+
+
+class LaneValue(np.ndarray):
+    """With the JIT off: a value of lanes, which `x += 1` binds anew, as it does a number, and never changes."""
+
+    __iadd__ = np.ndarray.__add__
+    __isub__ = np.ndarray.__sub__
+    __imul__ = np.ndarray.__mul__
+    __itruediv__ = np.ndarray.__truediv__
+
+
+class LaneArray(np.ndarray):
+    """With the JIT off: a lane array whose loads copy, as loads of compiled code do."""
+
+    def __getitem__(self, index):
+        item = super().__getitem__(index)
+        if item.ndim == 1:
+            return item.copy().view(LaneValue)
+        return item
+
+    def __setitem__(self, index, value):
+        self.view(np.ndarray)[index] = value  # a subclass's own assignment would go through the copy above
+
+
+def as_lanes(array):
+    """View a float64 array (..., WIDTH), C-contiguous and aligned to 64 bytes, as an array of lanes (...)."""
+    return array.view(LaneArray)
+
+
+@intrinsic
+def _as_lanes(typingctx, array):
+    view = types.Array(Lanes, array.ndim - 1, "C")
+
+    def codegen(context, builder, sig, args):
+        source = context.make_array(sig.args[0])(context, builder, args[0])
+        result = context.make_array(view)(context, builder)
+        shape = cgutils.unpack_tuple(builder, source.shape)[:-1]
+        strides = cgutils.unpack_tuple(builder, source.strides)[:-1]
+        nitems = context.get_constant(types.intp, 1)
+        for n in shape:
+            nitems = builder.mul(nitems, n)
+        result.data = builder.bitcast(source.data, result.data.type)
+        result.shape = cgutils.pack_array(builder, shape)
+        result.strides = cgutils.pack_array(builder, strides)
+        result.itemsize = context.get_constant(types.intp, 8 * WIDTH)
+        result.nitems = nitems
+        result.meminfo = source.meminfo
+        result.parent = source.parent
+        value = result._getvalue()
+        context.nrt.incref(builder, view, value)
+        return value
+
+    return signature(view, array), codegen
+
+
+@overload(as_lanes)
+def _overload_as_lanes(array):
+    if isinstance(array, types.Array) and array.dtype == types.float64 and array.layout == "C":
+        return lambda array: _as_lanes(array)
+    return None
+
+
+def aligned(shape) -> np.ndarray:
+    """A float64 array of zeros whose data starts at a multiple of 64 bytes."""
+    size = int(np.prod(shape))
+    memory = np.zeros(size + 8)
+    start = -(memory.ctypes.data // 8) % 8
+    return memory[start : start + size].reshape(shape)

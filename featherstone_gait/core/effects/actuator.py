@@ -1,0 +1,67 @@
+"""What drives the joints: the questions that a step asks of an actuator, answered by each kind in a file of its own.
+
+An actuator acts on its joint and may have a rotor, whose speed w (over the gear ratio) is eliminated from each linear
+system.  Of its torque T on the joint and F on the rotor a step needs, besides the values, the slopes
+
+    c = -dT/dv without the coupling,   cg = dT/dw = -dT/dv = coupling of both,   cr = -dF/dw without the coupling.
+
+Each kind is a NamedTuple of arrays of records, one record a joint; its class names in `PARTS` which parts of the state
+it has (see step/state.py).  A scene without actuator has None, which the functions here answer for.
+"""
+
+from ..compile.by_type import NoneType, by_type
+
+
+@by_type
+def actuator_force(actuator, s, i, v, w, T, c):
+    """T and c plus what drives joint i at the speeds v, w of joint and rotor, at the end of the step s.
+
+    Returns T [N m], F [N m], c, cg and cr [N m s/rad].
+    """
+
+
+@by_type
+def actuator_rates(actuator, s, dy, i, v):
+    """Fill the rates of the actuator's own state and energies in dy; return the torque on the joint [N m]."""
+
+
+@by_type
+def move_actuator(actuator, s, i, v, w):
+    """The actuator's own state to the end of the step s, whose speeds were v and w, with its energies."""
+
+
+@by_type
+def rotor_of(actuator):
+    """Records of the rotors with a field `inertia` [kg m^2], None where there are none."""
+
+
+@by_type
+def motor_of(actuator):
+    """MOTOR records, None where there are none."""
+
+
+@by_type
+def controller_of(actuator):
+    """CONTROLLER records of what is sampled, None where nothing is."""
+
+
+@actuator_force.of(NoneType)
+def _no_force(actuator, s, i, v, w, T, c):
+    return T, 0.0, c, 0.0, 0.0
+
+
+@actuator_rates.of(NoneType)
+def _no_rates(actuator, s, dy, i, v):
+    return 0.0 * v
+
+
+@move_actuator.of(NoneType)
+def _nothing_moves(actuator, s, i, v, w):
+    pass
+
+
+@rotor_of.of(NoneType)
+@motor_of.of(NoneType)
+@controller_of.of(NoneType)
+def _none(actuator):
+    return None

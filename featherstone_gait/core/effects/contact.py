@@ -1,0 +1,425 @@
+"""Points against the ground: Hunt-Crossley normal force and friction with a tangential bristle.
+
+Normal (Hunt and Crossley 1975, exponent 1):  f_n = k x (1 + d dx/dt), never pulling; x penetration.
+Tangential (Azad and Featherstone 2010): a bristle z with f_t = -kt z - dt dz/dt.  While |f_t| < mu f_n the point
+sticks and dz/dt is its velocity; else the force stays at mu f_n and the bristle follows it.  A loaded point that
+sticks comes to rest: it does not creep.
+
+In an implicit step both are functions of the velocity u at the end of the substep h: x moves on by -h u_n, z by h u_t.
+Both are gradients of convex functions as long as mu f_n is that of the last step, which keeps the fold symmetric and
+Newton's iteration safe.  Forces and velocities are in the ground's axes (normal, first, second tangent).
+
+Nothing else knows the shape of what touches: `place_points` says where a point is and how deep, `_frame` the ground's
+axes there.  The functions that a step calls take a `Contact`, or None for a scene without ground.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compile.jit import inline, kernel
+from ..compile.lanes import any_lane, select, sqrt
+from ..compile.optional import slice_if
+from ..tree.layout import SF, SH, SJ, SM, TOUCH, P, R, U, V
+from ..tree.spatial import add, cross, dot, load3, load9, rotate, scale, store3, sub, vector
+
+POINT = np.dtype(
+    [
+        ("body", np.int64),  # row of the body; points of a body stand together
+        ("position", np.float64, (3,)),  # in the body's frame [m]
+        ("stiffness", np.float64),  # normal [N/m]
+        ("damping", np.float64),  # Hunt and Crossley's d [s/m]
+        ("friction", np.float64),  # coefficient
+        ("tangential_stiffness", np.float64),  # [N/m]
+        ("tangential_damping", np.float64),  # [N s/m]
+    ],
+    align=True,
+)
+PLANE = np.dtype(
+    [
+        ("normal", np.float64, (3,)),
+        ("first", np.float64, (3,)),  # tangent, along which the steps lie
+        ("second", np.float64, (3,)),  # tangent
+        ("height", np.float64),  # over the origin along the normal [m]
+    ],
+    align=True,
+)
+RISE = np.dtype(
+    [
+        ("start", np.float64),  # distance along the first tangent at which a step begins [m]
+        ("rise", np.float64),  # [m]
+    ],
+    align=True,
+)
+
+
+class Contact(NamedTuple):
+    """What can touch what."""
+
+    points: np.ndarray  # (points,) POINT
+    plane: np.ndarray  # (1,) PLANE
+    steps: np.ndarray  # (steps,) RISE
+
+
+# Columns of the scratch `C`, one row a point.
+XP = 0  # 3: position in the common frame [m]
+DEPTH = 3  # penetration at the start of the substep [m]
+U0 = 4  # 3: predicted velocity, ground's axes [m/s]
+UK = 7  # 3: velocity about which the forces are linearised
+FK = 10  # 3: forces there [N]
+CN = 13  # slope -df_n/du_n [N s/m]
+C1 = 14  # slopes -df_t/du_t, symmetric 2 x 2: 11, 12, 22
+C2 = 15
+C3 = 16
+FL = 17  # 3: forces of the linear model at the velocities that its solution gave
+UN = 20  # 3: those velocities
+RHO = 23  # 3: generalised inertial forces at UK (see step/newton.py)
+LIMIT = 26  # largest friction force of the step [N]
+SCRATCH = 27
+
+
+# ---------------------------------------------------------------------------------------------- shape
+
+
+@inline
+def _frame(contact):
+    """Normal, first and second tangent of the ground."""
+    plane = contact.plane[0]
+    return vector(plane.normal), vector(plane.first), vector(plane.second)
+
+
+@inline
+def ground_height(contact, along):
+    """Height of the ground along its normal [m] at the distance along its first tangent [m]."""
+    height = contact.plane[0].height + 0.0 * along
+    for k in range(len(contact.steps)):
+        height = select(along > contact.steps[k].start, height + contact.steps[k].rise, height)
+    return height
+
+
+@inline
+def above_ground(contact, x):
+    """How far the point x lies over the ground, along its normal [m]."""
+    n, t, _ = _frame(contact)
+    return dot(n, x) - ground_height(contact, dot(t, x))
+
+
+@kernel
+def place_points(contact, s, ahead):
+    """Fill position, penetration and predicted velocity of every point.
+
+    The base's position is that of the step's start, from which its travel to the time `ahead` at which W lies [s] is
+    absent: only the points' motion relative to the base is taken back from the penetration.
+    """
+    W, C = s.W, s.C
+    base_q = slice_if(s.scene.floating, s.y, s.o.base_q, 7)
+    n, t, second = _frame(contact)
+    base = dot(n, load3(W, 0, V + 3))
+    for c in range(len(contact.points)):
+        point = contact.points[c]
+        i = point.body
+        x = add(load3(W, i, P), rotate(load9(W, i, R), vector(point.position)))
+        v = add(load3(W, i, V + 3), cross(load3(W, i, V), x))
+        store3(C, c, XP, x)
+        u = (dot(n, v), dot(t, v), dot(second, v))
+        store3(C, c, U0, u)
+        store3(C, c, UK, u)
+        C[c, DEPTH] = _depth(contact, base_q, x, n, t) + ahead * (u[0] - base)
+
+
+@inline
+def _depth(contact, base_q, x, n, t):
+    if base_q is not None:
+        x = add(x, vector(base_q))
+    return ground_height(contact, dot(t, x)) - dot(n, x)
+
+
+# ---------------------------------------------------------------------------------------------- law
+
+
+@inline
+def normal_force(p, depth, un, h):
+    """f_n [N] and its slope -df_n/du_n [N s/m] of the point p for the velocity un along the normal."""
+    x = depth - h * un
+    k = p.stiffness
+    stiff = 1.0 - p.damping * un
+    on = (x > 0.0) & (stiff > 0.0)
+    return (
+        select(on, k * x * stiff, 0.0 * x),
+        select(on, k * (h * stiff + p.damping * x), 0.0 * x),
+    )
+
+
+@inline
+def friction_force(p, z, u, limit, h):
+    """Tangential force (2), its slope (11, 12, 22) and whether the point slips, for a friction limit mu f_n [N].
+
+    p the point, z (2) its bristle [m], u (3) its velocity [m/s].
+    """
+    kappa = h * p.tangential_stiffness + p.tangential_damping
+    f1 = -p.tangential_stiffness * z[0] - kappa * u[1]
+    f2 = -p.tangential_stiffness * z[1] - kappa * u[2]
+    size = sqrt(f1 * f1 + f2 * f2)
+    slips = size > limit
+    ratio = select(slips, limit / select(slips, size, 1.0 + 0.0 * size), 1.0 + 0.0 * size)
+    d1, d2 = f1 / select(slips, size, 1.0 + 0.0 * size), f2 / select(slips, size, 1.0 + 0.0 * size)
+    slope = kappa * ratio
+    c11 = select(slips, slope * (1.0 - d1 * d1), slope)
+    c12 = select(slips, -slope * (d1 * d2), 0.0 * slope)
+    c22 = select(slips, slope * (1.0 - d2 * d2), slope)
+    return (f1 * ratio, f2 * ratio), (c11, c12, c22), slips
+
+
+@inline
+def _bristle(s, c):
+    return s.y[s.o.bristle + 2 * c], s.y[s.o.bristle + 2 * c + 1]
+
+
+@inline
+def point_force(contact, s, c, u):
+    """Force on point c at the velocity u, ground's axes [N]."""
+    p = contact.points[c]
+    fn, _ = normal_force(p, s.C[c, DEPTH], u[0], s.sub)
+    f, _, _ = friction_force(p, _bristle(s, c), u, s.C[c, LIMIT], s.sub)
+    return (fn, f[0], f[1])
+
+
+@inline
+def bristle_rate(p, z, u, f, slips):
+    """dz/dt: the velocity of a point that sticks, else what keeps -kt z - dt dz/dt at the force."""
+    kt, dt = p.tangential_stiffness, p.tangential_damping
+    r1 = select(slips, -(f[0] + kt * z[0]) / dt, u[1])
+    r2 = select(slips, -(f[1] + kt * z[1]) / dt, u[2])
+    return r1, r2
+
+
+# ---------------------------------------------------------------------------------------------- in the implicit step
+
+
+@inline
+def place_contacts(contact, s, ahead):
+    """Where the points are, W lying `ahead` of the step's start [s], and how much friction they bear."""
+    if contact is not None:
+        place_points(contact, s, ahead)
+        friction_limits(contact, s)
+
+
+@kernel
+def friction_limits(contact, s):
+    """Fill the friction limits: mu times the last step's normal force, at touch-down that at the predicted velocity."""
+    C = s.C
+    for c in range(len(contact.points)):
+        p = contact.points[c]
+        first, _ = normal_force(p, C[c, DEPTH], C[c, U0], s.sub)
+        last = s.y[s.o.contact_force + 3 * c]
+        C[c, LIMIT] = p.friction * select(last > 0.0, last, first)
+
+
+@kernel
+def _linearise(contact, s):
+    C = s.C
+    for c in range(len(contact.points)):
+        p, u = contact.points[c], load3(C, c, UK)
+        fn, cn = normal_force(p, C[c, DEPTH], u[0], s.sub)
+        f, slope, _ = friction_force(p, _bristle(s, c), u, C[c, LIMIT], s.sub)
+        store3(C, c, FK, (fn, f[0], f[1]))
+        C[c, CN] = cn
+        store3(C, c, C1, slope)
+
+
+@inline
+def linearise_contacts(contact, s):
+    """Fill the forces and slopes at the velocities UK."""
+    if contact is not None:
+        _linearise(contact, s)
+
+
+@inline
+def fold_contacts(contact, s, h):
+    """Sum h J' C J and the force at the predicted velocity into the contact rows of the bodies."""
+    if contact is not None:
+        _fold_all(contact, s.scene.tree, h, s.W, s.C)
+
+
+@kernel
+def _fold_all(contact, tree, h, W, C):
+    frame = _frame(contact)
+    for c in range(len(contact.points)):
+        i = contact.points[c].body
+        k = tree[i].contact
+        if c == 0 or i != contact.points[c - 1].body:
+            for j in range(TOUCH + 1):
+                W[k, j] = 0.0
+        on = (C[c, FK] > 0.0) | (C[c, CN] > 0.0) | (C[c, LIMIT] > 0.0)
+        if any_lane(on):
+            _fold(c, k, on, frame, h, W, C)
+
+
+@inline
+def _fold(c, k, on, frame, h, W, C):
+    """Add one point: S = n n' cn + (tangents), K = h S about the point, moved to the origin."""
+    n, t, s = frame
+    cn, c11, c12, c22 = C[c, CN], C[c, C1], C[c, C2], C[c, C3]
+    a = (h * cn * n[0], h * cn * n[1], h * cn * n[2])
+    b = (h * (c11 * t[0] + c12 * s[0]), h * (c11 * t[1] + c12 * s[1]), h * (c11 * t[2] + c12 * s[2]))
+    d = (h * (c12 * t[0] + c22 * s[0]), h * (c12 * t[1] + c22 * s[1]), h * (c12 * t[2] + c22 * s[2]))
+    K0 = a[0] * n[0] + b[0] * t[0] + d[0] * s[0]
+    K1 = a[0] * n[1] + b[0] * t[1] + d[0] * s[1]
+    K2 = a[0] * n[2] + b[0] * t[2] + d[0] * s[2]
+    K3 = a[1] * n[1] + b[1] * t[1] + d[1] * s[1]
+    K4 = a[1] * n[2] + b[1] * t[2] + d[1] * s[2]
+    K5 = a[2] * n[2] + b[2] * t[2] + d[2] * s[2]
+    p = load3(C, c, XP)
+    x, y, z = cross(p, (K0, K1, K2)), cross(p, (K1, K3, K4)), cross(p, (K2, K4, K5))  # columns of p x K
+    Jx, Jy = cross(p, (x[0], y[0], z[0])), cross(p, (x[1], y[1], z[1]))
+    Jz = cross(p, (x[2], y[2], z[2]))
+    e = sub(load3(C, c, UK), load3(C, c, U0))
+    fn = C[c, FK] + cn * e[0]
+    f1 = C[c, FK + 1] + (c11 * e[1] + c12 * e[2])
+    f2 = C[c, FK + 2] + (c12 * e[1] + c22 * e[2])
+    f = (
+        fn * n[0] + f1 * t[0] + f2 * s[0],
+        fn * n[1] + f1 * t[1] + f2 * s[1],
+        fn * n[2] + f1 * t[2] + f2 * s[2],
+    )
+    m = cross(p, f)
+    _put(W, k, on, SJ, (Jx[0], Jx[1], Jx[2], Jy[1], Jy[2], Jz[2]))
+    _put(W, k, on, SH, (x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]))
+    _put(W, k, on, SM, (K0, K1, K2, K3, K4, K5))
+    _put(W, k, on, SF, (m[0], m[1], m[2], f[0], f[1], f[2]))
+    W[k, TOUCH] = select(on, 1.0, W[k, TOUCH])
+
+
+@inline
+def _put(W, k, on, column, values):
+    for j in range(len(values)):
+        W[k, column + j] = select(on, W[k, column + j] + values[j], W[k, column + j])
+
+
+@kernel
+def _solved(contact, s):
+    W, C, h = s.W, s.C, s.sub
+    n, t, second = _frame(contact)
+    for c in range(len(contact.points)):
+        i = contact.points[c].body
+        p = load3(C, c, XP)
+        a = add(load3(W, i, U + 3), cross(load3(W, i, U), p))
+        u = add(load3(C, c, U0), (h * dot(n, a), h * dot(t, a), h * dot(second, a)))
+        store3(C, c, UN, u)
+        e = sub(u, load3(C, c, UK))
+        C[c, FL] = C[c, FK] - C[c, CN] * e[0]
+        C[c, FL + 1] = C[c, FK + 1] - (C[c, C1] * e[1] + C[c, C2] * e[2])
+        C[c, FL + 2] = C[c, FK + 2] - (C[c, C2] * e[1] + C[c, C3] * e[2])
+
+
+@inline
+def solved_contacts(contact, s):
+    """Velocities UN that the solution's dA gives the points, and the linear model's forces FL there."""
+    if contact is not None:
+        _solved(contact, s)
+
+
+@inline
+def compare_contacts(contact, s, wrong, slope, tolerance, floor):
+    """Where the forces at UN differ from the linear model's too, and their part of the slope of the descent."""
+    if contact is not None:
+        for c in range(len(contact.points)):
+            u = load3(s.C, c, UN)
+            f = point_force(contact, s, c, u)
+            e = sub(load3(s.C, c, FL), f)
+            size = abs(f[0]) + abs(f[1]) + abs(f[2])
+            wrong = wrong | (abs(e[0]) + abs(e[1]) + abs(e[2]) > tolerance * size + floor)
+            slope = slope + dot(sub(u, load3(s.C, c, UK)), e)
+    return wrong, slope
+
+
+@inline
+def contact_slope(contact, s, fraction, slope):
+    """Slope of the convex function at a fraction of the pass, with what the contacts add."""
+    if contact is not None:
+        for c in range(len(contact.points)):
+            uk, r = load3(s.C, c, UK), load3(s.C, c, RHO)
+            p = sub(load3(s.C, c, UN), uk)
+            f = point_force(contact, s, c, add(uk, scale(p, fraction)))
+            inertial = add(r, scale(sub(load3(s.C, c, FL), r), fraction))
+            slope = slope + dot(p, sub(inertial, f))
+    return slope
+
+
+@inline
+def shift_contacts(contact, C, fraction, active):
+    """Move the iterate by the fraction of the pass, in the lanes still at work."""
+    if contact is not None:
+        for c in range(len(contact.points)):
+            for k in range(3):
+                _shift(C, c, UK + k, UN + k, fraction, active)
+                _shift(C, c, RHO + k, FL + k, fraction, active)
+
+
+@inline
+def _shift(C, c, at, to, s, active):
+    C[c, at] = select(active, select(s < 1.0, C[c, at] + s * (C[c, to] - C[c, at]), C[c, to]), C[c, at])
+
+
+@inline
+def move_contacts(contact, s):
+    """Bristles and the forces that the step applied; the work of the ground."""
+    if contact is not None:
+        for c in range(len(contact.points)):
+            _move(contact, s, c)
+
+
+@inline
+def _move(contact, s, c):
+    p, y, o, C = contact.points[c], s.y, s.o, s.C
+    u = load3(C, c, UN)
+    f = point_force(contact, s, c, u)
+    y[o.contact_work] += s.h * dot(f, u)
+    z = _bristle(s, c)
+    _, _, slips = friction_force(p, z, u, C[c, LIMIT], s.sub)
+    kappa = 1.0 / (s.sub * p.tangential_stiffness + p.tangential_damping)
+    m1 = select(slips, (p.tangential_damping * z[0] - s.sub * f[1]) * kappa, z[0] + s.sub * u[1])
+    m2 = select(slips, (p.tangential_damping * z[1] - s.sub * f[2]) * kappa, z[1] + s.sub * u[2])
+    y[o.bristle + 2 * c] = z[0] + (m1 - z[0]) * (1.0 / s.theta)
+    y[o.bristle + 2 * c + 1] = z[1] + (m2 - z[1]) * (1.0 / s.theta)
+    for k in range(3):
+        y[o.contact_force + 3 * c + k] = f[k]
+
+
+# ---------------------------------------------------------------------------------------------- as an equation
+
+
+@inline
+def contact_rates(contact, s, dy):
+    """Contact forces, rates of the bristles and power of the ground; nothing is folded."""
+    if contact is not None:
+        place_points(contact, s, 0.0)
+        dy[s.o.contact_work] = 0.0 * s.y[s.o.contact_work]
+        for c in range(len(contact.points)):
+            _rates(contact.points[c], s, dy, c)
+        fold_contacts(contact, s, 0.0)
+
+
+@inline
+def _rates(p, s, dy, c):
+    y, o, C = s.y, s.o, s.C
+    u = load3(C, c, U0)
+    fn, _ = normal_force(p, C[c, DEPTH], u[0], 0.0)
+    limit = p.friction * fn
+    z = _bristle(s, c)
+    f, _, slips = friction_force(p, z, u, limit, 0.0)
+    r1, r2 = bristle_rate(p, z, u, f, slips)
+    dy[o.bristle + 2 * c] = r1
+    dy[o.bristle + 2 * c + 1] = r2
+    dy[o.contact_work] += fn * u[0] + f[0] * u[1] + f[1] * u[2]
+    store3(C, c, FK, (fn, f[0], f[1]))
+    for k in range(4):
+        C[c, CN + k] = 0.0
+    C[c, LIMIT] = limit
+    for k in range(3):
+        y[o.contact_force + 3 * c + k] = C[c, FK + k]
+
+
+def explicit_limit(sinking, g):
+    """Largest explicit step [s] of a mass that the ground carries at the depth `sinking` [m] under g [m/s^2]."""
+    return 2.0 * np.sqrt(sinking / g)

@@ -1,0 +1,90 @@
+"""The servo's controller, sampled: once a tick a voltage from the angle and the filtered speed.
+
+The laws are those of SimTwo (P33a/SimTwo, 2012), with sums and differences made independent of the period:
+
+    state         u = Kp e + Kd (wref - f) + Ki integral(e) + Kf ref
+    pid_position  u = Kp e + Ki integral(e) + Kd de/dt + Kf ref
+    pid_speed     the same of the speed error wref - f
+
+with e = ref - angle.  The two PID laws stop integrating while the voltage is at its limit.
+"""
+
+import numpy as np
+
+from ..compile.jit import inline, kernel
+from ..compile.lanes import clamp, select
+from .decay import FILTER_DECAY
+
+STATE_FEEDBACK = 0
+PID_POSITION = 1
+PID_SPEED = 2
+CONTROLLER = np.dtype(
+    [
+        ("law", np.int64),  # one of these
+        ("Kp", np.float64),  # [V/rad], of PID_SPEED [V s/rad] ...
+        ("Ki", np.float64),
+        ("Kd", np.float64),
+        ("Kf", np.float64),
+        ("voltage_limit", np.float64),  # [V]
+        ("encoder_resolution", np.float64),  # [rad], 0 = exact
+        ("speed_filter", np.float64),  # time constant [s]
+    ],
+    align=True,
+)
+_ROUND = 6755399441055744.0  # 1.5 * 2**52: adding and subtracting it rounds to an integer
+
+
+@inline
+def quantised(angle, resolution):
+    """The angle as an encoder reads it: the nearest count."""
+    if_exact = resolution <= 0.0
+    counts = (angle / select(if_exact, 1.0 + 0.0 * resolution, resolution) + _ROUND) - _ROUND
+    return select(if_exact, angle, counts * resolution)
+
+
+@kernel
+def control_tick(controller, o, reference, noise, y, period):
+    """Set the voltages; reference (n, 2) angle [rad] and rate [rad/s]; period since the last tick [s].
+
+    noise (n, 2) is added to the angle that the encoder sees [rad] and to the voltage [V]; None: there is none.
+    """
+    for i in range(len(controller)):
+        c = controller[i]
+        angle = quantised(_plus(y[o.q + i], noise, i, 0), c.encoder_resolution)
+        e = reference[i, 0] - angle
+        de = reference[i, 1] - select(c.speed_filter > 0.0, y[o.filtered + i], y[o.qd + i])
+        if c.law == PID_SPEED:
+            e = de
+        integral = y[o.integral + i] + e * period
+        u = c.Kp * e + c.Ki * integral + c.Kf * reference[i, 0]
+        if c.law == STATE_FEEDBACK:
+            u = u + c.Kd * de
+        else:
+            u = u + c.Kd * ((e - y[o.last_error + i]) / period)
+            integral = select(abs(u) >= c.voltage_limit, y[o.integral + i], integral)
+        y[o.integral + i] = integral
+        y[o.last_error + i] = e
+        y[o.voltage + i] = _plus(clamp(u, -c.voltage_limit, c.voltage_limit), noise, i, 1)
+
+
+@inline
+def _plus(x, noise, i, k):
+    if noise is None:
+        return x
+    return x + noise[i, k]
+
+
+@inline
+def filter_speed(controller, s, i):
+    """The filtered speed at the end of the step s; controller None: there is none."""
+    if controller is not None:
+        y, o = s.y, s.o
+        y[o.filtered + i] = y[o.qd + i] + s.decay[i, FILTER_DECAY] * (y[o.filtered + i] - y[o.qd + i])
+
+
+@inline
+def filter_rate(controller, s, i, v):
+    """Rate of the filtered speed [rad/s^2]."""
+    time = controller[i].speed_filter
+    filtered = time > 0.0
+    return select(filtered, (v - s.y[s.o.filtered + i]) / select(filtered, time, 1.0 + 0.0 * v), 0.0 * v)

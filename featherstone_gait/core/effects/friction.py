@@ -1,0 +1,34 @@
+"""Friction of a joint: a torque that depends on its speed and never rises with it."""
+
+import numpy as np
+
+from ..compile.jit import inline
+from ..compile.lanes import clamp, select
+
+FRICTION = np.dtype(
+    [
+        ("viscous_friction", np.float64),  # [N m s/rad]
+        ("coulomb_friction", np.float64),  # [N m]
+    ],
+    align=True,
+)
+
+# Coulomb friction grows linearly up to this speed: a loaded joint that should stick creeps at a fraction of it.
+STICK_SPEED = 1e-3  # [rad/s or m/s]
+
+
+@inline
+def friction_torque(friction, i, speed):
+    """Torque on the joint [N m] and its slope -dT/d speed; its power is T times the speed."""
+    if friction is None:
+        return 0.0, 0.0
+    f = friction[i]
+    x = clamp(speed * (1.0 / STICK_SPEED), -1.0 + 0.0 * speed, 1.0 + 0.0 * speed)
+    sticks = abs(x) < 1.0
+    slope = f.viscous_friction + select(sticks, f.coulomb_friction * (1.0 / STICK_SPEED) + 0.0 * x, 0.0 * x)
+    return -(f.viscous_friction * speed + f.coulomb_friction * x), slope
+
+
+def explicit_limits(friction):
+    """Dampers [N m s/rad] and springs [N m/rad] of each joint that limit an explicit step, by name."""
+    return {"viscous friction": friction["viscous_friction"]}, {}

@@ -1,0 +1,53 @@
+"""Spring-damper gearbox (Lima et al. 2013, equations 3-6) with backlash, at the output side.
+
+e = rotor angle / G - joint angle.  Without backlash T = K e + B de/dt, as printed.  With a gap on either side the teeth
+touch beyond it and only push; a plain damper would then jump as they meet, so that they follow Hunt and Crossley,
+T = K x (1 + d dx/dt) with x = |e| - gap, which is continuous and never falls with the closing speed.
+"""
+
+import numpy as np
+
+from ..compile.jit import inline
+from ..compile.lanes import select
+
+GEAR = np.dtype(
+    [
+        ("stiffness", np.float64),  # K [N m/rad]
+        ("damping", np.float64),  # B [N m s/rad]
+        ("gap", np.float64),  # half the backlash [rad]
+        ("inertia", np.float64),  # of the rotor, G^2 J [kg m^2]
+        ("rotor_damping", np.float64),  # G^2 B_vr [N m s/rad]
+        ("tooth_damping", np.float64),  # Hunt and Crossley's d of teeth that meet across a gap [s/rad]
+    ],
+    align=True,
+)
+
+
+@inline
+def gear_torque(g, e, de, h):
+    """Torque on the joint [N m], its slope in de [N m s/rad] and the power it loses [W]; e moves on by h de."""
+    K, B = g.stiffness, g.damping
+    tight = g.gap <= 0.0
+    side = select(e >= 0.0, 1.0 + 0.0 * e, -1.0 + 0.0 * e)
+    x, closing = e * side - g.gap, de * side
+    grip = 1.0 + g.tooth_damping * closing
+    on = (x > 0.0) & (grip > 0.0)
+    push = select(on, K * x * grip, 0.0 * x)
+    slope = select(on, K * (h * grip + g.tooth_damping * x), 0.0 * x)
+    loss = select(x > 0.0, (push - K * x) * closing, 0.0 * x)
+    return (
+        select(tight, K * e + B * de, push * side),
+        select(tight, h * K + B + 0.0 * e, slope),
+        select(tight, B * (de * de), loss),
+    )
+
+
+@inline
+def wind_up(g, e):
+    """Deflection of the spring [rad]."""
+    return select(e > g.gap, e - g.gap, select(e < -g.gap, e + g.gap, 0.0 * e))
+
+
+def explicit_limits(gear):
+    """Dampers [N m s/rad] and springs [N m/rad] of each joint that limit an explicit step, by name."""
+    return {"gearbox damping": gear["damping"]}, {"gearbox spring": gear["stiffness"]}

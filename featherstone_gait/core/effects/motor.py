@@ -1,0 +1,106 @@
+"""DC motor: L dI/dt = V - K omega - R I, with limits on the current and on its rate.
+
+All quantities at the output side: the torque constant is G K, so that with the joint's speed it gives the back-EMF and
+with the current the torque.  For constant V and omega the current approaches (V - GK omega)/R exponentially; the step
+uses that solution, its end and its mean, exactly, with what `decay.py` says is left of a current after the step.
+"""
+
+import numpy as np
+
+from ..compile.jit import inline
+from ..compile.lanes import clamp, invert, select
+from .decay import MEAN, MOTOR_DECAY
+from .energies import COPPER, DRIVER, ENERGIES, METER, SUPPLY
+
+MOTOR = np.dtype(
+    [
+        ("torque_constant", np.float64),  # G K [N m/A] = [V s/rad]
+        ("resistance", np.float64),  # R [Ohm]
+        ("inductance", np.float64),  # L [H]
+        ("current_limit", np.float64),  # [A]
+        ("current_slew", np.float64),  # [A/s]
+        ("viscous_friction", np.float64),  # of the servo [N m s/rad], as the update order of SimTwo applies it
+    ],
+    align=True,
+)
+
+
+@inline
+def current_step(m, decay, i, current, voltage, speed, h):
+    """Current after h [A], its mean over the step [A] and the slope -d mean/d speed [A s/rad] of the motor m.
+
+    A limit that acts makes the current independent of the speed: the slope is then zero.
+    """
+    steady = (voltage - m.torque_constant * speed) / m.resistance
+    left, mean = decay[i, MOTOR_DECAY], decay[i, MEAN]
+    free = steady + (current - steady) * left
+    end = clamp(free, current - m.current_slew * h, current + m.current_slew * h)
+    end = clamp(end, -m.current_limit, m.current_limit)
+    slope = select(end == free, (1.0 - mean) * m.torque_constant / m.resistance, 0.0 * free)
+    steady = (end - left * current) / (1.0 - left)
+    return end, (1.0 - mean) * steady + mean * current, slope
+
+
+@inline
+def square_mean(decay, i, current, end):
+    """Mean of I^2 over the step whose current went from `current` to `end` [A^2]."""
+    left, mean = decay[i, MOTOR_DECAY], decay[i, MEAN]
+    steady = (end - left * current) / (1.0 - left)
+    d = current - steady
+    return steady * steady + d * (2.0 * steady * mean + d * (0.5 * mean * (1.0 + left)))
+
+
+@inline
+def current_rate(m, current, voltage, speed):
+    """Current [A] and its rate [A/s] as a differential equation; without inductance the current is algebraic."""
+    driving = voltage - m.torque_constant * speed
+    inductive = m.inductance > 0.0
+    steady = clamp(driving / m.resistance, -m.current_limit, m.current_limit)
+    I = select(inductive, current, steady)
+    rate = (driving - m.resistance * I) / select(inductive, m.inductance, 1.0)
+    rate = clamp(rate, -m.current_slew, m.current_slew)
+    outward = ((I >= m.current_limit) & (rate > 0.0)) | ((I <= -m.current_limit) & (rate < 0.0))
+    return I, select(invert(outward) & inductive, rate, 0.0 * rate)
+
+
+@inline
+def motor_torque(motor, s, i, w):
+    """Mean torque over the step at the motor's speed w [N m] and its slope."""
+    m, y, o = motor[i], s.y, s.o
+    _, mean, slope = current_step(m, s.decay, i, y[o.current + i], y[o.voltage + i], w, s.h)
+    return m.torque_constant * mean, m.torque_constant * slope
+
+
+@inline
+def move_motor(motor, s, i, w):
+    """Current to the end of the step, with the electrical energies; w the motor's speed."""
+    m, y, o, h = motor[i], s.y, s.o, s.h
+    E, I, V = o.energy + ENERGIES * i, y[o.current + i], y[o.voltage + i]
+    end, mean, _ = current_step(m, s.decay, i, I, V, w, h)
+    supply = h * (V * mean)
+    copper = h * (m.resistance * square_mean(s.decay, i, I, end))
+    y[E + SUPPLY] += supply
+    y[E + METER] += select(supply > 0.0, supply, 0.0 * supply)
+    y[E + COPPER] += copper
+    y[E + DRIVER] += supply - copper - h * (m.torque_constant * w * mean) - 0.5 * m.inductance * (end * end - I * I)
+    y[o.current + i] = end
+
+
+@inline
+def motor_rates(motor, s, dy, i, w):
+    """Rates of current and electrical energies; the torque [N m]."""
+    m, y, o = motor[i], s.y, s.o
+    E, V = o.energy + ENERGIES * i, y[o.voltage + i]
+    I, rate = current_rate(m, y[o.current + i], V, w)
+    dy[o.current + i] = rate
+    supply, copper = V * I, m.resistance * (I * I)
+    dy[E + SUPPLY] = supply
+    dy[E + METER] = select(supply > 0.0, supply, 0.0 * supply)
+    dy[E + COPPER] = copper
+    dy[E + DRIVER] = supply - copper - m.torque_constant * w * I - m.inductance * I * rate
+    return m.torque_constant * I
+
+
+def explicit_limits(motor):
+    """Dampers [N m s/rad] and springs [N m/rad] of each joint that limit an explicit step, by name."""
+    return {"back-EMF": motor["torque_constant"] ** 2 / motor["resistance"]}, {}

@@ -1,0 +1,70 @@
+"""Continuous servo: a torque Kp e - Kd v that follows its reference at every instant, clamped."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compile.jit import inline
+from ..compile.lanes import clamp, select
+from .actuator import actuator_force, actuator_rates, controller_of, motor_of, move_actuator, rotor_of
+
+PD = np.dtype(
+    [
+        ("Kp", np.float64),  # [N m/rad]
+        ("Kd", np.float64),  # [N m s/rad]
+        ("torque_limit", np.float64),  # [N m]
+        ("free_damping", np.float64),  # 1 = the damping stays outside the limit
+        ("fold", np.float64),  # 1 = the spring acts at the end of the step, 0 = at its start
+    ],
+    align=True,
+)
+
+
+class PDServo(NamedTuple):
+    """The servos of a scene."""
+
+    pd: np.ndarray  # (n,) PD
+
+    PARTS = ()
+
+    def explicit_limits(self):
+        """Dampers [N m s/rad] and springs [N m/rad] that limit an explicit step, by name; mobility that rotors add."""
+        return {"pd damping": self.pd["Kd"]}, {"pd spring": self.pd["Kp"]}, 0.0
+
+
+@inline
+def pd_torque(p, angle, v, reference, sub):
+    """Kp e - Kd v, clamped whole or with the damping outside; the spring at the end of the step where it must be."""
+    e = reference - angle - p.fold * sub * v
+    outside = p.free_damping > 0.0
+    spring = p.Kp * e
+    inner = select(outside, spring, spring - p.Kd * v)
+    held = clamp(inner, -p.torque_limit, p.torque_limit)
+    free = held == inner
+    stiff = select(free, p.Kp * p.fold * sub + 0.0 * v, 0.0 * v)
+    slope = stiff + select(free | outside, p.Kd + 0.0 * v, 0.0 * v)
+    return select(outside, held - p.Kd * v, held), slope
+
+
+@actuator_force.of(PDServo)
+def _force(actuator, s, i, v, w, T, c):
+    torque, slope = pd_torque(actuator.pd[i], s.y[s.o.q + i], v, s.drive[i, 0], s.sub)
+    return T + torque, 0.0, c + slope, 0.0, 0.0
+
+
+@actuator_rates.of(PDServo)
+def _rates(actuator, s, dy, i, v):
+    torque, _ = pd_torque(actuator.pd[i], s.y[s.o.q + i], v, s.drive[i, 0], 0.0)
+    return torque
+
+
+@move_actuator.of(PDServo)
+def _move(actuator, s, i, v, w):
+    pass
+
+
+@rotor_of.of(PDServo)
+@motor_of.of(PDServo)
+@controller_of.of(PDServo)
+def _none(actuator):
+    return None

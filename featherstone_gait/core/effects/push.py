@@ -1,0 +1,57 @@
+"""Pushes: external forces on given points of links for a given time."""
+
+import numpy as np
+
+from ..compile.jit import inline, kernel
+from ..tree.layout import P, R
+from ..tree.spatial import add, cross, load3, load9, rotate, scale, vector
+
+AHEAD = 1e-12  # [s]: an event that falls on a time is over there, whichever of both was rounded down
+
+PUSH = np.dtype(
+    [
+        ("body", np.int64),  # row of the body
+        ("point", np.float64, (3,)),  # where it acts, body frame [m]
+        ("moment", np.float64, (3,)),  # world axes [N m]
+        ("force", np.float64, (3,)),  # world axes [N]
+        ("start", np.float64),  # [s]
+        ("end", np.float64),  # [s]
+    ],
+    align=True,
+)
+
+
+@kernel
+def add_pushes(push, t, span, W, F):
+    """Add the pushes, averaged over `span` from t on [s], to F (n + 1, 6), [moment; force] about the common origin."""
+    for j in range(len(push)):
+        b = push[j]
+        share = _share(b.start, b.end, t, span)
+        if share > 0.0:
+            p = add(load3(W, b.body, P), rotate(load9(W, b.body, R), vector(b.point)))
+            f = scale(vector(b.force), share)
+            n = add(scale(vector(b.moment), share), cross(p, f))
+            for k in range(3):
+                F[b.body, k] += n[k]
+                F[b.body, 3 + k] += f[k]
+
+
+@inline
+def _share(start, end, t, span):
+    """Of the time from t over `span`, how much a push acts: so that none is lost or cut short by fixed steps."""
+    if start <= t and t + span < end:
+        return 1.0
+    if span > 0.0:
+        return max(0.0, min(end, t + span) - max(start, t)) / span
+    return 0.0
+
+
+@kernel
+def next_edge(push, t):
+    """Time at which a push begins or ends next after t [s]."""
+    edge = 1e300
+    for j in range(len(push)):
+        for when in (push[j].start, push[j].end):
+            if when > t + AHEAD:
+                edge = min(edge, when)
+    return edge

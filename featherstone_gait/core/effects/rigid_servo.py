@@ -1,0 +1,55 @@
+"""Servo with a rigid gearbox: sampled controller and DC motor; a rotor's inertia is added to the joint's (armature)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from . import motor as dc_motor
+from .actuator import actuator_force, actuator_rates, controller_of, motor_of, move_actuator, rotor_of
+from .controller import filter_rate
+from .motor import motor_rates, motor_torque, move_motor
+
+
+class RigidServo(NamedTuple):
+    """The servos of a scene."""
+
+    motor: np.ndarray  # (n,) MOTOR
+    controller: np.ndarray  # (n,) CONTROLLER
+
+    PARTS = ("servo",)
+
+    def explicit_limits(self):
+        """Dampers [N m s/rad] and springs [N m/rad] that limit an explicit step, by name; mobility that rotors add."""
+        return *dc_motor.explicit_limits(self.motor), 0.0
+
+
+@actuator_force.of(RigidServo)
+def _force(actuator, s, i, v, w, T, c):
+    torque, slope = motor_torque(actuator.motor, s, i, v)
+    return T + torque, 0.0, c + slope, 0.0, 0.0
+
+
+@actuator_rates.of(RigidServo)
+def _rates(actuator, s, dy, i, v):
+    dy[s.o.filtered + i] = filter_rate(actuator.controller, s, i, v)
+    return motor_rates(actuator.motor, s, dy, i, v)
+
+
+@move_actuator.of(RigidServo)
+def _move(actuator, s, i, v, w):
+    move_motor(actuator.motor, s, i, v)
+
+
+@rotor_of.of(RigidServo)
+def _rotor(actuator):
+    return None
+
+
+@motor_of.of(RigidServo)
+def _motor(actuator):
+    return actuator.motor
+
+
+@controller_of.of(RigidServo)
+def _controller(actuator):
+    return actuator.controller

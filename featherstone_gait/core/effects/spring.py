@@ -1,0 +1,59 @@
+"""Springs with dampers between two points of two bodies.
+
+A spring pulls its points together along the line through both with the tension K (l - l0) + C dl/dt; l their distance.
+Every integrator takes that force from the state for which it works out the bias forces: an explicit one that of each
+stage, the linearly implicit step that of its start (Euler) or the predicted one in its middle (midpoint).  Nothing of
+it is folded into the step, whose limit is then that of an explicit method: the preflight tells it.
+"""
+
+import numpy as np
+
+from ..compile.jit import kernel
+from ..compile.lanes import select, sqrt
+from ..tree.layout import P, R, V
+from ..tree.spatial import add, cross, dot, load3, load9, rotate, scale, sub, vector
+
+SPRING = np.dtype(
+    [
+        ("a", np.int64),  # row of the body at one end
+        ("b", np.int64),  # and at the other
+        ("point_a", np.float64, (3,)),  # body frame [m]
+        ("point_b", np.float64, (3,)),  # body frame [m]
+        ("stiffness", np.float64),  # K [N/m]
+        ("damping", np.float64),  # C [N s/m]
+        ("length", np.float64),  # l0, at rest [m]
+    ],
+    align=True,
+)
+
+
+@kernel
+def add_springs(springs, W, F):
+    """Add the springs to F (n + 1, 6), as [moment; force] about the common origin.
+
+    Positions in W count from the base.  Their differences, all that is needed here, are the same from anywhere.
+    Points that coincide have no line between them, and no force.
+    """
+    for j in range(len(springs)):
+        k = springs[j]
+        p = add(load3(W, k.a, P), rotate(load9(W, k.a, R), vector(k.point_a)))
+        q = add(load3(W, k.b, P), rotate(load9(W, k.b, R), vector(k.point_b)))
+        v = add(load3(W, k.a, V + 3), cross(load3(W, k.a, V), p))
+        w = add(load3(W, k.b, V + 3), cross(load3(W, k.b, V), q))
+        d = sub(q, p)
+        length = sqrt(dot(d, d))
+        apart = length > 0.0
+        e = scale(d, select(apart, 1.0 / select(apart, length, 1.0 + 0.0 * length), 0.0 * length))
+        tension = k.stiffness * (length - k.length) + k.damping * dot(e, sub(w, v))
+        f = scale(e, tension)
+        n = cross(p, f)  # of both, as they pull along one line
+        for c in range(3):
+            F[k.a, c] += n[c]
+            F[k.a, 3 + c] += f[c]
+            F[k.b, c] -= n[c]
+            F[k.b, 3 + c] -= f[c]
+
+
+def explicit_limits(springs):
+    """Damper [N s/m] and spring [N/m] of each that limit an explicit step, by name."""
+    return {"spring's damper": springs["damping"]}, {"spring": springs["stiffness"]}

@@ -1,0 +1,39 @@
+"""Stops at the limits of a joint: one-sided springs with the damping of Hunt and Crossley.
+
+T = K x (1 + d dx/dt), never pulling, x the depth: continuous at touch-down, where a plain damper jumps.
+"""
+
+import numpy as np
+
+from ..compile.jit import inline
+from ..compile.lanes import select
+
+STOP = np.dtype(
+    [
+        ("lower", np.float64),  # [rad or m]
+        ("upper", np.float64),  # [rad or m]
+        ("stiffness", np.float64),  # [N m/rad or N/m]
+        ("damping", np.float64),  # Hunt and Crossley's d [s/rad or s/m]
+    ],
+    align=True,
+)
+
+
+@inline
+def stop_torque(stops, i, angle, speed, h):
+    """Torque on the joint [N m] and its slope -dT/d speed; the angle moves on by h speed."""
+    if stops is None:
+        return 0.0, 0.0
+    stop = stops[i]
+    at = angle + h * speed
+    over, c_over = _pushed_back(stop, at - stop.upper, speed, h)
+    under, c_under = _pushed_back(stop, stop.lower - at, -speed, h)
+    return under - over, c_over + c_under
+
+
+@inline
+def _pushed_back(stop, depth, speed, h):
+    k, d = stop.stiffness, stop.damping
+    grip = 1.0 + d * speed
+    on = (depth > 0.0) & (grip > 0.0)
+    return select(on, k * depth * grip, 0.0 * depth), select(on, k * (h * grip + d * depth), 0.0 * depth)

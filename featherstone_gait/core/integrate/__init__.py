@@ -1,0 +1,9 @@
+"""Integrators, by name."""
+
+from .dormand_prince import DOP853
+from .extrapolation import EXTRAPOLATION
+from .implicit import IMPLICIT_EULER, MIDPOINT
+from .rk4 import RK4
+from .simtwo import SIMTWO
+
+INTEGRATORS = {i.name: i for i in (IMPLICIT_EULER, MIDPOINT, RK4, SIMTWO, DOP853, EXTRAPOLATION)}

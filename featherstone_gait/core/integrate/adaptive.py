@@ -1,0 +1,94 @@
+"""A whole simulation with error control.
+
+The steps end on controller ticks, where pushes begin and end, and on the knots of torques and of references that are
+followed at every instant; in between they are free.  Those of the extrapolation also end on records, which lie anywhere
+within a step of the explicit pair.
+"""
+
+from ..compile.jit import entry, inline
+from ..effects.actuator import controller_of
+from ..effects.push import AHEAD, next_edge
+from ..step.pace import PACE, SINCE, UNTIL
+from ..step.signals import next_knot
+from .integrator import begin_interval, begin_run, ends_on_records, record_within, take_adaptive_step
+from .rollout import TOO_SMALL, inspect, record, tick
+
+
+@entry
+def rollout_adaptive(run, y, out):
+    """Run the scene; out (samples, channels) takes y[run.channels] every plan.per_sample grid steps of plan.h."""
+    plan, o, pace = run.plan, run.places[0], run.work.pace
+    for i in range(len(run.good)):
+        run.good[i] = y[i]
+    for i in range(PACE):
+        pace[i] = y[o.pace + i]
+    begin_run(run.work, run)
+    k, dead = 0, y[o.status] > 0.0
+    while True:
+        if k % plan.per_tick == 0 and k < plan.steps:
+            tick(controller_of(run.scene.actuator), run, k, k * plan.h, y)
+        if k % plan.per_sample == 0:
+            record(run, y, k // plan.per_sample, out)
+        if k == plan.steps or dead:
+            break
+        end = _end(controller_of(run.scene.actuator), ends_on_records(run.work), plan, k)
+        dead = _cross(run, y, k, end, out)
+        k = end
+    for i in range(PACE):
+        y[o.pace + i] = pace[i]
+    for m in range(k // plan.per_sample + 1, len(out)):  # a run that ended early stays at its last state
+        record(run, y, m, out)
+
+
+@inline
+def _end(controller, ends, plan, k):
+    """Grid step at which the next interval ends."""
+    end = plan.steps
+    if ends is not None:
+        end = min(end, (k // plan.per_sample + 1) * plan.per_sample)
+    if controller is not None:
+        end = min(end, (k // plan.per_tick + 1) * plan.per_tick)
+    return end
+
+
+@inline
+def _cross(run, y, k, end, out):
+    """Step from grid step k to `end`; return whether the run has ended."""
+    plan, pace = run.plan, run.work.pace
+    t, done, until = k * plan.h, 0.0, 0.0
+    length = end * plan.h - t
+    next_record = k // plan.per_sample + 1
+    while done < length:
+        if done >= until:
+            until = _next_event(run, t, done, length)
+            pace[SINCE], pace[UNTIL] = t + done + AHEAD, t + until - 2.0 * AHEAD
+            begin_interval(run.work, run, y, t + done)
+        h = take_adaptive_step(run.work, run, y, t + done, until - done)
+        next_record = record_within(run.work, run, y, (t + done, h, end), next_record, out)
+        done = until if h >= until - done else done + h
+        if inspect(run, t + done, y):
+            return True
+        if h == 0.0:
+            y[run.places[0].status] = TOO_SMALL
+            return True
+    return False
+
+
+@inline
+def _next_event(run, t, done, length):
+    """Time since t of the next edge of a push, or knot of what changes continuously, at most `length` [s]."""
+    u = run.signals
+    return min(length, _event_after(run.scene.push, u.torques, u.continuous, u.reference, t + done) - t)
+
+
+@inline
+def _event_after(push, torques, continuous, reference, now):
+    event = 1e300
+    if push is not None:
+        event = min(event, next_edge(push, now))
+    if torques is not None:
+        event = min(event, next_knot(torques, now))
+    if continuous is not None:
+        if reference is not None:
+            event = min(event, next_knot(reference, now))
+    return event

@@ -1,0 +1,215 @@
+"""DOP853, the explicit Runge-Kutta pair of order 8 by Dormand and Prince, with error control and dense output.
+
+Coefficients, error estimate, interpolation and step size after E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary
+Differential Equations I, 2nd edition, sections II.4, II.6 and II.10.  The step follows the error by a PI controller
+(E. Hairer, G. Wanner, II, section IV.2): without its integral part a quarter of a chaotic arm's steps are rejected,
+with it a tenth.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compile.jit import inline, kernel
+from ..compile.lanes import sqrt
+from ..effects.actuator import motor_of
+from ..effects.energies import ENERGIES, METER
+from ..step.context import Scratch, Step
+from ..step.derivative import derivative
+from ..step.pace import (
+    EVALUATIONS,
+    LAST,
+    PACE_SCRATCH,
+    REJECTED,
+    SINCE,
+    STEP,
+    STEPS,
+    UNTIL,
+    in_time,
+    meters,
+    root,
+    scaled,
+)
+from ..step.signals import inputs
+from ..tree.kinematics import unit_quaternion
+from .integrator import (
+    Integrator,
+    begin_interval,
+    ends_on_records,
+    record_within,
+    scratch,
+    take_adaptive_step,
+)
+from .rollout import record as write_record
+from .tableau import E3, E5, NODES, WEIGHTS, D
+
+STAGES = 12
+# Rows of the scratch `stages`, as long as the state; the first sixteen are slopes.
+END = 12  # slope at the end of the last step
+DENSE = 13  # 3: further slopes, for the interpolation
+SPARE = 16  # slope at a state between, for what is derived from it
+START = 17  # state at the start of the last step
+STOP = 18  # state at its end, kept while states between are recorded
+COEFFICIENTS = 19  # 4: of the interpolation
+ROWS = 23
+SAFETY, LEAST, MOST = 0.8, 0.333, 6.0  # of the step's factor
+BETA = 0.04  # share of the last error in it
+
+
+class DormandPrince(NamedTuple):
+    """Workspace."""
+
+    scratch: Scratch
+    stages: np.ndarray  # (ROWS, length up to the watched part)
+    pace: np.ndarray  # (PACE_SCRATCH,)
+
+
+@kernel
+def _evaluate(first, last, run, y, t, h):
+    """Slopes of the stages first ... last of a step h from t, and what is derived at the last, in y.
+
+    A stage's state is the step's start and a weighted sum of the slopes before it, at END the step's end, at SPARE
+    y.  One loop for all of them, since the derivative, which is large, is merged into it.
+    """
+    scene, u, o, stages, pace = run.scene, run.signals, run.places[0], run.work.stages, run.work.pace
+    n, start, x = run.plan.integrated, stages[START], run.work.scratch
+    for k in range(first, last + 1):
+        if k != SPARE:
+            for i in range(n):
+                y[i] = start[i]
+            for j in range(k):
+                if WEIGHTS[k, j] != 0.0:
+                    c = h * WEIGHTS[k, j]
+                    for i in range(n):
+                        y[i] += c * stages[j, i]
+            if k == END:
+                unit_quaternion(scene.floating, o.base_q, y)
+        inputs(u, min(t + NODES[k] * h, pace[UNTIL]))
+        since, act = pace[SINCE], scene.actuator
+        at = Step(scene, act, None, o, y, u.tau, u.drive, None, since, 0.0, 0.0, 0.0, 1.0, x.W, x.Z, x.C, x.F)
+        derivative(at, stages[k])
+        pace[EVALUATIONS] += 1.0
+
+
+@begin_interval.of(DormandPrince)
+def _renew_slope(work, run, y, t):
+    """The slope at the start of the next step, after an event."""
+    _evaluate(SPARE, SPARE, run, y, t, 0.0)
+    for i in range(run.places[0].after_integrated):
+        work.stages[END, i] = work.stages[SPARE, i]
+
+
+@take_adaptive_step.of(DormandPrince)
+def dop853(work, run, y, t, length):
+    """stages[END] holds the slope at y before and after."""
+    stages, pace, n = work.stages, work.pace, run.places[0].after_integrated
+    rejected = False
+    start = stages[START]
+    for i in range(n):
+        start[i] = y[i]
+        stages[0, i] = stages[END, i]
+    while True:
+        h = in_time(pace[STEP], length)
+        _evaluate(1, END, run, y, t, h)
+        error = h * _error(run, start, y)
+        if error <= 1.0:
+            pace[STEPS] += 1.0
+            factor = SAFETY * root(pace[LAST], 1.0 / BETA) / root(error, 1.0 / (0.125 - 0.2 * BETA))
+            factor = max(LEAST, min(1.0 if rejected else MOST, factor))
+            pace[LAST] = max(error, 1e-4)
+            if h < length or factor < 1.0:
+                pace[STEP] = h * factor
+            return h
+        rejected = True
+        pace[REJECTED] += 1.0
+        pace[STEP] = h * max(LEAST, min(1.0, SAFETY / root(error, 8)))
+        if not pace[STEP] > run.plan.least_step:
+            for i in range(n):
+                y[i] = start[i]
+            return 0.0
+
+
+@ends_on_records.of(DormandPrince)
+def _dense(work):
+    return None
+
+
+@record_within.of(DormandPrince)
+def _record_within(work, run, y, interval, record, out):
+    """Records between the ends are interpolated."""
+    (t, h, end), plan, o = interval, run.plan, run.places[0]
+    if record * plan.per_sample >= end or record * plan.per_sample * plan.h >= t + h:
+        return record
+    _prepare_dense(run, y, t, h)
+    derived = False
+    for j in range(len(run.channels)):
+        derived = derived | (run.channels[j] >= o.after_integrated)
+    while record * plan.per_sample < end and record * plan.per_sample * plan.h < t + h:
+        at = record * plan.per_sample * plan.h
+        _interpolate(run, y, h, (at - t) / h)
+        if derived:
+            _evaluate(SPARE, SPARE, run, y, at, 0.0)
+        write_record(run, y, record, out)
+        record += 1
+    for i in range(o.after_derived):
+        y[i] = work.stages[STOP, i]
+    return record
+
+
+@inline
+def _prepare_dense(run, y, t, h):
+    """Fill what interpolates the last step, from t over h [s], and keep its end."""
+    stages = run.work.stages
+    for i in range(run.places[0].after_derived):
+        stages[STOP, i] = y[i]
+    _evaluate(DENSE, DENSE + 2, run, y, t, h)
+    for k in range(4):
+        for i in range(run.plan.integrated):
+            total = 0.0
+            for j in range(SPARE):
+                total += D[k, j] * stages[j, i]
+            stages[COEFFICIENTS + k, i] = h * total
+
+
+@inline
+def _interpolate(run, y, h, x):
+    """The state at the fraction x of the last step, of order 7."""
+    stages, u = run.work.stages, 1.0 - x
+    for i in range(run.plan.integrated):
+        a = stages[START, i]
+        d = stages[STOP, i] - a
+        b = h * stages[0, i] - d
+        c = d + (d - h * (stages[END, i] + stages[0, i]))
+        e = stages[COEFFICIENTS, i]
+        f = stages[COEFFICIENTS + 1, i] + u * (stages[COEFFICIENTS + 2, i] + x * stages[COEFFICIENTS + 3, i])
+        y[i] = a + x * (d + u * (b + x * (c + u * (e + x * f))))
+    unit_quaternion(run.scene.floating, run.places[0].base_q, y)
+
+
+@inline
+def _error(run, start, y):
+    """The combined estimate of both embedded methods over the tolerance, of the worst component, by the step."""
+    stages, o = run.work.stages, run.places[0]
+    worst5 = worst3 = 0.0
+    for k in range(o.after_controlled + meters(motor_of(run.scene.actuator))):
+        i = k
+        if k >= o.after_controlled:
+            i = o.energy + ENERGIES * (k - o.after_controlled) + METER
+        e5 = e3 = 0.0
+        for j in range(STAGES):
+            e5 += E5[j] * stages[j, i]
+            e3 += E3[j] * stages[j, i]
+        if not abs(e5) < 1e300:
+            return 1e300
+        worst5 = max(worst5, scaled(run.plan, e5, start[i], y[i]))
+        worst3 = max(worst3, scaled(run.plan, e3, start[i], y[i]))
+    if worst5 == 0.0:
+        return 0.0
+    return worst5 * worst5 / sqrt(worst5 * worst5 + 0.01 * worst3 * worst3)
+
+
+def _workspace(sizes, zeros):
+    return DormandPrince(scratch(sizes, zeros), zeros((ROWS, int(sizes.places["after_derived"]))), zeros(PACE_SCRATCH))
+
+
+DOP853 = Integrator("dop853", 8, _workspace, adaptive=True)

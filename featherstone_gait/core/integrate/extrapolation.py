@@ -1,0 +1,552 @@
+"""Extrapolation of a simple step to high order, with variable order and step: the library's reference.
+
+The interval H is crossed in n = n_1, n_2, ... equal steps of a basic method; since the result is a polynomial in h (or
+in h^2) plus a rest, Aitken and Neville's scheme extrapolates it to h = 0.  Basic methods:
+
+    nothing stiff: the explicit midpoint rule with Gragg's last step, expansion in h^2 (Bulirsch, Stoer), n = 2, 4, ...
+    servos, gearboxes, contacts: the linearly implicit Euler step of step.py, expansion in h, n = 1, 2, 3, ...
+
+Order and step are chosen for the least work by distance: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary
+Differential Equations I, 2nd edition, section II.9, and E. Hairer, G. Wanner, II, section IV.9 (ODEX and SEULEX).
+What a step derives (torques, forces, accelerations) is a smooth function of h too, and is extrapolated along.
+
+The columns of the scheme do not depend on each other and run side by side in lanes.  Column k and column K - k take
+together as many steps as column K, so that K columns fill K/2 + 1 lanes without a gap, and K columns cost the time of
+the longest: order pays more than it does one column at a time.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compile.jit import inline, kernel
+from ..compile.lanes import WIDTH, aligned, select
+from ..compile.optional import in_lanes
+from ..effects.actuator import controller_of, motor_of
+from ..effects.decay import DECAYS, set_decay
+from ..effects.energies import ENERGIES, METER
+from ..step.advance import advance
+from ..step.context import Step
+from ..step.derivative import derivative
+from ..step.newton import solve_step
+from ..step.pace import (
+    COLUMNS,
+    EVALUATIONS,
+    PACE_SCRATCH,
+    REJECTED,
+    SINCE,
+    STEP,
+    STEPS,
+    UNTIL,
+    in_time,
+    meters,
+    root,
+    scaled,
+)
+from ..step.signals import evaluate
+from ..tree.kinematics import unit_quaternion
+from .integrator import Integrator, begin_interval, begin_run, scratch, take_adaptive_step
+
+LONGEST = 12  # columns: rounding errors grow by 2.7 a column of the linear sequence
+SAFETY, TARGET = 0.94, 0.65  # step = SAFETY h (TARGET / error) ** (1 / order)
+FALL, FALL_SQUARES = 10.0, 1000.0  # of the error, that one more column in powers of h or h^2 is believed to bring
+INSTANT = 1e-3  # of the interval: after its start
+LEFT, DONE, COLUMN = 0, 1, 2  # rows of `lanes`: steps to go, steps done, column
+
+
+class Columns(NamedTuple):
+    """What is done side by side: arrays with a last axis of lanes, which kernels also see as such."""
+
+    y: np.ndarray  # (length of the state,)
+    h: np.ndarray  # (1,): steps [s]
+    last: np.ndarray  # (1,): 1 where the step is the last of its column
+    slope: np.ndarray  # (what is integrated,)
+    first: np.ndarray  # (what is integrated,): slope at the start
+    previous: np.ndarray  # (what is integrated,)
+    drive: np.ndarray  # (n, 2)
+    tau: np.ndarray | None  # (n,) [N m]
+    decay: np.ndarray | None  # (n, DECAYS): what each lane's step leaves
+    W: np.ndarray
+    Z: np.ndarray
+    C: np.ndarray
+    F: np.ndarray
+
+
+class Ladder(NamedTuple):
+    """Workspace."""
+
+    start: np.ndarray  # (length of the state,)
+    best: np.ndarray  # (length of the state,)
+    table: np.ndarray  # (LONGEST, length of the state): the columns, then the last row of the scheme
+    lanes: np.ndarray  # (3, WIDTH): what each lane is at
+    wanted: np.ndarray  # (LONGEST,): the step that each column's error asks for [s]
+    columns: Columns
+    pace: np.ndarray  # (PACE_SCRATCH,)
+    implicit: bool | None  # True: linearly implicit Euler, None: explicit midpoint
+
+
+@take_adaptive_step.of(Ladder)
+def extrapolate(work, run, y, t, length):
+    """columns.first, the slope at y, moves on with it."""
+    o, pace, start, implicit = run.places[0], work.pace, work.start, work.implicit
+    for i in range(o.pace):
+        start[i] = y[i]
+    rejected = False
+    while True:
+        h = in_time(pace[STEP], length)
+        count = min(max(int(pace[COLUMNS]), 2), LONGEST)
+        error, skipped = 1e300, _sweep(implicit, run, t, h, count)
+        if skipped <= 1.0:
+            error = _combine(implicit, run, h, count)
+        if error <= 1.0:
+            _accept(implicit, run, y)
+            unit_quaternion(run.scene.floating, o.base_q, y)
+            _first_slope(implicit, run, y, t + h)
+            pace[STEPS] += 1.0
+            _choose(work, count - 1, h, length, rejected)
+            return h
+        rejected = True
+        pace[REJECTED] += 1.0
+        pace[STEP] = h * max(0.1, 0.8 / root(skipped, 3))
+        if error < 1e300:
+            best = _cheapest(work, count - 1, h)
+            pace[COLUMNS] = best + 2
+            pace[STEP] = min(0.7 * h, max(0.05 * h, work.wanted[best]))
+        if not pace[STEP] > run.plan.least_step:
+            return 0.0
+
+
+@inline
+def _steps(implicit, j):
+    """Steps of column j = 0, 1, ..."""
+    if implicit is None:
+        return 2 * (j + 1)
+    return j + 1
+
+
+@inline
+def _power(implicit, count):
+    """1 / exponent of the step in the local error of `count` columns."""
+    if implicit is None:
+        return 2 * count - 1
+    return count
+
+
+# ---------------------------------------------------------------------------------------------- columns
+
+
+@inline
+def _sweep(implicit, run, t, h, count):
+    """Cross the interval in `count` columns, which fill the rows of the table.
+
+    Lane l takes the column l from the last one, then column l - 1, if there is one: together they are as long as the
+    last.  Of the lanes left over the last tells what the interval's start hides from the columns: see `_skipped`.
+    Returns that error by the tolerance, and 1e60 if Newton's iteration failed.
+    """
+    half, sound, ladder, pace = count // 2, True, run.work, run.work.pace
+    columns = in_lanes(ladder.columns)
+    for lane in range(WIDTH):
+        column = count - 1
+        if lane <= half:
+            column = count - 1 - lane
+        _assign(implicit, ladder, lane, column, h)
+    if implicit is not None:
+        ladder.columns.h[0, WIDTH - 1] = h * INSTANT
+    _begin(implicit, run, columns)
+    _set_decay(columns.decay, run.scene.actuator, columns)
+    total = _steps(implicit, count - 1)
+    for k in range(total):
+        for lane in range(WIDTH):
+            _lane_inputs(run, lane, min(t + _time(ladder, lane), pace[UNTIL]))
+        _step(implicit, run, columns)
+        if implicit is not None and k == 0:
+            skipped = _skipped(run, min(half, 3))
+            if skipped > 1.0:
+                return skipped
+        fresh = False
+        for lane in range(half + 1):
+            ladder.lanes[LEFT, lane] -= 1
+            ladder.lanes[DONE, lane] += 1
+            if ladder.lanes[LEFT, lane] == 0:
+                sound = sound & _harvest(implicit, run, lane)
+                pace[EVALUATIONS] += ladder.lanes[DONE, lane]
+                if k < total - 1:
+                    _assign(implicit, ladder, lane, max(lane - 1, 0), h)
+                    _begin_again(implicit, run, lane)
+                    fresh = True
+            if implicit is None:
+                ladder.columns.last[0, lane] = 1.0 if ladder.lanes[LEFT, lane] == 1 else 0.0
+        if implicit is None:
+            for lane in range(half + 1, WIDTH):
+                ladder.columns.last[0, lane] = ladder.columns.last[0, 0]
+        if fresh:
+            _set_decay(columns.decay, run.scene.actuator, columns)
+    return 0.0 if sound else 1e60
+
+
+@inline
+def _skipped(run, last):
+    """What the linearly implicit step does not see of the interval's start, as an error of the positions.
+
+    It takes forces at the end of a step only.  A kink within the first step of all columns is the same for all of them,
+    as if it had been at the start, and nothing in the scheme tells.  But the accelerations of the columns' first steps,
+    extrapolated to a step of none, then differ from those of an instant after the start.
+    """
+    o, worst = run.places[0], 0.0
+    for i in range(len(run.scene.tree) - 1):
+        worst = max(worst, _skipped_by(run, last, o.qdd + i, o.q + i))
+    return _skipped_by_base(run.scene.floating, run, last, worst)
+
+
+@inline
+def _skipped_by_base(floating, run, last, worst):
+    if floating is not None:
+        o = run.places[0]
+        for i in range(6):  # the quaternion's vector is half the turn
+            worst = max(worst, _skipped_by(run, last, o.base_qdd + i, o.base_q + i + i // 3))
+    return worst
+
+
+@inline
+def _skipped_by(run, last, acceleration, position):
+    """Of one coordinate, whose acceleration and position have these places in the state."""
+    ladder, a = run.work, 0.0
+    h, y = ladder.columns.h[0], ladder.columns.y
+    for j in range(last + 1):
+        weight = 1.0
+        for k in range(last + 1):
+            if k != j:
+                weight *= h[k] / (h[k] - h[j])
+        a += weight * y[acceleration, j]
+    e = (y[acceleration, WIDTH - 1] - a) * h[0] * h[0] / 6.0
+    return scaled(run.plan, e, ladder.start[position], ladder.start[position])
+
+
+@inline
+def _assign(implicit, ladder, lane, column, h):
+    """Give a lane a column."""
+    n = _steps(implicit, column)
+    ladder.lanes[LEFT, lane] = n
+    ladder.lanes[DONE, lane] = 0
+    ladder.lanes[COLUMN, lane] = column
+    ladder.columns.h[0, lane] = h / n
+
+
+@inline
+def _time(ladder, lane):
+    """Time of a lane's next evaluation since the interval's start [s]; the first of either method lies a step ahead."""
+    return (ladder.lanes[DONE, lane] + 1) * ladder.columns.h[0, lane]
+
+
+@inline
+def _begin(implicit, run, columns):
+    """All lanes to the start."""
+    start = run.work.start
+    for i in range(run.places[0].pace):
+        columns.y[i] = start[i]
+    if implicit is None:
+        h = columns.h[0]
+        for i in range(run.plan.integrated):
+            columns.previous[i] = start[i]
+            columns.y[i] = start[i] + h * columns.first[i]
+        columns.last[0] = 0.0
+
+
+@inline
+def _begin_again(implicit, run, lane):
+    """One lane to the start."""
+    start, columns = run.work.start, run.work.columns
+    for i in range(run.places[0].pace):
+        columns.y[i, lane] = start[i]
+    if implicit is None:
+        h = columns.h[0, lane]
+        for i in range(run.plan.integrated):
+            columns.previous[i, lane] = start[i]
+            columns.y[i, lane] = start[i] + h * columns.first[i, lane]
+
+
+@inline
+def _harvest(implicit, run, lane):
+    """Put a lane's column into the table; return whether Newton's iteration converged in all of its steps."""
+    ladder, o = run.work, run.places[0]
+    column = ladder.lanes[COLUMN, lane]
+    for i in range(_smooth(implicit, run)):
+        ladder.table[column, i] = ladder.columns.y[i, lane]
+    return not ladder.columns.y[o.passes + 1, lane] > ladder.start[o.passes + 1]
+
+
+@inline
+def _step(implicit, run, columns):
+    """One step of every lane."""
+    if implicit is None:
+        _midpoint(run, columns)
+    else:
+        _euler(run, columns)
+
+
+@kernel
+def _midpoint(run, columns):
+    """y_{k+1} = y_{k-1} + 2 h f(y_k); in the end Gragg's mean (y_{n-1} + 2 y_n + y_{n+1}) / 4, which sees the end."""
+    y, previous, slope = columns.y, columns.previous, columns.slope
+    _slope(run, columns, slope)
+    h, last = columns.h[0], columns.last[0] > 0.0
+    for i in range(run.plan.integrated):
+        here, step = y[i], h * slope[i]
+        y[i] = select(last, 0.5 * (here + (previous[i] + step)), previous[i] + 2.0 * step)
+        previous[i] = here
+
+
+@kernel
+def _slope(run, columns, slope):
+    scene, x, o, t = run.scene, columns, run.places[0], run.work.pace[SINCE]
+    at = Step(scene, scene.actuator, x.decay, o, x.y, x.tau, x.drive, None, t, 0.0, 0.0, 0.0, 1.0, x.W, x.Z, x.C, x.F)
+    derivative(at, slope)
+
+
+@kernel
+def _euler(run, columns):
+    """A linearly implicit Euler step."""
+    scene, x, o, t, h = run.scene, columns, run.places[0], run.work.pace[SINCE], columns.h[0]
+    at = Step(scene, scene.actuator, x.decay, o, x.y, x.tau, x.drive, None, t, 0.0, h, h, 1.0, x.W, x.Z, x.C, x.F)
+    solve_step(at)
+    advance(at)
+
+
+@begin_interval.of(Ladder)
+def _begin_interval(work, run, y, t):
+    _first_slope(work.implicit, run, y, t)
+
+
+@inline
+def _first_slope(implicit, run, y, t):
+    """The explicit rule's slope at the start of the next step, and what is derived there, in y too."""
+    if implicit is None:
+        columns, o = in_lanes(run.work.columns), run.places[0]
+        for i in range(o.pace):
+            columns.y[i] = y[i]
+        for lane in range(WIDTH):
+            _lane_inputs(run, lane, t)
+        _slope(run, columns, columns.first)
+        run.work.pace[EVALUATIONS] += 1.0
+        for i in range(o.before_derived, o.after_derived):
+            y[i] = run.work.columns.y[i, 0]
+
+
+@inline
+def _set_decay(decay, actuator, columns):
+    """What is left of currents and filtered speeds after each lane's step, and the currents' mean."""
+    if decay is not None:
+        set_decay(motor_of(actuator), controller_of(actuator), columns.h[0], decay)
+
+
+@inline
+def _lane_inputs(run, lane, t):
+    """Bring a lane's torques and references of continuous servos to the time t, if they change at all."""
+    u, columns = run.signals, run.work.columns
+    _lane_torques(u.torques, u.torque_values, columns.tau, lane, t)
+    _lane_drive(u.continuous, u.reference, u.drive, columns.drive, lane, t)
+
+
+@inline
+def _lane_torques(torques, values, tau, lane, t):
+    if torques is not None:
+        if len(torques.times) > 1:
+            _put_torques(torques, values, tau, lane, t)
+
+
+@inline
+def _put_torques(torques, values, tau, lane, t):
+    evaluate(torques, t, values)
+    for i in range(len(tau)):
+        tau[i, lane] = values[i, 0]
+
+
+@inline
+def _lane_drive(continuous, reference, drive, out, lane, t):
+    if continuous is not None:
+        if reference is not None:
+            if len(reference.times) > 1:
+                _put_drive(reference, drive, out, lane, t)
+
+
+@inline
+def _put_drive(reference, drive, out, lane, t):
+    evaluate(reference, t, drive)
+    for i in range(len(drive)):
+        out[i, 0, lane] = drive[i, 0]
+        out[i, 1, lane] = drive[i, 1]
+
+
+@begin_run.of(Ladder)
+def _begin_inputs(work, run):
+    """Torques and references that are constant."""
+    u = run.signals
+    for lane in range(WIDTH):
+        _begin_torques(u.torques, u.torque_values, work.columns.tau, lane)
+        _begin_drive(u.continuous, u.reference, u.drive, work.columns.drive, lane)
+
+
+@inline
+def _begin_torques(torques, values, tau, lane):
+    if torques is not None:
+        _put_torques(torques, values, tau, lane, 0.0)
+
+
+@inline
+def _begin_drive(continuous, reference, drive, out, lane):
+    if continuous is not None:
+        if reference is not None:
+            _put_drive(reference, drive, out, lane, 0.0)
+
+
+# ---------------------------------------------------------------------------------------------- extrapolation
+
+
+@inline
+def _combine(implicit, run, h, count):
+    """Extrapolate; `best` takes the value of the smallest error, which is returned; `wanted` is filled.
+
+    A column's error is what it changes, but no less than a share of the column's before: where the solution is smooth
+    the errors fall by some such factor from column to column, while a kink in the interval keeps them all alike, and
+    then one of them is small by chance.
+    """
+    ladder, m, least, error = run.work, _smooth(implicit, run), 1e300, 0.0
+    for j in range(1, count):
+        _neville(implicit, j, ladder.table, m)
+        error = max(_error(run), error / _largest_fall(implicit))
+        ladder.wanted[j] = min(SAFETY * h * root(TARGET / max(error, 1e-30), _power(implicit, j + 1)), 20.0 * h)
+        if error < least:
+            least = error
+            for i in range(m):
+                ladder.best[i] = ladder.table[0, i]
+    return least
+
+
+@inline
+def _largest_fall(implicit):
+    """Of the error from one column to the next."""
+    if implicit is None:
+        return FALL_SQUARES
+    return FALL
+
+
+@inline
+def _neville(implicit, j, table, m):
+    """Add column j to the scheme: table[0] becomes the new best value, table[1] the one of an order less."""
+    for l in range(j, 0, -1):
+        ratio = _steps(implicit, j) / _steps(implicit, l - 1)
+        if implicit is None:
+            ratio = ratio * ratio
+        c = 1.0 / (ratio - 1.0)
+        for i in range(m):
+            table[l - 1, i] = table[l, i] + c * (table[l, i] - table[l - 1, i])
+
+
+@inline
+def _error(run):
+    """Difference of the two best values over the tolerance, of the worst component that has one.
+
+    These are positions, velocities, currents, rotors, filters, bristles and the energies that the meters read.
+    """
+    o, worst = run.places[0], 0.0
+    for i in range(o.after_controlled):
+        worst = _worse(worst, run, i)
+    for i in range(meters(motor_of(run.scene.actuator))):
+        worst = _worse(worst, run, o.energy + ENERGIES * i + METER)
+    return worst
+
+
+@inline
+def _worse(worst, run, i):
+    table, start = run.work.table, run.work.start
+    e = scaled(run.plan, table[0, i] - table[1, i], start[i], table[0, i])
+    if not e < 1e300:
+        return 1e300
+    return max(worst, e)
+
+
+@inline
+def _smooth(implicit, run):
+    """How much of the state is extrapolated: what is integrated and, of the implicit step, what it derives."""
+    if implicit is None:
+        return run.plan.integrated
+    return run.places[0].after_derived
+
+
+@inline
+def _accept(implicit, run, y):
+    """The best values; the watch on chatter stays as it was, passes are those of the last column."""
+    ladder, o = run.work, run.places[0]
+    for i in range(_smooth(implicit, run)):
+        y[i] = ladder.best[i]
+    y[o.passes] = ladder.columns.y[o.passes, 0]
+
+
+# ---------------------------------------------------------------------------------------------- order and step
+
+
+@inline
+def _work(count):
+    """Time of a step with so many columns: their steps, and one for what comes with it."""
+    return count + 1.0
+
+
+@inline
+def _cheapest(ladder, last, length):
+    """The column up to which the work by distance is least."""
+    best = 1
+    for j in range(2, last + 1):
+        if _work(j + 1) * min(ladder.wanted[best], length) < _work(best + 1) * min(ladder.wanted[j], length):
+            best = j
+    return best
+
+
+@inline
+def _choose(ladder, last, h, length, rejected):
+    """Order and step of least work by distance, after columns up to `last`.
+
+    One column more than the step needs is taken in reserve: its error is then met almost always, where without it a
+    quarter of a chaotic arm's steps are rejected.
+    """
+    best, pace = _cheapest(ladder, last, length), ladder.pace
+    step = ladder.wanted[best]
+    if rejected:
+        step = min(step, h)
+    pace[COLUMNS] = best + 2
+    if h < length or step < h:
+        pace[STEP] = step
+
+
+def _workspace(sizes, zeros):
+    """Its lanes are its own: `zeros` makes arrays of one run."""
+
+    def in_eight(shape):
+        return aligned((*np.atleast_1d(shape), WIDTH))
+
+    o, n = sizes.places, sizes.n
+    size, rates = int(o["length"]), int(o["after_integrated"])
+    columns = Columns(
+        y=in_eight(size),
+        h=in_eight(1),
+        last=in_eight(1),
+        slope=in_eight(rates),
+        first=in_eight(rates),
+        previous=in_eight(rates),
+        drive=in_eight((n, 2)),
+        tau=in_eight(n) if sizes.driven else None,
+        decay=in_eight((sizes.motors, DECAYS)) if sizes.motors else None,
+        **scratch(sizes, in_eight)._asdict(),
+    )
+    return Ladder(
+        start=zeros(size),
+        best=zeros(size),
+        table=zeros((LONGEST, size)),
+        lanes=np.zeros((3, WIDTH), np.int64),
+        wanted=zeros(LONGEST),
+        columns=columns,
+        pace=zeros(PACE_SCRATCH),
+        implicit=True if sizes.stiff else None,
+    )
+
+
+EXTRAPOLATION = Integrator("extrapolation", LONGEST, _workspace, adaptive=True, folds_spring=True)

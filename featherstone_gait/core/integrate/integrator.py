@@ -1,0 +1,117 @@
+"""What an integrator is: a record of its properties, and kernels chosen by the type of its workspace.
+
+A new integrator is one file with a workspace (a NamedTuple of arrays), a kernel registered for it, and an `Integrator`;
+`__init__.py` lists it.  Nothing else asks for its name.
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compile.by_type import by_type
+from ..effects.contact import SCRATCH as CONTACT_SCRATCH
+from ..step.context import Scratch
+from ..step.newton import SCRATCH as JOINT_SCRATCH
+
+
+class Sizes(NamedTuple):
+    """How much room a workspace needs."""
+
+    n: int  # joints
+    floating: bool
+    points: int  # contact points
+    workspace: tuple[int, int]  # of the tree
+    places: np.void  # STATE
+    motors: int  # rows of the table of decays, 0 without
+    driven: bool  # by torques from outside
+    stiff: bool  # something that an implicit step takes in limits explicit steps
+
+
+class Integrator(NamedTuple):
+    """Properties of a method of integration."""
+
+    name: str
+    order: int
+    workspace: Callable[[Sizes, Callable], tuple]  # (sizes, zeros) -> arrays; zeros(shape) makes one
+    stages: int = 1  # evaluations a step
+    theta: float = 1.0  # of the linearly implicit step: where in the step forces are taken
+    adaptive: bool = False  # chooses its steps by their error
+    stability: float = math.inf  # largest stable step over 2 / lambda, the limit of semi-implicit Euler
+    folds_spring: bool = False  # takes the spring of a continuous servo at the end of the step always
+    rings: bool = False  # alternates about the right mean after an impact
+    own_drive: bool = False  # applies sampled servos by itself: no torques from outside, no viscous friction of servos
+
+    @property
+    def explicit(self) -> bool:
+        """Whether fixed steps are limited by what is stiff."""
+        return self.stability < math.inf
+
+
+@by_type
+def take_step(work, run, y, t, theta):
+    """Move the state y over a step of fixed length from t [s]; theta: see `Plan`."""
+
+
+@by_type
+def thetas(work, theta, end):
+    """theta of a run's first step and of the others; end: how long the run has gone on before [s]."""
+
+
+@thetas.otherwise
+def _constant(work, theta, end):
+    return theta, theta
+
+
+@by_type
+def take_adaptive_step(work, run, y, t, length):
+    """Move y over a step of at most `length` [s] from t; return the step, 0 if the tolerance asks for one too small."""
+
+
+@by_type
+def begin_run(work, run):
+    """Before the first adaptive step of a run."""
+
+
+@begin_run.otherwise
+def _as_it_is(work, run):
+    pass
+
+
+@by_type
+def begin_interval(work, run, y, t):
+    """Take note that something has changed at t [s] since the last step."""
+
+
+@by_type
+def record_within(work, run, y, interval, record, out):
+    """Record what lies within the last step, if it lies there; interval: its start, its length, the next grid step.
+
+    Returns the next record.
+    """
+
+
+@by_type
+def ends_on_records(work):
+    """True if steps end on records, None if records lie anywhere within."""
+
+
+@ends_on_records.otherwise
+def _always(work):
+    return True
+
+
+@record_within.otherwise
+def _nothing_within(work, run, y, interval, record, out):
+    return record
+
+
+def scratch(sizes: Sizes, zeros) -> Scratch:
+    """What every step overwrites."""
+    return Scratch(
+        zeros(sizes.workspace),
+        zeros((JOINT_SCRATCH, max(sizes.n, 1))),
+        zeros((max(sizes.points, 1), CONTACT_SCRATCH)),
+        zeros((sizes.n + 1, 6)),
+    )

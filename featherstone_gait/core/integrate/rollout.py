@@ -1,0 +1,123 @@
+"""A whole simulation at fixed steps in one call: controller ticks, steps, watching for failure, recording."""
+
+from ..compile.jit import entry, inline, kernel
+from ..compile.lanes import any_lane, as_lanes, invert, select
+from ..compile.optional import in_lanes, item
+from ..effects.actuator import controller_of
+from ..effects.contact import above_ground
+from ..effects.controller import control_tick
+from ..step.signals import AHEAD, evaluate
+from .integrator import take_step, thetas
+
+OK, FELL, DIVERGED, TOO_SMALL = 0, 1, 2, 3
+TOO_FAST = 1e8  # sum of the sizes of positions and velocities beyond which a run has diverged
+
+
+def rollout(run, y, out):
+    """Run the scene; out (samples, channels) takes y[run.channels] every plan.per_sample steps."""
+    plan, o = run.plan, run.places[0]
+    theta, steady = thetas(run.work, plan.theta, y[o.end])
+    dead = y[o.status] > 0.0
+    for i in range(len(run.good)):
+        run.good[i] = y[i]
+    for k in range(plan.steps + 1):
+        t = k * plan.h
+        if k % plan.per_tick == 0 or k == plan.steps:
+            dead = inspect(run, t, y)
+            if k < plan.steps:  # the tick at the very end is the first of what goes on from here
+                tick(controller_of(run.scene.actuator), run, k, t, y)
+                _freeze_ended(dead, run.good, y)
+        if k % plan.per_sample == 0:
+            record(run, y, k // plan.per_sample, out)
+        if k == plan.steps or not any_lane(invert(dead)):
+            break
+        take_step(run.work, run, y, t, theta)
+        _freeze_ended(dead, run.good, y)
+        theta = steady
+    for m in range(k // plan.per_sample + 1, len(out)):  # a run that ended early stays at its last state
+        record(run, y, m, out)
+
+
+@inline
+def record(run, y, m, out):
+    """Write record m."""
+    for j in range(len(run.channels)):
+        out[m, j] = y[run.channels[j]]
+
+
+@inline
+def _freeze_ended(dead, good, y):
+    """A run that has ended stays at its last sound state."""
+    if any_lane(dead):
+        for i in range(len(good)):
+            y[i] = select(dead, good[i], y[i])
+
+
+@inline
+def tick(controller, run, k, t, y):
+    """The sampled controllers see the reference as it was a lag ago; it comes as knots or as samples at each tick."""
+    if controller is not None:
+        _tick_sampled(run.signals.samples, controller, run, k, y)
+        _tick_knots(run.signals.reference, controller, run, k, t, y)
+
+
+@inline
+def _tick_sampled(samples, controller, run, k, y):
+    if samples is not None:
+        j = k // run.plan.per_tick
+        noise = item(run.signals.noise, j)
+        control_tick(controller, run.places[0], samples[j], noise, y, run.plan.per_tick * run.plan.h)
+
+
+@inline
+def _tick_knots(reference, controller, run, k, t, y):
+    if reference is not None:
+        noise = item(run.signals.noise, k // run.plan.per_tick)
+        evaluate(reference, t - run.plan.lag + AHEAD, run.signals.drive)
+        control_tick(controller, run.places[0], run.signals.drive, noise, y, run.plan.per_tick * run.plan.h)
+
+
+@kernel
+def inspect(run, t, y):
+    """Give runs that failed their status and their last sound state; return which have."""
+    o, good = run.places[0], run.good
+    size = 0.0 * y[o.status]
+    for i in range(o.after_coordinates):
+        size = size + abs(y[i])
+    failed = select(size < TOO_FAST, OK + 0.0 * size, DIVERGED + 0.0 * size)
+    fell = _fell(run.scene.contact, run.scene.floating, run.plan, o, y)
+    failed = select(fell & (size < TOO_FAST), FELL + 0.0 * size, failed)
+    failed = select(size == size, failed, DIVERGED + 0.0 * y[o.status])
+    dead = y[o.status] > 0.0
+    new = invert(dead) & (failed > 0.0)
+    if any_lane(new & (failed == DIVERGED)):
+        for i in range(len(good)):
+            y[i] = select(new & (failed == DIVERGED), good[i], y[i])
+    y[o.status] = select(new, failed, y[o.status])
+    y[o.end] = select(dead, y[o.end], t + 0.0 * y[o.end])
+    for i in range(len(good)):
+        good[i] = y[i]
+    return dead | new
+
+
+@inline
+def _fell(contact, floating, plan, o, y):
+    """Whether a floating base is too low over the ground or tilted too far; False where there is no ground."""
+    fell = y[o.status] != y[o.status]
+    if contact is not None:
+        if floating is not None:
+            k = o.base_q
+            height = above_ground(contact, (y[k], y[k + 1], y[k + 2]))
+            lean = 1.0 - 2.0 * (y[k + 4] * y[k + 4] + y[k + 5] * y[k + 5])
+            fell = (height < plan.min_height) | (lean < plan.min_upright)
+    return fell
+
+
+rollout_one = entry(rollout)  # a kernel within a kernel of this size would be optimised twice
+_rollout = kernel(rollout)
+
+
+@entry
+def rollout_lanes(run, y, out):
+    """Eight runs at once: signals, workspace, y and out have a last axis of lanes."""
+    _rollout(in_lanes(run), as_lanes(y), as_lanes(out))

@@ -1,0 +1,106 @@
+"""The explicit update order of SimTwo (P33a/SimTwo, 2012), for comparison.
+
+Each step: the speed is filtered, the current moves on with the speed of the step's start, the torque is a constant of
+the step.  The spring-damper gearbox follows commit f9dc76a: rotor by semi-implicit Euler, the damping torque on the
+rotor limited to 0.2 J / h.  Only stops and contacts stay implicit, as they were constraints of that engine.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compile.by_type import by_type
+from ..compile.jit import inline
+from ..compile.lanes import clamp, select
+from ..effects.actuator import motor_of
+from ..effects.decay import FILTER_DECAY
+from ..effects.energies import COPPER, DRIVER, ENERGIES, FRICTION, GEAR, METER, SUPPLY, WORK
+from ..effects.gearbox import wind_up
+from ..effects.mipsd_servo import MipsdServo
+from ..effects.motor import current_step
+from ..effects.rigid_servo import RigidServo
+from ..step.advance import advance
+from ..step.context import Scratch, Step
+from ..step.newton import solve_step
+from .integrator import Integrator, scratch, take_step
+
+
+class SimTwo(NamedTuple):
+    """Workspace."""
+
+    scratch: Scratch
+    torques: np.ndarray  # (n,) of the servos, constant over a step [N m]
+
+
+@take_step.of(SimTwo)
+def simtwo_step(work, run, y, t, theta):
+    scene, h, torques = run.scene, run.plan.h, work.torques
+    o, x = run.places[0], work.scratch
+    servo = Step(scene, scene.actuator, scene.decay, o, y, None, None, None, t, h, h, h, 1.0, x.W, x.Z, x.C, x.F)
+    for i in range(len(torques)):
+        torques[i] = _servo_torque(scene.actuator, servo, i)
+    bare = Step(scene, None, None, o, y, torques, None, None, t, h, h, h, 1.0, x.W, x.Z, x.C, x.F)
+    solve_step(bare)
+    advance(bare)
+
+
+@inline
+def _servo_torque(actuator, s, i):
+    """Torque on the joint of the whole step; the motor moves on."""
+    y, o, E = s.y, s.o, s.o.energy + ENERGIES * i
+    v = y[o.qd + i]
+    f = v + s.decay[i, FILTER_DECAY] * (y[o.filtered + i] - v)
+    y[o.filtered + i] = f
+    viscous = motor_of(actuator)[i].viscous_friction * f
+    y[E + FRICTION] += s.h * (viscous * v)
+    y[E + WORK] += s.h * (viscous * v)
+    return _geared(actuator, s, i, v, f, viscous)
+
+
+@by_type
+def _geared(actuator, s, i, v, f, viscous):
+    """What gets through the gearbox, less the viscous friction."""
+
+
+@_geared.of(RigidServo)
+def _rigid(actuator, s, i, v, f, viscous):
+    return actuator.motor[i].torque_constant * _current(actuator.motor, s, i, v) - viscous
+
+
+@_geared.of(MipsdServo)
+def _mipsd(actuator, s, i, v, f, viscous):
+    y, o, h, g, E = s.y, s.o, s.h, actuator.gear[i], s.o.energy + ENERGIES * i
+    w = y[o.rotor_speed + i]
+    I = _current(actuator.motor, s, i, w)
+    limit = 0.2 * g.inertia / h  # of the torque that the damper transmits
+    T = g.stiffness * wind_up(g, y[o.rotor + i] - y[o.q + i])
+    B = clamp(g.damping * (w - f), -limit + 0.0 * w, limit + 0.0 * w)
+    w = w + h * (actuator.motor[i].torque_constant * I - g.rotor_damping * w - (T + B)) / g.inertia
+    y[o.rotor_speed + i] = w
+    y[o.rotor + i] += h * w
+    y[E + GEAR] += h * (B * (w - v))
+    y[E + FRICTION] += h * (g.rotor_damping * (w * w))
+    return (T + B) - viscous
+
+
+@inline
+def _current(motor, s, i, w):
+    """Current at the end of the step [A], with the electrical energies as that program counts them."""
+    m, y, o, h, E = motor[i], s.y, s.o, s.h, s.o.energy + ENERGIES * i
+    V = y[o.voltage + i]
+    I, _, _ = current_step(m, s.decay, i, y[o.current + i], V, w, h)
+    supply, copper = h * (V * I), h * (m.resistance * (I * I))
+    y[E + SUPPLY] += supply
+    y[E + METER] += select(supply > 0.0, supply, 0.0 * supply)
+    y[E + COPPER] += copper
+    stored = 0.5 * m.inductance * (I * I - y[o.current + i] * y[o.current + i])
+    y[E + DRIVER] += supply - copper - h * (m.torque_constant * w * I) - stored
+    y[o.current + i] = I
+    return I
+
+
+def _workspace(sizes, zeros):
+    return SimTwo(scratch(sizes, zeros), zeros(sizes.n))
+
+
+SIMTWO = Integrator("simtwo", 1, _workspace, own_drive=True)

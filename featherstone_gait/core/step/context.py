@@ -1,0 +1,90 @@
+"""What a step reads and writes: constants of the scene, the course of a run, and everything of one step.
+
+What a scene lacks is None, and costs nothing.  Numba leaves out what an *argument* that is None makes unreachable, not
+what an attribute does: functions take what may be absent as their first argument, and the context after it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .signals import Signals
+
+
+class Scene(NamedTuple):
+    """The constants of a scene."""
+
+    tree: np.ndarray  # (n + 1,) BODY
+    floating: bool | None  # True or None
+    gravity: np.ndarray  # (3,) [m/s^2]
+    actuator: tuple | None  # one of the kinds in effects/
+    decay: np.ndarray | None  # (n, DECAYS) of motors and filters over a step of fixed length
+    armature: np.ndarray | None  # (n,) inertia added to each joint [kg m^2]
+    friction: np.ndarray | None  # (n,) FRICTION
+    stops: np.ndarray | None  # (n,) STOP
+    contact: tuple | None  # Contact
+    push: np.ndarray | None  # (pushes,) PUSH
+    springs: np.ndarray | None  # (springs,) SPRING
+
+
+class Plan(NamedTuple):
+    """The course of a run in whole steps."""
+
+    h: float  # step [s]
+    theta: float  # 1: Euler, 1/2: midpoint, but for its first step
+    steps: int
+    per_tick: int  # steps of a controller tick
+    per_sample: int  # steps between records
+    lag: float  # from a reference to its effect [s]
+    min_height: float  # of the base over the ground, along its normal [m]; below it the robot has fallen
+    min_upright: float  # cosine of the base's tilt; below it the robot has fallen
+    # Of integrators with error control, for which h is only the grid on which ticks and records lie:
+    rtol: float = 0.0  # error allowed of a step, relative ...
+    atol: float = 0.0  # ... and absolute [rad, m, and their rates; A]
+    least_step: float = 0.0  # [s]
+    integrated: int = 0  # how much of the state changes between ticks
+
+
+class Scratch(NamedTuple):
+    """What every step overwrites."""
+
+    W: np.ndarray  # tree: see tree/layout.py
+    Z: np.ndarray  # joints: see newton.py
+    C: np.ndarray  # contact points: see effects/contact.py
+    F: np.ndarray  # pushes and springs (n + 1, 6)
+
+
+class Run(NamedTuple):
+    """A run: what it reads, and what it overwrites besides the state."""
+
+    scene: Scene
+    places: np.ndarray  # (1,) STATE
+    plan: Plan
+    signals: Signals
+    work: tuple  # the workspace of the integrator, whose type says which it is
+    good: np.ndarray  # the state at the last tick that was found sound
+    channels: np.ndarray  # indices into the state of what is recorded
+
+    SHARED = ("scene", "places", "plan", "channels")
+
+
+class Step(NamedTuple):
+    """One step, or one evaluation of the differential equation."""
+
+    scene: Scene
+    actuator: tuple | None  # the scene's, None where the integrator applies the drive by itself
+    decay: np.ndarray | None  # (n, DECAYS) over this step
+    o: np.record  # STATE: where each part of y starts
+    y: np.ndarray  # the state
+    tau: np.ndarray | None  # (n,) torques from outside [N m]
+    drive: np.ndarray | None  # (n, 2) reference of a continuous servo and its rate
+    predicted: np.ndarray | None  # (nq + nv,) of the midpoint rule: the state in the middle of the step
+    t: float  # pushes are averaged over the time from t ...
+    span: float  # ... over this [s]
+    h: float  # step [s]
+    sub: float  # theta h, at whose end forces are taken [s]; 0 of an evaluation
+    theta: float
+    W: np.ndarray  # the arrays of Scratch
+    Z: np.ndarray
+    C: np.ndarray
+    F: np.ndarray

@@ -1,0 +1,84 @@
+"""The scene as a differential equation dy/dt = f(t, y), for the integrators that evaluate it explicitly.
+
+Between controller ticks the parts of `y` up to the voltages obey it; torques, contact forces and accelerations are
+outputs of each evaluation.
+"""
+
+from ..compile.jit import inline
+from ..compile.optional import any_present, only_if, slice_if
+from ..effects.actuator import actuator_rates, rotor_of
+from ..effects.contact import contact_rates
+from ..effects.energies import ENERGIES, FRICTION, STOPS, WORK
+from ..effects.external import external_forces
+from ..effects.friction import friction_torque
+from ..effects.stop import stop_torque
+from ..tree.aba import acceleration_pass, articulated_pass
+from ..tree.kinematics import base_acceleration, motion_pass, quaternion_rate
+from ..tree.layout import Motion
+from .newton import TAU, with_external
+
+
+@inline
+def derivative(s, dy):
+    """Fill dy, zero to begin with, up to the voltages; also torque, contact force and accelerations in y."""
+    scene, y, o, W, n = s.scene, s.y, s.o, s.W, len(s.scene.tree) - 1
+    bq, bv = slice_if(scene.floating, y, o.base_q, 7), slice_if(scene.floating, y, o.base_qd, 6)
+    q, v, a = y[o.q : o.q + n], y[o.qd : o.qd + n], y[o.qdd : o.qdd + n]
+    motion_pass(scene.tree, scene.gravity, Motion(bq, bv, None, q, v, None), W)
+    for i in range(n):
+        _joint_rates(s, dy, i)
+    contact_rates(scene.contact, s, dy)
+    external_forces(scene.push, scene.springs, s)
+    wrench = only_if(any_present(scene.push, scene.springs), s.F)
+    articulated_pass(scene.tree, bq, None, s.Z[TAU], scene.armature, wrench, scene.contact, W)
+    acceleration_pass(scene.tree, W, a)
+    for i in range(n):
+        dy[o.q + i] = v[i]
+        dy[o.qd + i] = a[i]
+    _base_rates(bq, bv, s, dy)
+
+
+@inline
+def _base_rates(bq, bv, s, dy):
+    """dx/dt = v, dquaternion/dt = 1/2 quaternion omega."""
+    if bq is not None:
+        o, a = s.o, s.y[s.o.base_qdd : s.o.base_qdd + 6]
+        base_acceleration(a, s.W)
+        for k in range(3):
+            dy[o.base_q + k] = bv[k]
+        quaternion_rate(bq, bv, dy[o.base_q + 3 : o.base_q + 7])
+        for k in range(6):
+            dy[o.base_qd + k] = a[k]
+
+
+@inline
+def _joint_rates(s, dy, i):
+    """Torque on the joint; rates of the actuator and of those energies that something changes."""
+    v, E = s.y[s.o.qd + i], s.o.energy + ENERGIES * i
+    T = with_external(s.tau, i, actuator_rates(s.actuator, s, dy, i, v))
+    s.y[s.o.torque + i] = T + 0.0 * v
+    dy[E + WORK] = T * v
+    Tf = _friction(s.scene.friction, rotor_of(s.actuator), dy, i, v, E)
+    s.Z[TAU, i] = T + (Tf + _stop(s.scene.stops, s, dy, i, v, E))
+
+
+@inline
+def _friction(friction, rotor, dy, i, v, E):
+    """Torque of the friction; its loss adds to what the gearbox's rotor loses."""
+    if friction is None:
+        return 0.0
+    T, _ = friction_torque(friction, i, v)
+    if rotor is None:
+        dy[E + FRICTION] = -T * v
+    else:
+        dy[E + FRICTION] = dy[E + FRICTION] - T * v
+    return T
+
+
+@inline
+def _stop(stops, s, dy, i, v, E):
+    if stops is None:
+        return 0.0
+    T, _ = stop_torque(stops, i, s.y[s.o.q + i], v, 0.0)
+    dy[E + STOPS] = -T * v
+    return T

@@ -1,0 +1,321 @@
+"""One linearly implicit step, its stiff part folded into the articulated-body algorithm.
+
+The velocity at the end of the substep h' = theta h (theta = 1: Euler, 1/2: midpoint) satisfies
+
+    M (v - v*) / h' = T(v),    v* = what the bias forces alone would give,
+
+where T collects servo, friction, stops and contacts.  Each of them is the gradient of a convex function of v with
+the sign reversed (a force that never rises with speed), so the solution is the minimum of a convex function, found by
+a semi-smooth Newton iteration: linearise T about the iterate, solve
+
+    (M + h' C) a = T(v_k) + C (v_k - v_p) - bias(v_p),    v = v_p + h' a,    C = -dT/dv,
+
+which is one ABA with D_i enlarged by h' C_i and each contact's h' J' C J added to its own link's inertia.  Motor
+current and rotor are eliminated before (a scalar Schur complement a joint).  Without clipping the first pass is exact.
+When a pass overshoots, a line search along it restores descent: the inertial force M (v - v*)/h' is linear in v and
+equals the linear model's T at each solution, so its value along the line costs nothing.
+
+v_p is the velocity for which the bias is taken: that of the start (Euler), or extrapolated with the last step's
+acceleration (midpoint), which makes the step second order with one evaluation.  Springs between bodies are taken at
+that state like the bias, outside the fold: the step is then limited as an explicit one is.
+"""
+
+from ..compile.jit import inline, kernel
+from ..compile.lanes import any_lane, select
+from ..compile.optional import any_present, only_if, slice_if
+from ..effects.actuator import actuator_force, rotor_of
+from ..effects.contact import (
+    compare_contacts,
+    contact_slope,
+    fold_contacts,
+    linearise_contacts,
+    place_contacts,
+    shift_contacts,
+    solved_contacts,
+)
+from ..effects.external import external_forces
+from ..effects.friction import friction_torque
+from ..effects.stop import stop_torque
+from ..tree.aba import acceleration_pass, articulated_pass
+from ..tree.kinematics import motion_pass, move_base
+from ..tree.layout import Motion
+
+MAX_PASSES = 40
+BISECTIONS = 16
+TOLERANCE = 1e-9  # of the forces, relative
+FLOOR = 1e-11  # of the forces [N m, N]
+
+# Rows of the scratch `Z`, one column a joint.
+VP = 0  # velocity for which the bias is taken
+VK = 1  # velocity about which the forces are linearised
+VN = 2  # velocity of the solution
+WK = 3  # rotor speeds, likewise
+WN = 4
+T0 = 5  # linear model of the torque on the joint: T0 - CJ v
+CJ = 6
+TL = 7  # its value at VN
+WP = 8  # rotor speed of the linear model: WP + WS v
+WS = 9
+FW0 = 10  # linear model of the torque on the rotor: FW0 - FWW w + FWV v
+FWW = 11
+FWV = 12
+FLW = 13  # its value at WN, VN
+RT = 14  # inertial forces at VK: joint and rotor
+RW = 15
+TAU = 16  # what the ABA is given
+DIAGONAL = 17
+DA = 18  # what it returns: acceleration beyond the predicted one
+SCRATCH = 19
+
+
+@kernel
+def solve_step(s):
+    """Find the solution of the step s: accelerations in its y, velocities VN, WN, UN in its scratch; W is filled.
+
+    A lane that has converged repeats its last pass to the same bits while its neighbours go on.
+    """
+    predict(s.predicted, rotor_of(s.actuator), s)
+    place_contacts(s.scene.contact, s, _ahead(s.predicted, s.sub))
+    external_forces(s.scene.push, s.scene.springs, s)
+    forces = any_present(any_present(acting(s), s.tau), s.scene.contact)
+    _find_velocities(forces, rotor_of(s.actuator), s.scene.contact, s)
+
+
+@inline
+def acting(s):
+    """None where nothing acts on the joints but gravity, bias forces and torques from outside."""
+    return any_present(s.actuator, any_present(s.scene.friction, s.scene.stops))
+
+
+@inline
+def _find_velocities(forces, rotor, contact, s):
+    """Newton's iteration; where no force depends on the velocity sought, or is there at all, one ABA."""
+    if forces is None:
+        _solve_free(s.scene.armature, s.predicted, s)
+        return
+    y, o, Z = s.y, s.o, s.Z
+    active = Z[VP, 0] == Z[VP, 0]  # false for a lane that is not finite
+    for k in range(MAX_PASSES):
+        _linearise(rotor, s)
+        linearise_contacts(contact, s)
+        _solve_linear(s.scene.armature, s.predicted, rotor, s)
+        wrong, rising = _compare(rotor, contact, s)
+        y[o.passes] = select(active, y[o.passes] + 1.0, y[o.passes])
+        active = active & wrong
+        if not any_lane(active):
+            break
+        fraction = 1.0 + 0.0 * Z[VP, 0]
+        if k > 0 and any_lane(active & (rising > 0.0)):
+            fraction = _line_search(rotor, contact, s, rising)
+        _advance(rotor, contact, s, fraction, active)
+    y[o.passes + 1] = select(active, y[o.passes + 1] + 1.0, y[o.passes + 1])
+
+
+# ---------------------------------------------------------------------------------------------- the predicted state
+
+
+@inline
+def _ahead(predicted, sub):
+    """How far the predicted state lies ahead of the step's start [s]."""
+    if predicted is None:
+        return 0.0
+    return sub
+
+
+@kernel
+def predict(predicted, rotor, s):
+    """Poses, velocities and bias at the predicted state; the iteration starts there."""
+    y, o, Z = s.y, s.o, s.Z
+    n = len(s.scene.tree) - 1
+    bq, bv = slice_if(s.scene.floating, y, o.base_q, 7), slice_if(s.scene.floating, y, o.base_qd, 6)
+    q, v = y[o.q : o.q + n], y[o.qd : o.qd + n]
+    if predicted is None:
+        motion_pass(s.scene.tree, s.scene.gravity, Motion(bq, bv, None, q, v, None), s.W)
+        for i in range(n):
+            Z[VP, i] = v[i]
+    else:
+        a = y[o.qdd : o.qdd + n]
+        for i in range(n):
+            predicted[n + i] = v[i] + s.sub * a[i]
+            predicted[i] = q[i] + s.sub * predicted[n + i]
+            Z[VP, i] = predicted[n + i]
+        ba = slice_if(s.scene.floating, y, o.base_qdd, 6)
+        _predict_base(bq, bv, ba, predicted, 2 * n, s.sub)
+        bq, bv = slice_if(s.scene.floating, predicted, 2 * n, 7), slice_if(s.scene.floating, predicted, 2 * n + 7, 6)
+        motion_pass(s.scene.tree, s.scene.gravity, Motion(bq, bv, ba, predicted[:n], predicted[n : 2 * n], a), s.W)
+    for i in range(n):
+        Z[VK, i] = Z[VP, i]
+        if rotor is not None:
+            Z[WK, i] = y[o.rotor_speed + i]
+
+
+@inline
+def _predict_base(bq, bv, ba, predicted, start, sub):
+    if bq is not None:
+        for k in range(6):
+            predicted[start + 7 + k] = bv[k] + sub * ba[k]
+        move_base(bq, predicted[start + 7 : start + 13], sub, predicted[start : start + 7])
+
+
+# ---------------------------------------------------------------------------------------------- forces of a joint
+
+
+@inline
+def joint_force(s, i, v, w):
+    """Torque on joint i at the velocities v, w of joint and rotor, with slopes: see effects/actuator.py."""
+    Tf, cf = friction_torque(s.scene.friction, i, v)
+    Ts, cs = stop_torque(s.scene.stops, i, s.y[s.o.q + i], v, s.sub)
+    return actuator_force(s.actuator, s, i, v, w, with_external(s.tau, i, Tf + Ts), cf + cs)
+
+
+@inline
+def with_external(tau, i, T):
+    """T plus the torque from outside."""
+    if tau is None:
+        return T
+    return T + tau[i]
+
+
+@inline
+def rotor_speed(rotor, Z, row, i, otherwise):
+    """The rotor's speed in a row of the scratch."""
+    if rotor is None:
+        return otherwise
+    return Z[row, i]
+
+
+# ---------------------------------------------------------------------------------------------- one linear system
+
+
+@inline
+def _solve_free(armature, predicted, s):
+    """Accelerations and velocities of bodies on which nothing acts; Z[TAU] is zero to begin with."""
+    Z, n = s.Z, len(s.scene.tree) - 1
+    if armature is not None:
+        if predicted is not None:
+            for i in range(n):
+                Z[TAU, i] = -armature[i] * s.y[s.o.qdd + i]
+    _articulated(armature, None, s)
+    for i in range(n):
+        Z[VN, i] = Z[VP, i] + s.sub * Z[DA, i]
+    s.y[s.o.passes] = s.y[s.o.passes] + 1.0
+
+
+@inline
+def _articulated(diagonal, contact, s):
+    """The two passes of the ABA that find accelerations, with what enlarges D."""
+    base_q = slice_if(s.scene.floating, s.y, s.o.base_q, 7)
+    wrench = only_if(any_present(s.scene.push, s.scene.springs), s.F)
+    articulated_pass(s.scene.tree, base_q, None, s.Z[TAU], diagonal, wrench, contact, s.W)
+    acceleration_pass(s.scene.tree, s.W, s.Z[DA])
+
+
+@kernel
+def _linearise(rotor, s):
+    """Forces and slopes about VK, WK; the rotor eliminated: T = T0 - CJ v."""
+    Z = s.Z
+    for i in range(len(s.scene.tree) - 1):
+        v, w = Z[VK, i], Z[WK, i]
+        T, F, c, cg, cr = joint_force(s, i, v, w)
+        Z[T0, i] = T + c * v
+        Z[CJ, i] = c
+        if rotor is not None:
+            d = rotor[i].inertia / s.sub + cr + cg
+            p = rotor[i].inertia / s.sub * s.y[s.o.rotor_speed + i] + F + (cr + cg) * w - cg * v
+            k = cg / d
+            Z[T0, i] = T + (c + cg) * v - cg * w + k * p
+            Z[CJ, i] = c + cg * (1.0 - k)
+            Z[WP, i] = p / d
+            Z[WS, i] = k
+            Z[FW0, i] = F + (cr + cg) * w - cg * v
+            Z[FWW, i] = cr + cg
+            Z[FWV, i] = cg
+
+
+@kernel
+def _solve_linear(armature, predicted, rotor, s):
+    """One ABA of the linear model; velocities and the model's forces at its solution."""
+    Z, n = s.Z, len(s.scene.tree) - 1
+    for i in range(n):
+        Z[TAU, i] = Z[T0, i] - Z[CJ, i] * Z[VP, i]
+        Z[DIAGONAL, i] = s.sub * Z[CJ, i]
+        if armature is not None:
+            Z[DIAGONAL, i] = Z[DIAGONAL, i] + armature[i]
+            if predicted is not None:
+                Z[TAU, i] = Z[TAU, i] - armature[i] * s.y[s.o.qdd + i]
+    fold_contacts(s.scene.contact, s, s.sub)
+    _articulated(Z[DIAGONAL], s.scene.contact, s)
+    for i in range(n):
+        v = Z[VP, i] + s.sub * Z[DA, i]
+        Z[VN, i] = v
+        Z[TL, i] = Z[T0, i] - Z[CJ, i] * v
+        if rotor is not None:
+            w = Z[WP, i] + Z[WS, i] * v
+            Z[WN, i] = w
+            Z[FLW, i] = Z[FW0, i] - Z[FWW, i] * w + Z[FWV, i] * v
+    solved_contacts(s.scene.contact, s)
+
+
+# ---------------------------------------------------------------------------------------------- convergence
+
+
+@kernel
+def _compare(rotor, contact, s):
+    """Where the forces at the solution differ from the linear model's, and the slope of the descent there."""
+    Z = s.Z
+    slope = 0.0 * Z[VN, 0]
+    wrong = slope > 1.0
+    for i in range(len(s.scene.tree) - 1):
+        v, w = Z[VN, i], rotor_speed(rotor, Z, WN, i, 0.0)
+        T, F, _, _, _ = joint_force(s, i, v, w)
+        wrong = wrong | (abs(T - Z[TL, i]) > TOLERANCE * (abs(T) + abs(Z[TL, i])) + FLOOR)
+        slope = slope + (v - Z[VK, i]) * (Z[TL, i] - T)
+        if rotor is not None:
+            wrong = wrong | (abs(F - Z[FLW, i]) > TOLERANCE * (abs(T) + abs(Z[TL, i])) + FLOOR)
+            slope = slope + (w - Z[WK, i]) * (Z[FLW, i] - F)
+    return compare_contacts(contact, s, wrong, slope, TOLERANCE, FLOOR)
+
+
+@kernel
+def _line_search(rotor, contact, s, rising):
+    """Where along the pass the descent ends: bisection of the slope, in the lanes in which it rises at the end."""
+    low = 0.0 * rising
+    high = 1.0 + 0.0 * rising
+    for _ in range(BISECTIONS):
+        fraction = 0.5 * (low + high)
+        up = _slope(rotor, contact, s, fraction) > 0.0
+        low, high = select(up, low, fraction), select(up, fraction, high)
+    return select(rising > 0.0, 0.5 * (low + high), 1.0 + 0.0 * rising)
+
+
+@kernel
+def _slope(rotor, contact, s, fraction):
+    """Slope of the convex function at a fraction of the pass: inertial less applied force, along the pass."""
+    Z, slope = s.Z, 0.0 * fraction
+    for i in range(len(s.scene.tree) - 1):
+        p = Z[VN, i] - Z[VK, i]
+        pw = rotor_speed(rotor, Z, WN, i, 0.0) - rotor_speed(rotor, Z, WK, i, 0.0)
+        w = rotor_speed(rotor, Z, WK, i, 0.0) + fraction * pw
+        T, F, _, _, _ = joint_force(s, i, Z[VK, i] + fraction * p, w)
+        slope = slope + p * (Z[RT, i] + fraction * (Z[TL, i] - Z[RT, i]) - T)
+        if rotor is not None:
+            slope = slope + pw * (Z[RW, i] + fraction * (Z[FLW, i] - Z[RW, i]) - F)
+    return contact_slope(contact, s, fraction, slope)
+
+
+@kernel
+def _advance(rotor, contact, s, fraction, active):
+    """Move the iterate by a fraction of the pass, in the lanes still at work."""
+    Z = s.Z
+    for i in range(len(s.scene.tree) - 1):
+        _shift(Z, VK, VN, i, fraction, active)
+        _shift(Z, RT, TL, i, fraction, active)
+        if rotor is not None:
+            _shift(Z, WK, WN, i, fraction, active)
+            _shift(Z, RW, FLW, i, fraction, active)
+    shift_contacts(contact, s.C, fraction, active)
+
+
+@inline
+def _shift(Z, at, to, i, s, active):
+    Z[at, i] = select(active, select(s < 1.0, Z[at, i] + s * (Z[to, i] - Z[at, i]), Z[to, i]), Z[at, i])

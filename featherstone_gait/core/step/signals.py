@@ -1,0 +1,103 @@
+"""References and torques over time: piecewise cubics between knots, held before the first and after the last."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compile.jit import entry, inline, kernel
+from ..effects.push import AHEAD  # a tick that falls on a knot sees what begins there
+
+
+class Knots(NamedTuple):
+    """A signal of n components."""
+
+    times: np.ndarray  # (k + 1,) [s], rising
+    cubics: np.ndarray  # (k, n, 4): value = c0 + s (c1 + s (c2 + s c3)), s the time since the knot
+    period: float  # of a cyclic signal [s], 0 otherwise
+
+    SHARED = ("times", "period")
+
+
+class Signals(NamedTuple):
+    """What comes from outside, and the arrays in which its present values stand."""
+
+    reference: Knots | None
+    drive: np.ndarray  # (n, 2) reference and its rate
+    torques: Knots | None
+    torque_values: np.ndarray | None  # (n, 2)
+    tau: np.ndarray | None  # (n,) [N m]
+    samples: np.ndarray | None  # (ticks, n, 2) what `drive` is to be at each tick, in place of `reference`
+    noise: np.ndarray | None  # (ticks, n, 2) added to measured angles [rad] and to voltages [V] at each tick
+    continuous: bool | None  # True where the servo follows the reference at every instant, None where it samples it
+
+
+@kernel
+def evaluate(knots, t, out):
+    """Fill out (n, 2) with value and rate at the time t."""
+    times = knots.times
+    last = len(times) - 1
+    if knots.period > 0.0:
+        t = t - np.floor((t - times[0]) / knots.period) * knots.period
+    inside = times[0] <= t <= times[last]
+    t = min(max(t, times[0]), times[last])
+    k = 0
+    high = last
+    while high - k > 1:
+        middle = (k + high) // 2
+        if times[middle] <= t:
+            k = middle
+        else:
+            high = middle
+    s = t - times[k]
+    for i in range(len(out)):
+        a, b, c, d = knots.cubics[k, i, 0], knots.cubics[k, i, 1], knots.cubics[k, i, 2], knots.cubics[k, i, 3]
+        out[i, 0] = a + s * (b + s * (c + s * d))
+        rate = b + s * (2.0 * c + s * (3.0 * d))
+        if inside:
+            out[i, 1] = rate
+        else:
+            out[i, 1] = 0.0
+
+
+@kernel
+def next_knot(knots, t):
+    """Time of the first knot after t [s]."""
+    times = knots.times
+    turns = 0.0
+    if knots.period > 0.0:
+        turns = np.floor((t + AHEAD - times[0]) / knots.period) * knots.period
+    for k in range(len(times)):
+        if times[k] + turns > t + AHEAD:
+            return times[k] + turns
+    if knots.period > 0.0:
+        return times[0] + turns + knots.period
+    return 1e300
+
+
+@inline
+def inputs(signals, t):
+    """Bring torques and the references of continuous servos to the time t."""
+    _evaluate_torques(signals.torques, signals.torque_values, signals.tau, t)
+    _evaluate_drive(signals.reference, signals.drive, signals.continuous, t)
+
+
+@inline
+def _evaluate_torques(torques, values, tau, t):
+    if torques is not None:
+        evaluate(torques, t, values)
+        for i in range(len(tau)):
+            tau[i] = values[i, 0]
+
+
+@inline
+def _evaluate_drive(reference, drive, continuous, t):
+    if continuous is not None:
+        if reference is not None:
+            evaluate(reference, t, drive)
+
+
+@entry
+def sample_ticks(knots, per_tick, h, lag, first, out):
+    """Fill out (ticks, n, 2) with what sampled controllers see, from the tick `first` on."""
+    for k in range(len(out)):
+        evaluate(knots, ((first + k) * per_tick) * h - lag + AHEAD, out[k])

@@ -1,0 +1,115 @@
+"""The state of a simulation as one table of channels; layout, recording, units, plots and documentation read it.
+
+The order of the table is the order in the flat state `y`, sorted by kind:
+
+    coordinates   positions and velocities of the tree
+    controlled    obeys a differential equation, and error control watches it
+    integrated    obeys one too: integrals along the way, of which error control watches the meters alone
+    held          changes at controller ticks
+    derived       output of the last step or evaluation; a smooth function of the state between kinks
+    watched       tells how the run goes
+    run           what goes on with a run; not to be recorded
+    computed      not in `y`: worked out from other channels when a run is recorded
+
+A new channel is a row here; whatever writes it says `y[o.name + i]`.
+"""
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from ..effects.energies import ENERGIES
+from .pace import PACE
+
+Kind = Literal["coordinates", "controlled", "integrated", "held", "derived", "watched", "run", "computed"]
+Of = Literal["base", "joint", "servo", "rotor", "point", "run"]
+
+
+class Channel(NamedTuple):
+    """What a recorded number is."""
+
+    name: str
+    kind: Kind
+    of: Of  # what has it: the floating base, each joint, each joint with a servo or rotor, each contact point, the run
+    width: int  # numbers each
+    unit: str
+    what: str
+    labels: tuple[str, ...] = ()  # of the numbers, where there are several
+    needs: tuple[str, ...] = ()  # of a computed channel: the channels that `compute` takes
+    compute: Callable | None = None
+
+
+_FORCE = ("normal", "along the slope", "across")
+_WORKS = ("supply", "meter", "copper", "driver", "friction", "gear", "stops", "work")
+
+CHANNELS = (
+    Channel("base_q", "coordinates", "base", 7, "m, -", "position and quaternion of the base", (*"xyz", *"wxyz")),
+    Channel("q", "coordinates", "joint", 1, "rad or m", "joint positions"),
+    Channel("base_qd", "coordinates", "base", 6, "m/s, rad/s", "velocity (world) and angular velocity (body axes)"),
+    Channel("qd", "coordinates", "joint", 1, "rad/s or m/s", "joint velocities"),
+    Channel("current", "controlled", "servo", 1, "A", "motor currents"),
+    Channel("rotor", "controlled", "rotor", 1, "rad", "rotor angles over the gear ratio"),
+    Channel("rotor_speed", "controlled", "rotor", 1, "rad/s", "rotor speeds over the gear ratio"),
+    Channel("filtered", "controlled", "servo", 1, "rad/s or m/s", "joint velocities as the controller sees them"),
+    Channel("bristle", "controlled", "point", 2, "m", "tangential deflection of a contact", _FORCE[1:]),
+    Channel("energy", "integrated", "joint", ENERGIES, "J", "where the energy of a joint went", _WORKS),
+    Channel("contact_work", "integrated", "run", 1, "J", "work of the ground on the robot"),
+    Channel("voltage", "held", "servo", 1, "V", "motor voltages"),
+    Channel("integral", "held", "servo", 1, "rad s or rad", "integral of the controller's error"),
+    Channel("last_error", "held", "servo", 1, "rad or rad/s", "the controller's error at the last tick"),
+    Channel("base_qdd", "derived", "base", 6, "m/s², rad/s²", "rates of base_qd"),
+    Channel("qdd", "derived", "joint", 1, "rad/s² or m/s²", "joint accelerations"),
+    Channel("torque", "derived", "joint", 1, "N m or N", "what drives a joint: actuator and torques from outside"),
+    Channel("contact_force", "derived", "point", 3, "N", "force of the ground on a contact point", _FORCE),
+    Channel("increment", "watched", "joint", 1, "rad/s or m/s", "last change of qd"),
+    Channel("chatter", "watched", "joint", 1, "rad/s or m/s", "running mean of alternating less lasting changes of qd"),
+    Channel("worst_chatter", "watched", "joint", 1, "rad/s or m/s", "the largest chatter so far"),
+    Channel("passes", "watched", "run", 2, "-", "passes of Newton's iteration, steps in which it did not converge"),
+    Channel("pace", "run", "run", PACE, "-", "of error control"),
+    Channel("status", "run", "run", 1, "-", "how the run has ended"),
+    Channel("end", "run", "run", 1, "s", "time reached, of a run that failed the time of that"),
+    Channel("power", "computed", "joint", 1, "W", "mechanical power on the joint", (), ("torque", "qd"), np.multiply),
+)
+BY_NAME = {channel.name: channel for channel in CHANNELS}
+IN_STATE = tuple(channel for channel in CHANNELS if channel.kind != "computed")
+RECORDABLE = tuple(c.name for c in CHANNELS if c.kind != "run" and c.name != "last_error")
+
+# Where each channel starts in `y`, and where the kinds end.
+STATE = np.dtype(
+    [(channel.name, np.int64) for channel in IN_STATE]
+    + [
+        ("after_coordinates", np.int64),
+        ("after_controlled", np.int64),
+        ("after_integrated", np.int64),
+        ("before_derived", np.int64),
+        ("after_derived", np.int64),
+        ("length", np.int64),  # of the state
+    ]
+)
+
+
+def lay_out(counts: dict[str, int]) -> np.recarray:
+    """Places (1,) STATE of the channels in the state; counts: how many there are of each `Of`."""
+    offsets, at, first, after = np.zeros(1, STATE), 0, {}, {}
+    for channel in IN_STATE:
+        offsets[0][channel.name] = at
+        first.setdefault(channel.kind, at)
+        at += channel.width * counts[channel.of]
+        after[channel.kind] = at
+    for kind in ("coordinates", "controlled", "integrated", "derived"):
+        offsets[0][f"after_{kind}"] = after[kind]
+    offsets[0]["before_derived"], offsets[0]["length"] = first["derived"], at
+    return offsets.view(np.recarray)
+
+
+def parts(offsets: np.void) -> dict[str, tuple[int, int]]:
+    """First and past-the-last index of each channel in the state."""
+    starts = [int(offsets[channel.name]) for channel in IN_STATE] + [int(offsets["length"])]
+    return {channel.name: (starts[k], starts[k + 1]) for k, channel in enumerate(IN_STATE)}
+
+
+def shaped(channel: Channel, values: np.ndarray) -> np.ndarray:
+    """Recorded numbers (samples, all) in their natural shape: several of a joint or point get an axis."""
+    several = channel.width > 1 and channel.of not in ("base", "run")
+    return values.reshape(len(values), -1, channel.width) if several else values

@@ -1,0 +1,95 @@
+"""The algorithms over many states: one row a state, or eight rows at a time in lanes."""
+
+from ..compile.elementary import exp
+from ..compile.jit import entry, inline
+from ..compile.optional import in_lanes, item
+from .aba import aba
+from .crba import crba
+from .energy import center_of_mass, energy, momentum
+from .kinematics import motion_pass
+from .layout import Motion
+from .rnea import rnea
+
+
+@inline
+def _row(motion, i):
+    """State i of the states `motion`."""
+    return Motion(
+        item(motion.base_q, i),
+        item(motion.base_qd, i),
+        item(motion.base_qdd, i),
+        motion.q[i],
+        motion.qd[i],
+        item(motion.qdd, i),
+    )
+
+
+@inline
+def _aba_all(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
+    for i in range(len(tau)):
+        aba(robot, _row(motion, i), item(base_tau, i), tau[i], item(wrench, i), W[0], item(base_qdd, i), qdd[i])
+
+
+@entry
+def aba_rows(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
+    """`aba` of each row of the arrays; W (1, rows, columns)."""
+    _aba_all(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd)
+
+
+@entry
+def aba_lanes(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
+    """The same, eight states to a row: the arrays have a last axis of lanes."""
+    seen = in_lanes(base_tau), in_lanes(tau), in_lanes(wrench)
+    _aba_all(robot, in_lanes(motion), seen[0], seen[1], seen[2], in_lanes(W), in_lanes(base_qdd), in_lanes(qdd))
+
+
+@inline
+def _rnea_all(robot, motion, wrench, W, base_tau, tau):
+    for i in range(len(tau)):
+        rnea(robot, _row(motion, i), item(wrench, i), W[0], item(base_tau, i), tau[i])
+
+
+@entry
+def rnea_rows(robot, motion, wrench, W, base_tau, tau):
+    """`rnea` of each row of the arrays; W (1, rows, columns)."""
+    _rnea_all(robot, motion, wrench, W, base_tau, tau)
+
+
+@entry
+def rnea_lanes(robot, motion, wrench, W, base_tau, tau):
+    """The same, eight states to a row: the arrays have a last axis of lanes."""
+    _rnea_all(robot, in_lanes(motion), in_lanes(wrench), in_lanes(W), in_lanes(base_tau), in_lanes(tau))
+
+
+@entry
+def crba_rows(robot, motion, W, H):
+    """Mass matrices H (n, nv, nv) of each row of the arrays."""
+    for i in range(len(H)):
+        crba(robot, _row(motion, i), W[0], H[i])
+
+
+@entry
+def measures_rows(robot, motion, W, energies, centers, momenta):
+    """Energy (n, 2), centre of mass and its velocity (n, 6) and momentum (n, 6) of each state."""
+    for i in range(len(energies)):
+        at = _row(motion, i)
+        motion_pass(robot.tree, robot.gravity, at, W[0])
+        energy(robot.tree, at.base_q, at.qd, robot.armature, robot.gravity, W[0], energies[i])
+        center_of_mass(robot.tree, at.base_q, W[0], centers[i])
+        momentum(robot.tree, at.base_q, W[0], momenta[i])
+
+
+@entry
+def poses_rows(robot, motion, W, poses):
+    """Poses (n, bodies, 12) of each state: rotation row by row, then the position from the base [m]."""
+    for i in range(len(poses)):
+        motion_pass(robot.tree, robot.gravity, _row(motion, i), W[0])
+        for k in range(len(robot.tree)):
+            for c in range(12):
+                poses[i, k, c] = W[0, k, c]
+
+
+@entry
+def exponential(x):
+    """exp(x), the same on every machine."""
+    return exp(x)

@@ -1,0 +1,121 @@
+"""Poses, velocities and accelerations of all bodies, root to tips, in the common frame.
+
+The recursion of RBDA Table 5.1 (first loop) without the transforms: in one frame a child's motion is its parent's
+plus the joint's.  `A` is the true acceleration less gravity, so that weight enters as an inertial force.
+"""
+
+from ..compile.jit import inline, kernel
+from ..compile.lanes import sqrt
+from ..compile.optional import item
+from .joint import joint_motion, joint_pose
+from .layout import A, P, R, U, V
+from .spatial import add, cross, load3, load9, rotate, rotate_back, store3, store9, sub
+
+
+@kernel
+def motion_pass(tree, gravity, motion, W):
+    """Fill R, P, V and A of every row; tree (n+1,) BODY, gravity (3,) [m/s^2], motion a `Motion`."""
+    _root(motion.base_q, motion.base_qd, motion.base_qdd, gravity, W)
+    for i in range(1, len(tree)):
+        b = tree[i]
+        joint_pose(b, i, motion.q[b.dof], W)
+        joint_motion(b, i, motion.qd[b.dof], item(motion.qdd, b.dof), W)
+
+
+@inline
+def _root(base_q, base_qd, base_qdd, gravity, W):
+    """Row 0: the world, or the floating base."""
+    up = (-gravity[0], -gravity[1], -gravity[2])
+    store3(W, 0, P, (0.0, 0.0, 0.0))
+    if base_q is None:
+        store9(W, 0, R, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))
+        store3(W, 0, V, (0.0, 0.0, 0.0))
+        store3(W, 0, V + 3, (0.0, 0.0, 0.0))
+        store3(W, 0, A, (0.0, 0.0, 0.0))
+        store3(W, 0, A + 3, up)
+    else:
+        E = quaternion_matrix(base_q)
+        v = (base_qd[0], base_qd[1], base_qd[2])
+        w = rotate(E, (base_qd[3], base_qd[4], base_qd[5]))
+        store9(W, 0, R, E)
+        store3(W, 0, V, w)
+        store3(W, 0, V + 3, v)
+        _root_acceleration(E, w, v, base_qdd, up, W)
+
+
+@inline
+def _root_acceleration(E, w, v, base_qdd, up, W):
+    """Spatial acceleration of the base: the linear part is that of the origin less w x v."""
+    linear = sub(up, cross(w, v))
+    if base_qdd is None:
+        store3(W, 0, A, (0.0, 0.0, 0.0))
+        store3(W, 0, A + 3, linear)
+    else:
+        store3(W, 0, A, rotate(E, (base_qdd[3], base_qdd[4], base_qdd[5])))
+        store3(W, 0, A + 3, add(linear, (base_qdd[0], base_qdd[1], base_qdd[2])))
+
+
+@inline
+def quaternion_matrix(base_q):
+    """Rotation of the quaternion base_q[3:7] = w x y z of any length but zero."""
+    w, x, y, z = base_q[3], base_q[4], base_q[5], base_q[6]
+    s = 2.0 / (w * w + x * x + y * y + z * z)
+    return (
+        1.0 - s * (y * y + z * z),
+        s * (x * y - w * z),
+        s * (x * z + w * y),
+        s * (x * y + w * z),
+        1.0 - s * (x * x + z * z),
+        s * (y * z - w * x),
+        s * (x * z - w * y),
+        s * (y * z + w * x),
+        1.0 - s * (x * x + y * y),
+    )
+
+
+@inline
+def base_acceleration(base_qdd, W):
+    """Write the floating base's dA, found in the U columns of row 0, as [dv/dt (world); d omega/dt (body)]."""
+    alpha = rotate_back(load9(W, 0, R), load3(W, 0, U))
+    for k in range(3):
+        base_qdd[k] = W[0, U + 3 + k]
+        base_qdd[3 + k] = alpha[k]
+
+
+@inline
+def move_base(bq, bv, h, out):
+    """Move a free base for the time h: the rotation by Cayley's map of h omega, exact to third order; out may be bq."""
+    for k in range(3):
+        out[k] = bq[k] + h * bv[k]
+    x, y, z = 0.5 * h * bv[3], 0.5 * h * bv[4], 0.5 * h * bv[5]
+    a, b, c, d = bq[3], bq[4], bq[5], bq[6]
+    w = a - b * x - c * y - d * z
+    i = b + a * x + c * z - d * y
+    j = c + a * y + d * x - b * z
+    k = d + a * z + b * y - c * x
+    r = 1.0 / sqrt(w * w + i * i + j * j + k * k)
+    out[3] = w * r
+    out[4] = i * r
+    out[5] = j * r
+    out[6] = k * r
+
+
+@inline
+def quaternion_rate(bq, bv, out):
+    """Fill out (4,) with 1/2 quaternion omega [1/s] of a base's position (7,) and velocity (6,)."""
+    w, x, y, z = bq[3], bq[4], bq[5], bq[6]
+    p, q, r = 0.5 * bv[3], 0.5 * bv[4], 0.5 * bv[5]
+    out[0] = -(x * p + y * q + z * r)
+    out[1] = w * p + y * r - z * q
+    out[2] = w * q + z * p - x * r
+    out[3] = w * r + x * q - y * p
+
+
+@inline
+def unit_quaternion(floating, start, y):
+    """Bring the quaternion of a floating base, whose position starts at y[start], back to length 1."""
+    if floating is not None:
+        k = start + 3
+        r = 1.0 / sqrt(y[k] * y[k] + y[k + 1] * y[k + 1] + y[k + 2] * y[k + 2] + y[k + 3] * y[k + 3])
+        for i in range(4):
+            y[k + i] = y[k + i] * r

@@ -1,0 +1,28 @@
+"""One rigid body in the common frame: where its mass is, and the force that its motion takes (Newton-Euler)."""
+
+from ..compile.jit import inline
+from .layout import A, P, R, V
+from .spatial import add, congruence, cross, load3, load9, rotate, scale, symmetric
+
+
+@inline
+def mass_center(b, i, W):
+    """Centre of mass [m] and inertia about it [kg m^2], world axes."""
+    E = load9(W, i, R)
+    return add(rotate(E, b.c), load3(W, i, P)), congruence(E, b.J)
+
+
+@inline
+def center_velocity(i, c, W):
+    """Velocity of the point c that moves with body i."""
+    return add(load3(W, i, V + 3), cross(load3(W, i, V), c))
+
+
+@inline
+def inertial_force(b, i, c, Jc, W):
+    """I a + v x* I v as moment about the origin and force."""
+    w = load3(W, i, V)
+    alpha = load3(W, i, A)
+    ac = add(load3(W, i, A + 3), add(cross(alpha, c), cross(w, center_velocity(i, c, W))))
+    f = scale(ac, b.m)
+    return add(add(symmetric(Jc, alpha), cross(w, symmetric(Jc, w))), cross(c, f)), f

@@ -1,0 +1,146 @@
+"""Vector algebra on tuples: 3-vectors, rotations as nine numbers row by row, symmetric matrices as six.
+
+Tuples live in registers; the compiler removes them.  Symmetric order: xx xy xz yy yz zz.
+"""
+
+from ..compile.jit import inline
+
+
+@inline
+def vector(a):
+    """The three numbers of an array."""
+    return (a[0], a[1], a[2])
+
+
+@inline
+def load3(W, i, k):
+    return (W[i, k], W[i, k + 1], W[i, k + 2])
+
+
+@inline
+def store3(W, i, k, a):
+    W[i, k] = a[0]
+    W[i, k + 1] = a[1]
+    W[i, k + 2] = a[2]
+
+
+@inline
+def load6(W, i, k):
+    return (W[i, k], W[i, k + 1], W[i, k + 2], W[i, k + 3], W[i, k + 4], W[i, k + 5])
+
+
+@inline
+def load9(W, i, k):
+    return (
+        W[i, k],
+        W[i, k + 1],
+        W[i, k + 2],
+        W[i, k + 3],
+        W[i, k + 4],
+        W[i, k + 5],
+        W[i, k + 6],
+        W[i, k + 7],
+        W[i, k + 8],
+    )
+
+
+@inline
+def store9(W, i, k, a):
+    store3(W, i, k, (a[0], a[1], a[2]))
+    store3(W, i, k + 3, (a[3], a[4], a[5]))
+    store3(W, i, k + 6, (a[6], a[7], a[8]))
+
+
+@inline
+def add(a, b):
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+@inline
+def sub(a, b):
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+@inline
+def scale(a, k):
+    return (a[0] * k, a[1] * k, a[2] * k)
+
+
+@inline
+def dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inline
+def cross(a, b):
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@inline
+def rotate(E, a):
+    """E a"""
+    return (
+        E[0] * a[0] + E[1] * a[1] + E[2] * a[2],
+        E[3] * a[0] + E[4] * a[1] + E[5] * a[2],
+        E[6] * a[0] + E[7] * a[1] + E[8] * a[2],
+    )
+
+
+@inline
+def rotate_back(E, a):
+    """E' a"""
+    return (
+        E[0] * a[0] + E[3] * a[1] + E[6] * a[2],
+        E[1] * a[0] + E[4] * a[1] + E[7] * a[2],
+        E[2] * a[0] + E[5] * a[1] + E[8] * a[2],
+    )
+
+
+@inline
+def compose(E, B):
+    """E B of two rotations"""
+    x = rotate(E, (B[0], B[3], B[6]))
+    y = rotate(E, (B[1], B[4], B[7]))
+    z = rotate(E, (B[2], B[5], B[8]))
+    return (x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2])
+
+
+@inline
+def symmetric(J, a):
+    """J a of a symmetric matrix"""
+    return (
+        J[0] * a[0] + J[1] * a[1] + J[2] * a[2],
+        J[1] * a[0] + J[3] * a[1] + J[4] * a[2],
+        J[2] * a[0] + J[4] * a[1] + J[5] * a[2],
+    )
+
+
+@inline
+def congruence(E, J):
+    """E J E' of a symmetric matrix"""
+    x = symmetric(J, (E[0], E[1], E[2]))
+    y = symmetric(J, (E[3], E[4], E[5]))
+    z = symmetric(J, (E[6], E[7], E[8]))
+    return (
+        E[0] * x[0] + E[1] * x[1] + E[2] * x[2],
+        E[3] * x[0] + E[4] * x[1] + E[5] * x[2],
+        E[6] * x[0] + E[7] * x[1] + E[8] * x[2],
+        E[3] * y[0] + E[4] * y[1] + E[5] * y[2],
+        E[6] * y[0] + E[7] * y[1] + E[8] * y[2],
+        E[6] * z[0] + E[7] * z[1] + E[8] * z[2],
+    )
+
+
+@inline
+def about_origin(J, m, c):
+    """Inertia J about the centre of mass c, moved to the origin: J + m (c'c 1 - c c')."""
+    x, y, z = c[0] * m, c[1] * m, c[2] * m
+    xx, yy, zz = x * c[0], y * c[1], z * c[2]
+    return (
+        J[0] + (yy + zz),
+        J[1] - x * c[1],
+        J[2] - x * c[2],
+        J[3] + (xx + zz),
+        J[4] - y * c[2],
+        J[5] + (xx + yy),
+    )

@@ -1,0 +1,275 @@
+"""A run made ready: what the kernels are called with, for one robot or eight in lanes.
+
+    ready = prepare(scene, 2.0, record=("q",))
+    y, out = ready.run([ready.start(state, reference)])[0]
+
+`simulate` goes this way; benchmarks and whoever wants to call the kernels as often as they please do it by hand, with
+`ready.arguments(...)` and `ready.kernel`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..build.contact import by_body
+from ..build.external import Push
+from ..build.scene import CompiledScene
+from ..core.compile.lanes import WIDTH, aligned
+from ..core.effects.controller import PID_SPEED
+from ..core.integrate.adaptive import rollout_adaptive
+from ..core.integrate.integrator import Sizes
+from ..core.integrate.rollout import rollout_lanes, rollout_one
+from ..core.step import state
+from ..core.step.context import Plan, Run
+from ..core.step.signals import Knots, Signals
+from ..reference import Reference
+from .start import checked_vector, initial_state
+
+RTOL = 1e-8  # of integrators with error control
+LEAST_STEP = 1e-9  # of error control [s]
+
+
+class Start(NamedTuple):
+    """What one simulation starts from."""
+
+    y: np.ndarray
+    reference: Knots | None
+    torques: Knots | None
+    noise: np.ndarray | None
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A scene and the course of its runs; made by `prepare`."""
+
+    scene: CompiledScene
+    plan: Plan
+    record: tuple[str, ...]
+    stored: dict[str, slice]  # where each channel lies among the recorded numbers
+    channels: np.ndarray  # indices into the state of all recorded numbers
+
+    def start(self, state=None, reference=None, tau=None, noise=None) -> Start:
+        """What one simulation starts from: see `simulate`; ValueError on what does not fit."""
+        scene, n, o = self.scene, self.scene.tree.n, self.scene.layout
+        y = initial_state(scene) if state is None else checked_vector("state", state, int(o["length"]))
+        driven = scene.constants.actuator is not None
+        if reference is not None and not driven:
+            raise ValueError(f"{scene.model.name}: a reference needs servos; compile the scene with servos=...")
+        if reference is None and driven:
+            reference = Reference([0.0], y[None, o["q"] : o["q"] + n])
+        if reference is not None and not isinstance(reference, Reference):
+            raise ValueError(f"reference is a {type(reference).__name__}; give Reference(times, values)")
+        if tau is not None and scene.method.own_drive:
+            raise ValueError(
+                f"{scene.integrator} takes its torques from the servos alone; use implicit_euler for scenes with tau"
+            )
+        if tau is not None and not isinstance(tau, Reference):
+            tau = Reference([0.0], checked_vector("tau", tau, n)[None])
+        for what, signal in (("reference", reference), ("tau", tau)):
+            if signal is not None and signal.values.shape[1] != n:
+                raise ValueError(
+                    f"{scene.model.name}: {what} has {signal.values.shape[1]} columns; the robot has {n} joints: "
+                    f"{', '.join(scene.model.joint_names)}"
+                )
+        knots = [signal.knots() if signal else None for signal in (reference, tau)]
+        start = Start(y, *knots, self._noise(noise))
+        return start._replace(y=_with_first_error(scene, start))
+
+    def _noise(self, noise) -> np.ndarray | None:
+        if noise is None:
+            return None
+        scene, plan = self.scene, self.plan
+        if not scene.sampled:
+            raise ValueError(f"{scene.model.name}: noise acts on sampled servos; this scene has none")
+        noise, shape = np.array(noise, dtype=float), (plan.steps // plan.per_tick, scene.tree.n, 2)
+        if noise.shape != shape or not np.isfinite(noise).all():
+            raise ValueError(f"{scene.model.name}: noise must be {shape} finite numbers; its shape is {noise.shape}")
+        return noise
+
+    @property
+    def samples(self) -> int:
+        """Records of a run."""
+        return self.plan.steps // self.plan.per_sample + 1
+
+    @property
+    def kernel(self):
+        """What `arguments` of one run are for."""
+        return rollout_adaptive if self.scene.adaptive else rollout_one
+
+    def arguments(self, start: Start, out: np.ndarray | None = None) -> tuple[Run, np.ndarray, np.ndarray]:
+        """What the kernel takes for one run: the run, its state, which moves on, and its records."""
+        signals = self.signals(start.reference, start.torques, np.zeros)._replace(noise=start.noise)
+        out = np.zeros((self.samples, len(self.channels))) if out is None else out
+        return self.bound(signals, np.zeros), start.y.copy(), out
+
+    def arguments_in_lanes(self, starts: Sequence[Start]) -> tuple[Run, np.ndarray, np.ndarray]:
+        """What `rollout_lanes` takes for up to eight runs whose signals have the same knot times."""
+        starts = [*starts, *[starts[-1]] * (WIDTH - len(starts))]
+        y, out = aligned((len(starts[0].y), WIDTH)), aligned((self.samples, max(len(self.channels), 1), WIDTH))
+        y[:] = np.stack([start.y for start in starts], axis=-1)
+        references, torques = (_in_lanes(knots) for knots in zip(*(start[1:3] for start in starts)))
+        signals = self.signals(references, torques, lane_zeros)
+        if starts[0].noise is not None:
+            noise = aligned((*starts[0].noise.shape, WIDTH))
+            noise[:] = np.stack([start.noise for start in starts], axis=-1)
+            signals = signals._replace(noise=noise)
+        return self.bound(signals, lane_zeros), y, out
+
+    def run(self, starts: Sequence[Start]) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Final state and records of up to eight runs, of more than one in step."""
+        if len(starts) == 1:
+            run, y, out = self.arguments(starts[0])
+            self.kernel(run, y, out)
+            return [(y, out)]
+        run, y, out = self.arguments_in_lanes(starts)
+        rollout_lanes(run, y, out)
+        return [(y[:, k].copy(), out[:, : len(self.channels), k].copy()) for k in range(len(starts))]
+
+    def signals(self, reference: Knots | None, torques: Knots | None, zeros) -> Signals:
+        """What comes from outside; zeros(shape) makes the arrays for its present values."""
+        n = self.scene.tree.n
+        values, tau = (None, None) if torques is None else (zeros((n, 2)), zeros(n))
+        continuous = True if self.scene.constants.actuator is not None and not self.scene.sampled else None
+        return Signals(reference, zeros((n, 2)), torques, values, tau, None, None, continuous)
+
+    def bound(self, signals: Signals, zeros) -> Run:
+        """The run with these signals; zeros(shape) makes the arrays that it overwrites."""
+        scene, constants = self.scene, self.scene.constants
+        sizes = Sizes(
+            n=scene.tree.n,
+            floating=scene.tree.floating,
+            points=0 if constants.contact is None else len(constants.contact.points),
+            workspace=scene.tree.workspace_shape(),
+            places=scene.layout,
+            motors=scene.tree.n if scene.sampled else 0,
+            driven=signals.tau is not None,
+            stiff=scene.stiff,
+        )
+        work, good = scene.method.workspace(sizes, zeros), zeros(int(scene.layout["length"]))
+        return Run(constants, scene.offsets, self.plan, signals, work, good, self.channels)
+
+    def named(self, out: np.ndarray) -> dict[str, np.ndarray]:
+        """Recorded numbers (samples, all) as channels in their natural shape."""
+        found = {"time": np.arange(len(out)) * (self.plan.per_sample * self.plan.h)}
+        for name in self.record:
+            channel = state.BY_NAME[name]
+            if channel.compute is None:
+                found[name] = state.shaped(channel, out[:, self.stored[name]])
+            else:
+                needed = [state.shaped(state.BY_NAME[need], out[:, self.stored[need]]) for need in channel.needs]
+                found[name] = channel.compute(*needed)
+        return found
+
+
+def prepare(
+    scene: CompiledScene,
+    duration: float,
+    record: Iterable[str] = ("q", "qd"),
+    sample: float | None = None,
+    *,
+    pushes: Sequence[Push] = (),
+    rtol: float = 0.0,
+    atol: float = 0.0,
+    driven: bool = False,
+) -> Prepared:
+    """Make runs of a scene ready; the arguments are those of `simulate`, driven: by torques from outside."""
+    plan = _plan(scene, duration, sample)
+    if scene.adaptive:
+        o, acts = scene.layout, scene.constants
+        works = any(part is not None for part in (acts.actuator, acts.friction, acts.stops, acts.contact)) or driven
+        integrated = int(o["after_integrated" if works else "after_controlled"])
+        plan = plan._replace(rtol=rtol, atol=atol, least_step=LEAST_STEP, integrated=integrated)
+    record = tuple(record)
+    return Prepared(scene.pushed(pushes), plan, record, *_stored(scene, record))
+
+
+def with_tolerance(scene: CompiledScene, rtol: float | None, atol: float | None):
+    """The scene with an integrator that can meet the tolerances, and these; None for fixed steps.
+
+    Raises ValueError on tolerances out of range, and where the integrator has no continuous limit.
+    """
+    if rtol is None and atol is not None:
+        raise ValueError(f"atol is {atol!r} but rtol is not given; give rtol too")
+    for name, value in (("rtol", rtol), ("atol", atol)):
+        if value is not None and not 1e-14 <= value <= 1.0:
+            raise ValueError(f"{name} is {value!r}; it must lie between 1e-14 and 1")
+    if rtol is not None and not scene.adaptive:
+        if scene.method.own_drive:
+            raise ValueError(
+                f"{scene.integrator} is an order of updates at a fixed step, not a differential equation; "
+                "without rtol and atol"
+            )
+        scene = scene.recompiled(integrator="extrapolation" if scene.stiff else "dop853")
+    if not scene.adaptive:
+        return scene, None, None
+    rtol = RTOL if rtol is None else rtol
+    return scene, rtol, rtol if atol is None else atol
+
+
+def _plan(scene: CompiledScene, duration: float, sample: float | None) -> Plan:
+    """The run in whole steps, ticks and samples."""
+    h, tick = scene.timestep, scene.tick_steps
+    if not 0 < duration < math.inf:
+        raise ValueError(f"duration is {duration!r} s; it must be positive and finite")
+    ticks = math.ceil(duration / (tick * h) - 1e-9)
+    every = tick if sample is None else round(sample / h)
+    if every < 1 or (sample is not None and abs(every * h - sample) > 1e-9 * sample):
+        raise ValueError(f"sample is {sample!r} s; it must be a whole number of steps of {h:g} s")
+    fixed = scene.model.base == "fixed"
+    least, upright = (0.0, -2.0) if fixed else (scene.fall_height, scene.fall_upright)
+    return Plan(h, scene.method.theta, ticks * tick, tick, every, scene.lag, least, upright)
+
+
+def _stored(scene: CompiledScene, record: tuple[str, ...]) -> tuple[dict[str, slice], np.ndarray]:
+    """Each channel's place among the recorded numbers, and the indices into the state of these."""
+    indices: list[int] = []
+    slices = {}
+    for name in record:
+        if name not in state.RECORDABLE:
+            raise ValueError(f"record: there is no channel {name!r}; channels: {', '.join(state.RECORDABLE)}")
+        for stored in state.BY_NAME[name].needs or (name,):
+            if stored in slices:
+                continue
+            places = np.arange(*scene.part(stored))
+            if state.BY_NAME[stored].of == "point" and len(places):  # the scene keeps the points of a body together
+                order = np.argsort(by_body(scene.model, scene.tree))
+                places = places.reshape(len(order), -1)[order].ravel()
+            slices[stored] = slice(len(indices), len(indices) + len(places))
+            indices.extend(places)
+    return slices, np.array(indices, dtype=np.int64)
+
+
+def with_steps(ready: Prepared, steps: int, per_sample: int) -> Prepared:
+    """The same for another number of steps, which need not be whole ticks."""
+    return replace(ready, plan=ready.plan._replace(steps=steps, per_sample=per_sample))
+
+
+def lane_zeros(shape) -> np.ndarray:
+    """Zeros with a last axis of lanes."""
+    return aligned((*np.atleast_1d(shape), WIDTH))
+
+
+def _in_lanes(knots: Sequence[Knots | None]) -> Knots | None:
+    if knots[0] is None:
+        return None
+    cubics = aligned((*knots[0].cubics.shape, WIDTH))
+    cubics[:] = np.stack([k.cubics for k in knots], axis=-1)
+    return knots[0]._replace(cubics=cubics)
+
+
+def _with_first_error(scene: CompiledScene, start: Start) -> np.ndarray:
+    """The controllers' last error at the start, so that a derivative term sees no jump."""
+    if not scene.sampled or start.y[scene.layout["end"]] > 0:  # there is none, or it goes on
+        return start.y
+    n, o, y = scene.tree.n, scene.layout, start.y.copy()
+    speed = scene.constants.actuator.controller.law == PID_SPEED
+    error = np.where(speed, 0.0, start.reference.cubics[0, :, 0]) - np.where(
+        speed, y[o["qd"] : o["qd"] + n], y[o["q"] : o["q"] + n]
+    )
+    y[o["last_error"] : o["last_error"] + n] = error
+    return y

@@ -1,0 +1,155 @@
+"""From a model to a trajectory.
+
+    scene = compile_scene(model, servos="mipsd", ground=Ground())
+    trajectory = simulate(scene, 2.0, reference=Reference(times, angles))
+
+A scene fixes robot, servos, ground, integrator and step; a simulation is then one call of compiled code.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from typing import Any
+
+import numpy as np
+
+from ..build.external import Push
+from ..build.scene import CompiledScene
+from ..core.step.state import RECORDABLE
+from ..reference import Reference
+from ..trajectory import Trajectory, with_error
+from .batch import drive_lanes, run_all, streams
+from .lane_engine import Source
+from .prepared import prepare, with_tolerance
+from .start import initial_state, standing_state
+from .verdict import trajectory
+
+__all__ = ["PARTS", "Push", "initial_state", "simulate", "simulate_batch", "simulate_stream", "standing_state"]
+
+PARTS = RECORDABLE  # what can be recorded
+
+
+def simulate(
+    scene: CompiledScene,
+    duration: float,
+    state=None,
+    reference: Reference | None = None,
+    tau=None,
+    pushes: Sequence[Push] = (),
+    record: Iterable[str] = ("q", "qd"),
+    sample: float | None = None,
+    noise=None,
+    rtol: float | None = None,
+    atol: float | None = None,
+    estimate_error: bool = False,
+) -> Trajectory:
+    """Run the scene for `duration` [s], rounded up to whole controller ticks.
+
+    state: what `initial_state` or an earlier `Trajectory.final` gave; reference: joint angles for the servos, None
+    holds the initial ones; tau: (joints,) constant torques or a `Reference` of torques [N m]; pushes: external forces;
+    record: channels, any of `PARTS`; sample: time between records [s], a multiple of the step (a tick if None);
+    noise: (ticks, joints, 2), added at each controller tick to the measured angle [rad] and to the voltage [V];
+    rtol, atol: error allowed in a step, relative and absolute [rad, m, and their rates; A; J], of an integrator that
+    chooses its steps (atol is rtol if None); given for a scene of fixed steps, they choose such an integrator for this
+    run: "extrapolation" if it is stiff, else "dop853";
+    estimate_error: simulate again with half the step, or a tenth of the tolerances, for `Trajectory.error`.
+    Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
+    """
+    return simulate_batch(
+        scene, duration, [state], [reference], [tau], pushes, record, sample, None, [noise], rtol, atol, estimate_error
+    )[0]
+
+
+def simulate_batch(
+    scene: CompiledScene,
+    duration: float,
+    states=None,
+    references=None,
+    taus=None,
+    pushes: Sequence[Push] = (),
+    record: Iterable[str] = ("q", "qd"),
+    sample: float | None = None,
+    executor: Executor | None = None,
+    noises=None,
+    rtol: float | None = None,
+    atol: float | None = None,
+    estimate_error: bool = False,
+) -> list[Trajectory]:
+    """`simulate` for many states, references or torques at once: eight to a vector, vectors over threads.
+
+    The lists must be equally long, or None.  Each run has the same bits as alone.  Where the controllers are sampled, a
+    lane whose run has ended takes the next; runs with continuous servos, torques or pushes share a vector if their
+    references have the same knot times; with error control each run has its own steps, and none share a vector.
+    executor: any `concurrent.futures.Executor` in place of the threads.
+    """
+    scene, rtol, atol = with_tolerance(scene, rtol, atol)
+    if estimate_error:
+        given = (states, references, taus, pushes, record)
+        return _with_errors(scene, duration, given, sample, executor, noises, rtol, atol)
+    given = (states, references, taus, noises)
+    n = max((len(x) for x in given if x is not None), default=1)
+    columns = [[None] * n if x is None else list(x) for x in given]
+    if any(len(column) != n for column in columns):
+        lengths = [len(column) for column in columns]
+        raise ValueError(f"states, references, taus and noises have {lengths} entries; give as many of each")
+    driven = any(tau is not None for tau in columns[2])
+    ready = prepare(
+        scene, duration, record, sample, pushes=pushes, rtol=rtol or 0.0, atol=atol or 0.0, driven=driven
+    )
+    starts = [ready.start(*row) for row in zip(*columns)]
+    if len({start.noise is None for start in starts}) > 1:
+        raise ValueError("noises: some runs have noise and some have none; give all of them an array, or none")
+    return [trajectory(ready, y, out) for y, out in run_all(ready, starts, executor)]
+
+
+def _with_errors(scene, duration, given, sample, executor, noises, rtol, atol) -> list[Trajectory]:
+    """The runs, and the same in half the steps: of integrators with error control also to a tenth of the tolerance."""
+    sample = scene.tick_steps * scene.timestep if sample is None else sample
+    runs = simulate_batch(scene, duration, *given, sample, executor, noises, rtol, atol)
+    if not scene.adaptive:
+        finer = scene.recompiled(timestep=0.5 * scene.timestep)
+        better = simulate_batch(finer, duration, *given, sample, executor, noises)
+        return [with_error(run, fine, 2.0) for run, fine in zip(runs, better)]
+    finer = scene.recompiled(timestep=0.5 * scene.timestep)  # steps end on records: twice as many
+    better = simulate_batch(finer, duration, *given, 0.5 * sample, executor, noises, 0.1 * rtol, 0.1 * atol)
+    return [with_error(run, _each(fine, 2), 1.1) for run, fine in zip(runs, better)]
+
+
+def _each(run: Trajectory, count: int) -> Trajectory:
+    """The run with only each so many-th record."""
+    return dataclasses.replace(run, channels={name: values[::count] for name, values in run.channels.items()})
+
+
+def simulate_stream(
+    scene: CompiledScene,
+    duration: float,
+    source: Source,
+    begin: Callable[[Any], tuple[np.ndarray, Reference]],
+    end: Callable[[Trajectory], Any],
+    record: Iterable[str] = ("q", "qd"),
+    sample: float | None = None,
+    threads: int | None = None,
+) -> float:
+    """Simulate what `source` hands out, in all lanes of all cores, until there is no more.
+
+    `begin(key)` returns the state and the reference of a run, `end(trajectory)` the answer that the source is given.  A
+    run that it wants no longer is given up within `lane_engine.SEGMENT` ticks.  Each run has the bits that `simulate`
+    gives it.  Duration, record and sample are those of `simulate`; threads: one a core if None.  Returns the share of
+    the lane-steps that a run was in.  Raises ValueError for a scene without sampled servos.
+    """
+    if not streams(scene):
+        raise ValueError(
+            f"{scene.model.name}: a stream needs sampled servos, fixed steps and no pushes; use simulate_batch"
+        )
+    ready = prepare(scene, duration, record, sample)
+
+    def begin_run(key):
+        return ready.start(*begin(key))
+
+    def end_run(y, out):
+        return end(trajectory(ready, y, out))
+
+    return drive_lanes(ready, source, begin_run, end_run, threads or os.cpu_count() or 1)

@@ -1,0 +1,111 @@
+"""How a run ended, and whether to believe it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..build.scene import CompiledScene
+from ..build.stop import stop_periods
+from ..core.effects.energies import ENERGIES, STOPS
+from ..core.integrate import rollout
+from ..core.step import pace
+from ..trajectory import Trajectory
+from .prepared import LEAST_STEP, Prepared
+
+STATUS = {
+    rollout.OK: "ok",
+    rollout.FELL: "fell",
+    rollout.DIVERGED: "diverged",
+    rollout.TOO_SMALL: "step too small",
+}
+CHATTER_LIMIT = 0.05  # [rad/s or m/s]; see `worst_chatter` in core/step/state.py
+# A rule that rings about the right mean after an impact: the limit is the angle that this moves a joint to and fro,
+# half of what counts as a wrong result [rad or m].
+RINGING_LIMIT = 5e-4
+
+
+def trajectory(ready: Prepared, y: np.ndarray, out: np.ndarray) -> Trajectory:
+    """Name the channels and say how the run ended."""
+    scene = ready.scene
+    status, message, end = verdict(scene, ready.plan.steps * ready.plan.h, y)
+    passes = y[slice(*scene.part("passes"))]
+    info = {
+        "robot": scene.model.name,
+        "joints": list(scene.model.joint_names),
+        "integrator": scene.integrator,
+        "timestep": scene.timestep,
+        "reason": scene.preflight.reason,
+        "servos": scene.servos,
+        "worst_chatter": float(max(y[slice(*scene.part("worst_chatter"))], default=0.0)),
+        "newton_passes": float(passes[0]),
+        "not_converged_steps": float(passes[1]),
+    }
+    if scene.adaptive:
+        taken, rejected, evaluations = y[slice(*scene.part("pace"))][pace.STEPS : pace.LAST]
+        info |= {"rtol": ready.plan.rtol, "atol": ready.plan.atol}
+        info |= {"steps": int(taken), "rejected_steps": int(rejected), "evaluations": int(evaluations)}
+    return Trajectory(ready.named(out), status, message, end, y, info)
+
+
+def verdict(scene: CompiledScene, duration: float, y: np.ndarray) -> tuple[str, str, float]:
+    """Status, message and the time at which the run ended [s], from its final state."""
+    if int(y[scene.layout["status"]]) != rollout.OK:
+        return _failure(scene, y)
+    wrong = _beyond_stability(scene) or _unresolved_stop(scene, y) or _chatter(scene, y) or _not_converged(scene, y)
+    return (*(wrong or ("ok", "")), duration)
+
+
+def _failure(scene: CompiledScene, y: np.ndarray) -> tuple[str, str, float]:
+    code, end = int(y[scene.layout["status"]]), float(y[scene.layout["end"]])
+    name, status = scene.model.name, STATUS[code]
+    message = f"{name} {status} at {end:.4g} s"
+    if code == rollout.TOO_SMALL:
+        message = f"{name}: the tolerance asks for steps below {LEAST_STEP:g} s at {end:.4g} s"
+    speeds = np.abs(y[slice(*scene.part("qd"))])
+    if code == rollout.DIVERGED and len(speeds):
+        joint = scene.model.joint_names[int(speeds.argmax())]
+        message += f"; in the last sound state the fastest joint was {joint} at {speeds.max():.3g} rad/s or m/s"
+    return status, message, end
+
+
+def _beyond_stability(scene: CompiledScene) -> tuple[str, str] | None:
+    largest = scene.method.stability * scene.preflight.largest_explicit_step
+    if not scene.timestep > largest:
+        return None
+    message = f"{scene.integrator} is stable up to {largest:.2g} s in this scene; the step is {scene.timestep:g} s"
+    return "not converged", message
+
+
+def _unresolved_stop(scene: CompiledScene, y: np.ndarray) -> tuple[str, str] | None:
+    """A joint whose stop an explicit integrator has met with too large a step: RK4 needs some 40 to its period."""
+    stops = scene.constants.stops
+    if not scene.method.explicit or stops is None:
+        return None
+    work = y[slice(*scene.part("energy"))].reshape(-1, ENERGIES)[:, STOPS]
+    met = (work != 0.0) & (scene.timestep > stop_periods(stops, scene.preflight.inertias) / 40.0)
+    if not met.any():
+        return None
+    message = (
+        f"{scene.model.joint_names[int(met.argmax())]} ran into its stop, which {scene.integrator} does not resolve at "
+        f"{scene.timestep:g} s: use implicit_euler or a smaller step"
+    )
+    return "not converged", message
+
+
+def _chatter(scene: CompiledScene, y: np.ndarray) -> tuple[str, str] | None:
+    chatter, limit = y[slice(*scene.part("worst_chatter"))], CHATTER_LIMIT
+    if scene.method.rings:
+        limit = max(limit, RINGING_LIMIT / scene.timestep)
+    if not len(chatter) or not chatter.max() > limit:
+        return None
+    joint = scene.model.joint_names[int(chatter.argmax())]
+    message = (
+        f"the speed of {joint} alternated by {chatter.max():.3g} rad/s from step to step (limit {limit:.3g}): "
+        f"a step of {scene.timestep:g} s is too large for {scene.integrator} in this scene"
+    )
+    return "chatter", message
+
+
+def _not_converged(scene: CompiledScene, y: np.ndarray) -> tuple[str, str] | None:
+    missed = y[scene.part("passes")[0] + 1]
+    return ("not converged", f"{missed:.0f} implicit steps missed their tolerance") if missed > 0 else None
