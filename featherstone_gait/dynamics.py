@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .build.tree import GRAVITY, Tree, compile_tree
 from .core import batch
 from .core.elementary import SINCOS_LIMIT
 from .core.lanes import WIDTH, aligned
 from .model import Model, Spring, check_springs
-from .tree import GRAVITY, Tree, compile_tree
 
 
 class Poses(NamedTuple):

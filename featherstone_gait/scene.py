@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from .build.tree import GRAVITY, Tree, compile_tree
 from .core import layout
 from .core.batch import exponential
 from .core.controller import PID_POSITION, PID_SPEED, STATE_FEEDBACK
@@ -18,7 +19,6 @@ from .core.spring import SPRING_COLUMNS
 from .dynamics import forward_kinematics, inverse_dynamics, mass_matrix, spring_vectors
 from .model import Ground, Joint, Model, Servo, Spring, check_springs
 from .preflight import Limit, Preflight, coupled_limit, joint_limit
-from .tree import GRAVITY, Tree, compile_tree
 
 ServoKind = Literal["mipsd", "rotor", "standard"]
 INTEGRATORS = {"implicit_euler": 1.0, "midpoint": 0.5, "rk4": 1.0, "simtwo": 1.0, "dop853": 1.0, "extrapolation": 1.0}

@@ -9,6 +9,7 @@ import pytest
 from mujoco_oracle import Oracle
 from random_tree import numbers, random_states, random_tree
 
+from featherstone_gait.build.tree import compile_tree
 from featherstone_gait.dynamics import (
     center_of_mass,
     energy,
@@ -20,7 +21,6 @@ from featherstone_gait.dynamics import (
 )
 from featherstone_gait.model import Joint, Link, Model, inertia_matrix, rotation_from_rpy
 from featherstone_gait.robot_file import load_robot, robot_names
-from featherstone_gait.tree import compile_tree
 
 SHAPES = [(1, 1.0), (2, 1.0), (3, 2.0), (7, 1.3), (20, 1.0), (20, 1.5), (50, 1.0), (50, 1.2), (50, 4.0)]
 

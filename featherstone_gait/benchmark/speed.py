@@ -29,6 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..build.tree import GRAVITY, compile_tree
 from ..core import timing
 from ..core.lanes import WIDTH, aligned
 from ..dynamics import inverse_dynamics, mass_matrix
@@ -36,7 +37,6 @@ from ..model import Joint, Link, Model
 from ..plotting import positions
 from ..robot_file import load_robot, save_robot
 from ..simulation import simulate_batch
-from ..tree import GRAVITY, compile_tree
 from .machine import machine
 from .mujoco_clock import quick_mujoco
 

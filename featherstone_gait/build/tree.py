@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .core.layout import BODY, COLUMNS
-from .model import Joint, Link, Model, inertia_matrix, rotation_from_rpy
+from ..core.layout import BODY, COLUMNS
+from ..model import Joint, Link, Model, inertia_matrix, rotation_from_rpy
 
 GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2]
 
