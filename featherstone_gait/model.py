@@ -1,7 +1,7 @@
 """What a robot is: frozen dataclasses in SI units, as read from URDF and TOML, checked when they are made.
 
-A `Model` holds the links and joints exactly as the files state them.  Choosing frames, merging rigidly connected
-links and laying the numbers out for the kernels is the work of `scene.py`.
+A `Model` holds the links and joints exactly as the files state them; `rigid_bodies` merges what moves as one.  Laying
+the numbers out for the kernels is the work of `build/` and `scene.py`.
 
 Coordinates of a state, the same as MuJoCo's free joint:
 
@@ -17,9 +17,11 @@ import math
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
+
+from .rotation import rotation_about, rotation_from_rpy, rotation_z_to
 
 JointType = Literal["revolute", "continuous", "prismatic", "fixed"]
 Law = Literal["state", "pid_position", "pid_speed", "pd", "pd_clamped"]
@@ -312,7 +314,12 @@ class Model:
         check_locked(self.joints, self.locked)
         check_servos(self.joints, self.servos)
         check_contacts(self.links, self.contacts)
-        _check_groups(self)
+        _check_bodies(self)
+
+    @property
+    def root(self) -> str:
+        """Name of the link that is no joint's child."""
+        return ({link.name for link in self.links} - {joint.child for joint in self.joints}).pop()
 
     @property
     def moving_joints(self) -> tuple[Joint, ...]:
@@ -426,17 +433,18 @@ def _movable(by_name: dict[str, Joint], name: str, where: str) -> Joint:
     return by_name[name]
 
 
-def _check_groups(model: Model) -> None:
+def _check_bodies(model: Model) -> None:
     """Raise ValueError unless what moves as one has a mass and an inertia that resist every motion."""
-    groups = _rigid_groups(model)
-    for leader, members in groups.items():
-        if leader == next(iter(groups)) and model.base == "fixed":
+    for body in rigid_bodies(model)[0]:
+        if body.frame.joint is None and model.base == "fixed":
             continue  # it never moves
-        attached = [name for name in members if name != leader]
+        leader, *attached = body.links
         what = f"link {leader!r}" + (f" with {_listed(attached)} rigidly attached" if attached else "")
-        mass, moments = _composite(members)
-        if not mass > 0:
-            raise ValueError(f"{what} moves but has mass {mass!r} kg; expected > 0: add <inertial>, or fix its joint")
+        if not body.mass > 0:
+            raise ValueError(
+                f"{what} moves but has mass {body.mass!r} kg; expected > 0: add <inertial>, or fix its joint"
+            )
+        moments = np.linalg.eigvalsh(body.inertia).tolist()
         if not moments[0] > DEFINITE_TOLERANCE * moments[2]:
             raise ValueError(
                 f"{what} moves but its principal moments of inertia are {_listed(moments)} kg m^2; all must be > 0: "
@@ -444,64 +452,97 @@ def _check_groups(model: Model) -> None:
             )
 
 
-def _rigid_groups(model: Model) -> dict[str, dict[str, tuple[Link, np.ndarray, np.ndarray]]]:
-    """Links by the topmost link that they move with, each with its pose (E, r) in that link; the root's group first."""
+class Placement(NamedTuple):
+    """Where a link sits: the body that carries it and the link's frame in that body's frame."""
+
+    row: int  # of the body; 0 is the world or the floating base
+    E: np.ndarray  # (3, 3) rotation link -> body frame
+    r: np.ndarray  # (3,) origin of the link frame in the body frame [m]
+
+
+class Frame(NamedTuple):
+    """Frame of a body in that of its parent, with the joint at zero: origin at the joint, z along the joint's axis."""
+
+    joint: Joint | None  # that moves the body; None for the root's
+    parent: int  # row of the body that the joint hangs on
+    E: np.ndarray  # (3, 3) rotation body -> parent
+    r: np.ndarray  # (3,) origin in the parent [m]
+
+
+class RigidBody(NamedTuple):
+    """Links that move as one, and what they have together, in the body's frame."""
+
+    frame: Frame
+    links: tuple[str, ...]  # the joint's child first
+    mass: float  # [kg]
+    center: np.ndarray  # (3,) centre of mass [m]
+    inertia: np.ndarray  # (3, 3) about the centre of mass [kg m^2]
+
+
+def rigid_bodies(model: Model) -> tuple[list[RigidBody], dict[str, Placement]]:
+    """Merge what fixed and locked joints hold together: the bodies, and the place of every link.
+
+    First the root's body, then one for each moving joint, depth first: parents before children, chains in one piece.
+    """
     links = {link.name: link for link in model.links}
-    below: dict[str, list[Joint]] = {name: [] for name in links}
+    frames, placements = _frames(model)
+    groups: list[list[tuple[Link, Placement]]] = [[] for _ in frames]
+    for name, place in placements.items():
+        groups[place.row].append((links[name], place))
+    names = [tuple(link.name for link, _ in group) for group in groups]
+    return [RigidBody(*body, *_composite(group)) for *body, group in zip(frames, names, groups)], placements
+
+
+def _frames(model: Model) -> tuple[list[Frame], dict[str, Placement]]:
+    """The frame of each body, and where each link sits."""
+    moving = set(model.joint_names)
+    frames = [Frame(None, 0, np.eye(3), np.zeros(3))]
+    placements = {model.root: Placement(0, np.eye(3), np.zeros(3))}
+    for joint in depth_first(model):
+        row, E, r = placements[joint.parent]
+        E, r = E @ rotation_from_rpy(joint.rpy), r + E @ np.array(joint.xyz)
+        if joint.name in moving:
+            Q = rotation_z_to(joint.axis)
+            placements[joint.child] = Placement(len(frames), Q.T, np.zeros(3))
+            frames.append(Frame(joint, row, E @ Q, r))
+        else:
+            placements[joint.child] = Placement(row, *_held(joint, model.locked.get(joint.name, 0.0), E, r))
+    return frames, placements
+
+
+def depth_first(model: Model) -> list[Joint]:
+    """The joints, a parent's before its children's and each chain in one piece; children in file order."""
+    children: dict[str, list[Joint]] = {}
     for joint in model.joints:
-        below[joint.parent].append(joint)
-    root = (links.keys() - {joint.child for joint in model.joints}).pop()
-    groups = {root: {root: (links[root], np.eye(3), np.zeros(3))}}
-    stack = [(root, root)]
+        children.setdefault(joint.parent, []).append(joint)
+    order, stack = [], children.get(model.root, [])[::-1]
     while stack:
-        leader, name = stack.pop()
-        _, E, r = groups[leader][name]
-        for joint in below[name]:
-            if joint.type == "fixed" or joint.name in model.locked:
-                X, p = _held(joint, model.locked.get(joint.name, 0.0))
-                groups[leader][joint.child] = (links[joint.child], E @ X, r + E @ p)
-                stack.append((leader, joint.child))
-            else:
-                groups[joint.child] = {joint.child: (links[joint.child], np.eye(3), np.zeros(3))}
-                stack.append((joint.child, joint.child))
-    return groups
+        joint = stack.pop()
+        order.append(joint)
+        stack.extend(children.get(joint.child, [])[::-1])
+    return order
 
 
-def _composite(members: dict[str, tuple[Link, np.ndarray, np.ndarray]]) -> tuple[float, list[float]]:
-    """Mass [kg] and principal moments about the common centre of mass, ascending [kg m^2]."""
-    mass = math.fsum(link.mass for link, _, _ in members.values())
-    if not mass > 0:
-        return mass, [0.0, 0.0, 0.0]
-    centers = {name: r + E @ np.array(link.center_of_mass) for name, (link, E, r) in members.items()}
-    center = sum(link.mass * centers[name] for name, (link, _, _) in members.items()) / mass
-    total = np.zeros((3, 3))
-    for name, (link, E, _) in members.items():
-        d = centers[name] - center
-        total += E @ inertia_matrix(link.inertia) @ E.T + link.mass * (d @ d * np.eye(3) - np.outer(d, d))
-    return mass, np.linalg.eigvalsh(total).tolist()
-
-
-def _held(joint: Joint, position: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pose of the child frame in the parent frame with the joint at a position."""
-    E, r, axis = rotation_from_rpy(joint.rpy), np.array(joint.xyz), np.array(joint.axis)
-    if joint.type == "prismatic":
-        return E, r + E @ axis * position
-    if joint.type == "fixed":
+def _held(joint: Joint, position: float, E: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The child frame of a fixed or locked joint, from the one at zero."""
+    if position == 0.0:
         return E, r
-    K = np.cross(np.eye(3), axis).T  # K v = axis x v
-    return E @ (np.eye(3) + math.sin(position) * K + (1.0 - math.cos(position)) * K @ K), r  # Rodrigues
+    if joint.type == "prismatic":
+        return E, r + E @ (position * np.array(joint.axis))
+    return E @ rotation_about(joint.axis, position), r
 
 
-def rotation_from_rpy(rpy: tuple[float, float, float]) -> np.ndarray:
-    """Rotation matrix (3, 3), child to parent, of roll, pitch and yaw [rad] about fixed axes: Rz Ry Rx."""
-    (cr, cp, cy), (sr, sp, sy) = [math.cos(a) for a in rpy], [math.sin(a) for a in rpy]
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+def _composite(group: list[tuple[Link, Placement]]) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass, centre of mass and inertia about it of links that move as one, in the body's frame."""
+    m = math.fsum(link.mass for link, _ in group)
+    centers = [place.r + place.E @ np.array(link.center_of_mass) for link, place in group]
+    c = sum((link.mass * center for (link, _), center in zip(group, centers)), np.zeros(3))
+    c = c / m if m > 0 else c
+    J = np.zeros((3, 3))
+    for (link, place), center in zip(group, centers):
+        d = center - c
+        J += place.E @ inertia_matrix(link.inertia) @ place.E.T + link.mass * ((d @ d) * np.eye(3) - np.outer(d, d))
+    return m, c, J
 
 
 def inertia_matrix(inertia: tuple[float, ...]) -> np.ndarray:

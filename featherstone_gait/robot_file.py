@@ -56,8 +56,8 @@ from .model import (
     check_servos,
     check_tree,
     inertia_matrix,
-    rotation_from_rpy,
 )
+from .rotation import rotation_from_rpy
 
 MAX_BYTES = 10_000_000  # of one file
 MAX_DEPTH = 64  # of nested XML elements

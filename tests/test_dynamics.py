@@ -19,8 +19,9 @@ from featherstone_gait.dynamics import (
     mass_matrix,
     momentum,
 )
-from featherstone_gait.model import Joint, Link, Model, inertia_matrix, rotation_from_rpy
+from featherstone_gait.model import Joint, Link, Model, inertia_matrix
 from featherstone_gait.robot_file import load_robot, robot_names
+from featherstone_gait.rotation import rotation_from_rpy
 
 SHAPES = [(1, 1.0), (2, 1.0), (3, 2.0), (7, 1.3), (20, 1.0), (20, 1.5), (50, 1.0), (50, 1.2), (50, 4.0)]
 
