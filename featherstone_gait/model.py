@@ -21,7 +21,8 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from .rotation import rotation_about, rotation_from_rpy, rotation_z_to
+from .core.elementary import SINCOS_LIMIT
+from .rotation import dot, product, rotate, rotation_about, rotation_from_rpy, rotation_z_to
 
 JointType = Literal["revolute", "continuous", "prismatic", "fixed"]
 Law = Literal["state", "pid_position", "pid_speed", "pd", "pd_clamped"]
@@ -110,6 +111,7 @@ class Joint:
             raise ValueError(f"{what}: parent and child are both {self.child!r}; connect two different links")
         _check_vector(what, "xyz", self.xyz, 3)
         _check_vector(what, "rpy", self.rpy, 3)
+        check_angles(what, "rpy", self.rpy)
         _check_vector(what, "axis", self.axis, 3)
         if self.type == "fixed":
             return
@@ -392,6 +394,8 @@ def check_locked(joints: Iterable[Joint], locked: dict[str, float]) -> None:
     for name, position in locked.items():
         joint = _movable(by_name, name, "locked")
         _check_number(f"locked joint {name!r}", "position", position, "finite", "rad or m", "give a finite position")
+        if joint.type != "prismatic":
+            check_angles(f"locked joint {name!r}", "position", (position,))
         if not joint.lower <= position <= joint.upper:
             raise ValueError(
                 f"locked joint {name!r}: position {position!r} is outside its limits "
@@ -421,6 +425,13 @@ def check_springs(links: Iterable[Link], springs: Iterable[Spring]) -> None:
         for end in (spring.a, spring.b):
             if end not in names:
                 raise ValueError(f"springs: there is no link {end!r}; use one of {_listed(names)}")
+
+
+def check_angles(what: str, name: str, angles: Iterable[float]) -> None:
+    """Raise ValueError for an angle too large for its sine to be exact."""
+    for angle in angles:
+        if not abs(angle) <= SINCOS_LIMIT:
+            raise ValueError(f"{what}: {name} is {angle!r} rad; at most {SINCOS_LIMIT:.0f} rad: subtract whole turns")
 
 
 def _movable(by_name: dict[str, Joint], name: str, where: str) -> Joint:
@@ -500,11 +511,11 @@ def _frames(model: Model) -> tuple[list[Frame], dict[str, Placement]]:
     placements = {model.root: Placement(0, np.eye(3), np.zeros(3))}
     for joint in depth_first(model):
         row, E, r = placements[joint.parent]
-        E, r = E @ rotation_from_rpy(joint.rpy), r + E @ np.array(joint.xyz)
+        E, r = product(E, rotation_from_rpy(joint.rpy)), r + rotate(E, np.array(joint.xyz))
         if joint.name in moving:
             Q = rotation_z_to(joint.axis)
             placements[joint.child] = Placement(len(frames), Q.T, np.zeros(3))
-            frames.append(Frame(joint, row, E @ Q, r))
+            frames.append(Frame(joint, row, product(E, Q), r))
         else:
             placements[joint.child] = Placement(row, *_held(joint, model.locked.get(joint.name, 0.0), E, r))
     return frames, placements
@@ -528,21 +539,26 @@ def _held(joint: Joint, position: float, E: np.ndarray, r: np.ndarray) -> tuple[
     if position == 0.0:
         return E, r
     if joint.type == "prismatic":
-        return E, r + E @ (position * np.array(joint.axis))
-    return E @ rotation_about(joint.axis, position), r
+        return E, r + rotate(E, position * np.array(joint.axis))
+    return product(E, rotation_about(joint.axis, position)), r
 
 
 def _composite(group: list[tuple[Link, Placement]]) -> tuple[float, np.ndarray, np.ndarray]:
     """Mass, centre of mass and inertia about it of links that move as one, in the body's frame."""
     m = math.fsum(link.mass for link, _ in group)
-    centers = [place.r + place.E @ np.array(link.center_of_mass) for link, place in group]
+    centers = [place.r + rotate(place.E, np.array(link.center_of_mass)) for link, place in group]
     c = sum((link.mass * center for (link, _), center in zip(group, centers)), np.zeros(3))
     c = c / m if m > 0 else c
     J = np.zeros((3, 3))
     for (link, place), center in zip(group, centers):
         d = center - c
-        J += place.E @ inertia_matrix(link.inertia) @ place.E.T + link.mass * ((d @ d) * np.eye(3) - np.outer(d, d))
+        J += turned_inertia(place.E, link.inertia) + link.mass * (dot(d, d) * np.eye(3) - np.outer(d, d))
     return m, c, J
+
+
+def turned_inertia(E: np.ndarray, inertia: tuple[float, ...]) -> np.ndarray:
+    """E I E' (3, 3): an inertia ixx ixy ixz iyy iyz izz [kg m^2] in the axes that the rotation E leads to."""
+    return product(product(E, inertia_matrix(inertia)), E.T)
 
 
 def inertia_matrix(inertia: tuple[float, ...]) -> np.ndarray:

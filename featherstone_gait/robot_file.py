@@ -51,13 +51,14 @@ from .model import (
     Link,
     Model,
     Servo,
+    check_angles,
     check_contacts,
     check_locked,
     check_servos,
     check_tree,
-    inertia_matrix,
+    turned_inertia,
 )
-from .rotation import rotation_from_rpy
+from .rotation import dot, rotation_from_rpy
 
 MAX_BYTES = 10_000_000  # of one file
 MAX_DEPTH = 64  # of nested XML elements
@@ -418,14 +419,14 @@ def _link(element: Element) -> Link:
     mass = _number(inertial.find("mass"), "value", what)
     inertia = tuple(_number(inertial.find("inertia"), name, what) for name in _INERTIA)
     center, rpy = _origin(inertial, what)
+    check_angles(f"{what}: <origin>", "rpy", rpy)
     link = Link(element.get("name"), mass, center, inertia)
     return replace(link, inertia=_turned(inertia, rpy)) if any(rpy) else link
 
 
 def _turned(inertia: tuple[float, ...], rpy: tuple[float, ...]) -> tuple[float, ...]:
     """The inertia in link axes, given in axes turned by rpy."""
-    E = rotation_from_rpy(rpy)
-    I = E @ inertia_matrix(inertia) @ E.T
+    I = turned_inertia(rotation_from_rpy(rpy), inertia)
     return tuple(((I + I.T) / 2)[(0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)].tolist())
 
 
@@ -446,16 +447,16 @@ def _axis(element: Element, what: str, notes: Counter[str]) -> tuple[float, ...]
     if element.find("axis") is None:
         return (1.0, 0.0, 0.0)
     axis = _vector(element.find("axis"), "xyz", what)
-    length = math.hypot(*axis)
-    if not 0 < length < math.inf:
-        raise ValueError(f"{what}: axis {axis!r} has length {length!r}; expected > 0: give a direction such as 0 0 1")
+    largest = max(abs(x) for x in axis)
+    if not largest > 0:
+        raise ValueError(f"{what}: axis {axis!r} has length {largest!r}; expected > 0: give a direction such as 0 0 1")
+    scaled = [x / largest for x in axis]  # so that the squares of tiny numbers do not vanish
+    length = math.sqrt(dot(scaled, scaled)) * largest
     if abs(length - 1.0) <= _IGNORED_LENGTH_ERROR:
         return axis
     if abs(length - 1.0) > _NOTED_LENGTH_ERROR:
         notes[f"{what}: axis {axis!r} was scaled to unit length"] += 1
-    largest = max(abs(x) for x in axis)  # first, so that the squares of tiny numbers do not vanish
-    scaled = [x / largest for x in axis]
-    return tuple(x / math.hypot(*scaled) for x in scaled)
+    return tuple(x / math.sqrt(dot(scaled, scaled)) for x in scaled)
 
 
 def _limits(element: Element, what: str, notes: Counter[str]) -> dict[str, float]:
