@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from .dynamics import forward_kinematics
+from . import dynamics
 from .scene import CompiledScene
 from .trajectory import Trajectory
 
@@ -71,11 +71,7 @@ def contact_positions(scene: CompiledScene, trajectory: Trajectory) -> np.ndarra
     q = _channels(trajectory, "q")[0]
     if scene.tree.floating:
         q = np.hstack([_channels(trajectory, "base_q")[0], q])
-    poses = forward_kinematics(scene.model, q)
-    names = [link.name for link in scene.model.links]
-    rows = [names.index(point.link) for point in scene.model.contacts]
-    offsets = np.array([point.position for point in scene.model.contacts])
-    return poses.position[:, rows] + np.einsum("kcij,cj->kci", poses.rotation[:, rows], offsets)
+    return dynamics.contact_positions(scene.model, q)
 
 
 def _point_forces(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:

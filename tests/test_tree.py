@@ -20,15 +20,17 @@ from featherstone_gait.rotation import product, rotate, rotation_about, rotation
 
 PROGRAM = """
 import hashlib, sys
+import numpy as np
 from featherstone_gait.build.tree import compile_tree
+from featherstone_gait.dynamics import forward_kinematics
 from featherstone_gait.robot_file import load_robot
 
 digest = hashlib.sha256()
 for path in sys.argv[1:]:
-    tree = compile_tree(load_robot(path))
-    digest.update(tree.bodies.tobytes())
-    for place in tree.placements.values():
-        digest.update(place.E.tobytes() + place.r.tobytes())
+    model = load_robot(path)
+    tree, poses = compile_tree(model), forward_kinematics(model, np.linspace(-2, 3, model.nq))
+    for a in (tree.bodies, *poses, *(a for place in tree.placements.values() for a in (place.E, place.r))):
+        digest.update(a.tobytes())
 print(digest.hexdigest())
 """
 
@@ -59,14 +61,14 @@ def bounded(model: Model) -> Model:
     return replace(model, joints=tuple(replace(j, **stops.get(j.type, {})) for j in model.joints))
 
 
-def test_bodies_have_the_same_bits_on_any_processor(robot_files):
-    kinds = [{"OPENBLAS_CORETYPE": kind} for kind in ("Haswell", "SkylakeX", "Sandybridge")]
-    digests = {str(settings): computed(robot_files, settings) for settings in [{}, {"NUMBA_DISABLE_JIT": "1"}, *kinds]}
+def test_bodies_and_poses_have_the_same_bits_on_any_processor(robot_files):
+    kinds = [{"OPENBLAS_CORETYPE": kind, "NUMBA_DISABLE_JIT": "1"} for kind in ("Haswell", "SkylakeX", "Sandybridge")]
+    digests = {str(settings): computed(robot_files, settings) for settings in [{}, *kinds]}
     assert len(set(digests.values())) == 1, digests
 
 
 def computed(paths, settings) -> str:
-    """Digest of the bodies and placements, from a process with these environment variables."""
+    """Digest of bodies, placements and poses, from a process with these environment variables."""
     command, root = [sys.executable, "-c", PROGRAM, *map(str, paths)], Path(__file__).parents[1]
     run = subprocess.run(command, cwd=root, env=os.environ | settings, capture_output=True, text=True, check=True)
     return run.stdout.strip()
