@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -31,33 +31,6 @@ AXIS_TOLERANCE = 1e-9  # how far from 1 the length of a joint axis may be
 DEFINITE_TOLERANCE = 1e-9  # smallest principal moment of inertia, relative to the largest
 TRIANGLE_TOLERANCE = 1e-6  # relative; a flat plate meets A + B = C exactly, and files round to about seven digits
 
-# Units of the numbers of Servo, Controller and Gearbox; the gains of the laws other than state and pid_position differ.
-SERVO_UNITS = {
-    "resistance": "Ohm",
-    "inductance": "H",
-    "motor_constant": "V s/rad",
-    "voltage_limit": "V",
-    "current_limit": "A",
-    "current_slew": "A/s",
-    "viscous_friction": "N m s/rad",
-    "coulomb_friction": "N m",
-    "encoder_resolution": "rad",
-    "speed_filter": "s",
-    "Kp": "V/rad",
-    "Ki": "V/(rad s)",
-    "Kd": "V s/rad",
-    "Kf": "V/rad",
-    "period": "s",
-    "lag": "s",
-    "torque_limit": "N m",
-    "ratio": "-",
-    "rotor_inertia": "kg m^2",
-    "rotor_damping": "N m s/rad",
-    "stiffness": "N m/rad",
-    "damping": "N m s/rad",
-    "backlash": "rad",
-}
-
 _RULES = {
     "> 0": lambda x: 0 < x < math.inf,
     ">= 0": lambda x: 0 <= x < math.inf,
@@ -67,19 +40,25 @@ _RULES = {
 }
 
 
+def _number(rule: str, unit: str, default: float = MISSING, remedy: str = ""):
+    """A field that must be a number of this range and unit; `remedy` is what to do about one that is not."""
+    remedy = remedy or f"correct it, and mind the unit {unit}"
+    return field(default=default, metadata={"rule": rule, "unit": unit, "remedy": remedy})
+
+
 @dataclass(frozen=True)
 class Link:
     """A rigid body.  `inertia` is about the centre of mass, in link axes."""
 
     name: str
-    mass: float  # [kg]; 0 for a mere frame
+    mass: float = _number(">= 0", "kg", remedy="a link without mass is one without <inertial>")  # 0 for a mere frame
     center_of_mass: tuple[float, float, float]  # [m], link frame
     inertia: tuple[float, float, float, float, float, float]  # ixx ixy ixz iyy iyz izz [kg m^2]
 
     def __post_init__(self):
         what = f"link {self.name!r}"
         _check_name("link", self.name)
-        _check_number(what, "mass", self.mass, ">= 0", "kg", "a link without mass is one without <inertial>")
+        _check_numbers(what, self)
         _check_vector(what, "center_of_mass", self.center_of_mass, 3)
         _check_vector(what, "inertia", self.inertia, 6)
         _check_inertia(what, self.mass, self.inertia)
@@ -98,10 +77,10 @@ class Joint:
     axis: tuple[float, float, float] = (1.0, 0.0, 0.0)  # in the child frame; unit length unless fixed
     lower: float = -math.inf  # [rad or m]
     upper: float = math.inf  # [rad or m]
-    effort: float = math.inf  # [N m or N]
-    velocity: float = math.inf  # [rad/s or m/s]
-    damping: float = 0.0  # [N m s/rad or N s/m]
-    friction: float = 0.0  # Coulomb [N m or N]
+    effort: float = _number(">= 0 or inf", "SI", math.inf, "correct the value")  # [N m or N]
+    velocity: float = _number(">= 0 or inf", "SI", math.inf, "correct the value")  # [rad/s or m/s]
+    damping: float = _number(">= 0", "SI", 0.0, "correct the value")  # [N m s/rad or N s/m]
+    friction: float = _number(">= 0", "SI", 0.0, "correct the value")  # Coulomb [N m or N]
 
     def __post_init__(self):
         what = f"joint {self.name!r}"
@@ -126,37 +105,24 @@ class Joint:
             raise ValueError(
                 f"{what}: type 'continuous' has limits {self.lower!r} to {self.upper!r}; use type 'revolute'"
             )
-        for name, rule in _JOINT_RANGES.items():
-            _check_number(what, name, getattr(self, name), rule, "SI", "correct the value")
-
-
-_JOINT_RANGES = {"effort": ">= 0 or inf", "velocity": ">= 0 or inf", "damping": ">= 0", "friction": ">= 0"}
+        _check_numbers(what, self)
 
 
 @dataclass(frozen=True)
 class Gearbox:
     """A gear train.  Stiffness, damping and backlash are stated at the output side, the rotor's at the rotor."""
 
-    ratio: float  # G = rotor speed / joint speed [-]
-    rotor_inertia: float = 0.0  # J [kg m^2], rotor side; reflected to the joint it is G^2 J
-    rotor_damping: float = 0.0  # B_vr [N m s/rad], rotor side
-    stiffness: float = math.inf  # K_out [N m/rad], output side
-    damping: float = 0.0  # B_out [N m s/rad], output side
-    backlash: float = 0.0  # whole gap [rad], output side
+    ratio: float = _number("> 0", "-")  # G = rotor speed / joint speed
+    rotor_inertia: float = _number(">= 0", "kg m^2", 0.0)  # J, rotor side; reflected to the joint it is G^2 J
+    rotor_damping: float = _number(">= 0", "N m s/rad", 0.0)  # B_vr, rotor side
+    stiffness: float = _number("> 0 or inf", "N m/rad", math.inf)  # K_out, output side
+    damping: float = _number(">= 0", "N m s/rad", 0.0)  # B_out, output side
+    backlash: float = _number(">= 0", "rad", 0.0)  # whole gap, output side
 
     def __post_init__(self):
         remedy = "to turn the motor round, reverse the joint's axis"
         _check_number("gearbox", "ratio", self.ratio, "> 0", "rotor turns per joint turn", remedy)
-        _check_numbers("gearbox", self, _GEARBOX_RANGES)
-
-
-_GEARBOX_RANGES = {
-    "rotor_inertia": (">= 0", "kg m^2"),
-    "rotor_damping": (">= 0", "N m s/rad"),
-    "stiffness": ("> 0 or inf", "N m/rad"),
-    "damping": (">= 0", "N m s/rad"),
-    "backlash": (">= 0", "rad"),
-}
+        _check_numbers("gearbox", self)
 
 
 @dataclass(frozen=True)
@@ -170,28 +136,17 @@ class Controller:
     """
 
     law: Law
-    Kp: float = 0.0  # [V/rad], of pid_speed [V s/rad], of pd [N m/rad]
-    Ki: float = 0.0  # [V/(rad s)], of pid_speed [V/rad]
-    Kd: float = 0.0  # [V s/rad], of pid_speed [V s^2/rad], of pd [N m s/rad]
-    Kf: float = 0.0  # feed-forward of the angle reference [V/rad]
-    period: float = 0.01  # [s]
-    lag: float = 0.01  # from a reference being issued to the controller seeing it [s]
-    torque_limit: float = math.inf  # of the pd laws [N m]
+    Kp: float = _number(">= 0", "V/rad", 0.0)  # of pid_speed [V s/rad], of pd [N m/rad]
+    Ki: float = _number(">= 0", "V/(rad s)", 0.0)  # of pid_speed [V/rad]
+    Kd: float = _number(">= 0", "V s/rad", 0.0)  # of pid_speed [V s^2/rad], of pd [N m s/rad]
+    Kf: float = _number("finite", "V/rad", 0.0)  # feed-forward of the angle reference
+    period: float = _number("> 0", "s", 0.01)
+    lag: float = _number(">= 0", "s", 0.01)  # from a reference being issued to the controller seeing it
+    torque_limit: float = _number("> 0 or inf", "N m", math.inf)  # of the pd laws
 
     def __post_init__(self):
         _check_choice("controller", "law", self.law, get_args(Law))
-        _check_numbers("controller", self, _CONTROLLER_RANGES)
-
-
-_CONTROLLER_RANGES = {
-    "Kp": (">= 0", "V/rad"),
-    "Ki": (">= 0", "V/(rad s)"),
-    "Kd": (">= 0", "V s/rad"),
-    "Kf": ("finite", "V/rad"),
-    "period": ("> 0", "s"),
-    "lag": (">= 0", "s"),
-    "torque_limit": ("> 0 or inf", "N m"),
-}
+        _check_numbers("controller", self)
 
 
 @dataclass(frozen=True)
@@ -200,32 +155,24 @@ class Servo:
 
     controller: Controller
     gearbox: Gearbox
-    resistance: float  # R [Ohm]
-    inductance: float  # L [H]
-    motor_constant: float  # K [V s/rad] = [N m/A], rotor side
-    voltage_limit: float  # [V]
-    current_limit: float = math.inf  # [A]
-    current_slew: float = math.inf  # [A/s]
-    viscous_friction: float = 0.0  # B_v [N m s/rad], output side
-    coulomb_friction: float = 0.0  # F_c [N m], output side
-    encoder_resolution: float = 0.0  # [rad]; 0 = exact
-    speed_filter: float = 0.0  # time constant of the speed that controller and viscous friction see [s]
+    resistance: float = _number("> 0", "Ohm")  # R
+    inductance: float = _number(">= 0", "H")  # L
+    motor_constant: float = _number("> 0", "V s/rad")  # K = [N m/A], rotor side
+    voltage_limit: float = _number("> 0", "V")
+    current_limit: float = _number("> 0 or inf", "A", math.inf)
+    current_slew: float = _number("> 0 or inf", "A/s", math.inf)
+    viscous_friction: float = _number(">= 0", "N m s/rad", 0.0)  # B_v, output side
+    coulomb_friction: float = _number(">= 0", "N m", 0.0)  # F_c, output side
+    encoder_resolution: float = _number(">= 0", "rad", 0.0)  # 0 = exact
+    speed_filter: float = _number(">= 0", "s", 0.0)  # time constant of the speed that controller and friction see
 
     def __post_init__(self):
-        _check_numbers("servo", self, _SERVO_RANGES)
+        _check_numbers("servo", self)
 
 
-_SERVO_RANGES = {
-    "resistance": ("> 0", "Ohm"),
-    "inductance": (">= 0", "H"),
-    "motor_constant": ("> 0", "V s/rad"),
-    "voltage_limit": ("> 0", "V"),
-    "current_limit": ("> 0 or inf", "A"),
-    "current_slew": ("> 0 or inf", "A/s"),
-    "viscous_friction": (">= 0", "N m s/rad"),
-    "coulomb_friction": (">= 0", "N m"),
-    "encoder_resolution": (">= 0", "rad"),
-    "speed_filter": (">= 0", "s"),
+# Units of the numbers of a servo; the gains of the laws other than state and pid_position differ.
+SERVO_UNITS = {
+    f.name: f.metadata["unit"] for part in (Servo, Controller, Gearbox) for f in fields(part) if "unit" in f.metadata
 }
 
 
@@ -248,18 +195,15 @@ class Ground:
     given distance along the slope; their faces push nothing back.
     """
 
-    friction: float = 0.95  # coefficient of friction; SimTwo's default
-    sinking: float = 5e-4  # under the robot's weight, shared by all contact points [m]
-    damping_ratio: float = 0.7  # of small motions about rest; 1 = critical
-    height: float = 0.0  # at the world's origin [m]
+    friction: float = _number(">= 0", "-", 0.95, "0 is ice, 1 is rubber")  # coefficient; SimTwo's default
+    sinking: float = _number("> 0", "m", 5e-4, "0.0005 suits a small robot")  # under its weight, on all contact points
+    damping_ratio: float = _number(">= 0", "-", 0.7, "0.7 hardly bounces")  # of small motions about rest; 1 = critical
+    height: float = _number("finite", "m", 0.0, "0 is the world's origin")  # at the world's origin
     slope: float = 0.0  # rising along x [rad]
     steps: tuple[tuple[float, float], ...] = ()  # (distance along the slope, rise) [m]
 
     def __post_init__(self):
-        _check_number("ground", "friction", self.friction, ">= 0", "-", "0 is ice, 1 is rubber")
-        _check_number("ground", "sinking", self.sinking, "> 0", "m", "0.0005 suits a small robot")
-        _check_number("ground", "damping_ratio", self.damping_ratio, ">= 0", "-", "0.7 hardly bounces")
-        _check_number("ground", "height", self.height, "finite", "m", "0 is the world's origin")
+        _check_numbers("ground", self)
         if not abs(self.slope) < 0.5 * math.pi:
             raise ValueError(
                 f"ground: slope {self.slope!r} rad; it must lie between -pi/2 and pi/2: give it in radians"
@@ -280,9 +224,9 @@ class Spring:
     b: str  # link
     point_a: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m], frame of link a
     point_b: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m], frame of link b
-    stiffness: float = 0.0  # K [N/m]
-    damping: float = 0.0  # C [N s/m]
-    length: float = 0.0  # l0, at rest [m]
+    stiffness: float = _number(">= 0", "N/m", 0.0, "0 is a damper alone")  # K
+    damping: float = _number(">= 0", "N s/m", 0.0, "0 is a spring alone")  # C
+    length: float = _number(">= 0", "m", 0.0, "it is the distance at which the spring is slack")  # l0, at rest
 
     def __post_init__(self):
         what = f"spring from link {self.a!r} to {self.b!r}"
@@ -290,9 +234,7 @@ class Spring:
             raise ValueError(f"{what}: both points are on one link, which does not stretch; give two links")
         _check_vector(what, "point_a", self.point_a, 3)
         _check_vector(what, "point_b", self.point_b, 3)
-        _check_number(what, "stiffness", self.stiffness, ">= 0", "N/m", "0 is a damper alone")
-        _check_number(what, "damping", self.damping, ">= 0", "N s/m", "0 is a spring alone")
-        _check_number(what, "length", self.length, ">= 0", "m", "it is the distance at which the spring is slack")
+        _check_numbers(what, self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -602,9 +544,11 @@ def _check_number(what: str, name: str, value: float, rule: str, unit: str, reme
         raise ValueError(f"{what}: {name} is {value!r} [{unit}]; expected {rule}: {remedy}")
 
 
-def _check_numbers(what: str, record, ranges: dict[str, tuple[str, str]]) -> None:
-    for name, (rule, unit) in ranges.items():
-        _check_number(what, name, getattr(record, name), rule, unit, f"correct it, and mind the unit {unit}")
+def _check_numbers(what: str, record) -> None:
+    """Check the fields that are declared by `_number`."""
+    for f in fields(record):
+        if f.metadata:
+            _check_number(what, f.name, getattr(record, f.name), **f.metadata)
 
 
 def _check_vector(what: str, name: str, value: tuple[float, ...], size: int) -> None:
