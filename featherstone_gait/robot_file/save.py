@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
+from collections.abc import Sequence
+from dataclasses import Field, fields
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from ..model import Joint, Link, Model
-from .servos import PARTS, SERVO_KEYS
+from .servos import PARTS
+from .toml import written
 from .urdf import INERTIA
 
 
@@ -89,23 +91,20 @@ def _stated_limits(joint: Joint) -> dict[str, float]:
 
 
 def _toml_text(model: Model) -> str:
-    lines = [f"base = {_quoted(model.base)}", "contacts = ["]
-    for contact in model.contacts:
-        position = ", ".join(_numbers(contact.position).split())
-        lines.append(f"  {{link = {_quoted(contact.link)}, position = [{position}]}},")
+    lines = [f"base = {written(model.base)}", "contacts = ["]
+    lines += [f"  {{{', '.join(_assignments(contact, fields(contact)))}}}," for contact in model.contacts]
     lines += ["]", "", "[locked.default]"]
-    lines += [f"{_quoted(name)} = {float(position)!r}" for name, position in model.locked.items()]
+    lines += [f"{written(name)} = {written(position)}" for name, position in model.locked.items()]
     for name, servo in model.servos.items():
-        lines += ["", f"[servos.joints.{_quoted(name)}]", f"law = {_quoted(servo.controller.law)}"]
+        lines += ["", f"[servos.joints.{written(name)}]"]
         for part in (servo.controller, servo.gearbox, servo):
-            keys = [key for key in PARTS[type(part)] if key in SERVO_KEYS and key != "law"]
-            lines += [f"{key} = {float(getattr(part, key))!r}" for key in keys]
+            lines += _assignments(part, PARTS[type(part)])
     return "\n".join([*lines, ""])
 
 
-def _quoted(text: str) -> str:
-    """A TOML basic string; printable text needs no escapes but JSON's."""
-    return json.dumps(text, ensure_ascii=False)
+def _assignments(record, of: Sequence[Field]) -> list[str]:
+    """Lines `key = value` of fields of a record."""
+    return [f"{f.name} = {written(getattr(record, f.name))}" for f in of]
 
 
 def _numbers(values: tuple[float, ...]) -> str:

@@ -9,14 +9,17 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-from ..model import Controller, Gearbox, Joint, Servo, check_servos
+from ..model import SERVO_UNITS, Controller, Gearbox, Joint, Servo, check_servos
 from .errors import blamed_on
 from .source import robots_folder
 from .toml import check_keys, read_toml, real, string, table_of
 
-_ANGLES = ("encoder_resolution", "backlash")
-PARTS = {cls: tuple(f.name for f in fields(cls)) for cls in (Controller, Gearbox, Servo)}
-SERVO_KEYS = tuple(name for names in PARTS.values() for name in names if name not in ("controller", "gearbox"))
+# The keys of a servo's table are the fields of these; a new field needs no line here.
+PARTS = {
+    part: [f for f in fields(part) if f.name not in ("controller", "gearbox")] for part in (Controller, Gearbox, Servo)
+}
+_FIELDS = {f.name: f for part in PARTS.values() for f in part}
+_ANGLES = tuple(name for name, unit in SERVO_UNITS.items() if unit == "rad")
 
 
 def load_servo(name: str, gearbox: str = "physical", **overrides: Any) -> Servo:
@@ -90,25 +93,24 @@ def _servo_values(path: Path, gearbox: str) -> dict[str, Any]:
 
 def _servo_settings(table: Mapping[str, Any], what: str, also: tuple[str, ...] = ()) -> dict[str, Any]:
     """The table's fields as SI numbers, angles in radians; keys in `also` are left out, others refused."""
-    check_keys(table, (*also, *SERVO_KEYS, *(f"{name}_deg" for name in _ANGLES)), what)
+    check_keys(table, (*also, *_FIELDS, *(f"{name}_deg" for name in _ANGLES)), what)
     values: dict[str, Any] = {}
     for key, value in table.items():
         if key in also:
             continue
-        name = key if key in SERVO_KEYS else key.removesuffix("_deg")
+        name = key if key in _FIELDS else key.removesuffix("_deg")
         if name in values:
             raise ValueError(f"{what}: {name} is given twice; keep one of {name} and {name}_deg")
-        number = value if name == "law" else real(value, f"{what}: {key}")
-        values[name] = number if name == key else math.radians(number)
+        value = real(value, f"{what}: {key}") if _FIELDS[name].type == "float" else value
+        values[name] = value if name == key else math.radians(value)
     return values
 
 
 def _servo(values: dict[str, Any], what: str) -> Servo:
-    required = [f.name for cls in PARTS for f in fields(cls) if f.default is MISSING and f.name in SERVO_KEYS]
-    for name in required:
-        if name not in values:
+    for name, f in _FIELDS.items():
+        if name not in values and f.default is MISSING:
             raise ValueError(f"{what}: {name} is missing; it is required: add it, or name a servo type that has it")
-    controller, gearbox, motor = ({name: values[name] for name in part if name in values} for part in PARTS.values())
+    controller, gearbox, motor = ({f.name: values[f.name] for f in part if f.name in values} for part in PARTS.values())
     try:
         return Servo(Controller(**controller), Gearbox(**gearbox), **motor)
     except ValueError as error:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..model import ContactPoint, Joint, Link, Servo, check_contacts, check_locked
 from .servos import read_servos
-from .toml import check_keys, read_toml, real, string, table_of
+from .toml import READ, check_keys, read_toml, real, string, table_of
 
 
 class Settings(NamedTuple):
@@ -35,16 +36,19 @@ def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]
 def _contacts(rows: Any, links: tuple[Link, ...]) -> tuple[ContactPoint, ...]:
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise ValueError(f"contacts is {rows!r}; expected a list: write [{{link = '...', position = [x, y, z]}}, ...]")
-    points = []
-    for k, row in enumerate(rows):
-        check_keys(row, ("link", "position"), f"contacts[{k}]")
-        link, position = string(row, "link", f"contacts[{k}]"), row.get("position")
-        what = f"contacts[{k}] on link {link!r}: position"
-        if not isinstance(position, list) or len(position) != 3:
-            raise ValueError(f"{what} is {position!r}; expected three numbers: write [x, y, z]")
-        points.append(ContactPoint(link, tuple(real(x, what) for x in position)))
+    points = tuple(_contact(row, f"contacts[{k}]") for k, row in enumerate(rows))
     check_contacts(links, points)
-    return tuple(points)
+    return points
+
+
+def _contact(row: dict[str, Any], what: str) -> ContactPoint:
+    """A contact point; the keys of its table are the fields of the class."""
+    known = fields(ContactPoint)
+    check_keys(row, tuple(f.name for f in known), what)
+    what = f"{what} on link {string(row, 'link', what)!r}"
+    return ContactPoint(
+        **{f.name: READ[f.type](row, f.name, what) for f in known if f.name in row or f.default is MISSING}
+    )
 
 
 def _locked_set(sets: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 import tomllib
@@ -55,3 +56,29 @@ def real(value: Any, what: str) -> float:
     if abs(value) > sys.float_info.max and value != math.inf:
         raise ValueError(f"{what} is beyond {sys.float_info.max:.1e}; expected a number: correct its size")
     return float(value)
+
+
+def number(table: Mapping[str, Any], key: str, what: str) -> float:
+    """The number under a key.  Raises ValueError for anything else."""
+    return real(table.get(key), f"{what}: {key}")
+
+
+def vector(table: Mapping[str, Any], key: str, what: str) -> tuple[float, ...]:
+    """The three numbers under a key.  Raises ValueError for anything else."""
+    value = table.get(key)
+    if not isinstance(value, list) or len(value) != 3:
+        raise ValueError(f"{what}: {key} is {value!r}; expected three numbers: write [x, y, z]")
+    return tuple(real(x, f"{what}: {key}") for x in value)
+
+
+# How to read a field of a dataclass, by its type as `fields` gives it.
+READ = {"str": string, "float": number, "tuple[float, float, float]": vector}
+
+
+def written(value: str | float | tuple[float, ...]) -> str:
+    """A text, a number or numbers as TOML that reads back the same."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)  # printable text needs no escapes but JSON's
+    if isinstance(value, tuple):
+        return f"[{', '.join(written(x) for x in value)}]"
+    return repr(float(value))
