@@ -1,5 +1,6 @@
 """From a model to the kernels' rows: rotations, links that move as one, and the same bits on any processor."""
 
+import ast
 import math
 import os
 import re
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from random_tree import random_tree
 
+import featherstone_gait
 from featherstone_gait.build.tree import compile_tree
 from featherstone_gait.core.elementary import SINCOS_LIMIT
 from featherstone_gait.model import Joint, Model, depth_first, rigid_bodies
@@ -72,6 +74,17 @@ def computed(paths, settings) -> str:
     command, root = [sys.executable, "-c", PROGRAM, *map(str, paths)], Path(__file__).parents[1]
     run = subprocess.run(command, cwd=root, env=os.environ | settings, capture_output=True, text=True, check=True)
     return run.stdout.strip()
+
+
+def test_what_builds_for_kernels_asks_no_library_for_sums_and_sines():
+    """`@`, np.linalg, einsum and libm round differently on another processor."""
+    package = Path(featherstone_gait.__file__).parent
+    names = {"dot", "matmul", "einsum", "linalg", "sin", "cos", "tan", "exp", "hypot"}
+    for path in [package / "rotation.py", *sorted((package / "build").glob("*.py"))]:
+        nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
+        used = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
+        assert used & names == set(), path.name
+        assert not any(isinstance(node, ast.MatMult) for node in nodes), path.name
 
 
 def test_roll_pitch_and_yaw_are_turns_about_fixed_axes():
