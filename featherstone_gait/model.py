@@ -443,7 +443,8 @@ def rigid_bodies(model: Model) -> tuple[list[RigidBody], dict[str, Placement]]:
     for name, place in placements.items():
         groups[place.row].append((links[name], place))
     names = [tuple(link.name for link, _ in group) for group in groups]
-    return [RigidBody(*body, *_composite(group)) for *body, group in zip(frames, names, groups)], placements
+    bodies = [RigidBody(frame, carried, *_composite(group)) for frame, carried, group in zip(frames, names, groups)]
+    return bodies, placements
 
 
 def _frames(model: Model) -> tuple[list[Frame], dict[str, Placement]]:
