@@ -12,6 +12,7 @@ _MODULES = {
     "dynamics": (
         "Poses",
         "center_of_mass",
+        "contact_positions",
         "energy",
         "forward_dynamics",
         "forward_kinematics",

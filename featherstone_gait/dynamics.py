@@ -13,12 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .build.tree import GRAVITY, Tree, compile_tree
 from .core.compile.elementary import SINCOS_LIMIT
 from .core.compile.lanes import WIDTH, aligned
 from .core.tree import batch
 from .core.tree.layout import Motion, Robot
 from .model import Model, Spring, check_springs
-from .tree import GRAVITY, Tree, compile_tree
+from .rotation import product, rotate
 
 
 class Poses(NamedTuple):
@@ -84,8 +85,8 @@ def forward_kinematics(model: Model, q) -> Poses:
     poses = _poses(tree, x["q"])
     places = [tree.placements[link.name] for link in model.links]
     E = poses[:, [place.row for place in places], :9].reshape(len(poses), -1, 3, 3)
-    rotation = E @ np.array([place.E for place in places])
-    position = poses[:, [place.row for place in places], 9:] + _turned(E, [place.r for place in places])
+    rotation = product(E, np.array([place.E for place in places]))
+    position = poses[:, [place.row for place in places], 9:] + rotate(E, np.array([place.r for place in places]))
     if tree.floating:
         position = position + x["q"][:, None, :3]
     return Poses(_shaped(rotation, q), _shaped(position, q))
@@ -101,15 +102,21 @@ def spring_vectors(model: Model, springs: Sequence[Spring], q) -> np.ndarray:
     """From point a to point b of each spring, (springs, 3) or (n, springs, 3) in world axes [m]."""
     check_springs(model.links, springs)
     poses = forward_kinematics(model, q)
+    b = _points(model, poses, [(spring.b, spring.point_b) for spring in springs])
+    return b - _points(model, poses, [(spring.a, spring.point_a) for spring in springs])
+
+
+def contact_positions(model: Model, q) -> np.ndarray:
+    """Contact points in the world, (points, 3) or (n, points, 3) [m], in the order of `model.contacts`."""
+    return _points(model, forward_kinematics(model, q), [(point.link, point.position) for point in model.contacts])
+
+
+def _points(model: Model, poses: Poses, points: list[tuple[str, Sequence[float]]]) -> np.ndarray:
+    """World positions (..., points, 3) of points that are given by their link and their position in its frame."""
     rows = {link.name: k for k, link in enumerate(model.links)}
-
-    def ends(links, points):
-        at = [rows[link] for link in links]
-        return poses.position[..., at, :] + np.einsum("...ij,...j->...i", poses.rotation[..., at, :, :], points)
-
-    a = ends([spring.a for spring in springs], np.array([spring.point_a for spring in springs]))
-    b = ends([spring.b for spring in springs], np.array([spring.point_b for spring in springs]))
-    return b - a
+    at = [rows[link] for link, _ in points]
+    local = np.array([position for _, position in points], dtype=float).reshape(-1, 3)
+    return poses.position[..., at, :] + rotate(poses.rotation[..., at, :, :], local)
 
 
 def _arguments(model: Model, **arrays) -> dict[str, np.ndarray]:
@@ -233,17 +240,11 @@ def _wrench(model: Model, tree: Tree, q: np.ndarray, wrench):
         if f.shape not in ((6,), (len(q), 6)) or not np.isfinite(f).all():
             raise ValueError(f"{model.name}: wrench on {name} must be (6,) or ({len(q)}, 6) finite numbers: {value!r}")
         place = tree.placements[name]
-        E = poses[:, [place.row], :9].reshape(-1, 1, 3, 3)
-        p = poses[:, place.row, 9:] + _turned(E, [place.r])[:, 0]
+        p = poses[:, place.row, 9:] + rotate(poses[:, place.row, :9].reshape(-1, 3, 3), place.r)
         f = np.broadcast_to(f, (len(q), 6))
         out[:, place.row, :3] += f[:, :3] + np.cross(p, f[:, 3:])
         out[:, place.row, 3:] += f[:, 3:]
     return out
-
-
-def _turned(E: np.ndarray, vectors) -> np.ndarray:
-    """E (n, k, 3, 3) times k vectors."""
-    return np.einsum("nkij,kj->nki", E, np.array(vectors))
 
 
 def _poses(tree: Tree, q: np.ndarray) -> np.ndarray:

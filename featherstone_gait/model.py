@@ -1,7 +1,7 @@
 """What a robot is: frozen dataclasses in SI units, as read from URDF and TOML, checked when they are made.
 
-A `Model` holds the links and joints exactly as the files state them.  Choosing frames, merging rigidly connected
-links and laying the numbers out for the kernels is the work of `scene.py`.
+A `Model` holds the links and joints exactly as the files state them; `rigid_bodies` merges what moves as one.  Laying
+the numbers out for the kernels is the work of `build/` and `scene.py`.
 
 Coordinates of a state, the same as MuJoCo's free joint:
 
@@ -16,10 +16,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, field
-from typing import Literal, get_args
+from dataclasses import MISSING, dataclass, field, fields
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
+
+from .core.compile.elementary import SINCOS_LIMIT
+from .rotation import dot, product, rotate, rotation_about, rotation_from_rpy, rotation_z_to
 
 JointType = Literal["revolute", "continuous", "prismatic", "fixed"]
 Law = Literal["state", "pid_position", "pid_speed", "pd", "pd_clamped"]
@@ -27,33 +30,6 @@ Law = Literal["state", "pid_position", "pid_speed", "pd", "pd_clamped"]
 AXIS_TOLERANCE = 1e-9  # how far from 1 the length of a joint axis may be
 DEFINITE_TOLERANCE = 1e-9  # smallest principal moment of inertia, relative to the largest
 TRIANGLE_TOLERANCE = 1e-6  # relative; a flat plate meets A + B = C exactly, and files round to about seven digits
-
-# Units of the numbers of Servo, Controller and Gearbox; the gains of the laws other than state and pid_position differ.
-SERVO_UNITS = {
-    "resistance": "Ohm",
-    "inductance": "H",
-    "motor_constant": "V s/rad",
-    "voltage_limit": "V",
-    "current_limit": "A",
-    "current_slew": "A/s",
-    "viscous_friction": "N m s/rad",
-    "coulomb_friction": "N m",
-    "encoder_resolution": "rad",
-    "speed_filter": "s",
-    "Kp": "V/rad",
-    "Ki": "V/(rad s)",
-    "Kd": "V s/rad",
-    "Kf": "V/rad",
-    "period": "s",
-    "lag": "s",
-    "torque_limit": "N m",
-    "ratio": "-",
-    "rotor_inertia": "kg m^2",
-    "rotor_damping": "N m s/rad",
-    "stiffness": "N m/rad",
-    "damping": "N m s/rad",
-    "backlash": "rad",
-}
 
 _RULES = {
     "> 0": lambda x: 0 < x < math.inf,
@@ -64,19 +40,25 @@ _RULES = {
 }
 
 
+def _number(rule: str, unit: str, default: float = MISSING, remedy: str = ""):
+    """A field that must be a number of this range and unit; `remedy` is what to do about one that is not."""
+    remedy = remedy or f"correct it, and mind the unit {unit}"
+    return field(default=default, metadata={"rule": rule, "unit": unit, "remedy": remedy})
+
+
 @dataclass(frozen=True)
 class Link:
     """A rigid body.  `inertia` is about the centre of mass, in link axes."""
 
     name: str
-    mass: float  # [kg]; 0 for a mere frame
+    mass: float = _number(">= 0", "kg", remedy="a link without mass is one without <inertial>")  # 0 for a mere frame
     center_of_mass: tuple[float, float, float]  # [m], link frame
     inertia: tuple[float, float, float, float, float, float]  # ixx ixy ixz iyy iyz izz [kg m^2]
 
     def __post_init__(self):
         what = f"link {self.name!r}"
         _check_name("link", self.name)
-        _check_number(what, "mass", self.mass, ">= 0", "kg", "a link without mass is one without <inertial>")
+        _check_numbers(what, self)
         _check_vector(what, "center_of_mass", self.center_of_mass, 3)
         _check_vector(what, "inertia", self.inertia, 6)
         _check_inertia(what, self.mass, self.inertia)
@@ -95,10 +77,10 @@ class Joint:
     axis: tuple[float, float, float] = (1.0, 0.0, 0.0)  # in the child frame; unit length unless fixed
     lower: float = -math.inf  # [rad or m]
     upper: float = math.inf  # [rad or m]
-    effort: float = math.inf  # [N m or N]
-    velocity: float = math.inf  # [rad/s or m/s]
-    damping: float = 0.0  # [N m s/rad or N s/m]
-    friction: float = 0.0  # Coulomb [N m or N]
+    effort: float = _number(">= 0 or inf", "SI", math.inf, "correct the value")  # [N m or N]
+    velocity: float = _number(">= 0 or inf", "SI", math.inf, "correct the value")  # [rad/s or m/s]
+    damping: float = _number(">= 0", "SI", 0.0, "correct the value")  # [N m s/rad or N s/m]
+    friction: float = _number(">= 0", "SI", 0.0, "correct the value")  # Coulomb [N m or N]
 
     def __post_init__(self):
         what = f"joint {self.name!r}"
@@ -108,6 +90,7 @@ class Joint:
             raise ValueError(f"{what}: parent and child are both {self.child!r}; connect two different links")
         _check_vector(what, "xyz", self.xyz, 3)
         _check_vector(what, "rpy", self.rpy, 3)
+        check_angles(what, "rpy", self.rpy)
         _check_vector(what, "axis", self.axis, 3)
         if self.type == "fixed":
             return
@@ -122,37 +105,24 @@ class Joint:
             raise ValueError(
                 f"{what}: type 'continuous' has limits {self.lower!r} to {self.upper!r}; use type 'revolute'"
             )
-        for name, rule in _JOINT_RANGES.items():
-            _check_number(what, name, getattr(self, name), rule, "SI", "correct the value")
-
-
-_JOINT_RANGES = {"effort": ">= 0 or inf", "velocity": ">= 0 or inf", "damping": ">= 0", "friction": ">= 0"}
+        _check_numbers(what, self)
 
 
 @dataclass(frozen=True)
 class Gearbox:
     """A gear train.  Stiffness, damping and backlash are stated at the output side, the rotor's at the rotor."""
 
-    ratio: float  # G = rotor speed / joint speed [-]
-    rotor_inertia: float = 0.0  # J [kg m^2], rotor side; reflected to the joint it is G^2 J
-    rotor_damping: float = 0.0  # B_vr [N m s/rad], rotor side
-    stiffness: float = math.inf  # K_out [N m/rad], output side
-    damping: float = 0.0  # B_out [N m s/rad], output side
-    backlash: float = 0.0  # whole gap [rad], output side
+    ratio: float = _number("> 0", "-")  # G = rotor speed / joint speed
+    rotor_inertia: float = _number(">= 0", "kg m^2", 0.0)  # J, rotor side; reflected to the joint it is G^2 J
+    rotor_damping: float = _number(">= 0", "N m s/rad", 0.0)  # B_vr, rotor side
+    stiffness: float = _number("> 0 or inf", "N m/rad", math.inf)  # K_out, output side
+    damping: float = _number(">= 0", "N m s/rad", 0.0)  # B_out, output side
+    backlash: float = _number(">= 0", "rad", 0.0)  # whole gap, output side
 
     def __post_init__(self):
         remedy = "to turn the motor round, reverse the joint's axis"
         _check_number("gearbox", "ratio", self.ratio, "> 0", "rotor turns per joint turn", remedy)
-        _check_numbers("gearbox", self, _GEARBOX_RANGES)
-
-
-_GEARBOX_RANGES = {
-    "rotor_inertia": (">= 0", "kg m^2"),
-    "rotor_damping": (">= 0", "N m s/rad"),
-    "stiffness": ("> 0 or inf", "N m/rad"),
-    "damping": (">= 0", "N m s/rad"),
-    "backlash": (">= 0", "rad"),
-}
+        _check_numbers("gearbox", self)
 
 
 @dataclass(frozen=True)
@@ -166,28 +136,17 @@ class Controller:
     """
 
     law: Law
-    Kp: float = 0.0  # [V/rad], of pid_speed [V s/rad], of pd [N m/rad]
-    Ki: float = 0.0  # [V/(rad s)], of pid_speed [V/rad]
-    Kd: float = 0.0  # [V s/rad], of pid_speed [V s^2/rad], of pd [N m s/rad]
-    Kf: float = 0.0  # feed-forward of the angle reference [V/rad]
-    period: float = 0.01  # [s]
-    lag: float = 0.01  # from a reference being issued to the controller seeing it [s]
-    torque_limit: float = math.inf  # of the pd laws [N m]
+    Kp: float = _number(">= 0", "V/rad", 0.0)  # of pid_speed [V s/rad], of pd [N m/rad]
+    Ki: float = _number(">= 0", "V/(rad s)", 0.0)  # of pid_speed [V/rad]
+    Kd: float = _number(">= 0", "V s/rad", 0.0)  # of pid_speed [V s^2/rad], of pd [N m s/rad]
+    Kf: float = _number("finite", "V/rad", 0.0)  # feed-forward of the angle reference
+    period: float = _number("> 0", "s", 0.01)
+    lag: float = _number(">= 0", "s", 0.01)  # from a reference being issued to the controller seeing it
+    torque_limit: float = _number("> 0 or inf", "N m", math.inf)  # of the pd laws
 
     def __post_init__(self):
         _check_choice("controller", "law", self.law, get_args(Law))
-        _check_numbers("controller", self, _CONTROLLER_RANGES)
-
-
-_CONTROLLER_RANGES = {
-    "Kp": (">= 0", "V/rad"),
-    "Ki": (">= 0", "V/(rad s)"),
-    "Kd": (">= 0", "V s/rad"),
-    "Kf": ("finite", "V/rad"),
-    "period": ("> 0", "s"),
-    "lag": (">= 0", "s"),
-    "torque_limit": ("> 0 or inf", "N m"),
-}
+        _check_numbers("controller", self)
 
 
 @dataclass(frozen=True)
@@ -196,32 +155,24 @@ class Servo:
 
     controller: Controller
     gearbox: Gearbox
-    resistance: float  # R [Ohm]
-    inductance: float  # L [H]
-    motor_constant: float  # K [V s/rad] = [N m/A], rotor side
-    voltage_limit: float  # [V]
-    current_limit: float = math.inf  # [A]
-    current_slew: float = math.inf  # [A/s]
-    viscous_friction: float = 0.0  # B_v [N m s/rad], output side
-    coulomb_friction: float = 0.0  # F_c [N m], output side
-    encoder_resolution: float = 0.0  # [rad]; 0 = exact
-    speed_filter: float = 0.0  # time constant of the speed that controller and viscous friction see [s]
+    resistance: float = _number("> 0", "Ohm")  # R
+    inductance: float = _number(">= 0", "H")  # L
+    motor_constant: float = _number("> 0", "V s/rad")  # K = [N m/A], rotor side
+    voltage_limit: float = _number("> 0", "V")
+    current_limit: float = _number("> 0 or inf", "A", math.inf)
+    current_slew: float = _number("> 0 or inf", "A/s", math.inf)
+    viscous_friction: float = _number(">= 0", "N m s/rad", 0.0)  # B_v, output side
+    coulomb_friction: float = _number(">= 0", "N m", 0.0)  # F_c, output side
+    encoder_resolution: float = _number(">= 0", "rad", 0.0)  # 0 = exact
+    speed_filter: float = _number(">= 0", "s", 0.0)  # time constant of the speed that controller and friction see
 
     def __post_init__(self):
-        _check_numbers("servo", self, _SERVO_RANGES)
+        _check_numbers("servo", self)
 
 
-_SERVO_RANGES = {
-    "resistance": ("> 0", "Ohm"),
-    "inductance": (">= 0", "H"),
-    "motor_constant": ("> 0", "V s/rad"),
-    "voltage_limit": ("> 0", "V"),
-    "current_limit": ("> 0 or inf", "A"),
-    "current_slew": ("> 0 or inf", "A/s"),
-    "viscous_friction": (">= 0", "N m s/rad"),
-    "coulomb_friction": (">= 0", "N m"),
-    "encoder_resolution": (">= 0", "rad"),
-    "speed_filter": (">= 0", "s"),
+# Units of the numbers of a servo; the gains of the laws other than state and pid_position differ.
+SERVO_UNITS = {
+    f.name: f.metadata["unit"] for part in (Servo, Controller, Gearbox) for f in fields(part) if "unit" in f.metadata
 }
 
 
@@ -244,18 +195,15 @@ class Ground:
     given distance along the slope; their faces push nothing back.
     """
 
-    friction: float = 0.95  # coefficient of friction; SimTwo's default
-    sinking: float = 5e-4  # under the robot's weight, shared by all contact points [m]
-    damping_ratio: float = 0.7  # of small motions about rest; 1 = critical
-    height: float = 0.0  # at the world's origin [m]
+    friction: float = _number(">= 0", "-", 0.95, "0 is ice, 1 is rubber")  # coefficient; SimTwo's default
+    sinking: float = _number("> 0", "m", 5e-4, "0.0005 suits a small robot")  # under its weight, on all contact points
+    damping_ratio: float = _number(">= 0", "-", 0.7, "0.7 hardly bounces")  # of small motions about rest; 1 = critical
+    height: float = _number("finite", "m", 0.0, "0 is the world's origin")  # at the world's origin
     slope: float = 0.0  # rising along x [rad]
     steps: tuple[tuple[float, float], ...] = ()  # (distance along the slope, rise) [m]
 
     def __post_init__(self):
-        _check_number("ground", "friction", self.friction, ">= 0", "-", "0 is ice, 1 is rubber")
-        _check_number("ground", "sinking", self.sinking, "> 0", "m", "0.0005 suits a small robot")
-        _check_number("ground", "damping_ratio", self.damping_ratio, ">= 0", "-", "0.7 hardly bounces")
-        _check_number("ground", "height", self.height, "finite", "m", "0 is the world's origin")
+        _check_numbers("ground", self)
         if not abs(self.slope) < 0.5 * math.pi:
             raise ValueError(
                 f"ground: slope {self.slope!r} rad; it must lie between -pi/2 and pi/2: give it in radians"
@@ -276,9 +224,9 @@ class Spring:
     b: str  # link
     point_a: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m], frame of link a
     point_b: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m], frame of link b
-    stiffness: float = 0.0  # K [N/m]
-    damping: float = 0.0  # C [N s/m]
-    length: float = 0.0  # l0, at rest [m]
+    stiffness: float = _number(">= 0", "N/m", 0.0, "0 is a damper alone")  # K
+    damping: float = _number(">= 0", "N s/m", 0.0, "0 is a spring alone")  # C
+    length: float = _number(">= 0", "m", 0.0, "it is the distance at which the spring is slack")  # l0, at rest
 
     def __post_init__(self):
         what = f"spring from link {self.a!r} to {self.b!r}"
@@ -286,9 +234,7 @@ class Spring:
             raise ValueError(f"{what}: both points are on one link, which does not stretch; give two links")
         _check_vector(what, "point_a", self.point_a, 3)
         _check_vector(what, "point_b", self.point_b, 3)
-        _check_number(what, "stiffness", self.stiffness, ">= 0", "N/m", "0 is a damper alone")
-        _check_number(what, "damping", self.damping, ">= 0", "N s/m", "0 is a spring alone")
-        _check_number(what, "length", self.length, ">= 0", "m", "it is the distance at which the spring is slack")
+        _check_numbers(what, self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,7 +258,12 @@ class Model:
         check_locked(self.joints, self.locked)
         check_servos(self.joints, self.servos)
         check_contacts(self.links, self.contacts)
-        _check_groups(self)
+        _check_bodies(self)
+
+    @property
+    def root(self) -> str:
+        """Name of the link that is no joint's child."""
+        return ({link.name for link in self.links} - {joint.child for joint in self.joints}).pop()
 
     @property
     def moving_joints(self) -> tuple[Joint, ...]:
@@ -385,6 +336,8 @@ def check_locked(joints: Iterable[Joint], locked: dict[str, float]) -> None:
     for name, position in locked.items():
         joint = _movable(by_name, name, "locked")
         _check_number(f"locked joint {name!r}", "position", position, "finite", "rad or m", "give a finite position")
+        if joint.type != "prismatic":
+            check_angles(f"locked joint {name!r}", "position", (position,))
         if not joint.lower <= position <= joint.upper:
             raise ValueError(
                 f"locked joint {name!r}: position {position!r} is outside its limits "
@@ -416,6 +369,13 @@ def check_springs(links: Iterable[Link], springs: Iterable[Spring]) -> None:
                 raise ValueError(f"springs: there is no link {end!r}; use one of {_listed(names)}")
 
 
+def check_angles(what: str, name: str, angles: Iterable[float]) -> None:
+    """Raise ValueError for an angle too large for its sine to be exact."""
+    for angle in angles:
+        if not abs(angle) <= SINCOS_LIMIT:
+            raise ValueError(f"{what}: {name} is {angle!r} rad; at most {SINCOS_LIMIT:.0f} rad: subtract whole turns")
+
+
 def _movable(by_name: dict[str, Joint], name: str, where: str) -> Joint:
     """The joint of that name; ValueError if there is none or it is fixed."""
     if name not in by_name:
@@ -426,17 +386,18 @@ def _movable(by_name: dict[str, Joint], name: str, where: str) -> Joint:
     return by_name[name]
 
 
-def _check_groups(model: Model) -> None:
+def _check_bodies(model: Model) -> None:
     """Raise ValueError unless what moves as one has a mass and an inertia that resist every motion."""
-    groups = _rigid_groups(model)
-    for leader, members in groups.items():
-        if leader == next(iter(groups)) and model.base == "fixed":
+    for body in rigid_bodies(model)[0]:
+        if body.frame.joint is None and model.base == "fixed":
             continue  # it never moves
-        attached = [name for name in members if name != leader]
+        leader, *attached = body.links
         what = f"link {leader!r}" + (f" with {_listed(attached)} rigidly attached" if attached else "")
-        mass, moments = _composite(members)
-        if not mass > 0:
-            raise ValueError(f"{what} moves but has mass {mass!r} kg; expected > 0: add <inertial>, or fix its joint")
+        if not body.mass > 0:
+            raise ValueError(
+                f"{what} moves but has mass {body.mass!r} kg; expected > 0: add <inertial>, or fix its joint"
+            )
+        moments = np.linalg.eigvalsh(body.inertia).tolist()
         if not moments[0] > DEFINITE_TOLERANCE * moments[2]:
             raise ValueError(
                 f"{what} moves but its principal moments of inertia are {_listed(moments)} kg m^2; all must be > 0: "
@@ -444,64 +405,103 @@ def _check_groups(model: Model) -> None:
             )
 
 
-def _rigid_groups(model: Model) -> dict[str, dict[str, tuple[Link, np.ndarray, np.ndarray]]]:
-    """Links by the topmost link that they move with, each with its pose (E, r) in that link; the root's group first."""
+class Placement(NamedTuple):
+    """Where a link sits: the body that carries it and the link's frame in that body's frame."""
+
+    row: int  # of the body; 0 is the world or the floating base
+    E: np.ndarray  # (3, 3) rotation link -> body frame
+    r: np.ndarray  # (3,) origin of the link frame in the body frame [m]
+
+
+class Frame(NamedTuple):
+    """Frame of a body in that of its parent, with the joint at zero: origin at the joint, z along the joint's axis."""
+
+    joint: Joint | None  # that moves the body; None for the root's
+    parent: int  # row of the body that the joint hangs on
+    E: np.ndarray  # (3, 3) rotation body -> parent
+    r: np.ndarray  # (3,) origin in the parent [m]
+
+
+class RigidBody(NamedTuple):
+    """Links that move as one, and what they have together, in the body's frame."""
+
+    frame: Frame
+    links: tuple[str, ...]  # the joint's child first
+    mass: float  # [kg]
+    center: np.ndarray  # (3,) centre of mass [m]
+    inertia: np.ndarray  # (3, 3) about the centre of mass [kg m^2]
+
+
+def rigid_bodies(model: Model) -> tuple[list[RigidBody], dict[str, Placement]]:
+    """Merge what fixed and locked joints hold together: the bodies, and the place of every link.
+
+    First the root's body, then one for each moving joint, depth first: parents before children, chains in one piece.
+    """
     links = {link.name: link for link in model.links}
-    below: dict[str, list[Joint]] = {name: [] for name in links}
+    frames, placements = _frames(model)
+    groups: list[list[tuple[Link, Placement]]] = [[] for _ in frames]
+    for name, place in placements.items():
+        groups[place.row].append((links[name], place))
+    names = [tuple(link.name for link, _ in group) for group in groups]
+    bodies = [RigidBody(frame, carried, *_composite(group)) for frame, carried, group in zip(frames, names, groups)]
+    return bodies, placements
+
+
+def _frames(model: Model) -> tuple[list[Frame], dict[str, Placement]]:
+    """The frame of each body, and where each link sits."""
+    moving = set(model.joint_names)
+    frames = [Frame(None, 0, np.eye(3), np.zeros(3))]
+    placements = {model.root: Placement(0, np.eye(3), np.zeros(3))}
+    for joint in depth_first(model):
+        row, E, r = placements[joint.parent]
+        E, r = product(E, rotation_from_rpy(joint.rpy)), r + rotate(E, np.array(joint.xyz))
+        if joint.name in moving:
+            Q = rotation_z_to(joint.axis)
+            placements[joint.child] = Placement(len(frames), Q.T, np.zeros(3))
+            frames.append(Frame(joint, row, product(E, Q), r))
+        else:
+            placements[joint.child] = Placement(row, *_held(joint, model.locked.get(joint.name, 0.0), E, r))
+    return frames, placements
+
+
+def depth_first(model: Model) -> list[Joint]:
+    """The joints, a parent's before its children's and each chain in one piece; children in file order."""
+    children: dict[str, list[Joint]] = {}
     for joint in model.joints:
-        below[joint.parent].append(joint)
-    root = (links.keys() - {joint.child for joint in model.joints}).pop()
-    groups = {root: {root: (links[root], np.eye(3), np.zeros(3))}}
-    stack = [(root, root)]
+        children.setdefault(joint.parent, []).append(joint)
+    order, stack = [], children.get(model.root, [])[::-1]
     while stack:
-        leader, name = stack.pop()
-        _, E, r = groups[leader][name]
-        for joint in below[name]:
-            if joint.type == "fixed" or joint.name in model.locked:
-                X, p = _held(joint, model.locked.get(joint.name, 0.0))
-                groups[leader][joint.child] = (links[joint.child], E @ X, r + E @ p)
-                stack.append((leader, joint.child))
-            else:
-                groups[joint.child] = {joint.child: (links[joint.child], np.eye(3), np.zeros(3))}
-                stack.append((joint.child, joint.child))
-    return groups
+        joint = stack.pop()
+        order.append(joint)
+        stack.extend(children.get(joint.child, [])[::-1])
+    return order
 
 
-def _composite(members: dict[str, tuple[Link, np.ndarray, np.ndarray]]) -> tuple[float, list[float]]:
-    """Mass [kg] and principal moments about the common centre of mass, ascending [kg m^2]."""
-    mass = math.fsum(link.mass for link, _, _ in members.values())
-    if not mass > 0:
-        return mass, [0.0, 0.0, 0.0]
-    centers = {name: r + E @ np.array(link.center_of_mass) for name, (link, E, r) in members.items()}
-    center = sum(link.mass * centers[name] for name, (link, _, _) in members.items()) / mass
-    total = np.zeros((3, 3))
-    for name, (link, E, _) in members.items():
-        d = centers[name] - center
-        total += E @ inertia_matrix(link.inertia) @ E.T + link.mass * (d @ d * np.eye(3) - np.outer(d, d))
-    return mass, np.linalg.eigvalsh(total).tolist()
-
-
-def _held(joint: Joint, position: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pose of the child frame in the parent frame with the joint at a position."""
-    E, r, axis = rotation_from_rpy(joint.rpy), np.array(joint.xyz), np.array(joint.axis)
-    if joint.type == "prismatic":
-        return E, r + E @ axis * position
-    if joint.type == "fixed":
+def _held(joint: Joint, position: float, E: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The child frame of a fixed or locked joint, from the one at zero."""
+    if position == 0.0:
         return E, r
-    K = np.cross(np.eye(3), axis).T  # K v = axis x v
-    return E @ (np.eye(3) + math.sin(position) * K + (1.0 - math.cos(position)) * K @ K), r  # Rodrigues
+    if joint.type == "prismatic":
+        return E, r + rotate(E, position * np.array(joint.axis))
+    return product(E, rotation_about(joint.axis, position)), r
 
 
-def rotation_from_rpy(rpy: tuple[float, float, float]) -> np.ndarray:
-    """Rotation matrix (3, 3), child to parent, of roll, pitch and yaw [rad] about fixed axes: Rz Ry Rx."""
-    (cr, cp, cy), (sr, sp, sy) = [math.cos(a) for a in rpy], [math.sin(a) for a in rpy]
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+def _composite(group: list[tuple[Link, Placement]]) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass, centre of mass and inertia about it of links that move as one, in the body's frame."""
+    m = math.fsum(link.mass for link, _ in group)
+    centers = [place.r + rotate(place.E, np.array(link.center_of_mass)) for link, place in group]
+    c = sum((link.mass * center for (link, _), center in zip(group, centers)), np.zeros(3))
+    c = c / m if m > 0 else c
+    J = np.zeros((3, 3))
+    for (link, place), center in zip(group, centers):
+        d = center - c
+        J += turned_inertia(place.E, link.inertia) + link.mass * (dot(d, d) * np.eye(3) - np.outer(d, d))
+    return m, c, J
+
+
+def turned_inertia(E: np.ndarray, inertia: tuple[float, ...]) -> np.ndarray:
+    """E I E' (3, 3): an inertia ixx ixy ixz iyy iyz izz [kg m^2] in the axes that the rotation E leads to."""
+    return product(product(E, inertia_matrix(inertia)), E.T)
 
 
 def inertia_matrix(inertia: tuple[float, ...]) -> np.ndarray:
@@ -545,9 +545,11 @@ def _check_number(what: str, name: str, value: float, rule: str, unit: str, reme
         raise ValueError(f"{what}: {name} is {value!r} [{unit}]; expected {rule}: {remedy}")
 
 
-def _check_numbers(what: str, record, ranges: dict[str, tuple[str, str]]) -> None:
-    for name, (rule, unit) in ranges.items():
-        _check_number(what, name, getattr(record, name), rule, unit, f"correct it, and mind the unit {unit}")
+def _check_numbers(what: str, record) -> None:
+    """Check the fields that are declared by `_number`."""
+    for f in fields(record):
+        if f.metadata:
+            _check_number(what, f.name, getattr(record, f.name), **f.metadata)
 
 
 def _check_vector(what: str, name: str, value: tuple[float, ...], size: int) -> None:

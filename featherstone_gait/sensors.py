@@ -10,8 +10,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from . import dynamics
 from .build.scene import CompiledScene
-from .dynamics import forward_kinematics
 from .trajectory import Trajectory
 
 
@@ -71,17 +71,14 @@ def contact_positions(scene: CompiledScene, trajectory: Trajectory) -> np.ndarra
     q = _channels(trajectory, "q")[0]
     if scene.tree.floating:
         q = np.hstack([_channels(trajectory, "base_q")[0], q])
-    poses = forward_kinematics(scene.model, q)
-    names = [link.name for link in scene.model.links]
-    rows = [names.index(point.link) for point in scene.model.contacts]
-    offsets = np.array([point.position for point in scene.model.contacts])
-    return poses.position[:, rows] + np.einsum("kcij,cj->kci", poses.rotation[:, rows], offsets)
+    return dynamics.contact_positions(scene.model, q)
 
 
 def _point_forces(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:
     """Force on each contact point (samples, points, 3), world axes [N]."""
     forces = _contact_forces(scene, trajectory)
-    return forces @ scene.constants.ground[0, :9].reshape(3, 3)  # rows: normal, first, second tangent
+    plane = scene.constants.contact.plane[0]
+    return forces @ np.stack([plane.normal, plane.first, plane.second])
 
 
 def _contact_forces(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:

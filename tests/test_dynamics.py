@@ -9,8 +9,10 @@ import pytest
 from mujoco_oracle import Oracle
 from random_tree import numbers, random_states, random_tree
 
+from featherstone_gait.build.tree import compile_tree
 from featherstone_gait.dynamics import (
     center_of_mass,
+    contact_positions,
     energy,
     forward_dynamics,
     forward_kinematics,
@@ -18,9 +20,9 @@ from featherstone_gait.dynamics import (
     mass_matrix,
     momentum,
 )
-from featherstone_gait.model import Joint, Link, Model, inertia_matrix, rotation_from_rpy
+from featherstone_gait.model import ContactPoint, Joint, Link, Model, inertia_matrix
 from featherstone_gait.robot_file import load_robot, robot_names
-from featherstone_gait.tree import compile_tree
+from featherstone_gait.rotation import rotation_from_rpy
 
 SHAPES = [(1, 1.0), (2, 1.0), (3, 2.0), (7, 1.3), (20, 1.0), (20, 1.5), (50, 1.0), (50, 1.2), (50, 4.0)]
 
@@ -132,6 +134,23 @@ def test_links_stand_where_mujocos_stand(robot):
         mujoco.mj_kinematics(oracle.m, oracle.d)
         np.testing.assert_allclose(poses.position[k], oracle.d.xpos[ids], rtol=0, atol=1e-14)
         np.testing.assert_allclose(poses.rotation[k].reshape(-1, 9), oracle.d.xmat[ids], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("base", ["fixed", "floating"])
+def test_contact_points_move_with_their_links(base):
+    rng = np.random.default_rng(7)
+    model = tree_of((7, 1.5), base)
+    points = tuple(ContactPoint(f"body{k}", numbers(rng.normal(size=3))) for k in (5, 0, 7, 5))
+    model = replace(model, contacts=points)
+    q, _, _ = random_states(model, 3, seed=7)
+    found, poses = contact_positions(model, q), forward_kinematics(model, q)
+    for k, point in enumerate(points):
+        link = int(point.link[4:])
+        expected = poses.position[:, link] + poses.rotation[:, link] @ point.position
+        np.testing.assert_allclose(found[:, k], expected, rtol=0, atol=1e-15)
+    assert (found[1] == contact_positions(model, q[1])).all()
+    assert contact_positions(replace(model, contacts=()), q).shape == (3, 0, 3)
+    assert contact_positions(replace(model, contacts=()), q[0]).shape == (0, 3)
 
 
 # The algorithms against one another
@@ -475,6 +494,7 @@ CALLS = {
     "center_of_mass": (center_of_mass, ("q",)),
     "momentum": (momentum, ("q", "qd")),
     "forward_kinematics": (forward_kinematics, ("q",)),
+    "contact_positions": (contact_positions, ("q",)),
 }
 
 

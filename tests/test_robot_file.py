@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from featherstone_gait.model import ContactPoint, Controller, Gearbox, Joint, Link, Model, Servo
 from featherstone_gait.robot_file import (
-    MAX_BYTES,
     RobotFileError,
     RobotFileNotFoundError,
     gearbox_presets,
@@ -20,6 +19,7 @@ from featherstone_gait.robot_file import (
     load_servo,
     save_robot,
 )
+from featherstone_gait.robot_file.source import MAX_BYTES
 
 URDF = """<?xml version="1.0"?>
 <robot name="bot">

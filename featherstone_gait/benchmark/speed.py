@@ -29,6 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..build.tree import GRAVITY, compile_tree
 from ..core.compile.lanes import WIDTH, aligned
 from ..core.tree import timing
 from ..core.tree.layout import Motion, Robot
@@ -37,7 +38,6 @@ from ..model import Joint, Link, Model
 from ..plotting import positions
 from ..robot_file import load_robot, save_robot
 from ..run.simulate import simulate_batch
-from ..tree import GRAVITY, compile_tree
 from .machine import machine
 from .mujoco_clock import quick_mujoco
 

@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from ..core.effects.contact import PLANE, POINT, RISE, Contact
-from ..dynamics import forward_kinematics
+from ..dynamics import contact_positions
 from ..model import Ground, Model
-from ..tree import Tree
 from .records import fill, records
+from .tree import Tree
 
 
 def build_contact(model: Model, tree: Tree, ground: Ground | None) -> Contact | None:
@@ -61,9 +61,9 @@ def _rises(ground: Ground) -> np.recarray:
 
 
 def standing_height(model: Model, ground: Ground, q: np.ndarray) -> float:
-    """Height of the base [m] at which the lowest contact point of the posture q has sunk in as far as the ground allows."""
+    """Height of the base [m] at which the lowest contact point in the posture q has sunk in by the ground's sinking."""
     clearances = []
-    for x in contact_points(model, q):
+    for x in contact_positions(model, q):
         surface = ground.height + math.tan(ground.slope) * x[0]
         along = math.cos(ground.slope) * x[0] + math.sin(ground.slope) * surface
         rises = sum(rise for start, rise in ground.steps if along > start)
@@ -75,15 +75,4 @@ def fallen_height(model: Model, fraction: float) -> float:
     """Height of the base over the ground [m] below which the robot lies: a fraction of its own in the zero posture."""
     q = np.zeros(model.nq)
     q[3] = 1.0
-    return -fraction * min(x[2] for x in contact_points(model, q))
-
-
-def contact_points(model: Model, q: np.ndarray) -> list[np.ndarray]:
-    """The contact points in the world [m]."""
-    poses = forward_kinematics(model, q)
-    names = [link.name for link in model.links]
-    return [
-        poses.position[k] + poses.rotation[k] @ np.array(point.position)
-        for point in model.contacts
-        for k in [names.index(point.link)]
-    ]
+    return -fraction * min(x[2] for x in contact_positions(model, q))

@@ -11,8 +11,8 @@ import numpy as np
 from ..core.effects.push import PUSH
 from ..core.effects.spring import SPRING
 from ..model import Spring
-from ..tree import Tree
 from .records import fill, records
+from .tree import Tree
 
 
 class Push(NamedTuple):

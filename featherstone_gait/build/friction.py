@@ -11,7 +11,7 @@ from .records import fill, records
 
 
 def build_friction(model: Model, drive: Drive, own_drive: bool = False) -> np.recarray | None:
-    """FRICTION of each joint, None if there is none; own_drive: viscous friction of servos is the integrator's matter."""
+    """FRICTION of each joint, None if there is none; own_drive: viscous friction of servos is not ours."""
     table = records(len(model.moving_joints), FRICTION)
     for row, joint, servo in zip(table, model.moving_joints, drive.servos):
         if servo is not None:

@@ -13,13 +13,13 @@ from ..core.integrate.integrator import Integrator
 from ..core.step import state
 from ..core.step.context import Scene
 from ..model import Ground, Model, Spring, check_springs
-from ..tree import GRAVITY, Tree, compile_tree
 from .actuator import Drive, ServoKind, build_decay, build_drive, controller_period, fold_springs
 from .contact import build_contact, fallen_height
 from .external import build_pushes, build_springs
 from .friction import build_friction, sticks
 from .preflight import Preflight, preflight
 from .stop import build_stops
+from .tree import GRAVITY, Tree, compile_tree
 
 NO_SERVO_TICK = 1e-2  # [s] between the checks of a scene without sampled controllers
 STIFF = 5e-3  # [s]; explicit limit below which extrapolation takes implicit steps

@@ -18,9 +18,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from featherstone_gait.build.tree import GRAVITY
 from featherstone_gait.dynamics import forward_kinematics
 from featherstone_gait.run.simulate import simulate_batch, standing_state
-from featherstone_gait.tree import GRAVITY
 from featherstone_gait.walking.cost import LOADED, RECORD, SAMPLE, Measures, WalkingCost, measured
 
 ALIKE = 1e-9  # points of the sole closer than this are one [m]

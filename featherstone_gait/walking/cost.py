@@ -21,11 +21,11 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from featherstone_gait.build.scene import CompiledScene
+from featherstone_gait.build.tree import GRAVITY
 from featherstone_gait.core.effects.energies import METER
 from featherstone_gait.dynamics import forward_kinematics
 from featherstone_gait.reference import Reference
 from featherstone_gait.run.simulate import simulate_batch, simulate_stream, standing_state
-from featherstone_gait.tree import GRAVITY
 from featherstone_gait.walking.gait import TICK, Gait, references
 from featherstone_gait.walking.gait_file import read_angles
 

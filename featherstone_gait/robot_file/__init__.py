@@ -1,0 +1,39 @@
+"""Robots from files: what the robot is from URDF, what URDF cannot say from a TOML file of the same stem.
+
+The URDF (https://wiki.ros.org/urdf/XML) gives links and joints.  The TOML gives the base, the servos, the points that
+can touch the ground and named sets of locked joints::
+
+    base = "floating"                    # or "fixed", the default
+    contacts = [{link = "left_foot", position = [0.05, 0.03, -0.05]}]
+
+    [servos]                             # for every revolute and continuous joint
+    default = "ax12"                     # ax12.toml beside this file, else robots/servos/ax12.toml
+    gearbox = "physical"                 # one of that file's presets
+    voltage_limit = 9.6                  # any field of Servo, Controller or Gearbox overrides
+    [servos.joints.neck]                 # for one joint: type, gearbox and any field
+    current_limit = 0.1
+
+    [locked.default]                     # held unless load_robot is told otherwise
+    [locked.simplified]                  # load_robot(..., locked="simplified")
+    left_elbow_deg = 45.0
+
+All numbers are SI; the angles `encoder_resolution`, `backlash` and locked positions may carry `_deg`.
+
+Reading is strict: what is not understood is refused, not guessed.  No file other than these is opened, meshes included.
+"""
+
+from .errors import RobotFileError, RobotFileNotFoundError
+from .load import load_robot
+from .save import save_robot
+from .servos import gearbox_presets, load_servo
+from .source import robot_names
+
+__all__ = [
+    "RobotFileError",
+    "RobotFileNotFoundError",
+    "gearbox_presets",
+    "load_robot",
+    "load_servo",
+    "robot_names",
+    "save_robot",
+]

@@ -1,0 +1,66 @@
+"""A robot from its files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from ..model import Model, check_locked
+from .errors import blamed_on
+from .settings import Settings, read_settings
+from .source import urdf_path
+from .urdf import read_urdf
+
+
+def load_robot(
+    name_or_path: str | os.PathLike,
+    base: Literal["fixed", "floating"] | None = None,
+    locked: str | Mapping[str, float] | list[str] | tuple[str, ...] | None = None,
+) -> Model:
+    """Read a robot: a name of `robot_names()`, or the path of a .urdf file, with the .toml of the same stem if there.
+
+    Parameters
+    ----------
+    base : None is what the TOML says, else "floating" if the URDF has a floating joint, else "fixed"
+    locked : joints to hold: the name of a set in the TOML, {joint: position [rad or m]}, or joint names (held at 0);
+        None is the TOML's set "default", if it has one
+
+    Raises RobotFileError (a ValueError) if a file is wrong, RobotFileNotFoundError if it is not there.
+    """
+    path = urdf_path(name_or_path)
+    with blamed_on(path):
+        robot = read_urdf(path)
+    settings, toml = Settings(), path.with_suffix(".toml")
+    if toml.exists():
+        with blamed_on(toml):
+            settings = read_settings(toml, robot.links, robot.joints)
+    with blamed_on(f"{path}: load_robot(locked={locked!r})"):
+        held = _chosen(locked, settings.locked)
+        check_locked(robot.joints, held)
+    with blamed_on(path):
+        return Model(
+            name=robot.name,
+            links=robot.links,
+            joints=robot.joints,
+            base=next(b for b in (base, settings.base, robot.base, "fixed") if b is not None),
+            locked=held,
+            servos=dict(settings.servos),
+            contacts=settings.contacts,
+            notes=robot.notes,
+            source=str(path),
+        )
+
+
+def _chosen(locked: Any, sets: Mapping[str, dict[str, float]]) -> dict[str, float]:
+    """The joints to hold, from the argument of `load_robot`."""
+    if locked is None:
+        return dict(sets.get("default", {}))
+    if isinstance(locked, str):
+        if locked not in sets:
+            known = ", ".join(sets) or "none"
+            raise ValueError(f"there is no set {locked!r}; expected one of {known}: use one, or add [locked.{locked}]")
+        return dict(sets[locked])
+    if isinstance(locked, Mapping):
+        return {name: float(position) for name, position in locked.items()}
+    return dict.fromkeys(locked, 0.0)

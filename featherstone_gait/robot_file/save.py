@@ -1,0 +1,111 @@
+"""Writing a robot as URDF and TOML."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import Field, fields
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+from ..model import Joint, Link, Model
+from .servos import PARTS
+from .toml import written
+from .urdf import INERTIA
+
+
+def save_robot(model: Model, path: str | os.PathLike) -> None:
+    """Write a robot as URDF and the TOML beside it, so that `load_robot(path)` gives the same numbers to the last bit.
+
+    Locked joints become the TOML's set "default".  Both files are written in full before either takes its place.
+    Raises ValueError if the path does not end in .urdf or URDF cannot state the robot.
+    """
+    path = Path(path)
+    if path.suffix != ".urdf":
+        raise ValueError(f"{path}: the file name must end in .urdf; the TOML goes beside it")
+    texts = {path: _urdf_text(model), path.with_suffix(".toml"): _toml_text(model)}
+    written: list[tuple[Path, Path]] = []
+    try:
+        for target, text in texts.items():
+            temporary = target.with_name(f".{target.name}.{os.getpid()}")
+            written.append((temporary, target))
+            temporary.write_text(text, encoding="utf-8", newline="\n")
+        for temporary, target in written:
+            os.replace(temporary, target)
+    finally:
+        for temporary, _ in written:
+            temporary.unlink(missing_ok=True)
+
+
+def _urdf_text(model: Model) -> str:
+    lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={quoteattr(model.name)}>"]
+    for link in model.links:
+        lines += _link_lines(link)
+    for joint in model.joints:
+        lines += _joint_lines(joint)
+    return "\n".join([*lines, "</robot>", ""])
+
+
+def _link_lines(link: Link) -> list[str]:
+    if link.mass == 0 and not any(link.center_of_mass):
+        return [f"  <link name={quoteattr(link.name)}/>"]
+    inertia = " ".join(f'{name}="{float(value)!r}"' for name, value in zip(INERTIA, link.inertia))
+    return [
+        f"  <link name={quoteattr(link.name)}>",
+        "    <inertial>",
+        f'      <origin xyz="{_numbers(link.center_of_mass)}"/>',
+        f'      <mass value="{float(link.mass)!r}"/>',
+        f"      <inertia {inertia}/>",
+        "    </inertial>",
+        "  </link>",
+    ]
+
+
+def _joint_lines(joint: Joint) -> list[str]:
+    lines = [
+        f'  <joint name={quoteattr(joint.name)} type="{joint.type}">',
+        f"    <parent link={quoteattr(joint.parent)}/>",
+        f"    <child link={quoteattr(joint.child)}/>",
+        f'    <origin xyz="{_numbers(joint.xyz)}" rpy="{_numbers(joint.rpy)}"/>',
+    ]
+    if joint.type != "fixed":
+        limit = " ".join(f'{name}="{value!r}"' for name, value in _stated_limits(joint).items())
+        lines += [
+            f'    <axis xyz="{_numbers(joint.axis)}"/>',
+            f"    <limit {limit}/>",
+            f'    <dynamics damping="{float(joint.damping)!r}" friction="{float(joint.friction)!r}"/>',
+        ]
+    return [*lines, "  </joint>"]
+
+
+def _stated_limits(joint: Joint) -> dict[str, float]:
+    """The limits that URDF can state: an infinite effort or velocity is left out, an infinite stop is refused."""
+    limits = {name: float(getattr(joint, name)) for name in ("lower", "upper", "effort", "velocity")}
+    if joint.type != "continuous" and not all(math.isfinite(limits[name]) for name in ("lower", "upper")):
+        raise ValueError(
+            f"joint {joint.name!r}: URDF cannot state the limits {joint.lower!r} to {joint.upper!r} of type "
+            f"{joint.type!r}; give finite ones, or use type 'continuous'"
+        )
+    return {name: value for name, value in limits.items() if math.isfinite(value)}
+
+
+def _toml_text(model: Model) -> str:
+    lines = [f"base = {written(model.base)}", "contacts = ["]
+    lines += [f"  {{{', '.join(_assignments(contact, fields(contact)))}}}," for contact in model.contacts]
+    lines += ["]", "", "[locked.default]"]
+    lines += [f"{written(name)} = {written(position)}" for name, position in model.locked.items()]
+    for name, servo in model.servos.items():
+        lines += ["", f"[servos.joints.{written(name)}]"]
+        for part in (servo.controller, servo.gearbox, servo):
+            lines += _assignments(part, PARTS[type(part)])
+    return "\n".join([*lines, ""])
+
+
+def _assignments(record, of: Sequence[Field]) -> list[str]:
+    """Lines `key = value` of fields of a record."""
+    return [f"{f.name} = {written(getattr(record, f.name))}" for f in of]
+
+
+def _numbers(values: tuple[float, ...]) -> str:
+    return " ".join(repr(float(value)) for value in values)

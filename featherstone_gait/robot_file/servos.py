@@ -1,0 +1,117 @@
+"""Servos: their files with gearbox presets, and a robot's [servos]."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any
+
+from ..model import SERVO_UNITS, Controller, Gearbox, Joint, Servo, check_servos
+from .errors import blamed_on
+from .source import robots_folder
+from .toml import check_keys, read_toml, real, string, table_of
+
+# The keys of a servo's table are the fields of these; a new field needs no line here.
+PARTS = {
+    part: [f for f in fields(part) if f.name not in ("controller", "gearbox")] for part in (Controller, Gearbox, Servo)
+}
+_FIELDS = {f.name: f for part in PARTS.values() for f in part}
+_ANGLES = tuple(name for name, unit in SERVO_UNITS.items() if unit == "rad")
+
+
+def load_servo(name: str, gearbox: str = "physical", **overrides: Any) -> Servo:
+    """Read a servo of `robots/servos/` with one of its gearbox presets.
+
+    `overrides` are fields of `Servo`, `Controller` or `Gearbox` (their names do not clash), in SI units.
+    Raises RobotFileError (a ValueError) on an unknown servo, preset or field and on a value out of range.
+    """
+    with blamed_on(f"load_servo({name!r})"):
+        own = _servo_settings(overrides, "overrides")
+        return _servo({**_servo_values(_servo_path(name), gearbox), **own}, name)
+
+
+def gearbox_presets(name: str) -> dict[str, Gearbox]:
+    """Read the gearbox presets of a servo of `robots/servos/`, by name."""
+    with blamed_on(f"gearbox_presets({name!r})"):
+        presets = table_of(read_toml(_servo_path(name)), "gearboxes", "")
+    return {preset: load_servo(name, preset).gearbox for preset in presets}
+
+
+def read_servos(section: dict[str, Any], joints: tuple[Joint, ...], folder: Path) -> dict[str, Servo]:
+    """Servos by joint: [servos] for all that turn, overridden by [servos.joints.NAME]."""
+    own = table_of(section, "joints", "servos.")
+    check_servos(joints, own)
+    _servo_settings(section, "servos", also=("default", "gearbox", "joints"))
+    shared = {key: value for key, value in section.items() if key not in ("default", "joints")}
+    if "default" in section:
+        shared["type"] = string(section, "default", "servos")
+    read = functools.cache(lambda name, gearbox: _servo_values(_servo_path(name, folder), gearbox))
+    servos = {}
+    for joint in joints:
+        turns = "default" in section and joint.type in ("revolute", "continuous")
+        if turns or joint.name in own:
+            table = {**shared, **table_of(own, joint.name, "servos.joints.")}
+            servos[joint.name] = _joint_servo(table, read, f"servo of joint {joint.name!r}")
+    return servos
+
+
+def _joint_servo(table: dict[str, Any], read, what: str) -> Servo:
+    """One joint's servo: the fields of its type and preset, and what overrides them."""
+    values = _servo_settings(table, what, also=("type", "gearbox"))
+    gearbox = string({"gearbox": "physical", **table}, "gearbox", what)
+    if "type" in table:
+        values = {**read(string(table, "type", what), gearbox), **values}
+    elif "gearbox" in table:
+        raise ValueError(f"{what}: gearbox {gearbox!r} is a preset of a servo type, and none is given: add type")
+    return _servo(values, what)
+
+
+def _servo_path(name: str, folder: Path | None = None) -> Path:
+    """The servo's file: beside the robot's TOML, else among those that come with the package."""
+    packaged = robots_folder() / "servos"
+    for path in (folder or packaged, packaged):
+        if Path(name).name == name and (path / f"{name}.toml").is_file():
+            return path / f"{name}.toml"
+    known = ", ".join(sorted(path.stem for path in packaged.glob("*.toml")))
+    raise ValueError(f"there is no servo {name!r}; expected one of {known}: use one, or add {name}.toml to the robot")
+
+
+def _servo_values(path: Path, gearbox: str) -> dict[str, Any]:
+    """Fields of Servo, Controller and Gearbox that a servo's file states, with one of its presets."""
+    with blamed_on(path):
+        table = read_toml(path)
+        presets = table_of(table, "gearboxes", "")
+        if gearbox not in presets:
+            raise ValueError(f"there is no gearbox {gearbox!r}; expected one of {', '.join(presets)}: use one of these")
+        preset = _servo_settings(table_of(presets, gearbox, "gearboxes."), f"gearboxes.{gearbox}")
+        table = {key: value for key, value in table.items() if key != "gearboxes"}
+        return {**_servo_settings(table, "servo"), **preset}
+
+
+def _servo_settings(table: Mapping[str, Any], what: str, also: tuple[str, ...] = ()) -> dict[str, Any]:
+    """The table's fields as SI numbers, angles in radians; keys in `also` are left out, others refused."""
+    check_keys(table, (*also, *_FIELDS, *(f"{name}_deg" for name in _ANGLES)), what)
+    values: dict[str, Any] = {}
+    for key, value in table.items():
+        if key in also:
+            continue
+        name = key if key in _FIELDS else key.removesuffix("_deg")
+        if name in values:
+            raise ValueError(f"{what}: {name} is given twice; keep one of {name} and {name}_deg")
+        value = real(value, f"{what}: {key}") if _FIELDS[name].type == "float" else value
+        values[name] = value if name == key else math.radians(value)
+    return values
+
+
+def _servo(values: dict[str, Any], what: str) -> Servo:
+    for name, f in _FIELDS.items():
+        if name not in values and f.default is MISSING:
+            raise ValueError(f"{what}: {name} is missing; it is required: add it, or name a servo type that has it")
+    controller, gearbox, motor = ({f.name: values[f.name] for f in part if f.name in values} for part in PARTS.values())
+    try:
+        return Servo(Controller(**controller), Gearbox(**gearbox), **motor)
+    except ValueError as error:
+        raise ValueError(f"{what}: {error}") from error

@@ -1,0 +1,65 @@
+"""What URDF cannot say, from the TOML file beside it: base, contact points, servos and sets of locked joints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..model import ContactPoint, Joint, Link, Servo, check_contacts, check_locked
+from .servos import read_servos
+from .toml import READ, check_keys, read_toml, real, string, table_of
+
+
+class Settings(NamedTuple):
+    """What the TOML says."""
+
+    base: str | None = None
+    locked: Mapping[str, dict[str, float]] = {}  # set name -> joint name -> position
+    servos: Mapping[str, Servo] = {}
+    contacts: tuple[ContactPoint, ...] = ()
+
+
+def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]) -> Settings:
+    """Read the TOML of a robot of these links and joints.  Raises ValueError for what it does not understand."""
+    table = read_toml(path)
+    check_keys(table, ("base", "contacts", "servos", "locked"), "top level")
+    if table.get("base", "fixed") not in ("fixed", "floating"):
+        raise ValueError(f"base is {table['base']!r}; expected 'fixed' or 'floating': use one of these")
+    servos = read_servos(table_of(table, "servos", ""), joints, path.parent)
+    locked = {name: _locked_set(table["locked"], name, joints) for name in table_of(table, "locked", "")}
+    return Settings(table.get("base"), locked, servos, _contacts(table.get("contacts", []), links))
+
+
+def _contacts(rows: Any, links: tuple[Link, ...]) -> tuple[ContactPoint, ...]:
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise ValueError(f"contacts is {rows!r}; expected a list: write [{{link = '...', position = [x, y, z]}}, ...]")
+    points = tuple(_contact(row, f"contacts[{k}]") for k, row in enumerate(rows))
+    check_contacts(links, points)
+    return points
+
+
+def _contact(row: dict[str, Any], what: str) -> ContactPoint:
+    """A contact point; the keys of its table are the fields of the class."""
+    known = fields(ContactPoint)
+    check_keys(row, tuple(f.name for f in known), what)
+    what = f"{what} on link {string(row, 'link', what)!r}"
+    return ContactPoint(
+        **{f.name: READ[f.type](row, f.name, what) for f in known if f.name in row or f.default is MISSING}
+    )
+
+
+def _locked_set(sets: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> dict[str, float]:
+    names = [joint.name for joint in joints]
+    held = {}
+    for key, value in table_of(sets, name, "locked.").items():
+        angle = key not in names and key.endswith("_deg")
+        joint = key.removesuffix("_deg") if angle else key
+        if joint in held:
+            raise ValueError(f"locked.{name}: joint {joint!r} is given twice; keep one of the two")
+        position = real(value, f"locked.{name}: position of joint {joint!r}")
+        held[joint] = math.radians(position) if angle else position
+    check_locked(joints, held)
+    return held

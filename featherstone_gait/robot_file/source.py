@@ -1,0 +1,51 @@
+"""Where robot files are, and their bytes."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from .errors import RobotFileNotFoundError
+
+MAX_BYTES = 10_000_000  # of one file
+
+
+def robot_names() -> tuple[str, ...]:
+    """Names of the robots that come with the package."""
+    return tuple(sorted(p.stem for p in robots_folder().glob("*/*.urdf") if p.stem == p.parent.name))
+
+
+def robots_folder() -> Path:
+    """The folder of robots: inside the installed package, or beside it in a source tree."""
+    installed = Path(__file__).parents[1] / "robots"
+    return installed if installed.is_dir() else Path(__file__).parents[2] / "robots"
+
+
+def urdf_path(name_or_path: str | os.PathLike) -> Path:
+    """The file of a robot that comes with the package, or the path as given.  Raises RobotFileNotFoundError."""
+    text = os.fspath(name_or_path)
+    if isinstance(name_or_path, os.PathLike) or text.endswith(".urdf") or Path(text).name != text:
+        return Path(text)
+    if text not in robot_names():
+        raise RobotFileNotFoundError(
+            f"{robots_folder()}: there is no robot {text!r}; expected one of {', '.join(robot_names())}: "
+            "use one of these, or the path of a .urdf file"
+        )
+    return robots_folder() / text / f"{text}.urdf"
+
+
+def read_bytes(path: Path) -> bytes:
+    """All of a file; ValueError if it is none, is empty or larger than MAX_BYTES."""
+    if path.is_dir():
+        raise ValueError(f"is a directory; give the {path.suffix or '.urdf'} file in it")
+    if not path.exists():
+        raise RobotFileNotFoundError(f"{path}: there is no such file; correct the path")
+    if not path.is_file():
+        raise ValueError("is not a regular file; copy its contents into one")
+    with path.open("rb") as file:
+        data = file.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise ValueError(f"is larger than {MAX_BYTES} bytes; reduce it: a robot's links and joints take far less")
+    if not data.strip():
+        raise ValueError("is empty; write the robot into it, or remove it")
+    return data
