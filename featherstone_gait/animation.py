@@ -16,6 +16,7 @@ import numpy as np
 
 from .core.layout import METER
 from .dynamics import forward_kinematics
+from .files import complete
 from .model import Model, inertia_matrix
 from .plotting import positions
 from .trajectory import Trajectory
@@ -43,7 +44,8 @@ def write_animation(path, model: Model, runs: Mapping[str, Trajectory], title: s
         span=f"{max(1.6 * height, 1.3 * length):.3g}",
         middle=f"{0.45 * height:.3g}",
     )
-    Path(path).write_text(page, encoding="utf-8")
+    with complete(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
 
 
 def _box(link) -> np.ndarray:

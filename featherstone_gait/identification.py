@@ -24,8 +24,6 @@ from __future__ import annotations
 
 import csv
 import math
-import os
-import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -34,6 +32,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
+from .files import complete
 from .model import SERVO_UNITS, Controller, Gearbox, Model, Servo
 from .reference import Reference
 from .scene import ServoKind, compile_scene
@@ -115,15 +114,12 @@ def read_recording(path, **settings: float) -> Recording:
 
 def write_recording(path, recording: Recording) -> None:
     """Write what `read_recording` reads, whole or not at all; the settings are not part of the file."""
-    path = Path(path)
     columns = [recording.time, recording.reference, recording.angle, recording.voltage]
     columns = [column for column in columns if column is not None]
-    temporary = path.with_name(f"{path.name}.{secrets.token_hex(4)}")
-    with temporary.open("x", newline="", encoding="utf-8") as file:
+    with complete(path) as temporary, temporary.open("x", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS[: len(columns)])
         writer.writerows(np.column_stack(columns).tolist())
-    os.replace(temporary, path)
 
 
 def _header(path: Path, row: list[str]) -> list[str]:

@@ -15,8 +15,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import shutil
 import tempfile
 import time
 from collections.abc import Iterator
@@ -29,6 +27,7 @@ from scipy.optimize import OptimizeResult
 
 from . import __version__
 from .animation import write_animation
+from .files import moving_up
 from .model import Ground, Model
 from .robot_file import load_robot
 from .scene import ServoKind, compile_scene
@@ -171,20 +170,14 @@ def _check_folder(folder: Path) -> None:
 @contextmanager
 def _appearing_together(stem: Path) -> Iterator[Path]:
     """A folder whose files take their places beside it when all are complete; if they cannot be, none does."""
-    folder = stem.with_name(stem.name + ".partial")
-    shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
     try:
-        folder.mkdir()
-        yield folder
-        for path in sorted(folder.iterdir()):
-            os.replace(path, stem.parent / path.name)
+        with moving_up(stem.parent, stem.name + ".partial") as folder:
+            yield folder
     except OSError as error:
         raise OSError(
             f"{stem.parent}: the results cannot be written ({error.strerror}); the search is kept in its history: make "
             "room, then resume (--resume)"
         ) from error
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _check_history(path: Path, first: float) -> None:

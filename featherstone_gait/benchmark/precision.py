@@ -29,6 +29,7 @@ from tqdm import tqdm
 
 from ..core import rollout
 from ..core.adaptive import rollout_adaptive
+from ..files import complete
 from ..model import Ground, Joint, Link, Model, Spring
 from ..plotting import positions
 from ..reference import Reference
@@ -46,7 +47,6 @@ from ..simulation import (
     simulate,
     standing_state,
 )
-from ..study.table import complete
 from ..trajectory import Trajectory
 from .machine import machine
 

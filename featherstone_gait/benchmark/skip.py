@@ -36,6 +36,7 @@ from ..core.jit import entry
 from ..core.layout import DAMPING, IMAX, KT, RES, SLEW, STIFFNESS
 from ..core.motor import clamp, current_step
 from ..core.step import solve_step
+from ..files import complete
 from ..model import Ground, Model
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
@@ -54,7 +55,6 @@ from ..simulation import (
     simulate_batch,
     standing_state,
 )
-from ..study.table import complete
 from .machine import machine
 
 STEP = 1e-3  # [s]

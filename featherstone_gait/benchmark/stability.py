@@ -22,13 +22,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..core.jit import source_hash
+from ..files import complete
 from ..model import Model
 from ..robot_file import load_robot, load_servo, save_robot
 from ..study import read_study, run_study
 from ..study.bisection import largest
 from ..study.linear_stability import growth, linearised
 from ..study.measures import LARGEST, SMALLEST
-from ..study.table import complete
 from .machine import machine
 
 JOINTS = (1, 2, 3, 5, 7)

@@ -17,7 +17,6 @@ import json
 import os
 import platform
 import re
-import secrets
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -29,6 +28,7 @@ from typing import NamedTuple, get_args
 from tqdm import tqdm
 
 from .. import __version__
+from ..files import complete
 from . import EXPERIMENTS
 from .claim import Claim, Verdict
 
@@ -316,10 +316,5 @@ def _plain_text(text: str) -> str:
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all."""
-    temporary = path.with_name(f"{path.name}.{secrets.token_hex(4)}")
-    try:
+    with complete(path) as temporary:
         temporary.write_bytes(data)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)

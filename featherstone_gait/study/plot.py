@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..files import complete
 from .measures import COLUMNS
 from .settings import PARAMETERS, Axis, Study
-from .table import complete
 
 SHOWN = 20_000  # runs drawn as points
 BINS, FEW = 12, 50  # of the median along a parameter that takes more than a few values

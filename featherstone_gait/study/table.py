@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import csv
-import os
-import secrets
 from collections import Counter
-from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
+from ..files import complete
 from .measures import COLUMNS
 from .settings import Study
 
@@ -47,18 +45,3 @@ def write_parquet(table: Path) -> None:
     frame = pandas.read_csv(table, float_precision="round_trip", keep_default_na=False, na_values=[""])
     with complete(table.with_suffix(".parquet")) as temporary:
         frame.to_parquet(temporary, index=False)
-
-
-@contextmanager
-def complete(path: Path):
-    """A path to write to, in place of `path`, which it takes when everything went well.  Raises OSError."""
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-    try:
-        yield temporary
-        with temporary.open("rb+") as file:
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except OSError as error:
-        raise OSError(f"{path}: cannot be written ({error.strerror or error}); an earlier one is unchanged") from error
-    finally:
-        temporary.unlink(missing_ok=True)

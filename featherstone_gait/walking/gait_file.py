@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from featherstone_gait.files import complete
+
 MIDDLE, LARGEST, RANGE = 512, 1023, 300.0  # of an AX-12 [counts, counts, deg]
 TIME_COLUMN = "time_s"
 
@@ -77,7 +79,7 @@ def _degrees(counts):
 
 
 def _write(path, times, values, joint_names):
-    with Path(path).open("w", newline="", encoding="utf-8") as file:
+    with complete(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow([TIME_COLUMN, *joint_names])
         # Rounding takes the noise of k * 0.04 off the times; the values keep all digits.
