@@ -21,7 +21,7 @@ _MODULES = {
         "spring_energy",
     ),
     "model": ("ContactPoint", "Controller", "Gearbox", "Ground", "Joint", "Link", "Model", "Servo", "Spring"),
-    "plotting": ("plot_motion", "plot_trajectory"),
+    "view.plotting": ("plot_motion", "plot_trajectory"),
     "reference": ("Reference",),
     "robot_file": (
         "RobotFileError",

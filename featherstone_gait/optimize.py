@@ -26,13 +26,13 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 
 from . import __version__
-from .animation import write_animation
 from .files import moving_up
 from .model import Ground, Model
 from .robot_file import load_robot
 from .scene import ServoKind, compile_scene
 from .search import minimize
 from .simulation import streams
+from .view.animation import write_animation
 from .walking.cost import Measures, WalkingCost
 from .walking.gait import bounds, fit_gait
 from .walking.gait_file import write_angles, write_goal_positions

@@ -84,7 +84,7 @@ class Trajectory(Mapping):
 
     def plot(self, *names: str, axes=None):
         """Draw channels against time, one panel each; return the figure."""
-        from .plotting import plot_trajectory
+        from .view.plotting import plot_trajectory
 
         return plot_trajectory(self, names or tuple(k for k in self if k != "time"), axes)
 

@@ -177,7 +177,7 @@ def test_help_answers_before_anything_heavy_is_loaded():
     subprocess.run([sys.executable, "-c", program], env=environment, check=True, stdout=subprocess.DEVNULL)
 
 
-@pytest.mark.parametrize("name", cli.BENCHMARKS)
+@pytest.mark.parametrize("name", cli.benchmark.BENCHMARKS)
 def test_a_benchmark_gets_its_folder_and_its_length(name, monkeypatch, tmp_path):
     calls = []
     module = importlib.import_module(f"featherstone_gait.benchmark.{name}")

@@ -40,10 +40,10 @@ from ..core import rollout
 from ..core.lanes import WIDTH, aligned
 from ..files import complete
 from ..model import Model
-from ..plotting import positions
 from ..reference import Reference
 from ..robot_file import load_robot, save_robot
 from ..simulation import _in_lanes, _lane_zeros, _scratch, _signals, initial_state, simulate
+from ..view.plotting import positions
 from . import precision, speed, walk
 from .machine import machine
 from .mujoco_clock import quick_mujoco

@@ -31,7 +31,6 @@ from ..core import rollout
 from ..core.adaptive import rollout_adaptive
 from ..files import complete
 from ..model import Ground, Joint, Link, Model, Spring
-from ..plotting import positions
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..scene import ADAPTIVE, CompiledScene, compile_scene
@@ -48,6 +47,7 @@ from ..simulation import (
     standing_state,
 )
 from ..trajectory import Trajectory
+from ..view.plotting import positions
 from .machine import machine
 
 STEPS = (0.1, 5e-2, 2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5)  # [s]

@@ -33,10 +33,10 @@ from ..core import timing
 from ..core.lanes import WIDTH, aligned
 from ..dynamics import inverse_dynamics, mass_matrix
 from ..model import Joint, Link, Model
-from ..plotting import positions
 from ..robot_file import load_robot, save_robot
 from ..simulation import simulate_batch
 from ..tree import GRAVITY, compile_tree
+from ..view.plotting import positions
 from .machine import machine
 from .mujoco_clock import quick_mujoco
 

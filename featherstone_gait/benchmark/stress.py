@@ -24,11 +24,11 @@ import numpy as np
 from tqdm import tqdm
 
 from ..model import ContactPoint, Ground, Joint, Link, Model
-from ..plotting import positions
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..scene import compile_scene
 from ..simulation import Push, initial_state, simulate
+from ..view.plotting import positions
 from .machine import machine
 from .precision import unlimited
 from .speed import chain

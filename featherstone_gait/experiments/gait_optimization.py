@@ -35,12 +35,12 @@ from ..core.jit import source_hash
 from ..core.layout import METER
 from ..model import Ground, Model
 from ..optimize import AMPLITUDE, MAX_MISS, walking_cost
-from ..plotting import plot_motion
 from ..robot_file import load_robot
 from ..scene import compile_scene
 from ..search import minimize
 from ..simulation import simulate_stream, standing_state
 from ..trajectory import Trajectory
+from ..view.plotting import plot_motion
 from ..walking.cost import LEAST_SPEED, WalkingCost
 from ..walking.gait import TICK, bounds
 from .claim import Claim

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .dynamics import forward_kinematics
-from .model import Model
-from .trajectory import UNITS, Trajectory
+from ..dynamics import forward_kinematics
+from ..model import Model
+from ..trajectory import UNITS, Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,12 +14,12 @@ from string import Template
 
 import numpy as np
 
-from .core.layout import METER
-from .dynamics import forward_kinematics
-from .files import complete
-from .model import Model, inertia_matrix
+from ..core.layout import METER
+from ..dynamics import forward_kinematics
+from ..files import complete
+from ..model import Model, inertia_matrix
+from ..trajectory import Trajectory
 from .plotting import positions
-from .trajectory import Trajectory
 
 UNIT = 1e-4  # [m] of the numbers in the page
 FRAME = 0.04  # [s]; the page draws straight lines between frames
