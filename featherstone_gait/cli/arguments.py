@@ -23,9 +23,9 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--servos", choices=("mipsd", "rotor", "standard", "none"), help=SERVO_HELP)
 
 
-def output(args, kind: str) -> Path:
-    """Path of the files of a command about a robot, without suffix."""
-    return args.out / f"{Path(args.robot).stem}_{kind}"
+def output(args, ending: str) -> Path:
+    """Path of a file of a command about a robot."""
+    return args.out / f"{Path(args.robot).stem}_{ending}"
 
 
 def ground(model):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from ..files import complete
 from .arguments import add_command, add_robot, choice, ground, output
 
 TORQUE_GAINS = {"Kp": "N m/rad", "Kd": "N m s/rad"}
@@ -41,7 +42,8 @@ def run(args) -> int:
     ]
     text = "\n".join(lines) + "\n"
     print(text, end="")
-    output(args, "info").with_suffix(".txt").write_text(text, encoding="utf-8")
+    with complete(output(args, "info.txt")) as path:
+        path.write_text(text, encoding="utf-8")
     return 0
 
 

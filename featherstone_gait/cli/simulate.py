@@ -6,6 +6,7 @@ import math
 import time
 from pathlib import Path
 
+from ..files import complete
 from .arguments import add_command, add_robot, choice, ground, output
 
 INTEGRATORS = ("implicit_euler", "midpoint", "rk4", "simtwo", "dop853", "extrapolation")
@@ -52,7 +53,7 @@ def run(args) -> int:
     path = output(args, "simulation")
     trajectory.save(path)
     plotting = time.perf_counter()
-    _plot_simulation(scene, trajectory, text, path.with_suffix(".png"))
+    _plot_simulation(scene, trajectory, text, output(args, "simulation.png"))
     measures["seconds_of_plotting"] = time.perf_counter() - plotting
     print("\n".join(_summary(scene, trajectory, duration)))
     print(f"files       {path}.npz, .json, .png")
@@ -192,4 +193,5 @@ def _plot_simulation(scene, trajectory, text: str, path: Path) -> None:
         plot_trajectory(trajectory, ["q", "contact_force" if scene.ground else "torque"], panels)
     panels[0].set(xlabel="", ylabel="joints [rad or m]")
     figure.suptitle(text, fontsize=11)
-    figure.savefig(path, dpi=120)
+    with complete(path) as temporary:
+        figure.savefig(temporary, dpi=120)
