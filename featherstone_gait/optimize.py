@@ -26,7 +26,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 
 from . import __version__
-from .files import moving_up
+from .files import Format, moving_up
 from .model import Ground, Model
 from .robot_file import load_robot
 from .scene import ServoKind, compile_scene
@@ -38,6 +38,7 @@ from .walking.gait import bounds, fit_gait
 from .walking.gait_file import write_angles, write_goal_positions
 from .walking.plan import BIOLOID_WALK, walking_plan
 
+REPORT, ARRAYS = Format("gait report"), Format("gait arrays")
 N_POSES = 4  # of a stride: the paper's four states
 AMPLITUDE = math.radians(1.0)  # of the search [rad]; see above
 MAX_MISS = 20
@@ -133,6 +134,7 @@ def main_job(
     with _appearing_together(stem) as folder:
         files = write_results(folder / stem.name, cost, result)
         report = {
+            "format": str(REPORT),
             "robot": model.name,
             "source": model.source,
             "version": __version__,
@@ -201,8 +203,8 @@ def write_results(stem: Path, cost: WalkingCost, result: OptimizeResult) -> dict
     first, names = cost.gait.to_vector(), cost.gait.joint_names
     motion = cost.reference(result.x, SHOWN)
     np.savez_compressed(
-        files["arrays"], x=result.x, first=first, period=cost.gait.period, joint_names=names, start=cost.start,
-        poses=cost.gait.from_vector(result.x).poses, times=motion.times, angles=motion.values,
+        files["arrays"], format=str(ARRAYS), x=result.x, first=first, period=cost.gait.period, joint_names=names,
+        start=cost.start, poses=cost.gait.from_vector(result.x).poses, times=motion.times, angles=motion.values,
         costs=result.history["f"], visited=result.history["x"],
     )  # fmt: skip
     write_angles(files["angles"], motion.times, motion.values, names)

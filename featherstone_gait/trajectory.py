@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from .files import complete_together
+from .files import Format, complete_together
+
+FORMAT = Format("trajectory")
 
 UNITS = {
     "q": "rad or m",
@@ -46,6 +48,7 @@ class Trajectory(Mapping):
     final: np.ndarray  # the whole state at the end, to go on from
     info: dict[str, Any] = field(default_factory=dict)
     error: dict[str, np.ndarray] | None = None  # estimate for each channel, in its unit and shape; see `with_error`
+    parts: dict[str, tuple[int, int]] | None = None  # of `final`: where each begins and ends; None: not known
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.channels[name]
@@ -62,25 +65,30 @@ class Trajectory(Mapping):
 
     def save(self, path) -> None:
         """Write PATH.npz (channels and final state) and PATH.json (status and settings), whole or not at all."""
-        described = {"status": self.status, "message": self.message, "end_time": self.end_time, "info": self.info}
+        described = {"format": str(FORMAT), "status": self.status, "message": self.message, "end_time": self.end_time}
+        described |= {"info": self.info, "parts": self.parts}
         arrays = {f"channel_{k}": v for k, v in self.channels.items()}
         arrays |= {f"error_{k}": v for k, v in (self.error or {}).items()}
         with complete_together(*_files(path)) as (data, text):
             with data.open("xb") as file:
-                np.savez_compressed(file, final=self.final, **arrays)
+                np.savez_compressed(file, format=str(FORMAT), final=self.final, **arrays)
             text.write_text(json.dumps(described, indent=2, default=float), encoding="utf-8")
 
     @classmethod
     def load(cls, path) -> Trajectory:
-        """Read what `save` wrote."""
+        """Read what `save` wrote.  Raises ValueError for a file of a format that this version does not read."""
         arrays, text = _files(path)
         described = json.loads(text.read_text("utf-8"))
+        FORMAT.check(text, described.pop("format", None))
+        parts = described.pop("parts", None)
         with np.load(arrays) as data:
             channels, error = (
                 {k.removeprefix(kind): data[k] for k in data.files if k.startswith(kind)}
                 for kind in ("channel_", "error_")
             )
-            return cls(channels, final=data["final"], error=error or None, **described)
+            final = data["final"]
+        parts = parts and {name: (int(start), int(stop)) for name, (start, stop) in parts.items()}
+        return cls(channels, final=final, error=error or None, parts=parts, **described)
 
     def plot(self, *names: str, axes=None):
         """Draw channels against time, one panel each; return the figure."""

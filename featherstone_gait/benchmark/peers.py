@@ -22,7 +22,6 @@ differently, and each engine's error is its own, counted from a sixteenth of the
 
 from __future__ import annotations
 
-import csv
 import importlib.util
 import math
 import tempfile
@@ -48,6 +47,7 @@ from . import precision, speed, walk
 from .machine import machine
 from .mujoco_clock import quick_mujoco
 from .precision import Problem, Run
+from .table import write_table
 
 KP, KD, LIMIT = (precision.STIFF_SERVO[name] for name in ("Kp", "Kd", "torque_limit"))
 ARMATURE = 254.0**2 * 1e-7  # reflected inertia of an AX-12's rotor [kg m^2]
@@ -121,9 +121,9 @@ def run(out_dir: Path, full: bool = False) -> list[Line]:
     speeds += steps
     found = lines(speeds, points)
     _print_lines(found)
-    _write(out_dir / "peers.csv", Point, points, where)
-    _write(out_dir / "peers_speed.csv", Speed, speeds, where)
-    _write(out_dir / "peers_lines.csv", Line, found, where)
+    write_table(out_dir / "peers.csv", Point._fields, points, where)
+    write_table(out_dir / "peers_speed.csv", Speed._fields, speeds, where)
+    write_table(out_dir / "peers_lines.csv", Line._fields, found, where)
     _plot(out_dir / "peers.png", speeds, points, where)
     return found
 
@@ -619,14 +619,6 @@ def _print_lines(found: list[Line]) -> None:
     print(f"\n{'line':66}{'asked':>10}{'measured':>10}")
     for x in found:
         print(f"{x.line:66}{x.asked:>10}{x.measured:>10}  {'met' if x.met else 'NOT MET'}  {x.note}")
-
-
-def _write(path: Path, kind, rows, notes: str) -> None:
-    with complete(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        file.writelines(f"# {line}\n" for line in notes.splitlines())
-        writer = csv.writer(file)
-        writer.writerow(kind._fields)
-        writer.writerows(rows)
 
 
 def _plot(path: Path, speeds: list[Speed], points: list[Point], notes: str) -> None:

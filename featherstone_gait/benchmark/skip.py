@@ -10,7 +10,6 @@ All kernels are those for one robot, implicit Euler at 1 ms, unless stated other
 
 from __future__ import annotations
 
-import csv
 import ctypes
 import functools
 import math
@@ -36,7 +35,6 @@ from ..core.jit import entry
 from ..core.layout import DAMPING, IMAX, KT, RES, SLEW, STIFFNESS
 from ..core.motor import clamp, current_step
 from ..core.step import solve_step
-from ..files import complete
 from ..model import Ground, Model
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
@@ -56,6 +54,7 @@ from ..simulation import (
     standing_state,
 )
 from .machine import machine
+from .table import write_table
 
 STEP = 1e-3  # [s]
 SETTLE = 0.1  # of simulated time before anything is counted [s]
@@ -506,9 +505,6 @@ def _ratio(x: float, y: float) -> str:
 
 def _write(path: Path, machine: str, parts: dict[str, Cost], rows: list[Row]) -> None:
     names = ("executed", "time_us", "code")
-    with complete(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        file.writelines(f"# {line}\n" for line in machine.splitlines())
-        writer = csv.writer(file)
-        writer.writerow(["saving", *(f"{name}_without" for name in names), *(f"{name}_with" for name in names), "note"])
-        writer.writerows([name, *cost, *[""] * len(names), "free arm"] for name, cost in parts.items())
-        writer.writerows([row.saving, *row.without, *row.having, row.note] for row in rows)
+    columns = ["saving", *(f"{name}_without" for name in names), *(f"{name}_with" for name in names), "note"]
+    lines = [[name, *cost, *[""] * len(names), "free arm"] for name, cost in parts.items()]
+    write_table(path, columns, [*lines, *([row.saving, *row.without, *row.having, row.note] for row in rows)], machine)
