@@ -68,6 +68,12 @@ def test_nothing_imports_a_name_that_has_moved():
     assert [(module, name) for module in MODULES for name in imports(module) if within(name, *RENAMED)] == []
 
 
+def test_only_one_module_puts_files_in_their_places():
+    """`files.complete` does, whole or not at all."""
+    found = [name for name, path in MODULES.items() if re.search(r"\bos\.(replace|rename)\b", path.read_text("utf-8"))]
+    assert found == ["featherstone_gait.files"]
+
+
 def test_only_core_knows_numba():
     outside = [name for name in MODULES if not within(name, "featherstone_gait.core")]
     assert [(module, name) for module in outside for name in imports(module) if within(name, "numba", "llvmlite")] == []

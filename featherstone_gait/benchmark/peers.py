@@ -633,7 +633,7 @@ def _plot(path: Path, speeds: list[Speed], points: list[Point], notes: str) -> N
     _dynamics_panel(dynamics, [r for r in chains if r.engine != EMPTY_CALL])
     figure.suptitle(notes, fontsize=8)
     with complete(path) as temporary:
-        figure.savefig(temporary, dpi=130, format="png")
+        figure.savefig(temporary, dpi=130)
 
 
 GREYS = {"MuJoCo Euler": "C5", "MuJoCo implicitfast": "C6", "MuJoCo implicit": "C9", "MuJoCo RK4": "C7",

@@ -467,7 +467,7 @@ def plot(path: Path, rows: list[Row], notes: str = "") -> None:
         fontsize=9,
     )
     with complete(path) as temporary:
-        figure.savefig(temporary, dpi=130, format="png")
+        figure.savefig(temporary, dpi=130)
 
 
 def _style(name: str) -> dict:

@@ -235,7 +235,7 @@ def _plot(path: Path, found: dict[Point, Found]) -> None:
         fontsize=11,
     )
     with complete(path) as temporary:
-        figure.savefig(temporary, dpi=150, format="png")
+        figure.savefig(temporary, dpi=150)
 
 
 def _panel(panel, found: dict[Point, Found], servos: str, swept: str) -> None:

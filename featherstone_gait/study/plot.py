@@ -64,7 +64,7 @@ def plot_study(study: Study, table: Path, path: Path) -> None:
             panels[0].legend(fontsize=8, frameon=False)
     figure.suptitle(f"{study.name}: {study.setup.model.name}, {study.setup.experiment}, {len(study)} runs", fontsize=11)
     with complete(path) as temporary:
-        figure.savefig(temporary, dpi=130, format="png")
+        figure.savefig(temporary, dpi=130)
 
 
 def _read(table: Path, names: tuple[str, ...]) -> dict[str, list[str]]:

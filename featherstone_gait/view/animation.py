@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from html import escape
 from pathlib import Path
 from string import Template
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,8 +19,10 @@ from ..core.layout import METER
 from ..dynamics import forward_kinematics
 from ..files import complete
 from ..model import Model, inertia_matrix
-from ..trajectory import Trajectory
 from .plotting import positions
+
+if TYPE_CHECKING:
+    from ..trajectory import Trajectory
 
 UNIT = 1e-4  # [m] of the numbers in the page
 FRAME = 0.04  # [s]; the page draws straight lines between frames
