@@ -47,7 +47,7 @@ def moving_up(parent: Path, name: str | None = None) -> Iterator[Path]:
 
     name: of the new folder; what a process that was killed left under that name is removed.  None: a unique one.
     """
-    folder = parent / name if name else Path(tempfile.mkdtemp(prefix=".", dir=parent))
+    folder = parent / name if name else Path(tempfile.mkdtemp(prefix=".partial_", dir=parent))
     try:
         if name:
             shutil.rmtree(folder, ignore_errors=True)

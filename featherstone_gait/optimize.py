@@ -137,6 +137,7 @@ def main_job(
             "format": str(REPORT),
             "robot": model.name,
             "source": model.source,
+            "joints": cost.gait.joint_names,
             "version": __version__,
             "settings": _settings(cost, iterations, seed),
             "search": {"candidates": result.nit, "message": result.message},

@@ -4,7 +4,8 @@ import errno
 
 import pytest
 
-from featherstone_gait.files import complete, complete_together, moving_up
+from featherstone_gait import load_robot, save_robot
+from featherstone_gait.files import Format, complete, complete_together, moving_up, write_csv
 
 
 def contents(folder):
@@ -76,3 +77,22 @@ def test_files_have_the_usual_permissions(tmp_path):
     with complete(tmp_path / "a") as temporary:
         temporary.touch()
     assert len({path.stat().st_mode for path in tmp_path.iterdir()}) == 1
+
+
+def test_a_table_whose_rows_fail_leaves_the_earlier_one(tmp_path):
+    def rows():
+        yield [1]
+        raise ValueError("the second row")
+
+    write_csv(tmp_path / "a.csv", Format("thing"), ["x"], [[0]])
+    before = contents(tmp_path)
+    with pytest.raises(ValueError, match="the second row"):
+        write_csv(tmp_path / "a.csv", Format("thing"), ["x"], rows())
+    assert contents(tmp_path) == before
+
+
+def test_a_robot_is_saved_with_both_files_or_none(tmp_path):
+    (tmp_path / "robot.toml").mkdir()
+    with pytest.raises(OSError, match=r"robot\.urdf, .*robot\.toml: cannot be written"):
+        save_robot(load_robot("ax12_arm"), tmp_path / "robot.urdf")
+    assert [path.name for path in tmp_path.iterdir()] == ["robot.toml"]

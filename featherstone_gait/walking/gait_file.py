@@ -1,8 +1,8 @@
 """Joint angles as files a robot can play: CSV in degrees, and goal positions of AX-12 servos.
 
 The CSV has its format in a comment, a header ``time_s`` and one column a joint, named as in the model; angles are in
-degrees.  An AX-12 counts
-0..1023 over 300 degrees, 512 in the middle (ROBOTIS e-Manual, AX-12A, control table address 30).
+degrees.  An AX-12 counts 0..1023 over 300 degrees, 512 in the middle (ROBOTIS e-Manual, AX-12A, control table address
+30).
 """
 
 from __future__ import annotations
