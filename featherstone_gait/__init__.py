@@ -6,6 +6,8 @@ are in `featherstone_gait.walking`, optimisers in `featherstone_gait.search`.
 
 from importlib import import_module
 
+from . import renamed
+
 __version__ = "0.1.0"
 
 _MODULES = {
@@ -22,7 +24,7 @@ _MODULES = {
         "spring_energy",
     ),
     "model": ("ContactPoint", "Controller", "Gearbox", "Ground", "Joint", "Link", "Model", "Servo", "Spring"),
-    "plotting": ("plot_motion", "plot_trajectory"),
+    "view.plotting": ("plot_motion", "plot_trajectory"),
     "reference": ("Reference",),
     "robot_file": (
         "RobotFileError",
@@ -40,13 +42,16 @@ _MODULES = {
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = sorted(_HOME)
+renamed.install()
 
 
 def __getattr__(name: str):
     """Load a public name from its module (PEP 562)."""
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(f".{_HOME[name]}", __name__), name)
+    if name in _HOME:
+        value = getattr(import_module(f".{_HOME[name]}", __name__), name)
+    else:
+        value = renamed.lookup(__name__, name)
+    globals()[name] = value
     return value
 
 

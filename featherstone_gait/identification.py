@@ -22,10 +22,7 @@ the servo's physics; `prediction_error` on a recording left out tells whether it
 
 from __future__ import annotations
 
-import csv
 import math
-import os
-import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -35,6 +32,7 @@ import numpy as np
 from tqdm import tqdm
 
 from .build.scene import ServoKind, compile_scene
+from .files import Format, read_csv, write_csv
 from .model import SERVO_UNITS, Controller, Gearbox, Model, Servo
 from .reference import Reference
 from .run.simulate import initial_state, simulate_batch
@@ -42,6 +40,7 @@ from .run.simulate import initial_state, simulate_batch
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+FORMAT = Format("recording")
 COLUMNS = ("time [s]", "reference [rad]", "angle [rad]", "voltage [V]")
 MOTOR_OFF = {"current_limit": 1e-9}  # settings of a recording with open terminals: no current, no torque
 LEAST_SAMPLES = 10
@@ -96,44 +95,32 @@ def read_recording(path, **settings: float) -> Recording:
     Raises ValueError, naming file, line and column, on anything that is not such a table.
     """
     path = Path(path)
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.reader(file))
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: is not UTF-8 text; save it as CSV") from error
-    except csv.Error as error:
-        raise ValueError(f"{path}: is not CSV ({error}); save it as CSV") from error
-    names = _header(path, rows[0] if rows else [])
-    values = np.array([_row(path, line, names, row) for line, row in enumerate(rows[1:], start=2)])
+    lines = list(read_csv(path, FORMAT)) or [(1, [])]
+    names = _header(path, *lines[0])
+    values = np.array([_row(path, line, names, row) for line, row in lines[1:]])
     if len(values) < LEAST_SAMPLES:
         raise ValueError(f"{path}: has {len(values)} samples; record {LEAST_SAMPLES} or more")
     column = {name.split()[0]: values[:, k] for k, name in enumerate(names)}
-    _check_times(path, column["time"])
+    _check_times(path, [line for line, _ in lines[1:]], column["time"])
     column["time"] = column["time"] - column["time"][0]
     return Recording(path.stem, **column, settings=settings)
 
 
 def write_recording(path, recording: Recording) -> None:
     """Write what `read_recording` reads, whole or not at all; the settings are not part of the file."""
-    path = Path(path)
     columns = [recording.time, recording.reference, recording.angle, recording.voltage]
     columns = [column for column in columns if column is not None]
-    temporary = path.with_name(f"{path.name}.{secrets.token_hex(4)}")
-    with temporary.open("x", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS[: len(columns)])
-        writer.writerows(np.column_stack(columns).tolist())
-    os.replace(temporary, path)
+    write_csv(path, FORMAT, COLUMNS[: len(columns)], np.column_stack(columns).tolist())
 
 
-def _header(path: Path, row: list[str]) -> list[str]:
+def _header(path: Path, line: int, row: list[str]) -> list[str]:
     names = [name.strip() for name in row]
     wrong = [name for name in names if name not in COLUMNS]
     missing = [name for name in COLUMNS[:3] if name not in names]
     if wrong or missing or len(set(names)) < len(names):
         problem = f"column {wrong[0]!r} is unknown" if wrong else f"column {missing[0]!r} is missing" if missing else ""
         raise ValueError(
-            f"{path}, line 1: {problem or 'a column is there twice'}; name the columns {', '.join(COLUMNS)} "
+            f"{path}, line {line}: {problem or 'a column is there twice'}; name the columns {', '.join(COLUMNS)} "
             "(the last may be left out), separated by commas"
         )
     return names
@@ -158,14 +145,14 @@ def _value(path: Path, line: int, name: str, text: str) -> float:
     return value
 
 
-def _check_times(path: Path, time: np.ndarray) -> None:
+def _check_times(path: Path, lines: Sequence[int], time: np.ndarray) -> None:
     steps = np.diff(time)
     wrong = (steps <= 0) | (steps > LARGEST_GAP)
     if wrong.any():
         k = int(wrong.argmax())
         remedy = f"times must rise by at most {LARGEST_GAP:g} s: sort them, give seconds, or cut the file at the gap"
         raise ValueError(
-            f"{path}, line {k + 3}, column 'time [s]': {time[k + 1]:g} follows {time[k]:g}; {remedy}"
+            f"{path}, line {lines[k + 1]}, column 'time [s]': {time[k + 1]:g} follows {time[k]:g}; {remedy}"
         )
 
 

@@ -15,8 +15,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import shutil
 import tempfile
 import time
 from collections.abc import Iterator
@@ -28,17 +26,19 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 
 from . import __version__
-from .animation import write_animation
 from .build.scene import ServoKind, compile_scene
+from .files import Format, moving_up
 from .model import Ground, Model
 from .robot_file import load_robot
 from .run.simulate import streams
 from .search import minimize
+from .view.animation import write_animation
 from .walking.cost import Measures, WalkingCost
 from .walking.gait import bounds, fit_gait
 from .walking.gait_file import write_angles, write_goal_positions
 from .walking.plan import BIOLOID_WALK, walking_plan
 
+REPORT, ARRAYS = Format("gait report"), Format("gait arrays")
 N_POSES = 4  # of a stride: the paper's four states
 AMPLITUDE = math.radians(1.0)  # of the search [rad]; see above
 MAX_MISS = 20
@@ -134,8 +134,10 @@ def main_job(
     with _appearing_together(stem) as folder:
         files = write_results(folder / stem.name, cost, result)
         report = {
+            "format": str(REPORT),
             "robot": model.name,
             "source": model.source,
+            "joints": cost.gait.joint_names,
             "version": __version__,
             "settings": _settings(cost, iterations, seed),
             "search": {"candidates": result.nit, "message": result.message},
@@ -171,20 +173,14 @@ def _check_folder(folder: Path) -> None:
 @contextmanager
 def _appearing_together(stem: Path) -> Iterator[Path]:
     """A folder whose files take their places beside it when all are complete; if they cannot be, none does."""
-    folder = stem.with_name(stem.name + ".partial")
-    shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
     try:
-        folder.mkdir()
-        yield folder
-        for path in sorted(folder.iterdir()):
-            os.replace(path, stem.parent / path.name)
+        with moving_up(stem.parent, stem.name + ".partial") as folder:
+            yield folder
     except OSError as error:
         raise OSError(
             f"{stem.parent}: the results cannot be written ({error.strerror}); the search is kept in its history: make "
             "room, then resume (--resume)"
         ) from error
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _check_history(path: Path, first: float) -> None:
@@ -208,8 +204,8 @@ def write_results(stem: Path, cost: WalkingCost, result: OptimizeResult) -> dict
     first, names = cost.gait.to_vector(), cost.gait.joint_names
     motion = cost.reference(result.x, SHOWN)
     np.savez_compressed(
-        files["arrays"], x=result.x, first=first, period=cost.gait.period, joint_names=names, start=cost.start,
-        poses=cost.gait.from_vector(result.x).poses, times=motion.times, angles=motion.values,
+        files["arrays"], format=str(ARRAYS), x=result.x, first=first, period=cost.gait.period, joint_names=names,
+        start=cost.start, poses=cost.gait.from_vector(result.x).poses, times=motion.times, angles=motion.values,
         costs=result.history["f"], visited=result.history["x"],
     )  # fmt: skip
     write_angles(files["angles"], motion.times, motion.values, names)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
-import secrets
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from .files import Format, complete_together
+
+FORMAT = Format("trajectory")
 
 UNITS = {
     "q": "rad or m",
@@ -46,6 +48,7 @@ class Trajectory(Mapping):
     final: np.ndarray  # the whole state at the end, to go on from
     info: dict[str, Any] = field(default_factory=dict)
     error: dict[str, np.ndarray] | None = None  # estimate for each channel, in its unit and shape; see `with_error`
+    parts: dict[str, tuple[int, int]] | None = None  # of `final`: where each begins and ends; None: not known
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.channels[name]
@@ -62,32 +65,34 @@ class Trajectory(Mapping):
 
     def save(self, path) -> None:
         """Write PATH.npz (channels and final state) and PATH.json (status and settings), whole or not at all."""
-        path = _bare(path)
-        described = {"status": self.status, "message": self.message, "end_time": self.end_time, "info": self.info}
-        with (
-            _replacing(path.with_name(path.name + ".npz")) as data,
-            _replacing(path.with_name(path.name + ".json")) as text,
-        ):
-            arrays = {f"channel_{k}": v for k, v in self.channels.items()}
-            arrays |= {f"error_{k}": v for k, v in (self.error or {}).items()}
-            np.savez_compressed(data, final=self.final, **arrays)
-            text.write(json.dumps(described, indent=2, default=float).encode())
+        described = {"format": str(FORMAT), "status": self.status, "message": self.message, "end_time": self.end_time}
+        described |= {"info": self.info, "parts": self.parts}
+        arrays = {f"channel_{k}": v for k, v in self.channels.items()}
+        arrays |= {f"error_{k}": v for k, v in (self.error or {}).items()}
+        with complete_together(*_files(path)) as (data, text):
+            with data.open("xb") as file:
+                np.savez_compressed(file, format=str(FORMAT), final=self.final, **arrays)
+            text.write_text(json.dumps(described, indent=2, default=float), encoding="utf-8")
 
     @classmethod
     def load(cls, path) -> Trajectory:
-        """Read what `save` wrote."""
-        path = _bare(path)
-        described = json.loads(path.with_name(path.name + ".json").read_text())
-        with np.load(path.with_name(path.name + ".npz")) as data:
+        """Read what `save` wrote.  Raises ValueError for a file of a format that this version does not read."""
+        arrays, text = _files(path)
+        described = json.loads(text.read_text("utf-8"))
+        FORMAT.check(text, described.pop("format", None))
+        parts = described.pop("parts", None)
+        with np.load(arrays) as data:
             channels, error = (
                 {k.removeprefix(kind): data[k] for k in data.files if k.startswith(kind)}
                 for kind in ("channel_", "error_")
             )
-            return cls(channels, final=data["final"], error=error or None, **described)
+            final = data["final"]
+        parts = parts and {name: (int(start), int(stop)) for name, (start, stop) in parts.items()}
+        return cls(channels, final=final, error=error or None, parts=parts, **described)
 
     def plot(self, *names: str, axes=None):
         """Draw channels against time, one panel each; return the figure."""
-        from .plotting import plot_trajectory
+        from .view.plotting import plot_trajectory
 
         return plot_trajectory(self, names or tuple(k for k in self if k != "time"), axes)
 
@@ -109,26 +114,8 @@ def with_error(run: Trajectory, finer: Trajectory, factor: float) -> Trajectory:
     return replace(run, error=error)
 
 
-def _bare(path) -> Path:
-    """The path without .npz or .json; other dots belong to the name."""
+def _files(path) -> tuple[Path, Path]:
+    """PATH.npz and PATH.json, of a path with or without one of these endings; other dots belong to the name."""
     path = Path(path)
-    return path.with_suffix("") if path.suffix in (".npz", ".json") else path
-
-
-class _replacing:
-    """A binary file that takes the place of `path` only when it is complete."""
-
-    def __init__(self, path: Path):
-        self.path = path
-
-    def __enter__(self):
-        self.name = self.path.with_name(f"{self.path.name}.{secrets.token_hex(4)}")  # with the usual permissions
-        self.file = open(self.name, "xb")
-        return self.file
-
-    def __exit__(self, kind, value, traceback):
-        self.file.close()
-        if kind is None:
-            os.replace(self.name, self.path)
-        else:
-            os.unlink(self.name)
+    path = path.with_suffix("") if path.suffix in (".npz", ".json") else path
+    return path.with_name(path.name + ".npz"), path.with_name(path.name + ".json")

@@ -13,6 +13,7 @@ import pytest
 
 import featherstone_gait
 from featherstone_gait import core
+from featherstone_gait.renamed import RENAMED
 
 PACKAGE = Path(featherstone_gait.__file__).parent
 ROBOTS = Path(__file__).parents[1] / "robots"
@@ -61,6 +62,16 @@ def test_nothing_imports_the_experiments_and_the_command_line():
     outer = ("featherstone_gait.experiments", "featherstone_gait.cli")
     inner = [name for name in MODULES if not within(name, *outer, "featherstone_gait.__main__")]
     assert [(module, name) for module in inner for name in imports(module) if within(name, *outer)] == []
+
+
+def test_nothing_imports_a_name_that_has_moved():
+    assert [(module, name) for module in MODULES for name in imports(module) if within(name, *RENAMED)] == []
+
+
+def test_only_one_module_puts_files_in_their_places():
+    """`files.complete` does, whole or not at all."""
+    found = [name for name, path in MODULES.items() if re.search(r"\bos\.(replace|rename)\b", path.read_text("utf-8"))]
+    assert found == ["featherstone_gait.files"]
 
 
 def test_only_core_knows_numba():

@@ -82,6 +82,15 @@ def test_a_slider_of_the_users_own_falls_freely(tmp_path):
     assert measures["kinetic_energy_J"] == pytest.approx(0.5 * 2 * 9.81**2)
 
 
+def test_a_dot_in_the_name_of_a_robot_belongs_to_its_files(tmp_path):
+    (tmp_path / "slider.v2.urdf").write_text(SLIDER)
+    robot, out = str(tmp_path / "slider.v2.urdf"), str(tmp_path / "out")
+    assert cli.main(["info", robot, "--out", out]) == 0
+    assert cli.main(["simulate", robot, "--timestep", "1e-3", "--out", out]) == 0
+    names = ["slider.v2_info.txt", *(f"slider.v2_simulation.{ending}" for ending in ("json", "npz", "png"))]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
+
+
 def test_the_humanoid_stands(tmp_path):
     assert cli.main(["simulate", "humanoid", "--duration", "1", "--out", str(tmp_path)]) == 0
     trajectory, measures = results(tmp_path, "humanoid")
@@ -177,7 +186,7 @@ def test_help_answers_before_anything_heavy_is_loaded():
     subprocess.run([sys.executable, "-c", program], env=environment, check=True, stdout=subprocess.DEVNULL)
 
 
-@pytest.mark.parametrize("name", cli.BENCHMARKS)
+@pytest.mark.parametrize("name", cli.benchmark.BENCHMARKS)
 def test_a_benchmark_gets_its_folder_and_its_length(name, monkeypatch, tmp_path):
     calls = []
     module = importlib.import_module(f"featherstone_gait.benchmark.{name}")

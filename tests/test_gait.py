@@ -170,7 +170,9 @@ def test_csv_gives_back_what_was_written_in_the_order_wanted(tmp_path):
     gait = some_gait()
     times, angles = references(gait, 1, np.zeros(10))
     write_angles(tmp_path / "gait.csv", times, angles, gait.joint_names)
-    assert (tmp_path / "gait.csv").read_text().startswith("time_s,left_hip_lateral,")
+    comment, header = (tmp_path / "gait.csv").read_text().splitlines()[:2]
+    assert comment.startswith("# featherstone_gait joint angles 2,")
+    assert header.startswith("time_s,left_hip_lateral,")
     back_times, back, names = read_angles(tmp_path / "gait.csv")
     assert names == gait.joint_names
     assert np.abs(back_times - times).max() < 1e-9
@@ -186,7 +188,9 @@ def test_ax12_counts_1023_over_300_degrees_from_512_in_the_middle(tmp_path):
     error = np.degrees(angles_of_goal_positions(goal_positions(angles, "abc")) - angles)
     assert np.abs(error).max() <= 0.5 * 300 / 1023 + 1e-12
     write_goal_positions(tmp_path / "goals.csv", [0.0, 0.04], np.zeros((2, 2)), ("a", "b"))
-    assert (tmp_path / "goals.csv").read_text().split() == ["time_s,a,b", "0.0,512,512", "0.04,512,512"]
+    comment, *lines = (tmp_path / "goals.csv").read_text().splitlines()
+    assert comment.startswith("# featherstone_gait goal positions 2,")
+    assert lines == ["time_s,a,b", "0.0,512,512", "0.04,512,512"]
 
 
 @pytest.mark.parametrize("degrees", [150.5, -151.0, np.nan])

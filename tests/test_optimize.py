@@ -46,6 +46,7 @@ def test_the_report_is_the_json_file_and_names_every_file(job):
     folder, report = job
     assert json.loads((folder / "humanoid_gait.json").read_text("utf-8")) == report
     assert sorted(report["files"].values()) == sorted(str(path) for path in folder.iterdir())
+    assert report["format"].startswith("featherstone_gait gait report 2,")
     assert report["settings"]["iterations"] == ITERATIONS
     assert report["search"]["candidates"] == ITERATIONS
     assert report["evaluations"]["begun"] == ITERATIONS + 1 + report["evaluations"]["wasted"]
@@ -56,6 +57,7 @@ def test_the_arrays_hold_the_gait_whose_cost_is_reported(job, cost):
     with np.load(folder / "humanoid_gait.npz") as data:
         assert cost(data["x"]) == (report["after"]["cost"], "ok")
         assert np.array_equal(data["first"], cost.gait.to_vector())
+        assert str(data["format"]).startswith("featherstone_gait gait arrays 2,")
         assert data["costs"].shape == (ITERATIONS + 1,)
         assert data["costs"].min() == report["after"]["cost"]
 
@@ -73,7 +75,7 @@ def test_the_goal_positions_are_the_angles_to_half_a_count(job, cost):
     folder, _ = job
     times, angles, names = read_angles(folder / "humanoid_gait_angles.csv", cost.gait.joint_names)
     with (folder / "humanoid_gait_goal_positions.csv").open(newline="") as file:
-        rows = list(csv.reader(file))
+        rows = list(csv.reader(line for line in file if not line.startswith("#")))
     assert rows[0] == ["time_s", *names]
     counts = np.array(rows[1:], dtype=float)
     assert counts[:, 0] == pytest.approx(times)

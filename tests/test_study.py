@@ -46,7 +46,7 @@ def read(folder, text, name="study"):
 
 def table(path):
     with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+        return list(csv.DictReader(line for line in file if not line.startswith("#")))
 
 
 def refused(folder, text, *words):

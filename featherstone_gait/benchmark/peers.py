@@ -22,7 +22,6 @@ differently, and each engine's error is its own, counted from a sixteenth of the
 
 from __future__ import annotations
 
-import csv
 import importlib.util
 import math
 import tempfile
@@ -38,16 +37,17 @@ from tqdm import tqdm
 
 from ..core.compile.lanes import WIDTH
 from ..core.integrate.rollout import rollout_lanes
+from ..files import complete
 from ..model import Model
-from ..plotting import positions
 from ..reference import Reference
 from ..robot_file import load_robot, save_robot
 from ..run.simulate import initial_state, simulate
-from ..study.table import complete
+from ..view.plotting import positions
 from . import precision, speed, walk
 from .machine import machine
 from .mujoco_clock import quick_mujoco
 from .precision import Problem, Run
+from .table import write_table
 
 KP, KD, LIMIT = (precision.STIFF_SERVO[name] for name in ("Kp", "Kd", "torque_limit"))
 ARMATURE = 254.0**2 * 1e-7  # reflected inertia of an AX-12's rotor [kg m^2]
@@ -121,9 +121,9 @@ def run(out_dir: Path, full: bool = False) -> list[Line]:
     speeds += steps
     found = lines(speeds, points)
     _print_lines(found)
-    _write(out_dir / "peers.csv", Point, points, where)
-    _write(out_dir / "peers_speed.csv", Speed, speeds, where)
-    _write(out_dir / "peers_lines.csv", Line, found, where)
+    write_table(out_dir / "peers.csv", Point._fields, points, where)
+    write_table(out_dir / "peers_speed.csv", Speed._fields, speeds, where)
+    write_table(out_dir / "peers_lines.csv", Line._fields, found, where)
     _plot(out_dir / "peers.png", speeds, points, where)
     return found
 
@@ -618,14 +618,6 @@ def _print_lines(found: list[Line]) -> None:
         print(f"{x.line:66}{x.asked:>10}{x.measured:>10}  {'met' if x.met else 'NOT MET'}  {x.note}")
 
 
-def _write(path: Path, kind, rows, notes: str) -> None:
-    with complete(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        file.writelines(f"# {line}\n" for line in notes.splitlines())
-        writer = csv.writer(file)
-        writer.writerow(kind._fields)
-        writer.writerows(rows)
-
-
 def _plot(path: Path, speeds: list[Speed], points: list[Point], notes: str) -> None:
     """The three scenes, and forward dynamics of chains."""
     from matplotlib.figure import Figure
@@ -638,7 +630,7 @@ def _plot(path: Path, speeds: list[Speed], points: list[Point], notes: str) -> N
     _dynamics_panel(dynamics, [r for r in chains if r.engine != EMPTY_CALL])
     figure.suptitle(notes, fontsize=8)
     with complete(path) as temporary:
-        figure.savefig(temporary, dpi=130, format="png")
+        figure.savefig(temporary, dpi=130)
 
 
 GREYS = {"MuJoCo Euler": "C5", "MuJoCo implicitfast": "C6", "MuJoCo implicit": "C9", "MuJoCo RK4": "C7",

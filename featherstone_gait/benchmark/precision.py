@@ -16,7 +16,6 @@ collaborative benchmarking framework for multibody system dynamics, Engineering 
 
 from __future__ import annotations
 
-import csv
 import math
 import time
 from collections.abc import Callable
@@ -29,16 +28,17 @@ from tqdm import tqdm
 
 from ..build.scene import CompiledScene, compile_scene
 from ..core.integrate import INTEGRATORS
+from ..files import complete, read_csv
 from ..model import Ground, Joint, Link, Model, Spring
-from ..plotting import positions
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..run.prepared import prepare, with_tolerance
 from ..run.simulate import initial_state, simulate, standing_state
 from ..run.verdict import trajectory
-from ..study.table import complete
 from ..trajectory import Trajectory
+from ..view.plotting import positions
 from .machine import machine
+from .table import TABLE, write_table
 
 STEPS = (0.1, 5e-2, 2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5)  # [s]
 TOLERANCES = tuple(10.0**-k for k in range(2, 14))
@@ -403,17 +403,13 @@ def write(path: Path, rows: list[Row], notes: str) -> None:
     """The table as CSV, the notes as comments over it."""
     columns = ["problem", "integrator", "step_s", "rtol", "error_rad", "error_m", "reference_error", "run_ms_per_s",
                "simulate_ms_per_s", "evaluations", "status"]  # fmt: skip
-    with complete(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        file.writelines(f"# {line}\n" for line in notes.splitlines())
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows(["" if isinstance(x, float) and math.isnan(x) else x for x in row] for row in rows)
+    cells = (["" if isinstance(x, float) and math.isnan(x) else x for x in row] for row in rows)
+    write_table(path, columns, cells, notes)
 
 
 def read(path: Path) -> list[Row]:
     """The rows of a precision.csv."""
-    with Path(path).open(newline="", encoding="utf-8") as file:
-        _, *lines = csv.reader(line for line in file if not line.startswith("#"))
+    _, *lines = (row for _, row in read_csv(path, TABLE))
     return [
         Row(p, i, *(float(x) if x else math.nan for x in numbers), int(evaluations), status)
         for p, i, *numbers, evaluations, status in lines
@@ -453,7 +449,7 @@ def plot(path: Path, rows: list[Row], notes: str = "") -> None:
         fontsize=9,
     )
     with complete(path) as temporary:
-        figure.savefig(temporary, dpi=130, format="png")
+        figure.savefig(temporary, dpi=130)
 
 
 def _style(name: str) -> dict:

@@ -8,7 +8,6 @@ and whether it settles from 0.5 rad, where the torque is clipped at first.
 
 from __future__ import annotations
 
-import csv
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -17,9 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..build.scene import compile_scene
+from ..files import complete
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..run.simulate import initial_state, simulate
+from .machine import machine
+from .table import write_table
 
 INTEGRATORS = ("implicit_euler", "midpoint", "simtwo")
 ARM_STEPS = (1e-3, 5e-3, 1e-2)
@@ -70,8 +72,8 @@ def run(out_dir: Path, full: bool = False) -> tuple[list[ArmRow], list[PdRow]]:
     for row in pd:
         print(f"{row.integrator:15} {row.step * 1e3:7.3g} {row.error:9.2g} {row.cost:9.3g}  {row.settles}")
     out_dir = Path(out_dir)
-    _write(out_dir / "servo_arm.csv", arm)
-    _write(out_dir / "servo_pd.csv", pd)
+    write_table(out_dir / "servo_arm.csv", ArmRow._fields, arm, machine())
+    write_table(out_dir / "servo_pd.csv", PdRow._fields, pd, machine())
     _plot(out_dir / "servo.png", arm, pd)
     return arm, pd
 
@@ -121,13 +123,6 @@ def _timed(scene, duration, state, reference, repeats):
     return trajectory, 1e3 * min(times) / duration
 
 
-def _write(path: Path, rows) -> None:
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(rows[0]._fields)
-        writer.writerows(rows)
-
-
 def _plot(path: Path, arm: list[ArmRow], pd: list[PdRow]) -> None:
     import matplotlib
 
@@ -167,5 +162,6 @@ def _plot(path: Path, arm: list[ArmRow], pd: list[PdRow]) -> None:
         title="Stiff PD servos, no rotor inertia",
     )
     right.legend()
-    figure.savefig(path, dpi=130)
+    with complete(path) as temporary:
+        figure.savefig(temporary, dpi=130)
     plt.close(figure)

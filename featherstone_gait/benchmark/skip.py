@@ -10,7 +10,6 @@ All kernels are those for one robot, implicit Euler at 1 ms, unless stated other
 
 from __future__ import annotations
 
-import csv
 import ctypes
 import functools
 import math
@@ -44,8 +43,8 @@ from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..run.prepared import prepare, with_steps
 from ..run.simulate import PARTS, initial_state, simulate, simulate_batch, standing_state
-from ..study.table import complete
 from .machine import machine
+from .table import write_table
 
 STEP = 1e-3  # [s]
 SETTLE = 0.1  # of simulated time before anything is counted [s]
@@ -499,9 +498,6 @@ def _ratio(x: float, y: float) -> str:
 
 def _write(path: Path, machine: str, parts: dict[str, Cost], rows: list[Row]) -> None:
     names = ("executed", "time_us", "code")
-    with complete(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        file.writelines(f"# {line}\n" for line in machine.splitlines())
-        writer = csv.writer(file)
-        writer.writerow(["saving", *(f"{name}_without" for name in names), *(f"{name}_with" for name in names), "note"])
-        writer.writerows([name, *cost, *[""] * len(names), "free arm"] for name, cost in parts.items())
-        writer.writerows([row.saving, *row.without, *row.having, row.note] for row in rows)
+    columns = ["saving", *(f"{name}_without" for name in names), *(f"{name}_with" for name in names), "note"]
+    lines = [[name, *cost, *[""] * len(names), "free arm"] for name, cost in parts.items()]
+    write_table(path, columns, [*lines, *([row.saving, *row.without, *row.having, row.note] for row in rows)], machine)

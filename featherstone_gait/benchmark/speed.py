@@ -14,7 +14,6 @@ vector, and as many vectors as there are cores, each beside the error of that st
 
 from __future__ import annotations
 
-import csv
 import importlib.util
 import os
 import subprocess
@@ -34,17 +33,20 @@ from ..core.compile.lanes import WIDTH, aligned
 from ..core.tree import timing
 from ..core.tree.layout import Motion, Robot
 from ..dynamics import inverse_dynamics, mass_matrix
+from ..files import complete
 from ..model import Joint, Link, Model
-from ..plotting import positions
 from ..robot_file import load_robot, save_robot
 from ..run.simulate import simulate_batch
+from ..view.plotting import positions
 from .machine import machine
 from .mujoco_clock import quick_mujoco
+from .table import write_table
 
 LENGTHS = (5, 10, 20, 50, 100, 200)
 REPEATS, REPEATS_FULL = 15, 51
 SCALARS, LANES = "float64", f"{WIDTH} lanes"
 MUJOCO = "mj_forward"
+COLUMNS = ("robot", "joints", "algorithm", "width", "time_us", "spread", "error", "ratio_to_mj_forward")
 
 
 class Row(NamedTuple):
@@ -115,11 +117,8 @@ def run(out_dir, full: bool = False) -> list[Row]:
                 f"{row.error:10.1e}{row.ratio:8.3f}"
             )
     steps = _steps(REPEATS_FULL if full else REPEATS)
-    with (out_dir / "speed_steps.csv").open("w", newline="") as file:
-        file.writelines(f"# {line}\n" for line in host.splitlines())
-        writer = csv.writer(file)
-        writer.writerows([Step._fields, *steps])
-    _write(rows, f"{host}\n{compilation}", out_dir / "speed.csv")
+    write_table(out_dir / "speed_steps.csv", Step._fields, steps, host)
+    write_table(out_dir / "speed.csv", COLUMNS, rows, f"{host}\n{compilation}")
     _plot(rows, host, out_dir / "speed.png")
     return rows
 
@@ -360,14 +359,6 @@ def _batch_time(problem, run, count: int, repeats: int) -> tuple[float, float]:
     return float(wall), float(cpu)
 
 
-def _write(rows: list[Row], notes: str, path: Path) -> None:
-    with path.open("w", newline="") as file:
-        file.writelines(f"# {line}\n" for line in notes.splitlines())
-        writer = csv.writer(file)
-        writer.writerow(["robot", "joints", "algorithm", "width", "time_us", "spread", "error", "ratio_to_mj_forward"])
-        writer.writerows(rows)
-
-
 STYLES = {
     (MUJOCO, SCALARS): ("0.35", "s-", "MuJoCo mj_forward"),
     ("ABA", SCALARS): ("C0", "o-", "ABA, float64"),
@@ -392,7 +383,8 @@ def _plot(rows: list[Row], machine: str, path: Path) -> None:
     errors.set(ylabel="greatest error by greatest value", title="Chains: error")
     _bars(bars, [row for row in rows if row not in chains])
     figure.suptitle(machine, fontsize=8)
-    figure.savefig(path, dpi=150)
+    with complete(path) as temporary:
+        figure.savefig(temporary, dpi=150)
 
 
 def _lines(axes, rows: list[Row], value: str) -> None:

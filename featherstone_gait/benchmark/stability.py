@@ -13,7 +13,6 @@ which takes hours.  Finished runs are kept beside the table: started again, it g
 
 from __future__ import annotations
 
-import csv
 import functools
 import math
 from dataclasses import replace
@@ -22,14 +21,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..core.compile.jit import source_hash
+from ..files import complete, read_csv
 from ..model import Model
 from ..robot_file import load_robot, load_servo, save_robot
 from ..study import read_study, run_study
 from ..study.bisection import largest
 from ..study.linear_stability import growth, linearised
 from ..study.measures import LARGEST, SMALLEST
-from ..study.table import complete
+from ..study.table import TABLE
 from .machine import machine
+from .table import write_table
 
 JOINTS = (1, 2, 3, 5, 7)
 RATIOS = (160.0, 200.0, 254.0, 320.0, 400.0)
@@ -130,8 +131,8 @@ def _study(folder: Path, name: str, joints: int, vary: dict) -> dict[Point, tupl
     path = folder / f"{name}.toml"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     outcome = run_study(read_study(path), folder, batch=2, progress=True)
-    with outcome.table.open(newline="", encoding="utf-8") as file:
-        return dict(_row(joints, row) for row in csv.DictReader(file))
+    (_, header), *lines = read_csv(outcome.table, TABLE)
+    return dict(_row(joints, dict(zip(header, row))) for _, row in lines)
 
 
 def _toml(values) -> str:
@@ -204,11 +205,8 @@ def _on_slice(point: Point) -> bool:
 def _write(path: Path, found: dict[Point, Found], notes: str) -> None:
     columns = ["joints", "ratio", "rotor_inertia_kg_m2", "Kp_V_rad", "gearbox", "integrator", "tilt_rad"]
     columns += ["stable_step_s", "unstable_step_s", "linear_step_s"]
-    with complete(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        file.writelines(f"# {line}\n" for line in notes.splitlines())
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows([*point, *("" if math.isnan(x) else x for x in steps)] for point, steps in found.items())
+    rows = ([*point, *("" if math.isnan(x) else x for x in steps)] for point, steps in found.items())
+    write_table(path, columns, rows, notes)
 
 
 COLOURS = {"simtwo": "C3", "rk4": "C1", "midpoint": "C2", "implicit_euler": "C0"}
@@ -237,7 +235,7 @@ def _plot(path: Path, found: dict[Point, Found]) -> None:
         fontsize=11,
     )
     with complete(path) as temporary:
-        figure.savefig(temporary, dpi=150, format="png")
+        figure.savefig(temporary, dpi=150)
 
 
 def _panel(panel, found: dict[Point, Found], servos: str, swept: str) -> None:

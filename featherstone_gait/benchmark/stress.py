@@ -13,7 +13,6 @@ Silent runs should be none, alarms at most one in twenty.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections import Counter
 from dataclasses import replace
@@ -24,14 +23,16 @@ import numpy as np
 from tqdm import tqdm
 
 from ..build.scene import compile_scene
+from ..files import complete
 from ..model import ContactPoint, Ground, Joint, Link, Model
-from ..plotting import positions
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..run.simulate import Push, initial_state, simulate
+from ..view.plotting import positions
 from .machine import machine
 from .precision import unlimited
 from .speed import chain
+from .table import write_table
 
 WRONG = 1e-3  # error that counts [rad or m]
 COVERED = 10.0  # times the run's own estimate that it may reach
@@ -93,10 +94,9 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
     print(f"{len(rows)} runs: {', '.join(f'{counts[v]} {v}' for v in ('held', 'flagged', 'silent', 'alarm'))}; "
           f"false alarms {counts['alarm'] / max(right, 1):.1%} of the {right} runs that are right")  # fmt: skip
     out_dir = Path(out_dir)
-    with (out_dir / "stress.csv").open("w", newline="") as file:
-        file.writelines(f"# {line}\n" for line in host.splitlines())
-        csv.writer(file).writerows([Row._fields, *rows])
-    plot(rows, host).savefig(out_dir / "stress.png", dpi=130)
+    write_table(out_dir / "stress.csv", Row._fields, rows, host)
+    with complete(out_dir / "stress.png") as temporary:
+        plot(rows, host).savefig(temporary, dpi=130)
     return rows
 
 

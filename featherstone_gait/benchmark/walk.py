@@ -12,7 +12,6 @@ engine's error is its own: the trunk's path against the same engine at a quarter
 
 from __future__ import annotations
 
-import csv
 import importlib.util
 import math
 import os
@@ -25,12 +24,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ..build.scene import compile_scene
+from ..files import complete
 from ..model import Ground, Model
 from ..reference import Reference
 from ..robot_file import load_robot, save_robot
 from ..run.lane_engine import Queue
 from ..run.simulate import simulate_stream, standing_state
+from .machine import machine
 from .mujoco_clock import quick_mujoco
+from .table import write_table
 
 DURATION = 4.0  # [s]
 STEP = 1e-3  # [s]
@@ -71,7 +73,7 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
         for other in theirs:
             print(f"{robot}: {ours.per_core / other.per_core:.1f} times the rate of {other.engine} per core")
     print(_search_line(800 if full else 100))
-    _write(Path(out_dir) / "walk.csv", rows)
+    write_table(Path(out_dir) / "walk.csv", Row._fields, rows, machine())
     _plot(Path(out_dir) / "walk.png", rows)
     return rows
 
@@ -229,13 +231,6 @@ def _mujoco_state(m, d, angles) -> np.ndarray:
     return state
 
 
-def _write(path: Path, rows: list[Row]) -> None:
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(Row._fields)
-        writer.writerows(rows)
-
-
 def _plot(path: Path, rows: list[Row]) -> None:
     import matplotlib
 
@@ -251,5 +246,6 @@ def _plot(path: Path, rows: list[Row]) -> None:
     axes.set_xticks(range(len(rows)), labels, fontsize=7)
     axes.margins(y=0.15)
     axes.set(ylabel=f"rollouts of {DURATION:g} s a second", title="Walking humanoid, step 1 ms")
-    figure.savefig(path, dpi=130)
+    with complete(path) as temporary:
+        figure.savefig(temporary, dpi=130)
     plt.close(figure)

@@ -36,11 +36,11 @@ from ..core.compile.jit import source_hash
 from ..core.effects.energies import METER
 from ..model import Ground, Model
 from ..optimize import AMPLITUDE, MAX_MISS, walking_cost
-from ..plotting import plot_motion
 from ..robot_file import load_robot
 from ..run.simulate import simulate_stream, standing_state
 from ..search import minimize
 from ..trajectory import Trajectory
+from ..view.plotting import plot_motion
 from ..walking.cost import LEAST_SPEED, WalkingCost
 from ..walking.gait import TICK, bounds
 from .claim import Claim

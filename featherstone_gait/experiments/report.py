@@ -17,7 +17,6 @@ import json
 import os
 import platform
 import re
-import secrets
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -29,6 +28,7 @@ from typing import NamedTuple, get_args
 from tqdm import tqdm
 
 from .. import __version__
+from ..files import Format, complete
 from . import EXPERIMENTS
 from .claim import Claim, Verdict
 
@@ -36,6 +36,7 @@ PAPER = (
     'J. Lima, J. Gonçalves, P. Costa, A. Moreira: "Humanoid Gait Optimization Resorting to an Improved Simulation '
     'Model", International Journal of Advanced Robotic Systems 10 (2013), doi 10.5772/54766'
 )
+FORMAT = Format("experiment")
 HEADINGS = ("Experiment", "Claim", "Paper", "Ours", "Verdict", "Why")
 DOTS_PER_INCH = 150
 COLOURS = dict(zip(get_args(Verdict), ("#1a7f37", "#9a6700", "#b42318")))
@@ -90,7 +91,7 @@ def _entry(files: Path, name: str, full: bool, seed: int, program: str, progress
         return Entry(name, name, failure=_failure(error))
     for (_, picture), data in zip(entry.figures, pictures):
         _write(files / picture, data)
-    _write(stored, json.dumps({"key": key} | _plain(entry), indent=1).encode())
+    _write(stored, json.dumps({"format": str(FORMAT), "key": key} | _plain(entry), indent=1).encode())
     return entry
 
 
@@ -119,6 +120,7 @@ def _stored(path: Path, key: str) -> Entry | None:
     """The results of an earlier run, None unless all of them are there and of this key."""
     try:
         content = json.loads(path.read_text("utf-8"))
+        FORMAT.check(path, content.pop("format", None))
         if content.pop("key") != key:
             return None
         content["claims"] = tuple(Claim(**claim) for claim in content["claims"])
@@ -316,10 +318,5 @@ def _plain_text(text: str) -> str:
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all."""
-    temporary = path.with_name(f"{path.name}.{secrets.token_hex(4)}")
-    try:
+    with complete(path) as temporary:
         temporary.write_bytes(data)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)

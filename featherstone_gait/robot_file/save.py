@@ -9,6 +9,7 @@ from dataclasses import Field, fields
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
+from ..files import complete_together
 from ..model import Joint, Link, Model
 from .servos import PARTS
 from .toml import written
@@ -25,17 +26,9 @@ def save_robot(model: Model, path: str | os.PathLike) -> None:
     if path.suffix != ".urdf":
         raise ValueError(f"{path}: the file name must end in .urdf; the TOML goes beside it")
     texts = {path: _urdf_text(model), path.with_suffix(".toml"): _toml_text(model)}
-    written: list[tuple[Path, Path]] = []
-    try:
-        for target, text in texts.items():
-            temporary = target.with_name(f".{target.name}.{os.getpid()}")
-            written.append((temporary, target))
+    with complete_together(*texts) as temporaries:
+        for temporary, text in zip(temporaries, texts.values()):
             temporary.write_text(text, encoding="utf-8", newline="\n")
-        for temporary, target in written:
-            os.replace(temporary, target)
-    finally:
-        for temporary, _ in written:
-            temporary.unlink(missing_ok=True)
 
 
 def _urdf_text(model: Model) -> str:

@@ -390,6 +390,11 @@ def _parse(path, number, line):
 
 def _check_header(path, line, expected):
     found = _parse(path, 1, line)
+    if str(found.get("version")).isdecimal() and int(found["version"]) > expected["version"]:
+        raise ValueError(
+            f"{path}, line 1: the history's format is {found['version']}, of a newer version, and this one reads 1 to "
+            f"{expected['version']}; resume with the version that began it, or take another file name"
+        )
     for key in expected:
         if key not in ("max_iterations", "no_progress") and found.get(key) != expected[key]:
             raise ValueError(

@@ -6,15 +6,15 @@ of another status are crosses, at the edge of the panel where they have no value
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from ..files import complete, read_csv
 from .measures import COLUMNS
 from .settings import PARAMETERS, Axis, Study
-from .table import complete
+from .table import TABLE
 
 SHOWN = 20_000  # runs drawn as points
 BINS, FEW = 12, 50  # of the median along a parameter that takes more than a few values
@@ -64,16 +64,15 @@ def plot_study(study: Study, table: Path, path: Path) -> None:
             panels[0].legend(fontsize=8, frameon=False)
     figure.suptitle(f"{study.name}: {study.setup.model.name}, {study.setup.experiment}, {len(study)} runs", fontsize=11)
     with complete(path) as temporary:
-        figure.savefig(temporary, dpi=130, format="png")
+        figure.savefig(temporary, dpi=130)
 
 
 def _read(table: Path, names: tuple[str, ...]) -> dict[str, list[str]]:
     """Some columns of a CSV, as text."""
-    with table.open(newline="", encoding="utf-8") as file:
-        rows = csv.reader(file)
-        header = next(rows)
-        places = [header.index(name) for name in names]
-        found = [[row[k] for k in places] for row in rows]
+    lines = read_csv(table, TABLE)
+    _, header = next(lines)
+    places = [header.index(name) for name in names]
+    found = [[row[k] for k in places] for _, row in lines]
     return dict(zip(names, map(list, zip(*found))))
 
 

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
+from ..files import Format
 from .measures import run_batch
 from .plot import plot_study
 from .settings import Study
@@ -24,6 +25,7 @@ from .table import check_parquet, write_parquet, write_table
 
 QUEUED = 256  # batches handed to the executor at a time: bounds memory, and is enough to keep a cluster busy
 SMALL, LARGE, MANY = 8, 64, 1024  # runs of a batch; the larger from this many runs on
+LOG = Format("study log")
 _log = logging.getLogger(__name__)
 
 
@@ -118,7 +120,7 @@ class Log:
     def __init__(self, path: Path, study: Study):
         self.path = path
         self.places = np.full(len(study), -1, np.int64)
-        header = {"study": "featherstone_gait", "runs": len(study), **study.settings}
+        header = {"format": str(LOG), "study": "featherstone_gait", "runs": len(study), **study.settings}
         self.file = path.open("a+b", buffering=0)
         try:
             self.length = self._read(header)
@@ -194,9 +196,11 @@ class Log:
         except (ValueError, TypeError, KeyError, IndexError) as error:
             remedy = "delete this line and all below, or the whole file to begin anew"
             raise ValueError(f"{self.path}, line {number}: damaged; {remedy}") from error
+        content = content if isinstance(content, dict) else {}
+        LOG.check(self.path, content.get("format"))
         for key, value in header.items():
-            found = content.get(key) if isinstance(content, dict) else None
-            if found != value:
+            found = content.get(key)
+            if found != value and key != "format":
                 raise ValueError(
                     f"{self.path}: was begun with {key} = {_short(found)}, but this study has {_short(value)}; delete "
                     "the file to begin anew, or choose another folder"

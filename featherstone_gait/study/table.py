@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
-import csv
-import os
-import secrets
 from collections import Counter
-from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
+from ..files import Format, complete, write_csv
 from .measures import COLUMNS
 from .settings import Study
+
+TABLE = Format("study table")
 
 
 def write_table(path: Path, study: Study, log) -> dict[str, int]:
     """Write CSV: run, varied parameters, status, measures, message; return how many runs have which status.
 
-    Numbers have all their digits; where there is no value the cell is empty.
+    A comment over the header states the format.  Numbers have all their digits; where there is no value the cell is
+    empty.
     """
     names = ["status", *COLUMNS[study.setup.experiment], "message"]
     statuses: Counter[str] = Counter()
-    with complete(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["run", *study.setup.names, *names])
+
+    def rows():
         for run, row in enumerate(log.rows()):
-            writer.writerow([run, *study.values(run), *(row[name] for name in names)])
             statuses[row["status"]] += 1
+            yield [run, *study.values(run), *(row[name] for name in names)]
+
+    write_csv(path, TABLE, ["run", *study.setup.names, *names], rows(), end="\n")
     return dict(statuses.most_common())
 
 
@@ -44,21 +45,6 @@ def write_parquet(table: Path) -> None:
     """Write the CSV as Parquet beside it."""
     import pandas
 
-    frame = pandas.read_csv(table, float_precision="round_trip", keep_default_na=False, na_values=[""])
+    frame = pandas.read_csv(table, skiprows=1, float_precision="round_trip", keep_default_na=False, na_values=[""])
     with complete(table.with_suffix(".parquet")) as temporary:
         frame.to_parquet(temporary, index=False)
-
-
-@contextmanager
-def complete(path: Path):
-    """A path to write to, in place of `path`, which it takes when everything went well.  Raises OSError."""
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-    try:
-        yield temporary
-        with temporary.open("rb+") as file:
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except OSError as error:
-        raise OSError(f"{path}: cannot be written ({error.strerror or error}); an earlier one is unchanged") from error
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -1,29 +1,31 @@
 """Joint angles as files a robot can play: CSV in degrees, and goal positions of AX-12 servos.
 
-The CSV has a header ``time_s`` and one column a joint, named as in the model; angles are in degrees.  An AX-12 counts
-0..1023 over 300 degrees, 512 in the middle (ROBOTIS e-Manual, AX-12A, control table address 30).
+The CSV has its format in a comment, a header ``time_s`` and one column a joint, named as in the model; angles are in
+degrees.  An AX-12 counts 0..1023 over 300 degrees, 512 in the middle (ROBOTIS e-Manual, AX-12A, control table address
+30).
 """
 
 from __future__ import annotations
 
-import csv
 import math
-from pathlib import Path
 
 import numpy as np
 
+from featherstone_gait.files import Format, read_csv, write_csv
+
 MIDDLE, LARGEST, RANGE = 512, 1023, 300.0  # of an AX-12 [counts, counts, deg]
 TIME_COLUMN = "time_s"
+ANGLES, GOAL_POSITIONS = Format("joint angles"), Format("goal positions")
 
 
 def write_angles(path, times, angles, joint_names):
     """Write `angles` (n, nj) [rad] at `times` (n,) [s] as CSV in degrees, with all digits."""
-    _write(path, times, np.degrees(angles), joint_names)
+    _write(path, ANGLES, times, np.degrees(angles), joint_names)
 
 
 def write_goal_positions(path, times, angles, joint_names):
     """Write `angles` (n, nj) [rad] at `times` (n,) [s] as CSV of AX-12 goal positions.  Raises as `goal_positions`."""
-    _write(path, times, goal_positions(angles, joint_names), joint_names)
+    _write(path, GOAL_POSITIONS, times, goal_positions(angles, joint_names), joint_names)
 
 
 def goal_positions(angles, joint_names):
@@ -53,22 +55,22 @@ def read_angles(path, joint_names=None):
 
     With `joint_names` the columns must be these, and come back in their order.  Raises ValueError, naming file, line
     and column, for a missing, doubled or unknown column, a row of the wrong length, a value that is not a finite number
-    or is beyond one turn, or times that do not increase.
+    or is beyond one turn, times that do not increase, or a format that this version does not read.
     """
-    with Path(path).open(newline="", encoding="utf-8") as file:
-        rows = list(csv.reader(file))
-    names = _header(path, rows, joint_names)
-    if len(rows) < 2:
+    lines = list(read_csv(path, ANGLES)) or [(1, [])]
+    (line, header), rows = lines[0], lines[1:]
+    names = _header(path, line, header, joint_names)
+    if not rows:
         raise ValueError(f"{path}: no rows below the header; at least one is needed")
-    table = np.array([_row(path, line, row, rows[0]) for line, row in enumerate(rows[1:], start=2)])
+    table = np.array([_row(path, line, row, header) for line, row in rows])
     late = np.flatnonzero(np.diff(table[:, 0]) <= 0.0)
     if len(late):
-        line = late[0] + 3
+        k = late[0] + 1
         raise ValueError(
-            f"{path}, line {line}, column {TIME_COLUMN!r}: {table[line - 2, 0]} s does not lie after "
-            f"{table[line - 3, 0]} s; sort the rows by time and drop doubled ones"
+            f"{path}, line {rows[k][0]}, column {TIME_COLUMN!r}: {table[k, 0]} s does not lie after "
+            f"{table[k - 1, 0]} s; sort the rows by time and drop doubled ones"
         )
-    columns = [rows[0].index(name) for name in names]
+    columns = [header.index(name) for name in names]
     return table[:, 0], np.radians(table[:, columns]), names
 
 
@@ -76,26 +78,23 @@ def _degrees(counts):
     return (counts - MIDDLE) * RANGE / LARGEST
 
 
-def _write(path, times, values, joint_names):
-    with Path(path).open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow([TIME_COLUMN, *joint_names])
-        # Rounding takes the noise of k * 0.04 off the times; the values keep all digits.
-        writer.writerows([round(float(t), 9), *row] for t, row in zip(times, np.asarray(values).tolist()))
+def _write(path, form, times, values, joint_names):
+    # Rounding takes the noise of k * 0.04 off the times; the values keep all digits.
+    rows = ([round(float(t), 9), *row] for t, row in zip(times, np.asarray(values).tolist()))
+    write_csv(path, form, [TIME_COLUMN, *joint_names], rows)
 
 
-def _header(path, rows, joint_names):
+def _header(path, line, header, joint_names):
     """Check the header and return the joint names in the order wanted."""
-    header = rows[0] if rows else []
     if not header or header[0] != TIME_COLUMN:
-        raise ValueError(f"{path}, line 1: the first column must be {TIME_COLUMN!r}, got {header[:1]}")
+        raise ValueError(f"{path}, line {line}: the first column must be {TIME_COLUMN!r}, got {header[:1]}")
     found = header[1:]
     doubled = sorted({name for name in found if found.count(name) > 1})
     wanted = tuple(found if joint_names is None else joint_names)
     missing, unknown = sorted(set(wanted) - set(found)), sorted(set(found) - set(wanted))
     if doubled or missing or unknown or not found:
         raise ValueError(
-            f"{path}, line 1: joint columns doubled: {doubled}, missing: {missing}, unknown: {unknown}; "
+            f"{path}, line {line}: joint columns doubled: {doubled}, missing: {missing}, unknown: {unknown}; "
             "there must be one column for each joint of the robot and no other"
         )
     return wanted

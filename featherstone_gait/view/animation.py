@@ -11,14 +11,18 @@ from collections.abc import Mapping
 from html import escape
 from pathlib import Path
 from string import Template
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .core.effects.energies import METER
-from .dynamics import forward_kinematics
-from .model import Model, inertia_matrix
+from ..core.effects.energies import METER
+from ..dynamics import forward_kinematics
+from ..files import complete
+from ..model import Model, inertia_matrix
 from .plotting import positions
-from .trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from ..trajectory import Trajectory
 
 UNIT = 1e-4  # [m] of the numbers in the page
 FRAME = 0.04  # [s]; the page draws straight lines between frames
@@ -43,7 +47,8 @@ def write_animation(path, model: Model, runs: Mapping[str, Trajectory], title: s
         span=f"{max(1.6 * height, 1.3 * length):.3g}",
         middle=f"{0.45 * height:.3g}",
     )
-    Path(path).write_text(page, encoding="utf-8")
+    with complete(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
 
 
 def _box(link) -> np.ndarray:

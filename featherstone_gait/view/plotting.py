@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .dynamics import forward_kinematics
-from .model import Model
-from .trajectory import UNITS, Trajectory
+from ..dynamics import forward_kinematics
+from ..model import Model
+from ..trajectory import UNITS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from ..trajectory import Trajectory
 
 # Channels of several numbers per joint or contact point: their sum over joints or points is drawn, with these names.
 SUMMED = {

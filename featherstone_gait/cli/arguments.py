@@ -1,0 +1,41 @@
+"""What several commands take, and how they name their files."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+SERVO_HELP = "gearbox of the servos (default: mipsd if the robot has any, but a fixed one swings without)"
+
+
+def add_command(commands, name: str, run, does: str, writes: str) -> argparse.ArgumentParser:
+    """Register a command and its option --out."""
+    parser = commands.add_parser(name, help=does, description=f"{does[0].upper()}{does[1:]}.  Writes {writes}.")
+    parser.add_argument("--out", type=Path, default=Path(), metavar="DIR", help=f"folder for {writes} (default: here)")
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_robot(parser: argparse.ArgumentParser) -> None:
+    """What says which robot, in which form."""
+    parser.add_argument("robot", metavar="ROBOT", help="name of a robot that comes with the package, or a .urdf file")
+    parser.add_argument("--locked", metavar="SET", help="set of joints to hold, from the robot's TOML file")
+    parser.add_argument("--servos", choices=("mipsd", "rotor", "standard", "none"), help=SERVO_HELP)
+
+
+def output(args, ending: str) -> Path:
+    """Path of a file of a command about a robot."""
+    return args.out / f"{Path(args.robot).stem}_{ending}"
+
+
+def ground(model):
+    """Flat ground for a robot that can stand on it."""
+    from ..model import Ground
+
+    return Ground() if model.base == "floating" and model.contacts else None
+
+
+def choice(scene) -> str:
+    """Integrator and step, and why."""
+    steps = "steps by their error" if scene.adaptive else f"step {1e3 * scene.timestep:g} ms"
+    return f"{scene.integrator}, {steps} ({scene.preflight.reason})"

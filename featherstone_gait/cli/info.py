@@ -1,0 +1,137 @@
+"""`featherstone-gait info`: what a robot is, in numbers."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from ..files import complete
+from .arguments import add_command, add_robot, choice, ground, output
+
+TORQUE_GAINS = {"Kp": "N m/rad", "Kd": "N m s/rad"}
+GAINS = {  # of the laws that differ
+    "pid_speed": {"Kp": "V s/rad", "Ki": "V/rad", "Kd": "V s^2/rad"},
+    "pd": TORQUE_GAINS,
+    "pd_clamped": TORQUE_GAINS,
+}
+
+
+def add(commands) -> None:
+    """Register the command."""
+    does = "print a robot's masses, joints, servos and step limits"
+    add_robot(add_command(commands, "info", run, does, "ROBOT_info.txt"))
+
+
+def run(args) -> int:
+    from ..build.scene import compile_scene
+    from ..robot_file import load_robot
+
+    model = load_robot(args.robot, locked=args.locked)
+    servos = args.servos or ("mipsd" if any(name in model.servos for name in model.joint_names) else None)
+    scene = compile_scene(model, None if servos == "none" else servos, ground(model))
+    lines = [
+        f"{model.name}  {model.source}",
+        f"{model.mass:.4g} kg, {model.base} base, {len(model.joint_names)} moving joints, {len(model.locked)} locked",
+        *_link_table(model),
+        *_joint_table(model, scene.preflight),
+        *_servo_table(model),
+        *_contact_table(model),
+        *(f"note: {note}" for note in model.notes),
+        "",
+        *_preflight_lines(scene),
+    ]
+    text = "\n".join(lines) + "\n"
+    print(text, end="")
+    with complete(output(args, "info.txt")) as path:
+        path.write_text(text, encoding="utf-8")
+    return 0
+
+
+def _link_table(model) -> list[str]:
+    head = ("link", "mass [kg]", "centre of mass [m]", "ixx, iyy, izz [kg m^2]")
+    rows = [
+        (link.name, f"{link.mass:.5g}", _numbers(link.center_of_mass), _numbers(link.inertia[k] for k in (0, 3, 5)))
+        for link in model.links
+    ]
+    return _table(head, rows)
+
+
+def _joint_table(model, check) -> list[str]:
+    """The joints, with the largest step that an explicit integrator could take."""
+    head = ("joint", "type", "parent", "child", "axis", "limits", "effort", "speed", "explicit step [ms]")
+    steps = {limit.joint: _limit(limit) for limit in check.limits}
+    steps |= {
+        joint.name: f"locked at {_angle(joint, model.locked[joint.name])}"
+        for joint in model.joints
+        if joint.name in model.locked
+    }
+    rows = []
+    for joint in model.joints:
+        if joint.type == "fixed":
+            rows.append((joint.name, joint.type, joint.parent, joint.child, *"-----"))
+            continue
+        limits = f"{_angle(joint, joint.lower)} to {_angle(joint, joint.upper)}"
+        force, rate = ("N", "m/s") if joint.type == "prismatic" else ("N m", "rad/s")
+        effort, speed = f"{joint.effort:.4g} {force}", f"{joint.velocity:.4g} {rate}"
+        axis = _numbers(joint.axis)
+        rows.append((joint.name, joint.type, joint.parent, joint.child, axis, limits, effort, speed, steps[joint.name]))
+    return _table(head, rows)
+
+
+def _limit(limit) -> str:
+    return f"{1e3 * limit.step:.3g}, {limit.cause}" if limit.step < math.inf else f"any, {limit.cause}"
+
+
+def _angle(joint, value: float) -> str:
+    return f"{value:.4g} m" if joint.type == "prismatic" else f"{math.degrees(value):.4g} deg"
+
+
+def _servo_table(model) -> list[str]:
+    """Each kind of servo once, with the joints that have it."""
+    kinds: dict = {}
+    for joint, servo in model.servos.items():
+        kinds.setdefault(servo, []).append(joint)
+    lines = []
+    for servo, joints in kinds.items():
+        parts = {"motor": servo, "controller": servo.controller, "gearbox": servo.gearbox}
+        rows = [(part, name, value, unit) for part, record in parts.items() for name, value, unit in _fields(record)]
+        whose = ", ".join(joints) if len(kinds) > 1 else "all joints"
+        lines += ["", f"servo of {whose}", *_table(("part", "parameter", "value", "unit"), rows)[1:]]
+    return lines
+
+
+def _fields(record):
+    """Name, value and unit of the numbers of a servo, controller or gearbox."""
+    from ..model import SERVO_UNITS
+
+    units = SERVO_UNITS | GAINS.get(getattr(record, "law", ""), {})
+    for field in dataclasses.fields(record):
+        value = getattr(record, field.name)
+        if not dataclasses.is_dataclass(value):
+            yield field.name, value if isinstance(value, str) else f"{value:.6g}", units.get(field.name, "")
+
+
+def _contact_table(model) -> list[str]:
+    rows = [(point.link, _numbers(point.position)) for point in model.contacts]
+    return _table(("contact point on", "position [m]"), rows) if rows else []
+
+
+def _preflight_lines(scene) -> list[str]:
+    check, servos = scene.preflight, f"{scene.servos} servos" if scene.servos else "no servos"
+    worst = min(check.limits, key=lambda limit: limit.step, default=None)
+    limited = "nothing limits an explicit step"
+    if worst is not None and worst.step < math.inf:
+        alone = f"{worst.joint} alone {1e3 * worst.step:.3g} ms, by its {worst.cause}"
+        limited = f"explicit steps up to {1e3 * check.largest_explicit_step:.3g} ms, all joints together ({alone})"
+    where = "on the ground" if scene.ground else "without ground"
+    return [f"with {servos}, {where}: {limited}", f"chosen: {choice(scene)}"]
+
+
+def _numbers(values) -> str:
+    return ", ".join(f"{value + 0.0:.4g}" for value in values)
+
+
+def _table(head, rows) -> list[str]:
+    """An empty line, the headings and the rows, in aligned columns."""
+    widths = [max(len(str(row[k])) for row in [head, *rows]) for k in range(len(head))]
+    return ["", *("  ".join(f"{cell:{width}}" for cell, width in zip(row, widths)).rstrip() for row in [head, *rows])]

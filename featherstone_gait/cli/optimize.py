@@ -1,0 +1,31 @@
+"""`featherstone-gait optimize`: a cheaper gait."""
+
+from __future__ import annotations
+
+from .arguments import add_command
+
+
+def add(commands) -> None:
+    """Register the command."""
+    parser = add_command(
+        commands,
+        "optimize",
+        run,
+        "plan a biped's walk and search for a gait that takes less energy per distance; Ctrl-C keeps the best so far",
+        "ROBOT_gait.json (measures before and after), .npz (arrays), _animation.html, _convergence.png, _angles.png, "
+        "_angles.csv [deg], _goal_positions.csv (AX-12, every 40 ms) and _history.jsonl",
+    )
+    parser.add_argument("--robot", default="humanoid", help="name or .urdf file (default: humanoid, simplified)")
+    parser.add_argument("--servos", choices=("mipsd", "rotor", "standard"), default="mipsd", help="gearbox")
+    parser.add_argument("--iterations", type=int, default=800, metavar="N", help="candidates (default: 800)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the search (default: 0)")
+    parser.add_argument("--resume", action="store_true", help="go on from the history in the folder")
+
+
+def run(args) -> int:
+    from ..optimize import main_job
+
+    main_job(
+        args.robot, servos=args.servos, iterations=args.iterations, seed=args.seed, out=args.out, resume=args.resume
+    )
+    return 0

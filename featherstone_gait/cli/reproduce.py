@@ -1,0 +1,33 @@
+"""`featherstone-gait reproduce`: the paper, rerun."""
+
+from __future__ import annotations
+
+from ..experiments import EXPERIMENTS
+from .arguments import add_command
+
+
+def add(commands) -> None:
+    """Register the command."""
+    parser = add_command(
+        commands,
+        "reproduce",
+        run,
+        "run the paper's experiments, or go on with them, and compare each claim with the paper",
+        "reproduction.html, reproduction.md and reproduction_files (pictures, and finished experiments to go on from)",
+    )
+    names = ", ".join(EXPERIMENTS)
+    parser.add_argument("names", metavar="NAME", nargs="*", help=f"{names} (default: all)")
+    parser.add_argument("--full", action="store_true", help="more runs and finer steps; takes much longer")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers (default: 0)")
+
+
+def run(args) -> int:
+    from ..experiments.report import reproduce
+
+    entries = reproduce(args.names, args.out, full=args.full, seed=args.seed, progress=True)
+    for entry in entries:
+        print(entry.name + (f": failed: {entry.failure}" if entry.failure else ""))
+        for claim in entry.claims:
+            print(f"  {claim.verdict:23} {claim.claim}")
+    print(f"files: {args.out / 'reproduction.html'}, {args.out / 'reproduction.md'}")
+    return 1 if any(entry.failure for entry in entries) else 0

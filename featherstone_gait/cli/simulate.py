@@ -1,0 +1,196 @@
+"""`featherstone-gait simulate`: a robot swings, is pulled upright, or stands."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+
+from ..files import complete
+from .arguments import add_command, add_robot, choice, ground, output
+
+SWING, PULL = 0.5 * math.pi, 0.1  # where the first joint starts, without and with servos [rad]
+SAMPLE = 2e-3  # time between records, in whole steps [s]
+
+
+def add(commands) -> None:
+    """Register the command."""
+    parser = add_command(
+        commands,
+        "simulate",
+        run,
+        "simulate a robot: a fixed one swings, or with servos is pulled upright; a floating one stands on the ground",
+        "ROBOT_simulation.npz (channels), .json (status, settings, measures) and .png",
+    )
+    add_robot(parser)
+    parser.add_argument("--duration", type=float, metavar="S", help="[s] (default: 1, with servos or ground 2)")
+    parser.add_argument("--integrator", metavar="NAME", help="by name (default: chosen; a wrong name lists them)")
+    parser.add_argument("--timestep", type=float, metavar="S", help="[s] (default: chosen, and stated)")
+
+
+def run(args) -> int:
+    start = time.perf_counter()
+    from ..build.scene import compile_scene
+    from ..robot_file import load_robot
+
+    model = load_robot(args.robot, locked=args.locked)
+    driven = model.base == "floating" and bool(model.servos)
+    servos = None if args.servos == "none" else args.servos or ("mipsd" if driven else None)
+    scene = compile_scene(model, servos, ground(model), args.integrator, args.timestep)
+    duration = args.duration if args.duration is not None else (1.0 if _is_free(scene) else 2.0)
+    text, simulated = _experiment(scene)
+    simulated(scene, scene.timestep)  # compiles, or loads what an earlier process compiled
+    ready = time.perf_counter()
+    simulated(scene, duration)
+    done = time.perf_counter()
+    trajectory = simulated(scene, duration, estimate_error=True)
+    measures = _measures(scene, trajectory) | {
+        "seconds_until_ready": ready - start,
+        "seconds_per_simulated_second": (done - ready) / trajectory.end_time,
+    }
+    trajectory.info.update(start=text, joints=model.joint_names, measures=measures)
+    path = output(args, "simulation")
+    trajectory.save(path)
+    plotting = time.perf_counter()
+    _plot_simulation(scene, trajectory, text, output(args, "simulation.png"))
+    measures["seconds_of_plotting"] = time.perf_counter() - plotting
+    print("\n".join(_summary(scene, trajectory, duration)))
+    print(f"files       {path}.npz, .json, .png")
+    return 0 if trajectory.ok else 1
+
+
+def _is_free(scene) -> bool:
+    """Whether nothing but gravity, friction and stops acts: then energy tells how exact the run is."""
+    return scene.servos is None and scene.ground is None
+
+
+def _experiment(scene):
+    """What happens, in words, and the function that simulates it: run(scene, duration)."""
+    import numpy as np
+
+    from ..reference import Reference
+    from ..run.simulate import initial_state, simulate
+
+    model, state, reference = scene.model, None, None
+    home = np.array([min(max(0.0, joint.lower), joint.upper) for joint in model.moving_joints])
+    doing = "servos hold all joints at zero" if scene.servos else "all joints limp"
+    text = f"{model.name} stands on the ground, {doing}"
+    if scene.ground is None:
+        q, posture = _start(model, home, PULL if scene.servos else SWING)
+        text = f"{model.name} swings freely from rest, {posture}"
+        if scene.servos:
+            reference, text = Reference([0.0], home[None]), f"{model.name}, {posture}, is pulled to zero by its servos"
+        state = initial_state(scene, q)
+    sample = max(1, round(SAMPLE / scene.timestep)) * scene.timestep
+    record = ["q", "qd", "torque", "energy"]
+    record += ["base_q", "base_qd"] if model.base == "floating" else []
+    record += ["contact_force"] if scene.ground else []
+
+    def run(scene, duration, **how):
+        return simulate(scene, duration, state, reference, record=record, sample=sample, **how)
+
+    return text, run
+
+
+def _start(model, home, angle: float):
+    """Positions at the start: the first joint, if it turns, at `angle` or as far as it goes, the others at home."""
+    q, posture = home.copy(), "all joints at zero"
+    if model.moving_joints and model.moving_joints[0].type != "prismatic":
+        joint = model.moving_joints[0]
+        q[0] = min(max(angle, joint.lower), joint.upper)
+        posture = f"{joint.name} at {math.degrees(q[0]):.4g} deg, all others at zero"
+    return ([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *q] if model.base == "floating" else q), posture
+
+
+def _measures(scene, trajectory) -> dict:
+    """How exact the run is, and what it shows."""
+    import numpy as np
+
+    measures = {"error_estimate": float(trajectory.error["q"].max(initial=0.0))}
+    if _is_free(scene):
+        drift, kinetic = _drift(scene, trajectory)
+        measures |= {"energy_error_J": float(np.abs(drift).max()), "kinetic_energy_J": float(kinetic.max())}
+    if scene.servos:
+        from ..view.plotting import SUMMED
+
+        spent = trajectory["energy"][-1].sum(axis=0)
+        measures["energy_J"] = dict(zip(SUMMED["energy"], map(float, spent)))
+    if scene.ground:
+        shift = np.linalg.norm(trajectory["base_q"][:, :3] - trajectory["base_q"][0, :3], axis=1)
+        weight = scene.model.mass * -scene.constants.gravity[2]
+        measures["base_shift_m"] = float(shift.max())
+        measures["ground_force_by_weight"] = float(trajectory["contact_force"][-1, :, 0].sum() / weight)
+    return measures
+
+
+def _drift(scene, trajectory):
+    """Change of the energy [J] that friction and stops do not explain, and the kinetic energy [J], at each sample."""
+    import numpy as np
+
+    from ..core.effects.energies import FRICTION, STOPS
+    from ..dynamics import energy
+    from ..view.plotting import positions
+
+    base = [trajectory["base_qd"]] if scene.model.base == "floating" else []
+    kinetic, potential = energy(scene.model, positions(trajectory), np.hstack([*base, trajectory["qd"]])).T
+    spent = trajectory["energy"].sum(axis=1)
+    total = kinetic + potential + spent[:, FRICTION] + spent[:, STOPS]
+    return total - total[0], kinetic
+
+
+def _summary(scene, trajectory, duration: float) -> list[str]:
+    m = trajectory.info["measures"]
+    lines = [
+        f"simulated   {trajectory.info['start']}: {duration:g} s",
+        f"status      {trajectory.status}{': ' if trajectory.message else ''}{trajectory.message}",
+        f"integrator  {choice(scene)}",
+    ]
+    if "energy_error_J" in m:
+        share = f", {m['energy_error_J'] / m['kinetic_energy_J']:.1e} of" if m["kinetic_energy_J"] > 0 else ";"
+        lines.append(
+            f"energy      off by at most {m['energy_error_J']:.1e} J{share} the largest kinetic energy, "
+            f"{m['kinetic_energy_J']:.3g} J"
+        )
+    if "energy_J" in m:
+        lines.append("energy      " + ", ".join(f"{k} {v:.3g}" for k, v in m["energy_J"].items()) + " J")
+    if "base_shift_m" in m:
+        shift, force = 1e3 * m["base_shift_m"], m["ground_force_by_weight"]
+        lines.append(f"ground      base moves by at most {shift:.3g} mm; ground carries {force:.4f} of the weight")
+    return [
+        *lines,
+        f"error       of the joints, estimated by {_refinement(scene)}: at most {m['error_estimate']:.1e} rad or m",
+        f"time        {1e3 * m['seconds_per_simulated_second']:.2f} ms per simulated second; ready to run after "
+        f"{m['seconds_until_ready']:.2f} s, plot {m['seconds_of_plotting']:.2f} s",
+    ]
+
+
+def _refinement(scene) -> str:
+    return "a tenth of the tolerance" if scene.adaptive else "half the step"
+
+
+def _plot_simulation(scene, trajectory, text: str, path: Path) -> None:
+    """The motion on the left; joints and what tells how good the run is on the right."""
+    from matplotlib.figure import Figure
+
+    from ..view.plotting import plot_motion, plot_trajectory
+
+    figure = Figure(figsize=(11.0, 5.5), layout="constrained")
+    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.2))
+    motion = left.subplots()
+    plot_motion(scene.model, trajectory, motion, view="xz")
+    motion.set_title("dark: start, light: end", fontsize=9)
+    if scene.ground:
+        motion.axhline(scene.ground.height, color="0.2", linewidth=0.8)
+    panels = right.subplots(2, sharex=True)
+    if _is_free(scene):
+        plot_trajectory(trajectory, ["q"], panels[0])
+        drift, kinetic = _drift(scene, trajectory)
+        panels[1].plot(trajectory["time"], drift / (kinetic.max() or 1.0), color="0.2", linewidth=1.2)
+        panels[1].set(xlabel="time [s]", ylabel="energy error by\nlargest kinetic energy")
+        panels[1].grid(alpha=0.3)
+    else:
+        plot_trajectory(trajectory, ["q", "contact_force" if scene.ground else "torque"], panels)
+    panels[0].set(xlabel="", ylabel="joints [rad or m]")
+    figure.suptitle(text, fontsize=11)
+    with complete(path) as temporary:
+        figure.savefig(temporary, dpi=120)

@@ -1,0 +1,49 @@
+"""`featherstone-gait study`: one experiment over many parameters."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from .arguments import add_command
+
+
+def add(commands) -> None:
+    """Register the command."""
+    parser = add_command(
+        commands,
+        "study",
+        run,
+        "run a parameter study, or go on with one that was interrupted",
+        "FILE.csv (a row a run), .png (summary) and .jsonl (finished runs, to go on from)",
+    )
+    parser.add_argument("file", type=Path, metavar="FILE.toml", help="what to run: help(featherstone_gait.study)")
+    parser.add_argument("--batch", type=int, metavar="N", help="runs handed over at a time (default: 8; of many 64)")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="of a dask scheduler, instead of this machine's cores")
+    parser.add_argument("--parquet", action="store_true", help="also write FILE.parquet (needs pandas and pyarrow)")
+
+
+def run(args) -> int:
+    from ..study import read_study, run_study
+
+    study = read_study(args.file)
+    start = time.perf_counter()
+    options = {"batch": args.batch, "progress": True, "parquet": args.parquet}
+    if args.cluster is None:
+        outcome = run_study(study, args.out, **options)
+    else:
+        with _cluster(args.cluster) as client:
+            outcome = run_study(study, args.out, executor=client.get_executor(), **options)
+    seconds = time.perf_counter() - start
+    print(f"{study.name}: {len(study)} runs, {outcome.computed} of them now in {seconds:.3g} s")
+    print("status: " + ", ".join(f"{status} {count}" for status, count in outcome.statuses.items()))
+    print(f"files: {outcome.table}, {outcome.picture}")
+    return 0
+
+
+def _cluster(address: str):
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ValueError('--cluster needs dask: pip install "featherstone-gait[cluster]"') from error
+    return Client(address)

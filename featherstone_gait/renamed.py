@@ -1,0 +1,70 @@
+"""Names that have moved: the old ones work, with a warning, until version 0.3.
+
+`RENAMED` is the only list.  An old module is found by `Finder`, which `install` puts behind Python's own finders.  A
+module that is still there, but has lost names, has::
+
+    def __getattr__(name):
+        return renamed.lookup(__name__, name)
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+
+UNTIL = "0.3"
+RENAMED = {  # modules, or names in modules
+    "featherstone_gait.animation": "featherstone_gait.view.animation",
+    "featherstone_gait.lane_engine": "featherstone_gait.run.lane_engine",
+    "featherstone_gait.plotting": "featherstone_gait.view.plotting",
+    "featherstone_gait.preflight": "featherstone_gait.build.preflight",
+    "featherstone_gait.scene": "featherstone_gait.build.scene",
+    "featherstone_gait.simulation": "featherstone_gait.run.simulate",
+    "featherstone_gait.tree": "featherstone_gait.build.tree",
+}
+
+
+def install() -> None:
+    """Let old names of modules be imported."""
+    if Finder not in sys.meta_path:
+        sys.meta_path.append(Finder)
+
+
+def lookup(module: str, name: str):
+    """What `name` in `module` is now; called by the module's `__getattr__` (PEP 562).  Raises AttributeError."""
+    old = f"{module}.{name}"
+    if old not in RENAMED:
+        raise AttributeError(f"module {module!r} has no attribute {name!r}")
+    from pkgutil import resolve_name
+
+    _warn(old, level=4)
+    return resolve_name(RENAMED[old])
+
+
+class Finder:
+    """Finds old names of modules, and puts the new modules in their place (a meta path finder and its loader)."""
+
+    @classmethod
+    def find_spec(cls, name, path=None, target=None):
+        if name not in RENAMED:
+            return None
+        from importlib.machinery import ModuleSpec
+
+        return ModuleSpec(name, cls)
+
+    @staticmethod
+    def create_module(spec) -> None:
+        """An empty one, as usual."""
+
+    @staticmethod
+    def exec_module(module) -> None:
+        old = module.__name__
+        _warn(old, level=3)
+        sys.modules[old] = import_module(RENAMED[old])
+
+
+def _warn(old: str, level: int) -> None:
+    import warnings
+
+    text = f"{old} is now {RENAMED[old]}; the old name works until version {UNTIL}"
+    warnings.warn(text, DeprecationWarning, stacklevel=level)

@@ -1,0 +1,1 @@
+"""Trajectories to look at: plots, stick figures, and pages that play a motion."""
