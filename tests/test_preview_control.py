@@ -75,6 +75,14 @@ def test_zmp_follows_steps_of_300_mm():
     assert abs(error[-1]) < 1e-9
 
 
+def test_on_the_moon_the_zmp_follows_as_well_in_as_much_more_time():
+    ref, s = np.where(np.arange(2000) < 800, 0.0, 0.3), np.sqrt(9.81 / 1.62)
+    slower = {**KAJITA, "T": KAJITA["T"] * s, "R": KAJITA["R"] * s**6}
+    earth, moon = plan_com(ref, **KAJITA), plan_com(ref, **slower, g=1.62)
+    assert np.abs(moon.zmp - earth.zmp).max() < 1e-6
+    assert np.allclose(moon.zmp, moon.position - 0.814 / 1.62 * moon.acceleration, rtol=0, atol=1e-14)
+
+
 @pytest.mark.parametrize("parameters", [KAJITA, SMALL])
 def test_a_table_over_a_resting_reference_stays_at_rest(parameters):
     plan = plan_com(np.full(1000, 0.1), **parameters)

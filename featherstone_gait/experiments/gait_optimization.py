@@ -183,7 +183,8 @@ def _stride(cost: WalkingCost, run: Trajectory) -> Trajectory:
 
 def cost_of(planned: WalkingCost, condition: Condition, timestep: float = 1e-3) -> WalkingCost:
     """The cost of a gait under a condition, without the noise."""
-    scene = compile_scene(planned.scene.model, condition.servos, Ground(), condition.integrator, timestep)
+    model, gravity = planned.scene.model, planned.scene.gravity
+    scene = compile_scene(model, condition.servos, Ground(), condition.integrator, timestep, gravity)
     return replace(planned, scene=scene)
 
 

@@ -24,6 +24,7 @@ from ..reference import Reference
 from ..robot_file import load_robot
 from ..scene import compile_scene
 from ..simulation import simulate
+from ..tree import GRAVITY
 from .claim import Claim, plus_minus
 
 COUNT = math.radians(300.0 / 1023.0)  # encoder step [rad], [manual]
@@ -92,7 +93,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     arm = load_robot("ax12_arm")
     ten = _supplied(arm, 10.0)
     servo = ten.servos["elbow"]
-    gravity = 9.81 * sum(link.mass * -link.center_of_mass[2] for link in arm.links)
+    gravity = -GRAVITY[2] * sum(link.mass * -link.center_of_mass[2] for link in arm.links)
     return Result(
         settings=settings,
         gearboxes={kind: _step(settings, ten, kind, kind) for kind in ("standard", "mipsd")},

@@ -4,7 +4,8 @@
 
 the meter and the cost of J. Lima et al., "Humanoid gait optimization resorting to an improved simulation model", Int.
 J. Advanced Robotic Systems 10 (2013), section 4; E holds the motors' energy, not that of the electronics.  The cost of
-transport is E / (m g d).  A run that fails, goes backward or hardly moves costs infinity and says why.
+transport is E / (m g d), g the strength of the scene's gravity.  A run that fails, goes backward or hardly moves costs
+infinity and says why.
 
 The references go out every 40 ms.  Between two of them the servo is taken to run at the speed that brings it to the
 next one in time, as an AX-12 does whose moving speed is sent along with its goal position (ROBOTIS e-Manual, AX-12A,
@@ -25,7 +26,6 @@ from featherstone_gait.dynamics import forward_kinematics
 from featherstone_gait.reference import Reference
 from featherstone_gait.scene import CompiledScene
 from featherstone_gait.simulation import simulate_batch, simulate_stream, standing_state
-from featherstone_gait.tree import GRAVITY
 from featherstone_gait.walking.gait import TICK, Gait, references
 from featherstone_gait.walking.gait_file import read_angles
 
@@ -46,7 +46,7 @@ class Measures:
     distance: float  # of the base along x [m]
     sideways: float  # of the base along y [m]
     slip: float  # path of a contact point while it bears weight, mean over the points [m per stride]
-    weight: float  # [N]
+    weight: float  # where it walks, mass times the strength of gravity [N]
 
     @property
     def cost(self) -> float:
@@ -55,7 +55,8 @@ class Measures:
 
     @property
     def cost_of_transport(self) -> float:
-        return self.cost / self.weight
+        """Energy per weight and distance [-]; infinite without weight."""
+        return self.cost / self.weight if self.weight > 0.0 else math.inf
 
     @property
     def speed(self) -> float:
@@ -172,7 +173,7 @@ def cost_of_motion(scene: CompiledScene, path, *, start: float = 0.0, strides: i
 
 def measured(scene: CompiledScene, run, start: float, end: float, strides: int, slip: bool = True) -> Measures:
     """Measure a trajectory between two times, which fall on its samples to within one; slip is nan if not asked for."""
-    weight = -scene.model.mass * GRAVITY[2]
+    weight = scene.model.mass * math.hypot(*scene.gravity)
     first, last = np.searchsorted(run["time"], [start - 1e-9, end - 1e-9])
     duration = float(run["time"][last] - run["time"][first])
     if not run.ok:

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from featherstone_gait.tree import GRAVITY
 from featherstone_gait.walking.inverse_kinematics import check_limits, leg_joints, mid_range, reach
 from featherstone_gait.walking.kinematics import center_of_mass, link_index, link_poses
 from featherstone_gait.walking.preview_control import plan_com
@@ -52,7 +53,7 @@ class Walk:
     N: int = 120  # samples of preview
     Q: float = 1.0  # weight of the ZMP error [1/m^2]
     R: float = 1e-7  # weight of the change of jerk [s^6/m^2]
-    g: float = 9.81  # [m/s^2]
+    g: float = -GRAVITY[2]  # gravity, straight down [m/s^2]
 
     def __post_init__(self):
         for name in ("step_time", "com_height", "half_width", "lift", "T", "N", "Q", "R", "g"):
@@ -154,6 +155,20 @@ class Plan:
     def _stride_start(self):
         strides_before = (self.walk.n_steps - 3) // 4
         return round(self.walk.start / self.walk.T) + 2 * self.walk.step_samples * strides_before
+
+
+def downward(gravity):
+    """Return the strength of `gravity` (3,) [m/s^2] for `Walk.g`.
+
+    A plan is for level ground.  Raises ValueError unless gravity points along -z.
+    """
+    x, y, z = map(float, gravity)
+    if x != 0.0 or y != 0.0 or not -np.inf < z < 0.0:
+        raise ValueError(
+            f"walk: gravity ({x:g}, {y:g}, {z:g}) m/s^2 must point straight down, along -z; for a walk on a hill keep "
+            "it so and tilt the ground: Ground(slope=...)"
+        )
+    return -z
 
 
 def walking_plan(model, *, feet=None, posture=None, **walk):

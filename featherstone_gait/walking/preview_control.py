@@ -18,6 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
+from featherstone_gait.tree import GRAVITY
+
 # Against a 60-digit solution the Riccati solver's gains are off by up to 6e-12 of their size (Kajita's parameters), and
 # differently so on another LAPACK.  Seven digits lie five orders above that, so that practically all gains round alike;
 # ten digits would let one in a hundred differ.  The price: the ZMP of a 0.3 m step moves by 2e-7 m.
@@ -46,7 +48,7 @@ class ComPlan:
     zmp: np.ndarray  # [m]
 
 
-def preview_controller(T, z_c, *, N, Q=1.0, R=1e-6, g=9.81):
+def preview_controller(T, z_c, *, N, Q=1.0, R=1e-6, g=-GRAVITY[2]):
     """Solve for the gains of a cart-table sampled every `T` [s], `z_c` [m] high, with `N` samples of preview.
 
     Kajita et al. (2003) use T = 5 ms, z_c = 0.814 m, N = 320, Q = 1, R = 1e-6.  Raises ValueError unless all are > 0.
@@ -70,7 +72,7 @@ def preview_controller(T, z_c, *, N, Q=1.0, R=1e-6, g=9.81):
     return PreviewController(T, z_c, g, float(K[0]), K[1:], preview)
 
 
-def plan_com(zmp_ref, T, z_c, *, N=120, Q=1.0, R=1e-7, g=9.81):
+def plan_com(zmp_ref, T, z_c, *, N=120, Q=1.0, R=1e-7, g=-GRAVITY[2]):
     """Plan the motion of the centre of mass whose ZMP follows `zmp_ref`.
 
     `zmp_ref` is (n,) or (n, axes) [m], one row every `T` [s]; the axes are independent.  The motion starts at rest

@@ -14,13 +14,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from featherstone_gait.tree import GRAVITY
 from featherstone_gait.walking.kinematics import link_centers, link_poses
 
 # Of the cross product: (a x b)_k = LEVI_CIVITA[k, i, j] a_i b_j.
 LEVI_CIVITA = np.array([np.cross(np.eye(3)[:, None], np.eye(3)[None])[..., k] for k in range(3)])
 
 
-def multibody_zmp(model, angles, base_position, T, g=9.81):
+def multibody_zmp(model, angles, base_position, T, g=-GRAVITY[2]):
     """Compute the ZMP (n, 2) [m] of a motion sampled every `T` [s], the root link upright.
 
     `angles` is (n, nj) [rad], `base_position` (n, 3) [m].  Velocities and accelerations are central differences, so
