@@ -78,7 +78,7 @@ def optimize_gait(
         how["evaluate"] = lambda candidates: occupancy.append(cost.evaluate(candidates))
     result = minimize(
         cost, cost.gait.to_vector(), amplitude=amplitude, max_miss=max_miss, max_iterations=iterations, seed=seed,
-        bounds=bounds(cost.scene.model, cost.gait), map=cost.map, batch=BATCH, **how,
+        bounds=bounds(cost.scene.model, cost.gait), map=WalkingCost.costs, batch=BATCH, **how,
     )  # fmt: skip
     result.occupancy = occupancy[-1]
     return result

@@ -121,7 +121,7 @@ def test_a_penalty_sets_in_without_a_step(walking, vectors):
 
 def test_a_fall_costs_infinity_and_has_no_penalties(walking, vectors):
     cost = ConstrainedCost(walking, STRICT)
-    (_, ok), (f, status) = cost.map(None, vectors)
+    (_, ok), (f, status) = cost.costs(vectors)
     assert ok == "ok"
     assert f == math.inf
     assert "fell at" in status

@@ -78,7 +78,7 @@ def test_alone_and_among_others_a_gait_has_the_same_bits(cost, vectors):
     together = cost.measure(vectors)
     assert [cost.measure([x])[0] for x in vectors[:3]] == together[:3]
     assert cost.measure(vectors[::-1]) == together[::-1]
-    assert cost.map(None, vectors) == [cost(x) for x in vectors]
+    assert cost.costs(vectors) == [cost(x) for x in vectors]
 
 
 def test_a_gait_that_falls_costs_infinity_and_says_when(cost):

@@ -88,8 +88,8 @@ class Result:
     stiffness: float  # torque by error of the controller [N m/rad]
 
 
-def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
-    """Simulate all responses; nothing is random, so the seed is not used, and nothing takes long."""
+def run(settings: Settings = QUICK) -> Result:
+    """Simulate all responses."""
     arm = load_robot("ax12_arm")
     ten = _supplied(arm, 10.0)
     servo = ten.servos["elbow"]

@@ -105,11 +105,11 @@ class ConstrainedCost:
 
     def __call__(self, x) -> tuple[float, str]:
         """Return cost and penalties [J/m] and status of one vector."""
-        return self.map(None, [x])[0]
+        return self.costs([x])[0]
 
-    def map(self, fun, candidates) -> list[tuple[float, str]]:
-        """Evaluate many vectors at once; `fun` is ignored, as in `WalkingCost.map`."""
-        return [(report.total, report.measures.status) for report in self.reports(candidates)]
+    def costs(self, vectors) -> list[tuple[float, str]]:
+        """Evaluate many vectors at once; for the searches ``map=ConstrainedCost.costs``."""
+        return [(report.total, report.measures.status) for report in self.reports(vectors)]
 
     def report(self, x) -> ConstraintReport:
         """Return cost, penalties and violations of one vector."""

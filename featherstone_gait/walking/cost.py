@@ -93,11 +93,11 @@ class WalkingCost:
 
     def __call__(self, x) -> tuple[float, str]:
         """Return cost [J/m] and status of one vector."""
-        return self.map(None, [x])[0]
+        return self.costs([x])[0]
 
-    def map(self, fun, candidates) -> list[tuple[float, str]]:
-        """Evaluate many vectors at once; `fun` is ignored, so that this can be the `map` of `search.minimize`."""
-        return [(measures.cost, measures.status) for measures in self.measure(candidates)]
+    def costs(self, vectors) -> list[tuple[float, str]]:
+        """Evaluate many vectors at once; for the searches ``map=WalkingCost.costs``."""
+        return [(measures.cost, measures.status) for measures in self.measure(vectors)]
 
     def evaluate(self, candidates) -> float:
         """Work off the candidates of a `search.Speculation`, so that this can be the `evaluate` of `search.minimize`.
