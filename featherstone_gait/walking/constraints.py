@@ -22,6 +22,7 @@ from featherstone_gait.dynamics import forward_kinematics
 from featherstone_gait.simulation import simulate_batch, standing_state
 from featherstone_gait.tree import GRAVITY
 from featherstone_gait.walking.cost import LOADED, RECORD, SAMPLE, Measures, WalkingCost, measured
+from featherstone_gait.walking.kinematics import contact_positions
 
 ALIKE = 1e-9  # points of the sole closer than this are one [m]
 
@@ -149,12 +150,10 @@ def zmp_margins(model, run, window=slice(None), gravity=GRAVITY):
     tiptoe, on the edge of a sole, the margin is 0, and in the air, where there is no ZMP, it is taken as 0.
     """
     poses = forward_kinematics(model, np.hstack([run["base_q"], run["q"]])[window])
-    names = [link.name for link in model.links]
-    rows = np.array([names.index(contact.link) for contact in model.contacts])
-    local = np.array([contact.position for contact in model.contacts])
-    points = (poses.position[:, rows] + np.einsum("nkij,kj->nki", poses.rotation[:, rows], local))[..., :2]
+    points = contact_positions(model, poses)[..., :2]
     force = run["contact_force"][window, :, 0]
-    together = rows[:, None] == rows
+    links = np.array([contact.link for contact in model.contacts])
+    together = links[:, None] == links
     stands = force @ together > LOADED * model.mass * math.hypot(*gravity)
     force = np.where(stands, force, 0.0)
     pressed = stands.any(axis=1)

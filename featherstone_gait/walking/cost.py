@@ -28,6 +28,7 @@ from featherstone_gait.scene import CompiledScene
 from featherstone_gait.simulation import simulate_batch, simulate_stream, standing_state
 from featherstone_gait.walking.gait import TICK, Gait, references
 from featherstone_gait.walking.gait_file import read_angles
+from featherstone_gait.walking.kinematics import contact_positions
 
 SAMPLE = 0.01  # [s] between records: slip is the length of a path and needs it drawn finely
 LEAST_SPEED = 0.005  # [m/s]; below it a robot stays where it is, and energy per distance says nothing
@@ -190,10 +191,6 @@ def measured(scene: CompiledScene, run, start: float, end: float, strides: int, 
 def _slip(model, run, window, load) -> float:
     """Mean over the contact points of the path on the ground while both ends of a sample bear more than `load` [N]."""
     poses = forward_kinematics(model, np.hstack([run["base_q"], run["q"]])[window])
-    names = [link.name for link in model.links]
-    rows = [names.index(contact.link) for contact in model.contacts]
-    local = np.array([contact.position for contact in model.contacts])
-    place = poses.position[:, rows] + np.einsum("nkij,kj->nki", poses.rotation[:, rows], local)
-    step = np.linalg.norm(np.diff(place[..., :2], axis=0), axis=-1)
+    step = np.linalg.norm(np.diff(contact_positions(model, poses)[..., :2], axis=0), axis=-1)
     bears = run["contact_force"][window, :, 0] > load
     return float((step * (bears[1:] & bears[:-1])).sum(axis=0).mean())

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from featherstone_gait.walking.kinematics import link_poses
+from featherstone_gait.walking.kinematics import joint_axes, link_poses
 
 TICK = 0.04  # [s] between the references sent to the servos (Lima et al. 2013, figure 2)
 DECIMALS = 9  # of fitted poses [rad]: hides the last bits of the least squares, in which LAPACKs differ
@@ -95,8 +95,7 @@ def mirror_of(model):
     that has no partner or whose partner's axis is not its mirror image.
     """
     names = model.joint_names
-    axes = link_poses(model, np.zeros(len(names))).axis[0]
-    axes = {joint.name: axes[k] for k, joint in enumerate(model.joints)}
+    axes = dict(zip(names, joint_axes(model, link_poses(model, np.zeros(len(names))))[0]))
     index, sign = [], []
     for name in names:
         partner = _other_side(name)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from featherstone_gait.walking.kinematics import link_index, link_poses, root_link
+from featherstone_gait.walking.kinematics import joint_axes, link_index, link_poses, root_link
 
 TOLERANCE = 1e-11  # of the task error [m and rad]; rounding alone leaves 1e-16
 MAX_ITERATIONS = 200
@@ -115,9 +115,8 @@ def _task(model, foot, columns, angles, target, point, rotation):
     reached = poses.position[:, index] + turned @ np.asarray(point, dtype=float)
     # Half the sum of the cross products of the axes: the rotation's axis times the sine of its angle.
     turn = 0.5 * np.cross(turned, rotation[None], axis=1).sum(axis=2)
-    moving = [model.joints.index(model.moving_joints[c]) for c in columns]
-    origin = np.stack([poses.position[:, link_index(model, model.joints[k].child)] for k in moving], axis=1)
-    axes = poses.axis[:, moving]
+    origin = poses.position[:, [link_index(model, model.moving_joints[c].child) for c in columns]]
+    axes = joint_axes(model, poses)[:, columns]
     lever = np.cross(axes, reached[:, None] - origin)
     error = np.concatenate([target - reached, turn], axis=1)
     J = np.concatenate([lever, axes], axis=2).transpose(0, 2, 1)

@@ -22,7 +22,7 @@ import numpy as np
 
 from featherstone_gait.tree import GRAVITY
 from featherstone_gait.walking.inverse_kinematics import check_limits, leg_joints, mid_range, reach
-from featherstone_gait.walking.kinematics import center_of_mass, link_index, link_poses
+from featherstone_gait.walking.kinematics import center_of_mass, contact_positions, link_index, link_poses
 from featherstone_gait.walking.preview_control import plan_com
 from featherstone_gait.walking.zero_moment_point import multibody_zmp, polygon_margin, support_polygon
 
@@ -210,13 +210,8 @@ class _Sole:
 def _soles(model, feet):
     """Find the left and the right sole from the contact points, all joints at zero."""
     poses = link_poses(model, np.zeros(len(model.joint_names)))
-    points = {}
-    for contact in model.contacts:
-        points.setdefault(contact.link, []).append(contact.position)
-    placed = {}
-    for link, local in points.items():
-        i = link_index(model, link)
-        placed[link] = poses.position[0, i] + np.array(local) @ poses.rotation[0, i].T
+    points, links = contact_positions(model, poses)[0], np.array([contact.link for contact in model.contacts])
+    placed = {link: points[links == link] for link in dict.fromkeys(links.tolist())}
     if feet is None:
         feet = sorted(placed, key=lambda link: placed[link][:, 2].min())[:2]
         feet.sort(key=lambda link: -placed[link][:, 1].mean())
@@ -308,7 +303,7 @@ def _lifted(position, height):
 def _first_base(model, soles, posture, com):
     """Guess root positions (n, 3) [m]: the centre of mass above its path, the height at which `posture` stands."""
     poses = link_poses(model, posture)
-    base = com - center_of_mass(model, poses)
+    base = com - center_of_mass(model, posture)
     i = link_index(model, soles[0].link)
     base[:, 2] = -(poses.position[0, i] + poses.rotation[0, i] @ soles[0].middle)[2]
     return base
@@ -324,7 +319,7 @@ def _follow(model, soles, feet_path, com, angles, base, times):
         for k, sole in enumerate(soles):
             target = feet_path[:, k] - base
             angles = reach(model, sole.link, target, point=sole.middle, start=angles, times=times)
-        missed = com - center_of_mass(model, link_poses(model, angles, base))
+        missed = com - center_of_mass(model, angles, base)
         if np.abs(missed).max() < FOLLOWED:
             return angles, base
         base = base + missed
