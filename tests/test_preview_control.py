@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_discrete_are
 
 from featherstone_gait.walking.preview_control import plan_com, preview_controller
 
@@ -32,6 +33,18 @@ def test_gains_are_the_known_ones(parameters, integral, state, second_preview, m
     assert controller.state_gain == pytest.approx(state, rel=2e-6)
     assert controller.preview_gain[1] == pytest.approx(second_preview, rel=1e-6)
     assert np.sort(np.abs(np.linalg.eigvals(closed_loop(controller)))) == pytest.approx(moduli, rel=1e-4)
+
+
+@pytest.mark.parametrize("parameters", [KAJITA, SMALL, {**KAJITA, "R": 1e-10}, {**SMALL, "R": 1e-2, "g": 1.62}])
+def test_gains_solve_the_riccati_equation(parameters, monkeypatch):
+    monkeypatch.setattr("featherstone_gait.walking.preview_control.GAIN_DIGITS", 15)
+    controller = preview_controller(**parameters)
+    T, h = controller.T, controller.z_c / controller.g
+    b = np.array([T**3 / 6 - h * T, T**3 / 6, T**2 / 2, T])
+    gains = np.array([controller.integral_gain, *controller.state_gain])
+    A = closed_loop(controller) + np.outer(b, gains)
+    P = solve_discrete_are(A, b[:, None], np.diag([parameters["Q"], 0, 0, 0]), [[parameters["R"]]])
+    assert gains == pytest.approx(b @ P @ A / (parameters["R"] + b @ P @ b), rel=1e-9)
 
 
 def test_preview_gain_starts_at_the_integral_gain_and_dies_out():

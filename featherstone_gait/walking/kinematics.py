@@ -56,7 +56,7 @@ def contact_positions(model, poses):
     """Return the contact points (n, points, 3) in the world, in the model's order [m]."""
     links = [link_index(model, contact.link) for contact in model.contacts]
     local = np.array([contact.position for contact in model.contacts]).reshape(-1, 3)
-    return poses.position[:, links] + np.einsum("nkij,kj->nki", poses.rotation[:, links], local)
+    return poses.position[:, links] + applied(poses.rotation[:, links], local)
 
 
 def _upright(model, angles):

@@ -20,6 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from featherstone_gait.elementary import sincos
+from featherstone_gait.fixed_order import applied, total
 from featherstone_gait.tree import GRAVITY
 from featherstone_gait.walking.inverse_kinematics import check_limits, leg_joints, mid_range, reach
 from featherstone_gait.walking.kinematics import center_of_mass, contact_positions, link_index, link_poses
@@ -29,7 +31,7 @@ from featherstone_gait.walking.zero_moment_point import multibody_zmp, polygon_m
 FOLLOWED = 1e-9  # by how much the model's centre of mass may miss the planned one [m]
 SOLE_THICKNESS = 1e-3  # contact points this close to a foot's lowest one belong to its sole [m]
 STILL = 1e-3  # change of an angle by which the walk has begun [rad]
-DECIMALS = 9  # of the angles [rad]: hides the last bits, in which CPUs differ, far below any servo's resolution
+DECIMALS = 9  # of the angles [rad]: far below any servo's resolution
 
 # With this walk four poses a stride carry a humanoid of the size of a Bioloid, on AX-12 servos and without feedback; of
 # 256 gaits with all angles off by up to a degree 88 % walk ten strides.  3 mm narrower it is 79 %, 5 mm higher 86 %,
@@ -150,7 +152,7 @@ class Plan:
         moving = (np.abs(self.angles - self.standing) > STILL).any(axis=1)
         ticks = int(np.ceil((end - self.times[moving.argmax()]) / tick)) + 1
         times = end - tick * np.arange(ticks, 0, -1)
-        return np.stack([np.interp(times, self.times, column) for column in self.angles.T], axis=1)
+        return _interpolated(times, self.times, self.angles)
 
     def _stride_start(self):
         strides_before = (self.walk.n_steps - 3) // 4
@@ -227,8 +229,9 @@ def _sole(model, link, points, poses):
             f"model {model.name!r}: the sole of {link!r} needs 3 or more contact points, got {len(points)}"
         )
     i = link_index(model, link)
-    middle = points.mean(axis=0)
-    return _Sole(link, poses.rotation[0, i].T @ (middle - poses.position[0, i]), (points - middle)[:, :2])
+    middle = total(points, axis=0) / len(points)
+    local = applied(poses.rotation[0, i].T, middle - poses.position[0, i])
+    return _Sole(link, local, (points - middle)[:, :2])
 
 
 def _default_posture(model, soles):
@@ -278,18 +281,30 @@ def _ease(s):
 
 def _arch(s):
     """Rise from 0 to 1 and fall back, steeply at both ends, so that a foot on a sagging leg clears the ground."""
-    return np.sin(np.pi * s)
+    return sincos(np.pi * s)[0]
 
 
 def _zmp_reference(walk, footholds, times):
     """Return the ZMP reference (n, 2) [m]: on the standing sole's middle, straight to the next in double support."""
     standing = [footholds[i, i % 2] for i in range(walk.n_steps)]
-    rests = [footholds[0].mean(axis=0), *standing, footholds[-1].mean(axis=0)]
+    rests = [_middle(footholds[0]), *standing, _middle(footholds[-1])]
     changes = walk.start + walk.step_time * np.arange(walk.n_steps + 1)
     half = 0.5 * walk.double_support * walk.step_time
     knots = np.stack([changes - half, changes + half], axis=1).ravel()
     values = np.repeat(np.array(rests), 2, axis=0)[1:-1]
-    return np.stack([np.interp(times, knots, values[:, axis]) for axis in range(2)], axis=1)
+    return _interpolated(times, knots, values)
+
+
+def _middle(feet):
+    return 0.5 * (feet[0] + feet[1])
+
+
+def _interpolated(times, knots, values):
+    """Values (k, m) at rising `knots` (k,), joined by straight lines and kept before and after, at `times` (n,)."""
+    slopes = np.zeros_like(values)
+    slopes[:-1] = np.diff(values, axis=0) / np.diff(knots)[:, None]
+    k = np.maximum(np.searchsorted(knots, times, side="right") - 1, 0)
+    return slopes[k] * (np.clip(times, knots[0], knots[-1]) - knots[k])[:, None] + values[k]
 
 
 def _preview(walk, zmp):
@@ -305,7 +320,7 @@ def _first_base(model, soles, posture, com):
     poses = link_poses(model, posture)
     base = com - center_of_mass(model, posture)
     i = link_index(model, soles[0].link)
-    base[:, 2] = -(poses.position[0, i] + poses.rotation[0, i] @ soles[0].middle)[2]
+    base[:, 2] = -(poses.position[0, i] + applied(poses.rotation[0, i], soles[0].middle))[2]
     return base
 
 
