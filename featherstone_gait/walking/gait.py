@@ -16,7 +16,7 @@ from featherstone_gait.fixed_order import product, solve, total
 from featherstone_gait.walking.kinematics import joint_axes, link_poses
 
 TICK = 0.04  # [s] between the references sent to the servos (Lima et al. 2013, figure 2)
-DECIMALS = 9  # of fitted poses [rad]: far below any servo's resolution
+DECIMALS = 9  # of fitted poses [rad]: a gait outlives changes of last bits; far below any servo's resolution
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,13 +49,13 @@ def link_centers(model, poses):
 def joint_axes(model, poses):
     """Return the moving joints' axes in the world (n, nj, 3): a link turns about its joint's axis, which stays."""
     children = [link_index(model, joint.child) for joint in model.moving_joints]
-    return applied(poses.rotation[:, children], np.array([joint.axis for joint in model.moving_joints]))
+    return applied(poses.rotation[:, children], np.reshape([joint.axis for joint in model.moving_joints], (-1, 3)))
 
 
 def contact_positions(model, poses):
     """Return the contact points (n, points, 3) in the world, in the model's order [m]."""
     links = [link_index(model, contact.link) for contact in model.contacts]
-    local = np.array([contact.position for contact in model.contacts]).reshape(-1, 3)
+    local = np.reshape([contact.position for contact in model.contacts], (-1, 3))
     return poses.position[:, links] + applied(poses.rotation[:, links], local)
 
 

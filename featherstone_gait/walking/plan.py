@@ -31,7 +31,7 @@ from featherstone_gait.walking.zero_moment_point import multibody_zmp, polygon_m
 FOLLOWED = 1e-9  # by how much the model's centre of mass may miss the planned one [m]
 SOLE_THICKNESS = 1e-3  # contact points this close to a foot's lowest one belong to its sole [m]
 STILL = 1e-3  # change of an angle by which the walk has begun [rad]
-DECIMALS = 9  # of the angles [rad]: far below any servo's resolution
+DECIMALS = 9  # of the angles [rad]: a plan outlives changes of last bits; far below any servo's resolution
 
 # With this walk four poses a stride carry a humanoid of the size of a Bioloid, on AX-12 servos and without feedback; of
 # 256 gaits with all angles off by up to a degree 88 % walk ten strides.  3 mm narrower it is 79 %, 5 mm higher 86 %,
@@ -52,10 +52,10 @@ class Walk:
     lift: float = 0.025  # of the swinging sole [m]
     double_support: float = 0.2  # share of a step [-]
     T: float = 0.01  # sample time [s]
-    N: int = 120  # samples of preview
+    N: int = 120  # samples of preview; they should last some 8 sqrt(com_height / g)
     Q: float = 1.0  # weight of the ZMP error [1/m^2]
     R: float = 1e-7  # weight of the change of jerk [s^6/m^2]
-    g: float = -GRAVITY[2]  # gravity, straight down [m/s^2]
+    g: float = -GRAVITY[2]  # gravity, straight down: see `downward` [m/s^2]
 
     def __post_init__(self):
         for name in ("step_time", "com_height", "half_width", "lift", "T", "N", "Q", "R", "g"):

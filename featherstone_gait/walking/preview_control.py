@@ -10,7 +10,7 @@ References: S. Kajita et al., "Biped walking pattern generation by using preview
 2003, eqs. (8)-(13); T. Katayama et al., "Design of an optimal controller for a discrete-time system subject to
 previewable demand", Int. J. Control 41 (1985), for the gains, of which ``G_d(1) = -G_i``.  They come from the Riccati
 equation by going back from the end in time (value iteration; D. Bertsekas, "Dynamic Programming and Optimal Control",
-vol. I, section 4.1), in a fixed order of operations.
+vol. I, 3rd ed., section 4.1), in a fixed order of operations.
 """
 
 from __future__ import annotations
