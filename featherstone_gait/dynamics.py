@@ -18,8 +18,8 @@ from .core.compile.elementary import SINCOS_LIMIT
 from .core.compile.lanes import WIDTH, aligned
 from .core.tree import batch
 from .core.tree.layout import Motion, Robot
+from .fixed_order import applied, product
 from .model import Model, Spring, check_springs
-from .rotation import product, rotate
 
 
 class Poses(NamedTuple):
@@ -86,7 +86,7 @@ def forward_kinematics(model: Model, q) -> Poses:
     places = [tree.placements[link.name] for link in model.links]
     E = poses[:, [place.row for place in places], :9].reshape(len(poses), -1, 3, 3)
     rotation = product(E, np.array([place.E for place in places]))
-    position = poses[:, [place.row for place in places], 9:] + rotate(E, np.array([place.r for place in places]))
+    position = poses[:, [place.row for place in places], 9:] + applied(E, np.array([place.r for place in places]))
     if tree.floating:
         position = position + x["q"][:, None, :3]
     return Poses(_shaped(rotation, q), _shaped(position, q))
@@ -108,7 +108,12 @@ def spring_vectors(model: Model, springs: Sequence[Spring], q) -> np.ndarray:
 
 def contact_positions(model: Model, q) -> np.ndarray:
     """Contact points in the world, (points, 3) or (n, points, 3) [m], in the order of `model.contacts`."""
-    return _points(model, forward_kinematics(model, q), [(point.link, point.position) for point in model.contacts])
+    return contact_positions_at(model, forward_kinematics(model, q))
+
+
+def contact_positions_at(model: Model, poses: Poses) -> np.ndarray:
+    """The same of poses that are known."""
+    return _points(model, poses, [(point.link, point.position) for point in model.contacts])
 
 
 def _points(model: Model, poses: Poses, points: list[tuple[str, Sequence[float]]]) -> np.ndarray:
@@ -116,7 +121,7 @@ def _points(model: Model, poses: Poses, points: list[tuple[str, Sequence[float]]
     rows = {link.name: k for k, link in enumerate(model.links)}
     at = [rows[link] for link, _ in points]
     local = np.array([position for _, position in points], dtype=float).reshape(-1, 3)
-    return poses.position[..., at, :] + rotate(poses.rotation[..., at, :, :], local)
+    return poses.position[..., at, :] + applied(poses.rotation[..., at, :, :], local)
 
 
 def _arguments(model: Model, **arrays) -> dict[str, np.ndarray]:
@@ -240,7 +245,7 @@ def _wrench(model: Model, tree: Tree, q: np.ndarray, wrench):
         if f.shape not in ((6,), (len(q), 6)) or not np.isfinite(f).all():
             raise ValueError(f"{model.name}: wrench on {name} must be (6,) or ({len(q)}, 6) finite numbers: {value!r}")
         place = tree.placements[name]
-        p = poses[:, place.row, 9:] + rotate(poses[:, place.row, :9].reshape(-1, 3, 3), place.r)
+        p = poses[:, place.row, 9:] + applied(poses[:, place.row, :9].reshape(-1, 3, 3), place.r)
         f = np.broadcast_to(f, (len(q), 6))
         out[:, place.row, :3] += f[:, :3] + np.cross(p, f[:, 3:])
         out[:, place.row, 3:] += f[:, 3:]

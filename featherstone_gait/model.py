@@ -22,7 +22,8 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from .core.compile.elementary import SINCOS_LIMIT
-from .rotation import dot, product, rotate, rotation_about, rotation_from_rpy, rotation_z_to
+from .fixed_order import applied, product
+from .rotation import dot, rotation_about, rotation_from_rpy, rotation_z_to
 
 JointType = Literal["revolute", "continuous", "prismatic", "fixed"]
 Law = Literal["state", "pid_position", "pid_speed", "pd", "pd_clamped"]
@@ -454,7 +455,7 @@ def _frames(model: Model) -> tuple[list[Frame], dict[str, Placement]]:
     placements = {model.root: Placement(0, np.eye(3), np.zeros(3))}
     for joint in depth_first(model):
         row, E, r = placements[joint.parent]
-        E, r = product(E, rotation_from_rpy(joint.rpy)), r + rotate(E, np.array(joint.xyz))
+        E, r = product(E, rotation_from_rpy(joint.rpy)), r + applied(E, np.array(joint.xyz))
         if joint.name in moving:
             Q = rotation_z_to(joint.axis)
             placements[joint.child] = Placement(len(frames), Q.T, np.zeros(3))
@@ -482,14 +483,14 @@ def _held(joint: Joint, position: float, E: np.ndarray, r: np.ndarray) -> tuple[
     if position == 0.0:
         return E, r
     if joint.type == "prismatic":
-        return E, r + rotate(E, position * np.array(joint.axis))
+        return E, r + applied(E, position * np.array(joint.axis))
     return product(E, rotation_about(joint.axis, position)), r
 
 
 def _composite(group: list[tuple[Link, Placement]]) -> tuple[float, np.ndarray, np.ndarray]:
     """Mass, centre of mass and inertia about it of links that move as one, in the body's frame."""
     m = math.fsum(link.mass for link, _ in group)
-    centers = [place.r + rotate(place.E, np.array(link.center_of_mass)) for link, place in group]
+    centers = [place.r + applied(place.E, np.array(link.center_of_mass)) for link, place in group]
     c = sum((link.mass * center for (link, _), center in zip(group, centers)), np.zeros(3))
     c = c / m if m > 0 else c
     J = np.zeros((3, 3))

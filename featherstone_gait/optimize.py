@@ -27,6 +27,7 @@ from scipy.optimize import OptimizeResult
 
 from . import __version__
 from .build.scene import ServoKind, compile_scene
+from .build.tree import GRAVITY
 from .files import Format, moving_up
 from .model import Ground, Model
 from .robot_file import load_robot
@@ -36,7 +37,7 @@ from .view.animation import write_animation
 from .walking.cost import Measures, WalkingCost
 from .walking.gait import bounds, fit_gait
 from .walking.gait_file import write_angles, write_goal_positions
-from .walking.plan import BIOLOID_WALK, walking_plan
+from .walking.plan import BIOLOID_WALK, downward, walking_plan
 
 REPORT, ARRAYS = Format("gait report"), Format("gait arrays")
 N_POSES = 4  # of a stride: the paper's four states
@@ -47,16 +48,19 @@ PERTURBED, PERTURBATION = 63, math.radians(1.0)  # gaits that tell how safe one 
 SHOWN = 12  # strides in the files and the animation
 
 
-def walking_cost(model: Model, servos: ServoKind = "mipsd", ground: Ground | None = None, **walk) -> WalkingCost:
+def walking_cost(
+    model: Model, servos: ServoKind = "mipsd", ground: Ground | None = None, gravity=GRAVITY, **walk
+) -> WalkingCost:
     """Plan a walk of a biped, fit the four-pose gait to it and return its cost on flat ground.
 
-    `walk` overrides `BIOLOID_WALK`.  Raises ValueError for a robot that is no biped or cannot take these steps.
+    `gravity` (3,) [m/s^2] points straight down; `walk` overrides `BIOLOID_WALK`.  Raises ValueError for a robot that is
+    no biped or cannot take these steps.
     """
-    plan = walking_plan(model, **(BIOLOID_WALK | walk))
+    plan = walking_plan(model, **(BIOLOID_WALK | {"g": downward(gravity)} | walk))
     lower, upper = np.array([(joint.lower, joint.upper) for joint in model.moving_joints]).T
     gait = fit_gait(plan.stride(), N_POSES).gait
     gait = replace(gait, poses=np.clip(gait.poses, lower, upper))
-    scene = compile_scene(model, servos, ground or Ground(), "midpoint", 1e-3)
+    scene = compile_scene(model, servos, ground or Ground(), "midpoint", 1e-3, gravity)
     return WalkingCost(scene, gait, plan.start_up(1))
 
 
@@ -74,7 +78,7 @@ def optimize_gait(
         how["evaluate"] = lambda candidates: occupancy.append(cost.evaluate(candidates))
     result = minimize(
         cost, cost.gait.to_vector(), amplitude=amplitude, max_miss=max_miss, max_iterations=iterations, seed=seed,
-        bounds=bounds(cost.scene.model, cost.gait), map=cost.map, batch=BATCH, **how,
+        bounds=bounds(cost.scene.model, cost.gait), map=WalkingCost.costs, batch=BATCH, **how,
     )  # fmt: skip
     result.occupancy = occupancy[-1]
     return result
@@ -94,8 +98,7 @@ class Quality:
 
 def quality(cost: WalkingCost, x) -> Quality:
     """Measure a gait vector, also at a quarter of the step and with its angles off."""
-    scene = cost.scene
-    fine = compile_scene(scene.model, scene.servos, scene.ground, scene.integrator, 0.25 * scene.timestep)
+    fine = cost.scene.recompiled(timestep=0.25 * cost.scene.timestep)
     off = np.random.Generator(np.random.PCG64(0)).uniform(-PERTURBATION, PERTURBATION, (PERTURBED, len(x)))
     measures, *others = cost.measure([x, *(x + off)])
     safe = sum(other.status == "ok" for other in others) / PERTURBED

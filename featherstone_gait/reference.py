@@ -52,12 +52,38 @@ class Reference:
         if self.kind == "linear":
             cubics[..., 1] = np.diff(values, axis=0) / np.diff(times)[:, None]
         if self.kind == "cubic":
-            from scipy.interpolate import CubicSpline
-
-            spline = CubicSpline(times, values, bc_type="periodic" if self.cyclic else "natural")
-            cubics[:] = np.moveaxis(spline.c[::-1], 0, -1)
+            cubics[..., 1:] = _spline(times, values, self.cyclic)
         if self.kind == "hold" and not self.cyclic:  # the last value is held too
             times = np.append(times, times[-1] + 1.0)
             cubics = np.concatenate([cubics, np.zeros((1, *cubics.shape[1:]))])
             cubics[-1, :, 0] = values[-1]
         return Knots(times, cubics, float(times[-1] - times[0]) if self.cyclic else 0.0)
+
+
+def _spline(times, values, cyclic) -> np.ndarray:
+    """The coefficients c1, c2, c3 (k, n, 3) of the C2 spline through k + 1 knots.
+
+    Its second derivatives M solve h_(i-1) M_(i-1) + 2 (h_(i-1) + h_i) M_i + h_i M_(i+1) = 6 (d_i - d_(i-1)), with the
+    gaps h between knots and the slopes d across them (C. de Boor, "A Practical Guide to Splines", chapter IV).
+    """
+    h = np.diff(times)[:, None]
+    d = np.diff(values, axis=0) / h
+    M = _inner_derivatives(h, 6.0 * np.diff(d, axis=0), np.zeros_like(d[0]))
+    if cyclic:  # add what one and the same M at both ends makes, so that the equation holds there too
+        ones = _inner_derivatives(h, np.zeros_like(d[1:]), np.ones_like(d[0]))
+        missing = 6.0 * (d[0] - d[-1]) - (h[-1] * M[-2] + h[0] * M[1])
+        M = M + missing / (2.0 * (h[-1] + h[0]) + h[-1] * ones[-2] + h[0] * ones[1]) * ones
+    return np.stack([d - h * (2.0 * M[:-1] + M[1:]) / 6.0, 0.5 * M[:-1], np.diff(M, axis=0) / (6.0 * h)], axis=-1)
+
+
+def _inner_derivatives(h, right, end) -> np.ndarray:
+    """Solve for M (k + 1, n) with M = `end` (n,) at both ends: Thomas's elimination, in a fixed order of operations."""
+    M = np.concatenate([end[None], right, end[None]])
+    pivot, above = np.ones_like(h), np.concatenate([np.zeros_like(h[:1]), h[1:]])
+    for i in range(1, len(h)):
+        share = h[i - 1] / pivot[i - 1]
+        pivot[i] = 2.0 * (h[i - 1] + h[i]) - share * above[i - 1]
+        M[i] -= share * M[i - 1]
+    for i in reversed(range(1, len(h))):
+        M[i] = (M[i] - h[i] * M[i + 1]) / pivot[i]
+    return M

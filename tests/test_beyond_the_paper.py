@@ -9,6 +9,7 @@ from featherstone_gait import load_robot
 from featherstone_gait.experiments import complete_humanoid, method_comparison, robustness
 from featherstone_gait.optimize import walking_cost
 from featherstone_gait.search import AdaptiveSimulatedAnnealing, run
+from featherstone_gait.walking import WalkingCost
 
 METHODS = replace(method_comparison.QUICK, evaluations=24)
 ROBUST = replace(
@@ -56,8 +57,8 @@ def test_all_methods_start_from_the_planned_gait_and_get_equal_evaluations(metho
 def test_a_method_among_others_does_what_it_does_alone(methods):
     cost = walking_cost(load_robot("humanoid", locked="simplified"))
     alone = run(
-        method_comparison._search(METHODS, cost, method_comparison.PAPERS, 1), None,
-        evaluations=METHODS.evaluations, map=cost.map, batch=4,
+        method_comparison._search(METHODS, cost, method_comparison.PAPERS, 1), cost,
+        evaluations=METHODS.evaluations, map=WalkingCost.costs, batch=4,
     )  # fmt: skip
     np.testing.assert_array_equal(alone.history["best"], methods.best[method_comparison.PAPERS][1])
 

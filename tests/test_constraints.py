@@ -65,6 +65,14 @@ def test_the_zmp_is_the_centre_of_pressure_and_its_margin_is_to_the_nearest_edge
     assert excess["zmp_margin"][:, 0] == pytest.approx([-0.02, 0.005, 0.03, 0.03], abs=1e-12)
 
 
+def test_what_counts_as_load_is_a_share_of_the_local_weight():
+    box = standing_box([[0.01, 0.01, 0.01, 0.01]])  # of 1 kg: 0.4 % of its weight on Earth, 2.5 % on the Moon
+    assert zmp_margins(*box)[0] == 0.0
+    assert zmp_margins(*box, gravity=(0.0, 0.0, -1.62)) == pytest.approx([0.05], abs=1e-12)
+    found = Constraints(zmp_margin=0.03).violations(*box, slice(None), 0.0, (0.0, 0.0, -1.62))
+    assert found["zmp_margin"][0, 0] == pytest.approx(-0.02, abs=1e-12)
+
+
 def test_the_zmp_of_a_simulated_walk_never_leaves_the_polygon(walking, vectors):
     """The ground only pushes: that it does not holds of every motion, walking or falling."""
     for run in walking.simulate(vectors, strides=2):
@@ -113,7 +121,7 @@ def test_a_penalty_sets_in_without_a_step(walking, vectors):
 
 def test_a_fall_costs_infinity_and_has_no_penalties(walking, vectors):
     cost = ConstrainedCost(walking, STRICT)
-    (_, ok), (f, status) = cost.map(None, vectors)
+    (_, ok), (f, status) = cost.costs(vectors)
     assert ok == "ok"
     assert f == math.inf
     assert "fell at" in status

@@ -5,12 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from featherstone_gait.core.layout import ENERGIES, METER
 
 from featherstone_gait import ContactPoint, Ground, Link, Model, Reference, Trajectory, compile_scene, load_robot
 from featherstone_gait.optimize import walking_cost
 from featherstone_gait.run.simulate import simulate, standing_state
 from featherstone_gait.walking import write_angles
-from featherstone_gait.walking.cost import LOADED, Measures, _slip, cost_of_motion
+from featherstone_gait.walking.cost import LOADED, Measures, _slip, cost_of_motion, measured
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +45,30 @@ def test_cost_speed_and_stride_follow_from_energy_way_and_time():
     assert measures.cost_of_transport == 1.0
 
 
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (0.0, 0.0, -1.62), (1.2, -0.9, -2.0)])
+def test_the_cost_of_transport_is_by_local_weight(cost, gravity):
+    base, energy = np.zeros((11, 7)), np.zeros((11, 10, ENERGIES))
+    base[:, 0], energy[:, 0, METER] = np.linspace(0.0, 0.5, 11), np.linspace(0.0, 3.0, 11)
+    channels = {"base_q": base, "energy": energy, "time": np.linspace(0.0, 1.0, 11)}
+    run = Trajectory(channels, "ok", "", 1.0, np.zeros(0))
+    found = measured(cost.scene.recompiled(gravity=gravity), run, 0.0, 1.0, 1, slip=False)
+    weight = cost.scene.model.mass * math.sqrt(sum(g * g for g in gravity))
+    assert found.cost_of_transport == pytest.approx(3.0 / (weight * 0.5), rel=1e-12)
+
+
+def test_without_weight_the_cost_of_transport_is_infinite():
+    assert Measures("ok", 4, 2.0, 10.0, 0.5, 0.0, 0.001, 0.0).cost_of_transport == math.inf
+
+
+def test_gravity_reaches_the_plan_and_the_scene(cost):
+    model = cost.scene.model
+    moon = walking_cost(model, gravity=(0.0, 0.0, -1.62), n_steps=32)
+    assert moon.scene.gravity.tolist() == [0.0, 0.0, -1.62]
+    assert np.abs(moon.gait.poses - walking_cost(model, n_steps=32).gait.poses).max() > 0.01
+    with pytest.raises(ValueError, match=r"gravity \(1, 0, -9\.81\) m/s\^2 must point straight down"):
+        walking_cost(model, gravity=(1.0, 0.0, -9.81))
+
+
 def test_measured_are_whole_strides(cost, vectors):
     measures = cost.measure(vectors[:1])[0]
     assert measures.duration == pytest.approx(cost.strides * cost.gait.period, abs=1e-9)
@@ -53,7 +78,7 @@ def test_alone_and_among_others_a_gait_has_the_same_bits(cost, vectors):
     together = cost.measure(vectors)
     assert [cost.measure([x])[0] for x in vectors[:3]] == together[:3]
     assert cost.measure(vectors[::-1]) == together[::-1]
-    assert cost.map(None, vectors) == [cost(x) for x in vectors]
+    assert cost.costs(vectors) == [cost(x) for x in vectors]
 
 
 def test_a_gait_that_falls_costs_infinity_and_says_when(cost):

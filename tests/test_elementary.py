@@ -11,6 +11,7 @@ import mpmath
 import numpy as np
 import pytest
 
+from featherstone_gait import elementary
 from featherstone_gait.core.compile.elementary import SINCOS_LIMIT, atan2, exp, sincos, tanh
 from featherstone_gait.core.compile.jit import entry, kernel
 from featherstone_gait.core.compile.lanes import WIDTH, aligned, as_lanes
@@ -162,6 +163,15 @@ def digest():
     all_lanes(*lanes)
     results = (np.where(np.isnan(out), NAN, out) for out in (scalars, lanes[2]))  # IEEE 754 leaves a NaN's sign open
     return " ".join(hashlib.sha256(out.tobytes()).hexdigest() for out in results)
+
+
+def test_arrays_have_the_bits_of_the_kernels():
+    rng = np.random.default_rng(8)
+    x = np.concatenate([SPECIAL, rng.uniform(-20.0, 20.0, 991), rng.uniform(-3e5, 3e5, 1000)]).reshape(4, -1)
+    for got, expected in zip(elementary.sincos(x), evaluate(x.ravel())):
+        assert type(got) is np.ndarray
+        assert got.tobytes() == expected.reshape(4, -1).tobytes()
+    assert [float(a) for a in elementary.sincos(0.5)] == evaluate([0.5])[:2, 0].tolist()
 
 
 def test_lanes_have_the_bits_of_scalars():

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from biped import biped
 
-from featherstone_gait.model import Joint, Link, Model
+from featherstone_gait.model import Joint, Link, Model, rotation_from_rpy
 from featherstone_gait.walking.inverse_kinematics import leg_joints, mid_range, solve_leg
-from featherstone_gait.walking.kinematics import center_of_mass, link_index, link_poses, rpy_rotation
+from featherstone_gait.walking.kinematics import center_of_mass, joint_axes, link_index, link_poses
 
 FOOT = "left_ankle_lateral_link"
 
@@ -46,15 +46,15 @@ def test_planar_arm_has_the_textbook_forward_kinematics():
         (1.5 * np.sin(q1) + 0.5 * np.sin(q1 + q2)) / 3,
         0.0,
     ]
-    assert center_of_mass(model, poses)[0] == pytest.approx(expected)
+    assert center_of_mass(model, [[q1, q2]])[0] == pytest.approx(expected)
 
 
 def test_rpy_turns_about_fixed_axes_in_order():
     x, y, z = np.eye(3)
     quarter = np.pi / 2
-    assert rpy_rotation((quarter, 0, 0)) @ y == pytest.approx(z, abs=1e-15)
-    assert rpy_rotation((quarter, 0, quarter)) @ y == pytest.approx(z, abs=1e-15)
-    assert rpy_rotation((0, quarter, quarter)) @ x == pytest.approx(-z, abs=1e-15)
+    assert rotation_from_rpy((quarter, 0, 0)) @ y == pytest.approx(z, abs=1e-15)
+    assert rotation_from_rpy((quarter, 0, quarter)) @ y == pytest.approx(z, abs=1e-15)
+    assert rotation_from_rpy((0, quarter, quarter)) @ x == pytest.approx(-z, abs=1e-15)
 
 
 def test_locked_joints_stay_where_they_are_held():
@@ -63,6 +63,18 @@ def test_locked_joints_stay_where_they_are_held():
     angles = np.zeros((1, 12))
     angles[0, free.joint_names.index("left_hip_rotation")] = 0.2
     assert np.array_equal(link_poses(model, np.zeros((1, 10))).position, link_poses(free, angles).position)
+
+
+def test_a_link_turns_about_the_axis_of_its_joint():
+    model, d = biped(hip_rotation_locked=False), 1e-6
+    angles = bent_legs(model, 1, 5)
+    poses = link_poses(model, angles)
+    axes = joint_axes(model, poses)[0]
+    for k, joint in enumerate(model.moving_joints):
+        i = link_index(model, joint.child)
+        turned = link_poses(model, angles + d * np.eye(12)[k]).rotation[0, i]
+        spin = (turned - poses.rotation[0, i]) @ poses.rotation[0, i].T / d
+        assert [spin[2, 1], spin[0, 2], spin[1, 0]] == pytest.approx(axes[k], abs=1e-6)
 
 
 def test_leg_joints_run_from_the_root_outwards_and_leave_out_the_locked():

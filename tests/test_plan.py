@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from biped import biped, without_contacts
 
+from featherstone_gait.dynamics import contact_positions_at
 from featherstone_gait.model import Joint, Link, Model
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.walking.gait import mirror_of
-from featherstone_gait.walking.kinematics import center_of_mass, link_index, link_poses
-from featherstone_gait.walking.plan import walking_plan
+from featherstone_gait.walking.kinematics import center_of_mass, link_poses
+from featherstone_gait.walking.plan import downward, walking_plan
 from featherstone_gait.walking.zero_moment_point import multibody_zmp, polygon_margin, support_polygon
 
 
@@ -21,12 +22,7 @@ def plan():
 
 def sole_corners(model, plan):
     """World positions (n, corners, 3) of the contact points."""
-    poses = link_poses(model, plan.angles, plan.base_position)
-    corners = []
-    for contact in model.contacts:
-        i = link_index(model, contact.link)
-        corners.append(poses.position[:, i] + poses.rotation[:, i] @ np.array(contact.position))
-    return np.stack(corners, axis=1)
+    return contact_positions_at(model, link_poses(model, plan.angles, plan.base_position))
 
 
 def test_zmp_of_the_moving_links_stays_25_mm_inside_the_support_polygon(plan):
@@ -57,7 +53,7 @@ def test_standing_soles_lie_flat_and_still_and_no_sole_is_below_ground(plan):
 
 
 def test_the_models_centre_of_mass_follows_its_path_at_constant_height(plan):
-    center = center_of_mass(biped(), link_poses(biped(), plan.angles, plan.base_position))
+    center = center_of_mass(biped(), plan.angles, plan.base_position)
     assert np.abs(center - plan.com).max() < 3e-9
     assert np.ptp(plan.com[:, 2]) == 0.0
 
@@ -170,13 +166,39 @@ def test_a_wheel_speeding_up_shifts_the_zmp_by_its_torque_over_the_weight():
     assert zmp == pytest.approx(np.tile([-I * alpha / (3.0 * 9.81), 0.0], (50, 1)), rel=1e-5)
 
 
-def test_a_body_moved_without_turning_has_the_zmp_of_a_cart_table():
+@pytest.mark.parametrize("g", [9.81, 1.62])
+def test_a_body_moved_without_turning_has_the_zmp_of_a_cart_table(g):
     T, a, height = 0.01, np.array([0.7, -0.4]), 0.2
     base = np.zeros((40, 3))
     base[:, :2], base[:, 2] = 0.5 * a * (T * np.arange(40))[:, None] ** 2, height
     body = Model("body", (Link("body", 2.0, (0, 0, 0), (1, 0, 0, 1, 0, 1)),), ())
-    zmp = multibody_zmp(body, np.zeros((40, 0)), base, T)[2:-2]
-    assert zmp == pytest.approx(base[2:-2, :2] - height / 9.81 * a, abs=1e-12)
+    zmp = multibody_zmp(body, np.zeros((40, 0)), base, T, g)[2:-2]
+    assert zmp == pytest.approx(base[2:-2, :2] - height / g * a, abs=1e-12)
+
+
+@pytest.mark.parametrize("g", [9.81, 1.62])
+def test_a_robot_that_stands_has_its_zmp_under_its_centre_of_mass(plan, g):
+    still, base = np.tile(plan.angles[150], (6, 1)), np.tile(plan.base_position[150], (6, 1))
+    zmp = multibody_zmp(biped(), still, base, 0.01, g)
+    assert zmp == pytest.approx(np.tile(plan.com[150, :2], (6, 1)), abs=1e-8)
+
+
+def test_a_walk_on_the_moon_is_that_on_earth_slowed_down(plan):
+    """Dynamically similar: times as the root of 1/g, and the weight of jerks as the sixth power of time."""
+    s = np.sqrt(9.81 / 1.62)
+    T = plan.walk.T * s
+    moon = walking_plan(biped(), g=1.62, T=T, step_time=plan.walk.step_samples * T, R=plan.walk.R * s**6)
+    assert np.abs(moon.angles - plan.angles).max() < 1e-7
+    assert np.abs(moon.zmp - plan.zmp).max() < 1e-7
+    hasty = walking_plan(biped(), g=1.62)  # the feet swing as fast, but weigh a sixth
+    assert np.abs(hasty.zmp - hasty.zmp_reference).max() > 2.0 * np.abs(plan.zmp - plan.zmp_reference).max()
+
+
+def test_a_plan_is_for_gravity_that_points_straight_down():
+    assert downward(np.array([0.0, 0.0, -1.62])) == 1.62
+    for gravity in ((0.5, 0.0, -9.8), (0.0, 0.0, 9.81), (0.0, 0.0, 0.0), (0.0, 0.0, np.nan)):
+        with pytest.raises(ValueError, match=r"gravity .* must point straight down, along -z.*Ground\(slope"):
+            downward(gravity)
 
 
 def test_margin_is_the_distance_to_the_nearest_edge():

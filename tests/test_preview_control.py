@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_discrete_are
 
 from featherstone_gait.walking.preview_control import plan_com, preview_controller
 
@@ -32,6 +33,18 @@ def test_gains_are_the_known_ones(parameters, integral, state, second_preview, m
     assert controller.state_gain == pytest.approx(state, rel=2e-6)
     assert controller.preview_gain[1] == pytest.approx(second_preview, rel=1e-6)
     assert np.sort(np.abs(np.linalg.eigvals(closed_loop(controller)))) == pytest.approx(moduli, rel=1e-4)
+
+
+@pytest.mark.parametrize("parameters", [KAJITA, SMALL, {**KAJITA, "R": 1e-10}, {**SMALL, "R": 1e-2, "g": 1.62}])
+def test_gains_solve_the_riccati_equation(parameters, monkeypatch):
+    monkeypatch.setattr("featherstone_gait.walking.preview_control.GAIN_DIGITS", 15)
+    controller = preview_controller(**parameters)
+    T, h = controller.T, controller.z_c / controller.g
+    b = np.array([T**3 / 6 - h * T, T**3 / 6, T**2 / 2, T])
+    gains = np.array([controller.integral_gain, *controller.state_gain])
+    A = closed_loop(controller) + np.outer(b, gains)
+    P = solve_discrete_are(A, b[:, None], np.diag([parameters["Q"], 0, 0, 0]), [[parameters["R"]]])
+    assert gains == pytest.approx(b @ P @ A / (parameters["R"] + b @ P @ b), rel=1e-9)
 
 
 def test_preview_gain_starts_at_the_integral_gain_and_dies_out():
@@ -73,6 +86,14 @@ def test_zmp_follows_steps_of_300_mm():
     assert np.abs(error[far]).max() < 2.6e-3
     assert np.sqrt((error**2).mean()) < 11e-3
     assert abs(error[-1]) < 1e-9
+
+
+def test_on_the_moon_the_zmp_follows_as_well_in_as_much_more_time():
+    ref, s = np.where(np.arange(2000) < 800, 0.0, 0.3), np.sqrt(9.81 / 1.62)
+    slower = {**KAJITA, "T": KAJITA["T"] * s, "R": KAJITA["R"] * s**6}
+    earth, moon = plan_com(ref, **KAJITA), plan_com(ref, **slower, g=1.62)
+    assert np.abs(moon.zmp - earth.zmp).max() < 1e-6
+    assert np.allclose(moon.zmp, moon.position - 0.814 / 1.62 * moon.acceleration, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("parameters", [KAJITA, SMALL])

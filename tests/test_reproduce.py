@@ -163,6 +163,14 @@ def test_an_experiment_that_cannot_be_loaded_is_a_failed_one(calls, monkeypatch,
     assert last.finished
 
 
+def test_an_experiment_gets_of_seed_and_progress_what_it_knows(calls, monkeypatch, tmp_path):
+    module = stand_in("last", calls)
+    module.run = lambda settings, progress: calls.append(("last", progress)) or ""
+    monkeypatch.setitem(sys.modules, "featherstone_gait.experiments.last", module)
+    report.reproduce(out=tmp_path, seed=5)
+    assert calls == [("first", 2.0, 5), ("last", False)]
+
+
 def test_the_command_hands_its_options_over(calls, tmp_path, capsys):
     assert cli.main(["reproduce", "--full", "--seed", "3", "--out", str(tmp_path)]) == 0
     assert calls == [("first", 20.0, 3), ("last", 20.0, 3)]

@@ -16,9 +16,11 @@ from random_tree import random_tree
 import featherstone_gait
 from featherstone_gait.build.tree import compile_tree
 from featherstone_gait.core.compile.elementary import SINCOS_LIMIT
+from featherstone_gait.elementary import sincos
+from featherstone_gait.fixed_order import applied, product
 from featherstone_gait.model import Joint, Model, depth_first, rigid_bodies
 from featherstone_gait.robot_file import load_robot, robot_names, save_robot
-from featherstone_gait.rotation import product, rotate, rotation_about, rotation_from_rpy, rotation_z_to, sine_cosine
+from featherstone_gait.rotation import rotation_about, rotation_from_rpy, rotation_z_to
 
 PROGRAM = """
 import hashlib, sys
@@ -123,17 +125,17 @@ def test_sums_in_order_are_the_products_of_linear_algebra():
     rng = np.random.default_rng(2)
     A, B, v = rng.normal(size=(6, 4, 3, 3)), rng.normal(size=(4, 3, 3)), rng.normal(size=(4, 3))
     np.testing.assert_allclose(product(A, B), A @ B, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(rotate(A, v), (A @ v[..., None])[..., 0], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(applied(A, v), (A @ v[..., None])[..., 0], rtol=0, atol=1e-14)
 
 
 @pytest.mark.nojit
 def test_sine_and_cosine_are_numbers_or_arrays_as_given():
     angles = np.linspace(-9, 9, 12).reshape(3, 4)
-    sine, cosine = sine_cosine(angles)
+    sine, cosine = sincos(angles)
     assert (type(sine), sine.shape) == (np.ndarray, (3, 4))
-    assert (sine[1, 2], cosine[1, 2]) == sine_cosine(angles[1, 2])
-    assert sine_cosine(0) == (0.0, 1.0)
-    assert np.isnan(sine_cosine(2 * SINCOS_LIMIT)).all()
+    assert (sine[1, 2], cosine[1, 2]) == sincos(angles[1, 2])
+    assert sincos(0) == (0.0, 1.0)
+    assert np.isnan(sincos(2 * SINCOS_LIMIT)).all()
 
 
 def test_an_angle_too_large_to_have_an_exact_sine_is_refused():

@@ -78,8 +78,8 @@ class Result:
     transfers: dict[float, float]  # rotor inertia -> rms error of the whole arm's fall with it [rad]
 
 
-def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
-    """Simulate all falls; nothing is random, so the seed is not used."""
+def run(settings: Settings = QUICK, progress: bool = False) -> Result:
+    """Simulate all falls."""
     arms = {name: load_robot(name) for name in ARMS}
     forearm, whole = arms.values()
     gearboxes = {

@@ -146,7 +146,8 @@ def gait_cost(
     settings: Settings, planned: WalkingCost, servos, integrator, timestep: float = 1e-3, mass: float = 1.0
 ) -> WalkingCost:
     """The planned walk with other servos, integrator, step and this many times the masses."""
-    scene = compile_scene(heavier(planned.scene.model, mass), servos, Ground(), integrator, timestep)
+    model, gravity = heavier(planned.scene.model, mass), planned.scene.gravity
+    scene = compile_scene(model, servos, Ground(), integrator, timestep, gravity)
     return replace(planned, scene=scene, warm_up=settings.warm_up, strides=settings.strides)
 
 
@@ -175,7 +176,7 @@ def disturbed(settings: Settings, cost: WalkingCost, source: str, seed: int, sca
         elif name == "round-off":
             noises[..., 0] += scale * settings.round_off * rng.uniform(-1.0, 1.0, shape)
         elif name == "contacts":
-            torque = settings.contact_rest * cost.scene.model.mass * 9.81 * settings.foot
+            torque = settings.contact_rest * cost.scene.model.mass * math.hypot(*cost.scene.gravity) * settings.foot
             volts = torque * servo.resistance / (servo.gearbox.ratio * servo.motor_constant)
             noises[..., 1] += scale * volts * rng.standard_normal(shape)
         else:

@@ -91,7 +91,7 @@ DEFINITIONS = {  # of convergence: the first iteration from which on the best is
     "5 % of the final cost": lambda best: 0.05 * best[-1],
     "1 % of the gain": lambda best: 0.01 * (best[0] - best[-1]),
     "10 % of the gain": lambda best: 0.1 * (best[0] - best[-1]),
-    "last improvement": lambda best: 0.0,
+    "last improvement": lambda _: 0.0,
 }
 DEFINITION = "1 % of the final cost"
 
@@ -183,7 +183,8 @@ def _stride(cost: WalkingCost, run: Trajectory) -> Trajectory:
 
 def cost_of(planned: WalkingCost, condition: Condition, timestep: float = 1e-3) -> WalkingCost:
     """The cost of a gait under a condition, without the noise."""
-    scene = compile_scene(planned.scene.model, condition.servos, Ground(), condition.integrator, timestep)
+    model, gravity = planned.scene.model, planned.scene.gravity
+    scene = compile_scene(model, condition.servos, Ground(), condition.integrator, timestep, gravity)
     return replace(planned, scene=scene)
 
 

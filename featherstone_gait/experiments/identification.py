@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from ..build.scene import compile_scene
+from ..elementary import sincos
 from ..identification import EARLY, MOTOR_OFF, STEP, Identification, Recording, changed, identify, prediction_error
 from ..model import SERVO_UNITS, Model
 from ..reference import Reference
@@ -27,9 +28,9 @@ from .claim import Claim
 COUNT = math.radians(300.0 / 1023.0)  # encoder step of the AX-12 [rad], ROBOTIS e-manual
 SAMPLE = 0.01  # [s] between readings: the servo's controller period
 MOTIONS = {  # reference [rad] over time [s]; from rest at zero
-    "chirp": lambda t: 0.9 * np.sin(t**2),  # up to full speed and voltage
-    "up and down": lambda t: 1.4 * np.sin(np.pi * t / 6.0) ** 2,  # slow: friction and load
-    "product": lambda t: 1.1 * np.sin(1.1 * t) * np.sin(4.1 * t),
+    "chirp": lambda t: 0.9 * sincos(t * t)[0],  # up to full speed and voltage
+    "up and down": lambda t: 1.4 * sincos(np.pi * t / 6.0)[0] ** 2,  # slow: friction and load
+    "product": lambda t: 1.1 * sincos(1.1 * t)[0] * sincos(4.1 * t)[0],
 }
 SERVO = (("motor_constant", 0.0072), ("resistance", 9.0), ("viscous_friction", 0.02), ("coulomb_friction", 0.03))
 ROTOR = (("rotor_inertia", 1.5e-7),)

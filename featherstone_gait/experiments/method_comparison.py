@@ -20,6 +20,7 @@ from scipy.stats import mannwhitneyu
 from ..optimize import AMPLITUDE, MAX_MISS, walking_cost
 from ..robot_file import load_robot
 from ..search import AdaptiveSimulatedAnnealing, cma_es, differential_evolution, dual_annealing, run_together
+from ..walking.cost import WalkingCost
 from ..walking.gait import bounds
 from .claim import Claim
 from .common import draw_band, draw_marks
@@ -68,7 +69,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     every = [search for each in searches.values() for search in each]
     batch = max(BATCH, 2 * len(every))
     together = run_together(
-        every, None, evaluations=settings.evaluations, map=cost.map, batch=batch, progress=progress
+        every, cost, evaluations=settings.evaluations, map=WalkingCost.costs, batch=batch, progress=progress
     )
     if together.status == 2:
         raise KeyboardInterrupt

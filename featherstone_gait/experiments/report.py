@@ -97,7 +97,9 @@ def _entry(files: Path, name: str, full: bool, seed: int, program: str, progress
 
 def _run(name: str, module, settings, seed: int, progress: bool) -> tuple[Entry, list[bytes]]:
     start = time.perf_counter()
-    result = module.run(settings, seed, progress)
+    known = inspect.signature(module.run).parameters
+    how = {"seed": seed, "progress": progress}
+    result = module.run(settings, **{name: value for name, value in how.items() if name in known})
     claims = tuple(module.check(result))
     figures = module.plot(result)
     pictures = [_png(figure) for figure in figures.values()]

@@ -116,8 +116,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         costs = list(tqdm(pool.map(disturbed, keys), "disturbances", len(keys), disable=not progress))
-    scene = planned.scene
-    fine = compile_scene(scene.model, scene.servos, scene.ground, scene.integrator, 0.25 * scene.timestep)
+    fine = planned.scene.recompiled(timestep=0.25 * planned.scene.timestep)
     nominal, finer = (measure(cost, vectors)[:, 0] for cost in (planned, replace(planned, scene=fine)))
     return Result(settings, tuple(gaits), np.array(vectors), nominal, finer, dict(zip(keys, costs)))
 
@@ -157,9 +156,8 @@ def _with(planned: WalkingCost, kind: str, value: float) -> WalkingCost:
 
 
 def _of(planned: WalkingCost, model: Model, ground: Ground | None = None) -> WalkingCost:
-    scene = planned.scene
-    scene = compile_scene(model, scene.servos, ground or Ground(), scene.integrator, scene.timestep)
-    return replace(planned, scene=scene)
+    arguments = planned.scene.arguments | {"ground": ground or Ground()}
+    return replace(planned, scene=compile_scene(model, **arguments))
 
 
 # ---------------------------------------------------------------------------------------------- claims

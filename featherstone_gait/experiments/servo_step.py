@@ -19,6 +19,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..build.scene import compile_scene
+from ..build.tree import GRAVITY
 from ..identification import changed
 from ..model import Model
 from ..reference import Reference
@@ -87,12 +88,12 @@ class Result:
     stiffness: float  # torque by error of the controller [N m/rad]
 
 
-def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
-    """Simulate all responses; nothing is random, so the seed is not used, and nothing takes long."""
+def run(settings: Settings = QUICK) -> Result:
+    """Simulate all responses."""
     arm = load_robot("ax12_arm")
     ten = _supplied(arm, 10.0)
     servo = ten.servos["elbow"]
-    gravity = 9.81 * sum(link.mass * -link.center_of_mass[2] for link in arm.links)
+    gravity = -GRAVITY[2] * sum(link.mass * -link.center_of_mass[2] for link in arm.links)
     return Result(
         settings=settings,
         gearboxes={kind: _step(settings, ten, kind, kind) for kind in ("standard", "mipsd")},

@@ -217,10 +217,11 @@ def _mean_square(values: np.ndarray) -> float:
 
 def _walk(setup: Setup, scene: CompiledScene, values: dict) -> dict:
     from ..walking.cost import WalkingCost
+    from ..walking.plan import downward
 
     wanted = tuple(sorted(item for item in values.items() if item[0].startswith("gait.")))
     try:
-        gait, start = _gait(setup, wanted)
+        gait, start = _gait(setup, wanted, downward(scene.gravity))
         cost = WalkingCost(scene, gait, start, warm_up=setup.warm_up, strides=setup.strides)
         (found,) = cost.measure([gait.to_vector()])
     except ValueError as error:
@@ -241,13 +242,13 @@ def _walk(setup: Setup, scene: CompiledScene, values: dict) -> dict:
 
 
 @functools.lru_cache(maxsize=16)
-def _gait(setup: Setup, values: tuple):
-    """The gait that parameters `gait.*` plan, and the start-up that leads to it."""
+def _gait(setup: Setup, values: tuple, g: float):
+    """The gait that parameters `gait.*` plan under gravity g [m/s^2], and the start-up that leads to it."""
     from ..walking import fit_gait, mirror_of, walking_plan
 
     walk = {name[5:]: value for name, value in values}
     if "period" in walk:
         walk["step_time"] = 0.5 * walk.pop("period")
-    plan = walking_plan(setup.model, **walk)
+    plan = walking_plan(setup.model, g=g, **walk)
     fit = fit_gait(plan.stride(), mirror=mirror_of(setup.model), fit_phase=True)
     return fit.gait, plan.start_up(phase=fit.phase)

@@ -19,7 +19,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from featherstone_gait.build.tree import GRAVITY
-from featherstone_gait.dynamics import forward_kinematics
+from featherstone_gait.dynamics import contact_positions_at, forward_kinematics
 from featherstone_gait.run.simulate import simulate_batch, standing_state
 from featherstone_gait.walking.cost import LOADED, RECORD, SAMPLE, Measures, WalkingCost, measured
 
@@ -57,10 +57,11 @@ class Constraints:
         )
         return {name: weight for name, weight in pairs.items() if getattr(self, name) is not None}
 
-    def violations(self, model, run, window: slice, slip: float) -> dict[str, np.ndarray]:
+    def violations(self, model, run, window: slice, slip: float, gravity=GRAVITY) -> dict[str, np.ndarray]:
         """By how much a trajectory with `RECORD` and torque passes each limit that is set, negative where it does not.
 
-        Returns (samples, components) arrays in the limit's unit, of a window of the samples; `slip` [m per stride].
+        Returns (samples, components) arrays in the limit's unit, of a window of the samples; `slip` [m per stride];
+        `gravity` (3,) is that of the scene [m/s^2].
         """
         found = {}
         if self.torque is not None:
@@ -72,7 +73,7 @@ class Constraints:
         if self.slip is not None:
             found["slip"] = np.array([[slip - self.slip]])
         if self.zmp_margin is not None:
-            found["zmp_margin"] = self.zmp_margin - zmp_margins(model, run, window)[:, None]
+            found["zmp_margin"] = self.zmp_margin - zmp_margins(model, run, window, gravity)[:, None]
         return found
 
 
@@ -104,11 +105,11 @@ class ConstrainedCost:
 
     def __call__(self, x) -> tuple[float, str]:
         """Return cost and penalties [J/m] and status of one vector."""
-        return self.map(None, [x])[0]
+        return self.costs([x])[0]
 
-    def map(self, fun, candidates) -> list[tuple[float, str]]:
-        """Evaluate many vectors at once; `fun` is ignored, as in `WalkingCost.map`."""
-        return [(report.total, report.measures.status) for report in self.reports(candidates)]
+    def costs(self, vectors) -> list[tuple[float, str]]:
+        """Evaluate many vectors at once; for the searches ``map=ConstrainedCost.costs``."""
+        return [(report.total, report.measures.status) for report in self.reports(vectors)]
 
     def report(self, x) -> ConstraintReport:
         """Return cost, penalties and violations of one vector."""
@@ -125,34 +126,34 @@ class ConstrainedCost:
 
     def _report(self, run) -> ConstraintReport:
         cost, names = self.walking, self.constraints.weights
+        scene = cost.scene
         end = cost.mark + cost.strides * cost.gait.period
-        measures = measured(cost.scene, run, cost.mark, end, cost.strides)
+        measures = measured(scene, run, cost.mark, end, cost.strides)
         if measures.status != "ok":
             return ConstraintReport(measures, dict.fromkeys(names, math.nan), dict.fromkeys(names, math.nan))
         first, last = np.searchsorted(run["time"], [cost.mark - 1e-9, end - 1e-9])
-        found = self.constraints.violations(cost.scene.model, run, slice(first, last + 1), measures.slip)
+        window = slice(first, last + 1)
+        found = self.constraints.violations(scene.model, run, window, measures.slip, scene.gravity)
         excess = {name: np.maximum(violation, 0.0) for name, violation in found.items()}
         penalties = {name: names[name] * float((e**2).mean(axis=0).sum()) for name, e in excess.items()}
         return ConstraintReport(measures, penalties, {name: float(e.max()) for name, e in excess.items()})
 
 
-def zmp_margins(model, run, window=slice(None)):
+def zmp_margins(model, run, window=slice(None), gravity=GRAVITY):
     """How far inside the support polygon the ZMP lies (n,) [m], of a trajectory with base_q, q and contact_force.
 
     The ZMP is the centre of pressure of the contact points, with which it coincides on level ground (M. Vukobratovic,
     B. Borovac, Int. J. Humanoid Robotics 1 (2004), section 2).  A simulation knows it exactly; `multibody_zmp`, which
     takes the trunk as upright and differentiates twice, misses it by 8 mm on the humanoid's first gait.  The polygon is
-    that of all contact points of the links that bear more than `LOADED` of the weight: on tiptoe, on the edge of a
-    sole, the margin is 0, and in the air, where there is no ZMP, it is taken as 0.
+    that of all contact points of the links that bear more than `LOADED` of the weight in `gravity` (3,) [m/s^2]: on
+    tiptoe, on the edge of a sole, the margin is 0, and in the air, where there is no ZMP, it is taken as 0.
     """
     poses = forward_kinematics(model, np.hstack([run["base_q"], run["q"]])[window])
-    names = [link.name for link in model.links]
-    rows = np.array([names.index(contact.link) for contact in model.contacts])
-    local = np.array([contact.position for contact in model.contacts])
-    points = (poses.position[:, rows] + np.einsum("nkij,kj->nki", poses.rotation[:, rows], local))[..., :2]
+    points = contact_positions_at(model, poses)[..., :2]
     force = run["contact_force"][window, :, 0]
-    together = rows[:, None] == rows
-    stands = force @ together > -LOADED * model.mass * GRAVITY[2]
+    links = np.array([contact.link for contact in model.contacts])
+    together = links[:, None] == links
+    stands = force @ together > LOADED * model.mass * math.hypot(*gravity)
     force = np.where(stands, force, 0.0)
     pressed = stands.any(axis=1)
     zmp = np.einsum("nk,nki->ni", force, points) / np.where(pressed, force.sum(axis=1), 1.0)[:, None]

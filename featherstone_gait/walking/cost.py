@@ -4,7 +4,8 @@
 
 the meter and the cost of J. Lima et al., "Humanoid gait optimization resorting to an improved simulation model", Int.
 J. Advanced Robotic Systems 10 (2013), section 4; E holds the motors' energy, not that of the electronics.  The cost of
-transport is E / (m g d).  A run that fails, goes backward or hardly moves costs infinity and says why.
+transport is E / (m g d), g the strength of the scene's gravity.  A run that fails, goes backward or hardly moves costs
+infinity and says why.
 
 The references go out every 40 ms.  Between two of them the servo is taken to run at the speed that brings it to the
 next one in time, as an AX-12 does whose moving speed is sent along with its goal position (ROBOTIS e-Manual, AX-12A,
@@ -21,9 +22,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from featherstone_gait.build.scene import CompiledScene
-from featherstone_gait.build.tree import GRAVITY
 from featherstone_gait.core.effects.energies import METER
-from featherstone_gait.dynamics import forward_kinematics
+from featherstone_gait.dynamics import contact_positions_at, forward_kinematics
 from featherstone_gait.reference import Reference
 from featherstone_gait.run.simulate import simulate_batch, simulate_stream, standing_state
 from featherstone_gait.walking.gait import TICK, Gait, references
@@ -46,7 +46,7 @@ class Measures:
     distance: float  # of the base along x [m]
     sideways: float  # of the base along y [m]
     slip: float  # path of a contact point while it bears weight, mean over the points [m per stride]
-    weight: float  # [N]
+    weight: float  # where it walks, mass times the strength of gravity [N]
 
     @property
     def cost(self) -> float:
@@ -55,7 +55,8 @@ class Measures:
 
     @property
     def cost_of_transport(self) -> float:
-        return self.cost / self.weight
+        """Energy per weight and distance [-]; infinite without weight."""
+        return self.cost / self.weight if self.weight > 0.0 else math.inf
 
     @property
     def speed(self) -> float:
@@ -92,11 +93,11 @@ class WalkingCost:
 
     def __call__(self, x) -> tuple[float, str]:
         """Return cost [J/m] and status of one vector."""
-        return self.map(None, [x])[0]
+        return self.costs([x])[0]
 
-    def map(self, fun, candidates) -> list[tuple[float, str]]:
-        """Evaluate many vectors at once; `fun` is ignored, so that this can be the `map` of `search.minimize`."""
-        return [(measures.cost, measures.status) for measures in self.measure(candidates)]
+    def costs(self, vectors) -> list[tuple[float, str]]:
+        """Evaluate many vectors at once; for the searches ``map=WalkingCost.costs``."""
+        return [(measures.cost, measures.status) for measures in self.measure(vectors)]
 
     def evaluate(self, candidates) -> float:
         """Work off the candidates of a `search.Speculation`, so that this can be the `evaluate` of `search.minimize`.
@@ -172,7 +173,7 @@ def cost_of_motion(scene: CompiledScene, path, *, start: float = 0.0, strides: i
 
 def measured(scene: CompiledScene, run, start: float, end: float, strides: int, slip: bool = True) -> Measures:
     """Measure a trajectory between two times, which fall on its samples to within one; slip is nan if not asked for."""
-    weight = -scene.model.mass * GRAVITY[2]
+    weight = scene.model.mass * math.hypot(*scene.gravity)
     first, last = np.searchsorted(run["time"], [start - 1e-9, end - 1e-9])
     duration = float(run["time"][last] - run["time"][first])
     if not run.ok:
@@ -189,10 +190,6 @@ def measured(scene: CompiledScene, run, start: float, end: float, strides: int, 
 def _slip(model, run, window, load) -> float:
     """Mean over the contact points of the path on the ground while both ends of a sample bear more than `load` [N]."""
     poses = forward_kinematics(model, np.hstack([run["base_q"], run["q"]])[window])
-    names = [link.name for link in model.links]
-    rows = [names.index(contact.link) for contact in model.contacts]
-    local = np.array([contact.position for contact in model.contacts])
-    place = poses.position[:, rows] + np.einsum("nkij,kj->nki", poses.rotation[:, rows], local)
-    step = np.linalg.norm(np.diff(place[..., :2], axis=0), axis=-1)
+    step = np.linalg.norm(np.diff(contact_positions_at(model, poses)[..., :2], axis=0), axis=-1)
     bears = run["contact_force"][window, :, 0] > load
     return float((step * (bears[1:] & bears[:-1])).sum(axis=0).mean())

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from featherstone_gait.walking.kinematics import link_poses
+from featherstone_gait.fixed_order import product, solve, total
+from featherstone_gait.walking.kinematics import joint_axes, link_poses
 
 TICK = 0.04  # [s] between the references sent to the servos (Lima et al. 2013, figure 2)
-DECIMALS = 9  # of fitted poses [rad]: hides the last bits of the least squares, in which LAPACKs differ
+DECIMALS = 9  # of fitted poses [rad]: a gait outlives changes of last bits; far below any servo's resolution
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,14 +96,13 @@ def mirror_of(model):
     that has no partner or whose partner's axis is not its mirror image.
     """
     names = model.joint_names
-    axes = link_poses(model, np.zeros(len(names))).axis[0]
-    axes = {joint.name: axes[k] for k, joint in enumerate(model.joints)}
+    axes = dict(zip(names, joint_axes(model, link_poses(model, np.zeros(len(names))))[0]))
     index, sign = [], []
     for name in names:
         partner = _other_side(name)
         if partner not in names:
             raise ValueError(f"joint {name!r} of {model.name!r} has no partner {partner!r} on the other side")
-        cosine = axes[name] @ (axes[partner] * (-1.0, 1.0, -1.0))
+        cosine = total(axes[name] * axes[partner] * (-1.0, 1.0, -1.0))
         if abs(abs(cosine) - 1.0) > 1e-9:
             raise ValueError(f"the axes of {name!r} and {partner!r} of {model.name!r} do not mirror each other")
         index.append(names.index(partner))
@@ -118,7 +118,7 @@ def fit_gait(stride, n_poses=4, *, mirror=None, fit_phase=False):
     """
     phases = stride.times[stride.times < stride.period / n_poses] if fit_phase else stride.times[:1]
     fits = [_fit_at(stride, n_poses, mirror, phase) for phase in phases]
-    return min(fits, key=lambda fit: np.sqrt((fit.rms**2).mean()))
+    return min(fits, key=lambda fit: total(fit.rms * fit.rms))
 
 
 def references(gait, n_strides, start, *, tick=TICK, blend_strides=1):
@@ -170,7 +170,8 @@ def periodic_spline(values, s):
     left = 1.0 - right
     M = _second_derivatives(values)
     j = (i + 1) % k
-    return left * values[i] + right * values[j] + ((left**3 - left) * M[i] + (right**3 - right) * M[j]) / 6.0
+    bent = (left * left * left - left) * M[i] + (right * right * right - right) * M[j]
+    return left * values[i] + right * values[j] + bent / 6.0
 
 
 def _second_derivatives(values):
@@ -191,11 +192,12 @@ def _fit_at(stride, n_poses, mirror, phase):
         half = len(angles) // 2
         angles = 0.5 * (angles + mirror(np.roll(angles, -half, axis=0)))
     basis = periodic_spline(np.eye(n_poses), (stride.times - phase) / stride.period)
-    poses = np.round(np.linalg.lstsq(basis, angles, rcond=None)[0], DECIMALS)
+    poses = np.round(solve(product(basis.T, basis), product(basis.T, angles)), DECIMALS)
     gait = Gait(stride.joint_names, poses, stride.period, mirror)
     gait = gait.from_vector(gait.to_vector())
     residual = np.degrees(gait.angles(stride.times - phase) - stride.angles)
-    return GaitFit(gait, float(phase), np.sqrt((residual**2).mean(axis=0)), np.abs(residual).max(axis=0))
+    rms = np.sqrt(total(residual * residual, axis=0) / len(residual))
+    return GaitFit(gait, float(phase), rms, np.abs(residual).max(axis=0))
 
 
 def _other_side(name):

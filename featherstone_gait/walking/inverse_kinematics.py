@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from featherstone_gait.walking.kinematics import link_index, link_poses, root_link
+from featherstone_gait.fixed_order import applied, product, solve, total
+from featherstone_gait.walking.kinematics import joint_axes, link_index, link_poses
 
 TOLERANCE = 1e-11  # of the task error [m and rad]; rounding alone leaves 1e-16
 MAX_ITERATIONS = 200
@@ -28,7 +29,7 @@ def leg_joints(model, foot):
     by_child = {joint.child: joint for joint in model.joints}
     link_index(model, foot)
     columns, link = [], foot
-    while link != root_link(model):
+    while link != model.root:
         joint = by_child[link]
         if joint.name in model.joint_names:
             if joint.type == "prismatic":
@@ -38,7 +39,7 @@ def leg_joints(model, foot):
             columns.append(model.joint_names.index(joint.name))
         link = joint.parent
     if not columns:
-        raise ValueError(f"no moving joint leads from {root_link(model)!r} to {foot!r}")
+        raise ValueError(f"no moving joint leads from {model.root!r} to {foot!r}")
     return tuple(reversed(columns))
 
 
@@ -70,7 +71,7 @@ def reach(model, foot, target, *, point=(0.0, 0.0, 0.0), rotation=None, start=No
     angles = np.broadcast_to(start, (len(target), len(model.joint_names))).astype(float)
     for _ in range(MAX_ITERATIONS):
         error, J = _task(model, foot, columns, angles, target, point, rotation)
-        size = np.sqrt((error**2).sum(axis=1))
+        size = np.sqrt(total(error * error))
         if (size < TOLERANCE).all():
             return angles
         angles[:, columns] += _newton_step(J, error, size)
@@ -88,7 +89,7 @@ def mid_range(model):
     ranges = np.array([(j.lower, j.upper) for j in model.moving_joints])
     middle = np.zeros(len(ranges))
     bounded = np.isfinite(ranges).all(axis=1)
-    middle[bounded] = ranges[bounded].mean(axis=1)
+    middle[bounded] = 0.5 * (ranges[bounded, 0] + ranges[bounded, 1])
     return middle
 
 
@@ -112,12 +113,11 @@ def _task(model, foot, columns, angles, target, point, rotation):
     poses = link_poses(model, angles)
     index = link_index(model, foot)
     turned = poses.rotation[:, index]
-    reached = poses.position[:, index] + turned @ np.asarray(point, dtype=float)
+    reached = poses.position[:, index] + applied(turned, np.asarray(point, dtype=float))
     # Half the sum of the cross products of the axes: the rotation's axis times the sine of its angle.
-    turn = 0.5 * np.cross(turned, rotation[None], axis=1).sum(axis=2)
-    moving = [model.joints.index(model.moving_joints[c]) for c in columns]
-    origin = np.stack([poses.position[:, link_index(model, model.joints[k].child)] for k in moving], axis=1)
-    axes = poses.axis[:, moving]
+    turn = 0.5 * total(np.cross(turned, rotation[None], axis=1))
+    origin = poses.position[:, [link_index(model, model.moving_joints[c].child) for c in columns]]
+    axes = joint_axes(model, poses)[:, columns]
     lever = np.cross(axes, reached[:, None] - origin)
     error = np.concatenate([target - reached, turn], axis=1)
     J = np.concatenate([lever, axes], axis=2).transpose(0, 2, 1)
@@ -126,8 +126,9 @@ def _task(model, foot, columns, angles, target, point, rotation):
 
 
 def _newton_step(J, error, size):
-    damping = (size**2)[:, None, None] * np.eye(J.shape[1])
-    step = J.transpose(0, 2, 1) @ np.linalg.solve(J @ J.transpose(0, 2, 1) + damping, error[..., None])
+    transposed = J.transpose(0, 2, 1)
+    damping = (size * size)[:, None, None] * np.eye(J.shape[1])
+    step = product(transposed, solve(product(J, transposed) + damping, error[..., None]))
     return np.clip(step[..., 0], -MAX_STEP, MAX_STEP)
 
 

@@ -20,6 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from featherstone_gait.build.tree import GRAVITY
+from featherstone_gait.dynamics import contact_positions_at
+from featherstone_gait.elementary import sincos
+from featherstone_gait.fixed_order import applied, total
 from featherstone_gait.walking.inverse_kinematics import check_limits, leg_joints, mid_range, reach
 from featherstone_gait.walking.kinematics import center_of_mass, link_index, link_poses
 from featherstone_gait.walking.preview_control import plan_com
@@ -28,7 +32,7 @@ from featherstone_gait.walking.zero_moment_point import multibody_zmp, polygon_m
 FOLLOWED = 1e-9  # by how much the model's centre of mass may miss the planned one [m]
 SOLE_THICKNESS = 1e-3  # contact points this close to a foot's lowest one belong to its sole [m]
 STILL = 1e-3  # change of an angle by which the walk has begun [rad]
-DECIMALS = 9  # of the angles [rad]: hides the last bits, in which CPUs differ, far below any servo's resolution
+DECIMALS = 9  # of the angles [rad]: a plan outlives changes of last bits; far below any servo's resolution
 
 # With this walk four poses a stride carry a humanoid of the size of a Bioloid, on AX-12 servos and without feedback; of
 # 256 gaits with all angles off by up to a degree 88 % walk ten strides.  3 mm narrower it is 79 %, 5 mm higher 86 %,
@@ -49,10 +53,10 @@ class Walk:
     lift: float = 0.025  # of the swinging sole [m]
     double_support: float = 0.2  # share of a step [-]
     T: float = 0.01  # sample time [s]
-    N: int = 120  # samples of preview
+    N: int = 120  # samples of preview; they should last some 8 sqrt(com_height / g)
     Q: float = 1.0  # weight of the ZMP error [1/m^2]
     R: float = 1e-7  # weight of the change of jerk [s^6/m^2]
-    g: float = 9.81  # [m/s^2]
+    g: float = -GRAVITY[2]  # gravity, straight down: see `downward` [m/s^2]
 
     def __post_init__(self):
         for name in ("step_time", "com_height", "half_width", "lift", "T", "N", "Q", "R", "g"):
@@ -149,11 +153,25 @@ class Plan:
         moving = (np.abs(self.angles - self.standing) > STILL).any(axis=1)
         ticks = int(np.ceil((end - self.times[moving.argmax()]) / tick)) + 1
         times = end - tick * np.arange(ticks, 0, -1)
-        return np.stack([np.interp(times, self.times, column) for column in self.angles.T], axis=1)
+        return _interpolated(times, self.times, self.angles)
 
     def _stride_start(self):
         strides_before = (self.walk.n_steps - 3) // 4
         return round(self.walk.start / self.walk.T) + 2 * self.walk.step_samples * strides_before
+
+
+def downward(gravity):
+    """Return the strength of `gravity` (3,) [m/s^2] for `Walk.g`.
+
+    A plan is for level ground.  Raises ValueError unless gravity points along -z.
+    """
+    x, y, z = map(float, gravity)
+    if x != 0.0 or y != 0.0 or not -np.inf < z < 0.0:
+        raise ValueError(
+            f"walk: gravity ({x:g}, {y:g}, {z:g}) m/s^2 must point straight down, along -z; for a walk on a hill keep "
+            "it so and tilt the ground: Ground(slope=...)"
+        )
+    return -z
 
 
 def walking_plan(model, *, feet=None, posture=None, **walk):
@@ -195,13 +213,8 @@ class _Sole:
 def _soles(model, feet):
     """Find the left and the right sole from the contact points, all joints at zero."""
     poses = link_poses(model, np.zeros(len(model.joint_names)))
-    points = {}
-    for contact in model.contacts:
-        points.setdefault(contact.link, []).append(contact.position)
-    placed = {}
-    for link, local in points.items():
-        i = link_index(model, link)
-        placed[link] = poses.position[0, i] + np.array(local) @ poses.rotation[0, i].T
+    points, links = contact_positions_at(model, poses)[0], np.array([contact.link for contact in model.contacts])
+    placed = {link: points[links == link] for link in dict.fromkeys(links.tolist())}
     if feet is None:
         feet = sorted(placed, key=lambda link: placed[link][:, 2].min())[:2]
         feet.sort(key=lambda link: -placed[link][:, 1].mean())
@@ -217,8 +230,9 @@ def _sole(model, link, points, poses):
             f"model {model.name!r}: the sole of {link!r} needs 3 or more contact points, got {len(points)}"
         )
     i = link_index(model, link)
-    middle = points.mean(axis=0)
-    return _Sole(link, poses.rotation[0, i].T @ (middle - poses.position[0, i]), (points - middle)[:, :2])
+    middle = total(points, axis=0) / len(points)
+    local = applied(poses.rotation[0, i].T, middle - poses.position[0, i])
+    return _Sole(link, local, (points - middle)[:, :2])
 
 
 def _default_posture(model, soles):
@@ -268,18 +282,30 @@ def _ease(s):
 
 def _arch(s):
     """Rise from 0 to 1 and fall back, steeply at both ends, so that a foot on a sagging leg clears the ground."""
-    return np.sin(np.pi * s)
+    return sincos(np.pi * s)[0]
 
 
 def _zmp_reference(walk, footholds, times):
     """Return the ZMP reference (n, 2) [m]: on the standing sole's middle, straight to the next in double support."""
     standing = [footholds[i, i % 2] for i in range(walk.n_steps)]
-    rests = [footholds[0].mean(axis=0), *standing, footholds[-1].mean(axis=0)]
+    rests = [_middle(footholds[0]), *standing, _middle(footholds[-1])]
     changes = walk.start + walk.step_time * np.arange(walk.n_steps + 1)
     half = 0.5 * walk.double_support * walk.step_time
     knots = np.stack([changes - half, changes + half], axis=1).ravel()
     values = np.repeat(np.array(rests), 2, axis=0)[1:-1]
-    return np.stack([np.interp(times, knots, values[:, axis]) for axis in range(2)], axis=1)
+    return _interpolated(times, knots, values)
+
+
+def _middle(feet):
+    return 0.5 * (feet[0] + feet[1])
+
+
+def _interpolated(times, knots, values):
+    """Values (k, m) at rising `knots` (k,), joined by straight lines and kept before and after, at `times` (n,)."""
+    slopes = np.zeros_like(values)
+    slopes[:-1] = np.diff(values, axis=0) / np.diff(knots)[:, None]
+    k = np.maximum(np.searchsorted(knots, times, side="right") - 1, 0)
+    return slopes[k] * (np.clip(times, knots[0], knots[-1]) - knots[k])[:, None] + values[k]
 
 
 def _preview(walk, zmp):
@@ -293,9 +319,9 @@ def _lifted(position, height):
 def _first_base(model, soles, posture, com):
     """Guess root positions (n, 3) [m]: the centre of mass above its path, the height at which `posture` stands."""
     poses = link_poses(model, posture)
-    base = com - center_of_mass(model, poses)
+    base = com - center_of_mass(model, posture)
     i = link_index(model, soles[0].link)
-    base[:, 2] = -(poses.position[0, i] + poses.rotation[0, i] @ soles[0].middle)[2]
+    base[:, 2] = -(poses.position[0, i] + applied(poses.rotation[0, i], soles[0].middle))[2]
     return base
 
 
@@ -309,7 +335,7 @@ def _follow(model, soles, feet_path, com, angles, base, times):
         for k, sole in enumerate(soles):
             target = feet_path[:, k] - base
             angles = reach(model, sole.link, target, point=sole.middle, start=angles, times=times)
-        missed = com - center_of_mass(model, link_poses(model, angles, base))
+        missed = com - center_of_mass(model, angles, base)
         if np.abs(missed).max() < FOLLOWED:
             return angles, base
         base = base + missed

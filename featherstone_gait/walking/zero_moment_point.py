@@ -14,13 +14,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from featherstone_gait.build.tree import GRAVITY
+from featherstone_gait.fixed_order import applied, total
+from featherstone_gait.model import inertia_matrix
 from featherstone_gait.walking.kinematics import link_centers, link_poses
 
-# Of the cross product: (a x b)_k = LEVI_CIVITA[k, i, j] a_i b_j.
-LEVI_CIVITA = np.array([np.cross(np.eye(3)[:, None], np.eye(3)[None])[..., k] for k in range(3)])
 
-
-def multibody_zmp(model, angles, base_position, T, g=9.81):
+def multibody_zmp(model, angles, base_position, T, g=-GRAVITY[2]):
     """Compute the ZMP (n, 2) [m] of a motion sampled every `T` [s], the root link upright.
 
     `angles` is (n, nj) [rad], `base_position` (n, 3) [m].  Velocities and accelerations are central differences, so
@@ -30,9 +30,9 @@ def multibody_zmp(model, angles, base_position, T, g=9.81):
     mass = np.array([link.mass for link in model.links])
     center = link_centers(model, poses)[2:-2]
     force = mass[:, None] * (_second_difference(link_centers(model, poses), T)[1:-1] + np.array([0.0, 0.0, g]))
-    momentum_rate = _central_difference(_angular_momentum(model, poses.rotation, T), T).sum(axis=1)
-    weight = force[..., 2].sum(axis=1)
-    lever = (center[..., :2] * force[..., 2:] - center[..., 2:] * force[..., :2]).sum(axis=1)
+    momentum_rate = total(_central_difference(_angular_momentum(model, poses.rotation, T), T), axis=1)
+    weight = total(force[..., 2])
+    lever = total(center[..., :2] * force[..., 2:] - center[..., 2:] * force[..., :2], axis=1)
     zmp = (lever + np.stack([-momentum_rate[:, 1], momentum_rate[:, 0]], axis=1)) / weight[:, None]
     return np.pad(zmp, ((2, 2), (0, 0)), mode="edge")
 
@@ -55,17 +55,10 @@ def polygon_margin(point, polygon):
 
 def _angular_momentum(model, rotation, T):
     """Return the links' angular momenta (n - 2, links, 3) about their centres of mass, world axes [kg m^2/s]."""
-    I = np.array([_inertia_matrix(link.inertia) for link in model.links])
-    here = rotation[1:-1]
-    rate = _central_difference(rotation, T)
-    spin = rate @ here.swapaxes(-1, -2)  # the cross-product matrix of the angular velocity
-    omega = 0.5 * np.einsum("kji,...ij->...k", LEVI_CIVITA, spin)
-    return np.einsum("nlij,ljk,nlmk,nlm->nli", here, I, here, omega, optimize=True)
-
-
-def _inertia_matrix(inertia):
-    ixx, ixy, ixz, iyy, iyz, izz = inertia
-    return [[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]
+    I = np.array([inertia_matrix(link.inertia) for link in model.links])
+    here, rate = rotation[1:-1], _central_difference(rotation, T)
+    omega = 0.5 * total(np.cross(here, rate, axis=-2))  # of axes e that turn, the sum of e x e' is twice omega
+    return applied(here, applied(I, applied(here.swapaxes(-1, -2), omega)))
 
 
 def _central_difference(x, T):
@@ -73,4 +66,4 @@ def _central_difference(x, T):
 
 
 def _second_difference(x, T):
-    return (x[2:] - 2 * x[1:-1] + x[:-2]) / T**2
+    return (x[2:] - 2 * x[1:-1] + x[:-2]) / (T * T)

@@ -1,0 +1,41 @@
+"""Sums, products and small linear systems, stacked, in a fixed order of operations.
+
+BLAS and LAPACK choose their code by the processor, with fused multiply-add or without and in vectors of this or that
+width, and the last bits follow.  What is planned here ends up in kernels, which have the same bits everywhere; so it
+is made of elementwise + - * / alone, which IEEE 754 rounds in one way.
+"""
+
+from __future__ import annotations
+
+from functools import reduce
+
+import numpy as np
+
+
+def total(x, axis=-1) -> np.ndarray:
+    """Sum along an axis that is not empty, from first to last."""
+    return reduce(np.add, np.moveaxis(x, axis, 0))
+
+
+def applied(A, x) -> np.ndarray:
+    """Matrices (..., m, k) times vectors (..., k)."""
+    return total(A * x[..., None, :])
+
+
+def product(A, B) -> np.ndarray:
+    """Matrices (..., m, k) times matrices (..., k, n)."""
+    return total(A[..., :, :, None] * B[..., None, :, :], axis=-2)
+
+
+def solve(A, B) -> np.ndarray:
+    """X (..., m, n) with A X = B for symmetric positive definite A (..., m, m): Gaussian elimination, no pivoting."""
+    A, X = np.array(A, dtype=float), np.array(B, dtype=float)
+    m = A.shape[-1]
+    for k in range(m):
+        below = A[..., k + 1 :, k, None] / A[..., k, None, k, None]
+        A[..., k + 1 :, k + 1 :] -= below * A[..., k, None, k + 1 :]
+        X[..., k + 1 :, :] -= below * X[..., k, None, :]
+    for k in reversed(range(m)):
+        X[..., k, :] /= A[..., k, k, None]
+        X[..., :k, :] -= A[..., :k, k, None] * X[..., k, None, :]
+    return X
