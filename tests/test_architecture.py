@@ -17,6 +17,7 @@ from featherstone_gait.renamed import RENAMED
 
 PACKAGE = Path(featherstone_gait.__file__).parent
 ROBOTS = Path(__file__).parents[1] / "robots"
+ROOMS = ("compile", "tree", "effects", "step", "integrate")  # of core
 MODULES = {
     ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__"): path
     for path in PACKAGE.rglob("*.py")
@@ -50,6 +51,13 @@ def modules_of(part):
 def test_core_imports_only_core_and_what_compiles_it(module):
     allowed = ("featherstone_gait.core", "numpy", "numba", "llvmlite", *sys.stdlib_module_names)
     assert [name for name in imports(module) if not within(name, *allowed)] == []
+
+
+@pytest.mark.parametrize("room", range(len(ROOMS)), ids=ROOMS)
+def test_each_room_of_core_imports_only_those_before_it(room):
+    later = [f"featherstone_gait.core.{name}" for name in ROOMS[room + 1 :]]
+    found = [(module, name) for module in modules_of(f"core.{ROOMS[room]}") for name in imports(module)]
+    assert [(module, name) for module, name in found if within(name, *later)] == []
 
 
 @pytest.mark.parametrize("module", modules_of("search"))

@@ -67,7 +67,9 @@ def test_the_source_distribution_holds_all_that_the_tests_need(distributions):
     with tarfile.open(path) as source:
         names = {name.partition("/")[2] for name in source.getnames()}
     tests = {f"tests/{p.name}" for p in (ROOT / "tests").glob("*.py")}
-    assert {"pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", *ROBOT_FILES, *tests} <= names
+    pages = {str(p.relative_to(ROOT).as_posix()) for p in (ROOT / "docs").rglob("*") if p.is_file()}
+    top = {"pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md"}
+    assert top | ROBOT_FILES | pages | tests <= names
     assert {name.partition("/")[0] for name in names} - {"PKG-INFO", ".gitignore"} <= {p.name for p in ROOT.iterdir()}
 
 

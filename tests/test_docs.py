@@ -1,0 +1,106 @@
+"""The pages of `docs/`: their programs run, their links and paths lead somewhere, what they quote and list is so."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from featherstone_gait.core.step.state import CHANNELS
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PACKAGE = ROOT / "featherstone_gait"
+PAGES = sorted(DOCS.glob("add_*.md"))
+ARCHITECTURE = (DOCS / "architecture.md").read_text("utf-8")
+LINKED = [*sorted(DOCS.glob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+
+
+def blocks(text):
+    """The Python blocks of a page, each with the number of lines before it."""
+    found = re.finditer(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    return [(text[: match.start(1)].count("\n"), match[1]) for match in found]
+
+
+def program(text):
+    """All blocks of a page as one program, each line where it is in the page."""
+    lines = [""] * text.count("\n")
+    for first, block in blocks(text):
+        code = block.splitlines()
+        lines[first : first + len(code)] = code
+    return "\n".join(lines)
+
+
+def run(text, folder):
+    """Run a page's program; kernels that it defines are not in the key of the package's cache: they get their own."""
+    script = folder / "page.py"
+    script.write_text(program(text), "utf-8")
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    if "core.compile" in text:
+        environment["NUMBA_CACHE_DIR"] = str(folder / "cache")
+    command = [sys.executable, "-W", "error", script]
+    return subprocess.run(command, env=environment, capture_output=True, text=True)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_what_a_page_says_holds(page, tmp_path):
+    done = run(page.read_text("utf-8"), tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_page_that_is_wrong_fails_where_it_is_wrong(tmp_path):
+    done = run("A page.\n\n```python\nx = 1\n```\n\n```python\nassert x == 2\n```\n", tmp_path)
+    assert done.returncode == 1
+    assert "line 8" in done.stderr
+
+
+def heading_anchors(text):
+    """The anchors that GitHub gives the headings of a page."""
+    titles = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("page", LINKED, ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    text = page.read_text("utf-8")
+    links = [link.partition("#") for link in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in link]
+    assert links
+    targets = [((page.parent / path).resolve() if path else page, anchor) for path, _, anchor in links]
+    assert [path for path, _ in targets if not path.exists()] == []
+    pages = [(path, anchor) for path, anchor in targets if anchor]
+    assert [(path.name, a) for path, a in pages if a not in heading_anchors(path.read_text("utf-8"))] == []
+
+
+def test_the_architecture_names_paths_that_exist():
+    named = re.findall(r"`([\w./]+(?:\.py|/))`", ARCHITECTURE)
+    assert len(named) > 40
+    assert [path for path in named if not (PACKAGE / path).exists() and not (ROOT / path).exists()] == []
+
+
+def test_the_architecture_quotes_the_sources():
+    sources = "\n".join(path.read_text("utf-8") for path in PACKAGE.rglob("*.py"))
+    quoted = [block for _, block in blocks(ARCHITECTURE)]
+    assert quoted
+    assert [block for block in quoted if block not in sources] == []
+
+
+def test_the_architecture_names_functions_that_exist():
+    """In its table of effects: each function in a file of its row, or in `core/effects/` or `core/step/`."""
+    rows = re.findall(r"^\| .*`core/effects/.*\|$", ARCHITECTURE.partition("## Effects")[2], re.MULTILINE)
+    rows = [row for row in rows if row.count("|") == 5]
+    assert len(rows) > 5
+    for row in rows:
+        names = re.findall(r"`([\w./]+)`", row)
+        folders = [PACKAGE / "core" / "effects", *(PACKAGE / name for name in names if name.endswith(".py"))]
+        files = [file for place in folders for file in (place.glob("*.py") if place.is_dir() else [place])]
+        text = "\n".join(file.read_text("utf-8") for file in files)
+        functions = [name for name in names if not name.endswith((".py", "/"))]
+        assert [name for name in functions if f"def {name}(" not in text] == []
+
+
+def test_the_architecture_lists_every_channel():
+    rows = [f"| `{c.name}` | {c.kind} | {c.of} | {c.width} | {c.unit} | {c.what} |" for c in CHANNELS]
+    table = ARCHITECTURE.partition("## Channels")[2].partition("##")[0]
+    assert [line for line in table.splitlines() if line.startswith("| `")] == rows
