@@ -38,13 +38,21 @@ def run(text, folder):
     script = folder / "page.py"
     script.write_text(program(text), "utf-8")
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    if "core.compile" in text:
+    if defines_kernels(text):
         environment["NUMBA_CACHE_DIR"] = str(folder / "cache")
     command = [sys.executable, "-W", "error", script]
     return subprocess.run(command, env=environment, capture_output=True, text=True)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def defines_kernels(text):
+    return "core.compile" in text
+
+
+def marked(page):
+    return [pytest.mark.nojit] if defines_kernels(page.read_text("utf-8")) else []
+
+
+@pytest.mark.parametrize("page", [pytest.param(page, marks=marked(page), id=page.stem) for page in PAGES])
 def test_what_a_page_says_holds(page, tmp_path):
     done = run(page.read_text("utf-8"), tmp_path)
     assert done.returncode == 0, done.stderr
