@@ -8,6 +8,8 @@ import numpy as np
 
 from ..core.effects.contact import PLANE, POINT, RISE, Contact
 from ..dynamics import contact_positions
+from ..elementary import sincos
+from ..fixed_order import applied
 from ..model import Ground, Model
 from .records import fill, records
 from .tree import Tree
@@ -32,7 +34,7 @@ def _points(model: Model, tree: Tree, ground: Ground) -> np.recarray:
     for row, point in zip(table, contacts):
         place = tree.placements[point.link]
         fill(row, point, ground)
-        row.body, row.position = place.row, place.r + place.E @ np.array(point.position)
+        row.body, row.position = place.row, place.r + applied(place.E, np.array(point.position))
         row.stiffness, row.damping = k, 2.0 * ground.damping_ratio / math.sqrt(9.81 * ground.sinking)
         row.tangential_stiffness = k
         row.tangential_damping = 2.0 * max(ground.damping_ratio, 0.1) * math.sqrt(k * share)
@@ -46,7 +48,7 @@ def by_body(model: Model, tree: Tree) -> list[int]:
 
 
 def _plane(ground: Ground) -> np.recarray:
-    c, s = math.cos(ground.slope), math.sin(ground.slope)
+    s, c = sincos(ground.slope)
     plane = records(1, PLANE)
     plane[0].normal, plane[0].first, plane[0].second = (-s, 0.0, c), (c, 0.0, s), (0.0, 1.0, 0.0)
     plane[0].height = ground.height * c
@@ -63,12 +65,13 @@ def _rises(ground: Ground) -> np.recarray:
 def standing_height(model: Model, ground: Ground, q: np.ndarray) -> float:
     """Height of the base [m] at which the lowest contact point in the posture q has sunk in by the ground's sinking."""
     clearances = []
+    s, c = sincos(ground.slope)
     for x in contact_positions(model, q):
-        surface = ground.height + math.tan(ground.slope) * x[0]
-        along = math.cos(ground.slope) * x[0] + math.sin(ground.slope) * surface
+        surface = ground.height + s / c * x[0]
+        along = c * x[0] + s * surface
         rises = sum(rise for start, rise in ground.steps if along > start)
-        clearances.append(x[2] - surface - rises / math.cos(ground.slope))
-    return -min(clearances) - ground.sinking / math.cos(ground.slope)
+        clearances.append(x[2] - surface - rises / c)
+    return -min(clearances) - ground.sinking / c
 
 
 def fallen_height(model: Model, fraction: float) -> float:

@@ -20,7 +20,9 @@ import numpy as np
 from ..core.effects import contact, friction, spring
 from ..core.integrate import INTEGRATORS
 from ..dynamics import forward_kinematics, inverse_dynamics, mass_matrix, spring_vectors
+from ..fixed_order import applied, product, solve
 from ..model import Ground, Model, Spring
+from ..rotation import cross, dot
 from .actuator import Drive
 
 
@@ -162,7 +164,7 @@ def joint_mobility(model: Model, armature, springs: Sequence[Spring]) -> np.ndar
     J[:n, model.nv - n :] = np.eye(n)
     if springs:
         J[n:] = _lengthening(model, springs, q)
-    return J @ np.linalg.inv(mass_matrix(model, q, armature=armature)) @ J.T
+    return product(J, solve(mass_matrix(model, q, armature=armature), J.T))
 
 
 def _lengthening(model: Model, springs: Sequence[Spring], q: np.ndarray) -> np.ndarray:
@@ -171,10 +173,10 @@ def _lengthening(model: Model, springs: Sequence[Spring], q: np.ndarray) -> np.n
     names = [link.name for link in model.links]
     rows = []
     for s, d in zip(springs, spring_vectors(model, springs, q)):
-        length = np.linalg.norm(d)
+        length = math.sqrt(dot(d, d))
         pull = d / length if length > 0 else d
         wrench = {
-            link: np.concatenate([np.cross(rotation[names.index(link)] @ point, force), force])
+            link: np.concatenate([cross(applied(rotation[names.index(link)], np.array(point)), force), force])
             for link, point, force in ((s.a, s.point_a, pull), (s.b, s.point_b, -pull))
         }
         rows.append(inverse_dynamics(model, q, still, still, wrench=wrench, gravity=(0.0, 0.0, 0.0)))

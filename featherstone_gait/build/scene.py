@@ -12,6 +12,7 @@ from ..core.integrate import INTEGRATORS
 from ..core.integrate.integrator import Integrator
 from ..core.step import state
 from ..core.step.context import Scene
+from ..elementary import sincos
 from ..model import Ground, Model, Spring, check_springs
 from .actuator import Drive, ServoKind, build_decay, build_drive, controller_period, fold_springs
 from .contact import build_contact, fallen_height
@@ -160,7 +161,7 @@ def compile_scene(
         springs=tuple(springs),
         preflight=check,
         fall_height=fallen_height(model, fall_height) if falls else -math.inf,
-        fall_upright=math.cos(fall_tilt) if falls else -2.0,
+        fall_upright=sincos(fall_tilt)[1] if falls else -2.0,
         stiff=drive.sampled or ground is not None or limited,
         arguments={
             "servos": servos,
