@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from scenes import G, arm_scene, box, box_on, pendulum, resting, thrown, with_controller
 from scipy.integrate import solve_ivp
+from scipy.special import lambertw
 
 from featherstone_gait.build.scene import compile_scene
-from featherstone_gait.build.stop import STOP_DEPTH
+from featherstone_gait.build.stop import CRITICAL_DEPTH, STOP_DEPTH
 from featherstone_gait.core.effects import energies
-from featherstone_gait.dynamics import energy
+from featherstone_gait.dynamics import energy, mass_matrix
 from featherstone_gait.model import Ground
 from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
@@ -282,6 +283,38 @@ def test_a_stop_catches_a_swinging_link_and_takes_its_energy(integrator, timeste
     balance = stored - stored[0] - E[:, energies.WORK] + E[:, energies.FRICTION] + E[:, energies.STOPS]
     assert E[-1, energies.STOPS] > 0.1
     assert np.abs(balance).max() < tolerance * E[-1, energies.STOPS]
+
+
+def rebound(d, speed):
+    """Speed at which J dv/dt = -K x (1 + d v) lets go what came in at `speed`, whatever K and J are.
+
+    v dv / (1 + d v) = -K/J x dx: the left side's integral from the speed to rest is that from rest to the speed u back,
+    -d u - log(1 - d u) = d v - log(1 + d v), whose solution is Lambert's function.
+    """
+    turned = d * speed - math.log1p(d * speed)
+    return (1.0 + lambertw(-math.exp(-1.0 - turned)).real) / d
+
+
+@pytest.mark.parametrize("speed", [0.5, 5.0])
+def test_a_stop_lets_go_as_the_scalar_equation_does(speed):
+    scene = hinge("rk4", 1e-5, lower=-0.4, upper=0.4, gravity=False, damping=0.0)
+    run = simulate(scene, 0.5, initial_state(scene, [0.39], [speed]), record=("q", "qd"))
+    assert run["q"][-1, 0] < 0.4
+    assert -run["qd"][-1, 0] == pytest.approx(rebound(scene.constants.stops[0].damping, speed), rel=1e-6)
+
+
+@pytest.mark.parametrize("servos", ["standard", "rotor", "mipsd"])
+def test_a_stop_is_critically_damped_at_its_depth_with_the_inertia_of_the_joint(servos):
+    """The gear's spring keeps the rotor of "mipsd" from the stop; "standard" has none."""
+    arm = load_robot("ax12_arm")
+    joint, servo = arm.moving_joints[0], arm.servos[arm.joint_names[0]]
+    model = replace(arm, joints=tuple(replace(j, lower=-1.0, upper=1.0) if j == joint else j for j in arm.joints))
+    stop = compile_scene(model, servos).constants.stops[0]
+    inertia = mass_matrix(model, [0.0])[0, 0]
+    if servos == "rotor":
+        inertia += servo.gearbox.ratio**2 * servo.gearbox.rotor_inertia
+    critical = 2.0 * math.sqrt(stop.stiffness * inertia)
+    assert stop.stiffness * stop.damping * CRITICAL_DEPTH == pytest.approx(critical, rel=1e-12)
 
 
 def test_a_stop_pushes_only_back():
