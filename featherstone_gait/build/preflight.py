@@ -21,7 +21,7 @@ from ..core.effects import contact, friction, spring
 from ..core.integrate import INTEGRATORS
 from ..dynamics import forward_kinematics, inverse_dynamics, mass_matrix, spring_vectors
 from ..fixed_order import applied, product, solve
-from ..model import Ground, Model, Spring
+from ..model import Model, Spring
 from ..rotation import cross, dot
 from .actuator import Drive
 
@@ -55,13 +55,14 @@ class _Acting(NamedTuple):
     mobility: np.ndarray | float  # that rotors add to what acts through a gear [1/(kg m^2)]
 
 
-def preflight(model: Model, drive: Drive, rubbing, ground: Ground | None, between, wish) -> Preflight:
+def preflight(model: Model, drive: Drive, rubbing, ground, between, wish) -> Preflight:
     """Limits of explicit steps, and from them what is not given.
 
-    rubbing: FRICTION of the joints or None; between: the springs between bodies and their SPRING records; wish:
-    integrator and timestep as asked for, None where not.  Raises ValueError on names and steps that are none.
+    rubbing: FRICTION of the joints or None; ground: `Ground` or None, and g [m/s^2]; between: the springs between
+    bodies and their SPRING records; wish: integrator and timestep as asked for, None where not.  Raises ValueError on
+    names and steps that are none.
     """
-    (springs, table), n = between, len(model.moving_joints)
+    (springs, table), (ground, g), n = between, ground, len(model.moving_joints)
     mobility = joint_mobility(model, drive.armature, springs)
     inertias = tuple(float(x) for x in 1.0 / np.diag(mobility)[:n])
     joints, ends = _on_joints(model, drive, rubbing), _between_bodies(springs, table)
@@ -71,7 +72,7 @@ def preflight(model: Model, drive: Drive, rubbing, ground: Ground | None, betwee
     folded = coupled_limit(mobility[:n, :n], np.array(dampers[:n]), np.array(stiff[:n]))
     largest = coupled_limit(mobility, np.array(dampers), np.array(stiff))
     if ground is not None:
-        limits.append(Limit("contact", float(contact.explicit_limit(ground.sinking, 9.81)), "contact spring"))
+        limits.append(Limit("contact", float(contact.explicit_limit(ground.sinking, g)), "contact spring"))
         folded, largest = min(folded, limits[-1].step), min(largest, limits[-1].step)
     clipped = drive.actuator is not None or ground is not None
     integrator, step, reason = _choice(*wish, clipped, folded, largest)

@@ -25,24 +25,30 @@ STOP_DEPTH = 0.01  # [rad or m] that the strongest torque at a joint drives it i
 CRITICAL_DEPTH = 0.001  # [rad or m] at which a stop is critically damped
 
 
-def build_stops(model: Model, drive: Drive, inertias) -> np.recarray | None:
-    """STOP of each joint, None if no joint has limits; inertias: that the joints feel [kg m^2 or kg]."""
+def build_stops(model: Model, drive: Drive, inertias, g: float) -> np.recarray | None:
+    """STOP of each joint, None if no joint has limits.
+
+    inertias: that the joints feel [kg m^2 or kg]; g: of the scene [m/s^2].
+    """
     joints = model.moving_joints
     if not any(math.isfinite(j.lower) or math.isfinite(j.upper) for j in joints):
         return None
     table = records(len(joints), STOP)
     for row, joint, servo, inertia in zip(table, joints, drive.servos, inertias):
         row.lower, row.upper = max(joint.lower, -1e300), min(joint.upper, 1e300)
-        row.stiffness = max(_strongest(model, joint, servo), 1e-6) / STOP_DEPTH
+        row.stiffness = max(_strongest(model, joint, servo, g), 1e-6) / STOP_DEPTH
         row.damping = 2.0 * math.sqrt(inertia / row.stiffness) / CRITICAL_DEPTH
     return table
 
 
-def _strongest(model: Model, joint: Joint, servo: Servo | None) -> float:
-    """The strongest torque at a joint [N m or N]: of its servo, by its file, or of the robot's weight at 0.1 m."""
+def _strongest(model: Model, joint: Joint, servo: Servo | None, g: float) -> float:
+    """The strongest torque at a joint [N m or N]: of its servo, by its file, or of the robot's weight at 0.1 m.
+
+    A robot without weight has the stops that it would have on Earth.
+    """
     if servo is not None:
         return stall_torque(servo)
-    return joint.effort if joint.effort < 1e3 else model.mass * 9.81 * 0.1
+    return joint.effort if joint.effort < 1e3 else model.mass * (g or 9.81) * 0.1
 
 
 def stop_periods(stops: np.recarray, inertias) -> np.ndarray:

@@ -48,9 +48,9 @@ def simulate(
 ) -> Trajectory:
     """Run the scene for `duration` [s], rounded up to whole controller ticks.
 
-    state: what `initial_state` or an earlier `Trajectory.final` gave; reference: joint angles for the servos, None
-    holds the initial ones; tau: (joints,) constant torques or a `Reference` of torques [N m]; pushes: external forces;
-    record: channels, any of `PARTS`; sample: time between records [s], a multiple of the step (a tick if None);
+    state: what `initial_state` gave, or an earlier `Trajectory` to go on from; reference: joint angles for the servos,
+    None holds the initial ones; tau: (joints,) constant torques or a `Reference` of torques [N m]; pushes: external
+    forces; record: channels, any of `PARTS`; sample: time between records [s], a multiple of the step (a tick if None);
     noise: (ticks, joints, 2), added at each controller tick to the measured angle [rad] and to the voltage [V];
     rtol, atol: error allowed in a step, relative and absolute [rad, m, and their rates; A; J], of an integrator that
     chooses its steps (atol is rtol if None); given for a scene of fixed steps, they choose such an integrator for this
