@@ -9,6 +9,7 @@ A scene fixes robot, servos, ground, integrator and step; a simulation is then o
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
@@ -41,6 +42,7 @@ def simulate(
     pushes: Sequence[Push] = (),
     record: Iterable[str] = ("q", "qd"),
     sample: float | None = None,
+    *,
     noise=None,
     rtol: float | None = None,
     atol: float | None = None,
@@ -58,9 +60,8 @@ def simulate(
     estimate_error: simulate again with half the step, or a tenth of the tolerances, for `Trajectory.error`.
     Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
     """
-    return simulate_batch(
-        scene, duration, [state], [reference], [tau], pushes, record, sample, None, [noise], rtol, atol, estimate_error
-    )[0]
+    how = {"noises": [noise], "rtol": rtol, "atol": atol, "estimate_error": estimate_error}
+    return simulate_batch(scene, duration, [state], [reference], [tau], pushes, record, sample, **how)[0]
 
 
 def simulate_batch(
@@ -72,6 +73,7 @@ def simulate_batch(
     pushes: Sequence[Push] = (),
     record: Iterable[str] = ("q", "qd"),
     sample: float | None = None,
+    *,
     executor: Executor | None = None,
     noises=None,
     rtol: float | None = None,
@@ -87,8 +89,18 @@ def simulate_batch(
     """
     scene, rtol, atol = with_tolerance(scene, rtol, atol)
     if estimate_error:
-        given = (states, references, taus, pushes, record)
-        return _with_errors(scene, duration, given, sample, executor, noises, rtol, atol)
+        given = functools.partial(
+            simulate_batch,
+            duration=duration,
+            states=states,
+            references=references,
+            taus=taus,
+            pushes=pushes,
+            record=record,
+            executor=executor,
+            noises=noises,
+        )
+        return _with_errors(scene, given, sample, rtol, atol)
     given = (states, references, taus, noises)
     n = max((len(x) for x in given if x is not None), default=1)
     columns = [[None] * n if x is None else list(x) for x in given]
@@ -105,16 +117,14 @@ def simulate_batch(
     return [trajectory(ready, y, out) for y, out in run_all(ready, starts, executor)]
 
 
-def _with_errors(scene, duration, given, sample, executor, noises, rtol, atol) -> list[Trajectory]:
+def _with_errors(scene: CompiledScene, simulated, sample, rtol, atol) -> list[Trajectory]:
     """The runs, and the same in half the steps: of integrators with error control also to a tenth of the tolerance."""
     sample = scene.tick_steps * scene.timestep if sample is None else sample
-    runs = simulate_batch(scene, duration, *given, sample, executor, noises, rtol, atol)
+    runs = simulated(scene, sample=sample, rtol=rtol, atol=atol)
+    finer = scene.recompiled(timestep=0.5 * scene.timestep)
     if not scene.adaptive:
-        finer = scene.recompiled(timestep=0.5 * scene.timestep)
-        better = simulate_batch(finer, duration, *given, sample, executor, noises)
-        return [with_error(run, fine, 2.0) for run, fine in zip(runs, better)]
-    finer = scene.recompiled(timestep=0.5 * scene.timestep)  # steps end on records: twice as many
-    better = simulate_batch(finer, duration, *given, 0.5 * sample, executor, noises, 0.1 * rtol, 0.1 * atol)
+        return [with_error(run, fine, 2.0) for run, fine in zip(runs, simulated(finer, sample=sample))]
+    better = simulated(finer, sample=0.5 * sample, rtol=0.1 * rtol, atol=0.1 * atol)  # twice the records
     return [with_error(run, _each(fine, 2), 1.1) for run, fine in zip(runs, better)]
 
 
