@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from . import renamed
 from .files import Format, complete_together
 
 FORMAT = Format("trajectory")
@@ -103,3 +104,7 @@ def _files(path) -> tuple[Path, Path]:
     path = Path(path)
     path = path.with_suffix("") if path.suffix in (".npz", ".json") else path
     return path.with_name(path.name + ".npz"), path.with_name(path.name + ".json")
+
+
+def __getattr__(name: str):
+    return renamed.lookup(__name__, name)

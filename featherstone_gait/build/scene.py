@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .. import renamed
 from ..core.integrate import INTEGRATORS
 from ..core.integrate.integrator import Integrator
 from ..core.step import state
@@ -56,6 +57,12 @@ class CompiledScene:
     def integrator(self) -> str:
         """Name of the integrator."""
         return self.method.name
+
+    @property
+    def theta(self) -> float:
+        """The name of `method.theta` in version 0.1."""
+        renamed.warn("featherstone_gait.build.scene.CompiledScene.theta")
+        return self.method.theta
 
     @property
     def adaptive(self) -> bool:
@@ -203,3 +210,7 @@ def _offsets(tree: Tree, drive: Drive, contact) -> np.recarray:
             "run": 1,
         }
     )
+
+
+def __getattr__(name: str):
+    return renamed.lookup(__name__, name)

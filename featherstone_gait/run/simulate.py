@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import renamed
 from ..build.external import Push
 from ..build.scene import CompiledScene
 from ..core.step.state import RECORDABLE
@@ -163,3 +164,7 @@ def simulate_stream(
         return end(trajectory(ready, y, out))
 
     return drive_lanes(ready, source, begin_run, end_run, threads or os.cpu_count() or 1)
+
+
+def __getattr__(name: str):
+    return renamed.lookup(__name__, name)

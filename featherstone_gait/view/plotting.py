@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.step.state import BY_NAME
+from ..core.step.state import BY_NAME, UNITS
 from ..dynamics import forward_kinematics
 from ..model import Model
 
@@ -52,7 +52,7 @@ def _plot_channel(axes: Axes, trajectory: Trajectory, name: str) -> None:
         labels = [str(k) for k in range(values.shape[1])]
     for k, (column, label) in enumerate(zip(values.T, labels)):
         axes.plot(trajectory["time"], column, STYLES[k // 10 % 3], linewidth=1.2, label=label)
-    axes.set_ylabel(f"{name} [{channel.unit}]" if channel is not None else name)
+    axes.set_ylabel(f"{name} [{UNITS[name]}]" if name in UNITS else name)
     axes.grid(alpha=0.3)
     if trajectory.end_time < trajectory["time"][-1]:
         axes.axvline(trajectory.end_time, color="0.2", linestyle=":", linewidth=1.2)
