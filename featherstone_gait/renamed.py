@@ -21,7 +21,6 @@ RENAMED = {  # modules, or names in modules (an old module has the names of the 
     "featherstone_gait.scene": "featherstone_gait.build.scene",
     "featherstone_gait.simulation": "featherstone_gait.run.simulate",
     "featherstone_gait.tree": "featherstone_gait.build.tree",
-    "featherstone_gait.build.scene.INTEGRATORS": "featherstone_gait.core.integrate.INTEGRATORS",
     "featherstone_gait.build.scene.LAWS": "featherstone_gait.build.actuator.LAWS",
     "featherstone_gait.build.scene.STOP_DEPTH": "featherstone_gait.build.stop.STOP_DEPTH",
     "featherstone_gait.build.scene.TOOTH_LOAD": "featherstone_gait.build.actuator.TOOTH_LOAD",
