@@ -33,7 +33,8 @@ def forgotten(monkeypatch):
 
 
 def said(old):
-    return pytest.warns(DeprecationWarning, match=rf"^{old} is now {(renamed.RENAMED | renamed.METHODS)[old]};.* until version 0\.3$")
+    new = (renamed.RENAMED | renamed.METHODS)[old]
+    return pytest.warns(DeprecationWarning, match=rf"^{old} is now {new};.* until version 0\.3$")
 
 
 @pytest.mark.parametrize("old", renamed.RENAMED)
