@@ -8,7 +8,7 @@ from importlib import import_module
 
 from . import renamed
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 
 _MODULES = {
     "dynamics": (

@@ -13,7 +13,7 @@ import sys
 from importlib import import_module
 
 UNTIL = "0.3"
-RENAMED = {  # modules, or names in modules
+RENAMED = {  # modules, or names in modules (an old module has the names of the new one)
     "featherstone_gait.animation": "featherstone_gait.view.animation",
     "featherstone_gait.lane_engine": "featherstone_gait.run.lane_engine",
     "featherstone_gait.plotting": "featherstone_gait.view.plotting",
@@ -21,6 +21,25 @@ RENAMED = {  # modules, or names in modules
     "featherstone_gait.scene": "featherstone_gait.build.scene",
     "featherstone_gait.simulation": "featherstone_gait.run.simulate",
     "featherstone_gait.tree": "featherstone_gait.build.tree",
+    "featherstone_gait.build.scene.LAWS": "featherstone_gait.build.actuator.LAWS",
+    "featherstone_gait.build.scene.STOP_DEPTH": "featherstone_gait.build.stop.STOP_DEPTH",
+    "featherstone_gait.build.scene.TOOTH_LOAD": "featherstone_gait.build.actuator.TOOTH_LOAD",
+    "featherstone_gait.build.tree.rotation_axis": "featherstone_gait.rotation.rotation_about",
+    "featherstone_gait.run.simulate.BATCH": "featherstone_gait.run.batch.BATCH",
+    "featherstone_gait.run.simulate.CHATTER_LIMIT": "featherstone_gait.run.verdict.CHATTER_LIMIT",
+    "featherstone_gait.run.simulate.LEAST_STEP": "featherstone_gait.run.prepared.LEAST_STEP",
+    "featherstone_gait.run.simulate.RINGING_LIMIT": "featherstone_gait.run.verdict.RINGING_LIMIT",
+    "featherstone_gait.run.simulate.RTOL": "featherstone_gait.run.prepared.RTOL",
+    "featherstone_gait.run.simulate.STATUS": "featherstone_gait.run.verdict.STATUS",
+    "featherstone_gait.trajectory.UNITS": "featherstone_gait.core.step.state.UNITS",
+    "featherstone_gait.walking.kinematics.LinkPoses": "featherstone_gait.dynamics.Poses",
+    "featherstone_gait.walking.kinematics.axis_rotation": "featherstone_gait.rotation.rotation_about",
+    "featherstone_gait.walking.kinematics.rpy_rotation": "featherstone_gait.rotation.rotation_from_rpy",
+}
+METHODS = {  # of classes, which keep the old ones by themselves
+    "featherstone_gait.build.scene.CompiledScene.theta": "CompiledScene.method.theta",
+    "featherstone_gait.walking.constraints.ConstrainedCost.map": "ConstrainedCost.costs",
+    "featherstone_gait.walking.cost.WalkingCost.map": "WalkingCost.costs",
 }
 
 
@@ -37,7 +56,7 @@ def lookup(module: str, name: str):
         raise AttributeError(f"module {module!r} has no attribute {name!r}")
     from pkgutil import resolve_name
 
-    _warn(old, level=4)
+    warn(old, level=4)
     return resolve_name(RENAMED[old])
 
 
@@ -59,12 +78,13 @@ class Finder:
     @staticmethod
     def exec_module(module) -> None:
         old = module.__name__
-        _warn(old, level=3)
+        warn(old, level=3)
         sys.modules[old] = import_module(RENAMED[old])
 
 
-def _warn(old: str, level: int) -> None:
+def warn(old: str, level: int = 3) -> None:
+    """Say that `old` has a new name."""
     import warnings
 
-    text = f"{old} is now {RENAMED[old]}; the old name works until version {UNTIL}"
+    text = f"{old} is now {(RENAMED | METHODS)[old]}; the old name works until version {UNTIL}"
     warnings.warn(text, DeprecationWarning, stacklevel=level)

@@ -10,25 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from . import renamed
 from .files import Format, complete_together
 
 FORMAT = Format("trajectory")
-
-UNITS = {
-    "q": "rad or m",
-    "qd": "rad/s or m/s",
-    "qdd": "rad/s² or m/s²",
-    "torque": "N m",
-    "current": "A",
-    "voltage": "V",
-    "rotor": "rad",
-    "rotor_speed": "rad/s",
-    "contact_force": "N",
-    "contact_work": "J",
-    "energy": "J",
-    "chatter": "rad/s",
-}
-
 
 @dataclass(frozen=True, eq=False)
 class Trajectory(Mapping):
@@ -45,7 +30,7 @@ class Trajectory(Mapping):
     status: str
     message: str
     end_time: float  # [s]
-    final: np.ndarray  # the whole state at the end, to go on from
+    final: np.ndarray  # the whole state at the end; to go on from it give `simulate` the trajectory, or this array
     info: dict[str, Any] = field(default_factory=dict)
     error: dict[str, np.ndarray] | None = None  # estimate for each channel, in its unit and shape; see `with_error`
     parts: dict[str, tuple[int, int]] | None = None  # of `final`: where each begins and ends; None: not known
@@ -119,3 +104,7 @@ def _files(path) -> tuple[Path, Path]:
     path = Path(path)
     path = path.with_suffix("") if path.suffix in (".npz", ".json") else path
     return path.with_name(path.name + ".npz"), path.with_name(path.name + ".json")
+
+
+def __getattr__(name: str):
+    return renamed.lookup(__name__, name)

@@ -106,11 +106,11 @@ def arm_scene(model=None, servos="mipsd", integrator="implicit_euler", timestep=
     return compile_scene(model or load_robot("arm7"), servos, integrator=integrator, timestep=timestep)
 
 
-def pendulum(length=0.5, mass=1.0, damping=0.05, friction=0.0, lower=-100.0, upper=100.0):
+def pendulum(length=0.5, mass=1.0, damping=0.05, friction=0.0, lower=-100.0, upper=100.0, effort=20.0):
     """A rod that turns about y at its upper end and hangs down at zero."""
     inertia = mass * length**2 / 12
     rod = Link("rod", mass, (0.0, 0.0, -length / 2), (inertia, 0.0, 0.0, inertia, 0.0, 0.01 * inertia))
     base = Link("base", 0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
-    limits = {"lower": lower, "upper": upper, "damping": damping, "friction": friction, "effort": 20.0}
+    limits = {"lower": lower, "upper": upper, "damping": damping, "friction": friction, "effort": effort}
     joint = Joint("hinge", "revolute", "base", "rod", axis=(0.0, 1.0, 0.0), **limits)
     return Model("pendulum", (base, rod), (joint,))

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-from featherstone_gait import Trajectory, cli, load_robot, simulation
+from featherstone_gait import Trajectory, cli, load_robot
+from featherstone_gait.run import simulate as simulation
 
 SLIDER = """<robot name="slider">
   <link name="rail"/>

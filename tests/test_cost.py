@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from featherstone_gait.core.layout import ENERGIES, METER
 
 from featherstone_gait import ContactPoint, Ground, Link, Model, Reference, Trajectory, compile_scene, load_robot
+from featherstone_gait.core.effects.energies import ENERGIES, METER
 from featherstone_gait.optimize import walking_cost
 from featherstone_gait.run.simulate import simulate, standing_state
 from featherstone_gait.walking import write_angles

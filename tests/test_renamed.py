@@ -7,11 +7,12 @@ import re
 import sys
 from pathlib import Path
 from pkgutil import resolve_name
+from types import SimpleNamespace
 
 import pytest
 
 import featherstone_gait
-from featherstone_gait import renamed
+from featherstone_gait import compile_scene, load_robot, renamed
 
 ROOT = Path(__file__).parents[1]
 MODULES = [old for old, new in renamed.RENAMED.items() if inspect.ismodule(resolve_name(new))]
@@ -32,7 +33,8 @@ def forgotten(monkeypatch):
 
 
 def said(old):
-    return pytest.warns(DeprecationWarning, match=rf"^{old} is now {renamed.RENAMED[old]};.* until version 0\.3$")
+    new = (renamed.RENAMED | renamed.METHODS)[old]
+    return pytest.warns(DeprecationWarning, match=rf"^{old} is now {new};.* until version 0\.3$")
 
 
 @pytest.mark.parametrize("old", renamed.RENAMED)
@@ -77,6 +79,21 @@ def test_pickles_of_old_modules_load():
     with said("featherstone_gait.plotting"):
         found = pickle.loads(b"cfeatherstone_gait.plotting\nplot_motion\n.")
     assert found is featherstone_gait.plot_motion
+
+
+def test_old_methods_and_properties_warn_and_answer():
+    scene = compile_scene(load_robot("arm7"))
+    with said("featherstone_gait.build.scene.CompiledScene.theta"):
+        assert scene.theta == scene.method.theta
+    for module, name in (("cost", "WalkingCost"), ("constraints", "ConstrainedCost")):
+        kind = resolve_name(f"featherstone_gait.walking.{module}.{name}")
+        with said(f"featherstone_gait.walking.{module}.{name}.map"):
+            assert kind.map(SimpleNamespace(costs=list), None, (1, 2)) == [1, 2]
+    assert set(renamed.METHODS) == {
+        "featherstone_gait.build.scene.CompiledScene.theta",
+        "featherstone_gait.walking.constraints.ConstrainedCost.map",
+        "featherstone_gait.walking.cost.WalkingCost.map",
+    }
 
 
 def test_unknown_names_are_still_unknown():

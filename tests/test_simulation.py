@@ -6,17 +6,19 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scenes import G, arm_scene, box, box_on, pendulum, resting, thrown, with_controller
+from scenes import NEVER_FALLEN, G, arm_scene, box, box_on, pendulum, resting, thrown, with_controller
 from scipy.integrate import solve_ivp
+from scipy.special import lambertw
 
 from featherstone_gait.build.scene import compile_scene
-from featherstone_gait.build.stop import STOP_DEPTH
+from featherstone_gait.build.stop import CRITICAL_DEPTH, STOP_DEPTH
 from featherstone_gait.core.effects import energies
-from featherstone_gait.dynamics import energy
+from featherstone_gait.dynamics import energy, mass_matrix
 from featherstone_gait.model import Ground
 from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.simulate import PARTS, Push, initial_state, simulate, simulate_batch
+from featherstone_gait.trajectory import Trajectory
 
 NOWHERE = Ground(height=-100.0)
 ZERO = (0.0,)
@@ -173,9 +175,28 @@ def test_a_walk_on_the_ground_in_two_parts_has_the_bits_of_one():
     scene = box_on(Ground(), "midpoint")
     state = thrown(scene, 0.01, 0.2, (0.2, 0.1, 0.0))
     whole, first = (simulate(scene, t, state, record=PARTS) for t in (0.4, 0.13))
-    second = simulate(scene, 0.27, first.final, record=PARTS)
+    second = simulate(scene, 0.27, first, record=PARTS)
     for part in PARTS:
         assert np.array_equal(np.concatenate([first[part][:-1], second[part]]), whole[part]), part
+
+
+def test_a_run_goes_on_only_in_a_scene_whose_state_has_the_same_parts(tmp_path):
+    """A trajectory knows the names of its state's parts, also one from a file."""
+    run = simulate(arm_scene(servos="mipsd"), 0.02)
+    run.save(tmp_path / "run")
+    for trajectory in (run, Trajectory.load(tmp_path / "run")):
+        assert simulate(arm_scene(servos="mipsd"), 0.02, trajectory).ok
+        with pytest.raises(ValueError, match=r"rotor 7.*this scene of arm7 has .*same servos and contacts"):
+            simulate(arm_scene(servos="rotor"), 0.02, trajectory)
+
+
+@pytest.mark.parametrize("servos", [None, "rotor", "mipsd"])
+def test_power_is_torque_times_velocity(servos):
+    scene = arm_scene(servos=servos)
+    run = simulate(scene, 0.05, initial_state(scene, np.full(7, 0.2)), record=("power", "qd"), sample=1e-3)
+    torque = simulate(scene, 0.05, initial_state(scene, np.full(7, 0.2)), record=("torque",), sample=1e-3)["torque"]
+    assert np.array_equal(run["power"], torque * run["qd"])
+    assert list(run) == ["time", "power", "qd"]
 
 
 # Torques, friction and pushes.
@@ -284,6 +305,38 @@ def test_a_stop_catches_a_swinging_link_and_takes_its_energy(integrator, timeste
     assert np.abs(balance).max() < tolerance * E[-1, energies.STOPS]
 
 
+def rebound(d, speed):
+    """Speed at which J dv/dt = -K x (1 + d v) lets go what came in at `speed`, whatever K and J are.
+
+    v dv / (1 + d v) = -K/J x dx: the left side's integral from the speed to rest is that from rest to the speed u back,
+    -d u - log(1 - d u) = d v - log(1 + d v), whose solution is Lambert's function.
+    """
+    turned = d * speed - math.log1p(d * speed)
+    return (1.0 + lambertw(-math.exp(-1.0 - turned)).real) / d
+
+
+@pytest.mark.parametrize("speed", [0.5, 5.0])
+def test_a_stop_lets_go_as_the_scalar_equation_does(speed):
+    scene = hinge("rk4", 1e-5, lower=-0.4, upper=0.4, gravity=False, damping=0.0)
+    run = simulate(scene, 0.5, initial_state(scene, [0.39], [speed]), record=("q", "qd"))
+    assert run["q"][-1, 0] < 0.4
+    assert -run["qd"][-1, 0] == pytest.approx(rebound(scene.constants.stops[0].damping, speed), rel=1e-6)
+
+
+@pytest.mark.parametrize("servos", ["standard", "rotor", "mipsd"])
+def test_a_stop_is_critically_damped_at_its_depth_with_the_inertia_of_the_joint(servos):
+    """The gear's spring keeps the rotor of "mipsd" from the stop; "standard" has none."""
+    arm = load_robot("ax12_arm")
+    joint, servo = arm.moving_joints[0], arm.servos[arm.joint_names[0]]
+    model = replace(arm, joints=tuple(replace(j, lower=-1.0, upper=1.0) if j == joint else j for j in arm.joints))
+    stop = compile_scene(model, servos).constants.stops[0]
+    inertia = mass_matrix(model, [0.0])[0, 0]
+    if servos == "rotor":
+        inertia += servo.gearbox.ratio**2 * servo.gearbox.rotor_inertia
+    critical = 2.0 * math.sqrt(stop.stiffness * inertia)
+    assert stop.stiffness * stop.damping * CRITICAL_DEPTH == pytest.approx(critical, rel=1e-12)
+
+
 def test_a_stop_pushes_only_back():
     """A joint that leaves its stop is not held by it."""
     scene = hinge(lower=-0.4, upper=0.4, gravity=False, damping=0.0)
@@ -293,6 +346,43 @@ def test_a_stop_pushes_only_back():
     acceleration = np.diff(run["qd"][after, 0]) / 1e-3
     np.testing.assert_allclose(acceleration, -0.5 / (0.25 / 3), rtol=1e-9)
     assert not free.all()
+
+
+# Gravity.
+
+MOON = 1.62  # [m/s^2]
+
+
+def test_a_box_sinks_in_on_the_moon_as_deep_as_asked_for():
+    scene = compile_scene(box(), ground=Ground(sinking=1e-3), gravity=(0.0, 0.0, -MOON), **NEVER_FALLEN)
+    start = initial_state(scene)
+    run = simulate(scene, 1.0, start, record=("base_q", "contact_force"))
+    assert np.abs(run["base_q"][:, 2] - start[2]).max() < 1e-9  # it starts at that depth
+    assert run["contact_force"][-1, :, 0].sum() == pytest.approx(scene.model.mass * MOON, rel=1e-9)
+    earth = compile_scene(box(), ground=Ground(sinking=1e-3), **NEVER_FALLEN)
+    stiffness = [s.constants.contact.points.stiffness[0] for s in (scene, earth)]
+    assert stiffness[0] / stiffness[1] == pytest.approx(MOON / G, rel=1e-12)
+    limits = [s.preflight.largest_explicit_step for s in (scene, earth)]
+    assert limits[0] / limits[1] == pytest.approx(math.sqrt(G / MOON), rel=1e-12)
+
+
+@pytest.mark.parametrize(("gravity", "weight"), [((0.0, 0.0, -MOON), MOON), ((0.0, 0.6, -0.8), 1.0), (ZERO * 3, G)])
+def test_stops_of_joints_that_nothing_drives_carry_the_robot_at_a_tenth_of_a_metre(gravity, weight):
+    """Without weight they are those of Earth."""
+    model = pendulum(lower=-0.4, upper=0.4, effort=math.inf)
+    stop = compile_scene(model, gravity=gravity).constants.stops[0]
+    assert stop.stiffness == pytest.approx(0.1 * model.mass * weight / STOP_DEPTH, rel=1e-12)
+
+
+@pytest.mark.parametrize("gravity", [9.81, (0.0, 0.0), (0.0, 0.0, math.nan), (0.0, 0.0, math.inf), "down", None])
+def test_gravity_is_three_finite_numbers(gravity):
+    with pytest.raises(ValueError, match=r"gravity is .*; give three finite numbers"):
+        compile_scene(box(), gravity=gravity)
+
+
+def test_ground_needs_gravity():
+    with pytest.raises(ValueError, match=r"box: ground under zero gravity: .*give another gravity, or ground=None"):
+        compile_scene(box(), ground=Ground(), gravity=ZERO * 3)
 
 
 # How runs end.

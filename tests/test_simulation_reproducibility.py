@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -14,10 +15,10 @@ from scenes import arm_scene, box_on, thrown
 
 from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.dynamics import energy, momentum
-from featherstone_gait.model import Ground
+from featherstone_gait.model import Ground, Spring
 from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
-from featherstone_gait.run.simulate import initial_state, simulate, simulate_batch
+from featherstone_gait.run.simulate import Push, initial_state, simulate, simulate_batch
 
 COUNT = 11
 RECORD = ("q", "qd", "energy", "voltage")
@@ -144,11 +145,56 @@ def digest():
     return hashlib.sha256(b"".join(bits(run) for run in results)).hexdigest()
 
 
-def test_compiled_or_not():
-    command = [sys.executable, "-c", "import test_simulation_reproducibility as t; print(t.digest())"]
-    environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
+def elsewhere(function, **settings):
+    """What a function of this file prints in another process with these environment variables."""
+    command = [sys.executable, "-c", f"import test_simulation_reproducibility as t; print(t.{function}())"]
+    environment = os.environ | settings | {"PYTHONPATH": os.pathsep.join(sys.path)}
     run = subprocess.run(command, cwd=Path(__file__).parent, env=environment, capture_output=True, text=True)
-    assert run.stdout.strip() == digest(), run.stderr
+    assert run.returncode == 0, run.stderr
+    return run.stdout.strip()
+
+
+def test_compiled_or_not():
+    assert elsewhere("digest", NUMBA_DISABLE_JIT="1") == digest()
+
+
+PROCESSORS = ("Haswell", "SkylakeX", "Sandybridge")
+
+
+@pytest.mark.parametrize("processor", PROCESSORS)
+def test_whole_runs_whatever_processor_the_linear_algebra_is_for(processor):
+    assert elsewhere("digest", OPENBLAS_CORETYPE=processor) == digest()
+
+
+def digest_of_constants():
+    """Hash of all that kernels read of scenes whose axes, stops, springs, slopes and pushes lie askew."""
+    walker = load_robot("humanoid", locked="simplified")
+    skew = replace(
+        walker, joints=tuple(replace(j, axis=(0.36, 0.48, 0.8), rpy=(0.3, -0.2, 0.7)) for j in walker.joints)
+    )
+    springs = [Spring(skew.links[0].name, skew.links[-1].name, (0.3, -0.1, 0.2), (0.1, 0.7, 0.3), 3.0, 0.1, 0.2)]
+    ground = Ground(slope=0.1, height=0.3, steps=((0.1, 0.02),))
+    robots = [(robot, kind, ground) for robot in (walker, skew) for kind in (None, "standard", "rotor", "mipsd")]
+    found = hashlib.sha256()
+    for model, kind, under in robots:
+        scene = compile_scene(model, kind, under, springs=springs if kind is None else ())
+        scene = scene.pushed([Push(model.links[-1].name, (1.0, 2.0, 3.0), point=(0.1, 0.3, 0.2), end=1.0)])
+        for array in flat(scene.constants):
+            found.update(array.tobytes())
+        found.update(initial_state(scene).tobytes())
+    return found.hexdigest()
+
+
+def flat(x):
+    """The arrays of nested tuples."""
+    if isinstance(x, tuple):
+        return [array for part in x for array in flat(part)]
+    return [x] if isinstance(x, np.ndarray) else []
+
+
+@pytest.mark.parametrize("processor", PROCESSORS)
+def test_constants_whatever_processor_the_linear_algebra_is_for(processor):
+    assert elsewhere("digest_of_constants", OPENBLAS_CORETYPE=processor) == digest_of_constants()
 
 
 # A humanoid in the air: nothing but its own inertia, and its weight.

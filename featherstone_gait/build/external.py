@@ -10,6 +10,7 @@ import numpy as np
 
 from ..core.effects.push import PUSH
 from ..core.effects.spring import SPRING
+from ..fixed_order import applied
 from ..model import Spring
 from .records import fill, records
 from .tree import Tree
@@ -39,7 +40,7 @@ def build_pushes(tree: Tree, pushes: Sequence[Push]) -> np.recarray | None:
             raise ValueError(f"push on {push.link}: give finite numbers, and a start before the end: {push}")
         place = tree.placements[push.link]
         fill(row, push)
-        row.body, row.point = place.row, place.r + place.E @ np.array(push.point)
+        row.body, row.point = place.row, place.r + applied(place.E, np.array(push.point))
     return table
 
 
@@ -52,5 +53,6 @@ def build_springs(tree: Tree, springs: Sequence[Spring]) -> np.recarray | None:
         a, b = tree.placements[spring.a], tree.placements[spring.b]
         fill(row, spring)
         row.a, row.b = a.row, b.row
-        row.point_a, row.point_b = a.r + a.E @ spring.point_a, b.r + b.E @ spring.point_b
+        row.point_a = a.r + applied(a.E, np.array(spring.point_a))
+        row.point_b = b.r + applied(b.E, np.array(spring.point_b))
     return table

@@ -20,7 +20,9 @@ import numpy as np
 from ..core.effects import contact, friction, spring
 from ..core.integrate import INTEGRATORS
 from ..dynamics import forward_kinematics, inverse_dynamics, mass_matrix, spring_vectors
-from ..model import Ground, Model, Spring
+from ..fixed_order import applied, product, solve
+from ..model import Model, Spring
+from ..rotation import cross, dot
 from .actuator import Drive
 
 
@@ -53,13 +55,14 @@ class _Acting(NamedTuple):
     mobility: np.ndarray | float  # that rotors add to what acts through a gear [1/(kg m^2)]
 
 
-def preflight(model: Model, drive: Drive, rubbing, ground: Ground | None, between, wish) -> Preflight:
+def preflight(model: Model, drive: Drive, rubbing, ground, between, wish) -> Preflight:
     """Limits of explicit steps, and from them what is not given.
 
-    rubbing: FRICTION of the joints or None; between: the springs between bodies and their SPRING records; wish:
-    integrator and timestep as asked for, None where not.  Raises ValueError on names and steps that are none.
+    rubbing: FRICTION of the joints or None; ground: `Ground` or None, and g [m/s^2]; between: the springs between
+    bodies and their SPRING records; wish: integrator and timestep as asked for, None where not.  Raises ValueError on
+    names and steps that are none.
     """
-    (springs, table), n = between, len(model.moving_joints)
+    (springs, table), (ground, g), n = between, ground, len(model.moving_joints)
     mobility = joint_mobility(model, drive.armature, springs)
     inertias = tuple(float(x) for x in 1.0 / np.diag(mobility)[:n])
     joints, ends = _on_joints(model, drive, rubbing), _between_bodies(springs, table)
@@ -69,7 +72,7 @@ def preflight(model: Model, drive: Drive, rubbing, ground: Ground | None, betwee
     folded = coupled_limit(mobility[:n, :n], np.array(dampers[:n]), np.array(stiff[:n]))
     largest = coupled_limit(mobility, np.array(dampers), np.array(stiff))
     if ground is not None:
-        limits.append(Limit("contact", float(contact.explicit_limit(ground.sinking, 9.81)), "contact spring"))
+        limits.append(Limit("contact", float(contact.explicit_limit(ground.sinking, g)), "contact spring"))
         folded, largest = min(folded, limits[-1].step), min(largest, limits[-1].step)
     clipped = drive.actuator is not None or ground is not None
     integrator, step, reason = _choice(*wish, clipped, folded, largest)
@@ -162,7 +165,7 @@ def joint_mobility(model: Model, armature, springs: Sequence[Spring]) -> np.ndar
     J[:n, model.nv - n :] = np.eye(n)
     if springs:
         J[n:] = _lengthening(model, springs, q)
-    return J @ np.linalg.inv(mass_matrix(model, q, armature=armature)) @ J.T
+    return product(J, solve(mass_matrix(model, q, armature=armature), J.T))
 
 
 def _lengthening(model: Model, springs: Sequence[Spring], q: np.ndarray) -> np.ndarray:
@@ -171,10 +174,10 @@ def _lengthening(model: Model, springs: Sequence[Spring], q: np.ndarray) -> np.n
     names = [link.name for link in model.links]
     rows = []
     for s, d in zip(springs, spring_vectors(model, springs, q)):
-        length = np.linalg.norm(d)
+        length = math.sqrt(dot(d, d))
         pull = d / length if length > 0 else d
         wrench = {
-            link: np.concatenate([np.cross(rotation[names.index(link)] @ point, force), force])
+            link: np.concatenate([cross(applied(rotation[names.index(link)], np.array(point)), force), force])
             for link, point, force in ((s.a, s.point_a, pull), (s.b, s.point_b, -pull))
         }
         rows.append(inverse_dynamics(model, q, still, still, wrench=wrench, gravity=(0.0, 0.0, 0.0)))

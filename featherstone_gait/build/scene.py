@@ -8,11 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .. import renamed
 from ..core.integrate import INTEGRATORS
 from ..core.integrate.integrator import Integrator
 from ..core.step import state
 from ..core.step.context import Scene
+from ..elementary import sincos
 from ..model import Ground, Model, Spring, check_springs
+from ..rotation import dot
 from .actuator import Drive, ServoKind, build_decay, build_drive, controller_period, fold_springs
 from .contact import build_contact, fallen_height
 from .external import build_pushes, build_springs
@@ -54,6 +57,12 @@ class CompiledScene:
     def integrator(self) -> str:
         """Name of the integrator."""
         return self.method.name
+
+    @property
+    def theta(self) -> float:
+        """The name of `method.theta` in version 0.1."""
+        renamed.warn("featherstone_gait.build.scene.CompiledScene.theta")
+        return self.method.theta
 
     @property
     def adaptive(self) -> bool:
@@ -112,19 +121,21 @@ def compile_scene(
     integrator : "implicit_euler", "midpoint", "rk4" or "simtwo" of fixed steps; "extrapolation", or for what is not
         stiff "dop853", which choose their steps by the error that `simulate` allows; None chooses from the preflight
     timestep : [s]; must divide the controllers' period; None chooses.  Of the latter two the grid of ticks and records
+    gravity : (3,) [m/s^2], world axes.  Ground is as stiff as the robot's weight under it asks for
     springs : between points of two links.  All integrators take them explicitly: stiff ones are for "dop853"
     fall_height, fall_tilt : a floating robot over ground has fallen below this fraction of its standing height, or
         tilted by more than this [rad]
 
-    Raises ValueError on servos that the model does not have and on steps that do not fit.
+    Raises ValueError on servos that the model does not have, on steps that do not fit, and on ground without gravity.
     """
-    tree = compile_tree(model)
+    gravity = _checked_gravity(gravity)
+    tree, g = compile_tree(model), math.sqrt(dot(gravity, gravity))
     drive = build_drive(model, servos)
-    contact = build_contact(model, tree, ground)
+    contact = build_contact(model, tree, ground, g)
     check_springs(model.links, springs)
     between = build_springs(tree, springs)
     check = preflight(
-        model, drive, build_friction(model, drive), ground, (springs, between), (integrator, timestep)
+        model, drive, build_friction(model, drive), (ground, g), (springs, between), (integrator, timestep)
     )
     method, h = INTEGRATORS[check.integrator], check.timestep
     if method.own_drive and not drive.sampled:
@@ -134,12 +145,12 @@ def compile_scene(
     constants = Scene(
         tree=tree.bodies,
         floating=True if tree.floating else None,
-        gravity=np.array(gravity, dtype=float),
+        gravity=gravity,
         actuator=drive.actuator,
         decay=build_decay(drive, h),
         armature=drive.armature,
         friction=build_friction(model, drive, method.own_drive),
-        stops=build_stops(model, drive, check.inertias),
+        stops=build_stops(model, drive, check.inertias, g),
         contact=contact,
         push=None,
         springs=between,
@@ -160,7 +171,7 @@ def compile_scene(
         springs=tuple(springs),
         preflight=check,
         fall_height=fallen_height(model, fall_height) if falls else -math.inf,
-        fall_upright=math.cos(fall_tilt) if falls else -2.0,
+        fall_upright=sincos(fall_tilt)[1] if falls else -2.0,
         stiff=drive.sampled or ground is not None or limited,
         arguments={
             "servos": servos,
@@ -173,6 +184,17 @@ def compile_scene(
             "springs": tuple(springs),
         },
     )
+
+
+def _checked_gravity(gravity) -> np.ndarray:
+    """(3,) [m/s^2]; ValueError unless it is three finite numbers."""
+    try:
+        vector = np.array(gravity, dtype=float)
+    except (TypeError, ValueError):
+        vector = np.zeros(0)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise ValueError(f"gravity is {gravity!r}; give three finite numbers [m/s^2], on Earth {GRAVITY}")
+    return vector
 
 
 def _offsets(tree: Tree, drive: Drive, contact) -> np.recarray:
@@ -188,3 +210,7 @@ def _offsets(tree: Tree, drive: Drive, contact) -> np.recarray:
             "run": 1,
         }
     )
+
+
+def __getattr__(name: str):
+    return renamed.lookup(__name__, name)

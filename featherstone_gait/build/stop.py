@@ -1,4 +1,14 @@
-"""Stops at the limits of the joints."""
+"""Stops at the limits of the joints.
+
+The strongest torque at a joint drives it `STOP_DEPTH` into its stop: that is the stiffness K.  The damping of Hunt and
+Crossley grows with the depth, K d x; at a tenth of that depth, `CRITICAL_DEPTH`, it is critical,
+
+    K d x = 2 sqrt(K J)    at x = CRITICAL_DEPTH,
+
+J the inertia that the joint feels in the zero posture with all others free, 1 / (M^-1)_ii.  With servos "rotor" that
+includes the rotor's reflected inertia; with "standard", which has no rotor, and with "mipsd", whose rotor turns behind
+the gear's spring, it is that of the links alone.
+"""
 
 from __future__ import annotations
 
@@ -12,26 +22,33 @@ from .actuator import Drive, stall_torque
 from .records import records
 
 STOP_DEPTH = 0.01  # [rad or m] that the strongest torque at a joint drives it into its stop
+CRITICAL_DEPTH = 0.001  # [rad or m] at which a stop is critically damped
 
 
-def build_stops(model: Model, drive: Drive, inertias) -> np.recarray | None:
-    """STOP of each joint, None if no joint has limits; inertias: that the joints feel [kg m^2 or kg]."""
+def build_stops(model: Model, drive: Drive, inertias, g: float) -> np.recarray | None:
+    """STOP of each joint, None if no joint has limits.
+
+    inertias: that the joints feel [kg m^2 or kg]; g: of the scene [m/s^2].
+    """
     joints = model.moving_joints
     if not any(math.isfinite(j.lower) or math.isfinite(j.upper) for j in joints):
         return None
     table = records(len(joints), STOP)
     for row, joint, servo, inertia in zip(table, joints, drive.servos, inertias):
         row.lower, row.upper = max(joint.lower, -1e300), min(joint.upper, 1e300)
-        row.stiffness = max(_strongest(model, joint, servo), 1e-6) / STOP_DEPTH
-        row.damping = 2.0 * math.sqrt(row.stiffness * inertia)
+        row.stiffness = max(_strongest(model, joint, servo, g), 1e-6) / STOP_DEPTH
+        row.damping = 2.0 * math.sqrt(inertia / row.stiffness) / CRITICAL_DEPTH
     return table
 
 
-def _strongest(model: Model, joint: Joint, servo: Servo | None) -> float:
-    """The strongest torque at a joint [N m or N]: of its servo, by its file, or of the robot's weight at 0.1 m."""
+def _strongest(model: Model, joint: Joint, servo: Servo | None, g: float) -> float:
+    """The strongest torque at a joint [N m or N]: of its servo, by its file, or of the robot's weight at 0.1 m.
+
+    A robot without weight has the stops that it would have on Earth.
+    """
     if servo is not None:
         return stall_torque(servo)
-    return joint.effort if joint.effort < 1e3 else model.mass * 9.81 * 0.1
+    return joint.effort if joint.effort < 1e3 else model.mass * (g or 9.81) * 0.1
 
 
 def stop_periods(stops: np.recarray, inertias) -> np.ndarray:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .. import renamed
 from ..core.tree.layout import BODY, COLUMNS
 from ..model import Model, Placement, RigidBody, rigid_bodies
 
@@ -76,3 +77,7 @@ def _assign_slots(bodies) -> int:
             slot[parent] = free.pop()
     bodies["slot"] = [n + max(s, 0) for s in slot]
     return used
+
+
+def __getattr__(name: str):
+    return renamed.lookup(__name__, name)

@@ -111,13 +111,13 @@ def _measures(scene, trajectory) -> dict:
         drift, kinetic = _drift(scene, trajectory)
         measures |= {"energy_error_J": float(np.abs(drift).max()), "kinetic_energy_J": float(kinetic.max())}
     if scene.servos:
-        from ..view.plotting import SUMMED
+        from ..core.step.state import BY_NAME
 
         spent = trajectory["energy"][-1].sum(axis=0)
-        measures["energy_J"] = dict(zip(SUMMED["energy"], map(float, spent)))
+        measures["energy_J"] = dict(zip(BY_NAME["energy"].labels, map(float, spent)))
     if scene.ground:
         shift = np.linalg.norm(trajectory["base_q"][:, :3] - trajectory["base_q"][0, :3], axis=1)
-        weight = scene.model.mass * -scene.constants.gravity[2]
+        weight = scene.model.mass * float(np.linalg.norm(scene.gravity))
         measures["base_shift_m"] = float(shift.max())
         measures["ground_force_by_weight"] = float(trajectory["contact_force"][-1, :, 0].sum() / weight)
     return measures

@@ -28,6 +28,7 @@ from ..core.step import state
 from ..core.step.context import Plan, Run
 from ..core.step.signals import Knots, Signals
 from ..reference import Reference
+from ..trajectory import Trajectory
 from .start import checked_vector, initial_state
 
 RTOL = 1e-8  # of integrators with error control
@@ -56,7 +57,7 @@ class Prepared:
     def start(self, state=None, reference=None, tau=None, noise=None) -> Start:
         """What one simulation starts from: see `simulate`; ValueError on what does not fit."""
         scene, n, o = self.scene, self.scene.tree.n, self.scene.layout
-        y = initial_state(scene) if state is None else checked_vector("state", state, int(o["length"]))
+        y = initial_state(scene) if state is None else _taken_up(scene, state)
         driven = scene.constants.actuator is not None
         if reference is not None and not driven:
             raise ValueError(f"{scene.model.name}: a reference needs servos; compile the scene with servos=...")
@@ -260,6 +261,22 @@ def _in_lanes(knots: Sequence[Knots | None]) -> Knots | None:
     cubics = aligned((*knots[0].cubics.shape, WIDTH))
     cubics[:] = np.stack([k.cubics for k in knots], axis=-1)
     return knots[0]._replace(cubics=cubics)
+
+
+def _taken_up(scene: CompiledScene, state) -> np.ndarray:
+    """The state of a vector, or at the end of a trajectory whose state has the same parts; ValueError otherwise."""
+    if not isinstance(state, Trajectory):
+        return checked_vector("state", state, int(scene.layout["length"]))
+    if state.parts is not None and state.parts != scene.parts:
+        raise ValueError(
+            f"state: the trajectory of {state.info.get('robot')} ended in a state of {_sizes(state.parts)}; "
+            f"this scene of {scene.model.name} has {_sizes(scene.parts)}: compile it with the same servos and contacts"
+        )
+    return checked_vector("state", state.final, int(scene.layout["length"]))
+
+
+def _sizes(parts: dict[str, tuple[int, int]]) -> str:
+    return ", ".join(f"{name} {end - first}" for name, (first, end) in parts.items() if end > first)
 
 
 def _with_first_error(scene: CompiledScene, start: Start) -> np.ndarray:

@@ -9,6 +9,7 @@ A scene fixes robot, servos, ground, integrator and step; a simulation is then o
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
@@ -16,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import renamed
 from ..build.external import Push
 from ..build.scene import CompiledScene
 from ..core.step.state import RECORDABLE
@@ -41,6 +43,7 @@ def simulate(
     pushes: Sequence[Push] = (),
     record: Iterable[str] = ("q", "qd"),
     sample: float | None = None,
+    *,
     noise=None,
     rtol: float | None = None,
     atol: float | None = None,
@@ -48,9 +51,9 @@ def simulate(
 ) -> Trajectory:
     """Run the scene for `duration` [s], rounded up to whole controller ticks.
 
-    state: what `initial_state` or an earlier `Trajectory.final` gave; reference: joint angles for the servos, None
-    holds the initial ones; tau: (joints,) constant torques or a `Reference` of torques [N m]; pushes: external forces;
-    record: channels, any of `PARTS`; sample: time between records [s], a multiple of the step (a tick if None);
+    state: what `initial_state` gave, or an earlier `Trajectory` to go on from; reference: joint angles for the servos,
+    None holds the initial ones; tau: (joints,) constant torques or a `Reference` of torques [N m]; pushes: external
+    forces; record: channels, any of `PARTS`; sample: time between records [s], a multiple of the step (a tick if None);
     noise: (ticks, joints, 2), added at each controller tick to the measured angle [rad] and to the voltage [V];
     rtol, atol: error allowed in a step, relative and absolute [rad, m, and their rates; A; J], of an integrator that
     chooses its steps (atol is rtol if None); given for a scene of fixed steps, they choose such an integrator for this
@@ -58,9 +61,8 @@ def simulate(
     estimate_error: simulate again with half the step, or a tenth of the tolerances, for `Trajectory.error`.
     Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
     """
-    return simulate_batch(
-        scene, duration, [state], [reference], [tau], pushes, record, sample, None, [noise], rtol, atol, estimate_error
-    )[0]
+    how = {"noises": [noise], "rtol": rtol, "atol": atol, "estimate_error": estimate_error}
+    return simulate_batch(scene, duration, [state], [reference], [tau], pushes, record, sample, **how)[0]
 
 
 def simulate_batch(
@@ -72,6 +74,7 @@ def simulate_batch(
     pushes: Sequence[Push] = (),
     record: Iterable[str] = ("q", "qd"),
     sample: float | None = None,
+    *,
     executor: Executor | None = None,
     noises=None,
     rtol: float | None = None,
@@ -87,8 +90,18 @@ def simulate_batch(
     """
     scene, rtol, atol = with_tolerance(scene, rtol, atol)
     if estimate_error:
-        given = (states, references, taus, pushes, record)
-        return _with_errors(scene, duration, given, sample, executor, noises, rtol, atol)
+        given = functools.partial(
+            simulate_batch,
+            duration=duration,
+            states=states,
+            references=references,
+            taus=taus,
+            pushes=pushes,
+            record=record,
+            executor=executor,
+            noises=noises,
+        )
+        return _with_errors(scene, given, sample, rtol, atol)
     given = (states, references, taus, noises)
     n = max((len(x) for x in given if x is not None), default=1)
     columns = [[None] * n if x is None else list(x) for x in given]
@@ -105,16 +118,14 @@ def simulate_batch(
     return [trajectory(ready, y, out) for y, out in run_all(ready, starts, executor)]
 
 
-def _with_errors(scene, duration, given, sample, executor, noises, rtol, atol) -> list[Trajectory]:
+def _with_errors(scene: CompiledScene, simulated, sample, rtol, atol) -> list[Trajectory]:
     """The runs, and the same in half the steps: of integrators with error control also to a tenth of the tolerance."""
     sample = scene.tick_steps * scene.timestep if sample is None else sample
-    runs = simulate_batch(scene, duration, *given, sample, executor, noises, rtol, atol)
+    runs = simulated(scene, sample=sample, rtol=rtol, atol=atol)
+    finer = scene.recompiled(timestep=0.5 * scene.timestep)
     if not scene.adaptive:
-        finer = scene.recompiled(timestep=0.5 * scene.timestep)
-        better = simulate_batch(finer, duration, *given, sample, executor, noises)
-        return [with_error(run, fine, 2.0) for run, fine in zip(runs, better)]
-    finer = scene.recompiled(timestep=0.5 * scene.timestep)  # steps end on records: twice as many
-    better = simulate_batch(finer, duration, *given, 0.5 * sample, executor, noises, 0.1 * rtol, 0.1 * atol)
+        return [with_error(run, fine, 2.0) for run, fine in zip(runs, simulated(finer, sample=sample))]
+    better = simulated(finer, sample=0.5 * sample, rtol=0.1 * rtol, atol=0.1 * atol)  # twice the records
     return [with_error(run, _each(fine, 2), 1.1) for run, fine in zip(runs, better)]
 
 
@@ -153,3 +164,7 @@ def simulate_stream(
         return end(trajectory(ready, y, out))
 
     return drive_lanes(ready, source, begin_run, end_run, threads or os.cpu_count() or 1)
+
+
+def __getattr__(name: str):
+    return renamed.lookup(__name__, name)

@@ -44,7 +44,7 @@ def trajectory(ready: Prepared, y: np.ndarray, out: np.ndarray) -> Trajectory:
         taken, rejected, evaluations = y[slice(*scene.part("pace"))][pace.STEPS : pace.LAST]
         info |= {"rtol": ready.plan.rtol, "atol": ready.plan.atol}
         info |= {"steps": int(taken), "rejected_steps": int(rejected), "evaluations": int(evaluations)}
-    return Trajectory(ready.named(out), status, message, end, y, info)
+    return Trajectory(ready.named(out), status, message, end, y, info, parts=scene.parts)
 
 
 def verdict(scene: CompiledScene, duration: float, y: np.ndarray) -> tuple[str, str, float]:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.step.state import BY_NAME, UNITS
 from ..dynamics import forward_kinematics
 from ..model import Model
-from ..trajectory import UNITS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,11 +17,6 @@ if TYPE_CHECKING:
 
     from ..trajectory import Trajectory
 
-# Channels of several numbers per joint or contact point: their sum over joints or points is drawn, with these names.
-SUMMED = {
-    "energy": ("supply", "meter", "copper", "driver", "friction", "gear", "stops", "work"),
-    "contact_force": ("normal", "tangential 1", "tangential 2"),
-}
 STYLES = ("-", "--", ":")  # of every ten lines, which have ten colours
 
 
@@ -48,9 +43,10 @@ def plot_trajectory(trajectory: Trajectory, names: Sequence[str], axes=None) -> 
 
 
 def _plot_channel(axes: Axes, trajectory: Trajectory, name: str) -> None:
-    values, labels = trajectory[name], trajectory.info.get("joints")
-    if name in SUMMED:
-        values, labels = values.sum(axis=1), SUMMED[name]
+    """One panel; forces and energies of several numbers a joint or contact point are summed over these."""
+    channel, values, labels = BY_NAME.get(name), trajectory[name], trajectory.info.get("joints")
+    if values.ndim == 3 and channel is not None and channel.unit in ("J", "N"):
+        values, labels = values.sum(axis=1), channel.labels
     values = values.reshape(len(values), -1)
     if labels is None or len(labels) != values.shape[1]:
         labels = [str(k) for k in range(values.shape[1])]

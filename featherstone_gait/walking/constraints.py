@@ -18,6 +18,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from featherstone_gait import renamed
 from featherstone_gait.build.tree import GRAVITY
 from featherstone_gait.dynamics import contact_positions_at, forward_kinematics
 from featherstone_gait.run.simulate import simulate_batch, standing_state
@@ -110,6 +111,11 @@ class ConstrainedCost:
     def costs(self, vectors) -> list[tuple[float, str]]:
         """Evaluate many vectors at once; for the searches ``map=ConstrainedCost.costs``."""
         return [(report.total, report.measures.status) for report in self.reports(vectors)]
+
+    def map(self, fun, vectors) -> list[tuple[float, str]]:
+        """The name of `costs` in version 0.1, whose `fun` was ignored."""
+        renamed.warn("featherstone_gait.walking.constraints.ConstrainedCost.map")
+        return self.costs(vectors)
 
     def report(self, x) -> ConstraintReport:
         """Return cost, penalties and violations of one vector."""

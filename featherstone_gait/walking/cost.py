@@ -21,6 +21,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from featherstone_gait import renamed
 from featherstone_gait.build.scene import CompiledScene
 from featherstone_gait.core.effects.energies import METER
 from featherstone_gait.dynamics import contact_positions_at, forward_kinematics
@@ -98,6 +99,11 @@ class WalkingCost:
     def costs(self, vectors) -> list[tuple[float, str]]:
         """Evaluate many vectors at once; for the searches ``map=WalkingCost.costs``."""
         return [(measures.cost, measures.status) for measures in self.measure(vectors)]
+
+    def map(self, fun, vectors) -> list[tuple[float, str]]:
+        """The name of `costs` in version 0.1, whose `fun` was ignored."""
+        renamed.warn("featherstone_gait.walking.cost.WalkingCost.map")
+        return self.costs(vectors)
 
     def evaluate(self, candidates) -> float:
         """Work off the candidates of a `search.Speculation`, so that this can be the `evaluate` of `search.minimize`.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from featherstone_gait import dynamics
+from featherstone_gait import dynamics, renamed
 from featherstone_gait.fixed_order import applied
 
 
@@ -58,3 +58,7 @@ def _upright(model, angles):
 
 def _shift(base_position):
     return np.atleast_2d(np.asarray(base_position, dtype=float))
+
+
+def __getattr__(name: str):
+    return renamed.lookup(__name__, name)

@@ -1,4 +1,4 @@
-"""Sine, cosine, exponential, hyperbolic tangent and arc tangent, equal to the bit in any width and with the JIT off.
+"""Sine, cosine and exponential, equal to the bit in any width and with the JIT off.
 
 A platform's libm differs from the next one in the last bit and knows no lanes; these need only + - * /, comparisons,
 `select` and `power_of_two`, and no fused multiply-add.  Each reduces its argument in extended precision (Cody and
@@ -10,7 +10,7 @@ NaN gives NaN.  Angles are in rad.
 
 from __future__ import annotations
 
-from math import inf, nan
+from math import nan
 
 from .jit import kernel
 from .lanes import power_of_two, select
@@ -61,39 +61,6 @@ _E7 = float.fromhex("0x1.71df2527d2e91p-19")
 _E8 = float.fromhex("0x1.28ad68a69ef83p-22")
 _E9 = float.fromhex("0x1.ad7f938c2b1b5p-26")
 
-# Minimax on |x| <= 0.7: tanh(x) = x + x**3 P(x**2) / Q(x**2), relative error 2**-58.3.
-_TANH_SMALL = 0.7
-_P0 = float.fromhex("-0x1.555555555554fp-2")
-_P1 = float.fromhex("-0x1.4fc0c45475df7p-6")
-_P2 = float.fromhex("-0x1.a124d4d22e0e5p-13")
-_Q1 = float.fromhex("0x1.d88dbe696f7f9p-2")
-_Q2 = float.fromhex("0x1.7d79087670e98p-6")
-_Q3 = float.fromhex("0x1.b087ace6b5a6dp-13")
-
-# Minimax on |q| <= 1/2: atan(q) = q + q**3 A(q**2), relative error 2**-57.8.
-_A0 = float.fromhex("-0x1.5555555555516p-2")
-_A1 = float.fromhex("0x1.999999999114ep-3")
-_A2 = float.fromhex("-0x1.249249215e189p-3")
-_A3 = float.fromhex("0x1.c71c7090f7c9cp-4")
-_A4 = float.fromhex("-0x1.745cf4cc7571ap-4")
-_A5 = float.fromhex("0x1.3b113dd1ff86ap-4")
-_A6 = float.fromhex("-0x1.10f31fb2d260fp-4")
-_A7 = float.fromhex("0x1.dfe97ec129861p-5")
-_A8 = float.fromhex("-0x1.a398809ebb8efp-5")
-_A9 = float.fromhex("0x1.56f6064f331c2p-5")
-_A10 = float.fromhex("-0x1.c18083796221ap-6")
-_A11 = float.fromhex("0x1.4b84e33f582a7p-7")
-
-# pi/4, pi/2, 3 pi/4 and pi: the nearest float64 and what it lacks.
-_ANGLE_45 = float.fromhex("0x1.921fb54442d18p-1")
-_ANGLE_90 = float.fromhex("0x1.921fb54442d18p+0")
-_ANGLE_135 = float.fromhex("0x1.2d97c7f3321d2p+1")
-_ANGLE_180 = float.fromhex("0x1.921fb54442d18p+1")
-_REST_45 = float.fromhex("0x1.1a62633145c07p-55")
-_REST_90 = float.fromhex("0x1.1a62633145c07p-54")
-_REST_135 = float.fromhex("0x1.a79394c9e8a0ap-54")
-_REST_180 = float.fromhex("0x1.1a62633145c07p-53")
-
 
 @kernel
 def sincos(x):
@@ -142,56 +109,3 @@ def exp(x):
     half = (0.5 * n + _ROUND) - _ROUND
     e = (e * power_of_two(half)) * power_of_two(n - half)
     return select(x == x, e, x)
-
-
-@kernel
-def tanh(x):
-    """Hyperbolic tangent of x, odd to the sign of zero; error below 1.25 ulp."""
-    a = abs(x)
-    z = a * a
-    small = a <= _TANH_SMALL
-    p = (a * z) * ((_P0 + z * _P1) + (z * z) * _P2)
-    q = (1.0 + z * _Q1) + (z * z) * (_Q2 + z * _Q3)
-    # One division for x + x**3 P/Q and for 1 - 2 / (exp(2 x) + 1).
-    t = select(small, a, 1.0) + select(small, p, -2.0) / select(small, q, exp(2.0 * a) + 1.0)
-    return select(x > 0.0, t, select(x < 0.0, -t, x))
-
-
-@kernel
-def _negative(x):
-    """Whether the sign of x is minus, also of a zero."""
-    return (x < 0.0) | (1.0 / x < 0.0)
-
-
-@kernel
-def _atan_half(q, whole, rest):
-    """whole + rest + atan(q) for |q| <= 1/2."""
-    z = q * q
-    z2 = z * z
-    z4 = z2 * z2
-    low = (_A0 + z * _A1) + z2 * (_A2 + z * _A3)
-    middle = (_A4 + z * _A5) + z2 * (_A6 + z * _A7)
-    high = (_A8 + z * _A9) + z2 * (_A10 + z * _A11)
-    return whole + (q + (rest + (q * z) * (low + z4 * (middle + z4 * high))))
-
-
-@kernel
-def atan2(y, x):
-    """Angle of the vector (x, y) [rad] in -pi ... pi, zeros and infinities as in C99; error below 2 ulp."""
-    left = _negative(x)
-    # The sum of the two must not overflow.
-    scale = select(abs(x) + abs(y) < inf, 1.0, 0.25)
-    u = abs(x) * scale
-    v = abs(y) * scale
-    # Angle from the nearest multiple of pi/4 (0, 1/4, 1/2, 3/4, 1 of pi): one division, |q| <= 1/2.
-    flat = (v + v < u) | (v == 0.0)
-    steep = u + u < v
-    across = select(u == v, 0.0, v - u)
-    up = select(flat, v, select(steep, -u, across))
-    along = select(flat, u, select(steep, v, u + v))
-    q = up / select(along == 0.0, 1.0, along)
-    q = select(left, -q, q)
-    whole = select(flat, select(left, _ANGLE_180, 0.0), select(steep, _ANGLE_90, select(left, _ANGLE_135, _ANGLE_45)))
-    rest = select(flat, select(left, _REST_180, 0.0), select(steep, _REST_90, select(left, _REST_135, _REST_45)))
-    angle = _atan_half(q, whole, rest)
-    return select(_negative(y), -angle, angle)

@@ -23,10 +23,10 @@ class Implicit(NamedTuple):
 @take_step.of(Implicit)
 def implicit_step(work, run, y, t, theta):
     """One step, figures 2 to 6 of the paper: the voltages stand; motors, gears, joints and ground are solved as one."""
-    scene, h, u, x = run.scene, run.plan.h, run.signals, work.scratch
-    o, act, decay, sub = run.places[0], run.scene.actuator, run.scene.decay, theta * run.plan.h
-    inputs(u, t + run.plan.theta * h)
-    at = Step(scene, act, decay, o, y, u.tau, u.drive, work.predicted, t, h, h, sub, theta, x.W, x.Z, x.C, x.F)
+    scene, u, x, plan = run.scene, run.signals, work.scratch, run.plan
+    act, decay, o, h = scene.actuator, scene.decay, run.places[0], plan.h
+    inputs(u, t + plan.theta * h)
+    at = Step(scene, act, decay, o, y, u.tau, u.drive, work.predicted, t, h, h, theta * h, theta, x.W, x.Z, x.C, x.F)
     solve_step(at)
     advance(at)
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compile.jit import kernel
+from ..compile.jit import inline
 from ..step.context import Scratch, Step
 from ..step.derivative import derivative
 from ..step.signals import inputs
@@ -19,7 +19,7 @@ class RungeKutta4(NamedTuple):
     stages: np.ndarray  # (3, what is integrated): start, slope and weighted sum
 
 
-@kernel
+@inline
 def _evaluate(run, y, t, slope):
     scene, u, h = run.scene, run.signals, run.plan.h
     x, o, act = run.work.scratch, run.places[0], scene.actuator

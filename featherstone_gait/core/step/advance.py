@@ -1,6 +1,6 @@
 """What follows the solution of a step: the state moves on, energies are summed, chatter is watched."""
 
-from ..compile.jit import inline, kernel
+from ..compile.jit import inline
 from ..compile.lanes import select
 from ..compile.optional import any_present
 from ..effects.actuator import controller_of, move_actuator, rotor_of
@@ -15,7 +15,7 @@ from .newton import DA, VN, WN, acting, joint_force, rotor_speed
 CHATTER_WINDOW = 64.0  # steps over which changes of velocity are averaged
 
 
-@kernel
+@inline
 def advance(s):
     """Move the state over the step that `solve_step` has solved."""
     n, y, o = len(s.scene.tree) - 1, s.y, s.o

@@ -68,7 +68,7 @@ DA = 18  # what it returns: acceleration beyond the predicted one
 SCRATCH = 19
 
 
-@kernel
+@inline
 def solve_step(s):
     """Find the solution of the step s: accelerations in its y, velocities VN, WN, UN in its scratch; W is filled.
 

@@ -72,6 +72,7 @@ CHANNELS = (
     Channel("power", "computed", "joint", 1, "W", "mechanical power on the joint", (), ("torque", "qd"), np.multiply),
 )
 BY_NAME = {channel.name: channel for channel in CHANNELS}
+UNITS = {channel.name: channel.unit for channel in CHANNELS}
 IN_STATE = tuple(channel for channel in CHANNELS if channel.kind != "computed")
 RECORDABLE = tuple(c.name for c in CHANNELS if c.kind != "run" and c.name != "last_error")
 
