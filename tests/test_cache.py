@@ -60,7 +60,7 @@ def test_the_next_process_compiles_nothing_and_an_edited_callee_is_compiled_anew
     assert second == (first[0], 1, 0, first[3])
     assert sorted(first[3].rglob("*.nb?")) == files
 
-    source = package / "featherstone_gait" / "core" / "spatial.py"
+    source = package / "featherstone_gait" / "core" / "tree" / "spatial.py"
     original = source.read_text("utf-8")
     edited = original.replace("a[0] * b[0] + a[1] * b[1] + a[2] * b[2]", "2 * a[0] * b[0] + a[1] * b[1] + a[2] * b[2]")
     assert edited != original

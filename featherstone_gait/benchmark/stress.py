@@ -23,6 +23,7 @@ import numpy as np
 from tqdm import tqdm
 
 from ..build.scene import compile_scene
+from ..core.integrate import INTEGRATORS
 from ..files import complete
 from ..model import ContactPoint, Ground, Joint, Link, Model
 from ..reference import Reference
@@ -37,7 +38,6 @@ from .table import write_table
 WRONG = 1e-3  # error that counts [rad or m]
 COVERED = 10.0  # times the run's own estimate that it may reach
 AGREED = 1e-5  # of the reference at two tolerances [rad or m]
-ADAPTIVE = ("dop853", "extrapolation")
 COLOURS = {"held": "#4c9f70", "flagged": "#7f9fd0", "silent": "#c1121f", "alarm": "#f4a259", "": "white"}
 
 
@@ -110,7 +110,7 @@ def judged(case: Case) -> list[Row]:
     known = int(np.argmax(apart | ended)) if (apart | ended).any() else len(exact)
     rows = []
     for integrator in case.integrators:
-        for step in (math.nan,) if integrator in ADAPTIVE else case.steps:
+        for step in (math.nan,) if INTEGRATORS[integrator].adaptive else case.steps:
             run = case.run(integrator, 1e-3 if math.isnan(step) else step, sample=sample, estimate_error=True)
             error = float(np.abs(positions(run) - exact)[:known].max(initial=0.0))
             estimate = float(max(run.error[name][:known].max(initial=0.0) for name in run.error))
@@ -225,7 +225,7 @@ def plot(rows: list[Row], notes: str = ""):
     from matplotlib.patches import Patch
 
     names = list(dict.fromkeys(row.case for row in rows))
-    columns = sorted({(row.integrator in ADAPTIVE, row.integrator, row.step) for row in rows}, key=str)
+    columns = sorted({(INTEGRATORS[row.integrator].adaptive, row.integrator, row.step) for row in rows}, key=str)
     kinds = list(COLOURS)
     cells = np.full((len(names), len(columns)), kinds.index(""))
     for row in rows:

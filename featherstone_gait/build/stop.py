@@ -49,8 +49,3 @@ def _strongest(model: Model, joint: Joint, servo: Servo | None, g: float) -> flo
     if servo is not None:
         return stall_torque(servo)
     return joint.effort if joint.effort < 1e3 else model.mass * (g or 9.81) * 0.1
-
-
-def stop_periods(stops: np.recarray, inertias) -> np.ndarray:
-    """Period of each joint on its stop [s]."""
-    return 2.0 * math.pi * np.sqrt(np.array(inertias) / stops.stiffness)

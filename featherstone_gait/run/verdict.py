@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..build.scene import CompiledScene
-from ..build.stop import stop_periods
 from ..core.effects.energies import ENERGIES, STOPS
+from ..core.effects.stop import explicit_limit
 from ..core.integrate import rollout
 from ..core.step import pace
 from ..trajectory import Trajectory
@@ -77,12 +77,12 @@ def _beyond_stability(scene: CompiledScene) -> tuple[str, str] | None:
 
 
 def _unresolved_stop(scene: CompiledScene, y: np.ndarray) -> tuple[str, str] | None:
-    """A joint whose stop an explicit integrator has met with too large a step: RK4 needs some 40 to its period."""
+    """A joint whose stop an explicit integrator has met with too large a step."""
     stops = scene.constants.stops
     if not scene.method.explicit or stops is None:
         return None
     work = y[slice(*scene.part("energy"))].reshape(-1, ENERGIES)[:, STOPS]
-    met = (work != 0.0) & (scene.timestep > stop_periods(stops, scene.preflight.inertias) / 40.0)
+    met = (work != 0.0) & (scene.timestep > explicit_limit(stops, scene.preflight.inertias))
     if not met.any():
         return None
     message = (
