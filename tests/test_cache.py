@@ -74,6 +74,59 @@ def test_the_next_process_compiles_nothing_and_an_edited_callee_is_compiled_anew
     assert run(package, **cache) == second
 
 
+LAW = """
+from typing import NamedTuple
+import numpy as np
+from featherstone_gait.core.effects.actuator import actuator_force, controller_of, motor_of, move_actuator, rotor_of
+
+class Spring(NamedTuple):
+    stiffness: np.ndarray
+    PARTS = ()
+
+@actuator_force.of(Spring)
+def force(actuator, s, i, v, w, T, c):
+    return T - FACTOR * actuator.stiffness[i] * s.y[s.o.q + i], 0.0, c, 0.0, 0.0
+
+@move_actuator.of(Spring)
+def move(actuator, s, i, v, w):
+    pass
+
+@rotor_of.of(Spring)
+@motor_of.of(Spring)
+@controller_of.of(Spring)
+def none(actuator):
+    return None
+"""
+OUTSIDE = """
+from dataclasses import replace
+import numpy as np
+from featherstone_gait import Joint, Link, Model, compile_scene, initial_state, simulate
+from featherstone_gait.core.compile import jit
+from featherstone_gait.core.integrate.rollout import rollout_one
+
+links = [Link(name, 1.0, (0.1, 0.0, 0.2), (0.01, 0.0, 0.0, 0.01, 0.0, 0.01)) for name in "ab"]
+model = Model("pendulum", tuple(links), (Joint("j", "continuous", "a", "b"),))
+scene = compile_scene(model, integrator="implicit_euler")
+PLACE
+run = simulate(scene, 0.01, initial_state(scene, [0.3]))
+stats = rollout_one.stats
+print(run["q"][-1, 0].hex(), sum(stats.cache_hits.values()), sum(stats.cache_misses.values()), jit.CACHE_FOLDER)
+"""
+DRIVEN = "import law; scene = replace(scene, constants=scene.constants._replace(actuator=law.Spring(np.ones(1))))"
+
+
+def test_code_for_types_from_outside_is_never_stale_and_harms_nobody(package, tmp_path):
+    cache, driven = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, OUTSIDE.replace("PLACE", DRIVEN)
+    (package / "law.py").write_text(LAW.replace("FACTOR", "1.0"), "utf-8")
+    weak = run(package, program=driven, **cache)
+    (package / "law.py").write_text(LAW.replace("FACTOR", "9.0"), "utf-8")
+    strong = run(package, program=driven, **cache)
+    assert strong[0] != weak[0]
+    (package / "law.py").unlink()
+    free = OUTSIDE.replace("PLACE", "")
+    assert run(package, program=free, **cache)[0] == run(package, program=free, **cache)[0] != weak[0]
+
+
 def test_without_a_place_to_write_everything_works(package, tmp_path):
     file = tmp_path / "file"
     file.write_text("no folder can be made in a file")

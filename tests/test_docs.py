@@ -34,14 +34,11 @@ def program(text):
 
 
 def run(text, folder):
-    """Run a page's program; kernels that it defines are not in the key of the package's cache: they get their own."""
+    """Run a page's program."""
     script = folder / "page.py"
     script.write_text(program(text), "utf-8")
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    if defines_kernels(text):
-        environment["NUMBA_CACHE_DIR"] = str(folder / "cache")
     command = [sys.executable, "-W", "error", script]
-    return subprocess.run(command, env=environment, capture_output=True, text=True)
+    return subprocess.run(command, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
 
 
 def defines_kernels(text):

@@ -77,12 +77,24 @@ def entry(function):
         numba.config.CACHE_DIR = outside
     save = dispatcher._cache.save_overload
 
-    def save_alone(*overload):
-        with one_process_at_a_time(CACHE_FOLDER):
-            save(*overload)
+    def save_alone(arguments, compiled):
+        if all(_in_key(kind) for kind in arguments):
+            with one_process_at_a_time(CACHE_FOLDER):
+                save(arguments, compiled)
 
     dispatcher._cache.save_overload = save_alone
     return dispatcher
+
+
+def _in_key(kind) -> bool:
+    """Whether a type is made of classes of `core`, whose sources are the key of the cache.
+
+    Code for a class from elsewhere would be found again when its source has changed, and an index that names the class
+    cannot be read where its module is missing.
+    """
+    made_by = getattr(kind, "instance_class", None)
+    ours = made_by is None or made_by.__module__.startswith(__name__.rpartition(".compile")[0] + ".")
+    return ours and all(_in_key(part) for part in getattr(kind, "types", ()))
 
 
 @contextmanager
