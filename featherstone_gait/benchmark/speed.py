@@ -349,13 +349,13 @@ def _steps(repeats: int) -> list[Step]:
 
 def _batch_time(problem, run, count: int, repeats: int) -> tuple[float, float]:
     """Wall and CPU time of a step and run [us], `count` at once, with what `simulate_batch` does to set them up."""
-    arguments = problem.duration, [run.prepared.y] * count, [problem.reference] * count
+    arguments = problem.duration, [run.start.y] * count, [problem.reference] * count
     times = []
     for _ in range(repeats + 1):
         start = time.perf_counter(), time.process_time()
         simulate_batch(run.scene, *arguments, record=(), sample=problem.duration)
         times.append((time.perf_counter() - start[0], time.process_time() - start[1]))
-    wall, cpu = 1e6 * np.median(times[1:], axis=0) / (count * run.course.steps)
+    wall, cpu = 1e6 * np.median(times[1:], axis=0) / (count * run.ready.plan.steps)
     return float(wall), float(cpu)
 
 
