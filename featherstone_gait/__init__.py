@@ -5,6 +5,7 @@ are in `featherstone_gait.walking`, optimisers in `featherstone_gait.search`.
 """
 
 from importlib import import_module
+from typing import Any
 
 from . import renamed
 
@@ -45,7 +46,7 @@ __all__ = sorted(_HOME)
 renamed.install()
 
 
-def __getattr__(name: str):
+def __getattr__(name: str) -> Any:
     """Load a public name from its module (PEP 562)."""
     if name in _HOME:
         value = getattr(import_module(f".{_HOME[name]}", __name__), name)
