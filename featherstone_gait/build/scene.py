@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from ..core.effects.contact import Contact
 from ..core.integrate import INTEGRATORS
 from ..core.integrate.integrator import Integrator
 from ..core.step import state
@@ -15,7 +17,7 @@ from ..core.step.context import Scene
 from ..model import Ground, Model, Spring, check_springs
 from .actuator import Drive, ServoKind, build_decay, build_drive, controller_period, fold_springs
 from .contact import build_contact, fallen_height
-from .external import build_pushes, build_springs
+from .external import Push, build_pushes, build_springs
 from .friction import build_friction, sticks
 from .preflight import Preflight, preflight
 from .stop import build_stops
@@ -46,7 +48,7 @@ class CompiledScene:
     stiff: bool  # something that an implicit step takes in limits explicit steps to less than `STIFF`
     arguments: dict  # of `compile_scene`, after the model
 
-    def recompiled(self, **changes) -> CompiledScene:
+    def recompiled(self, **changes: Any) -> CompiledScene:
         """The scene with other arguments of `compile_scene`; the state's layout stays."""
         return compile_scene(self.model, **(self.arguments | changes))
 
@@ -84,7 +86,7 @@ class CompiledScene:
         """First and past-the-last index of a part of the state."""
         return self.parts[name]
 
-    def pushed(self, pushes) -> CompiledScene:
+    def pushed(self, pushes: Sequence[Push]) -> CompiledScene:
         """The scene with external forces, a list of `Push`."""
         if not pushes:
             return self
@@ -97,7 +99,7 @@ def compile_scene(
     ground: Ground | None = None,
     integrator: str | None = None,
     timestep: float | None = None,
-    gravity=GRAVITY,
+    gravity: Sequence[float] | np.ndarray = GRAVITY,
     fall_height: float = 0.6,
     fall_tilt: float = math.radians(45),
     springs: Sequence[Spring] = (),
@@ -175,7 +177,7 @@ def compile_scene(
     )
 
 
-def _offsets(tree: Tree, drive: Drive, contact) -> np.recarray:
+def _offsets(tree: Tree, drive: Drive, contact: Contact | None) -> np.recarray:
     """Give each part of the state its place."""
     has = () if drive.actuator is None else drive.actuator.PARTS
     return state.lay_out(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.effects.stop import STOP
 from ..model import Joint, Model, Servo
@@ -14,7 +16,7 @@ from .records import records
 STOP_DEPTH = 0.01  # [rad or m] that the strongest torque at a joint drives it into its stop
 
 
-def build_stops(model: Model, drive: Drive, inertias) -> np.recarray | None:
+def build_stops(model: Model, drive: Drive, inertias: Sequence[float]) -> np.recarray | None:
     """STOP of each joint, None if no joint has limits; inertias: that the joints feel [kg m^2 or kg]."""
     joints = model.moving_joints
     if not any(math.isfinite(j.lower) or math.isfinite(j.upper) for j in joints):
@@ -34,6 +36,6 @@ def _strongest(model: Model, joint: Joint, servo: Servo | None) -> float:
     return joint.effort if joint.effort < 1e3 else model.mass * 9.81 * 0.1
 
 
-def stop_periods(stops: np.recarray, inertias) -> np.ndarray:
+def stop_periods(stops: np.recarray, inertias: ArrayLike) -> np.ndarray:
     """Period of each joint on its stop [s]."""
     return 2.0 * math.pi * np.sqrt(np.array(inertias) / stops.stiffness)
