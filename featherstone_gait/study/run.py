@@ -117,7 +117,7 @@ def _collect(running: dict[Future, list[int]], log: Log, bar: tqdm) -> None:
 class Log:
     """The finished runs of a study on disk; `places` (runs,) are their lines' offsets in the file, -1 without one."""
 
-    def __init__(self, path: Path, study: Study):
+    def __init__(self, path: Path, study: Study) -> None:
         self.path = path
         self.places = np.full(len(study), -1, np.int64)
         header = {"format": str(LOG), "study": "featherstone_gait", "runs": len(study), **study.settings}
