@@ -5,8 +5,48 @@ are in `featherstone_gait.walking`, optimisers in `featherstone_gait.search`.
 """
 
 from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from . import renamed
+
+if TYPE_CHECKING:  # what `__getattr__` finds
+    from .build.scene import CompiledScene as CompiledScene
+    from .build.scene import compile_scene as compile_scene
+    from .dynamics import Poses as Poses
+    from .dynamics import center_of_mass as center_of_mass
+    from .dynamics import contact_positions as contact_positions
+    from .dynamics import energy as energy
+    from .dynamics import forward_dynamics as forward_dynamics
+    from .dynamics import forward_kinematics as forward_kinematics
+    from .dynamics import inverse_dynamics as inverse_dynamics
+    from .dynamics import mass_matrix as mass_matrix
+    from .dynamics import momentum as momentum
+    from .dynamics import spring_energy as spring_energy
+    from .model import ContactPoint as ContactPoint
+    from .model import Controller as Controller
+    from .model import Gearbox as Gearbox
+    from .model import Ground as Ground
+    from .model import Joint as Joint
+    from .model import Link as Link
+    from .model import Model as Model
+    from .model import Servo as Servo
+    from .model import Spring as Spring
+    from .reference import Reference as Reference
+    from .robot_file import RobotFileError as RobotFileError
+    from .robot_file import RobotFileNotFoundError as RobotFileNotFoundError
+    from .robot_file import gearbox_presets as gearbox_presets
+    from .robot_file import load_robot as load_robot
+    from .robot_file import load_servo as load_servo
+    from .robot_file import robot_names as robot_names
+    from .robot_file import save_robot as save_robot
+    from .run.simulate import Push as Push
+    from .run.simulate import initial_state as initial_state
+    from .run.simulate import simulate as simulate
+    from .run.simulate import simulate_batch as simulate_batch
+    from .run.simulate import standing_state as standing_state
+    from .trajectory import Trajectory as Trajectory
+    from .view.plotting import plot_motion as plot_motion
+    from .view.plotting import plot_trajectory as plot_trajectory
 
 __version__ = "0.2.0.dev0"
 
@@ -45,7 +85,7 @@ __all__ = sorted(_HOME)
 renamed.install()
 
 
-def __getattr__(name: str):
+def __getattr__(name: str) -> Any:
     """Load a public name from its module (PEP 562)."""
     if name in _HOME:
         value = getattr(import_module(f".{_HOME[name]}", __name__), name)

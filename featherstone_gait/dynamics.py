@@ -8,10 +8,11 @@ the same bits as one by one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .build.tree import GRAVITY, Tree, compile_tree
 from .core.compile.elementary import SINCOS_LIMIT
@@ -21,6 +22,8 @@ from .core.tree.layout import Motion, Robot
 from .fixed_order import applied, product
 from .model import Model, Spring, check_springs
 
+Wrench = Mapping[str, ArrayLike]  # by link: see `forward_dynamics`
+
 
 class Poses(NamedTuple):
     """Frames of all links in the world."""
@@ -29,7 +32,16 @@ class Poses(NamedTuple):
     position: np.ndarray  # (links, 3) or (n, links, 3) [m]
 
 
-def forward_dynamics(model: Model, q, qd, tau, *, wrench=None, armature=None, gravity=GRAVITY) -> np.ndarray:
+def forward_dynamics(
+    model: Model,
+    q: ArrayLike,
+    qd: ArrayLike,
+    tau: ArrayLike,
+    *,
+    wrench: Wrench | None = None,
+    armature: ArrayLike | None = None,
+    gravity: ArrayLike = GRAVITY,
+) -> np.ndarray:
     """Accelerations that forces cause (ABA, RBDA section 7.3).
 
     Parameters
@@ -49,14 +61,23 @@ def forward_dynamics(model: Model, q, qd, tau, *, wrench=None, armature=None, gr
     return _shaped(out, q, qd, tau)
 
 
-def inverse_dynamics(model: Model, q, qd, qdd, *, wrench=None, armature=None, gravity=GRAVITY) -> np.ndarray:
+def inverse_dynamics(
+    model: Model,
+    q: ArrayLike,
+    qd: ArrayLike,
+    qdd: ArrayLike,
+    *,
+    wrench: Wrench | None = None,
+    armature: ArrayLike | None = None,
+    gravity: ArrayLike = GRAVITY,
+) -> np.ndarray:
     """Generalised forces (nv,) or (n, nv) that a motion takes (RNEA, RBDA Table 5.1); arguments as above."""
     x = _arguments(model, q=q, qd=qd, qdd=qdd)
     out = _solve(model, batch.rnea_rows, batch.rnea_lanes, x, wrench, _robot(model, armature, gravity))
     return _shaped(out, q, qd, qdd)
 
 
-def mass_matrix(model: Model, q, *, armature=None) -> np.ndarray:
+def mass_matrix(model: Model, q: ArrayLike, *, armature: ArrayLike | None = None) -> np.ndarray:
     """Joint-space inertia matrix (nv, nv) or (n, nv, nv) [kg m^2, kg m, kg] (CRBA, RBDA Table 6.2)."""
     tree, x = compile_tree(model), _arguments(model, q=q)
     H = np.zeros((len(x["q"]), model.nv, model.nv))
@@ -64,22 +85,24 @@ def mass_matrix(model: Model, q, *, armature=None) -> np.ndarray:
     return _shaped(H, q)
 
 
-def energy(model: Model, q, qd, *, armature=None, gravity=GRAVITY) -> np.ndarray:
+def energy(
+    model: Model, q: ArrayLike, qd: ArrayLike, *, armature: ArrayLike | None = None, gravity: ArrayLike = GRAVITY
+) -> np.ndarray:
     """Kinetic and potential energy (2,) or (n, 2) [J]; heights count from the world's origin."""
     return _shaped(_measures(model, q, qd, armature, gravity)[0], q, qd)
 
 
-def center_of_mass(model: Model, q) -> np.ndarray:
+def center_of_mass(model: Model, q: ArrayLike) -> np.ndarray:
     """Centre of mass (3,) or (n, 3) in the world [m], a fixed base included."""
     return _shaped(_measures(model, q, np.zeros(model.nv), None, GRAVITY)[1][:, :3], q)
 
 
-def momentum(model: Model, q, qd) -> np.ndarray:
+def momentum(model: Model, q: ArrayLike, qd: ArrayLike) -> np.ndarray:
     """Angular momentum about the centre of mass and linear momentum (6,) or (n, 6) [kg m^2/s; kg m/s], world axes."""
     return _shaped(_measures(model, q, qd, None, GRAVITY)[2], q, qd)
 
 
-def forward_kinematics(model: Model, q) -> Poses:
+def forward_kinematics(model: Model, q: ArrayLike) -> Poses:
     """Pose of every link, in the order of `model.links`."""
     tree, x = compile_tree(model), _arguments(model, q=q)
     poses = _poses(tree, x["q"])
@@ -92,13 +115,13 @@ def forward_kinematics(model: Model, q) -> Poses:
     return Poses(_shaped(rotation, q), _shaped(position, q))
 
 
-def spring_energy(model: Model, springs: Sequence[Spring], q) -> np.ndarray:
+def spring_energy(model: Model, springs: Sequence[Spring], q: ArrayLike) -> np.ndarray:
     """Energy stored in each spring, (springs,) or (n, springs) [J]."""
     stretch = np.linalg.norm(spring_vectors(model, springs, q), axis=-1) - [spring.length for spring in springs]
     return 0.5 * np.array([spring.stiffness for spring in springs]) * stretch**2
 
 
-def spring_vectors(model: Model, springs: Sequence[Spring], q) -> np.ndarray:
+def spring_vectors(model: Model, springs: Sequence[Spring], q: ArrayLike) -> np.ndarray:
     """From point a to point b of each spring, (springs, 3) or (n, springs, 3) in world axes [m]."""
     check_springs(model.links, springs)
     poses = forward_kinematics(model, q)
@@ -106,7 +129,7 @@ def spring_vectors(model: Model, springs: Sequence[Spring], q) -> np.ndarray:
     return b - _points(model, poses, [(spring.a, spring.point_a) for spring in springs])
 
 
-def contact_positions(model: Model, q) -> np.ndarray:
+def contact_positions(model: Model, q: ArrayLike) -> np.ndarray:
     """Contact points in the world, (points, 3) or (n, points, 3) [m], in the order of `model.contacts`."""
     return contact_positions_at(model, forward_kinematics(model, q))
 
@@ -124,7 +147,7 @@ def _points(model: Model, poses: Poses, points: list[tuple[str, Sequence[float]]
     return poses.position[..., at, :] + applied(poses.rotation[..., at, :, :], local)
 
 
-def _arguments(model: Model, **arrays) -> dict[str, np.ndarray]:
+def _arguments(model: Model, **arrays: ArrayLike) -> dict[str, np.ndarray]:
     """The arguments as rows (n, width), checked."""
     rows = {}
     for name, value in arrays.items():
@@ -155,7 +178,7 @@ def _check_positions(model: Model, q: np.ndarray) -> None:
             )
 
 
-def _vector(name: str, value, width: int):
+def _vector(name: str, value: ArrayLike | None, width: int) -> np.ndarray | None:
     """None, or a checked vector of `width` finite numbers."""
     if value is None:
         return None
@@ -165,18 +188,18 @@ def _vector(name: str, value, width: int):
     return a
 
 
-def _shaped(out: np.ndarray, *arguments) -> np.ndarray:
+def _shaped(out: np.ndarray, *arguments: ArrayLike) -> np.ndarray:
     """One state in, one state out; rows in, rows out."""
     return out[0] if all(np.ndim(a) == 1 for a in arguments) else out
 
 
-def _split(tree: Tree, a: np.ndarray):
+def _split(tree: Tree, a: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
     """The base's and the joints' columns, copied (a read-only array is another type to compile for); base or None."""
     k = a.shape[1] - tree.n
     return (np.array(a[:, :k], order="C") if k else None), np.array(a[:, k:], order="C")
 
 
-def _robot(model: Model, armature, gravity) -> Robot:
+def _robot(model: Model, armature: ArrayLike | None, gravity: ArrayLike) -> Robot:
     tree = compile_tree(model)
     return Robot(tree.bodies, _vector("armature", armature, tree.n), _vector("gravity", gravity, 3))
 
@@ -194,14 +217,16 @@ def _motion(tree: Tree, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray | None = 
     return Motion(base_q, base_qd, base_qdd, joints, rates, accelerations)
 
 
-def _solve(model: Model, rows, lanes, x, wrench, robot: Robot) -> np.ndarray:
+def _solve(
+    model: Model, rows: Callable, lanes: Callable, x: dict[str, np.ndarray], wrench: Wrench | None, robot: Robot
+) -> np.ndarray:
     """Run a kernel over all states: in lanes where there are enough to fill them."""
     tree, n = compile_tree(model), len(x["q"])
-    given = [_motion(tree, x["q"], x["qd"], x.get("qdd"))]
+    given: list[Motion | np.ndarray | None] = [_motion(tree, x["q"], x["qd"], x.get("qdd"))]
     if "tau" in x:
         given.extend(_split(tree, x["tau"]))
     given.append(_wrench(model, tree, x["q"], wrench))
-    outs = (np.zeros((n, 6)) if tree.floating else None), np.zeros((n, tree.n))
+    outs = [np.zeros((n, 6)) if tree.floating else None, np.zeros((n, tree.n))]
     if n < WIDTH:
         rows(robot, *given, _work(tree), *outs)
     else:
@@ -212,7 +237,7 @@ def _solve(model: Model, rows, lanes, x, wrench, robot: Robot) -> np.ndarray:
     return np.concatenate([a for a in outs if a is not None], axis=1)
 
 
-def _to_lanes(a):
+def _to_lanes(a: Motion | np.ndarray | None) -> Any:
     """Rows (n, ...) as (ceil(n / WIDTH), ..., WIDTH), aligned; the last row fills up the last block."""
     if a is None:
         return None
@@ -225,14 +250,14 @@ def _to_lanes(a):
     return out
 
 
-def _from_lanes(a, n: int):
+def _from_lanes(a: np.ndarray | None, n: int) -> np.ndarray | None:
     """The inverse of `_to_lanes`."""
     if a is None:
         return None
     return np.moveaxis(a, -1, 1).reshape(-1, *a.shape[1:-1])[:n]
 
 
-def _wrench(model: Model, tree: Tree, q: np.ndarray, wrench):
+def _wrench(model: Model, tree: Tree, q: np.ndarray, wrench: Wrench | None) -> np.ndarray | None:
     """External forces (n, bodies, 6) about the common origin, None where there are none."""
     if not wrench:
         return None
@@ -263,7 +288,9 @@ def _work(tree: Tree) -> np.ndarray:
     return np.zeros((1, *tree.workspace_shape()))
 
 
-def _measures(model: Model, q, qd, armature, gravity):
+def _measures(
+    model: Model, q: ArrayLike, qd: ArrayLike, armature: ArrayLike | None, gravity: ArrayLike
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Energies (n, 2), centre of mass (n, 6) and momentum (n, 6)."""
     tree, x = compile_tree(model), _arguments(model, q=q, qd=qd)
     n = len(x["q"])

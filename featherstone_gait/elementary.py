@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from .core.compile import elementary
@@ -10,7 +12,7 @@ from .core.compile import elementary
 _sincos = getattr(elementary.sincos, "py_func", elementary.sincos)
 
 
-def sincos(x) -> tuple:
+def sincos(x: float | np.ndarray) -> tuple[Any, Any]:
     """Sine and cosine of an angle or of angles of any shape [rad]; NaN beyond SINCOS_LIMIT, some 2e5 rad."""
     if np.ndim(x) == 0:
         return _sincos(float(x))

@@ -21,16 +21,18 @@ from typing import NamedTuple
 
 from . import __version__
 
+FilePath = str | os.PathLike[str]
+
 
 @contextmanager
-def complete(path) -> Iterator[Path]:
+def complete(path: FilePath) -> Iterator[Path]:
     """A path to write to, in place of `path`, which it takes when everything went well.  Raises OSError."""
     with complete_together(path) as (temporary,):
         yield temporary
 
 
 @contextmanager
-def complete_together(*paths) -> Iterator[list[Path]]:
+def complete_together(*paths: FilePath) -> Iterator[list[Path]]:
     """Paths to write to, in place of files of one folder, of which all appear or none.  Raises OSError."""
     targets = [Path(path) for path in paths]
     try:
@@ -82,7 +84,7 @@ class Format(NamedTuple):
     def __str__(self) -> str:
         return f"featherstone_gait {self.kind} {self.number}, written by version {__version__}"
 
-    def check(self, path, stated: str | None) -> None:
+    def check(self, path: FilePath, stated: str | None) -> None:
         """Raise ValueError if a file states another kind, or a number that this version does not read."""
         if stated is None:
             return
@@ -97,7 +99,9 @@ class Format(NamedTuple):
             )
 
 
-def write_csv(path, form: Format, columns: Sequence[str], rows: Iterable[Sequence], notes="", end="\r\n") -> None:
+def write_csv(
+    path: FilePath, form: Format, columns: Sequence[str], rows: Iterable[Sequence], notes: str = "", end: str = "\r\n"
+) -> None:
     """Write a table whole or not at all: format and notes as comments, the names of the columns, the rows."""
     with complete(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         file.writelines(f"# {line}\n" for line in [str(form), *notes.splitlines()])
@@ -106,7 +110,7 @@ def write_csv(path, form: Format, columns: Sequence[str], rows: Iterable[Sequenc
         writer.writerows(rows)
 
 
-def read_csv(path, form: Format) -> Iterator[tuple[int, list[str]]]:
+def read_csv(path: FilePath, form: Format) -> Iterator[tuple[int, list[str]]]:
     """Number and cells of each line of a table but the comments over it; the first has the names of the columns.
 
     Raises ValueError on what is no CSV or of a format that is not known.
@@ -126,7 +130,7 @@ def read_csv(path, form: Format) -> Iterator[tuple[int, list[str]]]:
         raise ValueError(f"{path}: is not CSV ({error}); save it as CSV") from error
 
 
-def _check_comment(path, form: Format, line: str) -> None:
+def _check_comment(path: FilePath, form: Format, line: str) -> None:
     text = line[1:].strip(" ,\r\n")  # a spreadsheet appends commas
     if text.startswith("featherstone_gait "):
         form.check(path, text)

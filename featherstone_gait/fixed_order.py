@@ -10,24 +10,25 @@ from __future__ import annotations
 from functools import reduce
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
-def total(x, axis=-1) -> np.ndarray:
+def total(x: np.ndarray, axis: int = -1) -> np.ndarray:
     """Sum along an axis that is not empty, from first to last."""
     return reduce(np.add, np.moveaxis(x, axis, 0))
 
 
-def applied(A, x) -> np.ndarray:
+def applied(A: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Matrices (..., m, k) times vectors (..., k)."""
     return total(A * x[..., None, :])
 
 
-def product(A, B) -> np.ndarray:
+def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
     """Matrices (..., m, k) times matrices (..., k, n)."""
     return total(A[..., :, :, None] * B[..., None, :, :], axis=-2)
 
 
-def solve(A, B) -> np.ndarray:
+def solve(A: ArrayLike, B: ArrayLike) -> np.ndarray:
     """X (..., m, n) with A X = B for symmetric positive definite A (..., m, m): Gaussian elimination, no pivoting."""
     A, X = np.array(A, dtype=float), np.array(B, dtype=float)
     m = A.shape[-1]

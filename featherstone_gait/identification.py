@@ -23,19 +23,20 @@ the servo's physics; `prediction_error` on a recording left out tells whether it
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from tqdm import tqdm
 
 from .build.scene import ServoKind, compile_scene
-from .files import Format, read_csv, write_csv
+from .files import FilePath, Format, read_csv, write_csv
 from .model import SERVO_UNITS, Controller, Gearbox, Model, Servo
 from .reference import Reference
 from .run.simulate import initial_state, simulate_batch
+from .trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -72,7 +73,7 @@ class Recording:
     voltage: np.ndarray | None = None
     settings: Mapping[str, float] = field(default_factory=dict)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         _check_names(self.settings, f"recording {self.name}")
         for name in ("time", "reference", "angle", "voltage"):
             if name == "voltage" and self.voltage is None:
@@ -88,7 +89,7 @@ class Recording:
             raise ValueError(f"recording {self.name}: give {LEAST_SAMPLES} times or more that rise from 0")
 
 
-def read_recording(path, **settings: float) -> Recording:
+def read_recording(path: FilePath, **settings: float) -> Recording:
     """Read a CSV with the columns `time [s]`, `reference [rad]`, `angle [rad]` and, if recorded, `voltage [V]`.
 
     The first time becomes 0.  settings: servo parameters that hold in this recording alone, such as Kp=20.0.
@@ -106,10 +107,10 @@ def read_recording(path, **settings: float) -> Recording:
     return Recording(path.stem, **column, settings=settings)
 
 
-def write_recording(path, recording: Recording) -> None:
+def write_recording(path: FilePath, recording: Recording) -> None:
     """Write what `read_recording` reads, whole or not at all; the settings are not part of the file."""
-    columns = [recording.time, recording.reference, recording.angle, recording.voltage]
-    columns = [column for column in columns if column is not None]
+    measured = (recording.time, recording.reference, recording.angle, recording.voltage)
+    columns = [column for column in measured if column is not None]
     write_csv(path, FORMAT, COLUMNS[: len(columns)], np.column_stack(columns).tolist())
 
 
@@ -307,7 +308,11 @@ def changed(model: Model, **values: float) -> Model:
 
 
 def predict(
-    model: Model, recordings: Sequence[Recording], starts=None, servos: ServoKind = "mipsd", timestep: float = STEP
+    model: Model,
+    recordings: Sequence[Recording],
+    starts: Sequence[float] | np.ndarray | None = None,
+    servos: ServoKind = "mipsd",
+    timestep: float = STEP,
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Angle [rad] and voltage [V] that the model has at the times of each recording, from rest.
 
@@ -338,7 +343,7 @@ def prediction_error(model: Model, recordings: Sequence[Recording], servos: Serv
     return np.array([math.sqrt(np.mean((q - r.angle) ** 2)) for (q, _), r in zip(runs, recordings)])
 
 
-def _sampled(run, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sampled(run: Trajectory, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Angle, interpolated, and voltage, held, at the times of a recording."""
     grid = run["time"]
     held = np.clip(np.searchsorted(grid, time + 1e-9, side="right") - 1, 0, len(grid) - 1)
@@ -348,17 +353,26 @@ def _sampled(run, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 class _Fit:
     """Residuals and their Jacobian over the logarithms of the parameters and, if fitted, the start angles."""
 
-    def __init__(self, models, recordings, parameters, servos, voltage_weight, timestep):
+    def __init__(
+        self,
+        models: Sequence[Model],
+        recordings: Sequence[Recording],
+        parameters: Sequence[str],
+        servos: ServoKind,
+        voltage_weight: float,
+        timestep: float,
+    ) -> None:
         self.models, self.recordings, self.parameters = models, recordings, parameters
         self.servos, self.voltage_weight, self.timestep = servos, voltage_weight, timestep
-        self.evaluations, self.bar = 0, None
+        self.evaluations = 0
+        self.bar: tqdm | None = None
 
-    def simulated(self, x) -> list[tuple[np.ndarray, np.ndarray]]:
+    def simulated(self, x: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Angle and voltage of each recording."""
         count = len(self.parameters)
         values, starts = dict(zip(self.parameters, np.exp(x[:count]))), x[count:]
         if not len(starts):
-            starts = [recording.angle[0] for recording in self.recordings]
+            starts = np.array([recording.angle[0] for recording in self.recordings])
         results: list = [None] * len(self.recordings)
         for model in dict.fromkeys(self.models):
             members = [k for k, other in enumerate(self.models) if other is model]
@@ -367,10 +381,11 @@ class _Fit:
             for k, run in zip(members, runs):
                 results[k] = run
         self.evaluations += 1
-        self.bar.update()
+        if self.bar is not None:
+            self.bar.update()
         return results
 
-    def blocks(self, x) -> list[np.ndarray]:
+    def blocks(self, x: np.ndarray) -> list[np.ndarray]:
         """Residuals of each recording."""
         blocks = []
         for (angle, voltage), recording in zip(self.simulated(x), self.recordings):
@@ -380,15 +395,15 @@ class _Fit:
             blocks.append(np.concatenate(parts))
         return blocks
 
-    def residuals(self, x) -> np.ndarray:
+    def residuals(self, x: np.ndarray) -> np.ndarray:
         return np.concatenate(self.blocks(x))
 
-    def lengths(self, residuals) -> list[int]:
+    def lengths(self, residuals: np.ndarray) -> list[int]:
         """Lengths of the parts of the residuals that are a signal over time."""
         parts = 2 if self.voltage_weight else 1
         return [len(recording.time) for recording in self.recordings for _ in range(parts)]
 
-    def jacobian(self, x) -> np.ndarray:
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Central differences; a start angle moves its own recording only, so all take two evaluations."""
         count = len(self.parameters)
         columns = []
@@ -455,7 +470,7 @@ def _exp(x: float) -> float:
     return math.exp(min(max(x, -700.0), 700.0))
 
 
-def _models(model, recordings: Sequence[Recording]) -> tuple[Model, ...]:
+def _models(model: Model | Sequence[Model], recordings: Sequence[Recording]) -> tuple[Model, ...]:
     """The robot of each recording, checked."""
     if not recordings:
         raise ValueError("there is no recording; give one or more, see read_recording")
@@ -493,16 +508,16 @@ def _start(model: Model, recordings: Sequence[Recording], parameters: Sequence[s
     return {name: float(values[name]) for name in parameters}
 
 
-def _check_names(names, where: str) -> None:
+def _check_names(names: Iterable[str], where: str) -> None:
     for name in names:
         if name not in SERVO_UNITS:
             raise ValueError(f"{where}: a servo has no parameter {name!r}; parameters: {', '.join(SERVO_UNITS)}")
 
 
-def _changed_servo(servo: Servo, values: Mapping[str, float]) -> Servo:
+def _changed_servo(servo: Servo, values: Mapping[str, Any]) -> Servo:
     own, controller, gearbox = (
         {name: value for name, value in values.items() if name in {f.name for f in fields(kind)}}
         for kind in (Servo, Controller, Gearbox)
     )
-    parts = {"controller": replace(servo.controller, **controller), "gearbox": replace(servo.gearbox, **gearbox)}
-    return replace(servo, **parts, **own)
+    controlled, geared = replace(servo.controller, **controller), replace(servo.gearbox, **gearbox)
+    return replace(servo, controller=controlled, gearbox=geared, **own)

@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import MISSING, dataclass, field, fields
-from typing import Literal, NamedTuple, get_args
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -26,13 +26,14 @@ from .fixed_order import applied, product
 from .rotation import dot, rotation_about, rotation_from_rpy, rotation_z_to
 
 JointType = Literal["revolute", "continuous", "prismatic", "fixed"]
+Base = Literal["fixed", "floating"]
 Law = Literal["state", "pid_position", "pid_speed", "pd", "pd_clamped"]
 
 AXIS_TOLERANCE = 1e-9  # how far from 1 the length of a joint axis may be
 DEFINITE_TOLERANCE = 1e-9  # smallest principal moment of inertia, relative to the largest
 TRIANGLE_TOLERANCE = 1e-6  # relative; a flat plate meets A + B = C exactly, and files round to about seven digits
 
-_RULES = {
+_RULES: dict[str, Callable[[float], bool]] = {
     "> 0": lambda x: 0 < x < math.inf,
     ">= 0": lambda x: 0 <= x < math.inf,
     "> 0 or inf": lambda x: x > 0,
@@ -41,10 +42,14 @@ _RULES = {
 }
 
 
-def _number(rule: str, unit: str, default: float = MISSING, remedy: str = ""):
-    """A field that must be a number of this range and unit; `remedy` is what to do about one that is not."""
-    remedy = remedy or f"correct it, and mind the unit {unit}"
-    return field(default=default, metadata={"rule": rule, "unit": unit, "remedy": remedy})
+def _range(rule: str, unit: str, remedy: str = "") -> dict[str, str]:
+    """Metadata of a field that must be a number of this range and unit; `remedy`: what to do about another."""
+    return {"rule": rule, "unit": unit, "remedy": remedy or f"correct it, and mind the unit {unit}"}
+
+
+def _number(rule: str, unit: str, default: float, remedy: str = "") -> Any:
+    """Such a field with a default."""
+    return field(default=default, metadata=_range(rule, unit, remedy))
 
 
 @dataclass(frozen=True)
@@ -52,11 +57,11 @@ class Link:
     """A rigid body.  `inertia` is about the centre of mass, in link axes."""
 
     name: str
-    mass: float = _number(">= 0", "kg", remedy="a link without mass is one without <inertial>")  # 0 for a mere frame
+    mass: float = field(metadata=_range(">= 0", "kg", "a link without mass is one without <inertial>"))  # 0: a frame
     center_of_mass: tuple[float, float, float]  # [m], link frame
-    inertia: tuple[float, float, float, float, float, float]  # ixx ixy ixz iyy iyz izz [kg m^2]
+    inertia: tuple[float, ...]  # ixx ixy ixz iyy iyz izz [kg m^2]
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         what = f"link {self.name!r}"
         _check_name("link", self.name)
         _check_numbers(what, self)
@@ -83,7 +88,7 @@ class Joint:
     damping: float = _number(">= 0", "SI", 0.0, "correct the value")  # [N m s/rad or N s/m]
     friction: float = _number(">= 0", "SI", 0.0, "correct the value")  # Coulomb [N m or N]
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         what = f"joint {self.name!r}"
         _check_name("joint", self.name)
         _check_choice(what, "type", self.type, get_args(JointType))
@@ -113,14 +118,14 @@ class Joint:
 class Gearbox:
     """A gear train.  Stiffness, damping and backlash are stated at the output side, the rotor's at the rotor."""
 
-    ratio: float = _number("> 0", "-")  # G = rotor speed / joint speed
+    ratio: float = field(metadata=_range("> 0", "-"))  # G = rotor speed / joint speed
     rotor_inertia: float = _number(">= 0", "kg m^2", 0.0)  # J, rotor side; reflected to the joint it is G^2 J
     rotor_damping: float = _number(">= 0", "N m s/rad", 0.0)  # B_vr, rotor side
     stiffness: float = _number("> 0 or inf", "N m/rad", math.inf)  # K_out, output side
     damping: float = _number(">= 0", "N m s/rad", 0.0)  # B_out, output side
     backlash: float = _number(">= 0", "rad", 0.0)  # whole gap, output side
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         remedy = "to turn the motor round, reverse the joint's axis"
         _check_number("gearbox", "ratio", self.ratio, "> 0", "rotor turns per joint turn", remedy)
         _check_numbers("gearbox", self)
@@ -145,7 +150,7 @@ class Controller:
     lag: float = _number(">= 0", "s", 0.01)  # from a reference being issued to the controller seeing it
     torque_limit: float = _number("> 0 or inf", "N m", math.inf)  # of the pd laws
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         _check_choice("controller", "law", self.law, get_args(Law))
         _check_numbers("controller", self)
 
@@ -156,10 +161,10 @@ class Servo:
 
     controller: Controller
     gearbox: Gearbox
-    resistance: float = _number("> 0", "Ohm")  # R
-    inductance: float = _number(">= 0", "H")  # L
-    motor_constant: float = _number("> 0", "V s/rad")  # K = [N m/A], rotor side
-    voltage_limit: float = _number("> 0", "V")
+    resistance: float = field(metadata=_range("> 0", "Ohm"))  # R
+    inductance: float = field(metadata=_range(">= 0", "H"))  # L
+    motor_constant: float = field(metadata=_range("> 0", "V s/rad"))  # K = [N m/A], rotor side
+    voltage_limit: float = field(metadata=_range("> 0", "V"))
     current_limit: float = _number("> 0 or inf", "A", math.inf)
     current_slew: float = _number("> 0 or inf", "A/s", math.inf)
     viscous_friction: float = _number(">= 0", "N m s/rad", 0.0)  # B_v, output side
@@ -167,7 +172,7 @@ class Servo:
     encoder_resolution: float = _number(">= 0", "rad", 0.0)  # 0 = exact
     speed_filter: float = _number(">= 0", "s", 0.0)  # time constant of the speed that controller and friction see
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         _check_numbers("servo", self)
 
 
@@ -184,7 +189,7 @@ class ContactPoint:
     link: str
     position: tuple[float, float, float]  # [m], link frame
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         _check_vector(f"contact point on link {self.link!r}", "position", self.position, 3)
 
 
@@ -203,7 +208,7 @@ class Ground:
     slope: float = 0.0  # rising along x [rad]
     steps: tuple[tuple[float, float], ...] = ()  # (distance along the slope, rise) [m]
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         _check_numbers("ground", self)
         if not abs(self.slope) < 0.5 * math.pi:
             raise ValueError(
@@ -229,7 +234,7 @@ class Spring:
     damping: float = _number(">= 0", "N s/m", 0.0, "0 is a spring alone")  # C
     length: float = _number(">= 0", "m", 0.0, "it is the distance at which the spring is slack")  # l0, at rest
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         what = f"spring from link {self.a!r} to {self.b!r}"
         if self.a == self.b:
             raise ValueError(f"{what}: both points are on one link, which does not stretch; give two links")
@@ -245,14 +250,14 @@ class Model:
     name: str
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
-    base: Literal["fixed", "floating"] = "fixed"
+    base: Base = "fixed"
     locked: dict[str, float] = field(default_factory=dict)  # joint name -> position it is held at [rad or m]
     servos: dict[str, Servo] = field(default_factory=dict)  # joint name -> servo
     contacts: tuple[ContactPoint, ...] = ()
     notes: tuple[str, ...] = ()  # what the reader skipped or changed, one sentence each
     source: str = ""  # file it was read from
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         _check_name("robot", self.name)
         _check_choice(f"robot {self.name!r}", "base", self.base, ("fixed", "floating"))
         check_tree(self.links, self.joints)
@@ -546,7 +551,7 @@ def _check_number(what: str, name: str, value: float, rule: str, unit: str, reme
         raise ValueError(f"{what}: {name} is {value!r} [{unit}]; expected {rule}: {remedy}")
 
 
-def _check_numbers(what: str, record) -> None:
+def _check_numbers(what: str, record: Link | Joint | Gearbox | Controller | Servo | Ground | Spring) -> None:
     """Check the fields that are declared by `_number`."""
     for f in fields(record):
         if f.metadata:
@@ -567,7 +572,7 @@ def _unique(kind: str, names: list[str]) -> dict[str, int]:
     return counts
 
 
-def _listed(items: Iterable) -> str:
+def _listed(items: Iterable[object]) -> str:
     """The items for a message, cut short after ten."""
     shown = [repr(item) for item in items]
     return ", ".join(shown[:10]) + (f" and {len(shown) - 10} more" if len(shown) > 10 else "")

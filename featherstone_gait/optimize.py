@@ -17,10 +17,11 @@ import json
 import math
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.optimize import OptimizeResult
@@ -28,7 +29,7 @@ from scipy.optimize import OptimizeResult
 from . import __version__
 from .build.scene import ServoKind, compile_scene
 from .build.tree import GRAVITY
-from .files import Format, moving_up
+from .files import FilePath, Format, moving_up
 from .model import Ground, Model
 from .robot_file import load_robot
 from .run.simulate import streams
@@ -38,6 +39,9 @@ from .walking.cost import Measures, WalkingCost
 from .walking.gait import bounds, fit_gait
 from .walking.gait_file import write_angles, write_goal_positions
 from .walking.plan import BIOLOID_WALK, downward, walking_plan
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 REPORT, ARRAYS = Format("gait report"), Format("gait arrays")
 N_POSES = 4  # of a stride: the paper's four states
@@ -49,7 +53,11 @@ SHOWN = 12  # strides in the files and the animation
 
 
 def walking_cost(
-    model: Model, servos: ServoKind = "mipsd", ground: Ground | None = None, gravity=GRAVITY, **walk
+    model: Model,
+    servos: ServoKind = "mipsd",
+    ground: Ground | None = None,
+    gravity: Sequence[float] | np.ndarray = GRAVITY,
+    **walk: Any,
 ) -> WalkingCost:
     """Plan a walk of a biped, fit the four-pose gait to it and return its cost on flat ground.
 
@@ -65,7 +73,13 @@ def walking_cost(
 
 
 def optimize_gait(
-    cost: WalkingCost, *, iterations=800, seed=0, amplitude=AMPLITUDE, max_miss=MAX_MISS, **how
+    cost: WalkingCost,
+    *,
+    iterations: int = 800,
+    seed: int = 0,
+    amplitude: float = AMPLITUDE,
+    max_miss: int = MAX_MISS,
+    **how: Any,
 ) -> OptimizeResult:
     """Search for a cheaper gait than that of `cost`, within the joints' limits; return the result of `search.minimize`.
 
@@ -96,7 +110,7 @@ class Quality:
         return self.measures.as_dict() | {"at_a_quarter_of_the_step": self.finer.as_dict(), "safe": self.safe}
 
 
-def quality(cost: WalkingCost, x) -> Quality:
+def quality(cost: WalkingCost, x: np.ndarray) -> Quality:
     """Measure a gait vector, also at a quarter of the step and with its angles off."""
     fine = cost.scene.recompiled(timestep=0.25 * cost.scene.timestep)
     off = np.random.Generator(np.random.PCG64(0)).uniform(-PERTURBATION, PERTURBATION, (PERTURBED, len(x)))
@@ -106,7 +120,14 @@ def quality(cost: WalkingCost, x) -> Quality:
 
 
 def main_job(
-    robot="humanoid", *, servos: ServoKind = "mipsd", iterations=800, seed=0, out=".", resume=False, progress=True
+    robot: FilePath = "humanoid",
+    *,
+    servos: ServoKind = "mipsd",
+    iterations: int = 800,
+    seed: int = 0,
+    out: FilePath = ".",
+    resume: bool = False,
+    progress: bool = True,
 ) -> dict:
     """Optimise a robot's gait and write all files into the folder `out`; return what the JSON file holds.
 
@@ -262,13 +283,13 @@ def _settings(cost: WalkingCost, iterations: int, seed: int) -> dict:
     scene = cost.scene
     return {
         "servos": scene.servos, "integrator": scene.integrator, "timestep": scene.timestep,
-        "ground": asdict(scene.ground), "iterations": iterations, "seed": seed, "max_miss": MAX_MISS,
+        "ground": scene.ground and asdict(scene.ground), "iterations": iterations, "seed": seed, "max_miss": MAX_MISS,
         "amplitude_deg": math.degrees(AMPLITUDE), "period": cost.gait.period, "poses": len(cost.gait.poses),
         "warm_up_strides": cost.warm_up, "measured_strides": cost.strides, "start_of_measurement": cost.mark,
     }  # fmt: skip
 
 
-def plot_convergence(result: OptimizeResult):
+def plot_convergence(result: OptimizeResult) -> Figure:
     """Cost of every candidate and the best so far."""
     from matplotlib.figure import Figure
 
@@ -287,7 +308,7 @@ def plot_convergence(result: OptimizeResult):
     return figure
 
 
-def plot_angles(cost: WalkingCost, first, best):
+def plot_angles(cost: WalkingCost, first: np.ndarray, best: np.ndarray) -> Figure:
     """The joint angles of a stride, before and after, with the poses."""
     from matplotlib.figure import Figure
 

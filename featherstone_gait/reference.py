@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .core.step.signals import Knots
+
+ReferenceKind = Literal["hold", "linear", "cubic"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,10 +25,16 @@ class Reference:
 
     times: np.ndarray
     values: np.ndarray
-    kind: Literal["hold", "linear", "cubic"] = "linear"
+    kind: ReferenceKind = "linear"
     cyclic: bool = False
 
-    def __post_init__(self):
+    if TYPE_CHECKING:
+
+        def __init__(
+            self, times: ArrayLike, values: ArrayLike, kind: ReferenceKind = "linear", cyclic: bool = False
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
         times = np.array(self.times, dtype=float)
         values = np.array(self.values, dtype=float)
         if times.ndim != 1 or values.ndim != 2 or len(times) != len(values) or len(times) == 0:
@@ -60,7 +69,7 @@ class Reference:
         return Knots(times, cubics, float(times[-1] - times[0]) if self.cyclic else 0.0)
 
 
-def _spline(times, values, cyclic) -> np.ndarray:
+def _spline(times: np.ndarray, values: np.ndarray, cyclic: bool) -> np.ndarray:
     """The coefficients c1, c2, c3 (k, n, 3) of the C2 spline through k + 1 knots.
 
     Its second derivatives M solve h_(i-1) M_(i-1) + 2 (h_(i-1) + h_i) M_i + h_i M_(i+1) = 6 (d_i - d_(i-1)), with the
@@ -76,7 +85,7 @@ def _spline(times, values, cyclic) -> np.ndarray:
     return np.stack([d - h * (2.0 * M[:-1] + M[1:]) / 6.0, 0.5 * M[:-1], np.diff(M, axis=0) / (6.0 * h)], axis=-1)
 
 
-def _inner_derivatives(h, right, end) -> np.ndarray:
+def _inner_derivatives(h: np.ndarray, right: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Solve for M (k + 1, n) with M = `end` (n,) at both ends: Thomas's elimination, in a fixed order of operations."""
     M = np.concatenate([end[None], right, end[None]])
     pivot, above = np.ones_like(h), np.concatenate([np.zeros_like(h[:1]), h[1:]])

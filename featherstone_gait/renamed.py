@@ -10,7 +10,11 @@ module that is still there, but has lost names, has::
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from importlib import import_module
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Any
 
 UNTIL = "0.3"
 RENAMED = {  # modules, or names in modules (an old module has the names of the new one)
@@ -49,7 +53,7 @@ def install() -> None:
         sys.meta_path.append(Finder)
 
 
-def lookup(module: str, name: str):
+def lookup(module: str, name: str) -> Any:
     """What `name` in `module` is now; called by the module's `__getattr__` (PEP 562).  Raises AttributeError."""
     old = f"{module}.{name}"
     if old not in RENAMED:
@@ -64,19 +68,19 @@ class Finder:
     """Finds old names of modules, and puts the new modules in their place (a meta path finder and its loader)."""
 
     @classmethod
-    def find_spec(cls, name, path=None, target=None):
+    def find_spec(
+        cls, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
         if name not in RENAMED:
             return None
-        from importlib.machinery import ModuleSpec
-
-        return ModuleSpec(name, cls)
+        return ModuleSpec(name, cls)  # type: ignore[arg-type]  # a class does as a loader, too
 
     @staticmethod
-    def create_module(spec) -> None:
+    def create_module(spec: ModuleSpec) -> None:
         """An empty one, as usual."""
 
     @staticmethod
-    def exec_module(module) -> None:
+    def exec_module(module: ModuleType) -> None:
         old = module.__name__
         warn(old, level=3)
         sys.modules[old] = import_module(RENAMED[old])

@@ -7,14 +7,18 @@ order of summation depends on the processor, and no libm.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .elementary import sincos
 from .fixed_order import product
 
+Vector = Sequence[float] | np.ndarray  # (3,)
 
-def rotation_from_rpy(rpy) -> np.ndarray:
+
+def rotation_from_rpy(rpy: Iterable[float]) -> np.ndarray:
     """Rotation (3, 3), child to parent, of roll, pitch and yaw [rad] about fixed axes: Rz Ry Rx (URDF)."""
     (sr, cr), (sp, cp), (sy, cy) = (sincos(angle) for angle in rpy)
     return np.array(
@@ -26,7 +30,7 @@ def rotation_from_rpy(rpy) -> np.ndarray:
     )
 
 
-def rotation_about(axis, angle) -> np.ndarray:
+def rotation_about(axis: Iterable[float], angle: float | np.ndarray) -> np.ndarray:
     """Rotations (..., 3, 3) by an angle or an array (...) of them [rad] about a unit axis (3,): Rodrigues' formula."""
     x, y, z = axis
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -34,7 +38,7 @@ def rotation_about(axis, angle) -> np.ndarray:
     return np.eye(3) + s * K + (1.0 - c) * product(K, K)
 
 
-def rotation_z_to(axis) -> np.ndarray:
+def rotation_z_to(axis: ArrayLike) -> np.ndarray:
     """A rotation (3, 3) that takes z to a unit axis (3,); entries are exactly 0 and 1 for coordinate axes."""
     z = np.array(axis)
     x = cross(np.eye(3)[np.argmin(np.abs(z))], z)
@@ -42,11 +46,11 @@ def rotation_z_to(axis) -> np.ndarray:
     return np.column_stack([x, cross(z, x), z])
 
 
-def dot(a, b) -> float:
+def dot(a: Vector, b: Vector) -> float:
     """Scalar product of two vectors (3,), summed in order."""
     return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
-def cross(a, b) -> np.ndarray:
+def cross(a: Vector, b: Vector) -> np.ndarray:
     """Vector product (3,) of two vectors (3,); np.cross takes ten times as long."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from . import dynamics
 from .build.scene import CompiledScene
@@ -31,7 +32,7 @@ def gyroscope(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:
     return _channels(trajectory, "base_qd")[0][:, 3:]
 
 
-def accelerometer(scene: CompiledScene, trajectory: Trajectory, position=(0.0, 0.0, 0.0)) -> np.ndarray:
+def accelerometer(scene: CompiledScene, trajectory: Trajectory, position: ArrayLike = (0.0, 0.0, 0.0)) -> np.ndarray:
     """Specific force (samples, 3) at a position [m] of the trunk, its own axes [m/s^2]: acceleration less gravity.
 
     Needs base_q, base_qd and base_qdd.  An acceleration is the mean over the step before the sample: the first sample

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from . import renamed
-from .files import Format, complete_together
+from .files import FilePath, Format, complete_together
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 FORMAT = Format("trajectory")
 
 @dataclass(frozen=True, eq=False)
-class Trajectory(Mapping):
+class Trajectory(Mapping[str, np.ndarray]):
     """Channels by name, arrays (samples, ...); `time` (samples,) [s] is one of them.
 
     status is "ok", "fell" or "diverged" (the run ended there, at `end_time`; later samples repeat the last sound
@@ -48,11 +52,11 @@ class Trajectory(Mapping):
     def ok(self) -> bool:
         return self.status == "ok"
 
-    def save(self, path) -> None:
+    def save(self, path: FilePath) -> None:
         """Write PATH.npz (channels and final state) and PATH.json (status and settings), whole or not at all."""
         described = {"format": str(FORMAT), "status": self.status, "message": self.message, "end_time": self.end_time}
         described |= {"info": self.info, "parts": self.parts}
-        arrays = {f"channel_{k}": v for k, v in self.channels.items()}
+        arrays: dict[str, Any] = {f"channel_{k}": v for k, v in self.channels.items()}
         arrays |= {f"error_{k}": v for k, v in (self.error or {}).items()}
         with complete_together(*_files(path)) as (data, text):
             with data.open("xb") as file:
@@ -60,7 +64,7 @@ class Trajectory(Mapping):
             text.write_text(json.dumps(described, indent=2, default=float), encoding="utf-8")
 
     @classmethod
-    def load(cls, path) -> Trajectory:
+    def load(cls, path: FilePath) -> Trajectory:
         """Read what `save` wrote.  Raises ValueError for a file of a format that this version does not read."""
         arrays, text = _files(path)
         described = json.loads(text.read_text("utf-8"))
@@ -75,7 +79,7 @@ class Trajectory(Mapping):
         parts = parts and {name: (int(start), int(stop)) for name, (start, stop) in parts.items()}
         return cls(channels, final=final, error=error or None, parts=parts, **described)
 
-    def plot(self, *names: str, axes=None):
+    def plot(self, *names: str, axes: Axes | Sequence[Axes] | np.ndarray | None = None) -> Figure:
         """Draw channels against time, one panel each; return the figure."""
         from .view.plotting import plot_trajectory
 
@@ -99,12 +103,12 @@ def with_error(run: Trajectory, finer: Trajectory, factor: float) -> Trajectory:
     return replace(run, error=error)
 
 
-def _files(path) -> tuple[Path, Path]:
+def _files(path: FilePath) -> tuple[Path, Path]:
     """PATH.npz and PATH.json, of a path with or without one of these endings; other dots belong to the name."""
     path = Path(path)
     path = path.with_suffix("") if path.suffix in (".npz", ".json") else path
     return path.with_name(path.name + ".npz"), path.with_name(path.name + ".json")
 
 
-def __getattr__(name: str):
+def __getattr__(name: str) -> Any:
     return renamed.lookup(__name__, name)

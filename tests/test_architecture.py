@@ -6,6 +6,7 @@ import pkgutil
 import re
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import numpy as np
@@ -24,17 +25,48 @@ MODULES = {
 }
 
 
-def imports(name):
-    """Full names of all that a module imports, wherever in the file."""
+def imports(name, walk=ast.walk):
+    """Full names of all that a module imports, wherever in the file; walk: gives the nodes that are looked at."""
     path = MODULES[name]
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+    for node in walk(ast.parse(path.read_text("utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             parents = package.split(".")[: len(package.split(".")) + 1 - node.level] if node.level else []
             source = ".".join([*parents, *filter(None, [node.module])])
             yield from (f"{source}.{alias.name}" for alias in node.names)
+
+
+def at_import(tree):
+    """The nodes that run when a module is imported: not those of functions, nor what is for type checkers."""
+    for node in ast.iter_child_nodes(tree):
+        typing = isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+        if not typing and not isinstance(node, ast.FunctionDef | ast.Lambda):
+            yield node
+            yield from at_import(node)
+
+
+def functions(*modules):
+    """Module and node of every function of some modules, those inside of functions too."""
+    for module in modules:
+        for node in ast.walk(ast.parse(MODULES[module].read_text("utf-8"))):
+            if isinstance(node, ast.FunctionDef):
+                yield module, node
+
+
+def outermost(tree):
+    """Public functions of a module and public methods of its public classes."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+            yield from [node] if isinstance(node, ast.FunctionDef) else outermost(node)
+
+
+def arguments(function):
+    """Those to be passed in order, * and ** as one each, and of a private function those to be passed by name."""
+    a = function.args
+    named = a.kwonlyargs if function.name.startswith("_") else []
+    return [x for x in (*a.posonlyargs, *a.args, a.vararg, a.kwarg, *named) if x is not None]
 
 
 def within(name, *packages):
@@ -74,6 +106,41 @@ def test_nothing_imports_the_experiments_and_the_command_line():
 
 def test_nothing_imports_a_name_that_has_moved():
     assert [(module, name) for module in MODULES for name in imports(module) if within(name, *RENAMED)] == []
+
+
+def test_imports_make_no_circle():
+    """Between files, when they are imported; a package does not count as imported by what is in it."""
+    graph = {
+        name: {x if x in MODULES else x.rpartition(".")[0] for x in imports(name, at_import)} & {*MODULES}
+        for name in MODULES
+    }
+    assert any(graph.values())
+    TopologicalSorter(graph).prepare()  # raises CycleError, which names a circle
+
+
+def test_functions_take_few_arguments():
+    counts = [(len(arguments(node)), f"{module}.{node.name}") for module, node in functions(*MODULES)]
+    assert [name for count, name in counts if count > 10] == []
+    assert len([name for count, name in counts if count > 8]) <= 15
+
+
+@pytest.mark.parametrize("module", modules_of("core"))
+def test_kernels_say_what_they_do(module):
+    """With units; what the recurring arguments are is said in the package."""
+    tree = ast.parse(MODULES[module].read_text("utf-8"))
+    assert [node.name for node in outermost(tree) if not ast.get_docstring(node)] == []
+
+
+def test_functions_outside_of_core_state_types():
+    """Of all arguments but self and cls, and of the result."""
+    outside = [module for module in MODULES if not within(module, "featherstone_gait.core")]
+    untyped = []
+    for module, node in functions(*outside):
+        given = [*arguments(node), *node.args.kwonlyargs]
+        bare = [x.arg for x in given if x.annotation is None and x.arg not in ("self", "cls")]
+        if bare or node.returns is None:
+            untyped.append((module, node.name, bare))
+    assert untyped == []
 
 
 def test_only_one_module_puts_files_in_their_places():

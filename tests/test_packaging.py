@@ -1,5 +1,6 @@
 """What is built, installed and written in the README is complete and true."""
 
+import ast
 import email
 import os
 import re
@@ -51,7 +52,8 @@ def test_the_wheel_holds_package_robots_and_licence(distributions):
     with zipfile.ZipFile(path) as wheel:
         names = set(wheel.namelist())
         (metadata,) = (wheel.read(name).decode() for name in names if name.endswith(".dist-info/METADATA"))
-    sources = [p for p in (ROOT / "featherstone_gait").rglob("*") if p.suffix in (".py", ".html")]
+    sources = [p for p in (ROOT / "featherstone_gait").rglob("*") if p.suffix in (".py", ".html", ".typed")]
+    assert "py.typed" in [p.name for p in sources]
     modules = {str(p.relative_to(ROOT).as_posix()) for p in sources}
     rest = names - modules - {f"featherstone_gait/{name}" for name in ROBOT_FILES}
     assert len(names - rest) == len(modules) + len(ROBOT_FILES)
@@ -93,6 +95,13 @@ def test_every_public_name_is_there_once():
     assert set(names) <= set(dir(featherstone_gait))
     with pytest.raises(AttributeError, match="no attribute 'simulator'"):
         featherstone_gait.simulator  # noqa: B018
+
+
+def test_type_checkers_know_every_public_name():
+    tree = ast.parse(Path(featherstone_gait.__file__).read_text("utf-8"))
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    told = {f"{node.module}.{alias.name}" for node in imports for alias in node.names if alias.asname == alias.name}
+    assert told == {f"{module}.{name}" for name, module in featherstone_gait._HOME.items()}
 
 
 def test_readme_has_two_commands_that_exist():

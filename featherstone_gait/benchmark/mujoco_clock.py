@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 
 @contextmanager
-def quick_mujoco():
+def quick_mujoco() -> Iterator[None]:
     """MuJoCo without the clock by which its Python package times every step, and without warnings on the screen."""
     import mujoco
 

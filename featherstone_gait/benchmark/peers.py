@@ -22,15 +22,16 @@ differently, and each engine's error is its own, counted from a sixteenth of the
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import math
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -48,6 +49,13 @@ from .machine import machine
 from .mujoco_clock import quick_mujoco
 from .precision import Problem, Run
 from .table import write_table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Solver = Callable[[float, np.ndarray], tuple[np.ndarray, float]]  # from setting and start to the end and CPU time [s]
+Servo = Callable[[Any, Any], None]  # makes one of MuJoCo's joint and actuator
+Method = tuple[Sequence[float], Solver]  # with the settings to try
 
 KP, KD, LIMIT = (precision.STIFF_SERVO[name] for name in ("Kp", "Kd", "torque_limit"))
 ARMATURE = 254.0**2 * 1e-7  # reflected inertia of an AX-12's rotor [kg m^2]
@@ -158,12 +166,12 @@ def forward_dynamics(model: Model, repeats: int) -> list[Speed]:
 
 def _bounded(model: Model) -> Model:
     """Joints without limits get wide ones: Pinocchio would describe each by sine and cosine, and be slower."""
-    wide = {"type": "revolute", "lower": -1e3, "upper": 1e3, "effort": 1e3, "velocity": 1e3}
+    wide: dict[str, Any] = {"type": "revolute", "lower": -1e3, "upper": 1e3, "effort": 1e3, "velocity": 1e3}
     joints = (replace(j, **wide) if j.type == "continuous" else j for j in model.joints)
     return replace(model, joints=tuple(joints))
 
 
-def _pinocchio(model: Model):
+def _pinocchio(model: Model) -> Any:
     import pinocchio as pin
 
     with tempfile.TemporaryDirectory() as folder:
@@ -176,7 +184,7 @@ def _pinocchio(model: Model):
     return m
 
 
-def _pinocchio_aba(model: Model, x, exact):
+def _pinocchio_aba(model: Model, x: speed.Question, exact: np.ndarray) -> tuple[Callable, Callable, float]:
     """Its call, the call of a robot without joints, and the error of the joints' accelerations."""
     import pinocchio as pin
 
@@ -196,7 +204,7 @@ def _pinocchio_aba(model: Model, x, exact):
 
 
 def _loop(call: Callable, count: int) -> Callable:
-    def loop():
+    def loop() -> None:
         for _ in range(count):
             call()
 
@@ -246,7 +254,7 @@ def trajectories(problem: Problem, repeats: int) -> list[Point]:
     for name, (settings, solve) in tqdm(methods.items(), desc=f"peers: {problem.name}", leave=False, disable=None):
         for setting in settings:
             try:
-                q, least = _timed(lambda h=setting, solve=solve: solve(h, q0), repeats)
+                q, least = _timed(functools.partial(solve, setting, q0), repeats)
             except ArithmeticError:
                 continue  # it failed: there is no result to compare
             error = float(np.abs(q - exact).max())
@@ -265,14 +273,14 @@ def _timed(solve: Callable[[], tuple[np.ndarray, float]], repeats: int) -> tuple
     return q, 1e3 * min(times)
 
 
-def _mujoco_methods(problem: Problem) -> dict:
+def _mujoco_methods(problem: Problem) -> dict[str, Method]:
     """Integrators and ways to express the servo: (steps, function from step and start to the end and CPU time)."""
     import mujoco
 
-    servos = {"free": None}
+    servos: dict[str, Servo | None] = {"free": None}
     if problem.reference is not None:
         servos = {"position": _position_servo, "joint damping": _damped_joint, "dcmotor": _dc_motor}
-    methods = {}
+    methods: dict[str, Method] = {}
     for servo, fit in servos.items():
         m = _mujoco_arm(problem, fit)
         for name in ("Euler", "implicitfast", "implicit", "RK4", "discrete"):
@@ -283,7 +291,7 @@ def _mujoco_methods(problem: Problem) -> dict:
     return methods
 
 
-def _mujoco_arm(problem: Problem, servo):
+def _mujoco_arm(problem: Problem, servo: Servo | None) -> Any:
     """The arm with a servo at each joint."""
     import mujoco
 
@@ -292,28 +300,29 @@ def _mujoco_arm(problem: Problem, servo):
         save_robot(model, Path(folder) / "arm.urdf")
         spec = mujoco.MjSpec.from_file(str(Path(folder) / "arm.urdf"))
     spec.compiler.fusestatic = False
-    for name in model.joint_names if servo else ():
-        joint = spec.joint(name)
-        joint.armature = ARMATURE if problem.arguments["servos"] == "rotor" else 0.0
-        actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        servo(joint, actuator)
-        actuator.forcelimited, actuator.forcerange = True, [-LIMIT, LIMIT]
+    if servo is not None:
+        for name in model.joint_names:
+            joint = spec.joint(name)
+            joint.armature = ARMATURE if problem.arguments["servos"] == "rotor" else 0.0
+            actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            servo(joint, actuator)
+            actuator.forcelimited, actuator.forcerange = True, [-LIMIT, LIMIT]
     m = spec.compile()
     m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     return m
 
 
-def _position_servo(joint, actuator) -> None:
+def _position_servo(joint: Any, actuator: Any) -> None:
     actuator.set_to_position(kp=KP, kv=KD)
 
 
-def _damped_joint(joint, actuator) -> None:
+def _damped_joint(joint: Any, actuator: Any) -> None:
     """The clamp holds the spring alone."""
     joint.damping[0] = KD
     actuator.set_to_position(kp=KP)
 
 
-def _dc_motor(joint, actuator) -> None:
+def _dc_motor(joint: Any, actuator: Any) -> None:
     import mujoco
 
     position = int(mujoco.mjtCtrlInput.mjINPUT_POS)
@@ -323,12 +332,12 @@ def _dc_motor(joint, actuator) -> None:
     )  # fmt: skip
 
 
-def _mujoco_solver(m, integrator, duration: float):
+def _mujoco_solver(m: Any, integrator: Any, duration: float) -> Solver:
     import mujoco
 
     d = mujoco.MjData(m)
 
-    def solve(h, q0):
+    def solve(h: float, q0: np.ndarray) -> tuple[np.ndarray, float]:
         mujoco.mj_resetData(m, d)
         steps = max(1, round(duration / h))
         m.opt.integrator, m.opt.timestep = integrator, duration / steps
@@ -343,7 +352,7 @@ def _mujoco_solver(m, integrator, duration: float):
     return solve
 
 
-def _scipy_methods(problem: Problem) -> dict:
+def _scipy_methods(problem: Problem) -> dict[str, Method]:
     """Tolerances, and a function from tolerance and start to the end and CPU time."""
     import pinocchio as pin
     from scipy.integrate import solve_ivp
@@ -355,13 +364,13 @@ def _scipy_methods(problem: Problem) -> dict:
         m.armature[:] = ARMATURE
     d, zero = m.createData(), np.zeros(n)
 
-    def rates(t, y):
+    def rates(t: float, y: np.ndarray) -> np.ndarray:
         q, v = y[:n], y[n:]
         tau = np.clip(-KP * q - KD * v, -LIMIT, LIMIT) if driven else zero
         return np.concatenate([v, pin.aba(m, d, q, v, tau)])
 
-    def solver(method):
-        def solve(rtol, q0):
+    def solver(method: str) -> Solver:
+        def solve(rtol: float, q0: np.ndarray) -> tuple[np.ndarray, float]:
             start = time.thread_time()
             answer = solve_ivp(rates, (0.0, problem.duration), np.concatenate([q0, zero]), method, rtol=rtol, atol=rtol)
             spent = time.thread_time() - start
@@ -391,7 +400,7 @@ def cheapest(error: float, points: list[Point], problem: str, which: Callable[[s
     """The least such cost of some methods, and whose."""
     methods = dict.fromkeys(p.method for p in points if p.problem == problem and which(p.method))
     costs = {name: cost_at(error, [p for p in points if (p.problem, p.method) == (problem, name)]) for name in methods}
-    name = min(costs, key=costs.get)
+    name = min(costs, key=costs.__getitem__)
     return costs[name], name if math.isfinite(costs[name]) else "none"
 
 
@@ -446,12 +455,12 @@ def _own_steps(problem: Problem, integrator: str, repeats: int) -> list[Speed]:
 def _lane_run(problem: Problem, run: Run) -> Callable[[], None]:
     """The run in eight lanes, whose references differ by a little noise."""
     rng = np.random.default_rng(0)
-    times, values = problem.reference.times, problem.reference.values
+    times, values = problem.signal.times, problem.signal.values
     knots = [Reference(times, values + NOISE * rng.normal(size=values.shape[1])).knots() for _ in range(WIDTH)]
     start = run.start.y
     in_lanes, y, out = run.ready.arguments_in_lanes([run.start._replace(reference=k) for k in knots])
 
-    def call():
+    def call() -> None:
         y[:] = start[:, None]
         rollout_lanes(in_lanes, y, out)
 
@@ -483,12 +492,12 @@ def _mujoco_steps(problem: Problem, repeats: int) -> list[Speed]:
     return rows
 
 
-def _mujoco_start(m, problem: Problem):
+def _mujoco_start(m: Any, problem: Problem) -> np.ndarray:
     """Its state where the measured part begins: standing, or walked there."""
     import mujoco
 
     d = mujoco.MjData(m)
-    signal = problem.reference
+    signal = problem.signal
     state = walk._mujoco_state(m, d, signal.values[0])
     if signal.times[0] < 0.0:
         lead = problem._replace(duration=-signal.times[0], reference=Reference(signal.times - signal.times[0],
@@ -498,14 +507,14 @@ def _mujoco_start(m, problem: Problem):
     return state
 
 
-def _mujoco_path(m, problem: Problem, state, h: float):
+def _mujoco_path(m: Any, problem: Problem, state: np.ndarray, h: float) -> tuple[np.ndarray, float, np.ndarray]:
     """Positions every 10 ms, CPU time [s] and the state at the end."""
     import mujoco
 
     kind, d, m.opt.timestep = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.MjData(m), h
     mujoco.mj_setState(m, d, state, kind)
     ticks, per_tick = round(problem.duration / 0.01), round(0.01 / h)
-    times, values = problem.reference.times, problem.reference.values
+    times, values = problem.signal.times, problem.signal.values
     control = np.stack([np.interp(0.01 * np.arange(ticks), times, column) for column in values.T], axis=1)
     path, spent = [d.qpos.copy()], 0.0
     for row in control:
@@ -638,7 +647,7 @@ GREYS = {"MuJoCo Euler": "C5", "MuJoCo implicitfast": "C6", "MuJoCo implicit": "
 DASHES = {"": "-", ", position": "-", ", joint damping": "--", ", dcmotor": ":"}
 
 
-def _scene_panel(panel, points: list[Point]) -> None:
+def _scene_panel(panel: Axes, points: list[Point]) -> None:
     """Solid circles are ours."""
     for method in dict.fromkeys(p.method for p in points):
         line = [p for p in points if p.method == method and 1e-14 < p.error < 1.0]
@@ -657,7 +666,7 @@ def _scene_panel(panel, points: list[Point]) -> None:
 LABELS = {"float64": "ours, float64", "lanes": "ours, lanes"}
 
 
-def _dynamics_panel(panel, rows: list[Speed]) -> None:
+def _dynamics_panel(panel: Axes, rows: list[Speed]) -> None:
     for engine, colour in zip(dict.fromkeys(r.engine for r in rows), ("0.5", "C3", "C0", "C2")):
         line = [r for r in rows if r.engine == engine]
         label = LABELS.get(engine, engine)

@@ -18,10 +18,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -40,10 +40,14 @@ from ..view.plotting import positions
 from .machine import machine
 from .table import TABLE, write_table
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
+
 STEPS = (0.1, 5e-2, 2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5)  # [s]
 TOLERANCES = tuple(10.0**-k for k in range(2, 14))
 ENOUGH, REPEATS, REPEATS_FULL = 0.15, 5, 25  # CPU seconds and runs after which a time is believed
-STIFF_SERVO = {"law": "pd_clamped", "Kp": 12.97, "Kd": 0.374, "torque_limit": 1.5}
+STIFF_SERVO: dict[str, Any] = {"law": "pd_clamped", "Kp": 12.97, "Kd": 0.374, "torque_limit": 1.5}
 
 
 class Problem(NamedTuple):
@@ -65,6 +69,12 @@ class Problem(NamedTuple):
 
     def scene(self, integrator: str, timestep: float | None = None) -> CompiledScene:
         return compile_scene(self.model, integrator=integrator, timestep=timestep, **self.arguments)
+
+    @property
+    def signal(self) -> Reference:
+        """The reference of a problem that has one."""
+        assert self.reference is not None
+        return self.reference
 
     @property
     def record(self) -> tuple[str, ...]:
@@ -103,7 +113,16 @@ class Row(NamedTuple):
 class Run:
     """The compiled run of a simulation with its arguments prepared, to be timed without what Python does about it."""
 
-    def __init__(self, scene, duration, state, reference, sample, rtol=None, record=("q",)):
+    def __init__(
+        self,
+        scene: CompiledScene,
+        duration: float,
+        state: np.ndarray,
+        reference: Reference | None,
+        sample: float | None,
+        rtol: float | None = None,
+        record: tuple[str, ...] = ("q",),
+    ) -> None:
         self.scene, rtol, atol = with_tolerance(scene, rtol, None)
         self.settings = (duration, state, reference, sample, rtol, record)
         self.ready = prepare(self.scene, duration, record, sample, rtol=rtol or 0.0, atol=atol or 0.0)
@@ -143,7 +162,7 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
     return rows
 
 
-def measure(problem: Problem, repeats: int = REPEATS, settings=None) -> list[Row]:
+def measure(problem: Problem, repeats: int = REPEATS, settings: Sequence[tuple[str, float]] | None = None) -> list[Row]:
     """Rows of a problem; settings: (integrator, step or tolerance) to try, by default all."""
     exact, own_error = solution(problem)
     tried = settings or [
@@ -184,9 +203,10 @@ def deviation(model: Model, q: np.ndarray, exact: np.ndarray) -> tuple[float, fl
     return float(max(turn.max(), joints)), float(np.linalg.norm(q[:, :3] - exact[:, :3], axis=1).max())
 
 
-def _row(problem: Problem, integrator: str, setting: float, exact, own_error: float, repeats: int) -> Row:
+def _row(problem: Problem, integrator: str, setting: float, exact: np.ndarray, own_error: float, repeats: int) -> Row:
     run = problem.run(integrator, setting)
-    times, calls = [], []
+    times: list[float] = []
+    calls: list[float] = []
     while not times or (len(calls) < repeats and sum(times) + sum(calls) < 1e3 * ENOUGH / problem.duration):
         times += [run.once() for _ in range(3)]  # the first after a call of `simulate` finds cold caches
         calls.append(run.call())
@@ -223,12 +243,12 @@ def problems() -> list[Problem]:
 
 def unlimited(model: Model) -> Model:
     """Without stops."""
-    free = {"type": "continuous", "lower": -math.inf, "upper": math.inf}
+    free: dict[str, Any] = {"type": "continuous", "lower": -math.inf, "upper": math.inf}
     moving = model.joint_names
     return replace(model, joints=tuple(replace(j, **free) if j.name in moving else j for j in model.joints))
 
 
-SMOOTH = {"best": "dop853", "check": "extrapolation"}
+SMOOTH: dict[str, Any] = {"best": "dop853", "check": "extrapolation"}
 ALL = {"implicit_euler": 2e-5, "midpoint": 2e-5, "rk4": 2e-5, "dop853": 1e-13, "extrapolation": 1e-13}
 
 
@@ -272,7 +292,7 @@ def humanoids() -> list[Problem]:
 
     cost = walking_cost(load_robot("humanoid", locked="simplified"))
     how = {"implicit_euler": 2e-5, "midpoint": 2e-5, "simtwo": 2e-5, "extrapolation": 1e-8}
-    common = {"integrators": how, "sample": 0.01, "finest": 1e-9}
+    common: dict[str, Any] = {"integrators": how, "sample": 0.01, "finest": 1e-9}
     scene = {"servos": "mipsd", "ground": Ground()}
     signal = cost.reference(cost.gait.to_vector(), cost.warm_up + 1)
     posture = signal.values[0]
@@ -298,7 +318,7 @@ def free_box(kind: str) -> Problem:
     gravity = (0.0, 0.0, 0.0) if simple else (0.0, 0.0, -9.8)
     velocity = [-0.9, 0.4, 0.1, 0.5, 0.0, 0.0] if simple else [-2.0, 2.0, 8.0, 0.1, 5.0, 0.1]
 
-    def turning(t):
+    def turning(t: np.ndarray) -> np.ndarray:
         """The simple box turns about its first axis and drifts."""
         zero = 0.0 * t
         return np.stack([-0.9 * t, 0.4 * t, 0.1 * t, np.cos(0.25 * t), np.sin(0.25 * t), zero, zero], axis=1)
@@ -318,7 +338,7 @@ def pendulum() -> Problem:
     model = Model("pendulum", (base, bob), (Joint("hinge", "continuous", "base", "bob", axis=(0.0, 1.0, 0.0)),))
     w, k = math.sqrt(9.81 / (1.0 + POINT[3])), math.sqrt(0.5)
 
-    def swinging(t):
+    def swinging(t: np.ndarray) -> np.ndarray:
         return 2.0 * np.arcsin(k * ellipj(ellipk(k * k) - w * t, k * k)[0])[:, None]
 
     return Problem("IFToMM A01, pendulum", model, {}, 10.0, _at(0.5 * math.pi), ALL, sample=0.1, exact=swinging)
@@ -375,7 +395,7 @@ def governor() -> Problem:
                    **SMOOTH)  # fmt: skip
 
 
-def _at(angle: float):
+def _at(angle: float) -> Callable[[CompiledScene], np.ndarray]:
     """At rest with this angle at all joints."""
     return lambda scene: initial_state(scene, np.full(scene.tree.n, angle))
 
@@ -411,7 +431,7 @@ def read(path: Path) -> list[Row]:
     """The rows of a precision.csv."""
     _, *lines = (row for _, row in read_csv(path, TABLE))
     return [
-        Row(p, i, *(float(x) if x else math.nan for x in numbers), int(evaluations), status)
+        Row._make([p, i, *(float(x) if x else math.nan for x in numbers), int(evaluations), status])
         for p, i, *numbers, evaluations, status in lines
     ]
 
@@ -457,13 +477,13 @@ def _style(name: str) -> dict:
     return {"color": COLOURS[name], "marker": "o", "markersize": 4, "markerfacecolor": fill, "linewidth": 1.2}
 
 
-def _line(name: str):
+def _line(name: str) -> Line2D:
     from matplotlib.lines import Line2D
 
     return Line2D([], [], label=name, **_style(name))
 
 
-def _panel(panel, rows: list[Row]) -> None:
+def _panel(panel: Axes, rows: list[Row]) -> None:
     from matplotlib.ticker import NullFormatter
 
     for name in COLOURS:

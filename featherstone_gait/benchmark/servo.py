@@ -11,18 +11,20 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..build.scene import compile_scene
+from ..build.scene import CompiledScene, ServoKind, compile_scene
 from ..files import complete
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..run.simulate import initial_state, simulate
+from ..trajectory import Trajectory
 from .machine import machine
 from .table import write_table
 
+SERVOS: tuple[ServoKind, ...] = ("standard", "rotor", "mipsd")
 INTEGRATORS = ("implicit_euler", "midpoint", "simtwo")
 ARM_STEPS = (1e-3, 5e-3, 1e-2)
 PD_STEPS = (1e-4, 1e-3, 5e-3, 1e-2, 2e-2, 5e-2, 1e-1)
@@ -54,10 +56,7 @@ def run(out_dir: Path, full: bool = False) -> tuple[list[ArmRow], list[PdRow]]:
     """Print both tables; write servo_arm.csv, servo_pd.csv and servo.png into `out_dir`."""
     repeats = 9 if full else 3
     arm = [
-        arm_row(servos, integrator, h, repeats)
-        for servos in ("standard", "rotor", "mipsd")
-        for integrator in INTEGRATORS
-        for h in ARM_STEPS
+        arm_row(servos, integrator, h, repeats) for servos in SERVOS for integrator in INTEGRATORS for h in ARM_STEPS
     ]
     pd = pd_rows(repeats)
     print(f"{'gearbox':9} {'integrator':15} {'step':>7} {'variance':>12} {'status':>10} {'cost':>9}")
@@ -69,8 +68,8 @@ def run(out_dir: Path, full: bool = False) -> tuple[list[ArmRow], list[PdRow]]:
         )
     print(f"\n{'integrator':15} {'step':>7} {'error':>9} {'cost':>9}  from 0.5 rad")
     print(f"{'':15} {'[ms]':>7} {'[rad]':>9} {'[ms/s]':>9}")
-    for row in pd:
-        print(f"{row.integrator:15} {row.step * 1e3:7.3g} {row.error:9.2g} {row.cost:9.3g}  {row.settles}")
+    for r in pd:
+        print(f"{r.integrator:15} {r.step * 1e3:7.3g} {r.error:9.2g} {r.cost:9.3g}  {r.settles}")
     out_dir = Path(out_dir)
     write_table(out_dir / "servo_arm.csv", ArmRow._fields, arm, machine())
     write_table(out_dir / "servo_pd.csv", PdRow._fields, pd, machine())
@@ -78,7 +77,7 @@ def run(out_dir: Path, full: bool = False) -> tuple[list[ArmRow], list[PdRow]]:
     return arm, pd
 
 
-def arm_row(servos: str, integrator: str, h: float, repeats: int) -> ArmRow:
+def arm_row(servos: ServoKind, integrator: str, h: float, repeats: int) -> ArmRow:
     """Hold the planar arm upright from a tilt of 0.01 rad a joint."""
     scene = compile_scene(load_robot("arm7"), servos=servos, integrator=integrator, timestep=h)
     state, still = initial_state(scene, np.full(7, 0.01)), Reference([0.0], np.zeros((1, 7)))
@@ -91,12 +90,12 @@ def arm_row(servos: str, integrator: str, h: float, repeats: int) -> ArmRow:
 def pd_rows(repeats: int) -> list[PdRow]:
     """Errors against RK4 at 10 us, whose own is below 1e-12."""
     arm = load_robot("arm7_spatial")
-    law = {"law": "pd_clamped", "Kp": 12.97, "Kd": 0.374, "torque_limit": 1.5}
+    law: dict[str, Any] = {"law": "pd_clamped", "Kp": 12.97, "Kd": 0.374, "torque_limit": 1.5}
     servo = load_servo("ax12", **law, viscous_friction=0.0, coulomb_friction=0.0)
     model = replace(arm, servos=dict.fromkeys(arm.joint_names, servo))
     still = Reference([0.0], np.zeros((1, 7)))
 
-    def last(integrator, h, q0, duration, repeats=1):
+    def last(integrator: str, h: float, q0: float, duration: float, repeats: int = 1) -> tuple[Trajectory, float]:
         scene = compile_scene(model, servos="standard", integrator=integrator, timestep=h)
         return _timed(scene, duration, initial_state(scene, np.full(7, q0)), still, repeats)
 
@@ -112,7 +111,9 @@ def pd_rows(repeats: int) -> list[PdRow]:
     return rows
 
 
-def _timed(scene, duration, state, reference, repeats):
+def _timed(
+    scene: CompiledScene, duration: float, state: np.ndarray, reference: Reference, repeats: int
+) -> tuple[Trajectory, float]:
     """The trajectory, and the least CPU time of some runs per simulated second [ms]."""
     trajectory = simulate(scene, duration, state, reference)
     times = []
@@ -150,9 +151,9 @@ def _plot(path: Path, arm: list[ArmRow], pd: list[PdRow]) -> None:
     left.minorticks_off()
     left.set(xlabel="step [ms]", ylabel="variance of the lowest joint [deg²]", title="Holding the 7-joint arm upright")
     for integrator, colour in zip(INTEGRATORS, ("C0", "C1")):
-        rows = [r for r in pd if r.integrator == integrator]
-        right.loglog([r.error for r in rows], [r.cost for r in rows], "o-", color=colour, label=integrator)
-        for r in rows:
+        line = [r for r in pd if r.integrator == integrator]
+        right.loglog([r.error for r in line], [r.cost for r in line], "o-", color=colour, label=integrator)
+        for r in line:
             right.annotate(
                 f"{1e3 * r.step:g} ms", (r.error, r.cost), fontsize=7, xytext=(3, 4), textcoords="offset points"
             )

@@ -19,30 +19,31 @@ import signal
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..build.external import Push
-from ..build.scene import CompiledScene, compile_scene
+from ..build.scene import CompiledScene, ServoKind, compile_scene
 from ..core.compile.jit import entry
 from ..core.compile.lanes import clamp
 from ..core.effects.gearbox import gear_torque
 from ..core.effects.motor import current_step
 from ..core.step.advance import advance
-from ..core.step.context import Step
+from ..core.step.context import Run, Step
 from ..core.step.newton import solve_step
 from ..core.tree.aba import aba
 from ..core.tree.layout import Motion, Robot
-from ..model import Ground, Model
+from ..model import Ground, Joint, Model
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..run.prepared import prepare, with_steps
 from ..run.simulate import PARTS, initial_state, simulate, simulate_batch, standing_state
+from ..trajectory import Trajectory
 from .machine import machine
 from .table import write_table
 
@@ -57,7 +58,7 @@ ALLOWED = 0.03  # over a bare ABA loop
 class Work(NamedTuple):
     """Compiled code that does some steps; prepare(steps) gives its arguments and what it writes before and after."""
 
-    kernel: Callable
+    kernel: Any  # of Numba
     prepare: Callable[[int], tuple[tuple, np.ndarray]]
 
 
@@ -90,7 +91,8 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
     pairs = "".join(f"{'without':>{width}}{'with':>8}" for width in (10, 14))
     print(f"\n{'':46}{groups}\n{'saving':46}{'without':>11}{'with':>9}{'more':>9}{pairs}")
     for name, without, having, note in savings():
-        rows.append(Row(name, *_costs({"without": without, "with": having}, repeats).values(), note))
+        costs = _costs({"without": without, "with": having}, repeats)
+        rows.append(Row(name, costs["without"], costs["with"], note))
         print(_line(rows[-1]))
     print()
     for name, text in unskipped(rows):
@@ -159,7 +161,7 @@ def code(work: Work) -> float:
 
 
 @functools.cache
-def _code(kernel, signature) -> float:
+def _code(kernel: Any, signature: tuple) -> float:
     """A kernel that was loaded from the cache has no assembly: compile it once more, beside the cache."""
     afresh = type(kernel)(kernel.py_func, targetoptions=dict(kernel.targetoptions))
     afresh.compile(signature)
@@ -193,7 +195,17 @@ def _costs(works: dict[str, Work], repeats: int) -> dict[str, Cost]:
 
 
 @entry
-def aba_loop(steps, robot, h, q, qd, tau, W, qdd, seen):
+def aba_loop(
+    steps: int,
+    robot: Robot,
+    h: float,
+    q: np.ndarray,
+    qd: np.ndarray,
+    tau: np.ndarray,
+    W: np.ndarray,
+    qdd: np.ndarray,
+    seen: np.ndarray,
+) -> None:
     """Semi-implicit Euler, nothing else."""
     for k in range(steps + 1):
         if k == 0 or k == steps:
@@ -205,7 +217,18 @@ def aba_loop(steps, robot, h, q, qd, tau, W, qdd, seen):
 
 
 @entry
-def rk4_loop(steps, robot, h, x, start, total, slope, tau, W, seen):
+def rk4_loop(
+    steps: int,
+    robot: Robot,
+    h: float,
+    x: np.ndarray,
+    start: np.ndarray,
+    total: np.ndarray,
+    slope: np.ndarray,
+    tau: np.ndarray,
+    W: np.ndarray,
+    seen: np.ndarray,
+) -> None:
     """Runge-Kutta, x = (q, qd)."""
     n = len(tau)
     for k in range(steps + 1):
@@ -228,7 +251,7 @@ def rk4_loop(steps, robot, h, x, start, total, slope, tau, W, seen):
 
 
 @entry
-def solve_loop(steps, run, h, y, seen):
+def solve_loop(steps: int, run: Run, h: float, y: np.ndarray, seen: np.ndarray) -> None:
     """The solution of an implicit step, after which nothing moves."""
     scene, o, s = run.scene, run.places[0], run.work.scratch
     for k in range(steps + 1):
@@ -238,7 +261,7 @@ def solve_loop(steps, run, h, y, seen):
 
 
 @entry
-def step_loop(steps, run, h, y, seen):
+def step_loop(steps: int, run: Run, h: float, y: np.ndarray, seen: np.ndarray) -> None:
     """Solve and advance: a step without ticks and records."""
     scene, o, s = run.scene, run.places[0], run.work.scratch
     for k in range(steps + 1):
@@ -250,7 +273,18 @@ def step_loop(steps, run, h, y, seen):
 
 
 @entry
-def current_loop(steps, motor, decay, h, current, voltage, speed, out, seen):
+def current_loop(
+    steps: int,
+    motor: np.recarray,
+    decay: np.ndarray,
+    h: float,
+    current: np.ndarray,
+    voltage: np.ndarray,
+    speed: np.ndarray,
+    out: np.ndarray,
+    seen: np.ndarray,
+) -> None:
+    """The law of motors with inductance."""
     for k in range(steps + 1):
         if k == 0 or k == steps:
             seen[k // steps] = h
@@ -259,7 +293,17 @@ def current_loop(steps, motor, decay, h, current, voltage, speed, out, seen):
 
 
 @entry
-def resistive_loop(steps, motor, decay, h, current, voltage, speed, out, seen):
+def resistive_loop(
+    steps: int,
+    motor: np.recarray,
+    decay: np.ndarray,
+    h: float,
+    current: np.ndarray,
+    voltage: np.ndarray,
+    speed: np.ndarray,
+    out: np.ndarray,
+    seen: np.ndarray,
+) -> None:
     """The same of a motor without inductance."""
     for k in range(steps + 1):
         if k == 0 or k == steps:
@@ -273,7 +317,10 @@ def resistive_loop(steps, motor, decay, h, current, voltage, speed, out, seen):
 
 
 @entry
-def gear_loop(steps, gear, h, e, de, out, seen):
+def gear_loop(
+    steps: int, gear: np.recarray, h: float, e: np.ndarray, de: np.ndarray, out: np.ndarray, seen: np.ndarray
+) -> None:
+    """The law of gearboxes with backlash."""
     for k in range(steps + 1):
         if k == 0 or k == steps:
             seen[k // steps] = h
@@ -282,7 +329,9 @@ def gear_loop(steps, gear, h, e, de, out, seen):
 
 
 @entry
-def tight_loop(steps, gear, h, e, de, out, seen):
+def tight_loop(
+    steps: int, gear: np.recarray, h: float, e: np.ndarray, de: np.ndarray, out: np.ndarray, seen: np.ndarray
+) -> None:
     """The same of a gearbox without backlash."""
     for k in range(steps + 1):
         if k == 0 or k == steps:
@@ -301,29 +350,36 @@ def free_arm() -> Model:
 
 
 def _limp(model: Model) -> Model:
-    free = {"type": "continuous", "lower": -math.inf, "upper": math.inf, "damping": 0.0, "friction": 0.0}
+    free: dict[str, Any] = {"type": "continuous", "lower": -math.inf, "upper": math.inf}
+    free |= {"damping": 0.0, "friction": 0.0}
     joints = tuple(replace(j, **free) if j.name in model.joint_names else j for j in model.joints)
     return replace(model, joints=joints, servos={})
 
 
-def _driven(**changes) -> Model:
+def _driven(**changes: Any) -> Model:
     """The arm with AX-12 servos without friction."""
     arm = free_arm()
     servo = load_servo("ax12", viscous_friction=0.0, coulomb_friction=0.0, **changes)
     return replace(arm, servos=dict.fromkeys(arm.joint_names, servo))
 
 
-def _loop(kernel, *constants) -> Work:
+def _loop(kernel: Any, *constants: Any) -> Work:
     """A bare loop; arrays are copied, as it changes some of them."""
 
-    def prepare(steps):
+    def prepare(steps: int) -> tuple[tuple, np.ndarray]:
         seen = shared_array(2)
         return (steps, *(c.copy() if type(c) is np.ndarray else c for c in constants), seen), seen
 
     return Work(kernel, prepare)
 
 
-def _rollout(scene: CompiledScene, state=None, push: Push | None = None, record=(), every: int = COUNTED) -> Work:
+def _rollout(
+    scene: CompiledScene,
+    state: np.ndarray | None = None,
+    push: Push | None = None,
+    record: Sequence[str] = (),
+    every: int = COUNTED,
+) -> Work:
     """A scene that goes on from where it is after a tenth of a second, recorded every so many steps."""
     pushes = (push,) if push else ()
     start = simulate(scene, SETTLE, state, pushes=pushes, record=()).final
@@ -331,7 +387,7 @@ def _rollout(scene: CompiledScene, state=None, push: Push | None = None, record=
     if not record:
         ready = replace(ready, channels=np.array([scene.layout["q"]], np.int64))
 
-    def arguments(steps):
+    def arguments(steps: int) -> tuple[tuple, np.ndarray]:
         shorter = with_steps(ready, steps, min(every, steps))  # a record before the first and one after the last step
         out = shared_array(shorter.samples, len(ready.channels))
         return shorter.arguments(ready.start(start), out), out[:: max(1, len(out) - 1), 0]
@@ -339,7 +395,9 @@ def _rollout(scene: CompiledScene, state=None, push: Push | None = None, record=
     return Work(ready.kernel, arguments)
 
 
-def _compiled(model: Model, servos=None, ground: Ground | None = None, integrator: str = "implicit_euler"):
+def _compiled(
+    model: Model, servos: ServoKind | None = None, ground: Ground | None = None, integrator: str = "implicit_euler"
+) -> CompiledScene:
     return compile_scene(model, servos, ground, integrator=integrator, timestep=STEP, fall_height=-1e6, fall_tilt=3.2)
 
 
@@ -361,7 +419,7 @@ def step_parts() -> dict[str, Work]:
     }
 
 
-def savings():
+def savings() -> Iterator[tuple[str, Work, Work, str]]:
     """Name, the work without and with it, and a remark."""
     arm = free_arm()
     bare = _rollout(_compiled(arm))
@@ -371,7 +429,7 @@ def savings():
     yield "locked joints lumped (of 7 three)", _rollout(_compiled(held)), bare, ""
     rubbed = replace(arm, joints=tuple(replace(j, damping=0.01, friction=0.01) for j in arm.joints))
     yield "no friction", bare, _rollout(_compiled(rubbed)), ""
-    limits = {"type": "revolute", "lower": -3.0, "upper": 3.0}
+    limits: dict[str, Any] = {"type": "revolute", "lower": -3.0, "upper": 3.0}
     stopped = replace(arm, joints=tuple(replace(j, **limits) for j in arm.joints))
     yield "no stops", bare, _rollout(_compiled(stopped)), "no joint at its stop"
     push = Push(arm.links[-1].name, force=(0.1, 0.0, 0.0))
@@ -397,11 +455,11 @@ def savings():
     yield "nothing near the ground (humanoid)", _rollout(over, high), _rollout(over, standing), "same kernel"
 
 
-def _changed(model: Model, joint, **changes) -> Model:
+def _changed(model: Model, joint: Joint, **changes: Any) -> Model:
     return replace(model, joints=tuple(replace(j, **changes) if j is joint else j for j in model.joints))
 
 
-def unskipped(rows: list[Row]):
+def unskipped(rows: list[Row]) -> Iterator[tuple[str, str]]:
     """What inductance and backlash cost where they are zero: their share of the laws, alone in a loop."""
     steps = {row.saving: row for row in rows}
     rigid, soft = _compiled(_driven(inductance=0.0), "standard"), _compiled(_driven(), "mipsd")
@@ -434,9 +492,9 @@ def handed_over(repeats: int) -> str:
     falls[scene.layout["base_qd"]] = 2.0  # [m/s]
     states = [stands, falls] * 16
     still = [Reference([0.0], np.zeros((1, scene.tree.n)))] * 8
-    inline = SimpleNamespace(map=map)
+    inline: Any = SimpleNamespace(map=map)
 
-    def rollouts(size):
+    def rollouts(size: int) -> list[Trajectory]:
         return [
             run_
             for k in range(0, len(states), size)

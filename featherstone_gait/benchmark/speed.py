@@ -20,11 +20,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from ..core.compile.lanes import WIDTH, aligned
 from ..core.tree import timing
 from ..core.tree.layout import Motion, Robot
 from ..dynamics import inverse_dynamics, mass_matrix
-from ..files import complete
+from ..files import FilePath, complete
 from ..model import Joint, Link, Model
 from ..robot_file import load_robot, save_robot
 from ..run.simulate import simulate_batch
@@ -41,6 +41,11 @@ from ..view.plotting import positions
 from .machine import machine
 from .mujoco_clock import quick_mujoco
 from .table import write_table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from .precision import Problem, Run
 
 LENGTHS = (5, 10, 20, 50, 100, 200)
 REPEATS, REPEATS_FULL = 15, 51
@@ -96,11 +101,11 @@ class Timer(NamedTuple):
     algorithm: str
     width: str
     call: Callable[[], object]
-    count: int  # evaluations in a call
+    count: int  # type: ignore[assignment]  # evaluations in a call; hides the method of tuples
     error: float
 
 
-def run(out_dir, full: bool = False) -> list[Row]:
+def run(out_dir: FilePath, full: bool = False) -> list[Row]:
     """Time everything, print the tables, write speed.csv, speed_steps.csv and speed.png; `full` repeats more."""
     out_dir = Path(out_dir)
     out_dir.mkdir(parents=True, exist_ok=True)
@@ -197,14 +202,14 @@ def _mujoco(model: Model, x: Question) -> tuple[list[Timer], Answer]:
     mujoco.mj_fullM(m, d, H)
     count = _passes(model)
 
-    def loop():
+    def loop() -> None:
         for _ in range(count):
             mujoco.mj_forward(m, d)
 
     return [Timer(MUJOCO, SCALARS, loop, count, 0.0)], Answer(d.qacc.copy(), tau, H)
 
 
-def _mujoco_model(model: Model):
+def _mujoco_model(model: Model) -> Any:
     """The robot's URDF in MuJoCo, its root kept a body of its own, without contact, limits, damping and friction."""
     import mujoco
 
@@ -236,7 +241,9 @@ def _own_timers(model: Model, x: Question, answer: Answer) -> list[Timer]:
     ]
 
 
-def _timer(algorithm: str, width: str, kernel, model: Model, inputs, exact) -> Timer:
+def _timer(
+    algorithm: str, width: str, kernel: Callable, model: Model, inputs: Sequence[np.ndarray], exact: np.ndarray
+) -> Timer:
     """A kernel on one state, or on the same one in every lane."""
     tree = compile_tree(model)
     lanes = (WIDTH,) if width == LANES else ()
@@ -246,6 +253,7 @@ def _timer(algorithm: str, width: str, kernel, model: Model, inputs, exact) -> T
     base = aligned((1, 6, *lanes)) if tree.floating else None
     out = aligned((1, tree.n, *lanes))
     robot = Robot(tree.bodies, None, np.array(GRAVITY))
+    given: tuple[Motion | np.ndarray | None, ...]
     if algorithm == "RNEA":
         given = (Motion(*bases, *joints),)
     else:
@@ -258,7 +266,7 @@ def _timer(algorithm: str, width: str, kernel, model: Model, inputs, exact) -> T
     return Timer(algorithm, width, lambda: kernel(count, *arguments), count * (WIDTH if lanes else 1), error)
 
 
-def _crba_timer(model: Model, q, exact) -> Timer:
+def _crba_timer(model: Model, q: np.ndarray, exact: np.ndarray) -> Timer:
     tree = compile_tree(model)
     base = _filled(q[: -tree.n], ()) if tree.floating else None
     zero6 = np.zeros((1, 6)) if tree.floating else None
@@ -275,14 +283,14 @@ def _passes(model: Model) -> int:
     return max(1, 10000 // model.nv)
 
 
-def _filled(a, lanes) -> np.ndarray:
+def _filled(a: np.ndarray, lanes: tuple[int, ...]) -> np.ndarray:
     """(1, len(a), *lanes) with a in every lane."""
     out = aligned((1, len(a), *lanes))
     out[:] = a.reshape(-1, *(1 for _ in lanes))
     return out
 
 
-def _error(x, exact) -> float:
+def _error(x: np.ndarray, exact: np.ndarray) -> float:
     return float(np.abs(x - exact).max() / np.abs(exact).max())
 
 
@@ -347,15 +355,15 @@ def _steps(repeats: int) -> list[Step]:
     return rows
 
 
-def _batch_time(problem, run, count: int, repeats: int) -> tuple[float, float]:
+def _batch_time(problem: Problem, run: Run, count: int, repeats: int) -> tuple[float, float]:
     """Wall and CPU time of a step and run [us], `count` at once, with what `simulate_batch` does to set them up."""
-    arguments = problem.duration, [run.prepared.y] * count, [problem.reference] * count
+    arguments = problem.duration, [run.start.y] * count, [problem.reference] * count
     times = []
     for _ in range(repeats + 1):
         start = time.perf_counter(), time.process_time()
         simulate_batch(run.scene, *arguments, record=(), sample=problem.duration)
         times.append((time.perf_counter() - start[0], time.process_time() - start[1]))
-    wall, cpu = 1e6 * np.median(times[1:], axis=0) / (count * run.course.steps)
+    wall, cpu = 1e6 * np.median(times[1:], axis=0) / (count * run.ready.plan.steps)
     return float(wall), float(cpu)
 
 
@@ -387,7 +395,7 @@ def _plot(rows: list[Row], machine: str, path: Path) -> None:
         figure.savefig(temporary, dpi=150)
 
 
-def _lines(axes, rows: list[Row], value: str) -> None:
+def _lines(axes: Axes, rows: list[Row], value: str) -> None:
     """One of the columns against the number of links."""
     for key, (color, style, label) in STYLES.items():
         line = [row for row in rows if (row.algorithm, row.width) == key]
@@ -401,7 +409,7 @@ def _lines(axes, rows: list[Row], value: str) -> None:
     axes.grid(alpha=0.3)
 
 
-def _bars(axes, rows: list[Row]) -> None:
+def _bars(axes: Axes, rows: list[Row]) -> None:
     """Time of each algorithm, robot by robot."""
     robots = list(dict.fromkeys(row.robot for row in rows))
     keys = [key for key in STYLES if any((row.algorithm, row.width) == key for row in rows)]

@@ -15,10 +15,11 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..core.compile.jit import source_hash
 from ..files import complete, read_csv
@@ -32,12 +33,15 @@ from ..study.table import TABLE
 from .machine import machine
 from .table import write_table
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 JOINTS = (1, 2, 3, 5, 7)
 RATIOS = (160.0, 200.0, 254.0, 320.0, 400.0)
 INERTIAS = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6)  # [kg m^2]
 GAINS = (15.0, 30.0, 61.0, 122.0)  # [V/rad]
-AX12 = {"ratio": 254.0, "rotor_inertia": 1e-7, "Kp": 61.0}
-IDEAL = {"inductance": 0.0, "speed_filter": 0.0, "current_slew": 1e9, "coulomb_friction": 0.0}
+AX12: dict[str, Any] = {"ratio": 254.0, "rotor_inertia": 1e-7, "Kp": 61.0}
+IDEAL: dict[str, Any] = {"inductance": 0.0, "speed_filter": 0.0, "current_slew": 1e9, "coulomb_friction": 0.0}
 GEARBOXES = ("standard", "rotor", "mipsd")
 INTEGRATORS = ("simtwo", "rk4", "midpoint", "implicit_euler")
 TILTS = (0.05, 0.5)  # [rad]
@@ -111,11 +115,11 @@ def arm(links: int) -> Model:
     """The first links of `arm7`, hanging at zero and without stops."""
     whole = load_robot("arm7")
 
-    def hung(vector):
+    def hung(vector: tuple[float, float, float]) -> tuple[float, float, float]:
         return (vector[0], vector[1], -vector[2])
 
     bodies = (replace(link, center_of_mass=hung(link.center_of_mass)) for link in whole.links[: links + 1])
-    free = {"type": "continuous", "lower": -math.inf, "upper": math.inf}
+    free: dict[str, Any] = {"type": "continuous", "lower": -math.inf, "upper": math.inf}
     joints = (replace(joint, xyz=hung(joint.xyz), **free) for joint in whole.joints[:links])
     return Model(f"arm{links}", tuple(bodies), tuple(joints))
 
@@ -131,18 +135,19 @@ def _study(folder: Path, name: str, joints: int, vary: dict) -> dict[Point, tupl
     path = folder / f"{name}.toml"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     outcome = run_study(read_study(path), folder, batch=2, progress=True)
-    (_, header), *lines = read_csv(outcome.table, TABLE)
-    return dict(_row(joints, dict(zip(header, row))) for _, row in lines)
+    (_, header), *rows = read_csv(outcome.table, TABLE)
+    return dict(_row(joints, dict(zip(header, row))) for _, row in rows)
 
 
-def _toml(values) -> str:
+def _toml(values: Iterable[str | float]) -> str:
     return "[" + ", ".join(f'"{v}"' if isinstance(v, str) else repr(v) for v in values) + "]"
 
 
 def _row(joints: int, row: dict) -> tuple[Point, tuple[float, float]]:
-    numbers = [float(row.get(f"servo.{key}", value)) for key, value in AX12.items()]
-    point = Point(joints, *numbers, row["scene.servos"], row["scene.integrator"], float(row["posture.tilt"]))
-    return point, tuple(float(row[name]) if row[name] else math.nan for name in ("stable_step_s", "unstable_step_s"))
+    ratio, inertia, Kp = (float(row.get(f"servo.{key}", value)) for key, value in AX12.items())
+    point = Point(joints, ratio, inertia, Kp, row["scene.servos"], row["scene.integrator"], float(row["posture.tilt"]))
+    stable, unstable = (float(row[f"{name}_step_s"] or math.nan) for name in ("stable", "unstable"))
+    return point, (stable, unstable)
 
 
 def linear_step(point: Point) -> float:
@@ -238,7 +243,7 @@ def _plot(path: Path, found: dict[Point, Found]) -> None:
         figure.savefig(temporary, dpi=150)
 
 
-def _panel(panel, found: dict[Point, Found], servos: str, swept: str) -> None:
+def _panel(panel: Axes, found: dict[Point, Found], servos: str, swept: str) -> None:
     low, high = 1e3 * SMALLEST, 1e3 * LARGEST
     rest = [k for k, name in enumerate(SWEPT) if name != swept]
     through = (7, *AX12.values())
@@ -252,7 +257,7 @@ def _panel(panel, found: dict[Point, Found], servos: str, swept: str) -> None:
         if tilt == TILTS[0]:
             panel.plot(x, [1e3 * f.linear for _, f in line], "-", color=colour, linewidth=1.2)
         measured = [1e3 * math.sqrt(f.stable * f.unstable) if f.stable < LARGEST else math.nan for _, f in line]
-        hollow = {"markerfacecolor": "none" if tilt == TILTS[1] else colour, "markeredgecolor": colour}
+        hollow: dict[str, Any] = {"markerfacecolor": "none" if tilt == TILTS[1] else colour, "markeredgecolor": colour}
         size = {0.05: 3.0, 0.5: 6.5}[tilt]
         panel.plot(x, measured, "o", markersize=size, linestyle="", **hollow)
         beyond = [value for value, f in line if f.stable >= LARGEST]
@@ -270,11 +275,11 @@ def _panel(panel, found: dict[Point, Found], servos: str, swept: str) -> None:
     panel.grid(alpha=0.25)
 
 
-def _legend(panel) -> None:
+def _legend(panel: Axes) -> None:
     from matplotlib.lines import Line2D
 
     panel.set_axis_off()
-    grey = {"color": "0.35", "linestyle": ""}
+    grey: dict[str, Any] = {"color": "0.35", "linestyle": ""}
     handles = [Line2D([], [], color=COLOURS[name], label=name) for name in INTEGRATORS]
     handles += [
         Line2D([], [], color="0.35", label="linear theory"),

@@ -15,9 +15,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -29,11 +30,15 @@ from ..model import ContactPoint, Ground, Joint, Link, Model
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..run.simulate import Push, initial_state, simulate
+from ..trajectory import Trajectory
 from ..view.plotting import positions
 from .machine import machine
 from .precision import unlimited
 from .speed import chain
 from .table import write_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 WRONG = 1e-3  # error that counts [rad or m]
 COVERED = 10.0  # times the run's own estimate that it may reach
@@ -54,7 +59,7 @@ class Case(NamedTuple):
     base: tuple = ()  # position and quaternion of a floating base, then its velocity
     pushes: tuple[Push, ...] = ()
 
-    def run(self, integrator: str, step: float, **how):
+    def run(self, integrator: str, step: float, **how: Any) -> Trajectory:
         scene = compile_scene(self.model, integrator=integrator, timestep=step, **self.arguments)
         n = scene.tree.n
         state = initial_state(scene, [*self.base[:7], *[self.angle] * n], [*self.base[7:], *[0.0] * n])
@@ -113,7 +118,7 @@ def judged(case: Case) -> list[Row]:
         for step in (math.nan,) if INTEGRATORS[integrator].adaptive else case.steps:
             run = case.run(integrator, 1e-3 if math.isnan(step) else step, sample=sample, estimate_error=True)
             error = float(np.abs(positions(run) - exact)[:known].max(initial=0.0))
-            estimate = float(max(run.error[name][:known].max(initial=0.0) for name in run.error))
+            estimate = float(max(values[:known].max(initial=0.0) for values in (run.error or {}).values()))
             right = error <= WRONG or (run.ok and error <= COVERED * estimate)
             verdict = ("held" if right else "silent") if run.ok else ("alarm" if error <= WRONG else "flagged")
             rows.append(
@@ -131,7 +136,7 @@ def cases(full: bool = False) -> list[Case]:
     return [*_chains(more), *_stiff_arms(more), *_servos(), *_contacts(), _stop(more)]
 
 
-def _chains(more) -> list[Case]:
+def _chains(more: Iterable[float]) -> list[Case]:
     """Seven links and a hundred, let go: masses, inertias and lengths at their extremes."""
     arm = unlimited(load_robot("arm7_spatial"))
     smooth = ("implicit_euler", "midpoint", "rk4", "dop853", "extrapolation")
@@ -153,7 +158,7 @@ def _scaled(model: Model, k: int, factor: float) -> Model:
     return replace(model, links=(*model.links[:k], heavier, *model.links[k + 1 :]))
 
 
-def _stiff_arms(more) -> list[Case]:
+def _stiff_arms(more: Iterable[float]) -> list[Case]:
     """Continuous servos without rotor inertia; gains times 1 and 100; clipped or not."""
     integrators = ("implicit_euler", "midpoint", "rk4", "dop853", "extrapolation")
     steps = tuple(sorted((1e-3, 1e-2, 5e-2, *more)))
@@ -161,8 +166,8 @@ def _stiff_arms(more) -> list[Case]:
     for gain in (1.0, 100.0):
         for angle in (0.05, 0.5):
             arm = unlimited(load_robot("arm7_spatial"))
-            law = {"law": "pd_clamped", "Kp": 12.97 * gain, "Kd": 0.374 * gain, "torque_limit": 1.5 * gain}
-            servo = load_servo("ax12", **law, viscous_friction=0.0, coulomb_friction=0.0)
+            law: dict[str, Any] = {"Kp": 12.97 * gain, "Kd": 0.374 * gain, "torque_limit": 1.5 * gain}
+            servo = load_servo("ax12", law="pd_clamped", **law, viscous_friction=0.0, coulomb_friction=0.0)
             arm = replace(arm, servos=dict.fromkeys(arm.joint_names, servo))
             name = f"gains times {gain:g}, from {angle:g} rad"
             found.append(Case(name, arm, {"servos": "standard"}, 0.5, steps, integrators, angle))
@@ -195,7 +200,7 @@ def _contacts() -> list[Case]:
     integrators, turn = ("implicit_euler", "midpoint", "rk4", "extrapolation"), (1.0, 0.02, 0.01, 0.0)
     kick = (Push("box", (0.0, 0.0, 0.0), start=9.0), Push("box", (200.0, 30.0, 0.0), start=0.05, end=0.06))
 
-    def case(name, height, duration, pushes=kick[:1]):
+    def case(name: str, height: float, duration: float, pushes: tuple[Push, ...] = kick[:1]) -> Case:
         base = (0.0, 0.0, height, *turn, *[0.0] * 6)
         return Case(name, box, scene, duration, (1e-3, 1e-2), integrators, 0.0, base, pushes)
 
@@ -206,7 +211,7 @@ def _contacts() -> list[Case]:
     ]
 
 
-def _stop(more) -> Case:
+def _stop(more: Iterable[float]) -> Case:
     """A rod that runs into its stop at speed."""
     rod = Link("rod", 1.0, (0.0, 0.0, -0.25), (0.0208, 0.0, 0.0, 0.0208, 0.0, 0.0002))
     joint = Joint("hinge", "revolute", "base", "rod", axis=(0.0, 1.0, 0.0), lower=-0.2, upper=2.0, effort=20.0)
@@ -218,7 +223,7 @@ def _stop(more) -> Case:
 # ---------------------------------------------------------------------------------------------- picture
 
 
-def plot(rows: list[Row], notes: str = ""):
+def plot(rows: list[Row], notes: str = "") -> Figure:
     """A cell a run: cases down, integrators and steps across."""
     from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure

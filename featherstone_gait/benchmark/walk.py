@@ -16,10 +16,10 @@ import importlib.util
 import math
 import os
 import time
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,8 @@ from ..run.simulate import simulate_stream, standing_state
 from .machine import machine
 from .mujoco_clock import quick_mujoco
 from .table import write_table
+
+Paths = dict[float, list[np.ndarray | None]]  # of the trunk by step [s]; None of those that fell
 
 DURATION = 4.0  # [s]
 STEP = 1e-3  # [s]
@@ -109,13 +111,13 @@ def _robot_rows(model: Model, count: int) -> list[Row]:
     return rows
 
 
-def _our_rows(name: str, model: Model, times, references) -> list[Row]:
-    paths = {}
+def _our_rows(name: str, model: Model, times: np.ndarray, references: Sequence[np.ndarray]) -> list[Row]:
+    paths: Paths = {}
 
-    def rollouts(h, executor):
+    def rollouts(h: float, threads: int) -> float:
         scene = compile_scene(model, servos="mipsd", ground=Ground(), integrator="midpoint", timestep=h)
         knots = [Reference(times, values) for values in references]
-        state, queue, threads = standing_state(scene, references[0][0]), Queue(len(knots)), executor._max_workers
+        state, queue = standing_state(scene, references[0][0]), Queue(len(knots))
         occupancy = simulate_stream(
             scene, DURATION, queue, lambda k: (state, knots[k]), lambda r: r["base_q"][:, :3] if r.ok else None,
             record=("base_q",), sample=0.01, threads=threads,
@@ -126,20 +128,19 @@ def _our_rows(name: str, model: Model, times, references) -> list[Row]:
     return _rows(name, "featherstone_gait", len(references), rollouts, paths)
 
 
-def _rows(name: str, engine: str, count: int, rollouts, paths) -> list[Row]:
+def _rows(name: str, engine: str, count: int, rollouts: Callable[[float, int], float], paths: Paths) -> list[Row]:
     """Time one and two threads on the same work; the error from a quarter of the step."""
     measured = []
     for threads in (1, min(2, os.cpu_count() or 1)):
-        with ThreadPoolExecutor(threads) as executor:
-            occupancy = rollouts(STEP, executor)
-            times = []
-            for _ in range(3):
-                begin = time.perf_counter()
-                rollouts(STEP, executor)
-                times.append(time.perf_counter() - begin)
-            measured.append((threads, count / float(np.median(times)), occupancy))
-            if threads == 1:
-                rollouts(STEP / 4, executor)
+        occupancy = rollouts(STEP, threads)
+        times = []
+        for _ in range(3):
+            begin = time.perf_counter()
+            rollouts(STEP, threads)
+            times.append(time.perf_counter() - begin)
+        measured.append((threads, count / float(np.median(times)), occupancy))
+        if threads == 1:
+            rollouts(STEP / 4, threads)
     pairs = [(a, b) for a, b in zip(paths[STEP], paths[STEP / 4]) if a is not None and b is not None]
     error = float(np.median([np.abs(a - b).max() for a, b in pairs])) if pairs else float("nan")
     upright = float(np.mean([p is not None for p in paths[STEP]]))
@@ -149,15 +150,15 @@ def _rows(name: str, engine: str, count: int, rollouts, paths) -> list[Row]:
     ]
 
 
-def _mujoco_rows(name: str, model: Model, times, references) -> list[Row]:
+def _mujoco_rows(name: str, model: Model, times: np.ndarray, references: Sequence[np.ndarray]) -> list[Row]:
     import mujoco
     import mujoco.rollout
 
     spec_model = _mujoco_model(model)
-    paths = {}
+    paths: Paths = {}
     data = [mujoco.MjData(spec_model) for _ in range(2)]
 
-    def rollouts(h, executor):
+    def rollouts(h: float, threads: int) -> float:
         spec_model.opt.timestep = h
         steps = round(DURATION / h)
         at = h * np.arange(steps)
@@ -165,7 +166,7 @@ def _mujoco_rows(name: str, model: Model, times, references) -> list[Row]:
         begin = _mujoco_state(spec_model, data[0], references[0][0])
         states, _ = mujoco.rollout.rollout(
             spec_model,
-            data[: executor._max_workers],
+            data[:threads],
             initial_state=np.repeat(begin[None], len(references), axis=0),
             control=control,
         )
@@ -178,13 +179,13 @@ def _mujoco_rows(name: str, model: Model, times, references) -> list[Row]:
         return _rows(name, "mujoco rollout, implicitfast", len(references), rollouts, paths)
 
 
-def _mujoco_model(model: Model):
+def _mujoco_model(model: Model) -> Any:
     """The model as MuJoCo's, with a floor, spheres at the contact points and position servos."""
     import tempfile
 
     import mujoco
 
-    free = {"type": "fixed", "lower": -math.inf, "upper": math.inf}
+    free: dict[str, Any] = {"type": "fixed", "lower": -math.inf, "upper": math.inf}
     joints = tuple(replace(j, **free) if j.name in model.locked else j for j in model.joints)
     moving = {name: model.servos[name] for name in model.joint_names}
     model = replace(model, joints=joints, locked={}, servos=moving)
@@ -214,7 +215,7 @@ def _mujoco_model(model: Model):
     return m
 
 
-def _mujoco_state(m, d, angles) -> np.ndarray:
+def _mujoco_state(m: Any, d: Any, angles: np.ndarray) -> np.ndarray:
     """Full physics state of the robot standing at the angles, its lowest sphere on the floor."""
     import mujoco
 

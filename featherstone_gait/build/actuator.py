@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.effects.controller import CONTROLLER, PID_POSITION, PID_SPEED, STATE_FEEDBACK
 from ..core.effects.decay import DECAYS, fill_decay
@@ -18,6 +19,7 @@ from ..core.integrate.integrator import Integrator
 from ..model import Model, Servo
 from .records import fill, records
 
+Actuator: TypeAlias = PDServo | MipsdServo | RigidServo
 ServoKind = Literal["mipsd", "rotor", "standard"]
 LAWS = {"state": STATE_FEEDBACK, "pid_position": PID_POSITION, "pid_speed": PID_SPEED}
 TOOTH_LOAD = 0.1  # of the stall torque, at which teeth that meet across a gap are damped as the gearbox is
@@ -28,7 +30,7 @@ class Drive(NamedTuple):
 
     kind: ServoKind | None
     servos: list[Servo | None]  # of each moving joint; None where there is none
-    actuator: tuple | None  # one of the kinds in core/effects
+    actuator: Actuator | None
     armature: np.ndarray | None  # (n,) reflected inertia G^2 J of rigid gearboxes [kg m^2]
 
     @property
@@ -56,7 +58,7 @@ def build_drive(model: Model, kind: ServoKind | None) -> Drive:
     return Drive(kind, servos, _actuator(model, servos, kind, continuous.pop()), armature)
 
 
-def _actuator(model: Model, servos: list[Servo | None], kind: ServoKind, continuous: bool) -> tuple:
+def _actuator(model: Model, servos: list[Servo | None], kind: ServoKind, continuous: bool) -> Actuator:
     if continuous and kind == "mipsd":
         raise ValueError(f"{model.name}: a pd servo has no motor to drive a spring-damper gearbox; use servos='rotor'")
     if continuous:
@@ -115,7 +117,7 @@ def _pds(servos: list[Servo | None]) -> np.recarray:
     return table
 
 
-def fold_springs(drive: Drive, integrator: Integrator, h: float, inertias) -> None:
+def fold_springs(drive: Drive, integrator: Integrator, h: float, inertias: ArrayLike) -> None:
     """Fold the spring of a continuous servo into the step h [s] only where its own period needs it.
 
     Euler is more accurate with it at the start of the step.  inertias: that the joints feel [kg m^2 or kg].
@@ -128,7 +130,7 @@ def fold_springs(drive: Drive, integrator: Integrator, h: float, inertias) -> No
 
 def build_decay(drive: Drive, h: float) -> np.ndarray | None:
     """What a step h [s] leaves of currents and filtered speeds (n, DECAYS); None without motors."""
-    if not drive.sampled:
+    if drive.actuator is None or not drive.sampled:
         return None
     decay = np.zeros((len(drive.servos), DECAYS))
     fill_decay(drive.actuator.motor, drive.actuator.controller, h, decay)

@@ -21,7 +21,7 @@ from ..core.effects import contact, friction, spring
 from ..core.integrate import INTEGRATORS
 from ..dynamics import forward_kinematics, inverse_dynamics, mass_matrix, spring_vectors
 from ..fixed_order import applied, product, solve
-from ..model import Model, Spring
+from ..model import Ground, Model, Spring
 from ..rotation import cross, dot
 from .actuator import Drive
 
@@ -55,20 +55,28 @@ class _Acting(NamedTuple):
     mobility: np.ndarray | float  # that rotors add to what acts through a gear [1/(kg m^2)]
 
 
-def preflight(model: Model, drive: Drive, rubbing, ground, between, wish) -> Preflight:
+def preflight(
+    model: Model,
+    drive: Drive,
+    rubbing: np.recarray | None,
+    under: tuple[Ground | None, float],
+    between: tuple[Sequence[Spring], np.recarray | None],
+    wish: tuple[str | None, float | None],
+) -> Preflight:
     """Limits of explicit steps, and from them what is not given.
 
-    rubbing: FRICTION of the joints or None; ground: `Ground` or None, and g [m/s^2]; between: the springs between
+    rubbing: FRICTION of the joints or None; under: the ground or None, and g [m/s^2]; between: the springs between
     bodies and their SPRING records; wish: integrator and timestep as asked for, None where not.  Raises ValueError on
     names and steps that are none.
     """
-    (springs, table), (ground, g), n = between, ground, len(model.moving_joints)
+    (springs, table), (ground, g), n = between, under, len(model.moving_joints)
     mobility = joint_mobility(model, drive.armature, springs)
     inertias = tuple(float(x) for x in 1.0 / np.diag(mobility)[:n])
     joints, ends = _on_joints(model, drive, rubbing), _between_bodies(springs, table)
     limits = _each(joints, np.diag(mobility)[:n]) + _each(ends, np.diag(mobility)[n:])
     mobility[:n, :n] += np.diag(np.broadcast_to(joints.mobility, n))
-    dampers, stiff = ([*_sum(joints, k, n), *_sum(ends, k, len(springs))] for k in (1, 2))
+    dampers = [*_sum(joints.dampers, n), *_sum(ends.dampers, len(springs))]
+    stiff = [*_sum(joints.springs, n), *_sum(ends.springs, len(springs))]
     folded = coupled_limit(mobility[:n, :n], np.array(dampers[:n]), np.array(stiff[:n]))
     largest = coupled_limit(mobility, np.array(dampers), np.array(stiff))
     if ground is not None:
@@ -79,7 +87,9 @@ def preflight(model: Model, drive: Drive, rubbing, ground, between, wish) -> Pre
     return Preflight(tuple(limits), integrator, step, reason, inertias, largest, folded)
 
 
-def _choice(name: str | None, timestep: float | None, clipped: bool, folded: float, largest: float):
+def _choice(
+    name: str | None, timestep: float | None, clipped: bool, folded: float, largest: float
+) -> tuple[str, float, str]:
     """Integrator, step [s] and the reason for both; clipped: servos or ground make kinks."""
     step = timestep if timestep is not None else (1e-3 if clipped else 5e-4)
     if not 0 < step < math.inf:
@@ -97,7 +107,7 @@ def _choice(name: str | None, timestep: float | None, clipped: bool, folded: flo
     return "dop853", step, reason
 
 
-def _on_joints(model: Model, drive: Drive, rubbing) -> _Acting:
+def _on_joints(model: Model, drive: Drive, rubbing: np.recarray | None) -> _Acting:
     dampers, springs, mobility = {}, {}, 0.0
     if rubbing is not None:
         dampers, springs = friction.explicit_limits(rubbing)
@@ -107,14 +117,15 @@ def _on_joints(model: Model, drive: Drive, rubbing) -> _Acting:
     return _Acting(list(model.joint_names), dampers, springs, mobility)
 
 
-def _between_bodies(springs: Sequence[Spring], table) -> _Acting:
+def _between_bodies(springs: Sequence[Spring], table: np.recarray | None) -> _Acting:
     if table is None:
         return _Acting([], {}, {}, 0.0)
-    return _Acting([f"{s.a} - {s.b}" for s in springs], *spring.explicit_limits(table), 0.0)
+    dampers, stiff = spring.explicit_limits(table)
+    return _Acting([f"{s.a} - {s.b}" for s in springs], dampers, stiff, 0.0)
 
 
-def _sum(acting: _Acting, which: int, count: int) -> np.ndarray:
-    return sum(acting[which].values(), np.zeros(count))
+def _sum(acting: dict[str, np.ndarray], count: int) -> np.ndarray:
+    return sum(acting.values(), np.zeros(count))
 
 
 def _each(acting: _Acting, mobility: np.ndarray) -> list[Limit]:
@@ -152,7 +163,7 @@ def joint_limit(name: str, inertia: float, dampings: dict[str, float], springs: 
     return limit
 
 
-def joint_mobility(model: Model, armature, springs: Sequence[Spring]) -> np.ndarray:
+def joint_mobility(model: Model, armature: np.ndarray | None, springs: Sequence[Spring]) -> np.ndarray:
     """J M^-1 J' at zero (n + springs, ...): accelerations of joints and springs' lengths that forces on these cause.
 
     J holds the joints' own directions, then how fast each spring lengthens.

@@ -10,9 +10,9 @@ def records(count: int, dtype: np.dtype) -> np.recarray:
     return np.zeros(count, dtype).view(np.recarray)
 
 
-def fill(record, *sources) -> None:
+def fill(record: np.record, *sources: object) -> None:
     """Give each field the number of that name, from the first source that has one."""
-    for name in record.dtype.names:
+    for name in record.dtype.names or ():
         values = [value for source in sources if not isinstance(value := getattr(source, name, ""), str)]
         if values:
             record[name] = values[0]

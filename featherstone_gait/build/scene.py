@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from .. import renamed
+from ..core.effects.contact import Contact
 from ..core.integrate import INTEGRATORS
 from ..core.integrate.integrator import Integrator
 from ..core.step import state
@@ -18,7 +20,7 @@ from ..model import Ground, Model, Spring, check_springs
 from ..rotation import dot
 from .actuator import Drive, ServoKind, build_decay, build_drive, controller_period, fold_springs
 from .contact import build_contact, fallen_height
-from .external import build_pushes, build_springs
+from .external import Push, build_pushes, build_springs
 from .friction import build_friction, sticks
 from .preflight import Preflight, preflight
 from .stop import build_stops
@@ -49,7 +51,7 @@ class CompiledScene:
     stiff: bool  # something that an implicit step takes in limits explicit steps to less than `STIFF`
     arguments: dict  # of `compile_scene`, after the model
 
-    def recompiled(self, **changes) -> CompiledScene:
+    def recompiled(self, **changes: Any) -> CompiledScene:
         """The scene with other arguments of `compile_scene`; the state's layout stays."""
         return compile_scene(self.model, **(self.arguments | changes))
 
@@ -93,7 +95,7 @@ class CompiledScene:
         """First and past-the-last index of a part of the state."""
         return self.parts[name]
 
-    def pushed(self, pushes) -> CompiledScene:
+    def pushed(self, pushes: Sequence[Push]) -> CompiledScene:
         """The scene with external forces, a list of `Push`."""
         if not pushes:
             return self
@@ -106,7 +108,7 @@ def compile_scene(
     ground: Ground | None = None,
     integrator: str | None = None,
     timestep: float | None = None,
-    gravity=GRAVITY,
+    gravity: Sequence[float] | np.ndarray = GRAVITY,
     fall_height: float = 0.6,
     fall_tilt: float = math.radians(45),
     springs: Sequence[Spring] = (),
@@ -186,7 +188,7 @@ def compile_scene(
     )
 
 
-def _checked_gravity(gravity) -> np.ndarray:
+def _checked_gravity(gravity: Sequence[float] | np.ndarray) -> np.ndarray:
     """(3,) [m/s^2]; ValueError unless it is three finite numbers."""
     try:
         vector = np.array(gravity, dtype=float)
@@ -197,7 +199,7 @@ def _checked_gravity(gravity) -> np.ndarray:
     return vector
 
 
-def _offsets(tree: Tree, drive: Drive, contact) -> np.recarray:
+def _offsets(tree: Tree, drive: Drive, contact: Contact | None) -> np.recarray:
     """Give each part of the state its place."""
     has = () if drive.actuator is None else drive.actuator.PARTS
     return state.lay_out(
@@ -212,5 +214,5 @@ def _offsets(tree: Tree, drive: Drive, contact) -> np.recarray:
     )
 
 
-def __getattr__(name: str):
+def __getattr__(name: str) -> Any:
     return renamed.lookup(__name__, name)

@@ -13,6 +13,7 @@ the gear's spring, it is that of the links alone.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -25,7 +26,7 @@ STOP_DEPTH = 0.01  # [rad or m] that the strongest torque at a joint drives it i
 CRITICAL_DEPTH = 0.001  # [rad or m] at which a stop is critically damped
 
 
-def build_stops(model: Model, drive: Drive, inertias, g: float) -> np.recarray | None:
+def build_stops(model: Model, drive: Drive, inertias: Sequence[float], g: float) -> np.recarray | None:
     """STOP of each joint, None if no joint has limits.
 
     inertias: that the joints feel [kg m^2 or kg]; g: of the scene [m/s^2].

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -48,7 +48,7 @@ def compile_tree(model: Model) -> Tree:
     return Tree(bodies.view(np.recarray), model.base == "floating", names, placements, rows)
 
 
-def _fill(row, body: RigidBody, dof: dict[str, int]) -> None:
+def _fill(row: np.void, body: RigidBody, dof: dict[str, int]) -> None:
     """Write a body's frame and mass into its row."""
     joint, row["parent"], E, row["r"] = body.frame
     row["E"] = E.ravel()
@@ -58,7 +58,7 @@ def _fill(row, body: RigidBody, dof: dict[str, int]) -> None:
     row["J"] = body.inertia[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
 
 
-def _assign_slots(bodies) -> int:
+def _assign_slots(bodies: np.ndarray) -> int:
     """Give each parent an accumulator row, reusing rows whose parent has been passed; return how many are needed."""
     n = len(bodies)
     slot = [-1] * n
@@ -79,5 +79,5 @@ def _assign_slots(bodies) -> int:
     return used
 
 
-def __getattr__(name: str):
+def __getattr__(name: str) -> Any:
     return renamed.lookup(__name__, name)

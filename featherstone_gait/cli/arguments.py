@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:
+    from ..build.scene import CompiledScene
+    from ..model import Ground, Model
+
+Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 SERVO_HELP = "gearbox of the servos (default: mipsd if the robot has any, but a fixed one swings without)"
 
 
-def add_command(commands, name: str, run, does: str, writes: str) -> argparse.ArgumentParser:
+def add_command(
+    commands: Commands, name: str, run: Callable[[argparse.Namespace], int], does: str, writes: str
+) -> argparse.ArgumentParser:
     """Register a command and its option --out."""
     parser = commands.add_parser(name, help=does, description=f"{does[0].upper()}{does[1:]}.  Writes {writes}.")
     parser.add_argument("--out", type=Path, default=Path(), metavar="DIR", help=f"folder for {writes} (default: here)")
@@ -23,19 +33,19 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--servos", choices=("mipsd", "rotor", "standard", "none"), help=SERVO_HELP)
 
 
-def output(args, ending: str) -> Path:
+def output(args: argparse.Namespace, ending: str) -> Path:
     """Path of a file of a command about a robot."""
     return args.out / f"{Path(args.robot).stem}_{ending}"
 
 
-def ground(model):
+def ground(model: Model) -> Ground | None:
     """Flat ground for a robot that can stand on it."""
     from ..model import Ground
 
     return Ground() if model.base == "floating" and model.contacts else None
 
 
-def choice(scene) -> str:
+def choice(scene: CompiledScene) -> str:
     """Integrator and step, and why."""
     steps = "steps by their error" if scene.adaptive else f"step {1e3 * scene.timestep:g} ms"
     return f"{scene.integrator}, {steps} ({scene.preflight.reason})"

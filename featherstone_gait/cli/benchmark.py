@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from importlib import import_module
 
-from .arguments import add_command
+from .arguments import Commands, add_command
 
 BENCHMARKS = {  # modules of `featherstone_gait.benchmark`, and the files they write
     "speed": "speed.csv, speed_steps.csv, speed.png",
@@ -18,7 +19,7 @@ BENCHMARKS = {  # modules of `featherstone_gait.benchmark`, and the files they w
 }
 
 
-def add(commands) -> None:
+def add(commands: Commands) -> None:
     """Register the command."""
     files = "; ".join(f"{name}: {files}" for name, files in BENCHMARKS.items())
     parser = add_command(commands, "benchmark", run, "run a benchmark", f"tables and a picture ({files})")
@@ -26,6 +27,6 @@ def add(commands) -> None:
     parser.add_argument("--full", action="store_true", help="repeat everything more often")
 
 
-def run(args) -> int:
+def run(args: Namespace) -> int:
     import_module(f"featherstone_gait.benchmark.{args.name}").run(args.out, full=args.full)
     return 0

@@ -4,9 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from argparse import Namespace
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from ..files import complete
-from .arguments import add_command, add_robot, choice, ground, output
+from .arguments import Commands, add_command, add_robot, choice, ground, output
+
+if TYPE_CHECKING:
+    from ..build.actuator import ServoKind
+    from ..build.preflight import Limit, Preflight
+    from ..build.scene import CompiledScene
+    from ..model import Controller, Gearbox, Joint, Model, Servo
 
 TORQUE_GAINS = {"Kp": "N m/rad", "Kd": "N m s/rad"}
 GAINS = {  # of the laws that differ
@@ -16,19 +25,20 @@ GAINS = {  # of the laws that differ
 }
 
 
-def add(commands) -> None:
+def add(commands: Commands) -> None:
     """Register the command."""
     does = "print a robot's masses, joints, servos and step limits"
     add_robot(add_command(commands, "info", run, does, "ROBOT_info.txt"))
 
 
-def run(args) -> int:
+def run(args: Namespace) -> int:
     from ..build.scene import compile_scene
     from ..robot_file import load_robot
 
     model = load_robot(args.robot, locked=args.locked)
-    servos = args.servos or ("mipsd" if any(name in model.servos for name in model.joint_names) else None)
-    scene = compile_scene(model, None if servos == "none" else servos, ground(model))
+    has_any = any(name in model.servos for name in model.joint_names)
+    servos: ServoKind | None = None if args.servos == "none" else args.servos or ("mipsd" if has_any else None)
+    scene = compile_scene(model, servos, ground(model))
     lines = [
         f"{model.name}  {model.source}",
         f"{model.mass:.4g} kg, {model.base} base, {len(model.joint_names)} moving joints, {len(model.locked)} locked",
@@ -47,7 +57,7 @@ def run(args) -> int:
     return 0
 
 
-def _link_table(model) -> list[str]:
+def _link_table(model: Model) -> list[str]:
     head = ("link", "mass [kg]", "centre of mass [m]", "ixx, iyy, izz [kg m^2]")
     rows = [
         (link.name, f"{link.mass:.5g}", _numbers(link.center_of_mass), _numbers(link.inertia[k] for k in (0, 3, 5)))
@@ -56,7 +66,7 @@ def _link_table(model) -> list[str]:
     return _table(head, rows)
 
 
-def _joint_table(model, check) -> list[str]:
+def _joint_table(model: Model, check: Preflight) -> list[str]:
     """The joints, with the largest step that an explicit integrator could take."""
     head = ("joint", "type", "parent", "child", "axis", "limits", "effort", "speed", "explicit step [ms]")
     steps = {limit.joint: _limit(limit) for limit in check.limits}
@@ -78,29 +88,30 @@ def _joint_table(model, check) -> list[str]:
     return _table(head, rows)
 
 
-def _limit(limit) -> str:
+def _limit(limit: Limit) -> str:
     return f"{1e3 * limit.step:.3g}, {limit.cause}" if limit.step < math.inf else f"any, {limit.cause}"
 
 
-def _angle(joint, value: float) -> str:
+def _angle(joint: Joint, value: float) -> str:
     return f"{value:.4g} m" if joint.type == "prismatic" else f"{math.degrees(value):.4g} deg"
 
 
-def _servo_table(model) -> list[str]:
+def _servo_table(model: Model) -> list[str]:
     """Each kind of servo once, with the joints that have it."""
-    kinds: dict = {}
+    kinds: dict[Servo, list[str]] = {}
     for joint, servo in model.servos.items():
         kinds.setdefault(servo, []).append(joint)
     lines = []
     for servo, joints in kinds.items():
-        parts = {"motor": servo, "controller": servo.controller, "gearbox": servo.gearbox}
-        rows = [(part, name, value, unit) for part, record in parts.items() for name, value, unit in _fields(record)]
+        parts: list[tuple[str, Servo | Controller | Gearbox]]
+        parts = [("motor", servo), ("controller", servo.controller), ("gearbox", servo.gearbox)]
+        rows = [(part, name, value, unit) for part, record in parts for name, value, unit in _fields(record)]
         whose = ", ".join(joints) if len(kinds) > 1 else "all joints"
         lines += ["", f"servo of {whose}", *_table(("part", "parameter", "value", "unit"), rows)[1:]]
     return lines
 
 
-def _fields(record):
+def _fields(record: Servo | Controller | Gearbox) -> Iterator[tuple[str, str, str]]:
     """Name, value and unit of the numbers of a servo, controller or gearbox."""
     from ..model import SERVO_UNITS
 
@@ -111,12 +122,12 @@ def _fields(record):
             yield field.name, value if isinstance(value, str) else f"{value:.6g}", units.get(field.name, "")
 
 
-def _contact_table(model) -> list[str]:
+def _contact_table(model: Model) -> list[str]:
     rows = [(point.link, _numbers(point.position)) for point in model.contacts]
     return _table(("contact point on", "position [m]"), rows) if rows else []
 
 
-def _preflight_lines(scene) -> list[str]:
+def _preflight_lines(scene: CompiledScene) -> list[str]:
     check, servos = scene.preflight, f"{scene.servos} servos" if scene.servos else "no servos"
     worst = min(check.limits, key=lambda limit: limit.step, default=None)
     limited = "nothing limits an explicit step"
@@ -127,11 +138,11 @@ def _preflight_lines(scene) -> list[str]:
     return [f"with {servos}, {where}: {limited}", f"chosen: {choice(scene)}"]
 
 
-def _numbers(values) -> str:
+def _numbers(values: Iterable[float]) -> str:
     return ", ".join(f"{value + 0.0:.4g}" for value in values)
 
 
-def _table(head, rows) -> list[str]:
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """An empty line, the headings and the rows, in aligned columns."""
     widths = [max(len(str(row[k])) for row in [head, *rows]) for k in range(len(head))]
     return ["", *("  ".join(f"{cell:{width}}" for cell, width in zip(row, widths)).rstrip() for row in [head, *rows])]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from .arguments import add_command
+from argparse import Namespace
+
+from .arguments import Commands, add_command
 
 
-def add(commands) -> None:
+def add(commands: Commands) -> None:
     """Register the command."""
     parser = add_command(
         commands,
@@ -22,7 +24,7 @@ def add(commands) -> None:
     parser.add_argument("--resume", action="store_true", help="go on from the history in the folder")
 
 
-def run(args) -> int:
+def run(args: Namespace) -> int:
     from ..optimize import main_job
 
     main_job(

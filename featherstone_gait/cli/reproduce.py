@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
+
 from ..experiments import EXPERIMENTS
-from .arguments import add_command
+from .arguments import Commands, add_command
 
 
-def add(commands) -> None:
+def add(commands: Commands) -> None:
     """Register the command."""
     parser = add_command(
         commands,
@@ -21,7 +23,7 @@ def add(commands) -> None:
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers (default: 0)")
 
 
-def run(args) -> int:
+def run(args: Namespace) -> int:
     from ..experiments.report import reproduce
 
     entries = reproduce(args.names, args.out, full=args.full, seed=args.seed, progress=True)

@@ -4,16 +4,26 @@ from __future__ import annotations
 
 import math
 import time
+from argparse import Namespace
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ..files import complete
-from .arguments import add_command, add_robot, choice, ground, output
+from .arguments import Commands, add_command, add_robot, choice, ground, output
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..build.scene import CompiledScene, ServoKind
+    from ..model import Model
+    from ..trajectory import Trajectory
 
 SWING, PULL = 0.5 * math.pi, 0.1  # where the first joint starts, without and with servos [rad]
 SAMPLE = 2e-3  # time between records, in whole steps [s]
 
 
-def add(commands) -> None:
+def add(commands: Commands) -> None:
     """Register the command."""
     parser = add_command(
         commands,
@@ -28,14 +38,14 @@ def add(commands) -> None:
     parser.add_argument("--timestep", type=float, metavar="S", help="[s] (default: chosen, and stated)")
 
 
-def run(args) -> int:
+def run(args: Namespace) -> int:
     start = time.perf_counter()
     from ..build.scene import compile_scene
     from ..robot_file import load_robot
 
     model = load_robot(args.robot, locked=args.locked)
     driven = model.base == "floating" and bool(model.servos)
-    servos = None if args.servos == "none" else args.servos or ("mipsd" if driven else None)
+    servos: ServoKind | None = None if args.servos == "none" else args.servos or ("mipsd" if driven else None)
     scene = compile_scene(model, servos, ground(model), args.integrator, args.timestep)
     duration = args.duration if args.duration is not None else (1.0 if _is_free(scene) else 2.0)
     text, simulated = _experiment(scene)
@@ -59,12 +69,12 @@ def run(args) -> int:
     return 0 if trajectory.ok else 1
 
 
-def _is_free(scene) -> bool:
+def _is_free(scene: CompiledScene) -> bool:
     """Whether nothing but gravity, friction and stops acts: then energy tells how exact the run is."""
     return scene.servos is None and scene.ground is None
 
 
-def _experiment(scene):
+def _experiment(scene: CompiledScene) -> tuple[str, Callable[..., Trajectory]]:
     """What happens, in words, and the function that simulates it: run(scene, duration)."""
     import numpy as np
 
@@ -86,13 +96,13 @@ def _experiment(scene):
     record += ["base_q", "base_qd"] if model.base == "floating" else []
     record += ["contact_force"] if scene.ground else []
 
-    def run(scene, duration, **how):
+    def run(scene: CompiledScene, duration: float, **how: Any) -> Trajectory:
         return simulate(scene, duration, state, reference, record=record, sample=sample, **how)
 
     return text, run
 
 
-def _start(model, home, angle: float):
+def _start(model: Model, home: np.ndarray, angle: float) -> tuple[list[float] | np.ndarray, str]:
     """Positions at the start: the first joint, if it turns, at `angle` or as far as it goes, the others at home."""
     q, posture = home.copy(), "all joints at zero"
     if model.moving_joints and model.moving_joints[0].type != "prismatic":
@@ -102,11 +112,12 @@ def _start(model, home, angle: float):
     return ([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *q] if model.base == "floating" else q), posture
 
 
-def _measures(scene, trajectory) -> dict:
+def _measures(scene: CompiledScene, trajectory: Trajectory) -> dict[str, Any]:
     """How exact the run is, and what it shows."""
     import numpy as np
 
-    measures = {"error_estimate": float(trajectory.error["q"].max(initial=0.0))}
+    error = trajectory.error or {}
+    measures: dict[str, Any] = {"error_estimate": float(error["q"].max(initial=0.0))}
     if _is_free(scene):
         drift, kinetic = _drift(scene, trajectory)
         measures |= {"energy_error_J": float(np.abs(drift).max()), "kinetic_energy_J": float(kinetic.max())}
@@ -123,7 +134,7 @@ def _measures(scene, trajectory) -> dict:
     return measures
 
 
-def _drift(scene, trajectory):
+def _drift(scene: CompiledScene, trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """Change of the energy [J] that friction and stops do not explain, and the kinetic energy [J], at each sample."""
     import numpy as np
 
@@ -138,7 +149,7 @@ def _drift(scene, trajectory):
     return total - total[0], kinetic
 
 
-def _summary(scene, trajectory, duration: float) -> list[str]:
+def _summary(scene: CompiledScene, trajectory: Trajectory, duration: float) -> list[str]:
     m = trajectory.info["measures"]
     lines = [
         f"simulated   {trajectory.info['start']}: {duration:g} s",
@@ -164,18 +175,18 @@ def _summary(scene, trajectory, duration: float) -> list[str]:
     ]
 
 
-def _refinement(scene) -> str:
+def _refinement(scene: CompiledScene) -> str:
     return "a tenth of the tolerance" if scene.adaptive else "half the step"
 
 
-def _plot_simulation(scene, trajectory, text: str, path: Path) -> None:
+def _plot_simulation(scene: CompiledScene, trajectory: Trajectory, text: str, path: Path) -> None:
     """The motion on the left; joints and what tells how good the run is on the right."""
     from matplotlib.figure import Figure
 
     from ..view.plotting import plot_motion, plot_trajectory
 
     figure = Figure(figsize=(11.0, 5.5), layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.2))
+    left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=(1.0, 1.2))[0]
     motion = left.subplots()
     plot_motion(scene.model, trajectory, motion, view="xz")
     motion.set_title("dark: start, light: end", fontsize=9)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from argparse import Namespace
 from pathlib import Path
+from typing import Any
 
-from .arguments import add_command
+from .arguments import Commands, add_command
 
 
-def add(commands) -> None:
+def add(commands: Commands) -> None:
     """Register the command."""
     parser = add_command(
         commands,
@@ -23,7 +25,7 @@ def add(commands) -> None:
     parser.add_argument("--parquet", action="store_true", help="also write FILE.parquet (needs pandas and pyarrow)")
 
 
-def run(args) -> int:
+def run(args: Namespace) -> int:
     from ..study import read_study, run_study
 
     study = read_study(args.file)
@@ -41,7 +43,7 @@ def run(args) -> int:
     return 0
 
 
-def _cluster(address: str):
+def _cluster(address: str) -> Any:
     try:
         from distributed import Client
     except ImportError as error:

@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..build.scene import compile_scene
+from ..build.scene import ServoKind, compile_scene
 from ..dynamics import inverse_dynamics, mass_matrix
 from ..identification import MOTOR_OFF, Identification, Recording, changed, identify, prediction_error
 from ..model import Model
 from ..reference import Reference
 from ..robot_file import load_robot
 from ..run.simulate import initial_state, simulate_batch
-from .claim import Claim, plus_minus
+from .claim import Claim, Verdict, plus_minus
 
 COUNT = math.radians(300.0 / 1023.0)  # encoder step of the AX-12 [rad], ROBOTIS e-manual
 HANGING = math.radians(5.0)  # an arm within this of the vertical hangs [rad]
@@ -52,6 +52,12 @@ class Fall:
     time: np.ndarray  # (k,) [s]
     angles: np.ndarray  # (starts, k) [rad]; 0 hangs
     finer: Fall | None = None  # at half the step
+
+    @property
+    def half(self) -> Fall:
+        """The same at half the step."""
+        assert self.finer is not None
+        return self.finer
 
     @property
     def overshoot(self) -> float:
@@ -113,13 +119,13 @@ def run(settings: Settings = QUICK, progress: bool = False) -> Result:
     )
 
 
-def _fall(settings: Settings, model: Model, kind: str, label: str) -> Fall:
+def _fall(settings: Settings, model: Model, kind: ServoKind, label: str) -> Fall:
     """Falls, and the same at half the step."""
     found, finer = (_falls(settings, model, kind, label, h * settings.timestep) for h in (1.0, 0.5))
     return replace(found, finer=finer)
 
 
-def _falls(settings: Settings, model: Model, kind: str, label: str, timestep: float) -> Fall:
+def _falls(settings: Settings, model: Model, kind: ServoKind, label: str, timestep: float) -> Fall:
     scene = compile_scene(changed(model, **MOTOR_OFF), kind, timestep=timestep)
     states = [initial_state(scene, [angle]) for angle in settings.starts]
     still = [Reference([0.0], [[0.0]])] * len(states)
@@ -178,7 +184,7 @@ def _coulomb_claim(result: Result) -> Claim:
     """Reproduced if the printed F_c changes the fall by more than the servo's encoder can tell."""
     none, printed, at_rotor, _ = result.frictions.values()
     seen, seen_at_rotor = (math.degrees(_apart(fall, none)) for fall in (printed, at_rotor))
-    finer, finer_at_rotor = (math.degrees(_apart(fall.finer, none.finer)) for fall in (printed, at_rotor))
+    finer, finer_at_rotor = (math.degrees(_apart(fall.half, none.half)) for fall in (printed, at_rotor))
     count = math.degrees(COUNT)
     return Claim(
         claim="The static friction constant F_c was computed from such recordings (Table 2)",
@@ -197,10 +203,10 @@ def _coulomb_claim(result: Result) -> Claim:
 def _gearbox_claim(result: Result) -> Claim:
     """Reproduced if the fall stays within a count of the encoder, in direction if a new B_v brings it back there."""
     kinds = result.gearboxes["forearm"]
-    apart, finer = (_apart(*falls) for falls in (kinds.values(), [fall.finer for fall in kinds.values()]))
+    apart, finer = (_apart(*falls) for falls in (kinds.values(), [fall.half for fall in kinds.values()]))
     changed_by = plus_minus(math.degrees(apart), math.degrees(finer), ".1f")
     rms = {J: float(np.sqrt(np.mean(fit.rms**2))) for J, fit in result.refits.items()}
-    verdict = "reproduced in direction" if max(rms.values()) < COUNT else "not reproduced"
+    verdict: Verdict = "reproduced in direction" if max(rms.values()) < COUNT else "not reproduced"
     refits = "; ".join(
         f"J = {J:g} kg m²: B_v {fit.values['viscous_friction']:.4f} ({_interval(fit)}) N m s/rad, rms "
         f"{math.degrees(rms[J]):.1f} deg, whole arm {math.degrees(result.transfers[J]):.1f} deg"
@@ -224,7 +230,7 @@ def _apart(one: Fall, other: Fall) -> float:
 
 
 def _overshoot(fall: Fall) -> str:
-    return plus_minus(math.degrees(fall.overshoot), math.degrees(fall.finer.overshoot), ".1f")
+    return plus_minus(math.degrees(fall.overshoot), math.degrees(fall.half.overshoot), ".1f")
 
 
 def _interval(fit: Identification) -> str:

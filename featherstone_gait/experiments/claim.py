@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,12 +21,17 @@ class Claim:
     why: str  # what the verdict rests on; where it is not "reproduced", the most likely reason
 
 
+def judged(same: bool, alike: bool = False) -> Verdict:
+    """The verdict: the same figure, at least the same direction, or neither."""
+    return "reproduced" if same else "reproduced in direction" if alike else "not reproduced"
+
+
 def plus_minus(value: float, finer: float, form: str) -> str:
     """A figure and how far half the step moves it."""
     return f"{value:{form}} ± {abs(value - finer):.1g}"
 
 
-def span(values, form: str) -> str:
+def span(values: Collection[float], form: str) -> str:
     """Smallest to largest of those that are finite, and how many are not."""
     finite = [x for x in values if math.isfinite(x)]
     falls = len(values) - len(finite)

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..model import Model
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-def heavier(model: Model, times) -> Model:
+
+def heavier(model: Model, times: ArrayLike) -> Model:
     """The masses and inertias of the links this many times their own; times: a number, or one a link."""
     links = [
         replace(x, mass=float(m) * x.mass, inertia=tuple(float(m) * i for i in x.inertia))
@@ -18,7 +25,9 @@ def heavier(model: Model, times) -> Model:
     return replace(model, links=tuple(links))
 
 
-def grid_of_panels(width: float, height: float, rows: int = 1, columns: int = 1, **shared):
+def grid_of_panels(
+    width: float, height: float, rows: int = 1, columns: int = 1, **shared: Any
+) -> tuple[Figure, np.ndarray]:
     """A figure [inch] and its axes (rows, columns)."""
     from matplotlib.figure import Figure
 
@@ -26,13 +35,13 @@ def grid_of_panels(width: float, height: float, rows: int = 1, columns: int = 1,
     return figure, figure.subplots(rows, columns, squeeze=False, **shared)
 
 
-def draw_band(axes, x, curves, colour: str, label: str) -> None:
+def draw_band(axes: Axes, x: ArrayLike, curves: Sequence[np.ndarray] | np.ndarray, colour: str, label: str) -> None:
     """Median and range of curves (n, len(x))."""
     axes.fill_between(x, np.min(curves, axis=0), np.max(curves, axis=0), color=colour, alpha=0.15)
     axes.plot(x, np.median(curves, axis=0), color=colour, label=label)
 
 
-def draw_marks(axes, place: float, values, colour: str, half_width: float) -> None:
+def draw_marks(axes: Axes, place: float, values: Sequence[float] | np.ndarray, colour: str, half_width: float) -> None:
     """A mark a value, side by side, and the line of their median."""
     spread = np.linspace(-0.5, 0.5, len(values)) * half_width * (len(values) > 1)
     axes.plot(place + spread, values, "o", ms=5, color=colour, alpha=0.6)

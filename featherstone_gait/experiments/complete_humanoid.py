@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from ..optimize import Quality, optimize_gait, quality, walking_cost
 from ..robot_file import load_robot
-from .claim import Claim, span
+from .claim import Claim, judged, span
 
 ROBOTS = {"simplified": "simplified", "complete": None}  # name -> what is locked
 
@@ -73,7 +73,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
         return Result(settings, {name: _walk(settings, locked, seed, bar) for name, locked in ROBOTS.items()})
 
 
-def _walk(settings: Settings, locked: str | None, seed: int, bar) -> Walk:
+def _walk(settings: Settings, locked: str | None, seed: int, bar: tqdm) -> Walk:
     model = load_robot("humanoid", locked=locked)
     cost = walking_cost(model)
     n, results = settings.iterations, []
@@ -145,12 +145,11 @@ def _arms(result: Result) -> Claim:
     legs = np.isin(walk.joints, result.walks["simplified"].joints)
     change = np.degrees(walk.changes)
     dearer = walk.without / walk.costs - 1.0
-    verdict = "reproduced" if dearer.min() > 0.01 else "reproduced in direction" if np.median(dearer) > 0 else None
     return Claim(
         claim="The search makes use of arms, hip yaw and neck",
         paper="",
         ours=f"with these put back as planned the gaits found cost {span(dearer, '+.1%')}",
-        verdict=verdict or "not reproduced",
+        verdict=judged(dearer.min() > 0.01, np.median(dearer) > 0),
         why="Rule: every gait gets dearer by more than 1 %; in direction if dearer in the median; a fall is infinite. "
         f"These joints move from the plan by {np.median(change[~legs]):.1f} deg, the ten of the simplified robot by "
         f"{np.median(change[legs]):.1f} deg (median of the largest change)",

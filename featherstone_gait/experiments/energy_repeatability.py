@@ -20,13 +20,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from ..build.scene import compile_scene
+from ..build.scene import ServoKind, compile_scene
 from ..core.effects.energies import METER
 from ..model import Ground
 from ..optimize import walking_cost
@@ -37,9 +38,12 @@ from ..walking.gait import TICK
 from .claim import Claim
 from .common import heavier
 
-PAPER = {"standard": 0.1462, "mipsd": 0.039}  # standard deviation over mean
+Servos = tuple[ServoKind, str]  # with the integrator
+Source = str | tuple[str, float]
+
+PAPER: dict[ServoKind, float] = {"standard": 0.1462, "mipsd": 0.039}  # standard deviation over mean
 EXPLICIT, IMPLICIT = "simtwo", "implicit_euler"
-MODELS = tuple(product(("standard", "mipsd"), (EXPLICIT, IMPLICIT)))
+MODELS: tuple[Servos, ...] = tuple(product(("standard", "mipsd"), (EXPLICIT, IMPLICIT)))
 SOURCES = ("initial posture", "round-off", "contacts", "encoder and supply")
 ALL = "all together"
 FACTOR = 1.5  # within which a standard deviation counts as the same: the paper's own, over 200 runs, is good to 10 %
@@ -88,19 +92,19 @@ class Result:
 
     settings: Settings
     seed: int
-    energies: dict[tuple[str, str], dict]
-    chatters: dict[tuple[str, str], int]  # runs of `ALL` that chattered
-    off: dict[tuple[str, str], float]  # mean energy of `ALL` over that at a quarter of the step, undisturbed, less 1
+    energies: dict[Servos, dict[Source, np.ndarray]]
+    chatters: dict[Servos, int]  # runs of `ALL` that chattered
+    off: dict[Servos, float]  # mean energy of `ALL` over that at a quarter of the step, undisturbed, less 1
 
-    def energy(self, model, source=ALL) -> np.ndarray:
+    def energy(self, model: Servos, source: Source = ALL) -> np.ndarray:
         """Energy of the runs that did not fall (n,) [J]."""
         energy = self.energies[model][source].sum(axis=1)
         return energy[np.isfinite(energy)]
 
-    def fell(self, model, source=ALL) -> int:
+    def fell(self, model: Servos, source: Source = ALL) -> int:
         return self.settings.runs - len(self.energy(model, source))
 
-    def scatter(self, model, source=ALL) -> Scatter:
+    def scatter(self, model: Servos, source: Source = ALL) -> Scatter:
         """nan if fewer than three runs got through."""
         energy = self.energy(model, source)
         if len(energy) < 3:
@@ -109,7 +113,7 @@ class Result:
         low, high = np.quantile(_relative(energy[picks]), (0.025, 0.975))
         return Scatter(float(_relative(energy)), float(low), float(high))
 
-    def shares(self, model) -> np.ndarray:
+    def shares(self, model: Servos) -> np.ndarray:
         """Variance of each source alone over the sum of them all (sources,)."""
         variances = np.array([self.scatter(model, source).value ** 2 for source in SOURCES])
         return variances / variances.sum()
@@ -121,7 +125,7 @@ def _relative(energy: np.ndarray) -> np.ndarray:
 
 def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
     """Walk the planned gait with each model under each source; the models share the noise, seeded by `seed`."""
-    energies: dict = {model: {} for model in MODELS}
+    energies: dict[Servos, dict[Source, np.ndarray]] = {model: {} for model in MODELS}
     chatters, off = {}, {}
     sources = [*SOURCES, ALL, *((ALL, scale) for scale in settings.scales)]
     unsaid = [*(("mass", x) for x in settings.masses), *(("step", h) for h in settings.steps)]
@@ -143,7 +147,12 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
 
 
 def gait_cost(
-    settings: Settings, planned: WalkingCost, servos, integrator, timestep: float = 1e-3, mass: float = 1.0
+    settings: Settings,
+    planned: WalkingCost,
+    servos: ServoKind,
+    integrator: str,
+    timestep: float = 1e-3,
+    mass: float = 1.0,
 ) -> WalkingCost:
     """The planned walk with other servos, integrator, step and this many times the masses."""
     model, gravity = heavier(planned.scene.model, mass), planned.scene.gravity
@@ -151,14 +160,16 @@ def gait_cost(
     return replace(planned, scene=scene, warm_up=settings.warm_up, strides=settings.strides)
 
 
-def _undisturbed(settings: Settings, planned: WalkingCost, servos: str) -> float:
+def _undisturbed(settings: Settings, planned: WalkingCost, servos: ServoKind) -> float:
     """Energy at a quarter of the step, integrated implicitly, with nothing put in [J]."""
     cost = gait_cost(settings, planned, servos, IMPLICIT, 2.5e-4)
     states, noises = disturbed(replace(settings, runs=3), cost, ALL, 0, 0.0)
     return float(_energies(cost, states, noises)[0][0].sum())
 
 
-def disturbed(settings: Settings, cost: WalkingCost, source: str, seed: int, scale: float = 1.0):
+def disturbed(
+    settings: Settings, cost: WalkingCost, source: str, seed: int, scale: float = 1.0
+) -> tuple[list[np.ndarray], np.ndarray]:
     """Initial states and noises (runs, ticks, joints, 2) of the runs, `scale` times the sizes of the settings."""
     angles = cost.reference(cost.gait.to_vector(), 0).values[0]
     servo = next(iter(cost.scene.model.servos.values()))  # the same in every joint
@@ -187,8 +198,8 @@ def disturbed(settings: Settings, cost: WalkingCost, source: str, seed: int, sca
 
 def _energies(cost: WalkingCost, states: list, noises: np.ndarray) -> tuple[np.ndarray, list[str]]:
     """Energy of each measured stride (runs, strides) [J], and the runs' statuses; chatter does not make it invalid."""
-    vectors, noises = [cost.gait.to_vector()] * len(states), list(noises)
-    runs = cost.simulate(vectors, sample=TICK, record=("energy",), states=states, noises=noises)
+    vectors = [cost.gait.to_vector()] * len(states)
+    runs = cost.simulate(vectors, sample=TICK, record=("energy",), states=states, noises=list(noises))
     marks = np.round((cost.mark + np.arange(cost.strides + 1) * cost.gait.period) / TICK).astype(int)
     energies = np.stack([np.diff(run["energy"][marks, :, METER].sum(axis=1)) for run in runs])
     energies[[run.status in ("fell", "diverged") for run in runs]] = np.nan
@@ -203,9 +214,9 @@ def check(result: Result) -> list[Claim]:
     return [_size(result, "standard"), _size(result, "mipsd"), _lower(result), _cause(result), _source(result)]
 
 
-def _size(result: Result, servos: str) -> Claim:
+def _size(result: Result, servos: ServoKind) -> Claim:
     """Reproduced if within `FACTOR` of the paper's; in direction if on the paper's side of the two figures' middle."""
-    model = (servos, EXPLICIT)
+    model: Servos = (servos, EXPLICIT)
     ours, paper, fell = result.scatter(model), PAPER[servos], result.fell(model)
     middle = math.sqrt(PAPER["standard"] * PAPER["mipsd"])
     near = paper / FACTOR < ours.value < paper * FACTOR
@@ -225,7 +236,7 @@ def _size(result: Result, servos: str) -> Claim:
     )
 
 
-def _spread(result: Result, model, source) -> str:
+def _spread(result: Result, model: Servos, source: Source) -> str:
     fell = result.fell(model, source)
     return f"{result.scatter(model, source)}" + (f", {fell} fell," if fell else "")
 
@@ -249,7 +260,7 @@ def _lower(result: Result) -> Claim:
     )
 
 
-def _ratio(result: Result, integrator: str, source=ALL) -> tuple[float, tuple[Scatter, Scatter]]:
+def _ratio(result: Result, integrator: str, source: Source = ALL) -> tuple[float, tuple[Scatter, Scatter]]:
     standard, mipsd = (result.scatter((servos, integrator), source) for servos in ("standard", "mipsd"))
     return standard.value / mipsd.value, (standard, mipsd)
 
@@ -275,7 +286,7 @@ def _cause(result: Result) -> Claim:
 def _source(result: Result) -> Claim:
     """Reproduced if round-off alone scatters the explicit standard model at least half as much as all sources do."""
     ours = {model: result.scatter(model, "round-off") for model in MODELS}
-    model = ("standard", EXPLICIT)
+    model: Servos = ("standard", EXPLICIT)
     chaotic = ours[model].low > 0.5 * result.scatter(model).value
     shares = "; ".join(
         f"{_name(model)} " + ", ".join(f"{source} {share:.1%}" for source, share in zip(SOURCES, result.shares(model)))
@@ -291,7 +302,7 @@ def _source(result: Result) -> Claim:
     )
 
 
-def _name(model) -> str:
+def _name(model: Servos) -> str:
     return f"{model[0]} {'explicit' if model[1] == EXPLICIT else 'implicit'}"
 
 
@@ -321,7 +332,7 @@ def _runs(result: Result) -> Figure:
     figure = Figure(figsize=(10.0, 5.0), layout="constrained")
     panels = figure.subplots(2, 2, sharey="row", sharex="col", width_ratios=(3, 1))
     for row, integrator in zip(panels, (EXPLICIT, IMPLICIT)):
-        for servos in ("standard", "mipsd"):
+        for servos in PAPER:
             model = (servos, integrator)
             energy = result.energies[model][ALL].sum(axis=1)
             off = 100.0 * (energy / np.nanmean(energy) - 1.0)
@@ -365,7 +376,7 @@ def _sizes(result: Result) -> Figure:
         scatters = [result.scatter(model, ALL if scale == 1.0 else (ALL, scale)) for scale in scales]
         values = np.array([s.value for s in scatters])
         error = np.abs(np.array([[s.low, s.high] for s in scatters]).T - values)
-        style = {"marker": "o", "capsize": 2, "color": COLOURS[model], "label": _name(model)}
+        style: dict[str, Any] = {"marker": "o", "capsize": 2, "color": COLOURS[model], "label": _name(model)}
         axes.errorbar(scales, 100 * values, 100 * error, **style)
     _papers(axes)
     axes.set(xlabel="size of the sources [times the settings]", ylabel="standard deviation of the energy [%]")
@@ -375,6 +386,6 @@ def _sizes(result: Result) -> Figure:
     return figure
 
 
-def _papers(axes) -> None:
+def _papers(axes: Axes) -> None:
     for servos, value in PAPER.items():
         axes.axhline(100 * value, color=COLOURS[servos, EXPLICIT], linestyle=":", linewidth=1.2)

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -31,14 +32,16 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from ..build.scene import compile_scene
+from ..build.scene import ServoKind, compile_scene
 from ..core.compile.jit import source_hash
 from ..core.effects.energies import METER
 from ..model import Ground, Model
 from ..optimize import AMPLITUDE, MAX_MISS, walking_cost
+from ..reference import Reference
 from ..robot_file import load_robot
-from ..run.simulate import simulate_stream, standing_state
+from ..run.simulate import Push, simulate_stream, standing_state
 from ..search import minimize
+from ..search.speculation import Candidate, Speculation
 from ..trajectory import Trajectory
 from ..view.plotting import plot_motion
 from ..walking.cost import LEAST_SPEED, WalkingCost
@@ -56,7 +59,7 @@ PAPER_ITERATIONS = 3000
 class Condition:
     """A cost to be searched."""
 
-    servos: str = "mipsd"
+    servos: ServoKind = "mipsd"
     integrator: str = IMPLICIT
     noise: float = 0.0  # standard deviation over the cost
 
@@ -170,7 +173,8 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
         measured = measure(cost, [cost.gait.to_vector(), *(search.x for search in searches)], rtol)
         first[name], found[name] = measured[0, 0], measured[1:, 0]
     best = min((search for search in searches if search.condition == MIPSD), key=lambda search: search.best[-1])
-    strides = tuple(_stride(planned, run) for run in planned.simulate([planned.gait.to_vector(), best.x, best.x])[:2])
+    before, after = planned.simulate([planned.gait.to_vector(), best.x, best.x])[:2]
+    strides = _stride(planned, before), _stride(planned, after)
     return Result(settings, searches, first, found, planned.scene.model, strides)
 
 
@@ -188,7 +192,9 @@ def cost_of(planned: WalkingCost, condition: Condition, timestep: float = 1e-3) 
     return replace(planned, scene=scene)
 
 
-def measure(cost: WalkingCost, vectors, rtol: float | None = None, pushes=()) -> np.ndarray:
+def measure(
+    cost: WalkingCost, vectors: Iterable[np.ndarray], rtol: float | None = None, pushes: Sequence[Push] = ()
+) -> np.ndarray:
     """Energy per distance [J/m] and distance per step [m] of gaits (n, 2); infinite and nan where they do not walk.
 
     Unlike `WalkingCost.measure` it takes a run that chatters as it is.
@@ -220,18 +226,18 @@ def _search(settings: Settings, planned: WalkingCost, condition: Condition, seed
     latest = accepted[np.cumsum(result.history["accepted"]) - 1]
     at = np.unique(np.linspace(0, n, settings.points).round().astype(int))
     kept, places = np.unique(latest[at], return_inverse=True)
-    measured = measure(cost, result.history["x"][kept])[places]
-    return Search(condition, seed, result.history["f"][latest], at, *measured.T, result.x)
+    found, steps = measure(cost, result.history["x"][kept])[places].T
+    return Search(condition, seed, result.history["f"][latest], at, found, steps, result.x)
 
 
-def _evaluate(cost: WalkingCost, noise: float, candidates) -> float:
+def _evaluate(cost: WalkingCost, noise: float, candidates: Speculation) -> float:
     """Work off the candidates of a search; the noise is drawn from how a run ended, so that it depends on its gait."""
     state = standing_state(cost.scene, cost.start[0])
 
-    def begin(candidate):
+    def begin(candidate: Candidate) -> tuple[np.ndarray, Reference]:
         return state, cost.reference(candidate.x, cost.warm_up + cost.strides)
 
-    def end(run):
+    def end(run: Trajectory) -> tuple[float, str]:
         seed = int.from_bytes(hashlib.sha256(run.final.tobytes()).digest()[:8], "little")
         factor = 1.0 + noise * np.random.default_rng(seed).standard_normal()
         return float(_measured(cost, run)[0] * factor), run.status
@@ -387,16 +393,16 @@ def _short(result: Result) -> str:
     return f". Searches of {n} iterations end before the paper's converge" if n < PAPER_OLD else ""
 
 
-def _median(values) -> str:
+def _median(values: Sequence[float] | np.ndarray) -> str:
     return f"{np.median(values):.0f}"
 
 
-def _quartiles(values) -> str:
+def _quartiles(values: Sequence[float] | np.ndarray) -> str:
     low, middle, high = np.quantile(values, (0.25, 0.5, 0.75))
     return f"{middle:.0f} ({low:.0f} to {high:.0f})"
 
 
-def _percents(values) -> str:
+def _percents(values: Collection[float]) -> str:
     """Median and range; a fall is an infinite cost."""
     finite = [x for x in values if math.isfinite(x)]
     falls = len(values) - len(finite)

@@ -10,13 +10,14 @@ gain that takes no part in the fit, as in Rhoban's servo identification (https:/
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from ..build.scene import compile_scene
+from ..build.scene import ServoKind, compile_scene
 from ..elementary import sincos
 from ..identification import EARLY, MOTOR_OFF, STEP, Identification, Recording, changed, identify, prediction_error
 from ..model import SERVO_UNITS, Model
@@ -85,7 +86,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     fits = [fit]
     for other in tqdm(seeds[3:], disable=not progress, desc="other seeds"):
         fits.append(_fit(changed(arm, **truth), record(settings, changed(arm, **truth), settings.gains, other), truth))
-    models = {"Table 2": (arm, "mipsd"), "fitted": (fit.model, "mipsd")}
+    models: dict[str, tuple[Model, ServoKind]] = {"Table 2": (arm, "mipsd"), "fitted": (fit.model, "mipsd")}
     models["without rotor"] = without_rotor.model, "standard"
     return Result(
         settings=settings,
@@ -102,11 +103,13 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     )
 
 
-def _fit(model: Model, recordings: list[Recording], parameters, servos="mipsd") -> Identification:
+def _fit(
+    model: Model, recordings: list[Recording], parameters: Iterable[str], servos: ServoKind = "mipsd"
+) -> Identification:
     return identify(model, recordings, list(parameters), servos, start_range=2.0 * COUNT)
 
 
-def record(settings: Settings, model: Model, gains: tuple[float, ...], seed) -> list[Recording]:
+def record(settings: Settings, model: Model, gains: tuple[float, ...], seed: np.random.SeedSequence) -> list[Recording]:
     """Recordings of every motion at every gain, and of the falls, as the servo's encoder shows them.
 
     The controller acts on the same readings.  Simulated with half the step of the fit, so that the two do not share
@@ -126,7 +129,16 @@ def record(settings: Settings, model: Model, gains: tuple[float, ...], seed) -> 
     return recordings + _recorded(settings, model, labels, time, still, settings.falls, MOTOR_OFF, random)
 
 
-def _recorded(settings, model, labels, time, references, starts, own, random) -> list[Recording]:
+def _recorded(
+    settings: Settings,
+    model: Model,
+    labels: Sequence[str],
+    time: np.ndarray,
+    references: Sequence[np.ndarray],
+    starts: Sequence[float] | np.ndarray,
+    own: dict[str, float],
+    random: np.random.Generator,
+) -> list[Recording]:
     read = changed(model, encoder_resolution=COUNT, **own)
     scene = compile_scene(read, "mipsd", integrator="midpoint", timestep=0.5 * STEP)
     noises = [random.normal(0.0, 1.0, (len(time), 1, 2)) * (settings.noise, 0.0) for _ in labels]

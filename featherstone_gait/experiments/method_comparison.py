@@ -20,9 +20,10 @@ from scipy.stats import mannwhitneyu
 from ..optimize import AMPLITUDE, MAX_MISS, walking_cost
 from ..robot_file import load_robot
 from ..search import AdaptiveSimulatedAnnealing, cma_es, differential_evolution, dual_annealing, run_together
+from ..search.ask_tell import Search
 from ..walking.cost import WalkingCost
 from ..walking.gait import bounds
-from .claim import Claim
+from .claim import Claim, judged
 from .common import draw_band, draw_marks
 
 PAPERS = "adaptive simulated annealing"
@@ -87,7 +88,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     )
 
 
-def _search(settings: Settings, cost, method: str, seed: int):
+def _search(settings: Settings, cost: WalkingCost, method: str, seed: int) -> Search:
     x0, limits = cost.gait.to_vector(), bounds(cost.scene.model, cost.gait)
     if method == PAPERS:
         n = settings.evaluations
@@ -121,7 +122,7 @@ def _best(result: Result) -> Claim:
     order = sorted(result.best, key=lambda method: np.median(result.costs(method)))
     least = order[0] == PAPERS
     p = _p(result, PAPERS, order[1]) if least else 1.0
-    verdict = "reproduced" if least and p < SIGNIFICANT else "reproduced in direction" if least else "not reproduced"
+    verdict = judged(least and p < SIGNIFICANT, least)
     start = result.best[PAPERS][0, 0]
     return Claim(
         claim="Of these methods the paper's finds the cheapest gait",
@@ -152,7 +153,7 @@ def _against(result: Result, method: str) -> Claim:
         return Claim(claim, "", f"{method} was not run: its package is not installed", "not reproduced", why)
     ours, other = (float(np.median(result.costs(name))) for name in (PAPERS, method))
     p, reverse = _p(result, PAPERS, method), _p(result, method, PAPERS)
-    verdict = "reproduced" if p < SIGNIFICANT else "reproduced in direction" if ours < other else "not reproduced"
+    verdict = judged(p < SIGNIFICANT, ours < other)
     reached = [int(np.argmax(best <= other)) + 1 for best in result.best[PAPERS] if best[-1] <= other]
     enough = f"; {len(reached)} of its searches reach {method}'s median" + (
         f", after {np.median(reached):.0f} evaluations" if reached else ""

@@ -15,20 +15,21 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Collection, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from tqdm import tqdm
 
-from ..build.scene import CompiledScene, compile_scene
-from ..model import Ground, Model
+from ..build.scene import CompiledScene, ServoKind, compile_scene
+from ..model import Base, Ground, Model
 from ..reference import Reference
 from ..robot_file import load_robot
 from ..run.simulate import initial_state, simulate_batch, standing_state
-from .claim import Claim
+from .claim import Claim, Verdict, judged
 from .common import grid_of_panels, heavier
 
 if TYPE_CHECKING:
@@ -43,10 +44,10 @@ TABLE_3 = {
     "left_elbow": (45.0, {"standard": (48.40, 44.19, 0.84), "mipsd": (45.05, 44.95, 0.01)}),
 }
 JOINTS = tuple(TABLE_3)
-SERVOS = ("standard", "mipsd")
+SERVOS: tuple[ServoKind, ...] = ("standard", "mipsd")
 INTEGRATORS = ("simtwo", "implicit_euler")
 EXPLICIT, IMPLICIT = INTEGRATORS
-BASES = ("floating", "fixed")
+BASES: tuple[Base, ...] = ("floating", "fixed")
 P = math.inf  # integral time of the proportional law [s]
 INTEGRAL_TIME = 1.0  # [s]; with a third of it the standing robot sways ever more and falls, with every model
 SHORT_INTEGRAL_TIME = 0.3  # [s]
@@ -56,9 +57,9 @@ SHORT_INTEGRAL_TIME = 0.3  # [s]
 class Case:
     """One robot in its posture; the defaults are the choices for what the paper does not say."""
 
-    servos: str = "standard"
+    servos: ServoKind = "standard"
     integrator: str = EXPLICIT  # the paper's program of 2012
-    base: Literal["floating", "fixed"] = "floating"  # standing on the ground, or held at the trunk
+    base: Base = "floating"  # standing on the ground, or held at the trunk
     integral_time: float = INTEGRAL_TIME  # Ti = Kp / Ki [s]
     Kp: float = 61.0  # [V/rad] the AX-12's as delivered, robots/servos/ax12.toml
     step: float = 1e-3  # [s] the program's default
@@ -79,7 +80,7 @@ class Settings:
     dropped: float = 10.0  # [s] of the start, not measured: integral action takes some integral times
     resolution: float = math.radians(300.0 / 1023.0)  # [rad] what the AX-12's encoder resolves
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not 0 <= self.dropped < self.duration < math.inf:
             raise ValueError(f"dropped is {self.dropped} s of {self.duration} s; drop less than the whole run")
         if self.disturbances < 1:
@@ -123,7 +124,7 @@ class Result:
     inertias: np.ndarray  # (4,) that the joints feel, without rotors [kg m^2]
     outcomes: dict[Case, Outcome]
 
-    def of(self, **changes) -> Outcome:
+    def of(self, **changes: Any) -> Outcome:
         """The outcome of `Case()` with some things changed."""
         return self.outcomes[Case(**changes)]
 
@@ -214,7 +215,7 @@ def _numbers(outcome: Outcome) -> tuple[np.ndarray, ...]:
     return outcome.highest.max(axis=0), outcome.lowest.min(axis=0), outcome.typical
 
 
-def _row(name: str, *numbers) -> str:
+def _row(name: str, *numbers: Iterable[float]) -> str:
     return f"{name:42}" + "".join(f"{high:10.2f} {low:7.2f} {d:5.2f}" for high, low, d in zip(*numbers))
 
 
@@ -238,7 +239,7 @@ def _standard(result: Result) -> Claim:
         f"The paper gives no masses; with all of them scaled: {masses}"
         f"{f', within the factor 3 at {alike[0]:g}' if alike else ''}."
     )
-    verdict = "reproduced" if _near(paper, found.typical) else "reproduced in direction" if every else "not reproduced"
+    verdict = judged(_near(paper, found.typical), every)
     return Claim(f"Standard model: {WHAT}", _joints(paper), _joints(found.typical), verdict, why)
 
 
@@ -254,7 +255,7 @@ def _mipsd(result: Result) -> Claim:
         "paper's 0.01 deg may be the noise of its engine, or its last digit; an encoder like the AX-12's alone would "
         f"give {_joints(encoder.typical)} (trunk fixed)."
     )
-    verdict = "reproduced" if set(found.statuses) == {"ok"} and (found.typical < 3 * paper).all() else "not reproduced"
+    verdict = judged(set(found.statuses) == {"ok"} and bool((found.typical < 3 * paper).all()))
     return Claim(f"MIPSD model: {WHAT}", _joints(paper), _joints(found.typical), verdict, why)
 
 
@@ -266,7 +267,7 @@ def _decrease(result: Result) -> Claim:
     paper = (_paper("standard")[:, 2] / _paper("mipsd")[:, 2]).min()
     least = ", ".join(f"{ratio:.2g} {name}" for name, ratio in ratios.items())
     why = f"Rule: larger median in every joint, on both bases, with both laws. Least ratio of the joints: {least}."
-    verdict = "reproduced" if min(ratios.values()) > 1.0 else "not reproduced"
+    verdict = judged(min(ratios.values()) > 1.0)
     ours = f"at least {min(ratios.values()):.2g} times"
     return Claim("The deviation falls in all four joints with MIPSD", f"at least {paper:.0f} times", ours, verdict, why)
 
@@ -286,7 +287,7 @@ def _centred(result: Result) -> Claim:
         f"out. With faster integral action, Ti = {SHORT_INTEGRAL_TIME:g} s, the standing robot sways and falls with "
         f"{falls} of 4 models."
     )
-    verdict = "reproduced" if off["floating", INTEGRAL_TIME].max() < 0.05 else "not reproduced"
+    verdict = judged(off["floating", INTEGRAL_TIME].max() < 0.05)
     ours = _joints(off["floating", INTEGRAL_TIME])
     return Claim("MIPSD holds the angles around their references", "within 0.05 deg", ours, verdict, why)
 
@@ -302,7 +303,7 @@ def _order(result: Result) -> Claim:
         + ". A joint shakes if it feels little inertia; left lateral, right front, right lateral shoulder and elbow "
         f"feel {', '.join(f'{x:.1e}' for x in result.inertias)} kg m²."
     )
-    verdict = "reproduced" if len(same) == 2 else "reproduced in direction" if same else "not reproduced"
+    verdict = judged(len(same) == 2, bool(same))
     words = " > ".join(_title(JOINTS[k]) for k in paper)
     ours = f"the same {' and '.join(BASE[base] for base in same)}" if same else "another order"
     return Claim("Which joints shake most with the standard model", words, ours, verdict, why)
@@ -318,7 +319,7 @@ def _cause(result: Result) -> Claim:
         f"rotor, in the paper's explicit order, {_joints(rotor.typical)} (trunk fixed). The rotor or the implicit step "
         "is enough; the spring-damper is not needed."
     )
-    verdict = "not reproduced" if still else "reproduced"
+    verdict: Verdict = "not reproduced" if still else "reproduced"
     ours = "the standard model does, integrated implicitly" if still else "yes"
     return Claim("It takes the MIPSD gearbox to hold still", "", ours, verdict, why)
 
@@ -332,7 +333,7 @@ def _paper(servos: str) -> np.ndarray:
     return np.array([values[servos] for _, values in TABLE_3.values()])
 
 
-def _joints(values) -> str:
+def _joints(values: Collection[float]) -> str:
     if max(values) < 1e-4:
         return "<1e-4 each"
     return ", ".join("<1e-4" if x < 1e-4 else f"{x:.2g}" for x in values)
@@ -419,7 +420,7 @@ def _ranges(result: Result) -> Figure:
 def _dependence(result: Result) -> Figure:
     figure, axes = grid_of_panels(12.0, 4.0, 1, 3, sharey=True)
     settings, paper = result.settings, _paper("standard")[:, 2].max()
-    sweeps = (
+    sweeps: tuple[tuple[str, float, list[dict[str, Any]]], ...] = (
         ("step [ms]", 1e3, [{"base": "fixed", "step": h} for h in settings.steps]),
         ("gain [V/rad]", 1.0, [{"base": "fixed", "Kp": Kp} for Kp in settings.gains]),
         ("masses [times ours]", 1.0, [{"mass": m} for m in (*settings.masses, 1.0)]),

@@ -23,14 +23,17 @@ from collections.abc import Sequence
 from importlib import import_module, metadata
 from pathlib import Path
 from traceback import extract_tb
-from typing import NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 from tqdm import tqdm
 
 from .. import __version__
-from ..files import Format, complete
+from ..files import FilePath, Format, complete
 from . import EXPERIMENTS
 from .claim import Claim, Verdict
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PAPER = (
     'J. Lima, J. Gonçalves, P. Costa, A. Moreira: "Humanoid Gait Optimization Resorting to an Improved Simulation '
@@ -55,7 +58,9 @@ class Entry(NamedTuple):
     finished: bool = False
 
 
-def reproduce(names: Sequence[str] = (), out=".", full=False, seed: int = 0, progress=False) -> list[Entry]:
+def reproduce(
+    names: Sequence[str] = (), out: FilePath = ".", full: bool = False, seed: int = 0, progress: bool = False
+) -> list[Entry]:
     """Run the named experiments, all if none is named, and write the report into the folder `out`.
 
     An experiment that raises is reported as failed, and the others still run.  The report is written after each of
@@ -95,7 +100,7 @@ def _entry(files: Path, name: str, full: bool, seed: int, program: str, progress
     return entry
 
 
-def _run(name: str, module, settings, seed: int, progress: bool) -> tuple[Entry, list[bytes]]:
+def _run(name: str, module: Any, settings: Any, seed: int, progress: bool) -> tuple[Entry, list[bytes]]:
     start = time.perf_counter()
     known = inspect.signature(module.run).parameters
     how = {"seed": seed, "progress": progress}
@@ -108,7 +113,7 @@ def _run(name: str, module, settings, seed: int, progress: bool) -> tuple[Entry,
     return Entry(name, _title(module), claims, places, _settings(settings), seconds, "", True), pictures
 
 
-def _png(figure) -> bytes:
+def _png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=DOTS_PER_INCH)
     return buffer.getvalue()
@@ -150,11 +155,11 @@ def _failure(error: Exception) -> str:
     return f"{type(error).__name__}: {error} ({Path(frame.filename).name}, line {frame.lineno})"
 
 
-def _title(module) -> str:
+def _title(module: Any) -> str:
     return (module.__doc__ or module.__name__).strip().splitlines()[0].rstrip(".")
 
 
-def _settings(settings) -> tuple[tuple[str, str, str], ...]:
+def _settings(settings: Any) -> tuple[tuple[str, str, str], ...]:
     """Name and value of each setting, with the comment beside it in the source: unit and reason."""
     try:
         source = inspect.getsource(type(settings))
@@ -167,7 +172,7 @@ def _settings(settings) -> tuple[tuple[str, str, str], ...]:
     )
 
 
-def _shown(value) -> str:
+def _shown(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, tuple | list):
@@ -205,7 +210,7 @@ def _facts(entries: Sequence[Entry], full: bool, seed: int) -> list[tuple[str, s
 
 def _rows(entries: Sequence[Entry]) -> list[tuple[str, ...]]:
     """The table of claims; a failed experiment has one row."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for entry in entries:
         rows += [(entry.name, c.claim, c.paper, c.ours, c.verdict, c.why) for c in entry.claims]
         if entry.failure:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
@@ -111,7 +112,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     keys += [(UNCERTAIN, k) for k in range(settings.robots)]
     keys += [(PUSHED, each) for each in product(DIRECTIONS, settings.push)]
 
-    def disturbed(key) -> np.ndarray:
+    def disturbed(key: tuple) -> np.ndarray:
         return _costs(settings, planned, vectors, key, seed)
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -121,7 +122,9 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     return Result(settings, tuple(gaits), np.array(vectors), nominal, finer, dict(zip(keys, costs)))
 
 
-def _costs(settings: Settings, planned: WalkingCost, vectors, key: tuple, seed: int) -> np.ndarray:
+def _costs(
+    settings: Settings, planned: WalkingCost, vectors: Sequence[np.ndarray], key: tuple, seed: int
+) -> np.ndarray:
     """Costs of all gaits under one disturbance (gaits,)."""
     kind, value = key
     if kind == PUSHED:

@@ -18,14 +18,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..build.scene import compile_scene
+from ..build.scene import ServoKind, compile_scene
 from ..build.tree import GRAVITY
 from ..identification import changed
 from ..model import Model
 from ..reference import Reference
 from ..robot_file import load_robot
 from ..run.simulate import simulate
-from .claim import Claim, plus_minus
+from .claim import Claim, judged, plus_minus
 
 COUNT = math.radians(300.0 / 1023.0)  # encoder step [rad], [manual]
 MARGIN = 1 * COUNT  # compliance margin: no output within it [rad], [manual]
@@ -117,13 +117,13 @@ def _supplied(model: Model, volts: float) -> Model:
     return changed(model, voltage_limit=volts, Kp=volts / SLOPE, current_limit=current)
 
 
-def _step(settings: Settings, model: Model, label: str, kind: str = "mipsd") -> Step:
+def _step(settings: Settings, model: Model, label: str, kind: ServoKind = "mipsd") -> Step:
     """A response, and the same at half the step."""
     found, finer = (_response(settings, model, label, kind, h * settings.timestep) for h in (1.0, 0.5))
     return replace(found, finer=finer)
 
 
-def _response(settings: Settings, model: Model, label: str, kind: str, timestep: float) -> Step:
+def _response(settings: Settings, model: Model, label: str, kind: ServoKind, timestep: float) -> Step:
     scene = compile_scene(model, kind, timestep=timestep)
     reference = Reference([0.0], [[settings.step]])
     run = simulate(scene, settings.duration, reference=reference, record=("q", "qd"), sample=timestep)
@@ -182,7 +182,7 @@ def _torque_claim(result: Result) -> Claim:
     stall = result.stall
     off = {volts: torque / STALL[volts] - 1.0 for volts, torque in stall.items()}
     good = [volts for volts, x in off.items() if abs(x) < TOLERANCE]
-    verdict = "reproduced" if len(good) == len(off) else "reproduced in direction" if good else "not reproduced"
+    verdict = judged(len(good) == len(off), bool(good))
     return Claim(
         claim="Model and real servo agree in a step (Fig. 4): how strong it is, Table 2",
         paper=f"published stall torque: {STALL[10.0]:.2f} N m at 10 V, 0.9 A; {STALL[12.0]:.2f} N m at 12 V, 1.5 A",

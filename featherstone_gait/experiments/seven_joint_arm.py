@@ -19,27 +19,30 @@ from __future__ import annotations
 import functools
 import math
 import os
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from tqdm import tqdm
 
-from ..build.scene import compile_scene
+from ..build.scene import ServoKind, compile_scene
 from ..dynamics import inverse_dynamics
 from ..model import Gearbox, Model
 from ..reference import Reference
 from ..robot_file import gearbox_presets, load_robot
 from ..run.simulate import initial_state, simulate_batch
-from .claim import Claim
+from .claim import Claim, judged
 from .common import grid_of_panels
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
-SERVOS = ("standard", "rotor", "mipsd")
+SERVOS: tuple[ServoKind, ...] = ("standard", "rotor", "mipsd")
 INTEGRATORS = ("simtwo", "implicit_euler")
 EXPLICIT, IMPLICIT = INTEGRATORS
 READINGS = ("paper_literal", "code_2012", "paper_rotor_side", "physical")
@@ -47,7 +50,7 @@ LARGE = (0.1, 0.1)  # mass [kg] and length [m] of a link: `robots/arm7`, about a
 SMALL = (0.07, 0.067)  # a bare AX-12 with a light bracket, the smallest that is plausible
 CHECKED_STEPS = (1e-4, 5e-4, 1e-3)  # [s] at the default gain, whatever the settings: a tenth, a half, and the default
 NO_ROTOR = 1e-10  # [kg m^2]; reflected 6e-6, a quarter of the arm's least modal inertia: as good as none
-ALONE = {"servos": "mipsd", "rotor_inertia": NO_ROTOR}  # compliance without the rotor
+ALONE: dict[str, Any] = {"servos": "mipsd", "rotor_inertia": NO_ROTOR}  # compliance without the rotor
 FALLEN = math.radians(10.0)  # rms angle beyond which the arm does not stand [rad]: no held arm comes near it
 PAPER_STANDARD, PAPER_MIPSD = 8.14, 0.0022  # printed as rad^2
 DEG2 = math.degrees(1.0) ** 2  # deg^2 in a rad^2
@@ -57,7 +60,7 @@ DEG2 = math.degrees(1.0) ** 2  # deg^2 in a rad^2
 class Case:
     """One arm with one servo model; the defaults are the choices for what the paper does not say."""
 
-    servos: str = "standard"
+    servos: ServoKind = "standard"
     integrator: str = EXPLICIT  # the paper's program of 2012
     step: float = 1e-3  # [s] its default
     Kp: float = 61.0  # [V/rad] the AX-12's as delivered, robots/servos/ax12.toml
@@ -82,7 +85,7 @@ class Settings:
     dropped: float = 10.0  # [s] of the start, not measured
     resolution: float = math.radians(300.0 / 1023.0)  # [rad] what the AX-12's encoder resolves
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         whole = self.duration == round(self.duration) and self.dropped == round(self.dropped)
         if not (whole and 0 <= self.dropped < self.duration and self.duration >= 4):
             raise ValueError(
@@ -153,7 +156,7 @@ class Result:
     settings: Settings
     outcomes: dict[Case, Outcome]
 
-    def of(self, **changes) -> Outcome:
+    def of(self, **changes: Any) -> Outcome:
         """The outcome of `Case()` with some things changed."""
         return self.outcomes[Case(**changes)]
 
@@ -191,17 +194,22 @@ def arm(case: Case) -> Model:
         replace(
             link,
             mass=mass * link.mass,
-            center_of_mass=tuple(length * x for x in link.center_of_mass),
+            center_of_mass=_scaled(length, link.center_of_mass),
             inertia=tuple(mass * length**2 * x for x in link.inertia),
         )
         for link in model.links
     )
-    joints = tuple(replace(joint, xyz=tuple(length * x for x in joint.xyz)) for joint in model.joints)
+    joints = tuple(replace(joint, xyz=_scaled(length, joint.xyz)) for joint in model.joints)
     gearbox = replace(_gearboxes()[case.gearbox], rotor_inertia=case.rotor_inertia)
     servo = next(iter(model.servos.values()))  # the same in every joint
     controller = replace(servo.controller, Kp=case.Kp)
     servo = replace(servo, controller=controller, gearbox=gearbox, encoder_resolution=case.resolution)
     return replace(model, links=links, joints=joints, servos=dict.fromkeys(model.joint_names, servo))
+
+
+def _scaled(factor: float, vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = vector
+    return factor * x, factor * y, factor * z
 
 
 @functools.cache
@@ -260,10 +268,7 @@ def _standard(result: Result) -> Claim:
     found, half, fine = result.of(), result.of(step=5e-4), result.of(step=1e-4)
     standing = _errors([o for o in _over_gains(result, servos="standard") if o.stands])
     n = len(found.statuses)
-    if _near(PAPER_STANDARD, found):
-        verdict = "reproduced"
-    else:
-        verdict = "reproduced in direction" if found.statuses.count("chatter") == n else "not reproduced"
+    verdict = judged(_near(PAPER_STANDARD, found), found.statuses.count("chatter") == n)
     why = (
         f"A bounded chatter that never ends, flagged in {found.statuses.count('chatter')} of {n} runs, whatever the "
         f"disturbance. It is an error of integration: at half the step {_squares(half.error)}, at a tenth "
@@ -280,10 +285,7 @@ def _mipsd(result: Result) -> Claim:
     tilts = result.settings.tilts
     tilted = _errors([result.of(servos="mipsd", tilt=tilt) for tilt in tilts])
     standing = _errors([o for o in _over_gains(result, servos="mipsd") if o.stands])
-    if _near(PAPER_MIPSD, found):
-        verdict = "reproduced"
-    else:
-        verdict = "reproduced in direction" if found.sound and found.stands else "not reproduced"
+    verdict = judged(_near(PAPER_MIPSD, found), found.sound and found.stands)
     left = math.sqrt(np.median(found.history[:, -1]) / np.median(found.history[:, 0]))
     why = (
         f"The arm holds, and the number says little more: it is the initial tilt dying away, to {left:.1g} of it in "
@@ -304,7 +306,7 @@ def _improvement(result: Result) -> Claim:
         f"{least_gain(arm(Case())):.3g} V/rad the servos are weaker than gravity and every arm falls; at "
         "high gains the compliant gearbox swings on its own, where the rigid one is quiet."
     )
-    verdict = "reproduced" if ratio.min() > 10.0 else "not reproduced"
+    verdict = judged(ratio.min() > 10.0)
     paper, ours = f"{PAPER_STANDARD / PAPER_MIPSD:.0f} times less", f"{_span(ratio)} times less"
     return Claim("MIPSD is more stable than the standard model", paper, ours, verdict, why)
 
@@ -329,7 +331,7 @@ def _unit(result: Result) -> Claim:
     )
     more = len(fits["deg²"]) - len(fits["rad²"])  # "reproduced" if more as rad²
     ours = "deg² fits better" if more > 0 else "rad² fits better" if more < 0 else "undecided"
-    verdict = "reproduced" if more < 0 else "not reproduced"
+    verdict = judged(more < 0)
     return Claim("The values are in rad²", "8.14 rad², 0.0022 rad²", ours, verdict, why)
 
 
@@ -344,7 +346,7 @@ def _rotor(result: Result) -> Claim:
         f"{_squares(result.of(integrator=IMPLICIT, step=1e-4).error)} implicitly."
     )
     ratio = standard.error / rotor.error
-    verdict = "reproduced" if ratio.min() > 10.0 and rotor.sound else "not reproduced"
+    verdict = judged(ratio.min() > 10.0 and rotor.sound)
     ours = f"{_squares(standard.error)} without, {_squares(rotor.error)} with the rotor"
     return Claim("The instability comes from the missing rotor inertia", "", ours, verdict, why)
 
@@ -360,7 +362,7 @@ def _compliance(result: Result) -> Claim:
         f"of it rigid {_squares(result.of(servos='rotor', step=1e-4).error)}, compliant "
         f"{_squares(result.of(servos='mipsd', step=1e-4).error)}."
     )
-    verdict = "reproduced" if mipsd.typical < rotor.typical else "not reproduced"
+    verdict = judged(mipsd.typical < rotor.typical)
     ours = f"rigid {_squares(rotor.error)}, compliant {_squares(mipsd.error)}"
     return Claim("The spring-damper gearbox makes the simulation more stable", "", ours, verdict, why)
 
@@ -384,11 +386,11 @@ def _printed(result: Result) -> Claim:
     )
     word = words["paper_literal", EXPLICIT]
     paper = "1e-5 N m/rad, 1e-4 N m s/rad"
-    verdict = "reproduced" if word == "holds" else "not reproduced"
+    verdict = judged(word == "holds")
     return Claim("The printed constants K_s and K_B of the gearbox hold the arm", paper, f"it {word}", verdict, why)
 
 
-def _over_gains(result: Result, **model) -> list[Outcome]:
+def _over_gains(result: Result, **model: Any) -> list[Outcome]:
     return [result.of(**model, Kp=Kp) for Kp in result.settings.gains]
 
 
@@ -468,17 +470,17 @@ def _over_time(result: Result) -> Figure:
     return figure
 
 
-def _paper_lines(panel, labels: bool = True) -> None:
+def _paper_lines(panel: Axes, labels: bool = True) -> None:
     for value in (PAPER_STANDARD, PAPER_MIPSD):
         panel.axhline(value, color="0.4", linestyle=":", linewidth=1.0)
         if labels:
-            where = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom"}
+            where: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom"}
             panel.annotate(f"paper {value:g}", (0.99, value), fontsize=7, **where)
 
 
 def factorial(result: Result) -> dict[tuple[bool, bool, bool], Outcome]:
     """Outcome by (rotor inertia, compliance, implicit integration)."""
-    cases = {
+    cases: dict[tuple[bool, bool], dict[str, Any]] = {
         (False, False): {"servos": "standard"},
         (True, False): {"servos": "rotor"},
         (False, True): ALONE,
@@ -501,7 +503,9 @@ def _factorial(result: Result) -> Figure:
     return figure
 
 
-def _heat(panel, grid: list[list[Outcome]], columns, rows, size: int):
+def _heat(
+    panel: Axes, grid: list[list[Outcome]], columns: Sequence[str], rows: Sequence[str], size: int
+) -> AxesImage:
     """Median errors as colours and numbers; what is unsound or has fallen says so."""
     from matplotlib.colors import LogNorm
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any
 
-from ..model import Model, check_locked
+from ..model import Base, Model, check_locked
 from .errors import blamed_on
 from .settings import Settings, read_settings
 from .source import urdf_path
@@ -15,7 +15,7 @@ from .urdf import read_urdf
 
 def load_robot(
     name_or_path: str | os.PathLike,
-    base: Literal["fixed", "floating"] | None = None,
+    base: Base | None = None,
     locked: str | Mapping[str, float] | list[str] | tuple[str, ...] | None = None,
 ) -> Model:
     """Read a robot: a name of `robot_names()`, or the path of a .urdf file, with the .toml of the same stem if there.

@@ -95,7 +95,7 @@ def _toml_text(model: Model) -> str:
     return "\n".join([*lines, ""])
 
 
-def _assignments(record, of: Sequence[Field]) -> list[str]:
+def _assignments(record: object, of: Sequence[Field]) -> list[str]:
     """Lines `key = value` of fields of a record."""
     return [f"{f.name} = {written(getattr(record, f.name))}" for f in of]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
@@ -58,7 +58,7 @@ def read_servos(section: dict[str, Any], joints: tuple[Joint, ...], folder: Path
     return servos
 
 
-def _joint_servo(table: dict[str, Any], read, what: str) -> Servo:
+def _joint_servo(table: dict[str, Any], read: Callable[[str, str], dict[str, Any]], what: str) -> Servo:
     """One joint's servo: the fields of its type and preset, and what overrides them."""
     values = _servo_settings(table, what, also=("type", "gearbox"))
     gearbox = string({"gearbox": "physical", **table}, "gearbox", what)

@@ -8,7 +8,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..model import ContactPoint, Joint, Link, Servo, check_contacts, check_locked
+from ..model import Base, ContactPoint, Joint, Link, Servo, check_contacts, check_locked
 from .servos import read_servos
 from .toml import READ, check_keys, read_toml, real, string, table_of
 
@@ -16,7 +16,7 @@ from .toml import READ, check_keys, read_toml, real, string, table_of
 class Settings(NamedTuple):
     """What the TOML says."""
 
-    base: str | None = None
+    base: Base | None = None
     locked: Mapping[str, dict[str, float]] = {}  # set name -> joint name -> position
     servos: Mapping[str, Servo] = {}
     contacts: tuple[ContactPoint, ...] = ()
@@ -47,7 +47,7 @@ def _contact(row: dict[str, Any], what: str) -> ContactPoint:
     check_keys(row, tuple(f.name for f in known), what)
     what = f"{what} on link {string(row, 'link', what)!r}"
     return ContactPoint(
-        **{f.name: READ[f.type](row, f.name, what) for f in known if f.name in row or f.default is MISSING}
+        **{f.name: READ[str(f.type)](row, f.name, what) for f in known if f.name in row or f.default is MISSING}
     )
 
 

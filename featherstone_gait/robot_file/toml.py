@@ -6,7 +6,7 @@ import json
 import math
 import sys
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +72,8 @@ def vector(table: Mapping[str, Any], key: str, what: str) -> tuple[float, ...]:
 
 
 # How to read a field of a dataclass, by its type as `fields` gives it.
-READ = {"str": string, "float": number, "tuple[float, float, float]": vector}
+Reader = Callable[[Mapping[str, Any], str, str], Any]
+READ: dict[str, Reader] = {"str": string, "float": number, "tuple[float, float, float]": vector}
 
 
 def written(value: str | float | tuple[float, ...]) -> str:

@@ -7,15 +7,17 @@ import re
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, ParseError
 
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
-from ..model import Joint, Link, check_angles, check_tree, turned_inertia
+from ..model import Base, Joint, Link, check_angles, check_tree, turned_inertia
 from ..rotation import dot, rotation_from_rpy
 from .source import read_bytes
+
+Vector = tuple[float, float, float]
 
 MAX_DEPTH = 64  # of nested XML elements
 MAX_LINKS = 10_000
@@ -79,7 +81,7 @@ class Robot(NamedTuple):
     name: str
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
-    base: str | None
+    base: Base | None
     notes: tuple[str, ...]
 
 
@@ -94,7 +96,7 @@ def read_urdf(path: Path) -> Robot:
         links = _without_world(links, joints, floating, notes)
     check_tree(links, joints)
     sentences = tuple(sentence + (f" ({count} times)" if count > 1 else "") for sentence, count in notes.items())
-    return Robot(root.get("name"), links, joints, "floating" if floating else None, sentences)
+    return Robot(root.attrib["name"], links, joints, "floating" if floating else None, sentences)
 
 
 def _read_xml(path: Path) -> Element:
@@ -201,12 +203,12 @@ def _link(element: Element) -> Link:
     what = _label(element, "")
     inertial = element.find("inertial")
     if inertial is None:
-        return Link(element.get("name"), 0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
-    mass = _number(inertial.find("mass"), "value", what)
-    inertia = tuple(_number(inertial.find("inertia"), name, what) for name in INERTIA)
+        return Link(element.attrib["name"], 0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
+    mass = _number(inertial.findall("mass")[0], "value", what)
+    inertia = tuple(_number(inertial.findall("inertia")[0], name, what) for name in INERTIA)
     center, rpy = _origin(inertial, what)
     check_angles(f"{what}: <origin>", "rpy", rpy)
-    link = Link(element.get("name"), mass, center, inertia)
+    link = Link(element.attrib["name"], mass, center, inertia)
     return replace(link, inertia=_turned(inertia, rpy)) if any(rpy) else link
 
 
@@ -217,22 +219,24 @@ def _turned(inertia: tuple[float, ...], rpy: tuple[float, ...]) -> tuple[float, 
 
 
 def _joint(element: Element, notes: Counter[str]) -> Joint:
-    what, kind = _label(element, ""), element.get("type")
+    what, name = _label(element, ""), element.attrib["name"]
+    kind: Any = element.attrib["type"]  # any text: the checks of Joint refuse what is none of its types
     if kind in _REFUSED_TYPES:
         raise ValueError(f"{what}: type {kind!r} is not simulated; {_REFUSED_TYPES[kind]}")
-    parent, child = (element.find(end).get("link") for end in ("parent", "child"))
+    parent, child = (element.findall(end)[0].attrib["link"] for end in ("parent", "child"))
     xyz, rpy = _origin(element, what)
     if kind == "fixed":
-        return Joint(element.get("name"), kind, parent, child, xyz, rpy)
+        return Joint(name, kind, parent, child, xyz, rpy)
     motion = {**_limits(element, what, notes), **_dynamics(element, what)}
-    return Joint(element.get("name"), kind, parent, child, xyz, rpy, _axis(element, what, notes), **motion)
+    return Joint(name, kind, parent, child, xyz, rpy, _axis(element, what, notes), **motion)
 
 
-def _axis(element: Element, what: str, notes: Counter[str]) -> tuple[float, ...]:
+def _axis(element: Element, what: str, notes: Counter[str]) -> Vector:
     """The axis at unit length; (1, 0, 0) if the file has none, as URDF says."""
-    if element.find("axis") is None:
+    stated = element.find("axis")
+    if stated is None:
         return (1.0, 0.0, 0.0)
-    axis = _vector(element.find("axis"), "xyz", what)
+    axis = _vector(stated, "xyz", what)
     largest = max(abs(x) for x in axis)
     if not largest > 0:
         raise ValueError(f"{what}: axis {axis!r} has length {largest!r}; expected > 0: give a direction such as 0 0 1")
@@ -242,7 +246,8 @@ def _axis(element: Element, what: str, notes: Counter[str]) -> tuple[float, ...]
         return axis
     if abs(length - 1.0) > _NOTED_LENGTH_ERROR:
         notes[f"{what}: axis {axis!r} was scaled to unit length"] += 1
-    return tuple(x / math.sqrt(dot(scaled, scaled)) for x in scaled)
+    x, y, z = (x / math.sqrt(dot(scaled, scaled)) for x in scaled)
+    return x, y, z
 
 
 def _limits(element: Element, what: str, notes: Counter[str]) -> dict[str, float]:
@@ -254,7 +259,8 @@ def _limits(element: Element, what: str, notes: Counter[str]) -> dict[str, float
         return {}
     for name in [name for name in ("acceleration", "deceleration", "jerk") if name in limit.attrib]:
         notes[f"skipped {name} of <limit>: the servo limits the motion"] += 1
-    values = {name: _number(limit, name, what) for name in ("effort", "velocity") if name in limit.attrib}
+    stated = [name for name in ("effort", "velocity") if name in limit.attrib]
+    values: dict[str, float] = {name: _number(limit, name, what) for name in stated}
     if len(values) < 2:
         notes["a <limit> states no effort or no velocity: taken as unlimited"] += 1
     if kind != "continuous":
@@ -271,14 +277,14 @@ def _dynamics(element: Element, what: str) -> dict[str, float]:
     return {name: _number(dynamics, name, what, default=0.0) for name in ("damping", "friction")}
 
 
-def _origin(element: Element, what: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _origin(element: Element, what: str) -> tuple[Vector, Vector]:
     origin = element.find("origin")
     if origin is None:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     return _vector(origin, "xyz", what), _vector(origin, "rpy", what)
 
 
-def _vector(element: Element, attribute: str, what: str) -> tuple[float, ...]:
+def _vector(element: Element, attribute: str, what: str) -> Vector:
     """Three numbers; zeros where the attribute is left out."""
     words = element.get(attribute, "0 0 0").split()
     if len(words) != 3:
@@ -286,13 +292,14 @@ def _vector(element: Element, attribute: str, what: str) -> tuple[float, ...]:
             f"{what}: <{element.tag}> {attribute}={element.get(attribute)!r} has {len(words)} numbers; "
             "expected 3, separated by spaces: correct it"
         )
-    return tuple(_parsed(word, f"{what}: <{element.tag}> {attribute}") for word in words)
+    x, y, z = (_parsed(word, f"{what}: <{element.tag}> {attribute}") for word in words)
+    return x, y, z
 
 
 def _number(element: Element, attribute: str, what: str, default: float | None = None) -> float:
     if default is not None and attribute not in element.attrib:
         return default
-    return _parsed(element.get(attribute).strip(), f"{what}: <{element.tag}> {attribute}")
+    return _parsed(element.attrib[attribute].strip(), f"{what}: <{element.tag}> {attribute}")
 
 
 def _parsed(word: str, what: str) -> float:
@@ -309,7 +316,7 @@ def _without_world(
     links: tuple[Link, ...], joints: tuple[Joint, ...], floating: list[Element], notes: Counter[str]
 ) -> tuple[Link, ...]:
     """Drop the massless root of a floating joint; the joint's child becomes the floating base."""
-    what, world = _label(floating[0], ""), floating[0].find("parent").get("link")
+    what, world = _label(floating[0], ""), floating[0].findall("parent")[0].attrib["link"]
     others = [joint.name for joint in joints if world in (joint.parent, joint.child)]
     massless = [link.name for link in links if link.mass == 0]
     if len(floating) > 1 or others or world not in massless:

@@ -46,7 +46,7 @@ def _run_refilled(ready: Prepared, starts: list[Start], threads: int) -> list[Re
 def drive_lanes(ready: Prepared, source: Source, begin: Callable[[Any], Start], end: Callable, threads: int) -> float:
     """`run_lanes` in every thread; return the share of the lane-steps that were used."""
 
-    def work(_=None):
+    def work(_: object = None) -> tuple[int, int]:
         try:
             return run_lanes(ready, source, begin, end)
         except BaseException:

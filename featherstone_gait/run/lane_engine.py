@@ -30,10 +30,10 @@ class Source(Protocol):
     def take(self, wait: bool) -> Any | None:
         """The key of a run nobody has taken.  None: there are no more, or, unless `wait`, none at present."""
 
-    def wanted(self, key) -> bool:
+    def wanted(self, key: Any) -> bool:
         """Whether a run taken is still to be finished."""
 
-    def give(self, key, answer) -> None:
+    def give(self, key: Any, answer: Any) -> None:
         """Take the answer of a run."""
 
     def close(self) -> None:
@@ -43,7 +43,7 @@ class Source(Protocol):
 class Queue:
     """The source of a known number of runs; its keys are their indices."""
 
-    def __init__(self, count: int):
+    def __init__(self, count: int) -> None:
         self.answers: list = [None] * count
         self._indices: Iterator[int] = iter(range(count))
         self._lock = threading.Lock()
@@ -55,7 +55,7 @@ class Queue:
     def wanted(self, key: int) -> bool:
         return True
 
-    def give(self, key: int, answer) -> None:
+    def give(self, key: int, answer: Any) -> None:
         self.answers[key] = answer
 
     def close(self) -> None:
@@ -102,23 +102,23 @@ def run_lanes(
     whole_ticks = aligned((-(-longest // course.per_tick), n, 2, WIDTH))
     used = there = 0
     while _fill(lanes, source, begin, ready, y, whole.good):
-        busy = [lane for lane in range(WIDTH) if lanes[lane] is not None]
-        steps = min(longest, min(course.steps - lanes[lane].done for lane in busy))
+        busy = [(lane, held) for lane, held in enumerate(lanes) if held is not None]
+        steps = min(longest, min(course.steps - held.done for _, held in busy))
         ticks, out = whole_ticks[: -(-steps // course.per_tick)], whole_out[: steps // course.per_sample + 1]
-        noise = None if lanes[busy[0]].start.noise is None else aligned(ticks.shape)
+        noise = None if busy[0][1].start.noise is None else aligned(ticks.shape)
         for lane in range(WIDTH):
             held = lanes[lane]
             if held is None:  # an idle lane repeats a busy one
-                held = lanes[busy[0]]
-                y[:, lane], whole.good[:, lane] = y[:, busy[0]], whole.good[:, busy[0]]
+                other, held = busy[0]
+                y[:, lane], whole.good[:, lane] = y[:, other], whole.good[:, other]
             _sample(held.start.reference, held.done, course, ticks, lane)
             _sample_noise(held.start.noise, held.done // course.per_tick, noise, lane)
         signals = whole.signals._replace(samples=ticks, noise=noise)
         rollout_lanes(whole._replace(plan=course._replace(steps=steps), signals=signals), y, out)
         there += steps * WIDTH
         used += steps * len(busy)
-        for lane in busy:
-            held, first = lanes[lane], lanes[lane].done // course.per_sample
+        for lane, held in busy:
+            first = held.done // course.per_sample
             held.out[first : first + len(out)] = out[:, : len(channels), lane]
             if y[status, lane] != OK or held.done + steps == course.steps:
                 source.give(held.key, end(*_ended(end_time, course, held, y[:, lane], first + len(out))))
@@ -127,10 +127,18 @@ def run_lanes(
     return used, there
 
 
-def _fill(lanes: list, source: Source, begin, ready: Prepared, y, good) -> bool:
+def _fill(
+    lanes: list[_Occupant | None],
+    source: Source,
+    begin: Callable[[Any], Start],
+    ready: Prepared,
+    y: np.ndarray,
+    good: np.ndarray,
+) -> bool:
     """Give a run to each lane that is free or whose own is no longer wanted; False when there are no more."""
     for lane in range(WIDTH):
-        if lanes[lane] is not None and not source.wanted(lanes[lane].key):
+        held = lanes[lane]
+        if held is not None and not source.wanted(held.key):
             lanes[lane] = None
     for lane in (lane for lane in range(WIDTH) if lanes[lane] is None):
         key = source.take(wait=lanes.count(None) == WIDTH)  # who has nothing else to do can wait
@@ -149,9 +157,9 @@ def _sample(reference: Knots, done: int, course: Plan, ticks: np.ndarray, lane: 
     ticks[..., lane] = values
 
 
-def _sample_noise(whole, first: int, noise, lane: int) -> None:
+def _sample_noise(whole: np.ndarray | None, first: int, noise: np.ndarray | None, lane: int) -> None:
     """The noise of one lane in the coming segment."""
-    if noise is not None:
+    if noise is not None and whole is not None:
         part = whole[first : first + len(noise)]
         noise[: len(part), ..., lane] = part
 

@@ -10,11 +10,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..build.contact import by_body
 from ..build.external import Push
@@ -30,6 +31,8 @@ from ..core.step.signals import Knots, Signals
 from ..reference import Reference
 from ..trajectory import Trajectory
 from .start import checked_vector, initial_state
+
+Zeros = Callable[[int | tuple[int, ...]], np.ndarray]
 
 RTOL = 1e-8  # of integrators with error control
 LEAST_STEP = 1e-9  # of error control [s]
@@ -54,7 +57,13 @@ class Prepared:
     stored: dict[str, slice]  # where each channel lies among the recorded numbers
     channels: np.ndarray  # indices into the state of all recorded numbers
 
-    def start(self, state=None, reference=None, tau=None, noise=None) -> Start:
+    def start(
+        self,
+        state: ArrayLike | Trajectory | None = None,
+        reference: Reference | None = None,
+        tau: Reference | ArrayLike | None = None,
+        noise: ArrayLike | None = None,
+    ) -> Start:
         """What one simulation starts from: see `simulate`; ValueError on what does not fit."""
         scene, n, o = self.scene, self.scene.tree.n, self.scene.layout
         y = initial_state(scene) if state is None else _taken_up(scene, state)
@@ -77,11 +86,11 @@ class Prepared:
                     f"{scene.model.name}: {what} has {signal.values.shape[1]} columns; the robot has {n} joints: "
                     f"{', '.join(scene.model.joint_names)}"
                 )
-        knots = [signal.knots() if signal else None for signal in (reference, tau)]
-        start = Start(y, *knots, self._noise(noise))
+        knots, torques = (signal.knots() if signal else None for signal in (reference, tau))
+        start = Start(y, knots, torques, self._noise(noise))
         return start._replace(y=_with_first_error(scene, start))
 
-    def _noise(self, noise) -> np.ndarray | None:
+    def _noise(self, noise: ArrayLike | None) -> np.ndarray | None:
         if noise is None:
             return None
         scene, plan = self.scene, self.plan
@@ -98,7 +107,7 @@ class Prepared:
         return self.plan.steps // self.plan.per_sample + 1
 
     @property
-    def kernel(self):
+    def kernel(self) -> Callable[[Run, np.ndarray, np.ndarray], None]:
         """What `arguments` of one run are for."""
         return rollout_adaptive if self.scene.adaptive else rollout_one
 
@@ -115,9 +124,10 @@ class Prepared:
         y[:] = np.stack([start.y for start in starts], axis=-1)
         references, torques = (_in_lanes(knots) for knots in zip(*(start[1:3] for start in starts)))
         signals = self.signals(references, torques, lane_zeros)
-        if starts[0].noise is not None:
-            noise = aligned((*starts[0].noise.shape, WIDTH))
-            noise[:] = np.stack([start.noise for start in starts], axis=-1)
+        noises = [start.noise for start in starts if start.noise is not None]  # of all or of none
+        if noises:
+            noise = aligned((*noises[0].shape, WIDTH))
+            noise[:] = np.stack(noises, axis=-1)
             signals = signals._replace(noise=noise)
         return self.bound(signals, lane_zeros), y, out
 
@@ -131,14 +141,14 @@ class Prepared:
         rollout_lanes(run, y, out)
         return [(y[:, k].copy(), out[:, : len(self.channels), k].copy()) for k in range(len(starts))]
 
-    def signals(self, reference: Knots | None, torques: Knots | None, zeros) -> Signals:
+    def signals(self, reference: Knots | None, torques: Knots | None, zeros: Zeros) -> Signals:
         """What comes from outside; zeros(shape) makes the arrays for its present values."""
         n = self.scene.tree.n
         values, tau = (None, None) if torques is None else (zeros((n, 2)), zeros(n))
         continuous = True if self.scene.constants.actuator is not None and not self.scene.sampled else None
         return Signals(reference, zeros((n, 2)), torques, values, tau, None, None, continuous)
 
-    def bound(self, signals: Signals, zeros) -> Run:
+    def bound(self, signals: Signals, zeros: Zeros) -> Run:
         """The run with these signals; zeros(shape) makes the arrays that it overwrites."""
         scene, constants = self.scene, self.scene.constants
         sizes = Sizes(
@@ -189,7 +199,9 @@ def prepare(
     return Prepared(scene.pushed(pushes), plan, record, *_stored(scene, record))
 
 
-def with_tolerance(scene: CompiledScene, rtol: float | None, atol: float | None):
+def with_tolerance(
+    scene: CompiledScene, rtol: float | None, atol: float | None
+) -> tuple[CompiledScene, float | None, float | None]:
     """The scene with an integrator that can meet the tolerances, and these; None for fixed steps.
 
     Raises ValueError on tolerances out of range, and where the integrator has no continuous limit.
@@ -250,20 +262,21 @@ def with_steps(ready: Prepared, steps: int, per_sample: int) -> Prepared:
     return replace(ready, plan=ready.plan._replace(steps=steps, per_sample=per_sample))
 
 
-def lane_zeros(shape) -> np.ndarray:
+def lane_zeros(shape: int | tuple[int, ...]) -> np.ndarray:
     """Zeros with a last axis of lanes."""
     return aligned((*np.atleast_1d(shape), WIDTH))
 
 
 def _in_lanes(knots: Sequence[Knots | None]) -> Knots | None:
-    if knots[0] is None:
+    there = [k for k in knots if k is not None]  # all or none
+    if not there:
         return None
-    cubics = aligned((*knots[0].cubics.shape, WIDTH))
-    cubics[:] = np.stack([k.cubics for k in knots], axis=-1)
-    return knots[0]._replace(cubics=cubics)
+    cubics = aligned((*there[0].cubics.shape, WIDTH))
+    cubics[:] = np.stack([k.cubics for k in there], axis=-1)
+    return there[0]._replace(cubics=cubics)
 
 
-def _taken_up(scene: CompiledScene, state) -> np.ndarray:
+def _taken_up(scene: CompiledScene, state: ArrayLike | Trajectory) -> np.ndarray:
     """The state of a vector, or at the end of a trajectory whose state has the same parts; ValueError otherwise."""
     if not isinstance(state, Trajectory):
         return checked_vector("state", state, int(scene.layout["length"]))
@@ -281,7 +294,7 @@ def _sizes(parts: dict[str, tuple[int, int]]) -> str:
 
 def _with_first_error(scene: CompiledScene, start: Start) -> np.ndarray:
     """The controllers' last error at the start, so that a derivative term sees no jump."""
-    if not scene.sampled or start.y[scene.layout["end"]] > 0:  # there is none, or it goes on
+    if not scene.sampled or start.reference is None or start.y[scene.layout["end"]] > 0:  # there is none, or it goes on
         return start.y
     n, o, y = scene.tree.n, scene.layout, start.y.copy()
     speed = scene.constants.actuator.controller.law == PID_SPEED

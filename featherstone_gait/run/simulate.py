@@ -9,13 +9,13 @@ A scene fixes robot, servos, ground, integrator and step; a simulation is then o
 from __future__ import annotations
 
 import dataclasses
-import functools
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .. import renamed
 from ..build.external import Push
@@ -25,7 +25,7 @@ from ..reference import Reference
 from ..trajectory import Trajectory, with_error
 from .batch import drive_lanes, run_all, streams
 from .lane_engine import Source
-from .prepared import prepare, with_tolerance
+from .prepared import Start, prepare, with_tolerance
 from .start import initial_state, standing_state
 from .verdict import trajectory
 
@@ -37,14 +37,14 @@ PARTS = RECORDABLE  # what can be recorded
 def simulate(
     scene: CompiledScene,
     duration: float,
-    state=None,
+    state: ArrayLike | Trajectory | None = None,
     reference: Reference | None = None,
-    tau=None,
+    tau: Reference | ArrayLike | None = None,
     pushes: Sequence[Push] = (),
     record: Iterable[str] = ("q", "qd"),
     sample: float | None = None,
     *,
-    noise=None,
+    noise: ArrayLike | None = None,
     rtol: float | None = None,
     atol: float | None = None,
     estimate_error: bool = False,
@@ -61,22 +61,24 @@ def simulate(
     estimate_error: simulate again with half the step, or a tenth of the tolerances, for `Trajectory.error`.
     Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
     """
-    how = {"noises": [noise], "rtol": rtol, "atol": atol, "estimate_error": estimate_error}
-    return simulate_batch(scene, duration, [state], [reference], [tau], pushes, record, sample, **how)[0]
+    return simulate_batch(
+        scene, duration, [state], [reference], [tau], pushes, record, sample,
+        noises=[noise], rtol=rtol, atol=atol, estimate_error=estimate_error,
+    )[0]  # fmt: skip
 
 
 def simulate_batch(
     scene: CompiledScene,
     duration: float,
-    states=None,
-    references=None,
-    taus=None,
+    states: Sequence[ArrayLike | Trajectory | None] | None = None,
+    references: Sequence[Reference | None] | None = None,
+    taus: Sequence[Reference | ArrayLike | None] | None = None,
     pushes: Sequence[Push] = (),
     record: Iterable[str] = ("q", "qd"),
     sample: float | None = None,
     *,
     executor: Executor | None = None,
-    noises=None,
+    noises: Sequence[ArrayLike | None] | None = None,
     rtol: float | None = None,
     atol: float | None = None,
     estimate_error: bool = False,
@@ -90,19 +92,9 @@ def simulate_batch(
     """
     scene, rtol, atol = with_tolerance(scene, rtol, atol)
     if estimate_error:
-        given = functools.partial(
-            simulate_batch,
-            duration=duration,
-            states=states,
-            references=references,
-            taus=taus,
-            pushes=pushes,
-            record=record,
-            executor=executor,
-            noises=noises,
-        )
-        return _with_errors(scene, given, sample, rtol, atol)
-    given = (states, references, taus, noises)
+        how = dict(references=references, taus=taus, pushes=pushes, record=record, executor=executor, noises=noises)
+        return _with_errors(scene, duration, states, sample, rtol, atol, **how)
+    given: tuple[Sequence[Any] | None, ...] = (states, references, taus, noises)
     n = max((len(x) for x in given if x is not None), default=1)
     columns = [[None] * n if x is None else list(x) for x in given]
     if any(len(column) != n for column in columns):
@@ -118,14 +110,25 @@ def simulate_batch(
     return [trajectory(ready, y, out) for y, out in run_all(ready, starts, executor)]
 
 
-def _with_errors(scene: CompiledScene, simulated, sample, rtol, atol) -> list[Trajectory]:
+def _with_errors(
+    scene: CompiledScene,
+    duration: float,
+    states: Sequence[ArrayLike | Trajectory | None] | None,
+    sample: float | None,
+    rtol: float | None,
+    atol: float | None,
+    **how: Any,
+) -> list[Trajectory]:
     """The runs, and the same in half the steps: of integrators with error control also to a tenth of the tolerance."""
     sample = scene.tick_steps * scene.timestep if sample is None else sample
-    runs = simulated(scene, sample=sample, rtol=rtol, atol=atol)
-    finer = scene.recompiled(timestep=0.5 * scene.timestep)
+    runs = simulate_batch(scene, duration, states, sample=sample, rtol=rtol, atol=atol, **how)
     if not scene.adaptive:
-        return [with_error(run, fine, 2.0) for run, fine in zip(runs, simulated(finer, sample=sample))]
-    better = simulated(finer, sample=0.5 * sample, rtol=0.1 * rtol, atol=0.1 * atol)  # twice the records
+        finer = scene.recompiled(timestep=0.5 * scene.timestep)
+        better = simulate_batch(finer, duration, states, sample=sample, **how)
+        return [with_error(run, fine, 2.0) for run, fine in zip(runs, better)]
+    finer = scene.recompiled(timestep=0.5 * scene.timestep)  # steps end on records: twice as many
+    rtol, atol = rtol and 0.1 * rtol, atol and 0.1 * atol
+    better = simulate_batch(finer, duration, states, sample=0.5 * sample, rtol=rtol, atol=atol, **how)
     return [with_error(run, _each(fine, 2), 1.1) for run, fine in zip(runs, better)]
 
 
@@ -157,14 +160,14 @@ def simulate_stream(
         )
     ready = prepare(scene, duration, record, sample)
 
-    def begin_run(key):
+    def begin_run(key: Any) -> Start:
         return ready.start(*begin(key))
 
-    def end_run(y, out):
+    def end_run(y: np.ndarray, out: np.ndarray) -> Any:
         return end(trajectory(ready, y, out))
 
     return drive_lanes(ready, source, begin_run, end_run, threads or os.cpu_count() or 1)
 
 
-def __getattr__(name: str):
+def __getattr__(name: str) -> Any:
     return renamed.lookup(__name__, name)

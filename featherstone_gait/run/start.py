@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..build.contact import standing_height
 from ..build.scene import CompiledScene
@@ -11,7 +12,7 @@ from ..core.step import pace
 FIRST_STEP, FIRST_COLUMNS = 1e-3, 5  # where error control begins [s]
 
 
-def initial_state(scene: CompiledScene, q=None, qd=None) -> np.ndarray:
+def initial_state(scene: CompiledScene, q: ArrayLike | None = None, qd: ArrayLike | None = None) -> np.ndarray:
     """The whole state (size,) of a robot at positions q and velocities qd; zero where None.
 
     A floating robot over ground whose q is None stands with its lowest contact point sunk in by the ground's
@@ -41,7 +42,7 @@ def initial_state(scene: CompiledScene, q=None, qd=None) -> np.ndarray:
     return y
 
 
-def standing_state(scene: CompiledScene, angles) -> np.ndarray:
+def standing_state(scene: CompiledScene, angles: ArrayLike) -> np.ndarray:
     """The whole state of a floating robot at rest over the origin: base upright, joints at `angles`, on the ground.
 
     Raises ValueError for a fixed base, without ground and for angles that do not fit.
@@ -54,7 +55,7 @@ def standing_state(scene: CompiledScene, angles) -> np.ndarray:
     return initial_state(scene, q)
 
 
-def checked_vector(name: str, value, width: int) -> np.ndarray:
+def checked_vector(name: str, value: ArrayLike, width: int) -> np.ndarray:
     """A vector of `width` finite numbers, or ValueError."""
     a = np.array(value, dtype=float)
     if a.shape != (width,) or not np.isfinite(a).all():

@@ -29,14 +29,17 @@ from __future__ import annotations
 import json
 import logging
 import os
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
+from featherstone_gait.search.ask_tell import Cost, Map
 from featherstone_gait.search.speculation import Speculation
 
 REHEATED = 0.1  # miss count after max_miss misses (figure 14)
@@ -67,7 +70,17 @@ class AdaptiveSimulatedAnnealing:
     half of all later perturbations of that component are lost.  Raises ValueError for settings out of range.
     """
 
-    def __init__(self, x0, *, amplitude, max_miss=20, max_iterations=3000, no_progress=500, bounds=None, seed=0):
+    def __init__(
+        self,
+        x0: ArrayLike,
+        *,
+        amplitude: ArrayLike,
+        max_miss: int = 20,
+        max_iterations: int = 3000,
+        no_progress: int = 500,
+        bounds: ArrayLike | None = None,
+        seed: int = 0,
+    ) -> None:
         self.x0 = np.array(x0, dtype=float)
         self.amplitude = np.array(np.broadcast_to(np.asarray(amplitude, dtype=float), self.x0.shape))
         self.bounds = None if bounds is None else np.array(bounds, dtype=float)
@@ -78,38 +91,38 @@ class AdaptiveSimulatedAnnealing:
         self.miss = 1.0
         self.since_progress = 0
         self.wasted = 0  # evaluations begun for candidates that were not visited
-        self.visited = []  # every Visit so far
-        self._asked = []
+        self.visited: list[Visit] = []  # every Visit so far
+        self._asked: list[np.ndarray] = []
 
     @property
-    def status(self):
+    def status(self) -> int | None:
         """None while there is more to do, else the key of `MESSAGES`."""
         return self.ends(self.iteration, self.since_progress)
 
-    def ends(self, iteration, since_progress):
+    def ends(self, iteration: int, since_progress: int) -> int | None:
         """The `status` before a candidate of that iteration, that many misses after the last improvement."""
         if iteration > self.max_iterations:
             return 0
         return 1 if since_progress >= self.no_progress else None
 
-    def candidate(self, iteration, best_x, miss):
+    def candidate(self, iteration: int, best_x: np.ndarray, miss: float) -> np.ndarray:
         """The candidate (D,) of an iteration around `best_x`."""
         if iteration == 0:
             return self.x0.copy()
         x = best_x + self.amplitude * _noise(self.seed, iteration, len(self.x0)) / miss
         return x if self.bounds is None else _reflect(x, *self.bounds.T)
 
-    def after(self, iteration, miss, since_progress, better):
+    def after(self, iteration: int, miss: float, since_progress: int, better: bool) -> tuple[int, float, int]:
         """Iteration, miss and misses since progress after a candidate that is the new best or not."""
         if better or iteration == 0:
             return iteration + 1, 1.0, 0
         return iteration + 1, REHEATED if miss + 1.0 >= self.max_miss else miss + 1.0, since_progress + 1
 
-    def ask(self):
+    def ask(self) -> np.ndarray:
         """Return the next candidate (D,).  Raises RuntimeError when the search is over."""
         return self.ask_batch(1)[0]
 
-    def ask_batch(self, k):
+    def ask_batch(self, k: int) -> list[np.ndarray]:
         """Return up to `k` next candidates, as they will be if all miss; fewer if the search would end before."""
         if self.status is not None:
             raise RuntimeError(f"the search is over: {MESSAGES[self.status]}")
@@ -119,13 +132,13 @@ class AdaptiveSimulatedAnnealing:
             place = self.after(*place, False)
         return [x.copy() for x in self._asked]
 
-    def tell(self, x, f):
+    def tell(self, x: ArrayLike, f: float) -> bool:
         """Take the cost `f` of the candidate `x` that `ask` returned; return whether it is the new best."""
         if len(self._asked) != 1 or not np.array_equal(x, self._asked[0]):
             raise ValueError("tell: x is not the candidate that was asked for; ask first and tell it unchanged")
         return self._visit(self._asked.pop(), f)
 
-    def tell_batch(self, fs):
+    def tell_batch(self, fs: Sequence[float]) -> int:
         """Take the costs of the candidates of `ask_batch`, up to the first improvement; return how many were taken.
 
         The others were drawn around a state that is no longer the best; they are dropped and counted as wasted.
@@ -144,7 +157,7 @@ class AdaptiveSimulatedAnnealing:
         self.wasted += len(asked) - taken
         return taken
 
-    def _check(self):
+    def _check(self) -> None:
         if self.x0.ndim != 1 or not len(self.x0) or not np.isfinite(self.x0).all():
             raise ValueError(f"x0 must be a finite (D,) array with D > 0, got shape {self.x0.shape}")
         if not (np.isfinite(self.amplitude) & (self.amplitude > 0)).all():
@@ -161,7 +174,7 @@ class AdaptiveSimulatedAnnealing:
             i = int(outside.argmax())
             raise ValueError(f"x0[{i}] = {self.x0[i]} lies outside its bounds {self.bounds[i, 0]}..{self.bounds[i, 1]}")
 
-    def _visit(self, x, f):
+    def _visit(self, x: np.ndarray, f: float) -> bool:
         better = bool(np.isfinite(f) and f < self.best_f)
         if better:
             self.best_x, self.best_f = x, float(f)
@@ -172,7 +185,7 @@ class AdaptiveSimulatedAnnealing:
         return better
 
 
-def _noise(seed, iteration, n):
+def _noise(seed: int, iteration: int, n: int) -> np.ndarray:
     """Return n numbers uniform in [-1, 1) that depend on seed and iteration alone.
 
     They are made from Philox's raw 64 bits, which NumPy promises to keep, unlike what its distributions make of them.
@@ -181,7 +194,7 @@ def _noise(seed, iteration, n):
     return (raw >> np.uint64(11)) * 2.0**-52 - 1.0
 
 
-def _reflect(x, lower, upper):
+def _reflect(x: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """Fold `x` back between its bounds, as often as it takes; infinite bounds fold nothing."""
     x = np.where(x < lower, 2.0 * lower - x, x)
     x = np.where(x > upper, 2.0 * upper - x, x)
@@ -194,9 +207,23 @@ def _reflect(x, lower, upper):
 
 
 def minimize(
-    fun, x0, *, amplitude, max_miss=20, max_iterations=3000, no_progress=500, bounds=None, seed=0,
-    map=map, batch=1, evaluate=None, callback=None, history=None, resume=False, progress=False,
-):  # fmt: skip
+    fun: Cost | None,
+    x0: ArrayLike,
+    *,
+    amplitude: ArrayLike,
+    max_miss: int = 20,
+    max_iterations: int = 3000,
+    no_progress: int = 500,
+    bounds: ArrayLike | None = None,
+    seed: int = 0,
+    map: Map = map,
+    batch: int = 1,
+    evaluate: Callable[[Speculation], object] | None = None,
+    callback: Callable[[OptimizeResult], bool | None] | None = None,
+    history: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: bool = False,
+) -> OptimizeResult:
     """Minimise `fun` by adaptive simulated annealing and return a `scipy.optimize.OptimizeResult`.
 
     `fun(x)` returns the cost, or (cost, status) with a short text for the history; a cost that is not finite is a miss.
@@ -247,7 +274,7 @@ def minimize(
     return _result(search, search.status if status is None else status)
 
 
-def _in_batches(search, fun, map, batch):
+def _in_batches(search: AdaptiveSimulatedAnnealing, fun: Cost | None, map: Map, batch: int) -> Generator[list[str]]:
     """Evaluate batch after batch; yield the statuses of the candidates visited."""
     while search.status is None:
         candidates = search.ask_batch(batch)
@@ -256,7 +283,7 @@ def _in_batches(search, fun, map, batch):
         yield [text for _, text in answers[:taken]]
 
 
-def _speculating(search, evaluate):
+def _speculating(search: AdaptiveSimulatedAnnealing, evaluate: Callable[[Speculation], object]) -> Generator[list[str]]:
     """Let `evaluate` run in a thread of its own; yield the status of each candidate visited."""
     candidates, before = Speculation(search), search.wasted - len(search.visited)
     with ThreadPoolExecutor(1) as pool:
@@ -275,7 +302,7 @@ def _speculating(search, evaluate):
         raise RuntimeError("evaluate returned before the search was over")
 
 
-def _result(search, status):
+def _result(search: AdaptiveSimulatedAnnealing, status: int | None) -> OptimizeResult:
     visited = search.visited
     arrays = {
         "x": np.array([visit.x for visit in visited]).reshape(-1, len(search.x0)),
@@ -284,7 +311,7 @@ def _result(search, status):
         "accepted": np.array([visit.accepted for visit in visited], dtype=bool),
     }
     found = bool(np.isfinite(search.best_f))
-    message = MESSAGES.get(status, "running") if found else "no candidate had a finite cost"
+    message = ("running" if status is None else MESSAGES[status]) if found else "no candidate had a finite cost"
     return OptimizeResult(
         x=search.best_x.copy(), fun=search.best_f, nit=max(0, len(visited) - 1), nfev=len(visited) + search.wasted,
         wasted=search.wasted, success=found and status in (0, 1), status=status, message=message, history=arrays,
@@ -294,7 +321,7 @@ def _result(search, status):
 class _History:
     """The visits of a search as JSON lines: a header with the settings, then one line a visit."""
 
-    def __init__(self, path, search, resume):
+    def __init__(self, path: Path, search: AdaptiveSimulatedAnnealing, resume: bool) -> None:
         self.path, header = path, _header(search)
         lines = self._complete_lines(path, resume)
         if lines:
@@ -309,7 +336,7 @@ class _History:
             self.file.close()
             raise
 
-    def write(self, visits, texts):
+    def write(self, visits: Iterable[Visit], texts: Iterable[str]) -> None:
         for visit, text in zip(visits, texts):
             finite = bool(np.isfinite(visit.f))
             self._write_line({
@@ -321,14 +348,14 @@ class _History:
                 "miss": visit.miss,
             })  # fmt: skip
 
-    def close(self):
+    def close(self) -> None:
         with self.file:
             try:
                 os.fsync(self.file.fileno())
             except OSError:  # not a file on a disk
                 pass
 
-    def _write_line(self, content):
+    def _write_line(self, content: dict[str, Any]) -> None:
         """Hand a line to the system, which keeps it whatever becomes of this process; all of it or nothing."""
         line, complete = (json.dumps(content) + "\n").encode(), self.file.seek(0, os.SEEK_END)
         try:
@@ -341,7 +368,7 @@ class _History:
             ) from error
 
     @staticmethod
-    def _complete_lines(path, resume):
+    def _complete_lines(path: Path, resume: bool) -> list[str]:
         """Return the lines of the file, cutting off a last one that was not written to its end."""
         if not path.exists():
             return []
@@ -356,7 +383,7 @@ class _History:
         return complete.decode("utf-8", errors="replace").splitlines()
 
 
-def _header(search):
+def _header(search: AdaptiveSimulatedAnnealing) -> dict[str, Any]:
     """Return the settings as JSON will give them back; infinite bounds as text, for which JSON has no number."""
     bounds = None if search.bounds is None else [[_number(b) for b in pair] for pair in search.bounds.tolist()]
     return {
@@ -372,11 +399,11 @@ def _header(search):
     }
 
 
-def _number(value):
+def _number(value: float) -> float | str:
     return value if np.isfinite(value) else str(value)
 
 
-def _parse(path, number, line):
+def _parse(path: Path, number: int, line: str) -> dict[str, Any]:
     try:
         content = json.loads(line)
     except json.JSONDecodeError as error:
@@ -388,7 +415,7 @@ def _parse(path, number, line):
     return content
 
 
-def _check_header(path, line, expected):
+def _check_header(path: Path, line: str, expected: dict[str, Any]) -> None:
     found = _parse(path, 1, line)
     if str(found.get("version")).isdecimal() and int(found["version"]) > expected["version"]:
         raise ValueError(
@@ -403,7 +430,7 @@ def _check_header(path, line, expected):
             )
 
 
-def _replay(path, number, line, search):
+def _replay(path: Path, number: int, line: str, search: AdaptiveSimulatedAnnealing) -> None:
     """Repeat a visit of the history, which must be the search's own next one."""
     content = _parse(path, number, line)
     if search.status is not None:

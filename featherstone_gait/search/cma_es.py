@@ -7,10 +7,12 @@ Computation 9 (2001), doi:10.1162/106365601750190398.  It uses the order of the 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from featherstone_gait.search.generations import Generations, check_start
+from featherstone_gait.search.generations import Generations, Method, check_start
 
 # pycma's tests for the end are off, so that methods can be compared at equal numbers of evaluations.
 ENDLESS = {
@@ -19,7 +21,14 @@ ENDLESS = {
 }  # fmt: skip
 
 
-def cma_es(x0, *, amplitude, bounds=None, seed=0, population=None):
+def cma_es(
+    x0: ArrayLike,
+    *,
+    amplitude: ArrayLike,
+    bounds: ArrayLike | None = None,
+    seed: int = 0,
+    population: int | None = None,
+) -> Generations:
     """Return the search; it ends when a generation has shrunk to a point.
 
     First `x0` (D,) itself is evaluated, then normal samples about it with the standard deviation of a uniform
@@ -31,7 +40,7 @@ def cma_es(x0, *, amplitude, bounds=None, seed=0, population=None):
         import cma
     except ImportError as error:
         raise ImportError("CMA-ES needs the package cma: pip install 'featherstone-gait[search]'") from error
-    x0, bounds = check_start(x0, bounds, amplitude)
+    x0, box = check_start(x0, bounds, amplitude)
     if population is not None and population < 3:
         raise ValueError(f"population = {population} must be at least 3")
     rng = np.random.Generator(np.random.PCG64(seed))  # pycma's own seeding would seed all of NumPy
@@ -39,14 +48,14 @@ def cma_es(x0, *, amplitude, bounds=None, seed=0, population=None):
         "randn": lambda *shape: rng.standard_normal(shape),
         "seed": math.nan,
         "CMA_stds": np.broadcast_to(amplitude, x0.shape) / math.sqrt(3.0),
-        "bounds": [[None if math.isinf(b) else b for b in side] for side in bounds.T.tolist()],
+        "bounds": [[None if math.isinf(b) else b for b in side] for side in box.T.tolist()],
     }
     if population is not None:
         options["popsize"] = population
     return Generations(_generations(cma.CMAEvolutionStrategy(x0, 1.0, options), x0), x0)
 
 
-def _generations(strategy, x0):
+def _generations(strategy: Any, x0: np.ndarray) -> Method:
     yield [x0]
     while True:
         candidates = strategy.ask()

@@ -8,13 +8,16 @@ searches with different seeds fill a batch (`run_together`).
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import optimize
 
 from featherstone_gait.search.generations import Generations, check_finite, check_start
-from featherstone_gait.search.inverted import inverted
+from featherstone_gait.search.inverted import Evaluate, inverted
 
 
-def dual_annealing(x0, *, bounds, seed=0, initial_temp=5230.0, local_search=False):
+def dual_annealing(
+    x0: ArrayLike, *, bounds: ArrayLike, seed: int = 0, initial_temp: float = 5230.0, local_search: bool = False
+) -> Generations:
     """Return the search, from `x0` (D,) within finite `bounds` (D, 2); it has no end.
 
     `initial_temp` is SciPy's; SciPy's visiting steps scale with it, not with the box.  `local_search` turns L-BFGS-B
@@ -22,12 +25,12 @@ def dual_annealing(x0, *, bounds, seed=0, initial_temp=5230.0, local_search=Fals
     its impacts is not.  A start whose cost is not finite is left by wandering until one is.  Raises ValueError for
     bounds that are not finite or do not hold x0.
     """
-    x0, bounds = check_start(x0, bounds)
-    check_finite(bounds, "dual annealing")
+    x0, box = check_start(x0, bounds)
+    check_finite(box, "dual annealing")
 
-    def minimize(evaluate):
+    def minimize(evaluate: Evaluate) -> None:
         optimize.dual_annealing(
-            lambda x: evaluate([x])[0], bounds, x0=x0, rng=np.random.Generator(np.random.PCG64(seed)),
+            lambda x: evaluate([x])[0], box, x0=x0, rng=np.random.Generator(np.random.PCG64(seed)),
             initial_temp=initial_temp, maxiter=2**62, maxfun=np.inf, no_local_search=not local_search,
         )  # fmt: skip
 

@@ -12,7 +12,12 @@ fall, which keeps the order of all others.  SciPy's methods and CMA-ES need a fi
 
 from __future__ import annotations
 
+from collections.abc import Generator, Sequence
+
 import numpy as np
+from numpy.typing import ArrayLike
+
+Method = Generator[Sequence[np.ndarray], list[float]]
 
 FALLEN = 1e100  # [the cost's unit]
 
@@ -23,18 +28,19 @@ class Generations:
     When the method returns, the search is over, which status 1 says.
     """
 
-    def __init__(self, method, x0):
+    def __init__(self, method: Method, x0: ArrayLike) -> None:
         self._method = method
         self.best_x, self.best_f = np.array(x0, dtype=float), np.inf
-        self.status = None
-        self._costs, self._asked = [], 0
+        self.status: int | None = None
+        self._costs: list[float] = []
+        self._asked = 0
         self._candidates = self._advance(None)
 
-    def ask(self):
+    def ask(self) -> np.ndarray:
         """Return the next candidate (D,).  Raises RuntimeError when the search is over."""
         return self.ask_batch(1)[0]
 
-    def ask_batch(self, k):
+    def ask_batch(self, k: int) -> list[np.ndarray]:
         """Return up to `k` next candidates, no more than are left of the generation."""
         if self.status is not None:
             raise RuntimeError("the search is over: its method came to an end")
@@ -43,7 +49,7 @@ class Generations:
         self._asked = len(asked)
         return [x.copy() for x in asked]
 
-    def tell(self, x, f):
+    def tell(self, x: ArrayLike, f: float) -> bool:
         """Take the cost `f` of the candidate `x` that `ask` returned; return whether it is the new best."""
         if self._asked != 1 or not np.array_equal(x, self._candidates[len(self._costs)]):
             raise ValueError("tell: x is not the candidate that was asked for; ask first and tell it unchanged")
@@ -51,7 +57,7 @@ class Generations:
         self.tell_batch([f])
         return self.best_f < before
 
-    def tell_batch(self, fs):
+    def tell_batch(self, fs: Sequence[float]) -> int:
         """Take the costs of the candidates of `ask_batch`; return how many were taken, which is all of them.
 
         Raises ValueError unless there is one cost a candidate.
@@ -69,16 +75,19 @@ class Generations:
             self._candidates = self._advance(costs)
         return len(fs)
 
-    def _advance(self, costs):
+    def _advance(self, costs: list[float] | None) -> list[np.ndarray]:
         """Let the method go on to its next generation."""
         try:
-            return [np.array(x, dtype=float) for x in self._method.send(costs)]
+            candidates = next(self._method) if costs is None else self._method.send(costs)
+            return [np.array(x, dtype=float) for x in candidates]
         except StopIteration:
             self.status = 1
             return []
 
 
-def check_start(x0, bounds, amplitude=None):
+def check_start(
+    x0: ArrayLike, bounds: ArrayLike | None, amplitude: ArrayLike | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return `x0` (D,) and `bounds` (D, 2), infinite where None, as arrays of numbers.
 
     Raises ValueError unless x0 is finite and lies in its bounds and `amplitude` is None or finite and positive.
@@ -98,7 +107,7 @@ def check_start(x0, bounds, amplitude=None):
     return x0, bounds
 
 
-def check_finite(bounds, method):
+def check_finite(bounds: np.ndarray, method: str) -> None:
     """Raise ValueError unless all `bounds` (D, 2) are finite, which `method` needs."""
     infinite = ~np.isfinite(bounds).all(axis=1)
     if infinite.any():

@@ -6,17 +6,27 @@ that nothing depends on the threads' timing.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from queue import SimpleQueue
 from threading import Thread
 
+import numpy as np
 
-def inverted(minimize):
+from featherstone_gait.search.generations import Method
+
+Evaluate = Callable[[Sequence[np.ndarray]], list[float]]
+Questions = SimpleQueue[Sequence[np.ndarray] | BaseException | None]
+Answers = SimpleQueue[list[float] | None]
+
+
+def inverted(minimize: Callable[[Evaluate], None]) -> Method:
     """Yield what ``minimize(evaluate)`` evaluates; send the costs.
 
     `evaluate` takes a list of candidates and returns a list of costs.  What the minimiser raises is raised here.  When
     the generator is closed, or no longer referred to, the minimiser ends at its next evaluation.
     """
-    questions, answers = SimpleQueue(), SimpleQueue()
+    questions: Questions = SimpleQueue()
+    answers: Answers = SimpleQueue()
     Thread(target=_work, args=(minimize, questions, answers), name="minimiser", daemon=True).start()
     try:
         while (question := questions.get()) is not None:
@@ -27,8 +37,8 @@ def inverted(minimize):
         answers.put(None)
 
 
-def _work(minimize, questions, answers):
-    def evaluate(candidates):
+def _work(minimize: Callable[[Evaluate], None], questions: Questions, answers: Answers) -> None:
+    def evaluate(candidates: Sequence[np.ndarray]) -> list[float]:
         questions.put(candidates)
         costs = answers.get()
         if costs is None:

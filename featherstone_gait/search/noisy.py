@@ -18,6 +18,7 @@ with probability Phi(-d sqrt(repeats / 2) / s), s being the noise's standard dev
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +26,10 @@ from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
 from featherstone_gait.search.annealing import MESSAGES
+from featherstone_gait.search.ask_tell import Answer, Map, Search
 from featherstone_gait.search.run import costs_of
+
+NoisyCost = Callable[[np.ndarray, tuple[int, int, int]], Answer]  # of a candidate (D,) and a draw
 
 
 class Belief(NamedTuple):
@@ -37,7 +41,16 @@ class Belief(NamedTuple):
     error: float  # its standard error
 
 
-def minimize_noisy(fun, search, *, repeats=8, seed=0, map=map, batch=1, progress=False):
+def minimize_noisy(
+    fun: NoisyCost,
+    search: Search,
+    *,
+    repeats: int = 8,
+    seed: int = 0,
+    map: Map = map,
+    batch: int = 1,
+    progress: bool = False,
+) -> OptimizeResult:
     """Run an `AdaptiveSimulatedAnnealing` on a noisy cost to its end; return a `scipy.optimize.OptimizeResult`.
 
     ``fun(x, draw)`` returns the cost, or (cost, status), with the noise of `draw`, three whole numbers (seed,
@@ -60,7 +73,6 @@ def minimize_noisy(fun, search, *, repeats=8, seed=0, map=map, batch=1, progress
     if np.isfinite(search.best_f):
         raise ValueError("the search has begun: what it was told are other costs; give a new one")
     noisy = _NoisySearch(fun, search, repeats, seed, map)
-    status = None
     bar = tqdm(disable=not progress, unit="candidate")
     try:
         while search.status is None:
@@ -78,13 +90,13 @@ def minimize_noisy(fun, search, *, repeats=8, seed=0, map=map, batch=1, progress
 class _NoisySearch:
     """The state of a noisy search; the sums are over the incumbent's costs in duels."""
 
-    def __init__(self, fun, search, repeats, seed, map):
+    def __init__(self, fun: NoisyCost, search: Search, repeats: int, seed: int, map: Map) -> None:
         self.fun, self.search, self.repeats, self.seed, self.map = fun, search, repeats, seed, map
         self.iteration = self.nfev = self.duels = self.wins = 0
-        self.beliefs = []
+        self.beliefs: list[Belief] = []
         self.sum, self.count = 0.0, 0
 
-    def advance(self, batch):
+    def advance(self, batch: int) -> None:
         """Screen up to `batch` candidates and take them in turn, up to the first that wins its duel."""
         candidates = self.search.ask_batch(batch if self.iteration else 1)
         screened = self._evaluate(candidates, [(self.iteration + i, 0) for i in range(len(candidates))])
@@ -98,7 +110,7 @@ class _NoisySearch:
                 break
         self.search.tell_batch(told)
 
-    def result(self, status):
+    def result(self, status: int) -> OptimizeResult:
         found = bool(self.beliefs) and bool(np.isfinite(self.beliefs[-1].f))
         x, f, error = self.beliefs[-1][1:] if self.beliefs else (self.search.best_x, np.inf, np.nan)
         return OptimizeResult(
@@ -107,7 +119,7 @@ class _NoisySearch:
             message=MESSAGES[status] if found else "no candidate had a finite cost in all draws",
         )  # fmt: skip
 
-    def _wins(self, x, screened):
+    def _wins(self, x: np.ndarray, screened: float) -> bool:
         """Whether `x` takes the incumbent's place; x0 does unless its cost is infinite."""
         if not self.beliefs:
             own = self._evaluate([x] * self.repeats, self._fresh(1))
@@ -123,7 +135,7 @@ class _NoisySearch:
         self.sum, self.count = self.sum + sum(other), self.count + self.repeats
         return False
 
-    def _enthrone(self, x, costs):
+    def _enthrone(self, x: np.ndarray, costs: Sequence[float]) -> bool:
         """Make `x`, with these costs in its duel, the incumbent."""
         self.sum, self.count = sum(costs), self.repeats
         fresh = np.array(self._evaluate([x] * self.repeats, self._fresh(1 + self.repeats)))
@@ -131,10 +143,10 @@ class _NoisySearch:
         self.beliefs.append(Belief(self.iteration, x, float(fresh.mean()), float(error)))
         return bool(np.isfinite(self.sum))
 
-    def _fresh(self, first):
+    def _fresh(self, first: int) -> list[tuple[int, int]]:
         return [(self.iteration, repeat) for repeat in range(first, first + self.repeats)]
 
-    def _evaluate(self, candidates, draws):
+    def _evaluate(self, candidates: Sequence[np.ndarray], draws: Sequence[tuple[int, int]]) -> list[float]:
         costs = costs_of(self.map(self.fun, candidates, [(self.seed, *draw) for draw in draws]), len(candidates))
         self.nfev += len(candidates)
         return [f if np.isfinite(f) else np.inf for f in costs]

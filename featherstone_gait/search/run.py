@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 from scipy.optimize import OptimizeResult
 from tqdm import tqdm
+
+from featherstone_gait.search.ask_tell import Answer, Cost, Map, Search
 
 MESSAGES = {
     0: "all evaluations made",
@@ -13,7 +17,9 @@ MESSAGES = {
 }
 
 
-def run(search, fun, *, evaluations, map=map, batch=1, progress=False):
+def run(
+    search: Search, fun: Cost, *, evaluations: int, map: Map = map, batch: int = 1, progress: bool = False
+) -> OptimizeResult:
     """Evaluate exactly `evaluations` candidates of a search and return a `scipy.optimize.OptimizeResult`.
 
     `search` is one by ask and tell, see `featherstone_gait.search`; `fun` and `map` are those of `minimize`, of which
@@ -27,7 +33,15 @@ def run(search, fun, *, evaluations, map=map, batch=1, progress=False):
     return run_together([search], fun, evaluations=evaluations, map=map, batch=batch, progress=progress).results[0]
 
 
-def run_together(searches, fun, *, evaluations, map=map, batch=1, progress=False):
+def run_together(
+    searches: Iterable[Search],
+    fun: Cost,
+    *,
+    evaluations: int,
+    map: Map = map,
+    batch: int = 1,
+    progress: bool = False,
+) -> OptimizeResult:
     """Run `searches` side by side, `evaluations` each, and return the best's result.
 
     This is how to restart a search: give it with several seeds.  All that they ask for is evaluated at once, `batch`
@@ -40,7 +54,6 @@ def run_together(searches, fun, *, evaluations, map=map, batch=1, progress=False
     for name, value in (("searches", len(runs)), ("evaluations", evaluations), ("batch", batch)):
         if value < 1:
             raise ValueError(f"{name}: {value}; there must be at least 1")
-    interrupted = False
     bar = tqdm(total=len(runs) * evaluations, disable=not progress, unit="candidate")
     try:
         while active := [one for one in runs if one.status is None]:
@@ -48,37 +61,39 @@ def run_together(searches, fun, *, evaluations, map=map, batch=1, progress=False
             bar.update(sum(len(one.f) for one in runs) - bar.n)
             bar.set_postfix(best=min(one.search.best_f for one in runs))
     except KeyboardInterrupt:
-        interrupted = True
+        pass
     finally:
         bar.close()
-    return _together([one.result(interrupted) for one in runs])
+    return _together([one.result() for one in runs])
 
 
 class _Run:
     """A search and what it has visited."""
 
-    def __init__(self, search, evaluations):
+    def __init__(self, search: Search, evaluations: int) -> None:
         self.search, self.evaluations = search, evaluations
-        self.x, self.f, self.nfev = [], [], 0
+        self.x: list[np.ndarray] = []
+        self.f: list[float] = []
+        self.nfev = 0
 
     @property
-    def status(self):
+    def status(self) -> int | None:
         if len(self.f) == self.evaluations:
             return 0
         return None if self.search.status is None else 1
 
-    def ask(self, k):
+    def ask(self, k: int) -> list[np.ndarray]:
         return self.search.ask_batch(min(k, self.evaluations - len(self.f)))
 
-    def tell(self, x, f):
+    def tell(self, x: list[np.ndarray], f: list[float]) -> None:
         taken = self.search.tell_batch(f)
         self.x += x[:taken]
         self.f += f[:taken]
         self.nfev += len(f)
 
-    def result(self, interrupted):
+    def result(self) -> OptimizeResult:
         search, n = self.search, len(self.f)
-        status = 2 if interrupted and self.status is None else self.status
+        status = 2 if self.status is None else self.status  # without one it was interrupted
         found = bool(np.isfinite(search.best_f))
         f = np.array(self.f, dtype=float)
         best = np.minimum.accumulate(np.where(np.isfinite(f), f, np.inf))
@@ -90,7 +105,7 @@ class _Run:
         )  # fmt: skip
 
 
-def _advance(runs, fun, map, batch):
+def _advance(runs: Sequence[_Run], fun: Cost, map: Map, batch: int) -> None:
     """Evaluate one batch, shared out among the searches."""
     share, rest = divmod(batch, len(runs))
     asked = [one.ask(max(1, share + (i < rest))) for i, one in enumerate(runs)]
@@ -100,7 +115,7 @@ def _advance(runs, fun, map, batch):
         costs = costs[len(candidates) :]
 
 
-def costs_of(answers, n):
+def costs_of(answers: Iterable[Answer], n: int) -> list[float]:
     """Return the `n` costs of answers that are costs or (cost, status).  Raises ValueError if there are not as many."""
     costs = [float(answer[0] if isinstance(answer, tuple) else answer) for answer in answers]
     if len(costs) != n:
@@ -108,7 +123,7 @@ def costs_of(answers, n):
     return costs
 
 
-def _together(results):
+def _together(results: Sequence[OptimizeResult]) -> OptimizeResult:
     best = min(range(len(results)), key=lambda i: results[i].fun)
     total = {name: sum(result[name] for result in results) for name in ("nfev", "wasted")}
     status = max(result.status for result in results)

@@ -15,11 +15,16 @@ from __future__ import annotations
 import heapq
 import itertools
 import threading
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from featherstone_gait.search.ask_tell import Answer
+
+if TYPE_CHECKING:
+    from featherstone_gait.search.annealing import AdaptiveSimulatedAnnealing
+
 RECENT = 100  # visits that tell how likely an improvement is
-_NO_ONE = object()
 
 
 class Candidate:
@@ -27,11 +32,12 @@ class Candidate:
 
     __slots__ = ("answer", "begun", "best", "iteration", "miss", "next", "since_progress", "x")
 
-    def __init__(self, x, iteration, miss, since_progress, best):
+    def __init__(self, x: np.ndarray, iteration: int, miss: float, since_progress: int, best: Candidate | None) -> None:
         self.x, self.iteration, self.miss, self.since_progress = x, iteration, miss, since_progress
-        self.best = best  # the Candidate around which this one was drawn
-        self.begun, self.answer = False, None  # (cost, status) once known
-        self.next = {}  # by whether this one improves; None where the search is over
+        self.best: Candidate = best or self  # around which this one was drawn
+        self.begun = False
+        self.answer: tuple[float, str] | None = None  # cost and status once known
+        self.next: dict[bool, Candidate | None] = {}  # by whether this one improves; None where the search is over
 
     @property
     def improves(self) -> bool | None:
@@ -53,21 +59,21 @@ class Speculation:
     been visited comes out of `visits`.
     """
 
-    def __init__(self, search):
+    def __init__(self, search: AdaptiveSimulatedAnnealing) -> None:
         self.begun = 0  # evaluations
         self._search = search
         self._changed = threading.Condition()
-        self._root = None  # the next candidate to be visited
-        self._alive = set()  # candidates begun that may still be visited
-        self._visits = []  # not handed out yet
+        self._root: Candidate | None = None  # the next candidate to be visited
+        self._alive: set[Candidate] = set()  # candidates begun that may still be visited
+        self._visits: list[tuple[np.ndarray, tuple[float, str]]] = []  # not handed out yet
         self._recent = [False] * RECENT
         self._closed = search.status is not None
         if not self._closed:
-            best = Candidate(search.best_x, None, None, None, None)
+            best = Candidate(search.best_x, search.iteration - 1, search.miss, search.since_progress, None)
             best.answer = search.best_f, ""
             self._root = self._drawn(search.iteration, search.miss, search.since_progress, best)
 
-    def take(self, wait=True) -> Candidate | None:
+    def take(self, wait: bool = True) -> Candidate | None:
         """Return the likeliest candidate that nobody has taken.
 
         If there is none, because all that may come are being evaluated, wait for one, or return None unless `wait`.
@@ -86,12 +92,12 @@ class Speculation:
                 self._changed.wait()
         return None
 
-    def wanted(self, candidate) -> bool:
+    def wanted(self, candidate: Candidate) -> bool:
         """Whether the search may still come to a candidate taken; if not, its evaluation may be given up."""
         with self._changed:  # `_alive` is made anew while an answer is taken in
             return candidate in self._alive and not self._closed
 
-    def give(self, candidate, answer) -> None:
+    def give(self, candidate: Candidate, answer: Answer) -> None:
         """Take the cost of a candidate, or (cost, status)."""
         with self._changed:
             candidate.answer = answer if isinstance(answer, tuple) else (answer, "")
@@ -99,7 +105,7 @@ class Speculation:
                 self._advance()
                 self._changed.notify_all()
 
-    def visits(self, wait=True) -> list[tuple[np.ndarray, tuple[float, str]]]:
+    def visits(self, wait: bool = True) -> list[tuple[np.ndarray, tuple[float, str]]]:
         """Return x and (cost, status) of the candidates visited since the last call, in order.
 
         If there are none, wait for one unless the search is over; or return none unless `wait`.
@@ -116,25 +122,24 @@ class Speculation:
             self._closed = True
             self._changed.notify_all()
 
-    def _drawn(self, iteration, miss, since_progress, best):
+    def _drawn(self, iteration: int, miss: float, since_progress: int, best: Candidate) -> Candidate:
         x = self._search.candidate(iteration, best.x, miss)
         return Candidate(x, iteration, miss, since_progress, best)
 
-    def _after(self, candidate, improves):
+    def _after(self, candidate: Candidate, improves: bool) -> Candidate | None:
         """The candidate that comes next; None where the search ends."""
-        following = candidate.next.get(improves, _NO_ONE)
-        if following is _NO_ONE:
+        if improves not in candidate.next:
             place = self._search.after(candidate.iteration, candidate.miss, candidate.since_progress, improves)
             over = self._search.ends(place[0], place[2]) is not None
-            following = None if over else self._drawn(*place, candidate if improves else candidate.best)
-            candidate.next[improves] = following
-        return following
+            best = candidate if improves else candidate.best
+            candidate.next[improves] = None if over else self._drawn(*place, best)
+        return candidate.next[improves]
 
-    def _likeliest(self):
+    def _likeliest(self) -> Candidate | None:
         """The likeliest candidate not begun: best first through the tree."""
         share = (sum(self._recent) + 1) / (RECENT + 2)
         order = itertools.count()  # between equals
-        heap = [(-1.0, next(order), self._root)]
+        heap = [] if self._root is None else [(-1.0, next(order), self._root)]
         while heap:
             chance, _, candidate = heapq.heappop(heap)
             if not candidate.begun:
@@ -146,10 +151,11 @@ class Speculation:
                     heapq.heappush(heap, (chance * (part if known is None else 1.0), next(order), following))
         return None
 
-    def _advance(self):
+    def _advance(self) -> None:
         """Visit what is certain by now, and forget what is ruled out."""
         while self._root is not None and (improves := self._root.improves) is not None:
             visited, self._root = self._root, self._after(self._root, improves)
+            assert visited.answer is not None  # or `improves` would not be known
             visited.next = {}  # others hold on to it as their best
             self._visits.append((visited.x, visited.answer))
             self._recent = [*self._recent[1:], improves]

@@ -75,7 +75,8 @@ def step_matrix(integrator: str, linear: Linear, h: float) -> np.ndarray:
     force = B @ u - D @ v - (K + G) @ x
     if integrator == "rk4":
         change = h * np.vstack([v, np.linalg.solve(M, force), 0.0 * a, 0.0 * u])
-        whole = sum(np.linalg.matrix_power(change, k) / math.factorial(k) for k in range(5))
+        powers = [np.linalg.matrix_power(change, k) / math.factorial(k) for k in range(5)]
+        whole = sum(powers[1:], powers[0])
         return np.vstack([whole[: 2 * N], 0.0 * a, u])
     if integrator == "simtwo":
         end = v + h * np.linalg.solve(M, force)

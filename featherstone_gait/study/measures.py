@@ -21,7 +21,7 @@ from __future__ import annotations
 import functools
 import math
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,7 +34,10 @@ from ..trajectory import Trajectory
 from .bisection import largest
 from .settings import ONLY, Setup, ground_with, servos_with
 
-INLINE = SimpleNamespace(map=map)  # in place of an executor: a worker is one of many and starts no threads
+if TYPE_CHECKING:
+    from ..walking import Gait
+
+INLINE: Any = SimpleNamespace(map=map)  # in place of an executor: a worker is one of many and starts no threads
 TILT = 0.01  # default of posture.tilt [rad]
 SMALLEST, LARGEST = 2e-5, 0.1  # steps that stable_step tries [s]
 LEAST_STEPS, LEAST_TICKS = 200, 40  # of a run of stable_step
@@ -67,7 +70,7 @@ COLUMNS = {  # name of a column -> what its axis says; the first one is plotted
 def run_batch(setup: Setup, points: list[tuple]) -> list[dict[str, Any]]:
     """The rows of runs, each given by its varied parameters; runs that share a scene go through lanes together."""
     setup = _known(setup)
-    rows: list[dict[str, Any] | None] = [None] * len(points)
+    rows: list[dict[str, Any]] = [{}] * len(points)
     values = [{**setup.fixed, **dict(zip(setup.names, point))} for point in points]
     for members in _sharing(values):
         for k, row in zip(members, _rows(setup, [values[k] for k in members])):
@@ -113,8 +116,8 @@ def _row(setup: Setup, status: str, message: str, numbers: dict[str, float] | No
 
 
 @functools.lru_cache(maxsize=64)
-def _scene(setup: Setup, values: tuple) -> CompiledScene:
-    values = dict(values)
+def _scene(setup: Setup, items: tuple) -> CompiledScene:
+    values = dict(items)
     model = servos_with(setup.model, values)
     given = {name[6:]: value for name, value in values.items() if name.startswith("scene.")}
     servos, on_ground = given.pop("servos", "mipsd"), given.pop("ground", model.base == "floating")
@@ -242,7 +245,7 @@ def _walk(setup: Setup, scene: CompiledScene, values: dict) -> dict:
 
 
 @functools.lru_cache(maxsize=16)
-def _gait(setup: Setup, values: tuple, g: float):
+def _gait(setup: Setup, values: tuple, g: float) -> tuple[Gait, np.ndarray]:
     """The gait that parameters `gait.*` plan under gravity g [m/s^2], and the start-up that leads to it."""
     from ..walking import fit_gait, mirror_of, walking_plan
 

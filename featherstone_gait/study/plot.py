@@ -6,8 +6,9 @@ of another status are crosses, at the edge of the panel where they have no value
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,11 @@ from ..files import complete, read_csv
 from .measures import COLUMNS
 from .settings import PARAMETERS, Axis, Study
 from .table import TABLE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.figure import Figure
 
 SHOWN = 20_000  # runs drawn as points
 BINS, FEW = 12, 50  # of the median along a parameter that takes more than a few values
@@ -80,7 +86,7 @@ def _column(name: str, axis: Axis, texts: list[str]) -> _Column:
     unit = PARAMETERS[name]
     if isinstance(unit, str):
         return _Column(name if unit == "-" else f"{name} [{unit}]", np.array(texts, dtype=float), None, axis)
-    names = tuple(str(value) for value in axis.values)
+    names = tuple(str(value) for value in axis.listed)
     return _Column(name, np.array([names.index(text) for text in texts], dtype=float), names, axis)
 
 
@@ -96,7 +102,7 @@ def _least(values: np.ndarray) -> float:
     return max(known.min(), SPAN * known.max()) if _wide(values) else known.min()
 
 
-def _scale_x(panel, column: _Column) -> None:
+def _scale_x(panel: Axes, column: _Column) -> None:
     panel.set_xlabel(column.label)
     if column.names is not None:
         panel.set_xticks(range(len(column.names)), column.names, rotation=20 if len(column.names) > 3 else 0)
@@ -105,7 +111,7 @@ def _scale_x(panel, column: _Column) -> None:
         panel.set_xscale("log")
 
 
-def _marginal(panel, column: _Column, y: np.ndarray, ok: np.ndarray, line: bool) -> None:
+def _marginal(panel: Axes, column: _Column, y: np.ndarray, ok: np.ndarray, line: bool) -> None:
     """The measure over one parameter; with `line` its values are joined, else their median is drawn."""
     _scale_x(panel, column)
     if _wide(y):
@@ -115,7 +121,7 @@ def _marginal(panel, column: _Column, y: np.ndarray, ok: np.ndarray, line: bool)
     shown[:: -(-len(y) // SHOWN)] = True
     good, bad, lost = (shown & part for part in (ok & np.isfinite(y), ~ok & np.isfinite(y), ~np.isfinite(y)))
     panel.plot(column.x[good], y[good], "o", color=BLUE, markersize=5 if line else 3, alpha=1 if line else 0.4, mew=0)
-    marks = {"color": RED, "markersize": 6 if line else 4, "linestyle": ""}
+    marks: dict[str, Any] = {"color": RED, "markersize": 6 if line else 4, "linestyle": ""}
     panel.plot(column.x[bad], y[bad], "x", label="not ok" if bad.any() else None, **marks)
     marks |= {"transform": panel.get_xaxis_transform(), "label": "no value" if lost.any() else None}
     panel.plot(column.x[lost], np.full(lost.sum(), 0.02), "x", **marks)
@@ -141,7 +147,7 @@ def _median(column: _Column, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array([x[g].mean() for g in groups]), np.array([np.median(y[g]) for g in groups])
 
 
-def _map(figure, panel, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str) -> None:
+def _map(figure: Figure, panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str) -> None:
     """The measure as colour over two parameters: cells for a grid, points otherwise."""
     from matplotlib.colors import LogNorm, Normalize
 
@@ -150,14 +156,12 @@ def _map(figure, panel, columns: list[_Column], y: np.ndarray, ok: np.ndarray, s
     norm = kind(_least(y), known.max()) if len(known) else Normalize(0.0, 1.0)
     across, up = columns[1], columns[0]
     panel.set_facecolor("0.85")
-    if all(column.axis.values is not None for column in columns) and len(y) == np.prod(
-        [len(column.axis.values) for column in columns]
-    ):
-        shape = [len(column.axis.values) for column in columns]
-        image = panel.pcolormesh(y.reshape(shape), norm=norm, cmap="viridis")
+    shape = [0 if column.axis.values is None else len(column.axis.values) for column in columns]
+    if len(y) == math.prod(shape):
+        image: ScalarMappable = panel.pcolormesh(y.reshape(shape), norm=norm, cmap="viridis")
         for set_ticks, column in ((panel.set_xticks, across), (panel.set_yticks, up)):
-            step = -(-len(column.axis.values) // LABELS)
-            values = column.axis.values[::step]
+            step = -(-len(column.axis.listed) // LABELS)
+            values = column.axis.listed[::step]
             texts = [value if isinstance(value, str) else f"{value:.3g}" for value in values]
             set_ticks(0.5 + step * np.arange(len(values)), texts)
         rows, cells = np.nonzero(~ok.reshape(shape))

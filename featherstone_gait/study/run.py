@@ -12,12 +12,12 @@ import os
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
-from ..files import Format
+from ..files import FilePath, Format
 from .measures import run_batch
 from .plot import plot_study
 from .settings import Study
@@ -40,7 +40,7 @@ class Outcome(NamedTuple):
 
 def run_study(
     study: Study,
-    out=".",
+    out: FilePath = ".",
     *,
     executor: Executor | None = None,
     batch: int | None = None,
@@ -80,7 +80,7 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _evaluate(study: Study, log: Log, executor: Executor, batch: int | None, bar) -> None:
+def _evaluate(study: Study, log: Log, executor: Executor, batch: int | None, bar: tqdm) -> None:
     """Hand all runs that are missing to the executor, and write down what comes back."""
     running: dict[Future, list[int]] = {}
     try:
@@ -105,7 +105,7 @@ def _batches(study: Study, log: Log, batch: int | None) -> Iterator[list[int]]:
         yield missing[k : k + size].tolist()
 
 
-def _collect(running: dict[Future, list[int]], log: Log, bar) -> None:
+def _collect(running: dict[Future, list[int]], log: Log, bar: tqdm) -> None:
     """Wait for a batch; write down what has succeeded before raising what has not."""
     done, _ = wait(running, return_when=FIRST_COMPLETED)
     batches = [(future, running.pop(future)) for future in done]
@@ -117,7 +117,7 @@ def _collect(running: dict[Future, list[int]], log: Log, bar) -> None:
 class Log:
     """The finished runs of a study on disk; `places` (runs,) are their lines' offsets in the file, -1 without one."""
 
-    def __init__(self, path: Path, study: Study):
+    def __init__(self, path: Path, study: Study) -> None:
         self.path = path
         self.places = np.full(len(study), -1, np.int64)
         header = {"format": str(LOG), "study": "featherstone_gait", "runs": len(study), **study.settings}
@@ -133,7 +133,7 @@ class Log:
     def __enter__(self) -> Log:
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_: object) -> None:
         self.file.close()
 
     @property
@@ -207,6 +207,6 @@ class Log:
                 )
 
 
-def _short(value) -> str:
+def _short(value: Any) -> str:
     text = json.dumps(value)
     return text if len(text) < 100 else text[:97] + "..."

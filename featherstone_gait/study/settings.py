@@ -21,6 +21,7 @@ import hashlib
 import json
 import math
 import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
@@ -30,6 +31,7 @@ import numpy as np
 from .. import __version__
 from ..core.compile.jit import source_hash
 from ..core.integrate import INTEGRATORS
+from ..files import FilePath
 from ..model import SERVO_UNITS, Controller, Gearbox, Ground, Law, Model, Servo
 from ..robot_file import load_robot, load_servo
 
@@ -84,12 +86,18 @@ class Setup:
 class Axis(NamedTuple):
     """The values that a parameter takes: `values`, or any between `low` and `high`."""
 
-    values: tuple | None
+    values: tuple[Any, ...] | None
     low: float = 0.0
     high: float = 1.0
     log: bool = False
 
-    def at(self, u: float):
+    @property
+    def listed(self) -> tuple[Any, ...]:
+        """The values of an axis that lists them, as all of a grid do."""
+        assert self.values is not None
+        return self.values
+
+    def at(self, u: float) -> Any:
         """The value at a share u in [0, 1) of the way."""
         if self.values is not None:
             return self.values[int(u * len(self.values))]
@@ -110,17 +118,17 @@ class Study:
 
     def __len__(self) -> int:
         """Number of runs."""
-        return math.prod(len(axis.values) for axis in self.axes) if self.shares is None else len(self.shares)
+        return math.prod(len(axis.listed) for axis in self.axes) if self.shares is None else len(self.shares)
 
     def values(self, run: int) -> tuple:
         """The varied parameters of a run, in the order of `setup.names`."""
         if self.shares is not None:
             return tuple(axis.at(u) for axis, u in zip(self.axes, self.shares[run].tolist()))
-        places = np.unravel_index(run, [len(axis.values) for axis in self.axes])
-        return tuple(axis.values[k] for axis, k in zip(self.axes, places))
+        places = np.unravel_index(run, [len(axis.listed) for axis in self.axes])
+        return tuple(axis.listed[k] for axis, k in zip(self.axes, places))
 
 
-def read_study(path) -> Study:
+def read_study(path: FilePath) -> Study:
     """Read a study from TOML.  Raises ValueError, naming file, key, value, what is allowed and a remedy."""
     path = Path(path)
     try:
@@ -175,16 +183,15 @@ def _study(path: Path, table: dict) -> Study:
 def _model(path: Path, table: dict) -> Model:
     """The robot; a .urdf file is looked for beside the study."""
     robot = _choice(table, "robot", None)
-    if robot.endswith(".urdf"):
-        robot = path.parent / robot
-    base = _choice(table, "base", ("fixed", "floating")) if "base" in table else None
+    source = path.parent / robot if robot.endswith(".urdf") else robot
+    base: Any = _choice(table, "base", ("fixed", "floating")) if "base" in table else None
     locked = table.get("locked")
     if not isinstance(locked, (str, list, dict, type(None))):
         raise ValueError(f"locked is {locked!r}; give a set of the robot, a list of joints or a table of positions")
-    return load_robot(robot, base, locked)
+    return load_robot(source, base, locked)
 
 
-def _parameters(table: dict, experiment: str, where: str = ""):
+def _parameters(table: dict, experiment: str, where: str = "") -> Iterator[tuple[str, Any]]:
     """Name and value of everything in the sections of a table, in its order."""
     for section in [key for key in table if key in SECTIONS]:
         for key, value in _table(table, section, where).items():
@@ -198,7 +205,7 @@ def _parameters(table: dict, experiment: str, where: str = ""):
             yield name, value
 
 
-def _value(name: str, value):
+def _value(name: str, value: Any) -> Any:
     """A single value of a parameter, checked as far as it can be alone."""
     kind = PARAMETERS[name]
     if isinstance(kind, str):
@@ -221,7 +228,7 @@ def _axes(vary: dict, experiment: str, sampling: dict) -> dict[str, Axis]:
     return {name: found[name] for name in order}
 
 
-def _axis(name: str, value, sampling: dict) -> Axis:
+def _axis(name: str, value: Any, sampling: dict) -> Axis:
     if isinstance(value, list) and value:
         values = tuple(_value(name, each) for each in value)
         if len(set(values)) < len(values):
@@ -295,7 +302,7 @@ def servos_with(model: Model, values: dict[str, Any]) -> Model:
     return replace(model, servos={joint: _changed(servo, given) for joint, servo in model.servos.items()})
 
 
-def _changed(servo: Servo, given: dict[str, float]) -> Servo:
+def _changed(servo: Servo, given: dict[str, Any]) -> Servo:
     part = {cls: {k: v for k, v in given.items() if _PARTS[k] is cls} for cls in (Controller, Gearbox, Servo)}
     controller, gearbox = replace(servo.controller, **part[Controller]), replace(servo.gearbox, **part[Gearbox])
     return replace(servo, controller=controller, gearbox=gearbox, **part[Servo])
@@ -331,7 +338,7 @@ def _digest(data: bytes | str) -> str:
     return hashlib.sha256(data).hexdigest()[:16]
 
 
-def _shown(value) -> str:
+def _shown(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else repr(value)
 
 

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ..files import Format, complete, write_csv
 from .measures import COLUMNS
 from .settings import Study
 
+if TYPE_CHECKING:
+    from .run import Log
+
 TABLE = Format("study table")
 
 
-def write_table(path: Path, study: Study, log) -> dict[str, int]:
+def write_table(path: Path, study: Study, log: Log) -> dict[str, int]:
     """Write CSV: run, varied parameters, status, measures, message; return how many runs have which status.
 
     A comment over the header states the format.  Numbers have all their digits; where there is no value the cell is
@@ -22,7 +27,7 @@ def write_table(path: Path, study: Study, log) -> dict[str, int]:
     names = ["status", *COLUMNS[study.setup.experiment], "message"]
     statuses: Counter[str] = Counter()
 
-    def rows():
+    def rows() -> Iterator[list[Any]]:
         for run, row in enumerate(log.rows()):
             statuses[row["status"]] += 1
             yield [run, *study.values(run), *(row[name] for name in names)]

@@ -7,7 +7,7 @@ mass ``m`` the edges are ``sqrt(6 (B + C - A) / m)`` and so on in turn.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from string import Template
@@ -17,8 +17,8 @@ import numpy as np
 
 from ..core.effects.energies import METER
 from ..dynamics import forward_kinematics
-from ..files import complete
-from ..model import Model, inertia_matrix
+from ..files import FilePath, complete
+from ..model import Link, Model, inertia_matrix
 from .plotting import positions
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ FRAME = 0.04  # [s]; the page draws straight lines between frames
 LEFT, RIGHT, MIDDLE = (74, 144, 226), (240, 140, 60), (170, 178, 186)  # colours of links, by name
 
 
-def write_animation(path, model: Model, runs: Mapping[str, Trajectory], title: str = "") -> None:
+def write_animation(path: FilePath, model: Model, runs: Mapping[str, Trajectory], title: str = "") -> None:
     """Write the page: one picture for each of `runs`, which are named by their captions.
 
     The trajectories need the channel q, base_q of a floating base, and energy.
@@ -51,7 +51,7 @@ def write_animation(path, model: Model, runs: Mapping[str, Trajectory], title: s
         temporary.write_text(page, encoding="utf-8")
 
 
-def _box(link) -> np.ndarray:
+def _box(link: Link) -> np.ndarray:
     """A corner and, from there, three edges (4, 3) of the link's box [m], link axes."""
     moments, axes = np.linalg.eigh(inertia_matrix(link.inertia))
     edges = np.sqrt(np.maximum(6.0 * (moments.sum() - 2.0 * moments) / link.mass, 0.0)) * axes
@@ -75,7 +75,7 @@ def _run(model: Model, boxes: dict[str, np.ndarray], caption: str, trajectory: T
     }
 
 
-def _size(drawn) -> tuple[float, float]:
+def _size(drawn: Sequence[dict]) -> tuple[float, float]:
     """Largest height and length of the robots at any time [m]."""
     boxes = UNIT * np.concatenate([run["boxes"] for run in drawn]).reshape(-1, len(drawn[0]["boxes"][0]) // 12, 4, 3)
     ends = np.concatenate([boxes[:, :, 0], boxes.sum(axis=2)], axis=1)  # two opposite corners of every box

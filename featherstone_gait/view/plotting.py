@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 STYLES = ("-", "--", ":")  # of every ten lines, which have ten colours
 
 
-def plot_trajectory(trajectory: Trajectory, names: Sequence[str], axes=None) -> Figure:
+def plot_trajectory(
+    trajectory: Trajectory, names: Sequence[str], axes: Axes | Sequence[Axes] | np.ndarray | None = None
+) -> Figure:
     """Draw channels against time [s], one panel each, in `axes` if given; return the figure.
 
     Raises ValueError on an unknown channel and on another number of axes than of names.
@@ -33,7 +35,7 @@ def plot_trajectory(trajectory: Trajectory, names: Sequence[str], axes=None) -> 
 
         size = (7.0, 1.0 + 2.0 * len(names))
         _, axes = pyplot.subplots(len(names), sharex=True, squeeze=False, figsize=size, layout="constrained")
-    panels = np.ravel(axes)
+    panels = np.ravel(np.asarray(axes))
     if len(panels) != len(names):
         raise ValueError(f"{len(names)} channels and {len(panels)} axes; give one each")
     for panel, name in zip(panels, names):
@@ -61,7 +63,9 @@ def _plot_channel(axes: Axes, trajectory: Trajectory, name: str) -> None:
         axes.legend(frameon=False, fontsize=size, labelspacing=0.2, loc="upper left", bbox_to_anchor=(1.0, 1.05))
 
 
-def plot_motion(model: Model, trajectory: Trajectory, axes=None, count: int = 12, view: str = "xz") -> Figure:
+def plot_motion(
+    model: Model, trajectory: Trajectory, axes: Axes | None = None, count: int = 12, view: str = "xz"
+) -> Figure:
     """Draw the robot as a stick figure at `count` instants from the start (dark) to the end (light); return the figure.
 
     Each link is a line from its joint to those of its children, a last link one to its centre of mass, a sole one to
@@ -76,7 +80,7 @@ def plot_motion(model: Model, trajectory: Trajectory, axes=None, count: int = 12
 
         _, axes = pyplot.subplots(figsize=(5.0, 5.0), layout="constrained")
     last = np.searchsorted(trajectory["time"], trajectory.end_time - 1e-9)  # of a failed run the end is earlier
-    rows = np.linspace(0, min(last, len(trajectory["time"]) - 1), count).round().astype(int)
+    rows = np.linspace(0, min(int(last), len(trajectory["time"]) - 1), count).round().astype(int)
     colors = colormaps["viridis"](np.linspace(0.0, 0.9, count))
     right, up = ("xyz".index(axis) for axis in view)
     sticks = _sticks(model, positions(trajectory)[rows])[..., [right, up]]
@@ -87,7 +91,7 @@ def plot_motion(model: Model, trajectory: Trajectory, axes=None, count: int = 12
     middle, half = 0.5 * (sticks.max((0, 1, 2)) + sticks.min((0, 1, 2))), 0.55 * np.ptp(sticks, (0, 1, 2)).max()
     axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half), aspect="equal")
     axes.grid(alpha=0.3)
-    return axes.figure
+    return axes.figure  # type: ignore[return-value]  # that of axes in a part of a figure is the part
 
 
 def positions(trajectory: Trajectory) -> np.ndarray:

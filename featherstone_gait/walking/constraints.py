@@ -14,15 +14,21 @@ violation falls in proportion to 1 / weight, and the report says how large it is
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from featherstone_gait import renamed
 from featherstone_gait.build.tree import GRAVITY
 from featherstone_gait.dynamics import contact_positions_at, forward_kinematics
+from featherstone_gait.model import Model
 from featherstone_gait.run.simulate import simulate_batch, standing_state
+from featherstone_gait.trajectory import Trajectory
 from featherstone_gait.walking.cost import LOADED, RECORD, SAMPLE, Measures, WalkingCost, measured
+
+Channels = Mapping[str, np.ndarray]  # a `Trajectory`, or as much of one as is needed
 
 ALIKE = 1e-9  # points of the sole closer than this are one [m]
 
@@ -44,7 +50,7 @@ class Constraints:
     slip_weight: float = 1e6  # [J/m per m^2]
     zmp_weight: float = 1e4  # [J/m per m^2]
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
             if value is not None and not 0.0 <= value < math.inf:
@@ -58,7 +64,9 @@ class Constraints:
         )
         return {name: weight for name, weight in pairs.items() if getattr(self, name) is not None}
 
-    def violations(self, model, run, window: slice, slip: float, gravity=GRAVITY) -> dict[str, np.ndarray]:
+    def violations(
+        self, model: Model, run: Channels, window: slice, slip: float, gravity: Sequence[float] | np.ndarray = GRAVITY
+    ) -> dict[str, np.ndarray]:
         """By how much a trajectory with `RECORD` and torque passes each limit that is set, negative where it does not.
 
         Returns (samples, components) arrays in the limit's unit, of a window of the samples; `slip` [m per stride];
@@ -104,24 +112,24 @@ class ConstrainedCost:
     walking: WalkingCost
     constraints: Constraints
 
-    def __call__(self, x) -> tuple[float, str]:
+    def __call__(self, x: ArrayLike) -> tuple[float, str]:
         """Return cost and penalties [J/m] and status of one vector."""
         return self.costs([x])[0]
 
-    def costs(self, vectors) -> list[tuple[float, str]]:
+    def costs(self, vectors: Iterable[ArrayLike]) -> list[tuple[float, str]]:
         """Evaluate many vectors at once; for the searches ``map=ConstrainedCost.costs``."""
         return [(report.total, report.measures.status) for report in self.reports(vectors)]
 
-    def map(self, fun, vectors) -> list[tuple[float, str]]:
+    def map(self, fun: object, vectors: Iterable[ArrayLike]) -> list[tuple[float, str]]:
         """The name of `costs` in version 0.1, whose `fun` was ignored."""
         renamed.warn("featherstone_gait.walking.constraints.ConstrainedCost.map")
         return self.costs(vectors)
 
-    def report(self, x) -> ConstraintReport:
+    def report(self, x: ArrayLike) -> ConstraintReport:
         """Return cost, penalties and violations of one vector."""
         return self.reports([x])[0]
 
-    def reports(self, vectors) -> list[ConstraintReport]:
+    def reports(self, vectors: Iterable[ArrayLike]) -> list[ConstraintReport]:
         """Simulate gait vectors once and report on each."""
         cost = self.walking
         signals = [cost.reference(x, cost.warm_up + cost.strides) for x in vectors]
@@ -130,7 +138,7 @@ class ConstrainedCost:
         runs = simulate_batch(cost.scene, signals[0].times[-1], states, signals, record=record, sample=SAMPLE)
         return [self._report(run) for run in runs]
 
-    def _report(self, run) -> ConstraintReport:
+    def _report(self, run: Trajectory) -> ConstraintReport:
         cost, names = self.walking, self.constraints.weights
         scene = cost.scene
         end = cost.mark + cost.strides * cost.gait.period
@@ -145,7 +153,9 @@ class ConstrainedCost:
         return ConstraintReport(measures, penalties, {name: float(e.max()) for name, e in excess.items()})
 
 
-def zmp_margins(model, run, window=slice(None), gravity=GRAVITY):
+def zmp_margins(
+    model: Model, run: Channels, window: slice = slice(None), gravity: Sequence[float] | np.ndarray = GRAVITY
+) -> np.ndarray:
     """How far inside the support polygon the ZMP lies (n,) [m], of a trajectory with base_q, q and contact_force.
 
     The ZMP is the centre of pressure of the contact points, with which it coincides on level ground (M. Vukobratovic,
@@ -166,7 +176,7 @@ def zmp_margins(model, run, window=slice(None), gravity=GRAVITY):
     return np.where(pressed, hull_margins(zmp, points, stands), 0.0)
 
 
-def hull_margins(point, points, used):
+def hull_margins(point: np.ndarray, points: np.ndarray, used: np.ndarray) -> np.ndarray:
     """How far `point` (n, 2) lies inside the convex hull of those `points` (n, m, 2) that are `used` (n, m).
 
     As `polygon_margin`, but for many hulls of a few points: a side of the hull is a pair of points that has all others

@@ -17,18 +17,27 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from featherstone_gait import renamed
 from featherstone_gait.build.scene import CompiledScene
 from featherstone_gait.core.effects.energies import METER
 from featherstone_gait.dynamics import contact_positions_at, forward_kinematics
+from featherstone_gait.files import FilePath
+from featherstone_gait.model import Model
 from featherstone_gait.reference import Reference
 from featherstone_gait.run.simulate import simulate_batch, simulate_stream, standing_state
+from featherstone_gait.trajectory import Trajectory
 from featherstone_gait.walking.gait import TICK, Gait, references
 from featherstone_gait.walking.gait_file import read_angles
+
+if TYPE_CHECKING:
+    from featherstone_gait.search.speculation import Candidate, Speculation
 
 SAMPLE = 0.01  # [s] between records: slip is the length of a path and needs it drawn finely
 LEAST_SPEED = 0.005  # [m/s]; below it a robot stays where it is, and energy per distance says nothing
@@ -69,7 +78,7 @@ class Measures:
         """[m]; of a biped two steps."""
         return self.distance / self.strides
 
-    def as_dict(self) -> dict:
+    def as_dict(self) -> dict[str, float | str | None]:
         """All numbers by name; None for those that are not finite, as JSON has none of these."""
         names = ("cost", "cost_of_transport", "speed", "stride_length")
         named = asdict(self) | {name: getattr(self, name) for name in names}
@@ -92,20 +101,20 @@ class WalkingCost:
     strides: int = 8
     blend_strides: int = 1
 
-    def __call__(self, x) -> tuple[float, str]:
+    def __call__(self, x: ArrayLike) -> tuple[float, str]:
         """Return cost [J/m] and status of one vector."""
         return self.costs([x])[0]
 
-    def costs(self, vectors) -> list[tuple[float, str]]:
+    def costs(self, vectors: Iterable[ArrayLike]) -> list[tuple[float, str]]:
         """Evaluate many vectors at once; for the searches ``map=WalkingCost.costs``."""
         return [(measures.cost, measures.status) for measures in self.measure(vectors)]
 
-    def map(self, fun, vectors) -> list[tuple[float, str]]:
+    def map(self, fun: object, vectors: Iterable[ArrayLike]) -> list[tuple[float, str]]:
         """The name of `costs` in version 0.1, whose `fun` was ignored."""
         renamed.warn("featherstone_gait.walking.cost.WalkingCost.map")
         return self.costs(vectors)
 
-    def evaluate(self, candidates) -> float:
+    def evaluate(self, candidates: Speculation) -> float:
         """Work off the candidates of a `search.Speculation`, so that this can be the `evaluate` of `search.minimize`.
 
         Returns the share of the lane-steps that a candidate was in.  Raises ValueError for a scene that
@@ -113,27 +122,36 @@ class WalkingCost:
         """
 
         @functools.cache  # candidates start from the same posture
-        def standing(angles: bytes):
+        def standing(angles: bytes) -> np.ndarray:
             return standing_state(self.scene, np.frombuffer(angles))
 
-        def begin(candidate):
+        def begin(candidate: Candidate) -> tuple[np.ndarray, Reference]:
             signal = self.reference(candidate.x, self.warm_up + self.strides)
             return standing(signal.values[0].tobytes()), signal
 
-        def end(run):
+        def end(run: Trajectory) -> tuple[float, str]:
             measures = self._measured(run, slip=False)
             return measures.cost, measures.status
 
         return simulate_stream(self.scene, self.end, candidates, begin, end, record=("base_q", "energy"), sample=TICK)
 
-    def measure(self, vectors) -> list[Measures]:
+    def measure(self, vectors: Iterable[ArrayLike]) -> list[Measures]:
         """Simulate gait vectors and measure them."""
         return [self._measured(run) for run in self.simulate(list(vectors))]
 
-    def _measured(self, run, slip=True) -> Measures:
+    def _measured(self, run: Trajectory, slip: bool = True) -> Measures:
         return measured(self.scene, run, self.mark, self.end, self.strides, slip)
 
-    def simulate(self, vectors, *, strides=None, sample=SAMPLE, record=RECORD, states=None, **how):
+    def simulate(
+        self,
+        vectors: Iterable[ArrayLike],
+        *,
+        strides: int | None = None,
+        sample: float = SAMPLE,
+        record: Iterable[str] = RECORD,
+        states: Sequence[np.ndarray] | None = None,
+        **how: Any,
+    ) -> list[Trajectory]:
         """Simulate gait vectors; return a `Trajectory` each, with the channels `record`.
 
         `strides`: how many after the start, by default those that are needed to measure; `states`: to begin from, by
@@ -144,7 +162,7 @@ class WalkingCost:
         states = states or [standing_state(self.scene, signal.values[0]) for signal in signals]
         return simulate_batch(self.scene, signals[0].times[-1], states, signals, record=record, sample=sample, **how)
 
-    def reference(self, x, strides: int) -> Reference:
+    def reference(self, x: ArrayLike, strides: int) -> Reference:
         """What the servos are sent: the start and `strides` strides, every 40 ms."""
         times, angles = references(self.gait.from_vector(x), strides, self.start, blend_strides=self.blend_strides)
         return Reference(times, angles, "linear")
@@ -162,7 +180,7 @@ class WalkingCost:
         return self.mark + self.strides * self.gait.period
 
 
-def cost_of_motion(scene: CompiledScene, path, *, start: float = 0.0, strides: int = 1) -> Measures:
+def cost_of_motion(scene: CompiledScene, path: FilePath, *, start: float = 0.0, strides: int = 1) -> Measures:
     """Simulate a motion recorded as CSV (`walking.write_angles`) and measure it.
 
     The robot begins standing in the first row's posture.  Measured is from `start` [s] to the last row, taken to be
@@ -177,23 +195,25 @@ def cost_of_motion(scene: CompiledScene, path, *, start: float = 0.0, strides: i
     return measured(scene, run, start, times[-1], strides)
 
 
-def measured(scene: CompiledScene, run, start: float, end: float, strides: int, slip: bool = True) -> Measures:
+def measured(
+    scene: CompiledScene, run: Trajectory, start: float, end: float, strides: int, slip: bool = True
+) -> Measures:
     """Measure a trajectory between two times, which fall on its samples to within one; slip is nan if not asked for."""
     weight = scene.model.mass * math.hypot(*scene.gravity)
     first, last = np.searchsorted(run["time"], [start - 1e-9, end - 1e-9])
     duration = float(run["time"][last] - run["time"][first])
     if not run.ok:
-        return Measures(run.message, strides, duration, *[math.nan] * 4, weight)
-    way = (run["base_q"][last] - run["base_q"][first])[:2].tolist()
+        return Measures(run.message, strides, duration, math.nan, math.nan, math.nan, math.nan, weight)
+    ahead, sideways = (run["base_q"][last] - run["base_q"][first])[:2].tolist()
     energy = float(np.sum(run["energy"][last, :, METER] - run["energy"][first, :, METER]))
     slid = _slip(scene.model, run, slice(first, last + 1), LOADED * weight) / strides if slip else math.nan
     status = "ok"
-    if way[0] < LEAST_SPEED * duration:
-        status = f"went {1e3 * way[0]:.0f} mm in {duration:.3g} s, less than {1e3 * LEAST_SPEED:g} mm/s forward"
-    return Measures(status, strides, duration, energy, *way, slid, weight)
+    if ahead < LEAST_SPEED * duration:
+        status = f"went {1e3 * ahead:.0f} mm in {duration:.3g} s, less than {1e3 * LEAST_SPEED:g} mm/s forward"
+    return Measures(status, strides, duration, energy, ahead, sideways, slid, weight)
 
 
-def _slip(model, run, window, load) -> float:
+def _slip(model: Model, run: Trajectory, window: slice, load: float) -> float:
     """Mean over the contact points of the path on the ground while both ends of a sample bear more than `load` [N]."""
     poses = forward_kinematics(model, np.hstack([run["base_q"], run["q"]])[window])
     step = np.linalg.norm(np.diff(contact_positions_at(model, poses)[..., :2], axis=0), axis=-1)

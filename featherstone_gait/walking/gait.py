@@ -9,11 +9,17 @@ model", Int. J. Advanced Robotic Systems 10 (2013), section 4.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from featherstone_gait.fixed_order import product, solve, total
+from featherstone_gait.model import Model
 from featherstone_gait.walking.kinematics import joint_axes, link_poses
+
+if TYPE_CHECKING:
+    from featherstone_gait.walking.plan import Stride
 
 TICK = 0.04  # [s] between the references sent to the servos (Lima et al. 2013, figure 2)
 DECIMALS = 9  # of fitted poses [rad]: a gait outlives changes of last bits; far below any servo's resolution
@@ -26,7 +32,7 @@ class Mirror:
     index: np.ndarray  # (nj,)
     sign: np.ndarray  # (nj,) +1 or -1
 
-    def __call__(self, angles):
+    def __call__(self, angles: np.ndarray) -> np.ndarray:
         """Mirror postures (..., nj)."""
         return self.sign * angles[..., self.index]
 
@@ -40,7 +46,7 @@ class Gait:
     period: float  # of a stride [s]
     mirror: Mirror | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         n_poses, nj = np.shape(self.poses)
         if nj != len(self.joint_names) or n_poses < 3:
             raise ValueError(f"gait: poses must be (>= 3, {len(self.joint_names)}), got {(n_poses, nj)}")
@@ -52,11 +58,11 @@ class Gait:
         if self.mirror and n_poses % 2:
             raise ValueError(f"gait: a mirrored gait needs an even number of poses, got {n_poses}")
 
-    def to_vector(self):
+    def to_vector(self) -> np.ndarray:
         """Return the free poses as a vector (D,) [rad], pose by pose."""
         return self.poses[: self._free_poses].ravel()
 
-    def from_vector(self, x):
+    def from_vector(self, x: ArrayLike) -> Gait:
         """Return the gait with the free poses `x` (D,) [rad]; exact inverse of `to_vector`.
 
         Raises ValueError unless D fits.
@@ -70,12 +76,12 @@ class Gait:
             poses = np.concatenate([poses, self.mirror(poses)])
         return replace(self, poses=poses)
 
-    def angles(self, times):
+    def angles(self, times: ArrayLike) -> np.ndarray:
         """Return joint angles (n, nj) [rad] at `times` (n,) [s] of the repeating stride."""
         return periodic_spline(self.poses, np.asarray(times, dtype=float) / self.period)
 
     @property
-    def _free_poses(self):
+    def _free_poses(self) -> int:
         return len(self.poses) // 2 if self.mirror else len(self.poses)
 
 
@@ -89,7 +95,7 @@ class GaitFit:
     largest: np.ndarray  # (nj,) largest residual [deg]
 
 
-def mirror_of(model):
+def mirror_of(model: Model) -> Mirror:
     """Pair the joints of `model` left to right by name ("left", "right") and compare their axes.
 
     A rotation about ``(x, y, z)`` looks in the mirror like one about ``(-x, y, -z)``.  Raises ValueError for a joint
@@ -110,7 +116,7 @@ def mirror_of(model):
     return Mirror(np.array(index), np.array(sign))
 
 
-def fit_gait(stride, n_poses=4, *, mirror=None, fit_phase=False):
+def fit_gait(stride: Stride, n_poses: int = 4, *, mirror: Mirror | None = None, fit_phase: bool = False) -> GaitFit:
     """Fit key poses to a planned `Stride` by least squares over its samples and return a `GaitFit`.
 
     With a `mirror` (of `mirror_of`) only half the poses are free.  With `fit_phase` the first pose may lie anywhere in
@@ -121,7 +127,9 @@ def fit_gait(stride, n_poses=4, *, mirror=None, fit_phase=False):
     return min(fits, key=lambda fit: total(fit.rms * fit.rms))
 
 
-def references(gait, n_strides, start, *, tick=TICK, blend_strides=1):
+def references(
+    gait: Gait, n_strides: int, start: ArrayLike, *, tick: float = TICK, blend_strides: int = 1
+) -> tuple[np.ndarray, np.ndarray]:
     """Sample a start and `n_strides` of `gait` every `tick` [s]; return times (n,) [s] and joint angles (n, nj) [rad].
 
     `start` is a standing posture (nj,), held over `blend_strides`, or a start-up (m, nj) sampled every tick that is in
@@ -150,13 +158,13 @@ def references(gait, n_strides, start, *, tick=TICK, blend_strides=1):
     return tick * np.arange(len(angles)), angles
 
 
-def bounds(model, gait):
+def bounds(model: Model, gait: Gait) -> np.ndarray:
     """Return lower and upper bounds (D, 2) [rad] of the gait vector from the joint limits of `model`."""
     limits = np.array([(joint.lower, joint.upper) for joint in model.moving_joints])
     return np.tile(limits, (len(gait.to_vector()) // len(limits), 1))
 
 
-def periodic_spline(values, s):
+def periodic_spline(values: np.ndarray, s: np.ndarray) -> np.ndarray:
     """Evaluate at `s` (n,), in periods, the periodic cubic spline through `values` (k, ...), evenly spaced.
 
     Its second derivatives solve ``M_(i-1) + 4 M_i + M_(i+1) = 6 (y_(i-1) - 2 y_i + y_(i+1))``, with the unit of length
@@ -174,7 +182,7 @@ def periodic_spline(values, s):
     return left * values[i] + right * values[j] + bent / 6.0
 
 
-def _second_derivatives(values):
+def _second_derivatives(values: np.ndarray) -> np.ndarray:
     k = len(values)
     z = np.sqrt(3.0) - 2.0  # root of z^2 + 4 z + 1
     power = np.cumprod(np.concatenate([[1.0], np.full(k, z)]))
@@ -186,7 +194,7 @@ def _second_derivatives(values):
     return M
 
 
-def _fit_at(stride, n_poses, mirror, phase):
+def _fit_at(stride: Stride, n_poses: int, mirror: Mirror | None, phase: float) -> GaitFit:
     angles = stride.angles
     if mirror:
         half = len(angles) // 2
@@ -200,7 +208,7 @@ def _fit_at(stride, n_poses, mirror, phase):
     return GaitFit(gait, float(phase), rms, np.abs(residual).max(axis=0))
 
 
-def _other_side(name):
+def _other_side(name: str) -> str:
     if "left" in name:
         return name.replace("left", "right")
     return name.replace("right", "left")

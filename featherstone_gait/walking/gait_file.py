@@ -8,27 +8,29 @@ degrees.  An AX-12 counts 0..1023 over 300 degrees, 512 in the middle (ROBOTIS e
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from featherstone_gait.files import Format, read_csv, write_csv
+from featherstone_gait.files import FilePath, Format, read_csv, write_csv
 
 MIDDLE, LARGEST, RANGE = 512, 1023, 300.0  # of an AX-12 [counts, counts, deg]
 TIME_COLUMN = "time_s"
 ANGLES, GOAL_POSITIONS = Format("joint angles"), Format("goal positions")
 
 
-def write_angles(path, times, angles, joint_names):
+def write_angles(path: FilePath, times: np.ndarray, angles: np.ndarray, joint_names: Sequence[str]) -> None:
     """Write `angles` (n, nj) [rad] at `times` (n,) [s] as CSV in degrees, with all digits."""
     _write(path, ANGLES, times, np.degrees(angles), joint_names)
 
 
-def write_goal_positions(path, times, angles, joint_names):
+def write_goal_positions(path: FilePath, times: np.ndarray, angles: np.ndarray, joint_names: Sequence[str]) -> None:
     """Write `angles` (n, nj) [rad] at `times` (n,) [s] as CSV of AX-12 goal positions.  Raises as `goal_positions`."""
     _write(path, GOAL_POSITIONS, times, goal_positions(angles, joint_names), joint_names)
 
 
-def goal_positions(angles, joint_names):
+def goal_positions(angles: ArrayLike, joint_names: Sequence[str]) -> np.ndarray:
     """Convert `angles` (n, nj) [rad] to AX-12 goal positions (n, nj), 0..1023.
 
     Raises ValueError, naming joint and row, for an angle that the servo cannot take.
@@ -45,12 +47,14 @@ def goal_positions(angles, joint_names):
     return counts.astype(int)
 
 
-def angles_of_goal_positions(counts):
+def angles_of_goal_positions(counts: ArrayLike) -> np.ndarray:
     """Convert AX-12 goal positions to angles [rad]."""
     return np.radians(_degrees(np.asarray(counts, dtype=float)))
 
 
-def read_angles(path, joint_names=None):
+def read_angles(
+    path: FilePath, joint_names: Sequence[str] | None = None
+) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Read a CSV of `write_angles`; return times (n,) [s], angles (n, nj) [rad] and the joint names.
 
     With `joint_names` the columns must be these, and come back in their order.  Raises ValueError, naming file, line
@@ -74,17 +78,17 @@ def read_angles(path, joint_names=None):
     return table[:, 0], np.radians(table[:, columns]), names
 
 
-def _degrees(counts):
+def _degrees(counts: float | np.ndarray) -> float | np.ndarray:
     return (counts - MIDDLE) * RANGE / LARGEST
 
 
-def _write(path, form, times, values, joint_names):
+def _write(path: FilePath, form: Format, times: np.ndarray, values: np.ndarray, joint_names: Sequence[str]) -> None:
     # Rounding takes the noise of k * 0.04 off the times; the values keep all digits.
     rows = ([round(float(t), 9), *row] for t, row in zip(times, np.asarray(values).tolist()))
     write_csv(path, form, [TIME_COLUMN, *joint_names], rows)
 
 
-def _header(path, line, header, joint_names):
+def _header(path: FilePath, line: int, header: list[str], joint_names: Sequence[str] | None) -> tuple[str, ...]:
     """Check the header and return the joint names in the order wanted."""
     if not header or header[0] != TIME_COLUMN:
         raise ValueError(f"{path}, line {line}: the first column must be {TIME_COLUMN!r}, got {header[:1]}")
@@ -100,13 +104,13 @@ def _header(path, line, header, joint_names):
     return wanted
 
 
-def _row(path, line, row, header):
+def _row(path: FilePath, line: int, row: list[str], header: list[str]) -> list[float]:
     if len(row) != len(header):
         raise ValueError(f"{path}, line {line}: {len(row)} values, but the header has {len(header)} columns")
     return [_number(path, line, name, text) for name, text in zip(header, row)]
 
 
-def _number(path, line, name, text):
+def _number(path: FilePath, line: int, name: str, text: str) -> float:
     largest = math.inf if name == TIME_COLUMN else 360.0
     try:
         value = float(text)

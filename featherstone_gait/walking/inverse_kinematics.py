@@ -11,9 +11,14 @@ pitch), which leaves its yaw as it falls.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from featherstone_gait.fixed_order import applied, product, solve, total
+from featherstone_gait.model import Model
 from featherstone_gait.walking.kinematics import joint_axes, link_index, link_poses
 
 TOLERANCE = 1e-11  # of the task error [m and rad]; rounding alone leaves 1e-16
@@ -21,14 +26,15 @@ MAX_ITERATIONS = 200
 MAX_STEP = 0.3  # of a joint in one iteration [rad]; keeps the iteration on the branch it starts on
 
 
-def leg_joints(model, foot):
+def leg_joints(model: Model, foot: str) -> tuple[int, ...]:
     """Return the columns of ``model.joint_names`` that move the link `foot`, from the root outwards.
 
     Raises ValueError if one of them is not a revolute joint or none moves it.
     """
     by_child = {joint.child: joint for joint in model.joints}
     link_index(model, foot)
-    columns, link = [], foot
+    columns: list[int] = []
+    link = foot
     while link != model.root:
         joint = by_child[link]
         if joint.name in model.joint_names:
@@ -43,7 +49,7 @@ def leg_joints(model, foot):
     return tuple(reversed(columns))
 
 
-def solve_leg(model, foot, target, *, times=None, **how):
+def solve_leg(model: Model, foot: str, target: ArrayLike, *, times: np.ndarray | None = None, **how: Any) -> np.ndarray:
     """Solve for the joints between the root link and the link `foot` within their limits; arguments as of `reach`.
 
     Raises ValueError, naming joint, angle, limit and time (`times` (n,) [s], else the sample), if a target is out of
@@ -54,7 +60,16 @@ def solve_leg(model, foot, target, *, times=None, **how):
     return angles
 
 
-def reach(model, foot, target, *, point=(0.0, 0.0, 0.0), rotation=None, start=None, times=None):
+def reach(
+    model: Model,
+    foot: str,
+    target: ArrayLike,
+    *,
+    point: ArrayLike = (0.0, 0.0, 0.0),
+    rotation: np.ndarray | None = None,
+    start: np.ndarray | None = None,
+    times: np.ndarray | None = None,
+) -> np.ndarray:
     """Solve for the joints between the root link and the link `foot`, whatever their limits.
 
     `target` (n, 3) [m] is where `point` of the foot (its own axes) shall be, seen from the root link; `rotation` (3, 3)
@@ -84,7 +99,7 @@ def reach(model, foot, target, *, point=(0.0, 0.0, 0.0), rotation=None, start=No
     )
 
 
-def mid_range(model):
+def mid_range(model: Model) -> np.ndarray:
     """Return the posture (nj,) [rad] in the middle of the joint ranges, 0 where a range is unbounded."""
     ranges = np.array([(j.lower, j.upper) for j in model.moving_joints])
     middle = np.zeros(len(ranges))
@@ -93,7 +108,7 @@ def mid_range(model):
     return middle
 
 
-def check_limits(model, angles, times=None):
+def check_limits(model: Model, angles: np.ndarray, times: np.ndarray | None = None) -> None:
     """Raise ValueError for the joint of `angles` (n, nj) [rad] that is farthest outside its limits, if one is."""
     lower = np.array([j.lower for j in model.moving_joints])
     upper = np.array([j.upper for j in model.moving_joints])
@@ -108,7 +123,15 @@ def check_limits(model, angles, times=None):
     )
 
 
-def _task(model, foot, columns, angles, target, point, rotation):
+def _task(
+    model: Model,
+    foot: str,
+    columns: Sequence[int],
+    angles: np.ndarray,
+    target: np.ndarray,
+    point: ArrayLike,
+    rotation: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the task error (n, m) and its Jacobian (n, m, joints of the leg)."""
     poses = link_poses(model, angles)
     index = link_index(model, foot)
@@ -125,12 +148,12 @@ def _task(model, foot, columns, angles, target, point, rotation):
     return error[:, :rows], J[:, :rows]
 
 
-def _newton_step(J, error, size):
+def _newton_step(J: np.ndarray, error: np.ndarray, size: np.ndarray) -> np.ndarray:
     transposed = J.transpose(0, 2, 1)
     damping = (size * size)[:, None, None] * np.eye(J.shape[1])
     step = product(transposed, solve(product(J, transposed) + damping, error[..., None]))
     return np.clip(step[..., 0], -MAX_STEP, MAX_STEP)
 
 
-def _when(k, times):
+def _when(k: int, times: np.ndarray | None) -> str:
     return f"at sample {k}" if times is None else f"at t = {times[k]:.3f} s"

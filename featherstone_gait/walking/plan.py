@@ -16,14 +16,18 @@ moves in its trunk by up to 1, 4 and 5 mm (ahead, sideways, up), which is what t
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from featherstone_gait.build.tree import GRAVITY
-from featherstone_gait.dynamics import contact_positions_at
+from featherstone_gait.dynamics import Poses, contact_positions_at
 from featherstone_gait.elementary import sincos
 from featherstone_gait.fixed_order import applied, total
+from featherstone_gait.model import Model
 from featherstone_gait.walking.inverse_kinematics import check_limits, leg_joints, mid_range, reach
 from featherstone_gait.walking.kinematics import center_of_mass, link_index, link_poses
 from featherstone_gait.walking.preview_control import plan_com
@@ -58,7 +62,7 @@ class Walk:
     R: float = 1e-7  # weight of the change of jerk [s^6/m^2]
     g: float = -GRAVITY[2]  # gravity, straight down: see `downward` [m/s^2]
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("step_time", "com_height", "half_width", "lift", "T", "N", "Q", "R", "g"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ValueError(f"walk: {name} = {getattr(self, name)} must be finite and > 0")
@@ -72,17 +76,17 @@ class Walk:
             raise ValueError(f"walk: step_time = {self.step_time} s must be a whole number of samples T = {self.T} s")
 
     @property
-    def step_samples(self):
+    def step_samples(self) -> int:
         """Number of samples in a step."""
         return round(self.step_time / self.T)
 
     @property
-    def start(self):
+    def start(self) -> float:
         """Time at which the weight passes to the first standing foot [s]: all of the preview lies before it."""
         return (self.N + self.step_samples) * self.T
 
     @property
-    def end(self):
+    def end(self) -> float:
         """Time at which the last step ends [s]."""
         return self.start + self.n_steps * self.step_time
 
@@ -115,20 +119,20 @@ class Plan:
     zmp: np.ndarray  # (n, 2) of the moving links, by central differences [m]
 
     @property
-    def standing(self):
+    def standing(self) -> np.ndarray:
         """The standing posture (nj,) [rad] that the walk starts from."""
         return self.angles[0]
 
     @property
-    def period(self):
+    def period(self) -> float:
         """Time of a stride, two steps [s]."""
         return 2 * self.walk.step_time
 
-    def margin(self):
+    def margin(self) -> np.ndarray:
         """Return by how much the ZMP lies inside the support polygon (n,) [m]."""
         return np.array([polygon_margin(p, polygon) for p, polygon in zip(self.zmp, self.support)])
 
-    def stride(self):
+    def stride(self) -> Stride:
         """Extract the stride in the middle of the walk.
 
         Raises ValueError if the walk does not repeat there to 1e-3 rad.
@@ -141,7 +145,7 @@ class Plan:
             raise ValueError(f"the walk has not settled ({mismatch:.1e} rad from stride to stride); plan more n_steps")
         return Stride(self.joint_names, self.walk.T * np.arange(n), angles, self.period, mismatch)
 
-    def start_up(self, strides=2, *, tick=0.04, phase=0.0):
+    def start_up(self, strides: int = 2, *, tick: float = 0.04, phase: float = 0.0) -> np.ndarray:
         """Sample the walk every `tick` [s] from standing still to `phase` [s] after the first `strides` strides.
 
         Returns angles (m, nj) [rad]; the sample to follow them is that of the stride at `phase`.  Raises ValueError if
@@ -155,12 +159,12 @@ class Plan:
         times = end - tick * np.arange(ticks, 0, -1)
         return _interpolated(times, self.times, self.angles)
 
-    def _stride_start(self):
+    def _stride_start(self) -> int:
         strides_before = (self.walk.n_steps - 3) // 4
         return round(self.walk.start / self.walk.T) + 2 * self.walk.step_samples * strides_before
 
 
-def downward(gravity):
+def downward(gravity: Iterable[float]) -> float:
     """Return the strength of `gravity` (3,) [m/s^2] for `Walk.g`.
 
     A plan is for level ground.  Raises ValueError unless gravity points along -z.
@@ -174,14 +178,16 @@ def downward(gravity):
     return -z
 
 
-def walking_plan(model, *, feet=None, posture=None, **walk):
-    """Plan the walk ``Walk(**walk)`` of `model` and return a `Plan`.
+def walking_plan(
+    model: Model, *, feet: Sequence[str] | None = None, posture: ArrayLike | None = None, **settings: Any
+) -> Plan:
+    """Plan the walk ``Walk(**settings)`` of `model` and return a `Plan`.
 
     `feet` names the left and right foot links, by default the two that carry the lowest contact points; `posture`
     (nj,) [rad] is held by the joints outside the legs and decides how the knees bend, by default the middle of the
     leg joints' ranges, 0 elsewhere.  Raises ValueError if the model has no two soles or a posture is out of reach.
     """
-    walk = Walk(**walk)
+    walk = Walk(**settings)
     soles = _soles(model, feet)
     posture = _default_posture(model, soles) if posture is None else np.asarray(posture, dtype=float)
     times = walk.T * np.arange(round((walk.end + walk.start) / walk.T) + 1)
@@ -210,7 +216,7 @@ class _Sole:
     corners: np.ndarray  # (k, 2) from the middle, world axes [m]
 
 
-def _soles(model, feet):
+def _soles(model: Model, feet: Sequence[str] | None) -> tuple[_Sole, ...]:
     """Find the left and the right sole from the contact points, all joints at zero."""
     poses = link_poses(model, np.zeros(len(model.joint_names)))
     points, links = contact_positions_at(model, poses)[0], np.array([contact.link for contact in model.contacts])
@@ -223,7 +229,7 @@ def _soles(model, feet):
     return tuple(_sole(model, link, placed[link], poses) for link in feet)
 
 
-def _sole(model, link, points, poses):
+def _sole(model: Model, link: str, points: np.ndarray, poses: Poses) -> _Sole:
     points = points[points[:, 2] < points[:, 2].min() + SOLE_THICKNESS]
     if len(points) < 3:
         raise ValueError(
@@ -235,7 +241,7 @@ def _sole(model, link, points, poses):
     return _Sole(link, local, (points - middle)[:, :2])
 
 
-def _default_posture(model, soles):
+def _default_posture(model: Model, soles: Iterable[_Sole]) -> np.ndarray:
     posture = np.zeros(len(model.joint_names))
     for sole in soles:
         columns = list(leg_joints(model, sole.link))
@@ -243,7 +249,7 @@ def _default_posture(model, soles):
     return posture
 
 
-def _footholds(walk):
+def _footholds(walk: Walk) -> np.ndarray:
     """Return where the soles' middles stand (steps + 1, 2 feet, 2) before each step and after the last [m].
 
     The left foot stands in even steps.
@@ -258,7 +264,7 @@ def _footholds(walk):
     return np.stack([x, y], axis=-1)
 
 
-def _feet_path(walk, footholds, times):
+def _feet_path(walk: Walk, footholds: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the soles' paths (n, 2, 3) [m] and whether they stand (n, 2)."""
     path = np.zeros((len(times), 2, 3))
     contact = np.ones((len(times), 2), dtype=bool)
@@ -275,17 +281,17 @@ def _feet_path(walk, footholds, times):
     return path, contact
 
 
-def _ease(s):
+def _ease(s: np.ndarray) -> np.ndarray:
     """Go from 0 to 1 with no speed at either end."""
     return s * s * (3.0 - 2.0 * s)
 
 
-def _arch(s):
+def _arch(s: np.ndarray) -> np.ndarray:
     """Rise from 0 to 1 and fall back, steeply at both ends, so that a foot on a sagging leg clears the ground."""
     return sincos(np.pi * s)[0]
 
 
-def _zmp_reference(walk, footholds, times):
+def _zmp_reference(walk: Walk, footholds: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return the ZMP reference (n, 2) [m]: on the standing sole's middle, straight to the next in double support."""
     standing = [footholds[i, i % 2] for i in range(walk.n_steps)]
     rests = [_middle(footholds[0]), *standing, _middle(footholds[-1])]
@@ -296,11 +302,11 @@ def _zmp_reference(walk, footholds, times):
     return _interpolated(times, knots, values)
 
 
-def _middle(feet):
+def _middle(feet: np.ndarray) -> np.ndarray:
     return 0.5 * (feet[0] + feet[1])
 
 
-def _interpolated(times, knots, values):
+def _interpolated(times: np.ndarray, knots: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values (k, m) at rising `knots` (k,), joined by straight lines and kept before and after, at `times` (n,)."""
     slopes = np.zeros_like(values)
     slopes[:-1] = np.diff(values, axis=0) / np.diff(knots)[:, None]
@@ -308,15 +314,15 @@ def _interpolated(times, knots, values):
     return slopes[k] * (np.clip(times, knots[0], knots[-1]) - knots[k])[:, None] + values[k]
 
 
-def _preview(walk, zmp):
+def _preview(walk: Walk, zmp: np.ndarray) -> np.ndarray:
     return plan_com(zmp, walk.T, walk.com_height, N=walk.N, Q=walk.Q, R=walk.R, g=walk.g).position
 
 
-def _lifted(position, height):
+def _lifted(position: np.ndarray, height: float) -> np.ndarray:
     return np.column_stack([position, np.full(len(position), height)])
 
 
-def _first_base(model, soles, posture, com):
+def _first_base(model: Model, soles: Sequence[_Sole], posture: np.ndarray, com: np.ndarray) -> np.ndarray:
     """Guess root positions (n, 3) [m]: the centre of mass above its path, the height at which `posture` stands."""
     poses = link_poses(model, posture)
     base = com - center_of_mass(model, posture)
@@ -325,7 +331,15 @@ def _first_base(model, soles, posture, com):
     return base
 
 
-def _follow(model, soles, feet_path, com, angles, base, times):
+def _follow(
+    model: Model,
+    soles: Sequence[_Sole],
+    feet_path: np.ndarray,
+    com: np.ndarray,
+    angles: np.ndarray,
+    base: np.ndarray,
+    times: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
     """Find joint angles and root positions with the soles on `feet_path` and the centre of mass on `com`.
 
     A fixed-point iteration from `angles` and `base`: the root moves by what the centre of mass misses, the legs follow.
@@ -342,6 +356,6 @@ def _follow(model, soles, feet_path, com, angles, base, times):
     raise ValueError(f"the centre of mass of {model.name!r} still misses its path by {np.abs(missed).max():.1e} m")
 
 
-def _support(soles, feet_path, contact):
+def _support(soles: Sequence[_Sole], feet_path: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, ...]:
     corners = feet_path[:, :, None, :2] + np.stack([sole.corners for sole in soles])
     return tuple(support_polygon(np.concatenate(corners[k, contact[k]])) for k in range(len(corners)))

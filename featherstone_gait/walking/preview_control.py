@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from featherstone_gait.build.tree import GRAVITY
 from featherstone_gait.fixed_order import applied, product, total
@@ -53,7 +54,9 @@ class ComPlan:
     zmp: np.ndarray  # [m]
 
 
-def preview_controller(T, z_c, *, N, Q=1.0, R=1e-6, g=-GRAVITY[2]):
+def preview_controller(
+    T: float, z_c: float, *, N: int, Q: float = 1.0, R: float = 1e-6, g: float = -GRAVITY[2]
+) -> PreviewController:
     """Solve for the gains of a cart-table sampled every `T` [s], `z_c` [m] high, with `N` samples of preview.
 
     Kajita et al. (2003) use T = 5 ms, z_c = 0.814 m, N = 320, Q = 1, R = 1e-6.  Raises ValueError unless all are > 0.
@@ -76,7 +79,9 @@ def preview_controller(T, z_c, *, N, Q=1.0, R=1e-6, g=-GRAVITY[2]):
     return PreviewController(T, z_c, g, float(K[0]), K[1:], preview)
 
 
-def plan_com(zmp_ref, T, z_c, *, N=120, Q=1.0, R=1e-7, g=-GRAVITY[2]):
+def plan_com(
+    zmp_ref: ArrayLike, T: float, z_c: float, *, N: int = 120, Q: float = 1.0, R: float = 1e-7, g: float = -GRAVITY[2]
+) -> ComPlan:
     """Plan the motion of the centre of mass whose ZMP follows `zmp_ref`.
 
     `zmp_ref` is (n,) or (n, axes) [m], one row every `T` [s]; the axes are independent.  The motion starts at rest
@@ -87,10 +92,11 @@ def plan_com(zmp_ref, T, z_c, *, N=120, Q=1.0, R=1e-7, g=-GRAVITY[2]):
     if ref.ndim not in (1, 2) or len(ref) == 0 or not np.isfinite(ref).all():
         raise ValueError(f"zmp_ref must be a finite (n,) or (n, axes) array with n > 0, got shape {ref.shape}")
     state, zmp = _track(controller, ref.reshape(len(ref), -1))
-    return ComPlan(*(state[:, i].reshape(ref.shape) for i in range(3)), zmp.reshape(ref.shape))
+    position, velocity, acceleration = (state[:, i].reshape(ref.shape) for i in range(3))
+    return ComPlan(position, velocity, acceleration, zmp.reshape(ref.shape))
 
 
-def _augmented_cart_table(T, z_c, g):
+def _augmented_cart_table(T: float, z_c: float, g: float) -> tuple[np.ndarray, np.ndarray]:
     """Return A (4, 4) and b (4,) of the state (p - p_ref, dx) with input du."""
     A = np.array([[1.0, T, T * T / 2], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
     b = np.array([T * T * T / 6, T * T / 2, T])
@@ -101,7 +107,7 @@ def _augmented_cart_table(T, z_c, g):
     return augmented, np.concatenate([[total(c * b)], b])
 
 
-def _cost_to_go(A, b, Q, R, least):
+def _cost_to_go(A: np.ndarray, b: np.ndarray, Q: float, R: float, least: float) -> np.ndarray:
     """Return the matrix P (4, 4) of the least cost over an endless future.
 
     Backward in time over `least` samples or more; after twice as many the error is the square of what it was.
@@ -122,19 +128,19 @@ def _cost_to_go(A, b, Q, R, least):
     return P
 
 
-def _feedback(A, b, P, R):
+def _feedback(A: np.ndarray, b: np.ndarray, P: np.ndarray, R: float) -> tuple[np.ndarray, float]:
     """Return the gains K (4,) before a future that costs x' P x, and s = R + b' P b."""
     Pb = applied(P, b)
-    s = R + total(b * Pb)
+    s = R + float(total(b * Pb))
     return applied(A.T, Pb) / s, s
 
 
-def _round_to(gain, size):
+def _round_to(gain: np.ndarray, size: float) -> np.ndarray:
     """Round `gain` to `GAIN_DIGITS` significant digits of a number of the given size."""
     return np.round(gain, GAIN_DIGITS - 1 - Decimal(float(size)).adjusted())
 
 
-def _preview_sum(gain, ref):
+def _preview_sum(gain: np.ndarray, ref: np.ndarray) -> np.ndarray:
     """Sum ``gain(j) ref(k + j)`` over j for every k; the order of addition is fixed, unlike that of a BLAS product."""
     n = len(ref)
     padded = np.concatenate([ref, np.repeat(ref[-1:], len(gain), axis=0)])
@@ -144,7 +150,7 @@ def _preview_sum(gain, ref):
     return out
 
 
-def _track(controller, ref):
+def _track(controller: PreviewController, ref: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Run the controller along `ref` (n, axes); return the states (n, 3, axes) and the ZMP (n, axes)."""
     T, (k_c, k_v, k_a) = controller.T, controller.state_gain
     preview = _preview_sum(controller.preview_gain, ref)

@@ -12,15 +12,18 @@ Reference: M. Vukobratovic, B. Borovac, "Zero-moment point - thirty five years o
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull
 
 from featherstone_gait.build.tree import GRAVITY
 from featherstone_gait.fixed_order import applied, total
-from featherstone_gait.model import inertia_matrix
+from featherstone_gait.model import Model, inertia_matrix
 from featherstone_gait.walking.kinematics import link_centers, link_poses
 
 
-def multibody_zmp(model, angles, base_position, T, g=-GRAVITY[2]):
+def multibody_zmp(
+    model: Model, angles: ArrayLike, base_position: ArrayLike, T: float, g: float = -GRAVITY[2]
+) -> np.ndarray:
     """Compute the ZMP (n, 2) [m] of a motion sampled every `T` [s], the root link upright.
 
     `angles` is (n, nj) [rad], `base_position` (n, 3) [m].  Velocities and accelerations are central differences, so
@@ -37,12 +40,12 @@ def multibody_zmp(model, angles, base_position, T, g=-GRAVITY[2]):
     return np.pad(zmp, ((2, 2), (0, 0)), mode="edge")
 
 
-def support_polygon(points):
+def support_polygon(points: np.ndarray) -> np.ndarray:
     """Return the convex hull (k, 2) of ground `points` (m, 2) [m], counter-clockwise."""
     return points[ConvexHull(points).vertices]
 
 
-def polygon_margin(point, polygon):
+def polygon_margin(point: np.ndarray, polygon: np.ndarray) -> float:
     """Return how far `point` (2,) lies inside a convex, counter-clockwise `polygon` (k, 2) [m]; negative is outside.
 
     Inside, it is the distance to the nearest edge; outside, that to the farthest of the edges' lines that it is beyond.
@@ -53,7 +56,7 @@ def polygon_margin(point, polygon):
     return float((inside / np.hypot(*edge.T)).min())
 
 
-def _angular_momentum(model, rotation, T):
+def _angular_momentum(model: Model, rotation: np.ndarray, T: float) -> np.ndarray:
     """Return the links' angular momenta (n - 2, links, 3) about their centres of mass, world axes [kg m^2/s]."""
     I = np.array([inertia_matrix(link.inertia) for link in model.links])
     here, rate = rotation[1:-1], _central_difference(rotation, T)
@@ -61,9 +64,9 @@ def _angular_momentum(model, rotation, T):
     return applied(here, applied(I, applied(here.swapaxes(-1, -2), omega)))
 
 
-def _central_difference(x, T):
+def _central_difference(x: np.ndarray, T: float) -> np.ndarray:
     return (x[2:] - x[:-2]) / (2 * T)
 
 
-def _second_difference(x, T):
+def _second_difference(x: np.ndarray, T: float) -> np.ndarray:
     return (x[2:] - 2 * x[1:-1] + x[:-2]) / (T * T)

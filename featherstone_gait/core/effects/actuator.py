@@ -27,7 +27,7 @@ def actuator_rates(actuator, s, dy, i, v):
 
 @by_type
 def move_actuator(actuator, s, i, v, w):
-    """The actuator's own state to the end of the step s, whose speeds were v and w, with its energies."""
+    """Move the actuator's own state to the end of the step s, whose speeds were v and w, with its energies."""
 
 
 @by_type

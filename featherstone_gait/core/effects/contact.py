@@ -186,7 +186,7 @@ def point_force(contact, s, c, u):
 
 @inline
 def bristle_rate(p, z, u, f, slips):
-    """dz/dt: the velocity of a point that sticks, else what keeps -kt z - dt dz/dt at the force."""
+    """dz/dt [m/s]: the velocity of a point that sticks, else what keeps -kt z - dt dz/dt at the force."""
     kt, dt = p.tangential_stiffness, p.tangential_damping
     r1 = select(slips, -(f[0] + kt * z[0]) / dt, u[1])
     r2 = select(slips, -(f[1] + kt * z[1]) / dt, u[2])
@@ -198,7 +198,7 @@ def bristle_rate(p, z, u, f, slips):
 
 @inline
 def place_contacts(contact, s, ahead):
-    """Where the points are, W lying `ahead` of the step's start [s], and how much friction they bear."""
+    """Fill where the points are, W lying `ahead` of the step's start [s], and how much friction they bear."""
     if contact is not None:
         place_points(contact, s, ahead)
         friction_limits(contact, s)
@@ -206,7 +206,7 @@ def place_contacts(contact, s, ahead):
 
 @kernel
 def friction_limits(contact, s):
-    """Fill the friction limits: mu times the last step's normal force, at touch-down that at the predicted velocity."""
+    """Fill the friction limits [N]: mu times the last normal force, at touch-down that at the predicted velocity."""
     C = s.C
     for c in range(len(contact.points)):
         p = contact.points[c]
@@ -314,14 +314,14 @@ def _solved(contact, s):
 
 @inline
 def solved_contacts(contact, s):
-    """Velocities UN that the solution's dA gives the points, and the linear model's forces FL there."""
+    """Fill the velocities UN that the solution's dA gives the points, and the linear model's forces FL there."""
     if contact is not None:
         _solved(contact, s)
 
 
 @inline
 def compare_contacts(contact, s, wrong, slope, tolerance, floor):
-    """Where the forces at UN differ from the linear model's too, and their part of the slope of the descent."""
+    """`wrong` where the forces at UN differ from the linear model's too; `slope` of the descent with their part [W]."""
     if contact is not None:
         for c in range(len(contact.points)):
             u = load3(s.C, c, UN)
@@ -335,7 +335,7 @@ def compare_contacts(contact, s, wrong, slope, tolerance, floor):
 
 @inline
 def contact_slope(contact, s, fraction, slope):
-    """Slope of the convex function at a fraction of the pass, with what the contacts add."""
+    """Slope of the convex function at a fraction of the pass, with what the contacts add [W]."""
     if contact is not None:
         for c in range(len(contact.points)):
             uk, r = load3(s.C, c, UK), load3(s.C, c, RHO)
@@ -363,7 +363,7 @@ def _shift(C, c, at, to, s, active):
 
 @inline
 def move_contacts(contact, s):
-    """Bristles and the forces that the step applied; the work of the ground."""
+    """Move bristles, forces and the work of the ground to the end of the step."""
     if contact is not None:
         for c in range(len(contact.points)):
             _move(contact, s, c)
@@ -391,7 +391,7 @@ def _move(contact, s, c):
 
 @inline
 def contact_rates(contact, s, dy):
-    """Contact forces, rates of the bristles and power of the ground; nothing is folded."""
+    """Fill contact forces [N], rates of the bristles [m/s] and power of the ground [W]; nothing is folded."""
     if contact is not None:
         place_points(contact, s, 0.0)
         dy[s.o.contact_work] = 0.0 * s.y[s.o.contact_work]

@@ -36,7 +36,7 @@ _ROUND = 6755399441055744.0  # 1.5 * 2**52: adding and subtracting it rounds to 
 
 @inline
 def quantised(angle, resolution):
-    """The angle as an encoder reads it: the nearest count."""
+    """The angle as an encoder of that resolution reads it: the nearest count [rad]."""
     if_exact = resolution <= 0.0
     counts = (angle / select(if_exact, 1.0 + 0.0 * resolution, resolution) + _ROUND) - _ROUND
     return select(if_exact, angle, counts * resolution)
@@ -44,7 +44,7 @@ def quantised(angle, resolution):
 
 @kernel
 def control_tick(controller, o, reference, noise, y, period):
-    """Set the voltages; reference (n, 2) angle [rad] and rate [rad/s]; period since the last tick [s].
+    """Set the voltages [V]; reference (n, 2) angle [rad] and rate [rad/s]; period since the last tick [s].
 
     noise (n, 2) is added to the angle that the encoder sees [rad] and to the voltage [V]; None: there is none.
     """
@@ -76,7 +76,7 @@ def _plus(x, noise, i, k):
 
 @inline
 def filter_speed(controller, s, i):
-    """The filtered speed at the end of the step s; controller None: there is none."""
+    """Move the filtered speed to the end of the step s."""
     if controller is not None:
         y, o = s.y, s.o
         y[o.filtered + i] = y[o.qd + i] + s.decay[i, FILTER_DECAY] * (y[o.filtered + i] - y[o.qd + i])

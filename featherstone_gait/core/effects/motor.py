@@ -65,7 +65,7 @@ def current_rate(m, current, voltage, speed):
 
 @inline
 def motor_torque(motor, s, i, w):
-    """Mean torque over the step at the motor's speed w [N m] and its slope."""
+    """Mean torque over the step at the motor's speed w [N m] and its slope [N m s/rad]."""
     m, y, o = motor[i], s.y, s.o
     _, mean, slope = current_step(m, s.decay, i, y[o.current + i], y[o.voltage + i], w, s.h)
     return m.torque_constant * mean, m.torque_constant * slope
@@ -73,7 +73,7 @@ def motor_torque(motor, s, i, w):
 
 @inline
 def move_motor(motor, s, i, w):
-    """Current to the end of the step, with the electrical energies; w the motor's speed."""
+    """Move the current to the end of the step, with the electrical energies; w the motor's speed."""
     m, y, o, h = motor[i], s.y, s.o, s.h
     E, I, V = o.energy + ENERGIES * i, y[o.current + i], y[o.voltage + i]
     end, mean, _ = current_step(m, s.decay, i, I, V, w, h)
@@ -88,7 +88,7 @@ def move_motor(motor, s, i, w):
 
 @inline
 def motor_rates(motor, s, dy, i, w):
-    """Rates of current and electrical energies; the torque [N m]."""
+    """Fill the rates of current and electrical energies; return the torque [N m]."""
     m, y, o = motor[i], s.y, s.o
     E, V = o.energy + ENERGIES * i, y[o.voltage + i]
     I, rate = current_rate(m, y[o.current + i], V, w)

@@ -34,7 +34,10 @@ class PDServo(NamedTuple):
 
 @inline
 def pd_torque(p, angle, v, reference, sub):
-    """Kp e - Kd v, clamped whole or with the damping outside; the spring at the end of the step where it must be."""
+    """Kp e - Kd v [N m] of the record p, clamped whole or with the damping outside, and its slope [N m s/rad].
+
+    The spring acts at the end of the step where it must.
+    """
     e = reference - angle - p.fold * sub * v
     outside = p.free_damping > 0.0
     spring = p.Kp * e

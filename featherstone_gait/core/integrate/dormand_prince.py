@@ -101,7 +101,7 @@ def _renew_slope(work, run, y, t):
 
 @take_adaptive_step.of(DormandPrince)
 def dop853(work, run, y, t, length):
-    """stages[END] holds the slope at y before and after."""
+    """Take a step that meets the tolerance; stages[END] holds the slope at y before and after."""
     stages, pace, n = work.stages, work.pace, run.places[0].after_integrated
     rejected = False
     start = stages[START]

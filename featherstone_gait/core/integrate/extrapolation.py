@@ -87,7 +87,7 @@ class Ladder(NamedTuple):
 
 @take_adaptive_step.of(Ladder)
 def extrapolate(work, run, y, t, length):
-    """columns.first, the slope at y, moves on with it."""
+    """Take a step that meets the tolerance; columns.first, the slope at y, moves on with it."""
     o, pace, start, implicit = run.places[0], work.pace, work.start, work.implicit
     for i in range(o.pace):
         start[i] = y[i]

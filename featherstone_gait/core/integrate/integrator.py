@@ -56,7 +56,7 @@ def take_step(work, run, y, t, theta):
 
 @by_type
 def thetas(work, theta, end):
-    """theta of a run's first step and of the others; end: how long the run has gone on before [s]."""
+    """theta of a run's first step and of the others [-]; end: how long the run has gone on before [s]."""
 
 
 @thetas.otherwise
@@ -71,7 +71,7 @@ def take_adaptive_step(work, run, y, t, length):
 
 @by_type
 def begin_run(work, run):
-    """Before the first adaptive step of a run."""
+    """Make the workspace ready for the first adaptive step of a run."""
 
 
 @begin_run.otherwise
@@ -108,7 +108,7 @@ def _nothing_within(work, run, y, interval, record, out):
 
 
 def scratch(sizes: Sizes, zeros) -> Scratch:
-    """What every step overwrites."""
+    """What every step overwrites; zeros(shape) makes its arrays."""
     return Scratch(
         zeros(sizes.workspace),
         zeros((JOINT_SCRATCH, max(sizes.n, 1))),

@@ -40,7 +40,7 @@ def rollout(run, y, out):
 
 @inline
 def record(run, y, m, out):
-    """Write record m."""
+    """Fill row m of out (samples, channels) with y[run.channels]."""
     for j in range(len(run.channels)):
         out[m, j] = y[run.channels[j]]
 
@@ -55,7 +55,7 @@ def _freeze_ended(dead, good, y):
 
 @inline
 def tick(controller, run, k, t, y):
-    """The sampled controllers see the reference as it was a lag ago; it comes as knots or as samples at each tick."""
+    """Let sampled controllers act, at step k: they see the reference as it was a lag ago, of knots or samples."""
     if controller is not None:
         _tick_sampled(run.signals.samples, controller, run, k, y)
         _tick_knots(run.signals.reference, controller, run, k, t, y)
@@ -79,7 +79,7 @@ def _tick_knots(reference, controller, run, k, t, y):
 
 @kernel
 def inspect(run, t, y):
-    """Give runs that failed their status and their last sound state; return which have."""
+    """Give runs that failed their status and their last sound state; return which have failed."""
     o, good = run.places[0], run.good
     size = 0.0 * y[o.status]
     for i in range(o.after_coordinates):

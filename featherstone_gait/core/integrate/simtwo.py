@@ -34,6 +34,7 @@ class SimTwo(NamedTuple):
 
 @take_step.of(SimTwo)
 def simtwo_step(work, run, y, t, theta):
+    """One step; theta plays no part."""
     scene, h, torques = run.scene, run.plan.h, work.torques
     o, x = run.places[0], work.scratch
     servo = Step(scene, scene.actuator, scene.decay, o, y, None, None, None, t, h, h, h, 1.0, x.W, x.Z, x.C, x.F)

@@ -38,7 +38,7 @@ def advance(s):
 
 @inline
 def with_predicted(predicted, da, last):
-    """The acceleration: of the midpoint rule what goes beyond the last step's is known."""
+    """The acceleration [rad/s^2]: of the midpoint rule what goes beyond the last step's is known."""
     if predicted is None:
         return da
     return da + last

@@ -83,7 +83,7 @@ def solve_step(s):
 
 @inline
 def acting(s):
-    """None where nothing acts on the joints but gravity, bias forces and torques from outside."""
+    """True, None where nothing acts on the joints but gravity, bias forces and torques from outside."""
     return any_present(s.actuator, any_present(s.scene.friction, s.scene.stops))
 
 
@@ -124,7 +124,7 @@ def _ahead(predicted, sub):
 
 @kernel
 def predict(predicted, rotor, s):
-    """Poses, velocities and bias at the predicted state; the iteration starts there."""
+    """Fill W and Z with poses, velocities and bias at the predicted state; the iteration starts there."""
     y, o, Z = s.y, s.o, s.Z
     n = len(s.scene.tree) - 1
     bq, bv = slice_if(s.scene.floating, y, o.base_q, 7), slice_if(s.scene.floating, y, o.base_qd, 6)
@@ -170,7 +170,7 @@ def joint_force(s, i, v, w):
 
 @inline
 def with_external(tau, i, T):
-    """T plus the torque from outside."""
+    """T plus the torque tau[i] from outside [N m]."""
     if tau is None:
         return T
     return T + tau[i]
@@ -178,7 +178,7 @@ def with_external(tau, i, T):
 
 @inline
 def rotor_speed(rotor, Z, row, i, otherwise):
-    """The rotor's speed in a row of the scratch."""
+    """The rotor's speed in a row of the scratch [rad/s]; `otherwise` without rotors."""
     if rotor is None:
         return otherwise
     return Z[row, i]

@@ -19,7 +19,7 @@ PACE_SCRATCH = 8
 
 @inline
 def in_time(step, length):
-    """The step, or what leaves no sliver of the remaining `length` [s]."""
+    """The step [s], or what leaves no sliver of the remaining `length` [s]."""
     if step >= 0.999 * length:
         return length
     if step >= 0.5 * length:
@@ -29,7 +29,7 @@ def in_time(step, length):
 
 @inline
 def scaled(plan, error, before, after):
-    """Size of an error by the tolerance."""
+    """Size of an error by the tolerance [-], of a number that went from `before` to `after`."""
     return abs(error) / (plan.atol + plan.rtol * max(abs(before), abs(after)))
 
 

@@ -33,7 +33,7 @@ class Signals(NamedTuple):
 
 @kernel
 def evaluate(knots, t, out):
-    """Fill out (n, 2) with value and rate at the time t."""
+    """Fill out (n, 2) with value and rate [1/s] at the time t."""
     times = knots.times
     last = len(times) - 1
     if knots.period > 0.0:
@@ -98,6 +98,6 @@ def _evaluate_drive(reference, drive, continuous, t):
 
 @entry
 def sample_ticks(knots, per_tick, h, lag, first, out):
-    """Fill out (ticks, n, 2) with what sampled controllers see, from the tick `first` on."""
+    """Fill out (ticks, n, 2) with what sampled controllers see, from the tick `first` on; lag [s]."""
     for k in range(len(out)):
         evaluate(knots, ((first + k) * per_tick) * h - lag + AHEAD, out[k])

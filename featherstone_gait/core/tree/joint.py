@@ -17,7 +17,7 @@ def _axis(i, W):
 
 @inline
 def joint_pose(b, i, q, W):
-    """R = R_parent E Rz(q) and the origin; a prismatic joint moves along z instead."""
+    """Fill R = R_parent E Rz(q) and the origin P [m]; a prismatic joint moves along z instead."""
     Rp = load9(W, b.parent, R)
     E = compose(Rp, b.E)
     p = add(load3(W, b.parent, P), rotate(Rp, b.r))
@@ -34,7 +34,7 @@ def joint_pose(b, i, q, W):
 
 @inline
 def joint_motion(b, i, qd, qdd, W):
-    """V = V_parent + S qd and A = A_parent + V_parent x S qd + S qdd; qdd None for zero."""
+    """Fill V = V_parent + S qd and A = A_parent + V_parent x S qd + S qdd; qdd None for zero."""
     s = _axis(i, W)
     wp = load3(W, b.parent, V)
     vp = load3(W, b.parent, V + 3)

@@ -57,7 +57,7 @@ def _root_acceleration(E, w, v, base_qdd, up, W):
 
 @inline
 def quaternion_matrix(base_q):
-    """Rotation of the quaternion base_q[3:7] = w x y z of any length but zero."""
+    """Rotation (9) of the quaternion base_q[3:7] = w x y z of any length but zero, body -> world."""
     w, x, y, z = base_q[3], base_q[4], base_q[5], base_q[6]
     s = 2.0 / (w * w + x * x + y * y + z * z)
     return (
@@ -84,7 +84,7 @@ def base_acceleration(base_qdd, W):
 
 @inline
 def move_base(bq, bv, h, out):
-    """Move a free base for the time h: the rotation by Cayley's map of h omega, exact to third order; out may be bq."""
+    """Move a free base for the time h: rotation by Cayley's map of h omega, exact to third order; out may be bq."""
     for k in range(3):
         out[k] = bq[k] + h * bv[k]
     x, y, z = 0.5 * h * bv[3], 0.5 * h * bv[4], 0.5 * h * bv[5]

@@ -14,13 +14,13 @@ def mass_center(b, i, W):
 
 @inline
 def center_velocity(i, c, W):
-    """Velocity of the point c that moves with body i."""
+    """Velocity of the point c (3) [m] that moves with body i [m/s]."""
     return add(load3(W, i, V + 3), cross(load3(W, i, V), c))
 
 
 @inline
 def inertial_force(b, i, c, Jc, W):
-    """I a + v x* I v as moment about the origin and force."""
+    """I a + v x* I v as moment about the origin [N m] and force [N]; c, Jc: of `mass_center`."""
     w = load3(W, i, V)
     alpha = load3(W, i, A)
     ac = add(load3(W, i, A + 3), add(cross(alpha, c), cross(w, center_velocity(i, c, W))))

@@ -14,11 +14,13 @@ def vector(a):
 
 @inline
 def load3(W, i, k):
+    """Three numbers of row i from column k on."""
     return (W[i, k], W[i, k + 1], W[i, k + 2])
 
 
 @inline
 def store3(W, i, k, a):
+    """Write three numbers into row i from column k on."""
     W[i, k] = a[0]
     W[i, k + 1] = a[1]
     W[i, k + 2] = a[2]
@@ -26,11 +28,13 @@ def store3(W, i, k, a):
 
 @inline
 def load6(W, i, k):
+    """Six numbers of row i from column k on."""
     return (W[i, k], W[i, k + 1], W[i, k + 2], W[i, k + 3], W[i, k + 4], W[i, k + 5])
 
 
 @inline
 def load9(W, i, k):
+    """Nine numbers of row i from column k on."""
     return (
         W[i, k],
         W[i, k + 1],
@@ -46,6 +50,7 @@ def load9(W, i, k):
 
 @inline
 def store9(W, i, k, a):
+    """Write nine numbers into row i from column k on."""
     store3(W, i, k, (a[0], a[1], a[2]))
     store3(W, i, k + 3, (a[3], a[4], a[5]))
     store3(W, i, k + 6, (a[6], a[7], a[8]))
@@ -53,26 +58,31 @@ def store9(W, i, k, a):
 
 @inline
 def add(a, b):
+    """a + b"""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 @inline
 def sub(a, b):
+    """a - b"""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @inline
 def scale(a, k):
+    """k a"""
     return (a[0] * k, a[1] * k, a[2] * k)
 
 
 @inline
 def dot(a, b):
+    """a' b"""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inline
 def cross(a, b):
+    """a x b"""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
