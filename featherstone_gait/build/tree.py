@@ -10,6 +10,7 @@ import numpy as np
 from .. import renamed
 from ..core.tree.layout import BODY, COLUMNS
 from ..model import Model, Placement, RigidBody, rigid_bodies
+from .records import fill
 
 GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2]
 
@@ -53,6 +54,7 @@ def _fill(row: np.void, body: RigidBody, dof: dict[str, int]) -> None:
     joint, row["parent"], E, row["r"] = body.frame
     row["E"] = E.ravel()
     if joint is not None:
+        fill(row, joint)
         row["dof"], row["prismatic"] = dof[joint.name], joint.type == "prismatic"
     row["m"], row["c"] = body.mass, body.center
     row["J"] = body.inertia[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]

@@ -13,7 +13,7 @@ from ..files import complete_together
 from ..model import Joint, Link, Model
 from .servos import PARTS
 from .toml import written
-from .urdf import INERTIA
+from .urdf import INERTIA, JOINT_NUMBERS
 
 
 def save_robot(model: Model, path: str | os.PathLike) -> None:
@@ -65,11 +65,16 @@ def _joint_lines(joint: Joint) -> list[str]:
     if joint.type != "fixed":
         limit = " ".join(f'{name}="{value!r}"' for name, value in _stated_limits(joint).items())
         lines += [
-            f'    <axis xyz="{_numbers(joint.axis)}"/>',
+            f'    <axis xyz="{_numbers(joint.axis)}"{_stated(joint, "axis")}/>',
             f"    <limit {limit}/>",
-            f'    <dynamics damping="{float(joint.damping)!r}" friction="{float(joint.friction)!r}"/>',
+            f"    <dynamics{_stated(joint, 'dynamics')}/>",
         ]
     return [*lines, "  </joint>"]
+
+
+def _stated(joint: Joint, tag: str) -> str:
+    """The joint's numbers that stand as attributes of an element."""
+    return "".join(f' {name}="{float(getattr(joint, name))!r}"' for name in JOINT_NUMBERS.get(tag, ()))
 
 
 def _stated_limits(joint: Joint) -> dict[str, float]:

@@ -72,6 +72,7 @@ _REFUSED_TYPES = {
     "planar": "replace it by two prismatic joints and a continuous one",
     "floating": "remove it together with its massless parent and load the robot with base='floating'",
 }
+JOINT_NUMBERS = {"dynamics": ("damping", "friction")}  # fields of Joint that are 0 where an element does not state them
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
@@ -227,7 +228,7 @@ def _joint(element: Element, notes: Counter[str]) -> Joint:
     xyz, rpy = _origin(element, what)
     if kind == "fixed":
         return Joint(name, kind, parent, child, xyz, rpy)
-    motion = {**_limits(element, what, notes), **_dynamics(element, what)}
+    motion = {**_limits(element, what, notes), **_numbers(element, what)}
     return Joint(name, kind, parent, child, xyz, rpy, _axis(element, what, notes), **motion)
 
 
@@ -270,11 +271,9 @@ def _limits(element: Element, what: str, notes: Counter[str]) -> dict[str, float
     return values
 
 
-def _dynamics(element: Element, what: str) -> dict[str, float]:
-    dynamics = element.find("dynamics")
-    if dynamics is None:
-        return {}
-    return {name: _number(dynamics, name, what, default=0.0) for name in ("damping", "friction")}
+def _numbers(element: Element, what: str) -> dict[str, float]:
+    children = [(child, JOINT_NUMBERS[child.tag]) for child in element if child.tag in JOINT_NUMBERS]
+    return {name: _number(child, name, what, default=0.0) for child, names in children for name in names}
 
 
 def _origin(element: Element, what: str) -> tuple[Vector, Vector]:

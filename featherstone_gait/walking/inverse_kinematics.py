@@ -38,9 +38,9 @@ def leg_joints(model: Model, foot: str) -> tuple[int, ...]:
     while link != model.root:
         joint = by_child[link]
         if joint.name in model.joint_names:
-            if joint.type == "prismatic":
+            if joint.type not in ("revolute", "continuous"):
                 raise ValueError(
-                    f"joint {joint.name!r} on the way to {foot!r} is prismatic; a leg must be all revolute"
+                    f"joint {joint.name!r} on the way to {foot!r} is {joint.type}; a leg must be all revolute"
                 )
             columns.append(model.joint_names.index(joint.name))
         link = joint.parent
