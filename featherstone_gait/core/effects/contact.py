@@ -60,6 +60,14 @@ class Contact(NamedTuple):
     plane: np.ndarray  # (1,) PLANE
     steps: np.ndarray  # (steps,) RISE
 
+    def in_world(self, forces, places):
+        """Forces (..., points, 3) in the ground's axes turned into the world's; places() gives the points (same) [m].
+
+        A plane has the same axes everywhere.
+        """
+        plane = self.plane[0]
+        return forces @ np.stack([plane.normal, plane.first, plane.second])
+
 
 # Columns of the scratch `C`, one row a point.
 XP = 0  # 3: position in the common frame [m]
