@@ -4,6 +4,8 @@ import numpy as np
 
 from ..compile.jit import inline
 from ..compile.lanes import clamp, select
+from .energies import ENERGIES
+from .energies import FRICTION as LOSS
 
 FRICTION = np.dtype(
     [
@@ -27,6 +29,30 @@ def friction_torque(friction, i, speed):
     sticks = abs(x) < 1.0
     slope = f.viscous_friction + select(sticks, f.coulomb_friction * (1.0 / STICK_SPEED) + 0.0 * x, 0.0 * x)
     return -(f.viscous_friction * speed + f.coulomb_friction * x), slope
+
+
+@inline
+def move_friction(friction, s, i, v):
+    """Energy that friction takes in the step s at the speed v; its torque [N m]."""
+    if friction is None:
+        return 0.0
+    T, _ = friction_torque(friction, i, v)
+    s.y[s.o.energy + ENERGIES * i + LOSS] -= s.h * (T * v)
+    return T
+
+
+@inline
+def friction_rates(friction, rotor, s, dy, i, v):
+    """Power that friction takes, added to what a rotor loses, in dy; its torque [N m]."""
+    if friction is None:
+        return 0.0
+    T, _ = friction_torque(friction, i, v)
+    E = s.o.energy + ENERGIES * i
+    if rotor is None:
+        dy[E + LOSS] = -T * v
+    else:
+        dy[E + LOSS] = dy[E + LOSS] - T * v
+    return T
 
 
 def explicit_limits(friction):

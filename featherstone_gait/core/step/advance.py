@@ -6,8 +6,8 @@ from ..compile.optional import any_present
 from ..effects.actuator import controller_of, move_actuator, rotor_of
 from ..effects.contact import move_contacts
 from ..effects.controller import filter_speed
-from ..effects.energies import ENERGIES, FRICTION, STOPS, WORK
-from ..effects.friction import friction_torque
+from ..effects.energies import ENERGIES, STOPS, WORK
+from ..effects.friction import move_friction
 from ..effects.stop import stop_torque
 from ..tree.kinematics import base_acceleration, move_base
 from .newton import DA, VN, WN, acting, joint_force, rotor_speed
@@ -66,13 +66,12 @@ def _joint_energies(forces, s, i, v, w):
     if forces is None:
         return
     y, h, E = s.y, s.h, s.o.energy + ENERGIES * i
-    Tf, _ = friction_torque(s.scene.friction, i, v)
+    Tf = move_friction(s.scene.friction, s, i, v)
     Ts, _ = stop_torque(s.scene.stops, i, y[s.o.q + i], v, s.sub)
     T, _, _, _, _ = joint_force(s, i, v, w)
     T = T - (Tf + Ts)
     y[s.o.torque + i] = T
     y[E + WORK] += h * (T * v)
-    y[E + FRICTION] -= h * (Tf * v)
     y[E + STOPS] -= h * (Ts * v)
 
 

@@ -8,9 +8,9 @@ from ..compile.jit import inline
 from ..compile.optional import any_present, only_if, slice_if
 from ..effects.actuator import actuator_rates, rotor_of
 from ..effects.contact import contact_rates
-from ..effects.energies import ENERGIES, FRICTION, STOPS, WORK
+from ..effects.energies import ENERGIES, STOPS, WORK
 from ..effects.external import external_forces
-from ..effects.friction import friction_torque
+from ..effects.friction import friction_rates
 from ..effects.stop import stop_torque
 from ..tree.aba import acceleration_pass, articulated_pass
 from ..tree.kinematics import base_acceleration, motion_pass, quaternion_rate
@@ -58,21 +58,8 @@ def _joint_rates(s, dy, i):
     T = with_external(s.tau, i, actuator_rates(s.actuator, s, dy, i, v))
     s.y[s.o.torque + i] = T + 0.0 * v
     dy[E + WORK] = T * v
-    Tf = _friction(s.scene.friction, rotor_of(s.actuator), dy, i, v, E)
+    Tf = friction_rates(s.scene.friction, rotor_of(s.actuator), s, dy, i, v)
     s.Z[TAU, i] = T + (Tf + _stop(s.scene.stops, s, dy, i, v, E))
-
-
-@inline
-def _friction(friction, rotor, dy, i, v, E):
-    """Torque of the friction; its loss adds to what the gearbox's rotor loses."""
-    if friction is None:
-        return 0.0
-    T, _ = friction_torque(friction, i, v)
-    if rotor is None:
-        dy[E + FRICTION] = -T * v
-    else:
-        dy[E + FRICTION] = dy[E + FRICTION] - T * v
-    return T
 
 
 @inline
