@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,10 +17,10 @@ from ..core.effects.pd_servo import PD, PDServo
 from ..core.effects.rigid_servo import RigidServo
 from ..core.integrate.integrator import Integrator
 from ..model import Model, Servo
+from .kinds import SERVO_KINDS, ServoKind
 from .records import fill, records
 
 Actuator: TypeAlias = PDServo | MipsdServo | RigidServo
-ServoKind = Literal["mipsd", "rotor", "standard"]
 LAWS = {"state": STATE_FEEDBACK, "pid_position": PID_POSITION, "pid_speed": PID_SPEED}
 TOOTH_LOAD = 0.1  # of the stall torque, at which teeth that meet across a gap are damped as the gearbox is
 
@@ -44,8 +44,8 @@ def build_drive(model: Model, kind: ServoKind | None) -> Drive:
     joints = model.joint_names
     if kind is None:
         return Drive(None, [None] * len(joints), None, None)
-    if kind not in ("mipsd", "rotor", "standard"):
-        raise ValueError(f"servos is {kind!r}; use 'mipsd', 'rotor', 'standard' or None")
+    if kind not in SERVO_KINDS:
+        raise ValueError(f"servos is {kind!r}; use {', '.join(map(repr, SERVO_KINDS))} or None")
     servos = [model.servos.get(name) for name in joints]
     if not any(servos):
         raise ValueError(f"{model.name} has no servos; name them in the [servos] table of its TOML, or use servos=None")

@@ -10,7 +10,7 @@ def records(count: int, dtype: np.dtype) -> np.recarray:
     return np.zeros(count, dtype).view(np.recarray)
 
 
-def fill(record: np.record, *sources: object) -> None:
+def fill(record: np.void, *sources: object) -> None:
     """Give each field the number of that name, from the first source that has one."""
     for name in record.dtype.names or ():
         values = [value for source in sources if not isinstance(value := getattr(source, name, ""), str)]

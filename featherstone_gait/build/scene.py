@@ -140,7 +140,7 @@ def compile_scene(
         model, drive, build_friction(model, drive), (ground, g), (springs, between), (integrator, timestep)
     )
     method, h = INTEGRATORS[check.integrator], check.timestep
-    if method.own_drive and not drive.sampled:
+    if method.drives and not isinstance(drive.actuator, method.drives):
         raise ValueError(f"{method.name} is the update order of sampled servos; use implicit_euler for other scenes")
     period, lag = controller_period(model, drive, h, NO_SERVO_TICK)
     fold_springs(drive, method, h, check.inertias)
@@ -151,7 +151,7 @@ def compile_scene(
         actuator=drive.actuator,
         decay=build_decay(drive, h),
         armature=drive.armature,
-        friction=build_friction(model, drive, method.own_drive),
+        friction=build_friction(model, drive, own_drive=bool(method.drives)),
         stops=build_stops(model, drive, check.inertias, g),
         contact=contact,
         push=None,

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from ..build.kinds import SERVO_KINDS
+
 if TYPE_CHECKING:
     from ..build.scene import CompiledScene
     from ..model import Ground, Model
@@ -30,7 +32,7 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     """What says which robot, in which form."""
     parser.add_argument("robot", metavar="ROBOT", help="name of a robot that comes with the package, or a .urdf file")
     parser.add_argument("--locked", metavar="SET", help="set of joints to hold, from the robot's TOML file")
-    parser.add_argument("--servos", choices=("mipsd", "rotor", "standard", "none"), help=SERVO_HELP)
+    parser.add_argument("--servos", choices=(*SERVO_KINDS, "none"), help=SERVO_HELP)
 
 
 def output(args: argparse.Namespace, ending: str) -> Path:

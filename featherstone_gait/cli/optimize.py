@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 
+from ..build.kinds import SERVO_KINDS
 from .arguments import Commands, add_command
 
 
@@ -18,7 +19,7 @@ def add(commands: Commands) -> None:
         "_angles.csv [deg], _goal_positions.csv (AX-12, every 40 ms) and _history.jsonl",
     )
     parser.add_argument("--robot", default="humanoid", help="name or .urdf file (default: humanoid, simplified)")
-    parser.add_argument("--servos", choices=("mipsd", "rotor", "standard"), default="mipsd", help="gearbox")
+    parser.add_argument("--servos", choices=SERVO_KINDS, default="mipsd", help="gearbox")
     parser.add_argument("--iterations", type=int, default=800, metavar="N", help="candidates (default: 800)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the search (default: 0)")
     parser.add_argument("--resume", action="store_true", help="go on from the history in the folder")

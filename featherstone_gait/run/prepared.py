@@ -74,7 +74,7 @@ class Prepared:
             reference = Reference([0.0], y[None, o["q"] : o["q"] + n])
         if reference is not None and not isinstance(reference, Reference):
             raise ValueError(f"reference is a {type(reference).__name__}; give Reference(times, values)")
-        if tau is not None and scene.method.own_drive:
+        if tau is not None and scene.method.drives:
             raise ValueError(
                 f"{scene.integrator} takes its torques from the servos alone; use implicit_euler for scenes with tau"
             )
@@ -212,7 +212,7 @@ def with_tolerance(
         if value is not None and not 1e-14 <= value <= 1.0:
             raise ValueError(f"{name} is {value!r}; it must lie between 1e-14 and 1")
     if rtol is not None and not scene.adaptive:
-        if scene.method.own_drive:
+        if scene.method.drives:
             raise ValueError(
                 f"{scene.integrator} is an order of updates at a fixed step, not a differential equation; "
                 "without rtol and atol"

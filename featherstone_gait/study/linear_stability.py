@@ -85,6 +85,8 @@ def step_matrix(integrator: str, linear: Linear, h: float) -> np.ndarray:
         s = 0.5 * h
         middle = np.linalg.solve(M + s * D + s * s * K, M @ v + s * (B @ u - K @ x - G @ (x + s * (v + s * a))))
         return np.vstack([x + h * middle, 2.0 * middle - v, (middle - v) / s, u])
+    if integrator != "implicit_euler":
+        raise ValueError(f"integrator {integrator!r}: its linear theory is not written down here; add its step matrix")
     end = np.linalg.solve(M + h * D + h * h * K, M @ v + h * (B @ u - (K + G) @ x))
     return np.vstack([x + h * end, end, 0.0 * a, u])
 

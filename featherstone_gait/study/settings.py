@@ -29,6 +29,7 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 
 from .. import __version__
+from ..build.kinds import SERVO_KINDS
 from ..core.compile.jit import source_hash
 from ..core.integrate import INTEGRATORS
 from ..files import FilePath
@@ -47,7 +48,7 @@ GAIT_UNITS = {
 }
 # Name -> unit of a number, or the values that are allowed (None: any text).
 PARAMETERS: dict[str, str | tuple | None] = {
-    "scene.servos": ("mipsd", "rotor", "standard", "none"),
+    "scene.servos": (*SERVO_KINDS, "none"),
     "scene.ground": (True, False),
     "scene.integrator": tuple(INTEGRATORS),
     "scene.timestep": "s",

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..compile.jit import inline
 from ..compile.lanes import select
+from .energies import ENERGIES, STOPS
 
 STOP = np.dtype(
     [
@@ -29,6 +30,26 @@ def stop_torque(stops, i, angle, speed, h):
     over, c_over = _pushed_back(stop, at - stop.upper, speed, h)
     under, c_under = _pushed_back(stop, stop.lower - at, -speed, h)
     return under - over, c_over + c_under
+
+
+@inline
+def move_stop(stops, s, i, v):
+    """Work done on the stops in the step s at the speed v; their torque [N m]."""
+    if stops is None:
+        return 0.0
+    T, _ = stop_torque(stops, i, s.y[s.o.q + i], v, s.sub)
+    s.y[s.o.energy + ENERGIES * i + STOPS] -= s.h * (T * v)
+    return T
+
+
+@inline
+def stop_rates(stops, s, dy, i, v):
+    """Power done on the stops, in dy; their torque [N m]."""
+    if stops is None:
+        return 0.0
+    T, _ = stop_torque(stops, i, s.y[s.o.q + i], v, 0.0)
+    dy[s.o.energy + ENERGIES * i + STOPS] = -T * v
+    return T
 
 
 @inline

@@ -38,10 +38,10 @@ class Integrator(NamedTuple):
     stages: int = 1  # evaluations a step
     theta: float = 1.0  # of the linearly implicit step: where in the step forces are taken
     adaptive: bool = False  # chooses its steps by their error
-    stability: float = math.inf  # largest stable step over 2 / lambda, the limit of semi-implicit Euler
+    stability: float = math.inf  # largest stable step over the limit of semi-implicit Euler, of dampers and of springs
     folds_spring: bool = False  # takes the spring of a continuous servo at the end of the step always
     rings: bool = False  # alternates about the right mean after an impact
-    own_drive: bool = False  # applies sampled servos by itself: no torques from outside, no viscous friction of servos
+    drives: tuple[type, ...] = ()  # actuators that it applies by itself, viscous friction included; no others
 
     @property
     def explicit(self) -> bool:

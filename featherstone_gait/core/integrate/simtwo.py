@@ -104,4 +104,4 @@ def _workspace(sizes, zeros):
     return SimTwo(scratch(sizes, zeros), zeros(sizes.n))
 
 
-SIMTWO = Integrator("simtwo", 1, _workspace, own_drive=True)
+SIMTWO = Integrator("simtwo", 1, _workspace, drives=(RigidServo, MipsdServo))

@@ -6,9 +6,9 @@ from ..compile.optional import any_present
 from ..effects.actuator import controller_of, move_actuator, rotor_of
 from ..effects.contact import move_contacts
 from ..effects.controller import filter_speed
-from ..effects.energies import ENERGIES, STOPS, WORK
+from ..effects.energies import ENERGIES, WORK
 from ..effects.friction import move_friction
-from ..effects.stop import stop_torque
+from ..effects.stop import move_stop
 from ..tree.kinematics import base_acceleration, move_base
 from .newton import DA, VN, WN, acting, joint_force, rotor_speed
 
@@ -67,12 +67,11 @@ def _joint_energies(forces, s, i, v, w):
         return
     y, h, E = s.y, s.h, s.o.energy + ENERGIES * i
     Tf = move_friction(s.scene.friction, s, i, v)
-    Ts, _ = stop_torque(s.scene.stops, i, y[s.o.q + i], v, s.sub)
+    Ts = move_stop(s.scene.stops, s, i, v)
     T, _, _, _, _ = joint_force(s, i, v, w)
     T = T - (Tf + Ts)
     y[s.o.torque + i] = T
     y[E + WORK] += h * (T * v)
-    y[E + STOPS] -= h * (Ts * v)
 
 
 @inline

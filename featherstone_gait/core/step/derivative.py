@@ -8,10 +8,10 @@ from ..compile.jit import inline
 from ..compile.optional import any_present, only_if, slice_if
 from ..effects.actuator import actuator_rates, rotor_of
 from ..effects.contact import contact_rates
-from ..effects.energies import ENERGIES, STOPS, WORK
+from ..effects.energies import ENERGIES, WORK
 from ..effects.external import external_forces
 from ..effects.friction import friction_rates
-from ..effects.stop import stop_torque
+from ..effects.stop import stop_rates
 from ..tree.aba import acceleration_pass, articulated_pass
 from ..tree.kinematics import base_acceleration, motion_pass, quaternion_rate
 from ..tree.layout import Motion
@@ -59,13 +59,4 @@ def _joint_rates(s, dy, i):
     s.y[s.o.torque + i] = T + 0.0 * v
     dy[E + WORK] = T * v
     Tf = friction_rates(s.scene.friction, rotor_of(s.actuator), s, dy, i, v)
-    s.Z[TAU, i] = T + (Tf + _stop(s.scene.stops, s, dy, i, v, E))
-
-
-@inline
-def _stop(stops, s, dy, i, v, E):
-    if stops is None:
-        return 0.0
-    T, _ = stop_torque(stops, i, s.y[s.o.q + i], v, 0.0)
-    dy[E + STOPS] = -T * v
-    return T
+    s.Z[TAU, i] = T + (Tf + stop_rates(s.scene.stops, s, dy, i, v))

@@ -1,0 +1,12 @@
+"""The kinds of servos that a scene can be compiled with; imports nothing, so that the command line can name them."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+ServoKind = Literal[
+    "mipsd",  # spring-damper gearbox with rotor
+    "rotor",  # rigid gearbox with the rotor's reflected inertia
+    "standard",  # rigid gearbox without
+]
+SERVO_KINDS: tuple[ServoKind, ...] = get_args(ServoKind)
