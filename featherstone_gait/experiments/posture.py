@@ -110,8 +110,9 @@ class Outcome:
 
     @property
     def typical(self) -> np.ndarray:
-        """Median standard deviation (4,) [deg]."""
-        return np.median(self.deviation, axis=0)
+        """Median standard deviation (4,) [deg] where the robot stands; NaN if it falls under every disturbance."""
+        stands = ~np.isnan(self.deviation).any(axis=1)
+        return np.median(self.deviation[stands], axis=0) if stands.any() else np.full(self.deviation.shape[1], np.nan)
 
     @property
     def fell(self) -> bool:
