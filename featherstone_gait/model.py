@@ -1,7 +1,7 @@
 """What a robot is: frozen dataclasses in SI units, as read from URDF and TOML, checked when they are made.
 
 A `Model` holds the links and joints exactly as the files state them; `rigid_bodies` merges what moves as one.  Laying
-the numbers out for the kernels is the work of `build/` and `scene.py`.
+the numbers out for the kernels is the work of `build/`.
 
 Coordinates of a state, the same as MuJoCo's free joint:
 
@@ -195,7 +195,7 @@ class ContactPoint:
 
 @dataclass(frozen=True)
 class Ground:
-    """Ground under the contact points, given as what a person knows; `scene.py` converts it to stiffness and damping.
+    """Ground under the contact points, given as what a person knows; stiffness and damping are worked out in `build/`.
 
     A robot that stands on all its contact points sinks in by `sinking`.  Steps are vertical rises that begin at a
     given distance along the slope; their faces push nothing back.

@@ -191,6 +191,14 @@ def test_a_run_goes_on_only_in_a_scene_whose_state_has_the_same_parts(tmp_path):
 
 
 @pytest.mark.parametrize("servos", [None, "rotor", "mipsd"])
+def test_an_actuator_put_in_by_hand_is_not_lost():
+    scene, other = arm_scene(servos="rotor"), arm_scene(servos="mipsd")
+    changed = replace(scene, constants=scene.constants._replace(actuator=other.constants.actuator))
+    for how in ({"estimate_error": True}, {"rtol": 1e-6}):
+        with pytest.raises(ValueError, match="arm7: the actuator MipsdServo was put into the scene by hand"):
+            simulate(changed, 0.02, **how)
+
+
 def test_power_is_torque_times_velocity(servos):
     scene = arm_scene(servos=servos)
     run = simulate(scene, 0.05, initial_state(scene, np.full(7, 0.2)), record=("power", "qd"), sample=1e-3)

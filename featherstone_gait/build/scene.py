@@ -52,8 +52,18 @@ class CompiledScene:
     arguments: dict  # of `compile_scene`, after the model
 
     def recompiled(self, **changes: Any) -> CompiledScene:
-        """The scene with other arguments of `compile_scene`; the state's layout stays."""
-        return compile_scene(self.model, **(self.arguments | changes))
+        """The scene with other arguments of `compile_scene`; the state's layout stays.
+
+        Raises ValueError where the actuator was put into the constants by hand: it is no argument, and would be lost.
+        """
+        scene = compile_scene(self.model, **(self.arguments | changes))
+        if type(scene.constants.actuator) is not type(self.constants.actuator):
+            kind = type(self.constants.actuator).__name__
+            raise ValueError(
+                f"{self.model.name}: the actuator {kind} was put into the scene by hand and cannot be compiled anew; "
+                "compile with the integrator and step wanted and put it in again, without rtol and estimate_error"
+            )
+        return scene
 
     @property
     def integrator(self) -> str:
