@@ -34,11 +34,14 @@ def complete(path: FilePath) -> Iterator[Path]:
 @contextmanager
 def complete_together(*paths: FilePath) -> Iterator[list[Path]]:
     """Paths to write to, in place of files of one folder, of which all appear or none.  Raises OSError."""
-    targets = [Path(path) for path in paths]
+    targets, temporary = [Path(path) for path in paths], []
     try:
         with moving_up(targets[0].parent) as folder:
+            temporary.append(folder)
             yield [folder / target.name for target in targets]
     except OSError as error:
+        if error.filename is not None and Path(error.filename).parent not in (targets[0].parent, *temporary):
+            raise  # of another file, which was to be read, say
         named = ", ".join(map(str, targets))
         raise OSError(f"{named}: cannot be written ({error.strerror or error}); what was there is unchanged") from error
 

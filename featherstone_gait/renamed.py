@@ -26,7 +26,7 @@ RENAMED = {  # modules, or names in modules (an old module has the names of the 
     "featherstone_gait.simulation": "featherstone_gait.run.simulate",
     "featherstone_gait.tree": "featherstone_gait.build.tree",
     "featherstone_gait.build.scene.LAWS": "featherstone_gait.build.actuator.LAWS",
-    "featherstone_gait.build.scene.STOP_DEPTH": "featherstone_gait.build.stop.STOP_DEPTH",
+    "featherstone_gait.build.scene.STOP_DEPTH": "featherstone_gait.core.effects.stop.STOP_DEPTH",
     "featherstone_gait.build.scene.TOOTH_LOAD": "featherstone_gait.build.actuator.TOOTH_LOAD",
     "featherstone_gait.build.tree.rotation_axis": "featherstone_gait.rotation.rotation_about",
     "featherstone_gait.run.simulate.BATCH": "featherstone_gait.run.batch.BATCH",

@@ -78,7 +78,7 @@ def contact_positions(scene: CompiledScene, trajectory: Trajectory) -> np.ndarra
 def _point_forces(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:
     """Force on each contact point (samples, points, 3), world axes [N]."""
     forces = _contact_forces(scene, trajectory)
-    return scene.constants.contact.in_world(forces, lambda: contact_positions(scene, trajectory))
+    return scene.constants.contact.in_world(forces)
 
 
 def _contact_forces(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:

@@ -11,8 +11,9 @@ from scipy.integrate import solve_ivp
 from scipy.special import lambertw
 
 from featherstone_gait.build.scene import compile_scene
-from featherstone_gait.build.stop import CRITICAL_DEPTH, STOP_DEPTH
+from featherstone_gait.build.stop import CRITICAL_DEPTH
 from featherstone_gait.core.effects import energies
+from featherstone_gait.core.effects.stop import STOP_DEPTH
 from featherstone_gait.dynamics import energy, mass_matrix
 from featherstone_gait.model import Ground
 from featherstone_gait.reference import Reference
@@ -195,8 +196,17 @@ def test_an_actuator_put_in_by_hand_is_not_lost():
     scene, other = arm_scene(servos="rotor"), arm_scene(servos="mipsd")
     changed = replace(scene, constants=scene.constants._replace(actuator=other.constants.actuator))
     for how in ({"estimate_error": True}, {"rtol": 1e-6}):
-        with pytest.raises(ValueError, match="arm7: the actuator MipsdServo was put into the scene by hand"):
+        with pytest.raises(ValueError, match="arm7: actuator of the scene's constants were put in by hand"):
             simulate(changed, 0.02, **how)
+
+
+def test_pushes_of_a_scene_stay_with_it():
+    push = Push("link7", (0.0, 0.0, 1.0), end=0.01)
+    scene = arm_scene(servos=None)
+    for how in ({"estimate_error": True}, {"rtol": 1e-8}):
+        runs = [simulate(scene.pushed([push]), 0.02, **how), simulate(scene, 0.02, pushes=[push], **how)]
+        assert np.array_equal(runs[0]["q"], runs[1]["q"])
+        assert np.abs(runs[0]["q"] - simulate(scene, 0.02, **how)["q"]).max() > 1e-3
 
 
 def test_power_is_torque_times_velocity(servos):
@@ -388,9 +398,10 @@ def test_gravity_is_three_finite_numbers(gravity):
         compile_scene(box(), gravity=gravity)
 
 
-def test_ground_needs_gravity():
-    with pytest.raises(ValueError, match=r"box: ground under zero gravity: .*give another gravity, or ground=None"):
-        compile_scene(box(), ground=Ground(), gravity=ZERO * 3)
+@pytest.mark.parametrize("gravity", [ZERO * 3, (0.0, 0.0, G), (G, 0.0, 0.0)])
+def test_ground_needs_gravity(gravity):
+    with pytest.raises(ValueError, match=r"box: ground under gravity .* presses nothing on it.*, or ground=None"):
+        compile_scene(box(), ground=Ground(), gravity=gravity)
 
 
 # How runs end.

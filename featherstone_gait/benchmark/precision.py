@@ -125,7 +125,7 @@ class Run:
     ) -> None:
         self.scene, rtol, atol = with_tolerance(scene, rtol, None)
         self.settings = (duration, state, reference, sample, rtol, record)
-        self.ready = prepare(self.scene, duration, record, sample, rtol=rtol or 0.0, atol=atol or 0.0)
+        self.ready = prepare(self.scene, duration, record, sample, rtol=rtol, atol=atol)
         self.start = self.ready.start(state, reference)
         self.arguments = self.ready.arguments(self.start)
 

@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.effects.actuator import controller_of, motor_of
 from ..core.effects.controller import CONTROLLER, PID_POSITION, PID_SPEED, STATE_FEEDBACK
 from ..core.effects.decay import DECAYS, fill_decay
 from ..core.effects.gearbox import GEAR
@@ -133,7 +134,7 @@ def build_decay(drive: Drive, h: float) -> np.ndarray | None:
     if drive.actuator is None or not drive.sampled:
         return None
     decay = np.zeros((len(drive.servos), DECAYS))
-    fill_decay(drive.actuator.motor, drive.actuator.controller, h, decay)
+    fill_decay(motor_of(drive.actuator), controller_of(drive.actuator), h, decay)
     return decay
 
 

@@ -11,22 +11,24 @@ from ..dynamics import contact_positions
 from ..elementary import sincos
 from ..fixed_order import applied
 from ..model import Ground, Model
+from ..rotation import dot
 from .records import fill, records
 from .tree import Tree
 
 
-def build_contact(model: Model, tree: Tree, ground: Ground | None, g: float) -> Contact | None:
-    """What can touch what under g [m/s^2], None without ground; ValueError where the ground has no meaning."""
+def build_contact(model: Model, tree: Tree, ground: Ground | None, gravity: np.ndarray) -> Contact | None:
+    """What can touch what under gravity (3,) [m/s^2], None without ground; ValueError where it has no meaning."""
     if ground is None:
         return None
     if not model.contacts:
         raise ValueError(f"{model.name}: ground without contact points; add contacts to its TOML, or ground=None")
-    if not g > 0:
+    plane, g = _plane(ground), math.sqrt(dot(gravity, gravity))
+    if not dot(plane[0].normal, gravity) < 0:
         raise ValueError(
-            f"{model.name}: ground under zero gravity: its stiffness follows from the robot's weight; "
-            "give another gravity, or ground=None"
+            f"{model.name}: ground under gravity {tuple(gravity.tolist())} m/s^2, which presses nothing on it: its "
+            "stiffness follows from the robot's weight; give a gravity that points into the ground, or ground=None"
         )
-    return Contact(_points(model, tree, ground, g), _plane(ground), _rises(ground))
+    return Contact(_points(model, tree, ground, g), plane, _rises(ground))
 
 
 def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:

@@ -37,7 +37,7 @@ class CompiledScene:
     model: Model
     tree: Tree
     constants: Scene
-    offsets: np.ndarray  # (1,) STATE
+    places: np.recarray  # (1,) STATE: where each part of the state starts
     method: Integrator
     timestep: float  # [s]
     tick_steps: int  # steps of a controller tick
@@ -50,20 +50,22 @@ class CompiledScene:
     fall_upright: float  # cosine
     stiff: bool  # something that an implicit step takes in limits explicit steps to less than `STIFF`
     arguments: dict  # of `compile_scene`, after the model
+    compiled: Scene  # the constants as compiled, to tell which were put in by hand
 
     def recompiled(self, **changes: Any) -> CompiledScene:
-        """The scene with other arguments of `compile_scene`; the state's layout stays.
+        """The scene with other arguments of `compile_scene` and the same pushes; the state's layout stays.
 
-        Raises ValueError where the actuator was put into the constants by hand: it is no argument, and would be lost.
+        Raises ValueError where constants were put in by hand: they are no arguments, and would be lost.
         """
-        scene = compile_scene(self.model, **(self.arguments | changes))
-        if type(scene.constants.actuator) is not type(self.constants.actuator):
-            kind = type(self.constants.actuator).__name__
+        by_hand = [name for name, a, b in zip(Scene._fields, self.constants, self.compiled) if a is not b]
+        if set(by_hand) - {"push"}:
             raise ValueError(
-                f"{self.model.name}: the actuator {kind} was put into the scene by hand and cannot be compiled anew; "
-                "compile with the integrator and step wanted and put it in again, without rtol and estimate_error"
+                f"{self.model.name}: {', '.join(by_hand)} of the scene's constants were put in by hand and cannot be "
+                "compiled anew; compile with the integrator and step wanted and put them in again, without rtol and "
+                "estimate_error"
             )
-        return scene
+        scene = compile_scene(self.model, **(self.arguments | changes))
+        return replace(scene, constants=scene.constants._replace(push=self.constants.push))
 
     @property
     def integrator(self) -> str:
@@ -94,7 +96,7 @@ class CompiledScene:
     @property
     def layout(self) -> np.void:
         """Where each part of the state starts."""
-        return self.offsets[0]
+        return self.places[0]
 
     @property
     def parts(self) -> dict[str, tuple[int, int]]:
@@ -143,7 +145,7 @@ def compile_scene(
     gravity = _checked_gravity(gravity)
     tree, g = compile_tree(model), math.sqrt(dot(gravity, gravity))
     drive = build_drive(model, servos)
-    contact = build_contact(model, tree, ground, g)
+    contact = build_contact(model, tree, ground, gravity)
     check_springs(model.links, springs)
     between = build_springs(tree, springs)
     check = preflight(
@@ -173,7 +175,7 @@ def compile_scene(
         model=model,
         tree=tree,
         constants=constants,
-        offsets=_offsets(tree, drive, contact),
+        places=_places(tree, drive, contact),
         method=method,
         timestep=h,
         tick_steps=round(period / h),
@@ -195,6 +197,7 @@ def compile_scene(
             "fall_tilt": fall_tilt,
             "springs": tuple(springs),
         },
+        compiled=constants,
     )
 
 
@@ -209,7 +212,7 @@ def _checked_gravity(gravity: Sequence[float] | np.ndarray) -> np.ndarray:
     return vector
 
 
-def _offsets(tree: Tree, drive: Drive, contact: Contact | None) -> np.recarray:
+def _places(tree: Tree, drive: Drive, contact: Contact | None) -> np.recarray:
     """Give each part of the state its place."""
     has = () if drive.actuator is None else drive.actuator.PARTS
     return state.lay_out(

@@ -17,12 +17,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..core.effects.stop import STOP
+from ..core.effects.stop import STOP, STOP_DEPTH
 from ..model import Joint, Model, Servo
 from .actuator import Drive, stall_torque
 from .records import records
 
-STOP_DEPTH = 0.01  # [rad or m] that the strongest torque at a joint drives it into its stop
 CRITICAL_DEPTH = 0.001  # [rad or m] at which a stop is critically damped
 
 

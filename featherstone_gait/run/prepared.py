@@ -21,6 +21,7 @@ from ..build.contact import by_body
 from ..build.external import Push
 from ..build.scene import CompiledScene
 from ..core.compile.lanes import WIDTH, aligned
+from ..core.effects.actuator import controller_of
 from ..core.effects.controller import PID_SPEED
 from ..core.integrate.adaptive import rollout_adaptive
 from ..core.integrate.integrator import Sizes
@@ -74,6 +75,8 @@ class Prepared:
             reference = Reference([0.0], y[None, o["q"] : o["q"] + n])
         if reference is not None and not isinstance(reference, Reference):
             raise ValueError(f"reference is a {type(reference).__name__}; give Reference(times, values)")
+        if tau is not None and scene.adaptive and self.plan.integrated < int(o["after_integrated"]):
+            raise ValueError(f"{scene.model.name}: torques from outside need prepare(..., driven=True)")
         if tau is not None and scene.method.drives:
             raise ValueError(
                 f"{scene.integrator} takes its torques from the servos alone; use implicit_euler for scenes with tau"
@@ -132,14 +135,29 @@ class Prepared:
         return self.bound(signals, lane_zeros), y, out
 
     def run(self, starts: Sequence[Start]) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Final state and records of up to eight runs, of more than one in step."""
+        """Final state and records of up to eight runs, of more than one in step.
+
+        Raises ValueError unless they can be: fixed steps, signals of the same knot times, noise for all or none.
+        """
         if len(starts) == 1:
             run, y, out = self.arguments(starts[0])
             self.kernel(run, y, out)
             return [(y, out)]
+        self._check_alike(starts)
         run, y, out = self.arguments_in_lanes(starts)
         rollout_lanes(run, y, out)
         return [(y[:, k].copy(), out[:, : len(self.channels), k].copy()) for k in range(len(starts))]
+
+    def _check_alike(self, starts: Sequence[Start]) -> None:
+        name = self.scene.model.name
+        if not 1 <= len(starts) <= WIDTH or self.scene.adaptive:
+            raise ValueError(f"{name}: {len(starts)} runs at once; 1 to {WIDTH} go in step, with error control one")
+        if len({start.noise is None for start in starts}) > 1:
+            raise ValueError(f"{name}: some runs have noise and some have none; give all of them an array, or none")
+        for first, other in zip(starts[0][1:3] * len(starts), (knots for start in starts for knots in start[1:3])):
+            same = (first is None) == (other is None)
+            if not same or (first is not None and not _same_times(first, other)):
+                raise ValueError(f"{name}: signals of other knot times do not go in step; run them one by one")
 
     def signals(self, reference: Knots | None, torques: Knots | None, zeros: Zeros) -> Signals:
         """What comes from outside; zeros(shape) makes the arrays for its present values."""
@@ -162,7 +180,7 @@ class Prepared:
             stiff=scene.stiff,
         )
         work, good = scene.method.workspace(sizes, zeros), zeros(int(scene.layout["length"]))
-        return Run(constants, scene.offsets, self.plan, signals, work, good, self.channels)
+        return Run(constants, scene.places, self.plan, signals, work, good, self.channels)
 
     def named(self, out: np.ndarray) -> dict[str, np.ndarray]:
         """Recorded numbers (samples, all) as channels in their natural shape."""
@@ -184,8 +202,8 @@ def prepare(
     sample: float | None = None,
     *,
     pushes: Sequence[Push] = (),
-    rtol: float = 0.0,
-    atol: float = 0.0,
+    rtol: float | None = None,
+    atol: float | None = None,
     driven: bool = False,
 ) -> Prepared:
     """Make runs of a scene ready; the arguments are those of `simulate`, driven: by torques from outside."""
@@ -194,6 +212,8 @@ def prepare(
         o, acts = scene.layout, scene.constants
         works = any(part is not None for part in (acts.actuator, acts.friction, acts.stops, acts.contact)) or driven
         integrated = int(o["after_integrated" if works else "after_controlled"])
+        rtol = RTOL if rtol is None else rtol
+        atol = rtol if atol is None else atol
         plan = plan._replace(rtol=rtol, atol=atol, least_step=LEAST_STEP, integrated=integrated)
     record = tuple(record)
     return Prepared(scene.pushed(pushes), plan, record, *_stored(scene, record))
@@ -267,6 +287,10 @@ def lane_zeros(shape: int | tuple[int, ...]) -> np.ndarray:
     return aligned((*np.atleast_1d(shape), WIDTH))
 
 
+def _same_times(a: Knots, b: Knots) -> bool:
+    return a.period == b.period and np.array_equal(a.times, b.times)
+
+
 def _in_lanes(knots: Sequence[Knots | None]) -> Knots | None:
     there = [k for k in knots if k is not None]  # all or none
     if not there:
@@ -280,6 +304,12 @@ def _taken_up(scene: CompiledScene, state: ArrayLike | Trajectory) -> np.ndarray
     """The state of a vector, or at the end of a trajectory whose state has the same parts; ValueError otherwise."""
     if not isinstance(state, Trajectory):
         return checked_vector("state", state, int(scene.layout["length"]))
+    robot, joints = state.info.get("robot"), state.info.get("joints")
+    if robot != scene.model.name or list(joints or ()) != list(scene.model.joint_names):
+        raise ValueError(
+            f"state: the trajectory is of {robot} with the joints {', '.join(joints or ())}; this scene is of "
+            f"{scene.model.name} with {', '.join(scene.model.joint_names)}: give its `final` if that is meant"
+        )
     if state.parts is not None and state.parts != scene.parts:
         raise ValueError(
             f"state: the trajectory of {state.info.get('robot')} ended in a state of {_sizes(state.parts)}; "
@@ -297,7 +327,7 @@ def _with_first_error(scene: CompiledScene, start: Start) -> np.ndarray:
     if not scene.sampled or start.reference is None or start.y[scene.layout["end"]] > 0:  # there is none, or it goes on
         return start.y
     n, o, y = scene.tree.n, scene.layout, start.y.copy()
-    speed = scene.constants.actuator.controller.law == PID_SPEED
+    speed = controller_of(scene.constants.actuator).law == PID_SPEED
     error = np.where(speed, 0.0, start.reference.cubics[0, :, 0]) - np.where(
         speed, y[o["qd"] : o["qd"] + n], y[o["q"] : o["q"] + n]
     )

@@ -102,7 +102,7 @@ def simulate_batch(
         raise ValueError(f"states, references, taus and noises have {lengths} entries; give as many of each")
     driven = any(tau is not None for tau in columns[2])
     ready = prepare(
-        scene, duration, record, sample, pushes=pushes, rtol=rtol or 0.0, atol=atol or 0.0, driven=driven
+        scene, duration, record, sample, pushes=pushes, rtol=rtol, atol=atol, driven=driven
     )
     starts = [ready.start(*row) for row in zip(*columns)]
     if len({start.noise is None for start in starts}) > 1:

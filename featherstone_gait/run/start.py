@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..build.contact import standing_height
 from ..build.scene import CompiledScene
 from ..core.step import pace
+from ..fixed_order import total
 
 FIRST_STEP, FIRST_COLUMNS = 1e-3, 5  # where error control begins [s]
 
@@ -38,7 +41,7 @@ def initial_state(scene: CompiledScene, q: ArrayLike | None = None, qd: ArrayLik
             y[first:end] = values
     if model.base == "floating":
         y[o["base_q"] : o["base_q"] + 7], y[o["base_qd"] : o["base_qd"] + 6] = q[:7], qd[:6]
-        y[o["base_q"] + 3 : o["base_q"] + 7] /= np.linalg.norm(q[3:7])
+        y[o["base_q"] + 3 : o["base_q"] + 7] /= math.sqrt(total(q[3:7] * q[3:7]))
     return y
 
 

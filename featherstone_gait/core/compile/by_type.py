@@ -32,7 +32,13 @@ def by_type(function):
 
     @functools.wraps(function)
     def call(chosen, *arguments):
-        return (kinds.get(type(chosen)) or kinds[None])(chosen, *arguments)
+        return found(type(chosen))(chosen, *arguments)
+
+    def found(kind):
+        if kind not in kinds and None not in kinds:
+            known = ", ".join(k.__name__ for k in kinds)
+            raise TypingError(f"{function.__name__}: there is none of {kind}; there are those of {known}")
+        return kinds.get(kind) or kinds[None]
 
     def of(*types_):
         def register(implementation):
@@ -47,11 +53,7 @@ def by_type(function):
 
     @overload(call, jit_options=INLINE, strict=False)
     def _choose(chosen, *arguments):
-        kind = NoneType if isinstance(chosen, types.NoneType) else getattr(chosen, "instance_class", None)
-        if kind not in kinds and None not in kinds:
-            known = ", ".join(k.__name__ for k in kinds)
-            raise TypingError(f"{function.__name__} of {chosen}: there is none; there are those of {known}")
-        return kinds.get(kind) or kinds[None]
+        return found(NoneType if isinstance(chosen, types.NoneType) else getattr(chosen, "instance_class", chosen))
 
     call.of, call.otherwise = of, otherwise
     return call

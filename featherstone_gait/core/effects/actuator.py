@@ -22,7 +22,10 @@ def actuator_force(actuator, s, i, v, w, T, c):
 
 @by_type
 def actuator_rates(actuator, s, dy, i, v):
-    """Fill the rates of the actuator's own state and energies in dy; return the torque on the joint [N m]."""
+    """Fill the rates of the actuator's own state and energies in dy, friction's added to the joint's that stands there.
+
+    Returns the torque on the joint [N m].
+    """
 
 
 @by_type

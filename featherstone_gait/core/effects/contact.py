@@ -20,8 +20,9 @@ import numpy as np
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select, sqrt
 from ..compile.optional import slice_if
-from ..tree.layout import SF, SH, SJ, SM, TOUCH, P, R, U, V
-from ..tree.spatial import add, cross, dot, load3, load9, rotate, scale, store3, sub, vector
+from ..tree.layout import SF, SH, SJ, SM, TOUCH, U, V
+from ..tree.rigid_body import center_velocity, point_position
+from ..tree.spatial import add, cross, dot, load3, scale, store3, sub, vector
 
 POINT = np.dtype(
     [
@@ -60,11 +61,8 @@ class Contact(NamedTuple):
     plane: np.ndarray  # (1,) PLANE
     steps: np.ndarray  # (steps,) RISE
 
-    def in_world(self, forces, places):
-        """Forces (..., points, 3) in the ground's axes turned into the world's; places() gives the points (same) [m].
-
-        A plane has the same axes everywhere.
-        """
+    def in_world(self, forces):
+        """Forces (..., points, 3) in the ground's axes turned into the world's; a plane's are the same everywhere."""
         plane = self.plane[0]
         return forces @ np.stack([plane.normal, plane.first, plane.second])
 
@@ -126,8 +124,8 @@ def place_points(contact, s, ahead):
     for c in range(len(contact.points)):
         point = contact.points[c]
         i = point.body
-        x = add(load3(W, i, P), rotate(load9(W, i, R), vector(point.position)))
-        v = add(load3(W, i, V + 3), cross(load3(W, i, V), x))
+        x = point_position(i, vector(point.position), W)
+        v = center_velocity(i, x, W)
         store3(C, c, XP, x)
         u = (dot(n, v), dot(t, v), dot(second, v))
         store3(C, c, U0, u)

@@ -42,16 +42,13 @@ def move_friction(friction, s, i, v):
 
 
 @inline
-def friction_rates(friction, rotor, s, dy, i, v):
-    """Power that friction takes, added to what a rotor loses, in dy; its torque [N m]."""
+def friction_rates(friction, s, dy, i, v):
+    """Set the power that friction takes in dy, to which an actuator may add; the torque [N m]."""
     if friction is None:
+        dy[s.o.energy + ENERGIES * i + LOSS] = 0.0 * v
         return 0.0
     T, _ = friction_torque(friction, i, v)
-    E = s.o.energy + ENERGIES * i
-    if rotor is None:
-        dy[E + LOSS] = -T * v
-    else:
-        dy[E + LOSS] = dy[E + LOSS] - T * v
+    dy[s.o.energy + ENERGIES * i + LOSS] = -T * v
     return T
 
 

@@ -50,7 +50,7 @@ def _rates(actuator, s, dy, i, v):
     dy[o.rotor + i] = w
     dy[o.rotor_speed + i] = F / g.inertia
     dy[E + GEAR] = loss
-    dy[E + FRICTION] = g.rotor_damping * (w * w)
+    dy[E + FRICTION] += g.rotor_damping * (w * w)
     return T
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ..compile.jit import inline, kernel
-from ..tree.layout import P, R
-from ..tree.spatial import add, cross, load3, load9, rotate, scale, vector
+from ..tree.rigid_body import point_position
+from ..tree.spatial import add, cross, scale, vector
 
 AHEAD = 1e-12  # [s]: an event that falls on a time is over there, whichever of both was rounded down
 
@@ -28,7 +28,7 @@ def add_pushes(push, t, span, W, F):
         b = push[j]
         share = _share(b.start, b.end, t, span)
         if share > 0.0:
-            p = add(load3(W, b.body, P), rotate(load9(W, b.body, R), vector(b.point)))
+            p = point_position(b.body, vector(b.point), W)
             f = scale(vector(b.force), share)
             n = add(scale(vector(b.moment), share), cross(p, f))
             for k in range(3):

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..compile.jit import kernel
 from ..compile.lanes import select, sqrt
-from ..tree.layout import P, R, V
-from ..tree.spatial import add, cross, dot, load3, load9, rotate, scale, sub, vector
+from ..tree.rigid_body import center_velocity, point_position
+from ..tree.spatial import cross, dot, scale, sub, vector
 
 SPRING = np.dtype(
     [
@@ -36,10 +36,8 @@ def add_springs(springs, W, F):
     """
     for j in range(len(springs)):
         k = springs[j]
-        p = add(load3(W, k.a, P), rotate(load9(W, k.a, R), vector(k.point_a)))
-        q = add(load3(W, k.b, P), rotate(load9(W, k.b, R), vector(k.point_b)))
-        v = add(load3(W, k.a, V + 3), cross(load3(W, k.a, V), p))
-        w = add(load3(W, k.b, V + 3), cross(load3(W, k.b, V), q))
+        p, q = point_position(k.a, vector(k.point_a), W), point_position(k.b, vector(k.point_b), W)
+        v, w = center_velocity(k.a, p, W), center_velocity(k.b, q, W)
         d = sub(q, p)
         length = sqrt(dot(d, d))
         apart = length > 0.0

@@ -19,6 +19,8 @@ STOP = np.dtype(
     align=True,
 )
 
+STOP_DEPTH = 0.01  # [rad or m] that the strongest torque at a joint drives it into its stop
+
 
 @inline
 def stop_torque(stops, i, angle, speed, h):
@@ -61,8 +63,11 @@ def _pushed_back(stop, depth, speed, h):
 
 
 def explicit_limit(stops, inertias):
-    """Step [s] of each joint up to which an explicit method resolves its stop: a fortieth of the period on it.
+    """Step [s] of each joint up to which an explicit method resolves its stop.
 
-    inertias (n,) that the joints feel [kg m^2 or kg].
+    That is a fortieth of the period on its spring, or the time constant J / c of its damper, c = K d x, at the depth to
+    which the strongest torque drives the joint.  inertias (n,) that the joints feel [kg m^2 or kg].
     """
-    return 2.0 * np.pi * np.sqrt(np.asarray(inertias) / stops["stiffness"]) / 40.0
+    J, K = np.asarray(inertias), stops["stiffness"]
+    damper = K * np.maximum(stops["damping"], 1e-300) * STOP_DEPTH
+    return np.minimum(2.0 * np.pi * np.sqrt(J / K) / 40.0, J / damper)

@@ -86,7 +86,10 @@ def _evaluate(first, last, run, y, t, h):
                 unit_quaternion(scene.floating, o.base_q, y)
         inputs(u, min(t + NODES[k] * h, pace[UNTIL]))
         since, act = pace[SINCE], scene.actuator
-        at = Step(scene, act, None, o, y, u.tau, u.drive, None, since, 0.0, 0.0, 0.0, 1.0, x.W, x.Z, x.C, x.F)
+        at = Step(
+            scene=scene, actuator=act, decay=None, o=o, y=y, tau=u.tau, drive=u.drive, predicted=None,
+            t=since, span=0.0, h=0.0, sub=0.0, theta=1.0, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        )  # fmt: skip
         derivative(at, stages[k])
         pace[EVALUATIONS] += 1.0
 

@@ -299,7 +299,10 @@ def _midpoint(run, columns):
 @kernel
 def _slope(run, columns, slope):
     scene, x, o, t = run.scene, columns, run.places[0], run.work.pace[SINCE]
-    at = Step(scene, scene.actuator, x.decay, o, x.y, x.tau, x.drive, None, t, 0.0, 0.0, 0.0, 1.0, x.W, x.Z, x.C, x.F)
+    at = Step(
+        scene=scene, actuator=scene.actuator, decay=x.decay, o=o, y=x.y, tau=x.tau, drive=x.drive, predicted=None,
+        t=t, span=0.0, h=0.0, sub=0.0, theta=1.0, W=x.W, Z=x.Z, C=x.C, F=x.F,
+    )  # fmt: skip
     derivative(at, slope)
 
 
@@ -307,7 +310,10 @@ def _slope(run, columns, slope):
 def _euler(run, columns):
     """A linearly implicit Euler step."""
     scene, x, o, t, h = run.scene, columns, run.places[0], run.work.pace[SINCE], columns.h[0]
-    at = Step(scene, scene.actuator, x.decay, o, x.y, x.tau, x.drive, None, t, 0.0, h, h, 1.0, x.W, x.Z, x.C, x.F)
+    at = Step(
+        scene=scene, actuator=scene.actuator, decay=x.decay, o=o, y=x.y, tau=x.tau, drive=x.drive, predicted=None,
+        t=t, span=0.0, h=h, sub=h, theta=1.0, W=x.W, Z=x.Z, C=x.C, F=x.F,
+    )  # fmt: skip
     solve_step(at)
     advance(at)
 

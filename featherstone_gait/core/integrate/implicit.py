@@ -26,7 +26,10 @@ def implicit_step(work, run, y, t, theta):
     scene, u, x, plan = run.scene, run.signals, work.scratch, run.plan
     act, decay, o, h = scene.actuator, scene.decay, run.places[0], plan.h
     inputs(u, t + plan.theta * h)
-    at = Step(scene, act, decay, o, y, u.tau, u.drive, work.predicted, t, h, h, theta * h, theta, x.W, x.Z, x.C, x.F)
+    at = Step(
+        scene=scene, actuator=act, decay=decay, o=o, y=y, tau=u.tau, drive=u.drive, predicted=work.predicted,
+        t=t, span=h, h=h, sub=theta * h, theta=theta, W=x.W, Z=x.Z, C=x.C, F=x.F,
+    )  # fmt: skip
     solve_step(at)
     advance(at)
 

@@ -23,7 +23,10 @@ class RungeKutta4(NamedTuple):
 def _evaluate(run, y, t, slope):
     scene, u, h = run.scene, run.signals, run.plan.h
     x, o, act = run.work.scratch, run.places[0], scene.actuator
-    at = Step(scene, act, None, o, y, u.tau, u.drive, None, t, h, 0.0, 0.0, 1.0, x.W, x.Z, x.C, x.F)
+    at = Step(
+        scene=scene, actuator=act, decay=None, o=o, y=y, tau=u.tau, drive=u.drive, predicted=None,
+        t=t, span=h, h=0.0, sub=0.0, theta=1.0, W=x.W, Z=x.Z, C=x.C, F=x.F,
+    )  # fmt: skip
     derivative(at, slope)
 
 

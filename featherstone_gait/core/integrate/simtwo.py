@@ -37,10 +37,16 @@ def simtwo_step(work, run, y, t, theta):
     """One step; theta plays no part."""
     scene, h, torques = run.scene, run.plan.h, work.torques
     o, x = run.places[0], work.scratch
-    servo = Step(scene, scene.actuator, scene.decay, o, y, None, None, None, t, h, h, h, 1.0, x.W, x.Z, x.C, x.F)
+    servo = Step(
+        scene=scene, actuator=scene.actuator, decay=scene.decay, o=o, y=y, tau=None, drive=None, predicted=None,
+        t=t, span=h, h=h, sub=h, theta=1.0, W=x.W, Z=x.Z, C=x.C, F=x.F,
+    )  # fmt: skip
     for i in range(len(torques)):
         torques[i] = _servo_torque(scene.actuator, servo, i)
-    bare = Step(scene, None, None, o, y, torques, None, None, t, h, h, h, 1.0, x.W, x.Z, x.C, x.F)
+    bare = Step(
+        scene=scene, actuator=None, decay=None, o=o, y=y, tau=torques, drive=None, predicted=None,
+        t=t, span=h, h=h, sub=h, theta=1.0, W=x.W, Z=x.Z, C=x.C, F=x.F,
+    )  # fmt: skip
     solve_step(bare)
     advance(bare)
 

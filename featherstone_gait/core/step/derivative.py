@@ -6,7 +6,7 @@ outputs of each evaluation.
 
 from ..compile.jit import inline
 from ..compile.optional import any_present, only_if, slice_if
-from ..effects.actuator import actuator_rates, rotor_of
+from ..effects.actuator import actuator_rates
 from ..effects.contact import contact_rates
 from ..effects.energies import ENERGIES, WORK
 from ..effects.external import external_forces
@@ -55,8 +55,8 @@ def _base_rates(bq, bv, s, dy):
 def _joint_rates(s, dy, i):
     """Torque on the joint; rates of the actuator and of those energies that something changes."""
     v, E = s.y[s.o.qd + i], s.o.energy + ENERGIES * i
+    Tf = friction_rates(s.scene.friction, s, dy, i, v)
     T = with_external(s.tau, i, actuator_rates(s.actuator, s, dy, i, v))
     s.y[s.o.torque + i] = T + 0.0 * v
     dy[E + WORK] = T * v
-    Tf = friction_rates(s.scene.friction, rotor_of(s.actuator), s, dy, i, v)
     s.Z[TAU, i] = T + (Tf + stop_rates(s.scene.stops, s, dy, i, v))

@@ -13,6 +13,12 @@ def mass_center(b, i, W):
 
 
 @inline
+def point_position(i, r, W):
+    """Where the point r of body i's frame is."""
+    return add(load3(W, i, P), rotate(load9(W, i, R), r))
+
+
+@inline
 def center_velocity(i, c, W):
     """Velocity of the point c (3) [m] that moves with body i [m/s]."""
     return add(load3(W, i, V + 3), cross(load3(W, i, V), c))
