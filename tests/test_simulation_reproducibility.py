@@ -181,7 +181,9 @@ def digest_of_constants():
         scene = scene.pushed([Push(model.links[-1].name, (1.0, 2.0, 3.0), point=(0.1, 0.3, 0.2), end=1.0)])
         for array in flat(scene.constants):
             found.update(array.tobytes())
-        found.update(initial_state(scene).tobytes())
+        turned = np.linspace(0.1, 1.0, model.nq)  # the base's quaternion is not of unit length
+        for state in (initial_state(scene), initial_state(scene, turned)):
+            found.update(state.tobytes())
     return found.hexdigest()
 
 
