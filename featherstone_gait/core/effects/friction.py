@@ -42,14 +42,20 @@ def move_friction(friction, s, i, v):
 
 
 @inline
-def friction_rates(friction, s, dy, i, v):
-    """Set the power that friction takes in dy, to which an actuator may add; the torque [N m]."""
+def friction_rates(friction, actuator, s, dy, i, v):
+    """Set the power that friction takes in dy, to which an actuator, if there is one, may add; the torque [N m]."""
     if friction is None:
-        dy[s.o.energy + ENERGIES * i + LOSS] = 0.0 * v
+        _no_loss(actuator, s, dy, i, v)
         return 0.0
     T, _ = friction_torque(friction, i, v)
     dy[s.o.energy + ENERGIES * i + LOSS] = -T * v
     return T
+
+
+@inline
+def _no_loss(actuator, s, dy, i, v):
+    if actuator is not None:
+        dy[s.o.energy + ENERGIES * i + LOSS] = 0.0 * v
 
 
 def explicit_limits(friction):

@@ -55,7 +55,7 @@ def _base_rates(bq, bv, s, dy):
 def _joint_rates(s, dy, i):
     """Torque on the joint; rates of the actuator and of those energies that something changes."""
     v, E = s.y[s.o.qd + i], s.o.energy + ENERGIES * i
-    Tf = friction_rates(s.scene.friction, s, dy, i, v)
+    Tf = friction_rates(s.scene.friction, s.actuator, s, dy, i, v)
     T = with_external(s.tau, i, actuator_rates(s.actuator, s, dy, i, v))
     s.y[s.o.torque + i] = T + 0.0 * v
     dy[E + WORK] = T * v
