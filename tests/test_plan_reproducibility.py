@@ -8,16 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from processors import PROCESSORS
 
-from featherstone_gait.core.compile.jit import instruction_set
 from featherstone_gait.optimize import walking_cost
 from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.walking import BIOLOID_WALK, walking_plan
 
 ROOT = Path(__file__).parents[1]
-# The code that OpenBLAS takes for a processor -> what the processor must have for it.
-CORES = {"Sandybridge": (), "Haswell": ("AVX2", "AVX-512"), "SkylakeX": ("AVX-512",)}
 # Of the humanoid's gait [rad], left leg and right, as first planned with LAPACK and the C library's sine.
 FIRST_POSE = [
     *(-0.055939833, 0.699653712, -0.934890513, 0.235236801, 0.055939833),
@@ -52,10 +50,8 @@ def here():
     return digests()
 
 
-@pytest.mark.parametrize("core", CORES)
+@pytest.mark.parametrize("core", PROCESSORS)
 def test_a_plan_has_the_same_bytes_whatever_the_linear_algebra(core, here):
-    if CORES[core] and instruction_set() not in CORES[core]:
-        pytest.skip(f"this processor cannot run OpenBLAS's code for {core}")
     environment = os.environ | {"OPENBLAS_CORETYPE": core, "PYTHONPATH": str(ROOT)}
     if core == "Sandybridge":  # and of the C library and of NumPy what an old processor gets
         found = np.show_config(mode="dicts")["SIMD Extensions"]["found"]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from processors import PROCESSORS
 from scenes import arm_scene, box_on, thrown
 
 from featherstone_gait.build.scene import compile_scene
@@ -156,9 +157,6 @@ def elsewhere(function, **settings):
 
 def test_compiled_or_not():
     assert elsewhere("digest", NUMBA_DISABLE_JIT="1") == digest()
-
-
-PROCESSORS = ("Haswell", "SkylakeX", "Sandybridge")
 
 
 @pytest.mark.parametrize("processor", PROCESSORS)

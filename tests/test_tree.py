@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from processors import PROCESSORS
 from random_tree import random_tree
 
 import featherstone_gait
@@ -66,7 +67,7 @@ def bounded(model: Model) -> Model:
 
 
 def test_bodies_and_poses_have_the_same_bits_on_any_processor(robot_files):
-    kinds = [{"OPENBLAS_CORETYPE": kind, "NUMBA_DISABLE_JIT": "1"} for kind in ("Haswell", "SkylakeX", "Sandybridge")]
+    kinds = [{"OPENBLAS_CORETYPE": kind, "NUMBA_DISABLE_JIT": "1"} for kind in PROCESSORS]
     digests = {str(settings): computed(robot_files, settings) for settings in [{}, *kinds]}
     assert len(set(digests.values())) == 1, digests
 
