@@ -24,6 +24,7 @@ import numpy as np
 from .core.compile.elementary import SINCOS_LIMIT
 from .fixed_order import applied, product
 from .rotation import dot, rotation_about, rotation_from_rpy, rotation_z_to
+from .shape import Shape
 
 JointType = Literal["revolute", "continuous", "prismatic", "fixed"]
 Base = Literal["fixed", "floating"]
@@ -71,6 +72,18 @@ class Link:
 
 
 @dataclass(frozen=True)
+class Mimic:
+    """A coupling: the joint's position is multiplier * (that of the joint named) + offset."""
+
+    joint: str
+    multiplier: float = _number("finite", "-", 1.0)
+    offset: float = _number("finite", "rad or m", 0.0)
+
+    def __post_init__(self) -> None:
+        _check_numbers(f"mimic of joint {self.joint!r}", self)
+
+
+@dataclass(frozen=True)
 class Joint:
     """A joint from `parent` to `child`; the child's frame sits at the joint."""
 
@@ -87,6 +100,8 @@ class Joint:
     velocity: float = _number(">= 0 or inf", "SI", math.inf, "correct the value")  # [rad/s or m/s]
     damping: float = _number(">= 0", "SI", 0.0, "correct the value")  # [N m s/rad or N s/m]
     friction: float = _number(">= 0", "SI", 0.0, "correct the value")  # Coulomb [N m or N]
+    armature: float = _number(">= 0", "SI", 0.0, "correct the value")  # of the joint alone [kg m^2 or kg]
+    mimic: Mimic | None = None  # the joint that this one follows
 
     def __post_init__(self) -> None:
         what = f"joint {self.name!r}"
@@ -184,13 +199,22 @@ SERVO_UNITS = {
 
 @dataclass(frozen=True)
 class ContactPoint:
-    """A point of a link that can touch the ground."""
+    """What of a link can touch the ground: a point, or the lowest point of a sphere or of a circle.
+
+    Capsules are two spheres, cylinders two circles, boxes and hulls their corners.
+    """
 
     link: str
-    position: tuple[float, float, float]  # [m], link frame
+    position: tuple[float, float, float]  # of the point, or the centre [m], link frame
+    radius: float = _number(">= 0", "m", 0.0, "it is the radius of a sphere")
+    rim: float = _number(">= 0", "m", 0.0, "it is the radius of a circle about the axis")
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)  # of the circle, unit length, link frame
 
     def __post_init__(self) -> None:
-        _check_vector(f"contact point on link {self.link!r}", "position", self.position, 3)
+        what = f"contact point on link {self.link!r}"
+        _check_vector(what, "position", self.position, 3)
+        _check_vector(what, "axis", self.axis, 3)
+        _check_numbers(what, self)
 
 
 @dataclass(frozen=True)
@@ -254,6 +278,7 @@ class Model:
     locked: dict[str, float] = field(default_factory=dict)  # joint name -> position it is held at [rad or m]
     servos: dict[str, Servo] = field(default_factory=dict)  # joint name -> servo
     contacts: tuple[ContactPoint, ...] = ()
+    shapes: tuple[Shape, ...] = ()  # collision shapes
     notes: tuple[str, ...] = ()  # what the reader skipped or changed, one sentence each
     source: str = ""  # file it was read from
 
@@ -551,7 +576,7 @@ def _check_number(what: str, name: str, value: float, rule: str, unit: str, reme
         raise ValueError(f"{what}: {name} is {value!r} [{unit}]; expected {rule}: {remedy}")
 
 
-def _check_numbers(what: str, record: Link | Joint | Gearbox | Controller | Servo | Ground | Spring) -> None:
+def _check_numbers(what: str, record: Any) -> None:
     """Check the fields that are declared by `_number`."""
     for f in fields(record):
         if f.metadata:

@@ -228,7 +228,7 @@ def _joint(element: Element, notes: Counter[str]) -> Joint:
     xyz, rpy = _origin(element, what)
     if kind == "fixed":
         return Joint(name, kind, parent, child, xyz, rpy)
-    motion = {**_limits(element, what, notes), **_numbers(element, what)}
+    motion: dict[str, Any] = {**_limits(element, what, notes), **_numbers(element, what)}
     return Joint(name, kind, parent, child, xyz, rpy, _axis(element, what, notes), **motion)
 
 
