@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from .build.tree import GRAVITY, Tree, compile_tree
 from .core.compile.elementary import SINCOS_LIMIT
 from .core.compile.lanes import WIDTH, aligned
+from .core.effects.touch import FLATNESS
 from .core.tree import batch
 from .core.tree.layout import Motion, Robot
 from .fixed_order import applied, product
@@ -130,13 +131,33 @@ def spring_vectors(model: Model, springs: Sequence[Spring], q: ArrayLike) -> np.
 
 
 def contact_positions(model: Model, q: ArrayLike) -> np.ndarray:
-    """Contact points in the world, (points, 3) or (n, points, 3) [m], in the order of `model.contacts`."""
+    """Contact points in the world, (points, 3) or (n, points, 3) [m], in the order of `model.contacts`.
+
+    Of spheres and discs it is the lowest point.
+    """
     return contact_positions_at(model, forward_kinematics(model, q))
 
 
 def contact_positions_at(model: Model, poses: Poses) -> np.ndarray:
     """The same of poses that are known."""
-    return _points(model, poses, [(point.link, point.position) for point in model.contacts])
+    return deepest_points(model, poses, (0.0, 0.0, 1.0))
+
+
+def deepest_points(model: Model, poses: Poses, normal: ArrayLike) -> np.ndarray:
+    """Where each contact reaches deepest against a normal, (3,) or one for each (..., points, 3): see core's touch."""
+    points = _points(model, poses, [(point.link, point.position) for point in model.contacts])
+    if not any(point.radius or point.rim for point in model.contacts):
+        return points
+    rows = {link.name: k for k, link in enumerate(model.links)}
+    E = poses.rotation[..., [rows[point.link] for point in model.contacts], :, :]
+    a = applied(E, np.array([point.axis for point in model.contacts]))
+    radius, rim = np.array([(point.radius, point.rim) for point in model.contacts]).T[..., None]
+    n = np.broadcast_to(np.asarray(normal, dtype=float), a.shape)
+    across = (a * n).sum(axis=-1, keepdims=True)
+    level = n - across * a
+    thin = FLATNESS**2 * across
+    size = np.sqrt((level * level).sum(axis=-1, keepdims=True) + thin * across)
+    return points - FLATNESS * rim * a - radius * n - rim / size * (level + thin * a)
 
 
 def _points(model: Model, poses: Poses, points: list[tuple[str, Sequence[float]]]) -> np.ndarray:

@@ -217,20 +217,46 @@ class ContactPoint:
         _check_numbers(what, self)
 
 
+@dataclass(frozen=True, eq=False)
+class HeightField:
+    """Heights over a grid; bilinear between its nodes, level beyond its edge."""
+
+    heights: np.ndarray  # (nx, ny) at x = origin[0] + i spacing[0], y = origin[1] + j spacing[1] [m]
+    spacing: tuple[float, float]  # [m]
+    origin: tuple[float, float] = (0.0, 0.0)  # of heights[0, 0], world axes [m]
+
+    def __post_init__(self) -> None:
+        heights = np.array(self.heights, dtype=float)
+        if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
+            raise ValueError(
+                f"height field: heights have shape {heights.shape}; expected finite ones of 2 x 2 nodes or more: "
+                "give an array (nx, ny) [m]"
+            )
+        heights.setflags(write=False)
+        object.__setattr__(self, "heights", heights)
+        _check_vector("height field", "spacing", self.spacing, 2)
+        _check_vector("height field", "origin", self.origin, 2)
+        if not min(self.spacing) > 0:
+            raise ValueError(f"height field: spacing is {self.spacing!r} m; expected > 0: give the distance of nodes")
+
+
 @dataclass(frozen=True)
 class Ground:
     """Ground under the contact points, given as what a person knows; stiffness and damping are worked out in `build/`.
 
-    A robot that stands on all its contact points sinks in by `sinking`.  Steps are vertical rises that begin at a
-    given distance along the slope; their faces push nothing back.
+    A robot that stands on all its contact points sinks in by `sinking`.  The ground is a plane that may be tilted and
+    have steps, or a height field.  Steps are vertical rises that begin at a given distance along the slope, in the
+    direction `heading`; their faces push nothing back.
     """
 
     friction: float = _number(">= 0", "-", 0.95, "0 is ice, 1 is rubber")  # coefficient; SimTwo's default
     sinking: float = _number("> 0", "m", 5e-4, "0.0005 suits a small robot")  # under its weight, on all contact points
     damping_ratio: float = _number(">= 0", "-", 0.7, "0.7 hardly bounces")  # of small motions about rest; 1 = critical
     height: float = _number("finite", "m", 0.0, "0 is the world's origin")  # at the world's origin
-    slope: float = 0.0  # rising along x [rad]
+    slope: float = 0.0  # rising along `heading` [rad]
     steps: tuple[tuple[float, float], ...] = ()  # (distance along the slope, rise) [m]
+    heading: float = _number("finite", "rad", 0.0, "0 is along x")  # of slope and steps, about z from x
+    field: HeightField | None = None  # on a level plane without steps
 
     def __post_init__(self) -> None:
         _check_numbers("ground", self)
@@ -238,8 +264,16 @@ class Ground:
             raise ValueError(
                 f"ground: slope {self.slope!r} rad; it must lie between -pi/2 and pi/2: give it in radians"
             )
+        check_angles("ground", "heading", (self.heading,))
         for step in self.steps:
             _check_vector("ground", "step", step, 2)
+        if self.field is not None and (self.slope or self.steps):
+            raise ValueError("ground: a height field has no slope or steps besides; put them into its heights")
+
+
+def stairs(count: int, depth: float, rise: float, start: float = 0.0) -> tuple[tuple[float, float], ...]:
+    """The steps of a `Ground` that make stairs: `count` rises [m], the first at `start`, `depth` apart [m]."""
+    return tuple((start + k * depth, rise) for k in range(count))
 
 
 @dataclass(frozen=True)

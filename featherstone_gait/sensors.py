@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import dynamics
+from .build.contact import in_world
 from .build.scene import CompiledScene
+from .model import Ground
 from .trajectory import Trajectory
 
 
@@ -77,8 +79,8 @@ def contact_positions(scene: CompiledScene, trajectory: Trajectory) -> np.ndarra
 
 def _point_forces(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:
     """Force on each contact point (samples, points, 3), world axes [N]."""
-    forces = _contact_forces(scene, trajectory)
-    return scene.constants.contact.in_world(forces)
+    forces, ground = _contact_forces(scene, trajectory), scene.ground or Ground()
+    return in_world(ground, forces, contact_positions(scene, trajectory) if ground.field else None)
 
 
 def _contact_forces(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:

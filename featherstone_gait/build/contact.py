@@ -6,14 +6,18 @@ import math
 
 import numpy as np
 
-from ..core.effects.contact import PLANE, POINT, RISE, Contact
-from ..dynamics import contact_positions
+from ..core.effects.contact import POINT, Contact
+from ..core.effects.ground import GRID, PLANE, RISE, Field, Plane, facets
+from ..core.effects.touch import DISC, FLATNESS, Discs, Spheres
+from ..dynamics import contact_positions, deepest_points, forward_kinematics
 from ..elementary import sincos
 from ..fixed_order import applied
-from ..model import Ground, Model
+from ..model import ContactPoint, Ground, HeightField, Model
 from ..rotation import dot
 from .records import fill, records
 from .tree import Tree
+
+CONTACTS = "add contacts to its TOML, or load it with contacts='feet' to take its collision shapes"
 
 
 def build_contact(model: Model, tree: Tree, ground: Ground | None, gravity: np.ndarray) -> Contact | None:
@@ -21,14 +25,15 @@ def build_contact(model: Model, tree: Tree, ground: Ground | None, gravity: np.n
     if ground is None:
         return None
     if not model.contacts:
-        raise ValueError(f"{model.name}: ground without contact points; add contacts to its TOML, or ground=None")
-    plane, g = _plane(ground), math.sqrt(dot(gravity, gravity))
-    if not dot(plane[0].normal, gravity) < 0:
+        raise ValueError(f"{model.name}: ground without contact points; {CONTACTS}, or ground=None")
+    g = math.sqrt(dot(gravity, gravity))
+    if not dot(_normal(ground), gravity) < 0:
         raise ValueError(
             f"{model.name}: ground under gravity {tuple(gravity.tolist())} m/s^2, which presses nothing on it: its "
             "stiffness follows from the robot's weight; give a gravity that points into the ground, or ground=None"
         )
-    return Contact(_points(model, tree, ground, g), plane, _rises(ground))
+    under = _plane(ground) if ground.field is None else _field(ground.field, ground.height)
+    return Contact(_points(model, tree, ground, g), under, _bulge(model, tree))
 
 
 def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:
@@ -41,7 +46,7 @@ def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:
     for row, point in zip(table, contacts):
         place = tree.placements[point.link]
         fill(row, point, ground)
-        row.body, row.position = place.row, place.r + applied(place.E, np.array(point.position))
+        row.body, row.position = place.row, place.r + applied(place.E, _center(point))
         row.stiffness, row.damping = k, 2.0 * ground.damping_ratio / math.sqrt(g * ground.sinking)
         row.tangential_stiffness = k
         row.tangential_damping = 2.0 * max(ground.damping_ratio, 0.1) * math.sqrt(k * share)
@@ -54,31 +59,107 @@ def by_body(model: Model, tree: Tree) -> list[int]:
     return sorted(range(len(rows)), key=rows.__getitem__)
 
 
-def _plane(ground: Ground) -> np.recarray:
+def _center(point: ContactPoint) -> np.ndarray:
+    """Centre in the link's frame [m]: a disc lies within the end of its cylinder, half its thickness deep."""
+    return np.array(point.position) - FLATNESS * point.rim * np.array(point.axis)
+
+
+def _bulge(model: Model, tree: Tree) -> Spheres | Discs | None:
+    """What the contacts are besides points, in the order of the table."""
+    contacts = [model.contacts[k] for k in by_body(model, tree)]
+    if any(point.rim for point in contacts):
+        table = records(len(contacts), DISC)
+        for row, point in zip(table, contacts):
+            fill(row, point)
+            row.axis = applied(tree.placements[point.link].E, np.array(point.axis))
+        return Discs(table)
+    if any(point.radius for point in contacts):
+        return Spheres(np.array([point.radius for point in contacts], dtype=float))
+    return None
+
+
+def _normal(ground: Ground) -> tuple[float, float, float]:
     s, c = sincos(ground.slope)
+    sine, cosine = sincos(ground.heading)
+    return (-s * cosine + 0.0, -s * sine + 0.0, c)  # + 0.0: no negative zeros
+
+
+def _plane(ground: Ground) -> Plane:
+    s, c = sincos(ground.slope)
+    sine, cosine = sincos(ground.heading)
     plane = records(1, PLANE)
-    plane[0].normal, plane[0].first, plane[0].second = (-s, 0.0, c), (c, 0.0, s), (0.0, 1.0, 0.0)
+    plane[0].normal = _normal(ground)
+    plane[0].first, plane[0].second = (c * cosine, c * sine, s), (-sine + 0.0, cosine, 0.0)
     plane[0].height = ground.height * c
-    return plane
-
-
-def _rises(ground: Ground) -> np.recarray:
-    table = records(len(ground.steps), RISE)
-    for row, (start, rise) in zip(table, ground.steps):
+    rises = records(len(ground.steps), RISE)
+    for row, (start, rise) in zip(rises, ground.steps):
         row.start, row.rise = start, rise
-    return table
+    return Plane(plane, rises)
+
+
+def _field(field: HeightField, height: float) -> Field:
+    """The field over the ground's height, its edge repeated once so that no look-up leaves it."""
+    grid, heights = records(1, GRID), np.pad(field.heights + height, 1, mode="edge")
+    grid[0].origin = np.array(field.origin) - field.spacing
+    grid[0].cells = 1.0 / np.array(field.spacing)
+    grid[0].nodes = field.heights.shape
+    grid[0].top = heights.max()
+    grid[0].margin = min(field.spacing)
+    return Field(grid, np.ascontiguousarray(heights).ravel())
+
+
+def ground_under(ground: Ground, points: np.ndarray) -> np.ndarray:
+    """(k, 7) normal, first tangent, and how far each of the points (k, 3) is over the ground, straight up [m]."""
+    points = np.ascontiguousarray(points, dtype=float)
+    out = np.empty((len(points), 7))
+    if ground.field is not None:
+        facets(_field(ground.field, ground.height), points, out)
+        return out
+    plane = _plane(ground)
+    axes = plane.plane[0]
+    rise = (points @ axes.first)[:, None] > plane.steps.start
+    out[:, :3], out[:, 3:6] = axes.normal, axes.first
+    out[:, 6] = (points @ axes.normal - axes.height - rise @ plane.steps.rise) / axes.normal[2]
+    return out
+
+
+def in_world(ground: Ground, forces: np.ndarray, positions: np.ndarray | None) -> np.ndarray:
+    """Forces (..., points, 3) in the ground's axes turned into the world's; only a field asks for positions [m]."""
+    if ground.field is None or positions is None:
+        plane = _plane(ground).plane[0]
+        return forces @ np.stack([plane.normal, plane.first, plane.second])
+    under = ground_under(ground, positions.reshape(-1, 3))
+    n, t = under[:, :3], under[:, 3:6]
+    axes = np.stack([n, t, np.cross(n, t)], axis=1)
+    return np.einsum("kc,kci->ki", forces.reshape(-1, 3), axes).reshape(forces.shape)
 
 
 def standing_height(model: Model, ground: Ground, q: np.ndarray) -> float:
     """Height of the base [m] at which the lowest contact point in the posture q has sunk in by the ground's sinking."""
+    if ground.field is not None:
+        return _height_on_field(model, ground, q)
     clearances = []
     s, c = sincos(ground.slope)
-    for x in contact_positions(model, q):
-        surface = ground.height + s / c * x[0]
-        along = c * x[0] + s * surface
+    sine, cosine = sincos(ground.heading)
+    for x in deepest_points(model, forward_kinematics(model, q), _normal(ground)):
+        ahead = cosine * x[0] + sine * x[1] if ground.heading else x[0]
+        surface = ground.height + s / c * ahead
+        along = c * ahead + s * surface
         rises = sum(rise for start, rise in ground.steps if along > start)
         clearances.append(x[2] - surface - rises / c)
     return -min(clearances) - ground.sinking / c
+
+
+def _height_on_field(model: Model, ground: Ground, q: np.ndarray) -> float:
+    """The same on a field, under which a bulge's normal changes as it is let down: three steps of Newton's method."""
+    q, up = np.array(q, dtype=float), np.array([0.0, 0.0, 1.0])
+    for _ in range(3):
+        poses = forward_kinematics(model, q)
+        normals = ground_under(ground, deepest_points(model, poses, up))[:, :3]
+        under = ground_under(ground, deepest_points(model, poses, normals))
+        lowest = under[:, 6].argmin()
+        q[2] -= under[lowest, 6] + ground.sinking / under[lowest, 2]
+    return float(q[2])
 
 
 def fallen_height(model: Model, fraction: float) -> float:

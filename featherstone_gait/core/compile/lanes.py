@@ -237,6 +237,33 @@ def _overload_sqrt(x):
     return lambda x: _sqrt(x)
 
 
+def gather(table, index):
+    """table[index] of a shared table (n,) at integer-valued, lane by lane different places, all within it."""
+    at = np.asanyarray(index).astype(np.int64)
+    return table[at].view(LaneValue) if at.ndim else table[int(at)]
+
+
+@intrinsic
+def _gather_lanes(typingctx, table, index):
+    def codegen(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        at, result = builder.fptosi(args[1], _INTEGERS), ir.Constant(_VECTOR, ir.Undefined)
+        for k in range(WIDTH):
+            lane = ir.Constant(ir.IntType(32), k)
+            value = builder.load(builder.gep(data, [builder.extract_element(at, lane)]))
+            result = builder.insert_element(result, value, lane)
+        return result
+
+    return signature(Lanes, table, index), codegen
+
+
+@overload(gather)
+def _gather(table, index):
+    if index is Lanes and table.layout == "C":
+        return lambda table, index: _gather_lanes(table, index)
+    return lambda table, index: table[int(index)]
+
+
 def power_of_two(n):
     """2**n for integer-valued n in -1022 ... 1023, exactly."""
     return np.ldexp(1.0, np.asanyarray(n).astype(np.int64))[()]

@@ -9,8 +9,8 @@ In an implicit step both are functions of the velocity u at the end of the subst
 Both are gradients of convex functions as long as mu f_n is that of the last step, which keeps the fold symmetric and
 Newton's iteration safe.  Forces and velocities are in the ground's axes (normal, first, second tangent).
 
-Nothing else knows the shape of what touches: `place_points` says where a point is and how deep, `_frame` the ground's
-axes there.  The functions that a step calls take a `Contact`, or None for a scene without ground.
+What touches is a point, or of a sphere or a circle the point that lies deepest (`touch.py`), against a plane with steps
+or a height field (`ground.py`).  The functions that a step calls take a `Contact`, or None for a scene without ground.
 """
 
 from typing import NamedTuple
@@ -23,6 +23,7 @@ from ..compile.optional import slice_if
 from ..tree.layout import SF, SH, SJ, SM, TOUCH, U, V
 from ..tree.rigid_body import center_velocity, point_position
 from ..tree.spatial import add, cross, dot, load3, scale, store3, sub, vector
+from .ground import AXES, axes_at, deepest, fixed_axes, height_over
 
 POINT = np.dtype(
     [
@@ -36,35 +37,14 @@ POINT = np.dtype(
     ],
     align=True,
 )
-PLANE = np.dtype(
-    [
-        ("normal", np.float64, (3,)),
-        ("first", np.float64, (3,)),  # tangent, along which the steps lie
-        ("second", np.float64, (3,)),  # tangent
-        ("height", np.float64),  # over the origin along the normal [m]
-    ],
-    align=True,
-)
-RISE = np.dtype(
-    [
-        ("start", np.float64),  # distance along the first tangent at which a step begins [m]
-        ("rise", np.float64),  # [m]
-    ],
-    align=True,
-)
 
 
 class Contact(NamedTuple):
     """What can touch what."""
 
     points: np.ndarray  # (points,) POINT
-    plane: np.ndarray  # (1,) PLANE
-    steps: np.ndarray  # (steps,) RISE
-
-    def in_world(self, forces):
-        """Forces (..., points, 3) in the ground's axes turned into the world's; a plane's are the same everywhere."""
-        plane = self.plane[0]
-        return forces @ np.stack([plane.normal, plane.first, plane.second])
+    ground: tuple  # one of the kinds in ground.py
+    bulge: tuple | None  # one of the kinds in touch.py; None where all are points
 
 
 # Columns of the scratch `C`, one row a point.
@@ -81,33 +61,16 @@ FL = 17  # 3: forces of the linear model at the velocities that its solution gav
 UN = 20  # 3: those velocities
 RHO = 23  # 3: generalised inertial forces at UK (see step/newton.py)
 LIMIT = 26  # largest friction force of the step [N]
-SCRATCH = 27
+SCRATCH = AXES + 9  # AXES, 9: of a height field normal, first and second tangent under the point
 
 
-# ---------------------------------------------------------------------------------------------- shape
-
-
-@inline
-def _frame(contact):
-    """Normal, first and second tangent of the ground."""
-    plane = contact.plane[0]
-    return vector(plane.normal), vector(plane.first), vector(plane.second)
-
-
-@inline
-def ground_height(contact, along):
-    """Height of the ground along its normal [m] at the distance along its first tangent [m]."""
-    height = contact.plane[0].height + 0.0 * along
-    for k in range(len(contact.steps)):
-        height = select(along > contact.steps[k].start, height + contact.steps[k].rise, height)
-    return height
+# ---------------------------------------------------------------------------------------------- place
 
 
 @inline
 def above_ground(contact, x):
     """How far the point x lies over the ground, along its normal [m]."""
-    n, t, _ = _frame(contact)
-    return dot(n, x) - ground_height(contact, dot(t, x))
+    return height_over(contact.ground, x)
 
 
 @kernel
@@ -119,25 +82,19 @@ def place_points(contact, s, ahead):
     """
     W, C = s.W, s.C
     base_q = slice_if(s.scene.floating, s.y, s.o.base_q, 7)
-    n, t, second = _frame(contact)
-    base = dot(n, load3(W, 0, V + 3))
+    plane = fixed_axes(contact.ground)
     for c in range(len(contact.points)):
         point = contact.points[c]
         i = point.body
-        x = point_position(i, vector(point.position), W)
+        center = point_position(i, vector(point.position), W)
+        x, depth = deepest(contact.ground, contact.bulge, plane, c, i, center, base_q, W, C)
+        n, t, second = axes_at(contact.ground, plane, c, C)
         v = center_velocity(i, x, W)
         store3(C, c, XP, x)
         u = (dot(n, v), dot(t, v), dot(second, v))
         store3(C, c, U0, u)
         store3(C, c, UK, u)
-        C[c, DEPTH] = _depth(contact, base_q, x, n, t) + ahead * (u[0] - base)
-
-
-@inline
-def _depth(contact, base_q, x, n, t):
-    if base_q is not None:
-        x = add(x, vector(base_q))
-    return ground_height(contact, dot(t, x)) - dot(n, x)
+        C[c, DEPTH] = depth + ahead * (u[0] - dot(n, load3(W, 0, V + 3)))
 
 
 # ---------------------------------------------------------------------------------------------- law
@@ -249,7 +206,7 @@ def fold_contacts(contact, s, h):
 
 @kernel
 def _fold_all(contact, tree, h, W, C):
-    frame = _frame(contact)
+    plane = fixed_axes(contact.ground)
     for c in range(len(contact.points)):
         i = contact.points[c].body
         k = tree[i].contact
@@ -258,7 +215,7 @@ def _fold_all(contact, tree, h, W, C):
                 W[k, j] = 0.0
         on = (C[c, FK] > 0.0) | (C[c, CN] > 0.0) | (C[c, LIMIT] > 0.0)
         if any_lane(on):
-            _fold(c, k, on, frame, h, W, C)
+            _fold(c, k, on, axes_at(contact.ground, plane, c, C), h, W, C)
 
 
 @inline
@@ -305,9 +262,10 @@ def _put(W, k, on, column, values):
 @kernel
 def _solved(contact, s):
     W, C, h = s.W, s.C, s.sub
-    n, t, second = _frame(contact)
+    plane = fixed_axes(contact.ground)
     for c in range(len(contact.points)):
         i = contact.points[c].body
+        n, t, second = axes_at(contact.ground, plane, c, C)
         p = load3(C, c, XP)
         a = add(load3(W, i, U + 3), cross(load3(W, i, U), p))
         u = add(load3(C, c, U0), (h * dot(n, a), h * dot(t, a), h * dot(second, a)))

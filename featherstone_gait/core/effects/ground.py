@@ -1,0 +1,240 @@
+"""The ground: a plane that may be tilted and have steps, or a height field.
+
+Each kind says where what can touch is deepest, and the axes there: normal, first and second tangent.
+
+A height field is bilinear between the nodes of a grid, but for a strip along the lines of the grid in which its slope
+goes over from one cell's to the next's: bilinear interpolation smoothed by a box of the width `BLEND` of a cell.  So
+its normal is continuous, and the force along it does no work on a closed path.  Beyond the grid it goes on level.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compile.by_type import NoneType, by_type
+from ..compile.jit import entry, inline
+from ..compile.lanes import any_lane, clamp, gather, select, sqrt
+from ..tree.spatial import add, cross, dot, load3, store3, vector
+from .touch import deepest_point, reach
+
+PLANE = np.dtype(
+    [
+        ("normal", np.float64, (3,)),
+        ("first", np.float64, (3,)),  # tangent, along which the steps lie
+        ("second", np.float64, (3,)),  # tangent
+        ("height", np.float64),  # over the origin along the normal [m]
+    ],
+    align=True,
+)
+RISE = np.dtype(
+    [
+        ("start", np.float64),  # distance along the first tangent at which a step begins [m]
+        ("rise", np.float64),  # [m]
+    ],
+    align=True,
+)
+GRID = np.dtype(
+    [
+        ("origin", np.float64, (2,)),  # x and y one cell before the first node [m]
+        ("cells", np.float64, (2,)),  # 1 / spacing [1/m]
+        ("nodes", np.float64, (2,)),  # along x and y
+        ("top", np.float64),  # no height is above it [m]
+        ("margin", np.float64),  # what lies higher above the top is far away [m]
+    ],
+    align=True,
+)
+BLEND = 0.25  # of a cell, over which its slope goes over into the next one's
+AXES = 27  # 9 columns of the contacts' scratch (see contact.py): normal, first and second tangent of a field
+_ROUND = 1.5 * 2.0**52  # added and taken away it rounds to an integer
+
+
+class Plane(NamedTuple):
+    """A plane with steps."""
+
+    plane: np.ndarray  # (1,) PLANE
+    steps: np.ndarray  # (steps,) RISE
+
+
+class Field(NamedTuple):
+    """A height field."""
+
+    grid: np.ndarray  # (1,) GRID
+    heights: np.ndarray  # (nodes + 2 along x times nodes + 2 along y,) those at the edge repeated once [m]
+
+
+@by_type
+def fixed_axes(ground):
+    """Normal, first and second tangent where they are the same everywhere, else None."""
+
+
+@fixed_axes.of(Plane)
+def _plane_axes(ground):
+    plane = ground.plane[0]
+    return vector(plane.normal), vector(plane.first), vector(plane.second)
+
+
+@fixed_axes.of(Field)
+def _no_axes(ground):
+    return None
+
+
+@by_type
+def axes_at(ground, fixed, c, C):
+    """The axes at the contact c, which `deepest` has placed; fixed those of `fixed_axes`."""
+
+
+@axes_at.of(Plane)
+def _same_axes(ground, fixed, c, C):
+    return fixed
+
+
+@axes_at.of(Field)
+def _stored_axes(ground, fixed, c, C):
+    return load3(C, c, AXES), load3(C, c, AXES + 3), load3(C, c, AXES + 6)
+
+
+@by_type
+def deepest(ground, bulge, fixed, c, i, center, base_q, W, C):
+    """The point of the contact c of body i that lies deepest, common frame [m], and how deep [m]."""
+
+
+@deepest.of(Plane)
+def _deepest_on_plane(ground, bulge, fixed, c, i, center, base_q, W, C):
+    n, t, _ = fixed
+    x = deepest_point(bulge, c, i, center, n, W)
+    at = _in_world(base_q, x)
+    return x, ground_height(ground, dot(t, at)) - dot(n, at)
+
+
+@deepest.of(Field)
+def _deepest_on_field(ground, bulge, fixed, c, i, center, base_q, W, C):
+    """Far above the top it is the depth under a level plane there: nothing is looked up where no lane is near."""
+    grid, up = ground.grid[0], (0.0 * center[0], 0.0 * center[0], 1.0 + 0.0 * center[0])
+    at = _in_world(base_q, center)
+    depth = grid.top - (at[2] - reach(bulge, c))
+    x, n, t = deepest_point(bulge, c, i, center, up, W), up, (up[2], up[0], up[0])
+    near = depth > -grid.margin
+    if any_lane(near):
+        x1, depth1, n1, t1 = _on_facet(bulge, ground, c, i, center, base_q, W)
+        x, n, t = _either(near, x1, x), _either(near, n1, n), _either(near, t1, t)
+        depth = select(near, depth1, depth)
+    store3(C, c, AXES, n)
+    store3(C, c, AXES + 3, t)
+    store3(C, c, AXES + 6, cross(n, t))
+    return x, depth
+
+
+@inline
+def _either(mask, a, b):
+    return (select(mask, a[0], b[0]), select(mask, a[1], b[1]), select(mask, a[2], b[2]))
+
+
+@inline
+def _in_world(base_q, x):
+    if base_q is not None:
+        x = add(x, vector(base_q))
+    return x
+
+
+@by_type
+def _on_facet(bulge, ground, c, i, center, base_q, W):
+    """The deepest point, its depth along the normal under it, that normal and the first tangent."""
+
+
+@_on_facet.of(NoneType)
+def _point_on_facet(bulge, ground, c, i, center, base_q, W):
+    n, t, over = _facet(ground, _in_world(base_q, center))
+    return center, -over * n[2], n, t
+
+
+@_on_facet.otherwise
+def _bulge_on_facet(bulge, ground, c, i, center, base_q, W):
+    """The ground under the point that is deepest as seen from the centre has the tangent plane that counts."""
+    n, _, _ = _facet(ground, _in_world(base_q, center))
+    guess = deepest_point(bulge, c, i, center, n, W)
+    n, t, over = _facet(ground, _in_world(base_q, guess))
+    x = deepest_point(bulge, c, i, center, n, W)
+    away = (x[0] - guess[0], x[1] - guess[1], x[2] - guess[2])
+    return x, -(over * n[2] + dot(n, away)), n, t
+
+
+@inline
+def _facet(field, x):
+    """Normal and first tangent of the field under the point x, and how far x is above it, straight up [m]."""
+    h, hx, hy = surface(field, x[0], x[1])
+    r = 1.0 / sqrt(1.0 + hx * hx + hy * hy)
+    k = 1.0 / sqrt(1.0 + hx * hx)
+    return (-hx * r, -hy * r, r), (k, 0.0 * k, hx * k), x[2] - h
+
+
+@inline
+def surface(field, x, y):
+    """Height [m] of a field at x and y [m], and its slopes along them."""
+    grid = field.grid[0]
+    i, a, da = _stencil((x - grid.origin[0]) * grid.cells[0], grid.nodes[0])
+    j, b, db = _stencil((y - grid.origin[1]) * grid.cells[1], grid.nodes[1])
+    width, h, hx, hy = grid.nodes[1] + 2.0, 0.0 * x, 0.0 * x, 0.0 * x
+    for k in range(3):
+        row = (i + (k - 1.0)) * width + j
+        low, at, high = gather(field.heights, row - 1.0), gather(field.heights, row), gather(field.heights, row + 1.0)
+        along = b[0] * low + b[1] * at + b[2] * high
+        h = h + a[k] * along
+        hx = hx + da[k] * along
+        hy = hy + a[k] * (db[0] * low + db[1] * at + db[2] * high)
+    return h, hx * grid.cells[0], hy * grid.cells[1]
+
+
+@inline
+def _stencil(u, nodes):
+    """The nearest node, the weights of it and its neighbours, and their derivatives by u [cells]."""
+    last = nodes + 0.25
+    u = select(u > 0.75, select(u < last, u, last), 0.75)  # NaN is not greater either
+    i = (u + _ROUND) - _ROUND
+    v = u - i
+    up, d_up = _ramp(v)
+    down, d_down = _ramp(-v)
+    return i, (down, 1.0 - up - down, up), (-d_down, d_down - d_up, d_up)
+
+
+@inline
+def _ramp(v):
+    """max(v, 0) smoothed over the width BLEND, and its slope."""
+    inside = clamp(v + 0.5 * BLEND, 0.0, BLEND)
+    beyond = clamp(v - 0.5 * BLEND, 0.0, 1.0)
+    return inside * inside * (0.5 / BLEND) + beyond, inside * (1.0 / BLEND)
+
+
+@inline
+def ground_height(ground, along):
+    """Height of a plane with its steps along its normal [m] at the distance along its first tangent [m]."""
+    height = ground.plane[0].height + 0.0 * along
+    for k in range(len(ground.steps)):
+        height = select(along > ground.steps[k].start, height + ground.steps[k].rise, height)
+    return height
+
+
+@by_type
+def height_over(ground, x):
+    """How far the point x lies over the ground, along its normal [m]."""
+
+
+@height_over.of(Plane)
+def _over_plane(ground, x):
+    n, t, _ = fixed_axes(ground)
+    return dot(n, x) - ground_height(ground, dot(t, x))
+
+
+@height_over.of(Field)
+def _over_field(ground, x):
+    n, _, over = _facet(ground, x)
+    return over * n[2]
+
+
+@entry
+def facets(field, points, out):
+    """Fill out (k, 7): normal, first tangent and height over the field of each point (k, 3)."""
+    for k in range(len(points)):
+        n, t, over = _facet(field, (points[k, 0], points[k, 1], points[k, 2]))
+        store3(out, k, 0, n)
+        store3(out, k, 3, t)
+        out[k, 6] = over

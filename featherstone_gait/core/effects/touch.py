@@ -1,0 +1,89 @@
+"""What of a body touches: a point, or the deepest point of a sphere or of a disc.
+
+Against a plane of normal n the deepest point of a convex body is that of its support in the direction -n.  Of a sphere
+of radius r about the centre it lies r n below.  A disc is an ellipsoid of semi-axes R, R, e R about its axis a, widened
+by r: below by
+
+    r n + R (n - (1 - e^2) (n.a) a) / sqrt(|n - (n.a) a|^2 + e^2 (n.a)^2).
+
+That point moves over the body as the body turns; what moves with the body there has the velocity that friction sees, so
+that spheres and wheels roll, and the depth changes by that velocity along n alone, so that rolling does no work.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compile.by_type import NoneType, by_type
+from ..compile.lanes import sqrt
+from ..tree.layout import R
+from ..tree.spatial import add, dot, load9, rotate, scale, sub, vector
+
+DISC = np.dtype(
+    [
+        ("radius", np.float64),  # r of the sphere, or by which the disc is widened [m]
+        ("rim", np.float64),  # R of the disc [m]
+        ("axis", np.float64, (3,)),  # of the disc, body's frame
+    ],
+    align=True,
+)
+FLATNESS = 1e-2  # e: thickness of a disc by its radius
+
+
+class Spheres(NamedTuple):
+    """Spheres and points."""
+
+    radius: np.ndarray  # (points,) [m]
+
+
+class Discs(NamedTuple):
+    """Discs, spheres and points."""
+
+    disc: np.ndarray  # (points,) DISC
+
+
+@by_type
+def deepest_point(bulge, c, i, center, n, W):
+    """Where the body i's contact c about the centre [m] reaches deepest against the normal n [m]."""
+
+
+@deepest_point.of(NoneType)
+def _point(bulge, c, i, center, n, W):
+    return center
+
+
+@deepest_point.of(Spheres)
+def _sphere(bulge, c, i, center, n, W):
+    return sub(center, scale(n, bulge.radius[c]))
+
+
+@deepest_point.of(Discs)
+def _disc(bulge, c, i, center, n, W):
+    d = bulge.disc[c]
+    a = rotate(load9(W, i, R), vector(d.axis))
+    across = dot(a, n)
+    level = sub(n, scale(a, across))
+    thin = FLATNESS * FLATNESS * across
+    size = sqrt(dot(level, level) + thin * across)
+    below = add(scale(n, d.radius), scale(add(level, scale(a, thin)), d.rim / size))
+    return sub(center, below)
+
+
+@by_type
+def reach(bulge, c):
+    """How far from its centre the contact c can touch [m]."""
+
+
+@reach.of(NoneType)
+def _reach_of_point(bulge, c):
+    return 0.0
+
+
+@reach.of(Spheres)
+def _reach_of_sphere(bulge, c):
+    return bulge.radius[c]
+
+
+@reach.of(Discs)
+def _reach_of_disc(bulge, c):
+    return bulge.disc[c].radius + bulge.disc[c].rim
