@@ -38,7 +38,7 @@ from ..core.step.context import Run, Step
 from ..core.step.newton import solve_step
 from ..core.tree.aba import aba
 from ..core.tree.layout import Motion, Robot
-from ..model import Ground, Joint, Model
+from ..model import Ground, HeightField, Joint, Model
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..run.prepared import prepare, with_steps
@@ -452,7 +452,25 @@ def savings() -> Iterator[tuple[str, Work, Work, str]]:
     high = standing.copy()
     high[over.layout["base_q"] + 2] += 10.0
     yield "no ground (humanoid)", flying, _rollout(over, standing), f"{len(body.contacts)} points, standing"
-    yield "nothing near the ground (humanoid)", _rollout(over, high), _rollout(over, standing), "same kernel"
+    plane = _rollout(over, standing)
+    yield "nothing near the ground (humanoid)", _rollout(over, high), plane, "same kernel"
+    balls = _rollout(*_standing(_reshaped(body, radius=1e-3), Ground()))
+    yield "no round contacts (humanoid)", plane, balls, "points and spheres"
+    yield "no wheels (humanoid)", balls, _rollout(*_standing(_reshaped(body, rim=1e-3), Ground())), "spheres and discs"
+    field, level = _standing(body, Ground(field=HeightField(np.zeros((20, 20)), (0.1, 0.1), (-1.0, -1.0))))
+    high = level.copy()
+    high[field.layout["base_q"] + 2] += 10.0
+    yield "no height field (humanoid)", plane, _rollout(field, level), "level, 400 nodes"
+    yield "nothing near the height field (humanoid)", _rollout(field, high), _rollout(field, level), "same kernel"
+
+
+def _reshaped(model: Model, **round_: float) -> Model:
+    return replace(model, contacts=tuple(replace(point, **round_) for point in model.contacts))
+
+
+def _standing(model: Model, ground: Ground) -> tuple[CompiledScene, np.ndarray]:
+    scene = _compiled(model, ground=ground)
+    return scene, standing_state(scene, np.zeros(scene.tree.n))
 
 
 def _changed(model: Model, joint: Joint, **changes: Any) -> Model:
