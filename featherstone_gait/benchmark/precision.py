@@ -29,7 +29,7 @@ from tqdm import tqdm
 from ..build.scene import CompiledScene, compile_scene
 from ..core.integrate import INTEGRATORS
 from ..files import complete, read_csv
-from ..model import Ground, Joint, Link, Model, Spring
+from ..model import ContactPoint, Ground, HeightField, Joint, Link, Model, Spring
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..run.prepared import prepare, with_tolerance
@@ -234,6 +234,7 @@ def problems() -> list[Problem]:
         geared_arm(),
         flying(),
         *humanoids(),
+        rolling_ball(),
         free_box("simple"),
         free_box("complex"),
         pendulum(),
@@ -304,6 +305,20 @@ def humanoids() -> list[Problem]:
     walks = Problem("humanoid, walking a stride", cost.scene.model, scene, cost.gait.period, lambda _: start,
                     reference=stride, **common)  # fmt: skip
     return [stands, walks]
+
+
+def rolling_ball() -> Problem:
+    """A ball of 0.1 m rolls over the waves of a height field of 5 cm cells for a second."""
+    inertia = 0.4 * 0.1**2
+    ball = Link("ball", 1.0, (0.0, 0.0, 0.0), (inertia, 0.0, 0.0, inertia, 0.0, inertia))
+    model = Model("ball", (ball,), (), "floating", contacts=(ContactPoint("ball", (0.0, 0.0, 0.0), radius=0.1),))
+    x = np.arange(-1.0, 1.0, 0.05)
+    field = HeightField(0.02 * np.sin(4.0 * x[:, None]) * np.cos(3.0 * x[None, :]), (0.05, 0.05), (-1.0, -1.0))
+    scene = {"ground": Ground(friction=5.0, field=field), "fall_height": -1e6, "fall_tilt": 3.2}
+    how = {"implicit_euler": 2e-5, "midpoint": 2e-5, "rk4": 2e-5, "extrapolation": 1e-9}
+    return Problem("ball rolling over waves", model, scene, 1.0,
+                   lambda s: initial_state(s, None, [0.3, 0.1, 0.0, -1.0, 3.0, 0.0]), how, sample=0.01,
+                   finest=1e-10)  # fmt: skip
 
 
 BOX = (1.0, 4.0, 9.0)  # edges [m]
