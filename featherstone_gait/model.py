@@ -208,7 +208,8 @@ class ContactPoint:
     position: tuple[float, float, float]  # of the point, or the centre [m], link frame
     radius: float = _number(">= 0", "m", 0.0, "it is the radius of a sphere")
     rim: float = _number(">= 0", "m", 0.0, "it is the radius of a circle about the axis")
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)  # of the circle, unit length, link frame
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)  # of the circle, out of the cylinder, unit length, link frame
+    carries: bool = True  # at rest; the ground is as stiff as the weight on those that do asks for
 
     def __post_init__(self) -> None:
         what = f"contact point on link {self.link!r}"
@@ -244,13 +245,13 @@ class HeightField:
 class Ground:
     """Ground under the contact points, given as what a person knows; stiffness and damping are worked out in `build/`.
 
-    A robot that stands on all its contact points sinks in by `sinking`.  The ground is a plane that may be tilted and
-    have steps, or a height field.  Steps are vertical rises that begin at a given distance along the slope, in the
-    direction `heading`; their faces push nothing back.
+    A robot that stands on all contact points that carry it sinks in by `sinking`.  The ground is a plane that may be
+    tilted and have steps, or a height field.  Steps are vertical rises that begin at a given distance along the slope,
+    in the direction `heading`; their faces push nothing back.
     """
 
     friction: float = _number(">= 0", "-", 0.95, "0 is ice, 1 is rubber")  # coefficient; SimTwo's default
-    sinking: float = _number("> 0", "m", 5e-4, "0.0005 suits a small robot")  # under its weight, on all contact points
+    sinking: float = _number("> 0", "m", 5e-4, "0.0005 suits a small robot")  # under the weight it carries
     damping_ratio: float = _number(">= 0", "-", 0.7, "0.7 hardly bounces")  # of small motions about rest; 1 = critical
     height: float = _number("finite", "m", 0.0, "0 is the world's origin")  # at the world's origin
     slope: float = 0.0  # rising along `heading` [rad]

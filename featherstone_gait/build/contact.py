@@ -40,7 +40,7 @@ def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:
     """Stiffness and damping from sinking and damping ratio: k = m g / (N sinking), and for small motions about rest
     c = 2 zeta sqrt(k m / N), which Hunt and Crossley's law has at its static depth for d = 2 zeta / sqrt(g sinking)."""
     contacts = [model.contacts[k] for k in by_body(model, tree)]
-    share = model.mass / len(contacts)
+    share = model.mass / (sum(point.carries for point in contacts) or len(contacts))
     k = share * g / ground.sinking
     table = records(len(contacts), POINT)
     for row, point in zip(table, contacts):

@@ -71,13 +71,23 @@ def vector(table: Mapping[str, Any], key: str, what: str) -> tuple[float, ...]:
     return tuple(real(x, f"{what}: {key}") for x in value)
 
 
+def truth(table: Mapping[str, Any], key: str, what: str) -> bool:
+    """The truth value under a key.  Raises ValueError for anything else."""
+    value = table.get(key)
+    if not isinstance(value, bool):
+        raise ValueError(f"{what}: {key} is {value!r}; expected true or false: write it without quotes")
+    return value
+
+
 # How to read a field of a dataclass, by its type as `fields` gives it.
 Reader = Callable[[Mapping[str, Any], str, str], Any]
-READ: dict[str, Reader] = {"str": string, "float": number, "tuple[float, float, float]": vector}
+READ: dict[str, Reader] = {"str": string, "bool": truth, "float": number, "tuple[float, float, float]": vector}
 
 
 def written(value: str | float | tuple[float, ...]) -> str:
     """A text, a number or numbers as TOML that reads back the same."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)  # printable text needs no escapes but JSON's
     if isinstance(value, tuple):
