@@ -464,7 +464,7 @@ def savings() -> Iterator[tuple[str, Work, Work, str]]:
     yield "nothing near the height field (humanoid)", _rollout(field, high), _rollout(field, level), "same kernel"
 
 
-def _reshaped(model: Model, **round_: float) -> Model:
+def _reshaped(model: Model, **round_: Any) -> Model:
     return replace(model, contacts=tuple(replace(point, **round_) for point in model.contacts))
 
 
