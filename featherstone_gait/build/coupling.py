@@ -37,13 +37,15 @@ def followed(coupling: np.recarray | None, joints: np.ndarray) -> np.ndarray:
 
 def check_followers(model: Model, coupling: np.recarray | None, q: np.ndarray, qd: np.ndarray) -> None:
     """Raise ValueError unless followers have the positions q (n,) and rates qd (n,) that their leaders ask for."""
+    if coupling is None:
+        return
     names = model.joint_names
-    for k in () if coupling is None else coupling:
+    for k in coupling:
         for what, unit, x, offset in (("q", "", q, k.offset), ("qd", "/s", qd, 0.0)):
             wanted = k.multiplier * x[k.leader_dof] + offset
             if not abs(x[k.dof] - wanted) <= AGREEMENT * max(1.0, abs(wanted)):
                 kind = "m" if model.moving_joints[k.dof].type == "prismatic" else "rad"
                 raise ValueError(
-                    f"{model.name}: {what} of joint {names[k.dof]} is {x[k.dof]:.17g} {kind}{unit}, but it follows "
-                    f"{names[k.leader_dof]}: give {wanted:.17g} {kind}{unit}, or another {what} of the latter"
+                    f"{model.name}: {what} of joint {names[k.dof]} is {float(x[k.dof])!r} {kind}{unit}, but it follows "
+                    f"{names[k.leader_dof]}: give {float(wanted)!r} {kind}{unit}, or another {what} of the latter"
                 )
