@@ -12,9 +12,11 @@ from . import renamed
 if TYPE_CHECKING:  # what `__getattr__` finds
     from .build.scene import CompiledScene as CompiledScene
     from .build.scene import compile_scene as compile_scene
+    from .dynamics import Coupling as Coupling
     from .dynamics import Poses as Poses
     from .dynamics import center_of_mass as center_of_mass
     from .dynamics import contact_positions as contact_positions
+    from .dynamics import coupling_matrix as coupling_matrix
     from .dynamics import energy as energy
     from .dynamics import forward_dynamics as forward_dynamics
     from .dynamics import forward_kinematics as forward_kinematics
@@ -52,9 +54,11 @@ __version__ = "0.2.0.dev0"
 
 _MODULES = {
     "dynamics": (
+        "Coupling",
         "Poses",
         "center_of_mass",
         "contact_positions",
+        "coupling_matrix",
         "energy",
         "forward_dynamics",
         "forward_kinematics",

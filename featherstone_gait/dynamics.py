@@ -21,7 +21,7 @@ from .core.effects.touch import FLATNESS
 from .core.tree import batch
 from .core.tree.layout import Motion, Robot
 from .fixed_order import applied, product
-from .model import Model, Spring, check_springs
+from .model import Model, Spring, check_springs, leader_of
 
 Wrench = Mapping[str, ArrayLike]  # by link: see `forward_dynamics`
 
@@ -45,6 +45,9 @@ def forward_dynamics(
 ) -> np.ndarray:
     """Accelerations that forces cause (ABA, RBDA section 7.3).
 
+    Those of joints that follow others (`Joint.mimic`) are multiplier times their leaders': G (G' M G)^-1 G' (tau - c),
+    G of `coupling_matrix`, c the bias forces at the q and qd given, whether these agree with the couplings or not.
+
     Parameters
     ----------
     q : (nq,) or (n, nq) positions [rad, m]
@@ -58,7 +61,8 @@ def forward_dynamics(
     Returns qdd (nv,) or (n, nv) [rad/s^2, m/s^2].  Raises ValueError on wrong shapes and non-finite values.
     """
     x = _arguments(model, q=q, qd=qd, tau=tau)
-    out = _solve(model, batch.aba_rows, batch.aba_lanes, x, wrench, _robot(model, armature, gravity))
+    robot = _robot(model, armature, gravity)._replace(coupling=compile_tree(model).coupling)
+    out = _solve(model, batch.aba_rows, batch.aba_lanes, x, wrench, robot)
     return _shaped(out, q, qd, tau)
 
 
@@ -72,18 +76,46 @@ def inverse_dynamics(
     armature: ArrayLike | None = None,
     gravity: ArrayLike = GRAVITY,
 ) -> np.ndarray:
-    """Generalised forces (nv,) or (n, nv) that a motion takes (RNEA, RBDA Table 5.1); arguments as above."""
+    """Generalised forces (nv,) or (n, nv) that a motion takes (RNEA, RBDA Table 5.1); arguments as above.
+
+    They are those of the joints without couplings: what drives the independent ones is G' tau, G of `coupling_matrix`.
+    """
     x = _arguments(model, q=q, qd=qd, qdd=qdd)
     out = _solve(model, batch.rnea_rows, batch.rnea_lanes, x, wrench, _robot(model, armature, gravity))
     return _shaped(out, q, qd, qdd)
 
 
 def mass_matrix(model: Model, q: ArrayLike, *, armature: ArrayLike | None = None) -> np.ndarray:
-    """Joint-space inertia matrix (nv, nv) or (n, nv, nv) [kg m^2, kg m, kg] (CRBA, RBDA Table 6.2)."""
+    """Joint-space inertia matrix (nv, nv) or (n, nv, nv) [kg m^2, kg m, kg] (CRBA, RBDA Table 6.2).
+
+    It is that of the joints without couplings: of the independent ones it is G' M G, G of `coupling_matrix`.
+    """
     tree, x = compile_tree(model), _arguments(model, q=q)
     H = np.zeros((len(x["q"]), model.nv, model.nv))
     batch.crba_rows(_robot(model, armature, np.zeros(3)), _still(tree, x["q"]), _work(tree), H)
     return _shaped(H, q)
+
+
+class Coupling(NamedTuple):
+    """How all joints follow from the independent ones, those that follow no other."""
+
+    matrix: np.ndarray  # (nv, m): velocities qd = matrix @ (of the base and of the independent joints, in file order)
+    offset: np.ndarray  # (joints,) positions = matrix of the joints @ (those of the independent ones) + offset [rad, m]
+
+
+def coupling_matrix(model: Model) -> Coupling:
+    """Matrix G (nv, m) and offset (joints,) of the joints that follow others; of a robot without any G is the identity.
+
+    G' M G and G' c are mass matrix and bias forces of the motion that is left.
+    """
+    joints, base = model.moving_joints, model.nv - len(model.moving_joints)
+    leaders = [leader_of(model, joint) for joint in joints]
+    free = [joint for joint, leader in zip(joints, leaders) if leader.joint is joint]
+    G = np.zeros((model.nv, base + len(free)))
+    G[:base, :base] = np.eye(base)
+    for k, leader in enumerate(leaders):
+        G[base + k, base + free.index(leader.joint)] = leader.multiplier
+    return Coupling(G, np.array([leader.offset for leader in leaders]))
 
 
 def energy(

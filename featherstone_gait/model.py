@@ -322,6 +322,7 @@ class Model:
         _check_choice(f"robot {self.name!r}", "base", self.base, ("fixed", "floating"))
         check_tree(self.links, self.joints)
         check_locked(self.joints, self.locked)
+        check_mimics(self.joints)
         check_servos(self.joints, self.servos)
         check_contacts(self.links, self.contacts)
         _check_bodies(self)
@@ -333,8 +334,21 @@ class Model:
 
     @property
     def moving_joints(self) -> tuple[Joint, ...]:
-        """The joints that have a coordinate, in file order."""
-        return tuple(j for j in self.joints if j.type != "fixed" and j.name not in self.locked)
+        """The joints that have a coordinate, in file order; those that follow another one too."""
+        held = self.held
+        return tuple(j for j in self.joints if j.type != "fixed" and j.name not in held)
+
+    @property
+    def held(self) -> dict[str, float]:
+        """Joints that could move but do not, and where they are held [rad or m]: the locked ones and what follows
+        a joint that is locked or fixed, or follows with the multiplier 0."""
+        held = dict(self.locked)
+        for joint in self.joints:
+            if joint.mimic is not None and joint.type != "fixed" and joint.name not in held:
+                head, k, offset = leader_of(self, joint)
+                if k == 0 or head.type == "fixed" or head.name in self.locked:
+                    held[joint.name] = k * self.locked.get(head.name, 0.0) + offset
+        return held
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -409,6 +423,45 @@ def check_locked(joints: Iterable[Joint], locked: dict[str, float]) -> None:
                 f"locked joint {name!r}: position {position!r} is outside its limits "
                 f"{joint.lower!r} to {joint.upper!r}; hold it at a position between them"
             )
+
+
+class Leader(NamedTuple):
+    """What a joint follows at the end of all chains: its position is multiplier * (that of the leader) + offset."""
+
+    joint: Joint
+    multiplier: float  # [-, m/rad or rad/m]
+    offset: float  # [rad or m]
+
+
+def leader_of(model: Model, joint: Joint) -> Leader:
+    """The leader of a joint: a joint that follows none, or that is fixed or locked; it may be the joint itself."""
+    by_name = {joint.name: joint for joint in model.joints}
+    k, offset = 1.0, 0.0
+    while joint.mimic is not None and joint.type != "fixed" and joint.name not in model.locked:
+        offset += k * joint.mimic.offset
+        k *= joint.mimic.multiplier
+        joint = by_name[joint.mimic.joint]
+    return Leader(joint, k, offset)
+
+
+def check_mimics(joints: Iterable[Joint]) -> None:
+    """Raise ValueError unless every joint that follows one follows a joint that there is, and none itself."""
+    leaders = {joint.name: joint.mimic.joint if joint.mimic else None for joint in joints}
+    for name, leader in leaders.items():
+        path = [name]
+        while leader is not None:
+            if leader not in leaders:
+                raise ValueError(
+                    f"joint {path[-1]!r}: it follows {leader!r}, and there is no such joint; joints are "
+                    f"{_listed(leaders)}: correct the name in its mimic"
+                )
+            if leader in path:
+                circle = path[path.index(leader) :]
+                raise ValueError(
+                    f"joints {_listed(circle)} follow each other in a circle; one must be free: remove its mimic"
+                )
+            path.append(leader)
+            leader = leaders[leader]
 
 
 def check_servos(joints: Iterable[Joint], servos: dict[str, Servo]) -> None:
@@ -515,7 +568,7 @@ def rigid_bodies(model: Model) -> tuple[list[RigidBody], dict[str, Placement]]:
 
 def _frames(model: Model) -> tuple[list[Frame], dict[str, Placement]]:
     """The frame of each body, and where each link sits."""
-    moving = set(model.joint_names)
+    moving, held = set(model.joint_names), model.held
     frames = [Frame(None, 0, np.eye(3), np.zeros(3))]
     placements = {model.root: Placement(0, np.eye(3), np.zeros(3))}
     for joint in depth_first(model):
@@ -526,7 +579,7 @@ def _frames(model: Model) -> tuple[list[Frame], dict[str, Placement]]:
             placements[joint.child] = Placement(len(frames), Q.T, np.zeros(3))
             frames.append(Frame(joint, row, product(E, Q), r))
         else:
-            placements[joint.child] = Placement(row, *_held(joint, model.locked.get(joint.name, 0.0), E, r))
+            placements[joint.child] = Placement(row, *_held(joint, held.get(joint.name, 0.0), E, r))
     return frames, placements
 
 

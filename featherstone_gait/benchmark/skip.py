@@ -38,7 +38,7 @@ from ..core.step.context import Run, Step
 from ..core.step.newton import solve_step
 from ..core.tree.aba import aba
 from ..core.tree.layout import Motion, Robot
-from ..model import Ground, HeightField, Joint, Model
+from ..model import Ground, HeightField, Joint, Mimic, Model
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..run.prepared import prepare, with_steps
@@ -432,6 +432,8 @@ def savings() -> Iterator[tuple[str, Work, Work, str]]:
     limits: dict[str, Any] = {"type": "revolute", "lower": -3.0, "upper": 3.0}
     stopped = replace(arm, joints=tuple(replace(j, **limits) for j in arm.joints))
     yield "no stops", bare, _rollout(_compiled(stopped)), "no joint at its stop"
+    paired = _changed(arm, last, mimic=Mimic(arm.joints[0].name))
+    yield "no coupled joints", bare, _rollout(_compiled(paired)), "the last of 7 follows the first"
     push = Push(arm.links[-1].name, force=(0.1, 0.0, 0.0))
     yield "no pushes", bare, _rollout(_compiled(arm), push=push), "one push"
     yield "no recorded channel", _rollout(_compiled(arm), every=1), _rollout(_compiled(arm), record=PARTS, every=1), (

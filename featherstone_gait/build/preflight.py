@@ -19,7 +19,7 @@ import numpy as np
 
 from ..core.effects import contact, friction, spring
 from ..core.integrate import INTEGRATORS
-from ..dynamics import forward_kinematics, inverse_dynamics, mass_matrix, spring_vectors
+from ..dynamics import coupling_matrix, forward_kinematics, inverse_dynamics, mass_matrix, spring_vectors
 from ..fixed_order import applied, product, solve
 from ..model import Ground, Model, Spring
 from ..rotation import cross, dot
@@ -166,7 +166,8 @@ def joint_limit(name: str, inertia: float, dampings: dict[str, float], springs: 
 def joint_mobility(model: Model, armature: np.ndarray | None, springs: Sequence[Spring]) -> np.ndarray:
     """J M^-1 J' at zero (n + springs, ...): accelerations of joints and springs' lengths that forces on these cause.
 
-    J holds the joints' own directions, then how fast each spring lengthens.
+    J holds the joints' own directions, then how fast each spring lengthens.  With couplings M^-1 is
+    G (G' M G)^-1 G', G of `coupling_matrix`.
     """
     q = np.zeros(model.nq)
     if model.base == "floating":
@@ -176,7 +177,10 @@ def joint_mobility(model: Model, armature: np.ndarray | None, springs: Sequence[
     J[:n, model.nv - n :] = np.eye(n)
     if springs:
         J[n:] = _lengthening(model, springs, q)
-    return product(J, solve(mass_matrix(model, q, armature=armature), J.T))
+    M, G = mass_matrix(model, q, armature=armature), coupling_matrix(model).matrix
+    if len(G) > len(G.T):
+        M, J = product(product(G.T, M), G), product(J, G)
+    return product(J, solve(M, J.T))
 
 
 def _lengthening(model: Model, springs: Sequence[Spring], q: np.ndarray) -> np.ndarray:

@@ -168,6 +168,7 @@ def compile_scene(
         contact=contact,
         push=None,
         springs=between,
+        coupling=tree.coupling,
     )
     falls = tree.floating and ground is not None
     limited = check.folded_step < STIFF or sticks(constants.friction)

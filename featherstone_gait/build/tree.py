@@ -10,6 +10,7 @@ import numpy as np
 from .. import renamed
 from ..core.tree.layout import BODY, COLUMNS
 from ..model import Model, Placement, RigidBody, rigid_bodies
+from .coupling import build_coupling
 from .records import fill
 
 GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2]
@@ -22,7 +23,8 @@ class Tree(NamedTuple):
     floating: bool
     names: tuple[str, ...]  # of the rows: the root link, then each joint's child
     placements: dict[str, Placement]  # of every link
-    rows: int  # of the workspace: bodies, slots, contact rows
+    rows: int  # of the workspace: bodies, slots, contact rows, couplings
+    coupling: np.recarray | None  # (couplings,) COUPLING
 
     @property
     def n(self) -> int:
@@ -30,7 +32,7 @@ class Tree(NamedTuple):
         return len(self.bodies) - 1
 
     def workspace_shape(self) -> tuple[int, int]:
-        return (self.rows, COLUMNS)
+        return (self.rows, COLUMNS + (0 if self.coupling is None else len(self.coupling)))
 
 
 @functools.lru_cache(maxsize=64)
@@ -45,8 +47,11 @@ def compile_tree(model: Model) -> Tree:
     for row in sorted({placements[point.link].row for point in model.contacts}):
         bodies[row]["contact"] = rows
         rows += 1
+    moved = {body.frame.joint.name: k for k, body in enumerate(merged) if body.frame.joint is not None}
+    coupling = build_coupling(model, moved, rows)
+    rows += 0 if coupling is None else len(coupling)
     names = tuple(body.links[0] for body in merged)
-    return Tree(bodies.view(np.recarray), model.base == "floating", names, placements, rows)
+    return Tree(bodies.view(np.recarray), model.base == "floating", names, placements, rows, coupling)
 
 
 def _fill(row: np.void, body: RigidBody, dof: dict[str, int]) -> None:

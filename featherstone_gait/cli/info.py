@@ -41,7 +41,7 @@ def run(args: Namespace) -> int:
     scene = compile_scene(model, servos, ground(model))
     lines = [
         f"{model.name}  {model.source}",
-        f"{model.mass:.4g} kg, {model.base} base, {len(model.joint_names)} moving joints, {len(model.locked)} locked",
+        f"{model.mass:.4g} kg, {model.base} base, {len(model.joint_names)} moving joints, {len(model.held)} locked",
         *_link_table(model),
         *_joint_table(model, scene.preflight),
         *_servo_table(model),
@@ -70,11 +70,8 @@ def _joint_table(model: Model, check: Preflight) -> list[str]:
     """The joints, with the largest step that an explicit integrator could take."""
     head = ("joint", "type", "parent", "child", "axis", "limits", "effort", "speed", "explicit step [ms]")
     steps = {limit.joint: _limit(limit) for limit in check.limits}
-    steps |= {
-        joint.name: f"locked at {_angle(joint, model.locked[joint.name])}"
-        for joint in model.joints
-        if joint.name in model.locked
-    }
+    held = model.held
+    steps |= {j.name: f"locked at {_angle(j, held[j.name])}" for j in model.joints if j.name in held}
     rows = []
     for joint in model.joints:
         if joint.type == "fixed":

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..build.scene import CompiledScene, ServoKind
-    from ..model import Model
     from ..trajectory import Trajectory
 
 SWING, PULL = 0.5 * math.pi, 0.1  # where the first joint starts, without and with servos [rad]
@@ -86,7 +85,7 @@ def _experiment(scene: CompiledScene) -> tuple[str, Callable[..., Trajectory]]:
     doing = "servos hold all joints at zero" if scene.servos else "all joints limp"
     text = f"{model.name} stands on the ground, {doing}"
     if scene.ground is None:
-        q, posture = _start(model, home, PULL if scene.servos else SWING)
+        q, posture = _start(scene, home, PULL if scene.servos else SWING)
         text = f"{model.name} swings freely from rest, {posture}"
         if scene.servos:
             reference, text = Reference([0.0], home[None]), f"{model.name}, {posture}, is pulled to zero by its servos"
@@ -102,13 +101,16 @@ def _experiment(scene: CompiledScene) -> tuple[str, Callable[..., Trajectory]]:
     return text, run
 
 
-def _start(model: Model, home: np.ndarray, angle: float) -> tuple[list[float] | np.ndarray, str]:
+def _start(scene: CompiledScene, home: np.ndarray, angle: float) -> tuple[list[float] | np.ndarray, str]:
     """Positions at the start: the first joint, if it turns, at `angle` or as far as it goes, the others at home."""
-    q, posture = home.copy(), "all joints at zero"
+    from ..build.coupling import followed
+
+    model, q, posture = scene.model, home.copy(), "all joints at zero"
     if model.moving_joints and model.moving_joints[0].type != "prismatic":
         joint = model.moving_joints[0]
         q[0] = min(max(angle, joint.lower), joint.upper)
         posture = f"{joint.name} at {math.degrees(q[0]):.4g} deg, all others at zero"
+    q = followed(scene.tree.coupling, q)
     return ([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *q] if model.base == "floating" else q), posture
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..build.contact import by_body
+from ..build.coupling import check_followers
 from ..build.external import Push
 from ..build.scene import CompiledScene
 from ..core.compile.lanes import WIDTH, aligned
@@ -68,6 +69,7 @@ class Prepared:
         """What one simulation starts from: see `simulate`; ValueError on what does not fit."""
         scene, n, o = self.scene, self.scene.tree.n, self.scene.layout
         y = initial_state(scene) if state is None else _taken_up(scene, state)
+        check_followers(scene.model, scene.tree.coupling, y[o["q"] : o["q"] + n], y[o["qd"] : o["qd"] + n])
         driven = scene.constants.actuator is not None
         if reference is not None and not driven:
             raise ValueError(f"{scene.model.name}: a reference needs servos; compile the scene with servos=...")

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..build.contact import standing_height
+from ..build.coupling import check_followers, followed
 from ..build.scene import CompiledScene
 from ..core.step import pace
 from ..fixed_order import total
@@ -19,12 +20,14 @@ def initial_state(scene: CompiledScene, q: ArrayLike | None = None, qd: ArrayLik
     """The whole state (size,) of a robot at positions q and velocities qd; zero where None.
 
     A floating robot over ground whose q is None stands with its lowest contact point sunk in by the ground's
-    `sinking`.  Rotors turn with their joints, currents and bristles are zero.
+    `sinking`.  Rotors turn with their joints, currents and bristles are zero.  Joints that follow others do so where
+    q or qd is None; where they are given and do not agree with their leaders, ValueError says what they should be.
     """
     model, o, n = scene.model, scene.layout, scene.tree.n
     y = np.zeros(int(o["length"]))
     y[o["pace"] + np.array([pace.STEP, pace.COLUMNS, pace.LAST])] = FIRST_STEP, FIRST_COLUMNS, 1e-4
     default = np.zeros(model.nq)
+    default[model.nq - n :] = followed(scene.tree.coupling, np.zeros(n))
     if model.base == "floating":
         default[3] = 1.0
         if scene.ground is not None and q is None:
@@ -34,6 +37,7 @@ def initial_state(scene: CompiledScene, q: ArrayLike | None = None, qd: ArrayLik
     if model.base == "floating" and not np.linalg.norm(q[3:7]) > 1e-6:
         raise ValueError(f"{model.name}: the base's quaternion q[3:7] is {q[3:7]}; [1, 0, 0, 0] is no rotation")
     joints, rates = (a[len(a) - n :] for a in (q, qd))
+    check_followers(model, scene.tree.coupling, joints, rates)
     given = {"q": joints, "qd": rates, "filtered": rates, "rotor": joints, "rotor_speed": rates}
     for name, values in given.items():
         first, end = scene.part(name)

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..build.coupling import followed
 from ..build.scene import CompiledScene, compile_scene
 from ..core.compile.lanes import WIDTH
 from ..core.effects.energies import METER
@@ -144,6 +145,7 @@ def _target(scene: CompiledScene) -> np.ndarray:
 
 
 def _resting(scene: CompiledScene, angles: np.ndarray) -> np.ndarray:
+    angles = followed(scene.tree.coupling, angles)
     if scene.ground is not None and scene.model.base == "floating":
         return standing_state(scene, angles)
     base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if scene.model.base == "floating" else []

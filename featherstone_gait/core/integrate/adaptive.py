@@ -10,6 +10,7 @@ from ..effects.actuator import controller_of
 from ..effects.push import AHEAD, next_edge
 from ..step.pace import PACE, SINCE, UNTIL
 from ..step.signals import next_knot
+from ..tree.coupling import follow
 from .integrator import begin_interval, begin_run, ends_on_records, record_within, take_adaptive_step
 from .rollout import TOO_SMALL, inspect, record, tick
 
@@ -64,6 +65,7 @@ def _cross(run, y, k, end, out):
             pace[SINCE], pace[UNTIL] = t + done + AHEAD, t + until - 2.0 * AHEAD
             begin_interval(run.work, run, y, t + done)
         h = take_adaptive_step(run.work, run, y, t + done, until - done)
+        follow(run.scene.coupling, run.places[0], y)
         next_record = record_within(run.work, run, y, (t + done, h, end), next_record, out)
         done = until if h >= until - done else done + h
         if inspect(run, t + done, y):

@@ -31,6 +31,7 @@ from ..step.pace import (
     scaled,
 )
 from ..step.signals import inputs
+from ..tree.coupling import follow
 from ..tree.kinematics import unit_quaternion
 from .integrator import (
     Integrator,
@@ -152,6 +153,7 @@ def _record_within(work, run, y, interval, record, out):
         _interpolate(run, y, h, (at - t) / h)
         if derived:
             _evaluate(SPARE, SPARE, run, y, at, 0.0)
+        follow(run.scene.coupling, o, y)
         write_record(run, y, record, out)
         record += 1
     for i in range(o.after_derived):

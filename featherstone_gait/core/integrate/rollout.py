@@ -7,6 +7,7 @@ from ..effects.actuator import controller_of
 from ..effects.contact import above_ground
 from ..effects.controller import control_tick
 from ..step.signals import AHEAD, evaluate
+from ..tree.coupling import follow
 from .integrator import take_step, thetas
 
 OK, FELL, DIVERGED, TOO_SMALL = 0, 1, 2, 3
@@ -32,6 +33,7 @@ def rollout(run, y, out):
         if k == plan.steps or not any_lane(invert(dead)):
             break
         take_step(run.work, run, y, t, theta)
+        follow(run.scene.coupling, o, y)
         _freeze_ended(dead, run.good, y)
         theta = steady
     for m in range(k // plan.per_sample + 1, len(out)):  # a run that ended early stays at its last state

@@ -25,6 +25,7 @@ class Scene(NamedTuple):
     contact: tuple | None  # Contact
     push: np.ndarray | None  # (pushes,) PUSH
     springs: np.ndarray | None  # (springs,) SPRING
+    coupling: np.ndarray | None = None  # (couplings,) COUPLING
 
 
 class Plan(NamedTuple):

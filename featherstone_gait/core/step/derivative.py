@@ -12,7 +12,7 @@ from ..effects.energies import ENERGIES, WORK
 from ..effects.external import external_forces
 from ..effects.friction import friction_rates
 from ..effects.stop import stop_rates
-from ..tree.aba import acceleration_pass, articulated_pass
+from ..tree.aba import acceleration_pass, articulated_pass, constrain
 from ..tree.kinematics import base_acceleration, motion_pass, quaternion_rate
 from ..tree.layout import Motion
 from .newton import TAU, with_external
@@ -31,6 +31,7 @@ def derivative(s, dy):
     external_forces(scene.push, scene.springs, s)
     wrench = only_if(any_present(scene.push, scene.springs), s.F)
     articulated_pass(scene.tree, bq, None, s.Z[TAU], scene.armature, wrench, scene.contact, W)
+    constrain(scene.coupling, bq, scene.contact, scene.tree, W)
     acceleration_pass(scene.tree, W, a)
     for i in range(n):
         dy[o.q + i] = v[i]

@@ -18,6 +18,9 @@ equals the linear model's T at each solution, so its value along the line costs 
 v_p is the velocity for which the bias is taken: that of the start (Euler), or extrapolated with the last step's
 acceleration (midpoint), which makes the step second order with one evaluation.  Springs between bodies are taken at
 that state like the bias, outside the fold: the step is then limited as an explicit one is.
+
+Joints that follow others confine v to a subspace, in which the function is as convex.  Each pass ends in it, so that
+forces of couplings do no work along a pass: neither its slope nor what is compared knows them.
 """
 
 from ..compile.jit import inline, kernel
@@ -36,7 +39,7 @@ from ..effects.contact import (
 from ..effects.external import external_forces
 from ..effects.friction import friction_torque
 from ..effects.stop import stop_torque
-from ..tree.aba import acceleration_pass, articulated_pass
+from ..tree.aba import acceleration_pass, articulated_pass, constrain
 from ..tree.kinematics import motion_pass, move_base
 from ..tree.layout import Motion
 
@@ -207,6 +210,7 @@ def _articulated(diagonal, contact, s):
     base_q = slice_if(s.scene.floating, s.y, s.o.base_q, 7)
     wrench = only_if(any_present(s.scene.push, s.scene.springs), s.F)
     articulated_pass(s.scene.tree, base_q, None, s.Z[TAU], diagonal, wrench, contact, s.W)
+    constrain(s.scene.coupling, base_q, contact, s.scene.tree, s.W)
     acceleration_pass(s.scene.tree, s.W, s.Z[DA])
 
 

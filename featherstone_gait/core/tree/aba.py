@@ -14,11 +14,12 @@ frame a child's inertia is *added* to its parent's, with no transform.
 
 from ..compile.jit import inline, kernel
 from ..compile.lanes import select
+from .coupling import couple
 from .joint import accelerate, project
 from .kinematics import base_acceleration, motion_pass
 from .layout import DINV, SF, SH, SJ, SM, TOUCH, UU, R, U
 from .rigid_body import inertial_force, mass_center
-from .spatial import about_origin, add, dot, load3, load6, load9, rotate, scale, store3, sub
+from .spatial import about_origin, add, dot, load3, load6, load9, rotate, scale, solve6, store3, sub
 
 
 @kernel
@@ -30,6 +31,7 @@ def aba(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
     """
     motion_pass(robot.tree, robot.gravity, motion, W)
     articulated_pass(robot.tree, motion.base_q, base_tau, tau, robot.armature, wrench, None, W)
+    constrain(robot.coupling, motion.base_q, None, robot.tree, W)
     acceleration_pass(robot.tree, W, qdd)
     _base(motion.base_q, base_qdd, W)
 
@@ -196,49 +198,28 @@ def _root(tree, base_q, base_tau, wrench, contact, W):
         if base_tau is not None:
             n = sub(n, rotate(load9(W, 0, R), (base_tau[3], base_tau[4], base_tau[5])))
             f = sub(f, (base_tau[0], base_tau[1], base_tau[2]))
-        dA = _solve6(J, H, M, n, f)
+        dA = solve6(J, H, M, n, f)
         for k in range(6):
             W[0, U + k] = -dA[k]
 
 
 @inline
-def _solve6(J, H, M, n, f):
-    """Solve [[J, H], [H', M]] x = [n; f] for a positive definite matrix: M by blocks, then 3 x 3."""
-    x, y, z = (H[0], H[1], H[2]), (H[3], H[4], H[5]), (H[6], H[7], H[8])
-    L = _factor3(M)
-    Mx, My, Mz, Mf = _solve3(L, x), _solve3(L, y), _solve3(L, z), _solve3(L, f)
-    K = (
-        J[0] - dot(x, Mx),
-        J[1] - dot(x, My),
-        J[2] - dot(x, Mz),
-        J[3] - dot(y, My),
-        J[4] - dot(y, Mz),
-        J[5] - dot(z, Mz),
-    )
-    a = _solve3(_factor3(K), (n[0] - dot(x, Mf), n[1] - dot(y, Mf), n[2] - dot(z, Mf)))
-    b = sub(Mf, add(scale(Mx, a[0]), add(scale(My, a[1]), scale(Mz, a[2]))))
-    return (a[0], a[1], a[2], b[0], b[1], b[2])
+def constrain(coupling, base_q, contact, tree, W):
+    """To be called between the two passes: make followers go with their leaders, as coupling.py does.
+
+    `coupling` None: there are none; base_q and contact as the first pass had them.
+    """
+    if coupling is not None:
+        _constrain(base_q, coupling, contact, tree, W)
 
 
 @inline
-def _factor3(M):
-    """L D L' of a symmetric positive definite 3 x 3 matrix: (l21, l31, l32, 1/d1, 1/d2, 1/d3)."""
-    e1 = 1.0 / M[0]
-    l21, l31 = M[1] * e1, M[2] * e1
-    e2 = 1.0 / (M[3] - l21 * M[1])
-    w = M[4] - l31 * M[1]
-    l32 = w * e2
-    e3 = 1.0 / (M[5] - l31 * M[2] - l32 * w)
-    return (l21, l31, l32, e1, e2, e3)
-
-
-@inline
-def _solve3(L, b):
-    y2 = b[1] - L[0] * b[0]
-    y3 = b[2] - L[1] * b[0] - L[2] * y2
-    x3 = y3 * L[5]
-    x2 = y2 * L[4] - L[2] * x3
-    return (b[0] * L[3] - L[0] * x2 - L[1] * x3, x2, x3)
+def _constrain(base_q, coupling, contact, tree, W):
+    if base_q is None:
+        couple(None, coupling, tree, W)
+    else:
+        J, H, M, _, _ = _articulated_body(tree[0], 0, None, contact, W)
+        couple((J, H, M), coupling, tree, W)
 
 
 @kernel

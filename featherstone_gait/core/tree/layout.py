@@ -40,7 +40,7 @@ A = 18  # 6: acceleration less gravity [rad/s^2; m/s^2]; in `aba` the one at zer
 U = 24  # 6: U = IA S [kg m^2; kg m]; the last pass of `aba` replaces it by dA, what the joint accelerations add to A
 DINV = 30  # 1 / D [1/(kg m^2) or 1/kg]
 UU = 31  # u [N m or N]
-COLUMNS = 32
+COLUMNS = 32  # of a robot with couplings one more for each: see coupling.py
 
 # Columns of a slot: articulated (or composite) inertia [[J, H], [H', M]] and force, summed over the children.
 SJ = 0  # 6: xx xy xz yy yz zz [kg m^2]
@@ -56,8 +56,9 @@ class Robot(NamedTuple):
     tree: np.ndarray  # (n + 1,) BODY
     armature: np.ndarray | None  # (n,) inertia added to each joint [kg m^2 or kg]
     gravity: np.ndarray  # (3,) [m/s^2]
+    coupling: np.ndarray | None = None  # (couplings,) COUPLING
 
-    SHARED = ("tree", "armature", "gravity")
+    SHARED = ("tree", "armature", "gravity", "coupling")
 
 
 class Motion(NamedTuple):

@@ -154,3 +154,43 @@ def about_origin(J, m, c):
         J[4] - y * c[2],
         J[5] + (xx + yy),
     )
+
+
+@inline
+def solve6(J, H, M, n, f):
+    """Solve [[J, H], [H', M]] x = [n; f] for a positive definite matrix: M by blocks, then 3 x 3."""
+    x, y, z = (H[0], H[1], H[2]), (H[3], H[4], H[5]), (H[6], H[7], H[8])
+    L = _factor3(M)
+    Mx, My, Mz, Mf = _solve3(L, x), _solve3(L, y), _solve3(L, z), _solve3(L, f)
+    K = (
+        J[0] - dot(x, Mx),
+        J[1] - dot(x, My),
+        J[2] - dot(x, Mz),
+        J[3] - dot(y, My),
+        J[4] - dot(y, Mz),
+        J[5] - dot(z, Mz),
+    )
+    a = _solve3(_factor3(K), (n[0] - dot(x, Mf), n[1] - dot(y, Mf), n[2] - dot(z, Mf)))
+    b = sub(Mf, add(scale(Mx, a[0]), add(scale(My, a[1]), scale(Mz, a[2]))))
+    return (a[0], a[1], a[2], b[0], b[1], b[2])
+
+
+@inline
+def _factor3(M):
+    """L D L' of a symmetric positive definite 3 x 3 matrix: (l21, l31, l32, 1/d1, 1/d2, 1/d3)."""
+    e1 = 1.0 / M[0]
+    l21, l31 = M[1] * e1, M[2] * e1
+    e2 = 1.0 / (M[3] - l21 * M[1])
+    w = M[4] - l31 * M[1]
+    l32 = w * e2
+    e3 = 1.0 / (M[5] - l31 * M[2] - l32 * w)
+    return (l21, l31, l32, e1, e2, e3)
+
+
+@inline
+def _solve3(L, b):
+    y2 = b[1] - L[0] * b[0]
+    y3 = b[2] - L[1] * b[0] - L[2] * y2
+    x3 = y3 * L[5]
+    x2 = y2 * L[4] - L[2] * x3
+    return (b[0] * L[3] - L[0] * x2 - L[1] * x3, x2, x3)

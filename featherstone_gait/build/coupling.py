@@ -1,0 +1,51 @@
+"""Joints that follow others: their chains resolved, as records for the kernels and as positions that agree."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..core.tree.coupling import COUPLING
+from ..model import Model, leader_of
+from .records import records
+
+AGREEMENT = 1e-9  # how far a follower may be from where its leader wants it [rad or m; rad/s or m/s]
+
+
+def build_coupling(model: Model, rows: dict[str, int], first: int) -> np.recarray | None:
+    """COUPLING of each joint that follows one, None if none does.
+
+    rows: of the bodies, by the joints that move them; first: row of the workspace that is the first coupling's.
+    """
+    dof = {name: k for k, name in enumerate(model.joint_names)}
+    followers = [joint for joint in model.moving_joints if joint.mimic is not None]
+    table = records(len(followers), COUPLING)
+    for k, (row, joint) in enumerate(zip(table, followers)):
+        leader = leader_of(model, joint)
+        row.body, row.dof = rows[joint.name], dof[joint.name]
+        row.leader, row.leader_dof = rows[leader.joint.name], dof[leader.joint.name]
+        row.row, row.multiplier, row.offset = first + k, leader.multiplier, leader.offset
+    return table if followers else None
+
+
+def followed(coupling: np.recarray | None, joints: np.ndarray) -> np.ndarray:
+    """Positions of the joints (n,) [rad or m] with those of followers as their leaders' ask for."""
+    joints = joints.copy()
+    for k in () if coupling is None else coupling:
+        joints[k.dof] = k.multiplier * joints[k.leader_dof] + k.offset
+    return joints
+
+
+def check_followers(model: Model, coupling: np.recarray | None, q: np.ndarray, qd: np.ndarray) -> None:
+    """Raise ValueError unless followers have the positions q (n,) and rates qd (n,) that their leaders ask for."""
+    if coupling is None:
+        return
+    names = model.joint_names
+    for k in coupling:
+        for what, unit, x, offset in (("q", "", q, k.offset), ("qd", "/s", qd, 0.0)):
+            wanted = k.multiplier * x[k.leader_dof] + offset
+            if not abs(x[k.dof] - wanted) <= AGREEMENT * max(1.0, abs(wanted)):
+                kind = "m" if model.moving_joints[k.dof].type == "prismatic" else "rad"
+                raise ValueError(
+                    f"{model.name}: {what} of joint {names[k.dof]} is {float(x[k.dof])!r} {kind}{unit}, but it follows "
+                    f"{names[k.leader_dof]}: give {float(wanted)!r} {kind}{unit}, or another {what} of the latter"
+                )

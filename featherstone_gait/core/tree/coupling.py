@@ -1,0 +1,134 @@
+"""Joints that follow others: q_follower = multiplier * q_leader + offset, within the articulated-body algorithm.
+
+Of a coupling the row e (follower: 1, leader: -multiplier) asks e' x = 0 of the accelerations x.  Its force is a torque
+in the direction of e: a torque t on the joints turns x by A^-1 t, where A is the mass matrix, with what the step has
+folded into it.  The first pass of the ABA has factorised A: with the u and the force p on the root that a torque
+leaves on its way to the root, and the articulated inertia IA of the root,
+
+    e' A^-1 t = sum over joints u_e u_t / D + p_e' IA^-1 p_t,
+
+so that e' x of the solution is known before the second pass.  The couplings are made orthogonal in this product one
+after the other (Gram-Schmidt, modified), and each takes its part from the solution's u and from dA of the root.  What
+the second pass then finds is, for all accelerations at once, that of the projected equations
+
+    G' A G a = G' b,    x = G a,
+
+where G leads from independent accelerations to all: exact, without a stiffness, and without drift but by rounding,
+which `follow` takes away.
+"""
+
+import numpy as np
+
+from ..compile.jit import inline, kernel
+from .joint import along
+from .layout import COLUMNS, DINV, UU, U
+from .spatial import add, load3, scale, solve6, store3
+
+COUPLING = np.dtype(
+    [
+        ("body", np.int64),  # row of the follower's body
+        ("dof", np.int64),  # index of its coordinate among the joints
+        ("leader", np.int64),  # row of the leader's body
+        ("leader_dof", np.int64),
+        ("row", np.int64),  # of the workspace: what the coupling does to the root
+        ("multiplier", np.float64),  # [-, m/rad or rad/m]
+        ("offset", np.float64),  # [rad or m]
+    ],
+    align=True,
+)
+
+# Columns of a coupling's row; its u of the joint of body i stands in that body's row, column COLUMNS + coupling.
+ROOT = 0  # 6: force on the root as moment and force [N m; N]
+DA = 6  # 6: acceleration that this gives the root [rad/s^2; m/s^2]; zero of the world
+SIZE = 12  # its product with itself
+
+
+@inline
+def couple(root, coupling, tree, W):
+    """Let u and dA of the root, which `articulated_pass` has left, lead to accelerations that meet all couplings.
+
+    root: articulated inertia (J, H, M) of a floating base, None of a fixed one.
+    """
+    for c in range(len(coupling)):
+        _respond(root, coupling[c], COLUMNS + c, tree, W)
+        row = coupling[c].row
+        for j in range(c):
+            other = coupling[j].row
+            a = _product(len(tree), (other, COLUMNS + j), (row, DA, COLUMNS + c), W) / W[other, SIZE]
+            _take(len(tree), a, (other, COLUMNS + j), (row, DA, COLUMNS + c), W)
+            for k in range(6):
+                W[row, ROOT + k] -= a * W[other, ROOT + k]
+        W[row, SIZE] = _product(len(tree), (row, COLUMNS + c), (row, DA, COLUMNS + c), W)
+        a = _product(len(tree), (row, COLUMNS + c), (0, U, UU), W) / W[row, SIZE]
+        _take(len(tree), a, (row, COLUMNS + c), (0, U, UU), W)
+
+
+@inline
+def _respond(root, k, column, tree, W):
+    """Fill what a torque of the coupling k leaves: u of the joints, and force and acceleration of the root."""
+    for i in range(1, len(tree)):
+        W[i, column] = 0.0
+    for i in range(DA + 6):
+        W[k.row, i] = 0.0
+    _push(tree, k.body, 1.0, column, k.row, W)
+    _push(tree, k.leader, -k.multiplier, column, k.row, W)
+    _move_root(root, k.row, W)
+
+
+@kernel
+def _push(tree, i, torque, column, row, W):
+    """Add what a torque on the joint of body i leaves on its way to the root."""
+    u = torque + 0.0 * W[i, DINV]
+    n, f = (0.0 * u, 0.0 * u, 0.0 * u), (0.0 * u, 0.0 * u, 0.0 * u)
+    while i > 0:
+        W[i, column] += u
+        x = u * W[i, DINV]
+        n, f = add(n, scale(load3(W, i, U), x)), add(f, scale(load3(W, i, U + 3), x))
+        i = tree[i].parent
+        if i > 0:
+            u = -along(tree[i], i, n, f, W)
+    for k in range(3):
+        W[row, ROOT + k] += n[k]
+        W[row, ROOT + 3 + k] += f[k]
+
+
+@inline
+def _move_root(root, row, W):
+    if root is not None:
+        J, H, M = root
+        a = solve6(J, H, M, load3(W, row, ROOT), load3(W, row, ROOT + 3))
+        store3(W, row, DA, (-a[0], -a[1], -a[2]))
+        store3(W, row, DA + 3, (-a[3], -a[4], -a[5]))
+
+
+@kernel
+def _product(n, coupling, other, W):
+    """e' A^-1 t of a coupling (row, column) and of what left u in a column and dA of the root in (row, first)."""
+    (row, column), (root, first, u) = coupling, other
+    total = 0.0 * W[row, ROOT]
+    for i in range(1, n):
+        total = total + W[i, column] * W[i, u] * W[i, DINV]
+    for k in range(6):
+        total = total - W[row, ROOT + k] * W[root, first + k]
+    return total
+
+
+@kernel
+def _take(n, a, coupling, other, W):
+    """Take `a` times a coupling from what left u and dA: arguments as of `_product`."""
+    (row, column), (root, first, u) = coupling, other
+    for i in range(1, n):
+        W[i, u] -= a * W[i, column]
+    for k in range(6):
+        W[root, first + k] -= a * W[row, DA + k]
+
+
+@inline
+def follow(coupling, o, y):
+    """Give followers in the state y the coordinates that their leaders' ask for: takes rounding away, no more."""
+    if coupling is not None:
+        for c in range(len(coupling)):
+            k = coupling[c]
+            y[o.q + k.dof] = k.multiplier * y[o.q + k.leader_dof] + k.offset
+            y[o.qd + k.dof] = k.multiplier * y[o.qd + k.leader_dof]
+            y[o.qdd + k.dof] = k.multiplier * y[o.qdd + k.leader_dof]
