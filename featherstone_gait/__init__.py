@@ -22,6 +22,8 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .dynamics import mass_matrix as mass_matrix
     from .dynamics import momentum as momentum
     from .dynamics import spring_energy as spring_energy
+    from .jacobians import center_of_mass_jacobian as center_of_mass_jacobian
+    from .jacobians import jacobian as jacobian
     from .model import ContactPoint as ContactPoint
     from .model import Controller as Controller
     from .model import Gearbox as Gearbox
@@ -63,6 +65,7 @@ _MODULES = {
         "momentum",
         "spring_energy",
     ),
+    "jacobians": ("center_of_mass_jacobian", "jacobian"),
     "model": ("ContactPoint", "Controller", "Gearbox", "Ground", "Joint", "Link", "Model", "Servo", "Spring"),
     "view.plotting": ("plot_motion", "plot_trajectory"),
     "reference": ("Reference",),
