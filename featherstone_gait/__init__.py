@@ -33,6 +33,9 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .model import Model as Model
     from .model import Servo as Servo
     from .model import Spring as Spring
+    from .posture import Posture as Posture
+    from .posture import Target as Target
+    from .posture import inverse_kinematics as inverse_kinematics
     from .reference import Reference as Reference
     from .robot_file import RobotFileError as RobotFileError
     from .robot_file import RobotFileNotFoundError as RobotFileNotFoundError
@@ -68,6 +71,7 @@ _MODULES = {
     "jacobians": ("center_of_mass_jacobian", "jacobian"),
     "model": ("ContactPoint", "Controller", "Gearbox", "Ground", "Joint", "Link", "Model", "Servo", "Spring"),
     "view.plotting": ("plot_motion", "plot_trajectory"),
+    "posture": ("Posture", "Target", "inverse_kinematics"),
     "reference": ("Reference",),
     "robot_file": (
         "RobotFileError",

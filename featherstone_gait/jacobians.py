@@ -87,9 +87,14 @@ def center_of_mass_jacobian_at(model: Model, poses: Poses) -> np.ndarray:
     lever = product(behind, centers) - total(behind)[:, None] * poses.position[..., chains.children, :]
     columns = np.where(chains.slides, axes * total(behind)[:, None], _cross(axes, lever))
     if chains.root is not None:
-        center = total(chains.share[:, None] * centers, axis=-2)
+        center = center_of_mass_at(model, poses)
         columns = np.concatenate([_base_columns(poses, chains.root, center)[..., 3:], columns], axis=-2)
     return np.swapaxes(columns, -1, -2)
+
+
+def center_of_mass_at(model: Model, poses: Poses) -> np.ndarray:
+    """`center_of_mass` (..., 3) [m] of poses that are known."""
+    return total(chains_of(model).share[:, None] * link_centers(model, poses), axis=-2)
 
 
 def point_at(poses: Poses, row: int, point: ArrayLike) -> np.ndarray:
