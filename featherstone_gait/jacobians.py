@@ -143,8 +143,8 @@ def _base_columns(poses: Poses, root: int, where: np.ndarray) -> np.ndarray:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Vector products (..., 3); np.cross takes several times as long."""
-    return np.moveaxis(cross(np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)), 0, -1)
+    """Vector products (..., 3) of as many axes; np.cross takes several times as long."""
+    return cross(a.T, b.T).T
 
 
 def link_index(model: Model, name: str) -> int:

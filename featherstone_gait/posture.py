@@ -29,6 +29,7 @@ Status = Literal["ok", "limits", "out of reach", "not converged"]
 SETTLED = 1e-6  # largest cosine between the error and a column of its Jacobian
 LEAST_DAMPING = 1e-12  # of the mean of J J' over its diagonal: targets may depend on each other
 LEAST_GAIN = 1e-4  # of what a step promises
+ROUNDING = 1e-15  # of the squared error: a step that promises less gains nothing
 LARGEST_TURN = 1.0  # of a joint or the base in one step [rad]
 NUDGE = 0.01  # [rad or m] off a posture that has settled: a stretched arm sees no way inwards
 ORTHOGONAL = 1e-6  # how far a rotation matrix may be from one
@@ -135,6 +136,7 @@ class _Freedom(NamedTuple):
     upper: np.ndarray  # (k,)
     turns: np.ndarray  # (k,) whether it is an angle
     followers: list[_Coupling]
+    shift: int  # from a joint's column to its place in q
 
 
 class _Task(NamedTuple):
@@ -175,6 +177,8 @@ def _descend(task: _Task, q: np.ndarray) -> _Found:
         new, step = _moved(task, q, _damped_step(active, e, mu * float(size), task.free.turns))
         left, (e_new, J_new) = e - applied(J, step), _errors(task, new)
         gain, promised = size - total(e_new * e_new), size - total(left * left)
+        if abs(promised) < ROUNDING * size:
+            return _Found(q, math.sqrt(size), iteration, True)
         if gain > LEAST_GAIN * promised > 0.0:
             q, e, J = new, e_new, J_new
         mu = min(4.0 * mu, 1e30) if gain < 0.25 * promised or promised <= 0.0 else mu
@@ -205,7 +209,7 @@ def _may_move(task: _Task, q: np.ndarray, downhill: np.ndarray) -> np.ndarray:
 
 def _moved(task: _Task, q: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The positions after a step (k,) that ends at the limits, all followers included, and the step that it was."""
-    free, shift, new = task.free, task.model.nq - task.model.nv, q.copy()
+    free, shift, new = task.free, task.free.shift, q.copy()
     z = _coordinates(task, q)
     end = np.clip(z + step, free.lower, free.upper)
     new[free.columns[free.joint] + shift] = end[free.joint]
@@ -218,7 +222,7 @@ def _moved(task: _Task, q: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np
 
 def _coordinates(task: _Task, q: np.ndarray) -> np.ndarray:
     """Positions (k,) of the joints that may move; those of the base, which has no limits, count from where it is."""
-    return np.where(task.free.joint, q[task.free.columns + task.model.nq - task.model.nv], 0.0)
+    return np.where(task.free.joint, q[task.free.columns + task.free.shift], 0.0)
 
 
 def _turned(quaternion: np.ndarray, turn: np.ndarray) -> np.ndarray:
@@ -332,6 +336,7 @@ def _freedom(model: Model, joints: Iterable[str] | None, hold_base: bool) -> _Fr
         upper=np.array([math.inf] * len(base) + [upper for _, upper in ranges]),
         turns=np.array([k >= 3 for k in base] + [model.moving_joints[k].type != "prismatic" for k in free], dtype=bool),
         followers=[c._replace(follower=first + c.follower, leader=first + c.leader) for c in couplings],
+        shift=model.nq - model.nv,
     )
 
 

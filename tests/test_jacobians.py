@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pinocchio_oracle import coordinates, pinocchio_model
 from random_tree import random_states, random_tree
 
 from featherstone_gait import load_robot
 from featherstone_gait.dynamics import center_of_mass, forward_kinematics, momentum
 from featherstone_gait.jacobians import center_of_mass_jacobian, jacobian, link_index
-from featherstone_gait.model import Mimic, depth_first
+from featherstone_gait.model import Mimic
 
 POINT = (0.03, -0.02, 0.05)
 ROBOTS = {
@@ -105,7 +106,7 @@ def test_coupled_joints_keep_a_column_each():
 def test_jacobians_agree_with_pinocchio(robot):
     pin = pytest.importorskip("pinocchio")
     model = ROBOTS[robot]
-    theirs, frames = pinocchio_model(pin, model)
+    theirs, frames = pinocchio_model(model, POINT)
     data = theirs.createData()
     for q in random_states(model, 10, 11)[0]:
         p, T = coordinates(theirs, model, q)
@@ -122,50 +123,6 @@ def test_jacobians_agree_with_pinocchio(robot):
         share = pin.computeTotalMass(theirs) / model.mass  # a fixed base has no mass there
         J = share * pin.jacobianCenterOfMass(theirs, data, p) @ T
         assert center_of_mass_jacobian(model, q) == pytest.approx(J, abs=1e-12)
-
-
-def pinocchio_model(pin, model):
-    """The robot built by Pinocchio's own calls, and a frame at `POINT` of each link whose joint moves."""
-    theirs = pin.Model()
-    ids = {model.root: 0}
-    if model.base == "floating":
-        ids[model.root] = theirs.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
-    places = {model.root: pin.SE3.Identity()}
-    frames = {}
-    for joint in depth_first(model):
-        at = places[joint.parent] * pin.SE3(pin.rpy.rpyToMatrix(*joint.rpy), np.array(joint.xyz))
-        if joint.name in model.joint_names:
-            kind = pin.JointModelPrismaticUnaligned if joint.type == "prismatic" else pin.JointModelRevoluteUnaligned
-            ids[joint.child] = theirs.addJoint(ids[joint.parent], kind(np.array(joint.axis)), at, joint.name)
-            at = pin.SE3.Identity()
-        else:
-            ids[joint.child] = ids[joint.parent]
-        places[joint.child] = at
-    for link in model.links:
-        if link.mass > 0:
-            xx, xy, xz, yy, yz, zz = link.inertia
-            J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-            inertia = pin.Inertia(link.mass, np.array(link.center_of_mass), J)
-            theirs.appendBodyToJoint(ids[link.name], inertia, places[link.name])
-        place = places[link.name] * pin.SE3(np.eye(3), np.array(POINT))
-        frames[link.name] = theirs.addFrame(pin.Frame(link.name, ids[link.name], place, pin.FrameType.OP_FRAME))
-    return theirs, frames
-
-
-def coordinates(theirs, model, q):
-    """Pinocchio's q, and the matrix (nv, nv) that makes its velocities of ours.
-
-    Its base has the quaternion x y z w and a velocity in its own axes; joints may stand in another order.
-    """
-    n = len(model.joint_names)
-    ids = [theirs.joints[theirs.getJointId(name)] for name in model.joint_names]
-    p, T = np.zeros(theirs.nq), np.zeros((theirs.nv, model.nv))
-    if model.base == "floating":
-        p[:7] = q[[0, 1, 2, 4, 5, 6, 3]]
-        T[:3, :3], T[3:6, 3:6] = forward_kinematics(model, q).rotation[link_index(model, model.root)].T, np.eye(3)
-    p[[joint.idx_q for joint in ids]] = q[model.nq - n :]
-    T[[joint.idx_v for joint in ids], np.arange(model.nv - n, model.nv)] = 1.0
-    return p, T
 
 
 def test_bad_input_is_refused_by_name():
