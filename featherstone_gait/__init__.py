@@ -12,6 +12,7 @@ from . import renamed
 if TYPE_CHECKING:  # what `__getattr__` finds
     from .build.scene import CompiledScene as CompiledScene
     from .build.scene import compile_scene as compile_scene
+    from .channels import channel_table as channel_table
     from .dynamics import Poses as Poses
     from .dynamics import center_of_mass as center_of_mass
     from .dynamics import contact_positions as contact_positions
@@ -56,6 +57,7 @@ if TYPE_CHECKING:  # what `__getattr__` finds
 __version__ = "0.2.0.dev0"
 
 _MODULES = {
+    "channels": ("channel_table",),
     "dynamics": (
         "Poses",
         "center_of_mass",

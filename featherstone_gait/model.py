@@ -320,6 +320,12 @@ class Model:
         """Total mass [kg]; of a fixed base too."""
         return math.fsum(link.mass for link in self.links)
 
+    def show_tree(self) -> str:
+        """Links and joints as a tree of text, with types, limits, masses and servos: print it."""
+        from .view.tree import tree_text
+
+        return tree_text(self)
+
 
 def check_tree(links: Iterable[Link], joints: Iterable[Joint]) -> None:
     """Raise ValueError unless the joints make one tree of the links."""
