@@ -88,6 +88,6 @@ def test_a_torque_servo_moves_the_same_without_the_numbers_of_a_motor():
     for servo in (with_motor, Servo(with_motor.controller, with_motor.gearbox), Servo(Controller("pd", 2.0, Kd=0.05))):
         scene = compile_scene(replace(robot, servos=dict.fromkeys(robot.joint_names, servo)), "standard")
         assert np.isfinite([getattr(scene.constants.stops, name) for name in ("stiffness", "damping")]).all()
-        runs.append(simulate(scene, 0.1, initial_state(scene, 0.3 * np.ones(7)))["q"])
+        runs.append(simulate(scene, 0.02, initial_state(scene, 0.3 * np.ones(7)))["q"])
     assert np.array_equal(runs[0], runs[1])
     assert np.abs(runs[2] - runs[0]).max() < 0.3
