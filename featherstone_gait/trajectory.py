@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import renamed
+from .channels import column_of
 from .files import FilePath, Format, complete_together
 
 if TYPE_CHECKING:
@@ -51,6 +52,19 @@ class Trajectory(Mapping[str, np.ndarray]):
     @property
     def ok(self) -> bool:
         return self.status == "ok"
+
+    def column(self, name: str, label: str) -> np.ndarray:
+        """One number of a channel by its label, of each joint or contact point (samples, ...).
+
+        `column("energy", "meter")` is the energy that each servo has drawn [J], `column("contact_force", "normal")` the
+        normal force on each contact point [N]; `channel_table()` lists the labels.  Raises ValueError for a label that
+        there is not, or there is twice, and for a channel that was not recorded.
+        """
+        column = column_of(name, label)
+        if name not in self:
+            known = ", ".join(self)
+            raise ValueError(f"channel {name!r} is not recorded, {known} are: name it in simulate(record=...)")
+        return self[name][..., column]
 
     def save(self, path: FilePath) -> None:
         """Write PATH.npz (channels and final state) and PATH.json (status and settings), whole or not at all."""

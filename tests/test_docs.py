@@ -13,7 +13,7 @@ from featherstone_gait.core.step.state import CHANNELS
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PACKAGE = ROOT / "featherstone_gait"
-PAGES = sorted(DOCS.glob("add_*.md"))
+PAGES = sorted({*DOCS.glob("*.md")} - {DOCS / "architecture.md"})
 ARCHITECTURE = (DOCS / "architecture.md").read_text("utf-8")
 LINKED = [*sorted(DOCS.glob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 

@@ -7,6 +7,7 @@ import pytest
 
 from featherstone_gait.build.preflight import coupled_limit, joint_limit
 from featherstone_gait.build.scene import compile_scene
+from featherstone_gait.model import Controller, Gearbox, Servo
 from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot, load_servo
 from featherstone_gait.run.simulate import initial_state, simulate
@@ -60,3 +61,33 @@ def test_scene_chooses_integrator_and_step_and_says_why():
     assert (stiff.integrator, stiff.timestep) == ("implicit_euler", 1e-3)
     assert "explicit step" in stiff.reason
     assert (asked.integrator, asked.timestep, asked.reason) == ("midpoint", 5e-4, "as asked for")
+
+
+@pytest.mark.parametrize("gearbox", [dict(stiffness=1e308), dict(damping=1e308)])
+def test_numbers_beyond_computing_are_refused_by_name(gearbox):
+    robot = load_robot("arm7")
+    robot = replace(robot, servos=dict.fromkeys(robot.joint_names, load_servo("ax12", **gearbox)))
+    with pytest.raises(ValueError, match=r"arm7: joint1: a stiffness or damping of 1e\+308 .* mind their units"):
+        compile_scene(robot, "mipsd")
+
+
+@pytest.mark.parametrize("gearbox", [{}, dict(stiffness=25.0), dict(rotor_inertia=1e-7)])
+def test_a_gearbox_that_is_no_spring_damper_is_refused_by_name(gearbox):
+    robot = load_robot("arm7")
+    servo = replace(load_servo("ax12"), gearbox=Gearbox(254.0, **gearbox))
+    robot = replace(robot, servos=dict.fromkeys(robot.joint_names, servo))
+    with pytest.raises(ValueError, match="joint joint1: mipsd needs a finite stiffness and a rotor inertia > 0"):
+        compile_scene(robot, "mipsd")
+    assert compile_scene(robot, "rotor").integrator == "implicit_euler"
+
+
+def test_a_torque_servo_moves_the_same_without_the_numbers_of_a_motor():
+    """Its stops, too, as long as its torque has a limit; without one they are as strong as the robot is heavy."""
+    robot, runs = load_robot("arm7"), []
+    with_motor = load_servo("ax12", law="pd", Kp=2.0, Kd=0.05, torque_limit=1.0, viscous_friction=0, coulomb_friction=0)
+    for servo in (with_motor, Servo(with_motor.controller, with_motor.gearbox), Servo(Controller("pd", 2.0, Kd=0.05))):
+        scene = compile_scene(replace(robot, servos=dict.fromkeys(robot.joint_names, servo)), "standard")
+        assert np.isfinite([getattr(scene.constants.stops, name) for name in ("stiffness", "damping")]).all()
+        runs.append(simulate(scene, 0.02, initial_state(scene, 0.3 * np.ones(7)))["q"])
+    assert np.array_equal(runs[0], runs[1])
+    assert np.abs(runs[2] - runs[0]).max() < 0.3

@@ -375,6 +375,14 @@ MALFORMED_TOML = [
     worse("servo_not_a_name", '"ax12"', "12", says=["servos", "default is 12", "quotes"]),
     worse("unknown_gearbox", '"ax12"', '"ax12"\ngearbox = "gold"', says=["ax12.toml", "'gold'", "physical", "use one"]),
     worse(
+        "servos_of_no_joint",
+        'default = "ax12"',
+        "Kp = 30",
+        "[servos.joints.hip]\nvoltage_limit = 9.6\n",
+        "",
+        says=["servos: Kp would act on no joint", 'default = "ax12"', "[servos.joints.NAME]"],
+    ),
+    worse(
         "unknown_servo_key", "voltage_limit", "voltage", says=["joint 'hip'", "'voltage'", "voltage_limit", "correct"]
     ),
     worse(
@@ -719,6 +727,56 @@ def test_the_servos_field_names_do_not_clash():
 def test_a_servo_that_cannot_be_is_refused_by_name(arguments, says):
     with pytest.raises(RobotFileError, match=re.escape(says)):
         load_servo(*arguments[0], **arguments[1])
+
+
+SERVO = 'law = "pid_position"\nKp = 20\nresistance = 5\ninductance = 0\nmotor_constant = 0.01\nvoltage_limit = 12\n'
+
+
+def test_a_servo_is_read_from_a_path(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "xl430.toml"
+    path.write_text(SERVO + "ratio = 258\n[gearboxes.plain]\n[gearboxes.loose]\nbacklash_deg = 0.5\n")
+    expected = Servo(Controller("pid_position", Kp=20.0), Gearbox(258.0), 5.0, 0.0, 0.01, 12.0)
+    assert load_servo(path, "plain") == load_servo(str(path), "plain") == load_servo("xl430.toml", "plain") == expected
+    assert gearbox_presets(path)["loose"] == Gearbox(258.0, backlash=math.radians(0.5))
+    with pytest.raises(RobotFileNotFoundError, match=r"xl431\.toml: there is no such file; correct the path"):
+        load_servo("xl431.toml")
+    with pytest.raises(RobotFileError, match=r"no servo 'xl430'.*use one, or add xl430\.toml to the robot"):
+        load_servo("xl430")
+    robot = load_robot(write(tmp_path, URDF, '[servos]\ndefault = "xl430.toml"\ngearbox = "plain"\n'))
+    assert robot.servos["hip"] == expected
+
+
+def test_a_servo_file_without_presets_states_its_one_gearbox(tmp_path):
+    path = tmp_path / "own.toml"
+    path.write_text(SERVO + "ratio = 100\nstiffness = 30\n")
+    assert load_servo(path).gearbox == Gearbox(100.0, stiffness=30.0)
+    assert gearbox_presets(path) == {}
+    with pytest.raises(RobotFileError, match=r"own\.toml: there is no gearbox 'gold': the file has no \[gearboxes\]"):
+        load_servo(path, "gold")
+    path.write_text(SERVO)
+    with pytest.raises(RobotFileError, match="ratio is missing"):
+        load_servo(path)
+
+
+def test_a_servo_of_torques_needs_no_motor(tmp_path):
+    robot = load_robot(
+        write(tmp_path, URDF, '[servos.joints.hip]\nlaw = "pd_clamped"\nKp = 30\nKd = 0.5\ntorque_limit = 4\n')
+    )
+    assert robot.servos["hip"] == Servo(Controller("pd_clamped", Kp=30.0, Kd=0.5, torque_limit=4.0))
+    save_robot(robot, tmp_path / "again.urdf")
+    assert load_robot(tmp_path / "again.urdf").servos == robot.servos
+
+
+@pytest.mark.parametrize("name", ["resistance", "inductance", "motor_constant", "voltage_limit"])
+def test_a_servo_of_voltages_needs_its_motor(tmp_path, name):
+    path = tmp_path / "own.toml"
+    path.write_text("ratio = 100\n" + "".join(f"{line}\n" for line in SERVO.splitlines() if not line.startswith(name)))
+    with pytest.raises(RobotFileError, match=f"{name} is missing; it is required: add it"):
+        load_servo(path)
+    if name != "inductance":
+        with pytest.raises(ValueError, match=r"resistance is 0.0 \[Ohm\]; expected > 0: .* 'state' drives a motor"):
+            Servo(Controller("state"), Gearbox(100.0))
 
 
 def test_presets_of_a_servo_that_is_not_there_are_refused_by_name():

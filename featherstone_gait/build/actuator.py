@@ -17,7 +17,7 @@ from ..core.effects.motor import MOTOR
 from ..core.effects.pd_servo import PD, PDServo
 from ..core.effects.rigid_servo import RigidServo
 from ..core.integrate.integrator import Integrator
-from ..model import Model, Servo
+from ..model import TORQUE_LAWS, Model, Servo
 from .kinds import SERVO_KINDS, ServoKind
 from .records import fill, records
 
@@ -50,7 +50,7 @@ def build_drive(model: Model, kind: ServoKind | None) -> Drive:
     servos = [model.servos.get(name) for name in joints]
     if not any(servos):
         raise ValueError(f"{model.name} has no servos; name them in the [servos] table of its TOML, or use servos=None")
-    continuous = {servo.controller.law in ("pd", "pd_clamped") for servo in servos if servo}
+    continuous = {servo.controller.law in TORQUE_LAWS for servo in servos if servo}
     if len(continuous) > 1:
         raise ValueError(f"{model.name} mixes pd servos with sampled ones; give all joints one kind of law")
     armature = None
@@ -154,8 +154,8 @@ def controller_period(model: Model, drive: Drive, h: float, without: float) -> t
 
 
 def stall_torque(servo: Servo) -> float:
-    """The most that a servo gives at rest [N m]."""
-    if servo.controller.torque_limit < math.inf:
+    """The most that a servo gives at rest [N m]; infinite for a torque law without a limit and a motor."""
+    if servo.controller.torque_limit < math.inf or servo.resistance == 0.0:
         return servo.controller.torque_limit
     current = min(servo.current_limit, servo.voltage_limit / servo.resistance)
     return servo.gearbox.ratio * servo.motor_constant * current

@@ -77,6 +77,7 @@ def preflight(
     mobility[:n, :n] += np.diag(np.broadcast_to(joints.mobility, n))
     dampers = [*_sum(joints.dampers, n), *_sum(ends.dampers, len(springs))]
     stiff = [*_sum(joints.springs, n), *_sum(ends.springs, len(springs))]
+    _check_size(model, [*joints.names, *ends.names], mobility, np.maximum(dampers, stiff))
     folded = coupled_limit(mobility[:n, :n], np.array(dampers[:n]), np.array(stiff[:n]))
     largest = coupled_limit(mobility, np.array(dampers), np.array(stiff))
     if ground is not None:
@@ -85,6 +86,19 @@ def preflight(
     clipped = drive.actuator is not None or ground is not None
     integrator, step, reason = _choice(*wish, clipped, folded, largest)
     return Preflight(tuple(limits), integrator, step, reason, inertias, largest, folded)
+
+
+def _check_size(model: Model, names: list[str], mobility: np.ndarray, acting: np.ndarray) -> None:
+    """Raise ValueError for numbers whose product is too large for a float."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        bad = np.flatnonzero(~np.isfinite(mobility * acting).all(axis=0))
+    if bad.size:
+        k = bad[0]
+        raise ValueError(
+            f"{model.name}: {names[k]}: a stiffness or damping of {acting[k]:g} [SI] on an inertia of "
+            f"{1.0 / mobility[k, k]:g} [SI] is beyond what can be computed; correct servo, gearbox or inertia, and "
+            "mind their units"
+        )
 
 
 def _choice(

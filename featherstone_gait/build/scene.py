@@ -52,6 +52,13 @@ class CompiledScene:
     arguments: dict  # of `compile_scene`, after the model
     compiled: Scene  # the constants as compiled, to tell which were put in by hand
 
+    def __repr__(self) -> str:
+        joints = f"{self.model.base} base, {self.tree.n} joints"
+        driven = f"{self.servos} servos" if self.servos else "no servos"
+        under = "no ground" if self.ground is None else f"ground of friction {self.ground.friction:g}"
+        step = f"{self.integrator} at {self.timestep:g} s"
+        return f"<scene of {self.model.name}: {joints}, {driven}, {under}, {len(self.springs)} springs, {step}>"
+
     def recompiled(self, **changes: Any) -> CompiledScene:
         """The scene with other arguments of `compile_scene` and the same pushes; the state's layout stays.
 

@@ -46,6 +46,6 @@ def _strongest(model: Model, joint: Joint, servo: Servo | None, g: float) -> flo
 
     A robot without weight has the stops that it would have on Earth.
     """
-    if servo is not None:
+    if servo is not None and stall_torque(servo) < math.inf:
         return stall_torque(servo)
     return joint.effort if joint.effort < 1e3 else model.mass * (g or 9.81) * 0.1

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-from ..model import SERVO_UNITS, Controller, Gearbox, Joint, Servo, check_servos
+from ..model import SERVO_UNITS, TORQUE_LAWS, Controller, Gearbox, Joint, Servo, check_servos
 from .errors import blamed_on
 from .source import robots_folder
 from .toml import check_keys, read_toml, real, string, table_of
@@ -19,24 +20,25 @@ PARTS = {
     part: [f for f in fields(part) if f.name not in ("controller", "gearbox")] for part in (Controller, Gearbox, Servo)
 }
 _FIELDS = {f.name: f for part in PARTS.values() for f in part}
+MOTOR = ("resistance", "inductance", "motor_constant", "voltage_limit")  # what a servo of the other laws must state
 _ANGLES = tuple(name for name, unit in SERVO_UNITS.items() if unit == "rad")
 
 
-def load_servo(name: str, gearbox: str = "physical", **overrides: Any) -> Servo:
-    """Read a servo of `robots/servos/` with one of its gearbox presets.
+def load_servo(name: str | os.PathLike, gearbox: str = "physical", **overrides: Any) -> Servo:
+    """Read a servo of `robots/servos/`, or the path of a .toml file, with one of its gearbox presets.
 
     `overrides` are fields of `Servo`, `Controller` or `Gearbox` (their names do not clash), in SI units.
     Raises RobotFileError (a ValueError) on an unknown servo, preset or field and on a value out of range.
     """
-    with blamed_on(f"load_servo({name!r})"):
+    with blamed_on(f"load_servo({os.fspath(name)!r})"):
         own = _servo_settings(overrides, "overrides")
-        return _servo({**_servo_values(_servo_path(name), gearbox), **own}, name)
+        return _servo({**_servo_values(_servo_file(name), gearbox), **own}, os.fspath(name))
 
 
-def gearbox_presets(name: str) -> dict[str, Gearbox]:
-    """Read the gearbox presets of a servo of `robots/servos/`, by name."""
-    with blamed_on(f"gearbox_presets({name!r})"):
-        presets = table_of(read_toml(_servo_path(name)), "gearboxes", "")
+def gearbox_presets(name: str | os.PathLike) -> dict[str, Gearbox]:
+    """Read the gearbox presets of a servo, by name; the servo as in `load_servo`."""
+    with blamed_on(f"gearbox_presets({os.fspath(name)!r})"):
+        presets = table_of(read_toml(_servo_file(name)), "gearboxes", "")
     return {preset: load_servo(name, preset).gearbox for preset in presets}
 
 
@@ -46,6 +48,11 @@ def read_servos(section: dict[str, Any], joints: tuple[Joint, ...], folder: Path
     check_servos(joints, own)
     _servo_settings(section, "servos", also=("default", "gearbox", "joints"))
     shared = {key: value for key, value in section.items() if key not in ("default", "joints")}
+    if shared and not own and "default" not in section:
+        raise ValueError(
+            f"servos: {', '.join(shared)} would act on no joint: name the servo of all joints that turn, for instance "
+            'default = "ax12", or give joints their own in [servos.joints.NAME]'
+        )
     if "default" in section:
         shared["type"] = string(section, "default", "servos")
     read = functools.cache(lambda name, gearbox: _servo_values(_servo_path(name, folder), gearbox))
@@ -69,9 +76,15 @@ def _joint_servo(table: dict[str, Any], read: Callable[[str, str], dict[str, Any
     return _servo(values, what)
 
 
+def _servo_file(name: str | os.PathLike) -> Path:
+    """The path as given, or the file of a servo that comes with the package."""
+    text = os.fspath(name)
+    return Path(text) if isinstance(name, os.PathLike) or text.endswith(".toml") else _servo_path(text)
+
+
 def _servo_path(name: str, folder: Path | None = None) -> Path:
     """The servo's file: beside the robot's TOML, else among those that come with the package."""
-    packaged = robots_folder() / "servos"
+    packaged, name = robots_folder() / "servos", name.removesuffix(".toml")
     for path in (folder or packaged, packaged):
         if Path(name).name == name and (path / f"{name}.toml").is_file():
             return path / f"{name}.toml"
@@ -84,11 +97,19 @@ def _servo_values(path: Path, gearbox: str) -> dict[str, Any]:
     with blamed_on(path):
         table = read_toml(path)
         presets = table_of(table, "gearboxes", "")
-        if gearbox not in presets:
-            raise ValueError(f"there is no gearbox {gearbox!r}; expected one of {', '.join(presets)}: use one of these")
+        _check_preset(gearbox, presets)
         preset = _servo_settings(table_of(presets, gearbox, "gearboxes."), f"gearboxes.{gearbox}")
         table = {key: value for key, value in table.items() if key != "gearboxes"}
         return {**_servo_settings(table, "servo"), **preset}
+
+
+def _check_preset(gearbox: str, presets: Mapping[str, Any]) -> None:
+    """A file without presets states its one gearbox among the servo's numbers; "physical" is the name of that too."""
+    if gearbox in presets or (not presets and gearbox == "physical"):
+        return
+    if not presets:
+        raise ValueError(f"there is no gearbox {gearbox!r}: the file has no [gearboxes]; leave the name out, or add it")
+    raise ValueError(f"there is no gearbox {gearbox!r}; expected one of {', '.join(presets)}: use one of these")
 
 
 def _servo_settings(table: Mapping[str, Any], what: str, also: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -107,8 +128,11 @@ def _servo_settings(table: Mapping[str, Any], what: str, also: tuple[str, ...] =
 
 
 def _servo(values: dict[str, Any], what: str) -> Servo:
-    for name, f in _FIELDS.items():
-        if name not in values and f.default is MISSING:
+    if values.get("law") in TORQUE_LAWS:
+        values = {"ratio": 1.0, **values}  # which matters to reflected inertia alone
+    needed = [name for name, f in _FIELDS.items() if f.default is MISSING]
+    for name in [*needed, *(() if values.get("law") in TORQUE_LAWS else MOTOR)]:
+        if name not in values:
             raise ValueError(f"{what}: {name} is missing; it is required: add it, or name a servo type that has it")
     controller, gearbox, motor = ({f.name: values[f.name] for f in part if f.name in values} for part in PARTS.values())
     try:

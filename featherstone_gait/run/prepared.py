@@ -266,7 +266,8 @@ def _stored(scene: CompiledScene, record: tuple[str, ...]) -> tuple[dict[str, sl
     slices = {}
     for name in record:
         if name not in state.RECORDABLE:
-            raise ValueError(f"record: there is no channel {name!r}; channels: {', '.join(state.RECORDABLE)}")
+            known = ", ".join(state.RECORDABLE)
+            raise ValueError(f"record: there is no channel {name!r}; channels: {known}: see help(simulate)")
         for stored in state.BY_NAME[name].needs or (name,):
             if stored in slices:
                 continue

@@ -12,6 +12,7 @@ import dataclasses
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
+from textwrap import indent
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from numpy.typing import ArrayLike
 from .. import renamed
 from ..build.external import Push
 from ..build.scene import CompiledScene
+from ..channels import channel_table
 from ..core.step.state import RECORDABLE
 from ..reference import Reference
 from ..trajectory import Trajectory, with_error
@@ -53,7 +55,7 @@ def simulate(
 
     state: what `initial_state` gave, or an earlier `Trajectory` to go on from; reference: joint angles for the servos,
     None holds the initial ones; tau: (joints,) constant torques or a `Reference` of torques [N m]; pushes: external
-    forces; record: channels, any of `PARTS`; sample: time between records [s], a multiple of the step (a tick if None);
+    forces; record: channels, see below; sample: time between records [s], a multiple of the step (a tick if None);
     noise: (ticks, joints, 2), added at each controller tick to the measured angle [rad] and to the voltage [V];
     rtol, atol: error allowed in a step, relative and absolute [rad, m, and their rates; A; J], of an integrator that
     chooses its steps (atol is rtol if None); given for a scene of fixed steps, they choose such an integrator for this
@@ -65,6 +67,10 @@ def simulate(
         scene, duration, [state], [reference], [tau], pushes, record, sample,
         noises=[noise], rtol=rtol, atol=atol, estimate_error=estimate_error,
     )[0]  # fmt: skip
+
+
+if simulate.__doc__:  # python -OO leaves it out
+    simulate.__doc__ += f"\n    Channels, with units and labels:\n\n{indent(channel_table(), 8 * ' ')}\n"
 
 
 def simulate_batch(

@@ -32,8 +32,8 @@ LEFT, RIGHT, MIDDLE = (74, 144, 226), (240, 140, 60), (170, 178, 186)  # colours
 def write_animation(path: FilePath, model: Model, runs: Mapping[str, Trajectory], title: str = "") -> None:
     """Write the page: one picture for each of `runs`, which are named by their captions.
 
-    The trajectories need the channel q, base_q of a floating base, and energy.
-    Raises ValueError for a robot none of whose links has an inertia.
+    The trajectories need the channel q, and base_q of a floating base; with energy the page tells what was drawn.
+    Raises ValueError where these are missing, and for a robot none of whose links has an inertia.
     """
     boxes = {link.name: _box(link) for link in model.links if max(link.inertia, default=0.0) > 0.0}
     if not boxes:
@@ -62,16 +62,16 @@ def _box(link: Link) -> np.ndarray:
 def _run(model: Model, boxes: dict[str, np.ndarray], caption: str, trajectory: Trajectory) -> dict:
     """What the page needs of one run."""
     every = max(1, round(FRAME / (trajectory["time"][1] - trajectory["time"][0])))
-    poses = forward_kinematics(model, positions(trajectory)[::every])
+    poses = forward_kinematics(model, positions(trajectory, model)[::every])
     rows = [k for k, link in enumerate(model.links) if link.name in boxes]
     world = np.einsum("nlij,lkj->nlki", poses.rotation[:, rows], np.stack(list(boxes.values())))
     world[:, :, 0] += poses.position[:, rows]
-    energy = trajectory["energy"][::every, :, METER].sum(axis=1)
+    energy = trajectory["energy"][::every, :, METER].sum(axis=1) if "energy" in trajectory else None
     return {
         "caption": caption,
         "dt": float(trajectory["time"][every]),
         "boxes": np.round(world / UNIT).astype(int).reshape(len(world), -1).tolist(),
-        "energy": np.round(energy, 2).tolist(),
+        "energy": None if energy is None else np.round(energy, 2).tolist(),
     }
 
 

@@ -83,7 +83,7 @@ def plot_motion(
     rows = np.linspace(0, min(int(last), len(trajectory["time"]) - 1), count).round().astype(int)
     colors = colormaps["viridis"](np.linspace(0.0, 0.9, count))
     right, up = ("xyz".index(axis) for axis in view)
-    sticks = _sticks(model, positions(trajectory)[rows])[..., [right, up]]
+    sticks = _sticks(model, positions(trajectory, model)[rows])[..., [right, up]]
     for figure, color in zip(sticks, colors):
         axes.add_collection(LineCollection(figure, colors=[color], linewidths=2.0, capstyle="round"))
         axes.plot(*figure[:, 0].T, "o", color=color, markersize=3)
@@ -94,8 +94,15 @@ def plot_motion(
     return axes.figure  # type: ignore[return-value]  # that of axes in a part of a figure is the part
 
 
-def positions(trajectory: Trajectory) -> np.ndarray:
-    """Positions q (samples, nq) as the functions of `dynamics` take them."""
+def positions(trajectory: Trajectory, model: Model | None = None) -> np.ndarray:
+    """Positions q (samples, nq) as the functions of `dynamics` take them.
+
+    Raises ValueError, if the model is given, where one of its channels was not recorded.
+    """
+    for name in ("base_q",) * (model is not None and model.base == "floating") + ("q",) * (model is not None):
+        if name not in trajectory:
+            known = ", ".join(trajectory)
+            raise ValueError(f"channel {name!r} is not recorded, {known} are: name it in simulate(record=...)")
     return np.hstack([trajectory["base_q"], trajectory["q"]]) if "base_q" in trajectory else trajectory["q"]
 
 

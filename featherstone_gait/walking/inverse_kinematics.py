@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.fixed_order import applied, product, solve, total
+from featherstone_gait.fixed_order import product, solve, total
+from featherstone_gait.jacobians import jacobian_at, point_at
 from featherstone_gait.model import Model
-from featherstone_gait.walking.kinematics import joint_axes, link_index, link_poses
+from featherstone_gait.walking.kinematics import link_index, link_poses
 
 TOLERANCE = 1e-11  # of the task error [m and rad]; rounding alone leaves 1e-16
 MAX_ITERATIONS = 200
@@ -136,14 +137,12 @@ def _task(
     poses = link_poses(model, angles)
     index = link_index(model, foot)
     turned = poses.rotation[:, index]
-    reached = poses.position[:, index] + applied(turned, np.asarray(point, dtype=float))
+    reached = point_at(poses, index, point)
     # Half the sum of the cross products of the axes: the rotation's axis times the sine of its angle.
     turn = 0.5 * total(np.cross(turned, rotation[None], axis=1))
-    origin = poses.position[:, [link_index(model, model.moving_joints[c].child) for c in columns]]
-    axes = joint_axes(model, poses)[:, columns]
-    lever = np.cross(axes, reached[:, None] - origin)
     error = np.concatenate([target - reached, turn], axis=1)
-    J = np.concatenate([lever, axes], axis=2).transpose(0, 2, 1)
+    first = model.nv - len(model.joint_names)
+    J = jacobian_at(model, poses, foot, point)[:, [3, 4, 5, 0, 1, 2]][:, :, [first + c for c in columns]]
     rows = 6 if len(columns) >= 6 else 5
     return error[:, :rows], J[:, :rows]
 

@@ -13,17 +13,10 @@ from numpy.typing import ArrayLike
 
 from featherstone_gait import dynamics, renamed
 from featherstone_gait.dynamics import Poses
-from featherstone_gait.fixed_order import applied
+from featherstone_gait.jacobians import joint_axes as joint_axes
+from featherstone_gait.jacobians import link_centers as link_centers
+from featherstone_gait.jacobians import link_index as link_index
 from featherstone_gait.model import Model
-
-
-def link_index(model: Model, name: str) -> int:
-    """Return the position of the link `name` in ``model.links``.  Raises ValueError if there is none."""
-    for i, link in enumerate(model.links):
-        if link.name == name:
-            return i
-    known = ", ".join(link.name for link in model.links)
-    raise ValueError(f"model {model.name!r} has no link {name!r}; its links are {known}")
 
 
 def link_poses(model: Model, angles: ArrayLike, base_position: ArrayLike = 0.0) -> Poses:
@@ -39,17 +32,6 @@ def link_poses(model: Model, angles: ArrayLike, base_position: ArrayLike = 0.0) 
 def center_of_mass(model: Model, angles: ArrayLike, base_position: ArrayLike = 0.0) -> np.ndarray:
     """Return the whole model's centre of mass (n, 3) [m]; arguments as of `link_poses`."""
     return dynamics.center_of_mass(model, _upright(model, angles)) + _shift(base_position)
-
-
-def link_centers(model: Model, poses: Poses) -> np.ndarray:
-    """Return the links' centres of mass (n, links, 3) [m]."""
-    return poses.position + applied(poses.rotation, np.array([link.center_of_mass for link in model.links]))
-
-
-def joint_axes(model: Model, poses: Poses) -> np.ndarray:
-    """Return the moving joints' axes in the world (n, nj, 3): a link turns about its joint's axis, which stays."""
-    children = [link_index(model, joint.child) for joint in model.moving_joints]
-    return applied(poses.rotation[:, children], np.reshape([joint.axis for joint in model.moving_joints], (-1, 3)))
 
 
 def _upright(model: Model, angles: ArrayLike) -> np.ndarray:
