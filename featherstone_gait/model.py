@@ -509,9 +509,10 @@ def _resists(body: RigidBody) -> bool:
 
 def _massless_flaws(model: Model, bodies: list[RigidBody]) -> Iterator[Flaw]:
     """Bodies that move although neither they nor anything that they carry has a mass."""
+    coupled = {name for coupling in model.couplings for name in coupling[:2]}  # each may have the other's inertia
     for body, carried in zip(bodies, carried_mass(_rows(bodies))):
         joint = body.frame.joint
-        moves = joint.armature == 0 if joint else model.base == "floating"
+        moves = joint.armature == 0 and joint.name not in coupled if joint else model.base == "floating"
         if moves and not carried > 0:
             text = f"{_named(body)} moves but has mass {body.mass!r} kg, with all that it carries {float(carried)!r} kg"
             yield Flaw(f"link {body.links[0]!r}", f"{text}; expected > 0: add <inertial>, or fix its joint")

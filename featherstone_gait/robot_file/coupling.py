@@ -51,21 +51,21 @@ def _is_sound(joint: Joint, by_name: dict[str, Joint], report: Report) -> bool:
     path = [joint.name]
     mimic = joint.mimic
     while mimic is not None:
-        what = f"joint {path[-1]!r}"
         if mimic.joint in path:
-            loop = ", ".join(map(repr, path[path.index(mimic.joint) :]))
-            _refuse(report, what, f"joints {loop} follow each other in a circle; remove one <mimic>")
+            loop = sorted(path[path.index(mimic.joint) :])
+            text = f"joints {', '.join(map(repr, loop))} follow each other in a circle; remove one <mimic>"
+            _refuse(report, loop[0], text)
             return False
         if mimic.joint not in by_name:
-            _refuse(report, what, f"<mimic> names joint {mimic.joint!r}, which is not there; correct the name")
+            _refuse(report, path[-1], f"<mimic> names joint {mimic.joint!r}, which is not there; correct the name")
             return False
         path.append(mimic.joint)
         mimic = by_name[mimic.joint].mimic
     return True
 
 
-def _refuse(report: Report, what: str, text: str) -> None:
-    report.refuse_at(what, f"{what}: {text}, or load with mimic='free'")
+def _refuse(report: Report, joint: str, text: str) -> None:
+    report.refuse_at(f"joint {joint!r}", f"joint {joint!r}: {text}, or load with mimic='free'")
 
 
 def _resolved(mimic: Mimic, by_name: dict[str, Joint], locked: dict[str, float]) -> Mimic:

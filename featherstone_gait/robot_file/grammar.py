@@ -57,7 +57,7 @@ _SKIPPED = {
     },
 }
 _READ_ELSEWHERE = ("collision",)
-_EMPTY_IS_ABSENT = ("inertial", "axis", "limit")
+_EMPTY_IS_ABSENT = ("inertial", "axis")
 _MEANINGFUL = {("origin", "quat_xyzw"): "write the rotation as rpy, and remove it"}
 
 
