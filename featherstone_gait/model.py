@@ -15,12 +15,13 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
+from .composite import TOLERANCE, Bodies, carried_mass, idle, loosest, mass_matrix
 from .core.compile.elementary import SINCOS_LIMIT
 from .fixed_order import applied, product
 from .rotation import dot, rotation_about, rotation_from_rpy, rotation_z_to
@@ -33,7 +34,8 @@ TORQUE_LAWS = ("pd", "pd_clamped")
 
 AXIS_TOLERANCE = 1e-9  # how far from 1 the length of a joint axis may be
 DEFINITE_TOLERANCE = 1e-9  # smallest principal moment of inertia, relative to the largest
-TRIANGLE_TOLERANCE = 1e-6  # relative; a flat plate meets A + B = C exactly, and files round to about seven digits
+MAX_JOINTS = 1000  # that move, of a robot with a body that alone has no inertia
+POSTURES = 4  # at which the mass matrix of such a robot is looked at
 
 _RULES: dict[str, Callable[[float], bool]] = {
     "> 0": lambda x: 0 < x < math.inf,
@@ -42,6 +44,28 @@ _RULES: dict[str, Callable[[float], bool]] = {
     ">= 0 or inf": lambda x: x >= 0,
     "finite": math.isfinite,
 }
+
+
+class Flaw(NamedTuple):
+    """What is wrong with an element of a robot."""
+
+    element: str  # such as "link 'thigh'"
+    text: str  # names the element, the value, what is allowed and a remedy
+
+
+class FlawError(ValueError):
+    """A robot that cannot be; `flaws` lists all that is wrong with it."""
+
+    def __init__(self, flaws: Iterable[Flaw]) -> None:
+        self.flaws = tuple(flaws)
+        super().__init__("; ".join(flaw.text for flaw in self.flaws))
+
+
+def _refuse(element: str, texts: Iterable[str]) -> None:
+    """Raise FlawError if there is any text."""
+    flaws = [Flaw(element, text) for text in texts]
+    if flaws:
+        raise FlawError(flaws)
 
 
 def _range(rule: str, unit: str, remedy: str = "") -> dict[str, str]:
@@ -56,7 +80,10 @@ def _number(rule: str, unit: str, default: float, remedy: str = "") -> Any:
 
 @dataclass(frozen=True)
 class Link:
-    """A rigid body.  `inertia` is about the centre of mass, in link axes."""
+    """A rigid body.  `inertia` is about the centre of mass, in link axes.
+
+    An inertia that no body has is taken as it is: a `Model` asks only that its mass matrix be positive definite.
+    """
 
     name: str
     mass: float = field(metadata=_range(">= 0", "kg", "a link without mass is one without <inertial>"))  # 0: a frame
@@ -64,12 +91,13 @@ class Link:
     inertia: tuple[float, ...]  # ixx ixy ixz iyy iyz izz [kg m^2]
 
     def __post_init__(self) -> None:
-        what = f"link {self.name!r}"
-        _check_name("link", self.name)
-        _check_numbers(what, self)
-        _check_vector(what, "center_of_mass", self.center_of_mass, 3)
-        _check_vector(what, "inertia", self.inertia, 6)
-        _check_inertia(what, self.mass, self.inertia)
+        _refuse(f"link {self.name!r}", self._flaws(f"link {self.name!r}"))
+
+    def _flaws(self, what: str) -> Iterator[str]:
+        yield from _name_flaws("link", self.name)
+        yield from _number_flaws(what, self)
+        yield from _vector_flaws(what, "center_of_mass", self.center_of_mass, 3)
+        yield from _vector_flaws(what, "inertia", self.inertia, 6)
 
 
 @dataclass(frozen=True)
@@ -105,29 +133,28 @@ class Joint:
     mimic: Mimic | None = None  # the joint that this one follows
 
     def __post_init__(self) -> None:
-        what = f"joint {self.name!r}"
-        _check_name("joint", self.name)
-        _check_choice(what, "type", self.type, get_args(JointType))
+        _refuse(f"joint {self.name!r}", self._flaws(f"joint {self.name!r}"))
+
+    def _flaws(self, what: str) -> Iterator[str]:
+        yield from _name_flaws("joint", self.name)
+        yield from _choice_flaws(what, "type", self.type, get_args(JointType))
         if self.parent == self.child:
-            raise ValueError(f"{what}: parent and child are both {self.child!r}; connect two different links")
-        _check_vector(what, "xyz", self.xyz, 3)
-        _check_vector(what, "rpy", self.rpy, 3)
-        check_angles(what, "rpy", self.rpy)
-        _check_vector(what, "axis", self.axis, 3)
-        if self.type == "fixed":
-            return
+            yield f"{what}: parent and child are both {self.child!r}; connect two different links"
+        yield from _vector_flaws(what, "xyz", self.xyz, 3)
+        yield from _vector_flaws(what, "rpy", self.rpy, 3)
+        yield from _angle_flaws(what, "rpy", self.rpy)
+        yield from _vector_flaws(what, "axis", self.axis, 3)
+        if self.type != "fixed":
+            yield from self._motion_flaws(what)
+
+    def _motion_flaws(self, what: str) -> Iterator[str]:
         if abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
-            raise ValueError(f"{what}: axis {self.axis!r} is not of unit length; divide it by its length")
-        if not self.lower < self.upper:
-            raise ValueError(
-                f"{what}: limits lower {self.lower!r}, upper {self.upper!r}; lower must be below upper: "
-                "swap them, or use type 'fixed' for a joint that does not move"
-            )
+            yield f"{what}: axis {self.axis!r} is not of unit length; divide it by its length"
+        if not self.lower <= self.upper or self.lower == math.inf or self.upper == -math.inf:
+            yield f"{what}: limits lower {self.lower!r}, upper {self.upper!r}; lower must be below upper: swap them"
         if self.type == "continuous" and (self.lower, self.upper) != (-math.inf, math.inf):
-            raise ValueError(
-                f"{what}: type 'continuous' has limits {self.lower!r} to {self.upper!r}; use type 'revolute'"
-            )
-        _check_numbers(what, self)
+            yield f"{what}: type 'continuous' has limits {self.lower!r} to {self.upper!r}; use type 'revolute'"
+        yield from _number_flaws(what, self)
 
 
 @dataclass(frozen=True)
@@ -333,6 +360,7 @@ class Model:
         check_mimics(self.joints)
         check_servos(self.joints, self.servos)
         check_contacts(self.links, self.contacts)
+        check_can_move(self.joints, self.held)
         _check_bodies(self)
 
     @property
@@ -373,6 +401,13 @@ class Model:
         return len(self.moving_joints) + (6 if self.base == "floating" else 0)
 
     @property
+    def couplings(self) -> tuple[tuple[str, str, float, float], ...]:
+        """Joints that follow others: (follower, leader, multiplier, offset [rad or m]), in file order."""
+        followers = [joint for joint in self.moving_joints if joint.mimic]
+        leaders = [leader_of(self, joint) for joint in followers]
+        return tuple((joint.name, head.name, k, offset) for joint, (head, k, offset) in zip(followers, leaders))
+
+    @property
     def mass(self) -> float:
         """Total mass [kg]; of a fixed base too."""
         return math.fsum(link.mass for link in self.links)
@@ -385,42 +420,54 @@ class Model:
 
 
 def check_tree(links: Iterable[Link], joints: Iterable[Joint]) -> None:
-    """Raise ValueError unless the joints make one tree of the links."""
-    names = _unique("link", [link.name for link in links])
+    """Raise FlawError, a ValueError, unless the joints make one tree of the links."""
+    names, joints = [link.name for link in links], list(joints)
+    flaws = [*_twice("link", names), *_twice("joint", [joint.name for joint in joints])]
+    flaws += _joining_flaws(set(names), joints)
     if not names:
-        raise ValueError("the robot has no link; at least one <link> is needed")
-    _unique("joint", [joint.name for joint in joints])
+        flaws.append(Flaw("robot", "the robot has no link; at least one <link> is needed"))
+    if not flaws:
+        flaws += _root_flaws(names, {joint.child: joint for joint in joints})
+    if flaws:
+        raise FlawError(flaws)
+
+
+def _joining_flaws(names: set[str], joints: list[Joint]) -> Iterator[Flaw]:
+    """Joints to links that are not there, or to a link that has a parent joint."""
     parent_joint: dict[str, Joint] = {}
     for joint in joints:
+        what = f"joint {joint.name!r}"
         for end in (joint.parent, joint.child):
             if end not in names:
-                raise ValueError(f"joint {joint.name!r}: there is no link {end!r}; define it, or correct the name")
+                yield Flaw(what, f"{what}: there is no link {end!r}; define it, or correct the name")
         if joint.child in parent_joint:
-            raise ValueError(
+            yield Flaw(
+                what,
                 f"link {joint.child!r} is the child of joints {parent_joint[joint.child].name!r} and {joint.name!r}; "
-                "a link has one parent joint: cut the closed loop, or rename one of the two"
+                "a link has one parent joint: cut the closed loop, or rename one of the two",
             )
         parent_joint[joint.child] = joint
-    _check_root(names, parent_joint)
 
 
-def _check_root(names: Iterable[str], parent_joint: dict[str, Joint]) -> None:
-    """Raise ValueError unless every link leads up to one root."""
+def _root_flaws(names: list[str], parent_joint: dict[str, Joint]) -> Iterator[Flaw]:
+    """Links that do not lead up to one root."""
     roots = [name for name in names if name not in parent_joint]
     if len(roots) > 1:
-        raise ValueError(
+        yield Flaw(
+            f"link {roots[1]!r}",
             f"links {_listed(roots)} have no parent joint; exactly one link may be the root: "
-            "connect the others to it, for instance by a fixed joint"
+            "connect the others to it, for instance by a fixed joint",
         )
     rooted = set(roots)
     for name in names:
         path: dict[str, None] = {}  # a set that keeps its order
-        while name not in rooted:
-            if name in path:
-                cycle = list(path)[list(path).index(name) :]  # the part of the path that comes back on itself
-                raise ValueError(f"links {_listed(cycle)} form a cycle of joints; a robot is a tree: remove one joint")
+        while name not in rooted and name not in path:
             path[name] = None
             name = parent_joint[name].parent
+        if name in path:
+            cycle = list(path)[list(path).index(name) :]  # the part of the path that comes back on itself
+            text = f"links {_listed(cycle)} form a cycle of joints; a robot is a tree: remove one joint"
+            yield Flaw(f"link {cycle[0]!r}", text)
         rooted.update(path)
 
 
@@ -478,6 +525,16 @@ def check_mimics(joints: Iterable[Joint]) -> None:
             leader = leaders[leader]
 
 
+def check_can_move(joints: Iterable[Joint], held: dict[str, float]) -> None:
+    """Raise ValueError for a joint that is neither fixed nor held, and whose limits coincide."""
+    for joint in joints:
+        if joint.type != "fixed" and joint.name not in held and joint.lower == joint.upper:
+            raise ValueError(
+                f"joint {joint.name!r}: limits lower {joint.lower!r}, upper {joint.upper!r}; lower must be below "
+                "upper: use type 'fixed' for a joint that does not move, or lock it there"
+            )
+
+
 def check_servos(joints: Iterable[Joint], servos: dict[str, Servo]) -> None:
     """Raise ValueError unless every servo's joint exists and moves."""
     by_name = {joint.name: joint for joint in joints}
@@ -504,9 +561,14 @@ def check_springs(links: Iterable[Link], springs: Iterable[Spring]) -> None:
 
 def check_angles(what: str, name: str, angles: Iterable[float]) -> None:
     """Raise ValueError for an angle too large for its sine to be exact."""
+    for text in _angle_flaws(what, name, angles):
+        raise ValueError(text)
+
+
+def _angle_flaws(what: str, name: str, angles: Iterable[float]) -> Iterator[str]:
     for angle in angles:
         if not abs(angle) <= SINCOS_LIMIT:
-            raise ValueError(f"{what}: {name} is {angle!r} rad; at most {SINCOS_LIMIT:.0f} rad: subtract whole turns")
+            yield f"{what}: {name} is {angle!r} rad; at most {SINCOS_LIMIT:.0f} rad: subtract whole turns"
 
 
 def _movable(by_name: dict[str, Joint], name: str, where: str) -> Joint:
@@ -520,22 +582,119 @@ def _movable(by_name: dict[str, Joint], name: str, where: str) -> Joint:
 
 
 def _check_bodies(model: Model) -> None:
-    """Raise ValueError unless what moves as one has a mass and an inertia that resist every motion."""
-    for body in rigid_bodies(model)[0]:
-        if body.frame.joint is None and model.base == "fixed":
-            continue  # it never moves
-        leader, *attached = body.links
-        what = f"link {leader!r}" + (f" with {_listed(attached)} rigidly attached" if attached else "")
-        if not body.mass > 0:
-            raise ValueError(
-                f"{what} moves but has mass {body.mass!r} kg; expected > 0: add <inertial>, or fix its joint"
-            )
-        moments = np.linalg.eigvalsh(body.inertia).tolist()
-        if not moments[0] > DEFINITE_TOLERANCE * moments[2]:
-            raise ValueError(
-                f"{what} moves but its principal moments of inertia are {_listed(moments)} kg m^2; all must be > 0: "
-                "a point mass or an ideal rod needs its real, small inertia"
-            )
+    """Raise FlawError, a ValueError, unless the mass matrix is positive definite.
+
+    It is if what moves as one has a mass and an inertia that resist every motion.  A body that has not may still be
+    carried by, or carry, others that have: then the matrix itself is looked at, in a few postures.
+    """
+    bodies = rigid_bodies(model)[0]
+    if all(_resists(body) for body in bodies if body.frame.joint or model.base == "floating"):
+        return
+    flaws = [*_massless_flaws(model, bodies)] or _idle_flaws(model, bodies)
+    if flaws:
+        raise FlawError(flaws)
+
+
+def _resists(body: RigidBody) -> bool:
+    """Whether a body alone has an inertia against every motion."""
+    if not body.mass > 0:
+        return False
+    moments = np.linalg.eigvalsh(body.inertia)
+    return bool(moments[0] > DEFINITE_TOLERANCE * moments[2])
+
+
+def _massless_flaws(model: Model, bodies: list[RigidBody]) -> Iterator[Flaw]:
+    """Bodies that move although neither they nor anything that they carry has a mass."""
+    for body, carried in zip(bodies, carried_mass(_rows(bodies))):
+        joint = body.frame.joint
+        moves = joint.armature == 0 if joint else model.base == "floating"
+        if moves and not carried > 0:
+            text = f"{_named(body)} moves but has mass {body.mass!r} kg, with all that it carries {float(carried)!r} kg"
+            yield Flaw(f"link {body.links[0]!r}", f"{text}; expected > 0: add <inertial>, or fix its joint")
+
+
+def _named(body: RigidBody) -> str:
+    leader, *attached = body.links
+    return f"link {leader!r}" + (f" with {_listed(attached)} rigidly attached" if attached else "")
+
+
+def _idle_flaws(model: Model, bodies: list[RigidBody]) -> list[Flaw]:
+    """What moves without inertia, in the first posture in which something does."""
+    if len(bodies) > MAX_JOINTS:
+        text = f"robot {model.name!r} has {len(bodies) - 1} moving joints and bodies without inertia of their own"
+        return [Flaw("robot", f"{text}; at most {MAX_JOINTS} are looked at: give each body its mass and inertia")]
+    rows, free = _rows(bodies), _free_motions(model, bodies)
+    for q in _postures(model, bodies):
+        H, size = mass_matrix(rows, q)
+        H, size = free.T @ H @ free, (free * free).T @ size
+        flaws = [_idle_flaw(bodies, free[:, k], H[k, k]) for k in idle(H, size)]
+        if not flaws and len(H):
+            least, share = loosest(H)
+            flaws = [] if least > TOLERANCE else [_loose_flaw(bodies, free @ share, least)]
+        if flaws:
+            return flaws
+    return []
+
+
+def _rows(bodies: list[RigidBody]) -> Bodies:
+    joints = [body.frame.joint for body in bodies]
+    return Bodies(
+        [body.frame.parent for body in bodies],
+        np.array([body.frame.E for body in bodies]),
+        np.array([body.frame.r for body in bodies]),
+        [joint is not None and joint.type == "prismatic" for joint in joints],
+        np.array([joint.armature if joint else 0.0 for joint in joints]),
+        np.array([body.mass for body in bodies]),
+        np.array([body.center for body in bodies]),
+        np.array([body.inertia for body in bodies]),
+    )
+
+
+def _free_motions(model: Model, bodies: list[RigidBody]) -> np.ndarray:
+    """Columns: what a unit speed of each coordinate is in those of `composite.mass_matrix`.
+
+    Joints that follow others have their own: the articulated-body algorithm couples what it has solved.
+    """
+    return np.eye(len(bodies) + 5)[:, 0 if model.base == "floating" else 6 :]
+
+
+def _postures(model: Model, bodies: list[RigidBody]) -> Iterator[np.ndarray]:
+    """The posture nearest to zero and some others within the joints' limits; of each revolute joint half a turn."""
+    joints = [body.frame.joint for body in bodies if body.frame.joint]
+    zero = np.array([0.0, *(min(max(0.0, joint.lower), joint.upper) for joint in joints)])
+    lower = np.maximum([0.0, *(joint.lower for joint in joints)], zero - 0.5 * math.pi)
+    upper = np.minimum([0.0, *(joint.upper for joint in joints)], zero + 0.5 * math.pi)
+    rows = {joint.name: k for k, joint in enumerate(joints, 1)}
+    rng = np.random.default_rng(0)
+    for k in range(POSTURES):
+        q = zero if k == 0 else lower + rng.random(len(zero)) * (upper - lower)
+        for follower, leader, multiplier, offset in model.couplings:
+            q[rows[follower]] = multiplier * q[rows[leader]] + offset
+        yield q
+
+
+def _idle_flaw(bodies: list[RigidBody], motion: np.ndarray, inertia: float) -> Flaw:
+    """Of a coordinate that moves no inertia."""
+    body = bodies[max(0, int(np.abs(motion).argmax()) - 5)]
+    how = f"about joint {body.frame.joint.name!r}" if body.frame.joint else "as the floating base"
+    text = (
+        f"{_named(body)} moves {how} but its inertia there is {float(inertia)!r}, with all that it carries; "
+        "expected > 0: a point mass or an ideal rod on the axis needs its real, small inertia"
+    )
+    return Flaw(f"link {body.links[0]!r}", text)
+
+
+def _loose_flaw(bodies: list[RigidBody], share: np.ndarray, least: float) -> Flaw:
+    """Of coordinates that together move no inertia."""
+    rows = sorted({max(0, int(k) - 5) for k in np.flatnonzero(share > 0.1 * share.max())})
+    moving = [bodies[k] for k in rows]
+    names = [f"joint {b.frame.joint.name!r}" if b.frame.joint else f"floating base {b.links[0]!r}" for b in moving]
+    text = (
+        f"link {moving[0].links[0]!r}: {', '.join(names[:10])} can move together without inertia: the least eigenvalue "
+        f"of the mass matrix, scaled to a unit diagonal, is {least:.3g}; expected > 0: correct the masses and inertias "
+        "there, or fix a joint"
+    )
+    return Flaw(f"link {moving[0].links[0]!r}", text)
 
 
 class Placement(NamedTuple):
@@ -643,60 +802,64 @@ def inertia_matrix(inertia: tuple[float, ...]) -> np.ndarray:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def _check_inertia(what: str, mass: float, inertia: tuple[float, ...]) -> None:
-    """Raise ValueError unless some distribution of the mass has this inertia (a point or a rod included)."""
-    if mass == 0:
-        if any(inertia):
-            raise ValueError(f"{what}: mass is 0 but inertia is {tuple(inertia)!r}; give a mass > 0, or set both to 0")
-        return
-    A, B, C = np.linalg.eigvalsh(inertia_matrix(inertia)).tolist()
-    if A < -DEFINITE_TOLERANCE * max(C, -A):
-        raise ValueError(
-            f"{what}: inertia {tuple(inertia)!r} kg m^2 is not positive definite (principal moments "
-            f"{A:.6g}, {B:.6g}, {C:.6g}); all must be > 0: correct the diagonal and the signs of the products"
-        )
-    if A + B < C * (1.0 - TRIANGLE_TOLERANCE):
-        raise ValueError(
-            f"{what}: principal moments of inertia {A:.6g}, {B:.6g}, {C:.6g} kg m^2 break the triangle inequality; "
-            f"no body has one above the sum of the others (relative tolerance {TRIANGLE_TOLERANCE:g}): "
-            "compute the inertia about the centre of mass again"
-        )
+def _name_flaws(kind: str, name: str) -> Iterator[str]:
+    if not name or not name.isprintable():
+        yield f"{kind} name {name!r} is empty or has characters that cannot be printed; use a plain name"
+
+
+def _choice_flaws(what: str, name: str, value: str, choices: tuple[str, ...]) -> Iterator[str]:
+    if value not in choices:
+        yield f"{what}: {name} is {value!r}; expected one of {_listed(choices)}: use one of these"
+
+
+def _number_flaws(what: str, record: Any) -> Iterator[str]:
+    """Of the fields that are declared by `_number`."""
+    for f in fields(record):
+        if f.metadata and not _RULES[f.metadata["rule"]](getattr(record, f.name)):
+            yield _number_flaw(what, f.name, getattr(record, f.name), **f.metadata)
+
+
+def _number_flaw(what: str, name: str, value: float, rule: str, unit: str, remedy: str) -> str:
+    return f"{what}: {name} is {value!r} [{unit}]; expected {rule}: {remedy}"
+
+
+def _vector_flaws(what: str, name: str, value: tuple[float, ...], size: int) -> Iterator[str]:
+    if len(value) != size or not all(math.isfinite(x) for x in value):
+        yield f"{what}: {name} is {value!r}; expected {size} finite numbers: correct it"
 
 
 def _check_name(kind: str, name: str) -> None:
-    if not name or not name.isprintable():
-        raise ValueError(f"{kind} name {name!r} is empty or has characters that cannot be printed; use a plain name")
+    for text in _name_flaws(kind, name):
+        raise ValueError(text)
 
 
 def _check_choice(what: str, name: str, value: str, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise ValueError(f"{what}: {name} is {value!r}; expected one of {_listed(choices)}: use one of these")
+    for text in _choice_flaws(what, name, value, choices):
+        raise ValueError(text)
 
 
 def _check_number(what: str, name: str, value: float, rule: str, unit: str, remedy: str) -> None:
     if not _RULES[rule](value):
-        raise ValueError(f"{what}: {name} is {value!r} [{unit}]; expected {rule}: {remedy}")
+        raise ValueError(_number_flaw(what, name, value, rule, unit, remedy))
 
 
 def _check_numbers(what: str, record: Any) -> None:
     """Check the fields that are declared by `_number`."""
-    for f in fields(record):
-        if f.metadata:
-            _check_number(what, f.name, getattr(record, f.name), **f.metadata)
+    for text in _number_flaws(what, record):
+        raise ValueError(text)
 
 
 def _check_vector(what: str, name: str, value: tuple[float, ...], size: int) -> None:
-    if len(value) != size or not all(math.isfinite(x) for x in value):
-        raise ValueError(f"{what}: {name} is {value!r}; expected {size} finite numbers: correct it")
+    for text in _vector_flaws(what, name, value, size):
+        raise ValueError(text)
 
 
-def _unique(kind: str, names: list[str]) -> dict[str, int]:
-    """How often each name occurs: once, or ValueError."""
-    counts = Counter(names)
-    twice = [name for name, count in counts.items() if count > 1]
-    if twice:
-        raise ValueError(f"{kind} name {_listed(twice)} is used more than once; give every {kind} its own name")
-    return counts
+def _twice(kind: str, names: list[str]) -> Iterator[Flaw]:
+    """Names that several have."""
+    for name, count in Counter(names).items():
+        if count > 1:
+            text = f"{kind} name {name!r} is used more than once; give every {kind} its own name"
+            yield Flaw(f"{kind} {name!r}", text)
 
 
 def _listed(items: Iterable[object]) -> str:

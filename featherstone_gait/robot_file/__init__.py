@@ -19,10 +19,12 @@ can touch the ground and named sets of locked joints::
 
 All numbers are SI; the angles `encoder_resolution`, `backlash` and locked positions may carry `_deg`.
 
-Reading is strict: what is not understood is refused, not guessed.  No file other than these is opened, meshes included.
+A URDF that has one meaning is read: `Model.notes` lists what was passed over or assumed, a RobotFileWarning says so,
+and ``load_robot(..., strict=True)`` refuses it.  What has no meaning is refused, all of it at once.  The TOML is read
+strictly.  No file other than these is opened, meshes included.
 """
 
-from .errors import RobotFileError, RobotFileNotFoundError
+from .errors import RobotFileError, RobotFileNotFoundError, RobotFileWarning
 from .load import load_robot
 from .save import save_robot
 from .servos import gearbox_presets, load_servo
@@ -31,6 +33,7 @@ from .source import robot_names
 __all__ = [
     "RobotFileError",
     "RobotFileNotFoundError",
+    "RobotFileWarning",
     "gearbox_presets",
     "load_robot",
     "load_servo",

@@ -11,6 +11,7 @@ from xml.sax.saxutils import quoteattr
 
 from ..files import complete_together
 from ..model import Joint, Link, Model
+from ..shape import Box, Capsule, Cylinder, Hull, Mesh, Shape, Sphere
 from .servos import PARTS
 from .toml import written
 from .urdf import INERTIA, JOINT_NUMBERS
@@ -34,28 +35,63 @@ def save_robot(model: Model, path: str | os.PathLike) -> None:
 def _urdf_text(model: Model) -> str:
     lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={quoteattr(model.name)}>"]
     for link in model.links:
-        lines += _link_lines(link)
+        lines += _link_lines(link, [shape for shape in model.shapes if shape.link == link.name])
     for joint in model.joints:
         lines += _joint_lines(joint)
     return "\n".join([*lines, "</robot>", ""])
 
 
-def _link_lines(link: Link) -> list[str]:
-    if link.mass == 0 and not any(link.center_of_mass):
+def _link_lines(link: Link, shapes: list[Shape]) -> list[str]:
+    inertial = [] if link.mass == 0 and not any((*link.center_of_mass, *link.inertia)) else _inertial_lines(link)
+    lines = [*inertial, *(line for shape in shapes for line in _shape_lines(shape))]
+    if not lines:
         return [f"  <link name={quoteattr(link.name)}/>"]
+    return [f"  <link name={quoteattr(link.name)}>", *lines, "  </link>"]
+
+
+def _inertial_lines(link: Link) -> list[str]:
     inertia = " ".join(f'{name}="{float(value)!r}"' for name, value in zip(INERTIA, link.inertia))
     return [
-        f"  <link name={quoteattr(link.name)}>",
         "    <inertial>",
         f'      <origin xyz="{_numbers(link.center_of_mass)}"/>',
         f'      <mass value="{float(link.mass)!r}"/>',
         f"      <inertia {inertia}/>",
         "    </inertial>",
-        "  </link>",
     ]
 
 
+def _shape_lines(shape: Shape) -> list[str]:
+    named = f" name={quoteattr(shape.name)}" if shape.name else ""
+    return [
+        f"    <collision{named}>",
+        f'      <origin xyz="{_numbers(shape.xyz)}" rpy="{_numbers(shape.rpy)}"/>',
+        f"      <geometry>{_geometry(shape)}</geometry>",
+        "    </collision>",
+    ]
+
+
+def _geometry(shape: Shape) -> str:
+    match shape.geometry:
+        case Sphere(radius):
+            return f'<sphere radius="{float(radius)!r}"/>'
+        case Capsule(radius, length):
+            return f'<capsule radius="{float(radius)!r}" length="{float(length)!r}"/>'
+        case Cylinder(radius, length):
+            return f'<cylinder radius="{float(radius)!r}" length="{float(length)!r}"/>'
+        case Box(size):
+            return f'<box size="{_numbers(size)}"/>'
+        case Mesh(file, scale):
+            return f'<mesh filename={quoteattr(file)} scale="{_numbers(scale)}"/>'
+        case Hull():
+            raise ValueError(f"link {shape.link!r}: URDF cannot state a hull; remove the shape, or use a mesh")
+
+
 def _joint_lines(joint: Joint) -> list[str]:
+    if joint.armature:
+        raise ValueError(
+            f"joint {joint.name!r}: URDF cannot state the armature {joint.armature!r}; set it to 0, or give the joint "
+            "a servo whose gearbox has the inertia"
+        )
     lines = [
         f'  <joint name={quoteattr(joint.name)} type="{joint.type}">',
         f"    <parent link={quoteattr(joint.parent)}/>",
@@ -68,8 +104,16 @@ def _joint_lines(joint: Joint) -> list[str]:
             f'    <axis xyz="{_numbers(joint.axis)}"{_stated(joint, "axis")}/>',
             f"    <limit {limit}/>",
             f"    <dynamics{_stated(joint, 'dynamics')}/>",
+            *_mimic_lines(joint),
         ]
     return [*lines, "  </joint>"]
+
+
+def _mimic_lines(joint: Joint) -> list[str]:
+    if joint.mimic is None:
+        return []
+    numbers = f'multiplier="{float(joint.mimic.multiplier)!r}" offset="{float(joint.mimic.offset)!r}"'
+    return [f"    <mimic joint={quoteattr(joint.mimic.joint)} {numbers}/>"]
 
 
 def _stated(joint: Joint, tag: str) -> str:
