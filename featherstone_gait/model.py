@@ -279,6 +279,7 @@ class Model:
     servos: dict[str, Servo] = field(default_factory=dict)  # joint name -> servo
     contacts: tuple[ContactPoint, ...] = ()
     shapes: tuple[Shape, ...] = ()  # collision shapes
+    keyframes: dict[str, tuple[float, ...]] = field(default_factory=dict)  # named postures q (nq,) [m, -, rad or m]
     notes: tuple[str, ...] = ()  # what the reader skipped or changed, one sentence each
     source: str = ""  # file it was read from
 
@@ -289,6 +290,8 @@ class Model:
         check_locked(self.joints, self.locked)
         check_servos(self.joints, self.servos)
         check_contacts(self.links, self.contacts)
+        for name, q in self.keyframes.items():
+            _check_vector(f"keyframe {name!r}", "q", q, self.nq)
         _check_bodies(self)
 
     @property
@@ -419,9 +422,13 @@ def _movable(by_name: dict[str, Joint], name: str, where: str) -> Joint:
 
 def _check_bodies(model: Model) -> None:
     """Raise ValueError unless what moves as one has a mass and an inertia that resist every motion."""
-    for body in rigid_bodies(model)[0]:
+    bodies = rigid_bodies(model)[0]
+    bearing = {body.frame.parent for body in bodies[1:]}  # rows that carry others
+    for row, body in enumerate(bodies):
         if body.frame.joint is None and model.base == "fixed":
             continue  # it never moves
+        if body.mass == 0 and row in bearing:
+            continue  # a frame between joints, which what it carries gives its inertia
         leader, *attached = body.links
         what = f"link {leader!r}" + (f" with {_listed(attached)} rigidly attached" if attached else "")
         if not body.mass > 0:
