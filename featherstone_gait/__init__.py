@@ -34,6 +34,7 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .reference import Reference as Reference
     from .robot_file import RobotFileError as RobotFileError
     from .robot_file import RobotFileNotFoundError as RobotFileNotFoundError
+    from .robot_file import RobotFileWarning as RobotFileWarning
     from .robot_file import gearbox_presets as gearbox_presets
     from .robot_file import load_robot as load_robot
     from .robot_file import load_servo as load_servo
@@ -69,6 +70,7 @@ _MODULES = {
     "robot_file": (
         "RobotFileError",
         "RobotFileNotFoundError",
+        "RobotFileWarning",
         "gearbox_presets",
         "load_robot",
         "load_servo",

@@ -22,7 +22,7 @@ All numbers are SI; the angles `encoder_resolution`, `backlash` and locked posit
 Reading is strict: what is not understood is refused, not guessed.  No file other than these is opened, meshes included.
 """
 
-from .errors import RobotFileError, RobotFileNotFoundError
+from .errors import RobotFileError, RobotFileNotFoundError, RobotFileWarning
 from .load import load_robot
 from .save import save_robot
 from .servos import gearbox_presets, load_servo
@@ -31,6 +31,7 @@ from .source import robot_names
 __all__ = [
     "RobotFileError",
     "RobotFileNotFoundError",
+    "RobotFileWarning",
     "gearbox_presets",
     "load_robot",
     "load_servo",

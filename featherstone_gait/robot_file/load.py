@@ -8,29 +8,39 @@ from typing import Any
 
 from ..model import Base, Model, check_locked
 from .errors import blamed_on
+from .robot import Posture, Robot
 from .settings import Settings, read_settings
-from .source import urdf_path
+from .source import robot_path
 from .urdf import read_urdf
+from .xml_file import SUFFIXES, read_xml
 
 
 def load_robot(
     name_or_path: str | os.PathLike,
     base: Base | None = None,
     locked: str | Mapping[str, float] | list[str] | tuple[str, ...] | None = None,
+    *,
+    strict: bool = False,
 ) -> Model:
-    """Read a robot: a name of `robot_names()`, or the path of a .urdf file, with the .toml of the same stem if there.
+    """Read a robot: a name of `robot_names()`, or the path of a .urdf, .mjcf or .xml file.
+
+    The .toml of the same stem is read too, if it is there; its servos and contact points come before the file's own.
 
     Parameters
     ----------
     base : None is what the TOML says, else "floating" if the URDF has a floating joint, else "fixed"
     locked : joints to hold: the name of a set in the TOML, {joint: position [rad or m]}, or joint names (held at 0);
         None is the TOML's set "default", if it has one
+    strict : refuse what changes the motion and has no place in a Model, as the springs of an MJCF file's joints;
+        False passes it over, with a RobotFileWarning and a sentence in `Model.notes`
+
+    MJCF takes MuJoCo: pip install featherstone-gait[mjcf].  Its keyframes become `Model.keyframes`.
 
     Raises RobotFileError (a ValueError) if a file is wrong, RobotFileNotFoundError if it is not there.
     """
-    path = urdf_path(name_or_path)
+    path = robot_path(name_or_path)
     with blamed_on(path):
-        robot = read_urdf(path)
+        robot = read_xml(path, base, strict) if path.suffix in SUFFIXES else read_urdf(path)
     settings, toml = Settings(), path.with_suffix(".toml")
     if toml.exists():
         with blamed_on(toml):
@@ -38,18 +48,27 @@ def load_robot(
     with blamed_on(f"{path}: load_robot(locked={locked!r})"):
         held = _chosen(locked, settings.locked)
         check_locked(robot.joints, held)
+    taken: Base = next(b for b in (base, settings.base, robot.base, "fixed") if b is not None)
     with blamed_on(path):
         return Model(
             name=robot.name,
             links=robot.links,
             joints=robot.joints,
-            base=next(b for b in (base, settings.base, robot.base, "fixed") if b is not None),
+            base=taken,
             locked=held,
-            servos=dict(settings.servos),
-            contacts=settings.contacts,
+            servos={**robot.servos, **settings.servos},
+            contacts=settings.contacts or robot.contacts,
+            shapes=robot.shapes,
+            keyframes={name: _coordinates(posture, robot, taken, held) for name, posture in robot.postures.items()},
             notes=robot.notes,
             source=str(path),
         )
+
+
+def _coordinates(posture: Posture, robot: Robot, base: Base, held: Mapping[str, float]) -> tuple[float, ...]:
+    """A posture as q (nq,)."""
+    moving = [joint.name for joint in robot.joints if joint.type != "fixed" and joint.name not in held]
+    return (*(posture.base if base == "floating" else ()), *(posture.joints[name] for name in moving))
 
 
 def _chosen(locked: Any, sets: Mapping[str, dict[str, float]]) -> dict[str, float]:

@@ -13,8 +13,9 @@ from xml.etree.ElementTree import Element, ParseError
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
-from ..model import Base, Joint, Link, check_angles, check_tree, turned_inertia
+from ..model import Joint, Link, check_angles, check_tree, turned_inertia
 from ..rotation import dot, rotation_from_rpy
+from .robot import Robot
 from .source import read_bytes
 
 Vector = tuple[float, float, float]
@@ -74,16 +75,6 @@ _REFUSED_TYPES = {
 }
 JOINT_NUMBERS = {"dynamics": ("damping", "friction")}  # fields of Joint that are 0 where an element does not state them
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-
-
-class Robot(NamedTuple):
-    """What the URDF says."""
-
-    name: str
-    links: tuple[Link, ...]
-    joints: tuple[Joint, ...]
-    base: Base | None
-    notes: tuple[str, ...]
 
 
 def read_urdf(path: Path) -> Robot:
