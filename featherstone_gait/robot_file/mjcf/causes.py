@@ -63,14 +63,16 @@ def couplings(m: Any) -> dict[int, tuple[int, float, float]]:
 
 
 def _tendons(m: Any) -> Iterator[str]:
+    """One reason for each way in which tendons act."""
     actuators = range(actuator_count(m))
     driven = {int(m.actuator_trnid[k, 0]) for k in actuators if m.actuator_trntype[k] == TENDON}
+    acting: dict[str, list[str]] = {}
     for k in range(m.ntendon):
         acts = [what for what in ("stiffness", "damping", "frictionloss", "armature") if _nonzero(m, "tendon", what, k)]
-        acts += ["limit"] * bool(m.tendon_limited[k]) + ["actuator"] * (k in driven)
-        if acts:
-            what = f"tendon {m.tendon(k).name or k!r} acts on the joints by its {', '.join(acts)}"
-            yield f"{what}; remove the tendon, or these"
+        for what in [*acts, *["limit"] * bool(m.tendon_limited[k]), *["actuator"] * (k in driven)]:
+            acting.setdefault(what, []).append(m.tendon(k).name or str(k))
+    for what, names in acting.items():
+        yield f"tendons act on the joints by their {what}: {listed(names)}; remove the tendons, or their {what}"
 
 
 def _nonzero(m: Any, kind: str, what: str, k: int) -> bool:

@@ -14,6 +14,7 @@ from .names import names_of, unused
 
 WORLD = "world"
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
+PLANE = 0  # mjtGeom
 NO_STOP = 1e10  # a range this wide is none
 STILL: dict[str, Any] = {"mass": 0.0, "center_of_mass": (0.0, 0.0, 0.0), "inertia": (0.0,) * 6}
 
@@ -57,8 +58,9 @@ def _root(m: Any, base: Base) -> int:
     if len(top) != 1 or m.body_jntnum[top[0]]:
         return 0
     b = top[0]
-    at_origin = not m.body_pos[b].any() and m.body_quat[b, 0] == 1.0 and not m.body_geomnum[0]
-    return b if base == "floating" or at_origin else 0
+    at_origin = not m.body_pos[b].any() and m.body_quat[b, 0] == 1.0
+    alone = all(m.geom_type[g] == PLANE for g in np.flatnonzero(m.geom_bodyid == 0))
+    return b if base == "floating" or (at_origin and alone) else 0
 
 
 def _link(m: Any, b: int, name: str) -> Link:

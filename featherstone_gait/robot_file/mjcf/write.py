@@ -14,7 +14,8 @@ from ...rotation import rotation_about, rotation_from_rpy, rpy_from_rotation
 from .element import element, number, numbers
 from .tree import NO_STOP, WORLD
 from .write_actuators import actuator_lines, passive
-from .write_geoms import contact_lines, floor_lines, mesh_lines, shape_lines, unread_meshes
+from .write_geoms import contact_lines, mesh_lines, shape_lines, unread_meshes
+from .write_ground import floor_lines
 
 
 class Hinged(NamedTuple):
@@ -38,13 +39,14 @@ def mjcf_text(model: Model, ground: Ground | None = None) -> str:
     """The robot as MJCF, with a floor if ground is given.  Raises ValueError for what MuJoCo has no word for."""
     _check_bodies(model)
     actuators, lacking = actuator_lines(model)
-    floor, steps = floor_lines(ground)
+    floor, steps = floor_lines(model, ground)
     remarks = [*lacking, *steps, *_remarks(model)]
     return "\n".join(
         [
             f"<mujoco model={quoteattr(model.name)}>",
             *(f"  <!-- {remark.replace('--', '- -')} -->" for remark in remarks),
             '  <compiler angle="radian" eulerseq="XYZ" autolimits="true"/>',
+            *(['  <option cone="elliptic"/>'] if ground else []),
             *_section("asset", mesh_lines(model)),
             *_section("worldbody", [*floor, *_root_lines(model)]),
             *_section("equality", _equality_lines(model)),

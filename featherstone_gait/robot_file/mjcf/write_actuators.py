@@ -36,6 +36,13 @@ def _actuator(name: str, servo: Servo) -> list[str]:
     return [_position(name, servo) if servo.controller.law in CONTINUOUS else _motor(name, servo)]
 
 
+def rotor_inertia(servo: Servo | None) -> float:
+    """G^2 J that the actuator of a servo adds to its joint [kg m^2]."""
+    if servo is None or servo.controller.law in (*CONTINUOUS, "pid_speed"):
+        return 0.0
+    return servo.gearbox.ratio**2 * servo.gearbox.rotor_inertia
+
+
 def _position(name: str, servo: Servo) -> str:
     law = servo.controller
     limit = numbers((-law.torque_limit, law.torque_limit)) if law.torque_limit < math.inf else None
@@ -58,7 +65,7 @@ def _motor(name: str, servo: Servo) -> str:
         "saturation": numbers((0.0, current, slew)) if current or slew else None,
         "input": "pos",
         "controller": numbers(gains),
-        "armature": number(gear.ratio**2 * gear.rotor_inertia) if gear.rotor_inertia else None,
+        "armature": number(rotor_inertia(servo)) if gear.rotor_inertia else None,
         "damping": number(servo.viscous_friction + gear.ratio**2 * gear.rotor_damping) if _damped(servo) else None,
     }
     return element("dcmotor", attributes)

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
-from ...model import ContactPoint, Ground, Model
+from ...model import ContactPoint, Model
 from ...shape import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Shape, Sphere
 from .element import element, number, numbers
 
 POINT_RADIUS = 1e-4  # of a contact point as a sphere, half the thickness of a circle [m]
 READ = (".stl", ".obj", ".msh")  # mesh files
-STIFFEST = 0.9  # MuJoCo's default impedance
-GRAVITY = 9.81  # [m/s^2]
 MASSLESS = {"mass": "0"}
 TOUCHING = {"contype": "1", "conaffinity": "0"}  # a floor, and not each other
 SILENT = {"contype": "0", "conaffinity": "0"}
@@ -90,31 +86,3 @@ def _point(point: ContactPoint) -> dict[str, str]:
             "size": numbers((point.rim, POINT_RADIUS)),
         }
     return {"type": "sphere", "pos": pos, "size": number(point.radius or POINT_RADIUS)}
-
-
-def floor_lines(ground: Ground | None) -> tuple[list[str], list[str]]:
-    """A plane for the ground, and what of the ground it leaves out.
-
-    A body at rest on a contact of the constant impedance d sinks by g (1 - d) / (d k), with MuJoCo's
-    k = stiffness d / d^2 (solref = -stiffness -damping; XML reference, "Solver parameters"); and small motions about
-    that have the stiffness d k and the damping d b, b = damping / d, for each unit of mass.
-    """
-    if ground is None:
-        return [], []
-    d = STIFFEST
-    stiffness = GRAVITY * (1.0 - d) / ground.sinking
-    damping = 2.0 * ground.damping_ratio * math.sqrt(stiffness)
-    plane = {
-        "name": "floor",
-        "type": "plane",
-        "size": "0 0 1",
-        "pos": numbers((0.0, 0.0, ground.height)),
-        "euler": numbers((0.0, -ground.slope, 0.0)),
-        "friction": numbers((ground.friction, 0.005, 0.0001)),
-        "solref": numbers((-stiffness, -damping)),
-        "solimp": numbers((d, d, 0.001)),
-        "priority": "1",
-        "condim": "3",
-    }
-    steps = ["the steps of the ground are left out"] if ground.steps else []
-    return [element("geom", plane)], steps
