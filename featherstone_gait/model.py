@@ -423,12 +423,11 @@ def _movable(by_name: dict[str, Joint], name: str, where: str) -> Joint:
 def _check_bodies(model: Model) -> None:
     """Raise ValueError unless what moves as one has a mass and an inertia that resist every motion."""
     bodies = rigid_bodies(model)[0]
-    bearing = {body.frame.parent for body in bodies[1:]}  # rows that carry others
     for row, body in enumerate(bodies):
         if body.frame.joint is None and model.base == "fixed":
             continue  # it never moves
-        if body.mass == 0 and row in bearing:
-            continue  # a frame between joints, which what it carries gives its inertia
+        if body.mass == 0 and _is_between(body, [b.frame for b in bodies[1:] if b.frame.parent == row]):
+            continue  # what it carries gives it inertia
         leader, *attached = body.links
         what = f"link {leader!r}" + (f" with {_listed(attached)} rigidly attached" if attached else "")
         if not body.mass > 0:
@@ -441,6 +440,18 @@ def _check_bodies(model: Model) -> None:
                 f"{what} moves but its principal moments of inertia are {_listed(moments)} kg m^2; all must be > 0: "
                 "a point mass or an ideal rod needs its real, small inertia"
             )
+
+
+def _is_between(body: RigidBody, below: list[Frame]) -> bool:
+    """Whether a body is a frame between its joint and others, of which none moves what it carries in the same way."""
+    return body.frame.joint is not None and bool(below) and not any(_same_motion(body.frame, frame) for frame in below)
+
+
+def _same_motion(a: Frame, b: Frame) -> bool:
+    """Whether the joint of a frame and that of one in it slide along one direction or turn about one line."""
+    slides = [frame.joint is not None and frame.joint.type == "prismatic" for frame in (a, b)]
+    parallel = abs(b.E[2, 2]) > 1.0 - AXIS_TOLERANCE
+    return parallel and slides[0] == slides[1] and (slides[0] or not b.r[:2].any())
 
 
 class Placement(NamedTuple):

@@ -6,6 +6,7 @@ import math
 import sys
 import warnings
 from pathlib import Path
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -490,7 +491,10 @@ def test_a_robot_stands_on_the_written_ground_as_deep_as_it_sinks(tmp_path):
 def test_a_failed_save_leaves_nothing(tmp_path):
     links = (Link("a", 1.0, (0.0,) * 3, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)), Link("b", 0.0, (0.0,) * 3, (0.0,) * 6))
     ends = tuple(Link(name, 1.0, (0.0,) * 3, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)) for name in "cd")
-    joints = (Joint("j", "continuous", "a", "b"), *(Joint(f"to_{n}", "continuous", "b", n) for n in "cd"))
+    joints = (
+        Joint("j", "continuous", "a", "b"),
+        *(Joint(f"to_{n}", "continuous", "b", n, axis=(0.0, 1.0, 0.0)) for n in "cd"),
+    )
     model = Model("fork", (*links, *ends), joints)
     with pytest.raises(ValueError, match="'b' moves without mass"):
         save_robot(model, tmp_path / "fork.xml")
@@ -506,6 +510,46 @@ def test_other_suffixes_are_refused(name, tmp_path):
 def test_urdf_takes_no_ground(tmp_path):
     with pytest.raises(ValueError, match="URDF states no ground"):
         save_robot(load_robot("arm7"), tmp_path / "robot.urdf", ground=Ground())
+
+
+def test_urdf_and_toml_keep_what_mjcf_says(write, tmp_path):
+    """Joints of MJCF have no effort or speed limit, and one has no stop: URDF states what is finite."""
+    model = load_robot(write(ODD))
+    save_robot(model, tmp_path / "odd.urdf")
+    again = load_robot(tmp_path / "odd.urdf")
+    for name in ("links", "joints", "base", "keyframes"):
+        assert getattr(again, name) == getattr(model, name)
+    root = ElementTree.parse(tmp_path / "odd.urdf").getroot()
+    found = [next(iter(element.find("geometry"))) for element in root.iter("collision")]
+    assert [(element.tag, element.attrib) for element in found][1:3] == [
+        ("box", {"size": "0.2 0.1 0.04"}),
+        ("cylinder", {"radius": "0.02", "length": "0.2"}),
+    ]
+
+
+def test_urdf_states_couplings(tmp_path):
+    links = tuple(Link(name, 1.0, (0.0, 0.0, 0.1), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)) for name in "abc")
+    follower = Joint("k", "continuous", "b", "c", mimic=Mimic("j", -0.5, 0.2))
+    save_robot(Model("m", links, (Joint("j", "continuous", "a", "b"), follower)), tmp_path / "m.urdf")
+    (mimic,) = ElementTree.parse(tmp_path / "m.urdf").getroot().iter("mimic")
+    assert mimic.attrib == {"joint": "j", "multiplier": "-0.5", "offset": "0.2"}
+
+
+@pytest.mark.parametrize(
+    ("toml", "word"),
+    [
+        ("[joints.knee]\narmature = 1.0", "no joint 'knee'"),
+        ("[joints.elbow]\ninertia = 1.0", "unknown key 'inertia'"),
+        ("[joints.elbow]\narmature = -1.0", "armature is -1.0"),
+        ("[keyframes]\nhome = 1.0", "keyframes.home is 1.0"),
+        ("[keyframes]\nhome = [0.0, 1.0]", "keyframe 'home'"),
+    ],
+)
+def test_a_wrong_joint_or_keyframe_in_the_toml_is_refused(tmp_path, toml, word):
+    save_robot(load_robot("ax12_arm"), tmp_path / "arm.urdf")
+    (tmp_path / "arm.toml").write_text(toml)
+    with pytest.raises(RobotFileError, match=word):
+        load_robot(tmp_path / "arm.urdf")
 
 
 @pytest.mark.parametrize("pitch", [0.0, 1.0, math.pi / 2, -math.pi / 2, math.pi / 2 - 1e-9])

@@ -643,8 +643,11 @@ def test_a_massless_link_may_move_if_something_heavy_is_fixed_to_it(tmp_path):
     text = swap(URDF, FOOT_BODY, "", "</robot>", f'<link name="l9">{BODY}</link></robot>')
     joint = '<joint name="weld" type="{}"><parent link="foot"/><child link="l9"/></joint></robot>'
     assert load_robot(write(tmp_path, swap(text, "</robot>", joint.format("fixed")))).mass == 1.5
+    hinge = joint.format("continuous")
+    assert load_robot(write(tmp_path, swap(text, "</robot>", hinge))).joint_names == ("hip", "ankle", "weld")
+    same_axis = hinge.replace("</joint>", '<axis xyz="0 -1 0"/></joint>')
     with pytest.raises(RobotFileError, match="link 'foot' moves but has mass 0"):
-        load_robot(write(tmp_path, swap(text, "</robot>", joint.format("continuous"))))
+        load_robot(write(tmp_path, swap(text, "</robot>", same_axis)))
     assert load_robot(tmp_path / "robot.urdf", locked=["weld"]).joint_names == ("hip", "ankle")
 
 
@@ -774,6 +777,6 @@ def test_a_robot_that_cannot_be_saved_leaves_the_old_files_alone(tmp_path):
     endless = replace(robot.joints[4], lower=-math.inf)
     with pytest.raises(ValueError, match=r"joint 'é < 4': .*-inf.*'continuous'"):
         save_robot(replace(robot, joints=(*robot.joints[:4], endless, *robot.joints[5:])), path)
-    with pytest.raises(ValueError, match=r"saved\.xml: the file name must end in \.urdf"):
-        save_robot(robot, tmp_path / "saved.xml")
+    with pytest.raises(ValueError, match=r"saved\.sdf: the file name must end in \.urdf"):
+        save_robot(robot, tmp_path / "saved.sdf")
     assert [(p.name, p.read_bytes()) for p in sorted(tmp_path.iterdir())] == before

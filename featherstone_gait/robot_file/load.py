@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
-from ..model import Base, Model, check_locked
+from ..model import Base, Joint, Model, check_locked
 from .errors import blamed_on
-from .robot import Posture, Robot
+from .robot import Robot
 from .settings import Settings, read_settings
 from .source import robot_path
 from .urdf import read_urdf
@@ -53,22 +54,30 @@ def load_robot(
         return Model(
             name=robot.name,
             links=robot.links,
-            joints=robot.joints,
+            joints=_with_armature(robot.joints, settings.armature),
             base=taken,
             locked=held,
             servos={**robot.servos, **settings.servos},
             contacts=settings.contacts or robot.contacts,
             shapes=robot.shapes,
-            keyframes={name: _coordinates(posture, robot, taken, held) for name, posture in robot.postures.items()},
+            keyframes={**_keyframes(robot, taken, held), **settings.keyframes},
             notes=robot.notes,
             source=str(path),
         )
 
 
-def _coordinates(posture: Posture, robot: Robot, base: Base, held: Mapping[str, float]) -> tuple[float, ...]:
-    """A posture as q (nq,)."""
+def _with_armature(joints: tuple[Joint, ...], armature: Mapping[str, float]) -> tuple[Joint, ...]:
+    """The joints, with the armature that the TOML gives to some."""
+    return tuple(replace(j, armature=armature[j.name]) if j.name in armature else j for j in joints)
+
+
+def _keyframes(robot: Robot, base: Base, held: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
+    """The file's postures as q (nq,)."""
     moving = [joint.name for joint in robot.joints if joint.type != "fixed" and joint.name not in held]
-    return (*(posture.base if base == "floating" else ()), *(posture.joints[name] for name in moving))
+    return {
+        name: (*(posture.base if base == "floating" else ()), *(posture.joints[joint] for joint in moving))
+        for name, posture in robot.postures.items()
+    }
 
 
 def _chosen(locked: Any, sets: Mapping[str, dict[str, float]]) -> dict[str, float]:

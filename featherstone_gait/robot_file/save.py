@@ -11,6 +11,7 @@ from xml.sax.saxutils import quoteattr
 
 from ..files import complete_together
 from ..model import Ground, Joint, Link, Model
+from ..shape import Box, Geometry, Hull, Mesh, Shape
 from .mjcf.write import mjcf_text
 from .servos import PARTS
 from .toml import written
@@ -49,25 +50,53 @@ def save_robot(model: Model, path: str | os.PathLike, ground: Ground | None = No
 def _urdf_text(model: Model) -> str:
     lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={quoteattr(model.name)}>"]
     for link in model.links:
-        lines += _link_lines(link)
+        lines += _link_lines(link, [shape for shape in model.shapes if shape.link == link.name])
     for joint in model.joints:
         lines += _joint_lines(joint)
     return "\n".join([*lines, "</robot>", ""])
 
 
-def _link_lines(link: Link) -> list[str]:
-    if link.mass == 0 and not any(link.center_of_mass):
+def _link_lines(link: Link, shapes: Sequence[Shape]) -> list[str]:
+    inside = [*_inertial_lines(link), *(line for shape in shapes for line in _collision_lines(shape))]
+    if not inside:
         return [f"  <link name={quoteattr(link.name)}/>"]
+    return [f"  <link name={quoteattr(link.name)}>", *inside, "  </link>"]
+
+
+def _inertial_lines(link: Link) -> list[str]:
+    if link.mass == 0 and not any(link.center_of_mass):
+        return []
     inertia = " ".join(f'{name}="{float(value)!r}"' for name, value in zip(INERTIA, link.inertia))
     return [
-        f"  <link name={quoteattr(link.name)}>",
         "    <inertial>",
         f'      <origin xyz="{_numbers(link.center_of_mass)}"/>',
         f'      <mass value="{float(link.mass)!r}"/>',
         f"      <inertia {inertia}/>",
         "    </inertial>",
-        "  </link>",
     ]
+
+
+def _collision_lines(shape: Shape) -> list[str]:
+    name = f" name={quoteattr(shape.name)}" if shape.name else ""
+    if isinstance(shape.geometry, Hull):
+        return [f"    <!-- a hull of {len(shape.geometry.points)} points, which URDF cannot state -->"]
+    return [
+        f"    <collision{name}>",
+        f'      <origin xyz="{_numbers(shape.xyz)}" rpy="{_numbers(shape.rpy)}"/>',
+        f"      <geometry><{_geometry(shape.geometry)}/></geometry>",
+        "    </collision>",
+    ]
+
+
+def _geometry(geometry: Geometry) -> str:
+    """Tag and attributes of a geometry other than a hull."""
+    if isinstance(geometry, Mesh):
+        return f'mesh filename={quoteattr(geometry.file)} scale="{_numbers(geometry.scale)}"'
+    if isinstance(geometry, Box):
+        return f'box size="{_numbers(geometry.size)}"'
+    return " ".join(
+        [type(geometry).__name__.lower(), *(f'{f.name}="{getattr(geometry, f.name)!r}"' for f in fields(geometry))]
+    )
 
 
 def _joint_lines(joint: Joint) -> list[str]:
@@ -83,8 +112,16 @@ def _joint_lines(joint: Joint) -> list[str]:
             f'    <axis xyz="{_numbers(joint.axis)}"{_stated(joint, "axis")}/>',
             f"    <limit {limit}/>",
             f"    <dynamics{_stated(joint, 'dynamics')}/>",
+            *_mimic_lines(joint),
         ]
     return [*lines, "  </joint>"]
+
+
+def _mimic_lines(joint: Joint) -> list[str]:
+    if joint.mimic is None:
+        return []
+    leader, line = quoteattr(joint.mimic.joint), (float(joint.mimic.multiplier), float(joint.mimic.offset))
+    return [f'    <mimic joint={leader} multiplier="{line[0]!r}" offset="{line[1]!r}"/>']
 
 
 def _stated(joint: Joint, tag: str) -> str:
@@ -108,6 +145,11 @@ def _toml_text(model: Model) -> str:
     lines += [f"  {{{', '.join(_assignments(contact, fields(contact)))}}}," for contact in model.contacts]
     lines += ["]", "", "[locked.default]"]
     lines += [f"{written(name)} = {written(position)}" for name, position in model.locked.items()]
+    for joint in model.joints:
+        if joint.armature:
+            lines += ["", f"[joints.{written(joint.name)}]", f"armature = {written(joint.armature)}"]
+    if model.keyframes:
+        lines += ["", "[keyframes]", *(f"{written(name)} = {written(q)}" for name, q in model.keyframes.items())]
     for name, servo in model.servos.items():
         lines += ["", f"[servos.joints.{written(name)}]"]
         for part in (servo.controller, servo.gearbox, servo):
