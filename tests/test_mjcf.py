@@ -321,6 +321,10 @@ def test_what_changes_the_motion_is_warned_of_or_refused(write, text, word):
         (robot(f"<body><joint/>{BALL}</body><banana/>"), "banana"),
         ("<mujoco><worldbody>", "well-formed"),
         ('<!DOCTYPE m [<!ENTITY e "x">]><mujoco/>', "entities"),
+        (robot('<replicate count="200000000"><body/></replicate>'), "at most 10000"),
+        (robot('<replicate count="2000"><replicate count="2000"><body/></replicate></replicate>'), "at most 10000"),
+        (robot("", '<size nkey="2000000000"/>'), "at most 10000"),
+        (robot("", '<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>'), "hfield"),
         ("<sdf/>", "expected <mujoco>"),
         ("", "empty"),
     ],
@@ -336,6 +340,13 @@ def test_a_bare_name_is_a_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(RobotFileError, match="no such file"):
         load_robot("simtwo.xml")
+
+
+def test_what_mujoco_remarks_is_noted_and_leaves_no_file(write, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = write(robot(f"<body><joint/>{BALL}</body>", '<compiler settotalmass="2"/><option timestep="nan"/>'))
+    assert any("settotalmass" in note for note in load_robot(path).notes)
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_without_mujoco_the_command_is_named(write, monkeypatch):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from ..robot import Posture, Robot
 from .actuators import read_actuators
 from .causes import couplings, doubts, notes, refusals
 from .shapes import read_shapes
+from .sizes import check_sizes
 from .tree import Tree, read_tree
 
 INSTALL = "MJCF is read through MuJoCo; install it with pip install featherstone-gait[mjcf]"
@@ -52,13 +55,27 @@ def _compiled(path: Path) -> tuple[Any, list[str]]:
         import mujoco
     except ImportError as error:
         raise ImportError(INSTALL) from error
-    with warnings.catch_warnings(record=True) as caught:
+    check_sizes(path)
+    remarks: list[object] = []
+    with warnings.catch_warnings(record=True) as caught, _heard(mujoco, remarks):
         warnings.simplefilter("always")
         try:
             m = mujoco.MjSpec.from_file(str(path)).compile()
-        except (ValueError, mujoco.FatalError) as error:
+        except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:
             raise ValueError(f"MuJoCo cannot read it: {_line(error)}; correct the file there") from error
-    return m, [f"MuJoCo: {_line(warning.message)}" for warning in caught]
+    said = dict.fromkeys(_line(remark) for remark in [*remarks, *(warning.message for warning in caught)])
+    return m, [f"MuJoCo: {remark}" for remark in said]
+
+
+@contextmanager
+def _heard(mujoco: Any, remarks: list[object]) -> Iterator[None]:
+    """Collect MuJoCo's warnings, which it would write to a file in the current folder."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(remarks.append)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def _line(message: object) -> str:
