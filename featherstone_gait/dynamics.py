@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .build.tree import GRAVITY, Tree, compile_tree
+from .build.tree import GRAVITY, Tree, compile_tree, joint_armature
 from .core.compile.elementary import SINCOS_LIMIT
 from .core.compile.lanes import WIDTH, aligned
 from .core.effects.touch import FLATNESS
@@ -55,7 +55,8 @@ def forward_dynamics(
     tau : (nv,) or (n, nv) generalised forces [N m, N]; of a floating base the first six are the force (world axes)
         and the moment (body axes) on the base
     wrench : {link name: (6,) or (n, 6)} external [moment; force] at the link's origin, world axes [N m; N]
-    armature : (joints,) inertia added to each joint, G^2 J of a rotor [kg m^2]
+    armature : (joints,) inertia added to each joint, of what turns with it, as G^2 J of a rotor [kg m^2 or kg]; None is
+        what the model's joints state
     gravity : (3,) [m/s^2]
 
     Returns qdd (nv,) or (n, nv) [rad/s^2, m/s^2].  Raises ValueError on wrong shapes and non-finite values.
@@ -254,7 +255,8 @@ def _split(tree: Tree, a: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
 
 def _robot(model: Model, armature: ArrayLike | None, gravity: ArrayLike) -> Robot:
     tree = compile_tree(model)
-    return Robot(tree.bodies, _vector("armature", armature, tree.n), _vector("gravity", gravity, 3))
+    added = joint_armature(model) if armature is None else _vector("armature", armature, tree.n)
+    return Robot(tree.bodies, added, _vector("gravity", gravity, 3))
 
 
 def _still(tree: Tree, q: np.ndarray) -> Motion:

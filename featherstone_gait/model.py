@@ -349,6 +349,7 @@ class Model:
     servos: dict[str, Servo] = field(default_factory=dict)  # joint name -> servo
     contacts: tuple[ContactPoint, ...] = ()
     shapes: tuple[Shape, ...] = ()  # collision shapes
+    keyframes: dict[str, tuple[float, ...]] = field(default_factory=dict)  # named postures q (nq,) [m, -, rad or m]
     notes: tuple[str, ...] = ()  # what the reader skipped or changed, one sentence each
     source: str = ""  # file it was read from
 
@@ -361,6 +362,8 @@ class Model:
         check_servos(self.joints, self.servos)
         check_contacts(self.links, self.contacts)
         check_can_move(self.joints, self.held)
+        for name, q in self.keyframes.items():
+            _check_vector(f"keyframe {name!r}", "q", q, self.nq)
         _check_bodies(self)
 
     @property

@@ -54,3 +54,28 @@ def dot(a: Vector, b: Vector) -> float:
 def cross(a: Vector, b: Vector) -> np.ndarray:
     """Vector product (3,) of two vectors (3,); np.cross takes ten times as long."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def rotation_from_quaternion(quaternion: Vector) -> np.ndarray:
+    """Rotation (3, 3), turned frame to the one that it is turned in, of a unit quaternion w x y z."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
+def rpy_from_rotation(R: np.ndarray) -> tuple[float, float, float]:
+    """Fixed-axis roll, pitch and yaw [rad] of a rotation (3, 3), pitch within a quarter turn.
+
+    Yaw first, and the others of what is left when it is undone: so their rotation is R to rounding where pitch is a
+    quarter turn too, and the split between roll and yaw is lost.
+    """
+    yaw = math.atan2(R[1, 0], R[0, 0])
+    s, c = math.sin(yaw), math.cos(yaw)
+    pitch = math.atan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
+    roll = math.atan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
+    return roll + 0.0, pitch + 0.0, yaw + 0.0  # no -0.0

@@ -1186,6 +1186,6 @@ def test_a_robot_that_cannot_be_saved_leaves_the_old_files_alone(tmp_path):
     endless = replace(robot.joints[4], lower=-math.inf)
     with pytest.raises(ValueError, match=r"joint 'é < 4': .*-inf.*'continuous'"):
         save_robot(replace(robot, joints=(*robot.joints[:4], endless, *robot.joints[5:])), path)
-    with pytest.raises(ValueError, match=r"saved\.xml: the file name must end in \.urdf"):
-        save_robot(robot, tmp_path / "saved.xml")
+    with pytest.raises(ValueError, match=r"saved\.sdf: the file name must end in \.urdf"):
+        save_robot(robot, tmp_path / "saved.sdf")
     assert [(p.name, p.read_bytes()) for p in sorted(tmp_path.iterdir())] == before

@@ -20,6 +20,7 @@ from ..core.integrate.integrator import Integrator
 from ..model import TORQUE_LAWS, Model, Servo
 from .kinds import SERVO_KINDS, ServoKind
 from .records import fill, records
+from .tree import joint_armature
 
 Actuator: TypeAlias = PDServo | MipsdServo | RigidServo
 LAWS = {"state": STATE_FEEDBACK, "pid_position": PID_POSITION, "pid_speed": PID_SPEED}
@@ -32,7 +33,7 @@ class Drive(NamedTuple):
     kind: ServoKind | None
     servos: list[Servo | None]  # of each moving joint; None where there is none
     actuator: Actuator | None
-    armature: np.ndarray | None  # (n,) reflected inertia G^2 J of rigid gearboxes [kg m^2]
+    armature: np.ndarray | None  # (n,) of the joints, with G^2 J of the rotors of rigid gearboxes [kg m^2 or kg]
 
     @property
     def sampled(self) -> bool:
@@ -44,7 +45,7 @@ def build_drive(model: Model, kind: ServoKind | None) -> Drive:
     """Raises ValueError on kinds and laws that do not fit the model."""
     joints = model.joint_names
     if kind is None:
-        return Drive(None, [None] * len(joints), None, None)
+        return Drive(None, [None] * len(joints), None, joint_armature(model))
     if kind not in SERVO_KINDS:
         raise ValueError(f"servos is {kind!r}; use {', '.join(map(repr, SERVO_KINDS))} or None")
     servos = [model.servos.get(name) for name in joints]
@@ -53,9 +54,10 @@ def build_drive(model: Model, kind: ServoKind | None) -> Drive:
     continuous = {servo.controller.law in TORQUE_LAWS for servo in servos if servo}
     if len(continuous) > 1:
         raise ValueError(f"{model.name} mixes pd servos with sampled ones; give all joints one kind of law")
-    armature = None
+    armature = joint_armature(model)
     if kind == "rotor":
-        armature = np.array([s.gearbox.ratio**2 * s.gearbox.rotor_inertia if s else 0.0 for s in servos])
+        rotors = np.array([s.gearbox.ratio**2 * s.gearbox.rotor_inertia if s else 0.0 for s in servos])
+        armature = rotors if armature is None else armature + rotors
     return Drive(kind, servos, _actuator(model, servos, kind, continuous.pop()), armature)
 
 

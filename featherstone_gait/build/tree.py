@@ -54,6 +54,12 @@ def compile_tree(model: Model) -> Tree:
     return Tree(bodies.view(np.recarray), model.base == "floating", names, placements, rows, coupling)
 
 
+def joint_armature(model: Model) -> np.ndarray | None:
+    """Armature of the moving joints (n,) [kg m^2 or kg]; None where no joint has any, which then costs nothing."""
+    armature = np.array([joint.armature for joint in model.moving_joints])
+    return armature if armature.any() else None
+
+
 def _fill(row: np.void, body: RigidBody, dof: dict[str, int]) -> None:
     """Write a body's frame and mass into its row."""
     joint, row["parent"], E, row["r"] = body.frame

@@ -1,7 +1,7 @@
-"""Robots from files: what the robot is from URDF, what URDF cannot say from a TOML file of the same stem.
+"""Robots from files: what the robot is from URDF or MJCF, what these cannot say from a TOML file of the same stem.
 
 The URDF (https://wiki.ros.org/urdf/XML) gives links and joints.  The TOML gives the base, the servos, the points that
-can touch the ground and named sets of locked joints::
+can touch the ground and named sets of locked joints and postures::
 
     base = "floating"                    # or "fixed", the default
     contacts = [{link = "left_foot", position = [0.05, 0.03, -0.05]}]
@@ -12,6 +12,12 @@ can touch the ground and named sets of locked joints::
     voltage_limit = 9.6                  # any field of Servo, Controller or Gearbox overrides
     [servos.joints.neck]                 # for one joint: type, gearbox and any field
     current_limit = 0.1
+
+    [joints.neck]                        # what URDF cannot say of a joint
+    armature = 1e-4                      # inertia of what turns with it [kg m^2]
+
+    [keyframes]                          # named postures: the coordinates q of `model.py`
+    crouch = [0.0, 0.1]
 
     [locked.default]                     # held unless load_robot is told otherwise
     [locked.simplified]                  # load_robot(..., locked="simplified")

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..model import Base, Model, check_locked
+from ..model import Base, Joint, Model, check_locked
 from .collision import MeshFinder
 from .coupling import MimicMode, check_mimic_mode, resolve_couplings
 from .errors import RobotFileError, blamed_on
-from .markup import read_markup
+from .markup import Markup, read_markup
+from .mjcf.read import read_mjcf
 from .report import Report
+from .robot import Robot
 from .settings import Settings, read_settings
-from .source import urdf_path
-from .urdf import Robot, read_urdf
+from .source import robot_path
+from .urdf import read_urdf
 
 
 def load_robot(
@@ -28,17 +31,20 @@ def load_robot(
     repair_inertia: bool = False,
     package_dirs: Sequence[str | os.PathLike] = (),
 ) -> Model:
-    """Read a robot: a name of `robot_names()`, or the path of a .urdf file, with the .toml of the same stem if there.
+    """Read a robot: a name of `robot_names()`, or the path of a .urdf, .mjcf or .xml file.
 
-    What a URDF says in another way than it should, but with one meaning, is read; `Model.notes` says how, and one
-    RobotFileWarning too.
+    The .toml of the same stem is read too, if it is there; its servos and contact points come before the file's own.
+
+    What a file says in another way than it should, but with one meaning, is read; `Model.notes` says how, and one
+    RobotFileWarning too.  MJCF takes MuJoCo: pip install featherstone-gait[mjcf].  Its keyframes become
+    `Model.keyframes`.
 
     Parameters
     ----------
     base : None is what the TOML says, else "floating" if the URDF has a floating joint, else "fixed"
     locked : joints to hold: the name of a set in the TOML, {joint: position [rad or m]}, or joint names (held at 0);
         None is the TOML's set "default", if it has one
-    strict : refuse what would be warned about
+    strict : refuse what would be warned about; of MJCF that is what changes the motion and has no place in a Model
     mimic : joints that follow others: "coupled", "free" (they move by themselves) or "locked" (held where the leader's
         position nearest to zero puts them)
     repair_inertia : make inertias possible that no body can have, as MuJoCo's `boundinertia` and `balanceinertia` do:
@@ -49,17 +55,31 @@ def load_robot(
 
     Raises RobotFileError (a ValueError), which lists all that is wrong with a file, or RobotFileNotFoundError.
     """
-    path = urdf_path(name_or_path)
+    path = robot_path(name_or_path)
     check_mimic_mode(mimic)
     with blamed_on(path):
         markup = read_markup(path)
         report = Report(markup.lines, strict)
-        robot = read_urdf(markup.root, path, MeshFinder(path, package_dirs), report, repair_inertia)
+        if markup.root.tag == "mujoco":
+            robot = _other_format(markup, path, base, report)
+        else:
+            robot = read_urdf(markup.root, path, MeshFinder(path, package_dirs), report, repair_inertia)
     settings = _settings(path, robot, report)
-    held = robot.held | _held(path, robot, locked, settings, report)
+    held = {**robot.held} | _held(path, robot, locked, settings, report)
     model = _model(path, robot, settings, base, resolve_couplings(robot.joints, held, mimic, report), report)
     report.warn(path, stacklevel=2)
     return model
+
+
+def _other_format(markup: Markup, path: Path, base: Base | None, report: Report) -> Robot:
+    """A robot from MJCF, or from a scene of SimTwo."""
+    robot = read_mjcf(path, base)
+    for doubt in robot.doubts:
+        report.doubt(doubt)
+    for note in robot.notes:
+        if note not in robot.doubts:
+            report.remark(note)
+    return robot
 
 
 def _settings(path: Path, robot: Robot, report: Report) -> Settings:
@@ -90,22 +110,38 @@ def _model(path: Path, robot: Robot, settings: Settings, base: Base | None, movi
     """The robot.  What is wrong with it is reported; nobody gets to see what is returned then."""
     joints, held = moving
     model = None
+    taken = next(b for b in (base, settings.base, robot.base, "fixed") if b is not None)
     with report.blaming():
         model = Model(
             name=robot.name,
             links=robot.links,
-            joints=joints,
-            base=next(b for b in (base, settings.base, robot.base, "fixed") if b is not None),
+            joints=_with_armature(joints, settings.armature),
+            base=taken,
             locked=held,
-            servos=dict(settings.servos),
-            contacts=settings.contacts,
+            servos={**robot.servos, **settings.servos},
+            contacts=settings.contacts or robot.contacts,
             shapes=robot.shapes,
+            keyframes={**_keyframes(robot, taken, held), **settings.keyframes},
             notes=report.notes(),
             source=str(path),
         )
     report.raise_problems(path)
     assert model is not None
     return model
+
+
+def _with_armature(joints: tuple[Joint, ...], armature: Mapping[str, float]) -> tuple[Joint, ...]:
+    """The joints, with the armature that the TOML gives to some."""
+    return tuple(replace(j, armature=armature[j.name]) if j.name in armature else j for j in joints)
+
+
+def _keyframes(robot: Robot, base: Base, held: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
+    """The file's postures as q (nq,)."""
+    moving = [joint.name for joint in robot.joints if joint.type != "fixed" and joint.name not in held]
+    return {
+        name: (*(posture.base if base == "floating" else ()), *(posture.joints[joint] for joint in moving))
+        for name, posture in robot.postures.items()
+    }
 
 
 def _chosen(locked: Any, sets: Mapping[str, dict[str, float]]) -> dict[str, float]:

@@ -36,6 +36,7 @@ class Report:
         self.places: dict[str, int] = {}  # label, such as "link 'thigh'" -> line
         self.problems: list[Found] = []
         self._assumed: dict[str, list[str]] = {}  # sentence -> labels of the elements
+        self._doubts: dict[str, None] = {}  # sentences
         self._remarks: Counter[str] = Counter()
 
     def refuse(self, element: Element | None, text: str) -> None:
@@ -51,6 +52,12 @@ class Report:
         if self.strict:
             self.refuse(element, f"{what}: {found}; {remedy}")
         self._assumed.setdefault(f"{found}: {taken}", []).append(what)
+
+    def doubt(self, sentence: str) -> None:
+        """Note that something was passed over which changes the motion."""
+        if self.strict:
+            self.refuse(None, f"{sentence}; remove it, or load with strict=False")
+        self._doubts[sentence] = None
 
     def remark(self, sentence: str) -> None:
         """Note what plays no part; the same sentence counts up."""
@@ -74,11 +81,13 @@ class Report:
         return (*self._assumptions(), *remarks)
 
     def _assumptions(self) -> tuple[str, ...]:
+        """What was assumed or doubted."""
         several = {sentence: len(labels) - 1 for sentence, labels in self._assumed.items()}
-        return tuple(
+        assumed = (
             labels[0] + (f" and {several[sentence]} more" if several[sentence] else "") + f": {sentence}"
             for sentence, labels in self._assumed.items()
         )
+        return (*self._doubts, *assumed)
 
     def raise_problems(self, file: Path) -> None:
         """Raise RobotFileError with all problems, in the order of their lines."""

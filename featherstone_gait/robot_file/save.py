@@ -1,4 +1,4 @@
-"""Writing a robot as URDF and TOML."""
+"""Writing a robot: as URDF and TOML, or as MJCF."""
 
 from __future__ import annotations
 
@@ -10,23 +10,37 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from ..files import complete_together
-from ..model import Joint, Link, Model
+from ..model import Ground, Joint, Link, Model
 from ..shape import Box, Capsule, Cylinder, Hull, Mesh, Shape, Sphere
+from .mjcf.write import mjcf_text
 from .servos import PARTS
 from .toml import written
 from .urdf import INERTIA, JOINT_NUMBERS
 
 
-def save_robot(model: Model, path: str | os.PathLike) -> None:
-    """Write a robot as URDF and the TOML beside it, so that `load_robot(path)` gives the same numbers to the last bit.
+def save_robot(model: Model, path: str | os.PathLike, ground: Ground | None = None) -> None:
+    """Write a robot as URDF and the TOML beside it, or as MJCF (.xml or .mjcf) for MuJoCo.
 
-    Locked joints become the TOML's set "default".  Both files are written in full before either takes its place.
-    Raises ValueError if the path does not end in .urdf or URDF cannot state the robot.
+    `load_robot` of the URDF gives the same numbers to the last bit; locked joints become the TOML's set "default".
+    MJCF keeps the dynamics to rounding, lists joints depth first, and says in comments what it lacks: servos become the
+    actuators nearest to them, contact points small geoms, locked joints welds.
+
+    Parameters
+    ----------
+    path : all files are written in full before any takes its place
+    ground : of MJCF alone: a floor with this friction, as soft as the sinking asks
+
+    Raises ValueError if the suffix is another, or the format cannot state the robot.
     """
     path = Path(path)
-    if path.suffix != ".urdf":
-        raise ValueError(f"{path}: the file name must end in .urdf; the TOML goes beside it")
-    texts = {path: _urdf_text(model), path.with_suffix(".toml"): _toml_text(model)}
+    if path.suffix in (".xml", ".mjcf"):
+        texts = {path: mjcf_text(model, ground)}
+    elif path.suffix == ".urdf":
+        texts = {path: _urdf_text(model), path.with_suffix(".toml"): _toml_text(model)}
+    else:
+        raise ValueError(f"{path}: the file name must end in .urdf, where the TOML goes beside it, or in .xml for MJCF")
+    if ground is not None and path.suffix == ".urdf":
+        raise ValueError(f"{path}: URDF states no ground; give it to compile_scene, or write .xml")
     with complete_together(*texts) as temporaries:
         for temporary, text in zip(temporaries, texts.values()):
             temporary.write_text(text, encoding="utf-8", newline="\n")
@@ -61,6 +75,8 @@ def _inertial_lines(link: Link) -> list[str]:
 
 
 def _shape_lines(shape: Shape) -> list[str]:
+    if isinstance(shape.geometry, Hull):
+        return [f"    <!-- a hull of {len(shape.geometry.points)} points, which URDF cannot state -->"]
     named = f" name={quoteattr(shape.name)}" if shape.name else ""
     return [
         f"    <collision{named}>",
@@ -83,15 +99,10 @@ def _geometry(shape: Shape) -> str:
         case Mesh(file, scale):
             return f'<mesh filename={quoteattr(file)} scale="{_numbers(scale)}"/>'
         case Hull():
-            raise ValueError(f"link {shape.link!r}: URDF cannot state a hull; remove the shape, or use a mesh")
+            raise AssertionError("URDF cannot state a hull")
 
 
 def _joint_lines(joint: Joint) -> list[str]:
-    if joint.armature:
-        raise ValueError(
-            f"joint {joint.name!r}: URDF cannot state the armature {joint.armature!r}; set it to 0, or give the joint "
-            "a servo whose gearbox has the inertia"
-        )
     lines = [
         f'  <joint name={quoteattr(joint.name)} type="{joint.type}">',
         f"    <parent link={quoteattr(joint.parent)}/>",
@@ -137,6 +148,11 @@ def _toml_text(model: Model) -> str:
     lines += [f"  {{{', '.join(_assignments(contact, fields(contact)))}}}," for contact in model.contacts]
     lines += ["]", "", "[locked.default]"]
     lines += [f"{written(name)} = {written(position)}" for name, position in model.locked.items()]
+    for joint in model.joints:
+        if joint.armature:
+            lines += ["", f"[joints.{written(joint.name)}]", f"armature = {written(joint.armature)}"]
+    if model.keyframes:
+        lines += ["", "[keyframes]", *(f"{written(name)} = {written(q)}" for name, q in model.keyframes.items())]
     for name, servo in model.servos.items():
         lines += ["", f"[servos.joints.{written(name)}]"]
         for part in (servo.controller, servo.gearbox, servo):

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from ..model import Base, ContactPoint, Joint, Link, Servo, check_contacts, check_locked
 from .servos import read_servos
-from .toml import READ, check_keys, read_toml, real, string, table_of
+from .toml import READ, check_keys, number, read_toml, real, string, table_of
 
 
 class Settings(NamedTuple):
@@ -20,17 +20,37 @@ class Settings(NamedTuple):
     locked: Mapping[str, dict[str, float]] = {}  # set name -> joint name -> position
     servos: Mapping[str, Servo] = {}
     contacts: tuple[ContactPoint, ...] = ()
+    armature: Mapping[str, float] = {}  # joint name -> inertia [kg m^2 or kg]
+    keyframes: Mapping[str, tuple[float, ...]] = {}  # name -> q
 
 
 def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]) -> Settings:
     """Read the TOML of a robot of these links and joints.  Raises ValueError for what it does not understand."""
     table = read_toml(path)
-    check_keys(table, ("base", "contacts", "servos", "locked"), "top level")
+    check_keys(table, ("base", "contacts", "servos", "locked", "joints", "keyframes"), "top level")
     if table.get("base", "fixed") not in ("fixed", "floating"):
         raise ValueError(f"base is {table['base']!r}; expected 'fixed' or 'floating': use one of these")
     servos = read_servos(table_of(table, "servos", ""), joints, path.parent)
     locked = {name: _locked_set(table["locked"], name, joints) for name in table_of(table, "locked", "")}
-    return Settings(table.get("base"), locked, servos, _contacts(table.get("contacts", []), links))
+    armature = {name: _armature(table["joints"], name, joints) for name in table_of(table, "joints", "")}
+    keyframes = {name: _numbers(q, f"keyframes.{name}") for name, q in table_of(table, "keyframes", "").items()}
+    contacts = _contacts(table.get("contacts", []), links)
+    return Settings(table.get("base"), locked, servos, contacts, armature, keyframes)
+
+
+def _armature(section: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> float:
+    """What [joints.NAME] says of a joint."""
+    if name not in {joint.name for joint in joints}:
+        raise ValueError(f"joints: there is no joint {name!r}; expected one of the URDF's: correct the name")
+    table = table_of(section, name, "joints.")
+    check_keys(table, ("armature",), f"joints.{name}")
+    return number(table, "armature", f"joints.{name}")
+
+
+def _numbers(value: Any, what: str) -> tuple[float, ...]:
+    if not isinstance(value, list):
+        raise ValueError(f"{what} is {value!r}; expected the coordinates q: write a list of numbers")
+    return tuple(real(x, what) for x in value)
 
 
 def _contacts(rows: Any, links: tuple[Link, ...]) -> tuple[ContactPoint, ...]:

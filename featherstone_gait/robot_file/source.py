@@ -8,6 +8,7 @@ from pathlib import Path
 from .errors import RobotFileNotFoundError
 
 MAX_BYTES = 10_000_000  # of one file
+SUFFIXES = (".urdf", ".xml", ".mjcf")  # of robots
 
 
 def robot_names() -> tuple[str, ...]:
@@ -21,15 +22,15 @@ def robots_folder() -> Path:
     return installed if installed.is_dir() else Path(__file__).parents[2] / "robots"
 
 
-def urdf_path(name_or_path: str | os.PathLike) -> Path:
+def robot_path(name_or_path: str | os.PathLike) -> Path:
     """The file of a robot that comes with the package, or the path as given.  Raises RobotFileNotFoundError."""
     text = os.fspath(name_or_path)
-    if isinstance(name_or_path, os.PathLike) or text.endswith(".urdf") or Path(text).name != text:
+    if isinstance(name_or_path, os.PathLike) or text.endswith(SUFFIXES) or Path(text).name != text:
         return Path(text)
     if text not in robot_names():
         raise RobotFileNotFoundError(
             f"{robots_folder()}: there is no robot {text!r}; expected one of {', '.join(robot_names())}: "
-            "use one of these, or the path of a .urdf file"
+            "use one of these, or the path of a .urdf, .mjcf or .xml file"
         )
     return robots_folder() / text / f"{text}.urdf"
 

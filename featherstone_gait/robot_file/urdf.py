@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from xml.etree.ElementTree import Element
 
-from ..model import Base, Joint, Link, Mimic, check_angles, turned_inertia
+from ..model import Joint, Link, Mimic, check_angles, turned_inertia
 from ..rotation import dot, rotation_from_rpy
-from ..shape import Shape
 from .collision import MeshFinder, read_shapes
 from .grammar import label, tidy
 from .inertia import note_inertia, repaired
 from .numerals import Vector, number, number_or_inf, vector
 from .report import Report
+from .robot import Robot
 
 MAX_LINKS = 10_000
 
@@ -30,17 +30,6 @@ _REFUSED_TYPES = {
 }
 JOINT_NUMBERS = {"dynamics": ("damping", "friction")}  # fields of Joint that are 0 where an element does not state them
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-
-
-class Robot(NamedTuple):
-    """What the URDF says."""
-
-    name: str
-    links: tuple[Link, ...]
-    joints: tuple[Joint, ...]
-    shapes: tuple[Shape, ...]
-    base: Base | None
-    held: dict[str, float]  # joints that cannot move, and where they are [rad or m]
 
 
 def read_urdf(root: Element, path: Path, meshes: MeshFinder, report: Report, repair_inertia: bool = False) -> Robot:
@@ -59,12 +48,12 @@ def read_urdf(root: Element, path: Path, meshes: MeshFinder, report: Report, rep
     if floating:
         links = _without_world(links, joints, floating, report)
     shapes = [shape for shape in shapes if any(shape.link == link.name for link in links)]
-    return Robot(name, links, joints, tuple(shapes), "floating" if floating else None, held)
+    return Robot(name, links, joints, "floating" if floating else None, tuple(shapes), held)
 
 
 def _check_root(root: Element) -> None:
     if root.tag != "robot":
-        raise ValueError(f"root element is <{root.tag}>; expected <robot>: convert the file to URDF")
+        raise ValueError(f"root element is <{root.tag}>; expected <robot>, or <mujoco> of MJCF: convert the file")
     if len(root.findall("link")) > MAX_LINKS:
         raise ValueError(f"has {len(root.findall('link'))} links; at most {MAX_LINKS} are read: reduce them")
 

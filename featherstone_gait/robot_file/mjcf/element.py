@@ -1,0 +1,21 @@
+"""An XML element without children, and its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from xml.sax.saxutils import quoteattr
+
+
+def element(tag: str, attributes: Mapping[str, str | None]) -> str:
+    """<tag .../> with the attributes that are not None."""
+    stated = "".join(f" {name}={quoteattr(value)}" for name, value in attributes.items() if value is not None)
+    return f"<{tag}{stated}/>"
+
+
+def number(value: float) -> str:
+    """A number that reads back the same."""
+    return repr(float(value))
+
+
+def numbers(values: Iterable[float]) -> str:
+    return " ".join(number(value) for value in values)

@@ -1,0 +1,101 @@
+"""Reading MJCF."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...model import Base
+from ..errors import refusal
+from ..robot import Posture, Robot
+from .actuators import read_actuators
+from .causes import couplings, doubts, notes, refusals
+from .shapes import read_shapes
+from .sizes import check_sizes
+from .tree import Tree, read_tree
+
+INSTALL = "MJCF is read through MuJoCo; install it with pip install featherstone-gait[mjcf]"
+
+
+def read_mjcf(path: Path, base: Base | None = None) -> Robot:
+    """Read an MJCF file.  base: None is "floating" if the file has a free joint.
+
+    Raises ImportError without MuJoCo, ValueError for what MuJoCo cannot read, RobotFileError for all that the simulator
+    cannot do.
+    """
+    m, remarks = _compiled(path)
+    tree = read_tree(m, base, couplings(m))
+    problems = refusals(m, tree)
+    if problems:
+        raise refusal(path, problems)
+    actuators = read_actuators(m, tree, tree.joints)
+    shapes, left = read_shapes(m, tree)
+    doubted = [*doubts(m, tree), *actuators.doubts]
+    return Robot(
+        name=_name(m, path),
+        links=tree.links,
+        joints=actuators.joints,
+        base=tree.base,
+        servos=actuators.servos,
+        shapes=shapes,
+        postures=_postures(m, tree),
+        notes=(*doubted, *notes(m, tree), *left, *remarks),
+        doubts=tuple(doubted),
+    )
+
+
+def _compiled(path: Path) -> tuple[Any, list[str]]:
+    """MuJoCo's model of a file, and what MuJoCo remarks on it."""
+    try:
+        import mujoco
+    except ImportError as error:
+        raise ImportError(INSTALL) from error
+    check_sizes(path)
+    remarks: list[object] = []
+    with warnings.catch_warnings(record=True) as caught, _heard(mujoco, remarks):
+        warnings.simplefilter("always")
+        try:
+            m = mujoco.MjSpec.from_file(str(path)).compile()
+        except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:
+            raise ValueError(f"MuJoCo cannot read it: {_line(error)}; correct the file there") from error
+    said = dict.fromkeys(_line(remark) for remark in [*remarks, *(warning.message for warning in caught)])
+    return m, [f"MuJoCo: {remark}" for remark in said]
+
+
+@contextmanager
+def _heard(mujoco: Any, remarks: list[object]) -> Iterator[None]:
+    """Collect MuJoCo's warnings, which it would write to a file in the current folder."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(remarks.append)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+def _line(message: object) -> str:
+    return " ".join(str(message).split()).removeprefix("Error: ").removeprefix("XML Error: ")
+
+
+def _name(m: Any, path: Path) -> str:
+    name = bytes(m.names).split(b"\0", 1)[0].decode("utf-8", "replace")
+    return name or path.stem
+
+
+def _postures(m: Any, tree: Tree) -> dict[str, Posture]:
+    """The keyframes, by name."""
+    names = [m.key(k).name or f"key{k}" for k in range(m.nkey)]
+    return {name: _posture(m, tree, q) for name, q in zip(names, np.asarray(m.key_qpos))}
+
+
+def _posture(m: Any, tree: Tree, q: np.ndarray) -> Posture:
+    single = [j for j in range(m.njnt) if tree.joint_names[j] in {joint.name for joint in tree.joints}]
+    joints = {tree.joint_names[j]: float(q[m.jnt_qposadr[j]]) for j in single}
+    free = tree.root and m.body_jntnum[tree.root]
+    base = q[:7].tolist() if free else [*m.body_pos[tree.root].tolist(), *m.body_quat[tree.root].tolist()]
+    return Posture(tuple(base), joints)

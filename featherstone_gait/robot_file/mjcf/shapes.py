@@ -1,0 +1,82 @@
+"""Collision shapes of a compiled MJCF file."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from ...rotation import rotation_from_quaternion, rpy_from_rotation
+from ...shape import Box, Capsule, Cylinder, Geometry, Hull, Shape, Sphere
+from .names import names_of
+from .tree import Tree, vector
+
+PLANE, HFIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH, SDF = range(9)  # mjtGeom
+NAMES = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
+
+
+def read_shapes(m: Any, tree: Tree) -> tuple[tuple[Shape, ...], list[str]]:
+    """Shapes of the geoms that would touch a floor, and what is passed over."""
+    names, floor = names_of(m, "geom", m.ngeom), _floor(m)
+    shapes, left, silent = [], Counter[str](), 0
+    for g in range(m.ngeom):
+        if not _in_tree(m, int(m.geom_bodyid[g]), tree):
+            continue
+        geometry = _geometry(m, g)
+        if not _touches(m, g, floor):
+            silent += 1
+        elif geometry is None:
+            left[NAMES[m.geom_type[g]]] += 1
+        else:
+            shapes.append(_shape(m, g, geometry, tree, names[g]))
+    notes = [f"skipped {silent} geoms that touch no floor"] if silent else []
+    notes += [f"passed over {count} geoms of type {kind}, which are no shapes here" for kind, count in left.items()]
+    return tuple(shapes), notes
+
+
+def _in_tree(m: Any, body: int, tree: Tree) -> bool:
+    return tree.root == 0 or (body != 0 and m.body_rootid[body] == tree.root)
+
+
+def _floor(m: Any) -> tuple[int, int]:
+    """contype and conaffinity of the world's first plane or height field, else of a geom as it comes."""
+    for g in np.flatnonzero(m.geom_bodyid == 0):
+        if m.geom_type[g] in (PLANE, HFIELD):
+            return int(m.geom_contype[g]), int(m.geom_conaffinity[g])
+    return 1, 1
+
+
+def _touches(m: Any, g: int, floor: tuple[int, int]) -> bool:
+    contype, conaffinity = floor
+    return bool(m.geom_contype[g] & conaffinity or m.geom_conaffinity[g] & contype)
+
+
+def _geometry(m: Any, g: int) -> Geometry | None:
+    """The geometry of a geom; None where there is no like."""
+    kind, size = m.geom_type[g], m.geom_size[g].tolist()
+    if kind == SPHERE:
+        return Sphere(size[0])
+    if kind in (CAPSULE, CYLINDER):
+        return (Capsule if kind == CAPSULE else Cylinder)(size[0], 2.0 * size[1])
+    if kind == BOX:
+        return Box((2.0 * size[0], 2.0 * size[1], 2.0 * size[2]))
+    if kind == MESH:
+        return Hull(tuple(vector(point) for point in _corners(m, int(m.geom_dataid[g]))))
+    return None
+
+
+def _corners(m: Any, mesh: int) -> np.ndarray:
+    """Vertices (n, 3) of a mesh's convex hull, as far as MuJoCo has worked it out, else all vertices."""
+    start = m.mesh_vertadr[mesh]
+    points = m.mesh_vert[start : start + m.mesh_vertnum[mesh]]
+    if m.mesh_graphadr[mesh] < 0:
+        return points
+    graph = m.mesh_graph[m.mesh_graphadr[mesh] :]
+    count = graph[0]
+    return points[graph[2 + count : 2 + 2 * count]]
+
+
+def _shape(m: Any, g: int, geometry: Geometry, tree: Tree, name: str) -> Shape:
+    rpy = rpy_from_rotation(rotation_from_quaternion(m.geom_quat[g]))
+    return Shape(tree.bodies[m.geom_bodyid[g]], geometry, vector(m.geom_pos[g]), rpy, name)

@@ -1,0 +1,145 @@
+"""Links and joints of a compiled MJCF file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...fixed_order import applied, product
+from ...model import Base, Joint, Link, Mimic, turned_inertia
+from ...rotation import rotation_about, rotation_from_quaternion, rpy_from_rotation
+from .names import names_of, unused
+
+WORLD = "world"
+FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
+PLANE = 0  # mjtGeom
+NO_STOP = 1e10  # a range this wide is none
+STILL: dict[str, Any] = {"mass": 0.0, "center_of_mass": (0.0, 0.0, 0.0), "inertia": (0.0,) * 6}
+
+
+class Tree(NamedTuple):
+    """The kinematic tree of a file."""
+
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    base: Base
+    root: int  # body that is the root link, 0 for the world
+    bodies: list[str]  # link name of each body
+    joint_names: list[str]  # of each MuJoCo joint
+
+
+def read_tree(m: Any, base: Base | None, mimics: dict[int, tuple[int, float, float]]) -> Tree:
+    """Links and joints.
+
+    base : None is "floating" if the file has a free joint
+    mimics : by follower: leader, multiplier and offset
+    """
+    bodies, names = names_of(m, "body", m.nbody), names_of(m, "joint", m.njnt)
+    base = base or ("floating" if FREE in m.jnt_type else "fixed")
+    root = _root(m, base)
+    links = [_link(m, root, bodies[root])]
+    joints: list[Joint] = []
+    for b in range(1, m.nbody):
+        if b != root and (root == 0 or m.body_rootid[b] == root):
+            chain = _chain(m, b, bodies, names, [joint.name for joint in joints])
+            links += [*(_frame(joint.child) for joint in chain[:-1]), _link(m, b, bodies[b])]
+            joints += chain
+    return Tree(tuple(links), tuple(_coupled(joints, names, mimics)), base, root, bodies, names)
+
+
+def _root(m: Any, base: Base) -> int:
+    """The body that is the root link: that of the free joint, or one that sits in the world as if it were the root."""
+    free = [int(m.jnt_bodyid[j]) for j in range(m.njnt) if m.jnt_type[j] == FREE]
+    if free:
+        return free[0]
+    top = [b for b in range(1, m.nbody) if m.body_parentid[b] == 0]
+    if len(top) != 1 or m.body_jntnum[top[0]]:
+        return 0
+    b = top[0]
+    at_origin = not m.body_pos[b].any() and m.body_quat[b, 0] == 1.0
+    alone = all(m.geom_type[g] == PLANE for g in np.flatnonzero(m.geom_bodyid == 0))
+    return b if base == "floating" or (at_origin and alone) else 0
+
+
+def _link(m: Any, b: int, name: str) -> Link:
+    mass = float(m.body_mass[b])
+    if b == 0 or mass == 0:
+        return Link(name, **STILL)
+    I = turned_inertia(rotation_from_quaternion(m.body_iquat[b]), principal(m.body_inertia[b]))
+    inertia = ((I + I.T) / 2)[(0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)]
+    return Link(name, mass, vector(m.body_ipos[b]), tuple(inertia.tolist()))
+
+
+def principal(moments: np.ndarray) -> tuple[float, ...]:
+    """ixx ixy ixz iyy iyz izz of principal moments."""
+    A, B, C = moments.tolist()
+    return (A, 0.0, 0.0, B, 0.0, C)
+
+
+def _frame(name: str) -> Link:
+    """A link without mass."""
+    return Link(name, **STILL)
+
+
+def _chain(m: Any, b: int, bodies: list[str], names: list[str], taken: list[str]) -> list[Joint]:
+    """The joints from a body's parent to the body.
+
+    MuJoCo moves a body by its joints one after the other, each about an anchor in the body: here each has a frame at
+    its anchor, turned back by its reference, so that positions count as in the file.  A last fixed joint leads from
+    the anchor to the body's own origin, if they differ.
+    """
+    parent, E, r = bodies[m.body_parentid[b]], rotation_from_quaternion(m.body_quat[b]), m.body_pos[b].copy()
+    chain, anchor = [], np.zeros(3)
+    moving = range(m.body_jntadr[b], m.body_jntadr[b] + m.body_jntnum[b])
+    for j in moving:
+        offset, E_back = _step(m, j, anchor)
+        anchor = m.jnt_pos[j] if m.jnt_type[j] == HINGE else anchor
+        last = j == moving[-1] and not anchor.any()
+        child = bodies[b] if last else unused(f"{bodies[b]}_{names[j]}", bodies)
+        chain.append(_joint(m, j, names[j], parent, child, r + applied(E, offset), product(E, E_back)))
+        parent, E, r = child, np.eye(3), np.zeros(3)
+    if not len(moving) or anchor.any():
+        name = unused(f"{bodies[b]}_fixed", [*names, *taken])
+        chain.append(Joint(name, "fixed", parent, bodies[b], vector(r - anchor), rpy_from_rotation(E)))
+    return chain
+
+
+def _step(m: Any, j: int, anchor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """From the last anchor to a joint's frame at position zero, in body axes: offset (3,) and rotation (3, 3)."""
+    reference = float(m.qpos0[m.jnt_qposadr[j]])
+    if m.jnt_type[j] == SLIDE:
+        return -reference * m.jnt_axis[j], np.eye(3)
+    return m.jnt_pos[j] - anchor, rotation_about(m.jnt_axis[j], -reference) if reference else np.eye(3)
+
+
+def _joint(m: Any, j: int, name: str, parent: str, child: str, r: np.ndarray, E: np.ndarray) -> Joint:
+    dof, limited = m.jnt_dofadr[j], bool(m.jnt_limited[j])
+    lower, upper = (float(x) if limited and abs(x) < NO_STOP else s * np.inf for x, s in zip(m.jnt_range[j], (-1, 1)))
+    return Joint(
+        name,
+        "prismatic" if m.jnt_type[j] == SLIDE else "revolute" if limited else "continuous",
+        parent,
+        child,
+        vector(r),
+        rpy_from_rotation(E),
+        vector(m.jnt_axis[j]),
+        lower=lower,
+        upper=upper,
+        effort=float(np.abs(m.jnt_actfrcrange[j]).max()) if m.jnt_actfrclimited[j] else np.inf,
+        damping=float(m.dof_damping[dof]),
+        friction=float(m.dof_frictionloss[dof]),
+        armature=float(m.dof_armature[dof]),
+    )
+
+
+def _coupled(joints: list[Joint], names: list[str], mimics: dict[int, tuple[int, float, float]]) -> list[Joint]:
+    """The joints, with what the followers among them follow."""
+    follow = {names[j]: Mimic(names[leader], *line) for j, (leader, *line) in mimics.items()}
+    return [replace(joint, mimic=follow[joint.name]) if joint.name in follow else joint for joint in joints]
+
+
+def vector(values: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    return x, y, z

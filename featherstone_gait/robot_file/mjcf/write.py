@@ -1,0 +1,225 @@
+"""Writing MJCF.  Numbers are written to the last bit; MuJoCo turns angles and inertias into its own to rounding."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from ...fixed_order import applied, product
+from ...model import Ground, Joint, Link, Model, rigid_bodies
+from ...rotation import rotation_about, rotation_from_rpy, rpy_from_rotation
+from .element import element, number, numbers
+from .tree import NO_STOP, WORLD
+from .write_actuators import actuator_lines, passive
+from .write_geoms import contact_lines, mesh_lines, shape_lines, unread_meshes
+from .write_ground import floor_lines
+
+
+class Hinged(NamedTuple):
+    """A joint of a body, in the body's frame."""
+
+    joint: Joint
+    anchor: np.ndarray  # (3,) [m]
+    axis: np.ndarray  # (3,)
+
+
+class Body(NamedTuple):
+    """A link with the joints that lead to it, those of links without mass between two joints included."""
+
+    link: str
+    xyz: tuple[float, ...]  # in the parent [m]
+    rpy: tuple[float, ...]  # [rad]
+    joints: list[Hinged]
+
+
+def mjcf_text(model: Model, ground: Ground | None = None) -> str:
+    """The robot as MJCF, with a floor if ground is given.  Raises ValueError for what MuJoCo has no word for."""
+    _check_bodies(model)
+    actuators, lacking = actuator_lines(model)
+    floor, steps = floor_lines(model, ground)
+    remarks = [*lacking, *steps, *_remarks(model)]
+    return "\n".join(
+        [
+            f"<mujoco model={quoteattr(model.name)}>",
+            *(f"  <!-- {remark.replace('--', '- -')} -->" for remark in remarks),
+            '  <compiler angle="radian" eulerseq="XYZ" autolimits="true"/>',
+            *(['  <option cone="elliptic"/>'] if ground else []),
+            *_section("asset", mesh_lines(model)),
+            *_section("worldbody", [*floor, *_root_lines(model)]),
+            *_section("equality", _equality_lines(model)),
+            *_section("actuator", actuators),
+            *_section("keyframe", _key_lines(model)),
+            "</mujoco>",
+            "",
+        ]
+    )
+
+
+def _section(tag: str, lines: list[str]) -> list[str]:
+    return [f"  <{tag}>", *(f"    {line}" for line in lines), f"  </{tag}>"] if lines else []
+
+
+def _remarks(model: Model) -> list[str]:
+    remarks = []
+    if any(joint.velocity < math.inf for joint in model.joints):
+        remarks.append("MuJoCo has no word for the largest velocity of a joint")
+    if model.locked:
+        remarks.append("locked joints are welded: " + ", ".join(model.locked))
+    if unread_meshes(model):
+        remarks.append("left out meshes that MuJoCo does not read: " + ", ".join(unread_meshes(model)))
+    if model.contacts:
+        remarks.append("contact points are small spheres and flat cylinders; shapes touch nothing beside them")
+    return remarks
+
+
+def _check_bodies(model: Model) -> None:
+    """Refuse bodies without mass that are no plain link between two joints."""
+    folded = {link.name for link in model.links if _is_frame(model, link.name)}
+    for body in rigid_bodies(model)[0][1:]:
+        if body.mass == 0 and not set(body.links) <= folded:
+            raise ValueError(
+                f"link {body.links[0]!r} moves without mass and is no plain link between two joints, which MJCF cannot "
+                "state: give it a small mass and inertia"
+            )
+
+
+# ---------------------------------------------------------------------------------------------- bodies
+
+
+def _root_lines(model: Model) -> list[str]:
+    root = next(link for link in model.links if link.name == model.root)
+    inside = [*shape_lines(model, root.name), *contact_lines(model, root.name), *_child_lines(model, root.name)]
+    if root.name == WORLD and model.base == "fixed" and root.mass == 0:
+        return inside
+    free = ["<freejoint/>"] if model.base == "floating" else []
+    lines = [*free, *_inertial(root), *inside]
+    return [f"<body name={quoteattr(root.name)}>", *(f"  {line}" for line in lines), "</body>"]
+
+
+def _child_lines(model: Model, parent: str) -> list[str]:
+    links = {link.name: link for link in model.links}
+    lines: list[str] = []
+    for joint in model.joints:
+        if joint.parent == parent:
+            body = _body(model, joint)
+            inside = [
+                *(_joint_line(model, hinged) for hinged in body.joints),
+                *_inertial(links[body.link]),
+                *shape_lines(model, body.link),
+                *contact_lines(model, body.link),
+                *_child_lines(model, body.link),
+            ]
+            pose = f'pos="{numbers(body.xyz)}" euler="{numbers(body.rpy)}"'
+            lines += [f"<body name={quoteattr(body.link)} {pose}>", *(f"  {line}" for line in inside), "</body>"]
+    return lines
+
+
+def _body(model: Model, joint: Joint) -> Body:
+    """The body at the end of a joint, or of a chain of joints whose links are frames without mass."""
+    chain = [joint]
+    while chain[-1].type != "fixed" and chain[-1].name not in model.locked and _is_frame(model, chain[-1].child):
+        chain.append(next(j for j in model.joints if j.parent == chain[-1].child))
+    poses = _poses(model, chain)
+    E, r = poses[-1]
+    hinged = [_hinged(j, pose, (E, r)) for j, pose in zip(chain, poses) if _moves(model, j)]
+    if len(chain) == 1 and joint.name not in model.locked:
+        return Body(joint.child, joint.xyz, joint.rpy, hinged)
+    return Body(chain[-1].child, tuple(r.tolist()), rpy_from_rotation(E), hinged)
+
+
+def _moves(model: Model, joint: Joint) -> bool:
+    return joint.type != "fixed" and joint.name not in model.locked
+
+
+def _is_frame(model: Model, name: str) -> bool:
+    """Whether a link is no more than a place between two joints that move."""
+    link = next(link for link in model.links if link.name == name)
+    ends = [joint for joint in model.joints if name in (joint.parent, joint.child)]
+    carries = {shape.link for shape in model.shapes} | {point.link for point in model.contacts}
+    plain = link.mass == 0 and name != model.root and name not in carries
+    return plain and len(ends) == 2 and all(_moves(model, joint) for joint in ends)
+
+
+def _poses(model: Model, chain: list[Joint]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Rotation and origin of each joint's child frame in the frame that the chain hangs on; locked ones as they are."""
+    E, r, poses = np.eye(3), np.zeros(3), []
+    for joint in chain:
+        E, r = product(E, rotation_from_rpy(joint.rpy)), r + applied(E, np.array(joint.xyz))
+        position = model.locked.get(joint.name, 0.0)
+        if position and joint.type == "prismatic":
+            r = r + applied(E, position * np.array(joint.axis))
+        elif position:
+            E = product(E, rotation_about(joint.axis, position))
+        poses.append((E, r))
+    return poses
+
+
+def _hinged(joint: Joint, at: tuple[np.ndarray, np.ndarray], body: tuple[np.ndarray, np.ndarray]) -> Hinged:
+    """A joint in the frame of its body."""
+    if at is body or at[0] is body[0]:
+        return Hinged(joint, np.zeros(3), np.array(joint.axis))
+    back = body[0].T
+    return Hinged(joint, applied(back, at[1] - body[1]), applied(product(back, at[0]), np.array(joint.axis)))
+
+
+def _joint_line(model: Model, hinged: Hinged) -> str:
+    joint, (damping, friction) = hinged.joint, passive(model, hinged.joint)
+    limited = joint.lower > -math.inf or joint.upper < math.inf
+    stops = (max(joint.lower, -NO_STOP), min(joint.upper, NO_STOP))
+    attributes = {
+        "name": joint.name,
+        "type": "slide" if joint.type == "prismatic" else "hinge",
+        "pos": numbers(hinged.anchor) if hinged.anchor.any() else None,
+        "axis": numbers(hinged.axis),
+        "range": numbers(stops) if limited else None,
+        "armature": number(joint.armature) if joint.armature else None,
+        "damping": number(damping) if damping else None,
+        "frictionloss": number(friction) if friction else None,
+        "actuatorfrcrange": numbers((-joint.effort, joint.effort)) if 0 < joint.effort < math.inf else None,
+    }
+    return element("joint", attributes)
+
+
+def _inertial(link: Link) -> list[str]:
+    if link.mass == 0:
+        return []
+    xx, xy, xz, yy, yz, zz = link.inertia
+    inertia = numbers((xx, yy, zz, xy, xz, yz))
+    attributes = {"pos": numbers(link.center_of_mass), "mass": number(link.mass), "fullinertia": inertia}
+    return [element("inertial", attributes)]
+
+
+# ---------------------------------------------------------------------------------------------- couplings, postures
+
+
+def _equality_lines(model: Model) -> list[str]:
+    followers = [(joint.name, joint.mimic) for joint in model.moving_joints if joint.mimic]
+    return [
+        element("joint", {"joint1": name, "joint2": mimic.joint, "polycoef": _line(mimic.offset, mimic.multiplier)})
+        for name, mimic in followers
+    ]
+
+
+def _line(offset: float, multiplier: float) -> str:
+    return numbers((offset, multiplier, 0.0, 0.0, 0.0))
+
+
+def _key_lines(model: Model) -> list[str]:
+    """The keyframes; MuJoCo counts joints depth first."""
+    first = model.nq - len(model.joint_names)
+    rows = {name: first + k for k, name in enumerate(model.joint_names)}
+    order = [*range(first), *(rows[name] for name in _depth_first(model, model.root) if name in rows)]
+    return [
+        element("key", {"name": name, "qpos": numbers([q[k] for k in order])}) for name, q in model.keyframes.items()
+    ]
+
+
+def _depth_first(model: Model, parent: str) -> list[str]:
+    names: list[str] = []
+    for joint in model.joints:
+        if joint.parent == parent:
+            names += [joint.name, *_depth_first(model, joint.child)]
+    return names

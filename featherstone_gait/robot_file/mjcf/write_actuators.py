@@ -1,0 +1,96 @@
+"""Servos as MuJoCo's actuators; the laws are those of `actuators.py`, at the output of the gearbox (gear 1)."""
+
+from __future__ import annotations
+
+import math
+
+from ...model import Joint, Model, Servo
+from .element import element, number, numbers
+
+CONTINUOUS = ("pd", "pd_clamped")
+
+
+def actuator_lines(model: Model) -> tuple[list[str], list[str]]:
+    """The actuators, and what MuJoCo's lack."""
+    servos = {joint.name: model.servos[joint.name] for joint in model.moving_joints if joint.name in model.servos}
+    lacking: dict[str, list[str]] = {}
+    lines = [line for name, servo in servos.items() for line in _actuator(name, servo)]
+    for name, servo in servos.items():
+        for what in _lacking(servo):
+            lacking.setdefault(what, []).append(name)
+    return lines, [f"of the servos {', '.join(names)}: {what}" for what, names in lacking.items()]
+
+
+def passive(model: Model, joint: Joint) -> tuple[float, float]:
+    """Damping and Coulomb friction of a joint; of a servo the friction too, for which actuators have no word."""
+    servo = model.servos.get(joint.name)
+    if servo is None or servo.controller.law in CONTINUOUS:
+        return joint.damping, joint.friction
+    return joint.damping, joint.friction + servo.coulomb_friction
+
+
+def _actuator(name: str, servo: Servo) -> list[str]:
+    """The actuator of a servo, none where MuJoCo has no such law."""
+    if servo.controller.law == "pid_speed":
+        return []
+    return [_position(name, servo) if servo.controller.law in CONTINUOUS else _motor(name, servo)]
+
+
+def rotor_inertia(servo: Servo | None) -> float:
+    """G^2 J that the actuator of a servo adds to its joint [kg m^2]."""
+    if servo is None or servo.controller.law in (*CONTINUOUS, "pid_speed"):
+        return 0.0
+    return servo.gearbox.ratio**2 * servo.gearbox.rotor_inertia
+
+
+def _position(name: str, servo: Servo) -> str:
+    law = servo.controller
+    limit = numbers((-law.torque_limit, law.torque_limit)) if law.torque_limit < math.inf else None
+    gains = {"kp": number(law.Kp), "kv": number(law.Kd)}
+    return element("position", {"name": name, "joint": name, **gains, "forcerange": limit})
+
+
+def _motor(name: str, servo: Servo) -> str:
+    law, gear = servo.controller, servo.gearbox
+    K, R = gear.ratio * servo.motor_constant, servo.resistance
+    gains = (K / R * law.Kp, K / R * law.Ki, K / R * (law.Kd + K), 0.0, 0.0, servo.voltage_limit)
+    current = servo.current_limit if servo.current_limit < math.inf else 0.0
+    slew = servo.current_slew if servo.current_slew < math.inf and servo.inductance else 0.0
+    attributes = {
+        "name": name,
+        "joint": name,
+        "motorconst": numbers((K, K)),
+        "resistance": number(R),
+        "inductance": numbers((servo.inductance, 0.0)) if servo.inductance else None,
+        "saturation": numbers((0.0, current, slew)) if current or slew else None,
+        "input": "pos",
+        "controller": numbers(gains),
+        "armature": number(rotor_inertia(servo)) if gear.rotor_inertia else None,
+        "damping": number(servo.viscous_friction + gear.ratio**2 * gear.rotor_damping) if _damped(servo) else None,
+    }
+    return element("dcmotor", attributes)
+
+
+def _damped(servo: Servo) -> bool:
+    return servo.viscous_friction > 0 or servo.gearbox.rotor_damping > 0
+
+
+def _lacking(servo: Servo) -> list[str]:
+    """What the actuator does not say of a servo."""
+    law, gear = servo.controller, servo.gearbox
+    if law.law in CONTINUOUS:
+        return ["the limit of the torque holds the damping too"] * (law.law == "pd" and law.torque_limit < math.inf)
+    if law.law == "pid_speed":
+        return ["left out: no actuator has the law pid_speed"]
+    found = {
+        "the controller acts at all times, not at ticks, and without lag": True,
+        "the gearbox is rigid": gear.stiffness < math.inf,
+        "no backlash": gear.backlash > 0,
+        "the friction stands with the joint": servo.coulomb_friction > 0,
+        "the encoder is exact": servo.encoder_resolution > 0,
+        "the speed is not filtered": servo.speed_filter > 0,
+        "no feed-forward of the angle (Kf)": law.Kf != 0,
+        "no limit of the current's rate without inductance": servo.current_slew < math.inf and not servo.inductance,
+        "the damping acts on the speed, not on the error's rate": law.law == "pid_position" and law.Kd > 0,
+    }
+    return [what for what, holds in found.items() if holds]

@@ -1,0 +1,70 @@
+"""A floor as soft as the ground's sinking asks.
+
+At rest MuJoCo's contact of the constant impedance d carries the force f at the depth r with k r = (1 - d) / d w f: w is
+the inverse inertia that the body offers to a force, and k = stiffness / d for solref = -stiffness -damping.  Small
+motions about that have the stiffness d k and the damping damping, for each unit of mass.  Source: MuJoCo's pages on
+computation ("Constraint model") and modeling ("Solver parameters").
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...dynamics import energy, forward_dynamics
+from ...model import Ground, Link, Model
+from .element import element, numbers
+from .write_actuators import rotor_inertia
+
+IMPEDANCE = 0.9  # MuJoCo's default
+GRAVITY = 9.81  # [m/s^2]
+
+
+def floor_lines(model: Model, ground: Ground | None) -> tuple[list[str], list[str]]:
+    """A plane for the ground, and what of the ground it leaves out."""
+    if ground is None:
+        return [], []
+    stiffness = GRAVITY * (1.0 - IMPEDANCE) / ground.sinking * _softness(model)
+    damping = 2.0 * ground.damping_ratio * math.sqrt(stiffness)
+    plane = {
+        "name": "floor",
+        "type": "plane",
+        "size": "0 0 1",
+        "pos": numbers((0.0, 0.0, ground.height)),
+        "euler": numbers((0.0, -ground.slope, 0.0)),
+        "friction": numbers((ground.friction, 0.005, 0.0001)),
+        "solref": numbers((-stiffness, -damping)),
+        "solimp": numbers((IMPEDANCE, IMPEDANCE, 0.001)),
+        "priority": "1",
+    }
+    steps = ["the steps of the ground are left out"] if ground.steps else []
+    return [element("geom", plane)], steps
+
+
+def _softness(model: Model) -> float:
+    """Mean over the contacts of w m / n: their share of the weight by what they seem to carry; 1 without contacts."""
+    touching = [item.link for item in model.contacts or model.shapes]
+    if not touching:
+        return 1.0
+    links = {link.name: link for link in model.links}
+    seen = {name: _inverse_inertia(model, links[name]) for name in dict.fromkeys(touching)}
+    return sum(seen[name] for name in touching) / len(touching) ** 2 * model.mass
+
+
+def _inverse_inertia(model: Model, link: Link) -> float:
+    """Mean over the axes of the inverse inertia [1/kg] that a link's centre of mass offers to a force, at zero.
+
+    A unit impulse e gives the velocities M^-1 J' e, and twice their kinetic energy is e' J M^-1 J' e.
+    """
+    q = np.zeros(model.nq)
+    if model.base == "floating":
+        q[3] = 1.0
+    armature = np.array([joint.armature + rotor_inertia(model.servos.get(joint.name)) for joint in model.moving_joints])
+    still, none = np.zeros(model.nv), (0.0, 0.0, 0.0)
+    total = 0.0
+    for e in np.eye(3):
+        wrench = {link.name: [*np.cross(link.center_of_mass, e), *e]}
+        qd = forward_dynamics(model, q, still, still, wrench=wrench, armature=armature, gravity=none)
+        total += 2.0 * energy(model, q, qd, armature=armature, gravity=none)[0] / 3.0
+    return total

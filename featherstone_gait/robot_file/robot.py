@@ -1,0 +1,32 @@
+"""What a robot's file says, in whatever format."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from ..model import Base, ContactPoint, Joint, Link, Servo
+from ..shape import Shape
+
+
+class Posture(NamedTuple):
+    """A posture that a file names."""
+
+    base: tuple[float, ...]  # position [m] and quaternion w x y z of the root link in the world
+    joints: Mapping[str, float]  # of all joints that move [rad or m]
+
+
+class Robot(NamedTuple):
+    """A robot as its file states it."""
+
+    name: str
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    base: Base | None
+    shapes: tuple[Shape, ...] = ()
+    held: Mapping[str, float] = {}  # joints that cannot move, and where they are [rad or m]
+    servos: Mapping[str, Servo] = {}
+    contacts: tuple[ContactPoint, ...] = ()
+    postures: Mapping[str, Posture] = {}
+    notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()  # those of the notes that change the motion

@@ -1,0 +1,571 @@
+"""MJCF: what is read moves as in MuJoCo, what cannot be is refused, and what is written is the same robot."""
+
+import importlib.util
+import itertools
+import math
+import sys
+import warnings
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+from random_tree import random_states, random_tree
+
+from featherstone_gait import (
+    ContactPoint,
+    Controller,
+    Gearbox,
+    Ground,
+    Joint,
+    Link,
+    Model,
+    RobotFileError,
+    RobotFileWarning,
+    Servo,
+    compile_scene,
+    forward_dynamics,
+    forward_kinematics,
+    inverse_dynamics,
+    load_robot,
+    mass_matrix,
+    save_robot,
+)
+from featherstone_gait.build.actuator import build_drive
+from featherstone_gait.model import Mimic
+from featherstone_gait.rotation import rotation_about, rotation_from_rpy, rpy_from_rotation
+from featherstone_gait.shape import Box, Capsule, Cylinder, Hull, Sphere
+
+OFF = mujoco.mjtDisableBit
+PASSIVE = OFF.mjDSBL_CONTACT | OFF.mjDSBL_CONSTRAINT | OFF.mjDSBL_SPRING | OFF.mjDSBL_DAMPER | OFF.mjDSBL_ACTUATION
+BALL = '<geom size="0.1" mass="1"/>'
+
+ODD = """
+<mujoco model="odd">
+  <compiler angle="degree"/>
+  <default><joint armature="0.02" damping="0.3"/><default class="weak"><joint frictionloss="0.1"/></default></default>
+  <worldbody>
+    <geom type="plane" size="1 1 1"/>
+    <body name="trunk" pos="0.1 0.2 0.3" euler="20 30 -40">
+      <freejoint/>
+      <inertial pos="0.01 0.02 -0.03" mass="3" fullinertia="0.04 0.05 0.03 0.001 0.002 -0.003"/>
+      <geom name="belly" type="capsule" fromto="0 0 0 0.2 0 0.1" size="0.04"/>
+      <body name="hip" pos="0 0.1 -0.1" euler="0 90 10">
+        <joint name="yaw" axis="0 0 1" pos="0.01 -0.02 0.03" ref="35" limited="true" range="-60 100"/>
+        <joint name="slide" type="slide" axis="1 1 0" ref="0.05" class="weak" range="-0.1 0.2"/>
+        <joint name="pitch" axis="0 1 1" pos="0 0.04 0.02" ref="-15"/>
+        <geom name="block" type="box" size="0.1 0.05 0.02" pos="0.05 0 0" quat="1 0.2 0 0.1"/>
+        <body name="shin" pos="0 0 -0.2"><geom name="rod" type="cylinder" size="0.02 0.1" mass="0.4"/>
+          <body name="foot" pos="0 0.05 -0.1"><joint axis="1 0 0"/><geom size="0.03" mass="0.2"/></body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <keyframe><key name="crouch" qpos="0 0 0.5 1 0 0 0 0.1 0.02 -0.3 0.4"/></keyframe>
+</mujoco>
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Write MJCF text to a file; the number keeps names apart."""
+    count = itertools.count()
+
+    def written(text):
+        path = tmp_path / f"robot{next(count)}.xml"
+        path.write_text(text)
+        return path
+
+    return written
+
+
+def robot(bodies, more=""):
+    return f"<mujoco><worldbody>{bodies}</worldbody>{more}</mujoco>"
+
+
+def passive_model(path):
+    """MuJoCo's model of a file, without contact, limits, friction, springs, damping, fluid and actuators."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of deprecated attributes
+        m = mujoco.MjSpec.from_file(str(path)).compile()
+    m.opt.disableflags |= PASSIVE
+    m.opt.density = m.opt.viscosity = 0
+    m.opt.gravity[:] = (0, 0, -9.81)
+    return m
+
+
+def relative_error(model, m, seed=3, count=5):
+    """Largest difference of accelerations by the largest acceleration, at random states."""
+    d = mujoco.MjData(m)
+    error = 0.0
+    for q, qd, tau in zip(*random_states(model, count, seed)):
+        d.qpos[:], d.qvel[:], d.qfrc_applied[:] = q, qd, tau
+        mujoco.mj_forward(m, d)
+        error = max(error, np.abs(forward_dynamics(model, q, qd, tau) - d.qacc).max() / np.abs(d.qacc).max())
+    return error
+
+
+# ------------------------------------------------------------------------------------------------ reading
+
+
+def test_odd_joints_move_as_in_mujoco(write):
+    path = write(ODD)
+    model, m = load_robot(path), passive_model(path)
+    assert model.base == "floating"
+    assert relative_error(model, m) < 1e-12
+    d = mujoco.MjData(m)
+    names = [link.name for link in model.links]
+    for q, qd, _ in zip(*random_states(model, 5, 1)):
+        d.qpos[:], d.qvel[:] = q, qd
+        mujoco.mj_kinematics(m, d)
+        poses = forward_kinematics(model, q)
+        for body in ("trunk", "hip", "shin", "foot"):
+            k, b = names.index(body), m.body(body).id
+            np.testing.assert_allclose(poses.position[k], d.xpos[b], atol=1e-14)
+            np.testing.assert_allclose(poses.rotation[k].ravel(), d.xmat[b], atol=1e-14)
+
+
+def test_defaults_angles_and_names_are_those_of_the_file(write):
+    model = load_robot(write(ODD))
+    yaw, slide, pitch, last = model.moving_joints
+    assert (model.name, yaw.name, slide.name, pitch.name) == ("odd", "yaw", "slide", "pitch")
+    assert (yaw.type, slide.type, pitch.type) == ("revolute", "prismatic", "continuous")
+    assert yaw.lower == pytest.approx(math.radians(-60), rel=1e-15)
+    assert [joint.armature for joint in model.moving_joints] == [0.02] * 4
+    assert [joint.damping for joint in model.moving_joints] == [0.3] * 4
+    assert (slide.friction, pitch.friction) == (0.1, 0.0)
+    assert last.child == "foot"
+    assert model.keyframes["crouch"] == (0, 0, 0.5, 1, 0, 0, 0, 0.1, 0.02, -0.3, 0.4)
+
+
+def test_keyframes_follow_base_and_locked_joints(write):
+    model = load_robot(write(ODD), base="fixed", locked=["slide"])
+    assert model.keyframes["crouch"] == (0.1, -0.3, 0.4)
+
+
+def test_geoms_become_shapes_where_they_are(write):
+    path = write(ODD)
+    model, m = load_robot(path), passive_model(path)
+    d = mujoco.MjData(m)
+    mujoco.mj_kinematics(m, d)
+    q = d.qpos.copy()
+    poses, names = forward_kinematics(model, q), [link.name for link in model.links]
+    kinds = {shape.name: type(shape.geometry) for shape in model.shapes}
+    assert kinds["belly"] is Capsule
+    assert kinds["block"] is Box
+    assert kinds["rod"] is Cylinder
+    assert Sphere(0.03) in [shape.geometry for shape in model.shapes]
+    for shape in model.shapes[:3]:
+        k, g = names.index(shape.link), m.geom(shape.name).id
+        R = poses.rotation[k] @ rotation_from_rpy(shape.rpy)
+        np.testing.assert_allclose(R.ravel(), d.geom_xmat[g], atol=1e-14)
+        place = poses.position[k] + poses.rotation[k] @ np.array(shape.xyz)
+        np.testing.assert_allclose(place, d.geom_xpos[g], atol=1e-14)
+    belly = next(shape.geometry for shape in model.shapes if shape.name == "belly")
+    assert belly.length == pytest.approx(math.hypot(0.2, 0.1), rel=1e-14)
+
+
+def test_a_mesh_becomes_its_hull_and_what_touches_no_floor_is_left_out(write):
+    corners = list(itertools.product((0.0, 0.1), (0.0, 0.2), (0.0, 0.3)))
+    vertices = " ".join(f"{x}" for point in [*corners, (0.05, 0.1, 0.15)] for x in point)
+    asset = f'<asset><mesh name="brick" vertex="{vertices}"/></asset>'
+    inside = '<geom type="mesh" mesh="brick"/><geom size="1" contype="0" conaffinity="0" mass="0"/>'
+    model = load_robot(write(robot(f"<body><joint/>{inside}</body>", asset)))
+    (shape,) = model.shapes
+    assert isinstance(shape.geometry, Hull)
+    R = rotation_from_rpy(shape.rpy)
+    found = sorted(tuple(np.round(R @ p + shape.xyz, 6) + 0.0) for p in np.array(shape.geometry.points))
+    np.testing.assert_allclose(found, sorted(corners), atol=1e-6)  # MuJoCo keeps single precision
+    assert any("touch no floor" in note for note in model.notes)
+
+
+def test_world_of_a_floating_robot_is_noted(write):
+    model = load_robot(write(ODD))
+    assert model.root == "trunk"
+    assert any("geoms of the world" in note for note in model.notes)
+
+
+def test_a_body_that_stands_in_the_world_can_float(write):
+    text = robot(f'<body name="a" pos="0 0 1">{BALL}<body name="b" pos="0 0 1"><joint/>{BALL}</body></body>')
+    assert load_robot(write(text)).root == "world"
+    floating = load_robot(write(text), base="floating")
+    assert (floating.root, floating.nv) == ("a", 7)
+
+
+def test_equality_of_joints_becomes_a_coupling(write):
+    arm = f'<body><joint name="a" ref="10"/>{BALL}<body pos="0 0 1"><joint name="b" ref="20"/>{BALL}</body></body>'
+    model = load_robot(write(robot(arm, '<equality><joint joint1="b" joint2="a" polycoef="0.1 2"/></equality>')))
+    follower = next(joint for joint in model.joints if joint.name == "b")
+    assert follower.mimic.joint == "a"
+    assert follower.mimic.multiplier == 2
+    assert follower.mimic.offset == pytest.approx(math.radians(20) + 0.1 - 2 * math.radians(10), rel=1e-14)
+
+
+# ------------------------------------------------------------------------------------------------ armature
+
+
+def test_armature_is_part_of_the_mass_matrix_and_of_every_drive(write):
+    path = write(robot('<body><joint name="j" axis="0 1 0" armature="0.7"/><geom size="0.1" mass="2"/></body>'))
+    model = load_robot(path)
+    own = 0.4 * 2 * 0.1**2
+    assert mass_matrix(model, [0.3])[0, 0] == pytest.approx(own + 0.7, rel=1e-12)
+    assert forward_dynamics(model, [0.3], [0.0], [1.0])[0] == pytest.approx(1 / (own + 0.7), rel=1e-12)
+    assert inverse_dynamics(model, [0.3], [0.0], [1.0])[0] == pytest.approx(own + 0.7, rel=1e-12)
+    assert mass_matrix(model, [0.3], armature=[0.0])[0, 0] == pytest.approx(own, rel=1e-12)
+    assert compile_scene(model).constants.armature.tolist() == [0.7]
+
+
+def test_rotors_come_on_top_of_the_armature_of_joints():
+    links = tuple(Link(name, 1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)) for name in "ab")
+    servo = Servo(Controller("state"), Gearbox(10.0, rotor_inertia=1e-3), 1.0, 0.0, 0.01, 10.0)
+    model = Model("m", links, (Joint("j", "continuous", "a", "b", armature=0.5),), servos={"j": servo})
+    assert build_drive(model, "rotor").armature.tolist() == [0.5 + 0.1]
+    assert build_drive(model, "standard").armature.tolist() == [0.5]
+
+
+def test_a_robot_without_armature_has_none():
+    assert build_drive(load_robot("humanoid"), "standard").armature is None
+
+
+# ------------------------------------------------------------------------------------------------ actuators
+
+
+def joint_torques(path, q, qd, control):
+    """What the actuators of a file give its one joint."""
+    m = mujoco.MjModel.from_xml_path(str(path))
+    d = mujoco.MjData(m)
+    d.qpos[:], d.qvel[:], d.ctrl[:] = q, qd, control
+    mujoco.mj_forward(m, d)
+    return float(d.qfrc_actuator[0])
+
+
+JOINT = robot(f'<body><joint name="j" axis="0 1 0"/>{BALL}</body>', "<actuator>%s</actuator>")
+
+
+@pytest.mark.parametrize("q", [-0.4, 0.05, 0.9])
+def test_position_actuator_is_a_clamped_pd_servo(write, q):
+    path = write(JOINT % '<position joint="j" kp="30" kv="2" gear="-3" forcerange="-5 5"/>')
+    law = load_robot(path).servos["j"].controller
+    reference, qd = 0.2, 0.3
+    ours = np.clip(law.Kp * (reference - q) - law.Kd * qd, -law.torque_limit, law.torque_limit)
+    assert law.law == "pd_clamped"
+    assert ours == pytest.approx(joint_torques(path, q, qd, -3 * reference), rel=1e-12)
+
+
+@pytest.mark.parametrize("q", [-2.0, 0.15, 0.4])
+def test_dc_motor_becomes_a_servo_of_the_same_torque(write, q):
+    motor = 'motorconst="0.05 0.05" resistance="2" saturation="0.2 0 0" controller="0.02 0 0.004 0 0 6" gear="50"'
+    path = write(JOINT % f'<dcmotor joint="j" {motor} input="pos" armature="1e-5" damping="1e-6"/>')
+    servo = load_robot(path).servos["j"]
+    law, G, K, R = servo.controller, servo.gearbox.ratio, servo.motor_constant, servo.resistance
+    reference, qd = 0.2, 0.3
+    voltage = np.clip(law.Kp * (reference - q) - law.Kd * qd, -servo.voltage_limit, servo.voltage_limit)
+    current = np.clip((voltage - G * K * qd) / R, -servo.current_limit, servo.current_limit)
+    assert G * K * current == pytest.approx(joint_torques(path, q, qd, G * reference), rel=1e-12)
+    assert (servo.gearbox.rotor_inertia, servo.viscous_friction) == (1e-5, pytest.approx(2500e-6))
+
+
+def test_motor_gives_the_joint_its_effort(write):
+    (joint,) = load_robot(write(JOINT % '<motor joint="j" gear="40" ctrlrange="-0.5 0.5"/>')).moving_joints
+    assert joint.effort == 20.0
+
+
+def test_actuators_without_a_like_are_warned_of(write):
+    path = write(JOINT % '<velocity name="v" joint="j" kv="3"/>')
+    with pytest.warns(RobotFileWarning, match="'v'"):
+        assert not load_robot(path).servos
+
+
+# ------------------------------------------------------------------------------------------------ refusals
+
+
+def test_all_reasons_come_at_once(write):
+    text = robot(
+        f'<body name="a"><joint name="socket" type="ball"/>{BALL}</body>'
+        f'<body name="b" pos="1 0 0"><joint name="t"/>{BALL}<site name="s"/></body>',
+        '<equality><connect body1="a" body2="b" anchor="0 0 0"/></equality>'
+        '<tendon><fixed name="wire" stiffness="3"><joint joint="t" coef="1"/></fixed></tendon>',
+    )
+    with pytest.raises(RobotFileError) as error:
+        load_robot(write(text))
+    assert len(error.value.problems) == 4
+    for word in ("socket", "2 kinematic trees", "connect", "wire"):
+        assert word in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        (robot(f'<body><joint name="j" stiffness="2"/>{BALL}</body>'), "springs"),
+        (robot(f"<body><joint/>{BALL}</body>", '<option density="1000"/>'), "fluid"),
+        (robot(f'<body gravcomp="1"><joint/>{BALL}</body>'), "gravcomp"),
+        (robot(f"<body><joint/>{BALL}</body>", '<option gravity="0 0 -1.6"/>'), "gravity"),
+        (robot(f'<body><joint type="free" damping="1"/>{BALL}</body>'), "free joint"),
+    ],
+)
+def test_what_changes_the_motion_is_warned_of_or_refused(write, text, word):
+    path = write(text)
+    with pytest.warns(RobotFileWarning, match=word):
+        model = load_robot(path)
+    assert any(word in note for note in model.notes)
+    with pytest.raises(RobotFileError, match=word):
+        load_robot(path, strict=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        (robot("<body><joint/></body>"), "mass and inertia"),
+        (robot(f'<body><joint axis="0 0 0"/>{BALL}</body>'), "axis"),
+        (robot(f"<body><joint/>{BALL}</body><banana/>"), "banana"),
+        ("<mujoco><worldbody>", "well-formed"),
+        ('<!DOCTYPE m [<!ENTITY e "x">]><mujoco/>', "entities"),
+        (robot('<replicate count="200000000"><body/></replicate>'), "at most 10000"),
+        (robot('<replicate count="2000"><replicate count="2000"><body/></replicate></replicate>'), "at most 10000"),
+        (robot("", '<size nkey="2000000000"/>'), "at most 10000"),
+        (robot("", '<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>'), "hfield"),
+        ("<sdf/>", "expected <robot>, or <mujoco>"),
+        ("", "empty"),
+    ],
+)
+def test_bad_files_are_refused_by_name(write, text, word):
+    path = write(text)
+    with pytest.raises(RobotFileError, match=word) as error:
+        load_robot(path)
+    assert path.name in str(error.value)
+
+
+def test_a_bare_name_is_a_path(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RobotFileError, match="no such file"):
+        load_robot("simtwo.xml")
+
+
+def test_what_mujoco_remarks_is_noted_and_leaves_no_file(write, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = write(robot(f"<body><joint/>{BALL}</body>", '<compiler settotalmass="2"/><option timestep="nan"/>'))
+    assert any("settotalmass" in note for note in load_robot(path).notes)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_without_mujoco_the_command_is_named(write, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ImportError, match=r"pip install featherstone-gait\[mjcf\]"):
+        load_robot(write(ODD))
+
+
+# ------------------------------------------------------------------------------------------------ published models
+
+
+def published(package, under=""):
+    """Files of an installed package."""
+    spec = importlib.util.find_spec(package)
+    if spec is None:
+        pytest.skip(f"{package} is not installed")
+    return sorted((Path(spec.submodule_search_locations[0]) / under).rglob("*.xml"))
+
+
+def is_one_robot(m):
+    """One moving tree of joints with one freedom each, no equality, no tendon."""
+    moving = {int(m.body_rootid[b]) for b in range(m.nbody) if m.body_dofnum[b]}
+    return m.njnt and len(moving) == 1 and not (m.jnt_type == 1).any() and m.neq == 0 and m.ntendon == 0
+
+
+@pytest.mark.parametrize(("package", "under"), [("gymnasium", "envs/mujoco/assets"), ("dm_control", "")])
+@pytest.mark.filterwarnings("ignore::featherstone_gait.RobotFileWarning")
+def test_published_robots_load_and_move_as_in_mujoco(package, under):
+    compared = 0
+    for path in published(package, under):
+        try:
+            m = passive_model(path)
+        except ValueError:  # fragments, and files whose meshes are not shipped
+            continue
+        if is_one_robot(m):
+            m.body_gravcomp[:] = 0
+            model = load_robot(path)
+            assert model.mass == pytest.approx(m.body_mass[1:].sum(), rel=1e-12), path
+            compared += 1
+            if "drosophila" in path.name:  # whose mass matrix loses nine digits in any solver
+                assert relative_force_error(model, m) < 1e-10
+            else:
+                assert relative_error(model, m) < 1e-10, path
+    assert compared >= 9
+
+
+def relative_force_error(model, m):
+    """Largest difference of M qdd + c by the largest force, at a random state."""
+    d, forces = mujoco.MjData(m), np.zeros(m.nv)
+    (q, *_), (qd, *_), (qdd, *_) = random_states(model, 1, 3)
+    d.qpos[:], d.qvel[:], d.qacc[:] = q, qd, qdd
+    mujoco.mj_kinematics(m, d)
+    mujoco.mj_inverse(m, d)
+    forces = d.qfrc_inverse
+    return np.abs(inverse_dynamics(model, q, qd, qdd) - forces).max() / np.abs(forces).max()
+
+
+# ------------------------------------------------------------------------------------------------ writing
+
+
+def reordered(model, other, x, base):
+    """Columns of a state of a model in the order of another with the same joints."""
+    names = list(model.joint_names)
+    return np.hstack([x[:, :base], x[:, [base + names.index(name) for name in other.joint_names]]])
+
+
+def round_trip_error(model, path):
+    """Largest difference of accelerations before and after a round trip, by the largest."""
+    save_robot(model, path)
+    back = load_robot(path)
+    q, qd, tau = random_states(model, 5, 11)
+    free = 6 if model.base == "floating" else 0
+    before = reordered(model, back, forward_dynamics(model, q, qd, tau), free)
+    q = reordered(model, back, q, free and 7)
+    after = forward_dynamics(back, q, reordered(model, back, qd, free), reordered(model, back, tau, free))
+    return np.abs(after - before).max() / np.abs(before).max()
+
+
+@pytest.mark.parametrize("name", ["humanoid", "arm7", "arm7_spatial", "ax12_arm"])
+def test_a_round_trip_keeps_the_dynamics(name, tmp_path):
+    assert round_trip_error(load_robot(name), tmp_path / "robot.xml") < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_round_trip_keeps_the_dynamics_of_any_tree(seed, tmp_path):
+    tree = random_tree(9, seed, base=("fixed", "floating")[seed % 2])
+    assert round_trip_error(tree, tmp_path / "tree.xml") < 1e-12
+
+
+def test_a_round_trip_keeps_joints_without_mass_between_them(write, tmp_path):
+    model = load_robot(write(ODD))
+    assert round_trip_error(model, tmp_path / "again.xml") < 1e-12
+    back = load_robot(tmp_path / "again.xml")
+    assert [joint.armature for joint in back.moving_joints] == [0.02] * 4
+    assert [joint.lower for joint in back.moving_joints] == [joint.lower for joint in model.moving_joints]
+    assert back.keyframes == model.keyframes
+    assert len(back.shapes) == len(model.shapes)
+
+
+def test_locked_joints_are_welded_where_they_are(tmp_path):
+    locked = {name: 0.3 for name in ("right_elbow", "left_elbow")}
+    model = load_robot("humanoid", locked=locked)
+    assert round_trip_error(model, tmp_path / "robot.xml") < 1e-12
+
+
+def test_couplings_make_the_round_trip(tmp_path):
+    links = tuple(Link(name, 1.0, (0.0, 0.0, 0.1), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)) for name in "abc")
+    follower = Joint("k", "continuous", "b", "c", mimic=Mimic("j", -0.5, 0.2))
+    model = Model("m", links, (Joint("j", "continuous", "a", "b"), follower))
+    save_robot(model, tmp_path / "m.xml")
+    assert load_robot(tmp_path / "m.xml").joints[1].mimic == Mimic("j", -0.5, 0.2)
+
+
+def test_pd_servos_make_the_round_trip(tmp_path):
+    links = tuple(Link(name, 1.0, (0.0, 0.0, 0.1), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)) for name in "ab")
+    law = Controller("pd_clamped", Kp=30.0, Kd=0.7, torque_limit=2.5)
+    servo = Servo(law, Gearbox(1.0), 1.0, 0.0, 1.0, 1.0)
+    save_robot(Model("m", links, (Joint("j", "continuous", "a", "b"),), servos={"j": servo}), tmp_path / "m.xml")
+    back = load_robot(tmp_path / "m.xml").servos["j"].controller
+    assert (back.law, back.Kp, back.Kd, back.torque_limit) == ("pd_clamped", 30.0, 0.7, 2.5)
+
+
+def test_a_written_motor_gives_the_torque_of_the_servo(tmp_path):
+    model = load_robot("ax12_arm")
+    save_robot(model, tmp_path / "arm.xml")
+    m = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+    servo = model.servos["elbow"]
+    K, R = servo.gearbox.ratio * servo.motor_constant, servo.resistance
+    m.opt.timestep = 1e-4
+    m.opt.disableflags |= OFF.mjDSBL_GRAVITY | OFF.mjDSBL_FRICTIONLOSS
+    m.dof_armature[:] = 1e9  # it stands still while the current settles
+    d = mujoco.MjData(m)
+    d.ctrl[:] = 0.05
+    mujoco.mj_step(m, d, 500)  # 50 ms, 80 time constants L/R
+    settled = K * min(servo.controller.Kp * 0.05, servo.voltage_limit) / R
+    assert d.qfrc_actuator[0] == pytest.approx(settled, rel=1e-9)
+
+
+def test_a_robot_stands_on_the_written_ground_as_deep_as_it_sinks(tmp_path):
+    block = Link("block", 2.0, (0.0, 0.0, 0.1), (0.02, 0.0, 0.0, 0.02, 0.0, 0.02))
+    corners = [ContactPoint("block", (x, y, 0.0)) for x in (-0.1, 0.1) for y in (-0.1, 0.1)]
+    model = Model("block", (block,), (), "floating", contacts=tuple(corners))
+    save_robot(model, tmp_path / "block.xml", ground=Ground(sinking=1e-3, height=0.4))
+    m = mujoco.MjModel.from_xml_path(str(tmp_path / "block.xml"))
+    d = mujoco.MjData(m)
+    d.qpos[2] = 0.401
+    mujoco.mj_step(m, d, 2000)
+    depth = 0.4 - (d.qpos[2] - 1e-4)  # the points are spheres of 0.1 mm
+    assert np.abs(d.qvel).max() < 1e-6
+    assert depth == pytest.approx(1e-3, rel=0.02)
+
+
+def test_a_failed_save_leaves_nothing(tmp_path):
+    links = (Link("a", 1.0, (0.0,) * 3, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)), Link("b", 0.0, (0.0,) * 3, (0.0,) * 6))
+    ends = tuple(Link(name, 1.0, (0.0,) * 3, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)) for name in "cd")
+    joints = (
+        Joint("j", "continuous", "a", "b"),
+        *(Joint(f"to_{n}", "continuous", "b", n, axis=(0.0, 1.0, 0.0)) for n in "cd"),
+    )
+    model = Model("fork", (*links, *ends), joints)
+    with pytest.raises(ValueError, match="'b' moves without mass"):
+        save_robot(model, tmp_path / "fork.xml")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["robot.sdf", "robot"])
+def test_other_suffixes_are_refused(name, tmp_path):
+    with pytest.raises(ValueError, match=r"must end in \.urdf"):
+        save_robot(load_robot("arm7"), tmp_path / name)
+
+
+def test_urdf_takes_no_ground(tmp_path):
+    with pytest.raises(ValueError, match="URDF states no ground"):
+        save_robot(load_robot("arm7"), tmp_path / "robot.urdf", ground=Ground())
+
+
+def test_urdf_and_toml_keep_what_mjcf_says(write, tmp_path):
+    """Joints of MJCF have no effort or speed limit, and one has no stop: URDF states what is finite."""
+    model = load_robot(write(ODD))
+    save_robot(model, tmp_path / "odd.urdf")
+    again = load_robot(tmp_path / "odd.urdf")
+    for name in ("links", "joints", "base", "keyframes"):
+        assert getattr(again, name) == getattr(model, name)
+    root = ElementTree.parse(tmp_path / "odd.urdf").getroot()
+    found = [next(iter(element.find("geometry"))) for element in root.iter("collision")]
+    assert [(element.tag, element.attrib) for element in found][1:3] == [
+        ("box", {"size": "0.2 0.1 0.04"}),
+        ("cylinder", {"radius": "0.02", "length": "0.2"}),
+    ]
+
+
+def test_urdf_states_couplings(tmp_path):
+    links = tuple(Link(name, 1.0, (0.0, 0.0, 0.1), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)) for name in "abc")
+    follower = Joint("k", "continuous", "b", "c", mimic=Mimic("j", -0.5, 0.2))
+    save_robot(Model("m", links, (Joint("j", "continuous", "a", "b"), follower)), tmp_path / "m.urdf")
+    (mimic,) = ElementTree.parse(tmp_path / "m.urdf").getroot().iter("mimic")
+    assert mimic.attrib == {"joint": "j", "multiplier": "-0.5", "offset": "0.2"}
+
+
+@pytest.mark.parametrize(
+    ("toml", "word"),
+    [
+        ("[joints.knee]\narmature = 1.0", "no joint 'knee'"),
+        ("[joints.elbow]\ninertia = 1.0", "unknown key 'inertia'"),
+        ("[joints.elbow]\narmature = -1.0", "armature is -1.0"),
+        ("[keyframes]\nhome = 1.0", "keyframes.home is 1.0"),
+        ("[keyframes]\nhome = [0.0, 1.0]", "keyframe 'home'"),
+    ],
+)
+def test_a_wrong_joint_or_keyframe_in_the_toml_is_refused(tmp_path, toml, word):
+    save_robot(load_robot("ax12_arm"), tmp_path / "arm.urdf")
+    (tmp_path / "arm.toml").write_text(toml)
+    with pytest.raises(RobotFileError, match=word):
+        load_robot(tmp_path / "arm.urdf")
+
+
+@pytest.mark.parametrize("pitch", [0.0, 1.0, math.pi / 2, -math.pi / 2, math.pi / 2 - 1e-9])
+def test_rpy_of_a_rotation_is_that_rotation(pitch):
+    R = rotation_from_rpy((0.7, pitch, -2.1))
+    np.testing.assert_allclose(rotation_from_rpy(rpy_from_rotation(R)), R, atol=5e-16)
+    turn = rotation_about((0.6, 0.0, 0.8), 1.1)
+    np.testing.assert_allclose(rotation_from_rpy(rpy_from_rotation(turn)), turn, atol=5e-16)
