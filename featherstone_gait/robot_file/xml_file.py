@@ -10,6 +10,7 @@ from .errors import RobotFileWarning, refusal
 from .markup import read_markup
 from .mjcf.read import read_mjcf
 from .robot import Robot
+from .simtwo.read import read_simtwo
 from .urdf import read_urdf
 
 SUFFIXES = (".xml", ".mjcf")
@@ -25,10 +26,15 @@ def read_xml(path: Path, base: Base | None, strict: bool) -> Robot:
     root = read_markup(path).root
     if root.tag == "mujoco":
         robot = read_mjcf(path, base)
+    elif root.tag == "scene" or root.find("solids") is not None:
+        robot = read_simtwo(path, root, base)
     elif root.tag == "robot":
         robot = read_urdf(path)
     else:
-        raise ValueError(f"root element is <{root.tag}>; expected <mujoco>, or <robot> of a URDF: give such a file")
+        raise ValueError(
+            f"root element is <{root.tag}>; expected <mujoco>, <scene> of SimTwo, or <robot> of it or of a URDF: "
+            "give such a file"
+        )
     if robot.doubts and strict:
         raise refusal(path, [f"{doubt}; remove it, or load with strict=False" for doubt in robot.doubts])
     if robot.doubts:
