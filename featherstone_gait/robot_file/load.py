@@ -17,6 +17,7 @@ from .mjcf.read import read_mjcf
 from .report import Report
 from .robot import Robot
 from .settings import Settings, read_settings
+from .simtwo.read import read_simtwo
 from .source import robot_path
 from .urdf import read_urdf
 
@@ -60,7 +61,7 @@ def load_robot(
     with blamed_on(path):
         markup = read_markup(path)
         report = Report(markup.lines, strict)
-        if markup.root.tag == "mujoco":
+        if markup.root.tag in ("mujoco", "scene") or markup.root.find("solids") is not None:
             robot = _other_format(markup, path, base, report)
         else:
             robot = read_urdf(markup.root, path, MeshFinder(path, package_dirs), report, repair_inertia)
@@ -73,7 +74,7 @@ def load_robot(
 
 def _other_format(markup: Markup, path: Path, base: Base | None, report: Report) -> Robot:
     """A robot from MJCF, or from a scene of SimTwo."""
-    robot = read_mjcf(path, base)
+    robot = read_mjcf(path, base) if markup.root.tag == "mujoco" else read_simtwo(path, markup.root, base)
     for doubt in robot.doubts:
         report.doubt(doubt)
     for note in robot.notes:

@@ -1,0 +1,99 @@
+"""Numbers of a SimTwo file, each of which may be an expression of named constants."""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable, Mapping
+from typing import Any
+from xml.etree.ElementTree import Element
+
+MAX_LENGTH = 200  # of an expression
+MAX_NUMBER = 1e30
+
+_FUNCTIONS: dict[str, Callable[..., float]] = {
+    **{name: getattr(math, name) for name in ("sqrt", "sin", "cos", "tan", "atan", "exp")},
+    "abs": abs,
+    "min": min,
+    "max": max,
+    "rad": math.radians,
+    "deg": math.degrees,
+}
+_OPERATORS: dict[type, Callable[..., float]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.BitXor: math.pow,  # as Pascal writes a power
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+}
+
+
+def value_of(text: str, constants: Mapping[str, float], what: str) -> float:
+    """The value of an expression; ValueError if it has none."""
+    try:
+        if len(text) > MAX_LENGTH:
+            raise ValueError(f"longer than {MAX_LENGTH} characters")
+        value = float(_value(ast.parse(text.strip(), mode="eval").body, constants))
+    except (ValueError, ArithmeticError, TypeError, SyntaxError, RecursionError, MemoryError) as error:
+        raise ValueError(
+            f"{what} is {text[:40]!r}: {_reason(error)}; write a number such as 0.12, or an expression"
+        ) from error
+    if not abs(value) <= MAX_NUMBER:
+        raise ValueError(f"{what} is {text[:40]!r} = {value!r}; expected a number up to {MAX_NUMBER:g}: correct it")
+    return value
+
+
+def _reason(error: Exception) -> str:
+    return str(error.args[0]) if error.args else type(error).__name__
+
+
+def _value(node: ast.AST, constants: Mapping[str, float]) -> float:
+    if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
+        return float(node.value)
+    if isinstance(node, ast.Name):
+        return _constant(node.id, constants)
+    if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
+        return _OPERATORS[type(node.op)](_value(node.left, constants), _value(node.right, constants))
+    if isinstance(node, ast.UnaryOp) and type(node.op) in _OPERATORS:
+        return _OPERATORS[type(node.op)](_value(node.operand, constants))
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _FUNCTIONS:
+        return _FUNCTIONS[node.func.id](*(_value(argument, constants) for argument in node.args))
+    raise ValueError("not an expression of numbers, constants, + - * / ^ and functions")
+
+
+def _constant(name: str, constants: Mapping[str, float]) -> float:
+    if name == "pi":
+        return math.pi
+    if name not in constants:
+        raise ValueError(f"there is no constant {name!r}")
+    return constants[name]
+
+
+def constants_of(root: Element, given: Mapping[str, float]) -> dict[str, float]:
+    """The constants that <defines> states; those given come before its <arg>, which are defaults."""
+    constants = dict(given)
+    for defines in root.iterfind("defines"):
+        for element in defines:
+            name = element.get("name", "")
+            if element.tag == "const" or (element.tag == "arg" and name not in given):
+                constants[name] = value_of(element.get("value", ""), constants, f"constant {name!r}")
+    return constants
+
+
+class Numbers:
+    """The numbers of elements, by the constants of a file."""
+
+    def __init__(self, constants: Mapping[str, float]) -> None:
+        self.constants = constants
+
+    def one(self, element: Element | None, name: str, default: float, what: str) -> float:
+        """An attribute of an element; the default where either is not there."""
+        text = None if element is None else element.get(name)
+        return default if text is None else value_of(text, self.constants, f"{what}: {name}")
+
+    def xyz(self, element: Element | None, what: str, default: tuple[float, ...] = (0.0, 0.0, 0.0)) -> Any:
+        """The attributes x, y and z."""
+        return tuple(self.one(element, name, value, what) for name, value in zip("xyz", default))
