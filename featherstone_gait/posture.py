@@ -181,9 +181,15 @@ def _descend(task: _Task, q: np.ndarray) -> _Found:
             return _Found(q, math.sqrt(size), iteration, True)
         if gain > LEAST_GAIN * promised > 0.0:
             q, e, J = new, e_new, J_new
-        mu = min(4.0 * mu, 1e30) if gain < 0.25 * promised or promised <= 0.0 else mu
-        mu = max(0.25 * mu, 1e-30) if gain > 0.75 * promised > 0.0 else mu
+        mu *= _damping_change(float(gain), float(promised))
     return _Found(q, math.sqrt(total(e * e)), task.max_iterations, False)
+
+
+def _damping_change(gain: float, promised: float) -> float:
+    """What the damping is multiplied by after a step that promised to lower the squared error, and did, by so much."""
+    if promised <= 0.0 or gain < 0.25 * promised:  # its clipped part may promise nothing
+        return 4.0
+    return 0.25 if gain > 0.75 * promised else 1.0
 
 
 def _damped_step(J: np.ndarray, e: np.ndarray, damping: float, turns: np.ndarray) -> np.ndarray:
@@ -387,7 +393,7 @@ def _goal(model: Model, target: Target) -> _Goal:
         raise ValueError(f"{what} has no position" + (" and no rotation; give one" if target.link else "; give one"))
     if target.link is None and target.rotation is not None:
         raise ValueError(f"{what} has a rotation, which a point has not; leave it out, or name a link")
-    return _Goal(
+    goal = _Goal(
         target.link,
         _vector(what, "point", target.point),
         None if target.position is None else _vector(what, "position", target.position),
@@ -395,6 +401,10 @@ def _goal(model: Model, target: Target) -> _Goal:
         _weight(what, "weight", target.weight),
         _weight(what, "turn_weight", target.turn_weight),
     )
+    given = ((goal.position, goal.weight), (goal.rotation, goal.turn_weight))
+    if not any(weight.any() for value, weight in given if value is not None):
+        raise ValueError(f"{what} has no weight above 0; leave the target out, or give it one")
+    return goal
 
 
 def _vector(what: str, name: str, value: ArrayLike) -> np.ndarray:

@@ -286,6 +286,7 @@ def test_bad_input_is_refused_by_name():
         (dict(targets=Target("left_foot", rotation=np.ones((3, 3)))), r"orthogonal and of determinant 1, or roll"),
         (dict(targets=Target("left_foot", rotation=np.diag([1.0, 1.0, -1.0]))), r"of determinant 1"),
         (dict(targets=Target("left_foot", (0, 0, 0), weight=-1.0)), r"weight is -1.0; give one number >= 0, or three"),
+        (dict(targets=Target("left_foot", (0, 0, 0), weight=0)), r"'left_foot' has no weight above 0; leave"),
         (dict(targets=there, joints=["tail"]), r"joints: 'tail' is no moving joint of humanoid; they are"),
         (dict(targets=there, joints=[], hold_base=True), r"nothing may move; name joints"),
         (dict(targets=there, q0=[0.0]), r"q0 has shape \(1,\); it must be \(26,\)"),
