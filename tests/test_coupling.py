@@ -37,6 +37,7 @@ from featherstone_gait import (
     simulate,
     simulate_batch,
 )
+from featherstone_gait.core.effects import energies
 from featherstone_gait.model import Mimic
 
 G = 9.81  # [m/s^2]
@@ -407,6 +408,17 @@ def test_driven_steps_converge_to_the_extrapolated_motion(kind):
         assert np.abs(residual(scene.model, run["q"], run["qd"])).max() < 1e-14 * 10.0
         errors.append(np.abs(run["q"][-1] - exact["q"][-1]).max())
     assert errors[2] < 0.6 * errors[1] < 0.36 * errors[0], errors
+
+
+def test_couplings_do_no_work():
+    """What the servos give the joints is in their motion, in friction or in the stops."""
+    scene = gripper("rotor")
+    (state,), (reference,) = grips(scene)
+    run = simulate(scene, 0.1, state, reference, record=("q", "qd", "energy"), sample=0.1, rtol=1e-9)
+    E = energy(scene.model, run["q"], run["qd"], armature=scene.constants.armature).sum(axis=1)
+    books = run["energy"][-1].sum(axis=0)
+    spent = books[energies.FRICTION] + books[energies.STOPS]
+    assert abs(books[energies.WORK] - spent - (E[-1] - E[0])) < 1e-7 * books[energies.METER]
 
 
 # --- drift and bits -----------------------------------------------------------------------------------------------
