@@ -334,24 +334,26 @@ def test_extrapolation_agrees_with_the_explicit_pair():
 
 @pytest.mark.parametrize(("integrator", "lag"), [("implicit_euler", 1), ("dop853", 0)])
 def test_on_the_ground_every_acceleration_is_that_of_the_projected_equations(integrator, lag):
-    """A free tree on two of its bodies; implicit Euler takes the forces at the end of the step, the bias at its start.
+    """A free tree on its base and a tip; implicit Euler takes the forces at the end of the step, the bias at its start.
 
-    Here the contacts are folded into the inertias of a floating base on which couplings act.
+    Here the contacts are folded into the inertias of base and tip, on which the couplings act.
     """
     scene, _ = falling(integrator, 5e-4)
-    points = tuple(ContactPoint(f"body{k}", (0.02, -0.01, 0.03)) for k in (4, 8))
+    q, qd = consistent(scene.model, 3)
+    poses = forward_kinematics(scene.model, q)
+    q[2] = 0.25 - 1e-4  # feet straight down to as far under the ground
+    feet = {k: poses.rotation[k].T @ [0.0, 0.0, poses.position[0, 2] - 0.25 - poses.position[k, 2]] for k in (0, 8)}
+    points = tuple(ContactPoint(f"body{k}", tuple(foot)) for k, foot in feet.items())
     model = replace(scene.model, contacts=points)
     scene = compile_scene(model, None, Ground(), integrator, 5e-4, fall_height=-1e6, fall_tilt=3.2)
-    q, qd = consistent(model, 3)
-    q[2] -= contact_positions(model, q)[:, 2].min() + 1e-4
     names = ("base_q", "q", "base_qd", "qd", "base_qdd", "qdd", "contact_force")
     run = simulate(scene, 0.01, initial_state(scene, q, 0.1 * qd), record=names, sample=5e-4, **tolerance(integrator))
     q, qd, qdd = (np.hstack([run["base_" + name], run[name]]) for name in ("q", "qd", "qdd"))
     matrix, _ = coupling_matrix(model)
     loads = run["contact_force"][:, :, [1, 2, 0]]
-    assert (loads[2:, :, 2].max(axis=1) > 0).sum() > 8  # samples in touch
+    assert ((loads[2:, :, 2] > 0).sum(axis=0) > 5).all()  # samples in touch, of both
     for k in range(2, len(q) - lag):
-        arms = contact_positions(model, q[k]) - forward_kinematics(model, q[k]).position[[4, 8]]
+        arms = contact_positions(model, q[k]) - forward_kinematics(model, q[k]).position[list(feet)]
         wrench = {p.link: [*np.cross(arm, f), *f] for p, arm, f in zip(points, arms, loads[k + lag])}
         bias = inverse_dynamics(model, q[k], qd[k], 0.0 * qd[k], wrench=wrench)
         expected = projected(matrix, mass_matrix(model, q[k]), -bias)
