@@ -102,7 +102,10 @@ class Link:
 
 @dataclass(frozen=True)
 class Mimic:
-    """A coupling: the joint's position is multiplier * (that of the joint named) + offset."""
+    """A coupling: the joint's position is multiplier * (that of the joint named) + offset.
+
+    The joint keeps its coordinate, and its own stops, friction and servo act on both.  A locked joint follows none.
+    """
 
     joint: str
     multiplier: float = _number("finite", "-", 1.0)
