@@ -12,6 +12,8 @@ from . import renamed
 if TYPE_CHECKING:  # what `__getattr__` finds
     from .build.scene import CompiledScene as CompiledScene
     from .build.scene import compile_scene as compile_scene
+    from .contact_choice import contact_points as contact_points
+    from .contact_choice import with_contacts as with_contacts
     from .dynamics import Poses as Poses
     from .dynamics import center_of_mass as center_of_mass
     from .dynamics import contact_positions as contact_positions
@@ -32,6 +34,7 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .model import Servo as Servo
     from .model import Spring as Spring
     from .reference import Reference as Reference
+    from .rest import nearest_posture as nearest_posture
     from .robot_file import RobotFileError as RobotFileError
     from .robot_file import RobotFileNotFoundError as RobotFileNotFoundError
     from .robot_file import gearbox_presets as gearbox_presets
@@ -44,6 +47,13 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .run.simulate import simulate as simulate
     from .run.simulate import simulate_batch as simulate_batch
     from .run.simulate import standing_state as standing_state
+    from .shape import Box as Box
+    from .shape import Capsule as Capsule
+    from .shape import Cylinder as Cylinder
+    from .shape import Hull as Hull
+    from .shape import Mesh as Mesh
+    from .shape import Shape as Shape
+    from .shape import Sphere as Sphere
     from .trajectory import Trajectory as Trajectory
     from .view.plotting import plot_motion as plot_motion
     from .view.plotting import plot_trajectory as plot_trajectory
@@ -51,6 +61,7 @@ if TYPE_CHECKING:  # what `__getattr__` finds
 __version__ = "0.2.0.dev0"
 
 _MODULES = {
+    "contact_choice": ("contact_points", "with_contacts"),
     "dynamics": (
         "Poses",
         "center_of_mass",
@@ -66,6 +77,7 @@ _MODULES = {
     "model": ("ContactPoint", "Controller", "Gearbox", "Ground", "Joint", "Link", "Model", "Servo", "Spring"),
     "view.plotting": ("plot_motion", "plot_trajectory"),
     "reference": ("Reference",),
+    "rest": ("nearest_posture",),
     "robot_file": (
         "RobotFileError",
         "RobotFileNotFoundError",
@@ -77,6 +89,7 @@ _MODULES = {
     ),
     "build.scene": ("CompiledScene", "compile_scene"),
     "run.simulate": ("Push", "initial_state", "simulate", "simulate_batch", "standing_state"),
+    "shape": ("Box", "Capsule", "Cylinder", "Hull", "Mesh", "Shape", "Sphere"),
     "trajectory": ("Trajectory",),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}

@@ -4,7 +4,7 @@ The URDF (https://wiki.ros.org/urdf/XML) gives links and joints.  The TOML gives
 can touch the ground and named sets of locked joints::
 
     base = "floating"                    # or "fixed", the default
-    contacts = [{link = "left_foot", position = [0.05, 0.03, -0.05]}]
+    contacts = [{link = "left_foot", position = [0.05, 0.03, -0.05]}]    # or "feet", "all", ["left_foot"]: of shapes
 
     [servos]                             # for every revolute and continuous joint
     default = "ax12"                     # ax12.toml beside this file, else robots/servos/ax12.toml
@@ -19,7 +19,8 @@ can touch the ground and named sets of locked joints::
 
 All numbers are SI; the angles `encoder_resolution`, `backlash` and locked positions may carry `_deg`.
 
-Reading is strict: what is not understood is refused, not guessed.  No file other than these is opened, meshes included.
+Reading is strict: what is not understood is refused, not guessed.  Of other files only meshes are
+opened, where contact points or clearances of such shapes are asked for.
 """
 
 from .errors import RobotFileError, RobotFileNotFoundError

@@ -20,6 +20,7 @@ class Settings(NamedTuple):
     locked: Mapping[str, dict[str, float]] = {}  # set name -> joint name -> position
     servos: Mapping[str, Servo] = {}
     contacts: tuple[ContactPoint, ...] = ()
+    choice: str | tuple[str, ...] | None = None  # of collision shapes in place of contact points
 
 
 def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]) -> Settings:
@@ -30,12 +31,26 @@ def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]
         raise ValueError(f"base is {table['base']!r}; expected 'fixed' or 'floating': use one of these")
     servos = read_servos(table_of(table, "servos", ""), joints, path.parent)
     locked = {name: _locked_set(table["locked"], name, joints) for name in table_of(table, "locked", "")}
-    return Settings(table.get("base"), locked, servos, _contacts(table.get("contacts", []), links))
+    contacts = table.get("contacts", [])
+    if choice := _choice(contacts):
+        return Settings(table.get("base"), locked, servos, choice=choice)
+    return Settings(table.get("base"), locked, servos, _contacts(contacts, links))
+
+
+def _choice(contacts: Any) -> str | tuple[str, ...] | None:
+    """Which shapes touch the ground, if that is what the TOML says: "feet", "all", or names of links."""
+    if isinstance(contacts, str):
+        return contacts
+    named = isinstance(contacts, list) and contacts and all(isinstance(name, str) for name in contacts)
+    return tuple(contacts) if named else None
 
 
 def _contacts(rows: Any, links: tuple[Link, ...]) -> tuple[ContactPoint, ...]:
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise ValueError(f"contacts is {rows!r}; expected a list: write [{{link = '...', position = [x, y, z]}}, ...]")
+        raise ValueError(
+            f"contacts is {rows!r}; expected a list of points, a list of links, 'feet' or 'all': write "
+            "[{link = '...', position = [x, y, z]}, ...]"
+        )
     points = tuple(_contact(row, f"contacts[{k}]") for k, row in enumerate(rows))
     check_contacts(links, points)
     return points

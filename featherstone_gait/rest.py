@@ -1,0 +1,47 @@
+"""The posture in which a robot is looked at where none is given: joints at zero, or as near to it as they may be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from .model import Joint, Model
+
+
+def nearest_posture(model: Model) -> np.ndarray:
+    """The admissible posture nearest to zero, q (nq,) [rad or m]; a floating base is at the origin and upright.
+
+    Joints without a limit in between are at 0, the others at the limit that is nearer to it, and followers where their
+    leaders put them.  A leader keeps its followers within their limits too, where that can be.
+    """
+    at = nearest_positions(model.joints, model.locked)
+    base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
+    return np.array([*base, *(at[name] for name in model.joint_names)])
+
+
+def nearest_positions(joints: Iterable[Joint], locked: Mapping[str, float] | None = None) -> dict[str, float]:
+    """The same by joint name, of all joints that are not fixed; those that are locked [rad or m] stay."""
+    by_name = {joint.name: joint for joint in joints}
+    held = {name: 0.0 for name, joint in by_name.items() if joint.type == "fixed"} | dict(locked or {})
+    ranges = {name: (joint.lower, joint.upper) for name, joint in by_name.items()}
+    laws = {name: _law(by_name, joint) for name, joint in by_name.items()}
+    for name, (leader, multiplier, offset) in laws.items():
+        if leader != name and multiplier != 0.0:
+            ends = [(limit - offset) / multiplier for limit in ranges[name]]
+            lower, upper = max(min(ends), ranges[leader][0]), min(max(ends), ranges[leader][1])
+            ranges[leader] = (lower, upper) if lower <= upper else ranges[leader]
+    leaders = {name: held.get(name, min(max(0.0, ranges[name][0]), ranges[name][1])) for name in by_name}
+    at = {name: multiplier * leaders[leader] + offset for name, (leader, multiplier, offset) in laws.items()}
+    return {name: held.get(name, at[name]) for name, joint in by_name.items() if joint.type != "fixed"}
+
+
+def _law(by_name: Mapping[str, Joint], joint: Joint) -> tuple[str, float, float]:
+    """The joint that leads in the end, and the multiplier and offset of its position [-, rad or m]."""
+    name, multiplier, offset = joint.name, 1.0, 0.0
+    for _ in by_name:  # no longer than a chain can be
+        mimic = by_name[name].mimic
+        if mimic is None:
+            break
+        name, multiplier, offset = mimic.joint, multiplier * mimic.multiplier, offset + multiplier * mimic.offset
+    return name, multiplier, offset
