@@ -12,6 +12,8 @@ from . import renamed
 if TYPE_CHECKING:  # what `__getattr__` finds
     from .build.scene import CompiledScene as CompiledScene
     from .build.scene import compile_scene as compile_scene
+    from .collision import Clearance as Clearance
+    from .collision import clearance as clearance
     from .contact_choice import contact_points as contact_points
     from .contact_choice import with_contacts as with_contacts
     from .dynamics import Poses as Poses
@@ -61,6 +63,7 @@ if TYPE_CHECKING:  # what `__getattr__` finds
 __version__ = "0.2.0.dev0"
 
 _MODULES = {
+    "collision": ("Clearance", "clearance"),
     "contact_choice": ("contact_points", "with_contacts"),
     "dynamics": (
         "Poses",
