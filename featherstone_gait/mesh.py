@@ -40,7 +40,7 @@ def _version(mesh: Mesh) -> tuple[Path, tuple[float, float, float], int, int]:
     """File and scale of a mesh, when the file was changed, and its size."""
     path = Path(mesh.file)
     if not path.is_file():
-        raise ValueError(f"{path}: there is no such mesh; correct the path, or say where its package is")
+        raise ValueError(f"{mesh.file}: there is no such mesh; correct the path, or say where its package is")
     about = path.stat()
     if about.st_size > MAX_BYTES:
         raise ValueError(f"{path}: has {about.st_size} bytes; at most {MAX_BYTES} are read: simplify the mesh")

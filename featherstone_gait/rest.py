@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from .model import Joint, Model
+
+ROUNDING = 1e-12  # of a position [rad or m]
 
 
 def nearest_posture(model: Model) -> np.ndarray:
@@ -33,7 +36,14 @@ def nearest_positions(joints: Iterable[Joint], locked: Mapping[str, float] | Non
             ranges[leader] = (lower, upper) if lower <= upper else ranges[leader]
     leaders = {name: held.get(name, min(max(0.0, ranges[name][0]), ranges[name][1])) for name in by_name}
     at = {name: multiplier * leaders[leader] + offset for name, (leader, multiplier, offset) in laws.items()}
-    return {name: held.get(name, at[name]) for name, joint in by_name.items() if joint.type != "fixed"}
+    moving = [joint for joint in by_name.values() if joint.type != "fixed"]
+    return {joint.name: held.get(joint.name, _without_rounding(joint, at[joint.name])) for joint in moving}
+
+
+def _without_rounding(joint: Joint, position: float) -> float:
+    """A position that rounding has put beyond a limit, at the limit; others as they are."""
+    within = min(max(position, joint.lower), joint.upper)
+    return within if math.isclose(within, position, rel_tol=ROUNDING, abs_tol=ROUNDING) else position
 
 
 def _law(by_name: Mapping[str, Joint], joint: Joint) -> tuple[str, float, float]:

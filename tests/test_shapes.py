@@ -34,7 +34,7 @@ from featherstone_gait import (
 from featherstone_gait import mesh as mesh_files
 from featherstone_gait.contact_choice import corner_error, lowest_levels
 from featherstone_gait.hull import MOST, corners_of, facets
-from featherstone_gait.model import Mimic
+from featherstone_gait.model import Mimic, check_locked
 from featherstone_gait.rest import nearest_positions
 from featherstone_gait.robot_file.source import robots_folder
 from featherstone_gait.rotation import rotation_from_rpy
@@ -248,6 +248,7 @@ def test_the_nearest_posture_keeps_limits_and_couplings():
     assert [at[name] for name in ("free", "bent", "slide", "held")] == [0.0, -0.5, 0.1, 0.25]
     assert [at[name] for name in ("lead", "follow", "last")] == pytest.approx([0.5, -0.8, -1.4])
     assert nearest_positions(joints, {"lead": 0.9})["follow"] == pytest.approx(-1.6)
+    check_locked(joints, at)  # within the limits to the last bit
     links = tuple(Link(name, *BODY) for name in "abcdefghi")
     robot = Model("chain", links, joints, "floating", locked={"bent": -1.0})
     assert nearest_posture(robot)[:7].tolist() == [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
