@@ -6,14 +6,13 @@ posture nearest to zero already: `meeting_shapes` says which.
 
 Spheres, capsules, boxes and cylinders are taken as they are; hulls and meshes by at most 32 corners, rounded by as much
 as the hull reaches beyond them, so that the true distance is never less.  Distances of shapes apart are exact to 1e-9 m
-or better.  Where shapes overlap, minus the distance is how far they must move to part: exactly so for spheres, capsules
-and boxes, and at most so for cylinders, hulls and meshes.
+or better.  Where shapes overlap, minus the distance is how far they must move to part: exactly so but for
+cylinders, of which it is at most so.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +24,7 @@ from .core.compile.elementary import SINCOS_LIMIT
 from .core.tree.distance import SHAPE, Room, Shapes, least_distances, pair_distances
 from .dynamics import Poses, forward_kinematics
 from .fixed_order import applied
-from .hull import facets
+from .hull import Sides, sides
 from .model import Model, rigid_bodies
 from .rest import nearest_posture
 from .rotation import rotation_from_rpy
@@ -122,17 +121,18 @@ def _laid(model: Model) -> Shapes:
     """The shapes of a robot for the kernels."""
     rows = {link.name: k for k, link in enumerate(model.links)}
     table = records(len(model.shapes), SHAPE)
-    corners: list[np.ndarray] = []
-    normals: list[np.ndarray] = []
+    corners, normals, edges = ([np.zeros((0, 3))] for _ in range(3))
     row: Any
     for row, shape in zip(table, model.shapes):
         row.link, row.E = rows[shape.link], rotation_from_rpy(shape.rpy).ravel()
-        row.first, row.first_normal = sum(map(len, corners)), sum(map(len, normals))
+        row.first, row.first_normal, row.first_edge = (sum(map(len, part)) for part in (corners, normals, edges))
         more = _fill(row, shape)
+        hull = sides(more) if len(more) else Sides(more, more)
+        row.corners, row.normals, row.edges = len(more), len(hull.normals), len(hull.edges)
         corners.append(more)
-        normals.append(facets(more) if len(more) else more)
-        row.corners, row.normals = len(corners[-1]), len(normals[-1])
-    return Shapes(table, _stacked(corners), _stacked(normals))
+        normals.append(hull.normals)
+        edges.append(hull.edges)
+    return Shapes(table, *(np.concatenate(part) for part in (corners, normals, edges)))
 
 
 def _fill(row: Any, shape: Shape) -> np.ndarray:
@@ -156,7 +156,3 @@ def _fill(row: Any, shape: Shape) -> np.ndarray:
     core = np.sqrt(x * x + y * y + (z * z + row.disc * row.disc))
     row.bound = row.radius + max(core, float(np.sqrt((corners**2).sum(axis=1)).max(initial=0.0)))
     return corners
-
-
-def _stacked(arrays: Iterable[np.ndarray]) -> np.ndarray:
-    return np.concatenate([np.zeros((0, 3)), *arrays])

@@ -13,6 +13,7 @@ MOST = 32  # corners
 ENOUGH = 1e-4  # largest distance from a corner left out that is not worth another corner, relative to the extent
 CANDIDATES = 500  # corners among which to choose
 ALIKE = 1e-9  # points closer to a plane or line than this, relative to the extent, lie in it
+DIGITS = 12  # of directions that are told apart
 CHUNK = 1000  # points whose distances are found at once
 
 
@@ -53,13 +54,39 @@ def hull_indices(x: np.ndarray) -> np.ndarray:
     return np.sort(ConvexHull(flat).vertices)
 
 
-def facets(x: np.ndarray) -> np.ndarray:
-    """Outward normals (faces, 3) of the convex hull of points (n, 3), each once; none of a flat one's edges."""
+class Sides(NamedTuple):
+    """Which way the sides of a convex hull look and go, each direction once."""
+
+    normals: np.ndarray  # (faces, 3) outward
+    edges: np.ndarray  # (edges, 3) either way
+
+
+def sides(x: np.ndarray) -> Sides:
+    """Faces and edges of the convex hull of points (n, 3); of a flat one both sides of its plane, of a line itself."""
     from scipy.spatial import ConvexHull
 
-    if _flattened(x).shape[1] < 3:
-        return np.zeros((0, 3))
-    return np.unique(ConvexHull(x).equations[:, :3].round(12), axis=0)
+    flat = _flattened(x)
+    if flat.shape[1] == 3:
+        hull = ConvexHull(x)
+        around = x[hull.simplices]
+        edges = _either_way((around - np.roll(around, 1, axis=1)).reshape(-1, 3))
+        return Sides(_once(hull.equations[:, :3]), _once(edges))
+    around = x[ConvexHull(flat).vertices] if flat.shape[1] == 2 else x[hull_indices(x)]
+    edges = _either_way(around - np.roll(around, 1, axis=0))
+    across = np.cross(edges[:1], edges[1:2]) if flat.shape[1] == 2 else edges[:0]
+    return Sides(_once(np.vstack([across, -across])), _once(edges))
+
+
+def _either_way(directions: np.ndarray) -> np.ndarray:
+    """Directions (n, 3) at unit length, the first part that is not zero positive; none of length 0."""
+    length = np.linalg.norm(directions, axis=1)
+    unit = (directions[length > 0.0].T / length[length > 0.0]).T.round(DIGITS)
+    first = unit[np.arange(len(unit)), (unit != 0.0).argmax(axis=1)]
+    return unit * np.sign(first)[:, None]
+
+
+def _once(directions: np.ndarray) -> np.ndarray:
+    return np.unique(directions.round(DIGITS), axis=0)
 
 
 def _flattened(x: np.ndarray) -> np.ndarray:

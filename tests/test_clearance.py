@@ -192,7 +192,7 @@ def test_hulls_have_the_distance_of_their_nearest_features():
     assert 30 < apart < 130
 
 
-def test_a_hull_that_overlaps_is_at_least_as_deep_as_the_box_that_it_is():
+def test_the_hull_of_a_box_is_the_box():
     rng = np.random.default_rng(0)
     depths = []
     for a, b in pairs("box", "box", n=80, spread=0.1):
@@ -202,8 +202,7 @@ def test_a_hull_that_overlaps_is_at_least_as_deep_as_the_box_that_it_is():
         depths.append((distance(a, replace(b, geometry=Hull(tuple(map(tuple, corners))))), distance(a, b)))
     hull, box = np.array(depths).T
     assert (box < 0.0).sum() > 40
-    assert hull[box > 0.0] == pytest.approx(box[box > 0.0], abs=1e-12)
-    assert (hull[box < 0.0] <= box[box < 0.0] + 1e-12).all()
+    assert hull == pytest.approx(box, abs=1e-11)
 
 
 def test_a_thinned_hull_is_never_nearer_than_it_seems():

@@ -33,7 +33,7 @@ from featherstone_gait import (
 )
 from featherstone_gait import mesh as mesh_files
 from featherstone_gait.contact_choice import corner_error, lowest_levels
-from featherstone_gait.hull import MOST, corners_of, facets
+from featherstone_gait.hull import MOST, corners_of, sides
 from featherstone_gait.model import Mimic, check_locked
 from featherstone_gait.rest import nearest_positions
 from featherstone_gait.robot_file.source import robots_folder
@@ -106,7 +106,15 @@ def test_flat_and_pointlike_hulls_keep_their_corners():
     square = np.array([(x, y, 0.0) for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0)]) @ turn.T
     line = np.outer(np.linspace(0.0, 1.0, 7), turn[0])
     assert [len(corners_of(points).points) for points in (square, line, line[:1], line[[2, 2]])] == [4, 2, 1, 1]
-    assert facets(corners_of(square).points).shape == (0, 3)
+    assert [[len(part) for part in sides(corners_of(points).points)] for points in (square, line)] == [[2, 2], [0, 1]]
+    across = sides(corners_of(square).points).normals
+    assert np.abs(across @ turn) == pytest.approx(np.array([[0.0, 0.0, 1.0]] * 2), abs=1e-12)
+
+
+def test_a_cube_has_six_faces_and_its_edges_three_directions():
+    normals, edges = sides(np.array(CUBE))
+    assert sorted(map(tuple, normals.tolist())) == sorted(map(tuple, np.vstack([np.eye(3), -np.eye(3)]).tolist()))
+    assert set(map(tuple, np.eye(3).tolist())) <= set(map(tuple, edges.tolist()))
 
 
 @pytest.mark.parametrize("points", [ball(3000), ball(400) * (5.0, 1.0, 0.2)], ids=["ball", "flattened"])

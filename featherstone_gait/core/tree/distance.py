@@ -7,8 +7,8 @@ Automation 4 (1988).  The nearest point of its simplex is sought among the faces
 than taking the simplex apart by signs, but there is no flat simplex that it takes the wrong way.
 
 Where cores overlap, the depth is the least overlap along candidates of the direction in which they part: face normals,
-products of edges, and the line of centres with its parts across the axes.  Of boxes, segments and points these are all
-that can be least (S. Gottschalk, M. C. Lin, D. Manocha, "OBBTree", SIGGRAPH 1996, for boxes); of hulls and cylinders
+products of edges, and the line of centres with its parts across the axes.  Of polytopes, segments and points the first
+two are all that can be least (C. Ericson, "Real-Time Collision Detection", Elsevier 2005, section 5.2.1); of cylinders
 the depth so found is at least the true one.
 """
 
@@ -27,6 +27,8 @@ SHAPE = np.dtype(
         ("corners", np.int64),
         ("first_normal", np.int64),  # of its faces; those of a box are not listed
         ("normals", np.int64),
+        ("first_edge", np.int64),  # of the directions of its edges, likewise
+        ("edges", np.int64),
         ("E", np.float64, (9,)),  # rotation shape -> link, row by row
         ("r", np.float64, (3,)),  # centre in the link's frame [m]
         ("half", np.float64, (3,)),  # half edges of the box in the core [m]
@@ -44,6 +46,7 @@ class Shapes(NamedTuple):
     table: np.ndarray  # (shapes,) SHAPE
     corners: np.ndarray  # (all, 3) of the hulls, about the centre of each, in its axes [m]
     normals: np.ndarray  # (all, 3) of the faces of the hulls
+    edges: np.ndarray  # (all, 3) directions of the edges of the hulls
 
 
 class Room(NamedTuple):
@@ -222,21 +225,30 @@ def _column(E, k):
 
 
 @kernel
-def core_depth(a, b, Ea, Eb, c, corners, normals):
-    """How far two overlapping cores must move to part [m]; of hulls and discs at least that."""
+def _direction(E, directions, first, count, k):
+    """Direction k of a hull's faces or edges, world axes; of a shape that is no hull an axis of its frame."""
+    return rotate(E, vector(directions[first + k])) if count > 0 else _column(E, k)
+
+
+@kernel
+def core_depth(a, b, Ea, Eb, c, shapes):
+    """How far two overlapping cores must move to part [m]; of discs at least that."""
+    corners, normals, edges = shapes.corners, shapes.normals, shapes.edges
+    p, q = _column(Ea, 2), _column(Eb, 2)
     least = _overlap(a, b, Ea, Eb, c, corners, c)
-    for i in range(3):
-        p, q = _column(Ea, i), _column(Eb, i)
-        least = min(least, _overlap(a, b, Ea, Eb, c, corners, p), _overlap(a, b, Ea, Eb, c, corners, q))
-        across = sub(c, scale(p, dot(p, c))), sub(c, scale(q, dot(q, c)))
-        least = min(least, _overlap(a, b, Ea, Eb, c, corners, across[0]))
-        least = min(least, _overlap(a, b, Ea, Eb, c, corners, across[1]))
-        for j in range(3):
-            least = min(least, _overlap(a, b, Ea, Eb, c, corners, cross(p, _column(Eb, j))))
-    for k in range(a.first_normal, a.first_normal + a.normals):
-        least = min(least, _overlap(a, b, Ea, Eb, c, corners, rotate(Ea, vector(normals[k]))))
-    for k in range(b.first_normal, b.first_normal + b.normals):
-        least = min(least, _overlap(a, b, Ea, Eb, c, corners, rotate(Eb, vector(normals[k]))))
+    least = min(least, _overlap(a, b, Ea, Eb, c, corners, sub(c, scale(p, dot(p, c)))))
+    least = min(least, _overlap(a, b, Ea, Eb, c, corners, sub(c, scale(q, dot(q, c)))))
+    for k in range(a.normals if a.normals > 0 else 3):
+        u = _direction(Ea, normals, a.first_normal, a.normals, k)
+        least = min(least, _overlap(a, b, Ea, Eb, c, corners, u))
+    for k in range(b.normals if b.normals > 0 else 3):
+        u = _direction(Eb, normals, b.first_normal, b.normals, k)
+        least = min(least, _overlap(a, b, Ea, Eb, c, corners, u))
+    for i in range(a.edges if a.edges > 0 else 3):
+        u = _direction(Ea, edges, a.first_edge, a.edges, i)
+        for j in range(b.edges if b.edges > 0 else 3):
+            v = _direction(Eb, edges, b.first_edge, b.edges, j)
+            least = min(least, _overlap(a, b, Ea, Eb, c, corners, cross(u, v)))
     return max(least, 0.0)
 
 
@@ -264,7 +276,7 @@ def _distance(shapes, room, i, j):
     c = sub(vector(room.r[j]), vector(room.r[i]))
     distance = core_distance(a, b, Ea, Eb, c, shapes.corners, room.simplex)
     if not distance > 0.0:
-        distance = -core_depth(a, b, Ea, Eb, c, shapes.corners, shapes.normals)
+        distance = -core_depth(a, b, Ea, Eb, c, shapes)
     return distance - a.radius - b.radius
 
 
