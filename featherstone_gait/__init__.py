@@ -13,6 +13,10 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .build.scene import CompiledScene as CompiledScene
     from .build.scene import compile_scene as compile_scene
     from .channels import channel_table as channel_table
+    from .collision import Clearance as Clearance
+    from .collision import clearance as clearance
+    from .contact_choice import contact_points as contact_points
+    from .contact_choice import with_contacts as with_contacts
     from .dynamics import Coupling as Coupling
     from .dynamics import Poses as Poses
     from .dynamics import center_of_mass as center_of_mass
@@ -43,6 +47,7 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .posture import Target as Target
     from .posture import inverse_kinematics as inverse_kinematics
     from .reference import Reference as Reference
+    from .rest import nearest_posture as nearest_posture
     from .robot_file import RobotFileError as RobotFileError
     from .robot_file import RobotFileNotFoundError as RobotFileNotFoundError
     from .robot_file import RobotFileWarning as RobotFileWarning
@@ -56,6 +61,13 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .run.simulate import simulate as simulate
     from .run.simulate import simulate_batch as simulate_batch
     from .run.simulate import standing_state as standing_state
+    from .shape import Box as Box
+    from .shape import Capsule as Capsule
+    from .shape import Cylinder as Cylinder
+    from .shape import Hull as Hull
+    from .shape import Mesh as Mesh
+    from .shape import Shape as Shape
+    from .shape import Sphere as Sphere
     from .trajectory import Trajectory as Trajectory
     from .view.plotting import plot_motion as plot_motion
     from .view.plotting import plot_trajectory as plot_trajectory
@@ -64,6 +76,8 @@ __version__ = "0.2.0.dev0"
 
 _MODULES = {
     "channels": ("channel_table",),
+    "collision": ("Clearance", "clearance"),
+    "contact_choice": ("contact_points", "with_contacts"),
     "dynamics": (
         "Coupling",
         "Poses",
@@ -96,6 +110,7 @@ _MODULES = {
     "view.plotting": ("plot_motion", "plot_trajectory"),
     "posture": ("Posture", "Target", "inverse_kinematics"),
     "reference": ("Reference",),
+    "rest": ("nearest_posture",),
     "robot_file": (
         "RobotFileError",
         "RobotFileNotFoundError",
@@ -108,6 +123,7 @@ _MODULES = {
     ),
     "build.scene": ("CompiledScene", "compile_scene"),
     "run.simulate": ("Push", "initial_state", "simulate", "simulate_batch", "standing_state"),
+    "shape": ("Box", "Capsule", "Cylinder", "Hull", "Mesh", "Shape", "Sphere"),
     "trajectory": ("Trajectory",),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}

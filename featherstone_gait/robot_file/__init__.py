@@ -4,7 +4,7 @@ The URDF (https://wiki.ros.org/urdf/XML) gives links and joints.  The TOML gives
 can touch the ground and named sets of locked joints and postures::
 
     base = "floating"                    # or "fixed", the default
-    contacts = [{link = "left_foot", position = [0.05, 0.03, -0.05]}]
+    contacts = [{link = "left_foot", position = [0.05, 0.03, -0.05]}]    # or "feet", "all", ["left_foot"]: of shapes
 
     [servos]                             # for every revolute and continuous joint
     default = "ax12"                     # ax12.toml beside this file, else robots/servos/ax12.toml
@@ -27,7 +27,7 @@ All numbers are SI; the angles `encoder_resolution`, `backlash` and locked posit
 
 A URDF that has one meaning is read: `Model.notes` lists what was passed over or assumed, a RobotFileWarning says so,
 and ``load_robot(..., strict=True)`` refuses it.  What has no meaning is refused, all of it at once.  The TOML is read
-strictly.  No file other than these is opened, meshes included.
+strictly.  Of other files only meshes are opened, where contact points or clearances of such shapes are asked for.
 """
 
 from .errors import RobotFileError, RobotFileNotFoundError, RobotFileWarning

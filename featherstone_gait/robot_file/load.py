@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..contact_choice import Choice, with_contacts
 from ..model import Base, Joint, Model, check_locked
+from ..rest import nearest_positions
 from .collision import MeshFinder
 from .coupling import MimicMode, check_mimic_mode, resolve_couplings
 from .errors import RobotFileError, blamed_on
@@ -27,6 +29,7 @@ def load_robot(
     base: Base | None = None,
     locked: str | Mapping[str, float] | list[str] | tuple[str, ...] | None = None,
     *,
+    contacts: Choice | None = None,
     strict: bool = False,
     mimic: MimicMode = "coupled",
     repair_inertia: bool = False,
@@ -44,7 +47,10 @@ def load_robot(
     ----------
     base : None is what the TOML says, else "floating" if the URDF has a floating joint, else "fixed"
     locked : joints to hold: the name of a set in the TOML, {joint: position [rad or m]}, or joint names (held at 0);
-        None is the TOML's set "default", if it has one
+        None is the TOML's set "default", if it has one, and "all" holds all joints in the admissible posture nearest
+        to zero, unless the TOML has a set of that name
+    contacts : what touches the ground: None is what the TOML says, if anything; "feet", "all" or names of links take
+        the collision shapes of these (`with_contacts` says how)
     strict : refuse what would be warned about; of MJCF that is what changes the motion and has no place in a Model
     mimic : joints that follow others: "coupled", "free" (they move by themselves) or "locked" (held where the leader's
         position nearest to zero puts them)
@@ -69,7 +75,7 @@ def load_robot(
     held = {**robot.held} | _held(path, robot, locked, settings, report)
     model = _model(path, robot, settings, base, resolve_couplings(robot.joints, held, mimic, report), report)
     report.warn(path, stacklevel=2)
-    return model
+    return _touching(model, settings.choice if contacts is None else contacts)
 
 
 def _other_format(markup: Markup, path: Path, base: Base | None, report: Report) -> Robot:
@@ -102,7 +108,7 @@ def _held(path: Path, robot: Robot, locked: Any, settings: Settings, report: Rep
     if report.problems:
         return {}
     with blamed_on(f"{path}: load_robot(locked={locked!r})"):
-        held = _chosen(locked, settings.locked)
+        held = _chosen(locked, settings.locked, robot.joints)
         check_locked(robot.joints, held)
     return held
 
@@ -145,13 +151,23 @@ def _keyframes(robot: Robot, base: Base, held: Mapping[str, float]) -> dict[str,
     }
 
 
-def _chosen(locked: Any, sets: Mapping[str, dict[str, float]]) -> dict[str, float]:
+def _touching(model: Model, choice: Choice | None) -> Model:
+    """The robot with the contact points chosen, if any are."""
+    if choice is None:
+        return model
+    with blamed_on(f"{model.source}: contacts={choice!r}"):
+        return with_contacts(model, choice)
+
+
+def _chosen(locked: Any, sets: Mapping[str, dict[str, float]], joints: Iterable[Joint]) -> dict[str, float]:
     """The joints to hold, from the argument of `load_robot`."""
     if locked is None:
         return dict(sets.get("default", {}))
     if isinstance(locked, str):
+        if locked == "all" and "all" not in sets:
+            return nearest_positions(joints)
         if locked not in sets:
-            known = ", ".join(sets) or "none"
+            known = ", ".join(dict.fromkeys([*sets, "all"]))
             raise ValueError(f"there is no set {locked!r}; expected one of {known}: use one, or add [locked.{locked}]")
         return dict(sets[locked])
     if isinstance(locked, Mapping):

@@ -22,6 +22,7 @@ class Settings(NamedTuple):
     contacts: tuple[ContactPoint, ...] = ()
     armature: Mapping[str, float] = {}  # joint name -> inertia [kg m^2 or kg]
     keyframes: Mapping[str, tuple[float, ...]] = {}  # name -> q
+    choice: str | tuple[str, ...] | None = None  # of collision shapes in place of contact points
 
 
 def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]) -> Settings:
@@ -34,8 +35,10 @@ def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]
     locked = {name: _locked_set(table["locked"], name, joints) for name in table_of(table, "locked", "")}
     armature = {name: _armature(table["joints"], name, joints) for name in table_of(table, "joints", "")}
     keyframes = {name: _numbers(q, f"keyframes.{name}") for name, q in table_of(table, "keyframes", "").items()}
-    contacts = _contacts(table.get("contacts", []), links)
-    return Settings(table.get("base"), locked, servos, contacts, armature, keyframes)
+    contacts = table.get("contacts", [])
+    choice = _choice(contacts)
+    points = () if choice else _contacts(contacts, links)
+    return Settings(table.get("base"), locked, servos, points, armature, keyframes, choice)
 
 
 def _armature(section: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> float:
@@ -53,9 +56,20 @@ def _numbers(value: Any, what: str) -> tuple[float, ...]:
     return tuple(real(x, what) for x in value)
 
 
+def _choice(contacts: Any) -> str | tuple[str, ...] | None:
+    """Which shapes touch the ground, if that is what the TOML says: "feet", "all", or names of links."""
+    if isinstance(contacts, str):
+        return contacts
+    named = isinstance(contacts, list) and contacts and all(isinstance(name, str) for name in contacts)
+    return tuple(contacts) if named else None
+
+
 def _contacts(rows: Any, links: tuple[Link, ...]) -> tuple[ContactPoint, ...]:
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise ValueError(f"contacts is {rows!r}; expected a list: write [{{link = '...', position = [x, y, z]}}, ...]")
+        raise ValueError(
+            f"contacts is {rows!r}; expected a list of points, a list of links, 'feet' or 'all': write "
+            "[{link = '...', position = [x, y, z]}, ...]"
+        )
     points = tuple(_contact(row, f"contacts[{k}]") for k, row in enumerate(rows))
     check_contacts(links, points)
     return points

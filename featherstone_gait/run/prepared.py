@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -21,6 +22,7 @@ from ..build.contact import by_body
 from ..build.coupling import check_followers
 from ..build.external import Push
 from ..build.scene import CompiledScene
+from ..collision import clearance_channel
 from ..core.compile.lanes import WIDTH, aligned
 from ..core.effects.actuator import controller_of
 from ..core.effects.controller import PID_SPEED
@@ -38,6 +40,7 @@ Zeros = Callable[[int | tuple[int, ...]], np.ndarray]
 
 RTOL = 1e-8  # of integrators with error control
 LEAST_STEP = 1e-9  # of error control [s]
+OF_MODEL = {"clearance": clearance_channel}  # computed channels that take the robot too
 
 
 class Start(NamedTuple):
@@ -189,11 +192,12 @@ class Prepared:
         found = {"time": np.arange(len(out)) * (self.plan.per_sample * self.plan.h)}
         for name in self.record:
             channel = state.BY_NAME[name]
-            if channel.compute is None:
+            if channel.kind != "computed":
                 found[name] = state.shaped(channel, out[:, self.stored[name]])
             else:
                 needed = [state.shaped(state.BY_NAME[need], out[:, self.stored[need]]) for need in channel.needs]
-                found[name] = channel.compute(*needed)
+                compute = channel.compute or functools.partial(OF_MODEL[name], self.scene.model)
+                found[name] = compute(*needed)
         return found
 
 

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 
 from featherstone_gait import renamed
 from featherstone_gait.build.tree import GRAVITY
+from featherstone_gait.collision import clearance
 from featherstone_gait.dynamics import contact_positions_at, forward_kinematics
 from featherstone_gait.model import Model
 from featherstone_gait.run.simulate import simulate_batch, standing_state
@@ -37,7 +38,8 @@ ALIKE = 1e-9  # points of the sole closer than this are one [m]
 class Constraints:
     """Limits, each None or a number, and what it costs to pass them by one unit.
 
-    The default weights make 0.1 N m, 1 degree, 1 mm and 10 mm, root mean square over the time measured, cost 1 J/m.
+    The default weights make 0.1 N m, 1 degree, 1 mm of slip, 10 mm of ZMP and 1 mm of clearance, root mean square over
+    the time measured, cost 1 J/m.
     Raises ValueError for numbers out of range.
     """
 
@@ -45,10 +47,12 @@ class Constraints:
     joint_margin: float | None = None  # least distance from a joint's limits [rad]
     slip: float | None = None  # largest path of a contact point under load [m per stride], see `Measures.slip`
     zmp_margin: float | None = None  # least distance of the ZMP from the edge of the support polygon [m]
+    clearance: float | None = None  # least distance of links that could meet [m], see `collision`
     torque_weight: float = 1e2  # [J/m per (N m)^2], sum over the joints
     joint_weight: float = math.degrees(1.0) ** 2  # [J/m per rad^2], sum over the joints
     slip_weight: float = 1e6  # [J/m per m^2]
     zmp_weight: float = 1e4  # [J/m per m^2]
+    clearance_weight: float = 1e6  # [J/m per m^2]
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -60,7 +64,11 @@ class Constraints:
     def weights(self) -> dict[str, float]:
         """The weights of the limits that are set, by their names."""
         pairs = dict(
-            torque=self.torque_weight, joint_margin=self.joint_weight, slip=self.slip_weight, zmp_margin=self.zmp_weight
+            torque=self.torque_weight,
+            joint_margin=self.joint_weight,
+            slip=self.slip_weight,
+            zmp_margin=self.zmp_weight,
+            clearance=self.clearance_weight,
         )
         return {name: weight for name, weight in pairs.items() if getattr(self, name) is not None}
 
@@ -83,6 +91,9 @@ class Constraints:
             found["slip"] = np.array([[slip - self.slip]])
         if self.zmp_margin is not None:
             found["zmp_margin"] = self.zmp_margin - zmp_margins(model, run, window, gravity)[:, None]
+        if self.clearance is not None:
+            q = np.hstack([run["base_q"], run["q"]])[window]
+            found["clearance"] = self.clearance - clearance(model, q).distance[:, None]
         return found
 
 

@@ -37,7 +37,7 @@ class Channel(NamedTuple):
     what: str
     labels: tuple[str, ...] = ()  # of the numbers, where there are several
     needs: tuple[str, ...] = ()  # of a computed channel: the channels that `compute` takes
-    compute: Callable | None = None
+    compute: Callable | None = None  # None of a computed channel: it takes the robot too, and `run` knows how
 
 
 _FORCE = ("normal", "along the slope", "across")
@@ -70,6 +70,7 @@ CHANNELS = (
     Channel("status", "run", "run", 1, "-", "how the run has ended"),
     Channel("end", "run", "run", 1, "s", "time reached, of a run that failed the time of that"),
     Channel("power", "computed", "joint", 1, "W", "mechanical power on the joint", (), ("torque", "qd"), np.multiply),
+    Channel("clearance", "computed", "run", 1, "m", "least distance of shapes that can meet", (), ("base_q", "q")),
 )
 BY_NAME = {channel.name: channel for channel in CHANNELS}
 UNITS = {channel.name: channel.unit for channel in CHANNELS}

@@ -1,0 +1,316 @@
+"""Distance between convex shapes, and the least of many pairs.
+
+A shape is the sum of a core and a ball: of a point, a segment or a box, of a disc about z, and of a sphere's radius; or
+it is the hull of corners.  Distances of cores are those of E. G. Gilbert, D. W. Johnson, S. S. Keerthi, "A fast
+procedure for computing the distance between complex objects in three-dimensional space", IEEE J. Robotics and
+Automation 4 (1988).  The nearest point of its simplex is sought among the faces of all dimensions, at most 15: slower
+than taking the simplex apart by signs, but there is no flat simplex that it takes the wrong way.
+
+Where cores overlap, the depth is the least overlap along candidates of the direction in which they part: face normals,
+products of edges, and the line of centres with its parts across the axes.  Of polytopes, segments and points the first
+two are all that can be least (C. Ericson, "Real-Time Collision Detection", Elsevier 2005, section 5.2.1); of cylinders
+the depth so found is at least the true one.
+"""
+
+from math import inf, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compile.jit import entry, kernel
+from .spatial import add, cross, dot, rotate, rotate_back, scale, sub, vector
+
+SHAPE = np.dtype(
+    [
+        ("link", np.int64),  # index of the link that carries it
+        ("first", np.int64),  # of its corners; it has none unless it is a hull
+        ("corners", np.int64),
+        ("first_normal", np.int64),  # of its faces; those of a box are not listed
+        ("normals", np.int64),
+        ("first_edge", np.int64),  # of the directions of its edges, likewise
+        ("edges", np.int64),
+        ("E", np.float64, (9,)),  # rotation shape -> link, row by row
+        ("r", np.float64, (3,)),  # centre in the link's frame [m]
+        ("half", np.float64, (3,)),  # half edges of the box in the core [m]
+        ("disc", np.float64),  # radius of the disc about z in the core [m]
+        ("radius", np.float64),  # of the ball [m]
+        ("bound", np.float64),  # radius of a sphere about the centre that holds all of the shape [m]
+    ],
+    align=True,
+)
+
+
+class Shapes(NamedTuple):
+    """The shapes of a robot."""
+
+    table: np.ndarray  # (shapes,) SHAPE
+    corners: np.ndarray  # (all, 3) of the hulls, about the centre of each, in its axes [m]
+    normals: np.ndarray  # (all, 3) of the faces of the hulls
+    edges: np.ndarray  # (all, 3) directions of the edges of the hulls
+
+
+class Room(NamedTuple):
+    """What is overwritten."""
+
+    E: np.ndarray  # (shapes, 9) rotations shape -> world
+    r: np.ndarray  # (shapes, 3) centres in the world [m]
+    simplex: np.ndarray  # (4, 3) [m]
+
+
+PASSES = 100  # at most; polytopes take some ten, cylinders some thirty
+GAP = 1e-15  # relative difference of the bounds of the squared distance at which it is known
+TOUCH = 1e-12  # cores closer than this, relative to their sizes, overlap
+LEAST_SQUARE = 1e-24  # of a direction's length; shorter ones are none
+
+
+@kernel
+def support(shape, corners, u):
+    """The core's farthest point (3) in a direction u (3), both in the shape's frame [m]."""
+    if shape.corners > 0:
+        return _farthest_corner(shape, corners, u)
+    x = shape.half[0] if u[0] >= 0.0 else -shape.half[0]
+    y = shape.half[1] if u[1] >= 0.0 else -shape.half[1]
+    z = shape.half[2] if u[2] >= 0.0 else -shape.half[2]
+    across = sqrt(u[0] * u[0] + u[1] * u[1])
+    if shape.disc > 0.0 and across > 0.0:
+        return (x + shape.disc * (u[0] / across), y + shape.disc * (u[1] / across), z)
+    return (x, y, z)
+
+
+@kernel
+def _farthest_corner(shape, corners, u):
+    best = shape.first
+    most = dot(vector(corners[best]), u)
+    for k in range(shape.first + 1, shape.first + shape.corners):
+        height = dot(vector(corners[k]), u)
+        if height > most:
+            most = height
+            best = k
+    return vector(corners[best])
+
+
+@kernel
+def _difference(a, b, Ea, Eb, c, corners, u):
+    """The farthest point of core a less core b in the direction u; c from the centre of a to that of b, world axes."""
+    pa = rotate(Ea, support(a, corners, rotate_back(Ea, u)))
+    pb = rotate(Eb, support(b, corners, rotate_back(Eb, scale(u, -1.0))))
+    return sub(sub(pa, pb), c)
+
+
+@kernel
+def _on_edge(p, q):
+    """Weights of the point of an edge nearest to the origin, and whether it lies between the ends."""
+    d = sub(q, p)
+    length = dot(d, d)
+    if not length > 0.0:
+        return 0.0, False
+    t = -dot(p, d) / length
+    return t, 0.0 < t < 1.0
+
+
+@kernel
+def _on_face(p, q, r):
+    """The same of a triangle: weights of q and r."""
+    d, e = sub(q, p), sub(r, p)
+    n = cross(d, e)
+    area = dot(n, n)
+    if not area > 0.0:
+        return 0.0, 0.0, False
+    s = -dot(cross(p, e), n) / area
+    t = -dot(cross(d, p), n) / area
+    return s, t, s > 0.0 and t > 0.0 and s + t < 1.0
+
+
+@kernel
+def _inside(p, q, r, s):
+    """Whether the origin lies in a tetrahedron."""
+    d, e, f = sub(q, p), sub(r, p), sub(s, p)
+    volume = dot(d, cross(e, f))
+    if volume == 0.0:
+        return False
+    x = -dot(p, cross(e, f)) / volume
+    y = -dot(p, cross(f, d)) / volume
+    z = -dot(p, cross(d, e)) / volume
+    return x >= 0.0 and y >= 0.0 and z >= 0.0 and x + y + z <= 1.0
+
+
+@kernel
+def _nearest(S, count):
+    """The point (3) nearest to the origin of the simplex S (count of 4 rows), and the rows that span it, as bits."""
+    v, least, used = (0.0, 0.0, 0.0), inf, 0
+    for i in range(count):
+        p = vector(S[i])
+        if dot(p, p) < least:
+            v, least, used = p, dot(p, p), 1 << i
+    for i in range(count):
+        for j in range(i + 1, count):
+            t, between = _on_edge(vector(S[i]), vector(S[j]))
+            p = add(vector(S[i]), scale(sub(vector(S[j]), vector(S[i])), t))
+            if between and dot(p, p) < least:
+                v, least, used = p, dot(p, p), (1 << i) | (1 << j)
+    for k in range(count if count >= 3 else 0):
+        if count == 4 or k == 0:
+            v, least, used = _nearer_face(S, k if count == 4 else 3, v, least, used)
+    if count == 4 and _inside(vector(S[0]), vector(S[1]), vector(S[2]), vector(S[3])):
+        v, used = (0.0, 0.0, 0.0), 15
+    return v, used
+
+
+@kernel
+def _nearer_face(S, without, v, least, used):
+    """The better of the point found so far and that of the face of all rows but one."""
+    i = 1 if without == 0 else 0
+    j = 2 if without <= 1 else 1
+    k = 3 if without <= 2 else 2
+    s, t, between = _on_face(vector(S[i]), vector(S[j]), vector(S[k]))
+    p = vector(S[i])
+    p = add(p, add(scale(sub(vector(S[j]), p), s), scale(sub(vector(S[k]), p), t)))
+    if between and dot(p, p) < least:
+        return p, dot(p, p), (1 << i) | (1 << j) | (1 << k)
+    return v, least, used
+
+
+@kernel
+def _kept(S, used):
+    """Move the rows of S that are used to its beginning; return how many they are."""
+    count = 0
+    for i in range(4):
+        if used >> i & 1:
+            for x in range(3):
+                S[count, x] = S[i, x]
+            count += 1
+    return count
+
+
+@kernel
+def core_distance(a, b, Ea, Eb, c, corners, S):
+    """Distance of two cores [m], 0 where they overlap; S (4, 3) is overwritten.
+
+    Ea, Eb: rotations shape -> world; c: from the centre of a to that of b, world axes [m].
+    """
+    size = a.bound + b.bound
+    v = _difference(a, b, Ea, Eb, c, corners, c)
+    S[0, 0], S[0, 1], S[0, 2] = v
+    count = 1
+    for _ in range(PASSES):
+        square = dot(v, v)
+        if count == 4 or square <= (TOUCH * size) ** 2:
+            return 0.0
+        w = _difference(a, b, Ea, Eb, c, corners, scale(v, -1.0))
+        if square - dot(v, w) <= GAP * square:
+            break
+        S[count, 0], S[count, 1], S[count, 2] = w
+        nearer, used = _nearest(S, count + 1)
+        if not (dot(nearer, nearer) < square):
+            break
+        v, count = nearer, _kept(S, used)
+    return sqrt(dot(v, v))
+
+
+@kernel
+def _overlap(a, b, Ea, Eb, c, corners, u):
+    """How far core a reaches over the beginning of core b along u or -u, the lesser; inf if u is no direction [m]."""
+    square = dot(u, u)
+    if not square > LEAST_SQUARE:
+        return inf
+    u = scale(u, 1.0 / sqrt(square))
+    back = scale(u, -1.0)
+    there = dot(_difference(a, b, Ea, Eb, c, corners, u), u)
+    return min(there, dot(_difference(a, b, Ea, Eb, c, corners, back), back))
+
+
+@kernel
+def _column(E, k):
+    return (E[k], E[3 + k], E[6 + k])
+
+
+@kernel
+def _direction(E, directions, first, count, k):
+    """Direction k of a hull's faces or edges, world axes; of a shape that is no hull an axis of its frame."""
+    return rotate(E, vector(directions[first + k])) if count > 0 else _column(E, k)
+
+
+@kernel
+def core_depth(a, b, Ea, Eb, c, shapes):
+    """How far two overlapping cores must move to part [m]; of discs at least that."""
+    corners, normals, edges = shapes.corners, shapes.normals, shapes.edges
+    p, q = _column(Ea, 2), _column(Eb, 2)
+    least = _overlap(a, b, Ea, Eb, c, corners, c)
+    least = min(least, _overlap(a, b, Ea, Eb, c, corners, sub(c, scale(p, dot(p, c)))))
+    least = min(least, _overlap(a, b, Ea, Eb, c, corners, sub(c, scale(q, dot(q, c)))))
+    for k in range(a.normals if a.normals > 0 else 3):
+        u = _direction(Ea, normals, a.first_normal, a.normals, k)
+        least = min(least, _overlap(a, b, Ea, Eb, c, corners, u))
+    for k in range(b.normals if b.normals > 0 else 3):
+        u = _direction(Eb, normals, b.first_normal, b.normals, k)
+        least = min(least, _overlap(a, b, Ea, Eb, c, corners, u))
+    for i in range(a.edges if a.edges > 0 else 3):
+        u = _direction(Ea, edges, a.first_edge, a.edges, i)
+        for j in range(b.edges if b.edges > 0 else 3):
+            v = _direction(Eb, edges, b.first_edge, b.edges, j)
+            least = min(least, _overlap(a, b, Ea, Eb, c, corners, cross(u, v)))
+    return max(least, 0.0)
+
+
+@kernel
+def _place(shapes, room, rotation, position):
+    """Put all shapes where the rotations (links, 3, 3) and positions (links, 3) of the links have them."""
+    for i in range(len(shapes.table)):
+        at = shapes.table[i]
+        for x in range(3):
+            row = vector(rotation[at.link, x])
+            room.r[i, x] = position[at.link, x] + dot(row, vector(at.r))
+            for y in range(3):
+                room.E[i, 3 * x + y] = dot(row, _column(at.E, y))
+
+
+@kernel
+def _matrix(E):
+    return (E[0], E[1], E[2], E[3], E[4], E[5], E[6], E[7], E[8])
+
+
+@kernel
+def _distance(shapes, room, i, j):
+    """Signed distance of shapes i and j where they have been placed [m], negative where they overlap."""
+    a, b, Ea, Eb = shapes.table[i], shapes.table[j], _matrix(room.E[i]), _matrix(room.E[j])
+    c = sub(vector(room.r[j]), vector(room.r[i]))
+    distance = core_distance(a, b, Ea, Eb, c, shapes.corners, room.simplex)
+    if not distance > 0.0:
+        distance = -core_depth(a, b, Ea, Eb, c, shapes)
+    return distance - a.radius - b.radius
+
+
+@kernel
+def _least(shapes, room, i, j):
+    """What the distance of shapes i and j cannot be less than, that of spheres around them [m]."""
+    c = sub(vector(room.r[j]), vector(room.r[i]))
+    return sqrt(dot(c, c)) - shapes.table[i].bound - shapes.table[j].bound
+
+
+@entry
+def pair_distances(shapes, room, pairs, rotation, position, out):
+    """Signed distance of every pair (pairs, 2) of shapes in one posture, out (pairs,) [m].
+
+    rotation (links, 3, 3) and position (links, 3) [m] of the links in the world.
+    """
+    _place(shapes, room, rotation, position)
+    for k in range(len(pairs)):
+        out[k] = _distance(shapes, room, pairs[k, 0], pairs[k, 1])
+
+
+@entry
+def least_distances(shapes, room, pairs, rotation, position, out, closest):
+    """Least signed distance out (n,) [m] of pairs (p, 2) of shapes, and the row of the pair, in each of n postures.
+
+    rotation (n, links, 3, 3) and position (n, links, 3) [m] of the links in the world.
+    """
+    for n in range(len(out)):
+        _place(shapes, room, rotation[n], position[n])
+        out[n] = inf
+        for k in range(len(pairs)):
+            i, j = pairs[k, 0], pairs[k, 1]
+            if _least(shapes, room, i, j) < out[n]:
+                d = _distance(shapes, room, i, j)
+                if d < out[n]:
+                    out[n] = d
+                    closest[n] = k

@@ -1,0 +1,410 @@
+"""Collision shapes: what of them touches the ground, the hulls of meshes, and the feet of a robot."""
+
+import math
+import os
+import re
+import sys
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from featherstone_gait import (
+    Box,
+    Capsule,
+    ContactPoint,
+    Cylinder,
+    Hull,
+    Joint,
+    Link,
+    Mesh,
+    Model,
+    RobotFileError,
+    Shape,
+    Sphere,
+    center_of_mass,
+    contact_points,
+    contact_positions,
+    forward_kinematics,
+    load_robot,
+    nearest_posture,
+    with_contacts,
+)
+from featherstone_gait import mesh as mesh_files
+from featherstone_gait.contact_choice import corner_error, lowest_levels
+from featherstone_gait.hull import MOST, corners_of, sides
+from featherstone_gait.model import Mimic, check_locked
+from featherstone_gait.rest import nearest_positions
+from featherstone_gait.robot_file.source import robots_folder
+from featherstone_gait.rotation import rotation_from_rpy
+from featherstone_gait.walking.zero_moment_point import polygon_margin, support_polygon
+
+BODY = (1.0, (0.0, 0.0, 0.0), (1e-2, 0.0, 0.0, 1e-2, 0.0, 1e-2))  # mass, centre, inertia
+CUBE = [(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
+
+
+def body(*geometries, **place):
+    """A free body of shapes."""
+    shapes = tuple(Shape("body", geometry, **place) for geometry in geometries)
+    return Model("body", (Link("body", *BODY),), (), "floating", shapes=shapes)
+
+
+def random_state(rng):
+    """A base anywhere, turned in any way."""
+    turn = rng.normal(size=4)
+    return np.concatenate([rng.normal(size=3), turn / np.linalg.norm(turn)])
+
+
+def ball(n, radius=0.02):
+    """Points on a sphere."""
+    x = np.random.default_rng(1).normal(size=(n, 3))
+    return radius * x / np.linalg.norm(x, axis=1)[:, None]
+
+
+# How far each shape reaches along a direction u in its frame, from its centre: its support function.
+REACH = [
+    (Sphere(0.3), lambda u: 0.3 * math.hypot(*u)),
+    (Capsule(0.1, 0.5), lambda u: 0.1 * math.hypot(*u) + 0.25 * abs(u[2])),
+    (Cylinder(0.2, 0.5), lambda u: 0.2 * math.hypot(u[0], u[1]) + 0.25 * abs(u[2])),
+    (Box((0.1, 0.2, 0.3)), lambda u: 0.05 * abs(u[0]) + 0.1 * abs(u[1]) + 0.15 * abs(u[2])),
+    (Hull(tuple(CUBE)), lambda u: sum(map(abs, u))),
+]
+
+
+@pytest.mark.parametrize(("geometry", "reach"), REACH, ids=lambda x: type(x).__name__)
+def test_the_lowest_contact_point_is_the_lowest_point_of_the_shape(geometry, reach):
+    """However the shape lies in its link, and the link in the world."""
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        xyz, rpy = (tuple(rng.uniform(-2.0, 2.0, 3).tolist()) for _ in range(2))
+        robot, q = body(geometry, xyz=xyz, rpy=rpy), random_state(rng)
+        poses = forward_kinematics(robot, q)
+        center = poses.position[0] + poses.rotation[0] @ xyz
+        down = (poses.rotation[0] @ rotation_from_rpy(rpy)).T @ (0.0, 0.0, -1.0)
+        levels = lowest_levels(robot, contact_points(robot.shapes), poses)
+        assert levels.min() == pytest.approx(center[2] - reach(down), abs=1e-12)
+
+
+def test_shapes_become_as_many_points_as_they_need():
+    counts = [len(contact_points([Shape("body", geometry)])) for geometry, _ in REACH]
+    assert counts == [1, 2, 2, 8, 8]
+
+
+# --- hulls ---
+
+
+def test_a_hull_has_no_points_inside():
+    inside = np.random.default_rng(0).uniform(-0.9, 0.9, (500, 3))
+    corners = corners_of(np.vstack([inside, CUBE, CUBE]))
+    assert sorted(map(tuple, corners.points.tolist())) == sorted(CUBE)
+    assert corners.error == 0.0
+
+
+def test_flat_and_pointlike_hulls_keep_their_corners():
+    turn = rotation_from_rpy((0.3, -0.7, 1.1))
+    square = np.array([(x, y, 0.0) for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0)]) @ turn.T
+    line = np.outer(np.linspace(0.0, 1.0, 7), turn[0])
+    assert [len(corners_of(points).points) for points in (square, line, line[:1], line[[2, 2]])] == [4, 2, 1, 1]
+    assert [[len(part) for part in sides(corners_of(points).points)] for points in (square, line)] == [[2, 2], [0, 1]]
+    across = sides(corners_of(square).points).normals
+    assert np.abs(across @ turn) == pytest.approx(np.array([[0.0, 0.0, 1.0]] * 2), abs=1e-12)
+
+
+def test_a_cube_has_six_faces_and_its_edges_three_directions():
+    normals, edges = sides(np.array(CUBE))
+    assert sorted(map(tuple, normals.tolist())) == sorted(map(tuple, np.vstack([np.eye(3), -np.eye(3)]).tolist()))
+    assert set(map(tuple, np.eye(3).tolist())) <= set(map(tuple, edges.tolist()))
+
+
+@pytest.mark.parametrize("points", [ball(3000), ball(400) * (5.0, 1.0, 0.2)], ids=["ball", "flattened"])
+def test_a_thinned_hull_misses_what_it_says(points):
+    """The distance of nested convex bodies is the largest difference of how far they reach in any direction."""
+    corners = corners_of(points)
+    assert len(corners.points) == MOST
+    assert set(map(tuple, corners.points.tolist())) <= set(map(tuple, points.tolist()))
+    directions = ball(100_000, 1.0)
+    parts = np.split(directions.T, 20, axis=1)
+    missed = max(float(((points @ d).max(axis=0) - (corners.points @ d).max(axis=0)).max()) for d in parts)
+    assert 0.9 * corners.error < missed <= corners.error * (1.0 + 1e-12)
+
+
+def test_thinning_does_not_depend_on_the_order_of_the_points():
+    points = ball(500)
+    again = corners_of(points[::-1])
+    assert sorted(map(tuple, again.points.tolist())) == sorted(map(tuple, corners_of(points).points.tolist()))
+
+
+# --- mesh files ---
+
+
+def box_file(folder, kind, size=(0.2, 0.4, 0.6)):
+    """A box as a mesh file, its centre at (1, 2, 3)."""
+    trimesh = pytest.importorskip("trimesh")
+    if kind == ".dae":
+        pytest.importorskip("collada")
+    mesh = trimesh.creation.box(size)
+    mesh.apply_translation((1.0, 2.0, 3.0))
+    path = folder / f"box{kind}"
+    data = mesh.export(file_type=kind[1:])
+    path.write_bytes(data if isinstance(data, bytes) else data.encode())
+    return path
+
+
+def extent(path, **options):
+    corners = mesh_files.mesh_corners(Mesh(str(path), **options)).points
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+@pytest.mark.parametrize("kind", mesh_files.KINDS)
+def test_a_mesh_has_the_corners_of_its_file(tmp_path, kind):
+    path = box_file(tmp_path, kind)
+    assert len(contact_points([Shape("body", Mesh(str(path)))])) == 8
+    lower, upper = extent(path)
+    assert lower == pytest.approx([0.9, 1.8, 2.7], abs=1e-6)  # STL holds 32 bits
+    assert upper == pytest.approx([1.1, 2.2, 3.3], abs=1e-6)
+    assert extent(path, scale=(1.0, 0.1, 1e-3))[1] == pytest.approx([1.1, 0.22, 3.3e-3], rel=1e-6)
+
+
+@pytest.mark.parametrize("axis", ["X_UP", "Y_UP", "Z_UP"])
+def test_a_dae_is_scaled_by_its_unit_and_not_turned(tmp_path, axis):
+    path = box_file(tmp_path, ".dae")
+    text = re.sub(r"<(unit|up_axis)\b.*?(/>|</\1>)", "", path.read_text("utf-8"))
+    stated = f'<unit name="inch" meter="0.0254"/><up_axis>{axis}</up_axis></asset>'
+    path.write_text(text.replace("</asset>", stated), "utf-8")
+    assert extent(path)[1] == pytest.approx([1.1 * 0.0254, 2.2 * 0.0254, 3.3 * 0.0254])
+    coal = pytest.importorskip("coal")
+    seen = coal.MeshLoader().load(str(path), np.ones(3)).vertices()
+    assert extent(path)[1] == pytest.approx(0.0254 * seen.max(axis=0), rel=1e-6)  # which passes over the unit too
+
+
+def test_a_dae_with_a_broken_material_keeps_its_triangles(tmp_path):
+    path = box_file(tmp_path, ".dae")
+    text = path.read_text("utf-8")
+    assert "<library_effects>" in text
+    path.write_text(text.replace("<library_effects>", "<library_effects><effect id='x'><newparam/></effect>"), "utf-8")
+    assert len(mesh_files.mesh_corners(Mesh(str(path))).points) == 8
+
+
+def test_a_mesh_is_read_again_when_its_file_has_changed(tmp_path):
+    path = box_file(tmp_path, ".stl")
+    before = mesh_files.mesh_hull(Mesh(str(path)))
+    assert mesh_files.mesh_hull(Mesh(str(path))) is before
+    box_file(tmp_path, ".stl", (2.0, 2.0, 2.0))
+    os.utime(path, ns=(0, 0))
+    assert extent(path)[1] == pytest.approx([2.0, 3.0, 4.0])
+
+
+DAMAGED = [
+    (".stl", b"solid nothing\nendsolid nothing\n"),
+    (".stl", b"\x00" * 84),
+    (".stl", b"\xff" * 200),
+    (".obj", b"v 0 0\nf 1 2 3\n"),
+    (".obj", b""),
+    (".dae", b"<COLLADA>"),
+    (".dae", b"<COLLADA/>"),
+    (".dae", b'<!DOCTYPE x [<!ENTITY e "e">]><COLLADA>&e;</COLLADA>'),
+    (".dae", b'<COLLADA><asset><unit meter="0"/></asset></COLLADA>'),
+    (".ply", b"ply\n"),
+]
+
+
+@pytest.mark.parametrize(("kind", "data"), DAMAGED)
+def test_a_damaged_mesh_is_refused_by_name(tmp_path, kind, data):
+    pytest.importorskip("trimesh")
+    pytest.importorskip("collada")
+    path = tmp_path / f"damaged{kind}"
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match=rf"damaged\{kind}: .*(export|convert|correct)"):
+        contact_points([Shape("body", Mesh(str(path)))])
+
+
+def test_a_mesh_that_is_missing_or_too_large_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "part.stl"
+    with pytest.raises(ValueError, match=r"part\.stl: there is no such mesh"):
+        mesh_files.mesh_corners(Mesh(str(path)))
+    path.write_bytes(b"x" * 11)
+    monkeypatch.setattr(mesh_files, "MAX_BYTES", 10)
+    with pytest.raises(ValueError, match=r"part\.stl: has 11 bytes; at most 10"):
+        mesh_files.mesh_corners(Mesh(str(path)))
+
+
+def test_without_the_reader_the_message_says_what_to_install(tmp_path, monkeypatch):
+    path = tmp_path / "part.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    with pytest.raises(ImportError, match=r"pip install featherstone-gait\[mesh\]"):
+        mesh_files.mesh_corners(Mesh(str(path)))
+
+
+# --- postures ---
+
+
+def test_the_nearest_posture_keeps_limits_and_couplings():
+    joints = (
+        Joint("free", "continuous", "a", "b"),
+        Joint("bent", "revolute", "b", "c", lower=-2.0, upper=-0.5),
+        Joint("slide", "prismatic", "c", "d", lower=0.1, upper=0.2),
+        Joint("weld", "fixed", "d", "e"),
+        Joint("lead", "revolute", "e", "f", lower=-1.0, upper=1.0),
+        Joint("follow", "revolute", "f", "g", lower=-3.0, upper=-0.8, mimic=Mimic("lead", -2.0, 0.2)),
+        Joint("last", "revolute", "g", "h", lower=-9.0, upper=9.0, mimic=Mimic("follow", 3.0, 1.0)),
+        Joint("held", "revolute", "h", "i", lower=-1.0, upper=1.0, mimic=Mimic("weld", 1.0, 0.25)),
+    )
+    at = nearest_positions(joints)
+    assert list(at) == [joint.name for joint in joints if joint.type != "fixed"]
+    assert [at[name] for name in ("free", "bent", "slide", "held")] == [0.0, -0.5, 0.1, 0.25]
+    assert [at[name] for name in ("lead", "follow", "last")] == pytest.approx([0.5, -0.8, -1.4])
+    assert nearest_positions(joints, {"lead": 0.9})["follow"] == pytest.approx(-1.6)
+    check_locked(joints, at)  # within the limits to the last bit
+    links = tuple(Link(name, *BODY) for name in "abcdefghi")
+    robot = Model("chain", links, joints, "floating", locked={"bent": -1.0})
+    assert nearest_posture(robot)[:7].tolist() == [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    assert nearest_posture(robot)[7:] == pytest.approx([0.0, 0.1, 0.5, -0.8, -1.4])  # "held" has no coordinate
+
+
+# --- the choice ---
+
+
+def boxes_of(urdf):
+    """The collision boxes of a URDF."""
+    for link in ElementTree.parse(urdf).getroot().iterfind("link"):
+        for collision in link.iterfind("collision"):
+            xyz, size = (
+                tuple(map(float, collision.find(path).get(name).split()))
+                for path, name in (("origin", "xyz"), ("geometry/box", "size"))
+            )
+            yield Shape(link.get("name"), Box(size), xyz)
+
+
+@pytest.fixture(scope="module")
+def humanoid():
+    """With the boxes of its file, and no contact points."""
+    shapes = tuple(boxes_of(robots_folder() / "humanoid" / "humanoid.urdf"))
+    return replace(load_robot("humanoid"), shapes=shapes, contacts=())
+
+
+def test_the_boxes_of_the_humanoid_are_those_of_its_inertias(humanoid):
+    """Uniform boxes: ixx = m (y^2 + z^2) / 12."""
+    boxes = {shape.link: shape for shape in humanoid.shapes}
+    assert boxes.keys() == {link.name for link in humanoid.links}
+    for link in humanoid.links:
+        x, y, z = boxes[link.name].geometry.size
+        moments = [link.mass * (a * a + b * b) / 12.0 for a, b in ((y, z), (x, z), (x, y))]
+        assert [link.inertia[k] for k in (0, 3, 5)] == pytest.approx(moments, rel=1e-8)
+        assert boxes[link.name].xyz == link.center_of_mass
+
+
+def test_the_feet_of_the_humanoid_are_the_corners_of_its_soles(humanoid):
+    """Those typed into its TOML."""
+    found = {(point.link, *np.round(point.position, 12).tolist()) for point in with_contacts(humanoid, "feet").contacts}
+    assert found == {(point.link, *point.position) for point in load_robot("humanoid").contacts}
+
+
+def test_links_are_chosen_by_name_and_all_at_once(humanoid):
+    assert len(with_contacts(humanoid, "all").contacts) == 8 * len(humanoid.links)
+    hands = with_contacts(humanoid, ["left_forearm", "right_forearm"]).contacts
+    assert {point.link for point in hands} == {"left_forearm", "right_forearm"}
+    assert len(hands) == 16
+
+
+CHOICES = [
+    ("toes", r"contacts is 'toes'; expected 'all', 'feet' or a list"),
+    (["left_toe"], "there is no link 'left_toe'; use some of trunk, "),
+    (["head"], "link 'head' has no collision shape"),
+    ([], "names no link"),
+]
+
+
+@pytest.mark.parametrize(("choice", "says"), CHOICES)
+def test_a_choice_of_nothing_is_refused(humanoid, choice, says):
+    headless = replace(humanoid, shapes=tuple(shape for shape in humanoid.shapes if shape.link != "head"))
+    with pytest.raises(ValueError, match=says):
+        with_contacts(headless, choice)
+
+
+def test_without_shapes_there_is_nothing_to_choose():
+    with pytest.raises(RobotFileError, match=r"arm7\.urdf: contacts='feet': arm7: .* no link has a collision shape"):
+        load_robot("arm7", contacts="feet")
+
+
+def test_a_robot_that_lies_on_its_belly_has_no_feet():
+    links = (Link("trunk", *BODY), Link("leg", *BODY))
+    joint = Joint("hip", "revolute", "trunk", "leg", (0.5, 0.0, 0.0), lower=-1.0, upper=1.0)
+    shapes = (Shape("trunk", Box((1.0, 1.0, 1.0))), Shape("leg", Sphere(0.1), (1.0, 0.0, 0.0)))
+    with pytest.raises(ValueError, match="no link at an end of the robot comes within 10% of its height"):
+        with_contacts(Model("seal", links, (joint,), "floating", shapes=shapes), "feet")
+
+
+def quadruped(foot):
+    """Four legs of a shank, the foot fixed to it; the knees bend, for they may not be straight."""
+    links, joints, shapes = [Link("trunk", *BODY)], [], [Shape("trunk", Box((0.4, 0.2, 0.1)))]
+    for name, x, y in (("fl", 0.2, 0.1), ("fr", 0.2, -0.1), ("hl", -0.2, 0.1), ("hr", -0.2, -0.1)):
+        parts = [f"{name}_{part}" for part in ("thigh", "shank", "foot")]
+        links += [Link(part, *BODY) for part in parts]
+        swing, bend = (dict(axis=(0.0, 1.0, 0.0), lower=a, upper=b) for a, b in ((0.4, 2.0), (-2.5, -0.8)))
+        joints += [
+            Joint(f"{name}_hip", "revolute", "trunk", parts[0], (x, y, 0.0), **swing),
+            Joint(f"{name}_knee", "revolute", *parts[:2], (0.0, 0.0, -0.2), **bend),
+            Joint(f"{name}_ankle", "fixed", *parts[1:], (0.0, 0.0, -0.2)),
+        ]
+        shapes += [Shape(part, Box((0.03, 0.03, 0.2)), (0.0, 0.0, -0.1)) for part in parts[:2]]
+        shapes += [Shape(parts[2], foot)]
+    return Model("dog", tuple(links), tuple(joints), "floating", shapes=tuple(shapes))
+
+
+@pytest.mark.parametrize("foot", [Sphere(0.02), Hull(tuple(map(tuple, ball(400).tolist())))], ids=["sphere", "hull"])
+def test_a_quadruped_stands_on_its_feet(foot):
+    robot = with_contacts(quadruped(foot), "feet")
+    assert {point.link for point in robot.contacts} == {"fl_foot", "fr_foot", "hl_foot", "hr_foot"}
+    q = nearest_posture(robot)
+    levels = lowest_levels(robot, robot.contacts, forward_kinematics(robot, q))
+    ankle = -0.2 * math.cos(0.4) - 0.2 * math.cos(0.4)  # thigh at 0.4 rad, shank at 0.4 - 0.8 rad
+    assert levels.min() == pytest.approx(ankle - 0.02, abs=2e-4)
+    low = contact_positions(robot, q)[levels < levels.min() + 2e-4, :2]
+    assert polygon_margin(center_of_mass(robot, q)[:2], support_polygon(low)) > 0.05
+
+
+def test_the_lower_half_of_a_foot_keeps_its_lowest_corner():
+    """Thinned in the axes of the world, so that a tilted foot stands where the whole one would."""
+    points = ball(5000)
+    robot = quadruped(Hull(tuple(map(tuple, points.tolist()))))
+    poses = forward_kinematics(robot, nearest_posture(robot))
+    levels = lowest_levels(robot, with_contacts(robot, "feet").contacts, poses)
+    row = [link.name for link in robot.links].index("fl_foot")
+    whole = poses.position[row, 2] + (points @ poses.rotation[row, 2]).min()
+    assert levels.min() == pytest.approx(whole, abs=1e-12)
+    assert len(levels) <= 4 * MOST
+    assert corner_error(robot.shapes[-1]) > 1e-3  # what it would miss by
+
+
+# --- from files ---
+
+TOML = """contacts = {}
+"""
+
+
+def copied(folder, contacts):
+    """The arm of one servo with a TOML of its own."""
+    urdf = folder / "arm.urdf"
+    urdf.write_bytes((robots_folder() / "ax12_arm" / "ax12_arm.urdf").read_bytes())
+    urdf.with_suffix(".toml").write_text(TOML.format(contacts), "utf-8")
+    return urdf
+
+
+@pytest.mark.parametrize(("contacts", "choice"), [('"feet"', "'feet'"), ('["forearm"]', r"\('forearm',\)")])
+def test_a_toml_may_choose_too(tmp_path, contacts, choice):
+    with pytest.raises(RobotFileError, match=rf"arm\.urdf: contacts={choice}: .* no link has a collision shape"):
+        load_robot(copied(tmp_path, contacts))
+
+
+def test_all_joints_can_be_held():
+    robot = load_robot("humanoid", locked="all")
+    assert robot.nq == 7
+    assert robot.locked == nearest_positions(robot.joints)
+
+
+def test_points_typed_into_a_toml_may_have_a_size(tmp_path):
+    link = load_robot("ax12_arm").links[-1].name
+    point = f'[{{link = "{link}", position = [0, 0, 0.1], radius = 0.02}}]'
+    assert load_robot(copied(tmp_path, point)).contacts == (ContactPoint(link, (0.0, 0.0, 0.1), 0.02),)
