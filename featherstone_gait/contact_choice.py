@@ -26,7 +26,7 @@ from .shape import Box, Capsule, Cylinder, Hull, Mesh, Shape, Sphere
 Choice: TypeAlias = str | Sequence[str]  # "all", "feet" or names of links
 
 FOOT = 0.1  # of the robot's height
-LEVEL = 0.01  # of the robot's height, within which of the lowest contact point others carry the robot too
+LEVEL = 1e-3  # of the robot's height, within which of the lowest contact point others carry the robot too
 SOLE = 0.5  # of a foot's shape: the lower part whose corners are kept
 
 
