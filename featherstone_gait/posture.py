@@ -433,7 +433,7 @@ def _rotation(what: str, value: ArrayLike) -> np.ndarray:
     good = R.shape == (3, 3) and np.isfinite(R).all()
     if not good or np.abs(product(R, R.T) - np.eye(3)).max() > ORTHOGONAL or dot(R[0], cross(R[1], R[2])) < 0.0:
         raise ValueError(
-            f"{what}: rotation is {R.tolist()}; give a rotation matrix (3, 3), orthogonal and of determinant 1, or roll, "
-            "pitch and yaw (3,) [rad]"
+            f"{what}: rotation is {R.tolist()}; give a rotation matrix (3, 3), orthogonal and of determinant 1, or "
+            "roll, pitch and yaw (3,) [rad]"
         )
     return R

@@ -293,7 +293,7 @@ def test_bad_input_is_refused_by_name():
         (dict(targets=Target(None)), r"centre of mass has no position; give one"),
         (dict(targets=Target(None, (0, 0, 0), (0, 0, 0))), r"centre of mass has a rotation, which a point has not"),
         (dict(targets=Target("left_foot", (0.0, math.nan, 0.0))), r"position is .*nan.*; give three finite numbers"),
-        (dict(targets=Target("left_foot", rotation=np.ones((3, 3)))), r"orthogonal and of determinant 1, or roll"),
+        (dict(targets=Target("left_foot", rotation=np.ones((3, 3)))), r"orthogonal and of determinant 1, or "),
         (dict(targets=Target("left_foot", rotation=np.diag([1.0, 1.0, -1.0]))), r"of determinant 1"),
         (dict(targets=Target("left_foot", (0, 0, 0), weight=-1.0)), r"weight is -1.0; give one number >= 0, or three"),
         (dict(targets=Target("left_foot", (0, 0, 0), weight=0)), r"'left_foot' has no weight above 0; leave"),
