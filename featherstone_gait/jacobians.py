@@ -116,7 +116,7 @@ def chains_of(model: Model) -> Chains:
         slides=np.array([[joint.type == "prismatic"] for joint in joints], dtype=bool).reshape(-1, 1),
         moves=_moves(model),
         root=link_index(model, model.root) if model.base == "floating" else None,
-        share=mass / total(mass),
+        share=mass / (total(mass) or 1.0),  # frames alone have none
     )
 
 

@@ -6,7 +6,7 @@ damping ``lambda = mu |e|^2`` dies with the error, so that convergence stays sup
 (2011)); mu follows the gain of each step, and a step that gains nothing is taken back (J. Fan, J. Comput. Math. 21
 (2003)).  Joints that are pushed against their limits stand still, the others stop at theirs (D. P. Bertsekas, SIAM J.
 Control Optim. 20 (1982)).  A posture has settled where the error is orthogonal to all columns that may move
-(J. J. More, Lecture Notes in Mathematics 630 (1978)).
+(J. J. More, Lecture Notes in Mathematics 630 (1978)).  A posture has the same bits on any processor.
 """
 
 from __future__ import annotations
@@ -381,7 +381,11 @@ def _range(model: Model, leader: int, couplings: list[_Coupling]) -> tuple[float
 
 
 def _listed(targets: Target | Sequence[Target]) -> Sequence[Target]:
-    return [targets] if isinstance(targets, Target) else targets
+    listed = [targets] if isinstance(targets, Target) else targets
+    for target in listed:
+        if not isinstance(target, Target):
+            raise ValueError(f"targets holds {target!r}; give Target(link, position) or a list of them")
+    return listed
 
 
 def _goal(model: Model, target: Target) -> _Goal:
@@ -429,7 +433,7 @@ def _rotation(what: str, value: ArrayLike) -> np.ndarray:
     good = R.shape == (3, 3) and np.isfinite(R).all()
     if not good or np.abs(product(R, R.T) - np.eye(3)).max() > ORTHOGONAL or dot(R[0], cross(R[1], R[2])) < 0.0:
         raise ValueError(
-            f"{what}: rotation is {value!r}; give a rotation matrix (3, 3), orthogonal and of determinant 1, or roll, "
-            "pitch and yaw (3,) [rad]"
+            f"{what}: rotation is {R.tolist()}; give a rotation matrix (3, 3), orthogonal and of determinant 1, or "
+            "roll, pitch and yaw (3,) [rad]"
         )
     return R

@@ -49,6 +49,11 @@ class Trajectory(Mapping[str, np.ndarray]):
     def __len__(self) -> int:
         return len(self.channels)
 
+    def __repr__(self) -> str:
+        named = ", ".join(f"{name} {values.shape[1:]}" for name, values in self.items() if name != "time")
+        samples = max((len(values) for values in self.values()), default=0)
+        return f"<trajectory: {self.status} to {self.end_time:g} s, {samples} samples of {named or 'nothing'}>"
+
     @property
     def ok(self) -> bool:
         return self.status == "ok"

@@ -1,4 +1,4 @@
-"""A planned walk has the same bits on any processor, as the kernels have that read it."""
+"""Planned walks and postures that are looked for have the same bits on any processor, as the kernels that read them."""
 
 import hashlib
 import os
@@ -11,6 +11,7 @@ import pytest
 from processors import PROCESSORS
 
 from featherstone_gait.optimize import walking_cost
+from featherstone_gait.posture import Target, inverse_kinematics
 from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.walking import BIOLOID_WALK, walking_plan
@@ -28,6 +29,7 @@ def planned():
     cost = walking_cost(load_robot("humanoid", locked="simplified"))
     plan = walking_plan(cost.scene.model, **BIOLOID_WALK)
     sent = cost.reference(cost.gait.to_vector(), 2)
+    arm = load_robot("arm7_spatial")
     stride = np.vstack([cost.gait.poses, cost.gait.poses[:1]])
     return {
         "root": plan.base_position,
@@ -37,6 +39,7 @@ def planned():
         "start": cost.start,
         "lines": sent.knots().cubics,
         "spline": Reference(sent.times, sent.values, "cubic").knots().cubics,
+        "posture": inverse_kinematics(arm, Target("link7", (0.1, 0.1, 0.2), (1.0, 2.0, 3.0)), restarts=5).q,
         "periodic spline": Reference(0.16 * np.arange(5), stride, "cubic", cyclic=True).knots().cubics,
     }
 

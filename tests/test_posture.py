@@ -169,46 +169,55 @@ def test_a_half_turn_is_found(angle):
     assert np.cos(found.q[0] - angle) == pytest.approx(1.0, abs=1e-15)
 
 
-def coupled_arm(multiplier, offset, **limits):
-    """A chain of five joints whose last follows the fourth, which follows the second."""
+def coupled_arm(multiplier, offset, leader="joint2", **limits):
+    """A chain of five joints: the fourth follows the second, the fifth the leader with -0.5 times its angle + 0.1."""
     model = random_tree(5, 6, branching=1.0, prismatic=0.0)
     joints = list(model.joints)
     joints[3] = replace(joints[3], mimic=Mimic("joint2", multiplier, offset))
-    joints[4] = replace(joints[4], type="revolute", mimic=Mimic("joint4", -0.5, 0.1), **limits)
+    joints[4] = replace(joints[4], type="revolute", mimic=Mimic(leader, -0.5, 0.1), **limits)
     return replace(model, joints=tuple(joints))
 
 
-def test_coupled_joints_follow_exactly():
-    model, rng = coupled_arm(1.5, 0.2), np.random.default_rng(1)
+def follow(model, q, leader=1):
+    """Positions of such an arm with its followers where they belong."""
+    q = np.array(q)
+    q[3] = model.joints[3].mimic.multiplier * q[1] + model.joints[3].mimic.offset
+    q[4] = -0.5 * q[leader] + 0.1
+    return q
+
+
+@pytest.mark.parametrize(("leader", "column"), [("joint2", 1), ("joint4", 3)], ids=["one leader", "a chain"])
+def test_coupled_joints_follow_exactly(leader, column):
+    model, rng = coupled_arm(1.5, 0.2, leader), np.random.default_rng(1)
     for _ in range(5):
-        q = rng.uniform(-1.0, 1.0, 5)
-        q[3] = 1.5 * q[1] + 0.2
-        q[4] = -0.5 * q[3] + 0.1
+        q = follow(model, rng.uniform(-1.0, 1.0, 5), column)
         position, _ = pose(model, q, "body5")
         found = inverse_kinematics(model, Target("body5", position), q + rng.uniform(-0.2, 0.2, 5))
         assert found.status == "ok"
         assert found.q[3] == 1.5 * found.q[1] + 0.2
-        assert found.q[4] == pytest.approx(-0.5 * found.q[3] + 0.1, abs=1e-15)
+        assert found.q[4] == pytest.approx(-0.5 * found.q[column] + 0.1, abs=1e-15)
 
 
 def test_the_limits_of_a_follower_bind_its_leader():
     free, bound = coupled_arm(1.0, 0.0), coupled_arm(1.0, 0.0, lower=0.05, upper=0.3)
-    position, _ = pose(free, [0.2, 0.6, -0.3, 0.6, -0.2], "body5")
-    found = inverse_kinematics(bound, Target("body5", position), [0.2, 0.0, -0.3, 0.0, 0.1])
+    position, _ = pose(free, follow(free, [0.2, 0.6, -0.3, 0.0, 0.0]), "body5")
+    found = inverse_kinematics(bound, Target("body5", position), follow(bound, [0.2, 0.0, -0.3, 0.0, 0.0]))
     assert found.status == "limits"
     assert 0.05 - 1e-15 <= found.q[4] <= 0.3 + 1e-15
-    with pytest.raises(ValueError, match="'joint2' has no position at which all that follow it are within their"):
-        inverse_kinematics(
-            replace(bound, joints=(*bound.joints[:3], replace(bound.joints[3], type="revolute", lower=2.0, upper=3.0),
-                                   bound.joints[4])),
-            Target("body5", position),
-        )  # fmt: skip
+    apart = list(bound.joints)
+    apart[3] = replace(apart[3], type="revolute", lower=2.0, upper=3.0)
+    with pytest.raises(ValueError, match="'joint2' has no position at which all that follow it are within"):
+        inverse_kinematics(replace(bound, joints=tuple(apart)), Target("body5", position))
 
 
 def test_what_follows_a_locked_joint_stands_still():
-    model = replace(coupled_arm(2.0, 0.1), locked={"joint2": 0.3})
+    free = coupled_arm(2.0, 0.1)
+    model = replace(free, locked={"joint2": 0.3})
     found = inverse_kinematics(model, Target("body5", (0.1, 0.1, 0.1)))
-    assert found.q[model.joint_names.index("joint4")] == 2.0 * 0.3 + 0.1
+    first, third = (found.q[model.joint_names.index(name)] for name in ("joint1", "joint3"))
+    expected = pose(free, follow(free, [first, 0.3, third, 0.0, 0.0]), "body5")
+    assert pose(model, found.q, "body5")[0] == pytest.approx(expected[0], abs=1e-14)
+    assert pose(model, found.q, "body5")[1] == pytest.approx(expected[1], abs=1e-14)
 
 
 def test_restarts_repeat_to_the_bit():
@@ -278,12 +287,13 @@ def test_bad_input_is_refused_by_name():
     there = Target("left_foot", (0.0, 0.0, 0.0))
     for arguments, says in (
         (dict(targets=[]), r"there is no target; give at least one"),
+        (dict(targets=["left_foot"]), r"targets holds 'left_foot'; give Target\(link, position\) or a list of them"),
         (dict(targets=Target("tail", (0.0, 0.0, 0.0))), r"no link 'tail'; its links are"),
         (dict(targets=Target("left_foot")), r"link 'left_foot' has no position and no rotation; give one"),
         (dict(targets=Target(None)), r"centre of mass has no position; give one"),
         (dict(targets=Target(None, (0, 0, 0), (0, 0, 0))), r"centre of mass has a rotation, which a point has not"),
         (dict(targets=Target("left_foot", (0.0, math.nan, 0.0))), r"position is .*nan.*; give three finite numbers"),
-        (dict(targets=Target("left_foot", rotation=np.ones((3, 3)))), r"orthogonal and of determinant 1, or roll"),
+        (dict(targets=Target("left_foot", rotation=np.ones((3, 3)))), r"orthogonal and of determinant 1, or "),
         (dict(targets=Target("left_foot", rotation=np.diag([1.0, 1.0, -1.0]))), r"of determinant 1"),
         (dict(targets=Target("left_foot", (0, 0, 0), weight=-1.0)), r"weight is -1.0; give one number >= 0, or three"),
         (dict(targets=Target("left_foot", (0, 0, 0), weight=0)), r"'left_foot' has no weight above 0; leave"),

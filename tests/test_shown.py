@@ -46,6 +46,12 @@ def test_a_scene_prints_as_one_line():
     assert "no servos, no ground" in repr(compile_scene(load_robot("arm7")))
 
 
+def test_a_trajectory_prints_as_one_line():
+    values = {"time": np.arange(3.0), "q": np.zeros((3, 2)), "contact_force": np.zeros((3, 8, 3))}
+    run = Trajectory(values, "fell", "", 1.25, np.zeros(0))
+    assert repr(run) == "<trajectory: fell to 1.25 s, 3 samples of q (2,), contact_force (8, 3)>"
+
+
 def test_help_of_simulate_lists_every_channel_with_its_unit():
     lines = [line.strip() for line in channel_table().splitlines()]
     told = [line.strip() for line in simulate.__doc__.splitlines()]

@@ -8,7 +8,7 @@ can touch the ground and named sets of locked joints and postures::
 
     [servos]                             # for every revolute and continuous joint
     default = "ax12"                     # ax12.toml beside this file, else robots/servos/ax12.toml
-    gearbox = "physical"                 # one of that file's presets
+    gearbox = "physical"                 # one of that file's presets; without [gearboxes] it states its one gearbox
     voltage_limit = 9.6                  # any field of Servo, Controller or Gearbox overrides
     [servos.joints.neck]                 # for one joint: type, gearbox and any field
     current_limit = 0.1
