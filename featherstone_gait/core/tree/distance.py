@@ -231,8 +231,9 @@ def _direction(E, directions, first, count, k):
 
 
 @kernel
-def core_depth(a, b, Ea, Eb, c, shapes):
-    """How far two overlapping cores must move to part [m]; of discs at least that."""
+def core_depth(a, b, Ea, Eb, c, shapes, enough):
+    """How far two overlapping cores must move to part [m]; of discs at least that, and where it is not above `enough`
+    any depth that is not."""
     corners, normals, edges = shapes.corners, shapes.normals, shapes.edges
     p, q = _column(Ea, 2), _column(Eb, 2)
     least = _overlap(a, b, Ea, Eb, c, corners, c)
@@ -245,6 +246,8 @@ def core_depth(a, b, Ea, Eb, c, shapes):
         u = _direction(Eb, normals, b.first_normal, b.normals, k)
         least = min(least, _overlap(a, b, Ea, Eb, c, corners, u))
     for i in range(a.edges if a.edges > 0 else 3):
+        if least <= enough:
+            break
         u = _direction(Ea, edges, a.first_edge, a.edges, i)
         for j in range(b.edges if b.edges > 0 else 3):
             v = _direction(Eb, edges, b.first_edge, b.edges, j)
@@ -270,13 +273,16 @@ def _matrix(E):
 
 
 @kernel
-def _distance(shapes, room, i, j):
-    """Signed distance of shapes i and j where they have been placed [m], negative where they overlap."""
+def _distance(shapes, room, i, j, most):
+    """Signed distance of shapes i and j where they have been placed [m], negative where they overlap.
+
+    One that is not below `most` may be any other that is not.
+    """
     a, b, Ea, Eb = shapes.table[i], shapes.table[j], _matrix(room.E[i]), _matrix(room.E[j])
     c = sub(vector(room.r[j]), vector(room.r[i]))
     distance = core_distance(a, b, Ea, Eb, c, shapes.corners, room.simplex)
     if not distance > 0.0:
-        distance = -core_depth(a, b, Ea, Eb, c, shapes)
+        distance = -core_depth(a, b, Ea, Eb, c, shapes, -most - a.radius - b.radius)
     return distance - a.radius - b.radius
 
 
@@ -295,7 +301,7 @@ def pair_distances(shapes, room, pairs, rotation, position, out):
     """
     _place(shapes, room, rotation, position)
     for k in range(len(pairs)):
-        out[k] = _distance(shapes, room, pairs[k, 0], pairs[k, 1])
+        out[k] = _distance(shapes, room, pairs[k, 0], pairs[k, 1], inf)
 
 
 @entry
@@ -310,7 +316,7 @@ def least_distances(shapes, room, pairs, rotation, position, out, closest):
         for k in range(len(pairs)):
             i, j = pairs[k, 0], pairs[k, 1]
             if _least(shapes, room, i, j) < out[n]:
-                d = _distance(shapes, room, i, j)
+                d = _distance(shapes, room, i, j, out[n])
                 if d < out[n]:
                     out[n] = d
                     closest[n] = k
