@@ -57,7 +57,10 @@ class FlawError(ValueError):
 
     def __init__(self, flaws: Iterable[Flaw]) -> None:
         self.flaws = tuple(flaws)
-        super().__init__("; ".join(flaw.text for flaw in self.flaws))
+        super().__init__(self.flaws)  # so that pickle makes it again
+
+    def __str__(self) -> str:
+        return "; ".join(flaw.text for flaw in self.flaws)
 
 
 def _refuse(element: str, texts: Iterable[str]) -> None:

@@ -81,7 +81,7 @@ def _row(path: Path, args: Namespace) -> Row:
     except RobotFileError as error:
         return row._replace(cause=_cause(error.problems[0]) or error.problems[0])
     row = row._replace(loads="yes", notes=len(model.notes), joints=len(model.joint_names), mass=model.mass)
-    return row if args.no_simulate else _simulated(row, model)
+    return row if args.no_simulate or model.nv == 0 else _simulated(row, model)
 
 
 def _simulated(row: Row, model: Model) -> Row:
@@ -121,13 +121,15 @@ def _kind(cause: str) -> str:
 
 def _table(rows: list[Row]) -> list[str]:
     head = ("file", "loads", "notes", "joints", "mass [kg]", "status", "error", "cause")
-    cells = [
-        (*row[:4], f"{row.mass:.5g}", row.status, f"{row.error:.1e}" if row.error != "" else "", row.cause[:WIDTH])
-        if row.loads == "yes"
-        else (row.file, row.loads, *[""] * 5, row.cause[:WIDTH])
-        for row in rows
-    ]
-    return table(head, cells)
+    return table(head, [_cells(row) for row in rows])
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    if row.loads == "no":
+        return (row.file, row.loads, *[""] * 5, row.cause[:WIDTH])
+    error = "" if row.error == "" else f"{row.error:.1e}"
+    mass = f"{row.mass:.5g}"
+    return (row.file, row.loads, str(row.notes), str(row.joints), mass, row.status, error, row.cause[:WIDTH])
 
 
 def _summary(rows: list[Row]) -> list[str]:
