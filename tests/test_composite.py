@@ -9,8 +9,10 @@ import pytest
 from random_tree import random_tree
 
 from featherstone_gait.composite import TOLERANCE, idle, loosest, mass_matrix
+from featherstone_gait.definite import rows_of
 from featherstone_gait.dynamics import mass_matrix as compiled_mass_matrix
-from featherstone_gait.model import FlawError, Joint, Link, Model, _rows, rigid_bodies
+from featherstone_gait.flaws import FlawError
+from featherstone_gait.model import Joint, Link, Model, rigid_bodies
 
 
 @pytest.mark.nojit
@@ -22,7 +24,7 @@ def test_it_is_the_compiled_one(seed):
     q = np.random.default_rng(seed).uniform(-1, 1, 8)
     names = [body.frame.joint.name for body in rigid_bodies(model)[0][1:]]
     order = [*range(6), *(6 + model.joint_names.index(name) for name in names)]
-    H, size = mass_matrix(_rows(rigid_bodies(model)[0]), np.r_[0.0, q[[k - 6 for k in order[6:]]]])
+    H, size = mass_matrix(rows_of(rigid_bodies(model)[0]), np.r_[0.0, q[[k - 6 for k in order[6:]]]])
     x = np.r_[0.3, -0.2, 0.5, 1.0, 0.0, 0.0, 0.0, q]  # a base that is not turned: world axes are body axes
     theirs = compiled_mass_matrix(model, x, armature=np.full(8, armature))[np.ix_(order, order)]
     assert np.abs(H - theirs).max() <= 1e-13 * np.abs(theirs).max()
