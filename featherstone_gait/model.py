@@ -21,9 +21,10 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from .composite import TOLERANCE, Bodies, carried_mass, idle, loosest, mass_matrix
 from .core.compile.elementary import SINCOS_LIMIT
+from .definite import indefinite_flaws
 from .fixed_order import applied, product
+from .flaws import Flaw, FlawError, listed
 from .rotation import dot, rotation_about, rotation_from_rpy, rotation_z_to
 from .shape import Shape
 
@@ -34,8 +35,6 @@ TORQUE_LAWS = ("pd", "pd_clamped")
 
 AXIS_TOLERANCE = 1e-9  # how far from 1 the length of a joint axis may be
 DEFINITE_TOLERANCE = 1e-9  # smallest principal moment of inertia, relative to the largest
-MAX_JOINTS = 1000  # that move, of a robot with a body that alone has no inertia
-POSTURES = 4  # at which the mass matrix of such a robot is looked at
 
 _RULES: dict[str, Callable[[float], bool]] = {
     "> 0": lambda x: 0 < x < math.inf,
@@ -44,21 +43,6 @@ _RULES: dict[str, Callable[[float], bool]] = {
     ">= 0 or inf": lambda x: x >= 0,
     "finite": math.isfinite,
 }
-
-
-class Flaw(NamedTuple):
-    """What is wrong with an element of a robot."""
-
-    element: str  # such as "link 'thigh'"
-    text: str  # names the element, the value, what is allowed and a remedy
-
-
-class FlawError(ValueError):
-    """A robot that cannot be; `flaws` lists all that is wrong with it."""
-
-    def __init__(self, flaws: Iterable[Flaw]) -> None:
-        self.flaws = tuple(flaws)
-        super().__init__("; ".join(flaw.text for flaw in self.flaws))
 
 
 def _refuse(element: str, texts: Iterable[str]) -> None:
@@ -461,7 +445,7 @@ def _root_flaws(names: list[str], parent_joint: dict[str, Joint]) -> Iterator[Fl
     if len(roots) > 1:
         yield Flaw(
             f"link {roots[1]!r}",
-            f"links {_listed(roots)} have no parent joint; exactly one link may be the root: "
+            f"links {listed(roots)} have no parent joint; exactly one link may be the root: "
             "connect the others to it, for instance by a fixed joint",
         )
     rooted = set(roots)
@@ -472,7 +456,7 @@ def _root_flaws(names: list[str], parent_joint: dict[str, Joint]) -> Iterator[Fl
             name = parent_joint[name].parent
         if name in path:
             cycle = list(path)[list(path).index(name) :]  # the part of the path that comes back on itself
-            text = f"links {_listed(cycle)} form a cycle of joints; a robot is a tree: remove one joint"
+            text = f"links {listed(cycle)} form a cycle of joints; a robot is a tree: remove one joint"
             yield Flaw(f"link {cycle[0]!r}", text)
         rooted.update(path)
 
@@ -553,7 +537,7 @@ def check_contacts(links: Iterable[Link], contacts: Iterable[ContactPoint]) -> N
     names = {link.name: link for link in links}
     for contact in contacts:
         if contact.link not in names:
-            raise ValueError(f"contacts: there is no link {contact.link!r}; use one of {_listed(names)}")
+            raise ValueError(f"contacts: there is no link {contact.link!r}; use one of {listed(names)}")
 
 
 def check_springs(links: Iterable[Link], springs: Iterable[Spring]) -> None:
@@ -562,7 +546,7 @@ def check_springs(links: Iterable[Link], springs: Iterable[Spring]) -> None:
     for spring in springs:
         for end in (spring.a, spring.b):
             if end not in names:
-                raise ValueError(f"springs: there is no link {end!r}; use one of {_listed(names)}")
+                raise ValueError(f"springs: there is no link {end!r}; use one of {listed(names)}")
 
 
 def check_angles(what: str, name: str, angles: Iterable[float]) -> None:
@@ -581,7 +565,7 @@ def _movable(by_name: dict[str, Joint], name: str, where: str) -> Joint:
     """The joint of that name; ValueError if there is none or it is fixed."""
     if name not in by_name:
         moving = [joint.name for joint in by_name.values() if joint.type != "fixed"]
-        raise ValueError(f"{where}: there is no joint {name!r}; moving joints are {_listed(moving)}: use one of them")
+        raise ValueError(f"{where}: there is no joint {name!r}; moving joints are {listed(moving)}: use one of them")
     if by_name[name].type == "fixed":
         raise ValueError(f"{where}: joint {name!r} is of type 'fixed'; remove it here, or change its type in the URDF")
     return by_name[name]
@@ -596,7 +580,7 @@ def _check_bodies(model: Model) -> None:
     bodies = rigid_bodies(model)[0]
     if all(_resists(body) for body in bodies if body.frame.joint or model.base == "floating"):
         return
-    flaws = [*_massless_flaws(model, bodies)] or _idle_flaws(model, bodies)
+    flaws = indefinite_flaws(model, bodies)
     if flaws:
         raise FlawError(flaws)
 
@@ -607,100 +591,6 @@ def _resists(body: RigidBody) -> bool:
         return False
     moments = np.linalg.eigvalsh(body.inertia)
     return bool(moments[0] > DEFINITE_TOLERANCE * moments[2])
-
-
-def _massless_flaws(model: Model, bodies: list[RigidBody]) -> Iterator[Flaw]:
-    """Bodies that move although neither they nor anything that they carry has a mass."""
-    for body, carried in zip(bodies, carried_mass(_rows(bodies))):
-        joint = body.frame.joint
-        moves = joint.armature == 0 if joint else model.base == "floating"
-        if moves and not carried > 0:
-            text = f"{_named(body)} moves but has mass {body.mass!r} kg, with all that it carries {float(carried)!r} kg"
-            yield Flaw(f"link {body.links[0]!r}", f"{text}; expected > 0: add <inertial>, or fix its joint")
-
-
-def _named(body: RigidBody) -> str:
-    leader, *attached = body.links
-    return f"link {leader!r}" + (f" with {_listed(attached)} rigidly attached" if attached else "")
-
-
-def _idle_flaws(model: Model, bodies: list[RigidBody]) -> list[Flaw]:
-    """What moves without inertia, in the first posture in which something does."""
-    if len(bodies) > MAX_JOINTS:
-        text = f"robot {model.name!r} has {len(bodies) - 1} moving joints and bodies without inertia of their own"
-        return [Flaw("robot", f"{text}; at most {MAX_JOINTS} are looked at: give each body its mass and inertia")]
-    rows, free = _rows(bodies), _free_motions(model, bodies)
-    for q in _postures(model, bodies):
-        H, size = mass_matrix(rows, q)
-        H, size = free.T @ H @ free, (free * free).T @ size
-        flaws = [_idle_flaw(bodies, free[:, k], H[k, k]) for k in idle(H, size)]
-        if not flaws and len(H):
-            least, share = loosest(H)
-            flaws = [] if least > TOLERANCE else [_loose_flaw(bodies, free @ share, least)]
-        if flaws:
-            return flaws
-    return []
-
-
-def _rows(bodies: list[RigidBody]) -> Bodies:
-    joints = [body.frame.joint for body in bodies]
-    return Bodies(
-        [body.frame.parent for body in bodies],
-        np.array([body.frame.E for body in bodies]),
-        np.array([body.frame.r for body in bodies]),
-        [joint is not None and joint.type == "prismatic" for joint in joints],
-        np.array([joint.armature if joint else 0.0 for joint in joints]),
-        np.array([body.mass for body in bodies]),
-        np.array([body.center for body in bodies]),
-        np.array([body.inertia for body in bodies]),
-    )
-
-
-def _free_motions(model: Model, bodies: list[RigidBody]) -> np.ndarray:
-    """Columns: what a unit speed of each coordinate is in those of `composite.mass_matrix`.
-
-    Joints that follow others have their own: the articulated-body algorithm couples what it has solved.
-    """
-    return np.eye(len(bodies) + 5)[:, 0 if model.base == "floating" else 6 :]
-
-
-def _postures(model: Model, bodies: list[RigidBody]) -> Iterator[np.ndarray]:
-    """The posture nearest to zero and some others within the joints' limits; of each revolute joint half a turn."""
-    joints = [body.frame.joint for body in bodies if body.frame.joint]
-    zero = np.array([0.0, *(min(max(0.0, joint.lower), joint.upper) for joint in joints)])
-    lower = np.maximum([0.0, *(joint.lower for joint in joints)], zero - 0.5 * math.pi)
-    upper = np.minimum([0.0, *(joint.upper for joint in joints)], zero + 0.5 * math.pi)
-    rows = {joint.name: k for k, joint in enumerate(joints, 1)}
-    rng = np.random.default_rng(0)
-    for k in range(POSTURES):
-        q = zero if k == 0 else lower + rng.random(len(zero)) * (upper - lower)
-        for follower, leader, multiplier, offset in model.couplings:
-            q[rows[follower]] = multiplier * q[rows[leader]] + offset
-        yield q
-
-
-def _idle_flaw(bodies: list[RigidBody], motion: np.ndarray, inertia: float) -> Flaw:
-    """Of a coordinate that moves no inertia."""
-    body = bodies[max(0, int(np.abs(motion).argmax()) - 5)]
-    how = f"about joint {body.frame.joint.name!r}" if body.frame.joint else "as the floating base"
-    text = (
-        f"{_named(body)} moves {how} but its inertia there is {float(inertia)!r}, with all that it carries; "
-        "expected > 0: a point mass or an ideal rod on the axis needs its real, small inertia"
-    )
-    return Flaw(f"link {body.links[0]!r}", text)
-
-
-def _loose_flaw(bodies: list[RigidBody], share: np.ndarray, least: float) -> Flaw:
-    """Of coordinates that together move no inertia."""
-    rows = sorted({max(0, int(k) - 5) for k in np.flatnonzero(share > 0.1 * share.max())})
-    moving = [bodies[k] for k in rows]
-    names = [f"joint {b.frame.joint.name!r}" if b.frame.joint else f"floating base {b.links[0]!r}" for b in moving]
-    text = (
-        f"link {moving[0].links[0]!r}: {', '.join(names[:10])} can move together without inertia: the least eigenvalue "
-        f"of the mass matrix, scaled to a unit diagonal, is {least:.3g}; expected > 0: correct the masses and inertias "
-        "there, or fix a joint"
-    )
-    return Flaw(f"link {moving[0].links[0]!r}", text)
 
 
 class Placement(NamedTuple):
@@ -815,7 +705,7 @@ def _name_flaws(kind: str, name: str) -> Iterator[str]:
 
 def _choice_flaws(what: str, name: str, value: str, choices: tuple[str, ...]) -> Iterator[str]:
     if value not in choices:
-        yield f"{what}: {name} is {value!r}; expected one of {_listed(choices)}: use one of these"
+        yield f"{what}: {name} is {value!r}; expected one of {listed(choices)}: use one of these"
 
 
 def _number_flaws(what: str, record: Any) -> Iterator[str]:
@@ -866,9 +756,3 @@ def _twice(kind: str, names: list[str]) -> Iterator[Flaw]:
         if count > 1:
             text = f"{kind} name {name!r} is used more than once; give every {kind} its own name"
             yield Flaw(f"{kind} {name!r}", text)
-
-
-def _listed(items: Iterable[object]) -> str:
-    """The items for a message, cut short after ten."""
-    shown = [repr(item) for item in items]
-    return ", ".join(shown[:10]) + (f" and {len(shown) - 10} more" if len(shown) > 10 else "")

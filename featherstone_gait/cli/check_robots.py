@@ -81,7 +81,7 @@ def _row(path: Path, args: Namespace) -> Row:
     except RobotFileError as error:
         return row._replace(cause=_cause(error.problems[0]) or error.problems[0])
     row = row._replace(loads="yes", notes=len(model.notes), joints=len(model.joint_names), mass=model.mass)
-    return row if args.no_simulate else _simulated(row, model)
+    return row if args.no_simulate or model.nv == 0 else _simulated(row, model)
 
 
 def _simulated(row: Row, model: Model) -> Row:
@@ -125,10 +125,11 @@ def _table(rows: list[Row]) -> list[str]:
 
 
 def _cells(row: Row) -> tuple[str, ...]:
-    if row.loads != "yes":
+    if row.loads == "no":
         return (row.file, row.loads, *[""] * 5, row.cause[:WIDTH])
-    error = f"{row.error:.1e}" if row.error != "" else ""
-    return (*map(str, row[:4]), f"{row.mass:.5g}", row.status, error, row.cause[:WIDTH])
+    error = "" if row.error == "" else f"{row.error:.1e}"
+    mass = f"{row.mass:.5g}"
+    return (row.file, row.loads, str(row.notes), str(row.joints), mass, row.status, error, row.cause[:WIDTH])
 
 
 def _summary(rows: list[Row]) -> list[str]:

@@ -120,7 +120,6 @@ def _tidy_children(element: Element, what: str, report: Report) -> None:
     many = legal if element.tag == "robot" else _READ_ELSEWHERE
     seen: Counter[str] = Counter()
     for child in list(element):
-        seen[child.tag] += 1
         if child.tag in skipped:
             report.remark(f"skipped <{child.tag}>: {skipped[child.tag]}")
         elif child.tag not in legal:
@@ -128,10 +127,12 @@ def _tidy_children(element: Element, what: str, report: Report) -> None:
             expected = f"expected {', '.join(f'<{tag}>' for tag in legal) or 'none'}"
             meaning = _meaning(element.tag, child.tag, missing)
             _pass_over(child, what, f"unknown element <{child.tag}>", expected, meaning, report)
-        elif child.tag in many or (seen[child.tag] == 1 and not _is_absent(child, what, report)):
-            continue
-        elif seen[child.tag] == 2:
-            _note_repetition(element, child, tags.count(child.tag), what, report)
+        elif not _is_absent(child, what, report):
+            seen[child.tag] += 1
+            if seen[child.tag] == 1 or child.tag in many:
+                continue
+            if seen[child.tag] == 2:
+                _note_repetition(element, child, tags.count(child.tag), what, report)
         element.remove(child)
     for tag in grammar.needs.split():
         if tag not in tags:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
-from ..model import FlawError
+from ..flaws import FlawError
 from .errors import RobotFileWarning, refusal
 
 SHOWN_IN_WARNING = 5
