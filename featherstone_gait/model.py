@@ -17,6 +17,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -358,13 +359,13 @@ class Model:
         """Name of the link that is no joint's child."""
         return ({link.name for link in self.links} - {joint.child for joint in self.joints}).pop()
 
-    @property
+    @cached_property
     def moving_joints(self) -> tuple[Joint, ...]:
         """The joints that have a coordinate, in file order; those that follow another one too."""
         held = self.held
         return tuple(j for j in self.joints if j.type != "fixed" and j.name not in held)
 
-    @property
+    @cached_property
     def held(self) -> dict[str, float]:
         """Joints that could move but do not, and where they are held [rad or m]: the locked ones and what follows
         a joint that is locked or fixed, or follows with the multiplier 0."""
@@ -376,7 +377,7 @@ class Model:
                     held[joint.name] = k * self.locked.get(head.name, 0.0) + offset
         return held
 
-    @property
+    @cached_property
     def joint_names(self) -> tuple[str, ...]:
         return tuple(j.name for j in self.moving_joints)
 
@@ -390,7 +391,7 @@ class Model:
         """Number of velocity coordinates."""
         return len(self.moving_joints) + (6 if self.base == "floating" else 0)
 
-    @property
+    @cached_property
     def couplings(self) -> tuple[tuple[str, str, float, float], ...]:
         """Joints that follow others: (follower, leader, multiplier, offset [rad or m]), in file order."""
         followers = [joint for joint in self.moving_joints if joint.mimic]
@@ -504,12 +505,12 @@ def check_mimics(joints: Iterable[Joint]) -> None:
             if leader not in leaders:
                 raise ValueError(
                     f"joint {path[-1]!r}: it follows {leader!r}, and there is no such joint; joints are "
-                    f"{_listed(leaders)}: correct the name in its mimic"
+                    f"{listed(leaders)}: correct the name in its mimic"
                 )
             if leader in path:
                 circle = path[path.index(leader) :]
                 raise ValueError(
-                    f"joints {_listed(circle)} follow each other in a circle; one must be free: remove its mimic"
+                    f"joints {listed(circle)} follow each other in a circle; one must be free: remove its mimic"
                 )
             path.append(leader)
             leader = leaders[leader]
