@@ -34,7 +34,13 @@ class Linear(NamedTuple):
 
 
 def linearised(model: Model, servo: Servo, kind: str) -> Linear:
-    """A robot on a fixed base whose joints all have the servo; kind "standard", "rotor" or "mipsd"."""
+    """A robot on a fixed base whose joints all have the servo; kind "standard", "rotor" or "mipsd".
+
+    Raises ValueError for a robot with joints that follow others: they have no motion of their own.
+    """
+    if model.couplings:
+        followers = ", ".join(coupling[0] for coupling in model.couplings)
+        raise ValueError(f"{model.name}: joints {followers} follow others; load it with mimic='free' or 'locked'")
     n, g = model.nv, servo.gearbox
     M, G, one = mass_matrix(model, np.zeros(n)), _gravity_stiffness(model), np.eye(n)
     torque = g.ratio * servo.motor_constant / servo.resistance  # [N m/V]
