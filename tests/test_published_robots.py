@@ -1,5 +1,5 @@
-"""URDFs that others publish load, and move as Pinocchio says: the robots of the packages `example-robot-data` and
-`pybullet_data`, as far as they are installed.
+"""URDFs that others publish load, and move as Pinocchio says: the robots of the packages `example-robot-data`,
+`pybullet_data` and `mani_skill`, as far as they are installed.
 """
 
 import importlib.util
@@ -29,14 +29,29 @@ REFUSED = {  # what has no meaning, and the reason
     "romeo_laas_small.urdf": "moves but has mass 0.0 kg",
     "spherical_joint_limit.urdf": "type 'spherical' is not simulated",
 }
-MASSLESS_ROOT = ("cartpole.urdf", "cube_rotate.urdf", "pendulum5.urdf")  # which only a joint holds
-NOT_READ_BY_PINOCCHIO = ("bike.urdf",)  # numbers separated by commas
+MASSLESS_ROOT = (  # which one joint holds
+    "ability_hand_left_floating.urdf",
+    "ability_hand_right_floating.urdf",
+    "cartpole.urdf",
+    "cube_rotate.urdf",
+    "fetch.urdf",
+    "inspire_hand_left_floating.urdf",
+    "inspire_hand_right_floating.urdf",
+    "panda_v2_gripper.urdf",
+    "pendulum5.urdf",
+)
+NOT_READ_BY_PINOCCHIO = (
+    "bike.urdf",  # numbers separated by commas
+    "follower_arm_v1.1.urdf",  # <limit> without effort
+    "mobile_panda_dual_arm.urdf",  # the same
+    "mobile_panda_single_arm.urdf",  # the same
+)
 
 
 def folders():
     """Where the packages have their robots."""
-    spec = importlib.util.find_spec("pybullet_data")
-    packages = [Path(spec.origin).parent] if spec and spec.origin else []
+    specs = [spec for spec in map(importlib.util.find_spec, ("pybullet_data", "mani_skill")) if spec]
+    packages = [Path(folder) for spec in specs for folder in spec.submodule_search_locations or ()]
     prefix = Path(pinocchio.__file__).parents[4] / "share" / "example-robot-data" / "robots"
     return packages + ([prefix] if prefix.is_dir() else [])
 

@@ -767,6 +767,16 @@ def test_a_message_shows_the_first_fifty_problems_and_the_error_has_all(tmp_path
     assert str(caught.value).count("\n") == 51
 
 
+def test_strict_reports_the_masses_with_all_the_rest(tmp_path):
+    text = swap(URDF, FOOT_BODY, "<contact/>", '<parent link="thigh"/>', '<joint_properties/><parent link="thigh"/>')
+    with pytest.raises(RobotFileError) as caught:
+        load_robot(write(tmp_path, text), strict=True)
+    parts = ["line 12: link 'foot': unknown element <contact>", "line 11: link 'foot' moves but has mass 0.0 kg"]
+    parts.append("line 22: joint 'ankle': unknown element <joint_properties>")
+    assert len(caught.value.problems) == len(parts)
+    assert all(part in str(caught.value) for part in parts)
+
+
 def test_what_stands_in_many_places_is_one_note(tmp_path):
     text = URDF.replace('<parent link="', '<joint_properties/><parent link="').replace("<mass ", '<mass unit="kg" ')
     with pytest.warns(RobotFileWarning) as warned:

@@ -34,7 +34,8 @@ class Report:
         self.lines = lines
         self.strict = strict
         self.places: dict[str, int] = {}  # label, such as "link 'thigh'" -> line
-        self.problems: list[Found] = []
+        self.problems: list[Found] = []  # without the assumptions that strict refuses
+        self._refused_assumptions: list[Found] = []
         self._assumed: dict[str, list[str]] = {}  # sentence -> labels of the elements
         self._doubts: dict[str, None] = {}  # sentences
         self._remarks: Counter[str] = Counter()
@@ -50,7 +51,7 @@ class Report:
     def assume(self, element: Element, what: str, found: str, taken: str, remedy: str) -> None:
         """Note what is found in an element and what it is taken for; the remedy is for who wants it strict."""
         if self.strict:
-            self.refuse(element, f"{what}: {found}; {remedy}")
+            self._refused_assumptions.append(Found(self.lines[element], f"{what}: {found}; {remedy}"))
         self._assumed.setdefault(f"{found}: {taken}", []).append(what)
 
     def doubt(self, sentence: str) -> None:
@@ -91,8 +92,9 @@ class Report:
 
     def raise_problems(self, file: Path) -> None:
         """Raise RobotFileError with all problems, in the order of their lines."""
-        if self.problems:
-            ordered = dict.fromkeys(sorted(self.problems, key=lambda found: found.line))
+        problems = [*self.problems, *self._refused_assumptions]
+        if problems:
+            ordered = dict.fromkeys(sorted(problems, key=lambda found: found.line))
             raise refusal(file, [f"line {line}: {text}" if line else text for line, text in ordered])
 
     def warn(self, file: Path, stacklevel: int) -> None:

@@ -69,14 +69,20 @@ def _link(element: Element, report: Report, repair_inertia: bool) -> Link:
     what, before = label(element), len(report.problems)
     report.places.setdefault(what, report.lines[element])
     tidy(element, what, report)
-    name, link = element.get("name", "?"), None
+    name, link = element.get("name", ""), None
     with report.blaming(element):
         link = _body(name, element.find("inertial"), what, report)
     if link is None or len(report.problems) > before:
-        return Link(name if name.isprintable() and name else "?", 1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
+        return Link(_sound_name(element, report), 1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
     link = repaired(link, report) if repair_inertia else link
     note_inertia(link, element, report)
     return link
+
+
+def _sound_name(element: Element, report: Report) -> str:
+    """The element's name, or one for it if that cannot be."""
+    name = element.get("name", "")
+    return name if name and name.isprintable() else f"of line {report.lines[element]}"
 
 
 def _body(name: str, inertial: Element | None, what: str, report: Report) -> Link:
@@ -115,13 +121,12 @@ def _joint(element: Element, held: dict[str, float], report: Report) -> Joint:
     what, before = label(element), len(report.problems)
     report.places.setdefault(what, report.lines[element])
     tidy(element, what, report)
-    name, joint = element.get("name", "?"), None
+    name, joint = element.get("name", ""), None
     parent, child = (_end(element, tag) for tag in ("parent", "child"))
     with report.blaming(element):
         joint = _moving_joint(element, name, parent, child, held, report)
     if joint is None or len(report.problems) > before:
-        name = name if name.isprintable() and name else "?"
-        return Joint(name, "fixed", parent, child if child != parent else f"{child} ")
+        return Joint(_sound_name(element, report), "fixed", parent, child if child != parent else f"{child} ")
     return joint
 
 
@@ -143,7 +148,9 @@ def _moving_joint(
         return Joint(name, kind, parent, child, xyz, rpy)
     kind, stops = _stops(element, kind, what, report)
     motion: dict[str, Any] = {**stops, **_limits(element, what, report), **_stated_numbers(element, what, report)}
-    axis = _axis(element, what, report)
+    axis = (1.0, 0.0, 0.0)
+    with report.blaming(element):
+        axis = _axis(element, what, report)
     joint = Joint(name, kind, parent, child, xyz, rpy, axis, **motion, mimic=_mimic(element, what, report))
     if joint.lower == joint.upper:
         held[name] = joint.lower
