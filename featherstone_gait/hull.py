@@ -1,4 +1,8 @@
-"""Convex hulls of points, thinned to a few corners."""
+"""Convex hulls of points, thinned to a few corners.
+
+Which corners are kept must not depend on the processor where several are as good; so no BLAS and no libm here, but for
+what tells flat hulls from solid ones.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from .elementary import sincos
+from .fixed_order import total
 
 MOST = 32  # corners
 ENOUGH = 1e-4  # largest distance from a corner left out that is not worth another corner, relative to the extent
@@ -79,7 +86,7 @@ def sides(x: np.ndarray) -> Sides:
 
 def _either_way(directions: np.ndarray) -> np.ndarray:
     """Directions (n, 3) at unit length, the first part that is not zero positive; none of length 0."""
-    length = np.linalg.norm(directions, axis=1)
+    length = np.sqrt(total(directions * directions))
     unit = (directions[length > 0.0].T / length[length > 0.0]).T.round(DIGITS)
     first = unit[np.arange(len(unit)), (unit != 0.0).argmax(axis=1)]
     return unit * np.sign(first)[:, None]
@@ -117,15 +124,15 @@ def _chosen(x: np.ndarray, most: int) -> np.ndarray:
 
 def _farthest(x: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """Indices of the points farthest along each direction, each once."""
-    return np.unique([int((x @ direction).argmax()) for direction in directions])
+    return np.unique([int(total(x * direction).argmax()) for direction in directions])
 
 
 def _spread(n: int) -> np.ndarray:
     """Directions (n, 3) spread evenly over the sphere (Fibonacci's lattice)."""
     z = 1.0 - (2.0 * np.arange(n) + 1.0) / n
     angle = np.pi * (3.0 - 5.0**0.5) * np.arange(n)
-    across = np.sqrt(1.0 - z * z)
-    return np.column_stack([across * np.cos(angle), across * np.sin(angle), z])
+    across, (s, c) = np.sqrt(1.0 - z * z), sincos(angle)
+    return np.column_stack([across * c, across * s, z])
 
 
 def _outside(x: np.ndarray, corners: np.ndarray) -> np.ndarray:
@@ -151,12 +158,12 @@ def _to_triangles(x: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     a, b, c = np.moveaxis(triangles, 1, 0)
     least = np.min([_to_edges(x, p, q) for p, q in ((a, b), (b, c), (c, a))], axis=0)
     normal = np.cross(b - a, c - a)
-    area = np.einsum("mi,mi->m", normal, normal)
+    area = total(normal * normal)
     covered = np.where(area > 0.0, area, np.inf)
     p = x[:, None] - a
-    s = np.einsum("nmi,mi->nm", p, np.cross(c - a, normal)) / covered
-    t = np.einsum("nmi,mi->nm", p, np.cross(normal, b - a)) / covered
-    height = np.abs(np.einsum("nmi,mi->nm", p, normal)) / np.sqrt(covered)
+    s = total(p * np.cross(c - a, normal)) / covered
+    t = total(p * np.cross(normal, b - a)) / covered
+    height = np.abs(total(p * normal)) / np.sqrt(covered)
     above = (area > 0.0) & (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0)
     return np.where(above, height, least).min(axis=1)
 
@@ -164,6 +171,7 @@ def _to_triangles(x: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 def _to_edges(x: np.ndarray, p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Distances (n, m) of points from edges p to q (m, 3)."""
     d, to = q - p, x[:, None] - p
-    length = np.einsum("mi,mi->m", d, d)
-    t = np.clip(np.einsum("nmi,mi->nm", to, d) / np.where(length > 0, length, np.inf), 0.0, 1.0)
-    return np.linalg.norm(to - t[..., None] * d, axis=-1)
+    length = total(d * d)
+    t = np.clip(total(to * d) / np.where(length > 0.0, length, np.inf), 0.0, 1.0)
+    off = to - t[..., None] * d
+    return np.sqrt(total(off * off))

@@ -219,6 +219,24 @@ def test_a_damaged_mesh_is_refused_by_name(tmp_path, kind, data):
         contact_points([Shape("body", Mesh(str(path)))])
 
 
+@pytest.mark.parametrize("kind", mesh_files.KINDS)
+def test_a_mesh_damaged_at_random_is_read_or_refused_by_name(tmp_path, kind):
+    rng = np.random.default_rng(0)
+    data, path = box_file(tmp_path, kind).read_bytes(), tmp_path / f"damaged{kind}"
+    refused = []
+    for _ in range(100):
+        damaged = bytearray(data)
+        at, many = int(rng.integers(len(data))), int(rng.integers(1, 40))
+        damaged[at : at + many] = rng.bytes(int(rng.integers(0, 40)))
+        path.write_bytes(damaged)
+        try:
+            mesh_files.mesh_points(path)
+        except ValueError as error:
+            refused.append(str(error))
+    assert len(refused) > 10
+    assert all(str(path) in text for text in refused)
+
+
 def test_a_mesh_that_is_missing_or_too_large_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "part.stl"
     with pytest.raises(ValueError, match=r"part\.stl: there is no such mesh"):
