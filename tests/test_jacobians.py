@@ -10,7 +10,7 @@ from random_tree import random_states, random_tree
 from featherstone_gait import load_robot
 from featherstone_gait.dynamics import center_of_mass, forward_kinematics, momentum
 from featherstone_gait.jacobians import center_of_mass_jacobian, jacobian, link_index
-from featherstone_gait.model import Mimic
+from featherstone_gait.model import Link, Mimic, Model
 
 POINT = (0.03, -0.02, 0.05)
 ROBOTS = {
@@ -123,6 +123,16 @@ def test_jacobians_agree_with_pinocchio(robot):
         share = pin.computeTotalMass(theirs) / model.mass  # a fixed base has no mass there
         J = share * pin.jacobianCenterOfMass(theirs, data, p) @ T
         assert center_of_mass_jacobian(model, q) == pytest.approx(J, abs=1e-12)
+
+
+def test_robots_without_joints_have_the_columns_of_their_base():
+    box = Link("box", 1.0, (0.0, 0.0, 0.1), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
+    free, frame = Model("box", (box,), (), "floating"), Link("frame", 0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
+    J = jacobian(free, [1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0], "box", (0.5, 0.0, 0.0))
+    still, turn = np.zeros((3, 3)), np.eye(3)
+    assert np.array_equal(J[:, :3], np.vstack([still, turn]))
+    assert np.array_equal(J[:, 3:], np.vstack([turn, [[0, 0, 0], [0, 0, 0.5], [0, -0.5, 0]]]))
+    assert center_of_mass_jacobian(Model("frame", (frame,), ()), []).shape == (3, 0)
 
 
 def test_bad_input_is_refused_by_name():
