@@ -15,14 +15,16 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
 from .core.compile.elementary import SINCOS_LIMIT
+from .definite import indefinite_flaws
 from .fixed_order import applied, product
+from .flaws import Flaw, FlawError, listed
 from .rotation import dot, rotation_about, rotation_from_rpy, rotation_z_to
 from .shape import Shape
 
@@ -32,7 +34,6 @@ Law = Literal["state", "pid_position", "pid_speed", "pd", "pd_clamped"]
 
 AXIS_TOLERANCE = 1e-9  # how far from 1 the length of a joint axis may be
 DEFINITE_TOLERANCE = 1e-9  # smallest principal moment of inertia, relative to the largest
-TRIANGLE_TOLERANCE = 1e-6  # relative; a flat plate meets A + B = C exactly, and files round to about seven digits
 
 _RULES: dict[str, Callable[[float], bool]] = {
     "> 0": lambda x: 0 < x < math.inf,
@@ -41,6 +42,13 @@ _RULES: dict[str, Callable[[float], bool]] = {
     ">= 0 or inf": lambda x: x >= 0,
     "finite": math.isfinite,
 }
+
+
+def _refuse(element: str, texts: Iterable[str]) -> None:
+    """Raise FlawError if there is any text."""
+    flaws = [Flaw(element, text) for text in texts]
+    if flaws:
+        raise FlawError(flaws)
 
 
 def _range(rule: str, unit: str, remedy: str = "") -> dict[str, str]:
@@ -55,7 +63,10 @@ def _number(rule: str, unit: str, default: float, remedy: str = "") -> Any:
 
 @dataclass(frozen=True)
 class Link:
-    """A rigid body.  `inertia` is about the centre of mass, in link axes."""
+    """A rigid body.  `inertia` is about the centre of mass, in link axes.
+
+    An inertia that no body has is taken as it is: a `Model` asks only that its mass matrix be positive definite.
+    """
 
     name: str
     mass: float = field(metadata=_range(">= 0", "kg", "a link without mass is one without <inertial>"))  # 0: a frame
@@ -63,12 +74,13 @@ class Link:
     inertia: tuple[float, ...]  # ixx ixy ixz iyy iyz izz [kg m^2]
 
     def __post_init__(self) -> None:
-        what = f"link {self.name!r}"
-        _check_name("link", self.name)
-        _check_numbers(what, self)
-        _check_vector(what, "center_of_mass", self.center_of_mass, 3)
-        _check_vector(what, "inertia", self.inertia, 6)
-        _check_inertia(what, self.mass, self.inertia)
+        _refuse(f"link {self.name!r}", self._flaws(f"link {self.name!r}"))
+
+    def _flaws(self, what: str) -> Iterator[str]:
+        yield from _name_flaws("link", self.name)
+        yield from _number_flaws(what, self)
+        yield from _vector_flaws(what, "center_of_mass", self.center_of_mass, 3)
+        yield from _vector_flaws(what, "inertia", self.inertia, 6)
 
 
 @dataclass(frozen=True)
@@ -104,29 +116,28 @@ class Joint:
     mimic: Mimic | None = None  # the joint that this one follows
 
     def __post_init__(self) -> None:
-        what = f"joint {self.name!r}"
-        _check_name("joint", self.name)
-        _check_choice(what, "type", self.type, get_args(JointType))
+        _refuse(f"joint {self.name!r}", self._flaws(f"joint {self.name!r}"))
+
+    def _flaws(self, what: str) -> Iterator[str]:
+        yield from _name_flaws("joint", self.name)
+        yield from _choice_flaws(what, "type", self.type, get_args(JointType))
         if self.parent == self.child:
-            raise ValueError(f"{what}: parent and child are both {self.child!r}; connect two different links")
-        _check_vector(what, "xyz", self.xyz, 3)
-        _check_vector(what, "rpy", self.rpy, 3)
-        check_angles(what, "rpy", self.rpy)
-        _check_vector(what, "axis", self.axis, 3)
-        if self.type == "fixed":
-            return
+            yield f"{what}: parent and child are both {self.child!r}; connect two different links"
+        yield from _vector_flaws(what, "xyz", self.xyz, 3)
+        yield from _vector_flaws(what, "rpy", self.rpy, 3)
+        yield from _angle_flaws(what, "rpy", self.rpy)
+        yield from _vector_flaws(what, "axis", self.axis, 3)
+        if self.type != "fixed":
+            yield from self._motion_flaws(what)
+
+    def _motion_flaws(self, what: str) -> Iterator[str]:
         if abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
-            raise ValueError(f"{what}: axis {self.axis!r} is not of unit length; divide it by its length")
-        if not self.lower < self.upper:
-            raise ValueError(
-                f"{what}: limits lower {self.lower!r}, upper {self.upper!r}; lower must be below upper: "
-                "swap them, or use type 'fixed' for a joint that does not move"
-            )
+            yield f"{what}: axis {self.axis!r} is not of unit length; divide it by its length"
+        if not self.lower <= self.upper or self.lower == math.inf or self.upper == -math.inf:
+            yield f"{what}: limits lower {self.lower!r}, upper {self.upper!r}; lower must be below upper: swap them"
         if self.type == "continuous" and (self.lower, self.upper) != (-math.inf, math.inf):
-            raise ValueError(
-                f"{what}: type 'continuous' has limits {self.lower!r} to {self.upper!r}; use type 'revolute'"
-            )
-        _check_numbers(what, self)
+            yield f"{what}: type 'continuous' has limits {self.lower!r} to {self.upper!r}; use type 'revolute'"
+        yield from _number_flaws(what, self)
 
 
 @dataclass(frozen=True)
@@ -290,6 +301,7 @@ class Model:
         check_locked(self.joints, self.locked)
         check_servos(self.joints, self.servos)
         check_contacts(self.links, self.contacts)
+        check_couplings(self.joints, self.locked)
         for name, q in self.keyframes.items():
             _check_vector(f"keyframe {name!r}", "q", q, self.nq)
         _check_bodies(self)
@@ -319,48 +331,66 @@ class Model:
         return len(self.moving_joints) + (6 if self.base == "floating" else 0)
 
     @property
+    def couplings(self) -> tuple[tuple[str, str, float, float], ...]:
+        """Joints that follow others: (follower, leader, multiplier, offset [rad or m]), in file order."""
+        followed = [(joint.name, joint.mimic) for joint in self.moving_joints if joint.mimic]
+        return tuple((name, mimic.joint, mimic.multiplier, mimic.offset) for name, mimic in followed)
+
+    @property
     def mass(self) -> float:
         """Total mass [kg]; of a fixed base too."""
         return math.fsum(link.mass for link in self.links)
 
 
 def check_tree(links: Iterable[Link], joints: Iterable[Joint]) -> None:
-    """Raise ValueError unless the joints make one tree of the links."""
-    names = _unique("link", [link.name for link in links])
+    """Raise FlawError, a ValueError, unless the joints make one tree of the links."""
+    names, joints = [link.name for link in links], list(joints)
+    flaws = [*_twice("link", names), *_twice("joint", [joint.name for joint in joints])]
+    flaws += _joining_flaws(set(names), joints)
     if not names:
-        raise ValueError("the robot has no link; at least one <link> is needed")
-    _unique("joint", [joint.name for joint in joints])
+        flaws.append(Flaw("robot", "the robot has no link; at least one <link> is needed"))
+    if not flaws:
+        flaws += _root_flaws(names, {joint.child: joint for joint in joints})
+    if flaws:
+        raise FlawError(flaws)
+
+
+def _joining_flaws(names: set[str], joints: list[Joint]) -> Iterator[Flaw]:
+    """Joints to links that are not there, or to a link that has a parent joint."""
     parent_joint: dict[str, Joint] = {}
     for joint in joints:
+        what = f"joint {joint.name!r}"
         for end in (joint.parent, joint.child):
             if end not in names:
-                raise ValueError(f"joint {joint.name!r}: there is no link {end!r}; define it, or correct the name")
+                yield Flaw(what, f"{what}: there is no link {end!r}; define it, or correct the name")
         if joint.child in parent_joint:
-            raise ValueError(
+            yield Flaw(
+                what,
                 f"link {joint.child!r} is the child of joints {parent_joint[joint.child].name!r} and {joint.name!r}; "
-                "a link has one parent joint: cut the closed loop, or rename one of the two"
+                "a link has one parent joint: cut the closed loop, or rename one of the two",
             )
         parent_joint[joint.child] = joint
-    _check_root(names, parent_joint)
 
 
-def _check_root(names: Iterable[str], parent_joint: dict[str, Joint]) -> None:
-    """Raise ValueError unless every link leads up to one root."""
+def _root_flaws(names: list[str], parent_joint: dict[str, Joint]) -> Iterator[Flaw]:
+    """Links that do not lead up to one root."""
     roots = [name for name in names if name not in parent_joint]
     if len(roots) > 1:
-        raise ValueError(
-            f"links {_listed(roots)} have no parent joint; exactly one link may be the root: "
-            "connect the others to it, for instance by a fixed joint"
+        yield Flaw(
+            f"link {roots[1]!r}",
+            f"links {listed(roots)} have no parent joint; exactly one link may be the root: "
+            "connect the others to it, for instance by a fixed joint",
         )
     rooted = set(roots)
     for name in names:
         path: dict[str, None] = {}  # a set that keeps its order
-        while name not in rooted:
-            if name in path:
-                cycle = list(path)[list(path).index(name) :]  # the part of the path that comes back on itself
-                raise ValueError(f"links {_listed(cycle)} form a cycle of joints; a robot is a tree: remove one joint")
+        while name not in rooted and name not in path:
             path[name] = None
             name = parent_joint[name].parent
+        if name in path:
+            cycle = list(path)[list(path).index(name) :]  # the part of the path that comes back on itself
+            text = f"links {listed(cycle)} form a cycle of joints; a robot is a tree: remove one joint"
+            yield Flaw(f"link {cycle[0]!r}", text)
         rooted.update(path)
 
 
@@ -379,6 +409,23 @@ def check_locked(joints: Iterable[Joint], locked: dict[str, float]) -> None:
             )
 
 
+def check_couplings(joints: Iterable[Joint], locked: dict[str, float]) -> None:
+    """Raise ValueError unless every joint that moves does so by itself, or follows one that does, and may move."""
+    leaders = {joint.name: joint for joint in joints if joint.type != "fixed" and joint.name not in locked}
+    for joint in leaders.values():
+        if joint.lower == joint.upper:
+            raise ValueError(
+                f"joint {joint.name!r}: limits lower {joint.lower!r}, upper {joint.upper!r}; lower must be below "
+                "upper: use type 'fixed' for a joint that does not move, or lock it there"
+            )
+        leader = leaders.get(joint.mimic.joint) if joint.mimic else None
+        if joint.mimic and (leader is None or leader.mimic):
+            raise ValueError(
+                f"joint {joint.name!r}: it follows joint {joint.mimic.joint!r}; expected a joint that moves by itself: "
+                "name one, or lock this joint"
+            )
+
+
 def check_servos(joints: Iterable[Joint], servos: dict[str, Servo]) -> None:
     """Raise ValueError unless every servo's joint exists and moves."""
     by_name = {joint.name: joint for joint in joints}
@@ -391,7 +438,7 @@ def check_contacts(links: Iterable[Link], contacts: Iterable[ContactPoint]) -> N
     names = {link.name: link for link in links}
     for contact in contacts:
         if contact.link not in names:
-            raise ValueError(f"contacts: there is no link {contact.link!r}; use one of {_listed(names)}")
+            raise ValueError(f"contacts: there is no link {contact.link!r}; use one of {listed(names)}")
 
 
 def check_springs(links: Iterable[Link], springs: Iterable[Spring]) -> None:
@@ -400,58 +447,51 @@ def check_springs(links: Iterable[Link], springs: Iterable[Spring]) -> None:
     for spring in springs:
         for end in (spring.a, spring.b):
             if end not in names:
-                raise ValueError(f"springs: there is no link {end!r}; use one of {_listed(names)}")
+                raise ValueError(f"springs: there is no link {end!r}; use one of {listed(names)}")
 
 
 def check_angles(what: str, name: str, angles: Iterable[float]) -> None:
     """Raise ValueError for an angle too large for its sine to be exact."""
+    for text in _angle_flaws(what, name, angles):
+        raise ValueError(text)
+
+
+def _angle_flaws(what: str, name: str, angles: Iterable[float]) -> Iterator[str]:
     for angle in angles:
         if not abs(angle) <= SINCOS_LIMIT:
-            raise ValueError(f"{what}: {name} is {angle!r} rad; at most {SINCOS_LIMIT:.0f} rad: subtract whole turns")
+            yield f"{what}: {name} is {angle!r} rad; at most {SINCOS_LIMIT:.0f} rad: subtract whole turns"
 
 
 def _movable(by_name: dict[str, Joint], name: str, where: str) -> Joint:
     """The joint of that name; ValueError if there is none or it is fixed."""
     if name not in by_name:
         moving = [joint.name for joint in by_name.values() if joint.type != "fixed"]
-        raise ValueError(f"{where}: there is no joint {name!r}; moving joints are {_listed(moving)}: use one of them")
+        raise ValueError(f"{where}: there is no joint {name!r}; moving joints are {listed(moving)}: use one of them")
     if by_name[name].type == "fixed":
         raise ValueError(f"{where}: joint {name!r} is of type 'fixed'; remove it here, or change its type in the URDF")
     return by_name[name]
 
 
 def _check_bodies(model: Model) -> None:
-    """Raise ValueError unless what moves as one has a mass and an inertia that resist every motion."""
+    """Raise FlawError, a ValueError, unless the mass matrix is positive definite.
+
+    It is if what moves as one has a mass and an inertia that resist every motion.  A body that has not may still be
+    carried by, or carry, others that have: then the matrix itself is looked at, in a few postures.
+    """
     bodies = rigid_bodies(model)[0]
-    for row, body in enumerate(bodies):
-        if body.frame.joint is None and model.base == "fixed":
-            continue  # it never moves
-        if body.mass == 0 and _is_between(body, [b.frame for b in bodies[1:] if b.frame.parent == row]):
-            continue  # what it carries gives it inertia
-        leader, *attached = body.links
-        what = f"link {leader!r}" + (f" with {_listed(attached)} rigidly attached" if attached else "")
-        if not body.mass > 0:
-            raise ValueError(
-                f"{what} moves but has mass {body.mass!r} kg; expected > 0: add <inertial>, or fix its joint"
-            )
-        moments = np.linalg.eigvalsh(body.inertia).tolist()
-        if not moments[0] > DEFINITE_TOLERANCE * moments[2]:
-            raise ValueError(
-                f"{what} moves but its principal moments of inertia are {_listed(moments)} kg m^2; all must be > 0: "
-                "a point mass or an ideal rod needs its real, small inertia"
-            )
+    if all(_resists(body) for body in bodies if body.frame.joint or model.base == "floating"):
+        return
+    flaws = indefinite_flaws(model, bodies)
+    if flaws:
+        raise FlawError(flaws)
 
 
-def _is_between(body: RigidBody, below: list[Frame]) -> bool:
-    """Whether a body is a frame between its joint and others, of which none moves what it carries in the same way."""
-    return body.frame.joint is not None and bool(below) and not any(_same_motion(body.frame, frame) for frame in below)
-
-
-def _same_motion(a: Frame, b: Frame) -> bool:
-    """Whether the joint of a frame and that of one in it slide along one direction or turn about one line."""
-    slides = [frame.joint is not None and frame.joint.type == "prismatic" for frame in (a, b)]
-    parallel = abs(b.E[2, 2]) > 1.0 - AXIS_TOLERANCE
-    return parallel and slides[0] == slides[1] and (slides[0] or not b.r[:2].any())
+def _resists(body: RigidBody) -> bool:
+    """Whether a body alone has an inertia against every motion."""
+    if not body.mass > 0:
+        return False
+    moments = np.linalg.eigvalsh(body.inertia)
+    return bool(moments[0] > DEFINITE_TOLERANCE * moments[2])
 
 
 class Placement(NamedTuple):
@@ -559,63 +599,61 @@ def inertia_matrix(inertia: tuple[float, ...]) -> np.ndarray:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def _check_inertia(what: str, mass: float, inertia: tuple[float, ...]) -> None:
-    """Raise ValueError unless some distribution of the mass has this inertia (a point or a rod included)."""
-    if mass == 0:
-        if any(inertia):
-            raise ValueError(f"{what}: mass is 0 but inertia is {tuple(inertia)!r}; give a mass > 0, or set both to 0")
-        return
-    A, B, C = np.linalg.eigvalsh(inertia_matrix(inertia)).tolist()
-    if A < -DEFINITE_TOLERANCE * max(C, -A):
-        raise ValueError(
-            f"{what}: inertia {tuple(inertia)!r} kg m^2 is not positive definite (principal moments "
-            f"{A:.6g}, {B:.6g}, {C:.6g}); all must be > 0: correct the diagonal and the signs of the products"
-        )
-    if A + B < C * (1.0 - TRIANGLE_TOLERANCE):
-        raise ValueError(
-            f"{what}: principal moments of inertia {A:.6g}, {B:.6g}, {C:.6g} kg m^2 break the triangle inequality; "
-            f"no body has one above the sum of the others (relative tolerance {TRIANGLE_TOLERANCE:g}): "
-            "compute the inertia about the centre of mass again"
-        )
+def _name_flaws(kind: str, name: str) -> Iterator[str]:
+    if not name or not name.isprintable():
+        yield f"{kind} name {name!r} is empty or has characters that cannot be printed; use a plain name"
+
+
+def _choice_flaws(what: str, name: str, value: str, choices: tuple[str, ...]) -> Iterator[str]:
+    if value not in choices:
+        yield f"{what}: {name} is {value!r}; expected one of {listed(choices)}: use one of these"
+
+
+def _number_flaws(what: str, record: Any) -> Iterator[str]:
+    """Of the fields that are declared by `_number`."""
+    for f in fields(record):
+        if f.metadata and not _RULES[f.metadata["rule"]](getattr(record, f.name)):
+            yield _number_flaw(what, f.name, getattr(record, f.name), **f.metadata)
+
+
+def _number_flaw(what: str, name: str, value: float, rule: str, unit: str, remedy: str) -> str:
+    return f"{what}: {name} is {value!r} [{unit}]; expected {rule}: {remedy}"
+
+
+def _vector_flaws(what: str, name: str, value: tuple[float, ...], size: int) -> Iterator[str]:
+    if len(value) != size or not all(math.isfinite(x) for x in value):
+        yield f"{what}: {name} is {value!r}; expected {size} finite numbers: correct it"
 
 
 def _check_name(kind: str, name: str) -> None:
-    if not name or not name.isprintable():
-        raise ValueError(f"{kind} name {name!r} is empty or has characters that cannot be printed; use a plain name")
+    for text in _name_flaws(kind, name):
+        raise ValueError(text)
 
 
 def _check_choice(what: str, name: str, value: str, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise ValueError(f"{what}: {name} is {value!r}; expected one of {_listed(choices)}: use one of these")
+    for text in _choice_flaws(what, name, value, choices):
+        raise ValueError(text)
 
 
 def _check_number(what: str, name: str, value: float, rule: str, unit: str, remedy: str) -> None:
     if not _RULES[rule](value):
-        raise ValueError(f"{what}: {name} is {value!r} [{unit}]; expected {rule}: {remedy}")
+        raise ValueError(_number_flaw(what, name, value, rule, unit, remedy))
 
 
 def _check_numbers(what: str, record: Any) -> None:
     """Check the fields that are declared by `_number`."""
-    for f in fields(record):
-        if f.metadata:
-            _check_number(what, f.name, getattr(record, f.name), **f.metadata)
+    for text in _number_flaws(what, record):
+        raise ValueError(text)
 
 
 def _check_vector(what: str, name: str, value: tuple[float, ...], size: int) -> None:
-    if len(value) != size or not all(math.isfinite(x) for x in value):
-        raise ValueError(f"{what}: {name} is {value!r}; expected {size} finite numbers: correct it")
+    for text in _vector_flaws(what, name, value, size):
+        raise ValueError(text)
 
 
-def _unique(kind: str, names: list[str]) -> dict[str, int]:
-    """How often each name occurs: once, or ValueError."""
-    counts = Counter(names)
-    twice = [name for name, count in counts.items() if count > 1]
-    if twice:
-        raise ValueError(f"{kind} name {_listed(twice)} is used more than once; give every {kind} its own name")
-    return counts
-
-
-def _listed(items: Iterable[object]) -> str:
-    """The items for a message, cut short after ten."""
-    shown = [repr(item) for item in items]
-    return ", ".join(shown[:10]) + (f" and {len(shown) - 10} more" if len(shown) > 10 else "")
+def _twice(kind: str, names: list[str]) -> Iterator[Flaw]:
+    """Names that several have."""
+    for name, count in Counter(names).items():
+        if count > 1:
+            text = f"{kind} name {name!r} is used more than once; give every {kind} its own name"
+            yield Flaw(f"{kind} {name!r}", text)

@@ -12,9 +12,9 @@ import sys
 from pathlib import Path
 
 from .. import __version__
-from . import benchmark, info, optimize, reproduce, simulate, study
+from . import benchmark, check_robots, info, optimize, reproduce, simulate, study
 
-COMMANDS = (info, simulate, optimize, study, benchmark, reproduce)
+COMMANDS = (info, check_robots, simulate, optimize, study, benchmark, reproduce)
 
 
 def main(argv: list[str] | None = None) -> int:

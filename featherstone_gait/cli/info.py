@@ -63,7 +63,7 @@ def _link_table(model: Model) -> list[str]:
         (link.name, f"{link.mass:.5g}", _numbers(link.center_of_mass), _numbers(link.inertia[k] for k in (0, 3, 5)))
         for link in model.links
     ]
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def _joint_table(model: Model, check: Preflight) -> list[str]:
@@ -85,7 +85,7 @@ def _joint_table(model: Model, check: Preflight) -> list[str]:
         effort, speed = f"{joint.effort:.4g} {force}", f"{joint.velocity:.4g} {rate}"
         axis = _numbers(joint.axis)
         rows.append((joint.name, joint.type, joint.parent, joint.child, axis, limits, effort, speed, steps[joint.name]))
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def _limit(limit: Limit) -> str:
@@ -107,7 +107,7 @@ def _servo_table(model: Model) -> list[str]:
         parts = [("motor", servo), ("controller", servo.controller), ("gearbox", servo.gearbox)]
         rows = [(part, name, value, unit) for part, record in parts for name, value, unit in _fields(record)]
         whose = ", ".join(joints) if len(kinds) > 1 else "all joints"
-        lines += ["", f"servo of {whose}", *_table(("part", "parameter", "value", "unit"), rows)[1:]]
+        lines += ["", f"servo of {whose}", *table(("part", "parameter", "value", "unit"), rows)[1:]]
     return lines
 
 
@@ -124,7 +124,7 @@ def _fields(record: Servo | Controller | Gearbox) -> Iterator[tuple[str, str, st
 
 def _contact_table(model: Model) -> list[str]:
     rows = [(point.link, _numbers(point.position)) for point in model.contacts]
-    return _table(("contact point on", "position [m]"), rows) if rows else []
+    return table(("contact point on", "position [m]"), rows) if rows else []
 
 
 def _preflight_lines(scene: CompiledScene) -> list[str]:
@@ -142,7 +142,7 @@ def _numbers(values: Iterable[float]) -> str:
     return ", ".join(f"{value + 0.0:.4g}" for value in values)
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """An empty line, the headings and the rows, in aligned columns."""
     widths = [max(len(str(row[k])) for row in [head, *rows]) for k in range(len(head))]
     return ["", *("  ".join(f"{cell:{width}}" for cell, width in zip(row, widths)).rstrip() for row in [head, *rows])]

@@ -25,7 +25,9 @@ can touch the ground and named sets of locked joints and postures::
 
 All numbers are SI; the angles `encoder_resolution`, `backlash` and locked positions may carry `_deg`.
 
-Reading is strict: what is not understood is refused, not guessed.  No file other than these is opened, meshes included.
+A URDF that has one meaning is read: `Model.notes` lists what was passed over or assumed, a RobotFileWarning says so,
+and ``load_robot(..., strict=True)`` refuses it.  What has no meaning is refused, all of it at once.  The TOML is read
+strictly.  No file other than these is opened, meshes included.
 """
 
 from .errors import RobotFileError, RobotFileNotFoundError, RobotFileWarning

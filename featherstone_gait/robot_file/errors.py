@@ -38,7 +38,7 @@ def blamed_on(file: str | Path) -> Iterator[None]:
     except RobotFileError:
         raise
     except ValueError as error:
-        raise RobotFileError(f"{file}: {error}") from error
+        raise refusal(file, [str(error)]) from error
 
 
 def refusal(file: str | Path, problems: list[str]) -> RobotFileError:

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from ..model import Base, Joint, Model, check_locked
-from .errors import blamed_on
+from .collision import MeshFinder
+from .coupling import MimicMode, check_mimic_mode, resolve_couplings
+from .errors import RobotFileError, blamed_on
+from .markup import Markup, read_markup
+from .mjcf.read import read_mjcf
+from .report import Report
 from .robot import Robot
 from .settings import Settings, read_settings
+from .simtwo.read import read_simtwo
 from .source import robot_path
 from .urdf import read_urdf
-from .xml_file import SUFFIXES, read_xml
 
 
 def load_robot(
@@ -22,48 +28,105 @@ def load_robot(
     locked: str | Mapping[str, float] | list[str] | tuple[str, ...] | None = None,
     *,
     strict: bool = False,
+    mimic: MimicMode = "coupled",
+    repair_inertia: bool = False,
+    package_dirs: Sequence[str | os.PathLike] = (),
 ) -> Model:
-    """Read a robot: a name of `robot_names()`, or the path of a .urdf, .mjcf or .xml file.
+    """Read a robot: a name of `robot_names()`, or the path of a URDF, an MJCF file or a scene of SimTwo.
 
-    The .toml of the same stem is read too, if it is there; its servos and contact points come before the file's own.
+    The .toml of the same stem is read too, if it is there; its servos come before the file's own.  MJCF takes MuJoCo:
+    pip install featherstone-gait[mjcf].
+
+    What a URDF says in another way than it should, but with one meaning, is read; what changes the motion and has no
+    place in a Model, as the springs of an MJCF file's joints, is passed over.  `Model.notes` says so, and one
+    RobotFileWarning too.
 
     Parameters
     ----------
-    base : None is what the TOML says, else "floating" if the URDF has a floating joint, else "fixed"
+    base : None is what the TOML says, else "floating" if the file has a floating joint, else "fixed"
     locked : joints to hold: the name of a set in the TOML, {joint: position [rad or m]}, or joint names (held at 0);
         None is the TOML's set "default", if it has one
-    strict : refuse what changes the motion and has no place in a Model, as the springs of an MJCF file's joints;
-        False passes it over, with a RobotFileWarning and a sentence in `Model.notes`
+    strict : refuse what would be warned about
+    mimic : joints that follow others: "coupled", "free" (they move by themselves) or "locked" (held where the leader's
+        position nearest to zero puts them)
+    repair_inertia : make inertias possible that no body can have, as MuJoCo's `boundinertia` and `balanceinertia` do:
+        principal moments below zero are raised to 1e-9 of the largest; where then one is above the sum of the other
+        two, all become their mean
+    package_dirs : folders in which, besides those above the URDF and those of ROS_PACKAGE_PATH, the package of a mesh
+        `package://PACKAGE/...` is looked for
 
-    MJCF takes MuJoCo: pip install featherstone-gait[mjcf].  Its keyframes become `Model.keyframes`.
-
-    Raises RobotFileError (a ValueError) if a file is wrong, RobotFileNotFoundError if it is not there.
+    Raises RobotFileError (a ValueError), which lists all that is wrong with a file, or RobotFileNotFoundError.
     """
     path = robot_path(name_or_path)
+    check_mimic_mode(mimic)
     with blamed_on(path):
-        robot = read_xml(path, base, strict) if path.suffix in SUFFIXES else read_urdf(path)
-    settings, toml = Settings(), path.with_suffix(".toml")
-    if toml.exists():
+        markup = read_markup(path)
+        report = Report(markup.lines, strict)
+        meshes = MeshFinder(path, package_dirs)
+        foreign = _foreign(path, markup, base, report)
+        robot = foreign or read_urdf(markup.root, path, meshes, report, repair_inertia)
+    settings = _settings(path, robot, report)
+    held = {**robot.held, **_held(path, robot, locked, settings, report)}
+    model = _model(path, robot, settings, base, resolve_couplings(robot.joints, held, mimic, report), report)
+    report.warn(path, stacklevel=2)
+    return model
+
+
+def _foreign(path: Path, markup: Markup, base: Base | None, report: Report) -> Robot | None:
+    """The robot of a file that is no URDF, by its root element."""
+    if markup.root.tag == "mujoco":
+        return read_mjcf(path, base, report)
+    if markup.root.tag == "scene" or markup.root.find("solids") is not None:
+        return read_simtwo(path, markup.root, base, report)
+    return None
+
+
+def _settings(path: Path, robot: Robot, report: Report) -> Settings:
+    """What the TOML says.  Raises RobotFileError if it is wrong, unless the URDF is."""
+    toml = path.with_suffix(".toml")
+    if not toml.exists():
+        return Settings()
+    try:
         with blamed_on(toml):
-            settings = read_settings(toml, robot.links, robot.joints)
+            return read_settings(toml, robot.links, robot.joints)
+    except RobotFileError:
+        if not report.problems:
+            raise
+        return Settings()
+
+
+def _held(path: Path, robot: Robot, locked: Any, settings: Settings, report: Report) -> dict[str, float]:
+    """The joints to hold.  Raises RobotFileError if they cannot be, unless the URDF is wrong."""
+    if report.problems:
+        return {}
     with blamed_on(f"{path}: load_robot(locked={locked!r})"):
         held = _chosen(locked, settings.locked)
         check_locked(robot.joints, held)
+    return held
+
+
+def _model(path: Path, robot: Robot, settings: Settings, base: Base | None, moving: tuple, report: Report) -> Model:
+    """The robot.  What is wrong with it is reported; nobody gets to see what is returned then."""
+    joints, held = moving
     taken: Base = next(b for b in (base, settings.base, robot.base, "fixed") if b is not None)
-    with blamed_on(path):
-        return Model(
+    model = None
+    with report.blaming():
+        model = Model(
             name=robot.name,
             links=robot.links,
-            joints=_with_armature(robot.joints, settings.armature),
+            joints=_with_armature(joints, settings.armature),
             base=taken,
             locked=held,
             servos={**robot.servos, **settings.servos},
-            contacts=settings.contacts or robot.contacts,
+            contacts=settings.contacts,
             shapes=robot.shapes,
             keyframes={**_keyframes(robot, taken, held), **settings.keyframes},
-            notes=robot.notes,
+            notes=report.notes(),
             source=str(path),
         )
+    report.raise_problems(path)
+    assert model is not None
+    return model
 
 
 def _with_armature(joints: tuple[Joint, ...], armature: Mapping[str, float]) -> tuple[Joint, ...]:

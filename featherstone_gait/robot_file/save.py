@@ -11,12 +11,13 @@ from xml.sax.saxutils import quoteattr
 
 from ..files import complete_together
 from ..model import Ground, Joint, Link, Model
-from ..shape import Box, Geometry, Hull, Mesh, Shape
+from ..shape import Box, Capsule, Cylinder, Hull, Mesh, Shape, Sphere
 from .mjcf.write import mjcf_text
 from .servos import PARTS
 from .toml import written
 from .urdf import INERTIA, JOINT_NUMBERS
-from .xml_file import SUFFIXES as MJCF_SUFFIXES
+
+MJCF = (".xml", ".mjcf")  # suffixes
 
 
 def save_robot(model: Model, path: str | os.PathLike, ground: Ground | None = None) -> None:
@@ -34,7 +35,7 @@ def save_robot(model: Model, path: str | os.PathLike, ground: Ground | None = No
     Raises ValueError if the suffix is another, or the format cannot state the robot.
     """
     path = Path(path)
-    if path.suffix in MJCF_SUFFIXES:
+    if path.suffix in MJCF:
         texts = {path: mjcf_text(model, ground)}
     elif path.suffix == ".urdf":
         texts = {path: _urdf_text(model), path.with_suffix(".toml"): _toml_text(model)}
@@ -56,16 +57,15 @@ def _urdf_text(model: Model) -> str:
     return "\n".join([*lines, "</robot>", ""])
 
 
-def _link_lines(link: Link, shapes: Sequence[Shape]) -> list[str]:
-    inside = [*_inertial_lines(link), *(line for shape in shapes for line in _collision_lines(shape))]
-    if not inside:
+def _link_lines(link: Link, shapes: list[Shape]) -> list[str]:
+    inertial = [] if link.mass == 0 and not any((*link.center_of_mass, *link.inertia)) else _inertial_lines(link)
+    lines = [*inertial, *(line for shape in shapes for line in _shape_lines(shape))]
+    if not lines:
         return [f"  <link name={quoteattr(link.name)}/>"]
-    return [f"  <link name={quoteattr(link.name)}>", *inside, "  </link>"]
+    return [f"  <link name={quoteattr(link.name)}>", *lines, "  </link>"]
 
 
 def _inertial_lines(link: Link) -> list[str]:
-    if link.mass == 0 and not any(link.center_of_mass):
-        return []
     inertia = " ".join(f'{name}="{float(value)!r}"' for name, value in zip(INERTIA, link.inertia))
     return [
         "    <inertial>",
@@ -76,27 +76,30 @@ def _inertial_lines(link: Link) -> list[str]:
     ]
 
 
-def _collision_lines(shape: Shape) -> list[str]:
-    name = f" name={quoteattr(shape.name)}" if shape.name else ""
-    if isinstance(shape.geometry, Hull):
-        return [f"    <!-- a hull of {len(shape.geometry.points)} points, which URDF cannot state -->"]
+def _shape_lines(shape: Shape) -> list[str]:
+    named = f" name={quoteattr(shape.name)}" if shape.name else ""
     return [
-        f"    <collision{name}>",
+        f"    <collision{named}>",
         f'      <origin xyz="{_numbers(shape.xyz)}" rpy="{_numbers(shape.rpy)}"/>',
-        f"      <geometry><{_geometry(shape.geometry)}/></geometry>",
+        f"      <geometry>{_geometry(shape)}</geometry>",
         "    </collision>",
     ]
 
 
-def _geometry(geometry: Geometry) -> str:
-    """Tag and attributes of a geometry other than a hull."""
-    if isinstance(geometry, Mesh):
-        return f'mesh filename={quoteattr(geometry.file)} scale="{_numbers(geometry.scale)}"'
-    if isinstance(geometry, Box):
-        return f'box size="{_numbers(geometry.size)}"'
-    return " ".join(
-        [type(geometry).__name__.lower(), *(f'{f.name}="{getattr(geometry, f.name)!r}"' for f in fields(geometry))]
-    )
+def _geometry(shape: Shape) -> str:
+    match shape.geometry:
+        case Sphere(radius):
+            return f'<sphere radius="{float(radius)!r}"/>'
+        case Capsule(radius, length):
+            return f'<capsule radius="{float(radius)!r}" length="{float(length)!r}"/>'
+        case Cylinder(radius, length):
+            return f'<cylinder radius="{float(radius)!r}" length="{float(length)!r}"/>'
+        case Box(size):
+            return f'<box size="{_numbers(size)}"/>'
+        case Mesh(file, scale):
+            return f'<mesh filename={quoteattr(file)} scale="{_numbers(scale)}"/>'
+        case Hull():
+            raise ValueError(f"link {shape.link!r}: URDF cannot state a hull; remove the shape, or use a mesh")
 
 
 def _joint_lines(joint: Joint) -> list[str]:
@@ -120,8 +123,8 @@ def _joint_lines(joint: Joint) -> list[str]:
 def _mimic_lines(joint: Joint) -> list[str]:
     if joint.mimic is None:
         return []
-    leader, line = quoteattr(joint.mimic.joint), (float(joint.mimic.multiplier), float(joint.mimic.offset))
-    return [f'    <mimic joint={leader} multiplier="{line[0]!r}" offset="{line[1]!r}"/>']
+    numbers = f'multiplier="{float(joint.mimic.multiplier)!r}" offset="{float(joint.mimic.offset)!r}"'
+    return [f"    <mimic joint={quoteattr(joint.mimic.joint)} {numbers}/>"]
 
 
 def _stated(joint: Joint, tag: str) -> str:

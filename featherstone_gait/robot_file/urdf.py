@@ -1,207 +1,107 @@
-"""Reading URDF (https://wiki.ros.org/urdf/XML): links and joints, and what of it is skipped."""
+"""Reading URDF (https://wiki.ros.org/urdf/XML): links, joints and collision shapes, and what of it is passed over."""
 
 from __future__ import annotations
 
 import math
-import re
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
-from xml.etree.ElementTree import Element, ParseError
+from typing import Any
+from xml.etree.ElementTree import Element
 
-from defusedxml.common import DefusedXmlException
-from defusedxml.ElementTree import fromstring
-
-from ..model import Joint, Link, check_angles, check_tree, turned_inertia
+from ..model import Joint, Link, Mimic, check_angles, turned_inertia
 from ..rotation import dot, rotation_from_rpy
+from .collision import MeshFinder, read_shapes
+from .grammar import label, tidy
+from .inertia import note_inertia, repaired
+from .numerals import Vector, number, number_or_inf, vector
+from .report import Report
 from .robot import Robot
-from .source import read_bytes
 
-Vector = tuple[float, float, float]
-
-MAX_DEPTH = 64  # of nested XML elements
 MAX_LINKS = 10_000
-MAX_NUMBER = 1e30  # in a URDF, so that no product of masses and lengths overflows
 
-_NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")  # what strtod reads in the C locale
 _IGNORED_LENGTH_ERROR = 1e-14  # an axis this close to unit length is kept to the last bit
 _NOTED_LENGTH_ERROR = 1e-6
 
-
-class _Grammar(NamedTuple):
-    """What an element of the URDF may hold."""
-
-    required: str = ""  # attributes
-    optional: str = ""
-    needs: str = ""  # children, exactly one of each
-    reads: str = ""  # children, at most one of each (any number below <robot>)
-
-
-_URDF = {
-    "robot": _Grammar(required="name", optional="version", reads="link joint"),
-    "link": _Grammar(required="name", optional="type", reads="inertial"),
-    "inertial": _Grammar(needs="mass inertia", reads="origin"),
-    "mass": _Grammar(required="value"),
-    "inertia": _Grammar(required="ixx ixy ixz iyy iyz izz"),
-    "origin": _Grammar(optional="xyz rpy"),
-    "joint": _Grammar(required="name type", needs="parent child", reads="origin axis limit dynamics"),
-    "parent": _Grammar(required="link"),
-    "child": _Grammar(required="link"),
-    "axis": _Grammar(required="xyz"),
-    "limit": _Grammar(optional="lower upper effort velocity acceleration deceleration jerk"),
-    "dynamics": _Grammar(optional="damping friction"),
-}
-_SKIPPED = {
-    "robot": {
-        "material": "colours play no part",
-        "transmission": "servos and gearboxes come from the TOML file",
-        "gazebo": "another simulator's settings",
-        "mujoco": "another simulator's settings",
-        "ros2_control": "controllers come from the TOML file",
-    },
-    "link": {
-        "visual": "shapes play no part and meshes are never opened",
-        "collision": "contact points come from the TOML file and meshes are never opened",
-    },
-    "joint": {
-        "calibration": "encoders start calibrated",
-        "safety_controller": "controllers come from the TOML file",
-    },
-}
 _REFUSED_TYPES = {
     "planar": "replace it by two prismatic joints and a continuous one",
+    "spherical": "replace it by three continuous ones with massless links between them",
+    "ball": "replace it by three continuous ones with massless links between them",
     "floating": "remove it together with its massless parent and load the robot with base='floating'",
 }
 JOINT_NUMBERS = {"dynamics": ("damping", "friction")}  # fields of Joint that are 0 where an element does not state them
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
-def read_urdf(path: Path) -> Robot:
-    """Read a URDF strictly.  Raises ValueError for what URDF does not know or the simulator cannot do."""
-    root = _read_xml(path)
-    notes = _check_elements(root)
-    links = tuple(_link(element) for element in root.iterfind("link"))
+def read_urdf(root: Element, path: Path, meshes: MeshFinder, report: Report, repair_inertia: bool = False) -> Robot:
+    """Read a URDF.  What is wrong goes into the report, and something sound takes its place, so that reading goes on.
+
+    Raises ValueError for what is no URDF at all.
+    """
+    _check_root(root)
+    tidy(root, label(root), report)
+    name = _robot_name(root, path, report)
+    links = tuple(_link(element, report, repair_inertia) for element in root.iterfind("link"))
+    shapes = [shape for element in root.iterfind("link") for shape in read_shapes(element, meshes, report)]
+    held: dict[str, float] = {}
     floating = [element for element in root.iterfind("joint") if element.get("type") == "floating"]
-    joints = tuple(_joint(element, notes) for element in root.iterfind("joint") if element not in floating)
+    joints = tuple(_joint(element, held, report) for element in root.iterfind("joint") if element not in floating)
     if floating:
-        links = _without_world(links, joints, floating, notes)
-    check_tree(links, joints)
-    sentences = tuple(sentence + (f" ({count} times)" if count > 1 else "") for sentence, count in notes.items())
-    return Robot(root.attrib["name"], links, joints, "floating" if floating else None, sentences)
+        links = _without_world(links, joints, floating, report)
+    shapes = [shape for shape in shapes if any(shape.link == link.name for link in links)]
+    return Robot(name, links, joints, tuple(shapes), "floating" if floating else None, held)
 
 
-def _read_xml(path: Path) -> Element:
-    data = read_bytes(path)
-    try:
-        root = fromstring(data, forbid_dtd=True)
-    except DefusedXmlException as error:
-        raise ValueError(f"declares a document type or entities ({error}); remove the <!DOCTYPE ...>") from error
-    except ParseError as error:
-        raise ValueError(f"is not well-formed XML: {error}; correct the syntax there, and give a URDF file") from error
-    except (ValueError, LookupError) as error:
-        raise ValueError(f"has an encoding that cannot be read: {error}; save it as UTF-8") from error
-    _check_depth(root)
-    _drop_default_namespace(root)
-    return root
-
-
-def _check_depth(root: Element) -> None:
-    """Refuse deep nesting, level by level, so that no recursion ever meets it."""
-    level = [root]
-    for _ in range(MAX_DEPTH):
-        level = [child for element in level for child in element]
-        if not level:
-            return
-    raise ValueError(f"nests <{level[0].tag}> more than {MAX_DEPTH} elements deep; a URDF needs 5: flatten it")
-
-
-def _drop_default_namespace(root: Element) -> None:
-    """`<robot xmlns="...">` puts every tag into a namespace; strip that one and no other."""
-    namespace = root.tag[: root.tag.find("}") + 1]
-    if namespace:
-        for element in root.iter():
-            element.tag = element.tag.removeprefix(namespace)
-
-
-def _check_elements(root: Element) -> Counter[str]:
-    """Check tags and attributes against the grammar; return a note for each kind of element that is skipped."""
+def _check_root(root: Element) -> None:
     if root.tag != "robot":
         raise ValueError(f"root element is <{root.tag}>; expected <robot>: convert the file to URDF")
     if len(root.findall("link")) > MAX_LINKS:
         raise ValueError(f"has {len(root.findall('link'))} links; at most {MAX_LINKS} are read: reduce them")
-    notes: Counter[str] = Counter()
-    stack = [(root, _label(root, ""))]
-    while stack:
-        element, what = stack.pop()
-        skipped = _SKIPPED.get(element.tag, {})
-        notes.update(f"skipped <{child.tag}>: {skipped[child.tag]}" for child in element if child.tag in skipped)
-        children = [child for child in element if child.tag not in skipped]
-        _check_children(element, children, what)
-        _check_attributes(element, what)
-        stack.extend((child, _label(child, what)) for child in reversed(children))
-    return notes
 
 
-def _label(element: Element, parent: str) -> str:
-    """What messages call an element: link 'shank', or link 'shank' <inertial> <mass>."""
-    if element.tag in ("robot", "link", "joint"):
-        return f"{element.tag} {element.get('name')!r}"
-    return f"{parent} <{element.tag}>"
+def _robot_name(root: Element, path: Path, report: Report) -> str:
+    if "name" not in root.attrib:
+        report.assume(root, "<robot>", "attribute 'name' is missing", f"called {path.stem!r}", "add it")
+    return root.get("name", path.stem)
 
 
-def _check_children(element: Element, children: list[Element], what: str) -> None:
-    grammar = _URDF[element.tag]
-    legal = f"{grammar.needs} {grammar.reads}".split()
-    counts = Counter(child.tag for child in children)
-    for tag, count in counts.items():
-        if tag not in legal:
-            expected = f"expected {', '.join(f'<{t}>' for t in legal) or 'none'}"
-            raise ValueError(f"{what}: unknown element <{tag}>; {expected}: {_remedy(tag)}")
-        if count > 1 and element.tag != "robot":
-            raise ValueError(f"{what}: {count} elements <{tag}>; at most one is allowed: remove the others")
-    for tag in grammar.needs.split():
-        if tag not in counts:
-            raise ValueError(f"{what}: element <{tag}> is missing; exactly one is required: add it")
-    text = "".join([element.text or "", *(child.tail or "" for child in element)]).strip()
-    if text:
-        raise ValueError(f"{what}: stray text {text[:40]!r}; values stand in attributes: remove it")
+def _link(element: Element, report: Report, repair_inertia: bool) -> Link:
+    """The link, or if anything is wrong with it one of its name that is sound."""
+    what, before = label(element), len(report.problems)
+    report.places.setdefault(what, report.lines[element])
+    tidy(element, what, report)
+    name, link = element.get("name", "?"), None
+    with report.blaming(element):
+        link = _body(name, element.find("inertial"), what, report)
+    if link is None or len(report.problems) > before:
+        return Link(name if name.isprintable() and name else "?", 1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
+    link = repaired(link, report) if repair_inertia else link
+    note_inertia(link, element, report)
+    return link
 
 
-def _remedy(tag: str) -> str:
-    if "xacro" in tag:
-        return "expand the file with xacro first"
-    if tag == "mimic":
-        return "coupled joints are not simulated, so remove it and lock the joint, or give it a servo of its own"
-    return "correct the spelling, or remove it"
-
-
-def _check_attributes(element: Element, what: str) -> None:
-    grammar = _URDF[element.tag]
-    required, optional = grammar.required.split(), grammar.optional.split()
-    for name in required:
-        if name not in element.attrib:
-            raise ValueError(f"{what}: attribute {name!r} of <{element.tag}> is missing; it is required: add it")
-    for name in element.attrib:
-        foreign = element.tag == "robot" and name.startswith("{")  # xsi:schemaLocation and the like
-        if name not in required and name not in optional and not foreign:
-            raise ValueError(
-                f"{what}: unknown attribute {name!r} of <{element.tag}>; expected "
-                f"{', '.join(required + optional) or 'none'}: correct the spelling, or remove it"
-            )
-
-
-def _link(element: Element) -> Link:
-    what = _label(element, "")
-    inertial = element.find("inertial")
+def _body(name: str, inertial: Element | None, what: str, report: Report) -> Link:
     if inertial is None:
-        return Link(element.attrib["name"], 0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
-    mass = _number(inertial.findall("mass")[0], "value", what)
-    inertia = tuple(_number(inertial.findall("inertia")[0], name, what) for name in INERTIA)
-    center, rpy = _origin(inertial, what)
-    check_angles(f"{what}: <origin>", "rpy", rpy)
-    link = Link(element.attrib["name"], mass, center, inertia)
-    return replace(link, inertia=_turned(inertia, rpy)) if any(rpy) else link
+        return Link(name, 0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
+    mass = _numbers(inertial.find("mass"), ("value",), what, report)["value"]
+    inertia = tuple(_numbers(_with_products(inertial, what, report), INERTIA, what, report).values())
+    center, rpy = _origin(inertial, what, report)
+    with report.blaming(inertial):
+        check_angles(f"{what}: <origin>", "rpy", rpy)
+        link = Link(name, mass, center, inertia)
+        return replace(link, inertia=_turned(inertia, rpy)) if any(rpy) else link
+    return Link(name, 0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
+
+
+def _with_products(inertial: Element, what: str, report: Report) -> Element | None:
+    """The element <inertia>, with zeros for products of inertia that it leaves out."""
+    inertia = inertial.find("inertia")
+    left_out = [] if inertia is None else [name for name in ("ixy", "ixz", "iyz") if name not in inertia.attrib]
+    if inertia is not None and left_out:
+        found = f"<inertia> states no {', '.join(left_out)}"
+        report.assume(inertia, what, found, "taken as 0", "add it: six numbers make an inertia")
+        for name in left_out:
+            inertia.set(name, "0")
+    return inertia
 
 
 def _turned(inertia: tuple[float, ...], rpy: tuple[float, ...]) -> tuple[float, ...]:
@@ -210,25 +110,65 @@ def _turned(inertia: tuple[float, ...], rpy: tuple[float, ...]) -> tuple[float, 
     return tuple(((I + I.T) / 2)[(0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)].tolist())
 
 
-def _joint(element: Element, notes: Counter[str]) -> Joint:
-    what, name = _label(element, ""), element.attrib["name"]
-    kind: Any = element.attrib["type"]  # any text: the checks of Joint refuse what is none of its types
+def _joint(element: Element, held: dict[str, float], report: Report) -> Joint:
+    """The joint, or if anything is wrong with it a fixed one of its name between the same links."""
+    what, before = label(element), len(report.problems)
+    report.places.setdefault(what, report.lines[element])
+    tidy(element, what, report)
+    name, joint = element.get("name", "?"), None
+    parent, child = (_end(element, tag) for tag in ("parent", "child"))
+    with report.blaming(element):
+        joint = _moving_joint(element, name, parent, child, held, report)
+    if joint is None or len(report.problems) > before:
+        name = name if name.isprintable() and name else "?"
+        return Joint(name, "fixed", parent, child if child != parent else f"{child} ")
+    return joint
+
+
+def _end(element: Element, tag: str) -> str:
+    """The link at an end of a joint."""
+    end = element.find(tag)
+    return "" if end is None else end.get("link", "")
+
+
+def _moving_joint(
+    element: Element, name: str, parent: str, child: str, held: dict[str, float], report: Report
+) -> Joint:
+    what = label(element)
+    kind: Any = element.get("type", "fixed")  # any text: the checks of Joint refuse what is none of its types
     if kind in _REFUSED_TYPES:
         raise ValueError(f"{what}: type {kind!r} is not simulated; {_REFUSED_TYPES[kind]}")
-    parent, child = (element.findall(end)[0].attrib["link"] for end in ("parent", "child"))
-    xyz, rpy = _origin(element, what)
+    xyz, rpy = _origin(element, what, report)
     if kind == "fixed":
         return Joint(name, kind, parent, child, xyz, rpy)
-    motion: dict[str, Any] = {**_limits(element, what, notes), **_numbers(element, what)}
-    return Joint(name, kind, parent, child, xyz, rpy, _axis(element, what, notes), **motion)
+    kind, stops = _stops(element, kind, what, report)
+    motion: dict[str, Any] = {**stops, **_limits(element, what, report), **_stated_numbers(element, what, report)}
+    axis = _axis(element, what, report)
+    joint = Joint(name, kind, parent, child, xyz, rpy, axis, **motion, mimic=_mimic(element, what, report))
+    if joint.lower == joint.upper:
+        held[name] = joint.lower
+    return joint
 
 
-def _axis(element: Element, what: str, notes: Counter[str]) -> Vector:
+def _mimic(element: Element, what: str, report: Report) -> Mimic | None:
+    stated = element.find("mimic")
+    if stated is None:
+        return None
+    multiplier = offset = 0.0
+    with report.blaming(stated):
+        multiplier = number(stated, "multiplier", what, default=1.0)
+        offset = number(stated, "offset", what, default=0.0)
+    return Mimic(stated.get("joint", ""), multiplier, offset)
+
+
+def _axis(element: Element, what: str, report: Report) -> Vector:
     """The axis at unit length; (1, 0, 0) if the file has none, as URDF says."""
     stated = element.find("axis")
     if stated is None:
         return (1.0, 0.0, 0.0)
-    axis = _vector(stated, "xyz", what)
+    axis = (1.0, 0.0, 0.0)
+    with report.blaming(stated):
+        axis = vector(stated, "xyz", what)
     largest = max(abs(x) for x in axis)
     if not largest > 0:
         raise ValueError(f"{what}: axis {axis!r} has length {largest!r}; expected > 0: give a direction such as 0 0 1")
@@ -237,82 +177,98 @@ def _axis(element: Element, what: str, notes: Counter[str]) -> Vector:
     if abs(length - 1.0) <= _IGNORED_LENGTH_ERROR:
         return axis
     if abs(length - 1.0) > _NOTED_LENGTH_ERROR:
-        notes[f"{what}: axis {axis!r} was scaled to unit length"] += 1
+        report.remark(f"{what}: axis {axis!r} was scaled to unit length")
     x, y, z = (x / math.sqrt(dot(scaled, scaled)) for x in scaled)
     return x, y, z
 
 
-def _limits(element: Element, what: str, notes: Counter[str]) -> dict[str, float]:
-    limit, kind = element.find("limit"), element.get("type")
+def _stops(element: Element, kind: str, what: str, report: Report) -> tuple[str, dict[str, float]]:
+    """Type of the joint and its stops.
+
+    URDF asks for <limit>, whose lower and upper are 0 if left out.  As in MuJoCo, both 0 are no stops.
+    """
+    limit, stops = element.find("limit"), {"lower": 0.0, "upper": 0.0}
+    if kind == "continuous":
+        if limit is not None and ("lower" in limit.attrib or "upper" in limit.attrib):
+            report.remark("skipped lower and upper of a continuous joint, which has no stops")
+        return kind, {}
+    if kind not in ("revolute", "prismatic"):
+        return kind, {}
+    found, stated = f"type {kind!r} has no <limit>", []
+    if limit is not None:
+        stated = [name for name in stops if name in limit.attrib]
+        with report.blaming(limit):
+            stops |= {name: number_or_inf(limit, name, what) for name in stated}
+        found = f"limits lower {stops['lower']!r}, upper {stops['upper']!r}"
+    if stops["lower"] == stops["upper"] == 0.0 or (stops["lower"], stops["upper"]) == (-math.inf, math.inf):
+        remedy = "state the limits, or use type 'fixed'" + (" or 'continuous'" if kind == "revolute" else "")
+        report.assume(element, what, found, "no stops", remedy)
+        return ("continuous" if kind == "revolute" else kind), {}
+    if len(stated) == 1:
+        report.assume(element, what, f"<limit> states only {stated[0]}", "the other is 0", "state both")
+    if stops["lower"] == stops["upper"]:
+        report.assume(element, what, found, "held there", "use type 'fixed' for a joint that does not move")
+    return kind, stops
+
+
+def _limits(element: Element, what: str, report: Report) -> dict[str, float]:
+    """Effort and velocity."""
+    limit = element.find("limit")
     if limit is None:
-        if kind in ("revolute", "prismatic"):
-            remedy = "add it, or use type 'continuous'" if kind == "revolute" else "add it"
-            raise ValueError(f"{what}: type {kind!r} needs a <limit> with lower, upper, effort and velocity: {remedy}")
         return {}
-    for name in [name for name in ("acceleration", "deceleration", "jerk") if name in limit.attrib]:
-        notes[f"skipped {name} of <limit>: the servo limits the motion"] += 1
-    stated = [name for name in ("effort", "velocity") if name in limit.attrib]
-    values: dict[str, float] = {name: _number(limit, name, what) for name in stated}
-    if len(values) < 2:
-        notes["a <limit> states no effort or no velocity: taken as unlimited"] += 1
-    if kind != "continuous":
-        return values | {name: _number(limit, name, what, default=0.0) for name in ("lower", "upper")}
-    if "lower" in limit.attrib or "upper" in limit.attrib:
-        notes["skipped lower and upper of a continuous joint, which has no stops"] += 1
+    for skipped in [name for name in ("acceleration", "deceleration", "jerk") if name in limit.attrib]:
+        report.remark(f"skipped {skipped} of <limit>: the servo limits the motion")
+    values: dict[str, float] = {}
+    for name in [name for name in ("effort", "velocity") if name in limit.attrib]:
+        with report.blaming(limit):
+            values[name] = number_or_inf(limit, name, what)
+    if not ("effort" in limit.attrib and "velocity" in limit.attrib):
+        report.remark("a <limit> states no effort or no velocity: taken as unlimited")
     return values
 
 
-def _numbers(element: Element, what: str) -> dict[str, float]:
+def _stated_numbers(element: Element, what: str, report: Report) -> dict[str, float]:
     children = [(child, JOINT_NUMBERS[child.tag]) for child in element if child.tag in JOINT_NUMBERS]
-    return {name: _number(child, name, what, default=0.0) for child, names in children for name in names}
+    return {k: v for child, names in children for k, v in _numbers(child, names, what, report, 0.0).items()}
 
 
-def _origin(element: Element, what: str) -> tuple[Vector, Vector]:
-    origin = element.find("origin")
-    if origin is None:
-        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    return _vector(origin, "xyz", what), _vector(origin, "rpy", what)
+def _numbers(
+    element: Element | None, names: tuple[str, ...], what: str, report: Report, default: float | None = None
+) -> dict[str, float]:
+    """Numbers of an element by name; 0 where one is wrong, which is in the report then."""
+    values = dict.fromkeys(names, 0.0)
+    if element is None:  # which has been reported, as what is required and missing has
+        return values
+    for name in names:
+        if name in element.attrib or default is not None:
+            with report.blaming(element):
+                values[name] = number(element, name, what, default)
+    return values
 
 
-def _vector(element: Element, attribute: str, what: str) -> Vector:
-    """Three numbers; zeros where the attribute is left out."""
-    words = element.get(attribute, "0 0 0").split()
-    if len(words) != 3:
-        raise ValueError(
-            f"{what}: <{element.tag}> {attribute}={element.get(attribute)!r} has {len(words)} numbers; "
-            "expected 3, separated by spaces: correct it"
-        )
-    x, y, z = (_parsed(word, f"{what}: <{element.tag}> {attribute}") for word in words)
-    return x, y, z
-
-
-def _number(element: Element, attribute: str, what: str, default: float | None = None) -> float:
-    if default is not None and attribute not in element.attrib:
-        return default
-    return _parsed(element.attrib[attribute].strip(), f"{what}: <{element.tag}> {attribute}")
-
-
-def _parsed(word: str, what: str) -> float:
-    """A finite number as XML Schema and C write it; float() alone would take 1_0, nan and Arabic digits too."""
-    value = float(word) if _NUMBER.fullmatch(word) else math.nan
-    if not abs(value) <= MAX_NUMBER:
-        raise ValueError(
-            f"{what} is {word[:40]!r}; expected a number up to {MAX_NUMBER:g}: write it like -0.15 or 2e-3"
-        )
-    return value
+def _origin(element: Element, what: str, report: Report) -> tuple[Vector, Vector]:
+    origin, xyz, rpy = element.find("origin"), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    if origin is not None:
+        with report.blaming(origin):
+            xyz = vector(origin, "xyz", what)
+        with report.blaming(origin):
+            rpy = vector(origin, "rpy", what)
+    return xyz, rpy
 
 
 def _without_world(
-    links: tuple[Link, ...], joints: tuple[Joint, ...], floating: list[Element], notes: Counter[str]
+    links: tuple[Link, ...], joints: tuple[Joint, ...], floating: list[Element], report: Report
 ) -> tuple[Link, ...]:
     """Drop the massless root of a floating joint; the joint's child becomes the floating base."""
-    what, world = _label(floating[0], ""), floating[0].findall("parent")[0].attrib["link"]
+    what, world = label(floating[0]), _end(floating[0], "parent")
     others = [joint.name for joint in joints if world in (joint.parent, joint.child)]
     massless = [link.name for link in links if link.mass == 0]
     if len(floating) > 1 or others or world not in massless:
-        raise ValueError(
+        text = (
             f"{what}: type 'floating' from link {world!r}; expected one such joint, from a massless root link that no "
             f"other joint uses: {_REFUSED_TYPES['floating']}"
         )
-    notes[f"dropped link {world!r} and {what}: the base floats, and its pose is part of the state"] += 1
+        report.refuse(floating[0], text)
+        return links
+    report.remark(f"dropped link {world!r} and {what}: the base floats, and its pose is part of the state")
     return tuple(link for link in links if link.name != world)

@@ -1,0 +1,146 @@
+"""`featherstone-gait check-robots`: which robots of a folder load, and what a second of each is like."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from argparse import Namespace
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from .arguments import Commands, add_command
+from .info import table
+
+if TYPE_CHECKING:
+    from ..model import Model
+
+DURATION = 1.0  # [s]
+WIDTH = 70  # of a cause in the printed table
+
+
+class Row(NamedTuple):
+    """What is found of one file."""
+
+    file: str  # below the folder
+    loads: str = "no"
+    notes: int = 0
+    joints: int = 0
+    mass: float = 0.0  # [kg]
+    status: str = ""  # of the simulation
+    error: float | str = ""  # of the joints' positions [rad or m]
+    cause: str = ""  # of the refusal, or why nothing was simulated
+
+
+def add(commands: Commands) -> None:
+    """Register the command."""
+    does = "load all robots below a folder, and simulate a second of each"
+    parser = add_command(commands, "check-robots", run, does, "with --csv a table of a row a robot")
+    parser.add_argument(
+        "folder", type=Path, metavar="FOLDER", help="where .urdf files, and .xml files of MuJoCo or SimTwo, are"
+    )
+    parser.add_argument("--csv", metavar="FILE", help="write the table as CSV, too")
+    parser.add_argument("--no-simulate", action="store_true", help="only load the robots")
+
+
+def run(args: Namespace) -> int:
+    from tqdm import tqdm
+
+    from ..files import Format, write_csv
+
+    if not args.folder.is_dir():
+        raise ValueError(f"{args.folder}: there is no such folder; give one that has .urdf files below it")
+    paths = robot_files(args.folder)
+    rows = [_row(path, args) for path in tqdm(paths, desc="check", unit="robot")]
+    print("\n".join([*_table(rows), "", *_summary(rows)]))
+    if args.csv:
+        write_csv(args.out / args.csv, Format("table of robots"), Row._fields, rows)
+        print(f"file: {args.out / args.csv}")
+    return 0
+
+
+def robot_files(folder: Path) -> list[Path]:
+    """The .urdf files below a folder, and the .xml files whose root is <mujoco>, or <scene> of SimTwo."""
+    found = (path for path in folder.rglob("*") if path.suffix in (".urdf", ".xml") and path.is_file())
+    return sorted(path for path in found if path.suffix == ".urdf" or _root_tag(path) in (b"mujoco", b"scene"))
+
+
+def _root_tag(path: Path) -> bytes:
+    """Name of the first element in an XML file."""
+    text = re.sub(rb"<!--.*?-->", b"", path.read_bytes(), flags=re.DOTALL)
+    tag = re.search(rb"<([A-Za-z][\w.:-]*)", text)
+    return tag[1] if tag else b""
+
+
+def _row(path: Path, args: Namespace) -> Row:
+    from ..robot_file import RobotFileError, RobotFileWarning, load_robot
+
+    row = Row(str(path.relative_to(args.folder)))
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RobotFileWarning)
+            model = load_robot(path)
+    except RobotFileError as error:
+        return row._replace(cause=_cause(error.problems[0]) or error.problems[0])
+    except ImportError as error:  # MuJoCo, of which the message tells
+        return row._replace(cause=str(error))
+    row = row._replace(loads="yes", notes=len(model.notes), joints=len(model.joint_names), mass=model.mass)
+    return row if args.no_simulate or model.nv == 0 else _simulated(row, model)
+
+
+def _simulated(row: Row, model: Model) -> Row:
+    """The robot falls or swings for a second, all joints limp, from rest at the positions nearest to zero.
+
+    By implicit steps of fixed length, which take the same time for each robot: dry friction, stops and the gimbal lock
+    of hinges in series would make error control take steps without end.
+    """
+    import numpy as np
+
+    from ..build.scene import compile_scene
+    from ..run.simulate import initial_state, simulate
+
+    home = [min(max(0.0, joint.lower), joint.upper) for joint in model.moving_joints]
+    base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
+    try:
+        scene = compile_scene(model, integrator="implicit_euler")
+        state = initial_state(scene, np.array([*base, *home]))
+        trajectory = simulate(scene, DURATION, state, record=("q",), sample=0.1, estimate_error=True)
+    except ValueError as error:
+        return row._replace(status="refused", cause=_cause(str(error)))
+    errors = trajectory.error["q"] if trajectory.error else np.zeros(0)
+    return row._replace(status=trajectory.status, error=float(errors.max(initial=0.0)))
+
+
+def _cause(problem: str) -> str:
+    """What a problem says, without line, element and remedy."""
+    said = re.sub(r"^(line \d+: )?((link|joint|robot|links) ('[^']*'(, )?)+)?( <\w+>)*:? ?", "", problem)
+    return said.split(";")[0].strip()
+
+
+def _kind(cause: str) -> str:
+    """Causes that differ in names and numbers alone are of one kind."""
+    return re.sub(r"-?\d[\d.e+-]*", "#", re.sub(r"'[^']*'", "'...'", cause))
+
+
+def _table(rows: list[Row]) -> list[str]:
+    head = ("file", "loads", "notes", "joints", "mass [kg]", "status", "error", "cause")
+    return table(head, [_cells(row) for row in rows])
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    if row.loads == "no":
+        return (row.file, row.loads, *[""] * 5, row.cause[:WIDTH])
+    error = "" if row.error == "" else f"{row.error:.1e}"
+    mass = f"{row.mass:.5g}"
+    return (row.file, row.loads, str(row.notes), str(row.joints), mass, row.status, error, row.cause[:WIDTH])
+
+
+def _summary(rows: list[Row]) -> list[str]:
+    loaded = [row for row in rows if row.loads == "yes"]
+    statuses = Counter(row.status for row in loaded if row.status)
+    causes = Counter(_kind(row.cause) for row in rows if row.cause)
+    return [
+        f"{len(loaded)} of {len(rows)} robots load, {sum(row.notes > 0 for row in loaded)} of them with notes",
+        *(["simulated: " + ", ".join(f"{status} {n}" for status, n in statuses.most_common())] if statuses else []),
+        *(f"{n} x {cause}" for cause, n in causes.most_common()),
+    ]

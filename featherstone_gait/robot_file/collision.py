@@ -1,0 +1,114 @@
+"""Collision shapes of a URDF, and where their meshes are."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from urllib.parse import unquote
+from xml.etree.ElementTree import Element
+
+from ..model import check_angles
+from ..shape import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
+from .grammar import label
+from .numerals import number, vector
+from .report import Report
+
+NEAR = 4  # folders above a URDF whose folders are searched for packages, too
+
+
+class MeshFinder:
+    """Finds the files that a URDF names: relative to it, by file://, or by package://NAME/.
+
+    Packages are looked for in `package_dirs`, in the folders above the URDF and in the folders of the NEAR ones, and
+    in those of the environment variable ROS_PACKAGE_PATH.  No mesh is opened.
+    """
+
+    def __init__(self, urdf: Path, package_dirs: Sequence[str | os.PathLike] = ()) -> None:
+        self._folder = Path(os.path.abspath(urdf)).parent
+        self._given = [Path(folder) for folder in package_dirs]
+        self._found: dict[str, list[Path]] = {}  # package -> folders
+
+    def find(self, name: str) -> Path | None:
+        """The file that a URDF calls by this name, or None."""
+        scheme, separator, rest = name.partition("://")
+        if not separator:
+            candidates = [self._folder / name]
+        elif scheme == "file":
+            candidates = [Path(unquote(rest))]
+        elif scheme in ("package", "model"):
+            package, _, inner = rest.partition("/")
+            candidates = [folder / inner for folder in self._packages(package)]
+        else:
+            candidates = []
+        return next((path for path in candidates if os.path.isfile(path)), None)
+
+    def _packages(self, name: str) -> list[Path]:
+        if name not in self._found:
+            folders = (folder / name if folder.name != name else folder for folder in self._places())
+            self._found[name] = [folder for folder in folders if name and os.path.isdir(folder)]
+        return self._found[name]
+
+    def _places(self) -> Iterator[Path]:
+        """Folders that may hold a package, or be one."""
+        above = [self._folder, *self._folder.parents]
+        yield from self._given
+        yield from above
+        yield from (Path(place) for place in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if place)
+        for folder in above[:NEAR]:
+            if os.access(folder, os.R_OK):
+                yield from sorted(Path(entry.path) for entry in os.scandir(folder) if entry.is_dir())
+
+
+def read_shapes(link: Element, meshes: MeshFinder, report: Report) -> Iterator[Shape]:
+    """The shapes of a link.  One that is wrong is reported and left out: it plays no part until something touches."""
+    what = label(link)
+    for element in link.iterfind("collision"):
+        try:
+            yield _shape(element, link.get("name", "?"), what, meshes, report)
+        except ValueError as error:
+            found = str(error).removeprefix(f"{what}: ")
+            report.assume(element, what, found, "the shape was left out", "or remove the shape")
+
+
+def _shape(element: Element, link: str, what: str, meshes: MeshFinder, report: Report) -> Shape:
+    zero, origin = (0.0, 0.0, 0.0), element.find("origin")
+    xyz, rpy = (zero, zero) if origin is None else (vector(origin, "xyz", what), vector(origin, "rpy", what))
+    check_angles(f"{what}: <origin>", "rpy", rpy)
+    stated = [child for geometry in element.iterfind("geometry") for child in geometry if child.tag in _GEOMETRIES]
+    if len(stated) != 1:
+        raise ValueError(
+            f"{what}: <collision> has {len(stated)} geometries; expected one of "
+            f"{', '.join(f'<{tag}>' for tag in _GEOMETRIES)}: correct it"
+        )
+    geometry = _GEOMETRIES[stated[0].tag](stated[0], what)
+    if isinstance(geometry, Mesh):
+        geometry = _located(geometry, meshes, report)
+    return Shape(link, geometry, xyz, rpy, element.get("name", ""))
+
+
+def _located(mesh: Mesh, meshes: MeshFinder, report: Report) -> Mesh:
+    path = meshes.find(mesh.file)
+    if path is None:
+        report.remark(f"mesh {mesh.file!r} of a <collision> is not there: its path is kept as written")
+        return mesh
+    return Mesh(str(path), mesh.scale)
+
+
+def _mesh(element: Element, what: str) -> Geometry:
+    if not element.get("filename"):
+        raise ValueError(f"{what}: <mesh> has no filename; it is required: add it")
+    return Mesh(element.attrib["filename"], vector(element, "scale", what, "1 1 1"))
+
+
+def _round(make: Callable[[float, float], Geometry]) -> Callable[[Element, str], Geometry]:
+    return lambda element, what: make(number(element, "radius", what), number(element, "length", what))
+
+
+_GEOMETRIES: dict[str, Callable[[Element, str], Geometry]] = {
+    "box": lambda element, what: Box(vector(element, "size", what)),
+    "sphere": lambda element, what: Sphere(number(element, "radius", what)),
+    "cylinder": _round(Cylinder),
+    "capsule": _round(Capsule),
+    "mesh": _mesh,
+}

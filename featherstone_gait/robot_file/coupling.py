@@ -1,0 +1,86 @@
+"""Joints that follow others: <mimic>, resolved to leaders that move by themselves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+from ..model import Joint, Mimic
+from .report import Report
+
+MimicMode = Literal["coupled", "free", "locked"]
+
+
+def check_mimic_mode(mode: str) -> None:
+    """Raise ValueError unless it is a way to take <mimic>."""
+    if mode not in ("coupled", "free", "locked"):
+        raise ValueError(f"mimic={mode!r}; expected 'coupled', 'free' or 'locked': use one of these")
+
+
+def resolve_couplings(
+    joints: tuple[Joint, ...], locked: dict[str, float], mode: MimicMode, report: Report
+) -> tuple[tuple[Joint, ...], dict[str, float]]:
+    """Joints whose Mimic names a leader that moves by itself, and the joints to hold with their positions.
+
+    Chains lead to the joint at their end.  A follower of a joint that does not move is held, and with mode "locked"
+    every follower is, where its leader's position nearest to zero puts it; with "free" it moves by itself.  A joint
+    that is locked follows nobody.
+    """
+    by_name = {joint.name: joint for joint in joints}
+    held, resolved = dict(locked), []
+    for joint in joints:
+        if joint.mimic is None or joint.type == "fixed" or joint.name in locked:
+            resolved.append(replace(joint, mimic=None))
+        elif mode == "free":
+            report.remark(f"joint {joint.name!r} moves by itself, not with joint {joint.mimic.joint!r}")
+            resolved.append(replace(joint, mimic=None))
+        elif not _is_sound(joint, by_name, report):
+            resolved.append(replace(joint, mimic=None))
+        else:
+            mimic = _resolved(joint.mimic, by_name, locked)
+            leader = by_name[mimic.joint]
+            still = leader.type == "fixed" or leader.name in locked or mimic.multiplier == 0
+            if mode == "locked" or still:
+                held[joint.name] = _position(joint, mimic, leader, locked, report)
+            resolved.append(replace(joint, mimic=None if joint.name in held else mimic))
+    return tuple(resolved), held
+
+
+def _is_sound(joint: Joint, by_name: dict[str, Joint], report: Report) -> bool:
+    """Whether a chain of mimics ends in a joint that is there; if not, that is reported."""
+    path = [joint.name]
+    mimic = joint.mimic
+    while mimic is not None:
+        if mimic.joint in path:
+            loop = sorted(path[path.index(mimic.joint) :])
+            text = f"joints {', '.join(map(repr, loop))} follow each other in a circle; remove one <mimic>"
+            _refuse(report, loop[0], text)
+            return False
+        if mimic.joint not in by_name:
+            _refuse(report, path[-1], f"<mimic> names joint {mimic.joint!r}, which is not there; correct the name")
+            return False
+        path.append(mimic.joint)
+        mimic = by_name[mimic.joint].mimic
+    return True
+
+
+def _refuse(report: Report, joint: str, text: str) -> None:
+    report.refuse_at(f"joint {joint!r}", f"joint {joint!r}: {text}, or load with mimic='free'")
+
+
+def _resolved(mimic: Mimic, by_name: dict[str, Joint], locked: dict[str, float]) -> Mimic:
+    """The coupling to the joint at the end of a chain, or to the first that is held."""
+    multiplier, offset, leader = mimic.multiplier, mimic.offset, by_name[mimic.joint]
+    while leader.mimic is not None and leader.name not in locked and leader.type != "fixed":
+        offset += multiplier * leader.mimic.offset
+        multiplier *= leader.mimic.multiplier
+        leader = by_name[leader.mimic.joint]
+    return Mimic(leader.name, multiplier, offset)
+
+
+def _position(joint: Joint, mimic: Mimic, leader: Joint, locked: dict[str, float], report: Report) -> float:
+    """Where a follower is held [rad or m]: as its leader says, within its own limits."""
+    at = 0.0 if leader.type == "fixed" else min(max(locked.get(leader.name, 0.0), leader.lower), leader.upper)
+    position = min(max(mimic.multiplier * at + mimic.offset, joint.lower), joint.upper)
+    report.remark(f"joint {joint.name!r} is held at {position:.6g}, since it follows joint {leader.name!r}")
+    return position

@@ -1,0 +1,104 @@
+"""What a reader finds in a file: problems, assumptions and remarks, each with its place."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree.ElementTree import Element
+
+from ..flaws import FlawError
+from .errors import RobotFileWarning, refusal
+
+SHOWN_IN_WARNING = 5
+
+
+class Found(NamedTuple):
+    """Something in a file, and where."""
+
+    line: int  # 0: of the file as a whole
+    text: str
+
+
+class Report:
+    """What is found in one file.
+
+    A problem has no meaning and refuses the file.  An assumption is what has one meaning although the file does not
+    say it as it should: it is warned about, or with `strict` refused.  A remark is neither.
+    """
+
+    def __init__(self, lines: Mapping[Element, int], strict: bool = False) -> None:
+        self.lines = lines
+        self.strict = strict
+        self.places: dict[str, int] = {}  # label, such as "link 'thigh'" -> line
+        self.problems: list[Found] = []
+        self._assumed: dict[str, list[str]] = {}  # sentence -> labels of the elements
+        self._remarks: Counter[str] = Counter()
+
+    def refuse(self, element: Element | None, text: str) -> None:
+        """Note what refuses the file; the text names the element, the value, what is allowed and a remedy."""
+        self.problems.append(Found(self.lines.get(element, 0) if element is not None else 0, text))
+
+    def refuse_at(self, label: str, text: str) -> None:
+        """The same of an element that has been read, by its label."""
+        self.problems.append(Found(self.places.get(label, 0), text))
+
+    def assume(self, element: Element, what: str, found: str, taken: str, remedy: str) -> None:
+        """Note what is found in an element and what it is taken for; the remedy is for who wants it strict."""
+        if self.strict:
+            self.refuse(element, f"{what}: {found}; {remedy}")
+        self._assumed.setdefault(f"{found}: {taken}", []).append(what)
+
+    def doubt(self, sentence: str) -> None:
+        """Note what the file as a whole says that is passed over although the motion depends on it."""
+        if self.strict:
+            self.refuse(None, f"{sentence}; remove it, or load with strict=False")
+        self._assumed.setdefault(sentence, [])
+
+    def remark(self, sentence: str) -> None:
+        """Note what plays no part; the same sentence counts up."""
+        self._remarks[sentence] += 1
+
+    @contextmanager
+    def blaming(self, element: Element | None = None) -> Iterator[None]:
+        """Note what a ValueError says, of the element or of the one that it names, and go on."""
+        try:
+            yield
+        except FlawError as error:
+            for flaw in error.flaws:
+                line = self.lines[element] if element is not None else self.places.get(flaw.element, 0)
+                self.problems.append(Found(line, flaw.text))
+        except ValueError as error:
+            self.refuse(element, str(error))
+
+    def notes(self) -> tuple[str, ...]:
+        """A sentence for each kind of thing that was assumed or passed over, assumptions first."""
+        remarks = (sentence + (f" ({n} times)" if n > 1 else "") for sentence, n in self._remarks.items())
+        return (*self._assumptions(), *remarks)
+
+    def _assumptions(self) -> tuple[str, ...]:
+        several = {sentence: len(labels) - 1 for sentence, labels in self._assumed.items()}
+        return tuple(
+            labels[0] + (f" and {several[sentence]} more" if several[sentence] else "") + f": {sentence}"
+            if labels
+            else sentence
+            for sentence, labels in self._assumed.items()
+        )
+
+    def raise_problems(self, file: Path) -> None:
+        """Raise RobotFileError with all problems, in the order of their lines."""
+        if self.problems:
+            ordered = dict.fromkeys(sorted(self.problems, key=lambda found: found.line))
+            raise refusal(file, [f"line {line}: {text}" if line else text for line, text in ordered])
+
+    def warn(self, file: Path, stacklevel: int) -> None:
+        """Give one warning of all that was assumed."""
+        assumed = self._assumptions()
+        if assumed:
+            rest = len(assumed) - SHOWN_IN_WARNING
+            shown = [*assumed[:SHOWN_IN_WARNING], *([f"and {rest} more in Model.notes"] if rest > 0 else [])]
+            text = f"{file}: {'; '.join(shown)} (load_robot(..., strict=True) refuses this)"
+            warnings.warn(text, RobotFileWarning, stacklevel=stacklevel + 1)

@@ -1,0 +1,162 @@
+"""URDFs that others publish load, and move as Pinocchio says: the robots of the packages `example-robot-data` and
+`pybullet_data`, as far as they are installed.
+"""
+
+import importlib.util
+import warnings
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from featherstone_gait import RobotFileError, RobotFileWarning, forward_dynamics, load_robot
+from featherstone_gait.rotation import rotation_from_rpy
+
+pinocchio = pytest.importorskip("pinocchio")
+pytestmark = pytest.mark.filterwarnings("ignore::featherstone_gait.robot_file.RobotFileWarning")
+
+REFUSED = {  # what has no meaning, and the reason
+    "alex_psyonic_hands.urdf": "which is not there",  # <mimic> of joints that have other names
+    "biped2d_pybullet.urdf": "not well-formed XML",
+    "cube_no_rotation.urdf": "lower 1.0, upper -1.0",
+    "diff_ring.urdf": "not well-formed XML",
+    "humanoid.urdf": "not well-formed XML",
+    "husky.urdf": "$(optenv HUSKY_IMU_XYZ",
+    "icub.urdf": "can move together without inertia",
+    "microtaur.urdf": "has 4 numbers",
+    "romeo.urdf": "its inertia there is 0.0",
+    "romeo_laas_small.urdf": "moves but has mass 0.0 kg",
+    "spherical_joint_limit.urdf": "type 'spherical' is not simulated",
+}
+MASSLESS_ROOT = ("cartpole.urdf", "cube_rotate.urdf", "pendulum5.urdf")  # which only a joint holds
+NOT_READ_BY_PINOCCHIO = ("bike.urdf",)  # numbers separated by commas
+
+
+def folders():
+    """Where the packages have their robots."""
+    spec = importlib.util.find_spec("pybullet_data")
+    packages = [Path(spec.origin).parent] if spec and spec.origin else []
+    prefix = Path(pinocchio.__file__).parents[4] / "share" / "example-robot-data" / "robots"
+    return packages + ([prefix] if prefix.is_dir() else [])
+
+
+def articulated(path):
+    """Whether a file says that something moves; one that is no XML may."""
+    try:
+        return any(joint.get("type") != "fixed" for joint in ElementTree.parse(path).getroot().iterfind("joint"))
+    except ElementTree.ParseError:
+        return True
+
+
+def robots():
+    files = [(folder, path) for folder in folders() for path in sorted(folder.rglob("*.urdf")) if articulated(path)]
+    return [
+        pytest.param(path, id=f"{folder.name}/{path.relative_to(folder).with_suffix('')}")
+        for folder, path in files
+        if "random_urdfs" not in path.parts  # single objects
+    ]
+
+
+def loads(path, **how):
+    """The robot, joints free that follow others, as in Pinocchio; or skip what is refused."""
+    if path.name in REFUSED or path.name in NOT_READ_BY_PINOCCHIO:
+        pytest.skip("refused, or not read by Pinocchio")
+    return load_robot(path, mimic="free", **how)
+
+
+def states(model, count=3):
+    """Positions and velocities of the joints, and forces."""
+    rng = np.random.default_rng(1)
+    shape = (count, len(model.joint_names))
+    return rng.uniform(-0.5, 0.5, shape), rng.normal(size=shape), rng.normal(size=shape)
+
+
+class Peer:
+    """Pinocchio's model, in this package's order of joints."""
+
+    def __init__(self, path, names, *root):
+        self.model = pinocchio.buildModelFromUrdf(str(path), *root)
+        self.data = self.model.createData()
+        self.joints = [self.model.joints[self.model.getJointId(name)] for name in names]
+        self.rows = [joint.idx_v for joint in self.joints]
+
+    def positions(self, q):
+        Q = pinocchio.neutral(self.model)
+        for joint, x in zip(self.joints, q):
+            Q[joint.idx_q : joint.idx_q + joint.nq] = [np.cos(x), np.sin(x)] if joint.nq == 2 else [x]
+        return Q
+
+    def spread(self, x, base=()):
+        """Numbers of the joints in Pinocchio's order, those of the base before them."""
+        out = np.zeros(self.model.nv)
+        out[self.rows] = x
+        out[: len(base)] = base
+        return out
+
+
+@pytest.mark.parametrize("path", robots())
+def test_accelerations_on_a_fixed_base_are_pinocchios(path):
+    model = loads(path, base="fixed")
+    peer = Peer(path, model.joint_names)
+    assert peer.model.nv == model.nv
+    q, qd, tau = states(model)
+    for k, ours in enumerate(forward_dynamics(model, q, qd, tau)):
+        x = peer.positions(q[k]), peer.spread(qd[k]), peer.spread(tau[k])
+        theirs = pinocchio.aba(peer.model, peer.data, *x)[peer.rows]
+        assert np.abs(ours - theirs).max() <= 1e-9 * np.abs(theirs).max()
+
+
+@pytest.mark.parametrize("path", robots())
+def test_mass_and_accelerations_on_a_floating_base_are_pinocchios(path):
+    if path.name in MASSLESS_ROOT:
+        with pytest.raises(RobotFileError, match=r"floating base '.*' can move together without"):
+            loads(path, base="floating")
+        return
+    model = loads(path, base="floating")
+    peer = Peer(path, model.joint_names, pinocchio.JointModelFreeFlyer())
+    assert pinocchio.computeTotalMass(peer.model) == pytest.approx(model.mass, rel=1e-12)
+    joints, rates, forces = states(model)
+    v, omega, force, moment = np.random.default_rng(2).normal(size=(4, 3))
+    R = rotation_from_rpy((0.3, -0.4, 0.5))
+    quaternion = pinocchio.Quaternion(R)
+    w = np.array([quaternion.w, quaternion.x, quaternion.y, quaternion.z])
+    for q, qd, tau in zip(joints, rates, forces):
+        ours = forward_dynamics(model, np.r_[np.zeros(3), w, q], np.r_[v, omega, qd], np.r_[force, moment, tau])
+        Q = peer.positions(q)
+        Q[3:7] = quaternion.coeffs()
+        x = Q, peer.spread(qd, [*R.T @ v, *omega]), peer.spread(tau, [*R.T @ force, *moment])
+        a = pinocchio.aba(peer.model, peer.data, *x)
+        linear = R @ (a[:3] + np.cross(omega, R.T @ v))  # Pinocchio's is the rate in the body's own axes
+        theirs = np.r_[linear, a[3:6], a[peer.rows]]
+        assert np.abs(ours - theirs).max() <= 1e-9 * np.abs(theirs).max()
+
+
+@pytest.mark.parametrize("path", robots())
+def test_what_is_refused_has_no_meaning(path):
+    """The rest, 95 % and more of what is neither malformed nor massless, loads with all that it couples."""
+    if path.name in REFUSED:
+        with pytest.raises(RobotFileError) as caught:
+            load_robot(path)
+        assert REFUSED[path.name] in str(caught.value)
+        assert "line " in str(caught.value)
+        return
+    robot = load_robot(path)
+    joints = ElementTree.parse(path).getroot().findall("joint")
+    followers = {j.get("name") for j in joints if j.find("mimic") is not None and j.get("type") != "fixed"}
+    assert {coupling[0] for coupling in robot.couplings} | set(robot.locked) == followers
+    leaders = {coupling[1] for coupling in robot.couplings}
+    assert leaders <= set(robot.joint_names) - followers
+
+
+def test_a_warning_says_what_is_in_the_notes():
+    for each in robots():
+        path = each.values[0]
+        if path.name in REFUSED:
+            continue
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            robot = load_robot(path)
+        assert all(warning.category is RobotFileWarning for warning in caught)
+        assert len(caught) <= 1
+        assert len(robot.notes) >= len(caught)
