@@ -35,23 +35,24 @@ def load_robot(
     repair_inertia: bool = False,
     package_dirs: Sequence[str | os.PathLike] = (),
 ) -> Model:
-    """Read a robot: a name of `robot_names()`, or the path of a .urdf, .mjcf or .xml file.
+    """Read a robot: a name of `robot_names()`, or the path of a URDF, an MJCF file or a scene of SimTwo.
 
-    The .toml of the same stem is read too, if it is there; its servos and contact points come before the file's own.
+    The .toml of the same stem is read too, if it is there; its servos come before the file's own.  MJCF takes MuJoCo:
+    pip install featherstone-gait[mjcf].
 
-    What a file says in another way than it should, but with one meaning, is read; `Model.notes` says how, and one
-    RobotFileWarning too.  MJCF takes MuJoCo: pip install featherstone-gait[mjcf].  Its keyframes become
-    `Model.keyframes`.
+    What a file says in another way than it should, but with one meaning, is read; what changes the motion and has no
+    place in a Model, as the springs of an MJCF file's joints, is passed over.  `Model.notes` says so, and one
+    RobotFileWarning too.  Keyframes of MJCF become `Model.keyframes`.
 
     Parameters
     ----------
-    base : None is what the TOML says, else "floating" if the URDF has a floating joint, else "fixed"
+    base : None is what the TOML says, else "floating" if the file has a floating joint, else "fixed"
     locked : joints to hold: the name of a set in the TOML, {joint: position [rad or m]}, or joint names (held at 0);
         None is the TOML's set "default", if it has one, and "all" holds all joints in the admissible posture nearest
         to zero, unless the TOML has a set of that name
     contacts : what touches the ground: None is what the TOML says, if anything; "feet", "all" or names of links take
         the collision shapes of these (`with_contacts` says how)
-    strict : refuse what would be warned about; of MJCF that is what changes the motion and has no place in a Model
+    strict : refuse what would be warned about
     mimic : joints that follow others: "coupled", "free" (they move by themselves) or "locked" (held where the leader's
         position nearest to zero puts them)
     repair_inertia : make inertias possible that no body can have, as MuJoCo's `boundinertia` and `balanceinertia` do:
@@ -67,26 +68,23 @@ def load_robot(
     with blamed_on(path):
         markup = read_markup(path)
         report = Report(markup.lines, strict)
-        if markup.root.tag in ("mujoco", "scene") or markup.root.find("solids") is not None:
-            robot = _other_format(markup, path, base, report)
-        else:
-            robot = read_urdf(markup.root, path, MeshFinder(path, package_dirs), report, repair_inertia)
+        meshes = MeshFinder(path, package_dirs)
+        foreign = _foreign(path, markup, base, report)
+        robot = foreign or read_urdf(markup.root, path, meshes, report, repair_inertia)
     settings = _settings(path, robot, report)
-    held = {**robot.held} | _held(path, robot, locked, settings, report)
+    held = {**robot.held, **_held(path, robot, locked, settings, report)}
     model = _model(path, robot, settings, base, resolve_couplings(robot.joints, held, mimic, report), report)
     report.warn(path, stacklevel=2)
     return _touching(model, settings.choice if contacts is None else contacts)
 
 
-def _other_format(markup: Markup, path: Path, base: Base | None, report: Report) -> Robot:
-    """A robot from MJCF, or from a scene of SimTwo."""
-    robot = read_mjcf(path, base) if markup.root.tag == "mujoco" else read_simtwo(path, markup.root, base)
-    for doubt in robot.doubts:
-        report.doubt(doubt)
-    for note in robot.notes:
-        if note not in robot.doubts:
-            report.remark(note)
-    return robot
+def _foreign(path: Path, markup: Markup, base: Base | None, report: Report) -> Robot | None:
+    """The robot of a file that is no URDF, by its root element."""
+    if markup.root.tag == "mujoco":
+        return read_mjcf(path, base, report)
+    if markup.root.tag == "scene" or markup.root.find("solids") is not None:
+        return read_simtwo(path, markup.root, base, report)
+    return None
 
 
 def _settings(path: Path, robot: Robot, report: Report) -> Settings:
@@ -116,8 +114,8 @@ def _held(path: Path, robot: Robot, locked: Any, settings: Settings, report: Rep
 def _model(path: Path, robot: Robot, settings: Settings, base: Base | None, moving: tuple, report: Report) -> Model:
     """The robot.  What is wrong with it is reported; nobody gets to see what is returned then."""
     joints, held = moving
+    taken: Base = next(b for b in (base, settings.base, robot.base, "fixed") if b is not None)
     model = None
-    taken = next(b for b in (base, settings.base, robot.base, "fixed") if b is not None)
     with report.blaming():
         model = Model(
             name=robot.name,
@@ -126,7 +124,7 @@ def _model(path: Path, robot: Robot, settings: Settings, base: Base | None, movi
             base=taken,
             locked=held,
             servos={**robot.servos, **settings.servos},
-            contacts=settings.contacts or robot.contacts,
+            contacts=settings.contacts,
             shapes=robot.shapes,
             keyframes={**_keyframes(robot, taken, held), **settings.keyframes},
             notes=report.notes(),

@@ -37,7 +37,6 @@ class Report:
         self.problems: list[Found] = []  # without the assumptions that strict refuses
         self._refused_assumptions: list[Found] = []
         self._assumed: dict[str, list[str]] = {}  # sentence -> labels of the elements
-        self._doubts: dict[str, None] = {}  # sentences
         self._remarks: Counter[str] = Counter()
 
     def refuse(self, element: Element | None, text: str) -> None:
@@ -55,10 +54,10 @@ class Report:
         self._assumed.setdefault(f"{found}: {taken}", []).append(what)
 
     def doubt(self, sentence: str) -> None:
-        """Note that something was passed over which changes the motion."""
+        """Note what the file as a whole says that is passed over although the motion depends on it."""
         if self.strict:
             self.refuse(None, f"{sentence}; remove it, or load with strict=False")
-        self._doubts[sentence] = None
+        self._assumed.setdefault(sentence, [])
 
     def remark(self, sentence: str) -> None:
         """Note what plays no part; the same sentence counts up."""
@@ -84,11 +83,12 @@ class Report:
     def _assumptions(self) -> tuple[str, ...]:
         """What was assumed or doubted."""
         several = {sentence: len(labels) - 1 for sentence, labels in self._assumed.items()}
-        assumed = (
+        return tuple(
             labels[0] + (f" and {several[sentence]} more" if several[sentence] else "") + f": {sentence}"
+            if labels
+            else sentence
             for sentence, labels in self._assumed.items()
         )
-        return (*self._doubts, *assumed)
 
     def raise_problems(self, file: Path) -> None:
         """Raise RobotFileError with all problems, in the order of their lines."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from ..model import Base, ContactPoint, Joint, Link, Servo
+from ..model import Base, Joint, Link, Servo
 from ..shape import Shape
 
 
@@ -22,11 +22,8 @@ class Robot(NamedTuple):
     name: str
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
+    shapes: tuple[Shape, ...]
     base: Base | None
-    shapes: tuple[Shape, ...] = ()
     held: Mapping[str, float] = {}  # joints that cannot move, and where they are [rad or m]
     servos: Mapping[str, Servo] = {}
-    contacts: tuple[ContactPoint, ...] = ()
     postures: Mapping[str, Posture] = {}
-    notes: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()  # those of the notes that change the motion

@@ -17,6 +17,8 @@ from .servos import PARTS
 from .toml import written
 from .urdf import INERTIA, JOINT_NUMBERS
 
+MJCF = (".xml", ".mjcf")  # suffixes
+
 
 def save_robot(model: Model, path: str | os.PathLike, ground: Ground | None = None) -> None:
     """Write a robot as URDF and the TOML beside it, or as MJCF (.xml or .mjcf) for MuJoCo.
@@ -33,7 +35,7 @@ def save_robot(model: Model, path: str | os.PathLike, ground: Ground | None = No
     Raises ValueError if the suffix is another, or the format cannot state the robot.
     """
     path = Path(path)
-    if path.suffix in (".xml", ".mjcf"):
+    if path.suffix in MJCF:
         texts = {path: mjcf_text(model, ground)}
     elif path.suffix == ".urdf":
         texts = {path: _urdf_text(model), path.with_suffix(".toml"): _toml_text(model)}

@@ -48,7 +48,7 @@ def read_urdf(root: Element, path: Path, meshes: MeshFinder, report: Report, rep
     if floating:
         links = _without_world(links, joints, floating, report)
     shapes = [shape for shape in shapes if any(shape.link == link.name for link in links)]
-    return Robot(name, links, joints, "floating" if floating else None, tuple(shapes), held)
+    return Robot(name, links, joints, tuple(shapes), "floating" if floating else None, held)
 
 
 def _check_root(root: Element) -> None:

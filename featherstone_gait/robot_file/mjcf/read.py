@@ -12,6 +12,7 @@ import numpy as np
 
 from ...model import Base
 from ..errors import refusal
+from ..report import Report
 from ..robot import Posture, Robot
 from .actuators import read_actuators
 from .causes import couplings, doubts, notes, refusals
@@ -22,8 +23,10 @@ from .tree import Tree, read_tree
 INSTALL = "MJCF is read through MuJoCo; install it with pip install featherstone-gait[mjcf]"
 
 
-def read_mjcf(path: Path, base: Base | None = None) -> Robot:
+def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     """Read an MJCF file.  base: None is "floating" if the file has a free joint.
+
+    What is passed over goes into the report.
 
     Raises ImportError without MuJoCo, ValueError for what MuJoCo cannot read, RobotFileError for all that the simulator
     cannot do.
@@ -35,18 +38,12 @@ def read_mjcf(path: Path, base: Base | None = None) -> Robot:
         raise refusal(path, problems)
     actuators = read_actuators(m, tree, tree.joints)
     shapes, left = read_shapes(m, tree)
-    doubted = [*doubts(m, tree), *actuators.doubts]
-    return Robot(
-        name=_name(m, path),
-        links=tree.links,
-        joints=actuators.joints,
-        base=tree.base,
-        servos=actuators.servos,
-        shapes=shapes,
-        postures=_postures(m, tree),
-        notes=(*doubted, *notes(m, tree), *left, *remarks),
-        doubts=tuple(doubted),
-    )
+    for sentence in (*doubts(m, tree), *actuators.doubts):
+        report.doubt(sentence)
+    for sentence in (*notes(m, tree), *left, *remarks):
+        report.remark(sentence)
+    joints, postures = actuators.joints, _postures(m, tree)
+    return Robot(_name(m, path), tree.links, joints, shapes, tree.base, servos=actuators.servos, postures=postures)
 
 
 def _compiled(path: Path) -> tuple[Any, list[str]]:

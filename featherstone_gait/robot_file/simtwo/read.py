@@ -13,6 +13,7 @@ from ...rotation import rotation_from_rpy
 from ...shape import Box, Cylinder, Geometry, Shape, Sphere
 from ..errors import refusal
 from ..markup import read_markup
+from ..report import Report
 from ..robot import Posture, Robot
 from .expression import Numbers, constants_of
 from .motors import parts_of, servo_of
@@ -48,12 +49,13 @@ class Axis(NamedTuple):
     servo: Servo | None
 
 
-def read_simtwo(path: Path, root: Element, base: Base | None) -> Robot:
+def read_simtwo(path: Path, root: Element, base: Base | None, report: Report) -> Robot:
     """Read the robot of a scene (<scene>), or a robot's file (<robot>).
 
     base : None is "fixed" if a joint holds the robot to the world, else "floating"
 
-    Raises ValueError for what has no meaning, RobotFileError for all that the simulator cannot do.
+    What is passed over goes into the report.  Raises ValueError for what has no meaning, RobotFileError for all that
+    the simulator cannot do.
     """
     name, pose, body, constants = path.stem, (NOTHING, NOTHING), root, constants_of(root, {})
     if root.tag == "scene":
@@ -63,7 +65,10 @@ def read_simtwo(path: Path, root: Element, base: Base | None) -> Robot:
     _check_solids(path, body, solids)
     axes = list(_axes(body, numbers, [solid.name for solid in solids]))
     fixed = any(WORLD in (axis.parent, axis.child) for axis in axes)
-    return _robot(name, solids, axes, base or ("fixed" if fixed else "floating"), pose, _doubts(body, numbers))
+    for sentence in _doubts(body, numbers):
+        report.doubt(sentence)
+    report.remark("skipped colours, shells, sensors, surfaces and drag of the scene")
+    return _robot(name, solids, axes, base or ("fixed" if fixed else "floating"), pose)
 
 
 def _of_scene(path: Path, root: Element, constants: dict[str, float]) -> tuple[str, tuple, Element, dict[str, float]]:
@@ -249,7 +254,7 @@ def _scaled(direction: tuple[float, ...], sign: float, what: str) -> tuple[float
 # ---------------------------------------------------------------------------------------------- the robot
 
 
-def _robot(name: str, solids: list[Solid], axes: list[Axis], base: Base, pose: tuple, doubts: list[str]) -> Robot:
+def _robot(name: str, solids: list[Solid], axes: list[Axis], base: Base, pose: tuple) -> Robot:
     """Links with their frames at their joints, parallel to the robot's."""
     origins = {axis.child: axis.position for axis in axes}
     links = [_link(solid, origins.get(solid.name, NOTHING)) for solid in solids]
@@ -264,11 +269,9 @@ def _robot(name: str, solids: list[Solid], axes: list[Axis], base: Base, pose: t
         links=tuple(links),
         joints=joints,
         base=base,
-        notes=(*doubts, "skipped colours, shells, sensors, surfaces and drag of the scene"),
         servos={axis.name: axis.servo for axis in axes if axis.servo is not None and axis.kind != "Fixed"},
         shapes=tuple(shapes),
         postures={"scene": start},
-        doubts=tuple(doubts),
     )
 
 
@@ -308,4 +311,6 @@ def _quaternion(rpy: tuple[float, ...]) -> tuple[float, float, float, float]:
 def _doubts(body: Element, numbers: Numbers) -> list[str]:
     """What changes the motion and is passed over."""
     springs = [e for e in body.iter() if e.tag in ("spring", "spring2") and numbers.one(e, "k", 0.0, "<spring>")]
-    return ["passed over the springs of axes: joints have none here"] if springs else []
+    unknown = sorted({e.tag for e in _all(body, "solids") if e.tag not in (*SHAPES, *UNSUPPORTED)})
+    found = ["passed over the springs of axes: joints have none here"] if springs else []
+    return found + [f"passed over <{tag}> in <solids>, which is no known solid" for tag in unknown]
