@@ -9,7 +9,7 @@ from typing import Any
 
 from ..model import Base, Model, check_locked
 from .collision import MeshFinder
-from .coupling import MimicMode, check_mimic_mode, resolve_couplings
+from .coupling import MimicMode, resolve_couplings
 from .errors import RobotFileError, blamed_on
 from .markup import read_markup
 from .report import Report
@@ -30,8 +30,7 @@ def load_robot(
 ) -> Model:
     """Read a robot: a name of `robot_names()`, or the path of a .urdf file, with the .toml of the same stem if there.
 
-    What a URDF says in another way than it should, but with one meaning, is read; `Model.notes` says how, and one
-    RobotFileWarning too.
+    A URDF that is not as it should be is read if it has one meaning: `Model.notes` and one RobotFileWarning tell which.
 
     Parameters
     ----------
@@ -50,7 +49,6 @@ def load_robot(
     Raises RobotFileError (a ValueError), which lists all that is wrong with a file, or RobotFileNotFoundError.
     """
     path = urdf_path(name_or_path)
-    check_mimic_mode(mimic)
     with blamed_on(path):
         markup = read_markup(path)
         report = Report(markup.lines, strict)
