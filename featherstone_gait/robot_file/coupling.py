@@ -11,7 +11,7 @@ from .report import Report
 MimicMode = Literal["coupled", "free", "locked"]
 
 
-def check_mimic_mode(mode: str) -> None:
+def _check_mode(mode: str) -> None:
     """Raise ValueError unless it is a way to take <mimic>."""
     if mode not in ("coupled", "free", "locked"):
         raise ValueError(f"mimic={mode!r}; expected 'coupled', 'free' or 'locked': use one of these")
@@ -24,26 +24,34 @@ def resolve_couplings(
 
     Chains lead to the joint at their end.  A follower of a joint that does not move is held, and with mode "locked"
     every follower is, where its leader's position nearest to zero puts it; with "free" it moves by itself.  A joint
-    that is locked follows nobody.
+    that is locked follows nobody.  Raises ValueError on another mode; a chain that leads nowhere goes into the report.
     """
+    _check_mode(mode)
     by_name = {joint.name: joint for joint in joints}
     held, resolved = dict(locked), []
     for joint in joints:
-        if joint.mimic is None or joint.type == "fixed" or joint.name in locked:
-            resolved.append(replace(joint, mimic=None))
-        elif mode == "free":
-            report.remark(f"joint {joint.name!r} moves by itself, not with joint {joint.mimic.joint!r}")
-            resolved.append(replace(joint, mimic=None))
-        elif not _is_sound(joint, by_name, report):
-            resolved.append(replace(joint, mimic=None))
-        else:
-            mimic = _resolved(joint.mimic, by_name, locked)
-            leader = by_name[mimic.joint]
-            still = leader.type == "fixed" or leader.name in locked or mimic.multiplier == 0
-            if mode == "locked" or still:
-                held[joint.name] = _position(joint, mimic, leader, locked, report)
-            resolved.append(replace(joint, mimic=None if joint.name in held else mimic))
+        mimic = _followed(joint, by_name, locked, mode, report)
+        if mimic and (mode == "locked" or _is_still(mimic, by_name[mimic.joint], locked)):
+            held[joint.name] = _position(joint, mimic, by_name[mimic.joint], locked, report)
+            mimic = None
+        resolved.append(replace(joint, mimic=mimic))
     return tuple(resolved), held
+
+
+def _followed(
+    joint: Joint, by_name: dict[str, Joint], locked: dict[str, float], mode: MimicMode, report: Report
+) -> Mimic | None:
+    """The coupling of a joint to one that follows nobody, or None if it moves by itself or not at all."""
+    if joint.mimic is None or joint.type == "fixed" or joint.name in locked:
+        return None
+    if mode == "free":
+        report.remark(f"joint {joint.name!r} moves by itself, not with joint {joint.mimic.joint!r}")
+        return None
+    return _resolved(joint.mimic, by_name, locked) if _is_sound(joint, by_name, report) else None
+
+
+def _is_still(mimic: Mimic, leader: Joint, locked: dict[str, float]) -> bool:
+    return leader.type == "fixed" or leader.name in locked or mimic.multiplier == 0
 
 
 def _is_sound(joint: Joint, by_name: dict[str, Joint], report: Report) -> bool:

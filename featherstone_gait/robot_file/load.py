@@ -12,7 +12,7 @@ from ..contact_choice import Choice, with_contacts
 from ..model import Base, Joint, Model, check_locked
 from ..rest import nearest_positions
 from .collision import MeshFinder
-from .coupling import MimicMode, check_mimic_mode, resolve_couplings
+from .coupling import MimicMode, resolve_couplings
 from .errors import RobotFileError, blamed_on
 from .markup import Markup, read_markup
 from .mjcf.read import read_mjcf
@@ -64,7 +64,6 @@ def load_robot(
     Raises RobotFileError (a ValueError), which lists all that is wrong with a file, or RobotFileNotFoundError.
     """
     path = robot_path(name_or_path)
-    check_mimic_mode(mimic)
     with blamed_on(path):
         markup = read_markup(path)
         report = Report(markup.lines, strict)
