@@ -33,6 +33,19 @@ def test_coupled_limit_is_where_the_linear_step_stops_being_stable(damping, spri
     assert amplification(mobility, dampings, springs, 1.001 * limit) > 1 + 1e-6
 
 
+def test_dry_friction_asks_for_implicit_steps():
+    """Its kinks starve a method of high order: some robots took seconds of computing for a millisecond."""
+    free = replace(load_robot("arm7"), servos={})
+    dry = replace(free, joints=tuple(replace(joint, friction=1e-3, damping=0.0) for joint in free.joints))
+    assert compile_scene(dry).integrator == "implicit_euler"
+
+
+def test_what_cannot_move_is_no_scene():
+    arm = load_robot("arm7")
+    with pytest.raises(ValueError, match="its base is fixed and no joint moves"):
+        compile_scene(replace(arm, locked=dict.fromkeys(arm.joint_names, 0.0)))
+
+
 def test_single_joint_limit_names_what_acts_first():
     assert joint_limit("elbow", 1e-4, {"back-EMF": 0.4}, {"spring": 1.0}) == ("elbow", pytest.approx(5e-4), "back-EMF")
     assert joint_limit("elbow", 1e-4, {"back-EMF": 0.0}, {"spring": 1e2}).cause == "spring"

@@ -977,6 +977,7 @@ def test_collision_shapes_are_read(tmp_path):
     assert load_robot(tmp_path / "saved.urdf").shapes == robot.shapes
 
 
+@pytest.mark.parametrize("slashes", ["//", "///"])
 @pytest.mark.parametrize(
     "where",
     [
@@ -985,13 +986,14 @@ def test_collision_shapes_are_read(tmp_path):
         "other/bot_description/meshes/foot.stl",
     ],
 )
-def test_a_package_is_looked_for_above_the_urdf(tmp_path, where):
+def test_a_package_is_looked_for_above_the_urdf(tmp_path, where, slashes):
     folder = tmp_path / "bot_description" / "robots"
     folder.mkdir(parents=True)
     mesh = tmp_path / where
     mesh.parent.mkdir(parents=True)
     mesh.touch()
-    robot = load_robot(write(folder, shaped('<mesh filename="package://bot_description/meshes/foot.stl"/>')))
+    name = f"package:{slashes}bot_description/meshes/foot.stl"
+    robot = load_robot(write(folder, shaped(f'<mesh filename="{name}"/>')))
     assert (robot.shapes[0].geometry, robot.notes) == (Mesh(str(mesh)), ())
 
 

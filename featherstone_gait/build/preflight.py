@@ -24,6 +24,7 @@ from ..fixed_order import applied, product, solve
 from ..model import Ground, Model, Spring
 from ..rotation import cross, dot
 from .actuator import Drive
+from .friction import sticks
 
 
 class Limit(NamedTuple):
@@ -83,7 +84,7 @@ def preflight(
     if ground is not None:
         limits.append(Limit("contact", float(contact.explicit_limit(ground.sinking, g)), "contact spring"))
         folded, largest = min(folded, limits[-1].step), min(largest, limits[-1].step)
-    clipped = drive.actuator is not None or ground is not None
+    clipped = drive.actuator is not None or ground is not None or sticks(rubbing)
     integrator, step, reason = _choice(*wish, clipped, folded, largest)
     return Preflight(tuple(limits), integrator, step, reason, inertias, largest, folded)
 
@@ -104,7 +105,7 @@ def _check_size(model: Model, names: list[str], mobility: np.ndarray, acting: np
 def _choice(
     name: str | None, timestep: float | None, clipped: bool, folded: float, largest: float
 ) -> tuple[str, float, str]:
-    """Integrator, step [s] and the reason for both; clipped: servos or ground make kinks."""
+    """Integrator, step [s] and the reason for both; clipped: servos, ground or dry friction make kinks."""
     step = timestep if timestep is not None else (1e-3 if clipped else 5e-4)
     if not 0 < step < math.inf:
         raise ValueError(f"timestep is {timestep!r} s; it must be positive and finite")

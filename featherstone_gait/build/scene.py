@@ -149,6 +149,10 @@ def compile_scene(
 
     Raises ValueError on servos that the model does not have, on steps that do not fit, and on ground without gravity.
     """
+    if not model.nv:
+        raise ValueError(
+            f"{model.name}: its base is fixed and no joint moves; load it with base='floating', or lock fewer joints"
+        )
     gravity = _checked_gravity(gravity)
     tree, g = compile_tree(model), math.sqrt(dot(gravity, gravity))
     drive = build_drive(model, servos)

@@ -37,7 +37,7 @@ class MeshFinder:
         elif scheme == "file":
             candidates = [Path(unquote(rest))]
         elif scheme in ("package", "model"):
-            package, _, inner = rest.partition("/")
+            package, _, inner = rest.lstrip("/").partition("/")
             candidates = [folder / inner for folder in self._packages(package)]
         else:
             candidates = []
