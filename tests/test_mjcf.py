@@ -31,6 +31,7 @@ from featherstone_gait import (
     load_robot,
     mass_matrix,
     save_robot,
+    simulate,
 )
 from featherstone_gait.build.actuator import build_drive
 from featherstone_gait.model import Mimic
@@ -214,6 +215,14 @@ def test_armature_is_part_of_the_mass_matrix_and_of_every_drive(write):
     assert inverse_dynamics(model, [0.3], [0.0], [1.0])[0] == pytest.approx(own + 0.7, rel=1e-12)
     assert mass_matrix(model, [0.3], armature=[0.0])[0, 0] == pytest.approx(own, rel=1e-12)
     assert compile_scene(model).constants.armature.tolist() == [0.7]
+
+
+def test_a_motion_feels_the_armature(write):
+    ball = '<joint name="j" axis="0 1 0" armature="0.7"/><geom size="0.1" mass="2"/>'
+    model = load_robot(write(robot(f"<body>{ball}</body>")))
+    scene = compile_scene(model, integrator="rk4", timestep=0.01, gravity=(0, 0, 0))
+    run = simulate(scene, 1.0, tau=[3.0], record=("q",))
+    assert run["q"][-1, 0] == pytest.approx(0.5 * 3.0 / (0.7 + 0.4 * 2 * 0.1**2), rel=1e-9)
 
 
 def test_rotors_come_on_top_of_the_armature_of_joints():

@@ -308,4 +308,6 @@ def _quaternion(rpy: tuple[float, ...]) -> tuple[float, float, float, float]:
 def _doubts(body: Element, numbers: Numbers) -> list[str]:
     """What changes the motion and is passed over."""
     springs = [e for e in body.iter() if e.tag in ("spring", "spring2") and numbers.one(e, "k", 0.0, "<spring>")]
-    return ["passed over the springs of axes: joints have none here"] if springs else []
+    unknown = sorted({e.tag for e in _all(body, "solids") if e.tag not in (*SHAPES, *UNSUPPORTED)})
+    found = ["passed over the springs of axes: joints have none here"] if springs else []
+    return found + [f"passed over <{tag}> in <solids>, which is no known solid" for tag in unknown]
