@@ -30,13 +30,13 @@ def test_a_folder_of_robots_is_told_by_a_table(folder, capsys):
     assert rows["deep/b.urdf"][1:] == ["yes", "1", "1", "2"]
     assert " ".join(rows["deep/er/c.urdf"][1:]) == "no mass is -2.0 [kg]"
     assert "e.xml" not in rows
-    assert "f.xml" in rows
-    assert any(line.startswith("2 of 5 robots load, 1 of them with notes") for line in lines)
+    assert rows["f.xml"][1:] == ["yes", "0", "0", "0"]
+    assert any(line.startswith("3 of 5 robots load, 1 of them with notes") for line in lines)
     assert "1 x mass is # [kg]" in lines
     with (folder / "t.csv").open() as file:
         comment, *table = file.read().splitlines()
     assert comment.startswith("# featherstone_gait table of robots 2")
-    assert [row["loads"] for row in csv.DictReader(table)] == ["yes", "yes", "no", "no", "no"]
+    assert [row["loads"] for row in csv.DictReader(table)] == ["yes", "yes", "no", "no", "yes"]
 
 
 def test_a_second_of_each_robot_is_simulated(folder, capsys):

@@ -36,7 +36,9 @@ def add(commands: Commands) -> None:
     """Register the command."""
     does = "load all robots below a folder, and simulate a second of each"
     parser = add_command(commands, "check-robots", run, does, "with --csv a table of a row a robot")
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="where .urdf files, and .xml files of MuJoCo, are")
+    parser.add_argument(
+        "folder", type=Path, metavar="FOLDER", help="where .urdf files, and .xml files of MuJoCo or SimTwo, are"
+    )
     parser.add_argument("--csv", metavar="FILE", help="write the table as CSV, too")
     parser.add_argument("--no-simulate", action="store_true", help="only load the robots")
 
@@ -58,9 +60,9 @@ def run(args: Namespace) -> int:
 
 
 def robot_files(folder: Path) -> list[Path]:
-    """The .urdf files below a folder, and the .xml files whose root is <mujoco>."""
+    """The .urdf files below a folder, and the .xml files whose root is <mujoco>, or <scene> of SimTwo."""
     found = (path for path in folder.rglob("*") if path.suffix in (".urdf", ".xml") and path.is_file())
-    return sorted(path for path in found if path.suffix == ".urdf" or _root_tag(path) == b"mujoco")
+    return sorted(path for path in found if path.suffix == ".urdf" or _root_tag(path) in (b"mujoco", b"scene"))
 
 
 def _root_tag(path: Path) -> bytes:
@@ -80,6 +82,8 @@ def _row(path: Path, args: Namespace) -> Row:
             model = load_robot(path)
     except RobotFileError as error:
         return row._replace(cause=_cause(error.problems[0]) or error.problems[0])
+    except ImportError as error:  # MuJoCo, of which the message tells
+        return row._replace(cause=str(error))
     row = row._replace(loads="yes", notes=len(model.notes), joints=len(model.joint_names), mass=model.mass)
     return row if args.no_simulate or model.nv == 0 else _simulated(row, model)
 
