@@ -471,7 +471,7 @@ def test_couplings_make_the_round_trip(tmp_path):
 def test_pd_servos_make_the_round_trip(tmp_path):
     links = tuple(Link(name, 1.0, (0.0, 0.0, 0.1), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)) for name in "ab")
     law = Controller("pd_clamped", Kp=30.0, Kd=0.7, torque_limit=2.5)
-    servo = Servo(law, Gearbox(1.0), 1.0, 0.0, 1.0, 1.0)
+    servo = Servo(law)
     save_robot(Model("m", links, (Joint("j", "continuous", "a", "b"),), servos={"j": servo}), tmp_path / "m.xml")
     back = load_robot(tmp_path / "m.xml").servos["j"].controller
     assert (back.law, back.Kp, back.Kd, back.torque_limit) == ("pd_clamped", 30.0, 0.7, 2.5)

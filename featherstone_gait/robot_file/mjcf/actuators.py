@@ -29,7 +29,6 @@ NO_DYNAMICS, DC_DYNAMICS = 0, 5  # mjtDyn
 FIXED_GAIN, NO_BIAS, AFFINE_BIAS = 0, 0, 1  # mjtGain, mjtBias
 POSITION_INPUT = 1  # mjtCtrlInput
 NO_LIMIT = 1e6  # voltage [V] of a motor that has none
-NO_MOTOR = {"resistance": 1.0, "inductance": 0.0, "motor_constant": 1.0, "voltage_limit": 1.0}  # what pd laws never ask
 
 
 class Actuators(NamedTuple):
@@ -116,7 +115,7 @@ def _read(row: _Row, joint: Joint, timestep: float) -> tuple[Servo | None, Joint
 def _position(row: _Row) -> Servo:
     g = abs(row.gear)
     law = Controller("pd_clamped", Kp=g * g * row.gain[0], Kd=-g * g * row.bias[2], torque_limit=g * row.force)
-    return Servo(law, Gearbox(1.0), **NO_MOTOR)
+    return Servo(law)
 
 
 def _dc_motor(row: _Row, timestep: float) -> tuple[Servo | None, list[str]]:
