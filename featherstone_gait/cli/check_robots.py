@@ -89,26 +89,19 @@ def _row(path: Path, args: Namespace) -> Row:
 
 
 def _simulated(row: Row, model: Model) -> Row:
-    """The robot falls or swings for a second, all joints limp, from rest at the positions nearest to zero.
-
-    By implicit steps of fixed length, which take the same time for each robot: dry friction, stops and the gimbal lock
-    of hinges in series would make error control take steps without end.
-    """
-    import numpy as np
-
+    """The robot falls or swings for a second, all joints limp, from rest at the posture nearest to zero."""
     from ..build.scene import compile_scene
+    from ..rest import nearest_posture
     from ..run.simulate import initial_state, simulate
 
-    home = [min(max(0.0, joint.lower), joint.upper) for joint in model.moving_joints]
-    base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
     try:
-        scene = compile_scene(model, integrator="implicit_euler")
-        state = initial_state(scene, np.array([*base, *home]))
+        scene = compile_scene(model)
+        state = initial_state(scene, nearest_posture(model))
         trajectory = simulate(scene, DURATION, state, record=("q",), sample=0.1, estimate_error=True)
     except ValueError as error:
         return row._replace(status="refused", cause=_cause(str(error)))
-    errors = trajectory.error["q"] if trajectory.error else np.zeros(0)
-    return row._replace(status=trajectory.status, error=float(errors.max(initial=0.0)))
+    error = float(trajectory.error["q"].max(initial=0.0)) if trajectory.error else ""
+    return row._replace(status=trajectory.status, error=error)
 
 
 def _cause(problem: str) -> str:
