@@ -100,8 +100,8 @@ def _simulated(row: Row, model: Model) -> Row:
         trajectory = simulate(scene, DURATION, state, record=("q",), sample=0.1, estimate_error=True)
     except ValueError as error:
         return row._replace(status="refused", cause=_cause(str(error)))
-    error = float(trajectory.error["q"].max(initial=0.0)) if trajectory.error else ""
-    return row._replace(status=trajectory.status, error=error)
+    largest = float(trajectory.error["q"].max(initial=0.0)) if trajectory.error else ""
+    return row._replace(status=trajectory.status, error=largest)
 
 
 def _cause(problem: str) -> str:
