@@ -25,7 +25,7 @@ REFUSED = {  # what has no meaning, and the reason
     "husky.urdf": "$(optenv HUSKY_IMU_XYZ",
     "icub.urdf": "can move together without inertia",
     "microtaur.urdf": "has 4 numbers",
-    "romeo.urdf": "its inertia there is 0.0",
+    "romeo.urdf": "moves but has mass 0.0 kg",
     "romeo_laas_small.urdf": "moves but has mass 0.0 kg",
     "spherical_joint_limit.urdf": "type 'spherical' is not simulated",
 }

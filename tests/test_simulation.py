@@ -102,6 +102,7 @@ def test_every_channel_has_its_shape():
     one_a_joint += " worst_chatter"
     shapes = dict.fromkeys(one_a_joint.split(), (11, n))
     shapes |= {"time": (11,), "energy": (11, n, energies.ENERGIES), "contact_work": (11, 1), "passes": (11, 2)}
+    shapes["clearance"] = (11, 1)
     for name in run:
         nothing = name.startswith("base") or name in ("bristle", "contact_force")
         assert run[name].size == 0 if nothing else run[name].shape == shapes[name], name
