@@ -1,8 +1,9 @@
 """From collision shapes to the points that can touch the ground, and the choice of those that shall.
 
 The feet of a robot are its lowest links at rest: in the admissible posture nearest to zero, with the base upright, the
-links that have shapes, beyond which no other link has any, and whose lowest shape comes within `FOOT` of the robot's
-height to the lowest of all.
+links that have shapes on bodies beyond which no other body has any, and whose lowest shape comes within `FOOT` of the
+robot's height to the lowest of all; and any whose shape is as low as that, as a foot with a toe before it.  Of links
+that are fixed to each other the lowest counts.
 """
 
 from __future__ import annotations
@@ -51,6 +52,8 @@ def chosen_points(model: Model, choice: Choice) -> tuple[ContactPoint, ...]:
         if choice not in ("all", "feet"):
             raise ValueError(f"contacts is {choice!r}; expected 'all', 'feet' or a list of links: write [{choice!r}]")
         return _carrying(model, contact_points(model.shapes) if choice == "all" else _sole_points(model))
+    if not isinstance(choice, Iterable):
+        raise ValueError(f"contacts is {choice!r}; expected 'all', 'feet' or a list of links")
     _check_links(model, choice)
     return _carrying(model, contact_points(shape for shape in model.shapes if shape.link in choice))
 
@@ -153,8 +156,9 @@ def _sole_points(model: Model) -> tuple[ContactPoint, ...]:
     spans = [_span(model, shape, poses) for shape in model.shapes]
     lowest = min(bottom for bottom, _ in spans)
     reach = lowest + FOOT * (max(top for _, top in spans) - lowest)
-    tips = _tips(model)
-    soles = [shape for shape, (bottom, _) in zip(model.shapes, spans) if shape.link in tips and bottom <= reach]
+    _check_nothing_below(model, poses, lowest, reach)
+    links = _feet(model, spans, reach, LEVEL * (reach - lowest) / FOOT)
+    soles = [shape for shape, (bottom, _) in zip(model.shapes, spans) if shape.link in links and bottom <= reach]
     if not soles:
         raise ValueError(
             f"{model.name}: contacts='feet', but no link at an end of the robot comes within {FOOT:.0%} of its height "
@@ -185,14 +189,50 @@ def _lower_half(model: Model, shape: Shape, poses: Poses) -> list[ContactPoint]:
     return _placed(shape, np.array([corners[np.abs(upright - x).max(axis=1).argmin()] for x in kept]))
 
 
-def _tips(model: Model) -> set[str]:
-    """The links with shapes beyond which no link has any."""
-    shaped = {shape.link for shape in model.shapes}
-    carries: set[str] = set()  # links with shapes further out
-    for joint in reversed(depth_first(model)):
-        if joint.child in shaped or joint.child in carries:
-            carries.add(joint.parent)
-    return shaped - carries
+def _check_nothing_below(model: Model, poses: Poses, lowest: float, reach: float) -> None:
+    """Raise ValueError where links without shapes lie well below the lowest shape: the feet are among them."""
+    k = int(poses.position[:, 2].argmin())
+    if poses.position[k, 2] < 2.0 * lowest - reach:
+        depth = lowest - poses.position[k, 2]
+        raise ValueError(
+            f"{model.name}: contacts='feet', but link {model.links[k].name!r} lies {depth:.3g} m below the lowest "
+            "collision shape at rest and has none: add <collision> to its feet, or type contact points"
+        )
+
+
+def _feet(model: Model, spans: Sequence[tuple[float, float]], reach: float, level: float) -> set[str]:
+    """The links of feet: the lowest ones of the bodies that are low and at an end, or as low as the lowest.
+
+    spans: lowest and highest point of each shape [m]; reach: how high a foot's lowest point may be [m]; level: how much
+    higher than another what is as low as it may be [m].
+    """
+    body, ends = _bodies(model)
+    lows = [min(low for (low, _), s in zip(spans, model.shapes) if body[s.link] == body[t.link]) for t in model.shapes]
+    lowest = min(lows, default=0.0)
+    return {
+        shape.link
+        for shape, (bottom, _), low in zip(model.shapes, spans, lows)
+        if bottom <= low + level
+        and (low <= reach if body[shape.link] in ends else body[shape.link] > 0 and low <= lowest + level)
+    }
+
+
+def _bodies(model: Model) -> tuple[dict[str, int], set[int]]:
+    """The body of each link, where fixed joints make links one body, and the bodies with shapes beyond which no other
+    body has any; the root's is 0."""
+    body = {model.root: 0}
+    parent = [0]
+    for joint in depth_first(model):
+        body[joint.child] = body[joint.parent]
+        if joint.type != "fixed":
+            body[joint.child] = len(parent)
+            parent.append(body[joint.parent])
+    shaped = {body[shape.link] for shape in model.shapes}
+    carries: set[int] = set()  # bodies with shapes further out
+    for k in range(len(parent) - 1, 0, -1):
+        if k in shaped or k in carries:
+            carries.add(parent[k])
+    return body, shaped - carries
 
 
 def _check_links(model: Model, names: Sequence[str]) -> None:

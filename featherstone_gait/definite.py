@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .model import Model, RigidBody
 
 MAX_JOINTS = 1000  # that move; for more the matrix is too large
-POSTURES = 4  # at which the matrix is looked at
+POSTURES = 16  # at which the matrix is looked at
 
 
 def indefinite_flaws(model: Model, bodies: list[RigidBody]) -> list[Flaw]:
@@ -80,11 +80,11 @@ def _free_motions(model: Model, bodies: list[RigidBody]) -> np.ndarray:
 
 
 def _postures(model: Model, bodies: list[RigidBody]) -> Iterator[np.ndarray]:
-    """The posture nearest to zero and some others within the joints' limits; of each revolute joint half a turn."""
+    """The posture nearest to zero and some others within the joints' limits, up to half a turn either way."""
     joints = [body.frame.joint for body in bodies if body.frame.joint]
     zero = np.array([0.0, *(min(max(0.0, joint.lower), joint.upper) for joint in joints)])
-    lower = np.maximum([0.0, *(joint.lower for joint in joints)], zero - 0.5 * math.pi)
-    upper = np.minimum([0.0, *(joint.upper for joint in joints)], zero + 0.5 * math.pi)
+    lower = np.maximum([0.0, *(joint.lower for joint in joints)], zero - math.pi)
+    upper = np.minimum([0.0, *(joint.upper for joint in joints)], zero + math.pi)
     rows = {joint.name: k for k, joint in enumerate(joints, 1)}
     rng = np.random.default_rng(0)
     for k in range(POSTURES):

@@ -238,6 +238,8 @@ class ContactPoint:
         what = f"contact point on link {self.link!r}"
         _check_vector(what, "position", self.position, 3)
         _check_vector(what, "axis", self.axis, 3)
+        if self.rim > 0 and abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
+            raise ValueError(f"{what}: axis {self.axis!r} is not of unit length; divide it by its length")
         _check_numbers(what, self)
 
 
@@ -291,12 +293,21 @@ class Ground:
         check_angles("ground", "heading", (self.heading,))
         for step in self.steps:
             _check_vector("ground", "step", step, 2)
-        if self.field is not None and (self.slope or self.steps):
-            raise ValueError("ground: a height field has no slope or steps besides; put them into its heights")
+        if self.field is not None and not isinstance(self.field, HeightField):
+            raise ValueError(
+                f"ground: field is {type(self.field).__name__}; expected a HeightField: make one of the array"
+            )
+        if self.field is not None and (self.slope or self.steps or self.heading):
+            raise ValueError("ground: a height field has no slope, steps or heading besides; put them into its heights")
 
 
 def stairs(count: int, depth: float, rise: float, start: float = 0.0) -> tuple[tuple[float, float], ...]:
-    """The steps of a `Ground` that make stairs: `count` rises [m], the first at `start`, `depth` apart [m]."""
+    """The steps of a `Ground` that make stairs: `count` rises [m], the first at `start`, `depth` apart [m].
+
+    Raises ValueError for a negative count and a depth that is not above zero.
+    """
+    if not (count >= 0 and depth > 0):
+        raise ValueError(f"stairs: count is {count!r}, depth {depth!r} m; expected >= 0 and > 0: correct them")
     return tuple((start + k * depth, rise) for k in range(count))
 
 
@@ -349,6 +360,7 @@ class Model:
         check_mimics(self.joints)
         check_servos(self.joints, self.servos)
         check_contacts(self.links, self.contacts)
+        _check_shapes(self.links, self.shapes)
         check_can_move(self.joints, self.held)
         for name, q in self.keyframes.items():
             _check_vector(f"keyframe {name!r}", "q", q, self.nq)
@@ -539,6 +551,14 @@ def check_contacts(links: Iterable[Link], contacts: Iterable[ContactPoint]) -> N
     for contact in contacts:
         if contact.link not in names:
             raise ValueError(f"contacts: there is no link {contact.link!r}; use one of {listed(names)}")
+
+
+def _check_shapes(links: Iterable[Link], shapes: Iterable[Shape]) -> None:
+    """Raise ValueError unless every shape is on a link of the robot."""
+    names = {link.name: link for link in links}
+    for shape in shapes:
+        if shape.link not in names:
+            raise ValueError(f"shapes: there is no link {shape.link!r}; use one of {listed(names)}")
 
 
 def check_springs(links: Iterable[Link], springs: Iterable[Spring]) -> None:

@@ -325,6 +325,8 @@ def _anywhere(task: _Task, start: np.ndarray, rng: np.random.Generator) -> np.nd
 def _freedom(model: Model, joints: Iterable[str] | None, hold_base: bool) -> _Freedom:
     """What may move.  Raises ValueError for a joint that has no coordinate."""
     names, couplings = model.joint_names, _couplings(model)
+    if isinstance(joints, str):
+        raise ValueError(f"joints is {joints!r}; expected a list of names: write [{joints!r}]")
     wanted = set(names) if joints is None else set(joints)
     for name in wanted - set(names):
         raise ValueError(f"joints: {name!r} is no moving joint of {model.name}; they are {', '.join(names)}: use these")

@@ -239,8 +239,10 @@ def test_stairs_in_any_direction_carry_a_box_as_those_along_x(heading):
 def test_ground_that_contradicts_itself_is_refused():
     field = HeightField(np.zeros((3, 3)), (0.1, 0.1))
     for wrong, message in (
-        ({"field": field, "slope": 0.1}, "no slope or steps besides"),
-        ({"field": field, "steps": ((0.1, 0.1),)}, "no slope or steps besides"),
+        ({"field": field, "slope": 0.1}, "no slope, steps or heading besides"),
+        ({"field": field, "steps": ((0.1, 0.1),)}, "no slope, steps or heading besides"),
+        ({"field": field, "heading": 0.1}, "heading besides"),
+        ({"field": np.zeros((3, 3))}, "expected a HeightField"),
         ({"heading": math.inf}, "heading"),
     ):
         with pytest.raises(ValueError, match=message):
@@ -253,3 +255,16 @@ def test_ground_that_contradicts_itself_is_refused():
     ):
         with pytest.raises(ValueError, match=message):
             replace(field, **wrong)
+    with pytest.raises(ValueError, match="depth 0"):
+        stairs(3, 0.0, 0.1)
+    with pytest.raises(ValueError, match="not of unit length"):
+        ContactPoint("wheel", (0.0, 0.0, 0.0), rim=0.1, axis=(0.0, 0.0, 2.0))
+    with pytest.raises(ValueError, match="expected a Ground"):
+        compile_scene(ball(), ground={})
+    with pytest.raises(ValueError, match="fall_tilt is nan"):
+        compile_scene(ball(), ground=Ground(), fall_tilt=math.nan)
+
+
+def test_never_fallen_is_a_tilt_beyond_half_a_turn():
+    scene = compile_scene(ball(), ground=Ground(), fall_height=-1e6, fall_tilt=4.0)
+    assert simulate(scene, 0.5, lying(scene, (1.0, 0.0, 0.0, 0.0, 10.0, 0.0))).ok

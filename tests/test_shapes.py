@@ -346,6 +346,35 @@ def test_without_shapes_there_is_nothing_to_choose():
         load_robot("arm7", contacts="feet")
 
 
+def test_what_is_fixed_to_a_foot_or_moves_before_it_does_not_hide_it():
+    """A box with a sole at -0.42, a sensor fixed on top of it and a toe that moves, as low as the sole."""
+    links = [Link(name, *BODY) for name in ("trunk", "foot", "sensor", "toe")]
+    joints = (
+        Joint("hip", "revolute", "trunk", "foot", (0.0, 0.0, -0.4), axis=(0.0, 1.0, 0.0), lower=-1.0, upper=1.0),
+        Joint("weld", "fixed", "foot", "sensor", (0.0, 0.0, 0.03)),
+        Joint("ball", "revolute", "foot", "toe", (0.1, 0.0, 0.0), axis=(0.0, 1.0, 0.0), lower=-1.0, upper=1.0),
+    )
+    foot, sensor = Shape("foot", Box((0.2, 0.1, 0.04))), Shape("sensor", Box((0.02, 0.02, 0.02)))
+    toe, trunk = Shape("toe", Box((0.05, 0.1, 0.04)), (0.03, 0.0, 0.0)), Shape("trunk", Box((0.1, 0.1, 0.1)))
+    robot = Model("hopper", tuple(links), joints, "floating", shapes=(trunk, foot, sensor, toe))
+    for locked in ({}, {"hip": 0.0, "ball": 0.0}):
+        found = with_contacts(replace(robot, locked=locked), "feet").contacts
+        assert {point.link for point in found if point.carries} == {"foot", "toe"}
+        assert min(point.position[2] for point in found if point.link == "foot") == -0.02
+
+
+def test_shapes_of_a_trunk_alone_are_no_feet():
+    links = (Link("trunk", *BODY), Link("leg", *BODY))
+    joint = Joint("hip", "revolute", "trunk", "leg", (0.0, 0.0, -0.5), lower=-1.0, upper=1.0)
+    model = Model("bust", links, (joint,), "floating", shapes=(Shape("trunk", Box((0.2, 0.2, 0.2))),))
+    with pytest.raises(ValueError, match=r"link 'leg' lies 0\.4 m below the lowest collision shape"):
+        with_contacts(model, "feet")
+    with pytest.raises(ValueError, match="there is no link 'arm'"):
+        replace(model, shapes=(Shape("arm", Sphere(0.1)),))
+    with pytest.raises(ValueError, match="contacts is 3"):
+        with_contacts(model, 3)
+
+
 def test_a_robot_that_lies_on_its_belly_has_no_feet():
     links = (Link("trunk", *BODY), Link("leg", *BODY))
     joint = Joint("hip", "revolute", "trunk", "leg", (0.5, 0.0, 0.0), lower=-1.0, upper=1.0)

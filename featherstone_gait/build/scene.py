@@ -153,6 +153,12 @@ def compile_scene(
         raise ValueError(
             f"{model.name}: its base is fixed and no joint moves; load it with base='floating', or lock fewer joints"
         )
+    if ground is not None and not isinstance(ground, Ground):
+        raise ValueError(f"{model.name}: ground is {ground!r}; expected a Ground or None: write ground=Ground()")
+    if not (0 <= fall_tilt < math.inf and math.isfinite(fall_height)):
+        raise ValueError(
+            f"fall_tilt is {fall_tilt!r} rad, fall_height {fall_height!r}; expected >= 0 and finite numbers"
+        )
     gravity = _checked_gravity(gravity)
     tree, g = compile_tree(model), math.sqrt(dot(gravity, gravity))
     drive = build_drive(model, servos)
@@ -197,7 +203,7 @@ def compile_scene(
         springs=tuple(springs),
         preflight=check,
         fall_height=fallen_height(model, fall_height) if falls else -math.inf,
-        fall_upright=sincos(fall_tilt)[1] if falls else -2.0,
+        fall_upright=sincos(fall_tilt)[1] if falls and fall_tilt < math.pi else -2.0,
         stiff=drive.sampled or ground is not None or limited,
         arguments={
             "servos": servos,

@@ -60,9 +60,11 @@ def run(args: Namespace) -> int:
 
 
 def robot_files(folder: Path) -> list[Path]:
-    """The .urdf files below a folder, and the .xml files whose root is <mujoco>, or <scene> of SimTwo."""
-    found = (path for path in folder.rglob("*") if path.suffix in (".urdf", ".xml") and path.is_file())
-    return sorted(path for path in found if path.suffix == ".urdf" or _root_tag(path) in (b"mujoco", b"scene"))
+    """The .urdf and .mjcf files below a folder, and the .xml files whose root is <mujoco>, or <scene> of SimTwo."""
+    from ..robot_file.source import SUFFIXES
+
+    found = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+    return sorted(path for path in found if path.suffix.lower() != ".xml" or _root_tag(path) in (b"mujoco", b"scene"))
 
 
 def _root_tag(path: Path) -> bytes:
@@ -75,14 +77,14 @@ def _root_tag(path: Path) -> bytes:
 def _row(path: Path, args: Namespace) -> Row:
     from ..robot_file import RobotFileError, RobotFileWarning, load_robot
 
-    row = Row(str(path.relative_to(args.folder)))
+    row = Row(repr(str(path.relative_to(args.folder)))[1:-1])
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RobotFileWarning)
             model = load_robot(path)
     except RobotFileError as error:
         return row._replace(cause=_cause(error.problems[0]) or error.problems[0])
-    except ImportError as error:  # MuJoCo, of which the message tells
+    except (ImportError, OSError) as error:  # ImportError of MuJoCo, of which the message tells
         return row._replace(cause=str(error))
     row = row._replace(loads="yes", notes=len(model.notes), joints=len(model.joint_names), mass=model.mass)
     return row if args.no_simulate or model.nv == 0 else _simulated(row, model)

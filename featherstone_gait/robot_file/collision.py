@@ -24,9 +24,10 @@ class MeshFinder:
     in those of the environment variable ROS_PACKAGE_PATH.  No mesh is opened.
     """
 
-    def __init__(self, urdf: Path, package_dirs: Sequence[str | os.PathLike] = ()) -> None:
+    def __init__(self, urdf: Path, package_dirs: str | os.PathLike | Sequence[str | os.PathLike] = ()) -> None:
         self._folder = Path(os.path.abspath(urdf)).parent
-        self._given = [Path(folder) for folder in package_dirs]
+        given = [package_dirs] if isinstance(package_dirs, str | os.PathLike) else package_dirs
+        self._given = [Path(folder) for folder in given]
         self._found: dict[str, list[Path]] = {}  # package -> folders
 
     def find(self, name: str) -> Path | None:

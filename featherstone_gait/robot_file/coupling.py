@@ -89,6 +89,11 @@ def _resolved(mimic: Mimic, by_name: dict[str, Joint], locked: dict[str, float])
 def _position(joint: Joint, mimic: Mimic, leader: Joint, locked: dict[str, float], report: Report) -> float:
     """Where a follower is held [rad or m]: as its leader says, within its own limits."""
     at = 0.0 if leader.type == "fixed" else min(max(locked.get(leader.name, 0.0), leader.lower), leader.upper)
-    position = min(max(mimic.multiplier * at + mimic.offset, joint.lower), joint.upper)
-    report.remark(f"joint {joint.name!r} is held at {position:.6g}, since it follows joint {leader.name!r}")
+    asked = mimic.multiplier * at + mimic.offset
+    position = min(max(asked, joint.lower), joint.upper)
+    said = f"joint {joint.name!r} is held at {position:.6g}, since it follows joint {leader.name!r}"
+    if position == asked:
+        report.remark(said)
+    else:
+        report.doubt(f"{said}, which asks for {asked:.6g}, beyond its limits")
     return position

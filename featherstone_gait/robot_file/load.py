@@ -33,7 +33,7 @@ def load_robot(
     strict: bool = False,
     mimic: MimicMode = "coupled",
     repair_inertia: bool = False,
-    package_dirs: Sequence[str | os.PathLike] = (),
+    package_dirs: str | os.PathLike | Sequence[str | os.PathLike] = (),
 ) -> Model:
     """Read a robot: a name of `robot_names()`, or the path of a URDF, an MJCF file or a scene of SimTwo.
 
@@ -169,4 +169,6 @@ def _chosen(locked: Any, sets: Mapping[str, dict[str, float]], joints: Iterable[
         return dict(sets[locked])
     if isinstance(locked, Mapping):
         return {name: float(position) for name, position in locked.items()}
+    if not isinstance(locked, Iterable):
+        raise ValueError(f"expected the name of a set, joint names or positions by joint name, got {locked!r}")
     return dict.fromkeys(locked, 0.0)

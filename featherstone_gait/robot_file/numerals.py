@@ -15,7 +15,10 @@ _NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")  # 
 
 def vector(element: Element, attribute: str, what: str, default: str = "0 0 0") -> Vector:
     """Three numbers; the default where the attribute is left out.  Raises ValueError for anything else."""
-    words = element.get(attribute, default).split()
+    text = element.get(attribute, default)
+    if "$(" in text or "${" in text:
+        raise ValueError(f"{what}: <{element.tag}> {attribute}={text!r} is a macro: expand the file with xacro first")
+    words = text.split()
     if len(words) != 3:
         raise ValueError(
             f"{what}: <{element.tag}> {attribute}={element.get(attribute)!r} has {len(words)} numbers; "
