@@ -34,6 +34,8 @@ def resolve_couplings(
         if mimic and (mode == "locked" or _is_still(mimic, by_name[mimic.joint], locked)):
             held[joint.name] = _position(joint, mimic, by_name[mimic.joint], locked, report)
             mimic = None
+        elif mimic:
+            _check_ranges(joint, mimic, by_name[mimic.joint], report)
         resolved.append(replace(joint, mimic=mimic))
     return tuple(resolved), held
 
@@ -84,6 +86,16 @@ def _resolved(mimic: Mimic, by_name: dict[str, Joint], locked: dict[str, float])
         multiplier *= leader.mimic.multiplier
         leader = by_name[leader.mimic.joint]
     return Mimic(leader.name, multiplier, offset)
+
+
+def _check_ranges(joint: Joint, mimic: Mimic, leader: Joint, report: Report) -> None:
+    """Doubt a follower that is beyond its limits wherever its leader is."""
+    low, high = sorted(mimic.multiplier * limit + mimic.offset for limit in (leader.lower, leader.upper))
+    if low > joint.upper or high < joint.lower:
+        report.doubt(
+            f"joint {joint.name!r} follows joint {leader.name!r}, whose limits put it between {low:.6g} and {high:.6g}, "
+            f"beyond its own {joint.lower:.6g} to {joint.upper:.6g}"
+        )
 
 
 def _position(joint: Joint, mimic: Mimic, leader: Joint, locked: dict[str, float], report: Report) -> float:
