@@ -906,7 +906,7 @@ def test_a_follower_of_a_joint_that_does_not_move_is_held(tmp_path):
 
 def test_a_follower_that_is_never_within_its_limits_is_doubted(tmp_path):
     path = finger(tmp_path, j2='<mimic joint="j1" offset="5"/>')
-    with pytest.warns(RobotFileWarning, match="joint 'j2' follows joint 'j1', whose limits put it between 4 and 6, beyond"):
+    with pytest.warns(RobotFileWarning, match="'j2' follows joint 'j1', whose limits put it between 4 and 6, beyond"):
         load_robot(path)
     with pytest.raises(RobotFileError, match="beyond its own -1 to 1; remove it"):
         load_robot(path, strict=True)

@@ -93,8 +93,8 @@ def _check_ranges(joint: Joint, mimic: Mimic, leader: Joint, report: Report) -> 
     low, high = sorted(mimic.multiplier * limit + mimic.offset for limit in (leader.lower, leader.upper))
     if low > joint.upper or high < joint.lower:
         report.doubt(
-            f"joint {joint.name!r} follows joint {leader.name!r}, whose limits put it between {low:.6g} and {high:.6g}, "
-            f"beyond its own {joint.lower:.6g} to {joint.upper:.6g}"
+            f"joint {joint.name!r} follows joint {leader.name!r}, whose limits put it between {low:.6g} and "
+            f"{high:.6g}, beyond its own {joint.lower:.6g} to {joint.upper:.6g}"
         )
 
 
