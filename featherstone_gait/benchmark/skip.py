@@ -456,6 +456,9 @@ def savings() -> Iterator[tuple[str, Work, Work, str]]:
     yield "no ground (humanoid)", flying, _rollout(over, standing), f"{len(body.contacts)} points, standing"
     plane = _rollout(over, standing)
     yield "nothing near the ground (humanoid)", _rollout(over, high), plane, "same kernel"
+    poses = _rollout(over, standing, record=("base_q", "q"), every=1)
+    near = _rollout(over, standing, record=("clearance",), every=1)
+    yield "no clearance (humanoid)", poses, near, "both record poses each step; distances are for after the run"
     balls = _rollout(*_standing(_reshaped(body, radius=1e-3), Ground()))
     yield "no round contacts (humanoid)", plane, balls, "points and spheres"
     yield "no wheels (humanoid)", balls, _rollout(*_standing(_reshaped(body, rim=1e-3), Ground())), "spheres and discs"
