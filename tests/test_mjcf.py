@@ -481,6 +481,45 @@ def test_bad_files_are_refused_by_name(write, text, word):
     assert path.name in str(error.value)
 
 
+MANY = '<replicate count="%s"><site/></replicate>'
+BODY = f'<body name="b"><joint/>{BALL}%s</body>'
+ATTACH = '<asset><model name="m" file="deep/b.xml"/></asset><worldbody>%s</worldbody>'
+MANY_FILES = '<worldbody><replicate count="300"><include file="deep/b.xml"/></replicate></worldbody>'
+ONE = '<attach model="m" body="b" prefix="p%d"/>'
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "word"),
+    [
+        ('<include file="deep/b.xml"/>', '<include file="c.xml"/>', "c.xml: <replicate> asks for 30000"),
+        (ATTACH % (ONE % 0), robot(BODY % (MANY % 30_000)), "b.xml: <replicate> asks for 30000"),
+        (ATTACH % f'<replicate count="300">{ONE % 0}</replicate>', robot(BODY % (MANY % 100)), "asks for 30000"),
+        (MANY_FILES, f"<mujocoinclude>{MANY % 100}</mujocoinclude>", "asks for 30000"),
+        (ATTACH % "".join(ONE % k for k in range(12)), robot(BODY % (MANY % 9_000)), "more than 100000 elements"),
+    ],
+)
+def test_too_much_in_other_files_is_refused(tmp_path, first, second, word):
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "a.xml").write_text(f"<mujoco>{first}</mujoco>")
+    (tmp_path / "deep" / "b.xml").write_text(second if second.startswith("<mujoco") else f"<mujoco>{second}</mujoco>")
+    (tmp_path / "deep" / "c.xml").write_text(robot(MANY % 30_000))
+    with pytest.raises(RobotFileError, match=word):
+        load_robot(tmp_path / "a.xml")
+
+
+def test_files_that_include_each_other_are_refused_soon(tmp_path):
+    for this, other in ("ab", "ba"):
+        (tmp_path / f"{this}.xml").write_text(f'<mujoco><include file="{other}.xml"/></mujoco>')
+    with pytest.raises(RobotFileError, match="MuJoCo cannot read it"):
+        load_robot(tmp_path / "a.xml")
+
+
+def test_an_attached_model_is_read(tmp_path):
+    (tmp_path / "a.xml").write_text(f"<mujoco>{ATTACH.replace('deep/', '') % (ONE % 0)}</mujoco>")
+    (tmp_path / "b.xml").write_text(robot(BODY % (MANY % 10)))
+    assert load_robot(tmp_path / "a.xml").nv == 1
+
+
 def test_a_bare_name_is_a_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(RobotFileError, match="no such file"):
