@@ -305,6 +305,7 @@ def joint_torques(path, q, qd, control):
     return float(d.qfrc_actuator[0])
 
 
+NO = '<option><flag %s="disable"/></option>'
 JOINT = robot(f'<body><joint name="j" axis="0 1 0"/>{BALL}</body>', "<actuator>%s</actuator>")
 
 
@@ -337,6 +338,14 @@ def test_motor_gives_the_joint_its_effort(write):
     assert joint.effort == 20.0
 
 
+DC = 'motorconst="0.05 0.05" resistance="2" controller="0.02 0 0.004 0 0 6" gear="50" input="pos"'
+
+
+def test_motors_whose_controls_are_not_clamped_have_no_limit(write):
+    path = write(JOINT.replace("</mujoco>", NO % "clampctrl" + "</mujoco>") % '<motor joint="j" ctrlrange="-1 1"/>')
+    assert load_robot(path).moving_joints[0].effort == math.inf
+
+
 def test_motors_of_one_joint_add_up(write):
     two = '<motor joint="j" gear="40" ctrlrange="-0.5 0.5"/><motor joint="j" gear="-2" ctrlrange="-3 3"/>'
     (joint,) = load_robot(write(JOINT % two)).moving_joints
@@ -362,6 +371,7 @@ def test_actuators_without_a_like_are_warned_of(write, kind):
         ('<position joint="j" kp="3" forcerange="-1 5"/>', "larger end of forcerange"),
         ('<position joint="j" kp="3" damping="0 2 0"/>', "nonlinear damping of actuators"),
         ('<position joint="j" kp="3" timeconst="0.1" delay="0.01" nsample="3"/>', "delay of actuators"),
+        (f'<dcmotor joint="j" {DC.replace("50", "-50")}/>', "took the joint's angle, u/gear"),
         ('<motor joint="j" ctrlrange="0 1"/>', "larger limit of motors"),
         ('<motor joint="j" forcerange="-1 2"/>', "larger limit of motors"),
     ],
@@ -382,8 +392,7 @@ def test_actuators_that_are_switched_off_are_no_servos(write, off):
 
 
 def test_servos_of_two_kinds_are_remarked_on(write):
-    motor = 'motorconst="0.05 0.05" resistance="2" controller="0.02 0 0.004 0 0 6" gear="50" input="pos"'
-    actuators = f'<actuator><position joint="a" kp="3"/><dcmotor joint="b" {motor}/></actuator>'
+    actuators = f'<actuator><position joint="a" kp="3"/><dcmotor joint="b" {DC}/></actuator>'
     model = load_robot(write(robot(TWO, actuators)))
     assert any("compile_scene takes one kind" in note for note in model.notes)
     with pytest.raises(ValueError, match="mixes pd servos"):
@@ -405,9 +414,6 @@ def test_all_reasons_come_at_once(write):
     assert len(error.value.problems) == 4
     for word in ("socket", "2 kinematic trees", "connect", "wire"):
         assert word in str(error.value)
-
-
-NO = '<option><flag %s="disable"/></option>'
 
 
 @pytest.mark.parametrize(
@@ -449,7 +455,6 @@ def test_tendons_that_act_by_higher_powers_alone_are_refused(write, power):
         load_robot(write(robot(TWO, tendon)))
 
 
-@pytest.mark.filterwarnings("ignore::featherstone_gait.RobotFileWarning")
 def test_reasons_and_doubts_come_at_once(write):
     text = robot(f'<body><joint type="ball"/>{BALL}<body><joint stiffness="2"/>{BALL}</body></body>', NO % "gravity")
     for strict, count in ((False, 1), (True, 3)):

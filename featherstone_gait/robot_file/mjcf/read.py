@@ -13,7 +13,7 @@ import numpy as np
 from ...model import Base
 from ..report import Report
 from ..robot import Posture, Robot
-from .actuators import read_actuators
+from .actuators import Actuators, read_actuators
 from .causes import couplings, doubts, held_joints, notes, refusals
 from .shapes import read_shapes
 from .sizes import check_sizes
@@ -35,7 +35,9 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     tree = read_tree(m, base, couplings(m))
     for problem in refusals(m, tree):
         report.refuse(None, problem)
-    actuators = read_actuators(m, tree, tree.joints)
+    actuators = Actuators({}, tree.joints, [], [])
+    with report.blaming():
+        actuators = read_actuators(m, tree, tree.joints)
     for sentence in (*doubts(m, tree), *actuators.doubts):
         report.doubt(sentence)
     report.raise_problems(path)

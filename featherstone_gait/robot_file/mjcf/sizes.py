@@ -42,7 +42,8 @@ def _documents(path: Path) -> dict[Path, Element]:
         file = waiting.pop()
         documents[file] = read_markup(file).root
         named = [element for tag in ("include", "model") for element in documents[file].iter(tag)]
-        waiting += {found for element in named for found in _files(element, file, path)} - {*documents, *waiting}
+        found = dict.fromkeys(other for element in named for other in _files(element, file, path))
+        waiting += [other for other in found if other not in documents and other not in waiting]
         if len(documents) + len(waiting) > MAX_FILES:
             raise ValueError(f"includes more than {MAX_FILES} files; put them together")
     return documents
