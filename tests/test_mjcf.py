@@ -500,7 +500,7 @@ ONE = '<attach model="m" body="b" prefix="p%d"/>'
         (ATTACH % (ONE % 0), robot(BODY % (MANY % 30_000)), "b.xml: <replicate> asks for 30000"),
         (ATTACH % f'<replicate count="300">{ONE % 0}</replicate>', robot(BODY % (MANY % 100)), "asks for 30000"),
         (MANY_FILES, f"<mujocoinclude>{MANY % 100}</mujocoinclude>", "asks for 30000"),
-        (ATTACH % "".join(ONE % k for k in range(12)), robot(BODY % (MANY % 9_000)), "more than 100000 elements"),
+        (ATTACH % "".join(ONE % k for k in range(12)), robot(BODY % (MANY % 9_000)), "more than 50000 elements"),
     ],
 )
 def test_too_much_in_other_files_is_refused(tmp_path, first, second, word):

@@ -10,7 +10,7 @@ from ..markup import read_markup
 
 MAX_FILES = 100  # that include or attach each other
 MAX_COPIES = 10_000  # of what is replicated
-MAX_ELEMENTS = 100_000  # with all copies
+MAX_ELEMENTS = 50_000  # with all copies; the time that MuJoCo takes grows with the square
 MAX_CELLS = 100_000_000  # of a height field or a texture
 COPIES = ("replicate", "composite", "flexcomp")
 CELLS = ("hfield", "texture")
