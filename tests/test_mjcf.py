@@ -3,6 +3,7 @@
 import importlib.util
 import itertools
 import math
+import re
 import sys
 import warnings
 from pathlib import Path
@@ -202,6 +203,62 @@ def test_equality_of_joints_becomes_a_coupling(write):
     assert follower.mimic.offset == pytest.approx(math.radians(20) + 0.1 - 2 * math.radians(10), rel=1e-14)
 
 
+TWO = f'<body><joint name="a"/>{BALL}<body pos="0 0 1"><joint name="b" ref="20"/>{BALL}</body></body>'
+LINE = '<joint name="e" joint1="b" joint2="a" polycoef="0.1 2"/>'
+
+
+def test_an_equality_of_one_joint_holds_it(write):
+    held = '<equality><joint joint1="b" polycoef="0.3 0 0 0 0"/></equality>'
+    path = write(robot(TWO, held))
+    model = load_robot(path)
+    assert model.joint_names == ("a",)
+    assert any("held joints 'b'" in note for note in model.notes)
+    m = passive_model(path)
+    d = mujoco.MjData(m)
+    m.opt.disableflags &= ~int(OFF.mjDSBL_CONSTRAINT)
+    d.qpos[1] = model.held["b"]
+    mujoco.mj_forward(m, d)
+    assert d.efc_pos == pytest.approx([0.0], abs=1e-15)
+
+
+@pytest.mark.parametrize("flag", ["equality", "constraint"])
+def test_equalities_that_are_switched_off_couple_nothing(write, flag):
+    text = robot(TWO, f'<equality>{LINE}</equality><option><flag {flag}="disable"/></option>')
+    model = load_robot(write(text))
+    assert model.joint_names == ("a", "b")
+    assert not model.couplings
+    assert any("1 equalities that are not active" in note for note in model.notes)
+
+
+@pytest.mark.parametrize("other", ['<joint name="f" joint1="b" joint2="a"/>', '<joint name="f" joint1="b"/>'])
+def test_a_joint_that_two_equalities_lead_is_refused(write, other):
+    with pytest.raises(RobotFileError, match="joint 'b' is joint1 of equalities 'e', 'f'"):
+        load_robot(write(robot(TWO, f"<equality>{LINE}{other}</equality>")))
+
+
+def test_a_bent_equality_is_refused_as_bent(write):
+    with pytest.raises(RobotFileError, match=r"not linear: polycoef is \[0\.1, 2\.0, 3\.0"):
+        load_robot(write(robot(TWO, f"<equality>{LINE.replace('0.1 2', '0.1 2 3')}</equality>")))
+
+
+def test_a_turned_free_body_stays_turned_when_it_is_fixed(write):
+    stands = ODD.replace("<freejoint/>", "").replace('qpos="0 0 0.5 1 0 0 0 0.1', 'qpos="0.1')
+    model, m = load_robot(write(ODD), base="fixed"), passive_model(write(stands))
+    assert model.base == "fixed"
+    assert relative_error(model, m) < 1e-12
+    d = mujoco.MjData(m)
+    mujoco.mj_kinematics(m, d)
+    trunk = forward_kinematics(model, d.qpos)
+    k = [link.name for link in model.links].index("trunk")
+    np.testing.assert_allclose(trunk.position[k], d.body("trunk").xpos, atol=1e-15)
+    np.testing.assert_allclose(trunk.rotation[k].ravel(), d.body("trunk").xmat, atol=1e-15)
+
+
+def test_a_robot_without_a_name_is_called_like_its_file(write):
+    path = write(robot(TWO))
+    assert load_robot(path).name == path.stem
+
+
 # ------------------------------------------------------------------------------------------------ armature
 
 
@@ -248,13 +305,15 @@ def joint_torques(path, q, qd, control):
     return float(d.qfrc_actuator[0])
 
 
+NO = '<option><flag %s="disable"/></option>'
 JOINT = robot(f'<body><joint name="j" axis="0 1 0"/>{BALL}</body>', "<actuator>%s</actuator>")
 
 
 @pytest.mark.parametrize("q", [-0.4, 0.05, 0.9])
 def test_position_actuator_is_a_clamped_pd_servo(write, q):
     path = write(JOINT % '<position joint="j" kp="30" kv="2" gear="-3" forcerange="-5 5"/>')
-    law = load_robot(path).servos["j"].controller
+    with pytest.warns(RobotFileWarning, match="u/gear"):
+        law = load_robot(path).servos["j"].controller
     reference, qd = 0.2, 0.3
     ours = np.clip(law.Kp * (reference - q) - law.Kd * qd, -law.torque_limit, law.torque_limit)
     assert law.law == "pd_clamped"
@@ -279,10 +338,65 @@ def test_motor_gives_the_joint_its_effort(write):
     assert joint.effort == 20.0
 
 
-def test_actuators_without_a_like_are_warned_of(write):
-    path = write(JOINT % '<velocity name="v" joint="j" kv="3"/>')
-    with pytest.warns(RobotFileWarning, match="'v'"):
+DC = 'motorconst="0.05 0.05" resistance="2" controller="0.02 0 0.004 0 0 6" gear="50" input="pos"'
+
+
+def test_motors_whose_controls_are_not_clamped_have_no_limit(write):
+    path = write(JOINT.replace("</mujoco>", NO % "clampctrl" + "</mujoco>") % '<motor joint="j" ctrlrange="-1 1"/>')
+    assert load_robot(path).moving_joints[0].effort == math.inf
+
+
+def test_motors_of_one_joint_add_up(write):
+    two = '<motor joint="j" gear="40" ctrlrange="-0.5 0.5"/><motor joint="j" gear="-2" ctrlrange="-3 3"/>'
+    (joint,) = load_robot(write(JOINT % two)).moving_joints
+    assert joint.effort == 26.0
+    limited = JOINT.replace('name="j"', 'name="j" actuatorfrcrange="-7 7"')
+    (joint,) = load_robot(write(limited % two)).moving_joints
+    assert joint.effort == 7.0
+
+
+@pytest.mark.parametrize("kind", ['velocity name="v" kv="3"', 'intvelocity name="v" kp="3" actrange="-1 1"'])
+def test_actuators_without_a_like_are_warned_of(write, kind):
+    path = write(JOINT % f'<{kind} joint="j"/>')
+    with pytest.warns(RobotFileWarning, match="no like here: 'v'"):
         assert not load_robot(path).servos
+
+
+@pytest.mark.parametrize(
+    ("actuator", "word"),
+    [
+        ('<position joint="j" kp="3" timeconst="0.1"/>', "took activations of actuators as being at once"),
+        ('<position joint="j" kp="3" gear="-2"/>', "took the joint's angle, u/gear"),
+        ('<position joint="j" kp="3" ctrlrange="-1 1"/>', "ctrlrange of actuators"),
+        ('<position joint="j" kp="3" forcerange="-1 5"/>', "larger end of forcerange"),
+        ('<position joint="j" kp="3" damping="0 2 0"/>', "nonlinear damping of actuators"),
+        ('<position joint="j" kp="3" timeconst="0.1" delay="0.01" nsample="3"/>', "delay of actuators"),
+        (f'<dcmotor joint="j" {DC.replace("50", "-50")}/>', "took the joint's angle, u/gear"),
+        ('<motor joint="j" ctrlrange="0 1"/>', "larger limit of motors"),
+        ('<motor joint="j" forcerange="-1 2"/>', "larger limit of motors"),
+    ],
+)
+def test_what_of_an_actuator_is_taken_otherwise_is_warned_of(write, actuator, word):
+    with pytest.warns(RobotFileWarning, match=word):
+        load_robot(write(JOINT % actuator))
+
+
+@pytest.mark.parametrize("off", ['actuatorgroupdisable="3"/>', '><flag actuation="disable"/></option>'])
+def test_actuators_that_are_switched_off_are_no_servos(write, off):
+    actuators = '<position name="p" joint="j" kp="3" group="3" armature="0.2"/>'
+    path = write(JOINT.replace("</mujoco>", f"<option {off}</mujoco>") % actuators)
+    with pytest.warns(RobotFileWarning, match="switches off: 'p'"):
+        model = load_robot(path)
+    assert not model.servos
+    assert model.joints[0].armature == 0.2
+
+
+def test_servos_of_two_kinds_are_remarked_on(write):
+    actuators = f'<actuator><position joint="a" kp="3"/><dcmotor joint="b" {DC}/></actuator>'
+    model = load_robot(write(robot(TWO, actuators)))
+    assert any("compile_scene takes one kind" in note for note in model.notes)
+    with pytest.raises(ValueError, match="mixes pd servos"):
+        compile_scene(model, servos="rotor")
 
 
 # ------------------------------------------------------------------------------------------------ refusals
@@ -306,6 +420,14 @@ def test_all_reasons_come_at_once(write):
     ("text", "word"),
     [
         (robot(f'<body><joint name="j" stiffness="2"/>{BALL}</body>'), "springs"),
+        (robot(f'<body><joint name="j" stiffness="0 5 0"/>{BALL}</body>'), "springs"),
+        (robot(f'<body><joint name="j" actuatorfrcrange="-1 2"/>{BALL}</body>'), "larger end of actuatorfrcrange"),
+        (robot(f"<body><joint/>{BALL}</body>", NO % "gravity"), r"gravity=\(0, 0, 0\)"),
+        (robot(f'<body><joint damping="1"/>{BALL}</body>', NO % "damper"), "switches off dampers"),
+        (robot(f'<body><joint range="0 1"/>{BALL}</body>', NO % "limit"), "switches off limits"),
+        (robot(f'<body><joint range="0 1"/>{BALL}</body>', NO % "constraint"), "switches off limits"),
+        (robot(f'<body><joint frictionloss="1"/>{BALL}</body>', NO % "frictionloss"), "switches off friction"),
+        (robot(f'<body><joint frictionloss="1"/>{BALL}</body>', NO % "constraint"), "switches off friction"),
         (robot(f"<body><joint/>{BALL}</body>", '<option density="1000"/>'), "fluid"),
         (robot(f'<body gravcomp="1"><joint/>{BALL}</body>'), "gravcomp"),
         (robot(f"<body><joint/>{BALL}</body>", '<option gravity="0 0 -1.6"/>'), "gravity"),
@@ -316,9 +438,29 @@ def test_what_changes_the_motion_is_warned_of_or_refused(write, text, word):
     path = write(text)
     with pytest.warns(RobotFileWarning, match=word):
         model = load_robot(path)
-    assert any(word in note for note in model.notes)
+    assert any(re.search(word, note) for note in model.notes)
     with pytest.raises(RobotFileError, match=word):
         load_robot(path, strict=True)
+
+
+def test_springs_that_are_switched_off_are_not_warned_of(write):
+    model = load_robot(write(robot(f'<body><joint stiffness="2"/>{BALL}</body>', NO % "spring")))
+    assert not any("spring" in note for note in model.notes)
+
+
+@pytest.mark.parametrize("power", ["stiffness", "damping"])
+def test_tendons_that_act_by_higher_powers_alone_are_refused(write, power):
+    tendon = f'<tendon><fixed name="wire" {power}="0 3 0"><joint joint="a" coef="1"/></fixed></tendon>'
+    with pytest.raises(RobotFileError, match=f"by their {power}: 'wire'"):
+        load_robot(write(robot(TWO, tendon)))
+
+
+def test_reasons_and_doubts_come_at_once(write):
+    text = robot(f'<body><joint type="ball"/>{BALL}<body><joint stiffness="2"/>{BALL}</body></body>', NO % "gravity")
+    for strict, count in ((False, 1), (True, 3)):
+        with pytest.raises(RobotFileError, match="ball joints") as error:
+            load_robot(write(text), strict=strict)
+        assert len(error.value.problems) == count
 
 
 @pytest.mark.parametrize(
@@ -342,6 +484,45 @@ def test_bad_files_are_refused_by_name(write, text, word):
     with pytest.raises(RobotFileError, match=word) as error:
         load_robot(path)
     assert path.name in str(error.value)
+
+
+MANY = '<replicate count="%s"><site/></replicate>'
+BODY = f'<body name="b"><joint/>{BALL}%s</body>'
+ATTACH = '<asset><model name="m" file="deep/b.xml"/></asset><worldbody>%s</worldbody>'
+MANY_FILES = '<worldbody><replicate count="300"><include file="deep/b.xml"/></replicate></worldbody>'
+ONE = '<attach model="m" body="b" prefix="p%d"/>'
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "word"),
+    [
+        ('<include file="deep/b.xml"/>', '<include file="c.xml"/>', "c.xml: <replicate> asks for 30000"),
+        (ATTACH % (ONE % 0), robot(BODY % (MANY % 30_000)), "b.xml: <replicate> asks for 30000"),
+        (ATTACH % f'<replicate count="300">{ONE % 0}</replicate>', robot(BODY % (MANY % 100)), "asks for 30000"),
+        (MANY_FILES, f"<mujocoinclude>{MANY % 100}</mujocoinclude>", "asks for 30000"),
+        (ATTACH % "".join(ONE % k for k in range(12)), robot(BODY % (MANY % 9_000)), "more than 50000 elements"),
+    ],
+)
+def test_too_much_in_other_files_is_refused(tmp_path, first, second, word):
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "a.xml").write_text(f"<mujoco>{first}</mujoco>")
+    (tmp_path / "deep" / "b.xml").write_text(second if second.startswith("<mujoco") else f"<mujoco>{second}</mujoco>")
+    (tmp_path / "deep" / "c.xml").write_text(robot(MANY % 30_000))
+    with pytest.raises(RobotFileError, match=word):
+        load_robot(tmp_path / "a.xml")
+
+
+def test_files_that_include_each_other_are_refused_soon(tmp_path):
+    for this, other in ("ab", "ba"):
+        (tmp_path / f"{this}.xml").write_text(f'<mujoco><include file="{other}.xml"/></mujoco>')
+    with pytest.raises(RobotFileError, match="MuJoCo cannot read it"):
+        load_robot(tmp_path / "a.xml")
+
+
+def test_an_attached_model_is_read(tmp_path):
+    (tmp_path / "a.xml").write_text(f"<mujoco>{ATTACH.replace('deep/', '') % (ONE % 0)}</mujoco>")
+    (tmp_path / "b.xml").write_text(robot(BODY % (MANY % 10)))
+    assert load_robot(tmp_path / "a.xml").nv == 1
 
 
 def test_a_bare_name_is_a_path(tmp_path, monkeypatch):

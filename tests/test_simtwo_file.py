@@ -185,6 +185,51 @@ def test_bad_scenes_are_refused_by_name(arm, old, new, word):
     assert "arm.xml" in str(error.value)
 
 
+WRONG = (
+    ('mass value="1"', 'mass value="-1"', "mass is -1.0"),
+    ('<pos x="L" z="L"/></sphere>', '<pos x="L+" z="L"/></sphere>', "'L+'"),
+    ('B2="world"', 'B2="moon"', "no solid 'moon'"),
+    ('value="Universal"', 'value="Ball"', "type 'Ball'"),
+    ('Min="-0.1"', 'Min="0.3"', "Min 0.3 m, Max 0.2 m"),
+)
+
+
+def made_wrong(text):
+    """A text with all that is wrong in it, and the lines where the elements are."""
+    where = []
+    for old, new, _ in WRONG:
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    for _, new, _ in WRONG:
+        before = text[: text.index(new)]
+        start = max(before.rindex(tag) for tag in ("<cuboid", "<sphere", "<joint") if tag in before)
+        where.append(before[:start].count("\n") + 1)
+    return text, where
+
+
+def test_all_that_is_wrong_is_said_at_once_with_its_line(arm):
+    text, lines = made_wrong(ARM % "0")
+    arm.write_text(text)
+    with pytest.raises(RobotFileError) as error:
+        load_robot(arm)
+    assert len(error.value.problems) == len(WRONG)
+    for line, (_, _, word) in zip(lines, WRONG):
+        assert any(word in text and text.startswith(f"line {line}: ") for text in error.value.problems), word
+
+
+def test_lines_are_those_of_the_robots_file(humanoid):
+    path = humanoid[1].with_name("walker.xml")
+    path.write_text(path.read_text().replace("<joint>", "\n<joint>").replace("'Hinge'", "'Ball'", 1))
+    with pytest.raises(RobotFileError, match=r"walker\.xml: line 2: .*type 'Ball'"):
+        load_robot(humanoid[1])
+
+
+def test_limits_are_quoted_as_the_file_has_them(arm):
+    arm.write_text((ARM % "0").replace('Min="-30"', 'Min="60"'))
+    with pytest.raises(RobotFileError, match=r"Min 60\.0 deg, Max 40\.0 deg"):
+        load_robot(arm)
+
+
 @pytest.mark.parametrize(("count", "word"), [(0, "has 0 robots"), (2, "has 2 robots")])
 def test_a_scene_holds_one_robot(humanoid, count, word):
     path = humanoid[1]

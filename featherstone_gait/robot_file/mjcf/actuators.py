@@ -3,12 +3,14 @@
 Of a joint, an actuator of gear g has the length g q and turns a force F into the torque g F.
 
 position
-    F = kp u - kp l - kv dl/dt, limited by forcerange: the law pd_clamped with Kp = g^2 kp, Kd = g^2 kv.
+    F = kp u - kp l - kv dl/dt, limited by forcerange: the law pd_clamped with Kp = g^2 kp, Kd = g^2 kv.  The reference
+    of a servo is the joint's angle, u / g.
 dcmotor with the input "pos"
     U = R/K (kp (u - l) - kd dl/dt) + K dl/dt, limited by Vmax: the law state with Kp = R/K kp g, Kd = (R/K kd - K) g
     and Ki = R/K ki g; its current follows R I + L dI/dt = U - K dl/dt, limited by the torque over K.
 motor
-    F = u: the product of gear and control limit is the most the joint is given, its `effort`.
+    F = u: the product of gear and control limit is the most it gives the joint; the sum over the joint's motors is its
+    `effort`.
 
 Source: MuJoCo's XML reference and technical note on its dcmotor.
 """
@@ -16,19 +18,25 @@ Source: MuJoCo's XML reference and technical note on its dcmotor.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from ...model import Controller, Gearbox, Joint, Servo
+import numpy as np
+
+from ...model import TORQUE_LAWS, Controller, Gearbox, Joint, Servo
 from .causes import listed
 from .names import actuator_count
 from .tree import Tree
 
 JOINT_TRANSMISSIONS = (0, 1)  # mjTRN_JOINT, mjTRN_JOINTINPARENT
-NO_DYNAMICS, DC_DYNAMICS = 0, 5  # mjtDyn
+NO_DYNAMICS, DC_DYNAMICS, FILTERS = 0, 5, (2, 3)  # mjtDyn
 FIXED_GAIN, NO_BIAS, AFFINE_BIAS = 0, 0, 1  # mjtGain, mjtBias
 POSITION_INPUT = 1  # mjtCtrlInput
+NO_CLAMP, NO_ACTUATION = 1 << 8, 1 << 11  # mjtDisableBit
 NO_LIMIT = 1e6  # voltage [V] of a motor that has none
+
+OWN_ANGLE = "took the joint's angle, u/gear, as the reference of actuators with a gear"
 
 
 class Actuators(NamedTuple):
@@ -37,6 +45,15 @@ class Actuators(NamedTuple):
     servos: dict[str, Servo]  # by joint
     joints: tuple[Joint, ...]  # with what actuators add to them
     doubts: list[str]
+    remarks: list[str]
+
+
+class _Read(NamedTuple):
+    """What one actuator says."""
+
+    servo: Servo | None = None
+    effort: float | None = None  # of a motor, the most that it gives the joint
+    reasons: tuple[str, ...] = ()  # what of it is taken otherwise, or not at all
 
 
 class _Row(NamedTuple):
@@ -50,37 +67,56 @@ class _Row(NamedTuple):
     bias: list[float]
     control: float  # most of the control, either way
     force: float  # most of the force, either way
+    uneven: tuple[bool, bool]  # whether the limits of control and force differ between the two ways
     armature: float
     damping: float
     inputs: int  # which controls it has
+    off: bool  # whether it is switched off
+    more: tuple[str, ...]  # what else it has that has no like here
 
 
 def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
     """Servos and limits from the actuators, and what of them is passed over."""
     by_name = {joint.name: joint for joint in joints}
     servos: dict[str, Servo] = {}
+    efforts: dict[str, float] = {}
     left: dict[str, list[str]] = {}
     for k in range(actuator_count(m)):
         name = tree.joint_names[m.actuator_trnid[k, 0]] if m.actuator_trntype[k] in JOINT_TRANSMISSIONS else ""
         if name not in by_name:
-            left.setdefault("that are not on one joint", []).append(m.actuator(k).name or str(k))
+            left.setdefault("passed over actuators that are not on one joint", []).append(m.actuator(k).name or str(k))
             continue
         row = _row(m, k)
-        servo, joint, reasons = _read(row, by_name[name], float(m.opt.timestep))
-        by_name[name] = joint
-        if servo is not None and name not in servos:
-            servos[name] = servo
-        elif servo is not None:
-            reasons = ["on a joint that has a servo already"]
+        by_name[name] = _burdened(by_name[name], row)
+        servo, effort, reasons = _read(row, float(m.opt.timestep))
+        if effort is not None:
+            efforts[name] = efforts.get(name, 0.0) + effort
+        if servo is not None and servos.setdefault(name, servo) is not servo:
+            reasons = ("passed over actuators on a joint that has a servo already",)
         for reason in reasons:
             left.setdefault(reason, []).append(row.name)
-    doubts = [f"passed over actuators {reason}: {listed(names)}" for reason, names in left.items()]
-    return Actuators(servos, tuple(by_name[joint.name] for joint in joints), doubts)
+    for name, effort in efforts.items():
+        by_name[name] = replace(by_name[name], effort=min(by_name[name].effort, effort))
+    doubts = [f"{reason}: {listed(names)}" for reason, names in left.items()]
+    return Actuators(servos, tuple(by_name[joint.name] for joint in joints), doubts, _mixed(servos))
+
+
+def _mixed(servos: dict[str, Servo]) -> list[str]:
+    """A remark on servos of both kinds, which a scene refuses."""
+    torques = [name for name, servo in servos.items() if servo.controller.law in TORQUE_LAWS]
+    if len(torques) in (0, len(servos)):
+        return []
+    return [
+        f"servos of joints {listed(torques)} have a torque law, the others are sampled; compile_scene takes one kind: "
+        "give all joints one kind of law, or servos=None"
+    ]
 
 
 def _row(m: Any, k: int) -> _Row:
     control = int(m.actuator_ctrladr[k]) if hasattr(m, "actuator_ctrladr") else k
-    limited = 0 <= control < m.nu and m.actuator_ctrllimited[control]
+    limited = 0 <= control < m.nu and m.actuator_ctrllimited[control] and not m.opt.disableflags & NO_CLAMP
+    controls = m.actuator_ctrlrange[control] if limited else (-math.inf, math.inf)
+    forces = m.actuator_forcerange[k] if m.actuator_forcelimited[k] else (-math.inf, math.inf)
     return _Row(
         name=m.actuator(k).name or str(k),
         gear=float(m.actuator_gear[k, 0]),
@@ -88,34 +124,74 @@ def _row(m: Any, k: int) -> _Row:
         dyn=m.actuator_dynprm[k].tolist(),
         gain=m.actuator_gainprm[k].tolist(),
         bias=m.actuator_biasprm[k].tolist(),
-        control=float(abs(m.actuator_ctrlrange[control]).max()) if limited else math.inf,
-        force=float(abs(m.actuator_forcerange[k]).max()) if m.actuator_forcelimited[k] else math.inf,
+        control=float(np.abs(controls).max()),
+        force=float(np.abs(forces).max()),
+        uneven=(bool(controls[0] != -controls[1]), bool(forces[0] != -forces[1])),
         armature=float(m.actuator_armature[k]) if hasattr(m, "actuator_armature") else 0.0,
         damping=float(m.actuator_damping[k]) if hasattr(m, "actuator_damping") else 0.0,
         inputs=int(m.actuator_ctrlspec[k]) if hasattr(m, "actuator_ctrlspec") else 0,
+        off=_is_off(m, k),
+        more=tuple(_more(m, k)),
     )
 
 
-def _read(row: _Row, joint: Joint, timestep: float) -> tuple[Servo | None, Joint, list[str]]:
-    """The servo that an actuator is, the joint with what the actuator adds to it, and what is passed over."""
+def _is_off(m: Any, k: int) -> bool:
+    """Whether a <flag> switches off all actuators, or actuatorgroupdisable this one's group."""
+    group = int(m.actuator_group[k])
+    return bool(m.opt.disableflags & NO_ACTUATION or (0 <= group < 31 and m.opt.disableactuator >> group & 1))
+
+
+def _more(m: Any, k: int) -> Iterator[str]:
+    """What only newer versions of MuJoCo know."""
+    if np.any(getattr(m, "actuator_dampingpoly", np.zeros(k + 1))[k]):
+        yield "passed over the nonlinear damping of actuators"
+    if getattr(m, "actuator_delay", np.zeros(k + 1))[k]:
+        yield "passed over the delay of actuators, which are at once here"
+
+
+def _burdened(joint: Joint, row: _Row) -> Joint:
+    """The joint with armature and damping of an actuator; those of a dcmotor are its servo's."""
+    if row.kind[0] == DC_DYNAMICS and not row.off:
+        return joint
+    g2 = row.gear * row.gear
+    return replace(joint, armature=joint.armature + g2 * row.armature, damping=joint.damping + g2 * row.damping)
+
+
+def _read(row: _Row, timestep: float) -> _Read:
+    """The servo or effort that an actuator is, and what of it is passed over."""
+    if row.off:
+        return _Read(reasons=("passed over actuators that the file switches off", *row.more))
     if row.kind[0] == DC_DYNAMICS:
         servo, reasons = _dc_motor(row, timestep)
-        return servo, joint, reasons
-    g = abs(row.gear)
-    joint = replace(joint, armature=joint.armature + g * g * row.armature, damping=joint.damping + g * g * row.damping)
+        turned = (OWN_ANGLE,) * (row.gear < 0)
+        return _Read(servo, reasons=(*(f"passed over actuators {reason}" for reason in reasons), *turned, *row.more))
     if row.kind == (NO_DYNAMICS, FIXED_GAIN, NO_BIAS):
-        most = g * min(abs(row.gain[0]) * row.control, row.force)
-        return None, replace(joint, effort=min(joint.effort, most)), []
-    if row.kind[1:] != (FIXED_GAIN, AFFINE_BIAS) or not row.gain[0] == -row.bias[1] > 0 or row.bias[0]:
-        return None, joint, ["of a kind that has no like here"]
-    filtered = ["whose activation is filtered: it is at once here"] if row.kind[0] else []
-    return _position(row), joint, filtered
+        return _motor(row)
+    linear = row.kind[1:] == (FIXED_GAIN, AFFINE_BIAS) and row.gain[0] == -row.bias[1] > 0 and not row.bias[0]
+    if not linear or not row.gear or row.kind[0] not in (NO_DYNAMICS, *FILTERS):
+        return _Read(reasons=("passed over actuators of a kind that has no like here", *row.more))
+    return _position(row)
 
 
-def _position(row: _Row) -> Servo:
+def _motor(row: _Row) -> _Read:
+    """The most that a motor gives its joint."""
+    g, gain = abs(row.gear), abs(row.gain[0])
+    most = min(gain * row.control if gain else 0.0, row.force)
+    uneven = (row.uneven[0] and gain * row.control <= row.force) or (row.uneven[1] and row.force <= gain * row.control)
+    reasons = ("took the larger limit of motors either way, for a joint has one effort",) * uneven
+    return _Read(effort=g * most if g else 0.0, reasons=(*reasons, *row.more))
+
+
+def _position(row: _Row) -> _Read:
     g = abs(row.gear)
     law = Controller("pd_clamped", Kp=g * g * row.gain[0], Kd=-g * g * row.bias[2], torque_limit=g * row.force)
-    return Servo(law)
+    found = {
+        "took activations of actuators as being at once, though they are filtered": row.kind[0] != NO_DYNAMICS,
+        OWN_ANGLE: row.gear != 1,
+        "passed over the ctrlrange of actuators, for references have no limits here": row.control < math.inf,
+        "took the larger end of forcerange of actuators either way": row.uneven[1],
+    }
+    return _Read(Servo(law), reasons=(*(reason for reason, holds in found.items() if holds), *row.more))
 
 
 def _dc_motor(row: _Row, timestep: float) -> tuple[Servo | None, list[str]]:

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 
 from ...model import Base
-from ..errors import refusal
 from ..report import Report
 from ..robot import Posture, Robot
-from .actuators import read_actuators
-from .causes import couplings, doubts, notes, refusals
+from .actuators import Actuators, read_actuators
+from .causes import couplings, doubts, held_joints, notes, refusals
 from .shapes import read_shapes
 from .sizes import check_sizes
 from .tree import Tree, read_tree
 
+NAMELESS = "MuJoCo Model"  # what MuJoCo calls a file without a name
 INSTALL = "MJCF is read through MuJoCo; install it with pip install featherstone-gait[mjcf]"
 
 
@@ -33,17 +33,20 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     """
     m, remarks = _compiled(path)
     tree = read_tree(m, base, couplings(m))
-    problems = refusals(m, tree)
-    if problems:
-        raise refusal(path, problems)
-    actuators = read_actuators(m, tree, tree.joints)
-    shapes, left = read_shapes(m, tree)
+    for problem in refusals(m, tree):
+        report.refuse(None, problem)
+    actuators = Actuators({}, tree.joints, [], [])
+    with report.blaming():
+        actuators = read_actuators(m, tree, tree.joints)
     for sentence in (*doubts(m, tree), *actuators.doubts):
         report.doubt(sentence)
-    for sentence in (*notes(m, tree), *left, *remarks):
+    report.raise_problems(path)
+    shapes, left = read_shapes(m, tree)
+    for sentence in (*notes(m, tree), *left, *actuators.remarks, *remarks):
         report.remark(sentence)
     joints, postures = actuators.joints, _postures(m, tree)
-    return Robot(_name(m, path), tree.links, joints, shapes, tree.base, servos=actuators.servos, postures=postures)
+    held = {tree.joint_names[j]: position for j, position in held_joints(m).items()}
+    return Robot(_name(m, path), tree.links, joints, shapes, tree.base, held, actuators.servos, postures)
 
 
 def _compiled(path: Path) -> tuple[Any, list[str]]:
@@ -80,8 +83,9 @@ def _line(message: object) -> str:
 
 
 def _name(m: Any, path: Path) -> str:
+    """The file's name for the robot, else the file's own."""
     name = bytes(m.names).split(b"\0", 1)[0].decode("utf-8", "replace")
-    return name or path.stem
+    return path.stem if name in ("", NAMELESS) else name
 
 
 def _postures(m: Any, tree: Tree) -> dict[str, Posture]:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from ..markup import read_markup
 
-MAX_FILES = 100  # that include each other
+MAX_FILES = 100  # that include or attach each other
 MAX_COPIES = 10_000  # of what is replicated
+MAX_ELEMENTS = 50_000  # with all copies; the time that MuJoCo takes grows with the square
 MAX_CELLS = 100_000_000  # of a height field or a texture
 COPIES = ("replicate", "composite", "flexcomp")
 CELLS = ("hfield", "texture")
@@ -18,39 +19,70 @@ ARENA = ("memory", "njmax", "nconmax", "nstack")  # of <size>, for a run's work
 
 
 def check_sizes(path: Path) -> None:
-    """Raise ValueError if a file, or one that it includes, is no safe XML or asks for too much."""
-    for file, root in _documents(path):
-        where = "" if file == path else f"{file.name}: "
-        _check_copies(root, 1, where)
+    """Raise ValueError if a file, or one that it includes or attaches, is no safe XML or asks for too much."""
+    documents = _documents(path)
+    for file, root in documents.items():
+        where = _where(file, path)
         for element in [element for tag in CELLS for element in root.iter(tag)]:
             _check(element, [n for name in CELL_COUNTS for n in _counts(element, name)], MAX_CELLS, where)
         for element in root.iter("size"):
             for name in set(element.attrib) - set(ARENA):
                 _check(element, _counts(element, name), MAX_COPIES, where)
+    _check_copies(path, documents)
 
 
-def _documents(path: Path) -> Iterator[tuple[Path, Element]]:
-    """The file and those that it includes; MuJoCo looks for them beside the first."""
-    waiting, seen = [path], {path}
+def _where(file: Path, first: Path) -> str:
+    return "" if file == first else f"{file.name}: "
+
+
+def _documents(path: Path) -> dict[Path, Element]:
+    """The file, and those that it includes or attaches, with what these do."""
+    waiting, documents = [path], {}
     while waiting:
         file = waiting.pop()
-        root = read_markup(file).root
-        yield file, root
-        names = [path.parent / element.get("file", "") for element in root.iter("include")]
-        found = [name for name in names if name.is_file() and name not in seen]
-        waiting += found
-        seen.update(found)
-        if len(seen) > MAX_FILES:
+        documents[file] = read_markup(file).root
+        named = [element for tag in ("include", "model") for element in documents[file].iter(tag)]
+        found = dict.fromkeys(other for element in named for other in _files(element, file, path))
+        waiting += [other for other in found if other not in documents and other not in waiting]
+        if len(documents) + len(waiting) > MAX_FILES:
             raise ValueError(f"includes more than {MAX_FILES} files; put them together")
+    return documents
 
 
-def _check_copies(element: Element, copies: int, where: str) -> None:
-    if element.tag in COPIES:
-        counts = _counts(element, "count")
-        _check(element, [copies, *counts], MAX_COPIES, where)
-        copies *= _product(counts)
-    for child in element:
-        _check_copies(child, copies, where)
+def _files(element: Element, file: Path, first: Path) -> list[Path]:
+    """The file that an element names: MuJoCo looks for it beside the file that names it, or beside the first."""
+    name = element.get("file", "")
+    return list(dict.fromkeys(found for folder in (file, first) if (found := folder.parent / name).is_file()))
+
+
+def _check_copies(path: Path, documents: Mapping[Path, Element]) -> None:
+    """Refuse too many elements, counting those of other files each time that they are put in."""
+    models, elements = _models(path, documents), 0
+    waiting = [(path, documents[path], 1, frozenset([path]))]
+    while waiting:
+        file, element, copies, above = waiting.pop()
+        if element.tag in COPIES:
+            counts = _counts(element, "count")
+            _check(element, [copies, *counts], MAX_COPIES, _where(file, path))
+            copies *= _product(counts)
+        elements += copies
+        if elements > MAX_ELEMENTS:
+            raise ValueError(f"{_where(file, path)}asks for more than {MAX_ELEMENTS} elements; make fewer copies")
+        waiting += [(file, child, copies, above) for child in element]
+        named = models.get(element.get("model", ""), []) if element.tag == "attach" else []
+        put_in = [*named, *(_files(element, file, path) if element.tag in ("include", "model") else [])]
+        waiting += [(other, documents[other], copies, above | {other}) for other in put_in if other not in above]
+
+
+def _models(path: Path, documents: Mapping[Path, Element]) -> dict[str, list[Path]]:
+    """Files of the models to attach, by the names of the element and of the model itself."""
+    models: dict[str, list[Path]] = {}
+    for file, root in documents.items():
+        for element in root.iter("model"):
+            for found in _files(element, file, path):
+                for name in {element.get("name", ""), documents[found].get("model", "")}:
+                    models.setdefault(name, []).append(found)
+    return models
 
 
 def _check(element: Element, counts: list[int], most: int, where: str) -> None:

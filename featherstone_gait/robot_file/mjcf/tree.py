@@ -50,17 +50,24 @@ def read_tree(m: Any, base: Base | None, mimics: dict[int, tuple[int, float, flo
 
 
 def _root(m: Any, base: Base) -> int:
-    """The body that is the root link: that of the free joint, or one that sits in the world as if it were the root."""
+    """The body that is the root link: that of the free joint, or one that sits in the world as if it were the root.
+
+    A free body that is to be fixed elsewhere than at the world's frame stays where it is: 0, the world, is its root.
+    """
     free = [int(m.jnt_bodyid[j]) for j in range(m.njnt) if m.jnt_type[j] == FREE]
     if free:
-        return free[0]
+        return free[0] if base == "floating" or _at_origin(m, free[0]) else 0
     top = [b for b in range(1, m.nbody) if m.body_parentid[b] == 0]
     if len(top) != 1 or m.body_jntnum[top[0]]:
         return 0
     b = top[0]
-    at_origin = not m.body_pos[b].any() and m.body_quat[b, 0] == 1.0
     alone = all(m.geom_type[g] == PLANE for g in np.flatnonzero(m.geom_bodyid == 0))
-    return b if base == "floating" or (at_origin and alone) else 0
+    return b if base == "floating" or (_at_origin(m, b) and alone) else 0
+
+
+def _at_origin(m: Any, b: int) -> bool:
+    """Whether a body of the world has the world's frame."""
+    return not m.body_pos[b].any() and m.body_quat[b, 0] == 1.0
 
 
 def _link(m: Any, b: int, name: str) -> Link:
@@ -92,7 +99,8 @@ def _chain(m: Any, b: int, bodies: list[str], names: list[str], taken: list[str]
     """
     parent, E, r = bodies[m.body_parentid[b]], rotation_from_quaternion(m.body_quat[b]), m.body_pos[b].copy()
     chain, anchor = [], np.zeros(3)
-    moving = range(m.body_jntadr[b], m.body_jntadr[b] + m.body_jntnum[b])
+    own = range(m.body_jntadr[b], m.body_jntadr[b] + m.body_jntnum[b])
+    moving = [j for j in own if m.jnt_type[j] != FREE]  # of a base that is to be fixed
     for j in moving:
         offset, E_back = _step(m, j, anchor)
         anchor = m.jnt_pos[j] if m.jnt_type[j] == HINGE else anchor
@@ -100,7 +108,7 @@ def _chain(m: Any, b: int, bodies: list[str], names: list[str], taken: list[str]
         child = bodies[b] if last else unused(f"{bodies[b]}_{names[j]}", bodies)
         chain.append(_joint(m, j, names[j], parent, child, r + applied(E, offset), product(E, E_back)))
         parent, E, r = child, np.eye(3), np.zeros(3)
-    if not len(moving) or anchor.any():
+    if not moving or anchor.any():
         name = unused(f"{bodies[b]}_fixed", [*names, *taken])
         chain.append(Joint(name, "fixed", parent, bodies[b], vector(r - anchor), rpy_from_rotation(E)))
     return chain

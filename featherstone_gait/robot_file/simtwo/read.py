@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
@@ -11,8 +12,7 @@ from xml.etree.ElementTree import Element
 from ...model import Base, Joint, Link, Servo, turned_inertia
 from ...rotation import rotation_from_rpy
 from ...shape import Box, Cylinder, Geometry, Shape, Sphere
-from ..errors import refusal
-from ..markup import read_markup
+from ..markup import Markup, read_markup
 from ..report import Report
 from ..robot import Posture, Robot
 from .expression import Numbers, constants_of
@@ -28,12 +28,10 @@ NOTHING = (0.0, 0.0, 0.0)
 class Solid(NamedTuple):
     """A rigid body, in the robot's frame."""
 
-    name: str
-    mass: float
+    link: Link  # in axes through its centre, parallel to the robot's
     position: tuple[float, float, float]
     rpy: tuple[float, float, float]
     geometry: Geometry
-    inertia: tuple[float, ...]  # about its centre, in the robot's axes
 
 
 class Axis(NamedTuple):
@@ -47,6 +45,7 @@ class Axis(NamedTuple):
     direction: tuple[float, float, float]
     limits: tuple[float, float]  # [deg or m]
     servo: Servo | None
+    element: Element
 
 
 def read_simtwo(path: Path, root: Element, base: Base | None, report: Report) -> Robot:
@@ -54,25 +53,38 @@ def read_simtwo(path: Path, root: Element, base: Base | None, report: Report) ->
 
     base : None is "fixed" if a joint holds the robot to the world, else "floating"
 
-    What is passed over goes into the report.  Raises ValueError for what has no meaning, RobotFileError for all that
-    the simulator cannot do.
+    What is passed over goes into the report.  Raises ValueError for constants or a scene without meaning,
+    RobotFileError for all that is wrong with the robot, with the lines of its file.
     """
-    name, pose, body, constants = path.stem, (NOTHING, NOTHING), root, constants_of(root, {})
+    scene = _Scene(path.stem, (NOTHING, NOTHING), path, Markup(root, dict(report.lines)), constants_of(root, {}))
     if root.tag == "scene":
-        name, pose, body, constants = _of_scene(path, root, constants)
-    numbers = Numbers(constants_of(body, constants))
-    solids = [_solid(element, numbers) for element in _all(body, "solids") if element.tag in SHAPES]
-    _check_solids(path, body, solids)
-    axes = list(_axes(body, numbers, [solid.name for solid in solids]))
-    fixed = any(WORLD in (axis.parent, axis.child) for axis in axes)
-    for sentence in _doubts(body, numbers):
+        scene = _of_scene(path, root, scene.constants)
+        report.lines = scene.markup.lines
+    body = scene.markup.root
+    numbers = Numbers(constants_of(body, scene.constants))
+    solids = _solids(body, numbers, report)
+    axes = _axes(body, numbers, report)
+    joints = _joints(axes, report)
+    for sentence in _doubts(body, numbers, report):
         report.doubt(sentence)
+    report.raise_problems(scene.file)
     report.remark("skipped colours, shells, sensors, surfaces and drag of the scene")
-    return _robot(name, solids, axes, base or ("fixed" if fixed else "floating"), pose)
+    fixed = any(WORLD in (axis.parent, axis.child) for axis in axes)
+    return _robot(scene, solids, axes, joints, base or ("fixed" if fixed else "floating"))
 
 
-def _of_scene(path: Path, root: Element, constants: dict[str, float]) -> tuple[str, tuple, Element, dict[str, float]]:
-    """Name, position and angles, file and constants of the one robot of a scene."""
+class _Scene(NamedTuple):
+    """The robot of a scene."""
+
+    name: str
+    pose: tuple  # position and angles
+    file: Path
+    markup: Markup
+    constants: dict[str, float]
+
+
+def _of_scene(path: Path, root: Element, constants: dict[str, float]) -> _Scene:
+    """The one robot of a scene."""
     robots = [element for element in root.iterfind("robot")]
     names = [_attribute(robot, "ID", "name", _attribute(robot, "ID", "value", "robot")) for robot in robots]
     if len(robots) != 1:
@@ -84,7 +96,7 @@ def _of_scene(path: Path, root: Element, constants: dict[str, float]) -> tuple[s
             f"robot {names[0]!r}: there is no file {file.name!r} beside the scene; correct <body file=...>"
         )
     pose = numbers.xyz(robot.find("pos"), "<pos>"), _angles(robot, numbers, "<robot>")
-    return names[0], pose, read_markup(file).root, constants_of(robot, constants)
+    return _Scene(names[0], pose, file, read_markup(file), constants_of(robot, constants))
 
 
 def _attribute(element: Element, tag: str, name: str, default: str) -> str:
@@ -104,6 +116,17 @@ def _angles(element: Element, numbers: Numbers, what: str) -> tuple[float, ...]:
 # ---------------------------------------------------------------------------------------------- solids
 
 
+def _solids(body: Element, numbers: Numbers, report: Report) -> list[Solid]:
+    """The solids that can be; what is wrong with others is reported."""
+    _check_solids(body, report)
+    solids = []
+    for element in _all(body, "solids"):
+        if element.tag in SHAPES:
+            with report.blaming(element):
+                solids.append(_solid(element, numbers))
+    return solids
+
+
 def _solid(element: Element, numbers: Numbers) -> Solid:
     name = _attribute(element, "ID", "value", "")
     what = f"solid {name!r}"
@@ -118,7 +141,8 @@ def _solid(element: Element, numbers: Numbers) -> Solid:
         principal = (mass * moments[0], 0.0, 0.0, mass * moments[1], 0.0, mass * moments[2])
     I = turned_inertia(rotation_from_rpy((x, y, z)), principal)
     inertia = tuple(((I + I.T) / 2)[(0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)].tolist())
-    return Solid(name, mass, numbers.xyz(element.find("pos"), f"{what} <pos>"), (x, y, z), geometry, inertia)
+    link = Link(name, mass, NOTHING, inertia)
+    return Solid(link, numbers.xyz(element.find("pos"), f"{what} <pos>"), (x, y, z), geometry)
 
 
 def _cuboid(element: Element, numbers: Numbers, what: str) -> tuple[Geometry, tuple[float, float, float]]:
@@ -144,26 +168,42 @@ def _sphere(element: Element, numbers: Numbers, what: str) -> tuple[Geometry, tu
 SHAPES = {"cuboid": _cuboid, "cylinder": _cylinder, "sphere": _sphere}
 
 
-def _check_solids(path: Path, body: Element, solids: list[Solid]) -> None:
-    """Refuse what is no rigid body, all at once."""
+def _check_solids(body: Element, report: Report) -> None:
+    """Report what is no rigid body."""
     elements = _all(body, "solids")
-    strange = sorted({element.tag for element in elements if element.tag in UNSUPPORTED})
-    problems = [f"<{tag}> has no like here; remove it" for tag in strange]
-    hung = [_attribute(element, "ID", "value", "") for element in elements if element.find("solid") is not None]
-    problems += [f"solid {name!r} is placed in another's frame; give its place in the robot's" for name in hung]
-    if not solids:
-        problems.append("there is no solid; a robot needs one: give the file that has <solids>")
-    if body.find("wheels") is not None and len(body.findall("wheels/*")):
-        problems.append("<wheels> have no like here; describe them as cylinders with hinges")
-    if problems:
-        raise refusal(path, problems)
+    for element in elements:
+        if element.tag in UNSUPPORTED:
+            report.refuse(element, f"<{element.tag}> has no like here; remove it")
+        if element.find("solid") is not None:
+            name = _attribute(element, "ID", "value", "")
+            report.refuse(element, f"solid {name!r} is placed in another's frame; give its place in the robot's")
+    if not any(element.tag in SHAPES for element in elements):
+        report.refuse(body, "there is no solid; a robot needs one: give the file that has <solids>")
+    for wheel in body.findall("wheels/*"):
+        report.refuse(wheel, "<wheels> have no like here; describe them as cylinders with hinges")
 
 
 # ---------------------------------------------------------------------------------------------- articulations
 
 
-def _axes(body: Element, numbers: Numbers, names: list[str]) -> Iterator[Axis]:
-    """The axes of all articulations, each from the link nearer to the root."""
+def _axes(body: Element, numbers: Numbers, report: Report) -> list[Axis]:
+    """The axes of all articulations that can be, each from the link nearer to the root; others are reported."""
+    names = [_attribute(element, "ID", "value", "") for element in _all(body, "solids") if element.tag in SHAPES]
+    ends: dict[int, tuple[str, str]] = {}
+    found = _articulations(body)
+    for k, (element, _) in enumerate(found):
+        with report.blaming(element):
+            ends[k] = _ends(element, names)
+    axes: list[Axis] = []
+    for k, parent in _outwards(ends, WORLD if any(WORLD in pair for pair in ends.values()) else (names or [""])[0]):
+        element, parts = found[k]
+        with report.blaming(element):
+            axes += _axes_of(element, parts, numbers, ends[k], parent)
+    return axes
+
+
+def _articulations(body: Element) -> list[tuple[Element, list[dict[str, dict[str, str]]]]]:
+    """The joints, each with its motors' parts over those of the last <default>."""
     inherited: list[dict[str, dict[str, str]]] = [{}, {}]
     found = []
     for element in _all(body, "articulations"):
@@ -172,11 +212,7 @@ def _axes(body: Element, numbers: Numbers, names: list[str]) -> Iterator[Axis]:
             inherited = parts
         elif element.tag == "joint":
             found.append((element, parts))
-    ends = [_ends(element, names) for element, _ in found]
-    order = _outwards(ends, WORLD if any(WORLD in pair for pair in ends) else names[0] if names else "")
-    for k, parent in order:
-        element, parts = found[k]
-        yield from _axes_of(element, parts, numbers, ends[k], parent)
+    return found
 
 
 def _ends(element: Element, names: list[str]) -> tuple[str, str]:
@@ -192,9 +228,9 @@ def _ends(element: Element, names: list[str]) -> tuple[str, str]:
     return (second, first) if first == WORLD else (first, second)
 
 
-def _outwards(ends: list[tuple[str, str]], root: str) -> Iterator[tuple[int, str]]:
+def _outwards(ends: Mapping[int, tuple[str, str]], root: str) -> Iterator[tuple[int, str]]:
     """Joints in an order that begins at the root, each with its parent; then those that nothing joins to it."""
-    reached, waiting = {root}, dict(enumerate(ends))
+    reached, waiting = {root}, dict(ends)
     while waiting:
         near = [k for k, pair in waiting.items() if reached & {*pair}]
         k = near[0] if near else next(iter(waiting))
@@ -223,13 +259,13 @@ def _axes_of(
     place = numbers.xyz(element.find("pos"), f"{what} <pos>")
     if kind != "Universal":
         direction, limits, servo = _motion(element, parts[0], numbers, "", what)
-        yield Axis(name, kind, parent, child, place, _scaled(direction, sign, what), limits, servo)
+        yield Axis(name, kind, parent, child, place, _scaled(direction, sign, what), limits, servo, element)
         return
     middle, order = f"{name}_cross", ("", "2") if parent == first else ("2", "")
     for suffix, ends_here in zip(order, ((parent, middle), (middle, child))):
         direction, limits, servo = _motion(element, parts[suffix == "2"], numbers, suffix, what)
         joint = f"{name}_2" if suffix else name
-        yield Axis(joint, "Hinge", *ends_here, place, _scaled(direction, sign, what), limits, servo)
+        yield Axis(joint, "Hinge", *ends_here, place, _scaled(direction, sign, what), limits, servo, element)
 
 
 def _motion(
@@ -254,35 +290,46 @@ def _scaled(direction: tuple[float, ...], sign: float, what: str) -> tuple[float
 # ---------------------------------------------------------------------------------------------- the robot
 
 
-def _robot(name: str, solids: list[Solid], axes: list[Axis], base: Base, pose: tuple) -> Robot:
+def _robot(scene: _Scene, solids: list[Solid], axes: list[Axis], joints: tuple[Joint, ...], base: Base) -> Robot:
     """Links with their frames at their joints, parallel to the robot's."""
-    origins = {axis.child: axis.position for axis in axes}
-    links = [_link(solid, origins.get(solid.name, NOTHING)) for solid in solids]
-    known = {solid.name for solid in solids}
+    origins = _origins(axes)
+    places = [(solid, _minus(solid.position, origins.get(solid.link.name, NOTHING))) for solid in solids]
+    links = [replace(solid.link, center_of_mass=place) for solid, place in places]
+    known = {solid.link.name for solid in solids}
     frames = [end for axis in axes for end in (axis.parent, axis.child) if end not in known]
     links += [Link(frame, 0.0, NOTHING, (0.0,) * 6) for frame in dict.fromkeys(frames)]
-    joints = tuple(_joint(axis, origins.get(axis.parent, NOTHING)) for axis in axes)
-    shapes = (Shape(s.name, s.geometry, _minus(s.position, origins.get(s.name, NOTHING)), s.rpy) for s in solids)
-    start = Posture((*pose[0], *_quaternion(pose[1])), {joint.name: 0.0 for joint in joints if joint.type != "fixed"})
+    position, angles = scene.pose
+    start = Posture((*position, *_quaternion(angles)), {joint.name: 0.0 for joint in joints if joint.type != "fixed"})
     return Robot(
-        name=name,
+        name=scene.name,
         links=tuple(links),
         joints=joints,
         base=base,
         servos={axis.name: axis.servo for axis in axes if axis.servo is not None and axis.kind != "Fixed"},
-        shapes=tuple(shapes),
+        shapes=tuple(Shape(solid.link.name, solid.geometry, place, solid.rpy) for solid, place in places),
         postures={"scene": start},
     )
 
 
-def _link(solid: Solid, origin: tuple[float, float, float]) -> Link:
-    return Link(solid.name, solid.mass, _minus(solid.position, origin), solid.inertia)
+def _origins(axes: list[Axis]) -> dict[str, tuple[float, float, float]]:
+    """Where the frames of the links are that have a joint to their parent."""
+    return {axis.child: axis.position for axis in axes}
+
+
+def _joints(axes: list[Axis], report: Report) -> tuple[Joint, ...]:
+    """The joints that can be; what is wrong with others is reported."""
+    origins, joints = _origins(axes), []
+    for axis in axes:
+        with report.blaming(axis.element):
+            joints.append(_joint(axis, origins.get(axis.parent, NOTHING)))
+    return tuple(joints)
 
 
 def _joint(axis: Axis, origin: tuple[float, float, float]) -> Joint:
     xyz, ends = _minus(axis.position, origin), (axis.parent, axis.child)
     if axis.kind == "Fixed":
         return Joint(axis.name, "fixed", *ends, xyz)
+    _check_limits(axis)
     stops = [x if abs(x) < FULL_TURN else math.copysign(math.inf, x) for x in axis.limits]
     if axis.kind == "Slider":
         return Joint(axis.name, "prismatic", *ends, xyz, axis=axis.direction, lower=stops[0], upper=stops[1])
@@ -290,6 +337,16 @@ def _joint(axis: Axis, origin: tuple[float, float, float]) -> Joint:
         return Joint(axis.name, "continuous", *ends, xyz, axis=axis.direction)
     lower, upper = (math.radians(x) for x in stops)
     return Joint(axis.name, "revolute", *ends, xyz, axis=axis.direction, lower=lower, upper=upper)
+
+
+def _check_limits(axis: Axis) -> None:
+    lower, upper = axis.limits
+    if lower > upper:
+        unit = "m" if axis.kind == "Slider" else "deg"
+        raise ValueError(
+            f"joint {axis.name!r}: <limits> have Min {lower!r} {unit}, Max {upper!r} {unit}; Min must be below Max: "
+            "swap them"
+        )
 
 
 def _minus(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, float, float]:
@@ -308,9 +365,13 @@ def _quaternion(rpy: tuple[float, ...]) -> tuple[float, float, float, float]:
     )
 
 
-def _doubts(body: Element, numbers: Numbers) -> list[str]:
+def _doubts(body: Element, numbers: Numbers, report: Report) -> list[str]:
     """What changes the motion and is passed over."""
-    springs = [e for e in body.iter() if e.tag in ("spring", "spring2") and numbers.one(e, "k", 0.0, "<spring>")]
+    stiffnesses = []
+    for element in body.iter():
+        if element.tag in ("spring", "spring2"):
+            with report.blaming(element):
+                stiffnesses.append(numbers.one(element, "k", 0.0, f"<{element.tag}>"))
     unknown = sorted({e.tag for e in _all(body, "solids") if e.tag not in (*SHAPES, *UNSUPPORTED)})
-    found = ["passed over the springs of axes: joints have none here"] if springs else []
+    found = ["passed over the springs of axes: joints have none here"] if any(stiffnesses) else []
     return found + [f"passed over <{tag}> in <solids>, which is no known solid" for tag in unknown]
