@@ -153,13 +153,20 @@ def _toml_text(model: Model) -> str:
     for joint in model.joints:
         if joint.armature:
             lines += ["", f"[joints.{written(joint.name)}]", f"armature = {written(joint.armature)}"]
-    if model.keyframes:
-        lines += ["", "[keyframes]", *(f"{written(name)} = {written(q)}" for name, q in model.keyframes.items())]
+    for name, q in model.keyframes.items():
+        lines += ["", f"[keyframes.{written(name)}]", *_posture_lines(model, q)]
     for name, servo in model.servos.items():
         lines += ["", f"[servos.joints.{written(name)}]"]
         for part in (servo.controller, servo.gearbox, servo):
             lines += _assignments(part, PARTS[type(part)])
     return "\n".join([*lines, ""])
+
+
+def _posture_lines(model: Model, q: tuple[float, ...]) -> list[str]:
+    """A posture by joint name, for other files of the robot may list the joints in another order."""
+    first = model.nq - len(model.joint_names)
+    base = [f"base = {written(tuple(q[:first]))}"] if first else []
+    return [*base, *(f"joints.{written(name)} = {written(x)}" for name, x in zip(model.joint_names, q[first:]))]
 
 
 def _assignments(record: object, of: Sequence[Field]) -> list[str]:

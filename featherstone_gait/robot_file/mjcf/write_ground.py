@@ -16,6 +16,7 @@ from ...dynamics import energy, forward_dynamics
 from ...model import Ground, Link, Model
 from .element import element, numbers
 from .write_actuators import rotor_inertia
+from .write_geoms import FLOOR
 
 IMPEDANCE = 0.9  # MuJoCo's default
 GRAVITY = 9.81  # [m/s^2]
@@ -28,7 +29,7 @@ def floor_lines(model: Model, ground: Ground | None) -> tuple[list[str], list[st
     stiffness = GRAVITY * (1.0 - IMPEDANCE) / ground.sinking * _softness(model)
     damping = 2.0 * ground.damping_ratio * math.sqrt(stiffness)
     plane = {
-        "name": "floor",
+        "name": FLOOR,
         "type": "plane",
         "size": "0 0 1",
         "pos": numbers((0.0, 0.0, ground.height)),
