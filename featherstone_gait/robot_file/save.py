@@ -25,14 +25,17 @@ def save_robot(model: Model, path: str | os.PathLike, ground: Ground | None = No
 
     `load_robot` of the URDF gives the same numbers to the last bit; locked joints become the TOML's set "default".
     MJCF keeps the dynamics to rounding, lists joints depth first, and says in comments what it lacks: servos become the
-    actuators nearest to them, contact points small geoms, locked joints welds.
+    actuators nearest to them, contact points small geoms, locked joints welds.  Links that move as one get one inertia
+    together where MuJoCo refuses that of one of them, and what moves as a point gets 1e-15 kg m^2.  Meshes that are not
+    there are left out.
 
     Parameters
     ----------
     path : all files are written in full before any takes its place
     ground : of MJCF alone: a floor with this friction, as soft as the sinking asks
 
-    Raises ValueError if the suffix is another, or the format cannot state the robot.
+    Raises ValueError if the suffix is another, or the format cannot state the robot, as MJCF one with an inertia that no
+    body has; `load_robot(..., repair_inertia=True)` makes it possible.
     """
     path = Path(path)
     if path.suffix in MJCF:

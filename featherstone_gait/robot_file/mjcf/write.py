@@ -41,7 +41,10 @@ class Body(NamedTuple):
 
 
 def mjcf_text(model: Model, ground: Ground | None = None) -> str:
-    """The robot as MJCF, with a floor if ground is given.  Raises ValueError for what MuJoCo has no word for."""
+    """The robot as MJCF, with a floor if ground is given.
+
+    Raises ValueError for what MuJoCo has no word for, and for what moves with an inertia that no body has.
+    """
     _check_bodies(model)
     inertias, left = inertials(model)
     actuators, lacking = actuator_lines(model)

@@ -79,10 +79,11 @@ def _size(geometry: Sphere | Capsule | Cylinder | Box) -> tuple[float, ...]:
 
 
 def _readable(file: str) -> bool:
-    """Whether MuJoCo opens a mesh file: one that is there, of a kind it knows; of STL binary ones alone."""
-    if not file.lower().endswith(READ) or not os.path.isfile(file):
+    """Whether MuJoCo reads a mesh file: one that is there, of a kind it knows, an STL in binary, an OBJ of numbers."""
+    kind = os.path.splitext(file)[1].lower()
+    if kind not in READ or not os.path.isfile(file):
         return False
-    return not file.lower().endswith(".stl") or _is_binary_stl(file)
+    return _is_binary_stl(file) if kind == ".stl" else kind != ".obj" or _is_finite_obj(file)
 
 
 def _is_binary_stl(file: str) -> bool:
@@ -90,6 +91,11 @@ def _is_binary_stl(file: str) -> bool:
     with open(file, "rb") as stream:
         count = int.from_bytes(stream.read(84)[80:], "little")
     return 0 < count <= MOST_TRIANGLES and os.path.getsize(file) == 84 + 50 * count
+
+
+def _is_finite_obj(file: str) -> bool:
+    with open(file, encoding="utf-8", errors="replace") as stream:
+        return not any("nan" in line or "inf" in line for line in stream if line.startswith("v "))
 
 
 def unread_meshes(model: Model) -> list[str]:

@@ -1,8 +1,7 @@
 """Inertias that MuJoCo takes: of each link, or together of links that move as one.
 
-MuJoCo refuses a `fullinertia` with a principal moment below 1e-14 kg m^2, any inertia with A + B < C to the last bit,
-and a body that moves with a mass or a moment below 1e-15.  Where rounding would decide, the principal moments are
-written in their place.
+MuJoCo refuses an inertia with A + B < C to the last bit, and a body that moves unless it, or one fixed to it, has a mass
+and moments of at least 1e-15.  Principal moments are written, for those of a `fullinertia` are subject to rounding.
 """
 
 from __future__ import annotations
@@ -14,10 +13,8 @@ from ...model import Link, Model, Placement, RigidBody, inertia_matrix, rigid_bo
 from ...rotation import rpy_from_rotation
 from .element import element, number, numbers
 
-LEAST = 1e-15  # mass and moment of inertia of what moves [kg, kg m^2]
-PLAIN = 1e-13  # smallest moment of a `fullinertia` [kg m^2]
-MARGIN = 1e-9  # relative, of a `fullinertia` from what is refused
-ROUNDING = 1e-13  # relative, by which moments may miss what is asked
+LEAST = 1e-15  # mass and moments of inertia of what moves [kg, kg m^2]
+ROUNDING = 1e-13  # of the largest moment, by which moments may miss what is asked
 
 
 def inertials(model: Model) -> tuple[dict[str, str], list[str]]:
@@ -42,8 +39,11 @@ def inertials(model: Model) -> tuple[dict[str, str], list[str]]:
 
 
 def _each(links: list[Link]) -> dict[str, str] | None:
-    """An inertial for every link; None if there is none for one of them."""
-    lines = {link.name: _inertial(link.mass, link.center_of_mass, inertia_matrix(link.inertia)) for link in links}
+    """An inertial for every link; None if one can have none, or none is large enough to move."""
+    inertias = [inertia_matrix(link.inertia) for link in links]
+    if links and max(np.linalg.eigvalsh(J)[0] for J in inertias) < LEAST:
+        return None
+    lines = {link.name: _inertial(link.mass, link.center_of_mass, J) for link, J in zip(links, inertias)}
     return None if None in lines.values() else {name: line for name, line in lines.items() if line}
 
 
@@ -51,24 +51,26 @@ def _together(body: RigidBody, first: Placement) -> dict[str, str] | None:
     """One inertial for all links of a body, at the first of them."""
     back = first.E.T
     center = applied(back, body.center - first.r)
-    line = _inertial(body.mass, tuple(center.tolist()), product(product(back, body.inertia), first.E))
+    J = product(product(back, body.inertia), first.E)
+    line = _inertial(body.mass, tuple(center.tolist()), J, LEAST)
     return {body.links[0]: line} if line else None
 
 
-def _inertial(mass: float, center: tuple[float, ...], J: np.ndarray) -> str | None:
-    """The element, or None for an inertia that MuJoCo refuses."""
+def _inertial(mass: float, center: tuple[float, ...], J: np.ndarray, least: float = 0.0) -> str | None:
+    """The element, with moments of no less than `least`; None for an inertia that no body has."""
     (A, B, C), axes = np.linalg.eigh(J)
-    if mass < LEAST or A < -ROUNDING * C or A + B < C * (1.0 - ROUNDING):
+    slack = max(ROUNDING * C, LEAST)
+    if mass < LEAST or A < -slack or A + B < C - slack:
         return None
-    attributes: dict[str, str | None] = {"pos": numbers(center), "mass": number(mass)}
-    if A > max(PLAIN, MARGIN * C) and A + B > C * (1.0 + MARGIN):
-        stated = J[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
-        return element("inertial", {**attributes, "fullinertia": numbers(stated.tolist())})
-    A, B = max(A, LEAST), max(B, LEAST)
+    A, B = max(A, least), max(B, least)
     axes = axes * (1.0, 1.0, np.sign(np.linalg.det(axes)))
-    moments = (A, B, max(min(C, A + B), LEAST))
-    turned = {"euler": numbers(rpy_from_rotation(axes)), "diaginertia": numbers(moments)}
-    return element("inertial", {**attributes, **turned})
+    attributes = {
+        "pos": numbers(center),
+        "euler": numbers(rpy_from_rotation(axes)),
+        "mass": number(mass),
+        "diaginertia": numbers((A, B, max(min(C, A + B), least))),
+    }
+    return element("inertial", attributes)
 
 
 def _refusal(body: RigidBody, links: list[Link]) -> str:
