@@ -34,8 +34,8 @@ def save_robot(model: Model, path: str | os.PathLike, ground: Ground | None = No
     path : all files are written in full before any takes its place
     ground : of MJCF alone: a floor with this friction, as soft as the sinking asks
 
-    Raises ValueError if the suffix is another, or the format cannot state the robot, as MJCF one with an inertia that no
-    body has; `load_robot(..., repair_inertia=True)` makes it possible.
+    Raises ValueError if the suffix is another, or the format cannot state the robot: MJCF none with an inertia that no
+    body has, which `load_robot(..., repair_inertia=True)` makes possible.
     """
     path = Path(path)
     if path.suffix in MJCF:

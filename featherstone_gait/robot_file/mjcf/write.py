@@ -46,10 +46,10 @@ def mjcf_text(model: Model, ground: Ground | None = None) -> str:
     Raises ValueError for what MuJoCo has no word for, and for what moves with an inertia that no body has.
     """
     _check_bodies(model)
-    inertias, left = inertials(model)
+    inertias, changed = inertials(model)
     actuators, lacking = actuator_lines(model)
     floor, steps = floor_lines(model, ground)
-    remarks = [*lacking, *steps, *_remarks(model, left)]
+    remarks = [*lacking, *steps, *changed, *_remarks(model)]
     return "\n".join(
         [
             f"<mujoco model={quoteattr(model.name)}>",
@@ -71,8 +71,7 @@ def _section(tag: str, lines: list[str]) -> list[str]:
     return [f"  <{tag}>", *(f"    {line}" for line in lines), f"  </{tag}>"] if lines else []
 
 
-def _remarks(model: Model, left: list[str]) -> list[str]:
-    """left: links of the fixed base without an inertial."""
+def _remarks(model: Model) -> list[str]:
     remarks = []
     if any(joint.velocity < math.inf for joint in model.joints):
         remarks.append("MuJoCo has no word for the largest velocity of a joint")
@@ -80,8 +79,6 @@ def _remarks(model: Model, left: list[str]) -> list[str]:
         remarks.append("joints that are held are welded: " + ", ".join(model.held))
     if idle := [joint.name for joint in model.moving_joints if joint.effort == 0]:
         remarks.append("MuJoCo has no word for an effort of 0; given the smallest number: " + ", ".join(idle))
-    if left:
-        remarks.append("left out inertias that no body has, of links that never move: " + ", ".join(left))
     if any(link.name == WORLD for link in model.links) and not _is_world(model):
         remarks.append(f"link 'world' is called {_body_name(model, WORLD)!r}")
     if unread_meshes(model):
