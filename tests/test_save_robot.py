@@ -14,6 +14,7 @@ from featherstone_gait import (
     Controller,
     Gearbox,
     Ground,
+    HeightField,
     Joint,
     Link,
     Model,
@@ -251,6 +252,38 @@ def test_a_joint_whose_law_mujoco_lacks_keeps_the_rotor(tmp_path):
     m, _, slowed = accelerations(servo, tmp_path)
     assert m.nu == 0
     assert slowed == pytest.approx(-(0.4 + 0.5 + 0.3) / 3.0, rel=1e-12)
+
+
+# ------------------------------------------------------------------------------------------------ the ground
+
+
+def heights(ground, points, tmp_path):
+    """Height [m] of MuJoCo's ground at each x, y."""
+    save_robot(pair(base="floating"), tmp_path / "m.xml", ground)
+    m = mujoco.MjModel.from_xml_path(str(tmp_path / "m.xml"))
+    d, geom = mujoco.MjData(m), np.zeros(1, np.int32)
+    mujoco.mj_forward(m, d)
+    down = np.array([0.0, 0.0, -1.0])
+    return [9.0 - mujoco.mj_ray(m, d, np.array([x, y, 9.0]), down, None, 1, -1, geom) for x, y in points]
+
+
+def test_the_written_slope_has_its_heading(tmp_path):
+    ground = Ground(slope=0.2, heading=2.5, height=0.3)
+    points = [(1.0, 0.0), (0.0, 1.0), (-0.7, 0.4)]
+    rise = [0.3 + math.tan(0.2) * (x * math.cos(2.5) + y * math.sin(2.5)) for x, y in points]
+    assert heights(ground, points, tmp_path) == pytest.approx(rise, abs=1e-12)
+
+
+@pytest.mark.parametrize("scale", [0.4, 0.0])
+def test_the_written_height_field_is_the_ground(scale, tmp_path):
+    nodes = scale * np.random.default_rng(2).normal(size=(3, 4))
+    field = HeightField(nodes, spacing=(0.5, 0.3), origin=(2.0, -1.0))
+    inside = [(i, j) for i in range(3) for j in range(4)]
+    points = [(2.0 + 0.5 * i + 1e-9 * (1 - i), -1.0 + 0.3 * j + 1e-9 * (1.5 - j)) for i, j in inside]
+    assert heights(Ground(height=0.2, field=field), points, tmp_path) == pytest.approx(
+        [0.2 + nodes[at] for at in inside], abs=1e-6
+    )
+    assert "ends at the edge of its field" in remarks(tmp_path)
 
 
 # ------------------------------------------------------------------------------------------------ keyframes

@@ -17,7 +17,7 @@ from .names import unused
 from .tree import NO_STOP, WORLD
 from .write_actuators import actuator_lines, passive
 from .write_geoms import geom_lines, mesh_lines, unread_meshes
-from .write_ground import floor_lines
+from .write_ground import field_lines, floor_lines
 from .write_inertia import inertials
 
 LEAST_EFFORT = sys.float_info.min  # [N m or N]
@@ -56,7 +56,7 @@ def mjcf_text(model: Model, ground: Ground | None = None) -> str:
             *(f"  {comment(remark)}" for remark in remarks),
             '  <compiler angle="radian" eulerseq="XYZ" autolimits="true"/>',
             *(['  <option cone="elliptic"/>'] if ground else []),
-            *_section("asset", mesh_lines(model)),
+            *_section("asset", [*mesh_lines(model), *field_lines(ground)]),
             *_section("worldbody", [*floor, *_root_lines(model, inertias)]),
             *_section("equality", _equality_lines(model)),
             *_section("actuator", actuators),
