@@ -2,6 +2,7 @@
 
 import math
 import struct
+from importlib import metadata
 from xml.etree import ElementTree
 
 import mujoco
@@ -94,7 +95,7 @@ def test_a_massless_link_with_inertia_between_joints_is_refused(tmp_path):
         save_robot(model, tmp_path / "m.xml")
 
 
-@pytest.mark.parametrize("turn", range(5))
+@pytest.mark.parametrize("turn", range(5, 10))
 def test_a_flat_plate_is_written_whatever_its_rounding(turn, tmp_path):
     Q = np.linalg.qr(np.random.default_rng(turn).normal(size=(3, 3)))[0]
     J = (Q * (0.01, 0.02, 0.03)) @ Q.T
@@ -132,6 +133,33 @@ def test_a_fixed_base_may_have_any_inertia(tmp_path):
     model = pair(links=(link("a", IMPOSSIBLE), link("b")))
     assert difference(model, again(model, tmp_path)) < 1e-12
     assert "for no body has it: a" in remarks(tmp_path)
+
+
+def published(file):
+    """A robot of the package example-robot-data."""
+    try:
+        found = [path for path in metadata.files("example-robot-data") or () if str(path).endswith(file)]
+    except metadata.PackageNotFoundError:
+        pytest.skip("example-robot-data is not installed")
+    return str(found[0].locate())
+
+
+@pytest.mark.filterwarnings("ignore::featherstone_gait.RobotFileWarning")
+@pytest.mark.parametrize("file", ["bolt.urdf", "quadruped.urdf", "so101.urdf", "romeo_small.urdf"])
+def test_published_robots_make_the_round_trip(file, tmp_path):
+    model = load_robot(published(file), repair_inertia=file == "romeo_small.urdf")
+    back = again(model, tmp_path)
+    order = [model.joint_names.index(name) for name in back.joint_names]
+    q, qd, tau = random_states(model, 5, 4)
+    before = forward_dynamics(model, q, qd, tau)[:, order]
+    after = forward_dynamics(back, q[:, order], qd[:, order], tau[:, order])
+    assert np.abs(after - before).max() < 1e-12 * np.abs(before).max()
+
+
+@pytest.mark.filterwarnings("ignore::featherstone_gait.RobotFileWarning")
+def test_a_published_robot_with_an_inertia_that_no_body_has_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"link 'RShoulderYawLink'.*repair_inertia=True"):
+        save_robot(load_robot(published("romeo_small.urdf")), tmp_path / "m.xml")
 
 
 # ------------------------------------------------------------------------------------------------ meshes, shapes
