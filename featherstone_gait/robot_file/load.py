@@ -125,7 +125,7 @@ def _model(path: Path, robot: Robot, settings: Settings, base: Base | None, movi
             servos={**robot.servos, **settings.servos},
             contacts=settings.contacts,
             shapes=robot.shapes,
-            keyframes={**_keyframes(robot, taken, held), **settings.keyframes},
+            keyframes={**_keyframes(robot, settings, taken, held), **settings.keyframes},
             notes=report.notes(),
             source=str(path),
         )
@@ -139,12 +139,12 @@ def _with_armature(joints: tuple[Joint, ...], armature: Mapping[str, float]) -> 
     return tuple(replace(j, armature=armature[j.name]) if j.name in armature else j for j in joints)
 
 
-def _keyframes(robot: Robot, base: Base, held: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
-    """The file's postures as q (nq,)."""
+def _keyframes(robot: Robot, settings: Settings, base: Base, held: Mapping) -> dict[str, tuple[float, ...]]:
+    """The postures of the file and of the TOML as q (nq,)."""
     moving = [joint.name for joint in robot.joints if joint.type != "fixed" and joint.name not in held]
     return {
         name: (*(posture.base if base == "floating" else ()), *(posture.joints[joint] for joint in moving))
-        for name, posture in robot.postures.items()
+        for name, posture in {**robot.postures, **settings.postures}.items()
     }
 
 

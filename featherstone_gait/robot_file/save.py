@@ -25,14 +25,17 @@ def save_robot(model: Model, path: str | os.PathLike, ground: Ground | None = No
 
     `load_robot` of the URDF gives the same numbers to the last bit; locked joints become the TOML's set "default".
     MJCF keeps the dynamics to rounding, lists joints depth first, and says in comments what it lacks: servos become the
-    actuators nearest to them, contact points small geoms, locked joints welds.
+    actuators nearest to them, contact points small geoms, locked joints welds.  Links that move as one get one inertia
+    together where MuJoCo refuses that of one of them, and what moves as a point gets 1e-15 kg m^2.  Meshes that are not
+    there are left out.
 
     Parameters
     ----------
     path : all files are written in full before any takes its place
     ground : of MJCF alone: a floor with this friction, as soft as the sinking asks
 
-    Raises ValueError if the suffix is another, or the format cannot state the robot.
+    Raises ValueError if the suffix is another, or the format cannot state the robot: MJCF none with an inertia that no
+    body has, which `load_robot(..., repair_inertia=True)` makes possible.
     """
     path = Path(path)
     if path.suffix in MJCF:
@@ -153,13 +156,20 @@ def _toml_text(model: Model) -> str:
     for joint in model.joints:
         if joint.armature:
             lines += ["", f"[joints.{written(joint.name)}]", f"armature = {written(joint.armature)}"]
-    if model.keyframes:
-        lines += ["", "[keyframes]", *(f"{written(name)} = {written(q)}" for name, q in model.keyframes.items())]
+    for name, q in model.keyframes.items():
+        lines += ["", f"[keyframes.{written(name)}]", *_posture_lines(model, q)]
     for name, servo in model.servos.items():
         lines += ["", f"[servos.joints.{written(name)}]"]
         for part in (servo.controller, servo.gearbox, servo):
             lines += _assignments(part, PARTS[type(part)])
     return "\n".join([*lines, ""])
+
+
+def _posture_lines(model: Model, q: tuple[float, ...]) -> list[str]:
+    """A posture by joint name, for other files of the robot may list the joints in another order."""
+    first = model.nq - len(model.joint_names)
+    base = [f"base = {written(tuple(q[:first]))}"] if first else []
+    return [*base, *(f"joints.{written(name)} = {written(x)}" for name, x in zip(model.joint_names, q[first:]))]
 
 
 def _assignments(record: object, of: Sequence[Field]) -> list[str]:

@@ -9,8 +9,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..model import Base, ContactPoint, Joint, Link, Servo, check_contacts, check_locked
+from .robot import Posture
 from .servos import read_servos
 from .toml import READ, check_keys, number, read_toml, real, string, table_of
+
+UPRIGHT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # position [m] and quaternion of a base at the origin
 
 
 class Settings(NamedTuple):
@@ -21,7 +24,8 @@ class Settings(NamedTuple):
     servos: Mapping[str, Servo] = {}
     contacts: tuple[ContactPoint, ...] = ()
     armature: Mapping[str, float] = {}  # joint name -> inertia [kg m^2 or kg]
-    keyframes: Mapping[str, tuple[float, ...]] = {}  # name -> q
+    keyframes: Mapping[str, tuple[float, ...]] = {}  # name -> q, of those given as a list
+    postures: Mapping[str, Posture] = {}  # name -> posture, of those given by joint
     choice: str | tuple[str, ...] | None = None  # of collision shapes in place of contact points
 
 
@@ -34,11 +38,13 @@ def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]
     servos = read_servos(table_of(table, "servos", ""), joints, path.parent)
     locked = {name: _locked_set(table["locked"], name, joints) for name in table_of(table, "locked", "")}
     armature = {name: _armature(table["joints"], name, joints) for name in table_of(table, "joints", "")}
-    keyframes = {name: _numbers(q, f"keyframes.{name}") for name, q in table_of(table, "keyframes", "").items()}
+    named = table_of(table, "keyframes", "")
+    postures = {name: _posture(named, name, joints) for name, q in named.items() if isinstance(q, dict)}
+    keyframes = {name: _numbers(q, f"keyframes.{name}") for name, q in named.items() if name not in postures}
     contacts = table.get("contacts", [])
     choice = _choice(contacts)
     points = () if choice else _contacts(contacts, links)
-    return Settings(table.get("base"), locked, servos, points, armature, keyframes, choice)
+    return Settings(table.get("base"), locked, servos, points, armature, keyframes, postures, choice)
 
 
 def _armature(section: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> float:
@@ -50,9 +56,22 @@ def _armature(section: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> 
     return number(table, "armature", f"joints.{name}")
 
 
+def _posture(keyframes: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> Posture:
+    """What [keyframes.NAME] says; joints that it does not name are at zero."""
+    table, what = keyframes[name], f"keyframes.{name}"
+    check_keys(table, ("base", "joints"), what)
+    base = _numbers(table.get("base", list(UPRIGHT)), f"{what}.base")
+    if len(base) != len(UPRIGHT):
+        raise ValueError(f"{what}.base has {len(base)} numbers; expected [x, y, z, qw, qx, qy, qz]: write these seven")
+    stated = table_of(table, "joints", f"{what}.")
+    moving = tuple(joint.name for joint in joints if joint.type != "fixed")
+    check_keys(stated, moving, f"{what}.joints")
+    return Posture(base, {joint: real(stated.get(joint, 0.0), f"{what}.joints.{joint}") for joint in moving})
+
+
 def _numbers(value: Any, what: str) -> tuple[float, ...]:
     if not isinstance(value, list):
-        raise ValueError(f"{what} is {value!r}; expected the coordinates q: write a list of numbers")
+        raise ValueError(f"{what} is {value!r}; expected the coordinates q: write a list of numbers, or a table")
     return tuple(real(x, what) for x in value)
 
 

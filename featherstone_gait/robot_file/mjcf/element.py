@@ -1,7 +1,8 @@
-"""An XML element without children, and its numbers."""
+"""An XML element without children, its numbers, and comments."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from xml.sax.saxutils import quoteattr
 
@@ -19,3 +20,8 @@ def number(value: float) -> str:
 
 def numbers(values: Iterable[float]) -> str:
     return " ".join(number(value) for value in values)
+
+
+def comment(text: str) -> str:
+    """<!-- text -->, without the two hyphens in a row that XML forbids in it."""
+    return f"<!-- {re.sub('-(?=-)', '- ', text)} -->"

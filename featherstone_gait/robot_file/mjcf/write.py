@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import math
+import sys
 from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from ...fixed_order import applied, product
-from ...model import Ground, Joint, Link, Model, rigid_bodies
+from ...model import Ground, Joint, Model, rigid_bodies
 from ...rotation import rotation_about, rotation_from_rpy, rpy_from_rotation
-from .element import element, number, numbers
+from .element import comment, element, number, numbers
+from .names import unused
 from .tree import NO_STOP, WORLD
 from .write_actuators import actuator_lines, passive
-from .write_geoms import contact_lines, mesh_lines, shape_lines, unread_meshes
-from .write_ground import floor_lines
+from .write_geoms import geom_lines, mesh_lines, unread_meshes
+from .write_ground import field_lines, floor_lines
+from .write_inertia import inertials
+
+LEAST_EFFORT = sys.float_info.min  # [N m or N]
 
 
 class Hinged(NamedTuple):
@@ -36,19 +41,23 @@ class Body(NamedTuple):
 
 
 def mjcf_text(model: Model, ground: Ground | None = None) -> str:
-    """The robot as MJCF, with a floor if ground is given.  Raises ValueError for what MuJoCo has no word for."""
+    """The robot as MJCF, with a floor if ground is given.
+
+    Raises ValueError for what MuJoCo has no word for, and for what moves with an inertia that no body has.
+    """
     _check_bodies(model)
+    inertias, changed = inertials(model)
     actuators, lacking = actuator_lines(model)
     floor, steps = floor_lines(model, ground)
-    remarks = [*lacking, *steps, *_remarks(model)]
+    remarks = [*lacking, *steps, *changed, *_remarks(model)]
     return "\n".join(
         [
             f"<mujoco model={quoteattr(model.name)}>",
-            *(f"  <!-- {remark.replace('--', '- -')} -->" for remark in remarks),
+            *(f"  {comment(remark)}" for remark in remarks),
             '  <compiler angle="radian" eulerseq="XYZ" autolimits="true"/>',
             *(['  <option cone="elliptic"/>'] if ground else []),
-            *_section("asset", mesh_lines(model)),
-            *_section("worldbody", [*floor, *_root_lines(model)]),
+            *_section("asset", [*mesh_lines(model), *field_lines(ground)]),
+            *_section("worldbody", [*floor, *_root_lines(model, inertias)]),
             *_section("equality", _equality_lines(model)),
             *_section("actuator", actuators),
             *_section("keyframe", _key_lines(model)),
@@ -66,10 +75,14 @@ def _remarks(model: Model) -> list[str]:
     remarks = []
     if any(joint.velocity < math.inf for joint in model.joints):
         remarks.append("MuJoCo has no word for the largest velocity of a joint")
-    if model.locked:
-        remarks.append("locked joints are welded: " + ", ".join(model.locked))
+    if model.held:
+        remarks.append("joints that are held are welded: " + ", ".join(model.held))
+    if idle := [joint.name for joint in model.moving_joints if joint.effort == 0]:
+        remarks.append("MuJoCo has no word for an effort of 0; given the smallest number: " + ", ".join(idle))
+    if any(link.name == WORLD for link in model.links) and not _is_world(model):
+        remarks.append(f"link 'world' is called {_body_name(model, WORLD)!r}")
     if unread_meshes(model):
-        remarks.append("left out meshes that MuJoCo does not read: " + ", ".join(unread_meshes(model)))
+        remarks.append("left out meshes that MuJoCo does not find or read: " + ", ".join(unread_meshes(model)))
     if model.contacts:
         remarks.append("contact points are small spheres and flat cylinders; shapes touch nothing beside them")
     return remarks
@@ -89,49 +102,58 @@ def _check_bodies(model: Model) -> None:
 # ---------------------------------------------------------------------------------------------- bodies
 
 
-def _root_lines(model: Model) -> list[str]:
-    root = next(link for link in model.links if link.name == model.root)
-    inside = [*shape_lines(model, root.name), *contact_lines(model, root.name), *_child_lines(model, root.name)]
-    if root.name == WORLD and model.base == "fixed" and root.mass == 0:
-        return inside
+def _root_lines(model: Model, inertias: dict[str, str]) -> list[str]:
+    inside = _inside(model, model.root, inertias)
+    if _is_world(model):
+        return inside[model.root in inertias :]
     free = ["<freejoint/>"] if model.base == "floating" else []
-    lines = [*free, *_inertial(root), *inside]
-    return [f"<body name={quoteattr(root.name)}>", *(f"  {line}" for line in lines), "</body>"]
+    return _element_lines(f"body name={quoteattr(_body_name(model, model.root))}", [*free, *inside])
 
 
-def _child_lines(model: Model, parent: str) -> list[str]:
-    links = {link.name: link for link in model.links}
-    lines: list[str] = []
-    for joint in model.joints:
-        if joint.parent == parent:
-            body = _body(model, joint)
-            inside = [
-                *(_joint_line(model, hinged) for hinged in body.joints),
-                *_inertial(links[body.link]),
-                *shape_lines(model, body.link),
-                *contact_lines(model, body.link),
-                *_child_lines(model, body.link),
-            ]
-            pose = f'pos="{numbers(body.xyz)}" euler="{numbers(body.rpy)}"'
-            lines += [f"<body name={quoteattr(body.link)} {pose}>", *(f"  {line}" for line in inside), "</body>"]
-    return lines
+def _inside(model: Model, link: str, inertias: dict[str, str]) -> list[str]:
+    """What a link's body holds besides its joints."""
+    inertial = [inertias[link]] if link in inertias else []
+    children = [line for joint in model.joints if joint.parent == link for line in _child_lines(model, joint, inertias)]
+    return [*inertial, *geom_lines(model, link), *children]
+
+
+def _child_lines(model: Model, joint: Joint, inertias: dict[str, str]) -> list[str]:
+    body = _body(model, joint)
+    inside = [*(_joint_line(model, hinged) for hinged in body.joints), *_inside(model, body.link, inertias)]
+    name = quoteattr(_body_name(model, body.link))
+    return _element_lines(f'body name={name} pos="{numbers(body.xyz)}" euler="{numbers(body.rpy)}"', inside)
+
+
+def _element_lines(start: str, inside: list[str]) -> list[str]:
+    return [f"<{start}>", *(f"  {line}" for line in inside), f"</{start.split()[0]}>"]
+
+
+def _is_world(model: Model) -> bool:
+    """Whether the root link is MuJoCo's world."""
+    massless = all(link.mass == 0 for link in model.links if link.name == model.root)
+    return model.root == WORLD and model.base == "fixed" and massless
+
+
+def _body_name(model: Model, link: str) -> str:
+    """The name of a link's body: its own, but none may be called as MuJoCo's world."""
+    return unused(WORLD, [other.name for other in model.links]) if link == WORLD else link
 
 
 def _body(model: Model, joint: Joint) -> Body:
     """The body at the end of a joint, or of a chain of joints whose links are frames without mass."""
     chain = [joint]
-    while chain[-1].type != "fixed" and chain[-1].name not in model.locked and _is_frame(model, chain[-1].child):
+    while _moves(model, chain[-1]) and _is_frame(model, chain[-1].child):
         chain.append(next(j for j in model.joints if j.parent == chain[-1].child))
     poses = _poses(model, chain)
     E, r = poses[-1]
     hinged = [_hinged(j, pose, (E, r)) for j, pose in zip(chain, poses) if _moves(model, j)]
-    if len(chain) == 1 and joint.name not in model.locked:
+    if len(chain) == 1 and joint.name not in model.held:
         return Body(joint.child, joint.xyz, joint.rpy, hinged)
     return Body(chain[-1].child, tuple(r.tolist()), rpy_from_rotation(E), hinged)
 
 
 def _moves(model: Model, joint: Joint) -> bool:
-    return joint.type != "fixed" and joint.name not in model.locked
+    return joint.type != "fixed" and joint.name not in model.held
 
 
 def _is_frame(model: Model, name: str) -> bool:
@@ -139,16 +161,16 @@ def _is_frame(model: Model, name: str) -> bool:
     link = next(link for link in model.links if link.name == name)
     ends = [joint for joint in model.joints if name in (joint.parent, joint.child)]
     carries = {shape.link for shape in model.shapes} | {point.link for point in model.contacts}
-    plain = link.mass == 0 and name != model.root and name not in carries
+    plain = link.mass == 0 and not any(link.inertia) and name != model.root and name not in carries
     return plain and len(ends) == 2 and all(_moves(model, joint) for joint in ends)
 
 
 def _poses(model: Model, chain: list[Joint]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Rotation and origin of each joint's child frame in the frame that the chain hangs on; locked ones as they are."""
+    """Rotation and origin of each joint's child frame in the frame that the chain hangs on; held ones as they are."""
     E, r, poses = np.eye(3), np.zeros(3), []
     for joint in chain:
         E, r = product(E, rotation_from_rpy(joint.rpy)), r + applied(E, np.array(joint.xyz))
-        position = model.locked.get(joint.name, 0.0)
+        position = model.held.get(joint.name, 0.0)
         if position and joint.type == "prismatic":
             r = r + applied(E, position * np.array(joint.axis))
         elif position:
@@ -166,30 +188,22 @@ def _hinged(joint: Joint, at: tuple[np.ndarray, np.ndarray], body: tuple[np.ndar
 
 
 def _joint_line(model: Model, hinged: Hinged) -> str:
-    joint, (damping, friction) = hinged.joint, passive(model, hinged.joint)
+    joint, (damping, friction, armature) = hinged.joint, passive(model, hinged.joint)
     limited = joint.lower > -math.inf or joint.upper < math.inf
     stops = (max(joint.lower, -NO_STOP), min(joint.upper, NO_STOP))
+    effort = max(joint.effort, LEAST_EFFORT)
     attributes = {
         "name": joint.name,
         "type": "slide" if joint.type == "prismatic" else "hinge",
         "pos": numbers(hinged.anchor) if hinged.anchor.any() else None,
         "axis": numbers(hinged.axis),
         "range": numbers(stops) if limited else None,
-        "armature": number(joint.armature) if joint.armature else None,
+        "armature": number(armature) if armature else None,
         "damping": number(damping) if damping else None,
         "frictionloss": number(friction) if friction else None,
-        "actuatorfrcrange": numbers((-joint.effort, joint.effort)) if 0 < joint.effort < math.inf else None,
+        "actuatorfrcrange": numbers((-effort, effort)) if effort < math.inf else None,
     }
     return element("joint", attributes)
-
-
-def _inertial(link: Link) -> list[str]:
-    if link.mass == 0:
-        return []
-    xx, xy, xz, yy, yz, zz = link.inertia
-    inertia = numbers((xx, yy, zz, xy, xz, yz))
-    attributes = {"pos": numbers(link.center_of_mass), "mass": number(link.mass), "fullinertia": inertia}
-    return [element("inertial", attributes)]
 
 
 # ---------------------------------------------------------------------------------------------- couplings, postures

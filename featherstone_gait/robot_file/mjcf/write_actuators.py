@@ -8,6 +8,7 @@ from ...model import Joint, Model, Servo
 from .element import element, number, numbers
 
 CONTINUOUS = ("pd", "pd_clamped")
+MOTORS = ("state", "pid_position")  # laws that `dcmotor` has
 
 
 def actuator_lines(model: Model) -> tuple[list[str], list[str]]:
@@ -21,12 +22,19 @@ def actuator_lines(model: Model) -> tuple[list[str], list[str]]:
     return lines, [f"of the servos {', '.join(names)}: {what}" for what, names in lacking.items()]
 
 
-def passive(model: Model, joint: Joint) -> tuple[float, float]:
-    """Damping and Coulomb friction of a joint; of a servo the friction too, for which actuators have no word."""
+def passive(model: Model, joint: Joint) -> tuple[float, float, float]:
+    """Damping, Coulomb friction and armature of a joint, with what of its servo the actuator has no word for."""
     servo = model.servos.get(joint.name)
-    if servo is None or servo.controller.law in CONTINUOUS:
-        return joint.damping, joint.friction
-    return joint.damping, joint.friction + servo.coulomb_friction
+    if servo is None:
+        return joint.damping, joint.friction, joint.armature
+    damping, armature = (0.0, 0.0) if servo.controller.law in MOTORS else (_damping(servo), rotor_inertia(servo))
+    return joint.damping + damping, joint.friction + servo.coulomb_friction, joint.armature + armature
+
+
+def _damping(servo: Servo) -> float:
+    """Of the output, with the rotor's, which no torque law has [N m s/rad]."""
+    rotor = 0.0 if servo.controller.law in CONTINUOUS else servo.gearbox.ratio**2 * servo.gearbox.rotor_damping
+    return servo.viscous_friction + rotor
 
 
 def _actuator(name: str, servo: Servo) -> list[str]:
@@ -37,10 +45,8 @@ def _actuator(name: str, servo: Servo) -> list[str]:
 
 
 def rotor_inertia(servo: Servo | None) -> float:
-    """G^2 J that the actuator of a servo adds to its joint [kg m^2]."""
-    if servo is None or servo.controller.law in (*CONTINUOUS, "pid_speed"):
-        return 0.0
-    return servo.gearbox.ratio**2 * servo.gearbox.rotor_inertia
+    """G^2 J that a servo adds to its joint [kg m^2]."""
+    return servo.gearbox.ratio**2 * servo.gearbox.rotor_inertia if servo else 0.0
 
 
 def _position(name: str, servo: Servo) -> str:
@@ -66,22 +72,19 @@ def _motor(name: str, servo: Servo) -> str:
         "input": "pos",
         "controller": numbers(gains),
         "armature": number(rotor_inertia(servo)) if gear.rotor_inertia else None,
-        "damping": number(servo.viscous_friction + gear.ratio**2 * gear.rotor_damping) if _damped(servo) else None,
+        "damping": number(_damping(servo)) if _damping(servo) else None,
     }
     return element("dcmotor", attributes)
-
-
-def _damped(servo: Servo) -> bool:
-    return servo.viscous_friction > 0 or servo.gearbox.rotor_damping > 0
 
 
 def _lacking(servo: Servo) -> list[str]:
     """What the actuator does not say of a servo."""
     law, gear = servo.controller, servo.gearbox
     if law.law in CONTINUOUS:
-        return ["the limit of the torque holds the damping too"] * (law.law == "pd" and law.torque_limit < math.inf)
+        limited = law.law == "pd" and law.torque_limit < math.inf
+        return ["the limit of the torque holds the damping too"] * limited + _beside(servo)
     if law.law == "pid_speed":
-        return ["left out: no actuator has the law pid_speed"]
+        return ["left out: no actuator has the law pid_speed", *_beside(servo)]
     found = {
         "the controller acts at all times, not at ticks, and without lag": True,
         "the gearbox is rigid": gear.stiffness < math.inf,
@@ -94,3 +97,9 @@ def _lacking(servo: Servo) -> list[str]:
         "the damping acts on the speed, not on the error's rate": law.law == "pid_position" and law.Kd > 0,
     }
     return [what for what, holds in found.items() if holds]
+
+
+def _beside(servo: Servo) -> list[str]:
+    """What of a servo without a `dcmotor` its joint has."""
+    stated = servo.coulomb_friction or _damping(servo) or rotor_inertia(servo)
+    return ["the rotor's inertia and the friction stand with the joint"] if stated else []

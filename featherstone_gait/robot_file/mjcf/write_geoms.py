@@ -2,78 +2,122 @@
 
 from __future__ import annotations
 
+import os
+
 from ...model import ContactPoint, Model
 from ...shape import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Shape, Sphere
-from .element import element, number, numbers
+from .element import comment, element, number, numbers
+from .names import unused
 
 POINT_RADIUS = 1e-4  # of a contact point as a sphere, half the thickness of a circle [m]
 READ = (".stl", ".obj", ".msh")  # mesh files
+MOST_TRIANGLES = 200_000  # of an STL
+FLOOR = "floor"
 MASSLESS = {"mass": "0"}
 TOUCHING = {"contype": "1", "conaffinity": "0"}  # a floor, and not each other
 SILENT = {"contype": "0", "conaffinity": "0"}
 
 
-def shape_lines(model: Model, link: str) -> list[str]:
-    """The shapes of a link; where the model has contact points these touch the floor in their stead."""
-    bits = SILENT if model.contacts else TOUCHING
+def geom_lines(model: Model, link: str) -> list[str]:
+    """The shapes and contact points of a link.
+
+    A contact point is a sphere, or a flat cylinder for a circle; where the model has some the shapes touch no floor.
+    """
+    names, bits = geom_names(model), SILENT if model.contacts else TOUCHING
     shapes = [(k, shape) for k, shape in enumerate(model.shapes) if shape.link == link]
-    return [line for k, shape in shapes for line in _shape_lines(k, shape, bits)]
+    points = [(name, point) for name, point in zip(names[len(model.shapes) :], model.contacts) if point.link == link]
+    return [
+        *(_shape_line(k, names[k], shape, bits) for k, shape in shapes),
+        *(element("geom", {"name": name, **_point(point), **MASSLESS, **TOUCHING}) for name, point in points),
+    ]
 
 
-def _shape_lines(k: int, shape: Shape, bits: dict[str, str]) -> list[str]:
+def geom_names(model: Model) -> list[str]:
+    """Of the shapes, then of the contact points, each another one; empty for a shape without a name."""
+    names: list[str] = []
+    for name in (*(shape.name for shape in model.shapes), *(f"contact{k}" for k in range(len(model.contacts)))):
+        names.append(unused(name, [FLOOR, *names]) if name else "")
+    return names
+
+
+def _shape_line(k: int, name: str, shape: Shape, bits: dict[str, str]) -> str:
     kind, size = _geometry(shape.geometry)
     if not kind:
-        return (
-            [f"<!-- a shape of {shape.geometry.file.replace('--', '- -')} -->"]
-            if isinstance(shape.geometry, Mesh)
-            else []
-        )
+        return comment(f"left out {name or 'a shape'}: {_described(shape.geometry)}")
     attributes = {
         "type": kind,
-        "name": shape.name or None,
+        "name": name or None,
         "size": numbers(size) if size else None,
         "mesh": None if size else f"mesh{k}",
         "pos": numbers(shape.xyz),
         "euler": numbers(shape.rpy),
     }
-    return [element("geom", {**attributes, **MASSLESS, **bits})]
+    return element("geom", {**attributes, **MASSLESS, **bits})
+
+
+def _described(geometry: Geometry) -> str:
+    return geometry.file if isinstance(geometry, Mesh) else f"{type(geometry).__name__} without extent"
 
 
 def _geometry(geometry: Geometry) -> tuple[str, tuple[float, ...]]:
-    """MuJoCo's type and size of a geometry; no type where it has none."""
+    """MuJoCo's type and size of a geometry; no type where it takes none."""
+    if isinstance(geometry, Hull):
+        return "mesh", ()
+    if isinstance(geometry, Mesh):
+        return ("mesh" if _readable(geometry.file) else ""), ()
+    kind, size = type(geometry).__name__.lower(), _size(geometry)
+    return (kind if min(size) > 0 else ""), size
+
+
+def _size(geometry: Sphere | Capsule | Cylinder | Box) -> tuple[float, ...]:
     if isinstance(geometry, Sphere):
-        return "sphere", (geometry.radius,)
-    if isinstance(geometry, Capsule | Cylinder):
-        return type(geometry).__name__.lower(), (geometry.radius, 0.5 * geometry.length)
+        return (geometry.radius,)
     if isinstance(geometry, Box):
         x, y, z = geometry.size
-        return "box", (0.5 * x, 0.5 * y, 0.5 * z)
-    return ("mesh", ()) if isinstance(geometry, Hull) or geometry.file.lower().endswith(READ) else ("", ())
+        return 0.5 * x, 0.5 * y, 0.5 * z
+    return geometry.radius, 0.5 * geometry.length
+
+
+def _readable(file: str) -> bool:
+    """Whether MuJoCo reads a mesh file: one that is there, of a kind it knows, an STL in binary, an OBJ of numbers."""
+    kind = os.path.splitext(file)[1].lower()
+    if kind not in READ or not os.path.isfile(file):
+        return False
+    return _is_binary_stl(file) if kind == ".stl" else kind != ".obj" or _is_finite_obj(file)
+
+
+def _is_binary_stl(file: str) -> bool:
+    """A header of 80 bytes, the number of triangles, and 50 bytes for each."""
+    with open(file, "rb") as stream:
+        count = int.from_bytes(stream.read(84)[80:], "little")
+    return 0 < count <= MOST_TRIANGLES and os.path.getsize(file) == 84 + 50 * count
+
+
+def _is_finite_obj(file: str) -> bool:
+    with open(file, encoding="utf-8", errors="replace") as stream:
+        return not any("nan" in line or "inf" in line for line in stream if line.startswith("v "))
 
 
 def unread_meshes(model: Model) -> list[str]:
-    """Files of shapes in a format that MuJoCo does not read."""
+    """Files of shapes that are not there, or that MuJoCo does not read."""
     meshes = [shape.geometry for shape in model.shapes if isinstance(shape.geometry, Mesh)]
     return list(dict.fromkeys(mesh.file for mesh in meshes if not _geometry(mesh)[0]))
 
 
 def mesh_lines(model: Model) -> list[str]:
-    """The hulls and files that shapes name."""
+    """The hulls, and the files that shapes name."""
     return [line for k, shape in enumerate(model.shapes) for line in _mesh_lines(k, shape.geometry)]
 
 
 def _mesh_lines(k: int, geometry: Geometry) -> list[str]:
+    """inertia="shell", for MuJoCo asks a volume of meshes that have no mass, too."""
     if isinstance(geometry, Hull):
-        return [element("mesh", {"name": f"mesh{k}", "vertex": numbers(x for point in geometry.points for x in point)})]
-    if isinstance(geometry, Mesh) and _geometry(geometry)[0]:
-        return [element("mesh", {"name": f"mesh{k}", "file": geometry.file, "scale": numbers(geometry.scale)})]
-    return []
-
-
-def contact_lines(model: Model, link: str) -> list[str]:
-    """The contact points of a link: spheres, and flat cylinders for circles."""
-    points = [(k, point) for k, point in enumerate(model.contacts) if point.link == link]
-    return [element("geom", {"name": f"contact{k}", **_point(point), **MASSLESS, **TOUCHING}) for k, point in points]
+        stated = {"vertex": numbers(x for point in geometry.points for x in point)}
+    elif isinstance(geometry, Mesh) and _readable(geometry.file):
+        stated = {"file": geometry.file, "scale": numbers(geometry.scale)}
+    else:
+        return []
+    return [element("mesh", {"name": f"mesh{k}", **stated, "inertia": "shell"})]
 
 
 def _point(point: ContactPoint) -> dict[str, str]:

@@ -13,33 +13,63 @@ import math
 import numpy as np
 
 from ...dynamics import energy, forward_dynamics
-from ...model import Ground, Link, Model
+from ...model import Ground, HeightField, Link, Model
 from .element import element, numbers
 from .write_actuators import rotor_inertia
+from .write_geoms import FLOOR
 
 IMPEDANCE = 0.9  # MuJoCo's default
 GRAVITY = 9.81  # [m/s^2]
+FIELD_BASE = 1.0  # of a height field, thickness below its lowest point [m]
 
 
 def floor_lines(model: Model, ground: Ground | None) -> tuple[list[str], list[str]]:
-    """A plane for the ground, and what of the ground it leaves out."""
+    """The ground as a plane or a height field, and what of the ground it leaves out."""
     if ground is None:
         return [], []
     stiffness = GRAVITY * (1.0 - IMPEDANCE) / ground.sinking * _softness(model)
     damping = 2.0 * ground.damping_ratio * math.sqrt(stiffness)
-    plane = {
-        "name": "floor",
-        "type": "plane",
-        "size": "0 0 1",
-        "pos": numbers((0.0, 0.0, ground.height)),
-        "euler": numbers((0.0, -ground.slope, 0.0)),
+    floor = {
+        "name": FLOOR,
+        **(_plane(ground) if ground.field is None else _field(ground.field, ground.height)),
         "friction": numbers((ground.friction, 0.005, 0.0001)),
         "solref": numbers((-stiffness, -damping)),
         "solimp": numbers((IMPEDANCE, IMPEDANCE, 0.001)),
         "priority": "1",
     }
-    steps = ["the steps of the ground are left out"] if ground.steps else []
-    return [element("geom", plane)], steps
+    left = ["the steps of the ground are left out"] if ground.steps else []
+    left += ["the ground ends at the edge of its field, whose cells are two triangles each"] if ground.field else []
+    return [element("geom", floor)], left
+
+
+def _plane(ground: Ground) -> dict[str, str]:
+    return {
+        "type": "plane",
+        "size": "0 0 1",
+        "pos": numbers((0.0, 0.0, ground.height)),
+        "euler": numbers((0.0, -ground.slope, ground.heading)),
+    }
+
+
+def _field(field: HeightField, height: float) -> dict[str, str]:
+    x, y = (o + half for o, half in zip(field.origin, _halves(field)))
+    return {"type": "hfield", "hfield": FLOOR, "pos": numbers((x, y, height + field.heights.min()))}
+
+
+def _halves(field: HeightField) -> list[float]:
+    """Half the width of a field along x and y [m]."""
+    return [0.5 * step * (count - 1) for step, count in zip(field.spacing, field.heights.shape)]
+
+
+def field_lines(ground: Ground | None) -> list[str]:
+    """The height field.  MuJoCo lists rows of it from the largest y down, and takes heights from 0 to 1 of a size."""
+    if ground is None or ground.field is None:
+        return []
+    field, (nx, ny) = ground.field, ground.field.heights.shape
+    size = (*_halves(field), float(np.ptp(field.heights)) or FIELD_BASE, FIELD_BASE)
+    elevation = numbers((field.heights - field.heights.min()).T[::-1].ravel().tolist())
+    stated = {"nrow": str(ny), "ncol": str(nx), "size": numbers(size), "elevation": elevation}
+    return [element("hfield", {"name": FLOOR, **stated})]
 
 
 def _softness(model: Model) -> float:
