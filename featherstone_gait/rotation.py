@@ -75,7 +75,7 @@ def rpy_from_rotation(R: np.ndarray) -> tuple[float, float, float]:
     quarter turn too, and the split between roll and yaw is lost.
     """
     yaw = math.atan2(R[1, 0], R[0, 0])
-    s, c = math.sin(yaw), math.cos(yaw)
+    s, c = sincos(yaw)
     pitch = math.atan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
     roll = math.atan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
     return roll + 0.0, pitch + 0.0, yaw + 0.0  # no -0.0

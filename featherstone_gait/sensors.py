@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import dynamics
-from .build.contact import in_world
+from .build.contact import ground_under, plane_axes
 from .build.scene import CompiledScene
 from .model import Ground
 from .trajectory import Trajectory
@@ -80,7 +80,17 @@ def contact_positions(scene: CompiledScene, trajectory: Trajectory) -> np.ndarra
 def _point_forces(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:
     """Force on each contact point (samples, points, 3), world axes [N]."""
     forces, ground = _contact_forces(scene, trajectory), scene.ground or Ground()
-    return in_world(ground, forces, contact_positions(scene, trajectory) if ground.field else None)
+    return _in_world(ground, forces, contact_positions(scene, trajectory) if ground.field else None)
+
+
+def _in_world(ground: Ground, forces: np.ndarray, positions: np.ndarray | None) -> np.ndarray:
+    """Forces (..., points, 3) in the ground's axes turned into the world's; only a field asks for positions [m]."""
+    if positions is None:
+        return forces @ plane_axes(ground)
+    under = ground_under(ground, positions.reshape(-1, 3))
+    n, t = under[:, :3], under[:, 3:6]
+    axes = np.stack([n, t, np.cross(n, t)], axis=1)
+    return np.einsum("kc,kci->ki", forces.reshape(-1, 3), axes).reshape(forces.shape)
 
 
 def _contact_forces(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:

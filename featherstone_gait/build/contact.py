@@ -117,21 +117,17 @@ def ground_under(ground: Ground, points: np.ndarray) -> np.ndarray:
         return out
     plane = _plane(ground)
     axes = plane.plane[0]
-    rise = (points @ axes.first)[:, None] > plane.steps.start
     out[:, :3], out[:, 3:6] = axes.normal, axes.first
-    out[:, 6] = (points @ axes.normal - axes.height - rise @ plane.steps.rise) / axes.normal[2]
+    for row, x in zip(out, points):
+        rises = sum(step.rise for step in plane.steps if dot(axes.first, x) > step.start)
+        row[6] = (dot(axes.normal, x) - axes.height - rises) / axes.normal[2]
     return out
 
 
-def in_world(ground: Ground, forces: np.ndarray, positions: np.ndarray | None) -> np.ndarray:
-    """Forces (..., points, 3) in the ground's axes turned into the world's; only a field asks for positions [m]."""
-    if ground.field is None or positions is None:
-        plane = _plane(ground).plane[0]
-        return forces @ np.stack([plane.normal, plane.first, plane.second])
-    under = ground_under(ground, positions.reshape(-1, 3))
-    n, t = under[:, :3], under[:, 3:6]
-    axes = np.stack([n, t, np.cross(n, t)], axis=1)
-    return np.einsum("kc,kci->ki", forces.reshape(-1, 3), axes).reshape(forces.shape)
+def plane_axes(ground: Ground) -> np.ndarray:
+    """(3, 3) normal, first and second tangent of ground that is a plane, in rows."""
+    plane = _plane(ground).plane[0]
+    return np.stack([plane.normal, plane.first, plane.second])
 
 
 def standing_height(model: Model, ground: Ground, q: np.ndarray) -> float:
