@@ -34,11 +34,12 @@ def program(text):
 
 
 def run(text, folder):
-    """Run a page's program."""
+    """Run a page's program in a folder, where it may write."""
     script = folder / "page.py"
     script.write_text(program(text), "utf-8")
     command = [sys.executable, "-W", "error", script]
-    return subprocess.run(command, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
+    paths = {"PYTHONPATH": str(ROOT)}
+    return subprocess.run(command, cwd=folder, env=os.environ | paths, capture_output=True, text=True)
 
 
 def defines_kernels(text):
