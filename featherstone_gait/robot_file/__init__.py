@@ -16,8 +16,9 @@ can touch the ground and named sets of locked joints and postures::
     [joints.neck]                        # what URDF cannot say of a joint
     armature = 1e-4                      # inertia of what turns with it [kg m^2]
 
-    [keyframes]                          # named postures: the coordinates q of `model.py`
-    crouch = [0.0, 0.1]
+    [keyframes.crouch]                   # a named posture, in `Model.keyframes`; joints not named are at 0
+    base = [0.0, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0]                           # x y z and quaternion, of a floating base
+    joints.left_knee = 0.8
 
     [locked.default]                     # held unless load_robot is told otherwise
     [locked.simplified]                  # load_robot(..., locked="simplified")
