@@ -11,9 +11,11 @@ with e = ref - angle.  The two PID laws stop integrating while the voltage is at
 
 import numpy as np
 
+from ..compile.by_type import by_type
 from ..compile.jit import inline, kernel
 from ..compile.lanes import clamp, select
 from .decay import FILTER_DECAY
+from .motor_stage import FILTER, MotorStage
 
 STATE_FEEDBACK = 0
 PID_POSITION = 1
@@ -79,7 +81,22 @@ def filter_speed(controller, s, i):
     """Move the filtered speed to the end of the step s."""
     if controller is not None:
         y, o = s.y, s.o
-        y[o.filtered + i] = y[o.qd + i] + s.decay[i, FILTER_DECAY] * (y[o.filtered + i] - y[o.qd + i])
+        y[o.filtered + i] = y[o.qd + i] + filter_left(s.decay, i) * (y[o.filtered + i] - y[o.qd + i])
+
+
+@by_type
+def filter_left(decay, i):
+    """What the step leaves of a filtered speed's deviation [-]."""
+
+
+@filter_left.of(MotorStage)
+def _left_by_stage(decay, i):
+    return decay.table[i, FILTER]
+
+
+@filter_left.otherwise
+def _left_by_step(decay, i):
+    return decay[i, FILTER_DECAY]
 
 
 @inline

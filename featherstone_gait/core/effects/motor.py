@@ -7,10 +7,12 @@ uses that solution, its end and its mean, exactly, with what `decay.py` says is 
 
 import numpy as np
 
+from ..compile.by_type import by_type
 from ..compile.jit import inline
 from ..compile.lanes import clamp, invert, select
 from .decay import MEAN, MOTOR_DECAY
 from .energies import COPPER, DRIVER, ENERGIES, METER, SUPPLY
+from .motor_stage import USED, MotorStage, stage_current
 
 MOTOR = np.dtype(
     [
@@ -66,19 +68,61 @@ def current_rate(m, current, voltage, speed):
 @inline
 def motor_torque(motor, s, i, w):
     """Mean torque over the step at the motor's speed w [N m] and its slope [N m s/rad]."""
-    m, y, o = motor[i], s.y, s.o
-    _, mean, slope = current_step(m, s.decay, i, y[o.current + i], y[o.voltage + i], w, s.h)
+    m = motor[i]
+    mean, slope = _mean_current(s.decay, m, s, i, w)
     return m.torque_constant * mean, m.torque_constant * slope
+
+
+@by_type
+def _mean_current(decay, m, s, i, w):
+    """The current of which the torque is [A], and its slope [A s/rad]."""
+
+
+@_mean_current.of(MotorStage)
+def _stage_mean(decay, m, s, i, w):
+    _, mean, slope = stage_current(m, decay, i, s.y[s.o.voltage + i], w)
+    return mean, slope
+
+
+@_mean_current.otherwise
+def _step_mean(decay, m, s, i, w):
+    _, mean, slope = current_step(m, decay, i, s.y[s.o.current + i], s.y[s.o.voltage + i], w, s.h)
+    return mean, slope
 
 
 @inline
 def move_motor(motor, s, i, w):
     """Move the current to the end of the step, with the electrical energies; w the motor's speed."""
-    m, y, o, h = motor[i], s.y, s.o, s.h
+    _move(s.decay, motor[i], s, i, w)
+
+
+@by_type
+def _move(decay, m, s, i, w):
+    pass
+
+
+@_move.of(MotorStage)
+def _move_stage(decay, m, s, i, w):
+    """Of the magnetic energy the integrator takes account, over the whole step."""
+    y, o, h = s.y, s.o, s.h
+    E, V = o.energy + ENERGIES * i, y[o.voltage + i]
+    end, used, _ = stage_current(m, decay, i, V, w)
+    supply, copper = h * (V * used), h * (m.resistance * (end * end))
+    y[E + SUPPLY] += supply
+    y[E + METER] += select(supply > 0.0, supply, 0.0 * supply)
+    y[E + COPPER] += copper
+    y[E + DRIVER] += supply - copper - h * (m.torque_constant * w * used)
+    y[o.current + i] = end
+    decay.table[i, USED + int(decay.time[2])] = used
+
+
+@_move.otherwise
+def _move_step(decay, m, s, i, w):
+    y, o, h = s.y, s.o, s.h
     E, I, V = o.energy + ENERGIES * i, y[o.current + i], y[o.voltage + i]
-    end, mean, _ = current_step(m, s.decay, i, I, V, w, h)
+    end, mean, _ = current_step(m, decay, i, I, V, w, h)
     supply = h * (V * mean)
-    copper = h * (m.resistance * square_mean(s.decay, i, I, end))
+    copper = h * (m.resistance * square_mean(decay, i, I, end))
     y[E + SUPPLY] += supply
     y[E + METER] += select(supply > 0.0, supply, 0.0 * supply)
     y[E + COPPER] += copper

@@ -34,6 +34,7 @@ from ..step.signals import inputs
 from ..tree.coupling import follow
 from ..tree.kinematics import unit_quaternion
 from .integrator import (
+    NEWTON_TOLERANCE,
     Integrator,
     begin_interval,
     ends_on_records,
@@ -89,7 +90,7 @@ def _evaluate(first, last, run, y, t, h):
         since, act = pace[SINCE], scene.actuator
         at = Step(
             scene=scene, actuator=act, decay=None, o=o, y=y, tau=u.tau, drive=u.drive, predicted=None,
-            t=since, span=0.0, h=0.0, sub=0.0, theta=1.0, W=x.W, Z=x.Z, C=x.C, F=x.F,
+            t=since, span=0.0, h=0.0, sub=0.0, theta=1.0, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
         )  # fmt: skip
         derivative(at, stages[k])
         pace[EVALUATIONS] += 1.0

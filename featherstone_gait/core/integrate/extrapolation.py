@@ -45,7 +45,7 @@ from ..step.pace import (
 )
 from ..step.signals import evaluate
 from ..tree.kinematics import unit_quaternion
-from .integrator import Integrator, begin_interval, begin_run, scratch, take_adaptive_step
+from .integrator import NEWTON_TOLERANCE, Integrator, begin_interval, begin_run, scratch, take_adaptive_step
 
 LONGEST = 12  # columns: rounding errors grow by 2.7 a column of the linear sequence
 SAFETY, TARGET = 0.94, 0.65  # step = SAFETY h (TARGET / error) ** (1 / order)
@@ -301,7 +301,7 @@ def _slope(run, columns, slope):
     scene, x, o, t = run.scene, columns, run.places[0], run.work.pace[SINCE]
     at = Step(
         scene=scene, actuator=scene.actuator, decay=x.decay, o=o, y=x.y, tau=x.tau, drive=x.drive, predicted=None,
-        t=t, span=0.0, h=0.0, sub=0.0, theta=1.0, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        t=t, span=0.0, h=0.0, sub=0.0, theta=1.0, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
     )  # fmt: skip
     derivative(at, slope)
 
@@ -312,7 +312,7 @@ def _euler(run, columns):
     scene, x, o, t, h = run.scene, columns, run.places[0], run.work.pace[SINCE], columns.h[0]
     at = Step(
         scene=scene, actuator=scene.actuator, decay=x.decay, o=o, y=x.y, tau=x.tau, drive=x.drive, predicted=None,
-        t=t, span=0.0, h=h, sub=h, theta=1.0, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        t=t, span=0.0, h=h, sub=h, theta=1.0, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
     )  # fmt: skip
     solve_step(at)
     advance(at)

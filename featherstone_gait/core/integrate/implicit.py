@@ -10,7 +10,7 @@ from ..step.advance import advance
 from ..step.context import Scratch, Step
 from ..step.newton import solve_step
 from ..step.signals import inputs
-from .integrator import Integrator, scratch, take_step, thetas
+from .integrator import NEWTON_TOLERANCE, Integrator, scratch, take_step, thetas
 
 
 class Implicit(NamedTuple):
@@ -28,7 +28,7 @@ def implicit_step(work, run, y, t, theta):
     inputs(u, t + plan.theta * h)
     at = Step(
         scene=scene, actuator=act, decay=decay, o=o, y=y, tau=u.tau, drive=u.drive, predicted=work.predicted,
-        t=t, span=h, h=h, sub=theta * h, theta=theta, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        t=t, span=h, h=h, sub=theta * h, theta=theta, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
     )  # fmt: skip
     solve_step(at)
     advance(at)

@@ -15,6 +15,8 @@ from ..effects.contact import SCRATCH as CONTACT_SCRATCH
 from ..step.context import Scratch
 from ..step.newton import SCRATCH as JOINT_SCRATCH
 
+NEWTON_TOLERANCE = 1e-9  # of the forces of a step of fixed length, relative
+
 
 class Sizes(NamedTuple):
     """How much room a workspace needs."""

@@ -85,6 +85,7 @@ class Step(NamedTuple):
     h: float  # step [s]
     sub: float  # theta h, at whose end forces are taken [s]; 0 of an evaluation
     theta: float
+    tolerance: float  # of Newton's iteration: of the forces, relative
     W: np.ndarray  # the arrays of Scratch
     Z: np.ndarray
     C: np.ndarray

@@ -45,7 +45,6 @@ from ..tree.layout import Motion
 
 MAX_PASSES = 40
 BISECTIONS = 16
-TOLERANCE = 1e-9  # of the forces, relative
 FLOOR = 1e-11  # of the forces [N m, N]
 
 # Rows of the scratch `Z`, one column a joint.
@@ -272,12 +271,12 @@ def _compare(rotor, contact, s):
     for i in range(len(s.scene.tree) - 1):
         v, w = Z[VN, i], rotor_speed(rotor, Z, WN, i, 0.0)
         T, F, _, _, _ = joint_force(s, i, v, w)
-        wrong = wrong | (abs(T - Z[TL, i]) > TOLERANCE * (abs(T) + abs(Z[TL, i])) + FLOOR)
+        wrong = wrong | (abs(T - Z[TL, i]) > s.tolerance * (abs(T) + abs(Z[TL, i])) + FLOOR)
         slope = slope + (v - Z[VK, i]) * (Z[TL, i] - T)
         if rotor is not None:
-            wrong = wrong | (abs(F - Z[FLW, i]) > TOLERANCE * (abs(T) + abs(Z[TL, i])) + FLOOR)
+            wrong = wrong | (abs(F - Z[FLW, i]) > s.tolerance * (abs(T) + abs(Z[TL, i])) + FLOOR)
             slope = slope + (w - Z[WK, i]) * (Z[FLW, i] - F)
-    return compare_contacts(contact, s, wrong, slope, TOLERANCE, FLOOR)
+    return compare_contacts(contact, s, wrong, slope, s.tolerance, FLOOR)
 
 
 @kernel

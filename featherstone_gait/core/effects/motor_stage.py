@@ -1,0 +1,122 @@
+"""DC motor in the stages of a Runge-Kutta method: the exact course of its current since the start of the step.
+
+After a controller's tick the current follows its new voltage within a fraction of a step, at first as fast as its rate
+is limited.  It is known in closed form for a speed w that changes linearly over the time T of the stage:
+
+    L dI/dt = V - K w(t) - R I:    I = (V - K w) / R + lag + (I1 - (V - K w1) / R - lag) exp(-(t - t1) R/L),
+
+with lag = K (dw/dt) L / R^2, from the time t1 on at which the rate comes below its limit; before, I = I0 +- slew t.
+
+The torque of a stage is that of the current at its end, but of the last stage, whose weights are those of the step, of
+what brings the sum of all to the mean current over the step: velocities then take up the whole impulse of a transient
+that no quadrature of a few values would see.  Where the current is smooth that changes nothing of the method's order.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compile.elementary import exp
+from ..compile.jit import inline
+from ..compile.lanes import clamp
+
+# Columns, one row a joint.
+NOW = 0  # speed at the start of the step [rad/s]
+CURRENT = 1  # current there [A]
+LEFT = 2  # exp(-T R/L) of the stage's time T
+MEAN = 3  # (1 - LEFT) / (T R/L)
+FILTER = 4  # what Euler's implicit step leaves of a filtered speed's deviation
+PAST = 5  # of the last stage: what the others bear of the mean current, by its weight [A]
+USED = 6  # 4: current of each stage's torque [A]
+COLUMNS = 10
+
+
+class MotorStage(NamedTuple):
+    """The stage that is being solved."""
+
+    table: np.ndarray  # (n, COLUMNS)
+    time: np.ndarray  # (3,) T since the start of the step [s], of the last stage 1 / its weight, else 0; which it is
+
+
+@inline
+def course(m, voltage, w0, I0, w, T, left, mean):
+    """Current at the end [A], its mean over T [s] and the slopes -d/dw of both [A s/rad].
+
+    m MOTOR; w0 and w [rad/s] the speeds at start and end, left and mean: see the columns.
+    """
+    K, R, L = m.torque_constant, m.resistance, m.inductance
+    tau, rate = L / R, K * (w - w0) / T
+    lag, D0 = rate * tau / R, voltage - K * w0
+    s, I1 = 0.0, I0
+    excess = abs(D0 - R * I0) - L * m.current_slew
+    slope = (K / R) * (0.5 - (tau / T) * (1.0 - mean))
+    slope_end = (K / R) * (1.0 - (tau / T) * (1.0 - left))
+    if excess > 0.0 and L > 0.0:
+        sign = 1.0 if D0 > R * I0 else -1.0
+        s = min(T, excess / max(R * m.current_slew + sign * rate, 1e-6 * R * m.current_slew))
+        I1 = I0 + sign * (m.current_slew * s)
+        z = (T - s) / tau
+        left = exp(-z)
+        mean = 1.0 - z * (0.5 - z * (1.0 / 6.0 - z * (1.0 / 24.0)))
+        if z > 1e-3:
+            mean = (1.0 - left) / z
+        slope_end = (K / (R * T)) * (T - tau - (s - tau) * left)
+        slope = (K / (R * T * T)) * (0.5 * (T * T - s * s) - tau * (T - s) - (s - tau) * (tau * (1.0 - left)))
+    past = I1 - (D0 - rate * s) / R - lag
+    end = (D0 - rate * T) / R + lag + past * left
+    rest = (D0 - 0.5 * rate * (s + T)) / R + lag + past * mean
+    average = (s * (0.5 * (I0 + I1)) + (T - s) * rest) / T
+    limit = m.current_limit
+    if abs(average) > limit:
+        slope = 0.0
+    if abs(end) > limit:
+        slope_end = 0.0
+    return clamp(end, -limit, limit), clamp(average, -limit, limit), slope_end, slope
+
+
+@inline
+def stage_current(m, stage, i, voltage, w):
+    """Current of motor m at the end of the stage, the one its torque is of [A], and the slope of that [A s/rad]."""
+    row, T, share = stage.table[i], stage.time[0], stage.time[1]
+    end, mean, slope_end, slope = course(m, voltage, row[NOW], row[CURRENT], w, T, row[LEFT], row[MEAN])
+    if share > 0.0:
+        return end, share * mean - row[PAST], share * slope
+    return end, end, slope_end
+
+
+@inline
+def bend(m, stage, i, voltage, current, w, rate, h):
+    """What the current of motor m at the end of a step h [s] lacks for a speed w whose rate changes by `rate` [rad/s^3].
+
+    The speed then sags below its chord by rate t (h - t) / 2.
+    """
+    driving = voltage - m.torque_constant * w - m.resistance * current
+    free = (abs(driving) < m.inductance * m.current_slew) & (abs(current) < m.current_limit)
+    if not free:
+        return 0.0
+    tau, left = m.inductance / m.resistance, stage.table[i, LEFT]
+    sag = tau * h * (1.0 + left) - 2.0 * (tau * tau) * (1.0 - left)
+    return 0.5 * (m.torque_constant / m.resistance) * rate * sag
+
+
+@inline
+def begin_step(stage, i, speed, current):
+    """Take the start of the step."""
+    row = stage.table[i]
+    row[NOW], row[CURRENT] = speed, current
+
+
+@inline
+def begin_stage(m, stage, i, T, past, filter_time, d):
+    """The stage whose end lies T after the start of the step [s], its own step d [s]."""
+    row = stage.table[i]
+    row[PAST] = past
+    row[LEFT], row[MEAN], row[FILTER] = 0.0, 0.0, 0.0
+    if m.inductance > 0.0:
+        z = T * (m.resistance / m.inductance)
+        row[LEFT] = exp(-z)
+        row[MEAN] = 1.0 - z * (0.5 - z * (1.0 / 6.0 - z * (1.0 / 24.0)))
+        if z > 1e-3:
+            row[MEAN] = (1.0 - row[LEFT]) / z
+    if filter_time > 0.0:
+        row[FILTER] = 1.0 / (1.0 + d / filter_time)

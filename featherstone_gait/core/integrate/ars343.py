@@ -1,0 +1,358 @@
+"""ARS(3,4,3): a Runge-Kutta pair of order 3 whose stages are linearly implicit steps, with error control.
+
+What is stiff (servos, gears, friction, stops, contacts) is taken by an L-stable diagonally implicit method of three
+stages, what is not (inertia, bias forces) by an explicit one of four with the same weights: U. M. Ascher, S. J. Ruuth,
+R. J. Spiteri, Implicit-explicit Runge-Kutta methods for time-dependent partial differential equations, Applied
+Numerical Mathematics 25 (1997), section 2.7.  Both act in one equation M(q) a = T(q, v) - b(q, v) whose M and b are
+taken at explicit values of their arguments and T at implicit ones: S. Boscarino, F. Filbet, G. Russo, High order
+semi-implicit schemes for time dependent partial differential equations, Journal of Scientific Computing 68 (2016).
+
+A stage is therefore one step of newton.py, of Euler's kind, whose start is the sum of the slopes before it and whose
+predicted velocity is that of the explicit method.  The last stage ends in the step's result, and its acceleration is
+the first of the next step, unless something has changed between: then a step of Euler gives it, which hides what is
+stiff where an evaluation would not.
+
+The error is that of the positions and velocities by weights of order 2 on the four accelerations.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compile.jit import inline, kernel
+from ..compile.lanes import sqrt
+from ..effects.actuator import controller_of, motor_of, rotor_of
+from ..effects.energies import DRIVER, ENERGIES
+from ..effects.motor_stage import COLUMNS as MOTOR_COLUMNS
+from ..effects.motor_stage import USED, MotorStage, begin_stage, begin_step, bend
+from ..step.advance import advance
+from ..step.context import Scratch, Step
+from ..step.newton import solve_step
+from ..step.pace import (
+    COLUMNS,
+    EVALUATIONS,
+    LAST,
+    PACE_SCRATCH,
+    REJECTED,
+    SINCE,
+    STEP,
+    STEPS,
+    UNTIL,
+    in_time,
+    root,
+    scaled,
+)
+from ..step.signals import inputs
+from ..tree.kinematics import quaternion_rate
+from .integrator import Integrator, begin_interval, scratch, take_adaptive_step
+
+G = 0.4358665215084590  # root of x^3 - 3 x^2 + 3/2 x - 1/6: of the implicit diagonal
+B1, B2 = -1.5 * G * G + 4.0 * G - 0.25, 1.5 * G * G - 5.0 * G + 1.25
+NODES = np.array([0.0, G, 0.5 * (1.0 + G), 1.0])
+A43 = 0.5529291480359398  # as ARS(3,4,3) has it: a42 = a43
+A32 = (1.0 / 6.0 - G * A43 * (NODES[1] + NODES[2])) / (B2 * NODES[1])
+IMPLICIT = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.5 * (1.0 - G), 0.0], [0.0, B1, B2]])
+EXPLICIT = np.array([[0.0, 0.0, 0.0], [G, 0.0, 0.0], [NODES[2] - A32, A32, 0.0], [1.0 - 2.0 * A43, A43, A43]])
+
+
+def _embedded():
+    """Weights (4,) of least size, without effect on 1 and t, that make 1/6 of t^2: h^3 y''' / 12 of a smooth y'."""
+    powers = np.stack([np.ones(4), NODES, NODES**2])
+    return powers.T @ np.linalg.solve(powers @ powers.T, np.array([0.0, 0.0, 1.0 / 6.0]))
+
+
+ERROR = _embedded()
+SAFETY, LEAST, MOST = 0.85, 0.2, 4.0  # of the step's factor
+AFTER_EVENT = COLUMNS  # in the pace: the step to try after an event [s]
+NEWTON_SHARE = 1e-2  # of the tolerance, that Newton's iteration may leave of the forces
+BETA = 0.08  # share of the last error in it
+
+
+class Ars343(NamedTuple):
+    """Workspace."""
+
+    scratch: Scratch
+    start: np.ndarray  # (length of the state,) at the start of the step
+    slopes: np.ndarray  # (4, what is integrated): of the start, known of the coordinates alone, and of the stages
+    predicted: np.ndarray  # (nq + nv,) where inertia and bias are taken
+    motors: MotorStage | None  # None without motors
+    stale: np.ndarray  # (1,) 1 where the slope at the start is to be found
+    fresh: np.ndarray  # (1,) 1 of the first step after an event
+    pace: np.ndarray  # (PACE_SCRATCH,)
+
+
+@begin_interval.of(Ars343)
+def _something_changed(work, run, y, t):
+    """A step after an event is as long as that after the last one."""
+    work.pace[STEP] = min(work.pace[STEP], work.pace[AFTER_EVENT])
+    work.fresh[0] = 1.0
+    if t == 0.0 or _jumps(work.motors, run):
+        work.stale[0] = 1.0
+
+
+@inline
+def _jumps(motors, run):
+    """Whether accelerations may jump at events: not at a tick that changes the voltage of a current that is slow."""
+    if motors is None:
+        return True
+    motor = motor_of(run.scene.actuator)
+    for i in range(len(motor)):
+        if motor[i].torque_constant > 0.0 and motor[i].inductance == 0.0:
+            return True
+    return _pushed(run.scene.push, run.signals.torques)
+
+
+@inline
+def _pushed(push, torques):
+    if push is not None:
+        return True
+    if torques is not None:
+        return True
+    return False
+
+
+@take_adaptive_step.of(Ars343)
+def ars343(work, run, y, t, length):
+    """Take a step that meets the tolerance."""
+    o, pace, start = run.places[0], work.pace, work.start
+    for i in range(o.pace):
+        start[i] = y[i]
+    rejected, first = False, work.fresh[0] > 0.0
+    while True:
+        h = in_time(pace[STEP], length)
+        _stages(run, y, t, h)
+        error = _error(run, y, h)
+        if error <= 1.0:
+            _finish(run, y, h)
+            factor = SAFETY * root(pace[LAST], 1.0 / BETA) / root(error, 1.0 / (1.0 / 3.0 - 0.2 * BETA))
+            factor = max(LEAST, min(1.0 if rejected else MOST, factor))
+            pace[STEPS] += 1.0
+            pace[LAST] = max(error, 1e-4)
+            if h < length or factor < 1.0:
+                pace[STEP] = h * factor
+            if first:
+                pace[AFTER_EVENT] = h * factor
+            work.fresh[0] = work.stale[0] = 0.0
+            return h
+        rejected = True
+        pace[REJECTED] += 1.0
+        pace[STEP] = h * max(LEAST, min(0.9, SAFETY / root(error, 3)))
+        if not pace[STEP] > run.plan.least_step:
+            for i in range(o.pace):
+                y[i] = start[i]
+            return 0.0
+
+
+@kernel
+def _stages(run, y, t, h):
+    """All stages of the step h from t: their slopes, and in y the state after the last."""
+    scene, u, work, o = run.scene, run.signals, run.work, run.places[0]
+    x, pace, d = work.scratch, work.pace, G * h
+    _start_slope(scene.floating, run)
+    _start_motors(work.motors, rotor_of(scene.actuator), run)
+    y[o.passes + 1] = work.start[o.passes + 1]
+    first = 1
+    if work.stale[0] > 0.0:
+        first = 0
+    for k in range(first, 4):
+        _begin_stage(run, y, h, k)
+        _begin_motors(work.motors, run, y, h, k)
+        norm = _begin_base(scene.floating, run, y, h, k)
+        inputs(u, min(t + max(NODES[k], G) * h, pace[UNTIL]))
+        at = Step(
+            scene=scene, actuator=scene.actuator, decay=work.motors, o=o, y=y, tau=u.tau, drive=u.drive,
+            predicted=work.predicted, t=pace[SINCE], span=0.0, h=d, sub=d, theta=1.0,
+            tolerance=NEWTON_SHARE * run.plan.rtol, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        )  # fmt: skip
+        solve_step(at)
+        advance(at)
+        pace[EVALUATIONS] += 1.0
+        _end_stage(run, y, d, k)
+        _end_base(scene.floating, run, y, d, k, norm)
+
+
+@inline
+def _begin_stage(run, y, h, k):
+    """The state from which stage k steps, in y and its slopes, and the acceleration that leads to its prediction."""
+    work, o = run.work, run.places[0]
+    start, slopes = work.start, work.slopes
+    for i in range(o.after_integrated):
+        y[i] = start[i]
+        for j in range(1, k):
+            y[i] += (h * IMPLICIT[k, j]) * slopes[j, i]
+        if k > 0:
+            slopes[k, i] = y[i]
+    for i in range(len(run.scene.tree) - 1):
+        _expect(run, y, h, k, o.qd + i, o.qdd + i)
+    for i in range(o.contact_force, o.increment):
+        y[i] = 0.0  # friction is limited by the predicted normal force
+
+
+@inline
+def _expect(run, y, h, k, speed, acceleration):
+    """The acceleration by which a stage's step comes to the speed of the explicit method."""
+    expected = 0.0
+    for j in range(k):
+        expected += EXPLICIT[k, j] * run.work.slopes[j, speed]
+        if j > 0:
+            expected -= IMPLICIT[k, j] * run.work.slopes[j, speed]
+    y[acceleration] = expected / G
+
+
+@inline
+def _begin_base(floating, run, y, h, k):
+    """The same of a floating base; returns the length of its quaternion, which the step makes 1."""
+    norm = 1.0
+    if floating is not None:
+        o = run.places[0]
+        for i in range(6):
+            _expect(run, y, h, k, o.base_qd + i, o.base_qdd + i)
+        norm = 0.0
+        for i in range(o.base_q + 3, o.base_q + 7):
+            norm += y[i] * y[i]
+        norm = sqrt(norm)
+    return norm
+
+
+@inline
+def _end_stage(run, y, d, k):
+    """The slope of stage k from what its step d has changed; of the start the accelerations alone."""
+    o, slopes = run.places[0], run.work.slopes
+    if k > 0:
+        for i in range(o.after_integrated):
+            slopes[k, i] = (y[i] - slopes[k, i]) * (1.0 / d)
+    else:
+        for i in range(len(run.scene.tree) - 1):
+            slopes[0, o.qd + i] = y[o.qdd + i]
+
+
+@inline
+def _end_base(floating, run, y, d, k, norm):
+    """The same of a floating base; Euler's step of the quaternion shortens it."""
+    if floating is not None:
+        o, slopes = run.places[0], run.work.slopes
+        if k > 0:
+            v = y[o.base_qd : o.base_qd + 6]
+            turn = 0.25 * d * d * (v[3] * v[3] + v[4] * v[4] + v[5] * v[5])
+            quaternion_rate(y[o.base_q : o.base_q + 7], v, slopes[k, o.base_q + 3 : o.base_q + 7])
+            for i in range(o.base_q + 3, o.base_q + 7):
+                slopes[k, i] *= norm / sqrt(1.0 + turn)
+        else:
+            for i in range(6):
+                slopes[0, o.base_qd + i] = y[o.base_qdd + i]
+
+
+@inline
+def _start_slope(floating, run):
+    """The rates of the positions at the start."""
+    o, start, slope = run.places[0], run.work.start, run.work.slopes[0]
+    for i in range(len(run.scene.tree) - 1):
+        slope[o.q + i] = start[o.qd + i]
+    if floating is not None:
+        for i in range(3):
+            slope[o.base_q + i] = start[o.base_qd + i]
+        x, v = start[o.base_q : o.base_q + 7], start[o.base_qd : o.base_qd + 6]
+        quaternion_rate(x, v, slope[o.base_q + 3 : o.base_q + 7])
+
+
+@inline
+def _error(run, y, h):
+    """Error of the positions and velocities over the tolerance, of the worst; infinite if a stage was not solved."""
+    o, start, slopes, worst = run.places[0], run.work.start, run.work.slopes, 0.0
+    if y[o.passes + 1] > start[o.passes + 1]:
+        return 1e60
+    for i in range(o.after_coordinates):
+        e = 0.0
+        for j in range(4):
+            e += ERROR[j] * slopes[j, i]
+        e = scaled(run.plan, h * e, start[i], y[i])
+        if not e < 1e60:
+            return 1e60
+        worst = max(worst, e)
+    return worst
+
+
+@inline
+def _finish(run, y, h):
+    """The slope at the end is the next step's first; the watch on chatter stays as it was."""
+    o, start, slopes = run.places[0], run.work.start, run.work.slopes
+    for i in range(o.after_coordinates):
+        slopes[0, i] = slopes[3, i]
+    for i in range(o.increment, o.passes):
+        y[i] = start[i]
+    _bend_currents(run.work.motors, rotor_of(run.scene.actuator), run, y, h)
+    _magnetic_energy(run.work.motors, run, y)
+
+
+@inline
+def _start_motors(motors, rotor, run):
+    """Speeds and currents at the start of the step."""
+    if motors is not None:
+        o, start = run.places[0], run.work.start
+        for i in range(len(motors.table)):
+            begin_step(motors, i, _speed(rotor, o, start, i), start[o.current + i])
+
+
+@inline
+def _speed(rotor, o, y, i):
+    """Of a motor, at the output [rad/s]."""
+    if rotor is None:
+        return y[o.qd + i]
+    return y[o.rotor_speed + i]
+
+
+@inline
+def _begin_motors(motors, run, y, h, k):
+    """Time and past of stage k; that of the start is one for itself."""
+    if motors is not None:
+        motor, controller, o = motor_of(run.scene.actuator), controller_of(run.scene.actuator), run.places[0]
+        T, d = max(NODES[k], G) * h, G * h
+        motors.time[0], motors.time[1], motors.time[2] = T, 0.0, 1.0 * k
+        if k == 3:
+            motors.time[1] = 1.0 / G
+        for i in range(len(motor)):
+            past = 0.0
+            for j in range(1, k):
+                past += IMPLICIT[k, j] * motors.table[i, USED + j]
+            begin_stage(motor[i], motors, i, T, past / G, controller[i].speed_filter, d)
+            y[o.current + i] = run.work.start[o.current + i]
+
+
+@inline
+def _bend_currents(motors, rotor, run, y, h):
+    """The speeds' curvature, which no stage knows, in the currents at the end."""
+    if motors is not None:
+        motor, o, slopes = motor_of(run.scene.actuator), run.places[0], run.work.slopes
+        for i in range(len(motor)):
+            k = o.qd + i
+            if rotor is not None:
+                k = o.rotor_speed + i
+            rate = (slopes[3, k] - slopes[1, k]) / (h * (1.0 - G))
+            y[o.current + i] += bend(motor[i], motors, i, y[o.voltage + i], y[o.current + i], y[k], rate, h)
+
+
+@inline
+def _magnetic_energy(motors, run, y):
+    """What the currents' fields have taken up over the step is not the drivers' [J]."""
+    if motors is not None:
+        motor, o, start = motor_of(run.scene.actuator), run.places[0], run.work.start
+        for i in range(len(motor)):
+            I0, I1 = start[o.current + i], y[o.current + i]
+            y[o.energy + ENERGIES * i + DRIVER] -= 0.5 * motor[i].inductance * (I1 * I1 - I0 * I0)
+
+
+def _workspace(sizes, zeros):
+    o = sizes.places
+    return Ars343(
+        scratch=scratch(sizes, zeros),
+        start=zeros(int(o["length"])),
+        slopes=zeros((4, int(o["after_integrated"]))),
+        predicted=zeros(2 * sizes.n + 13 * sizes.floating),
+        motors=MotorStage(zeros((sizes.motors, MOTOR_COLUMNS)), zeros(3)) if sizes.motors else None,
+        stale=np.ones(1),
+        fresh=np.ones(1),
+        pace=zeros(PACE_SCRATCH),
+    )
+
+
+ARS343 = Integrator("ars343", 3, _workspace, stages=3, adaptive=True, folds_spring=True)
