@@ -22,12 +22,11 @@ from .actuator import Drive, ServoKind, build_decay, build_drive, controller_per
 from .contact import build_contact, fallen_height
 from .external import Push, build_pushes, build_springs
 from .friction import build_friction, sticks
-from .preflight import Preflight, preflight
+from .preflight import STIFF, Preflight, preflight
 from .stop import build_stops
 from .tree import GRAVITY, Tree, compile_tree
 
 NO_SERVO_TICK = 1e-2  # [s] between the checks of a scene without sampled controllers
-STIFF = 5e-3  # [s]; explicit limit below which extrapolation takes implicit steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +71,14 @@ class CompiledScene:
                 "estimate_error"
             )
         scene = compile_scene(self.model, **(self.arguments | changes))
-        return replace(scene, constants=scene.constants._replace(push=self.constants.push))
+        check = scene.preflight if "integrator" in changes else scene.preflight._replace(reason=self.preflight.reason)
+        return replace(scene, preflight=check, constants=scene.constants._replace(push=self.constants.push))
+
+    def in_place(self, integrator: str, why: str) -> CompiledScene:
+        """The scene with another integrator than the one compiled for, which its preflight's reason says."""
+        scene = self.recompiled(integrator=integrator)
+        reason = f"{integrator} in place of {self.integrator} ({self.preflight.reason}): {why}"
+        return replace(scene, preflight=scene.preflight._replace(reason=reason))
 
     @property
     def integrator(self) -> str:

@@ -243,7 +243,8 @@ def with_tolerance(
                 f"{scene.integrator} is an order of updates at a fixed step, not a differential equation; "
                 "without rtol and atol"
             )
-        scene = scene.recompiled(integrator="extrapolation" if scene.stiff else "dop853")
+        taken, so = ("extrapolation", "something is") if scene.stiff else ("dop853", "nothing is")
+        scene = scene.in_place(taken, f"rtol asks for error control, and {so} stiff, sampled or on the ground")
     if not scene.adaptive:
         return scene, None, None
     rtol = RTOL if rtol is None else rtol

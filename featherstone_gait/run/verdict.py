@@ -6,6 +6,7 @@ import numpy as np
 
 from ..build.scene import CompiledScene
 from ..core.effects.energies import ENERGIES, STOPS
+from ..core.effects.spring import CAUSES as SPRING_CAUSES
 from ..core.effects.stop import explicit_limit
 from ..core.integrate import rollout
 from ..core.step import pace
@@ -69,10 +70,15 @@ def _failure(scene: CompiledScene, y: np.ndarray) -> tuple[str, str, float]:
 
 
 def _beyond_stability(scene: CompiledScene) -> tuple[str, str] | None:
-    largest = scene.method.stability * scene.preflight.largest_explicit_step
-    if not scene.timestep > largest:
+    """A fixed step too large for an explicit integrator, or for springs between bodies, which none takes in."""
+    check, method, by = scene.preflight, scene.method, ""
+    largest = method.stability * check.sliding_step if method.explicit else method.ties * check.spring_step
+    if method.adaptive or not scene.timestep > largest:
         return None
-    message = f"{scene.integrator} is stable up to {largest:.2g} s in this scene; the step is {scene.timestep:g} s"
+    if check.spring_step < 1.01 * check.sliding_step:
+        ties = [limit for limit in check.limits if limit.cause in SPRING_CAUSES]
+        by = f", by the spring {min(ties, key=lambda limit: limit.step).joint}"
+    message = f"{scene.integrator} is stable up to {largest:.2g} s in this scene{by}; the step is {scene.timestep:g} s"
     return "not converged", message
 
 
