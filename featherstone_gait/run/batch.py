@@ -84,8 +84,7 @@ def _groups(scene: CompiledScene, starts: list[Start], refills: bool) -> list[li
     alike: dict[tuple, list[int]] = {}
     for i, start in enumerate(starts):
         key = () if refills else tuple(k and (k.times.tobytes(), k.period) for k in (start.reference, start.torques))
-        if scene.adaptive:
-            key = (i,)
+        key = (i,) if scene.adaptive else (*key, start.y[scene.layout["end"]])
         alike.setdefault(key, []).append(i)
     size = BATCH if refills else WIDTH
     groups = []

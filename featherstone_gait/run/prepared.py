@@ -109,6 +109,19 @@ class Prepared:
             raise ValueError(f"{scene.model.name}: noise must be {shape} finite numbers; its shape is {noise.shape}")
         return noise
 
+    def course(self, start: Start) -> Plan:
+        """The plan of a run from `start`, at the time to which its state has come: 0 of a new one.
+
+        Raises ValueError for a time that is none.
+        """
+        h, begun = self.plan.h, float(start.y[self.scene.layout["end"]])
+        if not 0.0 <= begun < 2.0**52 * h:
+            raise ValueError(f"state: its time is {begun!r} s; expected >= 0 and less than 2^52 steps: see `restarted`")
+        first = round(begun / h)
+        if abs(first * h - begun) > 1e-6 * h:
+            return self.plan._replace(offset=begun)
+        return self.plan._replace(first=first)
+
     @property
     def samples(self) -> int:
         """Records of a run."""
@@ -123,10 +136,10 @@ class Prepared:
         """What the kernel takes for one run: the run, its state, which moves on, and its records."""
         signals = self.signals(start.reference, start.torques, np.zeros)._replace(noise=start.noise)
         out = np.zeros((self.samples, len(self.channels))) if out is None else out
-        return self.bound(signals, np.zeros), start.y.copy(), out
+        return self.bound(signals, np.zeros)._replace(plan=self.course(start)), start.y.copy(), out
 
     def arguments_in_lanes(self, starts: Sequence[Start]) -> tuple[Run, np.ndarray, np.ndarray]:
-        """What `rollout_lanes` takes for up to eight runs whose signals have the same knot times."""
+        """What `rollout_lanes` takes for up to eight runs of the same time whose signals have the same knot times."""
         starts = [*starts, *[starts[-1]] * (WIDTH - len(starts))]
         y, out = aligned((len(starts[0].y), WIDTH)), aligned((self.samples, max(len(self.channels), 1), WIDTH))
         y[:] = np.stack([start.y for start in starts], axis=-1)
@@ -137,12 +150,13 @@ class Prepared:
             noise = aligned((*noises[0].shape, WIDTH))
             noise[:] = np.stack(noises, axis=-1)
             signals = signals._replace(noise=noise)
-        return self.bound(signals, lane_zeros), y, out
+        return self.bound(signals, lane_zeros)._replace(plan=self.course(starts[0])), y, out
 
     def run(self, starts: Sequence[Start]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Final state and records of up to eight runs, of more than one in step.
 
-        Raises ValueError unless they can be: fixed steps, signals of the same knot times, noise for all or none.
+        Raises ValueError unless they can be: fixed steps, signals of the same knot times, states of the same time,
+        noise for all or none.
         """
         if len(starts) == 1:
             run, y, out = self.arguments(starts[0])
@@ -163,6 +177,8 @@ class Prepared:
             same = (first is None) == (other is None)
             if not same or (first is not None and not _same_times(first, other)):
                 raise ValueError(f"{name}: signals of other knot times do not go in step; run them one by one")
+        if len({start.y[self.scene.layout["end"]] for start in starts}) > 1:
+            raise ValueError(f"{name}: states of other times do not go in step; run them one by one")
 
     def signals(self, reference: Knots | None, torques: Knots | None, zeros: Zeros) -> Signals:
         """What comes from outside; zeros(shape) makes the arrays for its present values."""
@@ -187,9 +203,9 @@ class Prepared:
         work, good = scene.method.workspace(sizes, zeros), zeros(int(scene.layout["length"]))
         return Run(constants, scene.places, self.plan, signals, work, good, self.channels)
 
-    def named(self, out: np.ndarray) -> dict[str, np.ndarray]:
-        """Recorded numbers (samples, all) as channels in their natural shape."""
-        found = {"time": np.arange(len(out)) * (self.plan.per_sample * self.plan.h)}
+    def named(self, out: np.ndarray, course: Plan | None = None) -> dict[str, np.ndarray]:
+        """Recorded numbers (samples, all) as channels in their natural shape; course: see `course`."""
+        found = {"time": _times(self.plan if course is None else course, len(out))}
         for name in self.record:
             channel = state.BY_NAME[name]
             if channel.kind != "computed":
@@ -283,6 +299,12 @@ def _stored(scene: CompiledScene, record: tuple[str, ...]) -> tuple[dict[str, sl
             slices[stored] = slice(len(indices), len(indices) + len(places))
             indices.extend(places)
     return slices, np.array(indices, dtype=np.int64)
+
+
+def _times(course: Plan, count: int) -> np.ndarray:
+    """Of the records [s]: bits do not depend on the pieces that a run is cut into between records."""
+    samples, steps = divmod(course.first, course.per_sample)
+    return course.offset + steps * course.h + (samples + np.arange(count)) * (course.per_sample * course.h)
 
 
 def with_steps(ready: Prepared, steps: int, per_sample: int) -> Prepared:

@@ -10,6 +10,7 @@ from ..core.effects.spring import CAUSES as SPRING_CAUSES
 from ..core.effects.stop import explicit_limit
 from ..core.integrate import rollout
 from ..core.step import pace
+from ..core.step.context import Plan
 from ..trajectory import Trajectory
 from .prepared import LEAST_STEP, Prepared
 
@@ -25,10 +26,10 @@ CHATTER_LIMIT = 0.05  # [rad/s or m/s]; see `worst_chatter` in core/step/state.p
 RINGING_LIMIT = 5e-4
 
 
-def trajectory(ready: Prepared, y: np.ndarray, out: np.ndarray) -> Trajectory:
-    """Name the channels and say how the run ended."""
-    scene = ready.scene
-    status, message, end = verdict(scene, ready.plan.steps * ready.plan.h, y)
+def trajectory(ready: Prepared, y: np.ndarray, out: np.ndarray, course: Plan | None = None) -> Trajectory:
+    """Name the channels and say how the run ended; course: of `ready.course`, None of a run that begins at zero."""
+    scene, course = ready.scene, ready.plan if course is None else course
+    status, message, end = verdict(scene, course.offset + (course.first + course.steps) * course.h, y)
     passes = y[slice(*scene.part("passes"))]
     info = {
         "robot": scene.model.name,
@@ -45,15 +46,15 @@ def trajectory(ready: Prepared, y: np.ndarray, out: np.ndarray) -> Trajectory:
         taken, rejected, evaluations = y[slice(*scene.part("pace"))][pace.STEPS : pace.LAST]
         info |= {"rtol": ready.plan.rtol, "atol": ready.plan.atol}
         info |= {"steps": int(taken), "rejected_steps": int(rejected), "evaluations": int(evaluations)}
-    return Trajectory(ready.named(out), status, message, end, y, info, parts=scene.parts)
+    return Trajectory(ready.named(out, course), status, message, end, y, info, parts=scene.parts)
 
 
-def verdict(scene: CompiledScene, duration: float, y: np.ndarray) -> tuple[str, str, float]:
-    """Status, message and the time at which the run ended [s], from its final state."""
+def verdict(scene: CompiledScene, end: float, y: np.ndarray) -> tuple[str, str, float]:
+    """Status, message and the time at which the run ended [s], from its final state; end: of a run that is sound."""
     if int(y[scene.layout["status"]]) != rollout.OK:
         return _failure(scene, y)
     wrong = _beyond_stability(scene) or _unresolved_stop(scene, y) or _chatter(scene, y) or _not_converged(scene, y)
-    return (*(wrong or ("ok", "")), duration)
+    return (*(wrong or ("ok", "")), end)
 
 
 def _failure(scene: CompiledScene, y: np.ndarray) -> tuple[str, str, float]:

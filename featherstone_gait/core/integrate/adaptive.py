@@ -9,7 +9,7 @@ from ..compile.jit import entry, inline
 from ..effects.actuator import controller_of
 from ..effects.push import AHEAD, next_edge
 from ..step.pace import PACE, SINCE, UNTIL
-from ..step.signals import next_knot
+from ..step.signals import next_knot, time_of
 from ..tree.coupling import follow
 from .integrator import begin_interval, begin_run, ends_on_records, record_within, take_adaptive_step
 from .rollout import TOO_SMALL, inspect, record, tick
@@ -27,7 +27,7 @@ def rollout_adaptive(run, y, out):
     k, dead = 0, y[o.status] > 0.0
     while True:
         if k % plan.per_tick == 0 and k < plan.steps:
-            tick(controller_of(run.scene.actuator), run, k, k * plan.h, y)
+            tick(controller_of(run.scene.actuator), run, k, time_of(plan, k), y)
         if k % plan.per_sample == 0:
             record(run, y, k // plan.per_sample, out)
         if k == plan.steps or dead:
@@ -56,8 +56,8 @@ def _end(controller, ends, plan, k):
 def _cross(run, y, k, end, out):
     """Step from grid step k to `end`; return whether the run has ended."""
     plan, pace = run.plan, run.work.pace
-    t, done, until = k * plan.h, 0.0, 0.0
-    length = end * plan.h - t
+    t, done, until = time_of(plan, k), 0.0, 0.0
+    length = time_of(plan, end) - t
     next_record = k // plan.per_sample + 1
     while done < length:
         if done >= until:

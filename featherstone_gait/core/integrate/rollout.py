@@ -6,7 +6,7 @@ from ..compile.optional import in_lanes, item
 from ..effects.actuator import controller_of
 from ..effects.contact import above_ground
 from ..effects.controller import control_tick
-from ..step.signals import AHEAD, evaluate
+from ..step.signals import AHEAD, evaluate, time_of
 from ..tree.coupling import follow
 from .integrator import take_step, thetas
 
@@ -22,7 +22,7 @@ def rollout(run, y, out):
     for i in range(len(run.good)):
         run.good[i] = y[i]
     for k in range(plan.steps + 1):
-        t = k * plan.h
+        t = time_of(plan, k)
         if k % plan.per_tick == 0 or k == plan.steps:
             dead = inspect(run, t, y)
             if k < plan.steps:  # the tick at the very end is the first of what goes on from here

@@ -44,6 +44,9 @@ class Plan(NamedTuple):
     atol: float = 0.0  # ... and absolute [rad, m, and their rates; A]
     least_step: float = 0.0  # [s]
     integrated: int = 0  # how much of the state changes between ticks
+    # Of a run that goes on: its grid step k is at the time offset + (first + k) h.
+    first: int = 0  # steps taken before
+    offset: float = 0.0  # where what was before is off this grid [s]
 
 
 class Scratch(NamedTuple):
