@@ -115,7 +115,7 @@ def run_lanes(
             _sample(held, ticks, lane)
             _sample_noise(held.start.noise, held.done // course.per_tick, noise, lane)
         signals = whole.signals._replace(samples=ticks, noise=noise)
-        rollout_lanes(whole._replace(plan=course._replace(steps=steps), signals=signals), y, out)
+        ready.call(rollout_lanes, whole._replace(plan=course._replace(steps=steps), signals=signals), y, out)
         there += steps * WIDTH
         used += steps * len(busy)
         for lane, held in busy:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -34,12 +34,15 @@ from ..core.step.context import Plan, Run
 from ..core.step.signals import Knots, Signals
 from ..reference import Reference
 from ..trajectory import Trajectory
+from .interrupt import Kernel, call_interruptibly
 from .start import checked_vector, initial_state
 
 Zeros = Callable[[int | tuple[int, ...]], np.ndarray]
 
 RTOL = 1e-8  # of integrators with error control
 LEAST_STEP = 1e-9  # of error control [s]
+BUDGET, BUDGET_RATE = 2e6, 2e4  # of its steps, with those rejected: minutes of computing, and as many a second more
+INTERRUPTIBLE = 3e5  # steps by velocities: some 0.1 s of computing, from which on a run looks for Ctrl-C
 OF_MODEL = {"clearance": clearance_channel}  # computed channels that take the robot too
 
 
@@ -61,6 +64,7 @@ class Prepared:
     record: tuple[str, ...]
     stored: dict[str, slice]  # where each channel lies among the recorded numbers
     channels: np.ndarray  # indices into the state of all recorded numbers
+    stop: np.ndarray = field(default_factory=lambda: np.zeros(1, np.int64))  # (1,): not 0 ends all its runs
 
     def start(
         self,
@@ -128,7 +132,7 @@ class Prepared:
         return self.plan.steps // self.plan.per_sample + 1
 
     @property
-    def kernel(self) -> Callable[[Run, np.ndarray, np.ndarray], None]:
+    def kernel(self) -> Kernel:
         """What `arguments` of one run are for."""
         return rollout_adaptive if self.scene.adaptive else rollout_one
 
@@ -160,12 +164,21 @@ class Prepared:
         """
         if len(starts) == 1:
             run, y, out = self.arguments(starts[0])
-            self.kernel(run, y, out)
+            self.call(self.kernel, run, y, out)
             return [(y, out)]
         self._check_alike(starts)
         run, y, out = self.arguments_in_lanes(starts)
-        rollout_lanes(run, y, out)
+        self.call(rollout_lanes, run, y, out)
         return [(y[:, k].copy(), out[:, : len(self.channels), k].copy()) for k in range(len(starts))]
+
+    def call(self, kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray) -> None:
+        """Call the kernel; KeyboardInterrupt where `stop` has ended the run, as Ctrl-C in the main thread does."""
+        if self.scene.adaptive or run.plan.steps * self.scene.model.nv > INTERRUPTIBLE:
+            call_interruptibly(kernel, run, y, out)
+        else:
+            kernel(run, y, out)
+        if self.stop[0]:
+            raise KeyboardInterrupt
 
     def _check_alike(self, starts: Sequence[Start]) -> None:
         name = self.scene.model.name
@@ -201,7 +214,8 @@ class Prepared:
             stiff=scene.stiff,
         )
         work, good = scene.method.workspace(sizes, zeros), zeros(int(scene.layout["length"]))
-        return Run(constants, scene.places, self.plan, signals, work, good, self.channels)
+        frames = zeros(sizes.workspace) if sizes.floating and sizes.points else None
+        return Run(constants, scene.places, self.plan, signals, work, good, self.channels, frames, self.stop)
 
     def named(self, out: np.ndarray, course: Plan | None = None) -> dict[str, np.ndarray]:
         """Recorded numbers (samples, all) as channels in their natural shape; course: see `course`."""
@@ -237,6 +251,7 @@ def prepare(
         rtol = RTOL if rtol is None else rtol
         atol = rtol if atol is None else atol
         plan = plan._replace(rtol=rtol, atol=atol, least_step=LEAST_STEP, integrated=integrated)
+        plan = plan._replace(budget=BUDGET + BUDGET_RATE * plan.steps * plan.h)
     record = tuple(record)
     return Prepared(scene.pushed(pushes), plan, record, *_stored(scene, record))
 
@@ -276,9 +291,8 @@ def _plan(scene: CompiledScene, duration: float, sample: float | None) -> Plan:
     every = tick if sample is None else round(sample / h)
     if every < 1 or (sample is not None and abs(every * h - sample) > 1e-9 * sample):
         raise ValueError(f"sample is {sample!r} s; it must be a whole number of steps of {h:g} s")
-    fixed = scene.model.base == "fixed"
-    least, upright = (0.0, -2.0) if fixed else (scene.fall_height, scene.fall_upright)
-    return Plan(h, scene.method.theta, ticks * tick, tick, every, scene.lag, least, upright)
+    falls = scene.fall_height, scene.fall_upright, scene.upright
+    return Plan(h, scene.method.theta, ticks * tick, tick, every, scene.lag, *falls)
 
 
 def _stored(scene: CompiledScene, record: tuple[str, ...]) -> tuple[dict[str, slice], np.ndarray]:

@@ -19,6 +19,7 @@ STATUS = {
     rollout.FELL: "fell",
     rollout.DIVERGED: "diverged",
     rollout.TOO_SMALL: "step too small",
+    rollout.TOO_COSTLY: "too costly",
 }
 CHATTER_LIMIT = 0.05  # [rad/s or m/s]; see `worst_chatter` in core/step/state.py
 # A rule that rings about the right mean after an impact: the limit is the angle that this moves a joint to and fro,
@@ -63,11 +64,25 @@ def _failure(scene: CompiledScene, y: np.ndarray) -> tuple[str, str, float]:
     message = f"{name} {status} at {end:.4g} s"
     if code == rollout.TOO_SMALL:
         message = f"{name}: the tolerance asks for steps below {LEAST_STEP:g} s at {end:.4g} s"
+    if code == rollout.TOO_COSTLY:
+        message = _costly(scene, y, end)
     speeds = np.abs(y[slice(*scene.part("qd"))])
     if code == rollout.DIVERGED and len(speeds):
         joint = scene.model.joint_names[int(speeds.argmax())]
         message += f"; in the last sound state the fastest joint was {joint} at {speeds.max():.3g} rad/s or m/s"
     return status, message, end
+
+
+def _costly(scene: CompiledScene, y: np.ndarray, end: float) -> str:
+    """How dear the run was, and what is likely to limit its steps."""
+    taken, rejected = y[slice(*scene.part("pace"))][[pace.STEPS, pace.REJECTED]]
+    least, by = scene.preflight.worst, "kinks or fast motion limit them"
+    if least is not None:
+        by = f"{least.joint} limits explicit ones to {least.step:.2g} s by its {least.cause}"
+    return (
+        f"{scene.model.name}: {scene.integrator} took {taken + rejected:.0f} steps ({rejected:.0f} rejected) up to "
+        f"{end:.4g} s; {by}: raise rtol, or use implicit_euler or midpoint at a fixed step"
+    )
 
 
 def _beyond_stability(scene: CompiledScene) -> tuple[str, str] | None:

@@ -1,0 +1,45 @@
+"""Native runs that Ctrl-C ends.
+
+Python handles a signal in the main thread, between two of its own instructions: not before a kernel returns.  A kernel
+called from there runs in a thread of its own, which looks at `Run.stop`, while the main thread waits for it.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import numpy as np
+
+from ..core.compile.jit import compile_for
+from ..core.step.context import Run
+
+Kernel = Callable[[Run, np.ndarray, np.ndarray], None]
+PATIENCE = 0.1  # [s] between looks at signals that were delivered to another thread
+
+
+def call_interruptibly(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray) -> None:
+    """Call the kernel; in the main thread, what is raised meanwhile (KeyboardInterrupt) ends it within a step."""
+    if threading.current_thread() is not threading.main_thread():
+        return kernel(run, y, out)
+    compile_for(kernel, run, y, out)  # here, where Ctrl-C ends that too
+    failures: list[BaseException] = []
+
+    def work() -> None:
+        try:
+            kernel(run, y, out)
+        except BaseException as failure:
+            failures.append(failure)
+
+    thread = threading.Thread(target=work)
+    try:
+        thread.start()
+        while thread.is_alive():
+            thread.join(PATIENCE)
+    except BaseException:
+        run.stop[0] = 1
+        thread.join()
+        run.stop[0] = 0
+        raise
+    if failures:
+        raise failures[0]
