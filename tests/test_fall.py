@@ -20,7 +20,7 @@ CORNERS = [(x, y) for x in (-0.2, 0.2) for y in (-0.2, 0.2)]
 
 
 def lift(root):
-    """A foot of 1 kg that carries a load of 3 kg on a column of 0.8 m, which slides down; the root is either of both."""
+    """A foot of 1 kg that carries 3 kg on a column of 0.8 m, which slide down; the root is either of both."""
     foot, load = Link("foot", 1.0, (0.0, 0.0, 0.0), BALL), Link("load", 3.0, (0.0, 0.0, 0.0), BALL)
     contacts = tuple(ContactPoint("foot", (x, y, 0.0)) for x, y in CORNERS)
     down = root == "load"

@@ -211,7 +211,7 @@ def _row(problem: Problem, integrator: str, setting: float, exact: np.ndarray, o
         times += [run.once() for _ in range(3)]  # the first after a call of `simulate` finds cold caches
         calls.append(run.call())
     result = run.trajectory
-    failed = result.status in ("diverged", "fell", "step too small")
+    failed = result.status in ("diverged", "fell", "step too small", "too costly")
     errors = deviation(problem.model, positions(result), exact)
     if failed:
         errors = (math.inf, math.inf + errors[1])
