@@ -3,7 +3,7 @@
 Table 1 is the experiment of Lima et al. 2013, Figs. 7-10: a seven-joint arm holds the vertical for 20 s; variance of
 the lowest joint over the last 10 s, for each gearbox, integrator and step.  Table 2 is the same arm in space with the
 continuous servo tau = clip(-12.97 q - 0.374 dq/dt, +-1.5 N m), without rotor inertia: error after 0.5 s from 0.05 rad,
-and whether it settles from 0.5 rad, where the torque is clipped at first.  A run that settles may have chattered before:
+and whether it settles from 0.5 rad, where the torque is clipped at first.  One that settles may have chattered before:
 its status tells of the worst of all steps.
 """
 

@@ -24,22 +24,28 @@ def call_interruptibly(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray)
         return kernel(run, y, out)
     compile_for(kernel, run, y, out)  # here, where Ctrl-C ends that too
     failures: list[BaseException] = []
+    done = threading.Event()  # an interrupted join takes a thread for ended
 
     def work() -> None:
         try:
             kernel(run, y, out)
         except BaseException as failure:
             failures.append(failure)
+        finally:
+            done.set()
 
     thread = threading.Thread(target=work)
     try:
         thread.start()
-        while thread.is_alive():
-            thread.join(PATIENCE)
+        while not done.wait(PATIENCE):
+            pass
     except BaseException:
         run.stop[0] = 1
-        thread.join()
+        done.wait()
         run.stop[0] = 0
         raise
+    finally:
+        if done.is_set():
+            thread.join()
     if failures:
         raise failures[0]
