@@ -83,8 +83,8 @@ def test_what_a_kernel_raises_is_raised():
     ready = prepare(compile_scene(pendulum(), integrator="midpoint"), 0.1)
 
     def failing(run, y, out):
-        raise ValueError("no")
+        if run.plan.steps > 0:
+            raise ValueError("no")
 
-    failing.compile, failing.typeof_pyval = lambda types: None, lambda argument: None
     with pytest.raises(ValueError, match="no"):
         call_interruptibly(failing, *ready.arguments(ready.start()))

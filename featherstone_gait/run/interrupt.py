@@ -11,7 +11,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..core.compile.jit import compile_for
 from ..core.step.context import Run
 
 Kernel = Callable[[Run, np.ndarray, np.ndarray], None]
@@ -22,7 +21,7 @@ def call_interruptibly(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray)
     """Call the kernel; in the main thread, what is raised meanwhile (KeyboardInterrupt) ends it within a step."""
     if threading.current_thread() is not threading.main_thread():
         return kernel(run, y, out)
-    compile_for(kernel, run, y, out)  # here, where Ctrl-C ends that too
+    _compile(kernel, run, y, out)  # here, where Ctrl-C ends that too
     failures: list[BaseException] = []
     done = threading.Event()  # an interrupted join takes a thread for ended
 
@@ -49,3 +48,10 @@ def call_interruptibly(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray)
             thread.join()
     if failures:
         raise failures[0]
+
+
+def _compile(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray) -> None:
+    """Call the kernel for no step at all, which costs less than to ask whether it has been compiled for these types."""
+    kept = y.copy()
+    kernel(run._replace(plan=run.plan._replace(steps=0)), y, out[:1])
+    y[...] = kept

@@ -86,12 +86,6 @@ def entry(function):
     return dispatcher
 
 
-def compile_for(function, *arguments):
-    """Compile an `entry` for the types of these arguments, unless it has been."""
-    if JIT:
-        function.compile(tuple(function.typeof_pyval(argument) for argument in arguments))
-
-
 def _in_key(kind) -> bool:
     """Whether a type is made of classes of `core`, whose sources are the key of the cache.
 
