@@ -58,6 +58,7 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .robot_file import save_robot as save_robot
     from .run.simulate import Push as Push
     from .run.simulate import initial_state as initial_state
+    from .run.simulate import restarted as restarted
     from .run.simulate import simulate as simulate
     from .run.simulate import simulate_batch as simulate_batch
     from .run.simulate import standing_state as standing_state
@@ -122,7 +123,7 @@ _MODULES = {
         "save_robot",
     ),
     "build.scene": ("CompiledScene", "compile_scene"),
-    "run.simulate": ("Push", "initial_state", "simulate", "simulate_batch", "standing_state"),
+    "run.simulate": ("Push", "initial_state", "restarted", "simulate", "simulate_batch", "standing_state"),
     "shape": ("Box", "Capsule", "Cylinder", "Hull", "Mesh", "Shape", "Sphere"),
     "trajectory": ("Trajectory",),
 }

@@ -13,7 +13,7 @@ _sincos = getattr(elementary.sincos, "py_func", elementary.sincos)
 
 
 def sincos(x: float | np.ndarray) -> tuple[Any, Any]:
-    """Sine and cosine of an angle or of angles of any shape [rad]; NaN beyond SINCOS_LIMIT, some 2e5 rad."""
+    """Sine and cosine of an angle or of angles of any shape [rad]; NaN beyond SINCOS_LIMIT, some 1.7e9 rad."""
     if np.ndim(x) == 0:
         return _sincos(float(x))
     sine, cosine = _sincos(np.asarray(x, dtype=float))

@@ -22,7 +22,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from .core.compile.elementary import SINCOS_LIMIT
+from .core.compile.elementary import NEAR
 from .definite import indefinite_flaws
 from .fixed_order import applied, product
 from .flaws import Flaw, FlawError, listed
@@ -578,8 +578,8 @@ def check_angles(what: str, name: str, angles: Iterable[float]) -> None:
 
 def _angle_flaws(what: str, name: str, angles: Iterable[float]) -> Iterator[str]:
     for angle in angles:
-        if not abs(angle) <= SINCOS_LIMIT:
-            yield f"{what}: {name} is {angle!r} rad; at most {SINCOS_LIMIT:.0f} rad: subtract whole turns"
+        if not abs(angle) <= NEAR:
+            yield f"{what}: {name} is {angle!r} rad; at most {NEAR:.0f} rad: subtract whole turns"
 
 
 def _movable(by_name: dict[str, Joint], name: str, where: str) -> Joint:

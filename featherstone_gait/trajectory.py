@@ -27,7 +27,8 @@ class Trajectory(Mapping[str, np.ndarray]):
     status is "ok", "fell" or "diverged" (the run ended there, at `end_time`; later samples repeat the last sound
     state), "chatter" (velocities alternated from step to step: the step is too large for the integrator and the
     result is wrong, however bounded), "step too small" (error control asked for less than it may take, and the run
-    ended there) or "not converged" (an implicit step missed its tolerance,
+    ended there), "too costly" (error control has taken as many steps as it may, and the run ended there)
+    or "not converged" (an implicit step missed its tolerance,
     or rk4 went beyond its stability interval or into a stop that it does not resolve at that step).
     """
 
@@ -112,7 +113,7 @@ def with_error(run: Trajectory, finer: Trajectory, factor: float) -> Trajectory:
     kinks cost a higher method its order.  A tenth of the tolerance leaves a tenth of the error: 1.1.  Where the finer
     run ended otherwise, or the run failed, the error is infinite.
     """
-    failed = run.status in ("diverged", "step too small")
+    failed = run.status in ("diverged", "step too small", "too costly")
     same = not failed and run.status == finer.status and abs(run.end_time - finer.end_time) <= 0.02 * run.end_time
     error = {
         name: factor * np.abs(values - finer[name]) if same else np.full(values.shape, np.inf)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from featherstone_gait import elementary
-from featherstone_gait.core.compile.elementary import SINCOS_LIMIT, exp, sincos
+from featherstone_gait.core.compile.elementary import NEAR, SINCOS_LIMIT, exp, sincos
 from featherstone_gait.core.compile.jit import entry, kernel
 from featherstone_gait.core.compile.lanes import WIDTH, aligned, as_lanes
 
@@ -57,9 +57,9 @@ def largest_error(function, got, *arguments):
         return max(float(abs(float(g) - t) / math.ulp(float(t))) for g, t in zip(got, true))
 
 
-def near_multiples(divisor, count, rng):
+def near_multiples(divisor, count, rng, limit=SINCOS_LIMIT):
     """The float64 nearest to multiples of pi/divisor, small ones and all over the range."""
-    most = int(SINCOS_LIMIT / math.pi * divisor)
+    most = int(limit / math.pi * divisor)
     with mpmath.workprec(300):
         multiples = (*range(-count // 2, count // 2), *rng.integers(-most, most, count))
         return np.array([float(int(n) * mpmath.pi / divisor) for n in multiples])
@@ -70,8 +70,11 @@ SINCOS_SAMPLES = {
     "edge of the reduction": lambda rng: rng.uniform(0.7, 0.87, 4000),
     "joint angles": lambda rng: rng.uniform(-20.0, 20.0, 4000),
     "whole range": lambda rng: rng.uniform(-SINCOS_LIMIT, SINCOS_LIMIT, 4000),
+    "range of the short reduction": lambda rng: rng.uniform(-NEAR, NEAR, 4000),
+    "where the long one begins": lambda rng: NEAR * (1.0 + rng.uniform(-1e-9, 1e-9, 1000)),
     "multiples of pi/2": lambda rng: near_multiples(2, 2000, rng),
     "multiples of pi/4": lambda rng: near_multiples(4, 2000, rng),
+    "multiples of pi/2, short": lambda rng: near_multiples(2, 2000, rng, NEAR),
     "tiny": lambda rng: rng.choice([-1.0, 1.0], 1000) * np.exp(rng.uniform(-744.0, 0.0, 1000)),
     "limit": lambda rng: np.array([SINCOS_LIMIT, -SINCOS_LIMIT]),
 }
@@ -116,7 +119,7 @@ def digest():
     """Hash of the bits of all functions over a sample with special values: one for scalars, one for lanes."""
     rng = np.random.default_rng(6)
     special = np.append(SPECIAL, np.full(2 * WIDTH - len(SPECIAL), 3 * SMALLEST))
-    x = np.hstack([special, *(rng.uniform(-high, high, 50 * WIDTH) for high in (1.0, 30.0, 800.0, 2e5))])
+    x = np.hstack([special, *(rng.uniform(-high, high, 50 * WIDTH) for high in (1.0, 30.0, 800.0, 2e5, 4e5, 1e9))])
     scalars = evaluate(x)
     lanes = [aligned((*lead, x.size // WIDTH, WIDTH)) for lead in ((), (3,))]
     lanes[0][...] = x.reshape(-1, WIDTH)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import pendulum
 
 from featherstone_gait.build.preflight import coupled_limit, joint_limit
 from featherstone_gait.build.scene import compile_scene
@@ -38,6 +39,35 @@ def test_dry_friction_asks_for_implicit_steps():
     free = replace(load_robot("arm7"), servos={})
     dry = replace(free, joints=tuple(replace(joint, friction=1e-3, damping=0.0) for joint in free.joints))
     assert compile_scene(dry).integrator == "implicit_euler"
+
+
+@pytest.mark.nojit
+def test_stuck_friction_is_a_damper_that_limits_explicit_steps():
+    """10 N m up to 1e-3 rad/s on a rod of 1 kg and 0.5 m: 2 I / (F / 1e-3 rad/s)."""
+    check = compile_scene(pendulum(friction=10.0, damping=0.0)).preflight
+    limit = 2.0 * (0.25 / 3.0) / (10.0 / 1e-3)
+    assert (check.worst.joint, check.worst.cause) == ("hinge", "Coulomb friction")
+    assert check.worst.step == pytest.approx(limit, rel=1e-12)
+    assert check.folded_step == check.largest_explicit_step == pytest.approx(limit, rel=1e-12)
+    assert check.sliding_step == np.inf
+    assert "hinge: Coulomb friction" in check.reason
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("joint", [dict(friction=10.0), dict(damping=50.0), dict(damping=0.0)])
+def test_the_scene_chooses_the_integrator_and_not_the_step(joint):
+    chosen = {compile_scene(pendulum(**joint), timestep=h).integrator for h in (None, 1e-2, 1e-3, 1e-4, 1e-6)}
+    assert chosen == {"dop853" if joint == dict(damping=0.0) else "implicit_euler"}
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize(("joint", "taken"), [(dict(friction=1.0), "extrapolation"), (dict(damping=0.0), "dop853")])
+def test_another_integrator_than_asked_for_is_said(joint, taken):
+    scene = compile_scene(pendulum(**joint), integrator="midpoint")
+    info = simulate(scene, 0.01, rtol=1e-3).info
+    assert info["integrator"] == taken
+    assert info["reason"].startswith(f"{taken} in place of midpoint (as asked for): rtol asks for error control")
+    assert simulate(scene, 0.01).info["reason"] == "as asked for"
 
 
 def test_what_cannot_move_is_no_scene():

@@ -189,6 +189,34 @@ def test_rk4_beyond_the_limit_says_so():
     assert simulate(scene, 0.02).status == "not converged"
 
 
+@pytest.mark.nojit
+@pytest.mark.parametrize(("stiffness", "damping"), [(K, 0.0), (0.0, 30.0)])
+@pytest.mark.parametrize(("integrator", "factor"), [("implicit_euler", 1.0), ("midpoint", 0.5)])
+def test_an_implicit_step_beyond_the_springs_limit_says_so_and_names_the_spring(integrator, factor, stiffness, damping):
+    spring = Spring("a", "b", STILL, STILL, stiffness, damping, REST)
+    limit = compile_scene(pair(REST), gravity=STILL, springs=[spring]).preflight.spring_step
+    run = [
+        simulate(compile_scene(pair(REST), None, None, integrator, h, STILL, springs=[spring]), 3.0 * h)
+        for h in (0.99 * factor * limit, 1.01 * factor * limit)
+    ]
+    assert [r.status for r in run] == ["ok", "not converged"]
+    assert "by the spring a - b" in run[1].message
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4"])
+def test_springs_limit_a_fixed_step_that_is_chosen(integrator):
+    """A tie of 1e6 N/m between 1 and 3 kg has a period of 5.4 ms."""
+    spring = Spring("a", "b", STILL, STILL, 1e6, 0.0, REST)
+    scene = compile_scene(pair(REST), integrator=integrator, gravity=STILL, springs=[spring])
+    assert scene.timestep == 2.5e-4
+    assert scene.preflight.reason.endswith("springs between bodies limit any fixed step to 0.0017 s: 0.00025 s chosen")
+    start = initial_state(scene, [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1e-3])
+    run = simulate(scene, 0.05, start, sample=scene.timestep)
+    assert run.ok
+    assert np.abs(run["q"][:, 0]).max() < 1.1e-3
+
+
 # --- bits --------------------------------------------------------------------------------------------------------
 
 

@@ -3,7 +3,8 @@
 Table 1 is the experiment of Lima et al. 2013, Figs. 7-10: a seven-joint arm holds the vertical for 20 s; variance of
 the lowest joint over the last 10 s, for each gearbox, integrator and step.  Table 2 is the same arm in space with the
 continuous servo tau = clip(-12.97 q - 0.374 dq/dt, +-1.5 N m), without rotor inertia: error after 0.5 s from 0.05 rad,
-and whether it settles from 0.5 rad, where the torque is clipped at first.
+and whether it settles from 0.5 rad, where the torque is clipped at first.  One that settles may have chattered before:
+its status tells of the worst of all steps.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ class PdRow(NamedTuple):
     step: float  # [s]
     error: float  # largest joint error at 0.5 s from 0.05 rad [rad]
     cost: float  # CPU time per simulated second [ms]
-    settles: str  # from 0.5 rad within 4 s, and the status where it is not ok
+    settles: str  # from 0.5 rad within 4 s, and the status of the whole run where it is not ok
 
 
 def run(out_dir: Path, full: bool = False) -> tuple[list[ArmRow], list[PdRow]]:

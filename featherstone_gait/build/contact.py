@@ -9,11 +9,11 @@ import numpy as np
 from ..core.effects.contact import POINT, Contact
 from ..core.effects.ground import GRID, PLANE, RISE, Field, Plane, facets
 from ..core.effects.touch import DISC, FLATNESS, Discs, Spheres
-from ..dynamics import contact_positions, deepest_points, forward_kinematics
+from ..dynamics import center_of_mass, deepest_points, forward_kinematics
 from ..elementary import sincos
 from ..fixed_order import applied
 from ..model import ContactPoint, Ground, HeightField, Model
-from ..rotation import dot
+from ..rotation import dot, rotation_from_quaternion
 from .records import fill, records
 from .tree import Tree
 
@@ -158,8 +158,32 @@ def _height_on_field(model: Model, ground: Ground, q: np.ndarray) -> float:
     return float(q[2])
 
 
-def fallen_height(model: Model, fraction: float) -> float:
-    """Height of the base over the ground [m] below which the robot lies: a fraction of its own in the zero posture."""
+STANDING = ("stand", "standing", "home")  # keyframes in which a robot stands
+
+
+def standing_posture(model: Model) -> tuple[float, tuple[float, float, float]]:
+    """Height of the centre of mass over the lowest contact [m], and what points up in the root's frame (3,).
+
+    Of the keyframe "stand", "standing" or "home", else of the zero posture.  There the root's z points up, unless
+    contacts are as high along it as the centre of mass, and another axis of the root has all of them below.
+    """
+    for name in STANDING:
+        if name in model.keyframes:
+            q = np.array(model.keyframes[name])
+            up = rotation_from_quaternion(q[3:7])[2]
+            q[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
+            return _height_along(model, q, up), (float(up[0]), float(up[1]), float(up[2]))
     q = np.zeros(model.nq)
     q[3] = 1.0
-    return -fraction * min(x[2] for x in contact_positions(model, q))
+    axes = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, -1.0, 0.0), (-1.0, 0.0, 0.0))
+    heights = [_height_along(model, q, np.array(axis), highest=True) for axis in axes]
+    under = [axis for axis, height in zip(axes, heights) if height > 0.0]
+    up = axes[0] if axes[0] in under or len(under) != 1 else under[0]
+    return _height_along(model, q, np.array(up)), up
+
+
+def _height_along(model: Model, q: np.ndarray, up: np.ndarray, highest: bool = False) -> float:
+    """How far the centre of mass is over the lowest contact, or over the highest one, along `up` [m]."""
+    center = dot(up, center_of_mass(model, q))
+    contacts = [dot(up, x) for x in deepest_points(model, forward_kinematics(model, q), up)]
+    return center - (max(contacts) if highest else min(contacts))

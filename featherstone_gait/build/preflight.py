@@ -7,6 +7,8 @@ joint alone the inertia is what it feels when all others are free, 1 / (M^-1)_ii
 Springs between bodies enter with the length that changes along them in place of a joint's angle: of joints and springs
 together, whose rates are J v, the mobility is J M^-1 J'.  Left out are that a stretched spring resists turning, and
 springs whose points coincide at zero, where they have no direction.
+
+Dry friction is a damper F / STICK_SPEED as long as a joint sticks, and none while it slides.
 """
 
 from __future__ import annotations
@@ -25,6 +27,9 @@ from ..model import Ground, Model, Spring
 from ..rotation import cross, dot
 from .actuator import Drive
 from .friction import sticks
+
+STIFF = 5e-3  # [s]; explicit limit below which a scene is for implicit steps
+RESOLVED = 0.25  # share of the springs' limit that a chosen step takes: 12 steps a period
 
 
 class Limit(NamedTuple):
@@ -45,6 +50,13 @@ class Preflight(NamedTuple):
     inertias: tuple[float, ...]  # that each joint feels [kg m^2 or kg]
     largest_explicit_step: float  # of all joints, springs and contacts together [s]
     folded_step: float  # without the springs, which no implicit step takes in [s]
+    sliding_step: float  # of all together as long as no dry friction sticks [s]
+    spring_step: float  # of the springs between bodies alone, whatever the integrator [s]
+
+    @property
+    def worst(self) -> Limit | None:
+        """What limits an explicit step the most, None if nothing does."""
+        return worst(self.limits)
 
 
 class _Acting(NamedTuple):
@@ -54,6 +66,15 @@ class _Acting(NamedTuple):
     dampers: dict[str, np.ndarray]
     springs: dict[str, np.ndarray]
     mobility: np.ndarray | float  # that rotors add to what acts through a gear [1/(kg m^2)]
+
+
+class _Steps(NamedTuple):
+    """The last four of `Preflight`."""
+
+    largest: float
+    folded: float
+    sliding: float
+    springs: float
 
 
 def preflight(
@@ -76,17 +97,41 @@ def preflight(
     joints, ends = _on_joints(model, drive, rubbing), _between_bodies(springs, table)
     limits = _each(joints, np.diag(mobility)[:n]) + _each(ends, np.diag(mobility)[n:])
     mobility[:n, :n] += np.diag(np.broadcast_to(joints.mobility, n))
-    dampers = [*_sum(joints.dampers, n), *_sum(ends.dampers, len(springs))]
-    stiff = [*_sum(joints.springs, n), *_sum(ends.springs, len(springs))]
+    dampers = np.array([*_sum(joints.dampers, n), *_sum(ends.dampers, len(springs))])
+    stiff = np.array([*_sum(joints.springs, n), *_sum(ends.springs, len(springs))])
     _check_size(model, [*joints.names, *ends.names], mobility, np.maximum(dampers, stiff))
-    folded = coupled_limit(mobility[:n, :n], np.array(dampers[:n]), np.array(stiff[:n]))
-    largest = coupled_limit(mobility, np.array(dampers), np.array(stiff))
+    steps = _together(mobility, dampers, stiff, _dry(joints, dampers), n)
     if ground is not None:
         limits.append(Limit("contact", float(contact.explicit_limit(ground.sinking, g)), "contact spring"))
-        folded, largest = min(folded, limits[-1].step), min(largest, limits[-1].step)
+        largest, folded, sliding = (min(step, limits[-1].step) for step in steps[:3])
+        steps = _Steps(largest, folded, sliding, steps.springs)
     clipped = drive.actuator is not None or ground is not None or sticks(rubbing)
-    integrator, step, reason = _choice(*wish, clipped, folded, largest)
-    return Preflight(tuple(limits), integrator, step, reason, inertias, largest, folded)
+    integrator, step, reason = _choice(*wish, clipped, steps, limits)
+    return Preflight(tuple(limits), integrator, step, reason, inertias, *steps)
+
+
+def _dry(joints: _Acting, dampers: np.ndarray) -> np.ndarray:
+    """Of the dampers what dry friction is while it sticks."""
+    dry = np.zeros(len(dampers))
+    dry[: len(joints.names)] = joints.dampers.get(friction.DRY, 0.0)
+    return dry
+
+
+def _together(mobility: np.ndarray, dampers: np.ndarray, stiff: np.ndarray, dry: np.ndarray, n: int) -> _Steps:
+    """Limits of n joints and the springs; eigenvalues cost, so nothing is worked out twice."""
+    largest = folded = coupled_limit(mobility, dampers, stiff)
+    springs = math.inf
+    if len(dampers) > n:
+        folded = coupled_limit(mobility[:n, :n], dampers[:n], stiff[:n])
+        springs = coupled_limit(mobility[n:, n:], dampers[n:], stiff[n:])
+    sliding = coupled_limit(mobility, dampers - dry, stiff) if dry.any() else largest
+    return _Steps(largest, folded, sliding, springs)
+
+
+def worst(limits: Sequence[Limit]) -> Limit | None:
+    """The smallest of the limits, None if nothing limits a step."""
+    least = min(limits, key=lambda limit: limit.step, default=None)
+    return least if least is not None and least.step < math.inf else None
 
 
 def _check_size(model: Model, names: list[str], mobility: np.ndarray, acting: np.ndarray) -> None:
@@ -103,23 +148,32 @@ def _check_size(model: Model, names: list[str], mobility: np.ndarray, acting: np
 
 
 def _choice(
-    name: str | None, timestep: float | None, clipped: bool, folded: float, largest: float
+    name: str | None, timestep: float | None, clipped: bool, steps: _Steps, limits: Sequence[Limit]
 ) -> tuple[str, float, str]:
     """Integrator, step [s] and the reason for both; clipped: servos, ground or dry friction make kinks."""
-    step = timestep if timestep is not None else (1e-3 if clipped else 5e-4)
-    if not 0 < step < math.inf:
+    if timestep is not None and not 0 < timestep < math.inf:
         raise ValueError(f"timestep is {timestep!r} s; it must be positive and finite")
-    if name is not None:
-        if name not in INTEGRATORS:
-            raise ValueError(f"integrator {name!r}; use one of {', '.join(INTEGRATORS)}")
-        return name, step, "as asked for"
-    if clipped or folded < 10 * step:
-        reason = f"an explicit step is limited to {largest:.2g} s, or clips and friction make kinks"
-        return "implicit_euler", step, reason
-    reason = "nothing is stiff: order 8"
-    if largest < 10 * step:
-        reason = f"springs between bodies limit any step to some {largest:.2g} s: order 8 finds its own"
-    return "dop853", step, reason
+    if name is not None and name not in INTEGRATORS:
+        raise ValueError(f"integrator {name!r}; use one of {', '.join(INTEGRATORS)}")
+    chosen, reason = (name, "as asked for") if name is not None else _integrator(clipped, steps, limits)
+    if timestep is not None:
+        return chosen, timestep, reason
+    step = 1e-3 if clipped else 5e-4
+    parts = 1 if INTEGRATORS[chosen].adaptive else math.ceil(step / (RESOLVED * steps.springs))
+    if parts > 1:
+        reason += f"; springs between bodies limit any fixed step to {steps.springs:.2g} s: {step / parts:.2g} s chosen"
+    return chosen, step / max(1, parts), reason
+
+
+def _integrator(clipped: bool, steps: _Steps, limits: Sequence[Limit]) -> tuple[str, str]:
+    """Integrator and the reason; the scene decides, never the step that is asked for."""
+    least = worst(limits)
+    by = f" ({least.joint}: {least.cause})" if least else ""
+    if clipped or steps.folded < STIFF:
+        return "implicit_euler", f"an explicit step is limited to {steps.largest:.2g} s{by}, or clips make kinks"
+    if steps.largest < STIFF:
+        return "dop853", f"springs between bodies limit any step to {steps.springs:.2g} s{by}: order 8 finds its own"
+    return "dop853", "nothing is stiff: order 8"
 
 
 def _on_joints(model: Model, drive: Drive, rubbing: np.recarray | None) -> _Acting:

@@ -19,15 +19,14 @@ from ..elementary import sincos
 from ..model import Ground, Model, Spring, check_springs
 from ..rotation import dot
 from .actuator import Drive, ServoKind, build_decay, build_drive, controller_period, fold_springs
-from .contact import build_contact, fallen_height
+from .contact import build_contact, standing_posture
 from .external import Push, build_pushes, build_springs
 from .friction import build_friction, sticks
-from .preflight import Preflight, preflight
+from .preflight import STIFF, Preflight, preflight
 from .stop import build_stops
 from .tree import GRAVITY, Tree, compile_tree
 
 NO_SERVO_TICK = 1e-2  # [s] between the checks of a scene without sampled controllers
-STIFF = 5e-3  # [s]; explicit limit below which extrapolation takes implicit steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +45,9 @@ class CompiledScene:
     ground: Ground | None
     springs: tuple[Spring, ...]
     preflight: Preflight
-    fall_height: float  # [m]
+    fall_height: float  # of the centre of mass over the ground [m]
     fall_upright: float  # cosine
+    upright: tuple[float, float, float]  # what points up in the frame of a root that is not tilted
     stiff: bool  # something that an implicit step takes in limits explicit steps to less than `STIFF`
     arguments: dict  # of `compile_scene`, after the model
     compiled: Scene  # the constants as compiled, to tell which were put in by hand
@@ -72,7 +72,14 @@ class CompiledScene:
                 "estimate_error"
             )
         scene = compile_scene(self.model, **(self.arguments | changes))
-        return replace(scene, constants=scene.constants._replace(push=self.constants.push))
+        check = scene.preflight if "integrator" in changes else scene.preflight._replace(reason=self.preflight.reason)
+        return replace(scene, preflight=check, constants=scene.constants._replace(push=self.constants.push))
+
+    def in_place(self, integrator: str, why: str) -> CompiledScene:
+        """The scene with another integrator than the one compiled for, which its preflight's reason says."""
+        scene = self.recompiled(integrator=integrator)
+        reason = f"{integrator} in place of {self.integrator} ({self.preflight.reason}): {why}"
+        return replace(scene, preflight=scene.preflight._replace(reason=reason))
 
     @property
     def integrator(self) -> str:
@@ -144,8 +151,10 @@ def compile_scene(
     timestep : [s]; must divide the controllers' period; None chooses.  Of the latter two the grid of ticks and records
     gravity : (3,) [m/s^2], world axes.  Ground is as stiff as the robot's weight under it asks for
     springs : between points of two links.  All integrators take them explicitly: stiff ones are for "dop853"
-    fall_height, fall_tilt : a floating robot over ground has fallen below this fraction of its standing height, or
-        tilted by more than this [rad]
+    fall_height, fall_tilt : a floating robot over ground has fallen when its centre of mass is lower than this fraction
+        of its standing height (negative: never), or its root tilted by more than this [rad] (pi: never).  It stands as
+        in its keyframe "stand", "standing" or "home", or else at zero, with the root's z, or the one axis of the root
+        along which all contacts are below the centre of mass, upright
 
     Raises ValueError on servos that the model does not have, on steps that do not fit, and on ground without gravity.
     """
@@ -188,6 +197,7 @@ def compile_scene(
         coupling=tree.coupling,
     )
     falls = tree.floating and ground is not None
+    height, upright = standing_posture(model) if falls else (0.0, (0.0, 0.0, 1.0))
     limited = check.folded_step < STIFF or sticks(constants.friction)
     return CompiledScene(
         model=model,
@@ -202,8 +212,9 @@ def compile_scene(
         ground=ground,
         springs=tuple(springs),
         preflight=check,
-        fall_height=fallen_height(model, fall_height) if falls else -math.inf,
+        fall_height=fall_height * height if falls and fall_height >= 0.0 else -math.inf,
         fall_upright=sincos(fall_tilt)[1] if falls and fall_tilt < math.pi else -2.0,
+        upright=upright,
         stiff=drive.sampled or ground is not None or limited,
         arguments={
             "servos": servos,

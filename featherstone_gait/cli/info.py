@@ -126,9 +126,8 @@ def _contact_table(model: Model) -> list[str]:
 
 def _preflight_lines(scene: CompiledScene) -> list[str]:
     check, servos = scene.preflight, f"{scene.servos} servos" if scene.servos else "no servos"
-    worst = min(check.limits, key=lambda limit: limit.step, default=None)
-    limited = "nothing limits an explicit step"
-    if worst is not None and worst.step < math.inf:
+    worst, limited = check.worst, "nothing limits an explicit step"
+    if worst is not None:
         alone = f"{worst.joint} alone {1e3 * worst.step:.3g} ms, by its {worst.cause}"
         limited = f"explicit steps up to {1e3 * check.largest_explicit_step:.3g} ms, all joints together ({alone})"
     where = "on the ground" if scene.ground else "without ground"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import Any
 
@@ -56,10 +56,20 @@ def drive_lanes(ready: Prepared, source: Source, begin: Callable[[Any], Start], 
     if threads == 1:
         counts = [work()]
     else:
-        with ThreadPoolExecutor(threads) as pool:
-            counts = list(pool.map(work, range(threads)))
+        counts = _over_threads(ready, work, range(threads), threads)
     used, there = np.sum(counts, axis=0)
     return float(used / max(there, 1))
+
+
+def _over_threads(ready: Prepared, work: Callable[[Any], Any], items: Iterable[Any], threads: int) -> list[Any]:
+    """`work` of each item; what is raised here, by Ctrl-C too, ends all runs within a step."""
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            return list(pool.map(work, items))
+        except BaseException:
+            ready.stop[0] = 1
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def _run_grouped(ready: Prepared, starts: list[Start], executor: Executor | None) -> list[Result]:
@@ -68,8 +78,7 @@ def _run_grouped(ready: Prepared, starts: list[Start], executor: Executor | None
     work = functools.partial(_run_group, ready)
     batches = [[starts[i] for i in group] for group in groups]
     if executor is None and len(groups) > 1:
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            done = list(pool.map(work, batches))
+        done = _over_threads(ready, work, batches, os.cpu_count() or 1)
     else:
         done = list((executor.map if executor else map)(work, batches))
     results: list = [None] * len(starts)
@@ -84,8 +93,7 @@ def _groups(scene: CompiledScene, starts: list[Start], refills: bool) -> list[li
     alike: dict[tuple, list[int]] = {}
     for i, start in enumerate(starts):
         key = () if refills else tuple(k and (k.times.tobytes(), k.period) for k in (start.reference, start.torques))
-        if scene.adaptive:
-            key = (i,)
+        key = (i,) if scene.adaptive else (*key, start.y[scene.layout["end"]])
         alike.setdefault(key, []).append(i)
     size = BATCH if refills else WIDTH
     groups = []

@@ -18,7 +18,7 @@ import numpy as np
 from ..core.compile.lanes import WIDTH, aligned
 from ..core.integrate.rollout import OK, rollout_lanes
 from ..core.step.context import Plan
-from ..core.step.signals import Knots, Signals, sample_ticks
+from ..core.step.signals import Signals, sample_ticks
 from .prepared import Prepared, Start, lane_zeros
 
 SEGMENT = 25  # ticks between changes of the runs: 0.25 s at the usual 10 ms
@@ -69,6 +69,7 @@ class _Occupant:
 
     key: Any
     start: Start
+    course: Plan
     done: int  # steps
     out: np.ndarray  # its records (samples, channels)
 
@@ -93,7 +94,7 @@ def run_lanes(
     """
     course, channels = ready.plan, ready.channels
     n, layout = ready.scene.tree.n, ready.scene.layout
-    status, end_time = int(layout["status"]), int(layout["end"])
+    status = int(layout["status"])
     whole = ready.bound(Signals(None, lane_zeros((n, 2)), None, None, None, None, None, None), lane_zeros)
     y = lane_zeros(len(whole.good))
     lanes: list[_Occupant | None] = [None] * WIDTH
@@ -111,17 +112,17 @@ def run_lanes(
             if held is None:  # an idle lane repeats a busy one
                 other, held = busy[0]
                 y[:, lane], whole.good[:, lane] = y[:, other], whole.good[:, other]
-            _sample(held.start.reference, held.done, course, ticks, lane)
+            _sample(held, ticks, lane)
             _sample_noise(held.start.noise, held.done // course.per_tick, noise, lane)
         signals = whole.signals._replace(samples=ticks, noise=noise)
-        rollout_lanes(whole._replace(plan=course._replace(steps=steps), signals=signals), y, out)
+        ready.call(rollout_lanes, whole._replace(plan=course._replace(steps=steps), signals=signals), y, out)
         there += steps * WIDTH
         used += steps * len(busy)
         for lane, held in busy:
             first = held.done // course.per_sample
             held.out[first : first + len(out)] = out[:, : len(channels), lane]
             if y[status, lane] != OK or held.done + steps == course.steps:
-                source.give(held.key, end(*_ended(end_time, course, held, y[:, lane], first + len(out))))
+                source.give(held.key, end(*_ended(layout, held, y[:, lane], first + len(out))))
                 lanes[lane] = None
             held.done += steps
     return used, there
@@ -146,14 +147,14 @@ def _fill(
             break
         start = begin(key)
         y[:, lane] = good[:, lane] = start.y
-        lanes[lane] = _Occupant(key, start, 0, np.zeros((ready.samples, len(ready.channels))))
+        lanes[lane] = _Occupant(key, start, ready.course(start), 0, np.zeros((ready.samples, len(ready.channels))))
     return lanes.count(None) < WIDTH
 
 
-def _sample(reference: Knots, done: int, course: Plan, ticks: np.ndarray, lane: int) -> None:
+def _sample(held: _Occupant, ticks: np.ndarray, lane: int) -> None:
     """What the controllers of one lane see in the coming segment."""
     values = np.empty(ticks.shape[:3])
-    sample_ticks(reference, course.per_tick, course.h, course.lag, done // course.per_tick, values)
+    sample_ticks(held.start.reference, held.course, held.done, values)
     ticks[..., lane] = values
 
 
@@ -164,12 +165,10 @@ def _sample_noise(whole: np.ndarray | None, first: int, noise: np.ndarray | None
         noise[: len(part), ..., lane] = part
 
 
-def _ended(time: int, course: Plan, held: _Occupant, y: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
-    """Final state and records of a run that has ended; the records after the end repeat the last one.
-
-    time: where in the state the end of the run stands.
-    """
-    y = y.copy()
-    y[time] = (held.done + round(y[time] / course.h)) * course.h
+def _ended(layout: np.void, held: _Occupant, y: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
+    """Final state and records of a run that has ended; the records after the end repeat the last one."""
+    y, time, course = y.copy(), int(layout["end"]), held.course
+    if held.start.y[layout["status"]] == OK:  # the time of its last segment, to which what was before is added
+        y[time] = course.offset + (course.first + held.done + round(y[time] / course.h)) * course.h
     held.out[samples:] = held.out[samples - 1]
     return y, held.out

@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -34,12 +34,15 @@ from ..core.step.context import Plan, Run
 from ..core.step.signals import Knots, Signals
 from ..reference import Reference
 from ..trajectory import Trajectory
+from .interrupt import Kernel, call_interruptibly
 from .start import checked_vector, initial_state
 
 Zeros = Callable[[int | tuple[int, ...]], np.ndarray]
 
 RTOL = 1e-8  # of integrators with error control
 LEAST_STEP = 1e-9  # of error control [s]
+BUDGET, BUDGET_RATE = 2e6, 2e4  # of its steps, with those rejected: minutes of computing, and as many a second more
+INTERRUPTIBLE = 3e5  # steps by velocities: some 0.1 s of computing, from which on a run looks for Ctrl-C
 OF_MODEL = {"clearance": clearance_channel}  # computed channels that take the robot too
 
 
@@ -61,6 +64,7 @@ class Prepared:
     record: tuple[str, ...]
     stored: dict[str, slice]  # where each channel lies among the recorded numbers
     channels: np.ndarray  # indices into the state of all recorded numbers
+    stop: np.ndarray = field(default_factory=lambda: np.zeros(1, np.int64))  # (1,): not 0 ends all its runs
 
     def start(
         self,
@@ -109,13 +113,26 @@ class Prepared:
             raise ValueError(f"{scene.model.name}: noise must be {shape} finite numbers; its shape is {noise.shape}")
         return noise
 
+    def course(self, start: Start) -> Plan:
+        """The plan of a run from `start`, at the time to which its state has come: 0 of a new one.
+
+        Raises ValueError for a time that is none.
+        """
+        h, begun = self.plan.h, float(start.y[self.scene.layout["end"]])
+        if not 0.0 <= begun < 2.0**52 * h:
+            raise ValueError(f"state: its time is {begun!r} s; expected >= 0 and less than 2^52 steps: see `restarted`")
+        first = round(begun / h)
+        if abs(first * h - begun) > 1e-6 * h:
+            return self.plan._replace(offset=begun)
+        return self.plan._replace(first=first)
+
     @property
     def samples(self) -> int:
         """Records of a run."""
         return self.plan.steps // self.plan.per_sample + 1
 
     @property
-    def kernel(self) -> Callable[[Run, np.ndarray, np.ndarray], None]:
+    def kernel(self) -> Kernel:
         """What `arguments` of one run are for."""
         return rollout_adaptive if self.scene.adaptive else rollout_one
 
@@ -123,10 +140,10 @@ class Prepared:
         """What the kernel takes for one run: the run, its state, which moves on, and its records."""
         signals = self.signals(start.reference, start.torques, np.zeros)._replace(noise=start.noise)
         out = np.zeros((self.samples, len(self.channels))) if out is None else out
-        return self.bound(signals, np.zeros), start.y.copy(), out
+        return self.bound(signals, np.zeros)._replace(plan=self.course(start)), start.y.copy(), out
 
     def arguments_in_lanes(self, starts: Sequence[Start]) -> tuple[Run, np.ndarray, np.ndarray]:
-        """What `rollout_lanes` takes for up to eight runs whose signals have the same knot times."""
+        """What `rollout_lanes` takes for up to eight runs of the same time whose signals have the same knot times."""
         starts = [*starts, *[starts[-1]] * (WIDTH - len(starts))]
         y, out = aligned((len(starts[0].y), WIDTH)), aligned((self.samples, max(len(self.channels), 1), WIDTH))
         y[:] = np.stack([start.y for start in starts], axis=-1)
@@ -137,21 +154,31 @@ class Prepared:
             noise = aligned((*noises[0].shape, WIDTH))
             noise[:] = np.stack(noises, axis=-1)
             signals = signals._replace(noise=noise)
-        return self.bound(signals, lane_zeros), y, out
+        return self.bound(signals, lane_zeros)._replace(plan=self.course(starts[0])), y, out
 
     def run(self, starts: Sequence[Start]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Final state and records of up to eight runs, of more than one in step.
 
-        Raises ValueError unless they can be: fixed steps, signals of the same knot times, noise for all or none.
+        Raises ValueError unless they can be: fixed steps, signals of the same knot times, states of the same time,
+        noise for all or none.
         """
         if len(starts) == 1:
             run, y, out = self.arguments(starts[0])
-            self.kernel(run, y, out)
+            self.call(self.kernel, run, y, out)
             return [(y, out)]
         self._check_alike(starts)
         run, y, out = self.arguments_in_lanes(starts)
-        rollout_lanes(run, y, out)
+        self.call(rollout_lanes, run, y, out)
         return [(y[:, k].copy(), out[:, : len(self.channels), k].copy()) for k in range(len(starts))]
+
+    def call(self, kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray) -> None:
+        """Call the kernel; KeyboardInterrupt where `stop` has ended the run, as Ctrl-C in the main thread does."""
+        if self.scene.adaptive or run.plan.steps * self.scene.model.nv > INTERRUPTIBLE:
+            call_interruptibly(kernel, run, y, out)
+        else:
+            kernel(run, y, out)
+        if self.stop[0]:
+            raise KeyboardInterrupt
 
     def _check_alike(self, starts: Sequence[Start]) -> None:
         name = self.scene.model.name
@@ -163,6 +190,8 @@ class Prepared:
             same = (first is None) == (other is None)
             if not same or (first is not None and not _same_times(first, other)):
                 raise ValueError(f"{name}: signals of other knot times do not go in step; run them one by one")
+        if len({start.y[self.scene.layout["end"]] for start in starts}) > 1:
+            raise ValueError(f"{name}: states of other times do not go in step; run them one by one")
 
     def signals(self, reference: Knots | None, torques: Knots | None, zeros: Zeros) -> Signals:
         """What comes from outside; zeros(shape) makes the arrays for its present values."""
@@ -185,11 +214,12 @@ class Prepared:
             stiff=scene.stiff,
         )
         work, good = scene.method.workspace(sizes, zeros), zeros(int(scene.layout["length"]))
-        return Run(constants, scene.places, self.plan, signals, work, good, self.channels)
+        frames = zeros(sizes.workspace) if sizes.floating and sizes.points else None
+        return Run(constants, scene.places, self.plan, signals, work, good, self.channels, frames, self.stop)
 
-    def named(self, out: np.ndarray) -> dict[str, np.ndarray]:
-        """Recorded numbers (samples, all) as channels in their natural shape."""
-        found = {"time": np.arange(len(out)) * (self.plan.per_sample * self.plan.h)}
+    def named(self, out: np.ndarray, course: Plan | None = None) -> dict[str, np.ndarray]:
+        """Recorded numbers (samples, all) as channels in their natural shape; course: see `course`."""
+        found = {"time": _times(self.plan if course is None else course, len(out))}
         for name in self.record:
             channel = state.BY_NAME[name]
             if channel.kind != "computed":
@@ -221,6 +251,7 @@ def prepare(
         rtol = RTOL if rtol is None else rtol
         atol = rtol if atol is None else atol
         plan = plan._replace(rtol=rtol, atol=atol, least_step=LEAST_STEP, integrated=integrated)
+        plan = plan._replace(budget=BUDGET + BUDGET_RATE * plan.steps * plan.h)
     record = tuple(record)
     return Prepared(scene.pushed(pushes), plan, record, *_stored(scene, record))
 
@@ -243,7 +274,8 @@ def with_tolerance(
                 f"{scene.integrator} is an order of updates at a fixed step, not a differential equation; "
                 "without rtol and atol"
             )
-        scene = scene.recompiled(integrator="extrapolation" if scene.stiff else "dop853")
+        taken, so = ("extrapolation", "something is") if scene.stiff else ("dop853", "nothing is")
+        scene = scene.in_place(taken, f"rtol asks for error control, and {so} stiff, sampled or on the ground")
     if not scene.adaptive:
         return scene, None, None
     rtol = RTOL if rtol is None else rtol
@@ -259,9 +291,8 @@ def _plan(scene: CompiledScene, duration: float, sample: float | None) -> Plan:
     every = tick if sample is None else round(sample / h)
     if every < 1 or (sample is not None and abs(every * h - sample) > 1e-9 * sample):
         raise ValueError(f"sample is {sample!r} s; it must be a whole number of steps of {h:g} s")
-    fixed = scene.model.base == "fixed"
-    least, upright = (0.0, -2.0) if fixed else (scene.fall_height, scene.fall_upright)
-    return Plan(h, scene.method.theta, ticks * tick, tick, every, scene.lag, least, upright)
+    falls = scene.fall_height, scene.fall_upright, scene.upright
+    return Plan(h, scene.method.theta, ticks * tick, tick, every, scene.lag, *falls)
 
 
 def _stored(scene: CompiledScene, record: tuple[str, ...]) -> tuple[dict[str, slice], np.ndarray]:
@@ -282,6 +313,12 @@ def _stored(scene: CompiledScene, record: tuple[str, ...]) -> tuple[dict[str, sl
             slices[stored] = slice(len(indices), len(indices) + len(places))
             indices.extend(places)
     return slices, np.array(indices, dtype=np.int64)
+
+
+def _times(course: Plan, count: int) -> np.ndarray:
+    """Of the records [s]: bits do not depend on the pieces that a run is cut into between records."""
+    samples, steps = divmod(course.first, course.per_sample)
+    return course.offset + steps * course.h + (samples + np.arange(count)) * (course.per_sample * course.h)
 
 
 def with_steps(ready: Prepared, steps: int, per_sample: int) -> Prepared:

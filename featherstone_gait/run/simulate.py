@@ -28,10 +28,12 @@ from ..trajectory import Trajectory, with_error
 from .batch import drive_lanes, run_all, streams
 from .lane_engine import Source
 from .prepared import Start, prepare, with_tolerance
-from .start import initial_state, standing_state
+from .start import initial_state, restarted, standing_state
 from .verdict import trajectory
 
-__all__ = ["PARTS", "Push", "initial_state", "simulate", "simulate_batch", "simulate_stream", "standing_state"]
+__all__ = [
+    "PARTS", "Push", "initial_state", "restarted", "simulate", "simulate_batch", "simulate_stream", "standing_state"
+]  # fmt: skip
 
 PARTS = RECORDABLE  # what can be recorded
 
@@ -53,8 +55,10 @@ def simulate(
 ) -> Trajectory:
     """Run the scene for `duration` [s], rounded up to whole controller ticks.
 
-    state: what `initial_state` gave, or an earlier `Trajectory` to go on from; reference: joint angles for the servos,
-    None holds the initial ones; tau: (joints,) constant torques or a `Reference` of torques [N m]; pushes: external
+    state: what `initial_state` gave, or an earlier `Trajectory` or its `final` to go on from: time goes on too, and
+    references, torques and pushes are functions of the time since the first start, as if the run had not been cut
+    (`restarted(scene, state)` begins at zero again); reference: joint angles for the servos,
+    None holds those of `state`; tau: (joints,) constant torques or a `Reference` of torques [N m]; pushes: external
     forces; record: channels, see below; sample: time between records [s], a multiple of the step (a tick if None);
     noise: (ticks, joints, 2), added at each controller tick to the measured angle [rad] and to the voltage [V];
     rtol, atol: error allowed in a step, relative and absolute [rad, m, and their rates; A; J], of an integrator that
@@ -113,7 +117,8 @@ def simulate_batch(
     starts = [ready.start(*row) for row in zip(*columns)]
     if len({start.noise is None for start in starts}) > 1:
         raise ValueError("noises: some runs have noise and some have none; give all of them an array, or none")
-    return [trajectory(ready, y, out) for y, out in run_all(ready, starts, executor)]
+    results = run_all(ready, starts, executor)
+    return [trajectory(ready, y, out, ready.course(start)) for start, (y, out) in zip(starts, results)]
 
 
 def _with_errors(
@@ -167,7 +172,10 @@ def simulate_stream(
     ready = prepare(scene, duration, record, sample)
 
     def begin_run(key: Any) -> Start:
-        return ready.start(*begin(key))
+        start = ready.start(*begin(key))
+        if start.y[scene.layout["end"]] > 0.0:
+            raise ValueError(f"{scene.model.name}: the runs of a stream begin at time 0: give restarted(scene, state)")
+        return start
 
     def end_run(y: np.ndarray, out: np.ndarray) -> Any:
         return end(trajectory(ready, y, out))

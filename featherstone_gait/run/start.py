@@ -49,6 +49,16 @@ def initial_state(scene: CompiledScene, q: ArrayLike | None = None, qd: ArrayLik
     return y
 
 
+def restarted(scene: CompiledScene, state: ArrayLike) -> np.ndarray:
+    """A state (size,) that a run has come to, with its time at zero.
+
+    References, torques and pushes count from there: a new run, in which controllers forget their last error.
+    """
+    y = checked_vector("state", state, int(scene.layout["length"])).copy()
+    y[scene.layout["end"]] = 0.0
+    return y
+
+
 def standing_state(scene: CompiledScene, angles: ArrayLike) -> np.ndarray:
     """The whole state of a floating robot at rest over the origin: base upright, joints at `angles`, on the ground.
 

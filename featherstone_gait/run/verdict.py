@@ -6,9 +6,11 @@ import numpy as np
 
 from ..build.scene import CompiledScene
 from ..core.effects.energies import ENERGIES, STOPS
+from ..core.effects.spring import CAUSES as SPRING_CAUSES
 from ..core.effects.stop import explicit_limit
 from ..core.integrate import rollout
 from ..core.step import pace
+from ..core.step.context import Plan
 from ..trajectory import Trajectory
 from .prepared import LEAST_STEP, Prepared
 
@@ -17,6 +19,7 @@ STATUS = {
     rollout.FELL: "fell",
     rollout.DIVERGED: "diverged",
     rollout.TOO_SMALL: "step too small",
+    rollout.TOO_COSTLY: "too costly",
 }
 CHATTER_LIMIT = 0.05  # [rad/s or m/s]; see `worst_chatter` in core/step/state.py
 # A rule that rings about the right mean after an impact: the limit is the angle that this moves a joint to and fro,
@@ -24,10 +27,10 @@ CHATTER_LIMIT = 0.05  # [rad/s or m/s]; see `worst_chatter` in core/step/state.p
 RINGING_LIMIT = 5e-4
 
 
-def trajectory(ready: Prepared, y: np.ndarray, out: np.ndarray) -> Trajectory:
-    """Name the channels and say how the run ended."""
-    scene = ready.scene
-    status, message, end = verdict(scene, ready.plan.steps * ready.plan.h, y)
+def trajectory(ready: Prepared, y: np.ndarray, out: np.ndarray, course: Plan | None = None) -> Trajectory:
+    """Name the channels and say how the run ended; course: of `ready.course`, None of a run that begins at zero."""
+    scene, course = ready.scene, ready.plan if course is None else course
+    status, message, end = verdict(scene, course.offset + (course.first + course.steps) * course.h, y)
     passes = y[slice(*scene.part("passes"))]
     info = {
         "robot": scene.model.name,
@@ -44,15 +47,15 @@ def trajectory(ready: Prepared, y: np.ndarray, out: np.ndarray) -> Trajectory:
         taken, rejected, evaluations = y[slice(*scene.part("pace"))][pace.STEPS : pace.LAST]
         info |= {"rtol": ready.plan.rtol, "atol": ready.plan.atol}
         info |= {"steps": int(taken), "rejected_steps": int(rejected), "evaluations": int(evaluations)}
-    return Trajectory(ready.named(out), status, message, end, y, info, parts=scene.parts)
+    return Trajectory(ready.named(out, course), status, message, end, y, info, parts=scene.parts)
 
 
-def verdict(scene: CompiledScene, duration: float, y: np.ndarray) -> tuple[str, str, float]:
-    """Status, message and the time at which the run ended [s], from its final state."""
+def verdict(scene: CompiledScene, end: float, y: np.ndarray) -> tuple[str, str, float]:
+    """Status, message and the time at which the run ended [s], from its final state; end: of a run that is sound."""
     if int(y[scene.layout["status"]]) != rollout.OK:
         return _failure(scene, y)
     wrong = _beyond_stability(scene) or _unresolved_stop(scene, y) or _chatter(scene, y) or _not_converged(scene, y)
-    return (*(wrong or ("ok", "")), duration)
+    return (*(wrong or ("ok", "")), end)
 
 
 def _failure(scene: CompiledScene, y: np.ndarray) -> tuple[str, str, float]:
@@ -61,6 +64,8 @@ def _failure(scene: CompiledScene, y: np.ndarray) -> tuple[str, str, float]:
     message = f"{name} {status} at {end:.4g} s"
     if code == rollout.TOO_SMALL:
         message = f"{name}: the tolerance asks for steps below {LEAST_STEP:g} s at {end:.4g} s"
+    if code == rollout.TOO_COSTLY:
+        message = _costly(scene, y, end)
     speeds = np.abs(y[slice(*scene.part("qd"))])
     if code == rollout.DIVERGED and len(speeds):
         joint = scene.model.joint_names[int(speeds.argmax())]
@@ -68,11 +73,28 @@ def _failure(scene: CompiledScene, y: np.ndarray) -> tuple[str, str, float]:
     return status, message, end
 
 
+def _costly(scene: CompiledScene, y: np.ndarray, end: float) -> str:
+    """How dear the run was, and what is likely to limit its steps."""
+    taken, rejected = y[slice(*scene.part("pace"))][[pace.STEPS, pace.REJECTED]]
+    least, by = scene.preflight.worst, "kinks or fast motion limit them"
+    if least is not None:
+        by = f"{least.joint} limits explicit ones to {least.step:.2g} s by its {least.cause}"
+    return (
+        f"{scene.model.name}: {scene.integrator} took {taken + rejected:.0f} steps ({rejected:.0f} rejected) up to "
+        f"{end:.4g} s; {by}: raise rtol, or use implicit_euler or midpoint at a fixed step"
+    )
+
+
 def _beyond_stability(scene: CompiledScene) -> tuple[str, str] | None:
-    largest = scene.method.stability * scene.preflight.largest_explicit_step
-    if not scene.timestep > largest:
+    """A fixed step too large for an explicit integrator, or for springs between bodies, which none takes in."""
+    check, method, by = scene.preflight, scene.method, ""
+    largest = method.stability * check.sliding_step if method.explicit else method.ties * check.spring_step
+    if method.adaptive or not scene.timestep > largest:
         return None
-    message = f"{scene.integrator} is stable up to {largest:.2g} s in this scene; the step is {scene.timestep:g} s"
+    if check.spring_step < 1.01 * check.sliding_step:
+        ties = [limit for limit in check.limits if limit.cause in SPRING_CAUSES]
+        by = f", by the spring {min(ties, key=lambda limit: limit.step).joint}"
+    message = f"{scene.integrator} is stable up to {largest:.2g} s in this scene{by}; the step is {scene.timestep:g} s"
     return "not converged", message
 
 

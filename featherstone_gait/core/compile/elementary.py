@@ -12,8 +12,10 @@ from __future__ import annotations
 
 from math import nan
 
+from numba.extending import register_jitable
+
 from .jit import kernel
-from .lanes import power_of_two, select
+from .lanes import any_lane, power_of_two, select
 
 # Adding and subtracting 1.5 * 2**52 rounds to an integer, 1.5 * 2**54 to a multiple of four.
 _ROUND = 1.5 * 2.0**52
@@ -24,7 +26,14 @@ _TWO_OVER_PI = 0.6366197723675814
 _HALF_PI_A = float.fromhex("0x1.921fb5444p+0")
 _HALF_PI_B = float.fromhex("0x1.68c234c4cp-39")
 _HALF_PI_C = float.fromhex("0x1.98a2e03707345p-77")
-SINCOS_LIMIT = 2.0**17 * _HALF_PI_A
+NEAR = 2.0**17 * _HALF_PI_A
+# The same in five parts for angles beyond: four of 23 bits, whose products with n up to 2**30 are exact.
+_FAR_A = float.fromhex("0x1.921fb4p+0")
+_FAR_B = float.fromhex("0x1.4442dp-24")
+_FAR_C = float.fromhex("0x1.846988p-48")
+_FAR_D = float.fromhex("0x1.8cc514p-72")
+_FAR_E = float.fromhex("0x1.80dc1cd129025p-95")
+SINCOS_LIMIT = 2.0**30 * _HALF_PI_A
 
 # Minimax on |r| <= pi/4: sin(r) = r + r**3 S(r**2), relative error 2**-57.9,
 # and cos(r) = 1 - r**2/2 + r**4 C(r**2), relative error 2**-63.9.
@@ -62,9 +71,30 @@ _E8 = float.fromhex("0x1.28ad68a69ef83p-22")
 _E9 = float.fromhex("0x1.ad7f938c2b1b5p-26")
 
 
+@register_jitable
+def _minus(r, low, part):
+    """r + low - part: the first of both results is rounded, the second takes what that loses (D. Knuth's two-sum)."""
+    s = r - part
+    b = s - r
+    return s, low + ((r - (s - b)) - (part + b))
+
+
+@register_jitable
+def _reduce_far(x):
+    """n, r and c of x = n pi/2 + r - c for NEAR < |x| <= SINCOS_LIMIT; not inlined, since it is rarely needed."""
+    n = (x * _TWO_OVER_PI + _ROUND) - _ROUND
+    t, low = _minus(x, 0.0 * x, n * _FAR_A)
+    t, low = _minus(t, low, n * _FAR_B)
+    t, low = _minus(t, low, n * _FAR_C)
+    t, low = _minus(t, low, n * _FAR_D)
+    low = low - n * _FAR_E
+    r, rest = _minus(t, 0.0 * x, -low)
+    return n, r, -rest
+
+
 @kernel
 def sincos(x):
-    """Sine and cosine of x [rad], |x| <= SINCOS_LIMIT (205887 rad), else NaN; error below 1 ulp."""
+    """Sine and cosine of x [rad], |x| <= SINCOS_LIMIT (1.69e9 rad), else NaN; error below 1 ulp."""
     x = select(abs(x) <= SINCOS_LIMIT, x, nan)
     n = (x * _TWO_OVER_PI + _ROUND) - _ROUND
     # x = n pi/2 + r - c: the subtraction of the first part is exact, c carries the rounding of the second.
@@ -72,6 +102,10 @@ def sincos(x):
     w = n * _HALF_PI_B
     r = t - w
     c = n * _HALF_PI_C - ((t - r) - w)
+    far = abs(x) > NEAR
+    if any_lane(far):
+        m, s, z = _reduce_far(x)
+        n, r, c = select(far, m, n), select(far, s, r), select(far, z, c)
     z = r * r
     z2 = z * z
     s = (_S0 + z * _S1) + z2 * ((_S2 + z * _S3) + z2 * (_S4 + z * _S5))

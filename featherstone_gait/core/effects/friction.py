@@ -17,6 +17,7 @@ FRICTION = np.dtype(
 
 # Coulomb friction grows linearly up to this speed: a loaded joint that should stick creeps at a fraction of it.
 STICK_SPEED = 1e-3  # [rad/s or m/s]
+DRY = "Coulomb friction"
 
 
 @inline
@@ -59,5 +60,8 @@ def _no_loss(actuator, s, dy, i, v):
 
 
 def explicit_limits(friction):
-    """Dampers [N m s/rad] and springs [N m/rad] of each joint that limit an explicit step, by name."""
-    return {"viscous friction": friction["viscous_friction"]}, {}
+    """Dampers [N m s/rad] and springs [N m/rad] of each joint that limit an explicit step, by name.
+
+    Dry friction limits it while a joint sticks.
+    """
+    return {"viscous friction": friction["viscous_friction"], DRY: friction["coulomb_friction"] / STICK_SPEED}, {}

@@ -52,6 +52,9 @@ def add_springs(springs, W, F):
             F[k.b, 3 + c] -= f[c]
 
 
+CAUSES = ("spring between bodies", "damper between bodies")
+
+
 def explicit_limits(springs):
-    """Damper [N s/m] and spring [N/m] of each that limit an explicit step, by name."""
-    return {"spring's damper": springs["damping"]}, {"spring": springs["stiffness"]}
+    """Damper [N s/m] and spring [N/m] of each that limit a step, by name."""
+    return {CAUSES[1]: springs["damping"]}, {CAUSES[0]: springs["stiffness"]}

@@ -8,11 +8,11 @@ within a step of the explicit pair.
 from ..compile.jit import entry, inline
 from ..effects.actuator import controller_of
 from ..effects.push import AHEAD, next_edge
-from ..step.pace import PACE, SINCE, UNTIL
-from ..step.signals import next_knot
+from ..step.pace import PACE, REJECTED, SINCE, STEPS, UNTIL
+from ..step.signals import next_knot, time_of
 from ..tree.coupling import follow
 from .integrator import begin_interval, begin_run, ends_on_records, record_within, take_adaptive_step
-from .rollout import TOO_SMALL, inspect, record, tick
+from .rollout import TOO_COSTLY, TOO_SMALL, inspect, record, tick
 
 
 @entry
@@ -23,17 +23,18 @@ def rollout_adaptive(run, y, out):
         run.good[i] = y[i]
     for i in range(PACE):
         pace[i] = y[o.pace + i]
+    most = pace[STEPS] + pace[REJECTED] + plan.budget
     begin_run(run.work, run)
     k, dead = 0, y[o.status] > 0.0
     while True:
         if k % plan.per_tick == 0 and k < plan.steps:
-            tick(controller_of(run.scene.actuator), run, k, k * plan.h, y)
+            tick(controller_of(run.scene.actuator), run, k, time_of(plan, k), y)
         if k % plan.per_sample == 0:
             record(run, y, k // plan.per_sample, out)
         if k == plan.steps or dead:
             break
         end = _end(controller_of(run.scene.actuator), ends_on_records(run.work), plan, k)
-        dead = _cross(run, y, k, end, out)
+        dead = _cross(run, y, k, end, most, out)
         k = end
     for i in range(PACE):
         y[o.pace + i] = pace[i]
@@ -53,11 +54,11 @@ def _end(controller, ends, plan, k):
 
 
 @inline
-def _cross(run, y, k, end, out):
-    """Step from grid step k to `end`; return whether the run has ended."""
+def _cross(run, y, k, end, most, out):
+    """Step from grid step k to `end`, but not beyond `most` steps; return whether the run has ended."""
     plan, pace = run.plan, run.work.pace
-    t, done, until = k * plan.h, 0.0, 0.0
-    length = end * plan.h - t
+    t, done, until = time_of(plan, k), 0.0, 0.0
+    length = time_of(plan, end) - t
     next_record = k // plan.per_sample + 1
     while done < length:
         if done >= until:
@@ -72,6 +73,11 @@ def _cross(run, y, k, end, out):
             return True
         if h == 0.0:
             y[run.places[0].status] = TOO_SMALL
+            return True
+        if pace[STEPS] + pace[REJECTED] >= most:
+            y[run.places[0].status] = TOO_COSTLY
+            return True
+        if run.stop[0] != 0:
             return True
     return False
 

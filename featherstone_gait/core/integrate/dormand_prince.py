@@ -30,7 +30,7 @@ from ..step.pace import (
     root,
     scaled,
 )
-from ..step.signals import inputs
+from ..step.signals import inputs, time_of
 from ..tree.coupling import follow
 from ..tree.kinematics import unit_quaternion
 from .integrator import (
@@ -143,14 +143,14 @@ def _dense(work):
 def _record_within(work, run, y, interval, record, out):
     """Records between the ends are interpolated."""
     (t, h, end), plan, o = interval, run.plan, run.places[0]
-    if record * plan.per_sample >= end or record * plan.per_sample * plan.h >= t + h:
+    if record * plan.per_sample >= end or time_of(plan, record * plan.per_sample) >= t + h:
         return record
     _prepare_dense(run, y, t, h)
     derived = False
     for j in range(len(run.channels)):
         derived = derived | (run.channels[j] >= o.after_integrated)
-    while record * plan.per_sample < end and record * plan.per_sample * plan.h < t + h:
-        at = record * plan.per_sample * plan.h
+    while record * plan.per_sample < end and time_of(plan, record * plan.per_sample) < t + h:
+        at = time_of(plan, record * plan.per_sample)
         _interpolate(run, y, h, (at - t) / h)
         if derived:
             _evaluate(SPARE, SPARE, run, y, at, 0.0)

@@ -41,6 +41,7 @@ class Integrator(NamedTuple):
     theta: float = 1.0  # of the linearly implicit step: where in the step forces are taken
     adaptive: bool = False  # chooses its steps by their error
     stability: float = math.inf  # largest stable step over the limit of semi-implicit Euler, of dampers and of springs
+    ties: float = 1.0  # the same of an implicit method for springs between bodies, which it takes explicitly
     folds_spring: bool = False  # takes the spring of a continuous servo at the end of the step always
     rings: bool = False  # alternates about the right mean after an impact
     drives: tuple[type, ...] = ()  # actuators that it applies by itself, viscous friction included; no others

@@ -2,16 +2,19 @@
 
 from ..compile.jit import entry, inline, kernel
 from ..compile.lanes import any_lane, as_lanes, invert, select
-from ..compile.optional import in_lanes, item
+from ..compile.optional import in_lanes, item, slice_if
 from ..effects.actuator import controller_of
 from ..effects.contact import above_ground
 from ..effects.controller import control_tick
-from ..step.signals import AHEAD, evaluate
+from ..step.signals import AHEAD, evaluate, time_of
 from ..tree.coupling import follow
+from ..tree.energy import center_of_floating
+from ..tree.kinematics import quaternion_matrix
 from .integrator import take_step, thetas
 
-OK, FELL, DIVERGED, TOO_SMALL = 0, 1, 2, 3
-TOO_FAST = 1e8  # sum of the sizes of positions and velocities beyond which a run has diverged
+OK, FELL, DIVERGED, TOO_SMALL, TOO_COSTLY = 0, 1, 2, 3, 4
+NEVER = -1e300  # a height below which no robot falls
+TOO_FAST = 1e8  # sum of the sizes of speeds and of the base's position beyond which a run has diverged
 
 
 def rollout(run, y, out):
@@ -22,7 +25,7 @@ def rollout(run, y, out):
     for i in range(len(run.good)):
         run.good[i] = y[i]
     for k in range(plan.steps + 1):
-        t = k * plan.h
+        t = time_of(plan, k)
         if k % plan.per_tick == 0 or k == plan.steps:
             dead = inspect(run, t, y)
             if k < plan.steps:  # the tick at the very end is the first of what goes on from here
@@ -30,7 +33,7 @@ def rollout(run, y, out):
                 _freeze_ended(dead, run.good, y)
         if k % plan.per_sample == 0:
             record(run, y, k // plan.per_sample, out)
-        if k == plan.steps or not any_lane(invert(dead)):
+        if k == plan.steps or run.stop[0] != 0 or not any_lane(invert(dead)):
             break
         take_step(run.work, run, y, t, theta)
         follow(run.scene.coupling, o, y)
@@ -84,10 +87,14 @@ def inspect(run, t, y):
     """Give runs that failed their status and their last sound state; return which have failed."""
     o, good = run.places[0], run.good
     size = 0.0 * y[o.status]
-    for i in range(o.after_coordinates):
+    for i in range(o.q):
+        size = size + abs(y[i])
+    for i in range(o.q, o.base_qd):  # a wheel may turn for hours: only NaN and infinity count
+        size = size + 0.0 * y[i]
+    for i in range(o.base_qd, o.after_coordinates):
         size = size + abs(y[i])
     failed = select(size < TOO_FAST, OK + 0.0 * size, DIVERGED + 0.0 * size)
-    fell = _fell(run.scene.contact, run.scene.floating, run.plan, o, y)
+    fell = _fell(run.frames, run, o, y)
     failed = select(fell & (size < TOO_FAST), FELL + 0.0 * size, failed)
     failed = select(size == size, failed, DIVERGED + 0.0 * y[o.status])
     dead = y[o.status] > 0.0
@@ -103,15 +110,17 @@ def inspect(run, t, y):
 
 
 @inline
-def _fell(contact, floating, plan, o, y):
-    """Whether a floating base is too low over the ground or tilted too far; False where there is no ground."""
+def _fell(frames, run, o, y):
+    """Whether the centre of mass is too low over the ground or the base tilted too far; False where none falls."""
     fell = y[o.status] != y[o.status]
-    if contact is not None:
-        if floating is not None:
-            k = o.base_q
-            height = above_ground(contact, (y[k], y[k + 1], y[k + 2]))
-            lean = 1.0 - 2.0 * (y[k + 4] * y[k + 4] + y[k + 5] * y[k + 5])
-            fell = (height < plan.min_height) | (lean < plan.min_upright)
+    if frames is not None:
+        plan, scene = run.plan, run.scene
+        base_q = slice_if(True, y, o.base_q, 7)
+        E, up = quaternion_matrix(base_q), plan.upright
+        fell = E[6] * up[0] + E[7] * up[1] + E[8] * up[2] < plan.min_upright
+        if plan.min_height > NEVER:
+            center = center_of_floating(scene.tree, base_q, slice_if(True, y, o.q, o.base_qd - o.q), frames)
+            fell = fell | (above_ground(scene.contact, center) < plan.min_height)
     return fell
 
 

@@ -4,6 +4,7 @@ What a scene lacks is None, and costs nothing.  Numba leaves out what an *argume
 what an attribute does: functions take what may be absent as their first argument, and the context after it.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -37,13 +38,18 @@ class Plan(NamedTuple):
     per_tick: int  # steps of a controller tick
     per_sample: int  # steps between records
     lag: float  # from a reference to its effect [s]
-    min_height: float  # of the base over the ground, along its normal [m]; below it the robot has fallen
+    min_height: float  # of the centre of mass over the ground, along its normal [m]; below it the robot has fallen
     min_upright: float  # cosine of the base's tilt; below it the robot has fallen
+    upright: tuple[float, float, float] = (0.0, 0.0, 1.0)  # what points up in the frame of a base that is not tilted
     # Of integrators with error control, for which h is only the grid on which ticks and records lie:
     rtol: float = 0.0  # error allowed of a step, relative ...
     atol: float = 0.0  # ... and absolute [rad, m, and their rates; A]
     least_step: float = 0.0  # [s]
+    budget: float = math.inf  # steps, with those rejected, after which the run ends as too costly
     integrated: int = 0  # how much of the state changes between ticks
+    # Of a run that goes on: its grid step k is at the time offset + (first + k) h.
+    first: int = 0  # steps taken before
+    offset: float = 0.0  # where what was before is off this grid [s]
 
 
 class Scratch(NamedTuple):
@@ -65,8 +71,10 @@ class Run(NamedTuple):
     work: tuple  # the workspace of the integrator, whose type says which it is
     good: np.ndarray  # the state at the last tick that was found sound
     channels: np.ndarray  # indices into the state of what is recorded
+    frames: np.ndarray | None  # rows of the tree's workspace, in which falls are looked for; None: there are none
+    stop: np.ndarray  # (1,): not 0 where the run is wanted no longer; another thread sets it
 
-    SHARED = ("scene", "places", "plan", "channels")
+    SHARED = ("scene", "places", "plan", "channels", "stop")
 
 
 class Step(NamedTuple):

@@ -31,6 +31,12 @@ class Signals(NamedTuple):
     continuous: bool | None  # True where the servo follows the reference at every instant, None where it samples it
 
 
+@inline
+def time_of(plan, k):
+    """Time of the grid step k of a run [s], counted from where the run first began."""
+    return plan.offset + (plan.first + k) * plan.h
+
+
 @kernel
 def evaluate(knots, t, out):
     """Fill out (n, 2) with value and rate [1/s] at the time t."""
@@ -97,7 +103,7 @@ def _evaluate_drive(reference, drive, continuous, t):
 
 
 @entry
-def sample_ticks(knots, per_tick, h, lag, first, out):
-    """Fill out (ticks, n, 2) with what sampled controllers see, from the tick `first` on; lag [s]."""
+def sample_ticks(knots, plan, done, out):
+    """Fill out (ticks, n, 2) with what sampled controllers see from the grid step `done` of a run on."""
     for k in range(len(out)):
-        evaluate(knots, ((first + k) * per_tick) * h - lag + AHEAD, out[k])
+        evaluate(knots, time_of(plan, done + k * plan.per_tick) - plan.lag + AHEAD, out[k])

@@ -1,9 +1,11 @@
 """Energy, momentum and centre of mass from the poses and velocities that `motion_pass` left in the workspace."""
 
 from ..compile.jit import inline, kernel
-from .layout import V
-from .rigid_body import center_velocity, mass_center
-from .spatial import add, cross, dot, load3, scale, sub, symmetric
+from .joint import joint_pose
+from .kinematics import quaternion_matrix
+from .layout import P, R, V
+from .rigid_body import center_velocity, mass_center, point_position
+from .spatial import add, cross, dot, load3, scale, store3, store9, sub, symmetric
 
 
 @inline
@@ -52,6 +54,20 @@ def center_of_mass(tree, base_q, W, out):
         out[k] = x[k]
         out[3 + k] = v[k]
     return mass
+
+
+@kernel
+def center_of_floating(tree, base_q, q, W):
+    """Centre of mass [m] of a floating robot by its positions alone; fills R and P of every row."""
+    store3(W, 0, P, (0.0, 0.0, 0.0))
+    store9(W, 0, R, quaternion_matrix(base_q))
+    mass, x = tree[0].m, scale(point_position(0, tree[0].c, W), tree[0].m)
+    for i in range(1, len(tree)):
+        b = tree[i]
+        joint_pose(b, i, q[b.dof], W)
+        mass += b.m
+        x = add(x, scale(point_position(i, b.c, W), b.m))
+    return add(scale(x, 1.0 / mass), _base_position(base_q))
 
 
 @kernel

@@ -1,0 +1,90 @@
+"""Ctrl-C ends a native run at once, and leaves nothing half done."""
+
+import os
+import subprocess
+import sys
+import textwrap
+import threading
+from pathlib import Path
+
+import pytest
+from scenes import pendulum
+
+from featherstone_gait.build.scene import compile_scene
+from featherstone_gait.run.prepared import prepare
+from featherstone_gait.run.simulate import simulate
+
+ROOT = Path(__file__).parents[1]
+
+# Each run takes minutes to years; a thread interrupts the process as Ctrl-C does, once the runs are under way.
+PROGRAM = """
+    import os, signal, threading
+    from scenes import arm_scene, pendulum
+    from featherstone_gait.build.scene import compile_scene
+    from featherstone_gait.run.simulate import initial_state, simulate, simulate_batch
+
+    sampled, free = arm_scene(), compile_scene(pendulum(damping=0.0), integrator="{integrator}")
+    start = initial_state(free, [1.0])
+    run = {call}
+    run(0.02)
+    timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
+    timer.daemon = True
+    timer.start()
+    try:
+        run({long})
+    except KeyboardInterrupt:
+        left = [t.name for t in threading.enumerate() if t is not threading.main_thread() and not t.daemon]
+        print("interrupted", len(left))
+    run(0.02)
+    print("goes on")
+"""
+CALLS = {
+    "one, fixed steps": ("midpoint", "lambda T: simulate(free, T, start, sample=T)", 1e7),
+    "one, error control": ("dop853", "lambda T: simulate(free, T, start, rtol=1e-13, sample=T)", 1e7),
+    "a batch in lanes": ("rk4", "lambda T: simulate_batch(free, T, [start] * 20, sample=T)", 1e7),
+    "a batch that is refilled": ("rk4", "lambda T: simulate_batch(sampled, T, [None] * 20, record=())", 5e3),
+}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="SIGINT of another kind")
+@pytest.mark.parametrize("case", CALLS)
+def test_an_interrupted_run_ends_and_the_next_one_works(case):
+    integrator, call, long = CALLS[case]
+    program = textwrap.dedent(PROGRAM).format(integrator=integrator, call=call, long=long)
+    environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}
+    run = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=300)
+    assert (run.stdout.split(), run.stderr) == (["interrupted", "0", "goes", "on"], "")
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("integrator", ["midpoint", "extrapolation"])
+def test_another_thread_can_end_a_run(integrator):
+    ready = prepare(compile_scene(pendulum(), integrator=integrator), 0.1)
+    ready.stop[0] = 1
+    with pytest.raises(KeyboardInterrupt):
+        ready.run([ready.start()])
+
+
+@pytest.mark.nojit
+def test_a_run_in_a_thread_of_its_own_has_the_same_bits():
+    """Long runs and those with error control of the main thread are; runs of other threads are not."""
+    scene, runs = compile_scene(pendulum(), integrator="extrapolation"), []
+    runs.append(simulate(scene, 0.05))
+    thread = threading.Thread(target=lambda: runs.append(simulate(scene, 0.05)))
+    thread.start()
+    thread.join()
+    assert runs[0].final.tobytes() == runs[1].final.tobytes()
+
+
+@pytest.mark.nojit
+def test_what_a_kernel_raises_is_raised():
+    from featherstone_gait.run.interrupt import call_interruptibly
+
+    ready = prepare(compile_scene(pendulum(), integrator="midpoint"), 0.1)
+
+    def failing(run, y, out):
+        if run.plan.steps > 0:
+            raise ValueError("no")
+
+    with pytest.raises(ValueError, match="no"):
+        call_interruptibly(failing, *ready.arguments(ready.start()))
