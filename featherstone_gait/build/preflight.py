@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..arguments import one_of, real
 from ..core.effects import contact, friction, spring
 from ..core.integrate import INTEGRATORS
 from ..dynamics import coupling_matrix, forward_kinematics, inverse_dynamics, mass_matrix, spring_vectors
@@ -25,6 +26,9 @@ from ..model import Ground, Model, Spring
 from ..rotation import cross, dot
 from .actuator import Drive
 from .friction import sticks
+
+
+SHORTEST, LONGEST = 1e-9, 10.0  # steps that are taken [s]
 
 
 class Limit(NamedTuple):
@@ -107,11 +111,9 @@ def _choice(
 ) -> tuple[str, float, str]:
     """Integrator, step [s] and the reason for both; clipped: servos, ground or dry friction make kinks."""
     step = timestep if timestep is not None else (1e-3 if clipped else 5e-4)
-    if not 0 < step < math.inf:
-        raise ValueError(f"timestep is {timestep!r} s; it must be positive and finite")
+    real("timestep", step, SHORTEST, LONGEST, "give seconds, 1e-3 is usual")
     if name is not None:
-        if name not in INTEGRATORS:
-            raise ValueError(f"integrator {name!r}; use one of {', '.join(INTEGRATORS)}")
+        one_of("integrator", name, INTEGRATORS)
         return name, step, "as asked for"
     if clipped or folded < 10 * step:
         reason = f"an explicit step is limited to {largest:.2g} s, or clips and friction make kinks"

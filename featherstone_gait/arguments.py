@@ -1,0 +1,105 @@
+"""Checks of what a caller gives.  Each raises an error that names the argument, its value and what to give instead."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+FLOAT = np.dtype(float)
+
+
+def instance(name: str, value: object, kind: type | tuple[type, ...], remedy: str) -> None:
+    """Raise TypeError unless the value is of that kind."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} is {shown(value)}; {remedy}")
+
+
+def real(name: str, value: Any, low: float, high: float, remedy: str) -> float:
+    """A number between low and high, both included; infinite ones only where a bound is.  ValueError for others."""
+    found = _as_float(value)
+    if found is None or not low <= found <= high:
+        raise ValueError(f"{name} is {shown(value)}; expected a number from {low:g} to {high:g}: {remedy}")
+    return found
+
+
+def whole(name: str, value: Any, least: int, remedy: str, most: int = 2**53) -> int:
+    """A whole number from least to most.  ValueError for others, and for text and truth values."""
+    try:
+        found = None if isinstance(value, (bool, np.bool_)) else operator.index(value)
+    except TypeError:
+        found = int(value) if isinstance(value, (float, np.floating)) and float(value).is_integer() else None
+    if found is None or not least <= found <= most:
+        raise ValueError(f"{name} is {shown(value)}; expected a whole number from {least} to {most:g}: {remedy}")
+    return found
+
+
+def floats(name: str, value: Any, remedy: str = "give real numbers, or an array of them") -> np.ndarray:
+    """The value as an array of floats, not copied where it is one.
+
+    Raises ValueError for what is no array of real numbers: text, complex numbers, truth values, None, ragged lists.
+    """
+    if type(value) is np.ndarray and value.dtype is FLOAT:  # the usual case first: kernels are called often
+        return value
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError, OverflowError, RuntimeError):
+        array = np.array(None)
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name} is {shown(value)}; {remedy}")
+    return array.astype(float, copy=False)
+
+
+def vector(name: str, value: Any, width: int, remedy: str = "") -> np.ndarray:
+    """A new array of `width` finite numbers, or ValueError."""
+    wanted = f"give {width} finite numbers" + (f", {remedy}" if remedy else "")
+    a = floats(name, value, wanted)
+    if a.shape != (width,) or not np.isfinite(a).all():
+        raise ValueError(f"{name} has the shape {a.shape}: {np.array2string(a, threshold=20)}; {wanted}")
+    return np.array(a)
+
+
+def listed(name: str, value: Any, remedy: str) -> list[Any]:
+    """The items of a list, tuple or other iterable; ValueError for text and what has no items."""
+    if isinstance(value, (str, bytes)) or not isinstance(value, Iterable) or np.ndim(value) == 0 and _is_array(value):
+        raise ValueError(f"{name} is {shown(value)}; {remedy}")
+    return list(value)
+
+
+def one_of(name: str, value: object, choices: Iterable[str]) -> None:
+    """Raise ValueError unless the value is one of the choices."""
+    known = list(choices)
+    if not isinstance(value, str) or value not in known:
+        raise ValueError(f"{name} is {shown(value)}; expected one of {', '.join(map(repr, known))}: use one of these")
+
+
+def shown(value: object) -> str:
+    """A value for a message, cut short."""
+    if isinstance(value, int) and abs(value) > 10**30:  # whose digits Python may refuse to write
+        return f"a whole number of {value.bit_length()} bits"
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def is_real(value: object) -> bool:
+    """Whether the value is one real number that a float can hold; text and truth values are none."""
+    return _as_float(value) is not None
+
+
+def _as_float(value: Any) -> float | None:
+    if type(value) is float:
+        return value
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
+        if not _is_array(value) or value.ndim or value.dtype.kind not in "iuf":
+            return None
+    try:
+        return float(value)
+    except OverflowError:
+        return None
+
+
+def _is_array(value: object) -> bool:
+    return isinstance(value, np.ndarray)
