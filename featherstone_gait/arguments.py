@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import operator
 from collections.abc import Iterable
 from typing import Any
@@ -55,16 +54,17 @@ def floats(name: str, value: Any, remedy: str = "give real numbers, or an array 
 
 def vector(name: str, value: Any, width: int, remedy: str = "") -> np.ndarray:
     """A new array of `width` finite numbers, or ValueError."""
-    wanted = f"give {width} finite numbers" + (f", {remedy}" if remedy else "")
+    wanted = f"must be {width} finite numbers" + (f", {remedy}" if remedy else "")
     a = floats(name, value, wanted)
     if a.shape != (width,) or not np.isfinite(a).all():
-        raise ValueError(f"{name} has the shape {a.shape}: {np.array2string(a, threshold=20)}; {wanted}")
+        raise ValueError(f"{name} {wanted}; its shape is {a.shape}: {np.array2string(a, threshold=20)}")
     return np.array(a)
 
 
 def listed(name: str, value: Any, remedy: str) -> list[Any]:
     """The items of a list, tuple or other iterable; ValueError for text and what has no items."""
-    if isinstance(value, (str, bytes)) or not isinstance(value, Iterable) or np.ndim(value) == 0 and _is_array(value):
+    scalar = isinstance(value, (str, bytes)) or (isinstance(value, np.ndarray) and value.ndim == 0)
+    if scalar or not isinstance(value, Iterable):
         raise ValueError(f"{name} is {shown(value)}; {remedy}")
     return list(value)
 
@@ -73,7 +73,8 @@ def one_of(name: str, value: object, choices: Iterable[str]) -> None:
     """Raise ValueError unless the value is one of the choices."""
     known = list(choices)
     if not isinstance(value, str) or value not in known:
-        raise ValueError(f"{name} is {shown(value)}; expected one of {', '.join(map(repr, known))}: use one of these")
+        text = ", ".join(map(repr, known[:-1])) + f" or {known[-1]!r}"
+        raise ValueError(f"{name} is {shown(value)}; expected {text}: use one of these")
 
 
 def shown(value: object) -> str:
@@ -93,13 +94,9 @@ def _as_float(value: Any) -> float | None:
     if type(value) is float:
         return value
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
-        if not _is_array(value) or value.ndim or value.dtype.kind not in "iuf":
+        if not (isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf"):
             return None
     try:
         return float(value)
     except OverflowError:
         return None
-
-
-def _is_array(value: object) -> bool:
-    return isinstance(value, np.ndarray)

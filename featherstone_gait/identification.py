@@ -325,7 +325,7 @@ def predict(
         alike.setdefault(tuple(sorted(recording.settings.items())), []).append(k)
     for settings, members in alike.items():
         scene = compile_scene(changed(model, **dict(settings)), servos, integrator="midpoint", timestep=timestep)
-        states = [initial_state(scene, [starts[k]]) for k in members]
+        states = [initial_state(scene, [starts[k]], beyond_limits=True) for k in members]
         references = [
             Reference(recordings[k].time - EARLY, recordings[k].reference[:, None], "hold") for k in members
         ]

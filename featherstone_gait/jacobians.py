@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .arguments import one_of, vector
 from .dynamics import Poses, forward_kinematics
 from .fixed_order import applied, product, total
 from .model import Model, depth_first
@@ -48,8 +49,7 @@ def jacobian(
 
     Raises ValueError on wrong shapes, and for a link or a frame that there is not.
     """
-    if frame not in ("world", "body"):
-        raise ValueError(f"frame is {frame!r}; expected 'world' or 'body': use one of these")
+    one_of("frame", frame, ("world", "body"))
     poses, row = forward_kinematics(model, q), link_index(model, link)
     J = jacobian_at(model, poses, link, point)
     if frame == "world":
@@ -99,9 +99,7 @@ def center_of_mass_at(model: Model, poses: Poses) -> np.ndarray:
 
 def point_at(poses: Poses, row: int, point: ArrayLike) -> np.ndarray:
     """Where a point of a link is (..., 3) [m]; row: of the link, point: (3,) in its frame."""
-    local = np.asarray(point, dtype=float)
-    if local.shape != (3,) or not np.isfinite(local).all():
-        raise ValueError(f"point is {point!r}; give three finite numbers [m], in the frame of the link")
+    local = vector("point", point, 3, "[m] in the frame of the link")
     return poses.position[..., row, :] + applied(poses.rotation[..., row, :, :], local)
 
 

@@ -27,7 +27,6 @@ from ..rotation import cross, dot
 from .actuator import Drive
 from .friction import sticks
 
-
 SHORTEST, LONGEST = 1e-9, 10.0  # steps that are taken [s]
 
 

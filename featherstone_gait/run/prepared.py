@@ -84,7 +84,7 @@ class Prepared:
         if reference is None and driven:
             reference = Reference([0.0], y[None, o["q"] : o["q"] + n])
         if reference is not None and not isinstance(reference, Reference):
-            raise ValueError(f"reference is {shown(reference)}; give Reference(times, values)")
+            raise ValueError(f"reference is a {type(reference).__name__}; give Reference(times, values)")
         if tau is not None and scene.adaptive and self.plan.integrated < int(o["after_integrated"]):
             raise ValueError(f"{scene.model.name}: torques from outside need prepare(..., driven=True)")
         if tau is not None and scene.method.drives:
@@ -112,9 +112,8 @@ class Prepared:
         period, duration = float(signal.times[-1] - signal.times[0]), self.plan.steps * self.plan.h
         if duration / period * len(signal.times) > MOST_KNOTS:
             raise ValueError(
-                f"{what}: a period of {period:g} s with {len(signal.times)} knots is passed {duration / period:.3g} times "
-                f"in {duration:g} s, and steps end at each knot; at most {MOST_KNOTS:g} knots: give a longer period, or "
-                "its mean"
+                f"{what}: a period of {period:g} s with {len(signal.times)} knots is passed {duration / period:.3g} "
+                f"times in {duration:g} s, and steps end at each knot; at most {MOST_KNOTS:g} knots: give a longer period"
             )
 
     def _noise(self, noise: ArrayLike | None) -> np.ndarray | None:

@@ -144,7 +144,7 @@ class ConstrainedCost:
         """Simulate gait vectors once and report on each."""
         cost = self.walking
         signals = [cost.reference(x, cost.warm_up + cost.strides) for x in vectors]
-        states = [standing_state(cost.scene, signal.values[0]) for signal in signals]
+        states = [standing_state(cost.scene, signal.values[0], beyond_limits=True) for signal in signals]
         record = (*RECORD, "torque")
         runs = simulate_batch(cost.scene, signals[0].times[-1], states, signals, record=record, sample=SAMPLE)
         return [self._report(run) for run in runs]

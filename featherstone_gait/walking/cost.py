@@ -123,7 +123,7 @@ class WalkingCost:
 
         @functools.cache  # candidates start from the same posture
         def standing(angles: bytes) -> np.ndarray:
-            return standing_state(self.scene, np.frombuffer(angles))
+            return standing_state(self.scene, np.frombuffer(angles), beyond_limits=True)
 
         def begin(candidate: Candidate) -> tuple[np.ndarray, Reference]:
             signal = self.reference(candidate.x, self.warm_up + self.strides)
@@ -159,7 +159,7 @@ class WalkingCost:
         """
         strides = self.warm_up + self.strides if strides is None else strides
         signals = [self.reference(x, strides) for x in vectors]
-        states = states or [standing_state(self.scene, signal.values[0]) for signal in signals]
+        states = states or [standing_state(self.scene, signal.values[0], beyond_limits=True) for signal in signals]
         return simulate_batch(self.scene, signals[0].times[-1], states, signals, record=record, sample=sample, **how)
 
     def reference(self, x: ArrayLike, strides: int) -> Reference:
