@@ -54,10 +54,10 @@ def floats(name: str, value: Any, remedy: str = "give real numbers, or an array 
 
 def vector(name: str, value: Any, width: int, remedy: str = "") -> np.ndarray:
     """A new array of `width` finite numbers, or ValueError."""
-    wanted = f"must be {width} finite numbers" + (f", {remedy}" if remedy else "")
-    a = floats(name, value, wanted)
+    a = floats(name, value, f"give {width} finite numbers {remedy}".rstrip())
     if a.shape != (width,) or not np.isfinite(a).all():
-        raise ValueError(f"{name} {wanted}; its shape is {a.shape}: {np.array2string(a, threshold=20)}")
+        text = f"{name} must be {width} finite numbers; its shape is {a.shape}: {np.array2string(a, threshold=20)}"
+        raise ValueError(f"{text}; give {remedy}" if remedy else text)
     return np.array(a)
 
 

@@ -92,7 +92,7 @@ class Prepared:
                 f"{scene.integrator} takes its torques from the servos alone; use implicit_euler for scenes with tau"
             )
         if tau is not None and not isinstance(tau, Reference):
-            tau = Reference([0.0], vector("tau", tau, n, "or a Reference")[None])
+            tau = Reference([0.0], vector("tau", tau, n, "[N m or N], or a Reference")[None])
         for what, signal in (("reference", reference), ("tau", tau)):
             if signal is not None and signal.values.shape[1] != n:
                 raise ValueError(
@@ -113,7 +113,7 @@ class Prepared:
         if duration / period * len(signal.times) > MOST_KNOTS:
             raise ValueError(
                 f"{what}: a period of {period:g} s with {len(signal.times)} knots is passed {duration / period:.3g} "
-                f"times in {duration:g} s, and steps end at each knot; at most {MOST_KNOTS:g} knots: give a longer period"
+                f"times in {duration:g} s, and steps end at each knot; at most {MOST_KNOTS:g}: give a longer period"
             )
 
     def _noise(self, noise: ArrayLike | None) -> np.ndarray | None:
