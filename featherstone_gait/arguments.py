@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import operator
+import os
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 FLOAT = np.dtype(float)
+HUGE = 1e50  # beyond it products of several numbers overflow
 
 
 def instance(name: str, value: object, kind: type | tuple[type, ...], remedy: str) -> None:
@@ -30,7 +34,7 @@ def whole(name: str, value: Any, least: int, remedy: str, most: int = 2**53) -> 
     try:
         found = None if isinstance(value, (bool, np.bool_)) else operator.index(value)
     except TypeError:
-        found = int(value) if isinstance(value, (float, np.floating)) and float(value).is_integer() else None
+        found = int(value) if is_whole(value) else None
     if found is None or not least <= found <= most:
         raise ValueError(f"{name} is {shown(value)}; expected a whole number from {least} to {most:g}: {remedy}")
     return found
@@ -69,6 +73,14 @@ def listed(name: str, value: Any, remedy: str) -> list[Any]:
     return list(value)
 
 
+def texts(name: str, value: Any, remedy: str = "give a list of names") -> list[str]:
+    """The names in a list.  ValueError for what is no list, TypeError for what is no name."""
+    found = listed(name, value, remedy)
+    for item in found:
+        instance(name, item, str, remedy)
+    return found
+
+
 def one_of(name: str, value: object, choices: Iterable[str]) -> None:
     """Raise ValueError unless the value is one of the choices."""
     known = list(choices)
@@ -100,3 +112,38 @@ def _as_float(value: Any) -> float | None:
         return float(value)
     except OverflowError:
         return None
+
+
+def finite(name: str, value: Any, shape: tuple[int | None, ...], unit: str = "") -> np.ndarray:
+    """The value as an array of finite floats of a shape, None for any length.  ValueError for others."""
+    sizes = ", ".join("n" if n is None else str(n) for n in shape)
+    expected = f"expected finite numbers of shape ({sizes}) {unit}".strip()
+    a = floats(name, value, expected)
+    fits = a.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, a.shape))
+    if not fits or not (np.abs(a) <= HUGE).all():
+        raise ValueError(f"{name} has the shape {a.shape}: {np.array2string(a, threshold=20)}; {expected}")
+    return a
+
+
+def truth(name: str, value: object) -> bool:
+    """True or False.  TypeError for others."""
+    instance(name, value, (bool, np.bool_), "give True or False")
+    return bool(value)
+
+
+def path(name: str, value: Any) -> Path:
+    """The path of a file.  TypeError for what is none."""
+    instance(name, value, (str, os.PathLike), "give the path of a file")
+    return Path(value)
+
+
+def functions(**given: object) -> None:
+    """Raise TypeError for what cannot be called; None is left alone."""
+    for name, value in given.items():
+        if value is not None and not callable(value):
+            raise TypeError(f"{name} is {shown(value)}; give a function")
+
+
+def is_whole(value: Any) -> bool:
+    """Whether the value is a whole number, as int or float."""
+    return is_real(value) and math.isfinite(value) and float(value).is_integer()

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arguments import floats, instance, listed, shown, vector
+from .arguments import HUGE, floats, instance, listed, shown, vector
 from .build.tree import GRAVITY, Tree, compile_tree, joint_armature
 from .core.compile.elementary import SINCOS_LIMIT
 from .core.compile.lanes import WIDTH, aligned
@@ -215,8 +215,10 @@ def _arguments(model: Model, **arrays: ArrayLike) -> dict[str, np.ndarray]:
         a = floats(name, value)
         if a.ndim not in (1, 2) or a.shape[-1] != width:
             raise ValueError(f"{model.name}: {name} has shape {a.shape}; it must be ({width},) or (n, {width})")
-        if not np.isfinite(a).all():
-            raise ValueError(f"{model.name}: {name} has a value that is not finite: {a[~np.isfinite(a)][0]}")
+        if not (np.abs(a) <= HUGE).all():
+            wrong = a[~(np.abs(a) <= HUGE)][0]
+            text = "is beyond 1e50: correct it" if np.isfinite(wrong) else "is not finite"
+            raise ValueError(f"{model.name}: {name} has a value that {text}: {wrong}")
         rows[name] = np.atleast_2d(a)
     n = max(len(a) for a in rows.values())
     for name, a in rows.items():
@@ -226,9 +228,10 @@ def _arguments(model: Model, **arrays: ArrayLike) -> dict[str, np.ndarray]:
     return {name: np.broadcast_to(a, (n, a.shape[-1])) for name, a in rows.items()}
 
 
-def check_model(model: Model) -> None:
-    """Raise TypeError unless it is one."""
+def check_model(model: Model) -> Model:
+    """The model.  Raises TypeError unless it is one."""
     instance("model", model, Model, "give what load_robot returns")
+    return model
 
 
 def _check_positions(model: Model, q: np.ndarray) -> None:
@@ -242,7 +245,7 @@ def _check_positions(model: Model, q: np.ndarray) -> None:
     for k, joint in enumerate(model.moving_joints, start=model.nq - len(model.moving_joints)):
         if joint.type != "prismatic" and (np.abs(q[:, k]) > SINCOS_LIMIT).any():
             raise ValueError(
-                f"{model.name}: angle of {joint.name} is {q[np.abs(q[:, k]).argmax(), k]:g} rad; "
+                f"{model.name}: q: angle of {joint.name} is {q[np.abs(q[:, k]).argmax(), k]:g} rad; "
                 f"at most {SINCOS_LIMIT:.0f} rad: subtract whole turns"
             )
 
@@ -335,7 +338,7 @@ def _wrench(model: Model, tree: Tree, q: np.ndarray, wrench: Wrench | None) -> n
     out = np.zeros((len(q), tree.n + 1, 6))
     for name, value in wrench.items():
         if name not in tree.placements:
-            raise ValueError(f"{model.name}: no link {name!r} to push; links: {', '.join(tree.placements)}")
+            raise ValueError(f"{model.name}: wrench: no link {name!r} to push; links: {', '.join(tree.placements)}")
         f = floats(f"wrench on {name}", value)
         if f.shape not in ((6,), (len(q), 6)) or not np.isfinite(f).all():
             raise ValueError(

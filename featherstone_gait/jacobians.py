@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arguments import one_of, vector
+from .arguments import one_of, shown, vector
 from .dynamics import Poses, forward_kinematics
 from .fixed_order import applied, product, total
 from .model import Model, depth_first
@@ -148,10 +148,10 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def link_index(model: Model, name: str) -> int:
     """Return the position of the link `name` in ``model.links``.  Raises ValueError if there is none."""
     for i, link in enumerate(model.links):
-        if link.name == name:
+        if isinstance(name, str) and link.name == name:
             return i
     known = ", ".join(link.name for link in model.links)
-    raise ValueError(f"model {model.name!r} has no link {name!r}; its links are {known}")
+    raise ValueError(f"model {model.name!r} has no link {shown(name)}; its links are {known}")
 
 
 def link_centers(model: Model, poses: Poses) -> np.ndarray:

@@ -23,7 +23,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from .arguments import floats, instance, is_real, shown, whole
+from .arguments import floats, instance, is_real, shown, texts, whole
 from .arguments import listed as items
 from .core.compile.elementary import SINCOS_LIMIT
 from .definite import indefinite_flaws
@@ -402,6 +402,8 @@ class Model:
             for part in parts:
                 instance(f"robot {self.name!r}: {name}", part, kind, f"give a list of {kind.__name__}")
             object.__setattr__(self, name, parts)
+        object.__setattr__(self, "notes", tuple(texts("notes", self.notes, "give a list of sentences")))
+        instance("source", self.source, str, "give the path of a file, or an empty text")
         for name in _TABLES:
             table = getattr(self, name)
             instance(f"robot {self.name!r}: {name}", table, Mapping, "give a dictionary, by name")

@@ -18,7 +18,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arguments import floats, instance, listed, real, shown, vector, whole
+from .arguments import floats, instance, listed, real, shown, texts, vector, whole
 from .dynamics import Poses, check_model, forward_kinematics
 from .fixed_order import applied, product, solve, total
 from .jacobians import center_of_mass_at, center_of_mass_jacobian_at, jacobian_at, link_index, point_at
@@ -27,6 +27,8 @@ from .rotation import cross, dot, rotation_from_rpy
 
 Status = Literal["ok", "limits", "out of reach", "not converged"]
 
+MOST = 10**9  # iterations, and starts
+HEAVIEST = 1e20  # weight, whose square is still far below the largest number
 TIGHTEST = 1e-300  # tolerance, whose square is still above zero
 SETTLED = 1e-6  # largest cosine between the error and a column of its Jacobian
 LEAST_DAMPING = 1e-12  # of the mean of J J' over its diagonal: targets may depend on each other
@@ -98,8 +100,9 @@ def inverse_kinematics(
     if not goals:
         raise ValueError(f"{model.name}: there is no target; give at least one Target(link, position)")
     real("tolerance", tolerance, TIGHTEST, math.inf, "1e-9 is usual")
-    for name, value in (("restarts", restarts), ("seed", seed), ("max_iterations", max_iterations)):
-        whole(name, value, 0, "correct it", 10**9)
+    restarts = whole("restarts", restarts, 0, "it is how many other starts are tried", MOST)
+    max_iterations = whole("max_iterations", max_iterations, 0, "200 is usual", MOST)
+    seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
     task = _Task(model, goals, _freedom(model, joints, hold_base), tolerance, max_iterations)
     rng, start = np.random.default_rng(seed), _start(task, q0)
     best = _attempt(task, start, rng)
@@ -330,7 +333,7 @@ def _anywhere(task: _Task, start: np.ndarray, rng: np.random.Generator) -> np.nd
 def _freedom(model: Model, joints: Iterable[str] | None, hold_base: bool) -> _Freedom:
     """What may move.  Raises ValueError for a joint that has no coordinate."""
     names, couplings = model.joint_names, _couplings(model)
-    given = names if joints is None else listed("joints", joints, "expected a list of names: write [name]")
+    given = names if joints is None else texts("joints", joints, "expected a list of names: write [name]")
     for name in [name for name in given if name not in names]:
         raise ValueError(f"joints: {name!r} is no moving joint of {model.name}; they are {', '.join(names)}: use these")
     wanted = set(given)
@@ -420,7 +423,7 @@ def _goal(model: Model, target: Target) -> _Goal:
 
 def _weight(what: str, name: str, value: ArrayLike) -> np.ndarray:
     a = floats(f"{what}: {name}", value, "give one number >= 0, or three")
-    if a.shape not in ((), (3,)) or not np.isfinite(a).all() or (a < 0.0).any():
+    if a.shape not in ((), (3,)) or not ((a >= 0.0) & (a <= HEAVIEST)).all():
         raise ValueError(f"{what}: {name} is {value!r}; give one number >= 0, or three, one for each axis of the world")
     return np.broadcast_to(a, 3)
 

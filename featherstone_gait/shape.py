@@ -100,6 +100,7 @@ class Shape:
         what = f"shape on link {self.link!r}"
         kinds = (Sphere, Capsule, Cylinder, Box, Mesh, Hull)
         instance(f"{what}: geometry", self.geometry, kinds, "give a Sphere, Capsule, Cylinder, Box, Mesh or Hull")
+        instance(f"{what}: name", self.name, str, "give a text")
         _freeze(self, what, "xyz", "rpy")
 
 

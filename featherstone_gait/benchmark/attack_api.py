@@ -36,11 +36,62 @@ ALLOWED = (ValueError, TypeError, OSError, ImportError, RuntimeError)
 PACKAGE = str(Path(__file__).parents[1])
 
 POOL: tuple[Any, ...] = (
-    None, "", "text", "1.0", b"x", 0, -1, 3, 10**400, -(10**30), 0.5, math.nan, math.inf, -math.inf, 1e200, 1e-320, 1e16,
-    1j, True, object(), object, len, [], {}, (), {1, 2}, {"a": 1.0}, {None: None}, [None], ["1"], [[1.0], [1.0, 2.0]],
-    [1.0, "a"], [object()], range(3), np.array(1.0), np.zeros(0), np.zeros((2, 3, 4)), np.array(["1"]), np.array([True]),
-    np.array([1j]), np.full(7, np.nan), np.array([1.0, None], dtype=object), np.float32(1.0), np.datetime64("2020-01-01"),
-)  # fmt: skip
+    None,
+    "",
+    "text",
+    "1.0",
+    b"x",
+    0,
+    -1,
+    3,
+    10**400,
+    -(10**30),
+    0.5,
+    math.nan,
+    math.inf,
+    -math.inf,
+    1e200,
+    1e-320,
+    1e16,
+    1j,
+    True,
+    object(),
+    object,
+    len,
+    [],
+    {},
+    (),
+    {1, 2},
+    {"a": 1.0},
+    {None: None},
+    [None],
+    ["1"],
+    [[1.0], [1.0, 2.0]],
+    [1.0, "a"],
+    [object()],
+    range(3),
+    np.array(1.0),
+    np.zeros(0),
+    np.zeros((2, 3, 4)),
+    np.array(["1"]),
+    np.array([True]),
+    np.array([1j]),
+    np.full(7, np.nan),
+    np.array([1.0, None], dtype=object),
+    np.float32(1.0),
+    np.datetime64("2020-01-01"),
+)
+OTHER_WORDS = {  # by which messages call arguments
+    "name_or_path": ("robot",),
+    "choice": ("contacts",),
+    "name": ("servo",),
+    "target": ("cannot reach",),
+    "path": ("file",),
+    "start": ("reference", "gait"),
+    "q": ("joint",),
+    "xyz": ("joint",),
+    "trajectory": ("channel",),
+}
 NEVER_RIGHT = (object, complex)  # types that no argument takes
 
 
@@ -95,7 +146,16 @@ def _spoiled(rng: random.Random, value: Any) -> Any:
         a = np.array(value, dtype=float)
     except (TypeError, ValueError, RuntimeError):
         return rng.choice(([value], (value, value), {"a": value}, str(value), [value, None]))
-    choices = [a[None], a.astype(str), a.astype(complex) + 1j, a.astype(object), a > 0, -a, 1e30 * a, np.append(a, 1.0)]
+    choices: list[Any] = [
+        a[None],
+        a.astype(str),
+        a.astype(complex) + 1j,
+        a.astype(object),
+        a > 0,
+        -a,
+        1e30 * a,
+        np.append(a, 1.0),
+    ]
     choices += [_with(rng, a, bad) for bad in (np.nan, np.inf, 1e200, -1.0, 1e-300)]
     choices += [a.ravel()[:-1], a.tolist(), [str(x) for x in a.ravel()], np.float32(a), a.T, a.ravel()]
     return choices[rng.randrange(len(choices))]
@@ -133,6 +193,8 @@ def _judged(call: Call, arguments: Mapping[str, Any], spoiled: list[str]) -> tup
 def _judged_error(error: BaseException, spoiled: list[str]) -> tuple[str, str] | None:
     frames = traceback.extract_tb(error.__traceback__)
     last = frames[-1]
+    if isinstance(error, OSError) and error.filename is not None:
+        return None
     line = linecache.getline(last.filename, last.lineno or 0).strip()
     text = f"{_where(error)}: {error}"[:300]
     if not last.filename.startswith(PACKAGE) or not line.startswith("raise"):
@@ -145,7 +207,7 @@ def _judged_error(error: BaseException, spoiled: list[str]) -> tuple[str, str] |
 def _words(name: str) -> list[str]:
     """An argument as a message may call it."""
     name = name.lower()
-    return [name, name.rstrip("s"), name.replace("_", " ")]
+    return [name, name.rstrip("s"), name.replace("_", " "), *OTHER_WORDS.get(name, ())]
 
 
 def _where(error: BaseException) -> str:

@@ -13,10 +13,22 @@ from featherstone_gait import identification, search, sensors, walking
 
 # What is made by other functions and only read, and what is no function.
 NO_CALLS = {
-    "featherstone_gait": ("Clearance", "CompiledScene", "Coupling", "Poses", "Posture", "RobotFileError", "Shape",
-                          "RobotFileNotFoundError", "RobotFileWarning", "robot_names", "channel_table", "Trajectory"),
+    "featherstone_gait": (
+        "Clearance",
+        "CompiledScene",
+        "Coupling",
+        "Poses",
+        "Posture",
+        "RobotFileError",
+        "Shape",
+        "RobotFileNotFoundError",
+        "RobotFileWarning",
+        "robot_names",
+        "channel_table",
+        "Trajectory",
+    ),
     "walking": ("BIOLOID_WALK", "ConstraintReport", "Measures", "Plan"),
-}  # fmt: skip
+}
 
 
 class Call(NamedTuple):
@@ -78,13 +90,25 @@ def _models() -> Iterator[Call]:
 def _parts() -> Iterator[Call]:
     field = fg.HeightField(np.zeros((3, 2)), (1.0, 1.0))
     for record in (
-        servo(), fg.Gearbox(1.0), fg.Controller("pd"), fg.Ground(steps=((1.0, 0.1),)), field, fg.ContactPoint("a", (0, 0, 0)),
-        fg.Spring("a", "b", stiffness=1.0), fg.Sphere(1.0), fg.Capsule(1.0, 1.0), fg.Cylinder(1.0, 1.0),
-        fg.Box((1.0, 1.0, 1.0)), fg.Mesh("file.stl"), fg.Hull(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))),
+        servo(),
+        fg.Gearbox(1.0),
+        fg.Controller("pd"),
+        fg.Ground(steps=((1.0, 0.1),)),
+        field,
+        fg.ContactPoint("a", (0, 0, 0)),
+        fg.Spring("a", "b", stiffness=1.0),
+        fg.Sphere(1.0),
+        fg.Capsule(1.0, 1.0),
+        fg.Cylinder(1.0, 1.0),
+        fg.Box((1.0, 1.0, 1.0)),
+        fg.Mesh("file.stl"),
+        fg.Hull(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))),
         fg.Shape("a", fg.Sphere(1.0)),
-    ):  # fmt: skip
+    ):
         yield Call(type(record).__name__, type(record), _all_fields(record))
-    yield Call("Reference", fg.Reference, {"times": [0.0, 1.0], "values": [[0.0], [0.0]], "kind": "cubic", "cyclic": True})
+    yield Call(
+        "Reference", fg.Reference, {"times": [0.0, 1.0], "values": [[0.0], [0.0]], "kind": "cubic", "cyclic": True}
+    )
     yield Call("stairs", fg.stairs, {"count": 3, "depth": 0.2, "rise": 0.1, "start": 0.0})
 
 
@@ -118,28 +142,78 @@ def _scenes() -> Iterator[Call]:
     driven = fg.compile_scene(robot, "rotor", None, "implicit_euler", 1e-3)
     over = fg.compile_scene(cube, None, fg.Ground(), "implicit_euler", 1e-3)
     start, falling = fg.initial_state(driven), fg.initial_state(over)
-    some = {"duration": 0.01, "record": ("q", "qd"), "sample": 0.01, "rtol": None, "atol": None, "estimate_error": False}
+    some = {
+        "duration": 0.01,
+        "record": ("q", "qd"),
+        "sample": 0.01,
+        "rtol": None,
+        "atol": None,
+        "estimate_error": False,
+    }
     push = [fg.Push("b", (1.0, 0.0, 0.0), end=0.01)]
-    yield Call("compile_scene", fg.compile_scene, {
-        "model": cube, "servos": None, "ground": fg.Ground(), "integrator": "midpoint", "timestep": 1e-3,
-        "gravity": gravity, "fall_height": 0.6, "fall_tilt": 0.7, "springs": []})  # fmt: skip
-    yield Call("compile_scene", fg.compile_scene, {"model": robot, "servos": "rotor", "timestep": 1e-3, "springs": springs})
+    yield Call(
+        "compile_scene",
+        fg.compile_scene,
+        {
+            "model": cube,
+            "servos": None,
+            "ground": fg.Ground(),
+            "integrator": "midpoint",
+            "timestep": 1e-3,
+            "gravity": gravity,
+            "fall_height": 0.6,
+            "fall_tilt": 0.7,
+            "springs": [],
+        },
+    )
+    yield Call(
+        "compile_scene", fg.compile_scene, {"model": robot, "servos": "rotor", "timestep": 1e-3, "springs": springs}
+    )
     yield Call("Push", lambda **push: fg.simulate(driven, 0.01, pushes=[fg.Push(**push)]), push[0]._asdict(), True)
-    yield Call("initial_state", fg.initial_state, {"scene": driven, "q": [0.1, 0.1], "qd": [0.0, 0.0], "beyond_limits": False})
+    yield Call(
+        "initial_state", fg.initial_state, {"scene": driven, "q": [0.1, 0.1], "qd": [0.0, 0.0], "beyond_limits": False}
+    )
     yield Call("initial_state", fg.initial_state, {"scene": over, "q": [0.0, 0, 1, 1, 0, 0, 0, 0], "qd": np.zeros(7)})
     yield Call("standing_state", fg.standing_state, {"scene": over, "angles": [0.0], "beyond_limits": False})
-    yield Call("simulate", fg.simulate, {"scene": driven, "state": start, "reference": still, "pushes": push,
-                                         "noise": np.zeros((1, 2, 2))} | some, True)  # fmt: skip
+    yield Call(
+        "simulate",
+        fg.simulate,
+        {"scene": driven, "state": start, "reference": still, "pushes": push, "noise": np.zeros((1, 2, 2))} | some,
+        True,
+    )
     yield Call("simulate", fg.simulate, {"scene": over, "state": falling, "tau": [0.1], "pushes": []} | some, True)
-    yield Call("simulate_batch", fg.simulate_batch, {
-        "scene": driven, "states": [start] * 3, "references": [still] * 3, "taus": None, "pushes": [], "executor": None,
-        "noises": None} | some, True)  # fmt: skip
+    yield Call(
+        "simulate_batch",
+        fg.simulate_batch,
+        {
+            "scene": driven,
+            "states": [start] * 3,
+            "references": [still] * 3,
+            "taus": None,
+            "pushes": [],
+            "executor": None,
+            "noises": None,
+        }
+        | some,
+        True,
+    )
 
 
 def _files() -> Iterator[Call]:
-    yield Call("load_robot", fg.load_robot, {
-        "name_or_path": "ax12_arm", "base": "fixed", "locked": {}, "contacts": None, "strict": False, "mimic": "free",
-        "repair_inertia": False, "package_dirs": ()})  # fmt: skip
+    yield Call(
+        "load_robot",
+        fg.load_robot,
+        {
+            "name_or_path": "ax12_arm",
+            "base": "fixed",
+            "locked": {},
+            "contacts": None,
+            "strict": False,
+            "mimic": "free",
+            "repair_inertia": False,
+            "package_dirs": (),
+        },
+    )
     yield Call("save_robot", fg.save_robot, {"model": arm(), "path": "saved.urdf", "ground": None})
     yield Call("save_robot", fg.save_robot, {"model": arm(), "path": "saved.xml", "ground": fg.Ground()})
     yield Call("load_servo", fg.load_servo, {"name": "ax12", "gearbox": "physical", "Kp": 10.0, "law": "pid_position"})
@@ -147,8 +221,16 @@ def _files() -> Iterator[Call]:
 
 
 def _postures() -> Iterator[Call]:
-    place: dict[str, Any] = {"model": arm(), "q0": None, "joints": ["one", "two"], "hold_base": False, "restarts": 1,
-                             "seed": 0, "tolerance": 1e-6, "max_iterations": 30}  # fmt: skip
+    place: dict[str, Any] = {
+        "model": arm(),
+        "q0": None,
+        "joints": ["one", "two"],
+        "hold_base": False,
+        "restarts": 1,
+        "seed": 0,
+        "tolerance": 1e-6,
+        "max_iterations": 30,
+    }
     there = fg.Target("b", (0.1, 0.0, -0.2))
     yield Call("inverse_kinematics", fg.inverse_kinematics, place | {"targets": there})
     spoil = there._asdict() | {"rotation": (0.0, 0.0, 0.0)}
@@ -157,9 +239,16 @@ def _postures() -> Iterator[Call]:
     yield Call("with_contacts", fg.with_contacts, {"model": box(), "choice": "all"})
     yield Call("contact_points", fg.contact_points, {"shapes": box().shapes})
     run = trajectory(box())
-    yield Call("plot_trajectory", lambda **how: _closed(fg.plot_trajectory(**how)), {"trajectory": run, "names": ["q"], "axes": None})
-    yield Call("plot_motion", lambda **how: _closed(fg.plot_motion(**how)),
-               {"model": box(), "trajectory": run, "axes": None, "count": 3, "view": "xz"})  # fmt: skip
+    yield Call(
+        "plot_trajectory",
+        lambda **how: _closed(fg.plot_trajectory(**how)),
+        {"trajectory": run, "names": ["q"], "axes": None},
+    )
+    yield Call(
+        "plot_motion",
+        lambda **how: _closed(fg.plot_motion(**how)),
+        {"model": box(), "trajectory": run, "axes": None, "count": 3, "view": "xz"},
+    )
 
 
 def _closed(figure: Any) -> None:
@@ -171,8 +260,14 @@ def _closed(figure: Any) -> None:
 def trajectory(model: fg.Model, samples: int = 4) -> fg.Trajectory:
     """A robot that rests over the origin, as if simulated."""
     q = np.tile([0.0, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0], (samples, 1))
-    channels = {"time": 0.01 * np.arange(samples), "base_q": q, "q": np.zeros((samples, 1)), "base_qd": np.zeros((samples, 6)),
-                "base_qdd": np.zeros((samples, 6)), "contact_force": np.ones((samples, 4, 3))}  # fmt: skip
+    channels = {
+        "time": 0.01 * np.arange(samples),
+        "base_q": q,
+        "q": np.zeros((samples, 1)),
+        "base_qd": np.zeros((samples, 6)),
+        "base_qdd": np.zeros((samples, 6)),
+        "contact_force": np.ones((samples, 4, 3)),
+    }
     return fg.Trajectory(channels, "ok", "", 0.03, np.zeros(3), {"robot": model.name})
 
 
@@ -185,9 +280,16 @@ def _walking() -> Iterator[Call]:
     control = {"T": 0.01, "z_c": 0.2, "N": 50, "Q": 1.0, "R": 1e-6, "g": 9.81}
     yield Call("preview_controller", walking.preview_controller, control)
     yield Call("plan_com", walking.plan_com, {"zmp_ref": np.zeros((60, 2))} | control)
-    yield Call("solve_leg", walking.solve_leg, {"model": robot, "foot": "left_foot", "target": [[0.0, 0.04, -0.2]], "times": None})
-    yield Call("multibody_zmp", walking.multibody_zmp, {
-        "model": robot, "angles": np.tile(posture, (9, 1)), "base_position": np.zeros((9, 3)), "T": 0.01, "g": 9.81})  # fmt: skip
+    yield Call(
+        "solve_leg",
+        walking.solve_leg,
+        {"model": robot, "foot": "left_foot", "target": [[0.0, 0.04, -0.2]], "times": None},
+    )
+    yield Call(
+        "multibody_zmp",
+        walking.multibody_zmp,
+        {"model": robot, "angles": np.tile(posture, (9, 1)), "base_position": np.zeros((9, 3)), "T": 0.01, "g": 9.81},
+    )
     yield Call("mirror_of", walking.mirror_of, {"model": robot})
     yield Call("Constraints", walking.Constraints, _all_fields(walking.Constraints(1.0, 0.1, 0.1, 0.1, 0.1)))
 
@@ -207,14 +309,21 @@ def _gaits() -> Iterator[Call]:
     yield Call("bounds", walking.bounds, {"model": robot, "gait": gait})
     scene = fg.compile_scene(robot, "mipsd", fg.Ground())
     cost = walking.WalkingCost(scene, gait, np.zeros(n), 0, 1, 1)
-    yield Call("WalkingCost", lambda **how: walking.WalkingCost(**how).reference(gait.to_vector(), 1), _all_fields(cost))
+    yield Call(
+        "WalkingCost", lambda **how: walking.WalkingCost(**how).reference(gait.to_vector(), 1), _all_fields(cost)
+    )
     yield Call("ConstrainedCost", walking.ConstrainedCost, {"walking": cost, "constraints": walking.Constraints()})
-    table = {"path": "angles.csv", "times": times, "angles": angles, "joint_names": names}
+    table: dict[str, Any] = {"path": "angles.csv", "times": times, "angles": angles, "joint_names": names}
     walking.write_angles(**table)
     yield Call("write_angles", walking.write_angles, table | {"path": "more.csv"})
     yield Call("write_goal_positions", walking.write_goal_positions, table | {"path": "goals.csv"})
     yield Call("read_angles", walking.read_angles, {"path": "angles.csv", "joint_names": names})
-    yield Call("cost_of_motion", walking.cost_of_motion, {"scene": scene, "path": "angles.csv", "start": 0.0, "strides": 1}, True)
+    yield Call(
+        "cost_of_motion",
+        walking.cost_of_motion,
+        {"scene": scene, "path": "angles.csv", "start": 0.0, "strides": 1},
+        True,
+    )
 
 
 def square(x: np.ndarray) -> float:
@@ -226,19 +335,46 @@ def _searches() -> Iterator[Call]:
     start: dict[str, Any] = {"x0": [1.0, 2.0], "amplitude": 0.5, "bounds": [[-5.0, 5.0]] * 2, "seed": 1}
     paper = start | {"max_miss": 20, "max_iterations": 5, "no_progress": 4}
     yield Call("AdaptiveSimulatedAnnealing", search.AdaptiveSimulatedAnnealing, paper)
-    yield Call("minimize", search.minimize, paper | {
-        "fun": square, "map": map, "batch": 1, "evaluate": None, "callback": None, "history": None, "resume": False,
-        "progress": False})  # fmt: skip
+    yield Call(
+        "minimize",
+        search.minimize,
+        paper
+        | {
+            "fun": square,
+            "map": map,
+            "batch": 1,
+            "evaluate": None,
+            "callback": None,
+            "history": None,
+            "resume": False,
+            "progress": False,
+        },
+    )
     yield Call("cma_es", search.cma_es, start | {"population": 5})
     yield Call("differential_evolution", search.differential_evolution, start | {"population": 5})
-    yield Call("dual_annealing", search.dual_annealing, {
-        "x0": [1.0, 2.0], "bounds": [[-5.0, 5.0]] * 2, "seed": 1, "initial_temp": 5230.0, "local_search": False})  # fmt: skip
+    yield Call(
+        "dual_annealing",
+        search.dual_annealing,
+        {"x0": [1.0, 2.0], "bounds": [[-5.0, 5.0]] * 2, "seed": 1, "initial_temp": 5230.0, "local_search": False},
+    )
     many = {"fun": square, "map": map, "batch": 1, "progress": False}
     yield Call("run", lambda **how: search.run(**_made(how)), many | {"search": paper, "evaluations": 4})
-    yield Call("run_together", lambda **how: search.run_together(**_made(how)), many | {"searches": [paper], "evaluations": 4})
-    yield Call("minimize_noisy", lambda **how: search.minimize_noisy(**_made(how)), {
-        "fun": lambda x, draw: square(x), "search": paper, "repeats": 2, "seed": 1, "map": map, "batch": 1,
-        "progress": False})  # fmt: skip
+    yield Call(
+        "run_together", lambda **how: search.run_together(**_made(how)), many | {"searches": [paper], "evaluations": 4}
+    )
+    yield Call(
+        "minimize_noisy",
+        lambda **how: search.minimize_noisy(**_made(how)),
+        {
+            "fun": lambda x, draw: square(x),
+            "search": paper,
+            "repeats": 2,
+            "seed": 1,
+            "map": map,
+            "batch": 1,
+            "progress": False,
+        },
+    )
 
 
 def _made(how: dict[str, Any]) -> dict[str, Any]:
@@ -263,9 +399,19 @@ def _recordings() -> Iterator[Call]:
     common = {"model": one, "recordings": [recording], "servos": "standard"}
     yield Call("predict", identification.predict, common | {"starts": [0.0], "timestep": 1e-3}, True)
     yield Call("prediction_error", identification.prediction_error, common, True)
-    yield Call("identify", identification.identify, common | {
-        "parameters": ["motor_constant"], "confidence": 0.95, "start_range": 0.0, "voltage_weight": 0.0,
-        "timestep": 1e-3}, True)  # fmt: skip
+    yield Call(
+        "identify",
+        identification.identify,
+        common
+        | {
+            "parameters": ["motor_constant"],
+            "confidence": 0.95,
+            "start_range": 0.0,
+            "voltage_weight": 0.0,
+            "timestep": 1e-3,
+        },
+        True,
+    )
 
 
 def _sensors() -> Iterator[Call]:

@@ -113,7 +113,7 @@ class Prepared:
         if duration / period * len(signal.times) > MOST_KNOTS:
             raise ValueError(
                 f"{what}: a period of {period:g} s with {len(signal.times)} knots is passed {duration / period:.3g} "
-                f"times in {duration:g} s, and steps end at each knot; at most {MOST_KNOTS:g}: give a longer period"
+                f"times in {duration:g} s, and steps end at each; at most {MOST_KNOTS:g}: give a longer period"
             )
 
     def _noise(self, noise: ArrayLike | None) -> np.ndarray | None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import instance, vector
+from ..arguments import instance, truth, vector
 from ..build.contact import standing_height
 from ..build.coupling import check_followers, followed
 from ..build.scene import CompiledScene
@@ -31,6 +31,7 @@ def initial_state(
     speed that no motion has, unless `beyond_limits` asks for it.
     """
     check_scene(scene)
+    truth("beyond_limits", beyond_limits)
     model, o, n = scene.model, scene.layout, scene.tree.n
     y = np.zeros(int(o["length"]))
     y[o["pace"] + np.array([pace.STEP, pace.COLUMNS, pace.LAST])] = FIRST_STEP, FIRST_COLUMNS, 1e-4
