@@ -126,8 +126,11 @@ def _servo_settings(table: Mapping[str, Any], what: str, also: tuple[str, ...] =
         name = key if key in _FIELDS else key.removesuffix("_deg")
         if name in values:
             raise ValueError(f"{what}: {name} is given twice; keep one of {name} and {name}_deg")
-        value = real(value, f"{what}: {key}") if _FIELDS[name].type == "float" else string(table, key, what)
-        values[name] = value if name == key else math.radians(value)
+        if _FIELDS[name].type == "float":
+            number = real(value, f"{what}: {key}")
+            values[name] = number if name == key else math.radians(number)
+        else:
+            values[name] = string(table, key, what)
     return values
 
 
