@@ -493,6 +493,8 @@ def _exp(x: float) -> float:
 def _listed(recordings: Sequence[Recording]) -> list[Recording]:
     """The recordings.  Raises ValueError or TypeError for what is no list of them."""
     found = listed("recordings", recordings, "give a list of Recording")
+    if not found:
+        raise ValueError("recordings: there is no recording; give one or more, see read_recording")
     for recording in found:
         instance("recordings", recording, Recording, "give a list of Recording")
     return found
@@ -500,8 +502,6 @@ def _listed(recordings: Sequence[Recording]) -> list[Recording]:
 
 def _models(model: Model | Sequence[Model], recordings: Sequence[Recording]) -> tuple[Model, ...]:
     """The robot of each recording, checked."""
-    if not recordings:
-        raise ValueError("there is no recording; give one or more, see read_recording")
     remedy = "give a Model, or one for each recording"
     models = (model,) * len(recordings) if isinstance(model, Model) else tuple(listed("model", model, remedy))
     for one in models:

@@ -84,7 +84,7 @@ def test_a_quaternion_without_a_length_is_refused(size):
     q[3] = size
     with pytest.raises(ValueError, match="quaternion"):
         initial_state(scene, q)
-    with pytest.raises(ValueError, match="quaternion|q has a value"):
+    with pytest.raises(ValueError, match=r"quaternion|q has a value"):
         forward_dynamics(scene.model, q, np.zeros(scene.model.nv), np.zeros(scene.model.nv))
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arguments import instance, is_real, listed, vector
+from ..arguments import instance, is_real, listed, shown, vector
 from ..core.effects.push import PUSH
 from ..core.effects.spring import SPRING
 from ..fixed_order import applied
@@ -35,9 +35,9 @@ def build_pushes(tree: Tree, pushes: Sequence[Push]) -> np.recarray | None:
         return None
     table = records(len(pushes), PUSH)
     for row, push in zip(table, pushes):
-        instance("push", push, Push, "give Push(link, force=(x, y, z))")
-        if push.link not in tree.placements:
-            raise ValueError(f"push: no link {push.link!r}; links: {', '.join(tree.placements)}")
+        instance("pushes: push", push, Push, "give Push(link, force=(x, y, z))")
+        if not isinstance(push.link, str) or push.link not in tree.placements:
+            raise ValueError(f"push: no link {shown(push.link)}; links: {', '.join(tree.placements)}")
         for name in ("force", "moment", "point"):
             vector(f"push on {push.link}: {name}", getattr(push, name), 3)
         if not (is_real(push.start) and is_real(push.end) and -math.inf < push.start <= push.end):

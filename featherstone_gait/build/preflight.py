@@ -110,7 +110,7 @@ def _choice(
 ) -> tuple[str, float, str]:
     """Integrator, step [s] and the reason for both; clipped: servos, ground or dry friction make kinks."""
     step = timestep if timestep is not None else (1e-3 if clipped else 5e-4)
-    real("timestep", step, SHORTEST, LONGEST, "give seconds, 1e-3 is usual")
+    step = real("timestep", step, SHORTEST, LONGEST, "give seconds, 1e-3 is usual")
     if name is not None:
         one_of("integrator", name, INTEGRATORS)
         return name, step, "as asked for"

@@ -265,9 +265,10 @@ def with_tolerance(
     check_scene(scene)
     if rtol is None and atol is not None:
         raise ValueError(f"atol is {atol!r} but rtol is not given; give rtol too")
-    for name, value in (("rtol", rtol), ("atol", atol)):
-        if value is not None:
-            real(name, value, 1e-14, 1.0, "1e-8 is usual")
+    rtol, atol = (
+        None if value is None else real(name, value, 1e-14, 1.0, "1e-8 is usual")
+        for name, value in (("rtol", rtol), ("atol", atol))
+    )
     if rtol is not None and not scene.adaptive:
         if scene.method.drives:
             raise ValueError(
@@ -310,9 +311,9 @@ def _stored(scene: CompiledScene, record: tuple[str, ...]) -> tuple[dict[str, sl
     indices: list[int] = []
     slices = {}
     for name in record:
-        if name not in state.RECORDABLE:
+        if not isinstance(name, str) or name not in state.RECORDABLE:
             known = ", ".join(state.RECORDABLE)
-            raise ValueError(f"record: there is no channel {name!r}; channels: {known}: see help(simulate)")
+            raise ValueError(f"record: there is no channel {shown(name)}; channels: {known}: see help(simulate)")
         for stored in state.BY_NAME[name].needs or (name,):
             if stored in slices:
                 continue

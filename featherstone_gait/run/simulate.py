@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import renamed
-from ..arguments import listed
+from ..arguments import listed, shown, truth
 from ..build.external import Push
 from ..build.scene import CompiledScene
 from ..channels import channel_table
@@ -98,7 +98,9 @@ def simulate_batch(
     executor: any `concurrent.futures.Executor` in place of the threads.
     """
     scene, rtol, atol = with_tolerance(scene, rtol, atol)
-    if estimate_error:
+    if executor is not None and not callable(getattr(executor, "map", None)):
+        raise TypeError(f"executor is {shown(executor)}; give a concurrent.futures.Executor, or None")
+    if truth("estimate_error", estimate_error):
         how = dict(references=references, taus=taus, pushes=pushes, record=record, executor=executor, noises=noises)
         return _with_errors(scene, duration, states, sample, rtol, atol, **how)
     given: tuple[Sequence[Any] | None, ...] = (states, references, taus, noises)
