@@ -59,7 +59,7 @@ def floats(name: str, value: Any, remedy: str = "give real numbers, or an array 
 def vector(name: str, value: Any, width: int, remedy: str = "") -> np.ndarray:
     """A new array of `width` finite numbers, or ValueError."""
     a = floats(name, value, f"give {width} finite numbers {remedy}".rstrip())
-    if a.shape != (width,) or not np.isfinite(a).all():
+    if a.shape != (width,) or not (np.abs(a) <= HUGE).all():
         text = f"{name} must be {width} finite numbers; its shape is {a.shape}: {np.array2string(a, threshold=20)}"
         raise ValueError(f"{text}; give {remedy}" if remedy else text)
     return np.array(a)

@@ -41,13 +41,13 @@ def test_right_arguments_are_right(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("function", "fault"),
+    ("function", "value", "fault"),
     [
-        (lambda x: {}[x], "KeyError"),
-        (lambda x: math.sqrt(x), "TypeError from inside"),
-        (lambda x: np.array([math.nan]), "not finite"),
-        (lambda x: None, "accepted"),
+        (lambda x: {}[x], 1.0, "KeyError"),
+        (lambda x: math.sqrt(x), 1j, "TypeError from inside"),
+        (lambda x: np.array([math.nan]), 1.0, "not finite"),
+        (lambda x: None, 1j, "accepted"),
     ],
 )
-def test_faults_are_seen(function, fault):
-    assert _judged(Call("f", function, {"x": 1.0}), {"x": 1j}, ["x"])[0] == fault
+def test_faults_are_seen(function, value, fault):
+    assert _judged(Call("f", function, {"x": 1.0}), {"x": value}, ["x"])[0] == fault

@@ -120,7 +120,7 @@ def attack_api(count: int, seed: int, names: tuple[str, ...] | None = None, dear
         os.chdir(folder)  # for what writes a file
         try:
             calls = [c for c in right_calls() if (names is None or c.name in names) and (dear or not c.dear)]
-            for call in calls if dear else ():
+            for call in (c for c in calls if c.dear):
                 call.function(**call.arguments)  # compiles what is not in the cache
             for k in range(count):
                 rows += _attack(rng, calls[k % len(calls)])

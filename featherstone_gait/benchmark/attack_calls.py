@@ -20,13 +20,13 @@ NO_CALLS = {
         "Poses",
         "Posture",
         "RobotFileError",
-        "Shape",
         "RobotFileNotFoundError",
         "RobotFileWarning",
         "robot_names",
         "channel_table",
         "Trajectory",
     ),
+    "identification": ("Identification",),
     "walking": ("BIOLOID_WALK", "ConstraintReport", "Measures", "Plan"),
 }
 

@@ -157,8 +157,8 @@ def compile_scene(
         )
     if ground is not None and not isinstance(ground, Ground):
         raise ValueError(f"{model.name}: ground is {ground!r}; expected a Ground or None: write ground=Ground()")
-    fall_tilt = real("fall_tilt", fall_tilt, 0.0, 2.0 * math.pi, "give radians, as math.radians(45); from pi on none is a fall")
-    fall_height = real("fall_height", fall_height, -LOW, 1.0, "a fraction of the standing height; below 0 none is a fall")
+    fall_tilt = real("fall_tilt", fall_tilt, 0.0, 2.0 * math.pi, "give radians, as math.radians(45); pi is no fall")
+    fall_height = real("fall_height", fall_height, -LOW, 1.0, "it is a fraction of the standing height; 0 is no fall")
     gravity = vector("gravity", gravity, 3, f"[m/s^2], on Earth {GRAVITY}")
     tree, g = compile_tree(model), math.sqrt(dot(gravity, gravity))
     drive = build_drive(model, servos)
