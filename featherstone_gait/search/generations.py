@@ -112,7 +112,7 @@ def check_start(
 
 def _check_amplitude(amplitude: np.ndarray, shape: tuple[int, ...]) -> None:
     if amplitude.shape not in ((), shape) or not (np.isfinite(amplitude) & (amplitude > 0)).all():
-        raise ValueError(f"amplitude must be finite and > 0, a number or {shape}, got {amplitude}")
+        raise ValueError(f"amplitude must be finite and > 0, got {amplitude}; give a number or {shape}")
 
 
 def check_finite(bounds: np.ndarray, method: str) -> None:
