@@ -22,7 +22,7 @@ from .build.records import records
 from .contact_choice import corner_error, local_corners
 from .core.compile.elementary import SINCOS_LIMIT
 from .core.tree.distance import SHAPE, Room, Shapes, least_distances, pair_distances
-from .dynamics import Poses, forward_kinematics
+from .dynamics import Poses, check_model, forward_kinematics
 from .fixed_order import applied
 from .hull import Sides, sides
 from .model import Model, rigid_bodies
@@ -51,6 +51,7 @@ def clearance(model: Model, q: ArrayLike) -> Clearance:
     Raises ValueError where no two shapes can meet, and for meshes that cannot be read; ImportError for meshes without
     their reader.
     """
+    check_model(model)
     pairs = meeting_shapes(model).pairs
     if not len(pairs):
         raise ValueError(

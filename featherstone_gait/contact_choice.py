@@ -15,6 +15,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from .arguments import instance, listed, texts
 from .dynamics import Poses, forward_kinematics
 from .fixed_order import applied, product
 from .hull import Corners, corners_of, hull_indices
@@ -38,6 +39,7 @@ def with_contacts(model: Model, choice: Choice) -> Model:
     Raises ValueError for a link that is not there or has no shape, where there is nothing to choose from, and for
     meshes that cannot be read; ImportError for meshes without their reader.
     """
+    instance("model", model, Model, "give what load_robot returns")
     return replace(model, contacts=chosen_points(model, choice))
 
 
@@ -52,8 +54,7 @@ def chosen_points(model: Model, choice: Choice) -> tuple[ContactPoint, ...]:
         if choice not in ("all", "feet"):
             raise ValueError(f"contacts is {choice!r}; expected 'all', 'feet' or a list of links: write [{choice!r}]")
         return _carrying(model, contact_points(model.shapes) if choice == "all" else _sole_points(model))
-    if not isinstance(choice, Iterable):
-        raise ValueError(f"contacts is {choice!r}; expected 'all', 'feet' or a list of links")
+    choice = texts("contacts", choice, "expected 'all', 'feet' or a list of links")
     _check_links(model, choice)
     return _carrying(model, contact_points(shape for shape in model.shapes if shape.link in choice))
 
@@ -64,7 +65,10 @@ def contact_points(shapes: Iterable[Shape]) -> tuple[ContactPoint, ...]:
 
     Raises ValueError for a mesh that cannot be read, ImportError for one without its reader.
     """
-    return tuple(point for shape in shapes for point in _points(shape))
+    found = listed("shapes", shapes, "give a list of Shape")
+    for shape in found:
+        instance("shapes", shape, Shape, "give a list of Shape")
+    return tuple(point for shape in found for point in _points(shape))
 
 
 def corner_error(shape: Shape) -> float:

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .arguments import HUGE, floats, instance, listed, shown, vector
 from .build.tree import GRAVITY, Tree, compile_tree, joint_armature
 from .core.compile.elementary import SINCOS_LIMIT
 from .core.compile.lanes import WIDTH, aligned
@@ -91,7 +92,7 @@ def mass_matrix(model: Model, q: ArrayLike, *, armature: ArrayLike | None = None
 
     It is that of the joints without couplings: of the independent ones it is G' M G, G of `coupling_matrix`.
     """
-    tree, x = compile_tree(model), _arguments(model, q=q)
+    x, tree = _arguments(model, q=q), compile_tree(model)
     H = np.zeros((len(x["q"]), model.nv, model.nv))
     batch.crba_rows(_robot(model, armature, np.zeros(3)), _still(tree, x["q"]), _work(tree), H)
     return _shaped(H, q)
@@ -109,6 +110,7 @@ def coupling_matrix(model: Model) -> Coupling:
 
     G' M G and G' c are mass matrix and bias forces of the motion that is left.
     """
+    check_model(model)
     joints, base = model.moving_joints, model.nv - len(model.moving_joints)
     leaders = [leader_of(model, joint) for joint in joints]
     free = [joint for joint, leader in zip(joints, leaders) if leader.joint is joint]
@@ -128,6 +130,7 @@ def energy(
 
 def center_of_mass(model: Model, q: ArrayLike) -> np.ndarray:
     """Centre of mass (3,) or (n, 3) in the world [m], a fixed base included."""
+    check_model(model)
     return _shaped(_measures(model, q, np.zeros(model.nv), None, GRAVITY)[1][:, :3], q)
 
 
@@ -138,7 +141,7 @@ def momentum(model: Model, q: ArrayLike, qd: ArrayLike) -> np.ndarray:
 
 def forward_kinematics(model: Model, q: ArrayLike) -> Poses:
     """Pose of every link, in the order of `model.links`."""
-    tree, x = compile_tree(model), _arguments(model, q=q)
+    x, tree = _arguments(model, q=q), compile_tree(model)
     poses = _poses(tree, x["q"])
     places = [tree.placements[link.name] for link in model.links]
     E = poses[:, [place.row for place in places], :9].reshape(len(poses), -1, 3, 3)
@@ -151,12 +154,14 @@ def forward_kinematics(model: Model, q: ArrayLike) -> Poses:
 
 def spring_energy(model: Model, springs: Sequence[Spring], q: ArrayLike) -> np.ndarray:
     """Energy stored in each spring, (springs,) or (n, springs) [J]."""
+    springs = listed("springs", springs, "give a list of Spring")
     stretch = np.linalg.norm(spring_vectors(model, springs, q), axis=-1) - [spring.length for spring in springs]
     return 0.5 * np.array([spring.stiffness for spring in springs]) * stretch**2
 
 
 def spring_vectors(model: Model, springs: Sequence[Spring], q: ArrayLike) -> np.ndarray:
     """From point a to point b of each spring, (springs, 3) or (n, springs, 3) in world axes [m]."""
+    check_model(model)
     check_springs(model.links, springs)
     poses = forward_kinematics(model, q)
     b = _points(model, poses, [(spring.b, spring.point_b) for spring in springs])
@@ -203,14 +208,17 @@ def _points(model: Model, poses: Poses, points: list[tuple[str, Sequence[float]]
 
 def _arguments(model: Model, **arrays: ArrayLike) -> dict[str, np.ndarray]:
     """The arguments as rows (n, width), checked."""
+    check_model(model)
     rows = {}
     for name, value in arrays.items():
         width = model.nq if name == "q" else model.nv
-        a = np.asarray(value, dtype=float)
+        a = floats(name, value)
         if a.ndim not in (1, 2) or a.shape[-1] != width:
             raise ValueError(f"{model.name}: {name} has shape {a.shape}; it must be ({width},) or (n, {width})")
-        if not np.isfinite(a).all():
-            raise ValueError(f"{model.name}: {name} has a value that is not finite: {a[~np.isfinite(a)][0]}")
+        if not (np.abs(a) <= HUGE).all():
+            wrong = a[~(np.abs(a) <= HUGE)][0]
+            text = "is beyond 1e50: correct it" if np.isfinite(wrong) else "is not finite"
+            raise ValueError(f"{model.name}: {name} has a value that {text}: {wrong}")
         rows[name] = np.atleast_2d(a)
     n = max(len(a) for a in rows.values())
     for name, a in rows.items():
@@ -220,14 +228,24 @@ def _arguments(model: Model, **arrays: ArrayLike) -> dict[str, np.ndarray]:
     return {name: np.broadcast_to(a, (n, a.shape[-1])) for name, a in rows.items()}
 
 
+def check_model(model: Model) -> Model:
+    """The model.  Raises TypeError unless it is one."""
+    instance("model", model, Model, "give what load_robot returns")
+    return model
+
+
 def _check_positions(model: Model, q: np.ndarray) -> None:
     """Refuse angles too large to be reduced exactly and quaternions without a direction."""
-    if model.base == "floating" and (np.linalg.norm(q[:, 3:7], axis=1) < 1e-6).any():
-        raise ValueError(f"{model.name}: the base's quaternion q[3:7] is zero; [1, 0, 0, 0] is no rotation")
+    if model.base == "floating":
+        largest = np.abs(q[:, 3:7]).max(axis=1)
+        if not ((largest > 5e-7) & (largest < 1e6)).all():
+            raise ValueError(
+                f"{model.name}: the base's quaternion q[3:7] is zero or beyond 1e6; [1, 0, 0, 0] is no rotation"
+            )
     for k, joint in enumerate(model.moving_joints, start=model.nq - len(model.moving_joints)):
         if joint.type != "prismatic" and (np.abs(q[:, k]) > SINCOS_LIMIT).any():
             raise ValueError(
-                f"{model.name}: angle of {joint.name} is {q[np.abs(q[:, k]).argmax(), k]:g} rad; "
+                f"{model.name}: q: angle of {joint.name} is {q[np.abs(q[:, k]).argmax(), k]:g} rad; "
                 f"at most {SINCOS_LIMIT:.0f} rad: subtract whole turns"
             )
 
@@ -236,10 +254,7 @@ def _vector(name: str, value: ArrayLike | None, width: int) -> np.ndarray | None
     """None, or a checked vector of `width` finite numbers."""
     if value is None:
         return None
-    a = np.array(value, dtype=float)
-    if a.shape != (width,) or not np.isfinite(a).all():
-        raise ValueError(f"{name} must be {width} finite numbers; it is {value!r}")
-    return a
+    return vector(name, value, width)
 
 
 def _shaped(out: np.ndarray, *arguments: ArrayLike) -> np.ndarray:
@@ -314,16 +329,21 @@ def _from_lanes(a: np.ndarray | None, n: int) -> np.ndarray | None:
 
 def _wrench(model: Model, tree: Tree, q: np.ndarray, wrench: Wrench | None) -> np.ndarray | None:
     """External forces (n, bodies, 6) about the common origin, None where there are none."""
+    if wrench is None:
+        return None
+    instance("wrench", wrench, Mapping, "give {link: [moment; force]}")
     if not wrench:
         return None
     poses = _poses(tree, q)
     out = np.zeros((len(q), tree.n + 1, 6))
     for name, value in wrench.items():
         if name not in tree.placements:
-            raise ValueError(f"{model.name}: no link {name!r} to push; links: {', '.join(tree.placements)}")
-        f = np.asarray(value, dtype=float)
+            raise ValueError(f"{model.name}: wrench: no link {name!r} to push; links: {', '.join(tree.placements)}")
+        f = floats(f"wrench on {name}", value)
         if f.shape not in ((6,), (len(q), 6)) or not np.isfinite(f).all():
-            raise ValueError(f"{model.name}: wrench on {name} must be (6,) or ({len(q)}, 6) finite numbers: {value!r}")
+            raise ValueError(
+                f"{model.name}: wrench on {name} must be (6,) or ({len(q)}, 6) finite numbers: {shown(value)}"
+            )
         place = tree.placements[name]
         p = poses[:, place.row, 9:] + applied(poses[:, place.row, :9].reshape(-1, 3, 3), place.r)
         f = np.broadcast_to(f, (len(q), 6))
@@ -347,7 +367,7 @@ def _measures(
     model: Model, q: ArrayLike, qd: ArrayLike, armature: ArrayLike | None, gravity: ArrayLike
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Energies (n, 2), centre of mass (n, 6) and momentum (n, 6)."""
-    tree, x = compile_tree(model), _arguments(model, q=q, qd=qd)
+    x, tree = _arguments(model, q=q, qd=qd), compile_tree(model)
     n = len(x["q"])
     outs = np.zeros((n, 2)), np.zeros((n, 6)), np.zeros((n, 6))
     batch.measures_rows(_robot(model, armature, gravity), _motion(tree, x["q"], x["qd"]), _work(tree), *outs)

@@ -31,7 +31,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tqdm import tqdm
 
+from .arguments import finite, floats, instance, is_real, listed, real, shown, truth
+from .arguments import path as path_of
 from .build.scene import ServoKind, compile_scene
+from .dynamics import check_model
 from .files import FilePath, Format, read_csv, write_csv
 from .model import SERVO_UNITS, Controller, Gearbox, Model, Servo
 from .reference import Reference
@@ -74,11 +77,16 @@ class Recording:
     settings: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _check_names(self.settings, f"recording {self.name}")
+        instance("recording: name", self.name, str, "give a text")
+        instance(f"recording {self.name}: settings", self.settings, Mapping, "give {name: value}")
+        _check_names(self.settings, f"recording {self.name}: settings")
+        for name, value in self.settings.items():
+            if not is_real(value):
+                raise ValueError(f"recording {self.name}: settings: {name} is {shown(value)}; expected a number")
         for name in ("time", "reference", "angle", "voltage"):
             if name == "voltage" and self.voltage is None:
                 continue
-            values = np.array(getattr(self, name), dtype=float)
+            values = np.array(floats(f"recording {self.name}: {name}", getattr(self, name)))
             if values.ndim != 1 or values.shape != np.shape(self.time) or not np.isfinite(values).all():
                 raise ValueError(
                     f"recording {self.name}: {name} has shape {values.shape}, time {np.shape(self.time)}; give as many "
@@ -95,7 +103,7 @@ def read_recording(path: FilePath, **settings: float) -> Recording:
     The first time becomes 0.  settings: servo parameters that hold in this recording alone, such as Kp=20.0.
     Raises ValueError, naming file, line and column, on anything that is not such a table.
     """
-    path = Path(path)
+    path = path_of("path", path)
     lines = list(read_csv(path, FORMAT)) or [(1, [])]
     names = _header(path, *lines[0])
     values = np.array([_row(path, line, names, row) for line, row in lines[1:]])
@@ -109,6 +117,8 @@ def read_recording(path: FilePath, **settings: float) -> Recording:
 
 def write_recording(path: FilePath, recording: Recording) -> None:
     """Write what `read_recording` reads, whole or not at all; the settings are not part of the file."""
+    instance("recording", recording, Recording, "give a Recording")
+    path = path_of("path", path)
     measured = (recording.time, recording.reference, recording.angle, recording.voltage)
     columns = [column for column in measured if column is not None]
     write_csv(path, FORMAT, COLUMNS[: len(columns)], np.column_stack(columns).tolist())
@@ -258,14 +268,17 @@ def identify(
     """
     from scipy.optimize import least_squares
 
+    recordings = _listed(recordings)
     models = _models(model, recordings)
     start = _start(models[0], recordings, parameters)
-    if not 0 < confidence < 1:
-        raise ValueError(f"confidence is {confidence!r}; give a share between 0 and 1, such as 0.95")
+    truth("progress", progress)
+    if not (is_real(confidence) and 0 < confidence < 1):
+        raise ValueError(f"confidence is {shown(confidence)}; give a share between 0 and 1, such as 0.95")
+    real("voltage_weight", voltage_weight, 0.0, 1e12, "0 fits angles alone")
     if voltage_weight and any(recording.voltage is None for recording in recordings):
         raise ValueError("voltage_weight: a recording has no voltage; leave the weight 0, or record it")
-    if not 0 <= start_range < math.inf:
-        raise ValueError(f"start_range is {start_range!r} rad; give the encoder's step, or 0")
+    if not (is_real(start_range) and 0 <= start_range < math.inf):
+        raise ValueError(f"start_range is {shown(start_range)} rad; give the encoder's step, or 0")
     fit = _Fit(models, tuple(recordings), tuple(parameters), servos, voltage_weight, timestep)
     starts = [recording.angle[0] for recording in recordings] if start_range else []
     x = np.array([*map(math.log, start.values()), *starts])
@@ -303,6 +316,7 @@ def changed(model: Model, **values: float) -> Model:
 
     Raises ValueError on an unknown name and on a value out of range.
     """
+    check_model(model)
     _check_names(values, model.name)
     return replace(model, servos={joint: _changed_servo(servo, values) for joint, servo in model.servos.items()})
 
@@ -318,14 +332,19 @@ def predict(
 
     starts: first angles [rad]; None takes the recorded ones.
     """
-    starts = [recording.angle[0] for recording in recordings] if starts is None else starts
+    check_model(model)
+    recordings = _listed(recordings)
+    if starts is None:
+        starts = [recording.angle[0] for recording in recordings]
+    starts = finite("starts", starts, (len(recordings),), "[rad]")
+    real("timestep", timestep, 1e-9, 10.0, "give seconds, 5e-4 is usual")
     results: list = [None] * len(recordings)
     alike: dict[tuple, list[int]] = {}
     for k, recording in enumerate(recordings):
         alike.setdefault(tuple(sorted(recording.settings.items())), []).append(k)
     for settings, members in alike.items():
         scene = compile_scene(changed(model, **dict(settings)), servos, integrator="midpoint", timestep=timestep)
-        states = [initial_state(scene, [starts[k]]) for k in members]
+        states = [initial_state(scene, [starts[k]], beyond_limits=True) for k in members]
         references = [
             Reference(recordings[k].time - EARLY, recordings[k].reference[:, None], "hold") for k in members
         ]
@@ -339,6 +358,7 @@ def predict(
 
 def prediction_error(model: Model, recordings: Sequence[Recording], servos: ServoKind = "mipsd") -> np.ndarray:
     """Root mean square [rad] of predicted less recorded angle, of each recording: the test, if they were not fitted."""
+    recordings = _listed(recordings)
     runs = predict(model, recordings, servos=servos)
     return np.array([math.sqrt(np.mean((q - r.angle) ** 2)) for (q, _), r in zip(runs, recordings)])
 
@@ -470,11 +490,22 @@ def _exp(x: float) -> float:
     return math.exp(min(max(x, -700.0), 700.0))
 
 
+def _listed(recordings: Sequence[Recording]) -> list[Recording]:
+    """The recordings.  Raises ValueError or TypeError for what is no list of them."""
+    found = listed("recordings", recordings, "give a list of Recording")
+    if not found:
+        raise ValueError("recordings: there is no recording; give one or more, see read_recording")
+    for recording in found:
+        instance("recordings", recording, Recording, "give a list of Recording")
+    return found
+
+
 def _models(model: Model | Sequence[Model], recordings: Sequence[Recording]) -> tuple[Model, ...]:
     """The robot of each recording, checked."""
-    if not recordings:
-        raise ValueError("there is no recording; give one or more, see read_recording")
-    models = (model,) * len(recordings) if isinstance(model, Model) else tuple(model)
+    remedy = "give a Model, or one for each recording"
+    models = (model,) * len(recordings) if isinstance(model, Model) else tuple(listed("model", model, remedy))
+    for one in models:
+        check_model(one)
     if len(models) != len(recordings):
         raise ValueError(f"{len(models)} models and {len(recordings)} recordings; give one model, or one for each")
     for one in dict.fromkeys(models):
@@ -490,9 +521,10 @@ def _models(model: Model | Sequence[Model], recordings: Sequence[Recording]) -> 
 
 def _start(model: Model, recordings: Sequence[Recording], parameters: Sequence[str]) -> dict[str, float]:
     """Where the search begins: the model's values."""
-    if isinstance(parameters, str) or not parameters or len(set(parameters)) < len(parameters):
-        raise ValueError(f"parameters are {parameters!r}; give a list of names, each once")
+    parameters = listed("parameters", parameters, "give a list of names, each once")
     _check_names(parameters, "parameters")
+    if not parameters or len(set(parameters)) < len(parameters):
+        raise ValueError(f"parameters are {parameters!r}; give a list of names, each once")
     servo = model.servos[model.joint_names[0]]
     values = {f.name: getattr(part, f.name) for part in (servo, servo.controller, servo.gearbox) for f in fields(part)}
     for name in parameters:
@@ -510,8 +542,8 @@ def _start(model: Model, recordings: Sequence[Recording], parameters: Sequence[s
 
 def _check_names(names: Iterable[str], where: str) -> None:
     for name in names:
-        if name not in SERVO_UNITS:
-            raise ValueError(f"{where}: a servo has no parameter {name!r}; parameters: {', '.join(SERVO_UNITS)}")
+        if not isinstance(name, str) or name not in SERVO_UNITS:
+            raise ValueError(f"{where}: a servo has no parameter {shown(name)}; parameters: {', '.join(SERVO_UNITS)}")
 
 
 def _changed_servo(servo: Servo, values: Mapping[str, Any]) -> Servo:

@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .arguments import one_of, shown, vector
 from .dynamics import Poses, forward_kinematics
 from .fixed_order import applied, product, total
 from .model import Model, depth_first
@@ -48,8 +49,7 @@ def jacobian(
 
     Raises ValueError on wrong shapes, and for a link or a frame that there is not.
     """
-    if frame not in ("world", "body"):
-        raise ValueError(f"frame is {frame!r}; expected 'world' or 'body': use one of these")
+    one_of("frame", frame, ("world", "body"))
     poses, row = forward_kinematics(model, q), link_index(model, link)
     J = jacobian_at(model, poses, link, point)
     if frame == "world":
@@ -99,9 +99,7 @@ def center_of_mass_at(model: Model, poses: Poses) -> np.ndarray:
 
 def point_at(poses: Poses, row: int, point: ArrayLike) -> np.ndarray:
     """Where a point of a link is (..., 3) [m]; row: of the link, point: (3,) in its frame."""
-    local = np.asarray(point, dtype=float)
-    if local.shape != (3,) or not np.isfinite(local).all():
-        raise ValueError(f"point is {point!r}; give three finite numbers [m], in the frame of the link")
+    local = vector("point", point, 3, "[m] in the frame of the link")
     return poses.position[..., row, :] + applied(poses.rotation[..., row, :, :], local)
 
 
@@ -150,10 +148,10 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def link_index(model: Model, name: str) -> int:
     """Return the position of the link `name` in ``model.links``.  Raises ValueError if there is none."""
     for i, link in enumerate(model.links):
-        if link.name == name:
+        if isinstance(name, str) and link.name == name:
             return i
     known = ", ".join(link.name for link in model.links)
-    raise ValueError(f"model {model.name!r} has no link {name!r}; its links are {known}")
+    raise ValueError(f"model {model.name!r} has no link {shown(name)}; its links are {known}")
 
 
 def link_centers(model: Model, poses: Poses) -> np.ndarray:

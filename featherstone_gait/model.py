@@ -15,13 +15,16 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
+from .arguments import floats, instance, is_real, shown, texts, whole
+from .arguments import listed as items
 from .core.compile.elementary import NEAR
 from .definite import indefinite_flaws
 from .fixed_order import applied, product
@@ -34,15 +37,18 @@ Base = Literal["fixed", "floating"]
 Law = Literal["state", "pid_position", "pid_speed", "pd", "pd_clamped"]
 TORQUE_LAWS = ("pd", "pd_clamped")
 
+MOST_STAIRS = 10**6
 AXIS_TOLERANCE = 1e-9  # how far from 1 the length of a joint axis may be
 DEFINITE_TOLERANCE = 1e-9  # smallest principal moment of inertia, relative to the largest
 
+LARGEST = 1e50  # number of a robot [SI]: products of several stay within floats, and so do their inverses
+
 _RULES: dict[str, Callable[[float], bool]] = {
-    "> 0": lambda x: 0 < x < math.inf,
-    ">= 0": lambda x: 0 <= x < math.inf,
-    "> 0 or inf": lambda x: x > 0,
+    "> 0": lambda x: 1.0 / LARGEST <= x <= LARGEST,
+    ">= 0": lambda x: 0 <= x <= LARGEST,
+    "> 0 or inf": lambda x: x >= 1.0 / LARGEST,
     ">= 0 or inf": lambda x: x >= 0,
-    "finite": math.isfinite,
+    "finite": lambda x: abs(x) <= LARGEST,
 }
 
 
@@ -77,6 +83,7 @@ class Link:
 
     def __post_init__(self) -> None:
         _refuse(f"link {self.name!r}", self._flaws(f"link {self.name!r}"))
+        _freeze(self, "center_of_mass", "inertia")
 
     def _flaws(self, what: str) -> Iterator[str]:
         yield from _name_flaws("link", self.name)
@@ -97,6 +104,7 @@ class Mimic:
     offset: float = _number("finite", "rad or m", 0.0)
 
     def __post_init__(self) -> None:
+        _check_name("joint", self.joint)
         _check_numbers(f"mimic of joint {self.joint!r}", self)
 
 
@@ -122,23 +130,30 @@ class Joint:
 
     def __post_init__(self) -> None:
         _refuse(f"joint {self.name!r}", self._flaws(f"joint {self.name!r}"))
+        _freeze(self, "xyz", "rpy", "axis")
 
     def _flaws(self, what: str) -> Iterator[str]:
         yield from _name_flaws("joint", self.name)
         yield from _choice_flaws(what, "type", self.type, get_args(JointType))
+        for name in ("parent", "child"):
+            yield from _text_flaws(what, name, getattr(self, name))
+        if self.mimic is not None and not isinstance(self.mimic, Mimic):
+            yield f"{what}: mimic is {shown(self.mimic)}; expected a Mimic or None: give Mimic(joint)"
         if self.parent == self.child:
             yield f"{what}: parent and child are both {self.child!r}; connect two different links"
         yield from _vector_flaws(what, "xyz", self.xyz, 3)
-        yield from _vector_flaws(what, "rpy", self.rpy, 3)
-        yield from _angle_flaws(what, "rpy", self.rpy)
+        turned = list(_vector_flaws(what, "rpy", self.rpy, 3))
+        yield from turned or _angle_flaws(what, "rpy", self.rpy)
         yield from _vector_flaws(what, "axis", self.axis, 3)
         if self.type != "fixed":
             yield from self._motion_flaws(what)
 
     def _motion_flaws(self, what: str) -> Iterator[str]:
-        if abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
+        if not any(_vector_flaws(what, "axis", self.axis, 3)) and abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
             yield f"{what}: axis {self.axis!r} is not of unit length; divide it by its length"
-        if not self.lower <= self.upper or self.lower == math.inf or self.upper == -math.inf:
+        if not (is_real(self.lower) and is_real(self.upper)):
+            yield f"{what}: limits lower {shown(self.lower)}, upper {shown(self.upper)}; expected numbers: correct them"
+        elif not self.lower <= self.upper or self.lower == math.inf or self.upper == -math.inf:
             yield f"{what}: limits lower {self.lower!r}, upper {self.upper!r}; lower must be below upper: swap them"
         if self.type == "continuous" and (self.lower, self.upper) != (-math.inf, math.inf):
             yield f"{what}: type 'continuous' has limits {self.lower!r} to {self.upper!r}; use type 'revolute'"
@@ -207,6 +222,8 @@ class Servo:
     speed_filter: float = _number(">= 0", "s", 0.0)  # time constant of the speed that controller and friction see
 
     def __post_init__(self) -> None:
+        instance("servo: controller", self.controller, Controller, "give Controller(law)")
+        instance("servo: gearbox", self.gearbox, Gearbox, "give Gearbox(ratio)")
         if self.controller.law not in TORQUE_LAWS:
             for name in ("resistance", "motor_constant", "voltage_limit"):
                 remedy = f"correct it, the law {self.controller.law!r} drives a motor"
@@ -236,11 +253,14 @@ class ContactPoint:
 
     def __post_init__(self) -> None:
         what = f"contact point on link {self.link!r}"
+        _check_name("link", self.link)
         _check_vector(what, "position", self.position, 3)
         _check_vector(what, "axis", self.axis, 3)
+        instance(f"{what}: carries", self.carries, (bool, np.bool_), "give True or False")
+        _freeze(self, "position", "axis")
+        _check_numbers(what, self)
         if self.rim > 0 and abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
             raise ValueError(f"{what}: axis {self.axis!r} is not of unit length; divide it by its length")
-        _check_numbers(what, self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,8 +272,8 @@ class HeightField:
     origin: tuple[float, float] = (0.0, 0.0)  # of heights[0, 0], world axes [m]
 
     def __post_init__(self) -> None:
-        heights = np.array(self.heights, dtype=float)
-        if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
+        heights = np.array(floats("height field: heights", self.heights, "give an array (nx, ny) [m]"))
+        if heights.ndim != 2 or min(heights.shape) < 2 or not (np.abs(heights) <= LARGEST).all():
             raise ValueError(
                 f"height field: heights have shape {heights.shape}; expected finite ones of 2 x 2 nodes or more: "
                 "give an array (nx, ny) [m]"
@@ -262,6 +282,7 @@ class HeightField:
         object.__setattr__(self, "heights", heights)
         _check_vector("height field", "spacing", self.spacing, 2)
         _check_vector("height field", "origin", self.origin, 2)
+        _freeze(self, "spacing", "origin")
         if not min(self.spacing) > 0:
             raise ValueError(f"height field: spacing is {self.spacing!r} m; expected > 0: give the distance of nodes")
 
@@ -286,13 +307,15 @@ class Ground:
 
     def __post_init__(self) -> None:
         _check_numbers("ground", self)
-        if not abs(self.slope) < 0.5 * math.pi:
+        if not (is_real(self.slope) and abs(self.slope) < 0.5 * math.pi):
             raise ValueError(
                 f"ground: slope {self.slope!r} rad; it must lie between -pi/2 and pi/2: give it in radians"
             )
         check_angles("ground", "heading", (self.heading,))
-        for step in self.steps:
+        steps = items("ground: steps", self.steps, "give (distance, rise) of each [m]")
+        for step in steps:
             _check_vector("ground", "step", step, 2)
+        object.__setattr__(self, "steps", tuple(tuple(float(x) for x in step) for step in steps))
         if self.field is not None and not isinstance(self.field, HeightField):
             raise ValueError(
                 f"ground: field is {type(self.field).__name__}; expected a HeightField: make one of the array"
@@ -304,10 +327,12 @@ class Ground:
 def stairs(count: int, depth: float, rise: float, start: float = 0.0) -> tuple[tuple[float, float], ...]:
     """The steps of a `Ground` that make stairs: `count` rises [m], the first at `start`, `depth` apart [m].
 
-    Raises ValueError for a negative count and a depth that is not above zero.
+    Raises ValueError for a negative count, a depth that is not above zero and numbers that are not finite.
     """
-    if not (count >= 0 and depth > 0):
-        raise ValueError(f"stairs: count is {count!r}, depth {depth!r} m; expected >= 0 and > 0: correct them")
+    count = whole("stairs: count", count, 0, "give the number of steps", MOST_STAIRS)
+    _check_number("stairs", "depth", depth, "> 0", "m", "give the distance of two rises")
+    for name, value in (("rise", rise), ("start", start)):
+        _check_number("stairs", name, value, "finite", "m", "correct it")
     return tuple((start + k * depth, rise) for k in range(count))
 
 
@@ -329,11 +354,14 @@ class Spring:
 
     def __post_init__(self) -> None:
         what = f"spring from link {self.a!r} to {self.b!r}"
+        _check_name("link", self.a)
+        _check_name("link", self.b)
         if self.a == self.b:
             raise ValueError(f"{what}: both points are on one link, which does not stretch; give two links")
         _check_vector(what, "point_a", self.point_a, 3)
         _check_vector(what, "point_b", self.point_b, 3)
         _check_numbers(what, self)
+        _freeze(self, "point_a", "point_b")
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,17 +372,18 @@ class Model:
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     base: Base = "fixed"
-    locked: dict[str, float] = field(default_factory=dict)  # joint name -> position it is held at [rad or m]
-    servos: dict[str, Servo] = field(default_factory=dict)  # joint name -> servo
+    locked: Mapping[str, float] = field(default_factory=dict)  # joint name -> position it is held at [rad or m]
+    servos: Mapping[str, Servo] = field(default_factory=dict)  # joint name -> servo
     contacts: tuple[ContactPoint, ...] = ()
     shapes: tuple[Shape, ...] = ()  # collision shapes
-    keyframes: dict[str, tuple[float, ...]] = field(default_factory=dict)  # named postures q (nq,) [m, -, rad or m]
+    keyframes: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # named postures q (nq,) [m, -, rad or m]
     notes: tuple[str, ...] = ()  # what the reader skipped or changed, one sentence each
     source: str = ""  # file it was read from
 
     def __post_init__(self) -> None:
         _check_name("robot", self.name)
         _check_choice(f"robot {self.name!r}", "base", self.base, ("fixed", "floating"))
+        self._freeze()
         check_tree(self.links, self.joints)
         check_locked(self.joints, self.locked)
         check_mimics(self.joints)
@@ -365,6 +394,26 @@ class Model:
         for name, q in self.keyframes.items():
             _check_vector(f"keyframe {name!r}", "q", q, self.nq)
         _check_bodies(self)
+
+    def _freeze(self) -> None:
+        """Keep copies that nobody can change, for what is checked here is read again whenever a scene is compiled."""
+        for name, kind in _PARTS.items():
+            parts = tuple(items(f"robot {self.name!r}: {name}", getattr(self, name), f"give a list of {kind.__name__}"))
+            for part in parts:
+                instance(f"robot {self.name!r}: {name}", part, kind, f"give a list of {kind.__name__}")
+            object.__setattr__(self, name, parts)
+        object.__setattr__(self, "notes", tuple(texts("notes", self.notes, "give a list of sentences")))
+        instance("source", self.source, str, "give the path of a file, or an empty text")
+        for name in _TABLES:
+            table = getattr(self, name)
+            instance(f"robot {self.name!r}: {name}", table, Mapping, "give a dictionary, by name")
+            object.__setattr__(self, name, MappingProxyType(dict(table)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: dict(value) if name in _TABLES else value for name, value in self.__dict__.items()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state | {name: MappingProxyType(state[name]) for name in _TABLES})
 
     @property
     def root(self) -> str:
@@ -422,6 +471,10 @@ class Model:
         return tree_text(self)
 
 
+_PARTS = {"links": Link, "joints": Joint, "contacts": ContactPoint, "shapes": Shape}
+_TABLES = ("locked", "servos", "keyframes")
+
+
 def check_tree(links: Iterable[Link], joints: Iterable[Joint]) -> None:
     """Raise FlawError, a ValueError, unless the joints make one tree of the links."""
     names, joints = [link.name for link in links], list(joints)
@@ -474,7 +527,7 @@ def _root_flaws(names: list[str], parent_joint: dict[str, Joint]) -> Iterator[Fl
         rooted.update(path)
 
 
-def check_locked(joints: Iterable[Joint], locked: dict[str, float]) -> None:
+def check_locked(joints: Iterable[Joint], locked: Mapping[str, float]) -> None:
     """Raise ValueError unless every locked joint exists, moves and is held within its limits."""
     by_name = {joint.name: joint for joint in joints}
     for name, position in locked.items():
@@ -528,7 +581,7 @@ def check_mimics(joints: Iterable[Joint]) -> None:
             leader = leaders[leader]
 
 
-def check_can_move(joints: Iterable[Joint], held: dict[str, float]) -> None:
+def check_can_move(joints: Iterable[Joint], held: Mapping[str, float]) -> None:
     """Raise ValueError for a joint that is neither fixed nor held, and whose limits coincide."""
     for joint in joints:
         if joint.type != "fixed" and joint.name not in held and joint.lower == joint.upper:
@@ -538,11 +591,12 @@ def check_can_move(joints: Iterable[Joint], held: dict[str, float]) -> None:
             )
 
 
-def check_servos(joints: Iterable[Joint], servos: dict[str, Servo]) -> None:
+def check_servos(joints: Iterable[Joint], servos: Mapping[str, Servo]) -> None:
     """Raise ValueError unless every servo's joint exists and moves."""
     by_name = {joint.name: joint for joint in joints}
-    for name in servos:
+    for name, servo in servos.items():
         _movable(by_name, name, "servos")
+        instance(f"servos: that of joint {name!r}", servo, Servo, "give a Servo, as load_servo does")
 
 
 def check_contacts(links: Iterable[Link], contacts: Iterable[ContactPoint]) -> None:
@@ -565,6 +619,7 @@ def check_springs(links: Iterable[Link], springs: Iterable[Spring]) -> None:
     """Raise ValueError unless every spring joins links of the robot."""
     names = {link.name: link for link in links}
     for spring in springs:
+        instance("springs", spring, Spring, "give a list of Spring(a, b)")
         for end in (spring.a, spring.b):
             if end not in names:
                 raise ValueError(f"springs: there is no link {end!r}; use one of {listed(names)}")
@@ -720,29 +775,50 @@ def inertia_matrix(inertia: tuple[float, ...]) -> np.ndarray:
 
 
 def _name_flaws(kind: str, name: str) -> Iterator[str]:
-    if not name or not name.isprintable():
+    if not isinstance(name, str) or not name or not name.isprintable():
         yield f"{kind} name {name!r} is empty or has characters that cannot be printed; use a plain name"
 
 
+def _text_flaws(what: str, name: str, value: str) -> Iterator[str]:
+    if not isinstance(value, str):
+        yield f"{what}: {name} is {shown(value)}; expected the name of a link: write it in quotes"
+
+
 def _choice_flaws(what: str, name: str, value: str, choices: tuple[str, ...]) -> Iterator[str]:
-    if value not in choices:
+    if not isinstance(value, str) or value not in choices:
         yield f"{what}: {name} is {value!r}; expected one of {listed(choices)}: use one of these"
 
 
 def _number_flaws(what: str, record: Any) -> Iterator[str]:
     """Of the fields that are declared by `_number`."""
     for f in fields(record):
-        if f.metadata and not _RULES[f.metadata["rule"]](getattr(record, f.name)):
+        if f.metadata and not _fits(getattr(record, f.name), f.metadata["rule"]):
             yield _number_flaw(what, f.name, getattr(record, f.name), **f.metadata)
 
 
 def _number_flaw(what: str, name: str, value: float, rule: str, unit: str, remedy: str) -> str:
-    return f"{what}: {name} is {value!r} [{unit}]; expected {rule}: {remedy}"
+    size = f", of a size from {1 / LARGEST:g} to {LARGEST:g}" if is_real(value) and 0 < abs(value) < math.inf else ""
+    return f"{what}: {name} is {shown(value)} [{unit}]; expected {rule}{size}: {remedy}"
+
+
+def _fits(value: Any, rule: str) -> bool:
+    return is_real(value) and _RULES[rule](value)
 
 
 def _vector_flaws(what: str, name: str, value: tuple[float, ...], size: int) -> Iterator[str]:
-    if len(value) != size or not all(math.isfinite(x) for x in value):
-        yield f"{what}: {name} is {value!r}; expected {size} finite numbers: correct it"
+    try:
+        numbers = floats(name, value)
+    except ValueError:
+        numbers = np.zeros(0)
+    if numbers.shape != (size,) or not (np.abs(numbers) <= LARGEST).all():
+        yield f"{what}: {name} is {shown(value)}; expected {size} finite numbers: correct it"
+
+
+def _freeze(record: Any, *names: str) -> None:
+    """Turn checked vectors into tuples of floats, that nobody can change."""
+    for name in names:
+        if type(getattr(record, name)) is not tuple:
+            object.__setattr__(record, name, tuple(float(x) for x in getattr(record, name)))
 
 
 def _check_name(kind: str, name: str) -> None:
@@ -756,7 +832,7 @@ def _check_choice(what: str, name: str, value: str, choices: tuple[str, ...]) ->
 
 
 def _check_number(what: str, name: str, value: float, rule: str, unit: str, remedy: str) -> None:
-    if not _RULES[rule](value):
+    if not _fits(value, rule):
         raise ValueError(_number_flaw(what, name, value, rule, unit, remedy))
 
 

@@ -18,7 +18,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .dynamics import Poses, forward_kinematics
+from .arguments import floats, instance, listed, real, shown, texts, vector, whole
+from .dynamics import Poses, check_model, forward_kinematics
 from .fixed_order import applied, product, solve, total
 from .jacobians import center_of_mass_at, center_of_mass_jacobian_at, jacobian_at, link_index, point_at
 from .model import Joint, Model
@@ -26,6 +27,9 @@ from .rotation import cross, dot, rotation_from_rpy
 
 Status = Literal["ok", "limits", "out of reach", "not converged"]
 
+MOST = 10**9  # iterations, and starts
+HEAVIEST = 1e20  # weight, whose square is still far below the largest number
+TIGHTEST = 1e-300  # tolerance, whose square is still above zero
 SETTLED = 1e-6  # largest cosine between the error and a column of its Jacobian
 LEAST_DAMPING = 1e-12  # of the mean of J J' over its diagonal: targets may depend on each other
 LEAST_GAIN = 1e-4  # of what a step promises
@@ -90,11 +94,15 @@ def inverse_kinematics(
     there; or "not converged" within max_iterations of one start.  All but "ok" speak of what is near the start: other
     starts may do better.  Raises ValueError for links and joints that there are not, and for numbers that are none.
     """
+    check_model(model)
+    instance("hold_base", hold_base, (bool, np.bool_), "give True or False")
     goals = [_goal(model, target) for target in _listed(targets)]
     if not goals:
         raise ValueError(f"{model.name}: there is no target; give at least one Target(link, position)")
-    if not tolerance > 0:
-        raise ValueError(f"{model.name}: tolerance is {tolerance!r}; it must be > 0: 1e-9 is usual")
+    real("tolerance", tolerance, TIGHTEST, math.inf, "1e-9 is usual")
+    restarts = whole("restarts", restarts, 0, "it is how many other starts are tried", MOST)
+    max_iterations = whole("max_iterations", max_iterations, 0, "200 is usual", MOST)
+    seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
     task = _Task(model, goals, _freedom(model, joints, hold_base), tolerance, max_iterations)
     rng, start = np.random.default_rng(seed), _start(task, q0)
     best = _attempt(task, start, rng)
@@ -298,7 +306,7 @@ def _start(task: _Task, q0: ArrayLike | None) -> np.ndarray:
     if q0 is None:
         base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
         q0 = [*base, *map(_middle, model.moving_joints)]
-    q = np.array(q0, dtype=float)
+    q = np.array(floats(f"{model.name}: q0", q0))
     if q.shape != (model.nq,):
         raise ValueError(f"{model.name}: q0 has shape {q.shape}; it must be ({model.nq},): give all coordinates")
     forward_kinematics(model, q)  # checks the numbers
@@ -325,11 +333,10 @@ def _anywhere(task: _Task, start: np.ndarray, rng: np.random.Generator) -> np.nd
 def _freedom(model: Model, joints: Iterable[str] | None, hold_base: bool) -> _Freedom:
     """What may move.  Raises ValueError for a joint that has no coordinate."""
     names, couplings = model.joint_names, _couplings(model)
-    if isinstance(joints, str):
-        raise ValueError(f"joints is {joints!r}; expected a list of names: write [{joints!r}]")
-    wanted = set(names) if joints is None else set(joints)
-    for name in wanted - set(names):
+    given = names if joints is None else texts("joints", joints, "expected a list of names: write [name]")
+    for name in [name for name in given if name not in names]:
         raise ValueError(f"joints: {name!r} is no moving joint of {model.name}; they are {', '.join(names)}: use these")
+    wanted = set(given)
     followers = {c.follower for c in couplings}
     free = [k for k, name in enumerate(names) if name in wanted and k not in followers]
     first = model.nv - len(names)
@@ -383,11 +390,12 @@ def _range(model: Model, leader: int, couplings: list[_Coupling]) -> tuple[float
 
 
 def _listed(targets: Target | Sequence[Target]) -> Sequence[Target]:
-    listed = [targets] if isinstance(targets, Target) else targets
-    for target in listed:
+    remedy = "give Target(link, position) or a list of them"
+    found = [targets] if isinstance(targets, Target) else listed("targets", targets, remedy)
+    for target in found:
         if not isinstance(target, Target):
-            raise ValueError(f"targets holds {target!r}; give Target(link, position) or a list of them")
-    return listed
+            raise ValueError(f"targets holds {shown(target)}; {remedy}")
+    return found
 
 
 def _goal(model: Model, target: Target) -> _Goal:
@@ -401,8 +409,8 @@ def _goal(model: Model, target: Target) -> _Goal:
         raise ValueError(f"{what} has a rotation, which a point has not; leave it out, or name a link")
     goal = _Goal(
         target.link,
-        _vector(what, "point", target.point),
-        None if target.position is None else _vector(what, "position", target.position),
+        vector(f"{what}: point", target.point, 3),
+        None if target.position is None else vector(f"{what}: position", target.position, 3),
         None if target.rotation is None else _rotation(what, target.rotation),
         _weight(what, "weight", target.weight),
         _weight(what, "turn_weight", target.turn_weight),
@@ -413,23 +421,16 @@ def _goal(model: Model, target: Target) -> _Goal:
     return goal
 
 
-def _vector(what: str, name: str, value: ArrayLike) -> np.ndarray:
-    a = np.asarray(value, dtype=float)
-    if a.shape != (3,) or not np.isfinite(a).all():
-        raise ValueError(f"{what}: {name} is {value!r}; give three finite numbers")
-    return a
-
-
 def _weight(what: str, name: str, value: ArrayLike) -> np.ndarray:
-    a = np.asarray(value, dtype=float)
-    if a.shape not in ((), (3,)) or not np.isfinite(a).all() or (a < 0.0).any():
+    a = floats(f"{what}: {name}", value, "give one number >= 0, or three")
+    if a.shape not in ((), (3,)) or not ((a >= 0.0) & (a <= HEAVIEST)).all():
         raise ValueError(f"{what}: {name} is {value!r}; give one number >= 0, or three, one for each axis of the world")
     return np.broadcast_to(a, 3)
 
 
 def _rotation(what: str, value: ArrayLike) -> np.ndarray:
     """A rotation matrix (3, 3), given as such or as roll, pitch and yaw (3,) [rad]."""
-    R = np.asarray(value, dtype=float)
+    R = floats(f"{what}: rotation", value, "give a rotation matrix (3, 3) or roll, pitch and yaw (3,) [rad]")
     if R.shape == (3,) and np.isfinite(R).all():
         return rotation_from_rpy(R)
     good = R.shape == (3, 3) and np.isfinite(R).all()

@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .arguments import floats, instance, one_of
 from .core.step.signals import Knots
+
+LATEST = 1e12  # knot [s]
 
 ReferenceKind = Literal["hold", "linear", "cubic"]
 
@@ -35,33 +38,36 @@ class Reference:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        times = np.array(self.times, dtype=float)
-        values = np.array(self.values, dtype=float)
+        times, values = np.array(floats("times", self.times)), np.array(floats("values", self.values))
         if times.ndim != 1 or values.ndim != 2 or len(times) != len(values) or len(times) == 0:
             raise ValueError(f"reference: times {times.shape} and values {values.shape}; give (k,) and (k, n), k > 0")
-        if not (np.isfinite(times).all() and np.isfinite(values).all()):
-            raise ValueError("reference: a time or value is not finite")
+        if not ((np.abs(times) <= LATEST).all() and np.isfinite(values).all()):
+            raise ValueError(f"reference: a time or value is not finite, or a time beyond {LATEST:g} s; correct it")
         if (np.diff(times) <= 0).any():
             k = int(np.argmax(np.diff(times) <= 0))
             raise ValueError(f"reference: time {times[k + 1]:g} s follows {times[k]:g} s; times must rise")
-        if self.kind not in ("hold", "linear", "cubic"):
-            raise ValueError(f"reference: kind {self.kind!r}; use hold, linear or cubic")
+        one_of("kind", self.kind, ("hold", "linear", "cubic"))
+        instance("cyclic", self.cyclic, (bool, np.bool_), "give True or False")
         if self.cyclic and (len(times) < 2 or not np.array_equal(values[0], values[-1])):
             raise ValueError("reference: a cyclic one needs two knots or more and the same values at both ends")
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "values", values)
+        for name, array in (("times", times), ("values", values)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
 
     def knots(self) -> Knots:
         """The signal as the kernels read it."""
-        times, values = self.times, self.values
+        times, values = np.array(self.times), np.array(self.values)  # read-only ones are another type to compile for
         if len(times) == 1:
             times, values = np.array([times[0], times[0] + 1.0]), np.repeat(values, 2, axis=0)
         cubics = np.zeros((len(times) - 1, values.shape[1], 4))
         cubics[..., 0] = values[:-1]
-        if self.kind == "linear":
-            cubics[..., 1] = np.diff(values, axis=0) / np.diff(times)[:, None]
-        if self.kind == "cubic":
-            cubics[..., 1:] = _spline(times, values, self.cyclic)
+        with np.errstate(all="ignore"):
+            if self.kind == "linear":
+                cubics[..., 1] = np.diff(values, axis=0) / np.diff(times)[:, None]
+            if self.kind == "cubic":
+                cubics[..., 1:] = _spline(times, values, self.cyclic)
+        if not np.isfinite(cubics).all():
+            raise ValueError("reference: a slope between two knots is not finite; give them values closer together")
         if self.kind == "hold" and not self.cyclic:  # the last value is held too
             times = np.append(times, times[-1] + 1.0)
             cubics = np.concatenate([cubics, np.zeros((1, *cubics.shape[1:]))])

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from .arguments import instance
 from .model import Joint, Model
 
 ROUNDING = 1e-12  # of a position [rad or m]
@@ -18,6 +19,7 @@ def nearest_posture(model: Model) -> np.ndarray:
     Joints without a limit in between are at 0, the others at the limit that is nearer to it, and followers where their
     leaders put them.  A leader keeps its followers within their limits too, where that can be.
     """
+    instance("model", model, Model, "give what load_robot returns")
     at = nearest_positions(model.joints, model.locked)
     base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
     return np.array([*base, *(at[name] for name in model.joint_names)])

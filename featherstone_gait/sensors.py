@@ -12,14 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import dynamics
+from .arguments import instance, vector
 from .build.contact import ground_under, plane_axes
 from .build.scene import CompiledScene
 from .model import Ground
+from .run.start import check_scene
 from .trajectory import Trajectory
 
 
 def encoders(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:
     """Joint angles (samples, joints) rounded to the servos' encoder steps [rad]; needs q."""
+    check_scene(scene)
     q = _channels(trajectory, "q")[0]
     servos = [scene.model.servos.get(name) for name in scene.model.joint_names]
     steps = np.array([servo.encoder_resolution if servo else 0.0 for servo in servos])
@@ -42,13 +45,14 @@ def accelerometer(scene: CompiledScene, trajectory: Trajectory, position: ArrayL
     """
     _check_floating(scene)
     q, qd, qdd = _channels(trajectory, "base_q", "base_qd", "base_qdd")
-    omega, alpha, r = qd[:, 3:], qdd[:, 3:], np.asarray(position, dtype=float)
+    omega, alpha, r = qd[:, 3:], qdd[:, 3:], vector("position", position, 3, "[m]")
     linear = np.einsum("kji,kj->ki", _rotations(q), qdd[:, :3] - scene.constants.gravity)
     return linear + np.cross(alpha, r) + np.cross(omega, np.cross(omega, r))
 
 
 def sole_forces(scene: CompiledScene, trajectory: Trajectory) -> dict[str, np.ndarray]:
     """Force of the ground on each link that has contact points (samples, 3), world axes [N]; needs contact_force."""
+    check_scene(scene)
     forces = _point_forces(scene, trajectory)
     links = [point.link for point in scene.model.contacts]
     return {name: forces[:, [link == name for link in links]].sum(axis=1) for name in dict.fromkeys(links)}
@@ -59,7 +63,8 @@ def center_of_pressure(scene: CompiledScene, trajectory: Trajectory, link: str |
 
     NaN where nothing touches.  Needs q, base_q (of a floating robot) and contact_force.
     """
-    points = [k for k, point in enumerate(scene.model.contacts) if link in (None, point.link)]
+    check_scene(scene)
+    points = [k for k, point in enumerate(scene.model.contacts) if link is None or point.link == str(link)]
     if not points:
         links = ", ".join(dict.fromkeys(point.link for point in scene.model.contacts))
         raise ValueError(f"{scene.model.name}: link {link!r} has no contact points; links that have: {links}")
@@ -71,6 +76,7 @@ def center_of_pressure(scene: CompiledScene, trajectory: Trajectory, link: str |
 
 def contact_positions(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:
     """Contact points (samples, points, 3) in the model's order, world axes [m]; needs q and base_q."""
+    check_scene(scene)
     q = _channels(trajectory, "q")[0]
     if scene.tree.floating:
         q = np.hstack([_channels(trajectory, "base_q")[0], q])
@@ -100,13 +106,15 @@ def _contact_forces(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:
 
 
 def _channels(trajectory: Mapping[str, np.ndarray], *names: str) -> list[np.ndarray]:
+    instance("trajectory", trajectory, Mapping, "give what simulate returns")
     missing = [name for name in names if name not in trajectory]
     if missing:
-        raise ValueError(f"channels {missing} were not recorded; name them in simulate(record=...)")
+        raise ValueError(f"trajectory: channels {missing} were not recorded; name them in simulate(record=...)")
     return [trajectory[name] for name in names]
 
 
 def _check_floating(scene: CompiledScene) -> None:
+    check_scene(scene)
     if not scene.tree.floating:
         raise ValueError(f"{scene.model.name}: an IMU needs a floating base; this one stands still")
 

@@ -9,6 +9,10 @@ import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
+import numpy as np
+
+from .arguments import floats, instance, is_real, shown, vector
+
 Vector = tuple[float, float, float]
 
 
@@ -47,6 +51,7 @@ class Box:
     size: Vector  # edges [m]
 
     def __post_init__(self) -> None:
+        _freeze(self, "box", "size")
         for edge in self.size:
             _check_length("box", "size", edge)
 
@@ -58,12 +63,23 @@ class Mesh:
     file: str  # path
     scale: Vector = (1.0, 1.0, 1.0)
 
+    def __post_init__(self) -> None:
+        instance("mesh: file", self.file, str, "give its path")
+        _freeze(self, "mesh", "scale")
+
 
 @dataclass(frozen=True)
 class Hull:
     """The convex hull of points."""
 
     points: tuple[Vector, ...]  # [m]
+
+    def __post_init__(self) -> None:
+        points = floats("hull: points", self.points)
+        if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points).all():
+            raise ValueError(f"hull: points have the shape {points.shape}; expected finite numbers (n, 3) [m]")
+        if type(self.points) is not tuple:
+            object.__setattr__(self, "points", tuple(map(tuple, points.tolist())))
 
 
 Geometry: TypeAlias = Sphere | Capsule | Cylinder | Box | Mesh | Hull
@@ -79,7 +95,23 @@ class Shape:
     rpy: Vector = (0.0, 0.0, 0.0)  # fixed-axis roll, pitch, yaw [rad]
     name: str = ""
 
+    def __post_init__(self) -> None:
+        instance("shape: link", self.link, str, "give the name of its link")
+        what = f"shape on link {self.link!r}"
+        kinds = (Sphere, Capsule, Cylinder, Box, Mesh, Hull)
+        instance(f"{what}: geometry", self.geometry, kinds, "give a Sphere, Capsule, Cylinder, Box, Mesh or Hull")
+        instance(f"{what}: name", self.name, str, "give a text")
+        _freeze(self, what, "xyz", "rpy")
+
+
+def _freeze(record: Mesh | Box | Shape, what: str, *names: str) -> None:
+    """Check vectors, and keep them as tuples, which nobody can change."""
+    for name in names:
+        values = vector(f"{what}: {name}", getattr(record, name), 3)
+        if type(getattr(record, name)) is not tuple:
+            object.__setattr__(record, name, tuple(values.tolist()))
+
 
 def _check_length(what: str, name: str, value: float) -> None:
-    if not 0 <= value < math.inf:
-        raise ValueError(f"{what}: {name} is {value!r} m; expected a finite length >= 0: correct it")
+    if not is_real(value) or not 0 <= value < math.inf:
+        raise ValueError(f"{what}: {name} is {shown(value)} m; expected a finite length >= 0: correct it")

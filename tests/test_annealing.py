@@ -426,7 +426,7 @@ def test_the_callback_sees_improvements_and_can_stop_the_search():
         (dict(seed=-1), "seed = -1"),
         (dict(bounds=[[0, 1]]), r"bounds must be \(3, 2\)"),
         (dict(bounds=[[0, 1], [2, 1], [0, 2]]), r"x0\[1\] = 1.0 lies outside its bounds 2.0\.\.1.0"),
-        (dict(batch=0), "batch = 0"),
+        (dict(batch=0), "batch is 0"),
     ],
 )
 def test_settings_out_of_range_are_named(change, message):

@@ -292,7 +292,7 @@ def test_bad_input_is_refused_by_name():
         (dict(targets=Target("left_foot")), r"link 'left_foot' has no position and no rotation; give one"),
         (dict(targets=Target(None)), r"centre of mass has no position; give one"),
         (dict(targets=Target(None, (0, 0, 0), (0, 0, 0))), r"centre of mass has a rotation, which a point has not"),
-        (dict(targets=Target("left_foot", (0.0, math.nan, 0.0))), r"position is .*nan.*; give three finite numbers"),
+        (dict(targets=Target("left_foot", (0.0, math.nan, 0.0))), r"position must be 3 finite numbers.*nan"),
         (dict(targets=Target("left_foot", rotation=np.ones((3, 3)))), r"orthogonal and of determinant 1, or "),
         (dict(targets=Target("left_foot", rotation=np.diag([1.0, 1.0, -1.0]))), r"of determinant 1"),
         (dict(targets=Target("left_foot", (0, 0, 0), weight=-1.0)), r"weight is -1.0; give one number >= 0, or three"),
@@ -300,7 +300,7 @@ def test_bad_input_is_refused_by_name():
         (dict(targets=there, joints=["tail"]), r"joints: 'tail' is no moving joint of humanoid; they are"),
         (dict(targets=there, joints=[], hold_base=True), r"nothing may move; name joints"),
         (dict(targets=there, q0=[0.0]), r"q0 has shape \(1,\); it must be \(26,\)"),
-        (dict(targets=there, tolerance=0.0), r"tolerance is 0.0; it must be > 0"),
+        (dict(targets=there, tolerance=0.0), r"tolerance is 0.0; expected a number"),
     ):
         with pytest.raises(ValueError, match=says):
             inverse_kinematics(model, **arguments)

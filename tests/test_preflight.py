@@ -106,10 +106,11 @@ def test_scene_chooses_integrator_and_step_and_says_why():
     assert (asked.integrator, asked.timestep, asked.reason) == ("midpoint", 5e-4, "as asked for")
 
 
-@pytest.mark.parametrize("gearbox", [dict(stiffness=1e308), dict(damping=1e308)])
-def test_numbers_beyond_computing_are_refused_by_name(gearbox):
+def test_numbers_beyond_computing_are_refused_by_name():
+    with pytest.raises(ValueError, match=r"gearbox: damping is 1e\+308 .* of a size from 1e-50 to 1e\+50"):
+        load_servo("ax12", damping=1e308)
     robot = load_robot("arm7")
-    robot = replace(robot, servos=dict.fromkeys(robot.joint_names, load_servo("ax12", **gearbox)))
+    robot = replace(robot, servos=dict.fromkeys(robot.joint_names, load_servo("ax12", stiffness=1e308)))
     with pytest.raises(ValueError, match=r"arm7: joint1: a stiffness or damping of 1e\+308 .* mind their units"):
         compile_scene(robot, "mipsd")
 

@@ -101,7 +101,7 @@ BAD = {
     "a time twice": (dict(times=[0.0, 0.0], values=np.zeros((2, 1))), "times must rise"),
     "not a number": (dict(times=[0.0], values=[[np.nan]]), "not finite"),
     "an endless time": (dict(times=[0.0, np.inf], values=np.zeros((2, 1))), "not finite"),
-    "another kind": (dict(times=[0.0], values=[[0.0]], kind="quintic"), "use hold, linear or cubic"),
+    "another kind": (dict(times=[0.0], values=[[0.0]], kind="quintic"), "expected 'hold', 'linear' or 'cubic'"),
     "a cycle of one": (dict(times=[0.0], values=[[0.0]], cyclic=True), "two knots"),
     "an open cycle": (dict(times=[0.0, 1.0], values=[[0.0], [1.0]], cyclic=True), "same values at both ends"),
 }

@@ -159,9 +159,9 @@ def test_an_interrupt_returns_the_best_believed():
 
 
 def test_settings_out_of_range_are_named():
-    with pytest.raises(ValueError, match="repeats = 1 must be at least 2"):
+    with pytest.raises(ValueError, match="repeats is 1; expected a whole number from 2"):
         minimize_noisy(noisy_sphere, search(), repeats=1)
-    with pytest.raises(ValueError, match="batch = 0 must be at least 1"):
+    with pytest.raises(ValueError, match="batch is 0; expected a whole number from 1"):
         minimize_noisy(noisy_sphere, search(), batch=0)
     begun = search()
     begun.tell(begun.ask(), 4.0)

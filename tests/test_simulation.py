@@ -394,7 +394,7 @@ def test_stops_of_joints_that_nothing_drives_carry_the_robot_at_a_tenth_of_a_met
 
 @pytest.mark.parametrize("gravity", [9.81, (0.0, 0.0), (0.0, 0.0, math.nan), (0.0, 0.0, math.inf), "down", None])
 def test_gravity_is_three_finite_numbers(gravity):
-    with pytest.raises(ValueError, match=r"gravity is .*; give three finite numbers"):
+    with pytest.raises(ValueError, match=r"gravity .*3 finite numbers"):
         compile_scene(box(), gravity=gravity)
 
 

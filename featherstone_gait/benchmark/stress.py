@@ -62,7 +62,8 @@ class Case(NamedTuple):
     def run(self, integrator: str, step: float, **how: Any) -> Trajectory:
         scene = compile_scene(self.model, integrator=integrator, timestep=step, **self.arguments)
         n = scene.tree.n
-        state = initial_state(scene, [*self.base[:7], *[self.angle] * n], [*self.base[7:], *[0.0] * n])
+        q, qd = [*self.base[:7], *[self.angle] * n], [*self.base[7:], *[0.0] * n]
+        state = initial_state(scene, q, qd, beyond_limits=True)
         still = Reference([0.0], np.zeros((1, n))) if scene.servos else None
         record = ("base_q", "q") if self.base else ("q",)
         return simulate(scene, self.duration, state, still, record=record, pushes=self.pushes, **how)

@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import shown
 from ..core.effects.actuator import controller_of, motor_of
 from ..core.effects.controller import CONTROLLER, PID_POSITION, PID_SPEED, STATE_FEEDBACK
 from ..core.effects.decay import DECAYS, fill_decay
@@ -46,8 +47,8 @@ def build_drive(model: Model, kind: ServoKind | None) -> Drive:
     joints = model.joint_names
     if kind is None:
         return Drive(None, [None] * len(joints), None, joint_armature(model))
-    if kind not in SERVO_KINDS:
-        raise ValueError(f"servos is {kind!r}; use {', '.join(map(repr, SERVO_KINDS))} or None")
+    if not isinstance(kind, str) or kind not in SERVO_KINDS:
+        raise ValueError(f"servos is {shown(kind)}; use {', '.join(map(repr, SERVO_KINDS))} or None")
     servos = [model.servos.get(name) for name in joints]
     if not any(servos):
         raise ValueError(f"{model.name} has no servos; name them in the [servos] table of its TOML, or use servos=None")

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..arguments import instance, is_real, listed, shown, vector
 from ..core.effects.push import PUSH
 from ..core.effects.spring import SPRING
 from ..fixed_order import applied
@@ -29,14 +30,17 @@ class Push(NamedTuple):
 
 def build_pushes(tree: Tree, pushes: Sequence[Push]) -> np.recarray | None:
     """PUSH of each, None without pushes; ValueError on unknown links and numbers that are not finite."""
+    pushes = listed("pushes", pushes, "give a list of Push")
     if not pushes:
         return None
     table = records(len(pushes), PUSH)
     for row, push in zip(table, pushes):
-        if push.link not in tree.placements:
-            raise ValueError(f"push: no link {push.link!r}; links: {', '.join(tree.placements)}")
-        numbers = (*push.force, *push.moment, *push.point, push.start)
-        if not np.isfinite(numbers).all() or not push.start <= push.end:
+        instance("pushes: push", push, Push, "give Push(link, force=(x, y, z))")
+        if not isinstance(push.link, str) or push.link not in tree.placements:
+            raise ValueError(f"push: no link {shown(push.link)}; links: {', '.join(tree.placements)}")
+        for name in ("force", "moment", "point"):
+            vector(f"push on {push.link}: {name}", getattr(push, name), 3)
+        if not (is_real(push.start) and is_real(push.end) and -math.inf < push.start <= push.end):
             raise ValueError(f"push on {push.link}: give finite numbers, and a start before the end: {push}")
         place = tree.placements[push.link]
         fill(row, push)

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..arguments import one_of, real
 from ..core.effects import contact, friction, spring
 from ..core.integrate import INTEGRATORS
 from ..dynamics import coupling_matrix, forward_kinematics, inverse_dynamics, mass_matrix, spring_vectors
@@ -30,6 +31,7 @@ from .friction import sticks
 
 STIFF = 5e-3  # [s]; explicit limit below which a scene is for implicit steps
 RESOLVED = 0.25  # share of the springs' limit that a chosen step takes: 12 steps a period
+SHORTEST, LONGEST = 1e-9, 10.0  # steps that are taken [s]
 
 
 class Limit(NamedTuple):
@@ -151,10 +153,10 @@ def _choice(
     name: str | None, timestep: float | None, clipped: bool, steps: _Steps, limits: Sequence[Limit]
 ) -> tuple[str, float, str]:
     """Integrator, step [s] and the reason for both; clipped: servos, ground or dry friction make kinks."""
-    if timestep is not None and not 0 < timestep < math.inf:
-        raise ValueError(f"timestep is {timestep!r} s; it must be positive and finite")
-    if name is not None and name not in INTEGRATORS:
-        raise ValueError(f"integrator {name!r}; use one of {', '.join(INTEGRATORS)}")
+    if timestep is not None:
+        timestep = real("timestep", timestep, SHORTEST, LONGEST, "give seconds, 1e-3 is usual")
+    if name is not None:
+        one_of("integrator", name, INTEGRATORS)
     chosen, reason = (name, "as asked for") if name is not None else _integrator(clipped, steps, limits)
     if timestep is not None:
         return chosen, timestep, reason

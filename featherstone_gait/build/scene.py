@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .. import renamed
+from ..arguments import instance, listed, real, vector
 from ..core.effects.contact import Contact
 from ..core.integrate import INTEGRATORS
 from ..core.integrate.integrator import Integrator
@@ -27,6 +28,7 @@ from .stop import build_stops
 from .tree import GRAVITY, Tree, compile_tree
 
 NO_SERVO_TICK = 1e-2  # [s] between the checks of a scene without sampled controllers
+LOW = 1e9  # standing heights, with which nothing falls
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +125,8 @@ class CompiledScene:
 
     def pushed(self, pushes: Sequence[Push]) -> CompiledScene:
         """The scene with external forces, a list of `Push`."""
-        if not pushes:
-            return self
-        return replace(self, constants=self.constants._replace(push=build_pushes(self.tree, pushes)))
+        table = build_pushes(self.tree, pushes)
+        return self if table is None else replace(self, constants=self.constants._replace(push=table))
 
 
 def compile_scene(
@@ -158,20 +159,20 @@ def compile_scene(
 
     Raises ValueError on servos that the model does not have, on steps that do not fit, and on ground without gravity.
     """
+    instance("model", model, Model, "give what load_robot returns")
     if not model.nv:
         raise ValueError(
             f"{model.name}: its base is fixed and no joint moves; load it with base='floating', or lock fewer joints"
         )
     if ground is not None and not isinstance(ground, Ground):
         raise ValueError(f"{model.name}: ground is {ground!r}; expected a Ground or None: write ground=Ground()")
-    if not (0 <= fall_tilt < math.inf and math.isfinite(fall_height)):
-        raise ValueError(
-            f"fall_tilt is {fall_tilt!r} rad, fall_height {fall_height!r}; expected >= 0 and finite numbers"
-        )
-    gravity = _checked_gravity(gravity)
+    fall_tilt = real("fall_tilt", fall_tilt, 0.0, 2.0 * math.pi, "give radians, as math.radians(45); pi is no fall")
+    fall_height = real("fall_height", fall_height, -LOW, 1.0, "it is a fraction of the standing height; 0 is no fall")
+    gravity = vector("gravity", gravity, 3, f"[m/s^2], on Earth {GRAVITY}")
     tree, g = compile_tree(model), math.sqrt(dot(gravity, gravity))
     drive = build_drive(model, servos)
     contact = build_contact(model, tree, ground, gravity)
+    springs = listed("springs", springs, "give a list of Spring")
     check_springs(model.links, springs)
     between = build_springs(tree, springs)
     check = preflight(
@@ -228,17 +229,6 @@ def compile_scene(
         },
         compiled=constants,
     )
-
-
-def _checked_gravity(gravity: Sequence[float] | np.ndarray) -> np.ndarray:
-    """(3,) [m/s^2]; ValueError unless it is three finite numbers."""
-    try:
-        vector = np.array(gravity, dtype=float)
-    except (TypeError, ValueError):
-        vector = np.zeros(0)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise ValueError(f"gravity is {gravity!r}; give three finite numbers [m/s^2], on Earth {GRAVITY}")
-    return vector
 
 
 def _places(tree: Tree, drive: Drive, contact: Contact | None) -> np.recarray:

@@ -8,8 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..arguments import instance, listed, real, texts, truth
 from ..contact_choice import Choice, with_contacts
-from ..model import Base, Joint, Model, check_locked
+from ..model import LARGEST, Base, Joint, Model, check_locked
 from ..rest import nearest_positions
 from .collision import MeshFinder
 from .coupling import MimicMode, resolve_couplings
@@ -63,6 +64,7 @@ def load_robot(
 
     Raises RobotFileError (a ValueError), which lists all that is wrong with a file, or RobotFileNotFoundError.
     """
+    _check_arguments(name_or_path, strict, repair_inertia, package_dirs)
     path = robot_path(name_or_path)
     with blamed_on(path):
         markup = read_markup(path)
@@ -75,6 +77,16 @@ def load_robot(
     model = _model(path, robot, settings, base, resolve_couplings(robot.joints, held, mimic, report), report)
     report.warn(path, stacklevel=2)
     return _touching(model, settings.choice if contacts is None else contacts)
+
+
+def _check_arguments(name_or_path: Any, strict: Any, repair_inertia: Any, package_dirs: Any) -> None:
+    """Raise TypeError for arguments of other types; the rest is checked where it is used."""
+    instance("name_or_path", name_or_path, (str, os.PathLike), "give a robot's name, or the path of its file")
+    truth("strict", strict)
+    truth("repair_inertia", repair_inertia)
+    if not isinstance(package_dirs, (str, os.PathLike)):
+        for folder in listed("package_dirs", package_dirs, "give a folder, or a list of them"):
+            instance("package_dirs", folder, (str, os.PathLike), "give a folder, or a list of them")
 
 
 def _foreign(path: Path, markup: Markup, base: Base | None, report: Report) -> Robot | None:
@@ -168,7 +180,6 @@ def _chosen(locked: Any, sets: Mapping[str, dict[str, float]], joints: Iterable[
             raise ValueError(f"there is no set {locked!r}; expected one of {known}: use one, or add [locked.{locked}]")
         return dict(sets[locked])
     if isinstance(locked, Mapping):
-        return {name: float(position) for name, position in locked.items()}
-    if not isinstance(locked, Iterable):
-        raise ValueError(f"expected the name of a set, joint names or positions by joint name, got {locked!r}")
-    return dict.fromkeys(locked, 0.0)
+        return {name: real(f"position of {name}", x, -LARGEST, LARGEST, "[rad or m]") for name, x in locked.items()}
+    remedy = "expected the name of a set, joint names or positions by joint name"
+    return dict.fromkeys(texts("locked", locked, remedy), 0.0)

@@ -9,6 +9,7 @@ from dataclasses import Field, fields
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
+from ..arguments import instance
 from ..files import complete_together
 from ..model import Ground, Joint, Link, Model
 from ..shape import Box, Capsule, Cylinder, Hull, Mesh, Shape, Sphere
@@ -37,6 +38,10 @@ def save_robot(model: Model, path: str | os.PathLike, ground: Ground | None = No
     Raises ValueError if the suffix is another, or the format cannot state the robot: MJCF none with an inertia that no
     body has, which `load_robot(..., repair_inertia=True)` makes possible.
     """
+    instance("model", model, Model, "give what load_robot returns")
+    instance("path", path, (str, os.PathLike), "give the path of a file")
+    if ground is not None:
+        instance("ground", ground, Ground, "write ground=Ground()")
     path = Path(path)
     if path.suffix in MJCF:
         texts = {path: mjcf_text(model, ground)}

@@ -10,6 +10,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
+from ..arguments import instance
 from ..model import SERVO_UNITS, TORQUE_LAWS, Controller, Gearbox, Joint, Servo, check_servos
 from .errors import blamed_on
 from .source import robots_folder
@@ -30,6 +31,8 @@ def load_servo(name: str | os.PathLike, gearbox: str = "physical", **overrides: 
     `overrides` are fields of `Servo`, `Controller` or `Gearbox` (their names do not clash), in SI units.
     Raises RobotFileError (a ValueError) on an unknown servo, preset or field and on a value out of range.
     """
+    instance("name", name, (str, os.PathLike), "give the name of a servo, or the path of a .toml file")
+    instance("gearbox", gearbox, str, "give the name of a preset")
     with blamed_on(f"load_servo({os.fspath(name)!r})"):
         own = _servo_settings(overrides, "overrides")
         return _servo({**_servo_values(_servo_file(name), gearbox), **own}, os.fspath(name))
@@ -37,6 +40,7 @@ def load_servo(name: str | os.PathLike, gearbox: str = "physical", **overrides: 
 
 def gearbox_presets(name: str | os.PathLike) -> dict[str, Gearbox]:
     """Read the gearbox presets of a servo, by name; the servo as in `load_servo`."""
+    instance("name", name, (str, os.PathLike), "give the name of a servo, or the path of a .toml file")
     with blamed_on(f"gearbox_presets({os.fspath(name)!r})"):
         presets = table_of(read_toml(_servo_file(name)), "gearboxes", "")
     return {preset: load_servo(name, preset).gearbox for preset in presets}
@@ -122,8 +126,11 @@ def _servo_settings(table: Mapping[str, Any], what: str, also: tuple[str, ...] =
         name = key if key in _FIELDS else key.removesuffix("_deg")
         if name in values:
             raise ValueError(f"{what}: {name} is given twice; keep one of {name} and {name}_deg")
-        value = real(value, f"{what}: {key}") if _FIELDS[name].type == "float" else value
-        values[name] = value if name == key else math.radians(value)
+        if _FIELDS[name].type == "float":
+            number = real(value, f"{what}: {key}")
+            values[name] = number if name == key else math.radians(number)
+        else:
+            values[name] = string(table, key, what)
     return values
 
 

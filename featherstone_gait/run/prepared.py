@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import floats, is_real, listed, real, shown, vector
 from ..build.contact import by_body
 from ..build.coupling import check_followers
 from ..build.external import Push
@@ -28,14 +29,14 @@ from ..core.effects.actuator import controller_of
 from ..core.effects.controller import PID_SPEED
 from ..core.integrate.adaptive import rollout_adaptive
 from ..core.integrate.integrator import Sizes
-from ..core.integrate.rollout import rollout_lanes, rollout_one
+from ..core.integrate.rollout import DIVERGED, FELL, OK, TOO_COSTLY, TOO_SMALL, rollout_lanes, rollout_one
 from ..core.step import state
 from ..core.step.context import Plan, Run
 from ..core.step.signals import Knots, Signals
 from ..reference import Reference
 from ..trajectory import Trajectory
 from .interrupt import Kernel, call_interruptibly
-from .start import checked_vector, initial_state
+from .start import check_quaternion, check_scene, initial_state
 
 Zeros = Callable[[int | tuple[int, ...]], np.ndarray]
 
@@ -43,6 +44,10 @@ RTOL = 1e-8  # of integrators with error control
 LEAST_STEP = 1e-9  # of error control [s]
 BUDGET, BUDGET_RATE = 2e6, 2e4  # of its steps, with those rejected: minutes of computing, and as many a second more
 INTERRUPTIBLE = 3e5  # steps by velocities: some 0.1 s of computing, from which on a run looks for Ctrl-C
+MOST_STEPS = 10**9  # of a run: hours
+MOST_NUMBERS = 2**28  # that a run records: 2 GiB
+MOST_KNOTS = 1e8  # of a signal, at which steps of error control end
+ENDS = (OK, FELL, DIVERGED, TOO_SMALL, TOO_COSTLY)  # what the status of a state may be
 OF_MODEL = {"clearance": clearance_channel}  # computed channels that take the robot too
 
 
@@ -91,16 +96,29 @@ class Prepared:
                 f"{scene.integrator} takes its torques from the servos alone; use implicit_euler for scenes with tau"
             )
         if tau is not None and not isinstance(tau, Reference):
-            tau = Reference([0.0], checked_vector("tau", tau, n)[None])
+            tau = Reference([0.0], vector("tau", tau, n, "[N m or N], or a Reference")[None])
         for what, signal in (("reference", reference), ("tau", tau)):
             if signal is not None and signal.values.shape[1] != n:
                 raise ValueError(
                     f"{scene.model.name}: {what} has {signal.values.shape[1]} columns; the robot has {n} joints: "
                     f"{', '.join(scene.model.joint_names)}"
                 )
+            if signal is not None:
+                self._check_knots(what, signal)
         knots, torques = (signal.knots() if signal else None for signal in (reference, tau))
         start = Start(y, knots, torques, self._noise(noise))
         return start._replace(y=_with_first_error(scene, start))
+
+    def _check_knots(self, what: str, signal: Reference) -> None:
+        """Refuse a cyclic signal that would end so many steps of error control that the run takes days."""
+        if not (signal.cyclic and self.scene.adaptive):
+            return
+        period, duration = float(signal.times[-1] - signal.times[0]), self.plan.steps * self.plan.h
+        if duration / period * len(signal.times) > MOST_KNOTS:
+            raise ValueError(
+                f"{what}: a period of {period:g} s with {len(signal.times)} knots is passed {duration / period:.3g} "
+                f"times in {duration:g} s, and steps end at each; at most {MOST_KNOTS:g}: give a longer period"
+            )
 
     def _noise(self, noise: ArrayLike | None) -> np.ndarray | None:
         if noise is None:
@@ -108,7 +126,7 @@ class Prepared:
         scene, plan = self.scene, self.plan
         if not scene.sampled:
             raise ValueError(f"{scene.model.name}: noise acts on sampled servos; this scene has none")
-        noise, shape = np.array(noise, dtype=float), (plan.steps // plan.per_tick, scene.tree.n, 2)
+        noise, shape = np.array(floats("noise", noise)), (plan.steps // plan.per_tick, scene.tree.n, 2)
         if noise.shape != shape or not np.isfinite(noise).all():
             raise ValueError(f"{scene.model.name}: noise must be {shape} finite numbers; its shape is {noise.shape}")
         return noise
@@ -243,6 +261,7 @@ def prepare(
     driven: bool = False,
 ) -> Prepared:
     """Make runs of a scene ready; the arguments are those of `simulate`, driven: by torques from outside."""
+    check_scene(scene)
     plan = _plan(scene, duration, sample)
     if scene.adaptive:
         o, acts = scene.layout, scene.constants
@@ -252,8 +271,19 @@ def prepare(
         atol = rtol if atol is None else atol
         plan = plan._replace(rtol=rtol, atol=atol, least_step=LEAST_STEP, integrated=integrated)
         plan = plan._replace(budget=BUDGET + BUDGET_RATE * plan.steps * plan.h)
-    record = tuple(record)
-    return Prepared(scene.pushed(pushes), plan, record, *_stored(scene, record))
+    record = tuple(listed("record", record, "give a list of channels, such as ('q', 'qd')"))
+    ready = Prepared(scene.pushed(pushes), plan, record, *_stored(scene, record))
+    _check_size(ready)
+    return ready
+
+
+def _check_size(ready: Prepared) -> None:
+    """Raise ValueError for a run whose records would fill the memory."""
+    if ready.samples * max(1, len(ready.channels)) > MOST_NUMBERS:
+        raise ValueError(
+            f"{ready.scene.model.name}: {ready.samples} records of {len(ready.channels)} numbers each; at most "
+            f"{MOST_NUMBERS} numbers: shorten the duration, record fewer channels, or pass a longer sample [s]"
+        )
 
 
 def with_tolerance(
@@ -263,11 +293,13 @@ def with_tolerance(
 
     Raises ValueError on tolerances out of range, and where the integrator has no continuous limit.
     """
+    check_scene(scene)
     if rtol is None and atol is not None:
         raise ValueError(f"atol is {atol!r} but rtol is not given; give rtol too")
-    for name, value in (("rtol", rtol), ("atol", atol)):
-        if value is not None and not 1e-14 <= value <= 1.0:
-            raise ValueError(f"{name} is {value!r}; it must lie between 1e-14 and 1")
+    rtol, atol = (
+        None if value is None else real(name, value, 1e-14, 1.0, "1e-8 is usual")
+        for name, value in (("rtol", rtol), ("atol", atol))
+    )
     if rtol is not None and not scene.adaptive:
         if scene.method.drives:
             raise ValueError(
@@ -285,14 +317,24 @@ def with_tolerance(
 def _plan(scene: CompiledScene, duration: float, sample: float | None) -> Plan:
     """The run in whole steps, ticks and samples."""
     h, tick = scene.timestep, scene.tick_steps
-    if not 0 < duration < math.inf:
-        raise ValueError(f"duration is {duration!r} s; it must be positive and finite")
+    if not is_real(duration) or not 0 < duration < math.inf:
+        raise ValueError(f"duration is {shown(duration)} s; it must be positive and finite: give seconds")
+    if duration > MOST_STEPS * h:
+        raise ValueError(
+            f"duration is {duration!r} s, {duration / h:.3g} steps of {h:g} s; at most {MOST_STEPS:g}: simulate less, "
+            "or compile the scene with a larger timestep"
+        )
     ticks = math.ceil(duration / (tick * h) - 1e-9)
-    every = tick if sample is None else round(sample / h)
-    if every < 1 or (sample is not None and abs(every * h - sample) > 1e-9 * sample):
-        raise ValueError(f"sample is {sample!r} s; it must be a whole number of steps of {h:g} s")
+    every = tick if sample is None else _steps(sample, h)
     falls = scene.fall_height, scene.fall_upright, scene.upright
     return Plan(h, scene.method.theta, ticks * tick, tick, every, scene.lag, *falls)
+
+
+def _steps(sample: float, h: float) -> int:
+    """The time between records [s] in whole steps h [s]; ValueError if it is none."""
+    if not is_real(sample) or not 0.5 <= sample / h < 2**53 or abs(round(sample / h) * h - sample) > 1e-9 * sample:
+        raise ValueError(f"sample is {shown(sample)} s; it must be a whole number of steps of {h:g} s")
+    return round(sample / h)
 
 
 def _stored(scene: CompiledScene, record: tuple[str, ...]) -> tuple[dict[str, slice], np.ndarray]:
@@ -300,9 +342,9 @@ def _stored(scene: CompiledScene, record: tuple[str, ...]) -> tuple[dict[str, sl
     indices: list[int] = []
     slices = {}
     for name in record:
-        if name not in state.RECORDABLE:
+        if not isinstance(name, str) or name not in state.RECORDABLE:
             known = ", ".join(state.RECORDABLE)
-            raise ValueError(f"record: there is no channel {name!r}; channels: {known}: see help(simulate)")
+            raise ValueError(f"record: there is no channel {shown(name)}; channels: {known}: see help(simulate)")
         for stored in state.BY_NAME[name].needs or (name,):
             if stored in slices:
                 continue
@@ -347,7 +389,7 @@ def _in_lanes(knots: Sequence[Knots | None]) -> Knots | None:
 def _taken_up(scene: CompiledScene, state: ArrayLike | Trajectory) -> np.ndarray:
     """The state of a vector, or at the end of a trajectory whose state has the same parts; ValueError otherwise."""
     if not isinstance(state, Trajectory):
-        return checked_vector("state", state, int(scene.layout["length"]))
+        return _sound(scene, state)
     robot, joints = state.info.get("robot"), state.info.get("joints")
     if robot != scene.model.name or list(joints or ()) != list(scene.model.joint_names):
         raise ValueError(
@@ -359,7 +401,20 @@ def _taken_up(scene: CompiledScene, state: ArrayLike | Trajectory) -> np.ndarray
             f"state: the trajectory of {state.info.get('robot')} ended in a state of {_sizes(state.parts)}; "
             f"this scene of {scene.model.name} has {_sizes(scene.parts)}: compile it with the same servos and contacts"
         )
-    return checked_vector("state", state.final, int(scene.layout["length"]))
+    return _sound(scene, state.final)
+
+
+def _sound(scene: CompiledScene, values: ArrayLike) -> np.ndarray:
+    """The state as a vector; ValueError where the numbers cannot be what a run has left."""
+    y = vector("state", values, int(scene.layout["length"]), "what initial_state gave, or the end of a run")
+    check_quaternion(scene, y[slice(*scene.part("base_q"))][3:], 0.5, 2.0)
+    status, own = y[scene.layout["status"]], y[scene.part("pace")[0] :]
+    if status not in ENDS or not (own >= 0.0).all():
+        raise ValueError(
+            f"{scene.model.name}: state: its last {len(own)} numbers, pace, status {status:g} and time of a run, are "
+            f"{own}; no run leaves these: make the state with initial_state"
+        )
+    return y
 
 
 def _sizes(parts: dict[str, tuple[int, int]]) -> str:

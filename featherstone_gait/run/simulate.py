@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import renamed
+from ..arguments import listed, shown, truth
 from ..build.external import Push
 from ..build.scene import CompiledScene
 from ..channels import channel_table
@@ -101,12 +102,16 @@ def simulate_batch(
     executor: any `concurrent.futures.Executor` in place of the threads.
     """
     scene, rtol, atol = with_tolerance(scene, rtol, atol)
-    if estimate_error:
+    if executor is not None and not callable(getattr(executor, "map", None)):
+        raise TypeError(f"executor is {shown(executor)}; give a concurrent.futures.Executor, or None")
+    if truth("estimate_error", estimate_error):
         how = dict(references=references, taus=taus, pushes=pushes, record=record, executor=executor, noises=noises)
         return _with_errors(scene, duration, states, sample, rtol, atol, **how)
     given: tuple[Sequence[Any] | None, ...] = (states, references, taus, noises)
-    n = max((len(x) for x in given if x is not None), default=1)
-    columns = [[None] * n if x is None else list(x) for x in given]
+    names = ("states", "references", "taus", "noises")
+    lists = [None if x is None else listed(name, x, "give a list, an entry a run") for name, x in zip(names, given)]
+    n = max((len(x) for x in lists if x is not None), default=1)
+    columns: list[list[Any]] = [[None] * n if x is None else x for x in lists]
     if any(len(column) != n for column in columns):
         lengths = [len(column) for column in columns]
         raise ValueError(f"states, references, taus and noises have {lengths} entries; give as many of each")

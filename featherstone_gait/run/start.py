@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import instance, truth, vector
 from ..build.contact import standing_height
 from ..build.coupling import check_followers, followed
 from ..build.scene import CompiledScene
@@ -14,15 +15,23 @@ from ..core.step import pace
 from ..fixed_order import total
 
 FIRST_STEP, FIRST_COLUMNS = 1e-3, 5  # where error control begins [s]
+OVERSHOOT = 1e-2  # beyond a limit, as far as a joint presses into its stop [rad or m]
+SHORTEST, LONGEST = 1e-6, 1e6  # quaternion that has a direction
 
 
-def initial_state(scene: CompiledScene, q: ArrayLike | None = None, qd: ArrayLike | None = None) -> np.ndarray:
+def initial_state(
+    scene: CompiledScene, q: ArrayLike | None = None, qd: ArrayLike | None = None, beyond_limits: bool = False
+) -> np.ndarray:
     """The whole state (size,) of a robot at positions q and velocities qd; zero where None.
 
     A floating robot over ground whose q is None stands with its lowest contact point sunk in by the ground's
     `sinking`.  Rotors turn with their joints, currents and bristles are zero.  Joints that follow others do so where
     q or qd is None; where they are given and do not agree with their leaders, ValueError says what they should be.
+    Raises ValueError too for a joint at more than `OVERSHOOT` beyond its limits, whose stop would throw it back at a
+    speed that no motion has, unless `beyond_limits` asks for it.
     """
+    check_scene(scene)
+    truth("beyond_limits", beyond_limits)
     model, o, n = scene.model, scene.layout, scene.tree.n
     y = np.zeros(int(o["length"]))
     y[o["pace"] + np.array([pace.STEP, pace.COLUMNS, pace.LAST])] = FIRST_STEP, FIRST_COLUMNS, 1e-4
@@ -32,10 +41,11 @@ def initial_state(scene: CompiledScene, q: ArrayLike | None = None, qd: ArrayLik
         default[3] = 1.0
         if scene.ground is not None and q is None:
             default[2] = standing_height(model, scene.ground, default)
-    q = checked_vector("q", default if q is None else q, model.nq)
-    qd = checked_vector("qd", np.zeros(model.nv) if qd is None else qd, model.nv)
-    if model.base == "floating" and not np.linalg.norm(q[3:7]) > 1e-6:
-        raise ValueError(f"{model.name}: the base's quaternion q[3:7] is {q[3:7]}; [1, 0, 0, 0] is no rotation")
+    if q is not None and not beyond_limits:
+        _check_limits(scene, vector("q", q, model.nq)[model.nq - n :])
+    q = vector("q", default if q is None else q, model.nq)
+    qd = vector("qd", np.zeros(model.nv) if qd is None else qd, model.nv)
+    check_quaternion(scene, q[3:7], SHORTEST, LONGEST)
     joints, rates = (a[len(a) - n :] for a in (q, qd))
     check_followers(model, scene.tree.coupling, joints, rates)
     given = {"q": joints, "qd": rates, "filtered": rates, "rotor": joints, "rotor_speed": rates}
@@ -54,28 +64,48 @@ def restarted(scene: CompiledScene, state: ArrayLike) -> np.ndarray:
 
     References, torques and pushes count from there: a new run, in which controllers forget their last error.
     """
-    y = checked_vector("state", state, int(scene.layout["length"])).copy()
+    y = vector("state", state, int(scene.layout["length"])).copy()
     y[scene.layout["end"]] = 0.0
     return y
 
 
-def standing_state(scene: CompiledScene, angles: ArrayLike) -> np.ndarray:
+def standing_state(scene: CompiledScene, angles: ArrayLike, beyond_limits: bool = False) -> np.ndarray:
     """The whole state of a floating robot at rest over the origin: base upright, joints at `angles`, on the ground.
 
-    Raises ValueError for a fixed base, without ground and for angles that do not fit.
+    Raises ValueError for a fixed base, without ground and for angles that do not fit, as `initial_state`.
     """
+    check_scene(scene)
     model = scene.model
     if model.base != "floating" or scene.ground is None:
         raise ValueError(f"{model.name}: only a floating robot over ground stands; its base is {model.base}")
-    q = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *checked_vector("angles", angles, scene.tree.n)])
+    q = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *vector("angles", angles, scene.tree.n)])
     q[2] = standing_height(model, scene.ground, q)
-    return initial_state(scene, q)
+    return initial_state(scene, q, beyond_limits=beyond_limits)
 
 
-def checked_vector(name: str, value: ArrayLike, width: int) -> np.ndarray:
-    """A vector of `width` finite numbers, or ValueError."""
-    a = np.array(value, dtype=float)
-    if a.shape != (width,) or not np.isfinite(a).all():
-        shown = np.array2string(a, threshold=20)
-        raise ValueError(f"{name} must be {width} finite numbers; its shape is {a.shape}: {shown}")
-    return a
+def check_scene(scene: CompiledScene) -> None:
+    """Raise TypeError unless it is one."""
+    instance("scene", scene, CompiledScene, "give what compile_scene returns")
+
+
+def check_quaternion(scene: CompiledScene, quaternion: np.ndarray, shortest: float, longest: float) -> None:
+    """Raise ValueError for the quaternion (4,) of a floating base whose length is not within the bounds."""
+    if scene.model.base != "floating":
+        return
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(quaternion)
+    if not shortest <= length <= longest:
+        raise ValueError(
+            f"{scene.model.name}: the base's quaternion q[3:7] is {quaternion}, of length {length:g}; expected "
+            f"{shortest:g} to {longest:g}: give w x y z, [1, 0, 0, 0] is no rotation"
+        )
+
+
+def _check_limits(scene: CompiledScene, joints: np.ndarray) -> None:
+    """Raise ValueError for a joint (n,) [rad or m] that starts far beyond its limits."""
+    for joint, position in zip(scene.model.moving_joints, joints.tolist()):
+        if not joint.lower - OVERSHOOT <= position <= joint.upper + OVERSHOOT:
+            raise ValueError(
+                f"{scene.model.name}: joint {joint.name!r} is at {position:.6g} rad or m, beyond its limits "
+                f"{joint.lower:.6g} to {joint.upper:.6g}; start it between them, or pass beyond_limits=True"
+            )

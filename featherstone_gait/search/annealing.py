@@ -39,9 +39,11 @@ from numpy.typing import ArrayLike
 from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
+from featherstone_gait.arguments import floats, functions, is_whole, path, shown, truth, whole
 from featherstone_gait.search.ask_tell import Cost, Map
 from featherstone_gait.search.speculation import Speculation
 
+SEEDS = 2**128  # of Philox
 REHEATED = 0.1  # miss count after max_miss misses (figure 14)
 MESSAGES = {
     0: "max_iterations reached",
@@ -81,9 +83,8 @@ class AdaptiveSimulatedAnnealing:
         bounds: ArrayLike | None = None,
         seed: int = 0,
     ) -> None:
-        self.x0 = np.array(x0, dtype=float)
-        self.amplitude = np.array(np.broadcast_to(np.asarray(amplitude, dtype=float), self.x0.shape))
-        self.bounds = None if bounds is None else np.array(bounds, dtype=float)
+        self.x0, self.amplitude = np.array(floats("x0", x0)), np.array(floats("amplitude", amplitude))
+        self.bounds = None if bounds is None else np.array(floats("bounds", bounds))
         self.max_miss, self.max_iterations, self.no_progress, self.seed = max_miss, max_iterations, no_progress, seed
         self._check()
         self.best_x, self.best_f = self.x0.copy(), np.inf
@@ -160,15 +161,20 @@ class AdaptiveSimulatedAnnealing:
     def _check(self) -> None:
         if self.x0.ndim != 1 or not len(self.x0) or not np.isfinite(self.x0).all():
             raise ValueError(f"x0 must be a finite (D,) array with D > 0, got shape {self.x0.shape}")
+        if self.amplitude.shape not in ((), self.x0.shape):
+            raise ValueError(f"amplitude must be a number or {self.x0.shape}, got shape {self.amplitude.shape}")
+        self.amplitude = np.array(np.broadcast_to(self.amplitude, self.x0.shape))
         if not (np.isfinite(self.amplitude) & (self.amplitude > 0)).all():
             raise ValueError(f"amplitude must be finite and > 0, got {self.amplitude}")
         for name, least in (("max_miss", 2), ("max_iterations", 0), ("no_progress", 1), ("seed", 0)):
-            if int(getattr(self, name)) != getattr(self, name) or getattr(self, name) < least:
-                raise ValueError(f"{name} = {getattr(self, name)} must be a whole number >= {least}")
+            value = getattr(self, name)
+            if not is_whole(value) or not least <= value < SEEDS:
+                raise ValueError(f"{name} = {shown(value)} must be a whole number >= {least}")
+            setattr(self, name, int(value))
         if self.bounds is None:
             return
         if self.bounds.shape != (len(self.x0), 2):
-            raise ValueError(f"bounds must be ({len(self.x0)}, 2), got {self.bounds.shape}")
+            raise ValueError(f"bounds must be ({len(self.x0)}, 2) as x0 is, got {self.bounds.shape}")
         outside = ~((self.bounds[:, 0] <= self.x0) & (self.x0 <= self.bounds[:, 1]))
         if outside.any():
             i = int(outside.argmax())
@@ -246,8 +252,11 @@ def minimize(
         x0, amplitude=amplitude, max_miss=max_miss, max_iterations=max_iterations, no_progress=no_progress,
         bounds=bounds, seed=seed,
     )  # fmt: skip
-    if batch < 1:
-        raise ValueError(f"batch = {batch} must be at least 1")
+    batch = whole("batch", batch, 1, "it is how many candidates are evaluated at once")
+    functions(fun=fun, map=map, evaluate=evaluate, callback=callback)
+    progress = truth("progress", progress)
+    resume = truth("resume", resume)
+    history = None if history is None else path("history", history)
     log = None if history is None else _History(Path(history), search, resume)
     status = None
     bar = tqdm(total=max_iterations + 1, initial=search.iteration, disable=not progress, unit="candidate")

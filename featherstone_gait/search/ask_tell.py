@@ -7,6 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
+from featherstone_gait.arguments import shown
+
 Answer = float | tuple[float, str]  # a cost, or cost and status
 Cost = Callable[[np.ndarray], Answer]  # of a candidate (D,)
 Map = Callable[..., Iterable[Answer]]  # `map`, or what an executor has
@@ -27,3 +29,9 @@ class Search(Protocol):
 
     def tell_batch(self, fs: Sequence[float]) -> int:
         """Take their costs; of how many is returned."""
+
+
+def check_search(name: str, value: object) -> None:
+    """Raise TypeError for what cannot be asked and told."""
+    if not (callable(getattr(value, "ask_batch", None)) and callable(getattr(value, "tell_batch", None))):
+        raise TypeError(f"{name} is {shown(value)}; give a search, such as AdaptiveSimulatedAnnealing(x0, ...)")

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.search.generations import Generations, Method, check_start
+from featherstone_gait.arguments import whole
+from featherstone_gait.search.generations import MOST, Generations, Method, check_start
 
 # pycma's tests for the end are off, so that methods can be compared at equal numbers of evaluations.
 ENDLESS = {
@@ -41,8 +42,9 @@ def cma_es(
     except ImportError as error:
         raise ImportError("CMA-ES needs the package cma: pip install 'featherstone-gait[search]'") from error
     x0, box = check_start(x0, bounds, amplitude)
-    if population is not None and population < 3:
-        raise ValueError(f"population = {population} must be at least 3")
+    if population is not None:
+        population = whole("population", population, 3, "it must be at least 3", MOST)
+    seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
     rng = np.random.Generator(np.random.PCG64(seed))  # pycma's own seeding would seed all of NumPy
     options = ENDLESS | {
         "randn": lambda *shape: rng.standard_normal(shape),

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize
 
-from featherstone_gait.search.generations import Generations, check_finite, check_start
+from featherstone_gait.arguments import whole
+from featherstone_gait.search.generations import MOST, Generations, check_finite, check_start
 from featherstone_gait.search.inverted import Evaluate, inverted
 
 POPULATION = 50  # SciPy's 15 D are 600 evaluations a generation for a gait of forty angles
@@ -27,8 +28,8 @@ def differential_evolution(
     """
     x0, box = check_start(x0, bounds, amplitude)
     check_finite(box, "differential evolution")
-    if population < 5:
-        raise ValueError(f"population = {population} must be at least 5, or there is too little to take differences of")
+    population = whole("population", population, 5, "there is too little to take differences of below", MOST)
+    seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
     rng = np.random.Generator(np.random.PCG64(seed))
     first = x0 + np.asarray(amplitude) * rng.uniform(-1.0, 1.0, (population, len(x0)))
     first[0] = x0

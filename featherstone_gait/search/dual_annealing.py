@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize
 
+from featherstone_gait.arguments import real, truth, whole
 from featherstone_gait.search.generations import Generations, check_finite, check_start
 from featherstone_gait.search.inverted import Evaluate, inverted
 
@@ -27,6 +28,9 @@ def dual_annealing(
     """
     x0, box = check_start(x0, bounds)
     check_finite(box, "dual annealing")
+    seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
+    initial_temp = real("initial_temp", initial_temp, 0.01, 5e4, "SciPy's range; 5230 is usual")
+    local_search = truth("local_search", local_search)
 
     def minimize(evaluate: Evaluate) -> None:
         optimize.dual_annealing(

@@ -17,8 +17,11 @@ from collections.abc import Generator, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from featherstone_gait.arguments import floats
+
 Method = Generator[Sequence[np.ndarray], list[float]]
 
+MOST = 10**6  # candidates of a generation
 FALLEN = 1e100  # [the cost's unit]
 
 
@@ -92,19 +95,24 @@ def check_start(
 
     Raises ValueError unless x0 is finite and lies in its bounds and `amplitude` is None or finite and positive.
     """
-    x0 = np.array(x0, dtype=float)
+    x0 = np.array(floats("x0", x0))
     if x0.ndim != 1 or not len(x0) or not np.isfinite(x0).all():
         raise ValueError(f"x0 must be a finite (D,) array with D > 0, got shape {x0.shape}")
-    bounds = np.tile([-np.inf, np.inf], (len(x0), 1)) if bounds is None else np.array(bounds, dtype=float)
+    bounds = np.tile([-np.inf, np.inf], (len(x0), 1)) if bounds is None else np.array(floats("bounds", bounds))
     if bounds.shape != (len(x0), 2):
-        raise ValueError(f"bounds must be ({len(x0)}, 2), got {bounds.shape}")
+        raise ValueError(f"bounds must be ({len(x0)}, 2) as x0 is, got {bounds.shape}")
     outside = ~((bounds[:, 0] <= x0) & (x0 <= bounds[:, 1]) & (bounds[:, 0] < bounds[:, 1]))
     if outside.any():
         i = int(outside.argmax())
         raise ValueError(f"x0[{i}] = {x0[i]} must lie in bounds that leave it room, got {bounds[i, 0]}..{bounds[i, 1]}")
-    if amplitude is not None and not (np.isfinite(amplitude) & (np.asarray(amplitude) > 0)).all():
-        raise ValueError(f"amplitude must be finite and > 0, got {amplitude}")
+    if amplitude is not None:
+        _check_amplitude(floats("amplitude", amplitude), x0.shape)
     return x0, bounds
+
+
+def _check_amplitude(amplitude: np.ndarray, shape: tuple[int, ...]) -> None:
+    if amplitude.shape not in ((), shape) or not (np.isfinite(amplitude) & (amplitude > 0)).all():
+        raise ValueError(f"amplitude must be finite and > 0, got {amplitude}; give a number or {shape}")
 
 
 def check_finite(bounds: np.ndarray, method: str) -> None:

@@ -25,8 +25,9 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
+from featherstone_gait.arguments import functions, truth, whole
 from featherstone_gait.search.annealing import MESSAGES
-from featherstone_gait.search.ask_tell import Answer, Map, Search
+from featherstone_gait.search.ask_tell import Answer, Map, Search, check_search
 from featherstone_gait.search.run import costs_of
 
 NoisyCost = Callable[[np.ndarray, tuple[int, int, int]], Answer]  # of a candidate (D,) and a draw
@@ -66,10 +67,12 @@ def minimize_noisy(
     (those of `minimize`) and history, the list of all `Belief`s.  KeyboardInterrupt ends the search with what was
     found.  Raises ValueError for fewer than 2 repeats, a batch below 1 and a search that has begun.
     """
-    if repeats < 2:
-        raise ValueError(f"repeats = {repeats} must be at least 2: a standard error needs as many")
-    if batch < 1:
-        raise ValueError(f"batch = {batch} must be at least 1")
+    repeats = whole("repeats", repeats, 2, "a standard error needs two")
+    batch = whole("batch", batch, 1, "it is how many candidates are evaluated at once")
+    seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
+    functions(fun=fun, map=map)
+    progress = truth("progress", progress)
+    check_search("search", search)
     if np.isfinite(search.best_f):
         raise ValueError("the search has begun: what it was told are other costs; give a new one")
     noisy = _NoisySearch(fun, search, repeats, seed, map)

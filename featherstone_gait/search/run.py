@@ -8,7 +8,8 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
-from featherstone_gait.search.ask_tell import Answer, Cost, Map, Search
+from featherstone_gait.arguments import functions, listed, truth, whole
+from featherstone_gait.search.ask_tell import Answer, Cost, Map, Search, check_search
 
 MESSAGES = {
     0: "all evaluations made",
@@ -50,10 +51,14 @@ def run_together(
     nfev and wasted are sums, and an interrupt ends them all.  Raises ValueError without searches, and unless
     `evaluations` and `batch` are positive.
     """
+    searches = listed("searches", searches, "give a list of searches")
+    for name, value in (("searches", len(searches)), ("evaluations", evaluations), ("batch", batch)):
+        whole(name, value, 1, "there must be at least 1")
+    for search in searches:
+        check_search("searches", search)
+    functions(fun=fun, map=map)
+    progress, evaluations, batch = truth("progress", progress), int(evaluations), int(batch)
     runs = [_Run(search, evaluations) for search in searches]
-    for name, value in (("searches", len(runs)), ("evaluations", evaluations), ("batch", batch)):
-        if value < 1:
-            raise ValueError(f"{name}: {value}; there must be at least 1")
     bar = tqdm(total=len(runs) * evaluations, disable=not progress, unit="candidate")
     try:
         while active := [one for one in runs if one.status is None]:

@@ -147,9 +147,9 @@ def _target(scene: CompiledScene) -> np.ndarray:
 def _resting(scene: CompiledScene, angles: np.ndarray) -> np.ndarray:
     angles = followed(scene.tree.coupling, angles)
     if scene.ground is not None and scene.model.base == "floating":
-        return standing_state(scene, angles)
+        return standing_state(scene, angles, beyond_limits=True)
     base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if scene.model.base == "floating" else []
-    return initial_state(scene, [*base, *angles])
+    return initial_state(scene, [*base, *angles], beyond_limits=True)
 
 
 def _held(run: Trajectory, target: np.ndarray) -> dict[str, float]:

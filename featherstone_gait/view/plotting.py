@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arguments import instance, listed, shown, whole
 from ..core.step.state import BY_NAME, UNITS
-from ..dynamics import forward_kinematics
+from ..dynamics import check_model, forward_kinematics
 from ..model import Model
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
     from ..trajectory import Trajectory
 
+MOST_FIGURES = 10**4
 STYLES = ("-", "--", ":")  # of every ten lines, which have ten colours
 
 
@@ -27,21 +29,32 @@ def plot_trajectory(
 
     Raises ValueError on an unknown channel and on another number of axes than of names.
     """
+    instance("trajectory", trajectory, Mapping, "give what simulate returns")
+    names = listed("names", names, "give a list of channels")
+    if not names:
+        raise ValueError("names is empty; give a list of channels")
     for name in names:
-        if name not in trajectory:
-            raise ValueError(f"there is no channel {name!r}; channels: {', '.join(trajectory)}")
+        if not isinstance(name, str) or name not in trajectory:
+            raise ValueError(f"names: there is no channel {shown(name)}; channels: {', '.join(trajectory)}")
     if axes is None:
         from matplotlib import pyplot
 
         size = (7.0, 1.0 + 2.0 * len(names))
         _, axes = pyplot.subplots(len(names), sharex=True, squeeze=False, figsize=size, layout="constrained")
     panels = np.ravel(np.asarray(axes))
+    _check_axes(panels)
     if len(panels) != len(names):
         raise ValueError(f"{len(names)} channels and {len(panels)} axes; give one each")
     for panel, name in zip(panels, names):
         _plot_channel(panel, trajectory, name)
     panels[-1].set_xlabel("time [s]")
     return panels[-1].figure
+
+
+def _check_axes(panels: Iterable[Any]) -> None:
+    for panel in panels:
+        if not hasattr(panel, "add_collection"):
+            raise TypeError(f"axes is {shown(panel)}; give matplotlib's axes, or None")
 
 
 def _plot_channel(axes: Axes, trajectory: Trajectory, name: str) -> None:
@@ -75,10 +88,16 @@ def plot_motion(
     from matplotlib import colormaps
     from matplotlib.collections import LineCollection
 
+    check_model(model)
+    instance("trajectory", trajectory, Mapping, "give what simulate returns")
+    count = whole("count", count, 1, "give the number of figures", MOST_FIGURES)
+    if not isinstance(view, str) or len(view) != 2 or set(view) - set("xyz"):
+        raise ValueError(f"view is {shown(view)}; give the world axes to the right and up, such as 'xz'")
     if axes is None:
         from matplotlib import pyplot
 
         _, axes = pyplot.subplots(figsize=(5.0, 5.0), layout="constrained")
+    _check_axes([axes])
     last = np.searchsorted(trajectory["time"], trajectory.end_time - 1e-9)  # of a failed run the end is earlier
     rows = np.linspace(0, min(int(last), len(trajectory["time"]) - 1), count).round().astype(int)
     colors = colormaps["viridis"](np.linspace(0.0, 0.9, count))

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from featherstone_gait import renamed
+from featherstone_gait.arguments import instance, is_real, shown
 from featherstone_gait.build.tree import GRAVITY
 from featherstone_gait.collision import clearance
 from featherstone_gait.dynamics import contact_positions_at, forward_kinematics
@@ -57,8 +58,8 @@ class Constraints:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if value is not None and not 0.0 <= value < math.inf:
-                raise ValueError(f"constraints: {field.name} = {value} must be >= 0 and finite")
+            if value is not None and not (is_real(value) and 0.0 <= value < math.inf):
+                raise ValueError(f"constraints: {field.name} = {shown(value)} must be >= 0 and finite")
 
     @property
     def weights(self) -> dict[str, float]:
@@ -123,6 +124,10 @@ class ConstrainedCost:
     walking: WalkingCost
     constraints: Constraints
 
+    def __post_init__(self) -> None:
+        instance("walking", self.walking, WalkingCost, "give WalkingCost(scene, gait, start)")
+        instance("constraints", self.constraints, Constraints, "give Constraints(...)")
+
     def __call__(self, x: ArrayLike) -> tuple[float, str]:
         """Return cost and penalties [J/m] and status of one vector."""
         return self.costs([x])[0]
@@ -144,7 +149,7 @@ class ConstrainedCost:
         """Simulate gait vectors once and report on each."""
         cost = self.walking
         signals = [cost.reference(x, cost.warm_up + cost.strides) for x in vectors]
-        states = [standing_state(cost.scene, signal.values[0]) for signal in signals]
+        states = [standing_state(cost.scene, signal.values[0], beyond_limits=True) for signal in signals]
         record = (*RECORD, "torque")
         runs = simulate_batch(cost.scene, signals[0].times[-1], states, signals, record=record, sample=SAMPLE)
         return [self._report(run) for run in runs]

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from featherstone_gait import renamed
+from featherstone_gait.arguments import instance, is_real, whole
 from featherstone_gait.build.scene import CompiledScene
 from featherstone_gait.core.effects.energies import METER
 from featherstone_gait.dynamics import contact_positions_at, forward_kinematics
@@ -33,7 +34,7 @@ from featherstone_gait.model import Model
 from featherstone_gait.reference import Reference
 from featherstone_gait.run.simulate import simulate_batch, simulate_stream, standing_state
 from featherstone_gait.trajectory import Trajectory
-from featherstone_gait.walking.gait import TICK, Gait, references
+from featherstone_gait.walking.gait import MOST_STRIDES, TICK, Gait, check_names, references
 from featherstone_gait.walking.gait_file import read_angles
 
 if TYPE_CHECKING:
@@ -101,6 +102,13 @@ class WalkingCost:
     strides: int = 8
     blend_strides: int = 1
 
+    def __post_init__(self) -> None:
+        instance("scene", self.scene, CompiledScene, "give what compile_scene returns")
+        instance("gait", self.gait, Gait, "give a Gait, as fit_gait(...).gait")
+        check_names("start", self.gait, self.start)
+        for name, least in (("warm_up", 0), ("strides", 1), ("blend_strides", 0)):
+            whole(name, getattr(self, name), least, "it is a number of strides", MOST_STRIDES)
+
     def __call__(self, x: ArrayLike) -> tuple[float, str]:
         """Return cost [J/m] and status of one vector."""
         return self.costs([x])[0]
@@ -123,7 +131,7 @@ class WalkingCost:
 
         @functools.cache  # candidates start from the same posture
         def standing(angles: bytes) -> np.ndarray:
-            return standing_state(self.scene, np.frombuffer(angles))
+            return standing_state(self.scene, np.frombuffer(angles), beyond_limits=True)
 
         def begin(candidate: Candidate) -> tuple[np.ndarray, Reference]:
             signal = self.reference(candidate.x, self.warm_up + self.strides)
@@ -159,7 +167,7 @@ class WalkingCost:
         """
         strides = self.warm_up + self.strides if strides is None else strides
         signals = [self.reference(x, strides) for x in vectors]
-        states = states or [standing_state(self.scene, signal.values[0]) for signal in signals]
+        states = states or [standing_state(self.scene, signal.values[0], beyond_limits=True) for signal in signals]
         return simulate_batch(self.scene, signals[0].times[-1], states, signals, record=record, sample=sample, **how)
 
     def reference(self, x: ArrayLike, strides: int) -> Reference:
@@ -186,9 +194,11 @@ def cost_of_motion(scene: CompiledScene, path: FilePath, *, start: float = 0.0, 
     The robot begins standing in the first row's posture.  Measured is from `start` [s] to the last row, taken to be
     `strides` equal strides.  Raises ValueError on a file that does not fit the robot and a `start` beyond its end.
     """
+    instance("scene", scene, CompiledScene, "give what compile_scene returns")
+    strides = whole("strides", strides, 1, "it is how many strides the motion has", MOST_STRIDES)
     times, angles, _ = read_angles(path, scene.model.joint_names)
     times = times - times[0]
-    if not 0.0 <= start < times[-1]:
+    if not is_real(start) or not 0.0 <= start < times[-1]:
         raise ValueError(f"{path}: start is {start} s; it must lie between 0 and the motion's end at {times[-1]:g} s")
     state, reference = standing_state(scene, angles[0]), Reference(times, angles, "linear")
     (run,) = simulate_batch(scene, times[-1], [state], [reference], record=RECORD, sample=SAMPLE)

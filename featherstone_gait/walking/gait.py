@@ -9,19 +9,20 @@ model", Int. J. Advanced Robotic Systems 10 (2013), section 4.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from featherstone_gait.arguments import finite, floats, instance, is_real, real, shown, texts, truth, whole
+from featherstone_gait.dynamics import check_model
 from featherstone_gait.fixed_order import product, solve, total
 from featherstone_gait.model import Model
 from featherstone_gait.walking.kinematics import joint_axes, link_poses
-
-if TYPE_CHECKING:
-    from featherstone_gait.walking.plan import Stride
+from featherstone_gait.walking.plan import Stride
 
 TICK = 0.04  # [s] between the references sent to the servos (Lima et al. 2013, figure 2)
+SHORTEST, LONGEST = 1e-6, 1e6  # times of a gait [s]
+MOST_STRIDES = 10**6
 DECIMALS = 9  # of fitted poses [rad]: a gait outlives changes of last bits; far below any servo's resolution
 
 
@@ -47,16 +48,21 @@ class Gait:
     mirror: Mirror | None = None
 
     def __post_init__(self) -> None:
-        n_poses, nj = np.shape(self.poses)
-        if nj != len(self.joint_names) or n_poses < 3:
-            raise ValueError(f"gait: poses must be (>= 3, {len(self.joint_names)}), got {(n_poses, nj)}")
-        if not np.isfinite(self.poses).all():
+        names = texts("gait: joint_names", self.joint_names)
+        poses = np.array(floats("gait: poses", self.poses))
+        if poses.ndim != 2 or poses.shape[1] != len(names) or len(poses) < 3:
+            raise ValueError(f"gait: poses must be (>= 3, {len(names)}), got {poses.shape}, of as many joint_names")
+        object.__setattr__(self, "joint_names", tuple(names))
+        object.__setattr__(self, "poses", poses)
+        if not np.isfinite(poses).all():
             pose, joint = np.argwhere(~np.isfinite(self.poses))[0]
             raise ValueError(f"gait: pose {pose} of joint {self.joint_names[joint]!r} is not finite")
-        if not (np.isfinite(self.period) and self.period > 0):
-            raise ValueError(f"gait: period = {self.period} s must be finite and > 0")
-        if self.mirror and n_poses % 2:
-            raise ValueError(f"gait: a mirrored gait needs an even number of poses, got {n_poses}")
+        if not (is_real(self.period) and 0 < self.period < LONGEST):
+            raise ValueError(f"gait: period = {shown(self.period)} s must be finite and > 0")
+        if self.mirror is not None:
+            _check_mirror(self.mirror, len(names))
+        if self.mirror and len(poses) % 2:
+            raise ValueError(f"gait: a mirrored gait needs an even number of poses, got {len(poses)}")
 
     def to_vector(self) -> np.ndarray:
         """Return the free poses as a vector (D,) [rad], pose by pose."""
@@ -67,8 +73,7 @@ class Gait:
 
         Raises ValueError unless D fits.
         """
-        x = np.asarray(x, dtype=float)
-        free = self._free_poses
+        x, free = floats("gait vector x", x), self._free_poses
         if x.shape != (free * len(self.joint_names),):
             raise ValueError(f"gait vector must be ({free * len(self.joint_names)},), got {x.shape}")
         poses = x.reshape(free, -1).copy()
@@ -78,7 +83,7 @@ class Gait:
 
     def angles(self, times: ArrayLike) -> np.ndarray:
         """Return joint angles (n, nj) [rad] at `times` (n,) [s] of the repeating stride."""
-        return periodic_spline(self.poses, np.asarray(times, dtype=float) / self.period)
+        return periodic_spline(self.poses, finite("times", times, (None,), "[s]") / self.period)
 
     @property
     def _free_poses(self) -> int:
@@ -101,6 +106,7 @@ def mirror_of(model: Model) -> Mirror:
     A rotation about ``(x, y, z)`` looks in the mirror like one about ``(-x, y, -z)``.  Raises ValueError for a joint
     that has no partner or whose partner's axis is not its mirror image.
     """
+    check_model(model)
     names = model.joint_names
     axes = dict(zip(names, joint_axes(model, link_poses(model, np.zeros(len(names))))[0]))
     index, sign = [], []
@@ -122,6 +128,11 @@ def fit_gait(stride: Stride, n_poses: int = 4, *, mirror: Mirror | None = None, 
     With a `mirror` (of `mirror_of`) only half the poses are free.  With `fit_phase` the first pose may lie anywhere in
     the first gap between poses, on a sample of the stride, wherever the residual is least.
     """
+    instance("stride", stride, Stride, "give what Plan.stride returns")
+    n_poses = whole("n_poses", n_poses, 3, "give the number of key poses", len(stride.times))
+    if mirror is not None:
+        _check_mirror(mirror, len(stride.joint_names))
+    fit_phase = truth("fit_phase", fit_phase)
     phases = stride.times[stride.times < stride.period / n_poses] if fit_phase else stride.times[:1]
     fits = [_fit_at(stride, n_poses, mirror, phase) for phase in phases]
     return min(fits, key=lambda fit: total(fit.rms * fit.rms))
@@ -137,6 +148,10 @@ def references(
     ``3 s^2 - 2 s^3``; from ``times[m]``, for a posture ``blend_strides * gait.period``, the gait plays by itself.
     The last sample is that of the first pose.  Raises ValueError unless the period is a whole number of ticks.
     """
+    instance("gait", gait, Gait, "give a Gait, as fit_gait(...).gait")
+    n_strides = whole("n_strides", n_strides, 0, "give the number of strides", MOST_STRIDES)
+    blend_strides = whole("blend_strides", blend_strides, 0, "give the number of strides", MOST_STRIDES)
+    tick = real("tick", tick, SHORTEST, LONGEST, "give the time between samples [s]")
     per_stride = round(gait.period / tick)
     if abs(per_stride * tick - gait.period) > 1e-9:
         raise ValueError(
@@ -144,7 +159,9 @@ def references(
             f"take {max(per_stride, 1) * tick:g} s"
         )
     ramp = blend_strides * per_stride
-    start = np.asarray(start, dtype=float)
+    start = floats("start", start)
+    if not np.isfinite(start).all():
+        raise ValueError("start has an angle that is not finite; correct it")
     if start.ndim == 1:
         start = np.tile(start, (ramp, 1))
     if start.shape[1:] != (len(gait.joint_names),) or len(start) < ramp:
@@ -160,8 +177,23 @@ def references(
 
 def bounds(model: Model, gait: Gait) -> np.ndarray:
     """Return lower and upper bounds (D, 2) [rad] of the gait vector from the joint limits of `model`."""
+    check_model(model)
+    instance("gait", gait, Gait, "give a Gait, as fit_gait(...).gait")
     limits = np.array([(joint.lower, joint.upper) for joint in model.moving_joints])
     return np.tile(limits, (len(gait.to_vector()) // len(limits), 1))
+
+
+def check_names(name: str, gait: Gait, angles: ArrayLike) -> None:
+    """Raise ValueError unless angles (nj,) or (m, nj) fit the gait's joints."""
+    a = floats(name, angles)
+    if a.ndim not in (1, 2) or a.shape[-1] != len(gait.joint_names) or not np.isfinite(a).all():
+        raise ValueError(f"{name} must be finite and ({len(gait.joint_names)},) or with as many columns, got {a.shape}")
+
+
+def _check_mirror(mirror: Mirror, count: int) -> None:
+    instance("mirror", mirror, Mirror, "give what mirror_of returns, or None")
+    if np.shape(mirror.index) != (count,) or np.shape(mirror.sign) != (count,):
+        raise ValueError(f"mirror is of {np.shape(mirror.index)} joints; expected {count}: give mirror_of(model)")
 
 
 def periodic_spline(values: np.ndarray, s: np.ndarray) -> np.ndarray:

@@ -13,6 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from featherstone_gait.arguments import finite, floats, texts
+from featherstone_gait.arguments import path as path_of
 from featherstone_gait.files import FilePath, Format, read_csv, write_csv
 
 MIDDLE, LARGEST, RANGE = 512, 1023, 300.0  # of an AX-12 [counts, counts, deg]
@@ -22,7 +24,7 @@ ANGLES, GOAL_POSITIONS = Format("joint angles"), Format("goal positions")
 
 def write_angles(path: FilePath, times: np.ndarray, angles: np.ndarray, joint_names: Sequence[str]) -> None:
     """Write `angles` (n, nj) [rad] at `times` (n,) [s] as CSV in degrees, with all digits."""
-    _write(path, ANGLES, times, np.degrees(angles), joint_names)
+    _write(path, ANGLES, times, np.degrees(floats("angles", angles)), joint_names)
 
 
 def write_goal_positions(path: FilePath, times: np.ndarray, angles: np.ndarray, joint_names: Sequence[str]) -> None:
@@ -35,13 +37,15 @@ def goal_positions(angles: ArrayLike, joint_names: Sequence[str]) -> np.ndarray:
 
     Raises ValueError, naming joint and row, for an angle that the servo cannot take.
     """
-    degrees = np.degrees(np.atleast_2d(angles))
+    degrees = np.degrees(np.atleast_2d(floats("angles", angles)))
+    if degrees.ndim != 2 or degrees.shape[1] != len(texts("joint_names", joint_names)):
+        raise ValueError(f"angles have shape {degrees.shape}; give one column for each of the joint_names")
     counts = np.round(MIDDLE + degrees * LARGEST / RANGE)
     bad = ~((counts >= 0) & (counts <= LARGEST))
     if bad.any():
         row, joint = np.argwhere(bad)[0]
         raise ValueError(
-            f"row {row}, joint {joint_names[joint]!r}: {degrees[row, joint]:.2f} deg is outside the AX-12's "
+            f"angles: row {row}, joint {joint_names[joint]!r}: {degrees[row, joint]:.2f} deg is outside the AX-12's "
             f"{_degrees(0):.2f}..{_degrees(LARGEST):.2f} deg; tighten the joint's limits"
         )
     return counts.astype(int)
@@ -61,6 +65,8 @@ def read_angles(
     and column, for a missing, doubled or unknown column, a row of the wrong length, a value that is not a finite number
     or is beyond one turn, times that do not increase, or a format that this version does not read.
     """
+    path = path_of("path", path)
+    joint_names = None if joint_names is None else texts("joint_names", joint_names)
     lines = list(read_csv(path, ANGLES)) or [(1, [])]
     (line, header), rows = lines[0], lines[1:]
     names = _header(path, line, header, joint_names)
@@ -83,8 +89,11 @@ def _degrees(counts: float | np.ndarray) -> float | np.ndarray:
 
 
 def _write(path: FilePath, form: Format, times: np.ndarray, values: np.ndarray, joint_names: Sequence[str]) -> None:
+    path, joint_names = path_of("path", path), texts("joint_names", joint_names)
+    times = finite("times", times, (None,), "[s]")
+    values = finite("angles", values, (len(times), len(joint_names)), "as times and joint_names say")
     # Rounding takes the noise of k * 0.04 off the times; the values keep all digits.
-    rows = ([round(float(t), 9), *row] for t, row in zip(times, np.asarray(values).tolist()))
+    rows = ([round(float(t), 9), *row] for t, row in zip(times, values.tolist()))
     write_csv(path, form, [TIME_COLUMN, *joint_names], rows)
 
 
@@ -98,7 +107,7 @@ def _header(path: FilePath, line: int, header: list[str], joint_names: Sequence[
     missing, unknown = sorted(set(wanted) - set(found)), sorted(set(found) - set(wanted))
     if doubled or missing or unknown or not found:
         raise ValueError(
-            f"{path}, line {line}: joint columns doubled: {doubled}, missing: {missing}, unknown: {unknown}; "
+            f"{path}, line {line}: joint_names: columns doubled: {doubled}, missing: {missing}, unknown: {unknown}; "
             "there must be one column for each joint of the robot and no other"
         )
     return wanted

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from featherstone_gait.arguments import finite, floats, instance
+from featherstone_gait.dynamics import check_model
 from featherstone_gait.fixed_order import product, solve, total
 from featherstone_gait.jacobians import jacobian_at, point_at
 from featherstone_gait.model import Model
@@ -79,7 +81,10 @@ def reach(
     joints outside the leg keep the start's values.  Returns angles (n, nj) [rad].  Raises ValueError, naming foot and
     time, for a target out of reach.
     """
-    target = np.atleast_2d(np.asarray(target, dtype=float))
+    check_model(model)
+    instance("foot", foot, str, "give the name of a link")
+    target = finite("target", np.atleast_2d(floats("target", target)), (None, 3), "[m]")
+    times = None if times is None else finite("times", times, (len(target),), "[s]")
     columns = list(leg_joints(model, foot))
     if rotation is None:
         rotation = link_poses(model, np.zeros(len(model.joint_names))).rotation[0, link_index(model, foot)]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from featherstone_gait import dynamics, renamed
+from featherstone_gait.arguments import floats
 from featherstone_gait.dynamics import Poses
 from featherstone_gait.jacobians import joint_axes as joint_axes
 from featherstone_gait.jacobians import link_centers as link_centers
@@ -36,7 +37,8 @@ def center_of_mass(model: Model, angles: ArrayLike, base_position: ArrayLike = 0
 
 def _upright(model: Model, angles: ArrayLike) -> np.ndarray:
     """States (n, nq) with these joint angles, the root link upright at the origin."""
-    angles = np.atleast_2d(np.asarray(angles, dtype=float))
+    dynamics.check_model(model)
+    angles = np.atleast_2d(floats("angles", angles))
     if angles.ndim != 2 or angles.shape[1] != len(model.joint_names):
         raise ValueError(f"joint angles of {model.name!r} must be (n, {len(model.joint_names)}), got {angles.shape}")
     base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
@@ -44,7 +46,10 @@ def _upright(model: Model, angles: ArrayLike) -> np.ndarray:
 
 
 def _shift(base_position: ArrayLike) -> np.ndarray:
-    return np.atleast_2d(np.asarray(base_position, dtype=float))
+    shift = np.atleast_2d(floats("base_position", base_position))
+    if shift.ndim != 2 or shift.shape[1] not in (1, 3) or not np.isfinite(shift).all():
+        raise ValueError(f"base_position has shape {shift.shape}; give finite numbers (3,) or (n, 3) [m]")
+    return shift
 
 
 def __getattr__(name: str) -> Any:

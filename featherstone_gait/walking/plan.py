@@ -23,8 +23,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from featherstone_gait.arguments import finite, is_real, is_whole, listed, shown, whole
 from featherstone_gait.build.tree import GRAVITY
-from featherstone_gait.dynamics import Poses, contact_positions_at
+from featherstone_gait.dynamics import Poses, check_model, contact_positions_at
 from featherstone_gait.elementary import sincos
 from featherstone_gait.fixed_order import applied, total
 from featherstone_gait.model import Model
@@ -35,6 +36,8 @@ from featherstone_gait.walking.zero_moment_point import multibody_zmp, polygon_m
 
 FOLLOWED = 1e-9  # by how much the model's centre of mass may miss the planned one [m]
 SOLE_THICKNESS = 1e-3  # contact points this close to a foot's lowest one belong to its sole [m]
+TINY, HUGE = 1e-12, 1e12  # settings of a walk [SI]
+MOST_STEPS, MOST_SAMPLES = 10**4, 10**5  # of a walk; of a step, and of preview
 STILL = 1e-3  # change of an angle by which the walk has begun [rad]
 DECIMALS = 9  # of the angles [rad]: a plan outlives changes of last bits; far below any servo's resolution
 
@@ -64,14 +67,19 @@ class Walk:
 
     def __post_init__(self) -> None:
         for name in ("step_time", "com_height", "half_width", "lift", "T", "N", "Q", "R", "g"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise ValueError(f"walk: {name} = {getattr(self, name)} must be finite and > 0")
-        if not 0.0 < self.double_support < 1.0:
-            raise ValueError(f"walk: double_support = {self.double_support} must lie between 0 and 1")
-        if self.n_steps < 4:
-            raise ValueError(f"walk: n_steps = {self.n_steps} must be at least 4; a settled stride takes some 16")
-        if not np.isfinite(self.step_length):
-            raise ValueError(f"walk: step_length = {self.step_length} must be finite")
+            value = getattr(self, name)
+            if not (is_real(value) and TINY < value < HUGE):
+                raise ValueError(f"walk: {name} = {shown(value)} must be finite and > 0")
+        if not (is_real(self.double_support) and 0.0 < self.double_support < 1.0):
+            raise ValueError(f"walk: double_support = {shown(self.double_support)} must lie between 0 and 1")
+        if not (is_whole(self.n_steps) and 4 <= self.n_steps <= MOST_STEPS):
+            text = f"walk: n_steps = {shown(self.n_steps)} must be at least 4"
+            raise ValueError(f"{text} and at most {MOST_STEPS}; a settled stride takes some 16")
+        if not (is_real(self.step_length) and abs(self.step_length) < HUGE):
+            raise ValueError(f"walk: step_length = {shown(self.step_length)} must be finite")
+        whole("walk: N", self.N, 1, "give the samples of preview", MOST_SAMPLES)
+        if self.step_time / self.T > MOST_SAMPLES:
+            raise ValueError(f"walk: step_time = {self.step_time} s is over {MOST_SAMPLES} samples T = {self.T} s")
         if abs(self.step_samples * self.T - self.step_time) > 1e-9:
             raise ValueError(f"walk: step_time = {self.step_time} s must be a whole number of samples T = {self.T} s")
 
@@ -187,9 +195,11 @@ def walking_plan(
     (nj,) [rad] is held by the joints outside the legs and decides how the knees bend, by default the middle of the
     leg joints' ranges, 0 elsewhere.  Raises ValueError if the model has no two soles or a posture is out of reach.
     """
+    check_model(model)
     walk = Walk(**settings)
     soles = _soles(model, feet)
-    posture = _default_posture(model, soles) if posture is None else np.asarray(posture, dtype=float)
+    n = len(model.joint_names)
+    posture = _default_posture(model, soles) if posture is None else finite("posture", posture, (n,), "[rad]")
     times = walk.T * np.arange(round((walk.end + walk.start) / walk.T) + 1)
     footholds = _footholds(walk)
     feet_path, contact = _feet_path(walk, footholds, times)
@@ -224,7 +234,8 @@ def _soles(model: Model, feet: Sequence[str] | None) -> tuple[_Sole, ...]:
     if feet is None:
         feet = sorted(placed, key=lambda link: placed[link][:, 2].min())[:2]
         feet.sort(key=lambda link: -placed[link][:, 1].mean())
-    if len(feet) != 2 or not set(feet) <= set(placed):
+    feet = listed("feet", feet, "give the names of the left and the right foot")
+    if len(feet) != 2 or not all(link in list(placed) for link in feet):
         raise ValueError(f"model {model.name!r}: a walk needs contact points on two feet, got {feet} of {list(placed)}")
     return tuple(_sole(model, link, placed[link], poses) for link in feet)
 

@@ -21,6 +21,7 @@ from decimal import Decimal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from featherstone_gait.arguments import floats, is_real, shown, whole
 from featherstone_gait.build.tree import GRAVITY
 from featherstone_gait.fixed_order import applied, product, total
 
@@ -62,8 +63,9 @@ def preview_controller(
     Kajita et al. (2003) use T = 5 ms, z_c = 0.814 m, N = 320, Q = 1, R = 1e-6.  Raises ValueError unless all are > 0.
     """
     for name, value in dict(T=T, z_c=z_c, N=N, Q=Q, R=R, g=g).items():
-        if not (np.isfinite(value) and value > 0):
-            raise ValueError(f"preview control: {name} = {value} must be finite and > 0")
+        if not (is_real(value) and 1e-12 < value < 1e12):
+            raise ValueError(f"preview control: {name} = {shown(value)} must be finite and > 0")
+    N = whole("preview control: N", N, 1, "give the samples of preview", MOST_SAMPLES)
     A, b = _augmented_cart_table(T, z_c, g)
     P = _cost_to_go(A, b, Q, R, HORIZON * np.sqrt(z_c / g) / T)
     K, s = _feedback(A, b, P, R)
@@ -88,7 +90,7 @@ def plan_com(
     over ``zmp_ref[0]``, and the reference is taken to stay at its last row.  Returns a `ComPlan`.
     """
     controller = preview_controller(T, z_c, N=N, Q=Q, R=R, g=g)
-    ref = np.asarray(zmp_ref, dtype=float)
+    ref = floats("zmp_ref", zmp_ref)
     if ref.ndim not in (1, 2) or len(ref) == 0 or not np.isfinite(ref).all():
         raise ValueError(f"zmp_ref must be a finite (n,) or (n, axes) array with n > 0, got shape {ref.shape}")
     state, zmp = _track(controller, ref.reshape(len(ref), -1))

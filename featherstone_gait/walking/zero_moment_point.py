@@ -15,10 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull
 
+from featherstone_gait.arguments import finite, real
 from featherstone_gait.build.tree import GRAVITY
+from featherstone_gait.dynamics import check_model
 from featherstone_gait.fixed_order import applied, total
 from featherstone_gait.model import Model, inertia_matrix
 from featherstone_gait.walking.kinematics import link_centers, link_poses
+
+LEAST = 5  # samples of a motion
 
 
 def multibody_zmp(
@@ -29,6 +33,12 @@ def multibody_zmp(
     `angles` is (n, nj) [rad], `base_position` (n, 3) [m].  Velocities and accelerations are central differences, so
     that the error is O(T^2); the first and last two samples repeat their neighbour's value.
     """
+    T = real("T", T, 1e-9, 1e9, "give the time between samples [s]")
+    g = real("g", g, 0.0, 1e9, "give the strength of gravity [m/s^2]")
+    angles = finite("angles", angles, (None, len(check_model(model).joint_names)), "[rad]")
+    base_position = finite("base_position", base_position, (len(angles), 3), "[m]")
+    if len(angles) < LEAST:
+        raise ValueError(f"angles have {len(angles)} samples; accelerations take {LEAST} or more")
     poses = link_poses(model, angles, base_position)
     mass = np.array([link.mass for link in model.links])
     center = link_centers(model, poses)[2:-2]

@@ -86,7 +86,7 @@ def stage_current(m, stage, i, voltage, w):
 
 @inline
 def bend(m, stage, i, voltage, current, w, rate, h):
-    """What the current of motor m at the end of a step h [s] lacks for a speed w whose rate changes by `rate` [rad/s^3].
+    """What the current of motor m at a step's end lacks for a speed w whose rate changes by `rate` [rad/s^3].
 
     The speed then sags below its chord by rate t (h - t) / 2.
     """

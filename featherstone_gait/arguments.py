@@ -1,0 +1,149 @@
+"""Checks of what a caller gives.  Each raises an error that names the argument, its value and what to give instead."""
+
+from __future__ import annotations
+
+import math
+import operator
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+FLOAT = np.dtype(float)
+HUGE = 1e50  # beyond it products of several numbers overflow
+
+
+def instance(name: str, value: object, kind: type | tuple[type, ...], remedy: str) -> None:
+    """Raise TypeError unless the value is of that kind."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} is {shown(value)}; {remedy}")
+
+
+def real(name: str, value: Any, low: float, high: float, remedy: str) -> float:
+    """A number between low and high, both included; infinite ones only where a bound is.  ValueError for others."""
+    found = _as_float(value)
+    if found is None or not low <= found <= high:
+        raise ValueError(f"{name} is {shown(value)}; expected a number from {low:g} to {high:g}: {remedy}")
+    return found
+
+
+def whole(name: str, value: Any, least: int, remedy: str, most: int = 2**53) -> int:
+    """A whole number from least to most.  ValueError for others, and for text and truth values."""
+    try:
+        found = None if isinstance(value, (bool, np.bool_)) else operator.index(value)
+    except TypeError:
+        found = int(value) if is_whole(value) else None
+    if found is None or not least <= found <= most:
+        raise ValueError(f"{name} is {shown(value)}; expected a whole number from {least} to {most:g}: {remedy}")
+    return found
+
+
+def floats(name: str, value: Any, remedy: str = "give real numbers, or an array of them") -> np.ndarray:
+    """The value as an array of floats, not copied where it is one.
+
+    Raises ValueError for what is no array of real numbers: text, complex numbers, truth values, None, ragged lists.
+    """
+    if type(value) is np.ndarray and value.dtype is FLOAT:  # the usual case first: kernels are called often
+        return value
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError, OverflowError, RuntimeError):
+        array = np.array(None)
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name} is {shown(value)}; {remedy}")
+    return array.astype(float, copy=False)
+
+
+def vector(name: str, value: Any, width: int, remedy: str = "") -> np.ndarray:
+    """A new array of `width` finite numbers, or ValueError."""
+    a = floats(name, value, f"give {width} finite numbers {remedy}".rstrip())
+    if a.shape != (width,) or not (np.abs(a) <= HUGE).all():
+        text = f"{name} must be {width} finite numbers; its shape is {a.shape}: {np.array2string(a, threshold=20)}"
+        raise ValueError(f"{text}; give {remedy}" if remedy else text)
+    return np.array(a)
+
+
+def listed(name: str, value: Any, remedy: str) -> list[Any]:
+    """The items of a list, tuple or other iterable; ValueError for text and what has no items."""
+    scalar = isinstance(value, (str, bytes)) or (isinstance(value, np.ndarray) and value.ndim == 0)
+    if scalar or not isinstance(value, Iterable):
+        raise ValueError(f"{name} is {shown(value)}; {remedy}")
+    return list(value)
+
+
+def texts(name: str, value: Any, remedy: str = "give a list of names") -> list[str]:
+    """The names in a list.  ValueError for what is no list, TypeError for what is no name."""
+    found = listed(name, value, remedy)
+    for item in found:
+        instance(name, item, str, remedy)
+    return found
+
+
+def one_of(name: str, value: object, choices: Iterable[str]) -> None:
+    """Raise ValueError unless the value is one of the choices."""
+    known = list(choices)
+    if not isinstance(value, str) or value not in known:
+        text = ", ".join(map(repr, known[:-1])) + f" or {known[-1]!r}"
+        raise ValueError(f"{name} is {shown(value)}; expected {text}: use one of these")
+
+
+def shown(value: object) -> str:
+    """A value for a message, cut short."""
+    if isinstance(value, int) and abs(value) > 10**30:  # whose digits Python may refuse to write
+        return f"a whole number of {value.bit_length()} bits"
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def is_real(value: object) -> bool:
+    """Whether the value is one real number that a float can hold; text and truth values are none."""
+    return _as_float(value) is not None
+
+
+def _as_float(value: Any) -> float | None:
+    if type(value) is float:
+        return value
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
+        if not (isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf"):
+            return None
+    try:
+        return float(value)
+    except OverflowError:
+        return None
+
+
+def finite(name: str, value: Any, shape: tuple[int | None, ...], unit: str = "") -> np.ndarray:
+    """The value as an array of finite floats of a shape, None for any length.  ValueError for others."""
+    sizes = ", ".join("n" if n is None else str(n) for n in shape)
+    expected = f"expected finite numbers of shape ({sizes}) {unit}".strip()
+    a = floats(name, value, expected)
+    fits = a.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, a.shape))
+    if not fits or not (np.abs(a) <= HUGE).all():
+        raise ValueError(f"{name} has the shape {a.shape}: {np.array2string(a, threshold=20)}; {expected}")
+    return a
+
+
+def truth(name: str, value: object) -> bool:
+    """True or False.  TypeError for others."""
+    instance(name, value, (bool, np.bool_), "give True or False")
+    return bool(value)
+
+
+def path(name: str, value: Any) -> Path:
+    """The path of a file.  TypeError for what is none."""
+    instance(name, value, (str, os.PathLike), "give the path of a file")
+    return Path(value)
+
+
+def functions(**given: object) -> None:
+    """Raise TypeError for what cannot be called; None is left alone."""
+    for name, value in given.items():
+        if value is not None and not callable(value):
+            raise TypeError(f"{name} is {shown(value)}; give a function")
+
+
+def is_whole(value: Any) -> bool:
+    """Whether the value is a whole number, as int or float."""
+    return is_real(value) and math.isfinite(value) and float(value).is_integer()
