@@ -196,6 +196,9 @@ def read_arrays(path: FilePath, form: Format) -> dict[str, np.ndarray]:
         try:
             with np.load(file) as data:
                 arrays = {name: data[name] for name in data.files}
+            foreign = [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]
+            if foreign:
+                raise ValueError(f"{foreign[0][:40]!r} is no array")
         except Exception as error:  # a damaged file can make the reader fail in any way
             why = f"damaged, or no .npz file ({type(error).__name__}: {error})"
             raise ValueError(f"{path}: {why}; take an undamaged copy, or make it again") from error

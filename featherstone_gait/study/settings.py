@@ -135,7 +135,7 @@ def read_study(path: FilePath) -> Study:
     try:
         with path.open("rb") as file:
             table = tomllib.load(file)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: not a TOML file ({error}); correct it there") from error
     try:
         return _study(path, table)
