@@ -379,6 +379,8 @@ class _History:
         self.file.seek(0)
         data = self.file.read()
         *lines, rest = data.split(b"\n")
+        if rest and not rest.startswith(b"{"):
+            raise ValueError(f"{self.path}, line {len(lines) + 1}: damaged; {REMEDY}")
         if rest:
             _log.warning("%s: dropped the last line, which was cut off", self.path)
             self.file.truncate(len(data) - len(rest))

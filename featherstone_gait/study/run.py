@@ -191,6 +191,8 @@ class Log:
         with open(self.file.fileno(), "rb", closefd=False) as file:
             for number, line in enumerate(file, start=1):
                 if not line.endswith(b"\n"):
+                    if not line.startswith(b"{"):
+                        raise ValueError(f"{self.path}, line {number}: damaged; {REMEDY}")
                     _log.warning("%s: dropped the last line, which was cut off", self.path)
                     self.file.truncate(place)
                     break
