@@ -7,7 +7,7 @@ import pytest
 from featherstone_gait.benchmark import attack_files
 from featherstone_gait.benchmark.attack_files import Row, Target, TooLong
 
-COUNT = int(os.environ.get("FEATHERSTONE_GAIT_FUZZ", "40"))
+COUNT = int(os.environ.get("FEATHERSTONE_GAIT_FUZZ", "25"))
 SEED = int(os.environ.get("FEATHERSTONE_GAIT_FUZZ_SEED", "2"))
 
 
