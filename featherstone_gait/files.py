@@ -9,17 +9,24 @@ from __future__ import annotations
 
 import csv
 import errno
+import json
+import math
 import os
 import re
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from . import __version__
+from .core.compile.lock import lock
+
+if TYPE_CHECKING:
+    import numpy as np
 
 FilePath = str | os.PathLike[str]
 
@@ -75,6 +82,13 @@ def _settle(path: Path, target: Path) -> None:
         os.fsync(file.fileno())
 
 
+def claim(file: IO, path: FilePath) -> None:
+    """Lock an open file until it is closed or the process ends.  Raises OSError if another one works with it."""
+    if not lock(file):
+        remedy = "wait until that has ended, or take another folder"
+        raise OSError(f"{path}: another process is at work with this file; {remedy}")
+
+
 # ---------------------------------------------------------------------------------------------- formats
 
 
@@ -91,10 +105,10 @@ class Format(NamedTuple):
         """Raise ValueError if a file states another kind, or a number that this version does not read."""
         if stated is None:
             return
-        found = re.fullmatch(r"featherstone_gait (.+) (\d+), written by version (\S+)", str(stated))
+        found = re.fullmatch(r"featherstone_gait (.+) ([0-9]{1,9}), written by version (\S+)", str(stated))
         if found is None or found[1] != self.kind:
             expected = f"expected featherstone_gait {self.kind}: give such a file"
-            raise ValueError(f"{path}: its format is {stated!r}; {expected}")
+            raise ValueError(f"{path}: its format is {str(stated)[:100]!r}; {expected}")
         if int(found[2]) > self.number:
             raise ValueError(
                 f"{path}: its format is {self.kind} {found[2]}; version {__version__} of featherstone_gait reads "
@@ -137,3 +151,56 @@ def _check_comment(path: FilePath, form: Format, line: str) -> None:
     text = line[1:].strip(" ,\r\n")  # a spreadsheet appends commas
     if text.startswith("featherstone_gait "):
         form.check(path, text)
+
+
+_NUMERAL = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
+
+
+def number(text: str) -> float:
+    """The number in a cell, NaN if there is none; float() alone would take 1_0 and Arabic digits too."""
+    text = text.strip()
+    return float(text) if _NUMERAL.fullmatch(text) else math.nan
+
+
+# ---------------------------------------------------------------------------------------------- JSON and arrays
+
+
+def parse_json(text: str | bytes, what: str, remedy: str) -> dict[str, Any]:
+    """The JSON object in a text.  Raises ValueError, with `what` it is and a remedy, if there is none."""
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{what}: damaged; {remedy} ({error})") from error
+    if not isinstance(content, dict):
+        raise ValueError(f"{what}: damaged; {remedy} (expected a JSON object, got {str(content)[:40]!r})")
+    return content
+
+
+def is_number(value: object) -> bool:
+    """Whether a value of a JSON file is a finite number."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+
+
+def read_json(path: FilePath, form: Format) -> dict[str, Any]:
+    """The object in a JSON file but its format.  Raises ValueError if it is damaged or its format is not known."""
+    content = parse_json(Path(path).read_bytes(), str(path), "take an undamaged copy, or make it again")
+    form.check(path, content.pop("format", None))
+    return content
+
+
+def read_arrays(path: FilePath, form: Format) -> dict[str, np.ndarray]:
+    """The arrays of a .npz file but its format.  Raises as `read_json`."""
+    import numpy as np
+
+    with Path(path).open("rb") as file:
+        try:
+            with np.load(file) as data:
+                arrays = {name: data[name] for name in data.files}
+            foreign = [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]
+            if foreign:
+                raise ValueError(f"{foreign[0][:40]!r} is no array")
+        except Exception as error:  # a damaged file can make the reader fail in any way
+            why = f"damaged, or no .npz file ({type(error).__name__}: {error})"
+            raise ValueError(f"{path}: {why}; take an undamaged copy, or make it again") from error
+    form.check(path, arrays.pop("format", None))
+    return arrays

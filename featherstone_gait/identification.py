@@ -35,7 +35,7 @@ from .arguments import finite, floats, instance, is_real, listed, real, shown, t
 from .arguments import path as path_of
 from .build.scene import ServoKind, compile_scene
 from .dynamics import check_model
-from .files import FilePath, Format, read_csv, write_csv
+from .files import FilePath, Format, number, read_csv, write_csv
 from .model import SERVO_UNITS, Controller, Gearbox, Model, Servo
 from .reference import Reference
 from .run.simulate import initial_state, simulate_batch
@@ -144,11 +144,8 @@ def _row(path: Path, line: int, names: list[str], row: list[str]) -> list[float]
 
 
 def _value(path: Path, line: int, name: str, text: str) -> float:
-    what = f"{path}, line {line}, column {name!r}: {text!r}"
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    what = f"{path}, line {line}, column {name!r}: {text[:40]!r}"
+    value = number(text)
     if not math.isfinite(value):
         raise ValueError(f"{what} is not a finite number; correct the value, or delete the line")
     if name.endswith("[rad]") and abs(value) > LARGEST_ANGLE:

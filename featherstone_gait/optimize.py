@@ -29,11 +29,12 @@ from scipy.optimize import OptimizeResult
 from . import __version__
 from .build.scene import ServoKind, compile_scene
 from .build.tree import GRAVITY
-from .files import FilePath, Format, moving_up
+from .files import FilePath, Format, claim, moving_up, parse_json
 from .model import Ground, Model
 from .robot_file import load_robot
 from .run.simulate import streams
 from .search import minimize
+from .search.annealing import REMEDY as HISTORY_REMEDY
 from .view.animation import write_animation
 from .walking.cost import Measures, WalkingCost
 from .walking.gait import bounds, fit_gait
@@ -135,7 +136,8 @@ def main_job(
     from the history in `out`, if there is one.  KeyboardInterrupt ends the search, and the files hold what was found.
     A process that is killed leaves the history, from which it resumes to the same files; they appear only when all of
     them are complete.  Raises ValueError if no gait walks or the history is of another robot, FileExistsError if there
-    is a history and `resume` is not set, OSError if files cannot be written, if possible before the search.
+    is a history and `resume` is not set, OSError if files cannot be written or another process is at work with the
+    history, if possible before the search.
     """
     began = time.perf_counter()
     model = load_robot(robot, locked="simplified" if robot == "humanoid" else None)
@@ -144,6 +146,9 @@ def main_job(
     history = stem.with_name(stem.name + "_history.jsonl")
     if history.exists() and not resume:
         raise FileExistsError(f"{history} exists; resume (--resume) to go on from it, or give another folder (--out)")
+    if history.exists():
+        with _alone_with(history):  # rather said now than after the first gait
+            pass
     cost = walking_cost(model, servos)
     first = cost.measure([cost.gait.to_vector()])[0]
     _check_history(history, first.cost)
@@ -155,7 +160,7 @@ def main_job(
     if not np.isfinite(result.fun):
         raise ValueError(f"{model.name}: none of {result.nit + 1} gaits walked; the first: {first.status}")
     before, after = (quality(cost, x) for x in (cost.gait.to_vector(), result.x))
-    with _appearing_together(stem) as folder:
+    with _alone_with(history), _appearing_together(stem) as folder:
         files = write_results(folder / stem.name, cost, result)
         report = {
             "format": str(REPORT),
@@ -195,6 +200,14 @@ def _check_folder(folder: Path) -> None:
 
 
 @contextmanager
+def _alone_with(history: Path) -> Iterator[None]:
+    """Keep other processes from a history and the files beside it.  Raises OSError if one is at work there."""
+    with history.open("r+b") as file:
+        claim(file, history)
+        yield
+
+
+@contextmanager
 def _appearing_together(stem: Path) -> Iterator[Path]:
     """A folder whose files take their places beside it when all are complete; if they cannot be, none does."""
     try:
@@ -209,9 +222,11 @@ def _appearing_together(stem: Path) -> Iterator[Path]:
 
 def _check_history(path: Path, first: float) -> None:
     """Raise ValueError unless the history's first gait cost what it costs now; the search compares all else."""
-    lines = path.read_text("utf-8").splitlines()[1:2] if path.exists() else []
-    cost = json.loads(lines[0]).get("f") if lines else None
-    if lines and (math.inf if cost is None else cost) != first:
+    lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []
+    if len(lines) < 2:
+        return
+    cost = parse_json(lines[1], f"{path}, line 2", HISTORY_REMEDY).get("f")
+    if (math.inf if cost is None else cost) != first:
         raise ValueError(
             f"{path}, line 2: the first gait cost {cost} J/m, but costs {first} now; the history is of another robot, "
             "other servos or another version: give another folder, or delete it"

@@ -12,13 +12,15 @@ import numpy as np
 
 from . import renamed
 from .channels import column_of
-from .files import FilePath, Format, complete_together
+from .files import FilePath, Format, complete_together, is_number, read_arrays, read_json
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 FORMAT = Format("trajectory")
+STATUSES = ("ok", "fell", "diverged", "chatter", "step too small", "not converged", "inaccurate")
+
 
 @dataclass(frozen=True, eq=False)
 class Trajectory(Mapping[str, np.ndarray]):
@@ -85,18 +87,22 @@ class Trajectory(Mapping[str, np.ndarray]):
 
     @classmethod
     def load(cls, path: FilePath) -> Trajectory:
-        """Read what `save` wrote.  Raises ValueError for a file of a format that this version does not read."""
-        arrays, text = _files(path)
-        described = json.loads(text.read_text("utf-8"))
-        FORMAT.check(text, described.pop("format", None))
+        """Read what `save` wrote.
+
+        Raises ValueError, naming the file, for one that is damaged, holds something else or is of a format that this
+        version does not read, OSError for one that cannot be opened.
+        """
+        data, text = _files(path)
+        described, arrays = read_json(text, FORMAT), read_arrays(data, FORMAT)
+        _check_arrays(data, arrays)
+        final = arrays.pop("final")
         parts = described.pop("parts", None)
-        with np.load(arrays) as data:
-            channels, error = (
-                {k.removeprefix(kind): data[k] for k in data.files if k.startswith(kind)}
-                for kind in ("channel_", "error_")
-            )
-            final = data["final"]
-        parts = parts and {name: (int(start), int(stop)) for name, (start, stop) in parts.items()}
+        _check_described(text, described)
+        channels, error = (
+            {name.removeprefix(kind): values for name, values in arrays.items() if name.startswith(kind)}
+            for kind in ("channel_", "error_")
+        )
+        parts = None if parts is None else _parts(text, parts, len(final))
         return cls(channels, final=final, error=error or None, parts=parts, **described)
 
     def plot(self, *names: str, axes: Axes | Sequence[Axes] | np.ndarray | None = None) -> Figure:
@@ -128,6 +134,53 @@ def _files(path: FilePath) -> tuple[Path, Path]:
     path = Path(path)
     path = path.with_suffix("") if path.suffix in (".npz", ".json") else path
     return path.with_name(path.name + ".npz"), path.with_name(path.name + ".json")
+
+
+def _check_described(path: Path, content: dict[str, Any]) -> None:
+    """Raise ValueError unless the JSON file says how the run ended, and nothing that is unknown."""
+    expected = {
+        "status": (content.get("status") in STATUSES, f"one of {', '.join(STATUSES)}"),
+        "message": (isinstance(content.get("message"), str), "a text"),
+        "end_time": (is_number(content.get("end_time")), "a finite number [s]"),
+        "info": (isinstance(content.get("info"), dict), "an object"),
+    }
+    for name, (right, what) in expected.items():
+        if not right:
+            found = "missing" if name not in content else repr(content[name])[:100]
+            raise ValueError(f"{path}: {name} is {found}; expected {what}: take an undamaged copy, or simulate again")
+    for name in content.keys() - expected:
+        known = ", ".join([*expected, "parts"])
+        raise ValueError(f"{path}: {name!r} is unknown; expected {known}: take an undamaged copy, or simulate again")
+
+
+def _check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Raise ValueError unless there are the final state, channels of as many samples, and errors of their shapes."""
+    if "final" not in arrays or arrays["final"].ndim != 1:
+        raise ValueError(f"{path}: the array 'final' is missing or no list of numbers; simulate again")
+    samples = {len(values) for name, values in arrays.items() if name != "final" and values.ndim}
+    for name, values in arrays.items():
+        kind, _, channel = name.partition("_")
+        alike = arrays.get(f"channel_{channel}") if kind in ("channel", "error") else None
+        of_channel = alike is not None and alike.shape == values.shape and values.ndim > 0 and len(samples) == 1
+        known = name == "final" or of_channel
+        if not known or values.dtype.kind not in "iuf":
+            raise ValueError(
+                f"{path}: the array {name!r} of {values.dtype} has shape {values.shape}; expected channels and errors "
+                "of numbers, all with as many samples: take an undamaged copy, or simulate again"
+            )
+
+
+def _parts(path: Path, parts: Any, length: int) -> dict[str, tuple[int, int]]:
+    """Where the parts of a final state of that length lie.  Raises ValueError if they cannot lie there."""
+    if isinstance(parts, dict) and all(_is_part(part, length) for part in parts.values()):
+        return {name: (start, stop) for name, (start, stop) in parts.items()}
+    expected = f"for each name where it begins and ends in the {length} numbers of the final state"
+    raise ValueError(f"{path}: parts is {repr(parts)[:100]}; expected {expected}: simulate again")
+
+
+def _is_part(part: Any, length: int) -> bool:
+    whole = isinstance(part, list) and len(part) == 2 and all(type(place) is int for place in part)
+    return whole and 0 <= part[0] <= part[1] <= length
 
 
 def __getattr__(name: str) -> Any:

@@ -1,16 +1,21 @@
 """The cache of compiled kernels: used by the next process, never stale, and dispensable."""
 
+import errno
 import os
+import random
 import shutil
 import subprocess
 import sys
+import time
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 import featherstone_gait
-from featherstone_gait.core.compile import jit
+from featherstone_gait.core.compile import jit, sealed
+from featherstone_gait.core.compile.sealed import SealedFiles
 
 PROGRAM = """
 from featherstone_gait.core.compile import jit
@@ -44,6 +49,8 @@ def run(package, *, program=PROGRAM, **environment):
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, cwd=package, env=clean | environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+    for line in done.stderr.splitlines():
+        warnings.warn(line, stacklevel=2)
     result, hits, misses, folder = done.stdout.split()
     return result, int(hits), int(misses), Path(folder)
 
@@ -127,14 +134,113 @@ def test_code_for_types_from_outside_is_never_stale_and_harms_nobody(package, tm
     assert run(package, program=free, **cache)[0] == run(package, program=free, **cache)[0] != weak[0]
 
 
-def test_without_a_place_to_write_everything_works(package, tmp_path):
+def test_without_a_place_to_write_everything_works_and_says_so_once(package, tmp_path):
     file = tmp_path / "file"
     file.write_text("no folder can be made in a file")
     blocked = {"NUMBA_CACHE_DIR": str(file / "a"), "XDG_CACHE_HOME": str(file / "b"), "TMPDIR": str(tmp_path)}
-    result, hits, misses, folder = run(package, **blocked)
-    assert (hits, misses) == (0, 1)
-    assert folder.parent == tmp_path
+    program = PROGRAM.replace("jit.CACHE_FOLDER)", "repr(jit.CACHE_FOLDER))")
+    with pytest.warns(UserWarning, match="compiled kernels cannot be kept") as said:
+        result, hits, misses, folder = run(package, program=program, **blocked)
+    assert len(said) == 1
+    assert (hits, misses, str(folder)) == (0, 1, "''")
     assert float.fromhex(result) != 0.0
+    assert sorted(tmp_path.iterdir()) == [package, file]
+
+
+def test_a_full_disk_is_said_once_and_stops_nothing(package, tmp_path):
+    """Files may not grow: what is saved fails as on a full disk."""
+    full = "import resource, signal; resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n" + PROGRAM
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    with pytest.warns(UserWarning, match=r"compiled kernels cannot be kept \(File too large\).*make room") as said:
+        result = run(package, program=full, **cache)
+    assert len(said) == 1
+    assert not list(result[3].rglob("*.tmp.*"))
+    assert run(package, **cache) == result
+    assert run(package, **cache)[:3] == (result[0], 1, 0)
+
+
+def test_a_damaged_file_is_compiled_anew(package, tmp_path):
+    """Cut off, a bit turned, emptied, and taken from elsewhere; each time the next process finds it mended."""
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    first = run(package, **cache)
+    for path in sorted(first[3].rglob("*.nb?")):
+        whole = path.read_bytes()
+        turned = bytearray(whole)
+        turned[len(whole) // 2] ^= 4
+        for damaged in (whole[:-100], bytes(turned), b""):
+            path.write_bytes(damaged)
+            with pytest.warns(UserWarning, match=f"{path.name}: damaged; its kernels are compiled anew"):
+                assert run(package, **cache) == first
+            assert run(package, **cache)[:3] == (first[0], 1, 0)
+
+
+def sealed_files(folder):
+    return SealedFiles(str(folder), "kernel", "stamp")
+
+
+def test_a_sealed_file_is_whole_or_absent(tmp_path, monkeypatch):
+    monkeypatch.setattr(sealed._log, "disabled", True)
+    sealed_files(tmp_path).save("one", ["code of one"])
+    chance, files = random.Random(3), {path: path.read_bytes() for path in tmp_path.iterdir()}
+    assert len(files) == 2
+    for path, whole in files.items():
+        for _ in range(300):
+            damaged = bytearray(whole)
+            for _ in range(chance.randint(1, 3)):
+                damaged[chance.randrange(len(whole))] ^= 1 << chance.randrange(8)
+            path.write_bytes(chance.choice([damaged, whole[: chance.randrange(len(whole))], whole + b"0"]))
+            if path.read_bytes() != whole:
+                assert sealed_files(tmp_path).load("one") is None
+        path.write_bytes(whole)
+    assert sealed_files(tmp_path).load("one") == ["code of one"]
+
+
+def test_code_is_never_taken_for_another_version(tmp_path, monkeypatch):
+    monkeypatch.setattr(sealed._log, "disabled", True)
+    old = sealed_files(tmp_path)
+    old.save("one", "code of one")
+    index = tmp_path / "kernel.nbi"
+    saved = index.read_bytes()
+    index.write_bytes(b"lost")
+    sealed_files(tmp_path).save("two", "code of two")  # takes the place of one
+    index.write_bytes(saved)
+    assert sealed_files(tmp_path).load("one") is None
+    shutil.copy(tmp_path / "kernel.1.nbc", tmp_path / "kernel.2.nbc")
+    with pytest.raises(OSError, match=r"^$"):
+        sealed_files(tmp_path)._load_data("kernel.2.nbc")
+
+
+def test_a_kernel_that_cannot_be_read_or_kept_is_told_and_stops_nothing(tmp_path, monkeypatch, caplog):
+    def fail(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(jit, "CACHE_FOLDER", str(tmp_path))
+    assert jit._load(fail, (), None) is None
+    assert jit._save(fail, (), None) is None
+    assert jit._save(fail, (), None) is None
+    assert [f"{tmp_path}: a kernel cannot be read" in text for text in caplog.messages] == [True, False]
+    assert f"{tmp_path}: compiled kernels cannot be kept (No space left on device)" in caplog.messages[1]
+
+
+def test_folders_of_old_sources_are_cleared_but_the_last_three_and_those_in_use(tmp_path):
+    def folder(name, age, lock="saving.lock"):
+        made = tmp_path / name
+        made.mkdir()
+        (made / lock).touch()
+        os.utime(made, (1e9, time.time() - age))
+        return made
+
+    day = 86400.0
+    ours = [folder(f"{k:016x}", days * day) for k, days in enumerate([0.0, 0.1, 0.2, 0.3, 3.0, 4.0])]
+    others = [folder("core_0123", 9 * day), folder("f" * 16, 9 * day, "other"), folder("e" * 16 + "_boundscheck", day)]
+    jit.clear_old(str(ours[0]))
+    assert sorted(tmp_path.iterdir()) == sorted([*ours[:4], *others])
+    for k, path in enumerate(ours[1:4]):
+        os.utime(path, (1e9, time.time() - (2 + k) * day))
+    jit.clear_old(str(ours[0]))
+    assert sorted(tmp_path.iterdir()) == sorted([*ours[:3], *others])
+    jit.clear_old(str(others[2]))
+    assert sorted(tmp_path.iterdir()) == sorted([*ours[:3], *others])
 
 
 def test_kernels_with_bounds_checks_have_a_folder_of_their_own(package, tmp_path):

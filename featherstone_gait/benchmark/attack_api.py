@@ -16,19 +16,18 @@ import linecache
 import math
 import os
 import random
-import signal
 import tempfile
-import threading
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from .attack_calls import Call, right_calls
+from .time_limit import TooLong, time_limit
 
 LIMIT = 10.0  # of a call [s]
 SHARE_OF_TWO = 0.2  # attacks on two arguments at once
@@ -104,10 +103,6 @@ class Row(NamedTuple):
     message: str
 
 
-class TooLong(BaseException):
-    """A call took longer than `LIMIT`; nothing catches it on the way."""
-
-
 def attack_api(count: int, seed: int, names: tuple[str, ...] | None = None, dear: bool = True) -> list[Row]:
     """Attack public functions `count` times; return the faults.
 
@@ -177,7 +172,7 @@ def _judged(call: Call, arguments: Mapping[str, Any], spoiled: list[str]) -> tup
     """What is wrong with the outcome, and the message; None if nothing is."""
     start = time.perf_counter()
     try:
-        with _limited(LIMIT), contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        with time_limit(LIMIT), contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             answer = call.function(**arguments)
     except TooLong:
         return "too long", f"more than {LIMIT:g} s"
@@ -228,25 +223,6 @@ def _is_sound(answer: Any) -> bool:
     if isinstance(answer, tuple | list):
         return all(_is_sound(value) for value in answer)
     return True
-
-
-@contextlib.contextmanager
-def _limited(seconds: float) -> Iterator[None]:
-    """Raise `TooLong` after so many seconds of Python; native code is only noticed afterwards."""
-    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
-        yield
-        return
-
-    def stop(*_: object) -> None:
-        raise TooLong
-
-    before: Any = signal.signal(signal.SIGALRM, stop)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
 
 
 def _shown(value: Any) -> str:

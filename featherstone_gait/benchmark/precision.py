@@ -28,7 +28,7 @@ from tqdm import tqdm
 
 from ..build.scene import CompiledScene, compile_scene
 from ..core.integrate import INTEGRATORS
-from ..files import complete, read_csv
+from ..files import complete, number, read_csv
 from ..model import ContactPoint, Ground, HeightField, Joint, Link, Model, Spring
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
@@ -444,12 +444,24 @@ def write(path: Path, rows: list[Row], notes: str) -> None:
 
 
 def read(path: Path) -> list[Row]:
-    """The rows of a precision.csv."""
-    _, *lines = (row for _, row in read_csv(path, TABLE))
-    return [
-        Row._make([p, i, *(float(x) if x else math.nan for x in numbers), int(evaluations), status])
-        for p, i, *numbers, evaluations, status in lines
-    ]
+    """The rows of a precision.csv.  Raises ValueError, naming file and line, for anything else."""
+    return [_read_row(path, line, cells) for line, cells in list(read_csv(path, TABLE))[1:]]
+
+
+def _read_row(path: Path, line: int, cells: list[str]) -> Row:
+    try:
+        problem, integrator, *numbers, evaluations, status = cells
+        return Row._make([problem, integrator, *map(_read_number, numbers), int(_read_number(evaluations)), status])
+    except (ValueError, TypeError, OverflowError) as error:
+        what = f"is no row of this benchmark ({error})"
+        raise ValueError(f"{path}, line {line}: {what}; run the benchmark again") from error
+
+
+def _read_number(text: str) -> float:
+    value = {"": math.nan, "nan": math.nan, "inf": math.inf}.get(text, number(text))
+    if math.isnan(value) and text not in ("", "nan"):
+        raise ValueError(f"{text[:40]!r} is no number")
+    return value
 
 
 COLOURS = {

@@ -8,8 +8,12 @@ status than "ok" or an experiment failed, 2 an argument or a file is wrong (one 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
+from typing import Any, TextIO
 
 from .. import __version__
 from . import benchmark, check_robots, info, optimize, reproduce, simulate, study
@@ -20,24 +24,55 @@ COMMANDS = (info, check_robots, simulate, optimize, study, benchmark, reproduce)
 def main(argv: list[str] | None = None) -> int:
     """Run a command; return its exit code."""
     args = _parser().parse_args(argv)
-    try:
-        _make_folder(args.out)
-        return args.run(args)
-    except (ValueError, OSError) as error:
-        print("error:", " ".join(str(error).split()), file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
+    with redirect_stdout(_Output("standard output", sys.stdout)), redirect_stderr(_Output("errors", sys.stderr)):
+        try:
+            _make_folder(args.out)
+            code = args.run(args)
+            sys.stdout.flush()
+            return code
+        except (ValueError, OSError) as error:
+            print("error:", " ".join(str(error).split()), file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
+            print("interrupted", file=sys.stderr)
+            return 130
+
+
+class _Output:
+    """An output whose reader may go away: what is printed then is lost, what is to be written into files is not."""
+
+    def __init__(self, name: str, stream: TextIO | None) -> None:
+        self.name, self.stream = name, stream or open(os.devnull, "w", encoding="utf-8")
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+    def write(self, text: str) -> int:
+        self._try(self.stream.write, text)
+        return len(text)
+
+    def flush(self) -> None:
+        self._try(self.stream.flush)
+
+    def _try(self, do: Callable, *arguments: str) -> None:
+        try:
+            do(*arguments)
+        except OSError as error:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self.stream.fileno())  # for what is printed later, at the end of the process too
+            os.close(nowhere)
+            if not isinstance(error, BrokenPipeError):
+                raise OSError(f"{self.name} cannot be written ({error.strerror}); send it elsewhere") from error
 
 
 def _make_folder(path: Path) -> None:
-    """Raises ValueError where a file, at the path or above it, is in the way."""
+    """Raises ValueError where a file or a link to nowhere, at the path or above it, is in the way."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
-        file = next(each for each in (path, *path.parents) if each.exists())
-        raise ValueError(f"--out {path}: {file} is a file, not a folder; give another folder, or move it") from error
+        file = next(each for each in (path, *path.parents) if os.path.lexists(each) and not each.is_dir())
+        what = "a file, not a folder" if file.exists() else f"a link to {os.readlink(file)}, which is not there"
+        raise ValueError(f"--out {path}: {file} is {what}; give another folder, or move it") from error
 
 
 def _parser() -> argparse.ArgumentParser:

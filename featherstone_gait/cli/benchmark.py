@@ -13,6 +13,7 @@ BENCHMARKS = {  # modules of `featherstone_gait.benchmark`, and the files they w
     "walk": "walk.csv, walk.png",
     "stress": "stress.csv, stress.png",
     "skip": "skip.csv",
+    "attack": "attack_files.csv, attack_api.csv",
     "stability": "stability.csv, stability.png",
     "precision": "precision.csv, precision.png",
     "peers": "peers.csv, peers_speed.csv, peers_lines.csv, peers.png",

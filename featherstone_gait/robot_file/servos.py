@@ -12,7 +12,7 @@ from typing import Any
 
 from ..arguments import instance
 from ..model import SERVO_UNITS, TORQUE_LAWS, Controller, Gearbox, Joint, Servo, check_servos
-from .errors import blamed_on
+from .errors import RobotFileError, blamed_on
 from .source import robots_folder
 from .toml import check_keys, read_toml, real, string, table_of
 
@@ -74,7 +74,10 @@ def _joint_servo(table: dict[str, Any], read: Callable[[str, str], dict[str, Any
     values = _servo_settings(table, what, also=("type", "gearbox"))
     gearbox = string({"gearbox": "physical", **table}, "gearbox", what)
     if "type" in table:
-        values = {**read(string(table, "type", what), gearbox), **values}
+        try:
+            values = {**read(string(table, "type", what), gearbox), **values}
+        except RobotFileError as error:  # which names the servo's file alone
+            raise ValueError(f"{what}: {error}") from error
     elif "gearbox" in table:
         raise ValueError(f"{what}: gearbox {gearbox!r} is a preset of a servo type, and none is given: add type")
     return _servo(values, what)

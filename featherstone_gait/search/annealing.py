@@ -29,10 +29,11 @@ from __future__ import annotations
 import json
 import logging
 import os
+import time
 from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,6 +41,7 @@ from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
 from featherstone_gait.arguments import floats, functions, is_whole, path, shown, truth, whole
+from featherstone_gait.files import claim, is_number, parse_json
 from featherstone_gait.search.ask_tell import Cost, Map
 from featherstone_gait.search.speculation import Speculation
 
@@ -51,6 +53,8 @@ MESSAGES = {
     2: "interrupted; the best so far is returned",
     3: "stopped by the callback",
 }
+SYNCED = 1.0  # between moments at which the history is known to be on the disk, at least [s]
+REMEDY = "delete this line and all below to resume before it"
 _log = logging.getLogger(__name__)
 
 
@@ -68,8 +72,9 @@ class AdaptiveSimulatedAnnealing:
     """The search as ask and tell, one candidate or a speculative batch at a time.
 
     `x0` (D,); `amplitude` of the perturbation, a number or (D,), in x0's units; `bounds` (D, 2) or None; `seed` a
-    whole number >= 0.  Candidates beyond a bound are reflected at it: clipping would pile them up on the bounds, where
-    half of all later perturbations of that component are lost.  Raises ValueError for settings out of range.
+    whole number from 0 to below 2**128.  Candidates beyond a bound are reflected at it: clipping would pile them up on
+    the bounds, where half of all later perturbations of that component are lost.  Raises ValueError for settings out of
+    range.
     """
 
     def __init__(
@@ -169,8 +174,10 @@ class AdaptiveSimulatedAnnealing:
         for name, least in (("max_miss", 2), ("max_iterations", 0), ("no_progress", 1), ("seed", 0)):
             value = getattr(self, name)
             if not is_whole(value) or not least <= value < SEEDS:
-                raise ValueError(f"{name} = {shown(value)} must be a whole number >= {least}")
+                raise ValueError(f"{name} = {shown(value)} must be a whole number >= {least} and below 2**128")
             setattr(self, name, int(value))
+        if self.seed >= 2**128:
+            raise ValueError(f"seed = {self.seed} must be a whole number below 2**128")
         if self.bounds is None:
             return
         if self.bounds.shape != (len(self.x0), 2):
@@ -246,7 +253,7 @@ def minimize(
     visited; of these two a history knows nothing), success, status (a key of `MESSAGES`), message, and history: arrays
     x (nit + 1, D), f, miss and accepted.  KeyboardInterrupt ends the search with what was found.  Raises
     FileExistsError for a `history` that would be overwritten, ValueError for one of another search or a damaged one,
-    OSError for one that cannot be written, whose lines so far are kept.
+    OSError for one that cannot be written, whose lines so far are kept, or with which another process is at work.
     """
     search = AdaptiveSimulatedAnnealing(
         x0, amplitude=amplitude, max_miss=max_miss, max_iterations=max_iterations, no_progress=no_progress,
@@ -331,38 +338,38 @@ class _History:
     """The visits of a search as JSON lines: a header with the settings, then one line a visit."""
 
     def __init__(self, path: Path, search: AdaptiveSimulatedAnnealing, resume: bool) -> None:
-        self.path, header = path, _header(search)
-        lines = self._complete_lines(path, resume)
-        if lines:
-            _check_header(path, lines[0], header)
+        self.path, header, self.synced = path, _header(search), time.monotonic()
+        self.file = _opened(path, resume)
+        try:
+            claim(self.file, path)
+            lines = self._complete_lines()
+            if lines:
+                _check_header(path, lines[0], header)
             for number, line in enumerate(lines[1:], start=2):
                 _replay(path, number, line, search)
-        self.file = path.open("ab", buffering=0)
-        try:
             if not lines:
                 self._write_line(header)
-        except OSError:
+        except BaseException:
             self.file.close()
             raise
 
     def write(self, visits: Iterable[Visit], texts: Iterable[str]) -> None:
+        """Write visits down, and from time to time wait until they are on the disk."""
         for visit, text in zip(visits, texts):
-            finite = bool(np.isfinite(visit.f))
-            self._write_line({
-                "iteration": visit.iteration,
-                "x": visit.x.tolist(),
-                "f": visit.f if finite else None,
-                "status": text or ("ok" if finite else "not finite"),
-                "accepted": visit.accepted,
-                "miss": visit.miss,
-            })  # fmt: skip
+            self._write_line(_content(visit, text))
+        if time.monotonic() - self.synced > SYNCED:
+            self._sync()
+            self.synced = time.monotonic()
 
     def close(self) -> None:
         with self.file:
-            try:
-                os.fsync(self.file.fileno())
-            except OSError:  # not a file on a disk
-                pass
+            self._sync()
+
+    def _sync(self) -> None:
+        try:
+            os.fsync(self.file.fileno())
+        except OSError:  # not a file on a disk
+            pass
 
     def _write_line(self, content: dict[str, Any]) -> None:
         """Hand a line to the system, which keeps it whatever becomes of this process; all of it or nothing."""
@@ -376,20 +383,38 @@ class _History:
                 f"{self.path} cannot be written ({error.strerror}); it holds all candidates so far: make room, resume"
             ) from error
 
-    @staticmethod
-    def _complete_lines(path: Path, resume: bool) -> list[str]:
+    def _complete_lines(self) -> list[bytes]:
         """Return the lines of the file, cutting off a last one that was not written to its end."""
-        if not path.exists():
-            return []
-        if not resume:
-            raise FileExistsError(f"{path} exists; pass resume=True to go on from it, or another file name")
-        data = path.read_bytes()
-        complete = data[: data.rfind(b"\n") + 1]
-        if len(complete) < len(data):
-            _log.warning("%s: dropped the last line, which was cut off", path)
-            with path.open("r+b") as file:
-                file.truncate(len(complete))
-        return complete.decode("utf-8", errors="replace").splitlines()
+        self.file.seek(0)
+        data = self.file.read()
+        *lines, rest = data.split(b"\n")
+        if rest and not rest.startswith(b"{"):
+            raise ValueError(f"{self.path}, line {len(lines) + 1}: damaged; {REMEDY}")
+        if rest:
+            _log.warning("%s: dropped the last line, which was cut off", self.path)
+            self.file.truncate(len(data) - len(rest))
+        return lines
+
+
+def _opened(path: Path, resume: bool) -> IO[bytes]:
+    try:
+        return path.open("a+b" if resume else "x+b", buffering=0)
+    except FileExistsError as error:
+        remedy = "pass resume=True to go on from it, or another file name"
+        raise FileExistsError(f"{path} exists; {remedy}") from error
+
+
+def _content(visit: Visit, text: str) -> dict[str, Any]:
+    """A visit as JSON will give it back."""
+    finite = bool(np.isfinite(visit.f))
+    return {
+        "iteration": visit.iteration,
+        "x": visit.x.tolist(),
+        "f": visit.f if finite else None,
+        "status": text or ("ok" if finite else "not finite"),
+        "accepted": visit.accepted,
+        "miss": visit.miss,
+    }
 
 
 def _header(search: AdaptiveSimulatedAnnealing) -> dict[str, Any]:
@@ -412,21 +437,9 @@ def _number(value: float) -> float | str:
     return value if np.isfinite(value) else str(value)
 
 
-def _parse(path: Path, number: int, line: str) -> dict[str, Any]:
-    try:
-        content = json.loads(line)
-    except json.JSONDecodeError as error:
-        raise ValueError(
-            f"{path}, line {number}: damaged ({error}); delete this line and all below to resume before it"
-        ) from error
-    if not isinstance(content, dict):
-        raise ValueError(f"{path}, line {number}: expected a JSON object, got {line[:40]!r}")
-    return content
-
-
-def _check_header(path: Path, line: str, expected: dict[str, Any]) -> None:
-    found = _parse(path, 1, line)
-    if str(found.get("version")).isdecimal() and int(found["version"]) > expected["version"]:
+def _check_header(path: Path, line: bytes, expected: dict[str, Any]) -> None:
+    found = parse_json(line, f"{path}, line 1", REMEDY)
+    if is_number(found.get("version")) and found["version"] > expected["version"]:
         raise ValueError(
             f"{path}, line 1: the history's format is {found['version']}, of a newer version, and this one reads 1 to "
             f"{expected['version']}; resume with the version that began it, or take another file name"
@@ -439,18 +452,21 @@ def _check_header(path: Path, line: str, expected: dict[str, Any]) -> None:
             )
 
 
-def _replay(path: Path, number: int, line: str, search: AdaptiveSimulatedAnnealing) -> None:
+def _replay(path: Path, number: int, line: bytes, search: AdaptiveSimulatedAnnealing) -> None:
     """Repeat a visit of the history, which must be the search's own next one."""
-    content = _parse(path, number, line)
+    content = parse_json(line, f"{path}, line {number}", REMEDY)
     if search.status is not None:
         raise ValueError(
             f"{path}, line {number}: the history is longer than this search may be ({MESSAGES[search.status]}); "
             "raise that setting, or take another file name"
         )
-    x = search.ask()
+    x, f, text = search.ask(), content.get("f"), content.get("status")
     if content.get("iteration") != search.iteration or content.get("x") != x.tolist():
-        raise ValueError(
-            f"{path}, line {number}: not iteration {search.iteration} of this search; lines are missing or changed; "
-            "delete this line and all below to resume before it"
-        )
-    search.tell(x, np.inf if content.get("f") is None else content["f"])
+        what = f"not iteration {search.iteration} of this search; lines are missing or changed"
+        raise ValueError(f"{path}, line {number}: {what}; {REMEDY}")
+    if not (f is None or is_number(f)) or not isinstance(text, str) or not text:
+        what = f"f is {f!r}, status {text!r}; expected a finite number or null, and a text"
+        raise ValueError(f"{path}, line {number}: {what}; {REMEDY}")
+    search.tell(x, np.inf if f is None else f)
+    if content != _content(search.visited[-1], text):
+        raise ValueError(f"{path}, line {number}: not what this search makes of a cost of {f}; {REMEDY}")

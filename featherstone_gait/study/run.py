@@ -1,7 +1,8 @@
 """Running a study: batches through an executor, finished runs into a log that survives, and from it the table.
 
 The log is a file of JSON lines, NAME.jsonl: a header with the settings, then a line for each run in order of
-completion, written and synced batch by batch.  A last line that was cut off is dropped.
+completion, written and synced batch by batch.  A last line that was cut off is dropped.  One process at a time works
+with a log.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ..files import FilePath, Format
-from .measures import run_batch
+from ..files import FilePath, Format, claim, is_number, parse_json
+from .measures import COLUMNS, run_batch
 from .plot import plot_study
 from .settings import Study
 from .table import check_parquet, write_parquet, write_table
@@ -26,6 +27,8 @@ from .table import check_parquet, write_parquet, write_table
 QUEUED = 256  # batches handed to the executor at a time: bounds memory, and is enough to keep a cluster busy
 SMALL, LARGE, MANY = 8, 64, 1024  # runs of a batch; the larger from this many runs on
 LOG = Format("study log")
+REMEDY = "delete this line and all below, or the whole file to begin anew"
+LOST = ("KilledWorker", "FutureCancelledError")  # what dask raises when workers die again and again, and a scheduler
 _log = logging.getLogger(__name__)
 
 
@@ -51,8 +54,8 @@ def run_study(
 
     executor: any `concurrent.futures.Executor`; None is a thread for each core.  batch: runs handed over at a time
     (None: 8, of 1024 and more runs 64); neither has any influence on the table.  parquet: also write NAME.parquet.
-    Raises ValueError for a log of other settings or a damaged one, OSError if a file cannot be written or the executor
-    loses its workers; finished batches are kept.
+    Raises ValueError for a log of other settings or a damaged one, OSError if another process is at work with the log,
+    a file cannot be written or the executor loses its workers; finished batches are kept.
     """
     if batch is not None and batch < 1:
         raise ValueError(f"batch is {batch}; give a whole number >= 1")
@@ -70,9 +73,9 @@ def run_study(
                 with ThreadPoolExecutor(_cores()) as pool:
                     _evaluate(study, log, pool, batch, bar)
         statuses = write_table(table, study, log)
-    if parquet:
-        write_parquet(table)
-    plot_study(study, table, table.with_suffix(".png"))
+        if parquet:
+            write_parquet(table)
+        plot_study(study, table, table.with_suffix(".png"))
     return Outcome(table, table.with_suffix(".png"), statuses, computed)
 
 
@@ -91,7 +94,9 @@ def _evaluate(study: Study, log: Log, executor: Executor, batch: int | None, bar
                 _collect(running, log, bar)
         while running:
             _collect(running, log, bar)
-    except BrokenExecutor as error:
+    except Exception as error:
+        if not isinstance(error, BrokenExecutor) and type(error).__name__ not in LOST:
+            raise
         raise OSError(f"workers ended unexpectedly ({error}); {log.saved()}") from error
     finally:
         for future in running:
@@ -120,9 +125,11 @@ class Log:
     def __init__(self, path: Path, study: Study) -> None:
         self.path = path
         self.places = np.full(len(study), -1, np.int64)
+        self.texts, self.numbers = ("status", "message"), tuple(COLUMNS[study.setup.experiment])
         header = {"format": str(LOG), "study": "featherstone_gait", "runs": len(study), **study.settings}
         self.file = path.open("a+b", buffering=0)
         try:
+            claim(self.file, path)
             self.length = self._read(header)
             if self.length == 0:
                 self._write(json.dumps(header) + "\n")
@@ -154,11 +161,15 @@ class Log:
         self.places[runs] = [start + size for size in sizes[:-1]]
 
     def rows(self) -> Iterator[dict]:
-        """All rows in the order of the runs."""
+        """All rows in the order of the runs.  Raises ValueError if the file has changed since it was read."""
         with self.path.open("rb") as file:
-            for place in self.places.tolist():
+            for run, place in enumerate(self.places.tolist()):
                 file.seek(place)
-                yield json.loads(file.readline())
+                remedy = f"something else has written into it: {REMEDY}"
+                row = self._row(file.readline(), f"{self.path}, run {run}", remedy)
+                if row["run"] != run:
+                    raise ValueError(f"{self.path}, run {run}: damaged; {remedy} (found run {row['run']})")
+                yield row
 
     def _write(self, text: str) -> None:
         data = memoryview(text.encode("ascii"))
@@ -180,6 +191,8 @@ class Log:
         with open(self.file.fileno(), "rb", closefd=False) as file:
             for number, line in enumerate(file, start=1):
                 if not line.endswith(b"\n"):
+                    if not line.startswith(b"{"):
+                        raise ValueError(f"{self.path}, line {number}: damaged; {REMEDY}")
                     _log.warning("%s: dropped the last line, which was cut off", self.path)
                     self.file.truncate(place)
                     break
@@ -188,23 +201,32 @@ class Log:
         return place
 
     def _take(self, number: int, line: bytes, place: int, header: dict) -> None:
-        try:
-            content = json.loads(line)
-            if number > 1:
-                self.places[range(len(self.places))[content["run"]]] = place
-                return
-        except (ValueError, TypeError, KeyError, IndexError) as error:
-            remedy = "delete this line and all below, or the whole file to begin anew"
-            raise ValueError(f"{self.path}, line {number}: damaged; {remedy}") from error
-        content = content if isinstance(content, dict) else {}
-        LOG.check(self.path, content.get("format"))
-        for key, value in header.items():
-            found = content.get(key)
-            if found != value and key != "format":
-                raise ValueError(
-                    f"{self.path}: was begun with {key} = {_short(found)}, but this study has {_short(value)}; delete "
-                    "the file to begin anew, or choose another folder"
-                )
+        if number == 1:
+            _check_header(self.path, parse_json(line, f"{self.path}, line 1", REMEDY), header)
+        else:
+            self.places[self._row(line, f"{self.path}, line {number}", REMEDY)["run"]] = place
+
+    def _row(self, line: bytes, what: str, remedy: str) -> dict[str, Any]:
+        """The row in a line.  Raises ValueError unless it is one of this study."""
+        row = parse_json(line, what, remedy)
+        whole = row.keys() == {"run", *self.texts, *self.numbers}
+        if whole and type(row["run"]) is int and 0 <= row["run"] < len(self.places):
+            numbers = (row[name] is None or is_number(row[name]) for name in self.numbers)
+            if all(isinstance(row[name], str) for name in self.texts) and all(numbers):
+                return row
+        expected = f"expected run 0 to {len(self.places) - 1}, texts {self.texts}, numbers {self.numbers}"
+        raise ValueError(f"{what}: damaged; {remedy} ({expected})")
+
+
+def _check_header(path: Path, found: dict, header: dict) -> None:
+    """Raise ValueError for a log that was begun with other settings."""
+    LOG.check(path, found.get("format"))
+    for key, value in header.items():
+        if found.get(key) != value and key != "format":
+            raise ValueError(
+                f"{path}: was begun with {key} = {_short(found.get(key))}, but this study has {_short(value)}; delete "
+                "the file to begin anew, or choose another folder"
+            )
 
 
 def _short(value: Any) -> str:

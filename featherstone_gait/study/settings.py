@@ -32,7 +32,7 @@ from .. import __version__
 from ..build.kinds import SERVO_KINDS
 from ..core.compile.jit import source_hash
 from ..core.integrate import INTEGRATORS
-from ..files import FilePath
+from ..files import FilePath, is_number
 from ..model import SERVO_UNITS, Controller, Gearbox, Ground, Law, Model, Servo
 from ..robot_file import load_robot, load_servo
 
@@ -135,7 +135,7 @@ def read_study(path: FilePath) -> Study:
     try:
         with path.open("rb") as file:
             table = tomllib.load(file)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: not a TOML file ({error}); correct it there") from error
     try:
         return _study(path, table)
@@ -210,7 +210,7 @@ def _value(name: str, value: Any) -> Any:
     """A single value of a parameter, checked as far as it can be alone."""
     kind = PARAMETERS[name]
     if isinstance(kind, str):
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
+        if not is_number(value) and value not in (math.inf, -math.inf):
             raise ValueError(f"{name} is {value!r}; give a number [{kind}], or vary it under [vary]")
         return float(value)
     if kind is None and not isinstance(value, str):
@@ -366,7 +366,7 @@ def _choice(table: dict, key: str, choices: tuple[str, ...] | None, where: str =
 
 def _number(table: dict, key: str, default: float, above: float) -> float:
     value = table.get(key, default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not above < value < math.inf:
+    if not is_number(value) or not above < value:
         raise ValueError(f"{key} is {value!r}; give a finite number > {above:g}")
     return float(value)
 

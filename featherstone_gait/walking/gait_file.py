@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from featherstone_gait.arguments import finite, floats, texts
 from featherstone_gait.arguments import path as path_of
-from featherstone_gait.files import FilePath, Format, read_csv, write_csv
+from featherstone_gait.files import FilePath, Format, number, read_csv, write_csv
 
 MIDDLE, LARGEST, RANGE = 512, 1023, 300.0  # of an AX-12 [counts, counts, deg]
 TIME_COLUMN = "time_s"
@@ -121,13 +121,9 @@ def _row(path: FilePath, line: int, row: list[str], header: list[str]) -> list[f
 
 def _number(path: FilePath, line: int, name: str, text: str) -> float:
     largest = math.inf if name == TIME_COLUMN else 360.0
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = number(text)
     if not (math.isfinite(value) and abs(value) <= largest):
         unit = "s" if name == TIME_COLUMN else "deg, -360..360"
-        raise ValueError(
-            f"{path}, line {line}, column {name!r}: {text!r} must be a finite number [{unit}], with a decimal point"
-        )
+        what = f"{path}, line {line}, column {name!r}: {text[:40]!r}"
+        raise ValueError(f"{what} must be a finite number [{unit}], with a decimal point")
     return value

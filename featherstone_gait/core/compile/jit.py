@@ -7,7 +7,8 @@ Numba's own cache does not see an edit in a *called* file, so the cache lies in 
 sources of this package: other sources, other folder; a stale kernel cannot be loaded.  Numba does not tell kernels with
 bounds checks from those without either, so they have a folder of their own.  It reads, changes and writes the folder's
 index without a lock: of two processes that save different versions of one kernel at the same moment, one may lose its
-entry or leave its code under the other's name.  Hence one process at a time saves.
+entry or leave its code under the other's name.  Hence one process at a time saves.  What is damaged on the disk counts
+as absent (`sealed.py`), and where nothing can be written each process compiles for itself: the cache stops no run.
 
 Floating point is strict IEEE 754 (no fastmath), which is what makes results equal to the bit in any width, on any
 number of threads and with the JIT off.
@@ -17,8 +18,12 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import logging
 import os
+import re
+import shutil
 import tempfile
+import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -26,7 +31,12 @@ import numba
 import numpy as np
 from llvmlite.binding import get_host_cpu_features
 
+from .lock import lock
+from .sealed import SealedFiles
+
 JIT = not numba.config.DISABLE_JIT
+KEPT, RECENT = 3, 86400.0  # folders of other sources: the last so many stay, and all used within so many seconds
+_log = logging.getLogger(__name__)
 
 
 def source_hash() -> str:
@@ -40,19 +50,44 @@ def source_hash() -> str:
 
 
 def _cache_folder() -> str:
-    """A writable folder for this version of the kernels: NUMBA_CACHE_DIR, the user's cache, or a temporary one."""
+    """A folder for this version of the kernels in NUMBA_CACHE_DIR or the user's cache, "" if neither can be written."""
     user = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    for root in (numba.config.CACHE_DIR, os.path.join(user, "featherstone_gait")):
-        if not root:
-            continue
+    roots = [root for root in (numba.config.CACHE_DIR, os.path.join(user, "featherstone_gait")) if root]
+    for root in roots:
         folder = os.path.join(root, source_hash() + ("_boundscheck" if numba.config.BOUNDSCHECK else ""))
         try:
-            os.makedirs(folder, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(folder, os.W_OK):
+            _make_ready(folder)
             return folder
-    return tempfile.mkdtemp(prefix="featherstone_gait_")
+        except OSError as error:
+            why = error.strerror
+    _tell_once(roots[-1], why)
+    return ""
+
+
+def _make_ready(folder: str) -> None:
+    """Make a folder that is not there, in place of old ones; raise OSError if no file can be made in it."""
+    new = not os.path.isdir(folder)
+    os.makedirs(folder, exist_ok=True)
+    tempfile.TemporaryFile(dir=folder).close()
+    os.utime(folder)
+    if new:
+        clear_old(folder)
+
+
+def clear_old(folder: str) -> None:
+    """Remove the folders beside this one that are of other sources, but the last KEPT and those in use of late."""
+    ours = re.compile(r"[0-9a-f]{16}" + re.escape(os.path.basename(folder)[16:]))
+    beside = [path for path in Path(folder).parent.iterdir() if ours.fullmatch(path.name) and path.is_dir()]
+    used = {path: path.stat().st_mtime for path in beside if (path / "saving.lock").is_file()}
+    for path in sorted(used, key=lambda path: used[path], reverse=True)[KEPT:]:
+        if used[path] < time.time() - RECENT:
+            shutil.rmtree(path, ignore_errors=True)
+
+
+@functools.cache
+def _tell_once(folder: str, why: str | None) -> None:
+    remedy = "the next process compiles them anew: make room, or let NUMBA_CACHE_DIR name a folder that can be written"
+    _log.warning("%s: compiled kernels cannot be kept (%s); %s", folder, why, remedy)
 
 
 CACHE_FOLDER = _cache_folder() if JIT else ""
@@ -69,21 +104,45 @@ def entry(function):
     """Compile `function` for calls from Python: cached on disk, without the GIL."""
     if not JIT:
         return _quiet(function)
-    outside = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = CACHE_FOLDER
+    dispatcher = _with_cache(function) if CACHE_FOLDER else None
+    return dispatcher or numba.njit(function, nogil=True, **_OPTIONS)
+
+
+def _with_cache(function):
+    """The function to be compiled, with a cache that stops no run; None if Numba can make no file in the folder."""
+    outside, numba.config.CACHE_DIR = numba.config.CACHE_DIR, CACHE_FOLDER
     try:
         dispatcher = numba.njit(function, cache=True, nogil=True, **_OPTIONS)
+    except RuntimeError:  # no place for a cache
+        return None
     finally:
         numba.config.CACHE_DIR = outside
-    save = dispatcher._cache.save_overload
-
-    def save_alone(arguments, compiled):
-        if all(_in_key(kind) for kind in arguments):
-            with one_process_at_a_time(CACHE_FOLDER):
-                save(arguments, compiled)
-
-    dispatcher._cache.save_overload = save_alone
+    cache = dispatcher._cache
+    if not Path(cache.cache_path).is_relative_to(CACHE_FOLDER):
+        return None  # Numba's next choice, where edited files it calls would go unseen
+    cache._cache_file = SealedFiles(cache.cache_path, cache._impl.filename_base, cache._impl.locator.get_source_stamp())
+    cache.load_overload = functools.partial(_load, cache.load_overload)
+    cache.save_overload = functools.partial(_save, cache.save_overload)
     return dispatcher
+
+
+def _load(load, arguments, context):
+    """What the cache holds, None if that cannot be used, whatever the reason."""
+    try:
+        return load(arguments, context)
+    except Exception as error:
+        _log.warning("%s: a kernel cannot be read (%s); it is compiled anew", CACHE_FOLDER, error)
+        return None
+
+
+def _save(save, arguments, compiled) -> None:
+    if not all(_in_key(kind) for kind in arguments):
+        return
+    try:
+        with one_process_at_a_time(CACHE_FOLDER):
+            save(arguments, compiled)
+    except OSError as error:
+        _tell_once(CACHE_FOLDER, error.strerror)
 
 
 def _in_key(kind) -> bool:
@@ -100,20 +159,10 @@ def _in_key(kind) -> bool:
 @contextmanager
 def one_process_at_a_time(folder):
     """Hold the lock of a cache folder; it goes with the process, however that ends."""
+    os.makedirs(folder, exist_ok=True)
     with open(os.path.join(folder, "saving.lock"), "ab") as file:
-        _lock(file)
+        lock(file, wait=True)
         yield
-
-
-def _lock(file) -> None:
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        import msvcrt
-
-        msvcrt.locking(file.fileno(), msvcrt.LK_LOCK, 1)
-    else:
-        fcntl.flock(file, fcntl.LOCK_EX)
 
 
 def _quiet(function):
