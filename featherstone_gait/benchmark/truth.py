@@ -7,6 +7,7 @@ import math
 import os
 import sys
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -175,8 +176,8 @@ def write(path: Path, found: Truth) -> Truth:
 def read(path: Path) -> Truth | None:
     """What `write` wrote; None where there is nothing, or it is damaged."""
     try:
-        with np.load(path) as data:
+        with path.open("rb") as file, np.load(file) as data:  # a damaged one stays open otherwise
             q, qd = data["q"], data["qd"]
             return Truth(q, qd, str(data["status"]), int(data["known"]), float(data["own_error"]))
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except (OSError, ValueError, KeyError, EOFError, zlib.error, zipfile.BadZipFile):
         return None
