@@ -1,7 +1,7 @@
 """The judge of what is simulated where nothing is named."""
 
 import math
-import time
+import signal
 from dataclasses import replace
 
 import numpy as np
@@ -51,7 +51,8 @@ def test_a_wheel_turns_evenly_in_its_reference_and_in_its_run(wheel, monkeypatch
     assert exact.known == 51
     row, named = default.judged(wheel, exact, Here())
     assert (row.verdict, row.status, row.until, named) == ("held", "ok", pytest.approx(0.5), [])
-    assert row.error < 1e-9 and row.speed_error < 1e-9
+    assert row.error < 1e-9
+    assert row.speed_error < 1e-9
     assert row.mujoco_error < 1e-9 or math.isnan(row.mujoco_time)
 
 
@@ -65,7 +66,8 @@ def test_a_reference_is_worked_out_once_and_anew_if_its_file_is_damaged(wheel, t
     file.write_bytes(file.read_bytes()[:100])
     again = truth.truth(wheel, worker, tmp_path)
     assert worker.calls == 4
-    assert np.array_equal(again.q, first.q) and np.array_equal(again.qd, first.qd)
+    assert np.array_equal(again.q, first.q)
+    assert np.array_equal(again.qd, first.qd)
 
 
 def test_a_reference_depends_on_the_scene_and_not_on_the_integrator_that_is_chosen(wheel):
@@ -102,7 +104,7 @@ def test_errors_count_only_while_the_reference_is_known(wheel):
         assert default.errors(wheel, exact, outcome) == pytest.approx((error, 0.5, 0.1))
 
 
-@pytest.mark.skipif(not hasattr(__import__("signal"), "setitimer"), reason="there is no clock that ends a process")
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="there is no clock that ends a process")
 def test_a_call_that_takes_too_long_ends_alone():
     with Worker() as worker:
         assert worker.call(endless) is None
@@ -115,7 +117,8 @@ def test_robots_that_move_alike_count_once_and_others_are_named(tmp_path):
     (tmp_path / "broken.urdf").write_text("<robot")
     refused = []
     assert [name for name, _ in published([tmp_path], refused)] == [f"{tmp_path.name}/a"]
-    assert len(refused) == 1 and "broken" in refused[0]
+    assert len(refused) == 1
+    assert "broken" in refused[0]
 
 
 def test_summary_tells_shares_of_all_and_of_each_kind():
