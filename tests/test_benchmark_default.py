@@ -33,7 +33,7 @@ def endless():
 
 @pytest.fixture(scope="module")
 def wheel():
-    return default_scenes._case("wheel", "free bodies", compile_scene(default_scenes.wheel()), 0.5, None, [20.0])
+    return default_scenes.case_of("wheel", "free bodies", compile_scene(default_scenes.wheel()), 0.5, None, [20.0])
 
 
 @pytest.mark.parametrize(

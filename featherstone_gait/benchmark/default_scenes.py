@@ -44,7 +44,7 @@ def cases(full: bool = False, robots: Sequence[Path] | None = None, skipped: lis
     yield from robot_cases(full, folders() if robots is None else robots, skipped)
 
 
-def _case(name: str, kind: str, scene: CompiledScene, duration: float, q: Any, qd: Any, **more: Any) -> Case:
+def case_of(name: str, kind: str, scene: CompiledScene, duration: float, q: Any, qd: Any, **more: Any) -> Case:
     return Case(name, kind, scene, duration, initial_state(scene, q, qd), **more)
 
 
@@ -78,7 +78,7 @@ def swinging(name: str, model: Model, stops: str) -> Case:
     scene = compile_scene(model)
     q = posture(scene, name)
     base = [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
-    return _case(f"{name}, {stops}", f"robots, {stops}", scene, 1.0, [*base, *q], None)
+    return case_of(f"{name}, {stops}", f"robots, {stops}", scene, 1.0, [*base, *q], None)
 
 
 def floating(name: str, model: Model, weightless: bool) -> Case:
@@ -88,14 +88,14 @@ def floating(name: str, model: Model, weightless: bool) -> Case:
     v = np.random.default_rng(zlib.crc32(name.encode())).normal(size=model.nv)
     v[6:] = 0.0
     q = [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, *posture(scene, name)]
-    return _case(f"{name}, {'weightless' if weightless else 'falling'}", "robots, floating", scene, 1.0, q, v)
+    return case_of(f"{name}, {'weightless' if weightless else 'falling'}", "robots, floating", scene, 1.0, q, v)
 
 
 def dropped(name: str, model: Model) -> Case:
     """From its lowest posture to the ground, limp."""
     model = with_contacts(replace(model, base="floating", contacts=()), "all")
     scene = compile_scene(model, ground=Ground(), **NO_FALL)
-    return _case(f"{name}, on the ground", "robots, ground", scene, 1.0, None, None)
+    return case_of(f"{name}, on the ground", "robots, ground", scene, 1.0, None, None)
 
 
 def posture(scene: CompiledScene, name: str) -> np.ndarray:
@@ -129,13 +129,13 @@ def servo_cases() -> Iterator[Case]:
     )  # fmt: skip
     for speed, servos in thrown:
         scene = compile_scene(arm, servos=servos)
-        yield _case(f"{servos}, into its stop at {speed:g} rad/s", "servos", scene, 0.5, [3.0], [speed])
+        yield case_of(f"{servos}, into its stop at {speed:g} rad/s", "servos", scene, 0.5, [3.0], [speed])
     target, t = Reference([0.0], [[math.pi / 3.0]]), np.linspace(0.0, 1.0, 101)
     fast = Reference(t, np.sin(4.0 * math.pi * t)[:, None])
     for servos in get_args(ServoKind):
         scene = compile_scene(arm, servos=servos)
-        yield _case(f"{servos}, step of 60 degrees", "servos", scene, 1.0, [0.0], None, reference=target)
-        yield _case(f"{servos}, reference too fast", "servos", scene, 1.0, [0.0], None, reference=fast)
+        yield case_of(f"{servos}, step of 60 degrees", "servos", scene, 1.0, [0.0], None, reference=target)
+        yield case_of(f"{servos}, reference too fast", "servos", scene, 1.0, [0.0], None, reference=fast)
 
 
 # ---------------------------------------------------------------------------------------------- free bodies
@@ -153,12 +153,12 @@ def free_cases() -> Iterator[Case]:
     for servos, gravity in ways:
         scene = compile_scene(humanoid, servos, Ground(), gravity=gravity, **NO_FALL)
         how = f"{'limp' if servos is None else servos}, {'weightless' if gravity is WEAK else 'falling'}"
-        yield _case(f"humanoid tumbling, {how}", "free bodies", scene, 2.0, high, turning)
+        yield case_of(f"humanoid tumbling, {how}", "free bodies", scene, 2.0, high, turning)
     for ratio in (0.0, 0.1, 0.7):
         scene = compile_scene(ball(), None, Ground(damping_ratio=ratio), **NO_FALL)
         start = [0.0, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0]
-        yield _case(f"ball dropped by 50 mm, damping ratio {ratio:g}", "free bodies", scene, 0.5, start, None)
-    yield _case("wheel at 1000 rad/s", "free bodies", compile_scene(wheel()), 10.0, None, [1000.0])
+        yield case_of(f"ball dropped by 50 mm, damping ratio {ratio:g}", "free bodies", scene, 0.5, start, None)
+    yield case_of("wheel at 1000 rad/s", "free bodies", compile_scene(wheel()), 10.0, None, [1000.0])
 
 
 def spinning(name: str, speed: float, duration: float, **more: Any) -> Case:
@@ -168,7 +168,7 @@ def spinning(name: str, speed: float, duration: float, **more: Any) -> Case:
     box = Model("box", (link,), (), "floating", contacts=corners)
     scene = compile_scene(box, None, Ground(), gravity=WEAK, **NO_FALL)
     turning = [0.0, 0.0, 0.0, 0.6 * speed, 0.0, 0.8 * speed]
-    return _case(name, "free bodies", scene, duration, [0.0, 0.0, FAR, 1.0, 0.0, 0.0, 0.0], turning, **more)
+    return case_of(name, "free bodies", scene, duration, [0.0, 0.0, FAR, 1.0, 0.0, 0.0, 0.0], turning, **more)
 
 
 def ball() -> Model:
@@ -197,7 +197,7 @@ def humanoid_cases(full: bool) -> Iterator[Case]:
         scene = compile_scene(cost.scene.model, "mipsd", Ground(), **falls)
         q = np.concatenate([[0.0, 0.0, 0.0, math.cos(0.2), 0.0, math.sin(0.2), 0.0], still.values[0]])
         q[2] = standing_state(scene, still.values[0])[scene.layout["base_q"] + 2] + 0.03
-        yield _case(f"humanoid falls over, {name}", "humanoid", scene, 1.0, q, None, reference=still)
+        yield case_of(f"humanoid falls over, {name}", "humanoid", scene, 1.0, q, None, reference=still)
     if full:
         scene = compile_scene(cost.scene.model, "mipsd", Ground())
         yield Case("humanoid, walking 4 s", "humanoid", scene, 4.0, standing_state(scene, still.values[0]), signal)
@@ -237,4 +237,4 @@ def from_stress(case: stress.Case) -> Case:
     n = scene.tree.n
     q, qd = [*case.base[:7], *[case.angle] * n], [*case.base[7:], *[0.0] * n]
     still = Reference([0.0], np.zeros((1, n))) if scene.servos else None
-    return _case(case.name, "stress", scene, case.duration, q, qd, reference=still)
+    return case_of(case.name, "stress", scene, case.duration, q, qd, reference=still)
