@@ -136,3 +136,17 @@ def test_the_picture_has_a_point_for_each_run():
     left, right = default.plot([row, row._replace(verdict="silent", error=0.5)]).axes
     for axes in (left, right):
         assert sorted(y for line in axes.lines if line.get_marker() == "o" for y in line.get_ydata()) == [1e-5, 0.5]
+
+
+def test_a_reference_that_takes_too_long_is_tried_again_only_if_it_may_take_longer(wheel, monkeypatch, tmp_path):
+    class Impatient(Here):
+        def call(self, function, *args):
+            self.calls += 1
+
+    worker = Impatient()
+    tried = []
+    for limit in (1.0, 1.0, 2.0):
+        monkeypatch.setattr(truth, "LIMIT", limit)
+        assert truth.truth(wheel, worker, tmp_path) is None
+        tried.append(worker.calls)
+    assert tried == [2, 2, 4]  # both methods
