@@ -44,6 +44,16 @@ def test_a_run_is_judged_by_its_error_and_by_what_it_says(error, right, verdict)
     assert default.verdict_of(error, right, 1e-3) == verdict
 
 
+@pytest.mark.parametrize(
+    ("status", "reference", "right"),
+    [("ok", "ok", True), ("fell", "fell", True), ("fell", "ok", False), ("ok", "fell", False),
+     ("step too small", "step too small", False), ("ok", "step too small", True)],
+)  # fmt: skip
+def test_only_a_fall_is_right_beside_ok(status, reference, right):
+    nothing = np.zeros((0, 0))
+    assert default.is_right(status, truth.Truth(nothing, nothing, reference, 0, 0.0)) is right
+
+
 def test_a_wheel_turns_evenly_in_its_reference_and_in_its_run(wheel, monkeypatch, tmp_path):
     monkeypatch.setattr(default, "NAMED", ())
     exact = truth.truth(wheel, Here(), tmp_path)

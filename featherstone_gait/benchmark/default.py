@@ -1,6 +1,7 @@
 """What `simulate(scene, duration)` gives where nothing else is named: error, estimate, status and cost, on many scenes.
 
-A run is judged up to where its reference is known (`truth.py`).  Its status is right if the reference ends in the same:
+A run is judged up to where its reference is known (`truth.py`).  Its status is right if it is "fell" where the reference
+fell, and otherwise "ok":
 
     held      within 1e-3 (rad or m), status right
     silent    not within 1e-3, status right: nothing says so
@@ -145,7 +146,7 @@ def judged(case: Case, exact: Truth, worker: Worker) -> tuple[Row, list[Named]]:
     if outcome is None:
         return Row(*what, "", "dear", math.nan, math.nan, math.nan, math.inf, math.inf, *peer), named
     error, speed_error, estimate = errors(case, exact, outcome)
-    verdict = verdict_of(error, outcome.status == exact.status, WRONG)
+    verdict = verdict_of(error, is_right(outcome.status, exact), WRONG)
     ratio = outcome.time / plain if plain else math.nan
     return Row(*what, outcome.status, verdict, error, speed_error, estimate, outcome.time, ratio, *peer), named
 
@@ -197,6 +198,11 @@ def errors(case: Case, exact: Truth, outcome: Outcome) -> tuple[float, float, fl
     return float(error.max()), float(speed / largest if largest > 0 else speed), float(outcome.estimate[:known].max())
 
 
+def is_right(status: str, exact: Truth) -> bool:
+    """Whether a status is what it should be: "fell" where the reference fell, otherwise "ok"."""
+    return status == ("fell" if exact.status == "fell" else "ok")
+
+
 def verdict_of(error: float, right: bool, wrong: float) -> str:
     """See the top; right: whether the status is the reference's."""
     if error <= wrong:
@@ -208,7 +214,7 @@ def _judged_named(case: Case, exact: Truth, found: Outcome | None) -> tuple[str,
     if found is None:
         return "", "dear", math.nan, math.inf
     error = errors(case, exact, found)[0]
-    return found.status, verdict_of(error, found.status == exact.status, SILENT), error, found.time
+    return found.status, verdict_of(error, is_right(found.status, exact), SILENT), error, found.time
 
 
 # ---------------------------------------------------------------------------------------------- summary
