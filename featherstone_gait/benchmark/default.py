@@ -1,7 +1,7 @@
 """What `simulate(scene, duration)` gives where nothing else is named: error, estimate, status and cost, on many scenes.
 
-A run is judged up to where its reference is known (`truth.py`).  Its status is right if it is "fell" where the reference
-fell, and otherwise "ok":
+A run is judged up to where its reference is known (`truth.py`).  Its status is right if it is "fell" where the
+reference fell, and otherwise "ok":
 
     held      within 1e-3 (rad or m), status right
     silent    not within 1e-3, status right: nothing says so
