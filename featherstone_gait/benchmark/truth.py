@@ -154,8 +154,8 @@ def cache_folder() -> Path:
 
 def digest(case: Case) -> str:
     """Hash of all that a reference depends on: the version, not the integrator that is chosen today."""
-    scene, arguments = case.scene, case.scene.arguments
-    chosen = {name: value for name, value in arguments.items() if name not in ("integrator", "timestep")}
+    scene = case.scene
+    chosen = {name: scene.arguments[name] for name in PHYSICAL}
     parts = [case.state[slice(*place)].tolist() for name, place in sorted(scene.parts.items()) if name in STARTING]
     r = case.reference
     signal = r and (r.times, r.values, r.kind, r.cyclic)
@@ -164,6 +164,7 @@ def digest(case: Case) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
+PHYSICAL = ("servos", "ground", "gravity", "fall_height", "fall_tilt", "springs")  # arguments of `compile_scene`
 STARTING = ("base_q", "q", "base_qd", "qd", "current", "rotor", "rotor_speed", "filtered", "bristle", "voltage")
 
 
