@@ -548,8 +548,8 @@ def test_poses_that_are_none_raise():
     q, qd, tau = (a[0] for a in random_states(model, 1, seed=29))
     hinge = next(k for k, joint in enumerate(model.joints) if joint.type != "prismatic")
     endless = q.copy()
-    endless[7 + hinge] = 1e6
-    with pytest.raises(ValueError, match=f"angle of {model.joints[hinge].name} is 1e\\+06 rad"):
+    endless[7 + hinge] = 1e10
+    with pytest.raises(ValueError, match=f"angle of {model.joints[hinge].name} is 1e\\+10 rad"):
         forward_dynamics(model, endless, qd, tau)
     q[3:7] = 0.0
     with pytest.raises(ValueError, match="quaternion"):

@@ -12,6 +12,7 @@ BENCHMARKS = {  # modules of `featherstone_gait.benchmark`, and the files they w
     "servo": "servo_arm.csv, servo_pd.csv, servo.png",
     "walk": "walk.csv, walk.png",
     "stress": "stress.csv, stress.png",
+    "default": "default.csv, default_integrators.csv, default.png",
     "skip": "skip.csv",
     "attack": "attack_files.csv, attack_api.csv",
     "stability": "stability.csv, stability.png",

@@ -1,0 +1,295 @@
+"""What `simulate(scene, duration)` gives where nothing else is named: error, estimate, status and cost, on many scenes.
+
+A run is judged up to where its reference is known (`truth.py`).  Its status is right if it is "fell" where the
+reference fell, and otherwise "ok":
+
+    held      within 1e-3 (rad or m), status right
+    silent    not within 1e-3, status right: nothing says so
+    flagged   not within 1e-3, and the status says so
+    alarm     within 1e-3, but the status is not right
+    dear      no result after `PATIENCE` CPU seconds
+
+Robots are those of installed packages (see `robots.py`).  MuJoCo runs the same model at its own step of 2 ms with its
+own integrator; where stops, ground, dry friction or couplings act its laws are others, and its time alone is given.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from ..build.scene import CompiledScene
+from ..files import complete
+from ..trajectory import Trajectory
+from ..view.plotting import positions
+from .default_scenes import cases
+from .limited import Worker, at_most
+from .machine import machine
+from .peer_run import Peer, peer_run
+from .table import write_table
+from .truth import Case, Truth, cache_folder, distances, truth, velocities
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+WRONG, SILENT = 1e-3, 1e-2  # error that counts of the default, and of integrators named [rad or m]
+PATIENCE = 30.0  # CPU seconds of a run
+ENOUGH, REPEATS = 0.5, 9  # CPU seconds and runs after which a time is believed
+NAMED = ("implicit_euler", "midpoint", "rk4", "dop853", "extrapolation")
+COLOURS = {"held": "#4c9f70", "silent": "#c1121f", "flagged": "#7f9fd0", "alarm": "#f4a259"}
+
+
+class Outcome(NamedTuple):
+    """What a run gives, without what is not compared."""
+
+    q: np.ndarray  # (samples, nq)
+    qd: np.ndarray  # (samples, nv)
+    status: str
+    end: float  # [s]
+    estimate: np.ndarray  # of positions (samples,), NaN where the run has none
+    time: float  # CPU per simulated second [ms]
+
+
+class Row(NamedTuple):
+    """One line of the table."""
+
+    case: str
+    kind: str
+    duration: float  # [s]
+    until: float  # the reference is known up to here [s]
+    integrator: str
+    step: float  # [s]
+    status: str
+    verdict: str
+    error: float  # of positions, up to `until` [rad or m]
+    speed_error: float  # relative to the largest speed
+    estimate: float  # the run's own, NaN without
+    time: float  # CPU per simulated second [ms]
+    ratio: float  # of that to implicit_euler's at 1 ms
+    mujoco_error: float  # [rad or m], NaN where laws differ
+    mujoco_time: float  # [ms]
+
+
+class Named(NamedTuple):
+    """One line of the table of integrators."""
+
+    case: str
+    integrator: str
+    status: str
+    verdict: str
+    error: float  # [rad or m]
+    time: float  # [ms]
+
+
+def run(
+    out_dir: Path, full: bool = False, robots: Sequence[Path] | None = None, references: Path | None = None
+) -> list[Row]:
+    """Print the tables; write default.csv, default_integrators.csv and default.png into `out_dir`.
+
+    full: all robots and the long runs; robots: folders with robot files in place of the installed packages';
+    references: folder in which the references are kept, in the user's cache if None.
+    """
+    out_dir, host = Path(out_dir), machine()
+    print(host)
+    rows: list[Row] = []
+    named: list[Named] = []
+    skipped: list[str] = []
+    print(f"{'case':52}{'integrator':15}{'status':15}{'verdict':9}{'error':>9}{'estimate':>10}{'until s':>9}"
+          f"{'ms/s':>9}{'ratio':>8}")  # fmt: skip
+    with Worker() as worker:
+        for case in tqdm(cases(full, robots, skipped), desc="cases", leave=False, disable=None):
+            exact = truth(case, worker, references or cache_folder())
+            if exact is None or exact.known < 2:
+                skipped.append(f"{case.name}: no reference within the limit of time")
+                continue
+            row, others = judged(case, exact, worker)
+            rows.append(row)
+            named += others
+            print_row(row)
+            write_table(out_dir / "default.csv", Row._fields, rows, host)
+            write_table(out_dir / "default_integrators.csv", Named._fields, named, host)
+    print("\n".join([f"left out: {text}" for text in skipped] + ["", *summary(rows), "", *integrator_lines(named)]))
+    with complete(out_dir / "default.png") as temporary:
+        plot(rows, host).savefig(temporary, dpi=130)
+    return rows
+
+
+def print_row(row: Row) -> None:
+    print(
+        f"{row.case[:51]:52}{row.integrator:15}{row.status:15}{row.verdict:9}{row.error:9.1e}{row.estimate:10.1e}"
+        f"{row.until:9.3g}{row.time:9.3g}{row.ratio:8.2f}",
+        flush=True,
+    )
+
+
+# ---------------------------------------------------------------------------------------------- judging
+
+
+def judged(case: Case, exact: Truth, worker: Worker) -> tuple[Row, list[Named]]:
+    """The default, and the integrators by name."""
+    outcome = worker.call(outcome_of, case, case.scene)
+    outcomes = {name: worker.call(outcome_of, case, by_name(case.scene, name)) for name in NAMED}
+    named = [Named(case.name, name, *_judged_named(case, exact, found)) for name, found in outcomes.items()]
+    plain = worker.call(plain_time, case)
+    peer = worker.call(peer_run, case, exact) or Peer(math.nan, math.nan)
+    until = (exact.known - 1) * case.every
+    scene = case.scene
+    what = (case.name, case.kind, case.duration, until, scene.integrator, scene.timestep)
+    if outcome is None:
+        return Row(*what, "", "dear", math.nan, math.nan, math.nan, math.inf, math.inf, *peer), named
+    error, speed_error, estimate = errors(case, exact, outcome)
+    verdict = verdict_of(error, is_right(outcome.status, exact), WRONG)
+    ratio = outcome.time / plain if plain else math.nan
+    return Row(*what, outcome.status, verdict, error, speed_error, estimate, outcome.time, ratio, *peer), named
+
+
+def by_name(scene: CompiledScene, integrator: str) -> CompiledScene:
+    """The scene with an integrator and the step that goes with it."""
+    return scene.recompiled(integrator=integrator, timestep=None)
+
+
+def outcome_of(case: Case, scene: CompiledScene) -> Outcome:
+    """Run and time the scene; it ends the process beyond `PATIENCE`."""
+    run = case.timed(scene)
+    with at_most(PATIENCE):
+        result = case.run(scene)
+        first = run.once()
+    times = [first] if first * case.duration > 1e3 * ENOUGH else repeated(run.once, 1e-3 * case.duration)
+    return Outcome(positions(result), velocities(result), result.status, result.end_time, estimate_of(result),
+                   statistics.median(times))  # fmt: skip
+
+
+def estimate_of(run: Trajectory) -> np.ndarray:
+    """The largest error of positions that a run owns up to (samples,), NaN where it says nothing."""
+    told = [run.error[name] for name in ("base_q", "q") if run.error and name in run.error]
+    return np.hstack(told).max(axis=1, initial=0.0) if told else np.full(len(run["time"]), math.nan)
+
+
+def plain_time(case: Case) -> float:
+    """CPU time per simulated second of implicit_euler at 1 ms [ms]."""
+    run = case.timed(case.scene.recompiled(integrator="implicit_euler", timestep=1e-3))
+    with at_most(PATIENCE):
+        run.once()
+    return statistics.median(repeated(run.once, 1e-3 * case.duration))
+
+
+def repeated(once: Callable[[], float], seconds: float) -> list[float]:
+    """Times of some runs, which `once` gives [ms a simulated second]; seconds: CPU time that 1 of it stands for."""
+    times = [once()]
+    while len(times) < REPEATS and sum(times) * seconds < ENOUGH:
+        times.append(once())
+    return times
+
+
+def errors(case: Case, exact: Truth, outcome: Outcome) -> tuple[float, float, float]:
+    """Of positions [rad or m], of velocities relative to the largest one, and the run's own estimate."""
+    known = min(exact.known, max(int(outcome.end / case.every + 1e-6) + 1, 1))
+    error = distances(case.scene, outcome.q, exact.q)[:known]
+    largest = np.abs(exact.qd[:known]).max(initial=0.0)
+    speed = np.abs(outcome.qd - exact.qd)[:known].max(initial=0.0)
+    return float(error.max()), float(speed / largest if largest > 0 else speed), float(outcome.estimate[:known].max())
+
+
+def is_right(status: str, exact: Truth) -> bool:
+    """Whether a status is what it should be: "fell" where the reference fell, otherwise "ok"."""
+    return status == ("fell" if exact.status == "fell" else "ok")
+
+
+def verdict_of(error: float, right: bool, wrong: float) -> str:
+    """See the top; right: whether the status is the reference's."""
+    if error <= wrong:
+        return "held" if right else "alarm"
+    return "silent" if right else "flagged"
+
+
+def _judged_named(case: Case, exact: Truth, found: Outcome | None) -> tuple[str, str, float, float]:
+    if found is None:
+        return "", "dear", math.nan, math.inf
+    error = errors(case, exact, found)[0]
+    return found.status, verdict_of(error, is_right(found.status, exact), SILENT), error, found.time
+
+
+# ---------------------------------------------------------------------------------------------- summary
+
+
+def summary(rows: Sequence[Row]) -> list[str]:
+    """Shares of all scenes and of each kind."""
+    kinds = list(dict.fromkeys(row.kind for row in rows))
+    worst = sorted((row for row in rows if row.verdict == "silent"), key=lambda row: -row.error)
+    return [
+        f"{'':24}{'scenes':>7}{'ok':>7}{'held':>7}{'alarm':>7}{'silent':>8}{'flagged':>9}{'dear':>6}"
+        f"{'median error':>14}{'error<10est':>13}{'est<100err':>12}{'cost ratio':>12}",
+        *(_line(kind, [row for row in rows if row.kind == kind]) for kind in kinds),
+        _line("all", rows),
+        *(f"silent: {row.case}: {row.error:.2g} rad or m before {row.until:.3g} s" for row in worst),
+    ]
+
+
+def _line(name: str, rows: Sequence[Row]) -> str:
+    counts, n = Counter(row.verdict for row in rows), max(len(rows), 1)
+    ok = sum(row.status == "ok" for row in rows)
+    run = [row for row in rows if row.verdict != "dear"]
+    told = [row for row in run if math.isfinite(row.estimate)]
+    covered = share(sum(row.error < 10.0 * row.estimate for row in told), len(told))
+    sharp = share(sum(row.estimate < 100.0 * row.error for row in told), len(told))
+    error, ratio = (statistics.median(values or [math.nan])
+                    for values in ([row.error for row in run], [row.ratio for row in rows]))  # fmt: skip
+    return (
+        f"{name:24}{len(rows):7}{ok / n:7.0%}{counts['held'] / n:7.0%}{counts['alarm'] / n:7.0%}"
+        f"{counts['silent'] / n:8.0%}{counts['flagged'] / n:9.0%}{counts['dear'] / n:6.0%}{error:14.1e}"
+        f"{covered:>13}{sharp:>12}{ratio:12.2f}"
+    )
+
+
+def share(count: int, of: int) -> str:
+    return f"{count / of:.0%}" if of else "-"
+
+
+def integrator_lines(rows: Sequence[Named]) -> list[str]:
+    """Each integrator at its default arguments: what it says, and how often that is wrong."""
+    head = f"{'by name':16}{'runs':>6}{'ok':>6}{'silent':>8}{'flagged':>9}{'alarm':>7}{'dear':>6}{'median error':>14}"
+    lines = [f"{head}   (silent: wrong by more than {SILENT:g} and nothing says so)"]
+    for name in dict.fromkeys(row.integrator for row in rows):
+        of = [row for row in rows if row.integrator == name]
+        counts = Counter(row.verdict for row in of)
+        error = statistics.median([row.error for row in of if row.verdict != "dear"] or [math.nan])
+        lines.append(
+            f"{name:16}{len(of):6}{sum(row.status == 'ok' for row in of):6}{counts['silent']:8}{counts['flagged']:9}"
+            f"{counts['alarm']:7}{counts['dear']:6}{error:14.1e}"
+        )
+    return lines
+
+
+def plot(rows: Sequence[Row], notes: str = "") -> Figure:
+    """Error against the run's own estimate, and against what it costs."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 5.0), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    _scatter(left, rows, "estimate")
+    _scatter(right, rows, "ratio")
+    ends = np.array([1e-12, 10.0])
+    left.plot(ends, ends, color="0.5", linewidth=1.0)
+    left.plot(ends, 10.0 * ends, color="0.5", linewidth=1.0, linestyle=":")
+    left.set(xlabel="the run's own estimate [rad or m]", ylabel="error [rad or m]", ylim=(1e-14, 20.0))
+    right.set(xlabel="CPU time over that of implicit_euler at 1 ms")
+    right.legend(frameon=False, fontsize=8)
+    figure.suptitle(notes, fontsize=7, x=0.01, ha="left")
+    return figure
+
+
+def _scatter(axes: Axes, rows: Sequence[Row], name: str) -> None:
+    for verdict, colour in COLOURS.items():
+        of = [row for row in rows if row.verdict == verdict]
+        x, y = [getattr(row, name) for row in of], [max(row.error, 1e-13) for row in of]
+        axes.loglog(x, y, "o", color=colour, markersize=4, alpha=0.7, label=f"{verdict}: {len(of)}")
+    axes.axhline(WRONG, color="0.7", linewidth=0.8)
+    axes.grid(alpha=0.3)

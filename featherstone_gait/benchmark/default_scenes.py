@@ -1,0 +1,240 @@
+"""Scenes on which the default is judged: published robots, servos and stops, bodies that spin, a humanoid."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from ..build.actuator import ServoKind
+from ..build.coupling import followed
+from ..build.scene import CompiledScene, compile_scene
+from ..build.tree import GRAVITY
+from ..contact_choice import with_contacts
+from ..model import ContactPoint, Ground, Joint, Link, Model
+from ..reference import Reference
+from ..robot_file import load_robot
+from ..run.simulate import initial_state, simulate, standing_state
+from . import precision, stress
+from .robots import folders, published
+from .truth import Case
+
+FAR = 100.0  # height above a ground that is never touched [m]
+WEAK = (0.0, 0.0, -1e-9)  # gravity, which a ground must have [m/s^2]
+NO_FALL: dict[str, Any] = {"fall_height": -1e6, "fall_tilt": 4.0}
+EVERY = 12  # robot that runs if not all do, and these:
+CHOSEN = ("model_for_sdf", "talos_reduced", "xarm6_with_gripper", "centauro")
+CENTRE = (0.0, 0.0, 0.0)
+
+
+def cases(full: bool = False, robots: Sequence[Path] | None = None, skipped: list[str] | None = None) -> Iterator[Case]:
+    """All scenes; full: of all robots, and the long ones; skipped: is told what is left out, and why."""
+    skipped = [] if skipped is None else skipped
+    yield from servo_cases()
+    yield from free_cases()
+    yield from humanoid_cases(full)
+    yield from known_cases()
+    if full:
+        yield from long_cases()
+    yield from robot_cases(full, folders() if robots is None else robots, skipped)
+
+
+def case_of(name: str, kind: str, scene: CompiledScene, duration: float, q: Any, qd: Any, **more: Any) -> Case:
+    return Case(name, kind, scene, duration, initial_state(scene, q, qd), **more)
+
+
+# ---------------------------------------------------------------------------------------------- robots
+
+
+def robot_cases(full: bool, places: Sequence[Path], skipped: list[str]) -> Iterator[Case]:
+    """A second of each robot, limp, from a random posture: stops in reach or none; some float, some fall."""
+    if not places:
+        skipped.append("published robots: none of example-robot-data, pybullet_data, mani_skill is installed")
+    for k, (name, model) in enumerate(published(places, skipped)):
+        if full or k % EVERY == 0 or any(chosen in name for chosen in CHOSEN):
+            yield from _of_robot(name, model, k, skipped)
+
+
+def _of_robot(name: str, model: Model, k: int, skipped: list[str]) -> Iterator[Case]:
+    makers = [lambda: swinging(name, model, "stops"), lambda: swinging(name, unlimited(model), "no stops")]
+    if k % 3 == 0:
+        makers.append(lambda: floating(name, model, weightless=k % 2 == 0))
+    if k % 4 == 0:
+        makers.append(lambda: dropped(name, model))
+    for make in makers:
+        try:
+            yield make()
+        except (ValueError, ImportError) as error:
+            skipped.append(f"{name}: {str(error).splitlines()[0][:110]}")
+
+
+def swinging(name: str, model: Model, stops: str) -> Case:
+    """Let go at rest."""
+    scene = compile_scene(model)
+    q = posture(scene, name)
+    base = [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
+    return case_of(f"{name}, {stops}", f"robots, {stops}", scene, 1.0, [*base, *q], None)
+
+
+def floating(name: str, model: Model, weightless: bool) -> Case:
+    """Thrown with all joints limp; with gravity it falls freely."""
+    model = replace(model, base="floating")
+    scene = compile_scene(model, gravity=(0.0, 0.0, 0.0)) if weightless else compile_scene(model)
+    v = np.random.default_rng(zlib.crc32(name.encode())).normal(size=model.nv)
+    v[6:] = 0.0
+    q = [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, *posture(scene, name)]
+    return case_of(f"{name}, {'weightless' if weightless else 'falling'}", "robots, floating", scene, 1.0, q, v)
+
+
+def dropped(name: str, model: Model) -> Case:
+    """From its lowest posture to the ground, limp."""
+    model = with_contacts(replace(model, base="floating", contacts=()), "all")
+    scene = compile_scene(model, ground=Ground(), **NO_FALL)
+    return case_of(f"{name}, on the ground", "robots, ground", scene, 1.0, None, None)
+
+
+def posture(scene: CompiledScene, name: str) -> np.ndarray:
+    """Joint positions (n,) within the limits, random but always the same for a name [rad or m]."""
+    joints = scene.model.moving_joints
+    far = [0.3 if joint.type == "prismatic" else math.pi for joint in joints]
+    lower = [max(joint.lower, -reach) for joint, reach in zip(joints, far)]
+    upper = [min(joint.upper, reach) for joint, reach in zip(joints, far)]
+    rng = np.random.default_rng(zlib.crc32(name.encode()))
+    return followed(scene.tree.coupling, rng.uniform(lower, np.maximum(lower, upper)))
+
+
+def unlimited(model: Model) -> Model:
+    """Without stops, sliding joints too."""
+    return replace(model, joints=tuple(_free(joint) for joint in model.joints))
+
+
+def _free(joint: Joint) -> Joint:
+    kind: Any = "continuous" if joint.type == "revolute" else joint.type
+    return joint if joint.type == "fixed" else replace(joint, type=kind, lower=-math.inf, upper=math.inf)
+
+
+# ---------------------------------------------------------------------------------------------- servos
+
+
+def servo_cases() -> Iterator[Case]:
+    """One servo: thrown into its stop, a step of 60 degrees, a reference that it cannot follow."""
+    arm = load_robot("ax12_arm")
+    thrown: Sequence[tuple[float, ServoKind]] = (
+        (6.0, "mipsd"), (10.0, "mipsd"), (30.0, "mipsd"), (60.0, "mipsd"), (60.0, "rotor"),
+    )  # fmt: skip
+    for speed, servos in thrown:
+        scene = compile_scene(arm, servos=servos)
+        yield case_of(f"{servos}, into its stop at {speed:g} rad/s", "servos", scene, 0.5, [3.0], [speed])
+    target, t = Reference([0.0], [[math.pi / 3.0]]), np.linspace(0.0, 1.0, 101)
+    fast = Reference(t, np.sin(4.0 * math.pi * t)[:, None])
+    for servos in get_args(ServoKind):
+        scene = compile_scene(arm, servos=servos)
+        yield case_of(f"{servos}, step of 60 degrees", "servos", scene, 1.0, [0.0], None, reference=target)
+        yield case_of(f"{servos}, reference too fast", "servos", scene, 1.0, [0.0], None, reference=fast)
+
+
+# ---------------------------------------------------------------------------------------------- free bodies
+
+
+def free_cases() -> Iterator[Case]:
+    """What spins and falls over a ground far below, and bounces on one that takes nothing."""
+    for speed in (5.0, 50.0, 200.0):
+        yield spinning(f"box at {speed:g} rad/s", speed, 1.0)
+    humanoid = load_robot("humanoid", locked="simplified")
+    n = len(humanoid.joint_names)
+    turning = [0.0, 0.0, 0.0, 6.0, 6.0, 5.3, *[0.0] * n]  # 10 rad/s
+    high = [0.0, 0.0, FAR, 1.0, 0.0, 0.0, 0.0, *[0.0] * n]
+    ways: Sequence[tuple[ServoKind | None, tuple]] = (("mipsd", WEAK), (None, WEAK), ("mipsd", GRAVITY))
+    for servos, gravity in ways:
+        scene = compile_scene(humanoid, servos, Ground(), gravity=gravity, **NO_FALL)
+        how = f"{'limp' if servos is None else servos}, {'weightless' if gravity is WEAK else 'falling'}"
+        yield case_of(f"humanoid tumbling, {how}", "free bodies", scene, 2.0, high, turning)
+    for ratio in (0.0, 0.1, 0.7):
+        scene = compile_scene(ball(), None, Ground(damping_ratio=ratio), **NO_FALL)
+        start = [0.0, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0]
+        yield case_of(f"ball dropped by 50 mm, damping ratio {ratio:g}", "free bodies", scene, 0.5, start, None)
+    yield case_of("wheel at 1000 rad/s", "free bodies", compile_scene(wheel()), 10.0, None, [1000.0])
+
+
+def spinning(name: str, speed: float, duration: float, **more: Any) -> Case:
+    """The box of `stress`, about no principal axis."""
+    corners = tuple(ContactPoint("box", (x, y, -0.05)) for x in (-0.2, 0.2) for y in (-0.2, 0.2))
+    link = Link("box", 1.0, CENTRE, (0.0142, 0.0, 0.0, 0.0142, 0.0, 0.0267))
+    box = Model("box", (link,), (), "floating", contacts=corners)
+    scene = compile_scene(box, None, Ground(), gravity=WEAK, **NO_FALL)
+    turning = [0.0, 0.0, 0.0, 0.6 * speed, 0.0, 0.8 * speed]
+    return case_of(name, "free bodies", scene, duration, [0.0, 0.0, FAR, 1.0, 0.0, 0.0, 0.0], turning, **more)
+
+
+def ball() -> Model:
+    link = Link("ball", 1.0, CENTRE, (1e-3, 0.0, 0.0, 1e-3, 0.0, 1e-3))
+    return Model("ball", (link,), (), "floating", contacts=(ContactPoint("ball", CENTRE, radius=0.05),))
+
+
+def wheel() -> Model:
+    links = (Link("base", 0.0, CENTRE, (0.0,) * 6), Link("wheel", 1.0, CENTRE, (1e-3, 0.0, 0.0, 1e-3, 0.0, 2e-3)))
+    return Model("wheel", links, (Joint("axle", "continuous", "base", "wheel", axis=(0.0, 0.0, 1.0)),))
+
+
+# ---------------------------------------------------------------------------------------------- humanoid
+
+
+def humanoid_cases(full: bool) -> Iterator[Case]:
+    """It stands and walks (of `precision`), walks for 4 s, and falls over with fall detection and without."""
+    from ..optimize import walking_cost
+
+    for problem in precision.humanoids():
+        yield from_problem(problem, "humanoid")
+    cost = walking_cost(load_robot("humanoid", locked="simplified"))
+    signal = cost.reference(cost.gait.to_vector(), 6)
+    still = Reference([0.0], signal.values[:1])
+    for name, falls in (("fall detection", {}), ("no fall detection", NO_FALL)):
+        scene = compile_scene(cost.scene.model, "mipsd", Ground(), **falls)
+        q = np.concatenate([[0.0, 0.0, 0.0, math.cos(0.2), 0.0, math.sin(0.2), 0.0], still.values[0]])
+        q[2] = standing_state(scene, still.values[0])[scene.layout["base_q"] + 2] + 0.03
+        yield case_of(f"humanoid falls over, {name}", "humanoid", scene, 1.0, q, None, reference=still)
+    if full:
+        scene = compile_scene(cost.scene.model, "mipsd", Ground())
+        yield Case("humanoid, walking 4 s", "humanoid", scene, 4.0, standing_state(scene, still.values[0]), signal)
+
+
+def long_cases() -> Iterator[Case]:
+    """Ten minutes: it stands, and a box spins at 5 rad/s."""
+    humanoid = load_robot("humanoid", locked="simplified")
+    scene = compile_scene(humanoid, "mipsd", Ground())
+    start = standing_state(scene, np.zeros(scene.tree.n))
+    settled = simulate(scene.recompiled(integrator="midpoint", timestep=1e-3), 5.0, start, sample=1.0)
+    still = Reference([0.0], np.zeros((1, scene.tree.n)))
+    yield Case("humanoid, ten minutes", "long", scene, 600.0, settled.final, still, sample=1.0, still=True)
+    yield spinning("box at 5 rad/s, ten minutes", 5.0, 600.0, sample=1.0)._replace(kind="long")
+
+
+# ---------------------------------------------------------------------------------------------- of other benchmarks
+
+
+def known_cases() -> Iterator[Case]:
+    """The problems of `precision` but for the humanoid's, and the cases of `stress`."""
+    for problem in precision.problems():
+        if problem.name not in ("humanoid, standing", "humanoid, walking a stride"):
+            yield from_problem(problem, "precision")
+    for case in stress.cases():
+        yield from_stress(case)
+
+
+def from_problem(problem: precision.Problem, kind: str) -> Case:
+    scene = compile_scene(problem.model, **problem.arguments)
+    state = problem.state(scene)
+    return Case(problem.name, kind, scene, problem.duration, state, problem.reference, problem.sample)
+
+
+def from_stress(case: stress.Case) -> Case:
+    scene = compile_scene(case.model, **case.arguments).pushed(case.pushes)
+    n = scene.tree.n
+    q, qd = [*case.base[:7], *[case.angle] * n], [*case.base[7:], *[0.0] * n]
+    still = Reference([0.0], np.zeros((1, n))) if scene.servos else None
+    return case_of(case.name, "stress", scene, case.duration, q, qd, reference=still)

@@ -1,0 +1,162 @@
+"""The judge of what is simulated where nothing is named."""
+
+import math
+import signal
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_cli import SLIDER
+
+from featherstone_gait import compile_scene, load_robot
+from featherstone_gait.benchmark import default, default_scenes, truth
+from featherstone_gait.benchmark.limited import Worker, at_most
+from featherstone_gait.benchmark.robots import published
+
+
+class Here:
+    """Calls in this process."""
+
+    def __init__(self):
+        self.calls = 0
+
+    def call(self, function, *args):
+        self.calls += 1
+        return function(*args)
+
+
+def endless():
+    with at_most(0.2):
+        while True:
+            pass
+
+
+@pytest.fixture(scope="module")
+def wheel():
+    return default_scenes.case_of("wheel", "free bodies", compile_scene(default_scenes.wheel()), 0.5, None, [20.0])
+
+
+@pytest.mark.parametrize(
+    ("error", "right", "verdict"),
+    [(9e-4, True, "held"), (9e-4, False, "alarm"), (2e-3, True, "silent"), (2e-3, False, "flagged")],
+)
+def test_a_run_is_judged_by_its_error_and_by_what_it_says(error, right, verdict):
+    assert default.verdict_of(error, right, 1e-3) == verdict
+
+
+@pytest.mark.parametrize(
+    ("status", "reference", "right"),
+    [("ok", "ok", True), ("fell", "fell", True), ("fell", "ok", False), ("ok", "fell", False),
+     ("step too small", "step too small", False), ("ok", "step too small", True)],
+)  # fmt: skip
+def test_only_a_fall_is_right_beside_ok(status, reference, right):
+    nothing = np.zeros((0, 0))
+    assert default.is_right(status, truth.Truth(nothing, nothing, reference, 0, 0.0)) is right
+
+
+def test_a_wheel_turns_evenly_in_its_reference_and_in_its_run(wheel, monkeypatch, tmp_path):
+    monkeypatch.setattr(default, "NAMED", ())
+    exact = truth.truth(wheel, Here(), tmp_path)
+    assert np.allclose(exact.q[:, 0], 20.0 * wheel.every * np.arange(51), rtol=0, atol=1e-9)
+    assert exact.known == 51
+    row, named = default.judged(wheel, exact, Here())
+    assert (row.verdict, row.status, row.until, named) == ("held", "ok", pytest.approx(0.5), [])
+    assert row.error < 1e-9
+    assert row.speed_error < 1e-9
+    assert row.mujoco_error < 1e-9 or math.isnan(row.mujoco_time)
+
+
+def test_a_reference_is_worked_out_once_and_anew_if_its_file_is_damaged(wheel, tmp_path):
+    worker = Here()
+    first = truth.truth(wheel, worker, tmp_path)
+    assert worker.calls == 2
+    truth.truth(wheel, worker, tmp_path)
+    assert worker.calls == 2
+    (file,) = tmp_path.iterdir()
+    file.write_bytes(file.read_bytes()[:100])
+    again = truth.truth(wheel, worker, tmp_path)
+    assert worker.calls == 4
+    assert np.array_equal(again.q, first.q)
+    assert np.array_equal(again.qd, first.qd)
+
+
+def test_a_reference_depends_on_the_scene_and_not_on_the_integrator_that_is_chosen(wheel):
+    other = wheel.scene.recompiled(integrator="midpoint", timestep=1e-3)
+    assert truth.digest(wheel._replace(scene=other, sample=wheel.every)) == truth.digest(wheel)
+    changed = [
+        wheel._replace(duration=0.6),
+        wheel._replace(state=wheel.state + 1e-9),
+        wheel._replace(scene=wheel.scene.recompiled(gravity=(0.0, 0.0, -1.0))),
+        wheel._replace(scene=replace(wheel.scene, model=replace(wheel.scene.model, name="other"))),
+    ]
+    assert len({truth.digest(case) for case in [wheel, *changed]}) == 5
+
+
+def test_distances_are_of_turn_place_and_joints():
+    scene = compile_scene(load_robot("humanoid", locked="simplified"))
+    exact = np.zeros((4, scene.model.nq))
+    exact[:, 3] = 1.0
+    q = exact.copy()
+    q[0, 3:7] *= -1.0  # the same attitude
+    q[1, 3:7] = math.cos(1.5), math.sin(1.5), 0.0, 0.0
+    q[2, :2] = 0.3, 0.4
+    q[3, 9] = -0.2
+    assert truth.distances(scene, q, exact) == pytest.approx([0.0, 3.0, 0.5, 0.2])
+
+
+def test_errors_count_only_while_the_reference_is_known(wheel):
+    q = np.zeros((51, 1))
+    exact = truth.Truth(q, np.ones((51, 1)), "ok", 11, 0.0)
+    late, early = q.copy(), q.copy()
+    late[11], early[10] = 1.0, 0.25
+    for positions, error in ((late, 0.0), (early, 0.25)):
+        outcome = default.Outcome(positions, 1.5 * np.ones((51, 1)), "ok", 0.5, np.full(51, 0.1), 1.0)
+        assert default.errors(wheel, exact, outcome) == pytest.approx((error, 0.5, 0.1))
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="there is no clock that ends a process")
+def test_a_call_that_takes_too_long_ends_alone():
+    with Worker() as worker:
+        assert worker.call(endless) is None
+        assert worker.call(math.sqrt, 4.0) == 2.0
+
+
+def test_robots_that_move_alike_count_once_and_others_are_named(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.urdf").write_text(SLIDER)
+    (tmp_path / "broken.urdf").write_text("<robot")
+    refused = []
+    assert [name for name, _ in published([tmp_path], refused)] == [f"{tmp_path.name}/a"]
+    assert len(refused) == 1
+    assert "broken" in refused[0]
+
+
+def test_summary_tells_shares_of_all_and_of_each_kind():
+    row = default.Row("a", "arms", 1.0, 1.0, "midpoint", 1e-3, "ok", "held", 1e-5, 1e-5, 1e-5, 1.0, 2.0, math.nan, 1.0)
+    rows = [row, row._replace(case="b", kind="legs", verdict="silent", error=0.5)]
+    text = default.summary(rows)
+    assert [line.split()[0] for line in text[1:4]] == ["arms", "legs", "all"]
+    assert text[3].split()[1:7] == ["2", "100%", "50%", "0%", "50%", "0%"]
+    assert text[3].split()[-3:] == ["50%", "100%", "2.00"]  # error < 10 estimate, estimate < 100 error, cost
+    assert "b: 0.5" in text[-1]
+
+
+def test_the_picture_has_a_point_for_each_run():
+    row = default.Row("a", "arms", 1.0, 1.0, "midpoint", 1e-3, "ok", "held", 1e-5, 1e-5, 1e-5, 1.0, 2.0, math.nan, 1.0)
+    left, right = default.plot([row, row._replace(verdict="silent", error=0.5)]).axes
+    for axes in (left, right):
+        assert sorted(y for line in axes.lines if line.get_marker() == "o" for y in line.get_ydata()) == [1e-5, 0.5]
+
+
+def test_a_reference_that_takes_too_long_is_tried_again_only_if_it_may_take_longer(wheel, monkeypatch, tmp_path):
+    class Impatient(Here):
+        def call(self, function, *args):
+            self.calls += 1
+
+    worker = Impatient()
+    tried = []
+    for limit in (1.0, 1.0, 2.0):
+        monkeypatch.setattr(truth, "LIMIT", limit)
+        assert truth.truth(wheel, worker, tmp_path) is None
+        tried.append(worker.calls)
+    assert tried == [2, 2, 4]  # both methods
