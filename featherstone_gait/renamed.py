@@ -33,7 +33,7 @@ RENAMED = {  # modules, or names in modules (an old module has the names of the 
     "featherstone_gait.run.simulate.CHATTER_LIMIT": "featherstone_gait.run.verdict.CHATTER_LIMIT",
     "featherstone_gait.run.simulate.LEAST_STEP": "featherstone_gait.run.prepared.LEAST_STEP",
     "featherstone_gait.run.simulate.RINGING_LIMIT": "featherstone_gait.run.verdict.RINGING_LIMIT",
-    "featherstone_gait.run.simulate.RTOL": "featherstone_gait.run.prepared.RTOL",
+    "featherstone_gait.run.simulate.RTOL": "featherstone_gait.core.integrate.integrator.RTOL",
     "featherstone_gait.run.simulate.STATUS": "featherstone_gait.run.verdict.STATUS",
     "featherstone_gait.trajectory.UNITS": "featherstone_gait.core.step.state.UNITS",
     "featherstone_gait.walking.kinematics.LinkPoses": "featherstone_gait.dynamics.Poses",

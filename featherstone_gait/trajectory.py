@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FORMAT = Format("trajectory")
-STATUSES = ("ok", "fell", "diverged", "chatter", "step too small", "not converged", "inaccurate")
+STATUSES = ("ok", "fell", "diverged", "chatter", "step too small", "not converged", "inaccurate", "too costly")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +40,9 @@ class Trajectory(Mapping[str, np.ndarray]):
     end_time: float  # [s]
     final: np.ndarray  # the whole state at the end; to go on from it give `simulate` the trajectory, or this array
     info: dict[str, Any] = field(default_factory=dict)
-    error: dict[str, np.ndarray] | None = None  # estimate for each channel, in its unit and shape; see `with_error`
+    error: dict[str, np.ndarray] | None = None  # estimate for each channel, in its unit and shape
     parts: dict[str, tuple[int, int]] | None = None  # of `final`: where each begins and ends; None: not known
+    companion: np.ndarray | None = None  # final state of the coarser run that told the error, to go on from likewise
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.channels[name]
@@ -80,6 +81,7 @@ class Trajectory(Mapping[str, np.ndarray]):
         described |= {"info": self.info, "parts": self.parts}
         arrays: dict[str, Any] = {f"channel_{k}": v for k, v in self.channels.items()}
         arrays |= {f"error_{k}": v for k, v in (self.error or {}).items()}
+        arrays |= {} if self.companion is None else {"companion": self.companion}
         with complete_together(*_files(path)) as (data, text):
             with data.open("xb") as file:
                 np.savez_compressed(file, format=str(FORMAT), final=self.final, **arrays)
@@ -95,7 +97,7 @@ class Trajectory(Mapping[str, np.ndarray]):
         data, text = _files(path)
         described, arrays = read_json(text, FORMAT), read_arrays(data, FORMAT)
         _check_arrays(data, arrays)
-        final = arrays.pop("final")
+        final, companion = arrays.pop("final"), arrays.pop("companion", None)
         parts = described.pop("parts", None)
         _check_described(text, described)
         channels, error = (
@@ -103,7 +105,7 @@ class Trajectory(Mapping[str, np.ndarray]):
             for kind in ("channel_", "error_")
         )
         parts = None if parts is None else _parts(text, parts, len(final))
-        return cls(channels, final=final, error=error or None, parts=parts, **described)
+        return cls(channels, final=final, error=error or None, parts=parts, companion=companion, **described)
 
     def plot(self, *names: str, axes: Axes | Sequence[Axes] | np.ndarray | None = None) -> Figure:
         """Draw channels against time, one panel each; return the figure."""
@@ -157,12 +159,15 @@ def _check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
     """Raise ValueError unless there are the final state, channels of as many samples, and errors of their shapes."""
     if "final" not in arrays or arrays["final"].ndim != 1:
         raise ValueError(f"{path}: the array 'final' is missing or no list of numbers; simulate again")
-    samples = {len(values) for name, values in arrays.items() if name != "final" and values.ndim}
+    states = ("final", "companion")
+    if arrays.get("companion", arrays["final"]).shape != arrays["final"].shape:
+        raise ValueError(f"{path}: the array 'companion' is no state like 'final'; simulate again")
+    samples = {len(values) for name, values in arrays.items() if name not in states and values.ndim}
     for name, values in arrays.items():
         kind, _, channel = name.partition("_")
         alike = arrays.get(f"channel_{channel}") if kind in ("channel", "error") else None
         of_channel = alike is not None and alike.shape == values.shape and values.ndim > 0 and len(samples) == 1
-        known = name == "final" or of_channel
+        known = name in states or of_channel
         if not known or values.dtype.kind not in "iuf":
             raise ValueError(
                 f"{path}: the array {name!r} of {values.dtype} has shape {values.shape}; expected channels and errors "

@@ -126,7 +126,7 @@ def _fall(settings: Settings, model: Model, kind: ServoKind, label: str) -> Fall
 
 
 def _falls(settings: Settings, model: Model, kind: ServoKind, label: str, timestep: float) -> Fall:
-    scene = compile_scene(changed(model, **MOTOR_OFF), kind, timestep=timestep)
+    scene = compile_scene(changed(model, **MOTOR_OFF), kind, integrator="implicit_euler", timestep=timestep)
     states = [initial_state(scene, [angle]) for angle in settings.starts]
     still = [Reference([0.0], [[0.0]])] * len(states)
     runs = simulate_batch(scene, settings.duration, states, still, record=("q",), sample=SAMPLE)

@@ -124,7 +124,7 @@ def _step(settings: Settings, model: Model, label: str, kind: ServoKind = "mipsd
 
 
 def _response(settings: Settings, model: Model, label: str, kind: ServoKind, timestep: float) -> Step:
-    scene = compile_scene(model, kind, timestep=timestep)
+    scene = compile_scene(model, kind, integrator="implicit_euler", timestep=timestep)
     reference = Reference([0.0], [[settings.step]])
     run = simulate(scene, settings.duration, reference=reference, record=("q", "qd"), sample=timestep)
     time, angle = run["time"], run["q"][:, 0]
@@ -143,13 +143,13 @@ def _no_load(settings: Settings, model: Model) -> float:
     """Speed that the servo reaches at full voltage without gravity and stops [rad/s]."""
     turning = replace(model.joints[-1], lower=-100.0, upper=100.0)
     free = replace(model, joints=(*model.joints[:-1], turning))
-    scene = compile_scene(free, "rotor", timestep=settings.timestep, gravity=(0, 0, 0))
+    scene = compile_scene(free, "rotor", integrator="implicit_euler", timestep=settings.timestep, gravity=(0, 0, 0))
     return float(simulate(scene, 1.0, reference=Reference([0.0], [[99.0]]), record=("qd",))["qd"][-1, 0])
 
 
 def _stall(settings: Settings, model: Model) -> float:
     """Torque at full voltage against the stop [N m]."""
-    scene = compile_scene(model, "rotor", timestep=settings.timestep, gravity=(0, 0, 0))
+    scene = compile_scene(model, "rotor", integrator="implicit_euler", timestep=settings.timestep, gravity=(0, 0, 0))
     return float(simulate(scene, 2.0, reference=Reference([0.0], [[100.0]]), record=("torque",))["torque"][-1, 0])
 
 

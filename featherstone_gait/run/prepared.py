@@ -40,7 +40,6 @@ from .start import check_quaternion, check_scene, initial_state
 
 Zeros = Callable[[int | tuple[int, ...]], np.ndarray]
 
-RTOL = 1e-8  # of integrators with error control
 LEAST_STEP = 1e-9  # of error control [s]
 BUDGET, BUDGET_RATE = 2e6, 2e4  # of its steps, with those rejected: minutes of computing, and as many a second more
 INTERRUPTIBLE = 3e5  # steps by velocities: some 0.1 s of computing, from which on a run looks for Ctrl-C
@@ -267,7 +266,7 @@ def prepare(
         o, acts = scene.layout, scene.constants
         works = any(part is not None for part in (acts.actuator, acts.friction, acts.stops, acts.contact)) or driven
         integrated = int(o["after_integrated" if works else "after_controlled"])
-        rtol = RTOL if rtol is None else rtol
+        rtol = scene.method.rtol if rtol is None else rtol
         atol = rtol if atol is None else atol
         plan = plan._replace(rtol=rtol, atol=atol, least_step=LEAST_STEP, integrated=integrated)
         plan = plan._replace(budget=BUDGET + BUDGET_RATE * plan.steps * plan.h)
@@ -310,7 +309,7 @@ def with_tolerance(
         scene = scene.in_place(taken, f"rtol asks for error control, and {so} stiff, sampled or on the ground")
     if not scene.adaptive:
         return scene, None, None
-    rtol = RTOL if rtol is None else rtol
+    rtol = scene.method.rtol if rtol is None else rtol
     return scene, rtol, rtol if atol is None else atol
 
 

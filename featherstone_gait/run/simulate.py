@@ -27,6 +27,7 @@ from ..core.step.state import RECORDABLE
 from ..reference import Reference
 from ..trajectory import Trajectory, with_error
 from .batch import drive_lanes, run_all, streams
+from .companion import COARSER, accounted, coordinates
 from .lane_engine import Source
 from .prepared import Start, prepare, with_tolerance
 from .start import initial_state, restarted, standing_state
@@ -52,7 +53,7 @@ def simulate(
     noise: ArrayLike | None = None,
     rtol: float | None = None,
     atol: float | None = None,
-    estimate_error: bool = False,
+    estimate_error: bool | None = None,
 ) -> Trajectory:
     """Run the scene for `duration` [s], rounded up to whole controller ticks.
 
@@ -65,7 +66,9 @@ def simulate(
     rtol, atol: error allowed in a step, relative and absolute [rad, m, and their rates; A; J], of an integrator that
     chooses its steps (atol is rtol if None); given for a scene of fixed steps, they choose such an integrator for this
     run: "extrapolation" if it is stiff, else "dop853";
-    estimate_error: simulate again with half the step, or a tenth of the tolerances, for `Trajectory.error`.
+    estimate_error: for `Trajectory.error`, None: of an integrator that chooses its steps, simulate again to ten times
+    the tolerances, and call a run `inaccurate` whose error is beyond 1e-3 rad, m or of the largest speed; True:
+    simulate again with half the step, or a tenth of the tolerances; False: tell no error.
     Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
     """
     return simulate_batch(
@@ -92,7 +95,7 @@ def simulate_batch(
     noises: Sequence[ArrayLike | None] | None = None,
     rtol: float | None = None,
     atol: float | None = None,
-    estimate_error: bool = False,
+    estimate_error: bool | None = None,
 ) -> list[Trajectory]:
     """`simulate` for many states, references or torques at once: eight to a vector, vectors over threads.
 
@@ -104,9 +107,11 @@ def simulate_batch(
     scene, rtol, atol = with_tolerance(scene, rtol, atol)
     if executor is not None and not callable(getattr(executor, "map", None)):
         raise TypeError(f"executor is {shown(executor)}; give a concurrent.futures.Executor, or None")
-    if truth("estimate_error", estimate_error):
+    estimate = None if estimate_error is None else truth("estimate_error", estimate_error)
+    if estimate or (estimate is None and scene.adaptive):
+        with_errors = _with_errors if estimate else _with_companions
         how = dict(references=references, taus=taus, pushes=pushes, record=record, executor=executor, noises=noises)
-        return _with_errors(scene, duration, states, sample, rtol, atol, **how)
+        return with_errors(scene, duration, states, sample, rtol, atol, **how)
     given: tuple[Sequence[Any] | None, ...] = (states, references, taus, noises)
     names = ("states", "references", "taus", "noises")
     lists = [None if x is None else listed(name, x, "give a list, an entry a run") for name, x in zip(names, given)]
@@ -126,6 +131,32 @@ def simulate_batch(
     return [trajectory(ready, y, out, ready.course(start)) for start, (y, out) in zip(starts, results)]
 
 
+def _with_companions(
+    scene: CompiledScene,
+    duration: float,
+    states: Sequence[ArrayLike | Trajectory | None] | None,
+    sample: float | None,
+    rtol: float | None,
+    atol: float | None,
+    **how: Any,
+) -> list[Trajectory]:
+    """The runs, each with the error that a companion tells; companions go on from where companions ended."""
+    assert rtol is not None and atol is not None
+    record = tuple(listed("record", how["record"], "give a list of channels, such as ('q', 'qd')"))
+    how |= {"record": dict.fromkeys((*record, *coordinates(scene))), "sample": sample, "estimate_error": False}
+    runs = simulate_batch(scene, duration, states, rtol=rtol, atol=atol, **how)
+    begun = None if states is None else [_companion_of(state) for state in states]
+    coarse = [min(1.0, COARSER * tolerance) for tolerance in (rtol, atol)]
+    others = simulate_batch(scene, duration, begun, rtol=coarse[0], atol=coarse[1], **how)
+    return [accounted(run, other, record) for run, other in zip(runs, others)]
+
+
+def _companion_of(state: ArrayLike | Trajectory | None) -> ArrayLike | Trajectory | None:
+    if isinstance(state, Trajectory) and state.companion is not None:
+        return dataclasses.replace(state, final=state.companion)
+    return state
+
+
 def _with_errors(
     scene: CompiledScene,
     duration: float,
@@ -137,13 +168,14 @@ def _with_errors(
 ) -> list[Trajectory]:
     """The runs, and the same in half the steps: of integrators with error control also to a tenth of the tolerance."""
     sample = scene.tick_steps * scene.timestep if sample is None else sample
-    runs = simulate_batch(scene, duration, states, sample=sample, rtol=rtol, atol=atol, **how)
+    runs = simulate_batch(scene, duration, states, sample=sample, rtol=rtol, atol=atol, estimate_error=False, **how)
     if not scene.adaptive:
         finer = scene.recompiled(timestep=0.5 * scene.timestep)
-        better = simulate_batch(finer, duration, states, sample=sample, **how)
+        better = simulate_batch(finer, duration, states, sample=sample, estimate_error=False, **how)
         return [with_error(run, fine, 2.0) for run, fine in zip(runs, better)]
     finer = scene.recompiled(timestep=0.5 * scene.timestep)  # steps end on records: twice as many
     rtol, atol = rtol and 0.1 * rtol, atol and 0.1 * atol
+    how["estimate_error"] = False
     better = simulate_batch(finer, duration, states, sample=0.5 * sample, rtol=rtol, atol=atol, **how)
     return [with_error(run, _each(fine, 2), 1.1) for run, fine in zip(runs, better)]
 

@@ -15,6 +15,7 @@ from ..effects.contact import SCRATCH as CONTACT_SCRATCH
 from ..step.context import Scratch
 from ..step.newton import SCRATCH as JOINT_SCRATCH
 
+RTOL = 1e-8  # error allowed of a step, where none is given
 NEWTON_TOLERANCE = 1e-9  # of the forces of a step of fixed length, relative
 
 
@@ -40,6 +41,7 @@ class Integrator(NamedTuple):
     stages: int = 1  # evaluations a step
     theta: float = 1.0  # of the linearly implicit step: where in the step forces are taken
     adaptive: bool = False  # chooses its steps by their error
+    rtol: float = RTOL
     stability: float = math.inf  # largest stable step over the limit of semi-implicit Euler, of dampers and of springs
     ties: float = 1.0  # the same of an implicit method for springs between bodies, which it takes explicitly
     folds_spring: bool = False  # takes the spring of a continuous servo at the end of the step always
