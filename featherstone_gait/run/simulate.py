@@ -141,7 +141,8 @@ def _with_companions(
     **how: Any,
 ) -> list[Trajectory]:
     """The runs, each with the error that a companion tells; companions go on from where companions ended."""
-    assert rtol is not None and atol is not None
+    assert rtol is not None  # of integrators with error control
+    assert atol is not None
     record = tuple(listed("record", how["record"], "give a list of channels, such as ('q', 'qd')"))
     how |= {"record": dict.fromkeys((*record, *coordinates(scene))), "sample": sample, "estimate_error": False}
     runs = simulate_batch(scene, duration, states, rtol=rtol, atol=atol, **how)

@@ -39,6 +39,18 @@ class MotorStage(NamedTuple):
 
 
 @inline
+def left_and_mean(T, tau):
+    """What is left of a deviation after the time T [s], and its mean over it; time constant tau [s]."""
+    if not tau > 0.0:
+        return 0.0, 0.0
+    z = T / tau
+    left = exp(-z)
+    if z > 1e-3:
+        return left, (1.0 - left) / z
+    return left, 1.0 - z * (0.5 - z * (1.0 / 6.0 - z * (1.0 / 24.0)))
+
+
+@inline
 def course(m, voltage, w0, I0, w, T, left, mean):
     """Current at the end [A], its mean over T [s] and the slopes -d/dw of both [A s/rad].
 
@@ -51,15 +63,11 @@ def course(m, voltage, w0, I0, w, T, left, mean):
     excess = abs(D0 - R * I0) - L * m.current_slew
     slope = (K / R) * (0.5 - (tau / T) * (1.0 - mean))
     slope_end = (K / R) * (1.0 - (tau / T) * (1.0 - left))
-    if excess > 0.0 and L > 0.0:
+    if excess > 0.0:
         sign = 1.0 if D0 > R * I0 else -1.0
         s = min(T, excess / max(R * m.current_slew + sign * rate, 1e-6 * R * m.current_slew))
         I1 = I0 + sign * (m.current_slew * s)
-        z = (T - s) / tau
-        left = exp(-z)
-        mean = 1.0 - z * (0.5 - z * (1.0 / 6.0 - z * (1.0 / 24.0)))
-        if z > 1e-3:
-            mean = (1.0 - left) / z
+        left, mean = left_and_mean(T - s, tau)
         slope_end = (K / (R * T)) * (T - tau - (s - tau) * left)
         slope = (K / (R * T * T)) * (0.5 * (T * T - s * s) - tau * (T - s) - (s - tau) * (tau * (1.0 - left)))
     past = I1 - (D0 - rate * s) / R - lag
@@ -111,12 +119,7 @@ def begin_stage(m, stage, i, T, past, filter_time, d):
     """The stage whose end lies T after the start of the step [s], its own step d [s]."""
     row = stage.table[i]
     row[PAST] = past
-    row[LEFT], row[MEAN], row[FILTER] = 0.0, 0.0, 0.0
-    if m.inductance > 0.0:
-        z = T * (m.resistance / m.inductance)
-        row[LEFT] = exp(-z)
-        row[MEAN] = 1.0 - z * (0.5 - z * (1.0 / 6.0 - z * (1.0 / 24.0)))
-        if z > 1e-3:
-            row[MEAN] = (1.0 - row[LEFT]) / z
+    row[LEFT], row[MEAN] = left_and_mean(T, m.inductance / m.resistance)
+    row[FILTER] = 0.0
     if filter_time > 0.0:
         row[FILTER] = 1.0 / (1.0 + d / filter_time)

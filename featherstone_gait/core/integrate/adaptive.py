@@ -25,7 +25,7 @@ def rollout_adaptive(run, y, out):
         pace[i] = y[o.pace + i]
     most = pace[STEPS] + pace[REJECTED] + plan.budget
     begin_run(run.work, run)
-    k, dead = 0, y[o.status] > 0.0
+    k, dead = 0, inspect(run, time_of(plan, 0), y)
     while True:
         if k % plan.per_tick == 0 and k < plan.steps:
             tick(controller_of(run.scene.actuator), run, k, time_of(plan, k), y)
