@@ -388,6 +388,8 @@ class Model:
         check_locked(self.joints, self.locked)
         check_mimics(self.joints)
         check_servos(self.joints, self.servos)
+        for name, servo in self.servos.items():
+            instance(f"servos: that of joint {name!r}", servo, Servo, "give a Servo, as load_servo does")
         check_contacts(self.links, self.contacts)
         _check_shapes(self.links, self.shapes)
         check_can_move(self.joints, self.held)
@@ -591,12 +593,11 @@ def check_can_move(joints: Iterable[Joint], held: Mapping[str, float]) -> None:
             )
 
 
-def check_servos(joints: Iterable[Joint], servos: Mapping[str, Servo]) -> None:
+def check_servos(joints: Iterable[Joint], servos: Iterable[str]) -> None:
     """Raise ValueError unless every servo's joint exists and moves."""
     by_name = {joint.name: joint for joint in joints}
-    for name, servo in servos.items():
+    for name in servos:
         _movable(by_name, name, "servos")
-        instance(f"servos: that of joint {name!r}", servo, Servo, "give a Servo, as load_servo does")
 
 
 def check_contacts(links: Iterable[Link], contacts: Iterable[ContactPoint]) -> None:

@@ -263,7 +263,7 @@ def test_a_link_to_nowhere_is_named(tmp_path, capsys):
 
 def test_a_seed_beyond_what_the_search_takes_is_named():
     AdaptiveSimulatedAnnealing(np.ones(2), amplitude=1.0, seed=2**128 - 1).ask()
-    with pytest.raises(ValueError, match=r"seed = 340282366920938463463374607431768211456 must be .* below 2\*\*128"):
+    with pytest.raises(ValueError, match=r"seed = .* must be .* below 2\*\*128"):
         AdaptiveSimulatedAnnealing(np.ones(2), amplitude=1.0, seed=2**128)
 
 

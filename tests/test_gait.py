@@ -162,7 +162,7 @@ def test_a_gait_that_cannot_be_is_refused(change, message):
 
 
 def test_a_vector_of_the_wrong_length_is_refused():
-    with pytest.raises(ValueError, match=r"gait vector must be \(40,\), got \(20,\)"):
+    with pytest.raises(ValueError, match=r"gait vector x must be \(40,\), got \(20,\)"):
         some_gait().from_vector(np.zeros(20))
 
 
@@ -181,7 +181,7 @@ def test_csv_gives_back_what_was_written_in_the_order_wanted(tmp_path):
 
 
 def test_ax12_counts_1023_over_300_degrees_from_512_in_the_middle(tmp_path):
-    assert goal_positions(np.radians([[0.0, 90.0, -90.0, 149.8, -150.0]]), "abcde").tolist() == [
+    assert goal_positions(np.radians([[0.0, 90.0, -90.0, 149.8, -150.0]]), list("abcde")).tolist() == [
         [512, 819, 205, 1023, 0]
     ]
     angles = np.random.default_rng(0).uniform(-2.6, 2.6, (20, 3))

@@ -255,7 +255,7 @@ def test_ground_that_contradicts_itself_is_refused():
     ):
         with pytest.raises(ValueError, match=message):
             replace(field, **wrong)
-    with pytest.raises(ValueError, match="depth 0"):
+    with pytest.raises(ValueError, match="depth is 0"):
         stairs(3, 0.0, 0.1)
     with pytest.raises(ValueError, match="not of unit length"):
         ContactPoint("wheel", (0.0, 0.0, 0.0), rim=0.1, axis=(0.0, 0.0, 2.0))

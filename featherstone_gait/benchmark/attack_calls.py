@@ -173,6 +173,7 @@ def _scenes() -> Iterator[Call]:
     yield Call(
         "initial_state", fg.initial_state, {"scene": driven, "q": [0.1, 0.1], "qd": [0.0, 0.0], "beyond_limits": False}
     )
+    yield Call("restarted", fg.restarted, {"scene": driven, "state": fg.initial_state(driven)})
     yield Call("initial_state", fg.initial_state, {"scene": over, "q": [0.0, 0, 1, 1, 0, 0, 0, 0], "qd": np.zeros(7)})
     yield Call("standing_state", fg.standing_state, {"scene": over, "angles": [0.0], "beyond_limits": False})
     yield Call(

@@ -159,7 +159,7 @@ def _moving_joint(
 
 def _mimic(element: Element, what: str, report: Report) -> Mimic | None:
     stated = element.find("mimic")
-    if stated is None:
+    if stated is None or not stated.get("joint"):  # which is refused as missing
         return None
     multiplier = offset = 0.0
     with report.blaming(stated):

@@ -53,7 +53,7 @@ def simulate(
     noise: ArrayLike | None = None,
     rtol: float | None = None,
     atol: float | None = None,
-    estimate_error: bool | None = None,
+    estimate_error: bool | None = False,
 ) -> Trajectory:
     """Run the scene for `duration` [s], rounded up to whole controller ticks.
 
@@ -66,7 +66,7 @@ def simulate(
     rtol, atol: error allowed in a step, relative and absolute [rad, m, and their rates; A; J], of an integrator that
     chooses its steps (atol is rtol if None); given for a scene of fixed steps, they choose such an integrator for this
     run: "extrapolation" if it is stiff, else "dop853";
-    estimate_error: for `Trajectory.error`, None: of an integrator that chooses its steps, simulate again to ten times
+    estimate_error: for `Trajectory.error`; None: of an integrator that chooses its steps, simulate again to ten times
     the tolerances, and call a run `inaccurate` whose error is beyond 1e-3 rad, m or of the largest speed; True:
     simulate again with half the step, or a tenth of the tolerances; False: tell no error.
     Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
@@ -95,7 +95,7 @@ def simulate_batch(
     noises: Sequence[ArrayLike | None] | None = None,
     rtol: float | None = None,
     atol: float | None = None,
-    estimate_error: bool | None = None,
+    estimate_error: bool | None = False,
 ) -> list[Trajectory]:
     """`simulate` for many states, references or torques at once: eight to a vector, vectors over threads.
 

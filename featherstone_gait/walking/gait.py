@@ -75,7 +75,7 @@ class Gait:
         """
         x, free = floats("gait vector x", x), self._free_poses
         if x.shape != (free * len(self.joint_names),):
-            raise ValueError(f"gait vector must be ({free * len(self.joint_names)},), got {x.shape}")
+            raise ValueError(f"gait vector x must be ({free * len(self.joint_names)},), got {x.shape}")
         poses = x.reshape(free, -1).copy()
         if self.mirror:
             poses = np.concatenate([poses, self.mirror(poses)])
