@@ -185,7 +185,7 @@ def test_ax12_counts_1023_over_300_degrees_from_512_in_the_middle(tmp_path):
         [512, 819, 205, 1023, 0]
     ]
     angles = np.random.default_rng(0).uniform(-2.6, 2.6, (20, 3))
-    error = np.degrees(angles_of_goal_positions(goal_positions(angles, "abc")) - angles)
+    error = np.degrees(angles_of_goal_positions(goal_positions(angles, list("abc"))) - angles)
     assert np.abs(error).max() <= 0.5 * 300 / 1023 + 1e-12
     write_goal_positions(tmp_path / "goals.csv", [0.0, 0.04], np.zeros((2, 2)), ("a", "b"))
     comment, *lines = (tmp_path / "goals.csv").read_text().splitlines()

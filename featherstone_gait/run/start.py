@@ -64,6 +64,7 @@ def restarted(scene: CompiledScene, state: ArrayLike) -> np.ndarray:
 
     References, torques and pushes count from there: a new run, in which controllers forget their last error.
     """
+    check_scene(scene)
     y = vector("state", state, int(scene.layout["length"])).copy()
     y[scene.layout["end"]] = 0.0
     return y

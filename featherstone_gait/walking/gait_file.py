@@ -91,9 +91,9 @@ def _degrees(counts: float | np.ndarray) -> float | np.ndarray:
 def _write(path: FilePath, form: Format, times: np.ndarray, values: np.ndarray, joint_names: Sequence[str]) -> None:
     path, joint_names = path_of("path", path), texts("joint_names", joint_names)
     times = finite("times", times, (None,), "[s]")
-    values = finite("angles", values, (len(times), len(joint_names)), "as times and joint_names say")
+    finite("angles", values, (len(times), len(joint_names)), "as times and joint_names say")
     # Rounding takes the noise of k * 0.04 off the times; the values keep all digits.
-    rows = ([round(float(t), 9), *row] for t, row in zip(times, values.tolist()))
+    rows = ([round(float(t), 9), *row] for t, row in zip(times, np.asarray(values).tolist()))
     write_csv(path, form, [TIME_COLUMN, *joint_names], rows)
 
 
