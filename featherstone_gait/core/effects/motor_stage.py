@@ -41,6 +41,8 @@ class MotorStage(NamedTuple):
 @inline
 def left_and_mean(T, tau):
     """What is left of a deviation after the time T [s], and its mean over it; time constant tau [s]."""
+    if not T > 0.0:
+        return 1.0, 1.0
     if not tau > 0.0:
         return 0.0, 0.0
     z = T / tau
