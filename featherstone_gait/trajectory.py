@@ -29,9 +29,10 @@ class Trajectory(Mapping[str, np.ndarray]):
     status is "ok", "fell" or "diverged" (the run ended there, at `end_time`; later samples repeat the last sound
     state), "chatter" (velocities alternated from step to step: the step is too large for the integrator and the
     result is wrong, however bounded), "step too small" (error control asked for less than it may take, and the run
-    ended there), "too costly" (error control has taken as many steps as it may, and the run ended there)
-    or "not converged" (an implicit step missed its tolerance,
-    or rk4 went beyond its stability interval or into a stop that it does not resolve at that step).
+    ended there), "too costly" (error control has taken as many steps as it may, and the run ended there),
+    "inaccurate" (its estimated error is beyond 1e-3: see `simulate`) or "not converged" (an implicit step missed its
+    tolerance, the step is beyond what the method or springs between bodies allow, or rk4 went into a stop that it does
+    not resolve at that step).
     """
 
     channels: dict[str, np.ndarray]

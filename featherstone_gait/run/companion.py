@@ -18,7 +18,7 @@ from ..trajectory import Trajectory, with_error
 COARSER = 10.0  # tolerance of the companion, by the run's
 SHARE = 0.25  # of the difference, that is taken for the error
 ROUNDING = 1e-13  # of the values, below which no error is told
-LIMIT = 1e-3  # of angles [rad], positions [m] and, of the largest there is, speeds: beyond it a run is inaccurate
+LIMIT = 1e-3  # of angles [rad], positions [m] and, of the largest there is or 1, speeds: beyond it a run is inaccurate
 
 
 def coordinates(scene: CompiledScene) -> tuple[str, ...]:

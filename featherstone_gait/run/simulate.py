@@ -67,8 +67,8 @@ def simulate(
     chooses its steps (atol is rtol if None); given for a scene of fixed steps, they choose such an integrator for this
     run: "extrapolation" if it is stiff, else "dop853";
     estimate_error: for `Trajectory.error`; None: of an integrator that chooses its steps, simulate again to ten times
-    the tolerances, and call a run `inaccurate` whose error is beyond 1e-3 rad, m or of the largest speed; True:
-    simulate again with half the step, or a tenth of the tolerances; False: tell no error.
+    the tolerances, and call a run `inaccurate` whose error is beyond 1e-3 rad, m or of the largest speed (of 1 at
+    least); True: simulate again with half the step, or a tenth of the tolerances; False: tell no error.
     Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
     """
     return simulate_batch(
