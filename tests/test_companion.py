@@ -103,4 +103,4 @@ def test_a_companion_that_ends_otherwise_makes_a_run_inaccurate(free):
 
     run = simulate(free, 0.1, thrown(free, 0.5), estimate_error=False)
     fell = replace(run, status="fell", end_time=0.05)
-    assert accounted(run, fell, ("q",)).status == "inaccurate"
+    assert accounted(run, fell, 0.25, ("q",)).status == "inaccurate"

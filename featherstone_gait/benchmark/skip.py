@@ -382,7 +382,7 @@ def _rollout(
 ) -> Work:
     """A scene that goes on from where it is after a tenth of a second, recorded every so many steps."""
     pushes = (push,) if push else ()
-    start = simulate(scene, SETTLE, state, pushes=pushes, record=()).final
+    start = simulate(scene, SETTLE, state, pushes=pushes, record=(), estimate_error=False).final
     ready = prepare(scene, STEP * COUNTED, record, pushes=pushes)
     if not record:
         ready = replace(ready, channels=np.array([scene.layout["q"]], np.int64))
@@ -515,15 +515,13 @@ def handed_over(repeats: int) -> str:
     falls[scene.layout["base_qd"]] = 2.0  # [m/s]
     states = [stands, falls] * 16
     still = [Reference([0.0], np.zeros((1, scene.tree.n)))] * 8
-    inline: Any = SimpleNamespace(map=map)
+    how: dict[str, Any] = dict(record=(), executor=SimpleNamespace(map=map), estimate_error=False)
 
     def rollouts(size: int) -> list[Trajectory]:
         return [
             run_
             for k in range(0, len(states), size)
-            for run_ in simulate_batch(
-                scene, 2.0, states[k : k + size], still * (size // 8), record=(), executor=inline
-            )
+            for run_ in simulate_batch(scene, 2.0, states[k : k + size], still * (size // 8), **how)
         ]
 
     fallen = [run_.end_time for run_ in rollouts(len(states)) if run_.status == "fell"]

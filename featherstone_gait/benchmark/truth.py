@@ -114,7 +114,7 @@ def solved(case: Case, method: str, rtol: float) -> Trajectory:
     scene = case.scene.recompiled(integrator=method, timestep=None)
     case.timed(scene, rtol)
     with at_most(LIMIT):
-        return case.run(scene, rtol=rtol)
+        return case.run(scene, rtol=rtol, estimate_error=False)
 
 
 def agreed(case: Case, best: Trajectory, other: Trajectory) -> Truth:

@@ -150,6 +150,7 @@ def _recorded(
         record=("q", "voltage"),
         sample=SAMPLE,
         noises=noises,
+        estimate_error=False,
     )
     recordings = []
     for label, values, noise, run in zip(labels, references, noises, runs):

@@ -178,7 +178,8 @@ def hold(case: Case, settings: Settings, noise: np.ndarray) -> Outcome:
     states = [start(scene, target + each) for each in noise]
     references = [Reference([0.0], target[None])] * len(states)
     sample = max(case.step, 1e-3)
-    runs = simulate_batch(scene, settings.duration, states, references, record=("q",), sample=sample)
+    how: dict[str, Any] = dict(record=("q",), sample=sample, estimate_error=False)
+    runs = simulate_batch(scene, settings.duration, states, references, **how)
     angles = np.degrees(np.stack([run["q"][:, places] for run in runs]))
     late = angles[:, runs[0]["time"] >= settings.dropped].copy()
     late[[not run.end_time >= settings.duration - 1e-9 for run in runs]] = np.nan

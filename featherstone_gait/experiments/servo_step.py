@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -126,7 +127,8 @@ def _step(settings: Settings, model: Model, label: str, kind: ServoKind = "mipsd
 def _response(settings: Settings, model: Model, label: str, kind: ServoKind, timestep: float) -> Step:
     scene = compile_scene(model, kind, integrator="implicit_euler", timestep=timestep)
     reference = Reference([0.0], [[settings.step]])
-    run = simulate(scene, settings.duration, reference=reference, record=("q", "qd"), sample=timestep)
+    how: dict[str, Any] = dict(record=("q", "qd"), sample=timestep, estimate_error=False)
+    run = simulate(scene, settings.duration, reference=reference, **how)
     time, angle = run["time"], run["q"][:, 0]
     first, last = (_reached(time, angle, share * settings.step) for share in (0.1, 0.9))
     overshoot = max(0.0, float(angle.max()) - settings.step)
@@ -144,13 +146,15 @@ def _no_load(settings: Settings, model: Model) -> float:
     turning = replace(model.joints[-1], lower=-100.0, upper=100.0)
     free = replace(model, joints=(*model.joints[:-1], turning))
     scene = compile_scene(free, "rotor", integrator="implicit_euler", timestep=settings.timestep, gravity=(0, 0, 0))
-    return float(simulate(scene, 1.0, reference=Reference([0.0], [[99.0]]), record=("qd",))["qd"][-1, 0])
+    run = simulate(scene, 1.0, reference=Reference([0.0], [[99.0]]), record=("qd",), estimate_error=False)
+    return float(run["qd"][-1, 0])
 
 
 def _stall(settings: Settings, model: Model) -> float:
     """Torque at full voltage against the stop [N m]."""
     scene = compile_scene(model, "rotor", integrator="implicit_euler", timestep=settings.timestep, gravity=(0, 0, 0))
-    return float(simulate(scene, 2.0, reference=Reference([0.0], [[100.0]]), record=("torque",))["torque"][-1, 0])
+    run = simulate(scene, 2.0, reference=Reference([0.0], [[100.0]]), record=("torque",), estimate_error=False)
+    return float(run["torque"][-1, 0])
 
 
 def check(result: Result) -> list[Claim]:

@@ -1,24 +1,57 @@
-"""The error of a run, told by a companion: the same run to a coarser tolerance.
+"""The error of a run, told by a companion: the same run in coarser steps.
 
-Where the tolerance orders the errors, those of the companion are `COARSER` times as large, and the difference of both
-is some nine errors of the run.  Kinks and chaos leave less between them; hence a larger `SHARE` of it than a ninth is
-taken for the error.
+With error control it is to `COARSER` times the tolerance.  Where the tolerance orders the errors, those of the
+companion are so many times as large, and the difference of both is some nine errors of the run.  Kinks and chaos leave
+less between them; hence a larger `SHARE` of it than a ninth is taken for the error.
+
+At a fixed step h it takes steps of 2 h: of order p the difference is 2^p - 1 errors of the run.  Kinks leave less of
+an order above 1, so a third is taken of all these.  Where 2 h does not fit between ticks or records, or is no longer
+stable, it takes steps of h / 2, and the error is twice the difference at most.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ..build.scene import CompiledScene
 from ..trajectory import Trajectory, with_error
+from .prepared import steps_between_records
+from .verdict import beyond_stability
 
 COARSER = 10.0  # tolerance of the companion, by the run's
 SHARE = 0.25  # of the difference, that is taken for the error
+OF_TWICE, OF_HALF = {1: 1.0}, 2.0  # of a step of 2 h, by order, others `OF_HIGHER`; of h / 2
+OF_HIGHER = 1.0 / 3.0
 ROUNDING = 1e-13  # of the values, below which no error is told
 LIMIT = 1e-3  # of angles [rad], positions [m] and, of the largest there is or 1, speeds: beyond it a run is inaccurate
+FIXED_LIMIT = 1e-2  # the same at fixed steps, which are chosen by name
+
+
+class Companion(NamedTuple):
+    """How it runs."""
+
+    scene: CompiledScene
+    rtol: float | None
+    atol: float | None
+    share: float  # of its difference to the run, that is the run's error
+
+
+def companion(scene: CompiledScene, sample: float | None, rtol: float | None, atol: float | None) -> Companion | None:
+    """Of a run of the scene; None of an integrator that has no continuous limit."""
+    if rtol is not None and atol is not None:
+        return Companion(scene, min(1.0, COARSER * rtol), min(1.0, COARSER * atol), SHARE)
+    if scene.method.drives:
+        return None
+    every, tick = steps_between_records(scene, sample), scene.tick_steps
+    if every % 2 == 0 and tick % 2 == 0:
+        coarse = scene.recompiled(timestep=2.0 * scene.timestep)
+        if not beyond_stability(coarse):
+            return Companion(coarse, None, None, OF_TWICE.get(scene.method.order, OF_HIGHER))
+    return Companion(scene.recompiled(timestep=0.5 * scene.timestep), None, None, OF_HALF)
 
 
 def coordinates(scene: CompiledScene) -> tuple[str, ...]:
@@ -27,9 +60,12 @@ def coordinates(scene: CompiledScene) -> tuple[str, ...]:
     return ("q", "qd", *base)
 
 
-def accounted(run: Trajectory, companion: Trajectory, record: Sequence[str]) -> Trajectory:
-    """The run with its error; inaccurate if that is too large; only what is to be recorded is kept."""
-    told = with_error(run, companion, SHARE)
+def accounted(run: Trajectory, other: Trajectory, share: float, record: Sequence[str]) -> Trajectory:
+    """The run with its error, a share of what is between it and the companion's; inaccurate if that is too large.
+
+    Only what is to be recorded is kept.
+    """
+    told = with_error(run, other, share)
     error = {name: e + ROUNDING * np.abs(run[name]) for name, e in (told.error or {}).items()}
     wrong = _inaccurate(run, error) if run.ok else None
     status, message = wrong or (run.status, run.message)
@@ -39,17 +75,17 @@ def accounted(run: Trajectory, companion: Trajectory, record: Sequence[str]) -> 
         error={name: values for name, values in error.items() if name in record},
         status=status,
         message=message,
-        companion=companion.final,
+        companion=other.final,
     )
 
 
 def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> tuple[str, str] | None:
     """Status and message of a run whose error is beyond the limit, from the first record on where it is."""
     found = []
-    for name, limit, unit in (("q", LIMIT, "rad or m"), ("base_q", LIMIT, "m or -"), ("qd", 0.0, "rad/s or m/s"),
-                              ("base_qd", 0.0, "m/s or rad/s")):  # fmt: skip
+    largest = LIMIT if "rtol" in run.info else FIXED_LIMIT
+    for name, unit in (("q", "rad or m"), ("base_q", "m or -"), ("qd", "rad/s or m/s"), ("base_qd", "m/s or rad/s")):
         if name in error and error[name].size:
-            limit = limit or LIMIT * max(float(np.abs(run[name]).max()), 1.0)
+            limit = largest * (max(float(np.abs(run[name]).max()), 1.0) if name.endswith("qd") else 1.0)
             beyond = (error[name] > limit).any(axis=1)
             if beyond.any():
                 found.append((int(beyond.argmax()), name, limit, unit))
@@ -58,8 +94,9 @@ def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> tuple[str, str
     k, name, limit, unit = min(found)
     column = int(error[name][k].argmax())
     what = run.info["joints"][column] if name in ("q", "qd") else f"number {column} of {name}"
+    finer = f"rtol than {run.info['rtol']:g}" if "rtol" in run.info else f"timestep than {run.info['timestep']:g} s"
     return "inaccurate", (
         f"{run.info['robot']}: from {run['time'][k]:.4g} s on {name} of {what} is uncertain by "
-        f"{error[name][k, column]:.2g} {unit} (limit {limit:.2g}): give a smaller rtol than {run.info['rtol']:g}; if "
+        f"{error[name][k, column]:.2g} {unit} (limit {limit:.2g}): give a smaller {finer}; if "
         "that does not help, the motion is chaotic and cannot be told so far ahead"
     )

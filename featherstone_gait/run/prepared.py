@@ -324,13 +324,16 @@ def _plan(scene: CompiledScene, duration: float, sample: float | None) -> Plan:
             "or compile the scene with a larger timestep"
         )
     ticks = math.ceil(duration / (tick * h) - 1e-9)
-    every = tick if sample is None else _steps(sample, h)
+    every = steps_between_records(scene, sample)
     falls = scene.fall_height, scene.fall_upright, scene.upright
     return Plan(h, scene.method.theta, ticks * tick, tick, every, scene.lag, *falls)
 
 
-def _steps(sample: float, h: float) -> int:
-    """The time between records [s] in whole steps h [s]; ValueError if it is none."""
+def steps_between_records(scene: CompiledScene, sample: float | None) -> int:
+    """The time between records [s] in whole steps, those of a tick if None; ValueError if it is none."""
+    h = scene.timestep
+    if sample is None:
+        return scene.tick_steps
     if not is_real(sample) or not 0.5 <= sample / h < 2**53 or abs(round(sample / h) * h - sample) > 1e-9 * sample:
         raise ValueError(f"sample is {shown(sample)} s; it must be a whole number of steps of {h:g} s")
     return round(sample / h)

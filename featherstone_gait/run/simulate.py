@@ -27,7 +27,7 @@ from ..core.step.state import RECORDABLE
 from ..reference import Reference
 from ..trajectory import Trajectory, with_error
 from .batch import drive_lanes, run_all, streams
-from .companion import COARSER, accounted, coordinates
+from .companion import accounted, companion, coordinates
 from .lane_engine import Source
 from .prepared import Start, prepare, with_tolerance
 from .start import initial_state, restarted, standing_state
@@ -53,7 +53,7 @@ def simulate(
     noise: ArrayLike | None = None,
     rtol: float | None = None,
     atol: float | None = None,
-    estimate_error: bool | None = False,
+    estimate_error: bool | None = None,
 ) -> Trajectory:
     """Run the scene for `duration` [s], rounded up to whole controller ticks.
 
@@ -95,7 +95,7 @@ def simulate_batch(
     noises: Sequence[ArrayLike | None] | None = None,
     rtol: float | None = None,
     atol: float | None = None,
-    estimate_error: bool | None = False,
+    estimate_error: bool | None = None,
 ) -> list[Trajectory]:
     """`simulate` for many states, references or torques at once: eight to a vector, vectors over threads.
 
@@ -108,7 +108,7 @@ def simulate_batch(
     if executor is not None and not callable(getattr(executor, "map", None)):
         raise TypeError(f"executor is {shown(executor)}; give a concurrent.futures.Executor, or None")
     estimate = None if estimate_error is None else truth("estimate_error", estimate_error)
-    if estimate or (estimate is None and scene.adaptive):
+    if estimate is not False:
         with_errors = _with_errors if estimate else _with_companions
         how = dict(references=references, taus=taus, pushes=pushes, record=record, executor=executor, noises=noises)
         return with_errors(scene, duration, states, sample, rtol, atol, **how)
@@ -141,15 +141,16 @@ def _with_companions(
     **how: Any,
 ) -> list[Trajectory]:
     """The runs, each with the error that a companion tells; companions go on from where companions ended."""
-    assert rtol is not None  # of integrators with error control
-    assert atol is not None
     record = tuple(listed("record", how["record"], "give a list of channels, such as ('q', 'qd')"))
-    how |= {"record": dict.fromkeys((*record, *coordinates(scene))), "sample": sample, "estimate_error": False}
+    how |= {"sample": sample, "estimate_error": False}
+    other = companion(scene, sample, rtol, atol)
+    if other is None:
+        return simulate_batch(scene, duration, states, rtol=rtol, atol=atol, **how)
+    how |= {"record": dict.fromkeys((*record, *coordinates(scene)))}
     runs = simulate_batch(scene, duration, states, rtol=rtol, atol=atol, **how)
     begun = None if states is None else [_companion_of(state) for state in states]
-    coarse = [min(1.0, COARSER * tolerance) for tolerance in (rtol, atol)]
-    others = simulate_batch(scene, duration, begun, rtol=coarse[0], atol=coarse[1], **how)
-    return [accounted(run, other, record) for run, other in zip(runs, others)]
+    coarse = simulate_batch(other.scene, duration, begun, rtol=other.rtol, atol=other.atol, **how)
+    return [accounted(run, less, other.share, record) for run, less in zip(runs, coarse)]
 
 
 def _companion_of(state: ArrayLike | Trajectory | None) -> ArrayLike | Trajectory | None:

@@ -54,7 +54,7 @@ def verdict(scene: CompiledScene, end: float, y: np.ndarray) -> tuple[str, str, 
     """Status, message and the time at which the run ended [s], from its final state; end: of a run that is sound."""
     if int(y[scene.layout["status"]]) != rollout.OK:
         return _failure(scene, y)
-    wrong = _beyond_stability(scene) or _unresolved_stop(scene, y) or _chatter(scene, y) or _not_converged(scene, y)
+    wrong = beyond_stability(scene) or _unresolved_stop(scene, y) or _chatter(scene, y) or _not_converged(scene, y)
     return (*(wrong or ("ok", "")), end)
 
 
@@ -85,7 +85,7 @@ def _costly(scene: CompiledScene, y: np.ndarray, end: float) -> str:
     )
 
 
-def _beyond_stability(scene: CompiledScene) -> tuple[str, str] | None:
+def beyond_stability(scene: CompiledScene) -> tuple[str, str] | None:
     """A fixed step too large for an explicit integrator, or for springs between bodies, which none takes in."""
     check, method, by = scene.preflight, scene.method, ""
     largest = method.stability * check.sliding_step if method.explicit else method.ties * check.spring_step

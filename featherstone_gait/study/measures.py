@@ -133,7 +133,8 @@ def _hold(setup: Setup, scene: CompiledScene, tilts: list[float]) -> list[dict]:
     target = _target(scene)
     states = [_resting(scene, target + tilt) for tilt in tilts]
     references = [Reference([0.0], target[None])] * len(tilts)
-    runs = simulate_batch(scene, setup.duration, states, references, record=("q", "energy"), executor=INLINE)
+    how: dict[str, Any] = dict(record=("q", "energy"), executor=INLINE, estimate_error=False)
+    runs = simulate_batch(scene, setup.duration, states, references, **how)
     return [_row(setup, run.status, run.message, _held(run, target)) for run in runs]
 
 
@@ -197,8 +198,8 @@ def _comes_to_rest(setup: Setup, values: dict, tilt: float, h: float) -> bool:
     states = [_resting(scene, target + tilt * side) for side in sides]
     references = [Reference([0.0], target[None])] * WIDTH
     duration = max(setup.duration, LEAST_STEPS * h, LEAST_TICKS * steps * h)
-    runs = simulate_batch(scene, duration, states, references, record=("qd", "rotor_speed"), executor=INLINE)
-    return all(map(_rests, runs))
+    how: dict[str, Any] = dict(record=("qd", "rotor_speed"), executor=INLINE, estimate_error=False)
+    return all(map(_rests, simulate_batch(scene, duration, states, references, **how)))
 
 
 def _rests(run: Trajectory) -> bool:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -151,7 +152,8 @@ class ConstrainedCost:
         signals = [cost.reference(x, cost.warm_up + cost.strides) for x in vectors]
         states = [standing_state(cost.scene, signal.values[0], beyond_limits=True) for signal in signals]
         record = (*RECORD, "torque")
-        runs = simulate_batch(cost.scene, signals[0].times[-1], states, signals, record=record, sample=SAMPLE)
+        how: dict[str, Any] = dict(record=record, sample=SAMPLE, estimate_error=False)
+        runs = simulate_batch(cost.scene, signals[0].times[-1], states, signals, **how)
         return [self._report(run) for run in runs]
 
     def _report(self, run: Trajectory) -> ConstraintReport:
