@@ -49,6 +49,7 @@ class Preflight(NamedTuple):
     integrator: str
     timestep: float  # [s]
     reason: str
+    named: bool  # the integrator was asked for
     inertias: tuple[float, ...]  # that each joint feels [kg m^2 or kg]
     largest_explicit_step: float  # of all joints, springs and contacts together [s]
     folded_step: float  # without the springs, which no implicit step takes in [s]
@@ -109,7 +110,7 @@ def preflight(
         steps = _Steps(largest, folded, sliding, steps.springs)
     clipped = drive.actuator is not None or ground is not None or sticks(rubbing)
     integrator, step, reason = _choice(*wish, clipped, steps, limits)
-    return Preflight(tuple(limits), integrator, step, reason, inertias, *steps)
+    return Preflight(tuple(limits), integrator, step, reason, wish[0] is not None, inertias, *steps)
 
 
 def _dry(joints: _Acting, dampers: np.ndarray) -> np.ndarray:
@@ -172,7 +173,7 @@ def _integrator(clipped: bool, steps: _Steps, limits: Sequence[Limit]) -> tuple[
     least = worst(limits)
     by = f" ({least.joint}: {least.cause})" if least else ""
     if clipped or steps.folded < STIFF:
-        return "implicit_euler", f"an explicit step is limited to {steps.largest:.2g} s{by}, or clips make kinks"
+        return "ars343", f"an explicit step is limited to {steps.largest:.2g} s{by}, or clips make kinks: implicit"
     if steps.largest < STIFF:
         return "dop853", f"springs between bodies limit any step to {steps.springs:.2g} s{by}: order 8 finds its own"
     return "dop853", "nothing is stiff: order 8"

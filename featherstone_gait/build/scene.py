@@ -66,15 +66,16 @@ class CompiledScene:
 
         Raises ValueError where constants were put in by hand: they are no arguments, and would be lost.
         """
-        by_hand = [name for name, a, b in zip(Scene._fields, self.constants, self.compiled) if a is not b]
-        if set(by_hand) - {"push"}:
+        if self.by_hand:
             raise ValueError(
-                f"{self.model.name}: {', '.join(by_hand)} of the scene's constants were put in by hand and cannot be "
+                f"{self.model.name}: {', '.join(self.by_hand)} of the scene's constants were put in by hand and cannot be "
                 "compiled anew; compile with the integrator and step wanted and put them in again, without rtol and "
                 "estimate_error"
             )
         scene = compile_scene(self.model, **(self.arguments | changes))
-        check = scene.preflight if "integrator" in changes else scene.preflight._replace(reason=self.preflight.reason)
+        check = scene.preflight
+        if "integrator" not in changes:
+            check = check._replace(reason=self.preflight.reason, named=self.preflight.named)
         return replace(scene, preflight=check, constants=scene.constants._replace(push=self.constants.push))
 
     def in_place(self, integrator: str, why: str) -> CompiledScene:
@@ -82,6 +83,12 @@ class CompiledScene:
         scene = self.recompiled(integrator=integrator)
         reason = f"{integrator} in place of {self.integrator} ({self.preflight.reason}): {why}"
         return replace(scene, preflight=scene.preflight._replace(reason=reason))
+
+    @property
+    def by_hand(self) -> list[str]:
+        """Names of the constants that were put in after compiling, pushes aside."""
+        pairs = zip(Scene._fields, self.constants, self.compiled)
+        return [name for name, now, then in pairs if now is not then and name != "push"]
 
     @property
     def integrator(self) -> str:

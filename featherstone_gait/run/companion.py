@@ -41,10 +41,13 @@ class Companion(NamedTuple):
 
 
 def companion(scene: CompiledScene, sample: float | None, rtol: float | None, atol: float | None) -> Companion | None:
-    """Of a run of the scene; None of an integrator that has no continuous limit."""
+    """Of a run of the scene; None where steps are fixed and cannot be doubled.
+
+    That is of "simtwo", which has no continuous limit, and of a scene with constants put in by hand.
+    """
     if rtol is not None and atol is not None:
         return Companion(scene, min(1.0, COARSER * rtol), min(1.0, COARSER * atol), SHARE)
-    if scene.method.drives:
+    if scene.method.drives or scene.by_hand:
         return None
     every, tick = steps_between_records(scene, sample), scene.tick_steps
     if every % 2 == 0 and tick % 2 == 0:

@@ -299,7 +299,8 @@ def with_tolerance(
         None if value is None else real(name, value, 1e-14, 1.0, "1e-8 is usual")
         for name, value in (("rtol", rtol), ("atol", atol))
     )
-    if rtol is not None and not scene.adaptive:
+    strict = not scene.preflight.named and rtol is not None and rtol < scene.method.strictest
+    if rtol is not None and (strict or not scene.adaptive):
         if scene.method.drives:
             raise ValueError(
                 f"{scene.integrator} is an order of updates at a fixed step, not a differential equation; "

@@ -356,4 +356,4 @@ def _workspace(sizes, zeros):
     )
 
 
-ARS343 = Integrator("ars343", 3, _workspace, stages=3, adaptive=True, folds_spring=True, rtol=1e-3)
+ARS343 = Integrator("ars343", 3, _workspace, stages=3, adaptive=True, folds_spring=True, rtol=1e-2, strictest=1e-4)
