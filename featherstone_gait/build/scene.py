@@ -67,8 +67,9 @@ class CompiledScene:
         Raises ValueError where constants were put in by hand: they are no arguments, and would be lost.
         """
         if self.by_hand:
+            names = ", ".join(self.by_hand)
             raise ValueError(
-                f"{self.model.name}: {', '.join(self.by_hand)} of the scene's constants were put in by hand and cannot be "
+                f"{self.model.name}: {names} of the scene's constants were put in by hand and cannot be "
                 "compiled anew; compile with the integrator and step wanted and put them in again, without rtol and "
                 "estimate_error"
             )

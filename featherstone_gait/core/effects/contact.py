@@ -20,7 +20,7 @@ import numpy as np
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select, sqrt
 from ..compile.optional import slice_if
-from ..tree.layout import SF, SH, SJ, SM, TOUCH, U, V
+from ..tree.layout import SF, SH, SJ, SM, TOUCH, U
 from ..tree.rigid_body import center_velocity, point_position
 from ..tree.spatial import add, cross, dot, load3, scale, store3, sub, vector
 from .ground import AXES, axes_at, deepest, fixed_axes, height_over
@@ -74,14 +74,13 @@ def above_ground(contact, x):
 
 
 @kernel
-def place_points(contact, s, ahead):
+def place_points(contact, s, base_q, ahead):
     """Fill position, penetration and predicted velocity of every point.
 
-    The base's position is that of the step's start, from which its travel to the time `ahead` at which W lies [s] is
-    absent: only the points' motion relative to the base is taken back from the penetration.
+    Base and W lie `ahead` of the step's start [s]: what the points have travelled since is taken back from the
+    penetration, along the normal where they are now.
     """
     W, C = s.W, s.C
-    base_q = slice_if(s.scene.floating, s.y, s.o.base_q, 7)
     plane = fixed_axes(contact.ground)
     for c in range(len(contact.points)):
         point = contact.points[c]
@@ -94,7 +93,7 @@ def place_points(contact, s, ahead):
         u = (dot(n, v), dot(t, v), dot(second, v))
         store3(C, c, U0, u)
         store3(C, c, UK, u)
-        C[c, DEPTH] = depth + ahead * (u[0] - dot(n, load3(W, 0, V + 3)))
+        C[c, DEPTH] = depth + ahead * u[0]
 
 
 # ---------------------------------------------------------------------------------------------- law
@@ -163,8 +162,16 @@ def bristle_rate(p, z, u, f, slips):
 def place_contacts(contact, s, ahead):
     """Fill where the points are, W lying `ahead` of the step's start [s], and how much friction they bear."""
     if contact is not None:
-        place_points(contact, s, ahead)
+        place_points(contact, s, _predicted_base(s.predicted, s), ahead)
         friction_limits(contact, s)
+
+
+@inline
+def _predicted_base(predicted, s):
+    """The base's position where W lies."""
+    if predicted is None:
+        return slice_if(s.scene.floating, s.y, s.o.base_q, 7)
+    return slice_if(s.scene.floating, predicted, 2 * (len(s.scene.tree) - 1), 7)
 
 
 @kernel
@@ -357,7 +364,7 @@ def _move(contact, s, c):
 def contact_rates(contact, s, dy):
     """Fill contact forces [N], rates of the bristles [m/s] and power of the ground [W]; nothing is folded."""
     if contact is not None:
-        place_points(contact, s, 0.0)
+        place_points(contact, s, slice_if(s.scene.floating, s.y, s.o.base_q, 7), 0.0)
         dy[s.o.contact_work] = 0.0 * s.y[s.o.contact_work]
         for c in range(len(contact.points)):
             _rates(contact.points[c], s, dy, c)

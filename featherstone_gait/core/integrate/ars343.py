@@ -22,6 +22,7 @@ import numpy as np
 
 from ..compile.jit import inline, kernel
 from ..compile.lanes import sqrt
+from ..compile.optional import any_present
 from ..effects.actuator import controller_of, motor_of, rotor_of
 from ..effects.energies import DRIVER, ENERGIES
 from ..effects.motor_stage import COLUMNS as MOTOR_COLUMNS
@@ -88,9 +89,9 @@ def _something_changed(work, run, y, t):
 
 @inline
 def _jumps(motors, run):
-    """Whether accelerations may jump at events: not at a tick that changes the voltage of a current that is slow."""
+    """Whether accelerations may jump at events: not at records, nor where ticks change the voltage of a slow current."""
     if motors is None:
-        return True
+        return _pushed(run.scene.push, any_present(run.signals.torques, run.signals.continuous))
     motor = motor_of(run.scene.actuator)
     for i in range(len(motor)):
         if motor[i].torque_constant > 0.0 and motor[i].inductance == 0.0:
@@ -115,7 +116,7 @@ def ars343(work, run, y, t, length):
         start[i] = y[i]
     rejected, first = False, work.fresh[0] > 0.0
     while True:
-        h = in_time(pace[STEP], length)
+        h = in_time(min(pace[STEP], run.plan.share * (pace[UNTIL] - pace[SINCE])), length)
         _stages(run, y, t, h)
         error = _error(run, y, h)
         if error <= 1.0:
