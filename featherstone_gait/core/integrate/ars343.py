@@ -89,7 +89,7 @@ def _something_changed(work, run, y, t):
 
 @inline
 def _jumps(motors, run):
-    """Whether accelerations may jump at events: not at records, nor where ticks change the voltage of a slow current."""
+    """Whether accelerations may jump at events: not at records, nor at ticks if currents are slow."""
     if motors is None:
         return _pushed(run.scene.push, any_present(run.signals.torques, run.signals.continuous))
     motor = motor_of(run.scene.actuator)
