@@ -107,7 +107,7 @@ def test_a_keyframe_says_how_a_robot_stands():
 
 
 def test_lanes_fall_as_one_alone_does():
-    scene = compile_scene(load_robot("humanoid"), "mipsd", Ground())
+    scene = compile_scene(load_robot("humanoid"), "mipsd", Ground(), "implicit_euler", 1e-3)
     states = [initial_state(scene) for _ in range(4)]
     for k, state in enumerate(states):
         state[scene.layout["base_q"] + 2] -= 0.04 * k

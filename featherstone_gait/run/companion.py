@@ -12,6 +12,7 @@ stable, it takes steps of h / 2, and the error is twice the difference at most.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -28,8 +29,9 @@ SHARE = 0.25  # of the difference, that is taken for the error
 OF_TWICE, OF_HALF = {1: 1.0}, 2.0  # of a step of 2 h, by order, others `OF_HIGHER`; of h / 2
 OF_HIGHER = 1.0 / 3.0
 ROUNDING = 1e-13  # of the values, below which no error is told
-LIMIT = 1e-3  # of angles [rad], positions [m] and, of the largest there is or 1, speeds: beyond it a run is inaccurate
+LIMIT = 1e-3  # of angles [rad] and positions [m]: beyond it a run is inaccurate
 FIXED_LIMIT = 1e-2  # the same at fixed steps, which are chosen by name
+SPEED_LIMIT = 10.0  # of speeds by the largest there is or 1, in the above: an impact a moment late is a jump missed
 
 
 class Companion(NamedTuple):
@@ -53,10 +55,17 @@ def companion(scene: CompiledScene, sample: float | None, rtol: float | None, at
         return None
     every, tick = steps_between_records(scene, sample), scene.tick_steps
     if every % 2 == 0 and tick % 2 == 0:
-        coarse = scene.recompiled(timestep=2.0 * scene.timestep)
+        coarse = _with_step(scene, 2.0)
         if not beyond_stability(coarse):
             return Companion(coarse, None, None, OF_TWICE.get(scene.method.order, OF_HIGHER))
-    return Companion(scene.recompiled(timestep=0.5 * scene.timestep), None, None, OF_HALF)
+    return Companion(_with_step(scene, 0.5), None, None, OF_HALF)
+
+
+@functools.lru_cache(maxsize=16)
+def _with_step(scene: CompiledScene, factor: float) -> CompiledScene:
+    """The scene with so many times its step, and the same ticks."""
+    other = scene.recompiled(timestep=factor * scene.timestep)
+    return replace(other, tick_steps=round(scene.tick_steps / factor))
 
 
 def coordinates(scene: CompiledScene) -> tuple[str, ...]:
@@ -90,7 +99,9 @@ def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> tuple[str, str
     largest = LIMIT if "rtol" in run.info else FIXED_LIMIT
     for name, unit in (("q", "rad or m"), ("base_q", "m or -"), ("qd", "rad/s or m/s"), ("base_qd", "m/s or rad/s")):
         if name in error and error[name].size:
-            limit = largest * (max(float(np.abs(run[name]).max()), 1.0) if name.endswith("qd") else 1.0)
+            limit = largest
+            if name.endswith("qd"):
+                limit *= SPEED_LIMIT * max(float(np.abs(run[name]).max()), 1.0)
             beyond = (error[name] > limit).any(axis=1)
             if beyond.any():
                 found.append((int(beyond.argmax()), name, limit, unit))

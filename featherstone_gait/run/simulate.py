@@ -66,9 +66,10 @@ def simulate(
     rtol, atol: error allowed in a step, relative and absolute [rad, m, and their rates; A; J], of an integrator that
     chooses its steps (atol is rtol if None); given for a scene of fixed steps, they choose such an integrator for this
     run: "extrapolation" if it is stiff, else "dop853";
-    estimate_error: for `Trajectory.error`; None: of an integrator that chooses its steps, simulate again to ten times
-    the tolerances, and call a run `inaccurate` whose error is beyond 1e-3 rad, m or of the largest speed (of 1 at
-    least); True: simulate again with half the step, or a tenth of the tolerances; False: tell no error.
+    estimate_error: for `Trajectory.error`; None: simulate again to ten times the tolerances, or at twice the fixed
+    step, and call a run `inaccurate` whose error is beyond 1e-3 rad or m, or 1e-2 of the largest speed (1 at least),
+    ten times as much at a fixed step; True: simulate again with half the step, or a tenth of the tolerances; False:
+    tell no error.
     Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
     """
     return simulate_batch(
@@ -142,7 +143,7 @@ def _with_companions(
 ) -> list[Trajectory]:
     """The runs, each with the error that a companion tells; companions go on from where companions ended."""
     record = tuple(listed("record", how["record"], "give a list of channels, such as ('q', 'qd')"))
-    how |= {"sample": sample, "estimate_error": False}
+    how |= {"sample": scene.tick_steps * scene.timestep if sample is None else sample, "estimate_error": False}
     other = companion(scene, sample, rtol, atol)
     if other is None:
         return simulate_batch(scene, duration, states, rtol=rtol, atol=atol, **how)

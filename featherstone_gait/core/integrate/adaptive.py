@@ -69,8 +69,10 @@ def _cross(run, y, k, end, most, out):
         follow(run.scene.coupling, run.places[0], y)
         next_record = record_within(run.work, run, y, (t + done, h, end), next_record, out)
         done = until if h >= until - done else done + h
-        if inspect(run, t + done, y):
-            return True
+        y[run.places[0].end] = t + done
+        if ends_on_records(run.work) is None or done >= length:  # no error is accepted that is not finite
+            if inspect(run, t + done, y):
+                return True
         if h == 0.0:
             y[run.places[0].status] = TOO_SMALL
             return True

@@ -218,4 +218,4 @@ def _workspace(sizes, zeros):
     return DormandPrince(scratch(sizes, zeros), zeros((ROWS, int(sizes.places["after_derived"]))), zeros(PACE_SCRATCH))
 
 
-DOP853 = Integrator("dop853", 8, _workspace, adaptive=True)
+DOP853 = Integrator("dop853", 8, _workspace, adaptive=True, rtol=1e-7)
