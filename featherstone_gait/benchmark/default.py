@@ -17,10 +17,11 @@ from __future__ import annotations
 
 import math
 import statistics
+import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 WRONG, SILENT = 1e-3, 1e-2  # error that counts of the default, and of integrators named [rad or m]
 PATIENCE = 30.0  # CPU seconds of a run
 ENOUGH, REPEATS = 0.5, 9  # CPU seconds and runs after which a time is believed
-NAMED = ("implicit_euler", "midpoint", "rk4", "dop853", "extrapolation")
+NAMED = ("implicit_euler", "midpoint", "rk4", "dop853", "extrapolation", "ars343")
 COLOURS = {"held": "#4c9f70", "silent": "#c1121f", "flagged": "#7f9fd0", "alarm": "#f4a259"}
 
 
@@ -73,7 +74,7 @@ class Row(NamedTuple):
     speed_error: float  # relative to the largest speed
     estimate: float  # the run's own, NaN without
     time: float  # CPU per simulated second [ms]
-    ratio: float  # of that to implicit_euler's at 1 ms
+    ratio: float  # of that to the default's of version 0.1: implicit_euler at 1 ms, or dop853 to 1e-8
     mujoco_error: float  # [rad or m], NaN where laws differ
     mujoco_time: float  # [ms]
 
@@ -157,14 +158,19 @@ def by_name(scene: CompiledScene, integrator: str) -> CompiledScene:
 
 
 def outcome_of(case: Case, scene: CompiledScene) -> Outcome:
-    """Run and time the scene; it ends the process beyond `PATIENCE`."""
-    run = case.timed(scene)
+    """Run and time the scene, with the error that it tells; it ends the process beyond `PATIENCE`."""
+    case.compiled(scene)
     with at_most(PATIENCE):
-        result = case.run(scene)
-        first = run.once()
-    times = [first] if first * case.duration > 1e3 * ENOUGH else repeated(run.once, 1e-3 * case.duration)
+        result, first = seconds(case, scene)
+    times = [first] if first > ENOUGH else repeated(lambda: seconds(case, scene)[1])
     return Outcome(positions(result), velocities(result), result.status, result.end_time, estimate_of(result),
-                   statistics.median(times))  # fmt: skip
+                   1e3 * statistics.median(times) / case.duration)  # fmt: skip
+
+
+def seconds(case: Case, scene: CompiledScene, **how: Any) -> tuple[Trajectory, float]:
+    """A run and its CPU time [s]."""
+    start = time.process_time()
+    return case.run(scene, **how), time.process_time() - start
 
 
 def estimate_of(run: Trajectory) -> np.ndarray:
@@ -174,17 +180,21 @@ def estimate_of(run: Trajectory) -> np.ndarray:
 
 
 def plain_time(case: Case) -> float:
-    """CPU time per simulated second of implicit_euler at 1 ms [ms]."""
-    run = case.timed(case.scene.recompiled(integrator="implicit_euler", timestep=1e-3))
+    """CPU time per simulated second [ms] of the default of version 0.1, which told no error."""
+    smooth = case.scene.integrator == "dop853"
+    scene = case.scene.recompiled(integrator="dop853" if smooth else "implicit_euler", timestep=1e-3)
+    how = {"rtol": 1e-8} if smooth else {}
+    case.compiled(scene)
     with at_most(PATIENCE):
-        run.once()
-    return statistics.median(repeated(run.once, 1e-3 * case.duration))
+        case.run(scene, estimate_error=False, **how)
+    times = repeated(lambda: seconds(case, scene, estimate_error=False, **how)[1])
+    return 1e3 * statistics.median(times) / case.duration
 
 
-def repeated(once: Callable[[], float], seconds: float) -> list[float]:
-    """Times of some runs, which `once` gives [ms a simulated second]; seconds: CPU time that 1 of it stands for."""
+def repeated(once: Callable[[], float]) -> list[float]:
+    """Times of some runs, which `once` gives [s]."""
     times = [once()]
-    while len(times) < REPEATS and sum(times) * seconds < ENOUGH:
+    while len(times) < REPEATS and sum(times) < ENOUGH:
         times.append(once())
     return times
 
@@ -280,7 +290,7 @@ def plot(rows: Sequence[Row], notes: str = "") -> Figure:
     left.plot(ends, ends, color="0.5", linewidth=1.0)
     left.plot(ends, 10.0 * ends, color="0.5", linewidth=1.0, linestyle=":")
     left.set(xlabel="the run's own estimate [rad or m]", ylabel="error [rad or m]", ylim=(1e-14, 20.0))
-    right.set(xlabel="CPU time over that of implicit_euler at 1 ms")
+    right.set(xlabel="CPU time over that of version 0.1's default")
     right.legend(frameon=False, fontsize=8)
     figure.suptitle(notes, fontsize=7, x=0.01, ha="left")
     return figure

@@ -20,7 +20,6 @@ from ..run.simulate import simulate
 from ..trajectory import Trajectory
 from ..view.plotting import positions
 from .limited import Worker, at_most
-from .precision import Run
 
 LIMIT = 60.0  # CPU seconds of a reference
 AGREED = 1e-5  # between two tolerances, up to which they are believed [rad or m]
@@ -51,11 +50,9 @@ class Case(NamedTuple):
     def run(self, scene: CompiledScene, **how: Any) -> Trajectory:
         return simulate(scene, self.duration, self.state, self.reference, record=self.record, sample=self.every, **how)
 
-    def timed(self, scene: CompiledScene, rtol: float | None = None) -> Run:
-        """The compiled run, to be timed; a tick of it has compiled all that it needs."""
-        first = self.scene.tick_steps * self.scene.timestep
-        Run(scene, first, self.state, self.reference, None, rtol, self.record).once()
-        return Run(scene, self.duration, self.state, self.reference, self.every, rtol, self.record)
+    def compiled(self, scene: CompiledScene) -> None:
+        """A tick of it compiles all that it needs."""
+        self._replace(duration=self.scene.tick_steps * self.scene.timestep, sample=None).run(scene)
 
 
 class Truth(NamedTuple):
@@ -112,7 +109,7 @@ def resting(case: Case) -> Truth:
 def solved(case: Case, method: str, rtol: float) -> Trajectory:
     """The run with error control; it ends the process beyond `LIMIT`."""
     scene = case.scene.recompiled(integrator=method, timestep=None)
-    case.timed(scene, rtol)
+    case.compiled(scene)
     with at_most(LIMIT):
         return case.run(scene, rtol=rtol, estimate_error=False)
 
