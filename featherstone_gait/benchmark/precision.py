@@ -251,7 +251,7 @@ def unlimited(model: Model) -> Model:
 
 
 SMOOTH: dict[str, Any] = {"best": "dop853", "check": "extrapolation"}
-ALL = {"implicit_euler": 2e-5, "midpoint": 2e-5, "rk4": 2e-5, "dop853": 1e-13, "extrapolation": 1e-13}
+ALL = {"implicit_euler": 2e-5, "midpoint": 2e-5, "rk4": 2e-5, "dop853": 1e-13, "extrapolation": 1e-13, "ars343": 1e-6}
 
 
 def free_arm() -> Problem:
@@ -272,7 +272,7 @@ def stiff_arm(servos: str) -> Problem:
 
 def geared_arm() -> Problem:
     """The planar arm of Lima et al. 2013 with the whole chain: sampled control, motor, spring-damper gearbox."""
-    how = {"implicit_euler": 2e-5, "midpoint": 2e-5, "simtwo": 2e-5, "extrapolation": 1e-11}
+    how = {"implicit_euler": 2e-5, "midpoint": 2e-5, "simtwo": 2e-5, "extrapolation": 1e-11, "ars343": 1e-6}
     still = Reference([0.0], np.zeros((1, 7)))
     return Problem("arm, geared servos", load_robot("arm7"), {"servos": "mipsd"}, 0.5, _at(0.01), how, still,
                    finest=1e-12)  # fmt: skip
@@ -293,7 +293,7 @@ def humanoids() -> list[Problem]:
     from ..optimize import walking_cost
 
     cost = walking_cost(load_robot("humanoid", locked="simplified"))
-    how = {"implicit_euler": 2e-5, "midpoint": 2e-5, "simtwo": 2e-5, "extrapolation": 1e-8}
+    how = {"implicit_euler": 2e-5, "midpoint": 2e-5, "simtwo": 2e-5, "extrapolation": 1e-8, "ars343": 1e-4}
     common: dict[str, Any] = {"integrators": how, "sample": 0.01, "finest": 1e-9}
     scene = {"servos": "mipsd", "ground": Ground()}
     signal = cost.reference(cost.gait.to_vector(), cost.warm_up + 1)
@@ -318,7 +318,7 @@ def rolling_ball() -> Problem:
     x = np.arange(-1.0, 1.0, 0.05)
     field = HeightField(0.02 * np.sin(4.0 * x[:, None]) * np.cos(3.0 * x[None, :]), (0.05, 0.05), (-1.0, -1.0))
     scene = {"ground": Ground(friction=5.0, field=field), "fall_height": -1e6, "fall_tilt": 3.2}
-    how = {"implicit_euler": 2e-5, "midpoint": 2e-5, "rk4": 2e-5, "extrapolation": 1e-9}
+    how = {"implicit_euler": 2e-5, "midpoint": 2e-5, "rk4": 2e-5, "extrapolation": 1e-9, "ars343": 1e-6}
     return Problem("ball rolling over waves", model, scene, 1.0,
                    lambda s: initial_state(s, None, [0.3, 0.1, 0.0, -1.0, 3.0, 0.0]), how, sample=0.01,
                    finest=1e-10)  # fmt: skip
@@ -473,6 +473,7 @@ COLOURS = {
     "simtwo": "C3",
     "dop853": "C4",
     "extrapolation": "0.15",
+    "ars343": "C5",
 }
 
 
