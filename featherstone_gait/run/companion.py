@@ -32,6 +32,7 @@ ROUNDING = 1e-13  # of the values, below which no error is told
 LIMIT = 1e-3  # of angles [rad] and positions [m]: beyond it a run is inaccurate
 FIXED_LIMIT = 1e-2  # the same at fixed steps, which are chosen by name
 SPEED_LIMIT = 10.0  # of speeds by the largest there is or 1, in the above: an impact a moment late is a jump missed
+WHOLE = ("ok", "chatter", "not converged")  # of runs that came to their end
 
 
 class Companion(NamedTuple):
@@ -79,6 +80,8 @@ def accounted(run: Trajectory, other: Trajectory, share: float, record: Sequence
 
     Only what is to be recorded is kept.
     """
+    if run.status in WHOLE and other.status in WHOLE:
+        other = replace(other, status=run.status)
     told = with_error(run, other, share)
     error = {name: e + ROUNDING * np.abs(run[name]) for name, e in (told.error or {}).items()}
     wrong = _inaccurate(run, error) if run.ok else None
