@@ -1,6 +1,5 @@
-"""The error that a companion tells of each run with error control, and what is said of a run that it shows wrong."""
+"""The error that a companion tells of each run, and what is said of a run that it shows wrong."""
 
-import functools
 import math
 from dataclasses import replace
 
@@ -14,12 +13,10 @@ from featherstone_gait import (
     compile_scene,
     initial_state,
     load_robot,
+    simulate,
+    simulate_batch,
 )
-from featherstone_gait import simulate as simulated
-from featherstone_gait import simulate_batch as simulated_batch
 from featherstone_gait.benchmark.precision import unlimited
-
-simulate, simulate_batch = (functools.partial(run, estimate_error=None) for run in (simulated, simulated_batch))
 
 ARM = unlimited(load_robot("arm7_spatial"))
 
@@ -104,3 +101,75 @@ def test_a_companion_that_ends_otherwise_makes_a_run_inaccurate(free):
     run = simulate(free, 0.1, thrown(free, 0.5), estimate_error=False)
     fell = replace(run, status="fell", end_time=0.05)
     assert accounted(run, fell, 0.25, ("q",)).status == "inaccurate"
+
+
+# --- fixed steps ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize(("integrator", "order"), [("implicit_euler", 1), ("midpoint", 2), ("rk4", 4)])
+@pytest.mark.parametrize("sample", [0.01, 1e-3], ids=["twice the step", "half the step"])
+def test_the_error_of_a_fixed_step_is_told_to_within_its_order(integrator, order, sample):
+    exact = simulate(compile_scene(ARM), 0.05, thrown(compile_scene(ARM), 0.5), sample=sample, rtol=1e-11)
+    scene = compile_scene(ARM, integrator=integrator, timestep=1e-3)
+    run = simulate(scene, 0.05, thrown(scene, 0.5), sample=sample)
+    true, told = (np.abs(x).max() for x in (run["q"] - exact["q"], run.error["q"]))
+    assert true < 2.0 * told
+    assert told < 6.0 * true
+
+
+@pytest.mark.nojit
+def test_a_fixed_step_that_is_wrong_by_a_hundredth_says_so():
+    scene = compile_scene(ARM, integrator="implicit_euler", timestep=5e-3)
+    run = simulate(scene, 0.5, thrown(scene, 0.5))
+    assert run.status == "inaccurate"
+    assert "give a smaller timestep than 0.005 s" in run.message
+    exact = simulate(scene, 0.5, thrown(scene, 0.5), rtol=1e-9)
+    assert np.abs(run["q"] - exact["q"]).max() > 1e-2
+    assert simulate(scene, 0.5, thrown(scene, 0.5), estimate_error=False).ok
+
+
+@pytest.mark.nojit
+def test_pieces_of_fixed_steps_have_the_same_companion():
+    scene = compile_scene(ARM, integrator="midpoint", timestep=1e-3)
+    whole = simulate(scene, 0.04, thrown(scene, 0.5))
+    first = simulate(scene, 0.02, thrown(scene, 0.5))
+    rest = simulate(scene, 0.02, first)
+    assert rest.final.tobytes() == whole.final.tobytes()
+    assert rest.companion.tobytes() == whole.companion.tobytes()
+    assert rest.error["q"].tobytes() == whole.error["q"][2:].tobytes()
+
+
+@pytest.mark.nojit
+def test_what_cannot_be_doubled_has_no_companion():
+    still = Reference([0.0], np.zeros((1, 7)))
+    simtwo = compile_scene(load_robot("arm7"), "standard", integrator="simtwo", timestep=1e-3)
+    assert simulate(simtwo, 0.01, reference=still).error is None
+    scene = compile_scene(ARM, integrator="midpoint", timestep=1e-3)
+    by_hand = replace(scene, constants=scene.constants._replace(gravity=np.array([0.0, 0.0, -1.6])))
+    assert by_hand.by_hand == ["gravity"]
+    assert simulate(by_hand, 0.01).error is None
+
+
+@pytest.mark.nojit
+def test_between_ticks_companions_take_two_steps_for_one():
+    """Else both would take the same, and tell no error."""
+    scene = compile_scene(load_robot("ax12_arm"), "rotor", gravity=(0.0, 0.0, 0.0))
+    assert scene.integrator == "ars343"
+    run = simulate(scene, 0.1, initial_state(scene, [0.0], [1.0]), Reference([0.0], [[1.0]]), rtol=0.1)
+    assert run.error["q"].max() > 1e-9
+
+
+# --- what is chosen ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.nojit
+def test_the_tolerance_takes_another_integrator_only_where_none_is_named():
+    arm = load_robot("ax12_arm")
+    scene, named = compile_scene(arm, "rotor"), compile_scene(arm, "rotor", integrator="ars343")
+    assert simulate(scene, 0.02).info["integrator"] == "ars343"
+    assert simulate(scene, 0.02, rtol=1e-3).info["integrator"] == "ars343"
+    strict = simulate(scene, 0.02, rtol=1e-6).info
+    assert strict["integrator"] == "extrapolation"
+    assert strict["reason"].startswith("extrapolation in place of ars343")
+    assert simulate(named, 0.02, rtol=1e-6).info["integrator"] == "ars343"
