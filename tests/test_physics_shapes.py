@@ -187,6 +187,19 @@ def test_a_field_is_bilinear_between_its_nodes_and_has_no_kink():
     assert under[0, 0] == under[-1, 0] == 0.0  # level beyond the edge
 
 
+@pytest.mark.nojit
+def test_over_a_field_the_midpoint_rule_is_of_order_two():
+    """The ground is taken where the ball will be; where it was, errors would halve with the step only."""
+    places = []
+    for h in (4e-3, 2e-3, 2.5e-4):
+        scene = on(Ground(field=waves(), friction=5.0), ball(), "midpoint", h)
+        start = lying(scene, (0.3, 0.1, 0.0, -1.0, 3.0, 0.0))
+        places.append(simulate(scene, 0.2, start, record=("base_q",), estimate_error=False)["base_q"][-1, :2])
+    errors = [np.linalg.norm(place - places[-1]) for place in places[:2]]
+    assert errors[0] < 2e-5
+    assert errors[0] > 3.0 * errors[1]
+
+
 @pytest.mark.parametrize("integrator", ["midpoint", "extrapolation"])
 def test_a_ball_that_rolls_over_a_field_keeps_its_energy(integrator):
     model = ball()
