@@ -183,6 +183,16 @@ def _clamp(x, lower, upper):
     return lambda x, lower, upper: select(x < lower, lower, select(x > upper, upper, x))
 
 
+def sign_beyond(x, limit):
+    """1 where x > limit, -1 where x < -limit, else 0."""
+    return select(x > limit, 1.0 + 0.0 * x, select(x < -limit, -1.0 + 0.0 * x, 0.0 * x))
+
+
+@overload(sign_beyond, jit_options={"forceinline": True})
+def _sign_beyond(x, limit):
+    return sign_beyond
+
+
 def any_lane(mask):
     """Whether `mask` holds in at least one lane."""
     return bool(np.any(mask))

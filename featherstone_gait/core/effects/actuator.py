@@ -34,6 +34,14 @@ def move_actuator(actuator, s, i, v, w):
 
 
 @by_type
+def actuator_branch(actuator, s, i, v, w):
+    """A number for each way in which limits and teeth act at the speeds v and w, and 0 where none does.
+
+    An actuator whose torque has no kinks need not answer.
+    """
+
+
+@by_type
 def rotor_of(actuator):
     """Records of the rotors with a field `inertia` [kg m^2], None where there are none."""
 
@@ -61,6 +69,11 @@ def _no_rates(actuator, s, dy, i, v):
 @move_actuator.of(NoneType)
 def _nothing_moves(actuator, s, i, v, w):
     pass
+
+
+@actuator_branch.otherwise
+def _no_branch(actuator, s, i, v, w):
+    return 0.0 * v
 
 
 @rotor_of.of(NoneType)

@@ -333,6 +333,16 @@ def _shift(C, c, at, to, s, active):
 
 
 @inline
+def contact_branch(contact, s, c):
+    """Whether the ground pushes point c: 0 no, 1 it sticks, 2 it slips."""
+    p, u = contact.points[c], load3(s.C, c, UN)
+    fn, _ = normal_force(p, s.C[c, DEPTH], u[0], s.sub)
+    _, _, slips = friction_force(p, _bristle(s, c), u, s.C[c, LIMIT], s.sub)
+    one = 1.0 + 0.0 * fn
+    return select(fn > 0.0, select(slips, 2.0 * one, one), 0.0 * fn)
+
+
+@inline
 def move_contacts(contact, s):
     """Move bristles, forces and the work of the ground to the end of the step."""
     if contact is not None:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..compile.jit import inline
-from ..compile.lanes import clamp, select
+from ..compile.lanes import clamp, select, sign_beyond
 from .energies import ENERGIES
 from .energies import FRICTION as LOSS
 
@@ -30,6 +30,14 @@ def friction_torque(friction, i, speed):
     sticks = abs(x) < 1.0
     slope = f.viscous_friction + select(sticks, f.coulomb_friction * (1.0 / STICK_SPEED) + 0.0 * x, 0.0 * x)
     return -(f.viscous_friction * speed + f.coulomb_friction * x), slope
+
+
+@inline
+def friction_branch(friction, i, speed):
+    """Which way Coulomb friction acts in full: 1, -1, or 0 where it sticks."""
+    if friction is None:
+        return 0.0
+    return select(friction[i].coulomb_friction > 0.0, sign_beyond(speed, STICK_SPEED), 0.0 * speed)
 
 
 @inline

@@ -8,7 +8,7 @@ T = K x (1 + d dx/dt) with x = |e| - gap, which is continuous and never falls wi
 import numpy as np
 
 from ..compile.jit import inline
-from ..compile.lanes import select
+from ..compile.lanes import select, sign_beyond
 
 GEAR = np.dtype(
     [
@@ -40,6 +40,13 @@ def gear_torque(g, e, de, h):
         select(tight, h * K + B + 0.0 * e, slope),
         select(tight, B * (de * de), loss),
     )
+
+
+@inline
+def gear_branch(g, e, de):
+    """Which flanks of teeth push across a gap: 1, -1, or 0 if none; 0 without a gap."""
+    T, _, _ = gear_torque(g, e, de, 0.0)
+    return select(g.gap <= 0.0, 0.0 * T, sign_beyond(T, 0.0))
 
 
 @inline

@@ -5,11 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from . import gearbox
-from .actuator import actuator_force, actuator_rates, controller_of, motor_of, move_actuator, rotor_of
+from .actuator import actuator_branch, actuator_force, actuator_rates, controller_of, motor_of, move_actuator, rotor_of
 from .controller import filter_rate
 from .energies import ENERGIES, FRICTION, GEAR
-from .gearbox import gear_torque
-from .motor import motor_rates, motor_torque, move_motor
+from .gearbox import gear_branch, gear_torque
+from .motor import motor_branch, motor_rates, motor_torque, move_motor
 
 
 class MipsdServo(NamedTuple):
@@ -64,6 +64,13 @@ def _move(actuator, s, i, v, w):
     move_motor(actuator.motor, s, i, w)
     y[o.rotor + i] += s.h * w
     y[o.rotor_speed + i] += (w - y[o.rotor_speed + i]) * (1.0 / s.theta)
+
+
+@actuator_branch.of(MipsdServo)
+def _branch(actuator, s, i, v, w):
+    g, y, o = actuator.gear[i], s.y, s.o
+    e = y[o.rotor + i] - y[o.q + i] + s.sub * (w - v)
+    return motor_branch(actuator.motor, s, i, w) + 5.0 * gear_branch(g, e, w - v)
 
 
 @rotor_of.of(MipsdServo)

@@ -91,6 +91,35 @@ def _step_mean(decay, m, s, i, w):
 
 
 @inline
+def motor_branch(motor, s, i, w):
+    """What limits the current at the motor's speed w: 1 its rate, 2 the current itself, of either sign, or 0."""
+    return _branch(s.decay, motor[i], s, i, w)
+
+
+@by_type
+def _branch(decay, m, s, i, w):
+    pass
+
+
+@_branch.of(MotorStage)
+def _branch_of_stage(decay, m, s, i, w):
+    """Where the rate limits, its course is exact."""
+    end, _, _ = stage_current(m, decay, i, s.y[s.o.voltage + i], w)
+    if abs(end) < m.current_limit:
+        return 0.0
+    return 2.0 if end > 0.0 else -2.0
+
+
+@_branch.otherwise
+def _branch_of_step(decay, m, s, i, w):
+    I = s.y[s.o.current + i]
+    end, _, slope = current_step(m, decay, i, I, s.y[s.o.voltage + i], w, s.h)
+    one = 1.0 + 0.0 * end
+    size = select(abs(end) < m.current_limit, one, 2.0 * one)
+    return select(slope == 0.0, select(end > I, size, -size), 0.0 * end)
+
+
+@inline
 def move_motor(motor, s, i, w):
     """Move the current to the end of the step, with the electrical energies; w the motor's speed."""
     _move(s.decay, motor[i], s, i, w)

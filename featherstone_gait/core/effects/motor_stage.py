@@ -28,7 +28,9 @@ MEAN = 3  # (1 - LEFT) / (T R/L)
 FILTER = 4  # what Euler's implicit step leaves of a filtered speed's deviation
 PAST = 5  # of the last stage: what the others bear of the mean current, by its weight [A]
 USED = 6  # 4: current of each stage's torque [A]
-COLUMNS = 10
+MID_SPEED = 10  # speed at the end of the stage before the last [rad/s]
+MID_CURRENT = 11  # current there [A]
+COLUMNS = 12
 
 
 class MotorStage(NamedTuple):
@@ -61,27 +63,46 @@ def course(m, voltage, w0, I0, w, T, left, mean):
     K, R, L = m.torque_constant, m.resistance, m.inductance
     tau, rate = L / R, K * (w - w0) / T
     lag, D0 = rate * tau / R, voltage - K * w0
-    s, I1 = 0.0, I0
-    excess = abs(D0 - R * I0) - L * m.current_slew
     slope = (K / R) * (0.5 - (tau / T) * (1.0 - mean))
     slope_end = (K / R) * (1.0 - (tau / T) * (1.0 - left))
-    if excess > 0.0:
-        sign = 1.0 if D0 > R * I0 else -1.0
-        s = min(T, excess / max(R * m.current_slew + sign * rate, 1e-6 * R * m.current_slew))
-        I1 = I0 + sign * (m.current_slew * s)
+    s, I1, area = _limited(m, D0, rate, I0, T)
+    if s > 0.0:
         left, mean = left_and_mean(T - s, tau)
         slope_end = (K / (R * T)) * (T - tau - (s - tau) * left)
         slope = (K / (R * T * T)) * (0.5 * (T * T - s * s) - tau * (T - s) - (s - tau) * (tau * (1.0 - left)))
     past = I1 - (D0 - rate * s) / R - lag
     end = (D0 - rate * T) / R + lag + past * left
     rest = (D0 - 0.5 * rate * (s + T)) / R + lag + past * mean
-    average = (s * (0.5 * (I0 + I1)) + (T - s) * rest) / T
+    average = (area + (T - s) * rest) / T
     limit = m.current_limit
     if abs(average) > limit:
         slope = 0.0
     if abs(end) > limit:
         slope_end = 0.0
     return clamp(end, -limit, limit), clamp(average, -limit, limit), slope_end, slope
+
+
+@inline
+def _limited(m, D0, rate, I0, T):
+    """Until when limits set the current [s], the current then [A], and its integral till then [A s].
+
+    First its rate is limited, as far as its own limit, at which it stays while the voltage D0 - rate t drives it on.
+    """
+    s, I1, area, limit = 0.0, I0, 0.0, m.current_limit
+    sign = 1.0 if D0 > m.resistance * I0 else -1.0
+    excess = abs(D0 - m.resistance * I0) - m.inductance * m.current_slew
+    if excess > 0.0:
+        s = excess / max(m.resistance * m.current_slew + sign * rate, 1e-6 * m.resistance * m.current_slew)
+        s = min(T, s, max(limit - sign * I0, 0.0) / m.current_slew)
+        I1 = I0 + sign * (m.current_slew * s)
+        area = 0.5 * s * (I0 + I1)
+    outward = sign * (D0 - rate * s) - m.resistance * limit
+    if sign * I1 >= (1.0 - 1e-12) * limit and outward > 0.0:
+        hold = T - s
+        if sign * rate * hold > outward:
+            hold = outward / (sign * rate)
+        s, area = s + hold, area + hold * I1
+    return s, I1, area
 
 
 @inline
@@ -95,14 +116,38 @@ def stage_current(m, stage, i, voltage, w):
 
 
 @inline
+def is_free(m, voltage, current, w):
+    """Whether no limit acts on the current at the speed w."""
+    driving = voltage - m.torque_constant * w - m.resistance * current
+    return (abs(driving) < m.inductance * m.current_slew) & (abs(current) < m.current_limit)
+
+
+@inline
+def keep(stage, i, speed, current):
+    """Take the end of the stage before the last."""
+    row = stage.table[i]
+    row[MID_SPEED], row[MID_CURRENT] = speed, current
+
+
+@inline
+def missed(m, stage, i, voltage, current, w, T):
+    """Error of the current at a step's end [A] where a limit has begun or ended to act: it differs from the one that
+    comes of the last part of the step, of length T [s], taken for itself."""
+    row = stage.table[i]
+    if is_free(m, voltage, row[CURRENT], row[NOW]) and is_free(m, voltage, current, w):
+        return 0.0
+    left, mean = left_and_mean(T, m.inductance / m.resistance)
+    end, _, _, _ = course(m, voltage, row[MID_SPEED], row[MID_CURRENT], w, T, left, mean)
+    return current - end
+
+
+@inline
 def bend(m, stage, i, voltage, current, w, rate, h):
     """What the current of motor m at a step's end lacks for a speed w whose rate changes by `rate` [rad/s^3].
 
     The speed then sags below its chord by rate t (h - t) / 2.
     """
-    driving = voltage - m.torque_constant * w - m.resistance * current
-    free = (abs(driving) < m.inductance * m.current_slew) & (abs(current) < m.current_limit)
-    if not free:
+    if not is_free(m, voltage, current, w):
         return 0.0
     tau, left = m.inductance / m.resistance, stage.table[i, LEFT]
     sag = tau * h * (1.0 + left) - 2.0 * (tau * tau) * (1.0 - left)

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compile.jit import inline
-from ..compile.lanes import clamp, select
-from .actuator import actuator_force, actuator_rates, controller_of, motor_of, move_actuator, rotor_of
+from ..compile.lanes import clamp, select, sign_beyond
+from .actuator import actuator_branch, actuator_force, actuator_rates, controller_of, motor_of, move_actuator, rotor_of
 
 PD = np.dtype(
     [
@@ -64,6 +64,13 @@ def _rates(actuator, s, dy, i, v):
 @move_actuator.of(PDServo)
 def _move(actuator, s, i, v, w):
     pass
+
+
+@actuator_branch.of(PDServo)
+def _branch(actuator, s, i, v, w):
+    p = actuator.pd[i]
+    spring = p.Kp * (s.drive[i, 0] - s.y[s.o.q + i] - p.fold * s.sub * v)
+    return sign_beyond(select(p.free_damping > 0.0, spring, spring - p.Kd * v), p.torque_limit)
 
 
 @rotor_of.of(PDServo)

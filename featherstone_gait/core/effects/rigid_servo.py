@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from . import motor as dc_motor
-from .actuator import actuator_force, actuator_rates, controller_of, motor_of, move_actuator, rotor_of
+from .actuator import actuator_branch, actuator_force, actuator_rates, controller_of, motor_of, move_actuator, rotor_of
 from .controller import filter_rate
-from .motor import motor_rates, motor_torque, move_motor
+from .motor import motor_branch, motor_rates, motor_torque, move_motor
 
 
 class RigidServo(NamedTuple):
@@ -38,6 +38,11 @@ def _rates(actuator, s, dy, i, v):
 @move_actuator.of(RigidServo)
 def _move(actuator, s, i, v, w):
     move_motor(actuator.motor, s, i, v)
+
+
+@actuator_branch.of(RigidServo)
+def _branch(actuator, s, i, v, w):
+    return motor_branch(actuator.motor, s, i, v)
 
 
 @rotor_of.of(RigidServo)

@@ -6,7 +6,7 @@ T = K x (1 + d dx/dt), never pulling, x the depth: continuous at touch-down, whe
 import numpy as np
 
 from ..compile.jit import inline
-from ..compile.lanes import select
+from ..compile.lanes import select, sign_beyond
 from .energies import ENERGIES, STOPS
 
 STOP = np.dtype(
@@ -32,6 +32,15 @@ def stop_torque(stops, i, angle, speed, h):
     over, c_over = _pushed_back(stop, at - stop.upper, speed, h)
     under, c_under = _pushed_back(stop, stop.lower - at, -speed, h)
     return under - over, c_over + c_under
+
+
+@inline
+def stop_branch(stops, i, angle, speed, h):
+    """Which stop pushes: 1 the lower one, -1 the upper one, 0 none."""
+    if stops is None:
+        return 0.0
+    T, _ = stop_torque(stops, i, angle, speed, h)
+    return sign_beyond(T, 0.0)
 
 
 @inline

@@ -26,7 +26,7 @@ from ..compile.optional import any_present
 from ..effects.actuator import controller_of, motor_of, rotor_of
 from ..effects.energies import DRIVER, ENERGIES
 from ..effects.motor_stage import COLUMNS as MOTOR_COLUMNS
-from ..effects.motor_stage import USED, MotorStage, begin_stage, begin_step, bend
+from ..effects.motor_stage import USED, MotorStage, begin_stage, begin_step, bend, keep, missed
 from ..step.advance import advance
 from ..step.context import Scratch, Step
 from ..step.newton import solve_step
@@ -166,6 +166,8 @@ def _stages(run, y, t, h):
         pace[EVALUATIONS] += 1.0
         _end_stage(run, y, d, k)
         _end_base(scene.floating, run, y, d, k, norm)
+        if k == 2:
+            _keep_currents(work.motors, rotor_of(scene.actuator), run, y)
 
 
 @inline
@@ -262,18 +264,46 @@ def _error(run, y, h):
     n = len(run.scene.tree) - 1
     if y[o.passes + 1] > start[o.passes + 1]:
         return 1e60
-    for i in range(o.after_coordinates):
-        e = 0.0
-        for j in range(4):
-            e += ERROR[j] * slopes[j, i]
-        if i < o.q + n:
-            e = abs(h * e) / (POSITION_SHARE * run.plan.atol)
-        else:
-            e = scaled(run.plan, h * e, start[i], y[i])
-        if not e < 1e60:
-            return 1e60
-        worst = max(worst, e)
+    for i in range(o.q + n):
+        worst = _worse(worst, _estimate(slopes, i, h) / (POSITION_SHARE * run.plan.atol))
+    for i in range(o.q + n, o.after_coordinates):
+        worst = _worse(worst, scaled(run.plan, _estimate(slopes, i, h), start[i], y[i]))
+    return _current_error(run.work.motors, rotor_of(run.scene.actuator), run, y, h, worst)
+
+
+@inline
+def _current_error(motors, rotor, run, y, h, worst):
+    """The same of currents on which limits act."""
+    if motors is not None:
+        o, start, motor = run.places[0], run.work.start, motor_of(run.scene.actuator)
+        for i in range(len(motor)):
+            k = o.current + i
+            e = missed(motor[i], motors, i, y[o.voltage + i], y[k], _speed(rotor, o, y, i), (1.0 - NODES[2]) * h)
+            worst = _worse(worst, scaled(run.plan, e, start[k], y[k]))
     return worst
+
+
+@inline
+def _keep_currents(motors, rotor, run, y):
+    if motors is not None:
+        o = run.places[0]
+        for i in range(len(motors.table)):
+            keep(motors, i, _speed(rotor, o, y, i), y[o.current + i])
+
+
+@inline
+def _estimate(slopes, i, h):
+    e = 0.0
+    for j in range(4):
+        e += ERROR[j] * slopes[j, i]
+    return abs(h * e)
+
+
+@inline
+def _worse(worst, e):
+    if not e < 1e60:
+        return 1e60
+    return max(worst, e)
 
 
 @inline

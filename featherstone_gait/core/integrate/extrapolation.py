@@ -10,6 +10,12 @@ Order and step are chosen for the least work by distance: E. Hairer, S. P. Norse
 Differential Equations I, 2nd edition, section II.9, and E. Hairer, G. Wanner, II, section IV.9 (ODEX and SEULEX).
 What a step derives (torques, forces, accelerations) is a smooth function of h too, and is extrapolated along.
 
+That holds where the forces are smooth.  One that changes to another branch of its law (a stop touched, a limit met,
+teeth apart, a foot that slips) makes a kink, where the errors of all columns are alike and one is small by chance.
+Each step therefore tells its branches (see step/branch.py).  An interval in which they change, or at whose end they are
+others than any column has seen, is cut before the kink, and the next one behind it, until the error of the first two
+columns, which is of one order and never small by chance, meets the tolerance too.
+
 The columns of the scheme do not depend on each other and run side by side in lanes.  Column k and column K - k take
 together as many steps as column K, so that K columns fill K/2 + 1 lanes without a gap, and K columns cost the time of
 the longest: order pays more than it does one column at a time.
@@ -26,6 +32,7 @@ from ..effects.actuator import controller_of, motor_of
 from ..effects.decay import DECAYS, set_decay
 from ..effects.energies import ENERGIES, METER
 from ..step.advance import advance
+from ..step.branch import branches, branches_at_start
 from ..step.context import Step
 from ..step.derivative import derivative
 from ..step.newton import solve_step
@@ -51,7 +58,12 @@ LONGEST = 12  # columns: rounding errors grow by 2.7 a column of the linear sequ
 SAFETY, TARGET = 0.94, 0.65  # step = SAFETY h (TARGET / error) ** (1 / order)
 FALL, FALL_SQUARES = 10.0, 1000.0  # of the error, that one more column in powers of h or h^2 is believed to bring
 INSTANT = 1e-3  # of the interval: after its start
+KINKED = 0.3  # of the error of two columns, that an interval with a kink is taken to have
+LOCATED = 4.0  # least steps: within them a kink is looked for no further
 LEFT, DONE, COLUMN = 0, 1, 2  # rows of `lanes`: steps to go, steps done, column
+# What is known of a kink: the share of the interval before it, negative if there is none; the step that would end
+# behind it after one to there [s]; the branches of the forces at the interval's start; the error of two columns.
+BEFORE, BEHIND, BRANCH, ROUGH = 0, 1, 2, 3
 
 
 class Columns(NamedTuple):
@@ -66,6 +78,7 @@ class Columns(NamedTuple):
     drive: np.ndarray  # (n, 2)
     tau: np.ndarray | None  # (n,) [N m]
     decay: np.ndarray | None  # (n, DECAYS): what each lane's step leaves
+    branch: np.ndarray  # (1,): of the forces of each lane's last step
     W: np.ndarray
     Z: np.ndarray
     C: np.ndarray
@@ -80,6 +93,7 @@ class Ladder(NamedTuple):
     table: np.ndarray  # (LONGEST, length of the state): the columns, then the last row of the scheme
     lanes: np.ndarray  # (3, WIDTH): what each lane is at
     wanted: np.ndarray  # (LONGEST,): the step that each column's error asks for [s]
+    kink: np.ndarray  # (4,): what is known of a kink in the interval
     columns: Columns
     pace: np.ndarray  # (PACE_SCRATCH,)
     implicit: bool | None  # True: linearly implicit Euler, None: explicit midpoint
@@ -98,12 +112,17 @@ def extrapolate(work, run, y, t, length):
         error, skipped = 1e300, _sweep(implicit, run, t, h, count)
         if skipped <= 1.0:
             error = _combine(implicit, run, h, count)
+            if error <= 1.0 and _ends_elsewhere(implicit, run, h):
+                error = max(error, _of_kink(run, h))
         if error <= 1.0:
             _accept(implicit, run, y)
             unit_quaternion(run.scene.floating, o.base_q, y)
             _first_slope(implicit, run, y, t + h)
             pace[STEPS] += 1.0
             _choose(work, count - 1, h, length, rejected)
+            if work.kink[BEHIND] > 0.0:
+                pace[STEP] = min(pace[STEP], work.kink[BEHIND])
+            work.kink[BEHIND] = 0.0
             return h
         rejected = True
         pace[REJECTED] += 1.0
@@ -112,8 +131,46 @@ def extrapolate(work, run, y, t, length):
             best = _cheapest(work, count - 1, h)
             pace[COLUMNS] = best + 2
             pace[STEP] = min(0.7 * h, max(0.05 * h, work.wanted[best]))
+        if work.kink[BEFORE] >= 0.0 and skipped <= 1.0:
+            pace[STEP] = max(_narrow(work, h, count, error), 0.8 * LOCATED * run.plan.least_step)
         if not pace[STEP] > run.plan.least_step:
             return 0.0
+
+
+@inline
+def _ends_elsewhere(implicit, run, h):
+    """Whether there is a kink at the interval's end that no column has noticed."""
+    if implicit is None:
+        return False
+    ladder = run.work
+    if ladder.kink[BEFORE] >= 0.0:
+        return False
+    _end_branch(run, in_lanes(ladder.columns), h)
+    if ladder.columns.branch[0, 0] == ladder.kink[BRANCH]:
+        return False
+    ladder.kink[BEFORE] = 1.0
+    return True
+
+
+@kernel
+def _end_branch(run, columns, h):
+    """Fill the branches an instant after the best values."""
+    for i in range(_smooth(True, run)):
+        columns.y[i] = run.work.best[i]
+    columns.h[0] = h * INSTANT
+    _set_decay(columns.decay, run.scene.actuator, columns)
+    _euler(True, run, columns)
+
+
+@inline
+def _narrow(work, h, count, error):
+    """A step [s] that ends before the kink; if there is no room before it, one in which it weighs less."""
+    cell, kink = h / count, work.kink
+    kink[BEHIND] = 0.0
+    if kink[BEFORE] == 0.0:
+        return max(cell, 0.7 * h / root(error, 2))
+    kink[BEHIND] = 1.01 * cell
+    return min(kink[BEFORE] * h, h - cell)
 
 
 @inline
@@ -155,10 +212,12 @@ def _sweep(implicit, run, t, h, count):
     _begin(implicit, run, columns)
     _set_decay(columns.decay, run.scene.actuator, columns)
     total = _steps(implicit, count - 1)
+    ladder.kink[BEFORE] = -1.0
     for k in range(total):
         for lane in range(WIDTH):
             _lane_inputs(run, lane, min(t + _time(ladder, lane), pace[UNTIL]))
         _step(implicit, run, columns)
+        _look_for_kink(implicit, ladder, k, total, half)
         if implicit is not None and k == 0:
             skipped = _skipped(run, min(half, 3))
             if skipped > 1.0:
@@ -182,6 +241,23 @@ def _sweep(implicit, run, t, h, count):
         if fresh:
             _set_decay(columns.decay, run.scene.actuator, columns)
     return 0.0 if sound else 1e60
+
+
+@inline
+def _look_for_kink(implicit, ladder, k, total, half):
+    """Note after the k-th steps whether a lane is on other branches than an instant after the interval's start.
+
+    The longest column, of `total` steps, tells where; of a kink that only others have seen, the end is as good a guess.
+    """
+    if implicit is not None:
+        branch, kink = ladder.columns.branch[0], ladder.kink
+        if k == 0:
+            kink[BRANCH] = branch[WIDTH - 1]
+        if branch[0] != kink[BRANCH] and not 0.0 <= kink[BEFORE] < 1.0:
+            kink[BEFORE] = k / total
+        for lane in range(1, half + 1):
+            if branch[lane] != kink[BRANCH] and kink[BEFORE] < 0.0:
+                kink[BEFORE] = 1.0
 
 
 @inline
@@ -281,7 +357,7 @@ def _step(implicit, run, columns):
     if implicit is None:
         _midpoint(run, columns)
     else:
-        _euler(run, columns)
+        _euler(None, run, columns)
 
 
 @kernel
@@ -307,15 +383,19 @@ def _slope(run, columns, slope):
 
 
 @kernel
-def _euler(run, columns):
-    """A linearly implicit Euler step."""
+def _euler(ended, run, columns):
+    """A linearly implicit Euler step; once the interval has ended, the branches on which one would start."""
     scene, x, o, t, h = run.scene, columns, run.places[0], run.work.pace[SINCE], columns.h[0]
     at = Step(
         scene=scene, actuator=scene.actuator, decay=x.decay, o=o, y=x.y, tau=x.tau, drive=x.drive, predicted=None,
         t=t, span=0.0, h=h, sub=h, theta=1.0, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
     )  # fmt: skip
-    solve_step(at)
-    advance(at)
+    if ended is None:
+        solve_step(at)
+        x.branch[0] = branches(at)
+        advance(at)
+    else:
+        x.branch[0] = branches_at_start(at)
 
 
 @begin_interval.of(Ladder)
@@ -421,11 +501,25 @@ def _combine(implicit, run, h, count):
         _neville(implicit, j, ladder.table, m)
         error = max(_error(run), error / _largest_fall(implicit))
         ladder.wanted[j] = min(SAFETY * h * root(TARGET / max(error, 1e-30), _power(implicit, j + 1)), 20.0 * h)
+        if j == 1:
+            ladder.kink[ROUGH] = error
         if error < least:
             least = error
             for i in range(m):
                 ladder.best[i] = ladder.table[0, i]
-    return least
+    return max(least, _of_kink(run, h))
+
+
+@inline
+def _of_kink(run, h):
+    """Least error of an interval with a kink over the tolerance.
+
+    A kink within the first or last step of all columns shows in none of their differences but the largest, that of the
+    first two, in which it goes with the change of slope that it brings.
+    """
+    if run.work.kink[BEFORE] < 0.0 or h < LOCATED * run.plan.least_step:
+        return 0.0
+    return KINKED * run.work.kink[ROUGH]
 
 
 @inline
@@ -541,6 +635,7 @@ def _workspace(sizes, zeros):
         drive=in_eight((n, 2)),
         tau=in_eight(n) if sizes.driven else None,
         decay=in_eight((sizes.motors, DECAYS)) if sizes.motors else None,
+        branch=in_eight(1),
         **scratch(sizes, in_eight)._asdict(),
     )
     return Ladder(
@@ -549,6 +644,7 @@ def _workspace(sizes, zeros):
         table=zeros((LONGEST, size)),
         lanes=np.zeros((3, WIDTH), np.int64),
         wanted=zeros(LONGEST),
+        kink=zeros(4),
         columns=columns,
         pace=zeros(PACE_SCRATCH),
         implicit=True if sizes.stiff else None,
