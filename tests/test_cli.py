@@ -55,7 +55,7 @@ def test_info_prints_every_link_and_joint_and_writes_the_same(tmp_path):
     assert {joint.name for joint in model.joints} <= rows.keys()
     locked = [name for name, row in rows.items() if "locked" in row and name in model.locked]
     assert sorted(locked) == sorted(model.locked)
-    assert rows["chosen:"][1] == "implicit_euler,"
+    assert rows["chosen:"][1] == "ars343,"
 
 
 def test_a_free_swing_keeps_its_energy(tmp_path):

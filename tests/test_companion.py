@@ -129,6 +129,18 @@ def test_a_fixed_step_that_is_wrong_by_a_hundredth_says_so():
     assert simulate(scene, 0.5, thrown(scene, 0.5), estimate_error=False).ok
 
 
+def test_a_finer_run_is_asked_before_a_fixed_step_is_called_inaccurate():
+    """At 2 ms the midpoint rule rings at the stop, at 1 ms it does not."""
+    rod = replace(load_robot("ax12_arm"), servos={})
+    turning = replace(rod.joints[-1], lower=-0.4, upper=0.4, friction=0.0)
+    scene = compile_scene(replace(rod, joints=(*rod.joints[:-1], turning)), None, None, "midpoint", 1e-3)
+    start = initial_state(scene, [-0.3], [0.0])
+    run, exact = simulate(scene, 1.0, start, tau=[0.3]), simulate(scene, 1.0, start, tau=[0.3], rtol=1e-9)
+    assert run.ok
+    true = np.abs(run["q"] - exact["q"]).max()
+    assert true < run.error["q"].max() < 1e-2
+
+
 @pytest.mark.nojit
 def test_pieces_of_fixed_steps_have_the_same_companion():
     scene = compile_scene(ARM, integrator="midpoint", timestep=1e-3)

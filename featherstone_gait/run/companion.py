@@ -7,7 +7,8 @@ steps before the tolerance does, the companion takes two for one, and the differ
 
 At a fixed step h it takes steps of 2 h: of order p the difference is 2^p - 1 errors of the run.  Kinks leave less of
 an order above 1, so a third is taken of all these.  Where 2 h does not fit between ticks or records, or is no longer
-stable, it takes steps of h / 2, and the error is twice the difference at most.
+stable, it takes steps of h / 2, and the error is twice the difference at most; so does a second one, which a run that
+the first calls inaccurate is given before that is believed: on stiff stops errors grow faster than any power of h.
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ class Companion(NamedTuple):
     rtol: float | None
     atol: float | None
     share: float  # of its difference to the run, that is the run's error
+    surer: CompiledScene | None = None  # in half the steps, for runs that this one calls inaccurate
 
 
 def companion(scene: CompiledScene, sample: float | None, rtol: float | None, atol: float | None) -> Companion | None:
@@ -58,7 +60,7 @@ def companion(scene: CompiledScene, sample: float | None, rtol: float | None, at
     if every % 2 == 0 and tick % 2 == 0:
         coarse = _with_step(scene, 2.0)
         if not beyond_stability(coarse):
-            return Companion(coarse, None, None, OF_TWICE.get(scene.method.order, OF_HIGHER))
+            return Companion(coarse, None, None, OF_TWICE.get(scene.method.order, OF_HIGHER), _with_step(scene, 0.5))
     return Companion(_with_step(scene, 0.5), None, None, OF_HALF)
 
 
@@ -84,16 +86,19 @@ def accounted(run: Trajectory, other: Trajectory, share: float, record: Sequence
         other = replace(other, status=run.status)
     told = with_error(run, other, share)
     error = {name: e + ROUNDING * np.abs(run[name]) for name, e in (told.error or {}).items()}
-    wrong = _inaccurate(run, error) if run.ok else None
-    status, message = wrong or (run.status, run.message)
+    run = judged(replace(run, error=error))
     return replace(
         run,
         channels={name: values for name, values in run.channels.items() if name == "time" or name in record},
         error={name: values for name, values in error.items() if name in record},
-        status=status,
-        message=message,
         companion=other.final,
     )
+
+
+def judged(run: Trajectory) -> Trajectory:
+    """The run, inaccurate if the error of what it records of the coordinates is too large."""
+    wrong = _inaccurate(run, run.error or {}) if run.ok else None
+    return replace(run, status=wrong[0], message=wrong[1]) if wrong else run
 
 
 def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> tuple[str, str] | None:

@@ -27,7 +27,7 @@ from ..core.step.state import RECORDABLE
 from ..reference import Reference
 from ..trajectory import Trajectory, with_error
 from .batch import drive_lanes, run_all, streams
-from .companion import accounted, companion, coordinates
+from .companion import OF_HALF, accounted, companion, coordinates, judged
 from .lane_engine import Source
 from .prepared import Start, prepare, with_tolerance
 from .start import initial_state, restarted, standing_state
@@ -151,7 +151,22 @@ def _with_companions(
     runs = simulate_batch(scene, duration, states, rtol=rtol, atol=atol, **how)
     begun = None if states is None else [_companion_of(state) for state in states]
     coarse = simulate_batch(other.scene, duration, begun, rtol=other.rtol, atol=other.atol, **how)
-    return [accounted(run, less, other.share, record) for run, less in zip(runs, coarse)]
+    told = [accounted(run, less, other.share, record) for run, less in zip(runs, coarse)]
+    if other.surer is None:
+        return told
+    doubtful = [k for k, run in enumerate(told) if run.status == "inaccurate" and _begins(states, begun, k)]
+    if doubtful:
+        alone = {name: how[name] and [how[name][k] for k in doubtful] for name in ("references", "taus", "noises")}
+        again = None if states is None else [states[k] for k in doubtful]
+        finer = simulate_batch(other.surer, duration, again, **(how | alone))
+        for k, fine in zip(doubtful, finer):
+            told[k] = dataclasses.replace(accounted(runs[k], fine, OF_HALF, record), companion=told[k].companion)
+    return told
+
+
+def _begins(states: Sequence[Any] | None, begun: Sequence[Any] | None, k: int) -> bool:
+    """Whether a run goes on from no companion, so that a finer one may begin where it does."""
+    return states is None or begun is None or begun[k] is states[k]
 
 
 def _companion_of(state: ArrayLike | Trajectory | None) -> ArrayLike | Trajectory | None:
@@ -175,12 +190,12 @@ def _with_errors(
     if not scene.adaptive:
         finer = scene.recompiled(timestep=0.5 * scene.timestep)
         better = simulate_batch(finer, duration, states, sample=sample, estimate_error=False, **how)
-        return [with_error(run, fine, 2.0) for run, fine in zip(runs, better)]
+        return [judged(with_error(run, fine, 2.0)) for run, fine in zip(runs, better)]
     finer = scene.recompiled(timestep=0.5 * scene.timestep)  # steps end on records: twice as many
     rtol, atol = rtol and 0.1 * rtol, atol and 0.1 * atol
     how["estimate_error"] = False
     better = simulate_batch(finer, duration, states, sample=0.5 * sample, rtol=rtol, atol=atol, **how)
-    return [with_error(run, _each(fine, 2), 1.1) for run, fine in zip(runs, better)]
+    return [judged(with_error(run, _each(fine, 2), 1.1)) for run, fine in zip(runs, better)]
 
 
 def _each(run: Trajectory, count: int) -> Trajectory:

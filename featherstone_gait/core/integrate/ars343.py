@@ -24,7 +24,7 @@ from ..compile.jit import inline, kernel
 from ..compile.lanes import sqrt
 from ..compile.optional import any_present
 from ..effects.actuator import controller_of, motor_of, rotor_of
-from ..effects.energies import DRIVER, ENERGIES
+from ..effects.energies import DRIVER, ENERGIES, METER, SUPPLY
 from ..effects.motor_stage import COLUMNS as MOTOR_COLUMNS
 from ..effects.motor_stage import USED, MotorStage, begin_stage, begin_step, bend, keep, missed
 from ..step.advance import advance
@@ -313,7 +313,7 @@ def _finish(run, y, h):
     for i in range(o.increment, o.passes):
         y[i] = start[i]
     _bend_currents(run.work.motors, rotor_of(run.scene.actuator), run, y, h)
-    _magnetic_energy(run.work.motors, run, y)
+    _electrical_energies(run.work.motors, run, y)
 
 
 @inline
@@ -364,13 +364,16 @@ def _bend_currents(motors, rotor, run, y, h):
 
 
 @inline
-def _magnetic_energy(motors, run, y):
-    """What the currents' fields have taken up over the step is not the drivers' [J]."""
+def _electrical_energies(motors, run, y):
+    """What the currents' fields have taken up is not the drivers' [J]; no weight below 0 lets a meter run back."""
     if motors is not None:
         motor, o, start = motor_of(run.scene.actuator), run.places[0], run.work.start
         for i in range(len(motor)):
             I0, I1 = start[o.current + i], y[o.current + i]
-            y[o.energy + ENERGIES * i + DRIVER] -= 0.5 * motor[i].inductance * (I1 * I1 - I0 * I0)
+            E = o.energy + ENERGIES * i
+            y[E + DRIVER] -= 0.5 * motor[i].inductance * (I1 * I1 - I0 * I0)
+            metered, supplied = y[E + METER] - start[E + METER], y[E + SUPPLY] - start[E + SUPPLY]
+            y[E + METER] = start[E + METER] + max(metered, supplied, 0.0)
 
 
 def _workspace(sizes, zeros):
