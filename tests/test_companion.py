@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import pendulum
 
 from featherstone_gait import (
     Ground,
@@ -129,16 +130,18 @@ def test_a_fixed_step_that_is_wrong_by_a_hundredth_says_so():
     assert simulate(scene, 0.5, thrown(scene, 0.5), estimate_error=False).ok
 
 
+@pytest.mark.nojit
 def test_a_finer_run_is_asked_before_a_fixed_step_is_called_inaccurate():
     """At 2 ms the midpoint rule rings at the stop, at 1 ms it does not."""
-    rod = replace(load_robot("ax12_arm"), servos={})
-    turning = replace(rod.joints[-1], lower=-0.4, upper=0.4, friction=0.0)
-    scene = compile_scene(replace(rod, joints=(*rod.joints[:-1], turning)), None, None, "midpoint", 1e-3)
-    start = initial_state(scene, [-0.3], [0.0])
-    run, exact = simulate(scene, 1.0, start, tau=[0.3]), simulate(scene, 1.0, start, tau=[0.3], rtol=1e-9)
-    assert run.ok
+    scene = compile_scene(pendulum(lower=-0.4, upper=0.4), integrator="midpoint", timestep=1e-3)
+    how = {"state": initial_state(scene, [-0.3]), "tau": [1.0]}
+    run, exact = simulate(scene, 1.0, **how), simulate(scene, 1.0, **how, rtol=1e-9)
+    coarse = simulate(scene.recompiled(timestep=2e-3), 1.0, **how, estimate_error=False)
+    assert np.abs(coarse["q"] - run["q"]).max() > 0.03
     true = np.abs(run["q"] - exact["q"]).max()
-    assert true < run.error["q"].max() < 1e-2
+    assert run.ok
+    assert true < 3.0 * run.error["q"].max()
+    assert run.error["q"].max() < 1e-2
 
 
 @pytest.mark.nojit

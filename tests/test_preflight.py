@@ -101,7 +101,7 @@ def test_scene_chooses_integrator_and_step_and_says_why():
     stiff = compile_scene(arm, servos="standard").preflight
     asked = compile_scene(arm, servos="standard", integrator="midpoint", timestep=5e-4).preflight
     assert (free.integrator, free.largest_explicit_step) == ("dop853", np.inf)
-    assert (stiff.integrator, stiff.timestep) == ("implicit_euler", 1e-3)
+    assert (stiff.integrator, stiff.timestep) == ("ars343", 1e-3)
     assert "explicit step" in stiff.reason
     assert (asked.integrator, asked.timestep, asked.reason) == ("midpoint", 5e-4, "as asked for")
 
@@ -122,7 +122,7 @@ def test_a_gearbox_that_is_no_spring_damper_is_refused_by_name(gearbox):
     robot = replace(robot, servos=dict.fromkeys(robot.joint_names, servo))
     with pytest.raises(ValueError, match="joint joint1: mipsd needs a finite stiffness and a rotor inertia > 0"):
         compile_scene(robot, "mipsd")
-    assert compile_scene(robot, "rotor").integrator == "implicit_euler"
+    assert compile_scene(robot, "rotor").integrator == "ars343"
 
 
 def test_a_torque_servo_moves_the_same_without_the_numbers_of_a_motor():
