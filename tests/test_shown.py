@@ -41,7 +41,7 @@ def test_a_scene_prints_as_one_line():
     scene = compile_scene(load_robot("humanoid"), "mipsd", Ground(friction=0.7))
     assert repr(scene) == (
         "<scene of humanoid: floating base, 19 joints, mipsd servos, ground of friction 0.7, 0 springs, "
-        "implicit_euler at 0.001 s>"
+        "ars343>"
     )
     assert "no servos, no ground" in repr(compile_scene(load_robot("arm7")))
 

@@ -58,7 +58,7 @@ class CompiledScene:
         joints = f"{self.model.base} base, {self.tree.n} joints"
         driven = f"{self.servos} servos" if self.servos else "no servos"
         under = "no ground" if self.ground is None else f"ground of friction {self.ground.friction:g}"
-        step = f"{self.integrator} at {self.timestep:g} s"
+        step = self.integrator if self.adaptive else f"{self.integrator} at {self.timestep:g} s"
         return f"<scene of {self.model.name}: {joints}, {driven}, {under}, {len(self.springs)} springs, {step}>"
 
     def recompiled(self, **changes: Any) -> CompiledScene:
