@@ -3,7 +3,7 @@
 With error control it is to `COARSER` times the tolerance.  Where the tolerance orders the errors, those of the
 companion are so many times as large, and the difference of both is some nine errors of the run.  Kinks and chaos leave
 less between them; hence a larger `SHARE` of it than a ninth is taken for the error.  Where ticks or records end the
-steps before the tolerance does, the companion takes two for one, and the difference is most of the run's error.
+steps before the tolerance does, `ars343` takes two of the companion's for one, and the difference is most of the error.
 
 At a fixed step h it takes steps of 2 h: of order p the difference is 2^p - 1 errors of the run.  Kinks leave less of
 an order above 1, so a third is taken of all these.  Where 2 h does not fit between ticks or records, or is no longer
@@ -52,7 +52,7 @@ def companion(scene: CompiledScene, sample: float | None, rtol: float | None, at
     That is of "simtwo", which has no continuous limit, and of a scene with constants put in by hand.
     """
     if rtol is not None and atol is not None:
-        scene = replace(scene, method=scene.method._replace(share=0.5))
+        scene = replace(scene, method=scene.method._replace(companion=True))
         return Companion(scene, min(1.0, COARSER * rtol), min(1.0, COARSER * atol), SHARE)
     if scene.method.drives or scene.by_hand:
         return None

@@ -269,7 +269,7 @@ def prepare(
         rtol = scene.method.rtol if rtol is None else rtol
         atol = rtol if atol is None else atol
         plan = plan._replace(rtol=rtol, atol=atol, least_step=LEAST_STEP, integrated=integrated)
-        plan = plan._replace(share=scene.method.share, budget=BUDGET + BUDGET_RATE * plan.steps * plan.h)
+        plan = plan._replace(companion=scene.method.companion, budget=BUDGET + BUDGET_RATE * plan.steps * plan.h)
     record = tuple(listed("record", record, "give a list of channels, such as ('q', 'qd')"))
     ready = Prepared(scene.pushed(pushes), plan, record, *_stored(scene, record))
     _check_size(ready)

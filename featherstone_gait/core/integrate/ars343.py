@@ -63,6 +63,7 @@ AFTER_EVENT = COLUMNS  # in the pace: the step to try after an event [s]
 POSITION_SHARE = 1e-3  # [s] of the tolerance of speeds, that positions are held to, whatever their size
 NEWTON_SHARE = 1e-2  # of the tolerance, that Newton's iteration may leave of the forces
 BETA = 0.08  # share of the last error in it
+COARSER = 2.15  # steps of a companion to ten times the tolerance, by those of its run
 
 
 class Ars343(NamedTuple):
@@ -116,13 +117,13 @@ def ars343(work, run, y, t, length):
         start[i] = y[i]
     rejected, first = False, work.fresh[0] > 0.0
     while True:
-        h = in_time(min(pace[STEP], run.plan.share * (pace[UNTIL] - pace[SINCE])), length)
+        h = in_time(min(pace[STEP], _longest(run.plan.companion, pace)), length)
         _stages(run, y, t, h)
         error = _error(run, y, h)
         if error <= 1.0:
             _finish(run, y, h)
             factor = SAFETY * root(pace[LAST], 1.0 / BETA) / root(error, 1.0 / (1.0 / 3.0 - 0.2 * BETA))
-            factor = max(LEAST, min(1.0 if rejected else MOST, factor))
+            factor = max(LEAST, min(1.0 if rejected else _most(run.plan.companion), factor))
             pace[STEPS] += 1.0
             pace[LAST] = max(error, 1e-4)
             if h < length or factor < 1.0:
@@ -138,6 +139,25 @@ def ars343(work, run, y, t, length):
             for i in range(o.pace):
                 y[i] = start[i]
             return 0.0
+
+
+@inline
+def _longest(companion, pace):
+    """The longest step [s]: of a companion half of what the run itself takes where events end its steps.
+
+    Both would take the same steps there, and tell no error.
+    """
+    interval = pace[UNTIL] - pace[SINCE]
+    own = pace[STEP] / COARSER
+    if companion and own > 0.4 * interval:
+        return (0.5 if own > 0.999 * interval else 0.25) * interval
+    return interval
+
+
+@inline
+def _most(companion):
+    """The largest factor of steps: what holds a companion's short leaves its tolerance far behind."""
+    return 16.0 if companion else MOST
 
 
 @kernel

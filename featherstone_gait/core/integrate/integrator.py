@@ -43,7 +43,7 @@ class Integrator(NamedTuple):
     adaptive: bool = False  # chooses its steps by their error
     rtol: float = RTOL
     strictest: float = 0.0  # tolerance below which another method is taken where none is named
-    share: float = 1.0  # of an interval without events, that a step may cover at most
+    companion: bool = False  # it runs to ten times the tolerance of another run, whose error it is to tell
     stability: float = math.inf  # largest stable step over the limit of semi-implicit Euler, of dampers and of springs
     ties: float = 1.0  # the same of an implicit method for springs between bodies, which it takes explicitly
     folds_spring: bool = False  # takes the spring of a continuous servo at the end of the step always

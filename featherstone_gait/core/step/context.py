@@ -45,7 +45,7 @@ class Plan(NamedTuple):
     rtol: float = 0.0  # error allowed of a step, relative ...
     atol: float = 0.0  # ... and absolute [rad, m, and their rates; A]
     least_step: float = 0.0  # [s]
-    share: float = 1.0  # of an interval without events, that a step may cover at most
+    companion: bool = False  # to ten times the tolerance of another run, whose error it is to tell
     budget: float = math.inf  # steps, with those rejected, after which the run ends as too costly
     integrated: int = 0  # how much of the state changes between ticks
     # Of a run that goes on: its grid step k is at the time offset + (first + k) h.
