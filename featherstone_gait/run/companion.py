@@ -26,7 +26,7 @@ from .prepared import steps_between_records
 from .verdict import beyond_stability
 
 COARSER = 10.0  # tolerance of the companion, by the run's
-SHARE = 0.25  # of the difference, that is taken for the error
+SHARE = 0.35  # of the difference, that is taken for the error
 OF_TWICE, OF_HALF = {1: 1.0}, 2.0  # of a step of 2 h, by order, others `OF_HIGHER`; of h / 2
 OF_HIGHER = 1.0 / 3.0
 ROUNDING = 1e-13  # of the values, below which no error is told
