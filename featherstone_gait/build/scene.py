@@ -155,9 +155,10 @@ def compile_scene(
     servos : "mipsd" (spring-damper gearbox with rotor), "rotor" (rigid, with the rotor's reflected inertia),
         "standard" (rigid, none), or None: no servos, torques from `simulate(tau=...)`
     ground : None where the robot touches nothing
-    integrator : "implicit_euler", "midpoint", "rk4" or "simtwo" of fixed steps; "extrapolation", or for what is not
-        stiff "dop853", which choose their steps by the error that `simulate` allows; None chooses from the preflight
-    timestep : [s]; must divide the controllers' period; None chooses.  Of the latter two the grid of ticks and records
+    integrator : "implicit_euler", "midpoint", "rk4" or "simtwo" of fixed steps; "ars343", "extrapolation", or for
+        what is not stiff "dop853", which choose their steps by the error that `simulate` allows; None chooses from the
+        preflight "ars343" or "dop853"
+    timestep : [s]; must divide the controllers' period; None chooses.  Of the latter three the grid of ticks, records
     gravity : (3,) [m/s^2], world axes.  Ground is as stiff as the robot's weight under it asks for
     springs : between points of two links.  All integrators take them explicitly: stiff ones are for "dop853"
     fall_height, fall_tilt : a floating robot over ground has fallen when its centre of mass is lower than this fraction

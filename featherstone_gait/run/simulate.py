@@ -222,7 +222,8 @@ def simulate_stream(
     """
     if not streams(scene):
         raise ValueError(
-            f"{scene.model.name}: a stream needs sampled servos, fixed steps and no pushes; use simulate_batch"
+            f"{scene.model.name}: a stream needs sampled servos, fixed steps and no pushes: compile the scene with "
+            "integrator='midpoint', or use simulate_batch"
         )
     ready = prepare(scene, duration, record, sample)
 
