@@ -128,5 +128,10 @@ def test_readme_example_prints_what_the_readme_says(tmp_path, monkeypatch, capsy
     matplotlib.use("Agg")
     exec(compile(example, "README.md", "exec"), {})
     pyplot.close("all")
-    assert capsys.readouterr().out == output
+    # An estimate of 1e-5 is made of round-off in part, and so of the processor: its factor of 2 is held, not its digit.
+    estimate = re.compile(r"\d+e-\d+")
+    printed = capsys.readouterr().out
+    assert estimate.sub("", printed) == estimate.sub("", output)
+    (ours,), (told,) = estimate.findall(printed), estimate.findall(output)
+    assert 0.5 < float(ours) / float(told) < 2.0
     assert (tmp_path / "standing.png").stat().st_size > 10_000
