@@ -185,9 +185,9 @@ def _slices(a, b, out):
     for i in range(n):
         first[1, i] = a[i]
         first[0, i] = first[1, i] + row[i]
-    out[5] = a
-    out[6, :] = b[:]
-    out[7] = b
+    _scale_into(a, 1.0, out[5])
+    _scale_into(b[:], 1.0, out[6, :])
+    _scale_into(b, 1.0, out[7])
     out[7, -1] = a[-1]
 
 

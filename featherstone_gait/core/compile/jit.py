@@ -1,4 +1,4 @@
-"""How the kernels are compiled: the three decorators, the Numba options and the cache.
+"""How the kernels are compiled: the three decorators, the Numba options and the cache; compiler.py has the passes.
 
 `kernel` marks a function that is only called by other kernels, `inline` a small one that is merged into its caller,
 `entry` one that Python calls: it is cached on disk (with everything it calls) and releases the GIL.
@@ -31,6 +31,7 @@ import numba
 import numpy as np
 from llvmlite.binding import get_host_cpu_features
 
+from .compiler import Compiler, of_any_integer, without_collecting
 from .lock import lock
 from .sealed import SealedFiles
 
@@ -92,12 +93,27 @@ def _tell_once(folder: str, why: str | None) -> None:
 
 CACHE_FOLDER = _cache_folder() if JIT else ""
 
-_OPTIONS = {"error_model": "numpy"}
-_INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **_OPTIONS}  # never called from Python
-INLINE = {"forceinline": True, **_INNER}
-kernel = numba.njit(**_INNER)
-# What works on tuples must be inlined: passed through memory, 24 links cost 1.7 times as much in lanes.
-inline = numba.njit(**INLINE)
+_OPTIONS = {"error_model": "numpy", "pipeline_class": Compiler}
+INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **_OPTIONS}  # never called from Python
+INLINE = {"forceinline": True, **INNER}
+ENTRY = {"nogil": True, "no_cfunc_wrapper": True, **_OPTIONS}
+
+
+def kernel(function):
+    """Compile `function` where an entry needs it."""
+    return _inner(function, INNER)
+
+
+def inline(function):
+    """The same, merged into what calls it.
+
+    What works on tuples must be: passed through memory, 24 links cost 1.7 times as much in lanes.
+    """
+    return _inner(function, INLINE)
+
+
+def _inner(function, options):
+    return of_any_integer(numba.njit(function, **options)) if JIT else function
 
 
 def entry(function):
@@ -105,14 +121,14 @@ def entry(function):
     if not JIT:
         return _quiet(function)
     dispatcher = _with_cache(function) if CACHE_FOLDER else None
-    return dispatcher or numba.njit(function, nogil=True, **_OPTIONS)
+    return dispatcher or numba.njit(function, **ENTRY)
 
 
 def _with_cache(function):
     """The function to be compiled, with a cache that stops no run; None if Numba can make no file in the folder."""
     outside, numba.config.CACHE_DIR = numba.config.CACHE_DIR, CACHE_FOLDER
     try:
-        dispatcher = numba.njit(function, cache=True, nogil=True, **_OPTIONS)
+        dispatcher = numba.njit(function, cache=True, **ENTRY)
     except RuntimeError:  # no place for a cache
         return None
     finally:
@@ -123,6 +139,7 @@ def _with_cache(function):
     cache._cache_file = SealedFiles(cache.cache_path, cache._impl.filename_base, cache._impl.locator.get_source_stamp())
     cache.load_overload = functools.partial(_load, cache.load_overload)
     cache.save_overload = functools.partial(_save, cache.save_overload)
+    dispatcher.compile = functools.partial(without_collecting, dispatcher.compile)
     return dispatcher
 
 

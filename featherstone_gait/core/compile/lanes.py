@@ -24,6 +24,8 @@ from numba.core.typeconv import Conversion
 from numba.core.typing.templates import AbstractTemplate, ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, models, overload, register_model
 
+from .jit import INNER
+
 WIDTH = 8
 
 
@@ -345,14 +347,12 @@ def _as_lanes(typingctx, array):
         result.nitems = nitems
         result.meminfo = source.meminfo
         result.parent = source.parent
-        value = result._getvalue()
-        context.nrt.incref(builder, view, value)
-        return value
+        return result._getvalue()
 
     return signature(view, array), codegen
 
 
-@overload(as_lanes)
+@overload(as_lanes, jit_options=INNER)
 def _overload_as_lanes(array):
     if isinstance(array, types.Array) and array.dtype == types.float64 and array.layout == "C":
         return lambda array: _as_lanes(array)

@@ -9,6 +9,7 @@ use: 1.3 times the run time in lanes, 1.2 times the compile time.  Hence these f
 from numba import types
 from numba.extending import overload
 
+from .jit import INNER
 from .lanes import as_lanes
 
 
@@ -17,7 +18,7 @@ def item(array, i):
     return None if array is None else array[i]
 
 
-@overload(item)
+@overload(item, jit_options=INNER)
 def _item(array, i):
     if isinstance(array, types.NoneType):
         return lambda array, i: None
@@ -29,7 +30,7 @@ def item_in_lanes(array, i):
     return None if array is None else as_lanes(array[i])
 
 
-@overload(item_in_lanes)
+@overload(item_in_lanes, jit_options=INNER)
 def _item_in_lanes(array, i):
     if isinstance(array, types.NoneType):
         return lambda array, i: None
@@ -41,7 +42,7 @@ def slice_if(present, array, start, count):
     return None if present is None else array[start : start + count]
 
 
-@overload(slice_if)
+@overload(slice_if, jit_options=INNER)
 def _slice_if(present, array, start, count):
     if isinstance(present, types.NoneType):
         return lambda present, array, start, count: None
@@ -53,7 +54,7 @@ def only_if(present, array):
     return None if present is None else array
 
 
-@overload(only_if)
+@overload(only_if, jit_options=INNER)
 def _only_if(present, array):
     if isinstance(present, types.NoneType):
         return lambda present, array: None
@@ -65,7 +66,7 @@ def any_present(a, b):
     return None if a is None and b is None else True
 
 
-@overload(any_present)
+@overload(any_present, jit_options=INNER)
 def _any_present(a, b):
     if isinstance(a, types.NoneType) and isinstance(b, types.NoneType):
         return lambda a, b: None
@@ -80,7 +81,7 @@ def in_lanes(x):
     return x if x is None or isinstance(x, bool) else as_lanes(x)
 
 
-@overload(in_lanes)
+@overload(in_lanes, jit_options=INNER)
 def _in_lanes(x):
     if isinstance(x, types.Array):
         return lambda x: as_lanes(x)

@@ -6,6 +6,7 @@ is limited.  It is known in closed form for a speed w that changes linearly over
     L dI/dt = V - K w(t) - R I:    I = (V - K w) / R + lag + (I1 - (V - K w1) / R - lag) exp(-(t - t1) R/L),
 
 with lag = K (dw/dt) L / R^2, from the time t1 on at which the rate comes below its limit; before, I = I0 +- slew t.
+Where no limit acts from the start, which the start alone decides, the current is affine in the speed at the end.
 
 The torque of a stage is that of the current at its end, but of the last stage, whose weights are those of the step, of
 what brings the sum of all to the mean current over the step: velocities then take up the whole impulse of a transient
@@ -30,7 +31,12 @@ PAST = 5  # of the last stage: what the others bear of the mean current, by its 
 USED = 6  # 4: current of each stage's torque [A]
 MID_SPEED = 10  # speed at the end of the stage before the last [rad/s]
 MID_CURRENT = 11  # current there [A]
-COLUMNS = 12
+FREE = 12  # 1 where no limit acts at the start of the step
+END = 13  # current at the end of a free stage whose speed stays [A], and its slope -d/dw [A s/rad]
+END_SLOPE = 14
+AVERAGE = 15  # the same of its mean
+AVERAGE_SLOPE = 16
+COLUMNS = 17
 
 
 class MotorStage(NamedTuple):
@@ -74,12 +80,29 @@ def course(m, voltage, w0, I0, w, T, left, mean):
     end = (D0 - rate * T) / R + lag + past * left
     rest = (D0 - 0.5 * rate * (s + T)) / R + lag + past * mean
     average = (area + (T - s) * rest) / T
-    limit = m.current_limit
+    return _within(m.current_limit, end, average, slope_end, slope)
+
+
+@inline
+def _within(limit, end, average, slope_end, slope):
+    """Currents within the limit, beyond which the speed has no effect."""
     if abs(average) > limit:
         slope = 0.0
     if abs(end) > limit:
         slope_end = 0.0
     return clamp(end, -limit, limit), clamp(average, -limit, limit), slope_end, slope
+
+
+@inline
+def _free_course(m, row, voltage, left, mean, z):
+    """What `course` comes to where no limit acts from the start, z the time constant by the stage's time."""
+    per_ohm = 1.0 / m.resistance
+    K, I0 = m.torque_constant, row[CURRENT]
+    row[FREE] = 1.0 if is_free(m, voltage, I0, row[NOW]) else 0.0
+    steady = (voltage - K * row[NOW]) * per_ohm
+    row[END], row[AVERAGE] = steady + (I0 - steady) * left, steady + (I0 - steady) * mean
+    row[END_SLOPE] = (K * per_ohm) * (1.0 - z * (1.0 - left))
+    row[AVERAGE_SLOPE] = (K * per_ohm) * (0.5 - z * (1.0 - mean))
 
 
 @inline
@@ -109,7 +132,12 @@ def _limited(m, D0, rate, I0, T):
 def stage_current(m, stage, i, voltage, w):
     """Current of motor m at the end of the stage, the one its torque is of [A], and the slope of that [A s/rad]."""
     row, T, share = stage.table[i], stage.time[0], stage.time[1]
-    end, mean, slope_end, slope = course(m, voltage, row[NOW], row[CURRENT], w, T, row[LEFT], row[MEAN])
+    if row[FREE] > 0.0:
+        more = w - row[NOW]
+        end, mean = row[END] - row[END_SLOPE] * more, row[AVERAGE] - row[AVERAGE_SLOPE] * more
+        end, mean, slope_end, slope = _within(m.current_limit, end, mean, row[END_SLOPE], row[AVERAGE_SLOPE])
+    else:
+        end, mean, slope_end, slope = course(m, voltage, row[NOW], row[CURRENT], w, T, row[LEFT], row[MEAN])
     if share > 0.0:
         return end, share * mean - row[PAST], share * slope
     return end, end, slope_end
@@ -162,11 +190,13 @@ def begin_step(stage, i, speed, current):
 
 
 @inline
-def begin_stage(m, stage, i, T, past, filter_time, d):
+def begin_stage(m, stage, i, voltage, T, past, filter_time, d):
     """The stage whose end lies T after the start of the step [s], its own step d [s]."""
-    row = stage.table[i]
+    row, tau = stage.table[i], m.inductance / m.resistance
     row[PAST] = past
-    row[LEFT], row[MEAN] = left_and_mean(T, m.inductance / m.resistance)
+    left, mean = left_and_mean(T, tau)
+    row[LEFT], row[MEAN] = left, mean
+    _free_course(m, row, voltage, left, mean, tau / T)
     row[FILTER] = 0.0
     if filter_time > 0.0:
         row[FILTER] = 1.0 / (1.0 + d / filter_time)

@@ -150,7 +150,7 @@ def _longest(companion, pace):
     interval = pace[UNTIL] - pace[SINCE]
     own = pace[STEP] / COARSER
     if companion and own > 0.4 * interval:
-        return (0.5 if own > 0.999 * interval else 0.25) * interval
+        return (0.5 if own > 0.999 * interval else 0.34) * interval
     return interval
 
 
@@ -366,7 +366,7 @@ def _begin_motors(motors, run, y, h, k):
             past = 0.0
             for j in range(1, k):
                 past += IMPLICIT[k, j] * motors.table[i, USED + j]
-            begin_stage(motor[i], motors, i, T, past / G, controller[i].speed_filter, d)
+            begin_stage(motor[i], motors, i, y[o.voltage + i], T, past / G, controller[i].speed_filter, d)
             y[o.current + i] = run.work.start[o.current + i]
 
 

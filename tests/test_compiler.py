@@ -1,0 +1,90 @@
+"""What the compiler of the kernels leaves out changes nothing that they do."""
+
+import gc
+import sys
+from typing import NamedTuple
+
+import numba
+import numpy as np
+import pytest
+
+from featherstone_gait.core.compile.jit import ENTRY, JIT, entry, inline, kernel
+
+pytestmark = pytest.mark.skipif(not JIT, reason="is about compiled code")
+
+
+class Pair(NamedTuple):
+    first: np.ndarray
+    second: np.ndarray
+
+
+@kernel
+def _part(pair, k):
+    return pair.first[k:]
+
+
+@inline
+def _weight(k):
+    return 2.0 if k == 0 else 3.0
+
+
+@kernel
+def _sum(x, k):
+    total = 0.0
+    for i in range(len(x)):
+        total += _weight(k) * x[i]
+    return total
+
+
+@entry
+def _weighed(pair, out):
+    for i in range(len(out)):
+        row = _part(pair, 1)
+        kept = row if i > 1 else pair.second
+        out[i] = _sum(kept, 0) + _sum(kept, 1)
+
+
+def test_no_reference_is_counted_and_none_is_lost():
+    pair, out = Pair(np.arange(4.0), np.ones(2)), np.zeros(5)
+    before = [sys.getrefcount(x) for x in (*pair, out)]
+    _weighed(pair, out)
+    np.testing.assert_array_equal(out, [10.0, 10.0, 30.0, 30.0, 30.0])
+    assert [sys.getrefcount(x) for x in (*pair, out)] == before
+    (assembly,) = entry_of_its_own().inspect_asm().values()
+    assert "NRT_incref" not in assembly
+    assert "NRT_decref" not in assembly
+
+
+def entry_of_its_own():
+    """The entry, compiled here: what was read from the cache cannot be inspected."""
+    compiled = numba.njit(_weighed.py_func, **ENTRY)
+    compiled(Pair(np.arange(4.0), np.ones(2)), np.zeros(5))
+    return compiled
+
+
+def test_kernel_called_with_numbers_is_compiled_once():
+    entry_of_its_own()
+    assert len(_sum.signatures) == len(_weight.signatures) == 1
+
+
+def test_functions_of_others_call_kernels_with_all_that_these_call():
+    @numba.njit
+    def twice(x):
+        return 2.0 * _sum(x, 1)
+
+    assert twice(np.ones(3)) == 18.0
+
+
+@pytest.mark.parametrize("collects", [True, False])
+def test_garbage_is_collected_again_after_compiling(collects):
+    @entry
+    def add(x):
+        return x + 1.0
+
+    was = gc.isenabled()
+    try:
+        (gc.enable if collects else gc.disable)()
+        assert add(1.0) == 2.0
+        assert gc.isenabled() == collects
+    finally:
+        (gc.enable if was else gc.disable)()
