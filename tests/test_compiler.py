@@ -8,6 +8,7 @@ import numba
 import numpy as np
 import pytest
 
+from featherstone_gait.core.compile import progress
 from featherstone_gait.core.compile.jit import ENTRY, JIT, entry, inline, kernel
 
 pytestmark = pytest.mark.skipif(not JIT, reason="is about compiled code")
@@ -88,3 +89,18 @@ def test_garbage_is_collected_again_after_compiling(collects):
         assert gc.isenabled() == collects
     finally:
         (gc.enable if was else gc.disable)()
+
+
+def test_a_terminal_is_told_what_is_compiled(monkeypatch, capsys):
+    @entry
+    def tell(x):
+        return 3.0 * x
+
+    monkeypatch.setattr(progress, "PATIENCE", -1.0)
+    assert tell(1) == 3.0
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    assert tell(1.0) == 3.0
+    said = capsys.readouterr().err
+    assert said.startswith("\rcompiling tell, once for this kind of scene")
+    assert said.endswith(": 1 functions, 0 s \n")

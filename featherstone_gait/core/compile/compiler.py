@@ -23,6 +23,8 @@ from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import FunctionPass, register_pass
 from numba.core.typed_passes import NopythonTypeInference
 
+from .progress import Progress, current
+
 
 class Part(JITCodeLibrary):
     """The code of a function that kernels call: to be linked, as it was written."""
@@ -94,6 +96,8 @@ class _BeforeLowering(FunctionPass):
 
     def run_pass(self, state):
         """Change what the state of the compilation holds."""
+        if current:
+            current[-1].one_more()
         context = state.targetctx
         context.enable_nrt = False
         kind = Part if state.flags.no_cpython_wrapper else Whole
@@ -136,12 +140,15 @@ def _plain(kind):
     return types.unliteral(kind) if isinstance(kind, types.IntegerLiteral) else kind
 
 
-def without_collecting(compile_, arguments):
-    """Call `compile_` with Python's collector of garbage at rest."""
-    collects = gc.isenabled()
+def compile_entry(compile_, name, kept, arguments):
+    """Call `compile_`, with its progress shown and Python's collector of garbage at rest."""
+    collects, progress = gc.isenabled(), Progress(name, kept)
+    current.append(progress)
     gc.disable()
     try:
         return compile_(arguments)
     finally:
+        current.remove(progress)
+        progress.end()
         if collects:
             gc.enable()

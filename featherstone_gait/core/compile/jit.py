@@ -31,7 +31,7 @@ import numba
 import numpy as np
 from llvmlite.binding import get_host_cpu_features
 
-from .compiler import Compiler, of_any_integer, without_collecting
+from .compiler import Compiler, compile_entry, of_any_integer
 from .lock import lock
 from .sealed import SealedFiles
 
@@ -120,8 +120,11 @@ def entry(function):
     """Compile `function` for calls from Python: cached on disk, without the GIL."""
     if not JIT:
         return _quiet(function)
-    dispatcher = _with_cache(function) if CACHE_FOLDER else None
-    return dispatcher or numba.njit(function, **ENTRY)
+    kept = _with_cache(function) if CACHE_FOLDER else None
+    dispatcher = kept or numba.njit(function, **ENTRY)
+    compile_ = functools.partial(compile_entry, dispatcher.compile, function.__name__, kept is not None)
+    dispatcher.compile = compile_
+    return dispatcher
 
 
 def _with_cache(function):
@@ -139,7 +142,6 @@ def _with_cache(function):
     cache._cache_file = SealedFiles(cache.cache_path, cache._impl.filename_base, cache._impl.locator.get_source_stamp())
     cache.load_overload = functools.partial(_load, cache.load_overload)
     cache.save_overload = functools.partial(_save, cache.save_overload)
-    dispatcher.compile = functools.partial(without_collecting, dispatcher.compile)
     return dispatcher
 
 
