@@ -6,6 +6,7 @@ within a step of the explicit pair.
 """
 
 from ..compile.jit import entry, inline
+from ..compile.shared import read_now
 from ..effects.actuator import controller_of
 from ..effects.push import AHEAD, next_edge
 from ..step.pace import PACE, REJECTED, SINCE, STEPS, UNTIL
@@ -79,7 +80,7 @@ def _cross(run, y, k, end, most, out):
         if pace[STEPS] + pace[REJECTED] >= most:
             y[run.places[0].status] = TOO_COSTLY
             return True
-        if run.stop[0] != 0:
+        if read_now(run.stop) != 0:
             return True
     return False
 

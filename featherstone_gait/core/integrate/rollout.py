@@ -3,6 +3,7 @@
 from ..compile.jit import entry, inline, kernel
 from ..compile.lanes import any_lane, as_lanes, invert, select
 from ..compile.optional import in_lanes, item, slice_if
+from ..compile.shared import read_now
 from ..effects.actuator import controller_of
 from ..effects.contact import above_ground
 from ..effects.controller import control_tick
@@ -33,7 +34,7 @@ def rollout(run, y, out):
                 _freeze_ended(dead, run.good, y)
         if k % plan.per_sample == 0:
             record(run, y, k // plan.per_sample, out)
-        if k == plan.steps or run.stop[0] != 0 or not any_lane(invert(dead)):
+        if k == plan.steps or read_now(run.stop) != 0 or not any_lane(invert(dead)):
             break
         take_step(run.work, run, y, t, theta)
         follow(run.scene.coupling, o, y)
