@@ -3,10 +3,10 @@
 A run is judged up to where its reference is known (`truth.py`).  Its status is right if it is "fell" where the
 reference fell, and otherwise "ok":
 
-    held      within 1e-3 (rad or m), status right
-    silent    not within 1e-3, status right: nothing says so
-    flagged   not within 1e-3, and the status says so
-    alarm     within 1e-3, but the status is not right
+    held      right (within 1e-3 rad or m, and 1e-2 of the largest speed, at least 1 rad/s or m/s), status right
+    silent    not right, and nothing says so
+    flagged   not right, and the status says so
+    alarm     right, but the status is not
     dear      no result after `PATIENCE` CPU seconds
 
 Robots are those of installed packages (see `robots.py`).  MuJoCo runs the same model at its own step of 2 ms with its
@@ -28,6 +28,7 @@ from tqdm import tqdm
 
 from ..build.scene import CompiledScene
 from ..files import complete
+from ..run.companion import SPEED_LIMIT
 from ..trajectory import Trajectory
 from ..view.plotting import positions
 from .default_scenes import cases
@@ -71,7 +72,7 @@ class Row(NamedTuple):
     status: str
     verdict: str
     error: float  # of positions, up to `until` [rad or m]
-    speed_error: float  # relative to the largest speed
+    speed_error: float  # relative to the largest speed, at least 1 rad/s or m/s
     estimate: float  # the run's own, NaN without
     time: float  # CPU per simulated second [ms]
     ratio: float  # of that to the default's of version 0.1: implicit_euler at 1 ms, or dop853 to 1e-8
@@ -147,7 +148,7 @@ def judged(case: Case, exact: Truth, worker: Worker) -> tuple[Row, list[Named]]:
     if outcome is None:
         return Row(*what, "", "dear", math.nan, math.nan, math.nan, math.inf, math.inf, *peer), named
     error, speed_error, estimate = errors(case, exact, outcome)
-    verdict = verdict_of(error, is_right(outcome.status, exact), WRONG)
+    verdict = verdict_of(max(error, speed_error / SPEED_LIMIT), is_right(outcome.status, exact), WRONG)
     ratio = outcome.time / plain if plain else math.nan
     return Row(*what, outcome.status, verdict, error, speed_error, estimate, outcome.time, ratio, *peer), named
 
@@ -200,12 +201,12 @@ def repeated(once: Callable[[], float]) -> list[float]:
 
 
 def errors(case: Case, exact: Truth, outcome: Outcome) -> tuple[float, float, float]:
-    """Of positions [rad or m], of velocities relative to the largest one, and the run's own estimate."""
+    """Of positions [rad or m], of velocities relative to the largest one (at least 1), and the run's own estimate."""
     known = min(exact.known, max(int(outcome.end / case.every + 1e-6) + 1, 1))
     error = distances(case.scene, outcome.q, exact.q)[:known]
-    largest = np.abs(exact.qd[:known]).max(initial=0.0)
+    largest = np.abs(exact.qd[:known]).max(initial=1.0)
     speed = np.abs(outcome.qd - exact.qd)[:known].max(initial=0.0)
-    return float(error.max()), float(speed / largest if largest > 0 else speed), float(outcome.estimate[:known].max())
+    return float(error.max()), float(speed / largest), float(outcome.estimate[:known].max())
 
 
 def is_right(status: str, exact: Truth) -> bool:
@@ -223,8 +224,9 @@ def verdict_of(error: float, right: bool, wrong: float) -> str:
 def _judged_named(case: Case, exact: Truth, found: Outcome | None) -> tuple[str, str, float, float]:
     if found is None:
         return "", "dear", math.nan, math.inf
-    error = errors(case, exact, found)[0]
-    return found.status, verdict_of(error, is_right(found.status, exact), SILENT), error, found.time
+    error, speed_error, _ = errors(case, exact, found)
+    verdict = verdict_of(max(error, speed_error / SPEED_LIMIT), is_right(found.status, exact), SILENT)
+    return found.status, verdict, error, found.time
 
 
 # ---------------------------------------------------------------------------------------------- summary
