@@ -103,6 +103,7 @@ def test_the_error_of_the_stiff_arm_falls_with_the_step(integrator):
         assert errors(problem, "rk4", [1e-3])[0] > 1e-2
 
 
+@pytest.mark.long
 def test_the_reference_is_closer_to_another_solver_than_the_errors_counted_from_it():
     for problem in (precision.stiff_arm("rotor"), precision.free_arm(), precision.governor()):
         assert precision.solution(problem)[1] < 1e-9

@@ -11,6 +11,8 @@ from featherstone_gait.optimize import walking_cost
 from featherstone_gait.search import AdaptiveSimulatedAnnealing, run
 from featherstone_gait.walking import WalkingCost
 
+pytestmark = pytest.mark.long
+
 METHODS = replace(method_comparison.QUICK, evaluations=24)
 ROBUST = replace(
     robustness.QUICK, iterations=30, searches=1, robots=2, friction=(0.4, 0.95), slope=(-1.0, 0.0, 1.0),

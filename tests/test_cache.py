@@ -122,6 +122,7 @@ print(run["q"][-1, 0].hex(), sum(stats.cache_hits.values()), sum(stats.cache_mis
 DRIVEN = "import law; scene = replace(scene, constants=scene.constants._replace(actuator=law.Spring(np.ones(1))))"
 
 
+@pytest.mark.long
 def test_code_for_types_from_outside_is_never_stale_and_harms_nobody(package, tmp_path):
     cache, driven = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, OUTSIDE.replace("PLACE", DRIVEN)
     (package / "law.py").write_text(LAW.replace("FACTOR", "1.0"), "utf-8")
@@ -159,6 +160,7 @@ def test_a_full_disk_is_said_once_and_stops_nothing(package, tmp_path):
     assert run(package, **cache)[:3] == (result[0], 1, 0)
 
 
+@pytest.mark.long
 def test_a_damaged_file_is_compiled_anew(package, tmp_path):
     """Cut off, a bit turned, emptied, and taken from elsewhere; each time the next process finds it mended."""
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}

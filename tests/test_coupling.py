@@ -216,6 +216,7 @@ def swings(pairs, lengths=(1.0, 1.0)):
     return coupled(Model("swings", (BASE, *bobs), tuple(joints)), pairs)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["dop853", "extrapolation"])
 def test_two_pendulums_that_go_together_are_one(integrator):
     """1 m and 0.5 m long: a compound pendulum, sin(q/2) = k sn(K - w t), for ten seconds."""
@@ -252,6 +253,7 @@ def test_atwood_machine():
     np.testing.assert_allclose(forward_dynamics(atwood(), [0.3, -0.1], [0.0, 0.0], [0.0, 0.0]), [a, -a], rtol=1e-15)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4", "extrapolation"])
 def test_ground_under_one_weight_carries_what_the_other_does_not(integrator):
     model = atwood(contacts=(ContactPoint("heavy", (0.0, 0.0, 0.0)),))
@@ -397,6 +399,7 @@ def grips(scene, count=1):
     return states, references
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["rotor", "mipsd"])
 def test_driven_steps_converge_to_the_extrapolated_motion(kind):
     scene = gripper(kind)
@@ -447,6 +450,7 @@ def bits(run):
 RUNS = [("mipsd", "implicit_euler"), ("rotor", "midpoint"), ("standard", "simtwo"), ("mipsd", "rk4")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "integrator"), RUNS)
 def test_the_same_bits_alone_and_in_a_batch(kind, integrator):
     scene = gripper(kind, integrator, 1e-4 if integrator == "rk4" else 1e-3)

@@ -57,6 +57,7 @@ def results(folder):
     return files, report
 
 
+@pytest.mark.long
 def test_a_search_killed_again_and_again_ends_in_the_same_files(tmp_path):
     """Most kills come as candidates are written, some while the program starts, the last while the files are."""
     rng, torn, deaths, kept = random.Random(5), tmp_path / "torn", 0, b""

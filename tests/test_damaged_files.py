@@ -74,6 +74,7 @@ def test_a_claim_goes_with_its_process_however_that_ends(tmp_path, claimed):
             os.kill(child, signal.SIGKILL)
 
 
+@pytest.mark.long
 def test_of_two_studies_in_a_folder_one_works_and_the_other_says_so(tmp_path):
     (tmp_path / "study.toml").write_text(STUDY)
     study = read_study(tmp_path / "study.toml")

@@ -50,6 +50,7 @@ def marked(page):
     return [pytest.mark.nojit] if defines_kernels(page.read_text("utf-8")) else []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("page", [pytest.param(page, marks=marked(page), id=page.stem) for page in PAGES])
 def test_what_a_page_says_holds(page, tmp_path):
     done = run(page.read_text("utf-8"), tmp_path)

@@ -81,6 +81,7 @@ def test_voltages_alone_tell_the_gain(arm, exact):
     assert result.values["Kp"] == pytest.approx(30.0, rel=1e-4)
 
 
+@pytest.mark.long
 def test_intervals_hold_the_truth_as_often_as_they_say(arm, exact):
     """Noise of half an encoder count makes the rounding an independent error, so theory holds: of 3 x 24 intervals
     95 % hold the truth (these seeds: 93 %), give or take 2.6 % (binomial) if the parameters' errors are independent,

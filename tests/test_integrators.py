@@ -102,6 +102,7 @@ def test_double_pendulum_to_1e_10(integrator, double_pendulum_at_one_second):
     assert np.abs(run["q"][-1] - double_pendulum_at_one_second).max() < 1e-11
 
 
+@pytest.mark.long
 def test_stiff_spring_and_damper_to_1e_10():
     """A rod without gravity on a servo of 13 N m/rad and 0.37 N m s/rad: two real modes, 5 and 995 1/s."""
     model = pendulum(damping=0.0, lower=-math.inf, upper=math.inf)
@@ -166,6 +167,7 @@ SCENES = {  # duration [s], and the steps for each integrator: within the explic
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("make", SCENES, ids=lambda make: make.__name__)
 def test_each_order_shows_on_halved_steps(make):
     duration, steps = SCENES[make]
@@ -215,6 +217,7 @@ def test_the_error_falls_with_the_tolerance(integrator):
     assert 0.8 < np.polyfit(np.log(tolerances), np.log(errors), 1)[0] < 1.5
 
 
+@pytest.mark.long
 def test_extrapolation_and_midpoint_agree_on_the_whole_servo_chain():
     """Sampled controllers, current, spring-damper gearbox, friction: two methods that share no step size."""
     model = load_robot("arm7")

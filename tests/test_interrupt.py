@@ -46,6 +46,7 @@ CALLS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT of another kind")
 @pytest.mark.parametrize("case", CALLS)
 def test_an_interrupted_run_ends_and_the_next_one_works(case):

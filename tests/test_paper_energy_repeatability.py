@@ -21,6 +21,8 @@ from featherstone_gait.experiments.energy_repeatability import (
 )
 from featherstone_gait.optimize import walking_cost
 
+pytestmark = pytest.mark.long
+
 SHORT = replace(QUICK, runs=16, scales=(0.1,), masses=(0.6,), steps=(2e-3,), strides=2)
 CHATTERS = ("standard", EXPLICIT)
 

@@ -25,6 +25,8 @@ from featherstone_gait.experiments.gait_optimization import (
 )
 from featherstone_gait.optimize import optimize_gait, walking_cost
 
+pytestmark = pytest.mark.long
+
 SHORT = Settings(iterations=60, searches=1, noisy_searches=1, points=4)
 
 

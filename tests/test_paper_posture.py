@@ -21,6 +21,8 @@ from featherstone_gait.experiments.posture import (
     table,
 )
 
+pytestmark = pytest.mark.long
+
 SHORT = replace(QUICK, gains=(61.0,), steps=(1e-3,), masses=(0.6,), duration=14.0, dropped=7.0)
 REFERENCE = np.array([reference for reference, _ in TABLE_3.values()])
 

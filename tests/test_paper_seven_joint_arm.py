@@ -23,6 +23,8 @@ from featherstone_gait.experiments.seven_joint_arm import (
     run,
 )
 
+pytestmark = pytest.mark.long
+
 SHORT = replace(
     QUICK,
     gains=(61.0, 120.0),

@@ -44,6 +44,7 @@ def test_a_box_sinks_in_as_far_as_asked_for(sinking, damping_ratio):
     np.testing.assert_allclose(run["contact_force"][-1, :, 0], G / 4, rtol=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", LINEARLY_IMPLICIT)
 def test_a_standing_humanoid_sinks_in_as_asked_carries_its_weight_and_does_not_creep(integrator):
     scene, run = standing_humanoid(integrator, 20.0)

@@ -200,6 +200,7 @@ def test_over_a_field_the_midpoint_rule_is_of_order_two():
     assert errors[0] > 3.0 * errors[1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["midpoint", "extrapolation"])
 def test_a_ball_that_rolls_over_a_field_keeps_its_energy(integrator):
     model = ball()

@@ -148,6 +148,7 @@ def test_a_row_is_what_the_simulation_gives(tmp_path):
     assert outcome.statuses == {"ok": 2}
 
 
+@pytest.mark.long
 def test_every_parameter_changes_the_scene_it_names(tmp_path):
     """Each makes a difference to the energy that the same robot takes for the same motion."""
     text = 'robot = "humanoid"\nlocked = "simplified"\nexperiment = "hold"\nduration = 0.02\n[vary]\n'
@@ -304,6 +305,7 @@ def test_a_log_of_other_settings_and_a_damaged_one_are_refused(tmp_path):
             run_study(read(tmp_path, GRID), tmp_path)
 
 
+@pytest.mark.long
 def test_killed_at_random_moments_it_comes_to_the_same_table(tmp_path):
     """Twenty real processes end by SIGKILL, wherever they are; each goes on where the one before was."""
     path = written(tmp_path, LARGE)
