@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -122,7 +123,7 @@ class CompiledScene:
         """Where each part of the state starts."""
         return self.places[0]
 
-    @property
+    @cached_property
     def parts(self) -> dict[str, tuple[int, int]]:
         """First and past-the-last index of each part of the state."""
         return state.parts(self.layout)
