@@ -23,6 +23,7 @@ PROGRAM = """
     from featherstone_gait.build.scene import compile_scene
     from featherstone_gait.run.simulate import initial_state, simulate, simulate_batch
 
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell's background jobs ignore
     sampled, free = arm_scene(), compile_scene(pendulum(damping=0.0), integrator="{integrator}")
     start = initial_state(free, [1.0])
     run = {call}
