@@ -125,7 +125,7 @@ def _fell(frames, run, o, y):
     return fell
 
 
-rollout_one = entry(rollout)  # a kernel within a kernel of this size would be optimised twice
+rollout_one = entry(rollout)  # not by way of the kernel, which would be typed and lowered besides
 _rollout = kernel(rollout)
 
 
