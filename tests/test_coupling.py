@@ -142,7 +142,7 @@ def example_robots():
     """Folder of the package example-robot-data, which has no module to import."""
     try:
         package = distribution("example-robot-data")
-    except PackageNotFoundError:
+    except PackageNotFoundError:  # too large for the test extra: .ci/run installs it and runs these
         pytest.skip("needs the robots of example-robot-data")
     return Path(str(package.locate_file("cmeel.prefix/share/example-robot-data/robots")))
 

@@ -550,7 +550,7 @@ def test_without_mujoco_the_command_is_named(write, monkeypatch):
 def published(package, under=""):
     """Files of an installed package."""
     spec = importlib.util.find_spec(package)
-    if spec is None:
+    if spec is None:  # heavy, and only its models are wanted: .ci/run installs it and runs these
         pytest.skip(f"{package} is not installed")
     return sorted((Path(spec.submodule_search_locations[0]) / under).rglob("*.xml"))
 

@@ -255,7 +255,7 @@ def example(file):
     """A file of the package example-robot-data; skips where that is not installed."""
     try:
         found = [path for path in metadata.files("example-robot-data") or () if str(path).endswith(file)]
-    except metadata.PackageNotFoundError:
+    except metadata.PackageNotFoundError:  # too large for the test extra: .ci/run installs it and runs these
         pytest.skip("example-robot-data is not installed")
     return Path(found[0].locate())
 

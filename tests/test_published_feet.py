@@ -37,7 +37,7 @@ STAND = [  # file, what the names of the feet end in, how many they are, whether
 
 
 def published(name):
-    """The file of a robot; the test is skipped where its package is not installed."""
+    """The file of a robot; skips where its package is not installed: too large for the test extra, in .ci/run both are."""
     folders = []
     if (spec := importlib.util.find_spec("pybullet_data")) and spec.origin:
         folders.append(Path(spec.origin).parent)
