@@ -143,7 +143,7 @@ def ars343(work, run, y, t, length):
 
 @inline
 def _longest(companion, pace):
-    """The longest step [s]: of a companion half of what the run itself takes where events end its steps.
+    """The longest step [s]: a companion takes two where events end the run's steps, three where it may take two.
 
     Both would take the same steps there, and tell no error.
     """
