@@ -37,7 +37,7 @@ STAND = [  # file, what the names of the feet end in, how many they are, whether
 
 
 def published(name):
-    """The file of a robot; skips where its package is not installed: too large for the test extra, in .ci/run both are."""
+    """The file of a robot; skips where its package is not installed: too large for the test extra; .ci/run has both."""
     folders = []
     if (spec := importlib.util.find_spec("pybullet_data")) and spec.origin:
         folders.append(Path(spec.origin).parent)
