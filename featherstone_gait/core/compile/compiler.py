@@ -6,6 +6,8 @@
   and no machine code is made of it alone.
 - A kernel that is called with 0 and with 3 is one kernel, of an integer.
 - Python's garbage is not collected meanwhile: there is little, among all that a compiler keeps.
+- What Numba asks itself again for each call, and answers slowly, it is told: the options of the function, the size of a
+  type, what an operator makes of numbers.  Passes for what kernels do not do (closures, array expressions) are left out.
 
 `CompilerBase` is Numba's documented way to change its passes.  The libraries of code are internal to it, which is why
 pyproject.toml bounds its version.
@@ -13,20 +15,29 @@ pyproject.toml bounds its version.
 
 from __future__ import annotations
 
+import functools
 import gc
+import operator
 
 from llvmlite import binding as llvm
 from numba import _dynfunc
-from numba.core import types
+from numba.core import typed_passes, types, untyped_passes
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
-from numba.core.compiler_machinery import FunctionPass, register_pass
+from numba.core.compiler import CompilerBase, Flags
+from numba.core.compiler_machinery import FunctionPass, PassManager, register_pass
 from numba.core.typed_passes import NopythonTypeInference
 
 from .progress import Progress, current
+from .structure import never_written, size_of
 
 
-class Part(JITCodeLibrary):
+class _Library(JITCodeLibrary):
+    def add_ir_module(self, ir_module):
+        never_written(ir_module, self.codegen.target_data)
+        super().add_ir_module(ir_module)
+
+
+class Part(_Library):
     """The code of a function that kernels call: to be linked, as it was written."""
 
     def _optimize_functions(self, module):
@@ -64,7 +75,7 @@ class Part(JITCodeLibrary):
         return module
 
 
-class Whole(JITCodeLibrary):
+class Whole(_Library):
     """The code of a function that Python calls."""
 
     def finalize(self):
@@ -100,12 +111,29 @@ class _BeforeLowering(FunctionPass):
             current[-1].one_more()
         context = state.targetctx
         context.enable_nrt = False
+        context.get_abi_sizeof = functools.partial(size_of, context.target_data)
         kind = Part if state.flags.no_cpython_wrapper else Whole
         state.library = kind(context.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
         if kind is Part:
             context.get_executable = _no_executable
         return False
+
+
+PASSES = (  # those of Numba's DefaultPassBuilder that kernels need
+    untyped_passes.TranslateByteCode,
+    untyped_passes.FixupArgs,
+    untyped_passes.IRProcessing,
+    untyped_passes.DeadBranchPrune,
+    untyped_passes.GenericRewrites,
+    untyped_passes.ReconstructSSA,
+    untyped_passes.DeadBranchPrune,
+    NopythonTypeInference,
+    typed_passes.PreLowerStripPhis,
+    _BeforeLowering,
+    typed_passes.NativeLowering,
+    typed_passes.NoPythonBackend,
+)
 
 
 def _no_executable(library, fndesc, env):
@@ -115,14 +143,33 @@ def _no_executable(library, fndesc, env):
 
 
 class Compiler(CompilerBase):
-    """Numba's passes, with one before the code is made."""
+    """Numba's passes that kernels need, with one before the code is made."""
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.state.flags = _Flags(self.state.flags)
 
     def define_pipelines(self):
         """The passes."""
-        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        passes.add_pass_after(_BeforeLowering, NopythonTypeInference)
+        passes = PassManager("kernels")
+        for each in PASSES:
+            passes.add_pass(each, each._name)
         passes.finalize()
         return [passes]
+
+
+class _Flags(Flags):
+    """Numba's options of a function, which it asks for their hash at each call that is typed."""
+
+    __slots__ = ("known",)
+
+    def __hash__(self):
+        if not hasattr(self, "known"):
+            self.known = super().__hash__()
+        return self.known
+
+    def __eq__(self, other):
+        return self is other or self._values == other._values or super().__eq__(other)
 
 
 def of_any_integer(dispatcher):
@@ -140,15 +187,38 @@ def _plain(kind):
     return types.unliteral(kind) if isinstance(kind, types.IntegerLiteral) else kind
 
 
-def compile_entry(compile_, name, kept, arguments):
-    """Call `compile_`, with its progress shown and Python's collector of garbage at rest."""
-    collects, progress = gc.isenabled(), Progress(name, kept)
+def compile_entry(dispatcher, compile_, kept, arguments):
+    """Call `compile_`, with its progress shown, Python's collector of garbage at rest and operators' types kept."""
+    collects, progress = gc.isenabled(), Progress(dispatcher.__name__, kept)
+    typing = dispatcher.typingctx
     current.append(progress)
     gc.disable()
+    typing.resolve_function_type = functools.partial(_resolve, type(typing).resolve_function_type, typing)
     try:
         return compile_(arguments)
     finally:
         current.remove(progress)
+        if not current:
+            vars(typing).pop("resolve_function_type", None)
         progress.end()
         if collects:
             gc.enable()
+
+
+_signatures: dict = {}  # of operators, by them and the types of the numbers
+_OPERATORS = {
+    getattr(operator, name) for name in "add sub mul truediv floordiv mod neg lt le gt ge eq ne iadd isub imul".split()
+}
+NUMBERS = {types.float64, types.int64, types.boolean}  # of kernels
+
+
+def _resolve(resolve, typing, function, arguments, names):
+    """The signature of a call; of an operator on numbers, found once: Numba tries all that arrays could mean by it."""
+    if names or not isinstance(function, types.Function) or function.typing_key not in _OPERATORS:
+        return resolve(typing, function, arguments, names)
+    numbers = tuple(map(_plain, arguments))
+    if not NUMBERS.issuperset(numbers):
+        return resolve(typing, function, arguments, names)
+    if (function, numbers) not in _signatures:
+        _signatures[function, numbers] = resolve(typing, function, numbers, names)
+    return _signatures[function, numbers]

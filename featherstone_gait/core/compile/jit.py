@@ -122,7 +122,7 @@ def entry(function):
         return _quiet(function)
     kept = _with_cache(function) if CACHE_FOLDER else None
     dispatcher = kept or numba.njit(function, **ENTRY)
-    compile_ = functools.partial(compile_entry, dispatcher.compile, function.__name__, kept is not None)
+    compile_ = functools.partial(compile_entry, dispatcher, dispatcher.compile, kept is not None)
     dispatcher.compile = compile_
     return dispatcher
 

@@ -24,6 +24,7 @@ from numba.core.typeconv import Conversion
 from numba.core.typing.templates import AbstractTemplate, ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, models, overload, register_model
 
+from .compiler import NUMBERS
 from .jit import INNER
 
 WIDTH = 8
@@ -61,6 +62,7 @@ class _MaskType(types.Type):
 
 Lanes = _LanesType()
 Mask = _MaskType()
+NUMBERS.add(Lanes)
 _VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
 _BITS = ir.VectorType(ir.IntType(1), WIDTH)
 _INTEGERS = ir.VectorType(ir.IntType(64), WIDTH)

@@ -11,6 +11,7 @@ from numba.extending import overload
 
 from .jit import INNER
 from .lanes import as_lanes
+from .structure import StructureType
 
 
 def item(array, i):
@@ -85,7 +86,7 @@ def in_lanes(x):
 def _in_lanes(x):
     if isinstance(x, types.Array):
         return lambda x: as_lanes(x)
-    if isinstance(x, types.BaseNamedTuple):
+    if isinstance(x, types.BaseNamedTuple | StructureType):
         kind = x.instance_class
         shared = getattr(kind, "SHARED", ())
         fields = ", ".join(f"x.{name}" if name in shared else f"in_lanes(x.{name})" for name in x.fields)

@@ -20,6 +20,7 @@ import numpy as np
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select, sqrt
 from ..compile.optional import slice_if
+from ..compile.structure import structure
 from ..tree.layout import SF, SH, SJ, SM, TOUCH, U
 from ..tree.rigid_body import center_velocity, point_position
 from ..tree.spatial import add, cross, dot, load3, scale, store3, sub, vector
@@ -39,6 +40,7 @@ POINT = np.dtype(
 )
 
 
+@structure
 class Contact(NamedTuple):
     """What can touch what."""
 

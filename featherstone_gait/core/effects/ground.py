@@ -14,6 +14,7 @@ import numpy as np
 from ..compile.by_type import NoneType, by_type
 from ..compile.jit import entry, inline
 from ..compile.lanes import any_lane, clamp, gather, select, sqrt
+from ..compile.structure import structure
 from ..tree.spatial import add, cross, dot, load3, store3, vector
 from .touch import deepest_point, reach
 
@@ -48,6 +49,7 @@ AXES = 27  # 9 columns of the contacts' scratch (see contact.py): normal, first 
 _ROUND = 1.5 * 2.0**52  # added and taken away it rounds to an integer
 
 
+@structure
 class Plane(NamedTuple):
     """A plane with steps."""
 
@@ -55,6 +57,7 @@ class Plane(NamedTuple):
     steps: np.ndarray  # (steps,) RISE
 
 
+@structure
 class Field(NamedTuple):
     """A height field."""
 

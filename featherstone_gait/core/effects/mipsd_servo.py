@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..compile.structure import structure
 from . import gearbox
 from .actuator import actuator_branch, actuator_force, actuator_rates, controller_of, motor_of, move_actuator, rotor_of
 from .controller import filter_rate
@@ -12,6 +13,7 @@ from .gearbox import gear_branch, gear_torque
 from .motor import motor_branch, motor_rates, motor_torque, move_motor
 
 
+@structure
 class MipsdServo(NamedTuple):
     """The servos of a scene."""
 

@@ -20,6 +20,7 @@ import numpy as np
 from ..compile.elementary import exp
 from ..compile.jit import inline
 from ..compile.lanes import clamp
+from ..compile.structure import structure
 
 # Columns, one row a joint.
 NOW = 0  # speed at the start of the step [rad/s]
@@ -39,6 +40,7 @@ AVERAGE_SLOPE = 16
 COLUMNS = 17
 
 
+@structure
 class MotorStage(NamedTuple):
     """The stage that is being solved."""
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..compile.jit import inline
 from ..compile.lanes import clamp, select, sign_beyond
+from ..compile.structure import structure
 from .actuator import actuator_branch, actuator_force, actuator_rates, controller_of, motor_of, move_actuator, rotor_of
 
 PD = np.dtype(
@@ -20,6 +21,7 @@ PD = np.dtype(
 )
 
 
+@structure
 class PDServo(NamedTuple):
     """The servos of a scene."""
 

@@ -4,12 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..compile.structure import structure
 from . import motor as dc_motor
 from .actuator import actuator_branch, actuator_force, actuator_rates, controller_of, motor_of, move_actuator, rotor_of
 from .controller import filter_rate
 from .motor import motor_branch, motor_rates, motor_torque, move_motor
 
 
+@structure
 class RigidServo(NamedTuple):
     """The servos of a scene."""
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..compile.by_type import NoneType, by_type
 from ..compile.lanes import sqrt
+from ..compile.structure import structure
 from ..tree.layout import R
 from ..tree.spatial import add, dot, load9, rotate, scale, sub, vector
 
@@ -30,12 +31,14 @@ DISC = np.dtype(
 FLATNESS = 1e-2  # e: thickness of a disc by its radius
 
 
+@structure
 class Spheres(NamedTuple):
     """Spheres and points."""
 
     radius: np.ndarray  # (points,) [m]
 
 
+@structure
 class Discs(NamedTuple):
     """Discs, spheres and points."""
 

@@ -23,6 +23,7 @@ import numpy as np
 from ..compile.jit import inline, kernel
 from ..compile.lanes import sqrt
 from ..compile.optional import any_present
+from ..compile.structure import structure
 from ..effects.actuator import controller_of, motor_of, rotor_of
 from ..effects.energies import DRIVER, ENERGIES, METER, SUPPLY
 from ..effects.motor_stage import COLUMNS as MOTOR_COLUMNS
@@ -66,6 +67,7 @@ BETA = 0.08  # share of the last error in it
 COARSER = 2.15  # steps of a companion to ten times the tolerance, by those of its run
 
 
+@structure
 class Ars343(NamedTuple):
     """Workspace."""
 

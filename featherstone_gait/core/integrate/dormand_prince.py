@@ -12,6 +12,7 @@ import numpy as np
 
 from ..compile.jit import inline, kernel
 from ..compile.lanes import sqrt
+from ..compile.structure import structure
 from ..effects.actuator import motor_of
 from ..effects.energies import ENERGIES, METER
 from ..step.context import Scratch, Step
@@ -58,6 +59,7 @@ SAFETY, LEAST, MOST = 0.8, 0.333, 6.0  # of the step's factor
 BETA = 0.04  # share of the last error in it
 
 
+@structure
 class DormandPrince(NamedTuple):
     """Workspace."""
 

@@ -28,6 +28,7 @@ import numpy as np
 from ..compile.jit import inline, kernel
 from ..compile.lanes import WIDTH, aligned, select
 from ..compile.optional import in_lanes
+from ..compile.structure import structure
 from ..effects.actuator import controller_of, motor_of
 from ..effects.decay import DECAYS, set_decay
 from ..effects.energies import ENERGIES, METER
@@ -66,6 +67,7 @@ LEFT, DONE, COLUMN = 0, 1, 2  # rows of `lanes`: steps to go, steps done, column
 BEFORE, BEHIND, BRANCH, ROUGH = 0, 1, 2, 3
 
 
+@structure
 class Columns(NamedTuple):
     """What is done side by side: arrays with a last axis of lanes, which kernels also see as such."""
 
@@ -85,6 +87,7 @@ class Columns(NamedTuple):
     F: np.ndarray
 
 
+@structure
 class Ladder(NamedTuple):
     """Workspace."""
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..compile.jit import inline
 from ..compile.lanes import select
+from ..compile.structure import structure
 from ..step.advance import advance
 from ..step.context import Scratch, Step
 from ..step.newton import solve_step
@@ -13,6 +14,7 @@ from ..step.signals import inputs
 from .integrator import NEWTON_TOLERANCE, Integrator, scratch, take_step, thetas
 
 
+@structure
 class Implicit(NamedTuple):
     """Workspace."""
 

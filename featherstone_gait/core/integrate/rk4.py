@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compile.jit import inline
+from ..compile.structure import structure
 from ..step.context import Scratch, Step
 from ..step.derivative import derivative
 from ..step.signals import inputs
@@ -12,6 +13,7 @@ from ..tree.kinematics import unit_quaternion
 from .integrator import NEWTON_TOLERANCE, Integrator, scratch, take_step
 
 
+@structure
 class RungeKutta4(NamedTuple):
     """Workspace."""
 

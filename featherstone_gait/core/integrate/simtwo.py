@@ -12,6 +12,7 @@ import numpy as np
 from ..compile.by_type import by_type
 from ..compile.jit import inline
 from ..compile.lanes import clamp, select
+from ..compile.structure import structure
 from ..effects.actuator import motor_of
 from ..effects.decay import FILTER_DECAY
 from ..effects.energies import COPPER, DRIVER, ENERGIES, FRICTION, GEAR, METER, SUPPLY, WORK
@@ -25,6 +26,7 @@ from ..step.newton import solve_step
 from .integrator import NEWTON_TOLERANCE, Integrator, scratch, take_step
 
 
+@structure
 class SimTwo(NamedTuple):
     """Workspace."""
 

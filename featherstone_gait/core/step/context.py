@@ -9,9 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..compile.structure import structure
 from .signals import Signals
 
 
+@structure
 class Scene(NamedTuple):
     """The constants of a scene."""
 
@@ -29,6 +31,7 @@ class Scene(NamedTuple):
     coupling: np.ndarray | None = None  # (couplings,) COUPLING
 
 
+@structure
 class Plan(NamedTuple):
     """The course of a run in whole steps."""
 
@@ -53,6 +56,7 @@ class Plan(NamedTuple):
     offset: float = 0.0  # where what was before is off this grid [s]
 
 
+@structure
 class Scratch(NamedTuple):
     """What every step overwrites."""
 
@@ -62,6 +66,7 @@ class Scratch(NamedTuple):
     F: np.ndarray  # pushes and springs (n + 1, 6)
 
 
+@structure
 class Run(NamedTuple):
     """A run: what it reads, and what it overwrites besides the state."""
 
@@ -78,6 +83,7 @@ class Run(NamedTuple):
     SHARED = ("scene", "places", "plan", "channels", "stop")
 
 
+@structure
 class Step(NamedTuple):
     """One step, or one evaluation of the differential equation."""
 

@@ -5,9 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compile.jit import entry, inline, kernel
+from ..compile.structure import structure
 from ..effects.push import AHEAD  # a tick that falls on a knot sees what begins there
 
 
+@structure
 class Knots(NamedTuple):
     """A signal of n components."""
 
@@ -18,6 +20,7 @@ class Knots(NamedTuple):
     SHARED = ("times", "period")
 
 
+@structure
 class Signals(NamedTuple):
     """What comes from outside, and the arrays in which its present values stand."""
 

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compile.jit import entry, kernel
+from ..compile.structure import structure
 from .spatial import add, cross, dot, rotate, rotate_back, scale, sub, vector
 
 SHAPE = np.dtype(
@@ -40,6 +41,7 @@ SHAPE = np.dtype(
 )
 
 
+@structure
 class Shapes(NamedTuple):
     """The shapes of a robot."""
 
@@ -49,6 +51,7 @@ class Shapes(NamedTuple):
     edges: np.ndarray  # (all, 3) directions of the edges of the hulls
 
 
+@structure
 class Room(NamedTuple):
     """What is overwritten."""
 

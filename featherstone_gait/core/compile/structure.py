@@ -1,0 +1,223 @@
+"""NamedTuples that kernels pass by address, whatever they hold.
+
+Numba takes a NamedTuple apart at each call: the context of a step is some six hundred arguments, which must be typed,
+written, parsed and put on the stack, of which a function reads three.  `@structure` makes a class whose values are the
+address of their fields; a field is read where it is used.  A structure never changes, which LLVM is told of arguments.
+
+What kernels must not do: keep a structure from one pass of a loop to the next, which makes its successor in the same
+place.  With the JIT off a structure is the NamedTuple that it looks like.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TypeVar
+
+import llvmlite.ir as ir
+from numba import types
+from numba.core import cgutils
+from numba.core.imputils import lower_builtin, lower_getattr_generic
+from numba.core.typing.templates import AttributeTemplate, infer_getattr, make_callable_template
+from numba.core.utils import pysignature
+from numba.extending import NativeValue, models, register_model, typeof_impl, unbox
+
+T = TypeVar("T")
+
+
+class _Structure(type):
+    """The class of classes that are structures."""
+
+
+def structure(cls: type[T]) -> type[T]:
+    """Make a NamedTuple class one whose values kernels pass by address."""
+    made = _Structure(cls.__name__, cls.__bases__, dict(cls.__dict__))
+    typeof_impl.register(made)(_typeof)
+    return made
+
+
+class StructureType(types.Type):
+    """The Numba type of a structure: the class, and the types of the fields."""
+
+    def __init__(self, instance_class, kinds):
+        self.instance_class, self.types, self.fields = instance_class, tuple(kinds), instance_class._fields
+        whole = ", ".join(map(str, self.types)).encode()
+        super().__init__(f"{instance_class.__name__}({hashlib.sha256(whole).hexdigest()[:16]})")
+
+    @property
+    def key(self):
+        """What tells two types apart."""
+        return self.instance_class, self.name
+
+
+class _StructureClass(types.Callable, types.Opaque):
+    """The Numba type of the class itself."""
+
+    def __init__(self, instance_class):
+        self.instance_class = instance_class
+        super().__init__(f"class({instance_class.__module__}.{instance_class.__qualname__})")
+
+    def get_call_type(self, context, args, kws):
+        return None  # by the attribute __call__
+
+    def get_call_signatures(self):
+        return (), True
+
+    def get_impl_key(self, sig):
+        return type(self)
+
+    @property
+    def key(self):
+        return self.instance_class
+
+
+def _typeof(value, context):
+    return StructureType(type(value), [typeof_impl(field, context) for field in value])
+
+
+@typeof_impl.register(_Structure)
+def _typeof_class(value, context):
+    return _StructureClass(value)
+
+
+register_model(_StructureClass)(models.OpaqueModel)
+
+
+@register_model(StructureType)
+class _StructureModel(models.DataModel):
+    """A value is the address of its fields; structures within it are part of it."""
+
+    def __init__(self, dmm, fe_type):
+        super().__init__(dmm, fe_type)
+        self.inner = [dmm[kind] for kind in fe_type.types]
+        self.body = ir.LiteralStructType(
+            [m.body if isinstance(m, _StructureModel) else m.get_value_type() for m in self.inner]
+        )
+
+    def get_value_type(self):
+        return ir.PointerType(self.body)
+
+    def get_return_type(self):
+        return self.body
+
+    def get_data_type(self):
+        return self.body
+
+    def as_argument(self, builder, value):
+        return value
+
+    def from_argument(self, builder, value):
+        return value
+
+    def as_return(self, builder, value):
+        return builder.load(value)
+
+    def from_return(self, builder, value):
+        return cgutils.alloca_once_value(builder, value)
+
+    def as_data(self, builder, value):
+        return builder.load(value)
+
+    def from_data(self, builder, value):
+        return cgutils.alloca_once_value(builder, value)
+
+    def load_from_data_pointer(self, builder, ptr, align=None):
+        return ptr
+
+    def inner_models(self):
+        return self.inner
+
+    def get(self, builder, value, k):
+        """Field k."""
+        at = cgutils.gep_inbounds(builder, value, 0, k)
+        return at if isinstance(self.inner[k], _StructureModel) else builder.load(at)
+
+    def put(self, context, builder, value, k, field):
+        """Write field k, once."""
+        at = cgutils.gep_inbounds(builder, value, 0, k)
+        if isinstance(self.inner[k], _StructureModel):
+            size = ir.Constant(ir.IntType(64), context.get_abi_sizeof(self.inner[k].body))
+            cgutils.raw_memcpy(builder, at, field, size, 1)
+        else:
+            builder.store(field, at)
+
+
+@infer_getattr
+class _Fields(AttributeTemplate):
+    key = StructureType
+
+    def generic_resolve(self, kind, name):
+        return kind.types[kind.fields.index(name)] if name in kind.fields else None
+
+
+@infer_getattr
+class _Constructor(AttributeTemplate):
+    key = _StructureClass
+
+    def resolve___call__(self, kind):
+        made = kind.instance_class
+        pysig = pysignature(made)
+
+        def typer(*args, **kws):
+            given = pysig.bind(*args, **kws).args
+            return StructureType(made, [types.unliteral(x) for x in given])
+
+        typer.pysig = pysig
+        return types.Function(make_callable_template(self.key, typer))
+
+
+@lower_getattr_generic(StructureType)
+def _field(context, builder, kind, value, name):
+    return context.data_model_manager[kind].get(builder, value, kind.fields.index(name))
+
+
+@lower_builtin(_StructureClass, types.VarArg(types.Any))
+def _construct(context, builder, sig, args):
+    model = context.data_model_manager[sig.return_type]
+    made = cgutils.alloca_once(builder, model.body)
+    for k, (field, given, kind) in enumerate(zip(args, sig.args, sig.return_type.types, strict=True)):
+        model.put(context, builder, made, k, context.cast(builder, field, given, kind))
+    return made
+
+
+@unbox(StructureType)
+def _unbox(kind, obj, c):
+    model = c.context.data_model_manager[kind]
+    made = cgutils.alloca_once(c.builder, model.body)
+    failed, cleanups = cgutils.false_bit, []
+    for k, part in enumerate(kind.types):
+        native = c.unbox(part, c.pyapi.tuple_getitem(obj, k))
+        model.put(c.context, c.builder, made, k, native.value)
+        failed = c.builder.or_(failed, native.is_error)
+        if native.cleanup is not None:
+            cleanups.append(native.cleanup)
+
+    def cleanup():
+        for undo in reversed(cleanups):
+            undo()
+
+    return NativeValue(made, cleanup=cleanup, is_error=failed)
+
+
+_sizes: dict = {}  # of types of llvmlite, by their identity: to compare two takes long
+
+
+def size_of(layout, kind):
+    """Bytes of a type of llvmlite, which has a module parsed to tell it; layout: llvmlite's TargetData."""
+    if id(kind) not in _sizes:
+        _sizes[id(kind)] = kind.get_abi_size(layout), kind
+    return _sizes[id(kind)][0]
+
+
+def never_written(module, layout):
+    """Tell LLVM that no function of the module (of llvmlite.ir) writes into a structure that it is given.
+
+    layout: llvmlite's TargetData.
+    """
+    for function in module.functions:
+        for argument in function.args[2:]:  # after the results
+            kind = argument.type
+            if isinstance(kind, ir.PointerType) and isinstance(kind.pointee, ir.LiteralStructType):
+                argument.attributes.dereferenceable = size_of(layout, kind.pointee)
+                argument.add_attribute("noalias")
+                argument.add_attribute("captures(none)")
+                set.add(argument.attributes, "readonly")  # llvmlite knows fewer attributes than LLVM
