@@ -1,7 +1,8 @@
-"""The mass matrix in plain NumPy, for the checks of a model: small, and needs no compiling.
+"""Frames, centre of mass and mass matrix in plain NumPy, for what is asked once of a model: nothing to compile.
 
 Composite rigid bodies (R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.2) in world axes: each joint
-feels the mass, the centre of mass and the inertia of all that it carries.
+feels the mass, the centre of mass and the inertia of all that it carries.  Some of it ends in what kernels read: sums
+are taken in a fixed order.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .rotation import rotation_about
+from .fixed_order import applied, product, total
+from .rotation import cross, dot, rotation_about
 
 TOLERANCE = 1e-13  # of what is to be above zero, relative; rounding makes some 1e-15
 
@@ -44,25 +46,33 @@ def mass_matrix(bodies: Bodies, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     in world axes, and the joints in the order of the rows.  The size has the unit of the matrix's diagonal and is above
     zero wherever any mass or inertia is carried.
     """
-    E, o = _frames(bodies, q)
-    m, c, J = _composites(bodies, E, o)
+    E, o = frames(bodies, q)
+    m, c, J = composites(bodies, E, o)
     n = len(bodies.parent)
     H, size = np.zeros((n + 5, n + 5)), np.zeros(n + 5)
     H[:6, :6], size[:6] = _base_block(m[0], c[0] - o[0], J[0])
+    slides = np.array(bodies.prismatic)
     for k in range(1, n):
         arm = c[k] - o[k]
         force, moment, size[k + 5] = _effort(bodies.prismatic[k], E[k][:, 2], m[k], arm, J[k])
         H[k + 5, :3] = force
-        H[k + 5, 3:6] = moment + np.cross(o[k] - o[0], force)
-        above = k
-        while above > 0:
-            about = moment + np.cross(o[k] - o[above], force)
-            H[k + 5, above + 5] = E[above][:, 2] @ (force if bodies.prismatic[above] else about)
-            above = bodies.parent[above]
+        H[k + 5, 3:6] = moment + cross(o[k] - o[0], force)
+        path = _path(bodies.parent, k)
+        about = moment + cross((o[k] - o[path]).T, force).T
+        H[k + 5, np.array(path) + 5] = total(E[path][:, :, 2] * np.where(slides[path, None], force, about))
         H[: k + 5, k + 5] = H[k + 5, : k + 5]
         H[k + 5, k + 5] += bodies.armature[k]
         size[k + 5] += bodies.armature[k]
     return H, size
+
+
+def _path(parent: list[int], k: int) -> list[int]:
+    """From row k to the base, without it."""
+    path = []
+    while k > 0:
+        path.append(k)
+        k = parent[k]
+    return path
 
 
 def idle(H: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -80,29 +90,29 @@ def loosest(H: np.ndarray) -> tuple[float, np.ndarray]:
     return float(values[0]), np.abs(vectors[:, 0])
 
 
-def _frames(bodies: Bodies, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def frames(bodies: Bodies, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rotation (rows, 3, 3) to the world and origin (rows, 3) [m] of each body; the base stands at the origin."""
     E, o = bodies.E.copy(), bodies.r.copy()
     for k in range(1, len(o)):
         parent = bodies.parent[k]
-        o[k] = o[parent] + E[parent] @ bodies.r[k]
-        E[k] = E[parent] @ bodies.E[k]
+        o[k] = o[parent] + applied(E[parent], bodies.r[k])
+        E[k] = product(E[parent], bodies.E[k])
         if bodies.prismatic[k]:
             o[k] += E[k][:, 2] * q[k]
         else:
-            E[k] = E[k] @ rotation_about((0.0, 0.0, 1.0), math.remainder(q[k], math.tau))
+            E[k] = product(E[k], rotation_about((0.0, 0.0, 1.0), math.remainder(q[k], math.tau)))
     return E, o
 
 
-def _composites(bodies: Bodies, E: np.ndarray, o: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mass, centre and inertia about it, in world axes, of each body with all that it carries."""
-    m, c = bodies.mass.copy(), o + np.einsum("kij,kj->ki", E, bodies.center)
-    J = E @ bodies.inertia @ E.transpose(0, 2, 1)
+def composites(bodies: Bodies, E: np.ndarray, o: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mass, centre and inertia about it, in world axes, of each body with all that it carries; E, o: the `frames`."""
+    m, c = bodies.mass.copy(), o + applied(E, bodies.center)
+    J = product(product(E, bodies.inertia), E.transpose(0, 2, 1))
     for k in range(len(m) - 1, 0, -1):
         p = bodies.parent[k]
         together, d = m[p] + m[k], c[k] - c[p]
         if together > 0:
-            J[p] += m[p] / together * m[k] * (d @ d * np.eye(3) - np.outer(d, d))
+            J[p] += m[p] / together * m[k] * (dot(d, d) * np.eye(3) - np.outer(d, d))
             c[p] += m[k] / together * d
         J[p] += J[k]
         m[p] = together
@@ -113,7 +123,7 @@ def _base_block(m: float, arm: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, n
     """Inertia (6, 6) of a body about a point `arm` before its centre, and its size (6,)."""
     x, y, z = arm
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    about = J + m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    about = J + m * (dot(arm, arm) * np.eye(3) - np.outer(arm, arm))
     return np.block([[m * np.eye(3), -m * K], [m * K, about]]), np.repeat([m, np.abs(about).sum()], 3)
 
 
@@ -122,6 +132,6 @@ def _effort(
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Force (3,) and moment (3,) about the joint that a unit acceleration of it takes, and its size."""
     if prismatic:
-        return m * axis, np.cross(arm, m * axis), m
-    force = m * np.cross(axis, arm)
-    return force, J @ axis + np.cross(arm, force), np.abs(J).sum() + m * (arm @ arm)
+        return m * axis, cross(arm, m * axis), m
+    force = m * cross(axis, arm)
+    return force, applied(J, axis) + cross(arm, force), np.abs(J).sum() + m * dot(arm, arm)

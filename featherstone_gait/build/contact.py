@@ -9,12 +9,13 @@ import numpy as np
 from ..core.effects.contact import POINT, Contact
 from ..core.effects.ground import GRID, PLANE, RISE, Field, Plane, facets
 from ..core.effects.touch import DISC, FLATNESS, Discs, Spheres
-from ..dynamics import center_of_mass, deepest_points, forward_kinematics
+from ..dynamics import deepest_points
 from ..elementary import sincos
 from ..fixed_order import applied
 from ..model import ContactPoint, Ground, HeightField, Model
 from ..rotation import dot, rotation_from_quaternion
 from .records import fill, records
+from .rest import rest_center, rest_poses
 from .tree import Tree
 
 CONTACTS = "add contacts to its TOML, or load it with contacts='feet' to take its collision shapes"
@@ -137,7 +138,7 @@ def standing_height(model: Model, ground: Ground, q: np.ndarray) -> float:
     clearances = []
     s, c = sincos(ground.slope)
     sine, cosine = sincos(ground.heading)
-    for x in deepest_points(model, forward_kinematics(model, q), _normal(ground)):
+    for x in deepest_points(model, rest_poses(model, q), _normal(ground)):
         ahead = cosine * x[0] + sine * x[1] if ground.heading else x[0]
         surface = ground.height + s / c * ahead
         along = c * ahead + s * surface
@@ -150,7 +151,7 @@ def _height_on_field(model: Model, ground: Ground, q: np.ndarray) -> float:
     """The same on a field, under which a bulge's normal changes as it is let down: three steps of Newton's method."""
     q, up = np.array(q, dtype=float), np.array([0.0, 0.0, 1.0])
     for _ in range(3):
-        poses = forward_kinematics(model, q)
+        poses = rest_poses(model, q)
         normals = ground_under(ground, deepest_points(model, poses, up))[:, :3]
         under = ground_under(ground, deepest_points(model, poses, normals))
         lowest = under[:, 6].argmin()
@@ -184,6 +185,6 @@ def standing_posture(model: Model) -> tuple[float, tuple[float, float, float]]:
 
 def _height_along(model: Model, q: np.ndarray, up: np.ndarray, highest: bool = False) -> float:
     """How far the centre of mass is over the lowest contact, or over the highest one, along `up` [m]."""
-    center = dot(up, center_of_mass(model, q))
-    contacts = [dot(up, x) for x in deepest_points(model, forward_kinematics(model, q), up)]
+    center = dot(up, rest_center(model, q))
+    contacts = [dot(up, x) for x in deepest_points(model, rest_poses(model, q), up)]
     return center - (max(contacts) if highest else min(contacts))

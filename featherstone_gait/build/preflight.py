@@ -22,12 +22,13 @@ import numpy as np
 from ..arguments import one_of, real
 from ..core.effects import contact, friction, spring
 from ..core.integrate import INTEGRATORS
-from ..dynamics import coupling_matrix, forward_kinematics, inverse_dynamics, mass_matrix, spring_vectors
+from ..dynamics import coupling_matrix, forward_kinematics, inverse_dynamics, spring_vectors
 from ..fixed_order import applied, product, solve
 from ..model import Ground, Model, Spring
 from ..rotation import cross, dot
 from .actuator import Drive
 from .friction import sticks
+from .rest import rest_mass_matrix
 
 STIFF = 5e-3  # [s]; explicit limit below which a scene is for implicit steps
 RESOLVED = 0.25  # share of the springs' limit that a chosen step takes: 12 steps a period
@@ -249,7 +250,7 @@ def joint_mobility(model: Model, armature: np.ndarray | None, springs: Sequence[
     J[:n, model.nv - n :] = np.eye(n)
     if springs:
         J[n:] = _lengthening(model, springs, q)
-    M, G = mass_matrix(model, q, armature=armature), coupling_matrix(model).matrix
+    M, G = rest_mass_matrix(model, armature), coupling_matrix(model).matrix
     if len(G) > len(G.T):
         M, J = product(product(G.T, M), G), product(J, G)
     return product(J, solve(M, J.T))
