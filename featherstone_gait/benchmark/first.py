@@ -1,0 +1,85 @@
+"""CPU seconds of a fresh process until its first result, import and compiling included, by kinds of scenes.
+
+`cold` starts from an empty cache, `further` from one that has the kinds of all lines above (its first line is an empty
+one again), `cached` from one that has this kind.  What a line's `further` is below its `cold` the kinds share.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+from tqdm import tqdm
+
+from ..files import FilePath
+from .machine import machine
+from .table import write_table
+
+TIMED = """
+import time
+from featherstone_gait import Ground, compile_scene, load_robot, simulate, simulate_batch
+{}
+print(time.process_time())
+"""
+COMMAND = """
+import contextlib, io, time
+from featherstone_gait.cli import main
+with contextlib.redirect_stdout(io.StringIO()):
+    main(["simulate", "arm7", "--out", {folder!r}])
+print(time.process_time())
+"""
+HUMANOID = 'scene = compile_scene(load_robot("humanoid"), servos="mipsd", ground=Ground())\n'
+KINDS = {  # first results
+    "free arm": 'simulate(compile_scene(load_robot("arm7")), 0.1)',
+    "arm with rotors": 'simulate(compile_scene(load_robot("arm7"), servos="rotor"), 0.1)',
+    "humanoid on the ground": HUMANOID + "simulate(scene, 0.1)",
+    "the same in lanes": HUMANOID + 'simulate_batch([scene] * 8, 0.1, integrator="midpoint")',
+    "the same, midpoint": HUMANOID + 'simulate(scene, 0.1, integrator="midpoint")',
+    "the same, rtol 1e-9": HUMANOID + "simulate(scene, 0.01, rtol=1e-9)",
+}
+PROGRAMS = {kind: TIMED.format(code) for kind, code in KINDS.items()}
+REPEATS, REPEATS_FULL = 3, 9  # of what is cached; the least counts
+
+
+class Row(NamedTuple):
+    """One line of the table [CPU s]."""
+
+    kind: str
+    cold: float
+    further: float
+    cached: float
+
+
+def run(out_dir: FilePath, full: bool = False) -> list[Row]:
+    """Time all kinds in processes of their own, print the table, write first.csv; `full` repeats what is short."""
+    out_dir = Path(out_dir)
+    out_dir.mkdir(parents=True, exist_ok=True)
+    host = machine()
+    print(host)
+    print(f"{'CPU s to the first result':30}{'cold':>8}{'further':>9}{'cached':>8}")
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        programs = PROGRAMS | {"featherstone-gait simulate arm7": COMMAND.format(folder=f"{folder}/out")}
+        bar = tqdm(programs.items(), desc="first results", unit="kind", disable=None, leave=False)
+        for k, (kind, program) in enumerate(bar):
+            cold = _seconds(program, f"{folder}/{k}")
+            cached = min(_seconds(program, f"{folder}/{k}") for _ in range(REPEATS_FULL if full else REPEATS))
+            row = Row(kind, cold, _seconds(program, f"{folder}/all"), cached)
+            rows.append(row)
+            bar.write(f"{kind:30}{row.cold:8.1f}{row.further:9.1f}{row.cached:8.2f}")
+    write_table(out_dir / "first.csv", Row._fields, rows, host)
+    return rows
+
+
+def _seconds(program: str, cache: str) -> float:
+    """CPU seconds of a process, by its own count, with its cache in that folder."""
+    environment = os.environ | {"NUMBA_CACHE_DIR": cache, "PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-c", program]
+    run = subprocess.run(command, env=environment, capture_output=True, text=True)
+    if run.returncode:
+        raise RuntimeError(f"a process of the benchmark failed:\n{run.stderr}")
+    return float(run.stdout.split()[-1])
