@@ -6,8 +6,8 @@
   and no machine code is made of it alone.
 - A kernel that is called with 0 and with 3 is one kernel, of an integer.
 - Python's garbage is not collected meanwhile: there is little, among all that a compiler keeps.
-- What Numba asks itself again for each call, and answers slowly, it is told: the options of the function, the size of a
-  type, what an operator makes of numbers.  Passes for what kernels do not do (closures, array expressions) are left out.
+- What Numba asks itself again for each call, and answers slowly, it is told: the options of a function, the size of a
+  type, what an operator makes of numbers.  Passes for what no kernel has (closures, array expressions) are left out.
 
 `CompilerBase` is Numba's documented way to change its passes.  The libraries of code are internal to it, which is why
 pyproject.toml bounds its version.

@@ -1,0 +1,24 @@
+"""The benchmark of first results, on a program that compiles nothing of ours."""
+
+import csv
+
+import pytest
+
+from featherstone_gait.benchmark import first
+
+
+def test_it_counts_a_process_of_its_own_and_writes_its_table(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(first, "PROGRAMS", {"nothing": "import time\nprint(time.process_time())"})
+    monkeypatch.setattr(first, "COMMAND", "import time\nprint(time.process_time())")
+    rows = first.run(tmp_path)
+    assert [row.kind for row in rows] == ["nothing", "featherstone-gait simulate arm7"]
+    assert all(0.0 < seconds < 5.0 for row in rows for seconds in row[1:])
+    with open(tmp_path / "first.csv", newline="") as file:
+        table = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    assert [float(row["cold"]) for row in table] == [row.cold for row in rows]
+    assert "nothing" in capsys.readouterr().out
+
+
+def test_a_process_that_fails_says_why(tmp_path):
+    with pytest.raises(RuntimeError, match="no kind of that name"):
+        first._seconds("raise ValueError('no kind of that name')", str(tmp_path))
