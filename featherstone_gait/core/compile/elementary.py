@@ -14,7 +14,7 @@ from math import nan
 
 from numba.extending import register_jitable
 
-from .jit import kernel
+from .jit import INNER, kernel
 from .lanes import any_lane, power_of_two, select
 
 # Adding and subtracting 1.5 * 2**52 rounds to an integer, 1.5 * 2**54 to a multiple of four.
@@ -71,7 +71,7 @@ _E8 = float.fromhex("0x1.28ad68a69ef83p-22")
 _E9 = float.fromhex("0x1.ad7f938c2b1b5p-26")
 
 
-@register_jitable
+@register_jitable(**INNER)
 def _minus(r, low, part):
     """r + low - part: the first of both results is rounded, the second takes what that loses (D. Knuth's two-sum)."""
     s = r - part
@@ -79,7 +79,7 @@ def _minus(r, low, part):
     return s, low + ((r - (s - b)) - (part + b))
 
 
-@register_jitable
+@register_jitable(**INNER)
 def _reduce_far(x):
     """n, r and c of x = n pi/2 + r - c for NEAR < |x| <= SINCOS_LIMIT; not inlined, since it is rarely needed."""
     n = (x * _TWO_OVER_PI + _ROUND) - _ROUND

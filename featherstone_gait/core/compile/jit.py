@@ -140,13 +140,16 @@ def _with_cache(function):
     if not Path(cache.cache_path).is_relative_to(CACHE_FOLDER):
         return None  # Numba's next choice, where edited files it calls would go unseen
     cache._cache_file = SealedFiles(cache.cache_path, cache._impl.filename_base, cache._impl.locator.get_source_stamp())
-    cache.load_overload = functools.partial(_load, cache.load_overload)
+    cache.load_overload = functools.partial(_load, cache._load_overload)
     cache.save_overload = functools.partial(_save, cache.save_overload)
     return dispatcher
 
 
 def _load(load, arguments, context):
-    """What the cache holds, None if that cannot be used, whatever the reason."""
+    """What the cache holds, None if that cannot be used, whatever the reason.
+
+    Numba's own would first import what it knows of NumPy and SciPy, half a second, which finished code does not need.
+    """
     try:
         return load(arguments, context)
     except Exception as error:

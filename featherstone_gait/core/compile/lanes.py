@@ -25,7 +25,7 @@ from numba.core.typing.templates import AbstractTemplate, ConcreteTemplate, infe
 from numba.extending import intrinsic, models, overload, register_model
 
 from .compiler import NUMBERS
-from .jit import INNER
+from .jit import INLINE, INNER
 
 WIDTH = 8
 
@@ -170,7 +170,7 @@ def _select_lanes(typingctx, mask, a, b):
     return signature(Lanes, Mask, Lanes, Lanes), codegen
 
 
-@overload(select)
+@overload(select, jit_options=INLINE)
 def _select(mask, a, b):
     if mask is Mask:
         return lambda mask, a, b: _select_lanes(mask, a, b)
@@ -182,7 +182,7 @@ def clamp(x, lower, upper):
     return select(x < lower, lower, select(x > upper, upper, x))
 
 
-@overload(clamp, jit_options={"forceinline": True})
+@overload(clamp, jit_options=INLINE)
 def _clamp(x, lower, upper):
     return lambda x, lower, upper: select(x < lower, lower, select(x > upper, upper, x))
 
@@ -192,7 +192,7 @@ def sign_beyond(x, limit):
     return select(x > limit, 1.0 + 0.0 * x, select(x < -limit, -1.0 + 0.0 * x, 0.0 * x))
 
 
-@overload(sign_beyond, jit_options={"forceinline": True})
+@overload(sign_beyond, jit_options=INLINE)
 def _sign_beyond(x, limit):
     return sign_beyond
 
@@ -211,7 +211,7 @@ def _any_mask(typingctx, mask):
     return signature(types.boolean, Mask), codegen
 
 
-@overload(any_lane)
+@overload(any_lane, jit_options=INLINE)
 def _any_lane(mask):
     if mask is Mask:
         return lambda mask: _any_mask(mask)
@@ -223,7 +223,7 @@ def invert(mask):
     return np.logical_not(mask)
 
 
-@overload(invert)
+@overload(invert, jit_options=INLINE)
 def _invert(mask):
     if mask is Mask:
         return lambda mask: ~mask
@@ -246,7 +246,7 @@ def _sqrt(typingctx, x):
     return signature(x, x), codegen
 
 
-@overload(sqrt)
+@overload(sqrt, jit_options=INLINE)
 def _overload_sqrt(x):
     return lambda x: _sqrt(x)
 
@@ -271,7 +271,7 @@ def _gather_lanes(typingctx, table, index):
     return signature(Lanes, table, index), codegen
 
 
-@overload(gather)
+@overload(gather, jit_options=INLINE)
 def _gather(table, index):
     if index is Lanes and table.layout == "C":
         return lambda table, index: _gather_lanes(table, index)
@@ -298,7 +298,7 @@ def _power_of_two(typingctx, n):
     return signature(n, n), codegen
 
 
-@overload(power_of_two)
+@overload(power_of_two, jit_options=INLINE)
 def _overload_power_of_two(n):
     return lambda n: _power_of_two(n)
 
