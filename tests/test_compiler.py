@@ -104,3 +104,26 @@ def test_a_terminal_is_told_what_is_compiled(monkeypatch, capsys):
     said = capsys.readouterr().err
     assert said.startswith("\rcompiling tell, once for this kind of scene")
     assert said.endswith(": 1 functions, 0 s \n")
+
+
+@kernel
+def _deepest(x):
+    return x[0] + 1.0
+
+
+@kernel
+def _deep(x):
+    return 2.0 * _deepest(x)
+
+
+@entry
+def _partly_dead(x, out):
+    if len(out) < 0:
+        out[0] = _deep(x)
+    out[0] += _deepest(x)
+
+
+def test_what_is_called_from_dead_code_takes_nothing_with_it():
+    out = np.zeros(1)
+    _partly_dead(np.ones(1), out)
+    assert out[0] == 2.0

@@ -32,16 +32,18 @@ from .structure import never_written, size_of
 
 
 class _Library(JITCodeLibrary):
+    """Of functions that are optimised where they are linked, not one by one: what calls them stays what it was."""
+
     def add_ir_module(self, ir_module):
         never_written(ir_module, self.codegen.target_data)
         super().add_ir_module(ir_module)
 
+    def _optimize_functions(self, module):
+        module.data_layout = self._codegen._data_layout
+
 
 class Part(_Library):
     """The code of a function that kernels call: to be linked, as it was written."""
-
-    def _optimize_functions(self, module):
-        module.data_layout = self._codegen._data_layout
 
     def finalize(self):
         """End it without the passes and the machine code of a whole."""
