@@ -83,6 +83,7 @@ def test_the_current_is_that_of_the_differential_equation(voltage, start):
     assert abs(slope + (more[1] - mean) / 1e-6) < 1e-5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("servos", ["mipsd", "rotor"])
 def test_the_error_falls_with_the_tolerance(servos):
     """By 10 a decade where all is smooth: a step of the reference too small to meet a limit."""
@@ -107,6 +108,7 @@ def test_energies_of_the_servo_balance():
     assert np.abs(run["energy"] - exact["energy"]).max() < 1e-3 * exact["energy"].max()
 
 
+@pytest.mark.long
 def test_a_tumbling_humanoid_keeps_its_momentum():
     """At 10 rad/s for 2 s without gravity, its servos holding."""
     never = {"fall_height": -1.0, "fall_tilt": math.pi, "gravity": (0.0, 0.0, -1e-12)}
@@ -153,6 +155,7 @@ def test_a_box_on_the_ground_comes_to_rest_and_bears_its_weight():
     assert np.abs(run["base_qd"][-1]).max() < 1e-6
 
 
+@pytest.mark.long
 def test_stiff_servos_settle_at_large_steps():
     """Continuous servos without rotor inertia: far fewer steps than an explicit method's limit allows."""
     problem = stiff_arm("standard")

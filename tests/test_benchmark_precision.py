@@ -21,6 +21,7 @@ def errors(problem, integrator, settings):
 # --- problems ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_simple_box_turns_evenly():
     """Against its closed form: rounding only for order 8; the midpoint rule's quaternion lags as the step squared."""
     problem = precision.free_box("simple")
@@ -54,6 +55,7 @@ def test_the_pendulum_follows_the_elliptic_functions():
     assert error < 2e-11
 
 
+@pytest.mark.long
 def test_the_governor_rises_as_far_as_energy_and_momentum_let_it():
     """Of the same mechanism with rigid lower rods, whose one coordinate is the rods' angle; a spring of 8e5 N/m gives
     way by some 0.1 mm under 100 N, and its damper takes 1e-6 of the energy."""
@@ -82,6 +84,7 @@ def test_the_governor_rises_as_far_as_energy_and_momentum_let_it():
     assert run["q"][:, 1].max() == pytest.approx(height(top) + 0.5, abs=2e-4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("integrator", "order"), [("midpoint", 2), ("implicit_euler", 1)])
 def test_the_error_of_the_governor_falls_with_the_step(integrator, order):
     """Below the limit of the springs, which is 0.25 ms for Euler's step and half of that for the midpoint rule."""
@@ -91,6 +94,7 @@ def test_the_error_of_the_governor_falls_with_the_step(integrator, order):
     assert wrong.status == "diverged"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint"])
 def test_the_error_of_the_stiff_arm_falls_with_the_step(integrator):
     """Order 1 and 2; an explicit step of 1 ms is wrong by far."""
@@ -158,6 +162,7 @@ def test_engines_agree_on_accelerations():
         assert row.error < 1e-12, row
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("make", peers.scenes(), ids=lambda problem: problem.name)
 def test_engines_agree_on_where_the_arm_ends(make):
     """Of order 4 or more the peers reach the reference, which so has no error of its own that matters."""

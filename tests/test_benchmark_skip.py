@@ -63,6 +63,7 @@ def test_a_call_that_ends_before_its_marks_are_set_counts_nothing():
     assert instructions_at(lambda: None, shared_array(1)) is None
 
 
+@pytest.mark.long
 def test_a_fixed_joint_is_lumped_with_nothing_left_of_it():
     """Of the arm's seven joints one is fixed, or the link behind it was never there: as many instructions.
 

@@ -33,6 +33,7 @@ def test_a_box_dropped_from_two_metres_meets_the_ground_at_its_own_time(cases):
     assert z[-1] > free[-1] + 0.1
 
 
+@pytest.mark.long
 def test_a_box_that_starts_deep_in_the_ground_flies_no_higher_than_its_springs_can_throw_it(cases):
     """Four springs of m g / (4 x 1 mm), pressed by up to 2 cm and the tilt, hold at most k x^2 / 2 each."""
     case = cases["box sunk in by 2 cm"]

@@ -48,6 +48,7 @@ def test_a_run_that_goes_on_has_a_budget_of_its_own():
     assert within(scene, 0.05, first, first.info["steps"] // 2).ok
 
 
+@pytest.mark.long
 def test_the_budget_is_minutes_of_computing(monkeypatch):
     """And as many more a simulated second: an hour at a millisecond is within it."""
     plans = [prepare(compile_scene(pendulum(), integrator="dop853"), T).plan for T in (1.0, 3600.0)]

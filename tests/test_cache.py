@@ -148,6 +148,7 @@ def test_without_a_place_to_write_everything_works_and_says_so_once(package, tmp
     assert sorted(tmp_path.iterdir()) == [package, file]
 
 
+@pytest.mark.long
 def test_a_full_disk_is_said_once_and_stops_nothing(package, tmp_path):
     """Files may not grow: what is saved fails as on a full disk."""
     full = "import resource, signal; resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n" + PROGRAM
@@ -269,6 +270,7 @@ def test_one_process_at_a_time_saves(tmp_path):
     assert not taken()
 
 
+@pytest.mark.long
 def test_processes_that_compile_at_once_leave_a_sound_cache(package, tmp_path):
     """Each compiles another version of the same kernel; afterwards both versions load."""
     program = """

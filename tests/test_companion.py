@@ -88,6 +88,7 @@ def test_a_run_that_has_fallen_at_the_start_ends_there():
     assert (run.status, run.end_time) == ("fell", 0.0)
 
 
+@pytest.mark.long
 def test_noise_is_the_same_for_both():
     scene = compile_scene(load_robot("ax12_arm"), "mipsd", integrator="ars343")
     noise = np.random.default_rng(0).normal(size=(5, 1, 2)) * (1e-3, 0.1)

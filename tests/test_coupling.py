@@ -326,6 +326,7 @@ def test_order_of_convergence(integrator, order):
     assert np.polyfit(np.log(sizes), np.log(errors), 1)[0] == pytest.approx(order, abs=0.25), errors
 
 
+@pytest.mark.long
 def test_extrapolation_agrees_with_the_explicit_pair():
     ends = []
     for integrator in ("dop853", "extrapolation"):
@@ -334,6 +335,7 @@ def test_extrapolation_agrees_with_the_explicit_pair():
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("integrator", "lag"), [("implicit_euler", 1), ("dop853", 0)])
 def test_on_the_ground_every_acceleration_is_that_of_the_projected_equations(integrator, lag):
     """A free tree on its base and a tip; implicit Euler takes the forces at the end of the step, the bias at its start.
@@ -415,6 +417,7 @@ def test_driven_steps_converge_to_the_extrapolated_motion(kind):
     assert errors[2] < 0.6 * errors[1] < 0.36 * errors[0], errors
 
 
+@pytest.mark.long
 def test_couplings_do_no_work():
     """What the servos give the joints is in their motion, in friction or in the stops."""
     scene = gripper("rotor")
@@ -474,6 +477,7 @@ def digest():
     return hashlib.sha256(b"".join(bits(run) for run in results)).hexdigest()
 
 
+@pytest.mark.long
 def test_compiled_or_not():
     command = [sys.executable, "-c", "import test_coupling as t; print(t.digest())"]
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(sys.path)}

@@ -116,6 +116,7 @@ def test_a_parameter_without_effect_is_said_to_be_undetermined(arm, exact):
     assert "not determined" in result.summary()
 
 
+@pytest.mark.long
 def test_a_gain_held_out_is_predicted_as_well_as_noise_allows(arm):
     """The protocol with short motions: encoder and noise inside the control loop, another step than that of the fit."""
     settings = replace(experiment.QUICK, duration=3.0)

@@ -117,6 +117,7 @@ def test_a_boxs_edges_are_those_of_the_uniform_box_with_the_links_inertia(job):
         assert moments == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.long
 def test_an_interrupted_job_resumes_to_the_same_gait(job, tmp_path):
     folder, report = job
     main_job(iterations=ITERATIONS // 2, out=tmp_path, progress=False)

@@ -227,6 +227,7 @@ def test_every_joule_is_accounted_for(servos, h):
     assert moved_arm(servos, "rk4", h) < 1e-6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("integrator", "order"), [("implicit_euler", 1), ("midpoint", 2)])
 @pytest.mark.parametrize("servos", ["mipsd", "rotor", "standard"])
 def test_balance_residual_falls_with_the_order(servos, integrator, order):
@@ -292,6 +293,7 @@ def pd_arm(law="pd_clamped", rotor_inertia=0.0):
     return servo_arm("arm7_spatial", **servo, coulomb_friction=0.0, rotor_inertia=rotor_inertia)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("integrator", "order"), [("implicit_euler", 1), ("midpoint", 2)])
 def test_order_with_stiff_continuous_servos(integrator, order):
     model, q0, still = pd_arm(), np.full(7, 0.05), hold(*np.zeros(7))

@@ -145,6 +145,7 @@ def test_a_contact_is_lowest_where_the_body_is():
 # Ground.
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 @pytest.mark.parametrize("model", [ball(), wheel(), box(size=(0.2, 0.2, 0.1))])
 def test_a_tilted_height_field_is_the_plane_of_that_slope(model):

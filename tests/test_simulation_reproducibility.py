@@ -155,6 +155,7 @@ def elsewhere(function, **settings):
     return run.stdout.strip()
 
 
+@pytest.mark.long
 def test_compiled_or_not():
     assert elsewhere("digest", NUMBA_DISABLE_JIT="1") == digest()
 

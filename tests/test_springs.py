@@ -61,6 +61,7 @@ def tangle(damping, seed=5):
 # --- closed forms ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("damping", [0.0, 3.0])
 @pytest.mark.parametrize("integrator", ["dop853", "extrapolation"])
 def test_two_masses_swing_with_their_reduced_mass(integrator, damping):

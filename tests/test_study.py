@@ -437,6 +437,7 @@ def test_a_picture_of_drawn_runs(tmp_path):
 # ---------------------------------------------------------------------------------------------- command line
 
 
+@pytest.mark.long
 def test_the_command_runs_the_example_and_goes_on(tmp_path):
     text = (ROOT / "notebooks" / "stability_study.toml").read_text("utf-8")
     path = written(tmp_path, text.replace("20.0", "0.5").replace("0.001, 0.002, ", ""))
