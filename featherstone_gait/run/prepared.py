@@ -266,7 +266,7 @@ def prepare(
         o, acts = scene.layout, scene.constants
         works = any(part is not None for part in (acts.actuator, acts.friction, acts.stops, acts.contact)) or driven
         integrated = int(o["after_integrated" if works else "after_controlled"])
-        rtol = scene.method.rtol if rtol is None else rtol
+        rtol = scene.rtol if rtol is None else rtol
         atol = rtol if atol is None else atol
         plan = plan._replace(rtol=rtol, atol=atol, least_step=LEAST_STEP, integrated=integrated)
         plan = plan._replace(companion=scene.method.companion, budget=BUDGET + BUDGET_RATE * plan.steps * plan.h)
@@ -310,7 +310,7 @@ def with_tolerance(
         scene = scene.in_place(taken, f"rtol asks for error control, and {so} stiff, sampled or on the ground")
     if not scene.adaptive:
         return scene, None, None
-    rtol = scene.method.rtol if rtol is None else rtol
+    rtol = scene.rtol if rtol is None else rtol
     return scene, rtol, rtol if atol is None else atol
 
 
