@@ -60,6 +60,7 @@ def measured(folder, joints, servos, integrator, gain):
     return row
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("joints", "servos", "integrator"),
     [(3, "rotor", "implicit_euler"), (3, "mipsd", "simtwo")],

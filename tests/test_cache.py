@@ -55,6 +55,7 @@ def run(package, *, program=PROGRAM, **environment):
     return result, int(hits), int(misses), Path(folder)
 
 
+@pytest.mark.long
 def test_the_next_process_compiles_nothing_and_an_edited_callee_is_compiled_anew(package, tmp_path):
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     first = run(package, **cache)

@@ -131,6 +131,7 @@ def test_a_fixed_step_that_is_wrong_by_a_hundredth_says_so():
     assert simulate(scene, 0.5, thrown(scene, 0.5), estimate_error=False).ok
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_a_finer_run_is_asked_before_a_fixed_step_is_called_inaccurate():
     """At 2 ms the midpoint rule rings at the stop, at 1 ms it does not."""

@@ -74,6 +74,7 @@ def test_measured_are_whole_strides(cost, vectors):
     assert measures.duration == pytest.approx(cost.strides * cost.gait.period, abs=1e-9)
 
 
+@pytest.mark.long
 def test_alone_and_among_others_a_gait_has_the_same_bits(cost, vectors):
     together = cost.measure(vectors)
     assert [cost.measure([x])[0] for x in vectors[:3]] == together[:3]

@@ -62,6 +62,7 @@ def test_order_3_resolves_limits_of_the_current_and_stops(case, most):
     assert errors(case, "ars343", (1e-3,), best=1e-8)[0] < most
 
 
+@pytest.mark.long
 def test_an_elastic_bounce_returns_to_its_height():
     """A ball dropped by 50 mm on ground of damping ratio 0."""
     scene = compile_scene(ball(), None, Ground(damping_ratio=0.0), integrator="ars343", **NO_FALL)

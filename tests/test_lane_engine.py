@@ -62,6 +62,7 @@ def test_refilled_lanes_have_the_bits_of_single_runs(scene, references, alone, o
             assert run[name].tobytes() == alone[i][name].tobytes(), name
 
 
+@pytest.mark.long
 def test_noise_is_an_input_and_its_runs_have_the_same_bits(scene, references):
     """Encoder and supply noise, seeded outside: it changes the motion, and the same array gives the same bits."""
     state = standing_state(scene, np.zeros(scene.tree.n))

@@ -161,6 +161,7 @@ def test_two_masses_on_a_spring_ring_at_their_frequency():
     assert np.abs(e - 0.01 * np.cos(w * run["time"])).max() < 1e-8
 
 
+@pytest.mark.long
 def test_backlash_lets_the_link_fall_through_the_gap():
     """With the rotor held by its inertia the link moves freely for the gap, then meets the teeth."""
     gap = math.radians(2.0)

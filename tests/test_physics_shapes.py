@@ -69,6 +69,7 @@ def waves(cell=0.05, height=0.02):
 # Rolling.
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 @every_integrator
 @pytest.mark.parametrize(("model", "share"), [(ball(), 5 / 7), (wheel(), 2 / 3)])

@@ -53,6 +53,7 @@ def here():
     return digests()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("core", PROCESSORS)
 def test_a_plan_has_the_same_bytes_whatever_the_linear_algebra(core, here):
     environment = os.environ | {"OPENBLAS_CORETYPE": core, "PYTHONPATH": str(ROOT)}

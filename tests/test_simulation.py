@@ -199,6 +199,7 @@ def test_an_actuator_put_in_by_hand_is_not_lost():
             simulate(changed, 0.02, **how)
 
 
+@pytest.mark.long
 def test_pushes_of_a_scene_stay_with_it():
     push = Push("link7", (1.0, 1.0, 0.0), end=0.01)
     scene = arm_scene(servos=None)

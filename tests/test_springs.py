@@ -149,6 +149,7 @@ def test_order_with_a_spring_on_a_turning_pair(integrator, order):
     np.testing.assert_allclose(ratios, 2.0**order, rtol=0.05)
 
 
+@pytest.mark.long
 def test_a_push_and_a_spring_act_together():
     """A steady pull apart of F on the two masses stretches the spring to rest at l0 + F / K."""
     scene, force = pair_scene(2.0 * math.sqrt(K * REDUCED), "dop853"), 6.0
