@@ -10,7 +10,6 @@ from featherstone_gait.core.compile.lanes import WIDTH, aligned, as_lanes
 from featherstone_gait.core.compile.optional import in_lanes
 from featherstone_gait.core.compile.structure import structure
 
-pytestmark = pytest.mark.nojit
 RECORD = np.dtype([("m", np.float64), ("k", np.int64)])
 
 
@@ -86,6 +85,7 @@ def _half(b, out):
         out[i] = b.weight * b.x[i]
 
 
+@pytest.mark.nojit
 def test_fields_are_those_of_python_in_loops_branches_and_results():
     outer, out = an_outer(np.arange(5.0)), np.zeros(5)
     _in_a_loop(outer, out)
@@ -95,6 +95,7 @@ def test_fields_are_those_of_python_in_loops_branches_and_results():
     np.testing.assert_array_equal(outer.inner.x, np.arange(5.0))
 
 
+@pytest.mark.nojit
 def test_lanes_share_what_the_class_says():
     x, out = aligned((3, WIDTH)), aligned((3, WIDTH))
     x[:] = np.arange(3 * WIDTH).reshape(3, WIDTH)
@@ -102,6 +103,7 @@ def test_lanes_share_what_the_class_says():
     np.testing.assert_array_equal(out, 0.5 * x)
 
 
+@pytest.mark.nojit
 def test_it_stays_the_named_tuple_that_it_looks_like():
     a = a_structure(np.ones(1))
     assert isinstance(a, tuple)
