@@ -1,6 +1,9 @@
 """The benchmark of first results, on a program that compiles nothing of ours."""
 
 import csv
+import os
+import subprocess
+import sys
 
 import pytest
 
@@ -22,3 +25,10 @@ def test_it_counts_a_process_of_its_own_and_writes_its_table(tmp_path, monkeypat
 def test_a_process_that_fails_says_why(tmp_path):
     with pytest.raises(RuntimeError, match="no kind of that name"):
         first._seconds("raise ValueError('no kind of that name')", str(tmp_path))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", first.PROGRAMS)
+def test_its_programs_run(kind, tmp_path):
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run([sys.executable, "-c", first.PROGRAMS[kind]], env=environment, check=True, cwd=tmp_path)
