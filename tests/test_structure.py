@@ -121,6 +121,9 @@ def test_what_differs_in_one_field_is_another_type():
     assert len(set(kinds)) == 3
     assert kinds[0] == kinds[3]
     assert hash(kinds[0]) == hash(kinds[3])
+    other = structure(NamedTuple("Inner", [("x", np.ndarray), ("absent", None), ("on", bool), ("weight", float)]))
+    plain = (np.void(0), (0.0, 1))
+    assert numba.typeof(Outer(other(*a), *plain)) != numba.typeof(Outer(a, *plain))
 
 
 @pytest.mark.skipif(not JIT, reason="is about compiled code")

@@ -40,13 +40,19 @@ class StructureType(types.Type):
 
     def __init__(self, instance_class, kinds):
         self.instance_class, self.types, self.fields = instance_class, tuple(kinds), instance_class._fields
-        whole = ", ".join(map(str, self.types)).encode()
-        super().__init__(f"{instance_class.__name__}({hashlib.sha256(whole).hexdigest()[:16]})")
+        whole = ", ".join([instance_class.__module__, instance_class.__qualname__, *map(str, self.types)])
+        super().__init__(f"{instance_class.__name__}({hashlib.sha256(whole.encode()).hexdigest()[:16]})")
 
     @property
     def key(self):
-        """What tells two types apart."""
+        """What tells two types apart, nearly always."""
         return self.instance_class, self.name
+
+    def __hash__(self):
+        return hash(self.name)
+
+    def __eq__(self, other):
+        return self is other or (type(other) is StructureType and self.key == other.key and self.types == other.types)
 
 
 class _StructureClass(types.Callable, types.Opaque):
