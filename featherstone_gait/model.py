@@ -162,7 +162,11 @@ class Joint:
 
 @dataclass(frozen=True)
 class Gearbox:
-    """A gear train.  Stiffness, damping and backlash are stated at the output side, the rotor's at the rotor."""
+    """A gear train.  Stiffness, damping and backlash are stated at the output side, the rotor's at the rotor.
+
+    The last nine numbers are those of the friction models M2 to M6 of core/effects/gear_friction.py, with the names of
+    their source: M2 has Stribeck's alone, M3 equal load frictions, M4 both with equal Stribeck loads.
+    """
 
     ratio: float = field(metadata=_range("> 0", "-"))  # G = rotor speed / joint speed
     rotor_inertia: float = _number(">= 0", "kg m^2", 0.0)  # J, rotor side; reflected to the joint it is G^2 J
@@ -170,11 +174,27 @@ class Gearbox:
     stiffness: float = _number("> 0 or inf", "N m/rad", math.inf)  # K_out, output side
     damping: float = _number(">= 0", "N m s/rad", 0.0)  # B_out, output side
     backlash: float = _number(">= 0", "rad", 0.0)  # whole gap, output side
+    external_load_friction: float = _number(">= 0", "-", 0.0)  # K_e, of the torque that the mechanism asks for
+    motor_load_friction: float = _number(">= 0", "-", 0.0)  # K_m, of the torque that drives the joint
+    stribeck_speed: float = _number("> 0", "rad/s", 1.0)  # v_s, about which what follows is gone
+    stribeck_exponent: float = _number("> 0", "-", 1.0)  # alpha, how suddenly
+    stribeck_friction: float = _number(">= 0", "N m", 0.0)  # K_cs
+    stribeck_external_load: float = _number(">= 0", "-", 0.0)  # K_es
+    stribeck_motor_load: float = _number(">= 0", "-", 0.0)  # K_ms
+    quadratic_external_load: float = _number(">= 0", "1/(N m)", 0.0)  # K_eq
+    quadratic_motor_load: float = _number(">= 0", "1/(N m)", 0.0)  # K_mq
 
     def __post_init__(self) -> None:
         remedy = "to turn the motor round, reverse the joint's axis"
         _check_number("gearbox", "ratio", self.ratio, "> 0", "rotor turns per joint turn", remedy)
         _check_numbers("gearbox", self)
+
+
+def depends_on_load_or_speed(gearbox: Gearbox) -> bool:
+    """Whether the gearbox has dry friction beyond Coulomb's, the models M2 to M6."""
+    loads = (gearbox.external_load_friction, gearbox.motor_load_friction)
+    slow = (gearbox.stribeck_friction, gearbox.stribeck_external_load, gearbox.stribeck_motor_load)
+    return any((*loads, *slow, gearbox.quadratic_external_load, gearbox.quadratic_motor_load))
 
 
 @dataclass(frozen=True)

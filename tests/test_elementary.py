@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 from featherstone_gait import elementary
-from featherstone_gait.core.compile.elementary import NEAR, SINCOS_LIMIT, exp, sincos
+from featherstone_gait.core.compile.elementary import NEAR, SINCOS_LIMIT, exp, log, sincos
 from featherstone_gait.core.compile.jit import entry, kernel
-from featherstone_gait.core.compile.lanes import WIDTH, aligned, as_lanes
+from featherstone_gait.core.compile.lanes import WIDTH, aligned, as_lanes, select
 
 pytestmark = pytest.mark.nojit
 
 ROOT = Path(__file__).parents[1]
 INF, NAN = math.inf, math.nan
 SMALLEST = 5e-324
-SIN, COS, EXP = range(3)
+SIN, COS, EXP, LOG = range(4)
 SPECIAL = np.array([0.0, -0.0, 1.0, -1.0, SMALLEST, -SMALLEST, INF, -INF, NAN])
 
 
@@ -30,6 +30,7 @@ def _all(x, out):
     for i in range(x.shape[0]):
         out[0, i], out[1, i] = sincos(x[i])
         out[2, i] = exp(x[i])
+        out[3, i] = log(select((x[i] > 1e-300) & (x[i] < 1e300), x[i], 1.0 + 0.0 * out[3, i]))
 
 
 @entry
@@ -43,9 +44,9 @@ def all_lanes(x, out):
 
 
 def evaluate(x):
-    """sin x, cos x and exp x, shape (3, n)."""
+    """sin x, cos x, exp x and, for normal x > 0, log x, shape (4, n)."""
     x = np.ascontiguousarray(x, dtype=float)
-    out = np.empty((3, x.size))
+    out = np.zeros((4, x.size))
     all_scalars(x, out)
     return out
 
@@ -94,6 +95,12 @@ def test_exponential_errs_by_less_than_one_ulp(span):
     assert largest_error(mpmath.exp, evaluate(x)[EXP], x) < 1.0
 
 
+@pytest.mark.parametrize("span", [(-690.0, 690.0), (-1.0, 1.0), (-1e-6, 1e-6)])
+def test_logarithm_errs_by_less_than_one_and_a_half_ulp(span):
+    x = np.exp(np.random.default_rng(3).uniform(*span, 4000))
+    assert largest_error(mpmath.log, evaluate(x)[LOG], x) < 1.5
+
+
 def test_sine_and_cosine_beyond_the_limit_are_nan():
     beyond = np.nextafter(SINCOS_LIMIT, INF)
     out = evaluate([beyond, -beyond, 1e300, INF, -INF, NAN])
@@ -121,7 +128,7 @@ def digest():
     special = np.append(SPECIAL, np.full(2 * WIDTH - len(SPECIAL), 3 * SMALLEST))
     x = np.hstack([special, *(rng.uniform(-high, high, 50 * WIDTH) for high in (1.0, 30.0, 800.0, 2e5, 4e5, 1e9))])
     scalars = evaluate(x)
-    lanes = [aligned((*lead, x.size // WIDTH, WIDTH)) for lead in ((), (3,))]
+    lanes = [aligned((*lead, x.size // WIDTH, WIDTH)) for lead in ((), (4,))]
     lanes[0][...] = x.reshape(-1, WIDTH)
     all_lanes(*lanes)
     results = (np.where(np.isnan(out), NAN, out) for out in (scalars, lanes[1]))  # IEEE 754 leaves a NaN's sign open

@@ -47,6 +47,10 @@ from ..trajectory import Trajectory
 from .machine import machine
 from .table import write_table
 
+LOSSES = {  # M4, of an MX-64 by arXiv 2410.08650
+    "stribeck_friction": 0.0239, "stribeck_external_load": 0.2343, "stribeck_motor_load": 0.2343,
+    "stribeck_speed": 1.52, "stribeck_exponent": 1.33,
+}  # fmt: skip
 STEP = 1e-3  # [s]
 SETTLE = 0.1  # of simulated time before anything is counted [s]
 COUNTED = 10  # steps, a tick
@@ -363,6 +367,16 @@ def _driven(**changes: Any) -> Model:
     return replace(arm, servos=dict.fromkeys(arm.joint_names, servo))
 
 
+def _rubbing(**losses: float) -> Model:
+    """The arm with AX-12 servos that have dry friction, and losses of the gearbox."""
+    model = _driven()
+    servos = {
+        name: replace(servo, coulomb_friction=0.01, gearbox=replace(servo.gearbox, **losses))
+        for name, servo in model.servos.items()
+    }
+    return replace(model, servos=servos)
+
+
 def _loop(kernel: Any, *constants: Any) -> Work:
     """A bare loop; arrays are copied, as it changes some of them."""
 
@@ -442,6 +456,8 @@ def savings() -> Iterator[tuple[str, Work, Work, str]]:
     rigid, soft = _rollout(_compiled(_driven(), "standard")), _rollout(_compiled(_driven(), "mipsd"))
     yield "no servos", bare, rigid, "standard model"
     yield "no rotor", rigid, soft, "standard model and mipsd"
+    dry, loaded = (_rollout(_compiled(_rubbing(**losses), "standard")) for losses in ({}, LOSSES))
+    yield "no friction that knows load and speed", dry, loaded, "M1 and M4 of 7 servos"
     direct = _rollout(_compiled(_driven(inductance=0.0), "standard"))
     yield "no inductance (a number of the same kernel)", direct, rigid, "not skipped, see below"
     loose = _rollout(_compiled(_driven(backlash=0.01), "mipsd"))

@@ -2,27 +2,64 @@
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 
-from ..core.effects.friction import FRICTION
-from ..model import Model
-from .actuator import Drive
+from ..core.effects import friction
+from ..core.effects.friction import FRICTION, SOFT, STUCK
+from ..core.effects.gear_friction import GEAR_FRICTION, GearFriction
+from ..model import Model, depends_on_load_or_speed
+from .actuator import Drive, stall_torque
 from .records import fill, records
 
+Friction: TypeAlias = np.recarray | GearFriction
+LOADS = ("external_load_friction", "motor_load_friction", "stribeck_external_load", "stribeck_motor_load")
+QUADRATIC = ("quadratic_external_load", "quadratic_motor_load")
 
-def build_friction(model: Model, drive: Drive, own_drive: bool = False) -> np.recarray | None:
-    """FRICTION of each joint, None if there is none; own_drive: viscous friction of servos is not ours."""
-    table = records(len(model.moving_joints), FRICTION)
+
+def build_friction(model: Model, drive: Drive, own_drive: bool = False, soft: bool = False) -> Friction | None:
+    """Friction of each joint, None if there is none.
+
+    own_drive: viscous friction of servos is not ours; soft: not so steep that explicit steps are lost.
+    """
+    table = records(len(model.moving_joints), GEAR_FRICTION)
+    table.stribeck_speed = table.stribeck_exponent = 1.0
     for row, joint, servo in zip(table, model.moving_joints, drive.servos):
         if servo is not None:
-            fill(row, servo)
+            fill(row, servo.gearbox, servo)
             if own_drive:
                 row.viscous_friction = 0.0
         row.viscous_friction = joint.damping + row.viscous_friction
         row.coulomb_friction = joint.friction + row.coulomb_friction
-    return table if any(table[name].any() for name in FRICTION.names) else None
+    table.steepness = 1.0 / (SOFT if soft else STUCK)
+    if any(servo and depends_on_load_or_speed(servo.gearbox) for servo in drive.servos):
+        return GearFriction(table)
+    if not (table.viscous_friction.any() or table.coulomb_friction.any()):
+        return None
+    plain = records(len(table), FRICTION)
+    for name in FRICTION.names or ():
+        plain[name] = table[name]
+    return plain
 
 
-def sticks(friction: np.recarray | None) -> bool:
-    """Whether a joint has Coulomb friction, whose steep part about zero speed is a strong damper."""
-    return friction is not None and bool(friction.coulomb_friction.any())
+def sticks(rubbing: Friction | None) -> bool:
+    """Whether a joint has dry friction, whose steep part about zero speed is a strong damper."""
+    return isinstance(rubbing, GearFriction) or (rubbing is not None and bool(rubbing.coulomb_friction.any()))
+
+
+def explicit_limits(rubbing: Friction | None, drive: Drive) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Dampers [N m s/rad] and springs [N m/rad] of each joint that limit an explicit step, by name.
+
+    A budget that grows with the load is taken at the torque at which the servo stalls.
+    """
+    if rubbing is None:
+        return {}, {}
+    if not isinstance(rubbing, GearFriction):
+        return friction.explicit_limits(rubbing.viscous_friction, rubbing.coulomb_friction)
+    table = rubbing.table
+    stall = np.array([stall_torque(servo) if servo else 0.0 for servo in drive.servos])
+    stall = np.where(np.isfinite(stall), stall, 0.0)
+    dry = table.coulomb_friction + table.stribeck_friction
+    dry = dry + stall * sum(table[name] for name in LOADS) + stall**2 * sum(table[name] for name in QUADRATIC)
+    return friction.explicit_limits(table.viscous_friction, dry)

@@ -8,7 +8,7 @@ Springs between bodies enter with the length that changes along them in place of
 together, whose rates are J v, the mobility is J M^-1 J'.  Left out are that a stretched spring resists turning, and
 springs whose points coincide at zero, where they have no direction.
 
-Dry friction is a damper F / STICK_SPEED as long as a joint sticks, and none while it slides.
+Dry friction is a damper F / SOFT as long as a joint sticks, and none while it slides.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arguments import one_of, real
-from ..core.effects import contact, friction, spring
+from ..core.effects import contact, spring
+from ..core.effects.friction import DRY
 from ..core.integrate import INTEGRATORS
 from ..dynamics import coupling_matrix, forward_kinematics, inverse_dynamics, spring_vectors
 from ..fixed_order import applied, product, solve
 from ..model import Ground, Model, Spring
 from ..rotation import cross, dot
 from .actuator import Drive
-from .friction import sticks
+from .friction import Friction, explicit_limits, sticks
 from .rest import rest_mass_matrix
 
 STIFF = 5e-3  # [s]; explicit limit below which a scene is for implicit steps
@@ -84,14 +85,14 @@ class _Steps(NamedTuple):
 def preflight(
     model: Model,
     drive: Drive,
-    rubbing: np.recarray | None,
+    rubbing: Friction | None,
     under: tuple[Ground | None, float],
     between: tuple[Sequence[Spring], np.recarray | None],
     wish: tuple[str | None, float | None],
 ) -> Preflight:
     """Limits of explicit steps, and from them what is not given.
 
-    rubbing: FRICTION of the joints or None; under: the ground or None, and g [m/s^2]; between: the springs between
+    rubbing: friction of the joints or None; under: the ground or None, and g [m/s^2]; between: the springs between
     bodies and their SPRING records; wish: integrator and timestep as asked for, None where not.  Raises ValueError on
     names and steps that are none.
     """
@@ -117,7 +118,7 @@ def preflight(
 def _dry(joints: _Acting, dampers: np.ndarray) -> np.ndarray:
     """Of the dampers what dry friction is while it sticks."""
     dry = np.zeros(len(dampers))
-    dry[: len(joints.names)] = joints.dampers.get(friction.DRY, 0.0)
+    dry[: len(joints.names)] = joints.dampers.get(DRY, 0.0)
     return dry
 
 
@@ -180,10 +181,9 @@ def _integrator(clipped: bool, steps: _Steps, limits: Sequence[Limit]) -> tuple[
     return "dop853", "nothing is stiff: order 8"
 
 
-def _on_joints(model: Model, drive: Drive, rubbing: np.recarray | None) -> _Acting:
-    dampers, springs, mobility = {}, {}, 0.0
-    if rubbing is not None:
-        dampers, springs = friction.explicit_limits(rubbing)
+def _on_joints(model: Model, drive: Drive, rubbing: Friction | None) -> _Acting:
+    dampers, springs = explicit_limits(rubbing, drive)
+    mobility: np.ndarray | float = 0.0
     if drive.actuator is not None:
         more, stiff, mobility = drive.actuator.explicit_limits()
         dampers, springs = dampers | more, springs | stiff

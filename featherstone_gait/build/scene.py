@@ -13,6 +13,7 @@ import numpy as np
 from .. import renamed
 from ..arguments import instance, listed, real, vector
 from ..core.effects.contact import Contact
+from ..core.effects.gear_friction import GearFriction
 from ..core.integrate import INTEGRATORS
 from ..core.integrate.integrator import Integrator
 from ..core.step import state
@@ -195,12 +196,13 @@ def compile_scene(
     springs = listed("springs", springs, "give a list of Spring")
     check_springs(model.links, springs)
     between = build_springs(tree, springs)
-    check = preflight(
-        model, drive, build_friction(model, drive), (ground, g), (springs, between), (integrator, timestep)
-    )
+    rubbing = build_friction(model, drive)
+    check = preflight(model, drive, rubbing, (ground, g), (springs, between), (integrator, timestep))
     method, h = INTEGRATORS[check.integrator], check.timestep
     if method.drives and not isinstance(drive.actuator, method.drives):
         raise ValueError(f"{method.name} is the update order of sampled servos; use implicit_euler for other scenes")
+    if method.drives and isinstance(rubbing, GearFriction):
+        raise ValueError(f"{method.name} knows no friction that depends on load or speed; use another integrator")
     period, lag = controller_period(model, drive, h, NO_SERVO_TICK)
     fold_springs(drive, method, h, check.inertias)
     constants = Scene(
@@ -210,7 +212,7 @@ def compile_scene(
         actuator=drive.actuator,
         decay=build_decay(drive, h),
         armature=drive.armature,
-        friction=build_friction(model, drive, own_drive=bool(method.drives)),
+        friction=build_friction(model, drive, bool(method.drives), method.soft),
         stops=build_stops(model, drive, check.inertias, g),
         contact=contact,
         push=None,

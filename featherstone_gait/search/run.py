@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -57,6 +58,8 @@ def run_together(
     for search in searches:
         check_search("searches", search)
     functions(fun=fun, map=map)
+    if fun is None and map is builtins.map:
+        raise TypeError("fun is None; give a function, or a `map` that needs none")
     progress, evaluations, batch = truth("progress", progress), int(evaluations), int(batch)
     runs = [_Run(search, evaluations) for search in searches]
     bar = tqdm(total=len(runs) * evaluations, disable=not progress, unit="candidate")

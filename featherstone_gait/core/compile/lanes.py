@@ -303,6 +303,31 @@ def _overload_power_of_two(n):
     return lambda n: _power_of_two(n)
 
 
+def exponent(x):
+    """The n of x = m 2**n, 1 <= m < 2, of a normal x > 0."""
+    return np.frexp(x)[1] - 1.0
+
+
+@intrinsic
+def _exponent(typingctx, x):
+    def codegen(context, builder, sig, args):
+        vector = args[0].type == _VECTOR
+        integers = _INTEGERS if vector else ir.IntType(64)
+
+        def constant(value):
+            return ir.Constant(integers, [value] * WIDTH if vector else value)
+
+        bits = builder.lshr(builder.bitcast(args[0], integers), constant(52))
+        return builder.sitofp(builder.sub(bits, constant(1023)), args[0].type)
+
+    return signature(x, x), codegen
+
+
+@overload(exponent, jit_options=INLINE)
+def _overload_exponent(x):
+    return lambda x: _exponent(x)
+
+
 class LaneValue(np.ndarray):
     """With the JIT off: a value of lanes, which `x += 1` binds anew, as it does a number, and never changes."""
 

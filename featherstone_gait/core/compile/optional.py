@@ -26,6 +26,18 @@ def _item(array, i):
     return lambda array, i: array[i]
 
 
+def item_or_zero(array, i):
+    """array[i], 0.0 if there is no array."""
+    return 0.0 if array is None else array[i]
+
+
+@overload(item_or_zero, jit_options=INNER)
+def _item_or_zero(array, i):
+    if isinstance(array, types.NoneType):
+        return lambda array, i: 0.0
+    return lambda array, i: array[i]
+
+
 def item_in_lanes(array, i):
     """array[i] viewed as lanes, None if there is no array."""
     return None if array is None else as_lanes(array[i])

@@ -1,7 +1,18 @@
-"""Friction of a joint: a torque that depends on its speed and never rises with it."""
+"""Viscous and dry friction of a joint (Coulomb): the model M1 of gear_friction.py, which has those with more to them.
+
+Dry friction is a budget: it takes whatever torque keeps the joint at rest, up to the budget, and opposes motion with
+the whole of it.  As a function of the speed it falls from plus to minus the budget within `STUCK` on either side of
+rest: a joint that it holds creeps by less than 1e-9 rad in ten minutes, and an implicit step, which solves for the
+speed at its end, sees a joint that stands.  Explicit steps cannot see so steep a law, and have it as wide as `SOFT`.
+
+The midpoint rule solves for the speed in the middle of a step and ends beyond: held at rest there, a joint would swing
+to and fro for ever.  So half of the budget opposes that speed and half the one at the end, which neither swings nor
+ever drives: against the motion in the middle it acts in full, with it never.
+"""
 
 import numpy as np
 
+from ..compile.by_type import by_type
 from ..compile.jit import inline
 from ..compile.lanes import clamp, select, sign_beyond
 from .energies import ENERGIES
@@ -11,33 +22,66 @@ FRICTION = np.dtype(
     [
         ("viscous_friction", np.float64),  # [N m s/rad]
         ("coulomb_friction", np.float64),  # [N m]
+        ("steepness", np.float64),  # of the dry part about rest, 1 / STUCK or 1 / SOFT [s/rad or s/m]
     ],
     align=True,
 )
 
-# Coulomb friction grows linearly up to this speed: a loaded joint that should stick creeps at a fraction of it.
-STICK_SPEED = 1e-3  # [rad/s or m/s]
+STUCK = 1e-12  # [rad/s or m/s]
+SOFT = 1e-3  # [rad/s or m/s] of explicit methods: a loaded joint that should stick creeps at a fraction of it
+SNAP = 2.0**-14  # of a Newton pass that comes by rest: nearer to it than what a line search tells apart
 DRY = "Coulomb friction"
 
 
 @inline
-def friction_torque(friction, i, speed):
-    """Torque on the joint [N m] and its slope -dT/d speed; its power is T times the speed."""
+def direction(f, s, i, v):
+    """Which share of the budget opposes the speed v of joint i, from -1 to 1, and its slope [s/rad]; f a record."""
+    one = 1.0 + 0.0 * v
+    x = clamp(f.steepness * v, -one, one)
+    ahead = (1.0 - s.theta) / s.theta
+    end = clamp(f.steepness * (v + ahead * (v - s.y[s.o.qd + i])), -one, one)
+    rests, stops = abs(x) < 1.0, abs(end) < 1.0
+    slope = select(rests, f.steepness + 0.0 * v, 0.0 * v) + select(stops, (1.0 + ahead) * f.steepness, 0.0 * v)
+    return 0.5 * (x + end), 0.5 * slope
+
+
+@inline
+def friction_torque(friction, s, i, speed):
+    """Torque on the joint at the speed that the step s solves for [N m] and its slope -dT/d speed."""
     if friction is None:
         return 0.0, 0.0
     f = friction[i]
-    x = clamp(speed * (1.0 / STICK_SPEED), -1.0 + 0.0 * speed, 1.0 + 0.0 * speed)
-    sticks = abs(x) < 1.0
-    slope = f.viscous_friction + select(sticks, f.coulomb_friction * (1.0 / STICK_SPEED) + 0.0 * x, 0.0 * x)
-    return -(f.viscous_friction * speed + f.coulomb_friction * x), slope
+    x, slope = direction(f, s, i, speed)
+    return -(f.viscous_friction * speed + f.coulomb_friction * x), f.viscous_friction + f.coulomb_friction * slope
 
 
 @inline
 def friction_branch(friction, i, speed):
-    """Which way Coulomb friction acts in full: 1, -1, or 0 where it sticks."""
+    """Which way dry friction acts in full: 1, -1, or 0 where it sticks."""
     if friction is None:
         return 0.0
-    return select(friction[i].coulomb_friction > 0.0, sign_beyond(speed, STICK_SPEED), 0.0 * speed)
+    f = friction[i]
+    return select(f.coulomb_friction > 0.0, sign_beyond(f.steepness * speed, 1.0), 0.0 * speed)
+
+
+@by_type
+def snap_to_rest(friction, s, i, v, here, there):
+    """v between `here` and `there`, where a Newton pass leads; that of rest if they lie beyond it and v is as near."""
+
+
+@snap_to_rest.otherwise
+def _snap(friction, s, i, v, here, there):
+    if friction is None:
+        return v
+    return select(friction[i].coulomb_friction > 0.0, snapped(s, i, v, here, there), v)
+
+
+@inline
+def snapped(s, i, v, here, there):
+    """What `snap_to_rest` gives: at rest in what the step solves for, or of the midpoint rule at its end."""
+    near, stop, zero = SNAP * abs(there - here), (1.0 - s.theta) * s.y[s.o.qd + i], 0.0 * v
+    v = select((abs(v - stop) < near) & ((here - stop) * (there - stop) < 0.0), stop + zero, v)
+    return select((abs(v) < near) & (here * there < 0.0), zero, v)
 
 
 @inline
@@ -45,7 +89,7 @@ def move_friction(friction, s, i, v):
     """Energy that friction takes in the step s at the speed v; its torque [N m]."""
     if friction is None:
         return 0.0
-    T, _ = friction_torque(friction, i, v)
+    T, _ = friction_torque(friction, s, i, v)
     s.y[s.o.energy + ENERGIES * i + LOSS] -= s.h * (T * v)
     return T
 
@@ -56,7 +100,7 @@ def friction_rates(friction, actuator, s, dy, i, v):
     if friction is None:
         _no_loss(actuator, s, dy, i, v)
         return 0.0
-    T, _ = friction_torque(friction, i, v)
+    T, _ = friction_torque(friction, s, i, v)
     dy[s.o.energy + ENERGIES * i + LOSS] = -T * v
     return T
 
@@ -67,9 +111,9 @@ def _no_loss(actuator, s, dy, i, v):
         dy[s.o.energy + ENERGIES * i + LOSS] = 0.0 * v
 
 
-def explicit_limits(friction):
+def explicit_limits(viscous, dry):
     """Dampers [N m s/rad] and springs [N m/rad] of each joint that limit an explicit step, by name.
 
-    Dry friction limits it while a joint sticks.
+    viscous (n,) [N m s/rad] and dry (n,) [N m] friction, of which the latter limits it while a joint sticks.
     """
-    return {"viscous friction": friction["viscous_friction"], DRY: friction["coulomb_friction"] / STICK_SPEED}, {}
+    return {"viscous friction": viscous, DRY: dry / SOFT}, {}

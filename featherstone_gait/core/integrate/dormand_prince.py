@@ -220,4 +220,4 @@ def _workspace(sizes, zeros):
     return DormandPrince(scratch(sizes, zeros), zeros((ROWS, int(sizes.places["after_derived"]))), zeros(PACE_SCRATCH))
 
 
-DOP853 = Integrator("dop853", 8, _workspace, adaptive=True, rtol=1e-7)
+DOP853 = Integrator("dop853", 8, _workspace, adaptive=True, rtol=1e-7, soft=True)

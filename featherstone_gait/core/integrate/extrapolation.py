@@ -134,7 +134,7 @@ def extrapolate(work, run, y, t, length):
             best = _cheapest(work, count - 1, h)
             pace[COLUMNS] = best + 2
             pace[STEP] = min(0.7 * h, max(0.05 * h, work.wanted[best]))
-        if work.kink[BEFORE] >= 0.0 and skipped <= 1.0:
+        if work.kink[BEFORE] >= 0.0 and skipped <= 1.0 and h > LOCATED * run.plan.least_step:
             pace[STEP] = max(_narrow(work, h, count, error), 0.8 * LOCATED * run.plan.least_step)
         if not pace[STEP] > run.plan.least_step:
             return 0.0
@@ -504,7 +504,7 @@ def _combine(implicit, run, h, count):
         _neville(implicit, j, ladder.table, m)
         error = max(_error(run), error / _largest_fall(implicit))
         ladder.wanted[j] = min(SAFETY * h * root(TARGET / max(error, 1e-30), _power(implicit, j + 1)), 20.0 * h)
-        if j == 1:
+        if j == 1 or error > ladder.kink[ROUGH]:
             ladder.kink[ROUGH] = error
         if error < least:
             least = error
@@ -518,7 +518,8 @@ def _of_kink(run, h):
     """Least error of an interval with a kink over the tolerance.
 
     A kink within the first or last step of all columns shows in none of their differences but the largest, that of the
-    first two, in which it goes with the change of slope that it brings.
+    first two, in which it goes with the change of slope that it brings; of a joint that friction stops within the first
+    step of some columns these are all alike, and the largest is the first of the others.
     """
     if run.work.kink[BEFORE] < 0.0 or h < LOCATED * run.plan.least_step:
         return 0.0

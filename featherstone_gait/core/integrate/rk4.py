@@ -63,4 +63,4 @@ def _workspace(sizes, zeros):
     return RungeKutta4(scratch(sizes, zeros), zeros((3, int(sizes.places["after_integrated"]))))
 
 
-RK4 = Integrator("rk4", 4, _workspace, stages=4, stability=1.39)  # its stability interval is 2.785 / lambda
+RK4 = Integrator("rk4", 4, _workspace, stages=4, stability=1.39, soft=True)  # its stability interval is 2.785 / lambda

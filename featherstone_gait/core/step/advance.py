@@ -1,16 +1,19 @@
 """What follows the solution of a step: the state moves on, energies are summed, chatter is watched."""
 
+from ..compile.by_type import by_type
 from ..compile.jit import inline
 from ..compile.lanes import select
 from ..compile.optional import any_present
-from ..effects.actuator import controller_of, move_actuator, rotor_of
+from ..effects.actuator import actuator_force, controller_of, move_actuator, rotor_of
 from ..effects.contact import move_contacts
 from ..effects.controller import filter_speed
 from ..effects.energies import ENERGIES, WORK
+from ..effects.energies import FRICTION as LOSS
 from ..effects.friction import move_friction
+from ..effects.gear_friction import GearFriction
 from ..effects.stop import move_stop
 from ..tree.kinematics import base_acceleration, move_base
-from .newton import DA, VN, WN, acting, joint_force, rotor_speed
+from .newton import DA, VN, WN, acting, joint_force, rotor_speed, rubbing, with_external, with_predicted
 
 CHATTER_WINDOW = 64.0  # steps over which changes of velocity are averaged
 
@@ -37,14 +40,6 @@ def advance(s):
 
 
 @inline
-def with_predicted(predicted, da, last):
-    """The acceleration [rad/s^2]: of the midpoint rule what goes beyond the last step's is known."""
-    if predicted is None:
-        return da
-    return da + last
-
-
-@inline
 def _advance_base(floating, s):
     """Position with the velocity v + sub a, then the velocity to its end."""
     if floating is not None:
@@ -65,13 +60,31 @@ def _joint_energies(forces, s, i, v, w):
     """Energies of friction and stops and the work on the joint, at the velocities that the step used."""
     if forces is None:
         return
-    y, h, E = s.y, s.h, s.o.energy + ENERGIES * i
-    Tf = move_friction(s.scene.friction, s, i, v)
+    T = _driving(s.scene.friction, s, i, v, w)
+    s.y[s.o.torque + i] = T
+    s.y[s.o.energy + ENERGIES * i + WORK] += s.h * (T * v)
+
+
+@by_type
+def _driving(friction, s, i, v, w):
+    """What drives the joint [N m]; energies of friction and stops move on."""
+
+
+@_driving.otherwise
+def _less_friction(friction, s, i, v, w):
+    Tf = move_friction(friction, s, i, v)
     Ts = move_stop(s.scene.stops, s, i, v)
-    T, _, _, _, _ = joint_force(s, i, v, w)
-    T = T - (Tf + Ts)
-    y[s.o.torque + i] = T
-    y[E + WORK] += h * (T * v)
+    T, _, _, _, _, _ = joint_force(s, i, v, w)
+    return T - (Tf + Ts)
+
+
+@_driving.of(GearFriction)
+def _by_the_gear(friction, s, i, v, w):
+    T, _, _, _, _ = actuator_force(s.actuator, s, i, v, w, 0.0 * v, 0.0 * v)
+    Tf, _, _ = rubbing(friction, s, i, v, T)
+    s.y[s.o.energy + ENERGIES * i + LOSS] -= s.h * (Tf * v)
+    move_stop(s.scene.stops, s, i, v)
+    return with_external(s.tau, i, T)
 
 
 @inline

@@ -23,7 +23,7 @@ class Scene(NamedTuple):
     actuator: tuple | None  # one of the kinds in effects/
     decay: np.ndarray | None  # (n, DECAYS) of motors and filters over a step of fixed length
     armature: np.ndarray | None  # (n,) inertia added to each joint [kg m^2]
-    friction: np.ndarray | None  # (n,) FRICTION
+    friction: np.ndarray | tuple | None  # (n,) FRICTION, or GearFriction
     stops: np.ndarray | None  # (n,) STOP
     contact: tuple | None  # Contact
     push: np.ndarray | None  # (pushes,) PUSH

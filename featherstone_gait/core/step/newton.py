@@ -23,9 +23,10 @@ Joints that follow others confine v to a subspace, in which the function is as c
 forces of couplings do no work along a pass: neither its slope nor what is compared knows them.
 """
 
+from ..compile.by_type import by_type
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select
-from ..compile.optional import any_present, only_if, slice_if
+from ..compile.optional import any_present, item_or_zero, only_if, slice_if
 from ..effects.actuator import actuator_force, rotor_of
 from ..effects.contact import (
     compare_contacts,
@@ -37,7 +38,8 @@ from ..effects.contact import (
     solved_contacts,
 )
 from ..effects.external import external_forces
-from ..effects.friction import friction_torque
+from ..effects.friction import direction, friction_torque, snap_to_rest
+from ..effects.gear_friction import GearFriction, gear_friction, stribeck
 from ..effects.stop import stop_torque
 from ..tree.aba import acceleration_pass, articulated_pass, constrain
 from ..tree.kinematics import motion_pass, move_base
@@ -46,6 +48,7 @@ from ..tree.layout import Motion
 MAX_PASSES = 40
 BISECTIONS = 16
 FLOOR = 1e-11  # of the forces [N m, N]
+ROUNDING = 1e-15  # of the linear model, which is the difference of large numbers where a joint sticks at some speed
 
 # Rows of the scratch `Z`, one column a joint.
 VP = 0  # velocity for which the bias is taken
@@ -67,7 +70,8 @@ RW = 15
 TAU = 16  # what the ABA is given
 DIAGONAL = 17
 DA = 18  # what it returns: acceleration beyond the predicted one
-SCRATCH = 19
+STRIBECK = 19  # of gear_friction.py: what is left at VP of what falls with the speed
+SCRATCH = 20
 
 
 @inline
@@ -149,6 +153,23 @@ def predict(predicted, rotor, s):
         Z[VK, i] = Z[VP, i]
         if rotor is not None:
             Z[WK, i] = y[o.rotor_speed + i]
+    _begin_friction(s.scene.friction, s)
+
+
+@by_type
+def _begin_friction(friction, s):
+    pass
+
+
+@_begin_friction.otherwise
+def _nothing_falls(friction, s):
+    pass
+
+
+@_begin_friction.of(GearFriction)
+def _fill_stribeck(friction, s):
+    for i in range(len(friction.table)):
+        s.Z[STRIBECK, i] = stribeck(friction.table[i], s.Z[VP, i])
 
 
 @inline
@@ -164,10 +185,56 @@ def _predict_base(bq, bv, ba, predicted, start, sub):
 
 @inline
 def joint_force(s, i, v, w):
-    """Torque on joint i at the velocities v, w of joint and rotor, with slopes: see effects/actuator.py."""
-    Tf, cf = friction_torque(s.scene.friction, i, v)
+    """Torque on joint i at the velocities v, w of joint and rotor, with slopes: see effects/actuator.py.
+
+    Returns T, F, c, cg and cr of all that acts, and dT/dw: no other than cg, unless friction knows the load.
+    """
+    return _joint_force(s.scene.friction, s, i, v, w)
+
+
+@by_type
+def _joint_force(friction, s, i, v, w):
+    pass
+
+
+@_joint_force.otherwise
+def _with_friction(friction, s, i, v, w):
+    Tf, cf = friction_torque(friction, s, i, v)
     Ts, cs = stop_torque(s.scene.stops, i, s.y[s.o.q + i], v, s.sub)
-    return actuator_force(s.actuator, s, i, v, w, with_external(s.tau, i, Tf + Ts), cf + cs)
+    T, F, c, cg, cr = actuator_force(s.actuator, s, i, v, w, with_external(s.tau, i, Tf + Ts), cf + cs)
+    return T, F, c, cg, cr, cg
+
+
+@_joint_force.of(GearFriction)
+def _with_gear_friction(friction, s, i, v, w):
+    Tm, F, c, cg, cr = actuator_force(s.actuator, s, i, v, w, 0.0 * v, 0.0 * v)
+    Ts, cs = stop_torque(s.scene.stops, i, s.y[s.o.q + i], v, s.sub)
+    Tf, cf, by_m = rubbing(friction, s, i, v, Tm)
+    return with_external(s.tau, i, (Tm + Tf) + Ts), F, c * (1.0 + by_m) + (cf + cs), cg, cr, cg * (1.0 + by_m)
+
+
+@inline
+def rubbing(friction, s, i, v, Tm):
+    """Friction of a gear [N m] that Tm drives [N m], its slope -d/dv at a given Tm, and the slope by Tm."""
+    f = friction.table[i]
+    A, B = item_or_zero(s.scene.armature, i), f.viscous_friction
+    x, slope = direction(f, s, i, v)
+    T, by_x, by_m, by_b = gear_friction(f, s.Z[STRIBECK, i], x, Tm, A * _acceleration(s, i, v) + B * v)
+    return T - B * v, B - by_x * slope - by_b * (A / s.sub + B), by_m
+
+
+@inline
+def _acceleration(s, i, v):
+    """That of joint i in the step s, if its forces are taken at the speed v [rad/s^2]."""
+    return with_predicted(s.predicted, (v - s.Z[VP, i]) / s.sub, s.y[s.o.qdd + i])
+
+
+@inline
+def loads(friction, s, i, v, w):
+    """What drives the gear of joint i and what the mechanism does to it, t_m and t_e [N m]."""
+    Tm, _, _, _, _ = actuator_force(s.actuator, s, i, v, w, 0.0 * v, 0.0 * v)
+    Tf, _, _ = rubbing(friction, s, i, v, Tm)
+    return Tm, item_or_zero(s.scene.armature, i) * _acceleration(s, i, v) - Tm - Tf
 
 
 @inline
@@ -176,6 +243,14 @@ def with_external(tau, i, T):
     if tau is None:
         return T
     return T + tau[i]
+
+
+@inline
+def with_predicted(predicted, da, last):
+    """The acceleration [rad/s^2]: of the midpoint rule what goes beyond the last step's is known."""
+    if predicted is None:
+        return da
+    return da + last
 
 
 @inline
@@ -219,15 +294,15 @@ def _linearise(rotor, s):
     Z = s.Z
     for i in range(len(s.scene.tree) - 1):
         v, w = Z[VK, i], Z[WK, i]
-        T, F, c, cg, cr = joint_force(s, i, v, w)
+        T, F, c, cg, cr, ct = joint_force(s, i, v, w)
         Z[T0, i] = T + c * v
         Z[CJ, i] = c
         if rotor is not None:
             d = rotor[i].inertia / s.sub + cr + cg
             p = rotor[i].inertia / s.sub * s.y[s.o.rotor_speed + i] + F + (cr + cg) * w - cg * v
             k = cg / d
-            Z[T0, i] = T + (c + cg) * v - cg * w + k * p
-            Z[CJ, i] = c + cg * (1.0 - k)
+            Z[T0, i] = T + (c + ct) * v - ct * w + (ct / d) * p
+            Z[CJ, i] = c + ct * (1.0 - k)
             Z[WP, i] = p / d
             Z[WS, i] = k
             Z[FW0, i] = F + (cr + cg) * w - cg * v
@@ -270,8 +345,9 @@ def _compare(rotor, contact, s):
     wrong = slope > 1.0
     for i in range(len(s.scene.tree) - 1):
         v, w = Z[VN, i], rotor_speed(rotor, Z, WN, i, 0.0)
-        T, F, _, _, _ = joint_force(s, i, v, w)
-        wrong = wrong | (abs(T - Z[TL, i]) > s.tolerance * (abs(T) + abs(Z[TL, i])) + FLOOR)
+        T, F, _, _, _, _ = joint_force(s, i, v, w)
+        least = FLOOR + ROUNDING * (Z[CJ, i] * abs(v))
+        wrong = wrong | (abs(T - Z[TL, i]) > s.tolerance * (abs(T) + abs(Z[TL, i])) + least)
         slope = slope + (v - Z[VK, i]) * (Z[TL, i] - T)
         if rotor is not None:
             wrong = wrong | (abs(F - Z[FLW, i]) > s.tolerance * (abs(T) + abs(Z[TL, i])) + FLOOR)
@@ -299,7 +375,7 @@ def _slope(rotor, contact, s, fraction):
         p = Z[VN, i] - Z[VK, i]
         pw = rotor_speed(rotor, Z, WN, i, 0.0) - rotor_speed(rotor, Z, WK, i, 0.0)
         w = rotor_speed(rotor, Z, WK, i, 0.0) + fraction * pw
-        T, F, _, _, _ = joint_force(s, i, Z[VK, i] + fraction * p, w)
+        T, F, _, _, _, _ = joint_force(s, i, Z[VK, i] + fraction * p, w)
         slope = slope + p * (Z[RT, i] + fraction * (Z[TL, i] - Z[RT, i]) - T)
         if rotor is not None:
             slope = slope + pw * (Z[RW, i] + fraction * (Z[FLW, i] - Z[RW, i]) - F)
@@ -311,7 +387,10 @@ def _advance(rotor, contact, s, fraction, active):
     """Move the iterate by a fraction of the pass, in the lanes still at work."""
     Z = s.Z
     for i in range(len(s.scene.tree) - 1):
+        here = Z[VK, i]
         _shift(Z, VK, VN, i, fraction, active)
+        v = snap_to_rest(s.scene.friction, s, i, Z[VK, i], here, Z[VN, i])
+        Z[VK, i] = select(active & (fraction < 1.0), v, Z[VK, i])
         _shift(Z, RT, TL, i, fraction, active)
         if rotor is not None:
             _shift(Z, WK, WN, i, fraction, active)

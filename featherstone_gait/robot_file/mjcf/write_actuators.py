@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
-from ...model import Joint, Model, Servo
+from ...model import Joint, Model, Servo, depends_on_load_or_speed
 from .element import element, number, numbers
 
+LOADED = "no friction that falls with the speed or grows with the load"
 CONTINUOUS = ("pd", "pd_clamped")
 MOTORS = ("state", "pid_position")  # laws that `dcmotor` has
 
@@ -90,6 +91,7 @@ def _lacking(servo: Servo) -> list[str]:
         "the gearbox is rigid": gear.stiffness < math.inf,
         "no backlash": gear.backlash > 0,
         "the friction stands with the joint": servo.coulomb_friction > 0,
+        LOADED: depends_on_load_or_speed(gear),
         "the encoder is exact": servo.encoder_resolution > 0,
         "the speed is not filtered": servo.speed_filter > 0,
         "no feed-forward of the angle (Kf)": law.Kf != 0,
@@ -102,4 +104,5 @@ def _lacking(servo: Servo) -> list[str]:
 def _beside(servo: Servo) -> list[str]:
     """What of a servo without a `dcmotor` its joint has."""
     stated = servo.coulomb_friction or _damping(servo) or rotor_inertia(servo)
-    return ["the rotor's inertia and the friction stand with the joint"] if stated else []
+    lacking = ["the rotor's inertia and the friction stand with the joint"] if stated else []
+    return lacking + [LOADED] * depends_on_load_or_speed(servo.gearbox)
