@@ -33,6 +33,8 @@ WIDTH = 8
 class _LanesType(types.Type):
     """The Numba type of eight float64; a plain number converts to it by being repeated."""
 
+    bitwidth = 64 * WIDTH
+
     def __init__(self):
         super().__init__(name="Lanes8")
 
@@ -252,8 +254,10 @@ def _overload_sqrt(x):
 
 
 def gather(table, index):
-    """table[index] of a shared table (n,) at integer-valued, lane by lane different places, all within it."""
+    """table[index] of a table (n,), shared or by lane, at integer-valued places that differ by lane, all within it."""
     at = np.asanyarray(index).astype(np.int64)
+    if table.ndim > 1:
+        return np.asarray(table)[at, np.arange(WIDTH)].view(LaneValue)
     return table[at].view(LaneValue) if at.ndim else table[int(at)]
 
 
@@ -262,9 +266,11 @@ def _gather_lanes(typingctx, table, index):
     def codegen(context, builder, sig, args):
         data = context.make_array(sig.args[0])(context, builder, args[0]).data
         at, result = builder.fptosi(args[1], _INTEGERS), ir.Constant(_VECTOR, ir.Undefined)
+        by_lane = sig.args[0].dtype is Lanes
         for k in range(WIDTH):
             lane = ir.Constant(ir.IntType(32), k)
-            value = builder.load(builder.gep(data, [builder.extract_element(at, lane)]))
+            place = [builder.extract_element(at, lane)]
+            value = builder.load(builder.gep(data, [*place, lane] if by_lane else place))
             result = builder.insert_element(result, value, lane)
         return result
 
@@ -368,8 +374,9 @@ def _as_lanes(typingctx, array):
         for n in shape:
             nitems = builder.mul(nitems, n)
         result.data = builder.bitcast(source.data, result.data.type)
-        result.shape = cgutils.pack_array(builder, shape)
-        result.strides = cgutils.pack_array(builder, strides)
+        intp = context.get_value_type(types.intp)
+        result.shape = cgutils.pack_array(builder, shape, intp)
+        result.strides = cgutils.pack_array(builder, strides, intp)
         result.itemsize = context.get_constant(types.intp, 8 * WIDTH)
         result.nitems = nitems
         result.meminfo = source.meminfo

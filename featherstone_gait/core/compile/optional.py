@@ -12,6 +12,7 @@ from numba.extending import overload
 from .jit import INNER
 from .lanes import as_lanes
 from .structure import StructureType
+from .varying import varies, varying_in_lanes
 
 
 def item(array, i):
@@ -87,10 +88,13 @@ def _any_present(a, b):
 
 
 def in_lanes(x):
-    """Arrays viewed as lanes: of a tuple each field that its class does not name as `SHARED` by all lanes."""
+    """Arrays viewed as lanes: of a tuple each field that its class does not name as `SHARED` by all lanes.
+
+    Of what is shared it is what is `Varying` in it.
+    """
     if isinstance(x, tuple):
         shared = getattr(x, "SHARED", ())
-        return type(x)(*(a if name in shared else in_lanes(a) for name, a in zip(x._fields, x)))
+        return type(x)(*(varying_in_lanes(a) if name in shared else in_lanes(a) for name, a in zip(x._fields, x)))
     return x if x is None or isinstance(x, bool) else as_lanes(x)
 
 
@@ -101,8 +105,16 @@ def _in_lanes(x):
     if isinstance(x, types.BaseNamedTuple | StructureType):
         kind = x.instance_class
         shared = getattr(kind, "SHARED", ())
-        fields = ", ".join(f"x.{name}" if name in shared else f"in_lanes(x.{name})" for name in x.fields)
-        scope = {"kind": kind, "in_lanes": in_lanes}
+        fields = ", ".join(
+            _field(name, name in shared, field) for name, field in zip(x.fields, x.types, strict=True)
+        )
+        scope = {"kind": kind, "in_lanes": in_lanes, "varying_in_lanes": varying_in_lanes}
         exec(f"def view(x): return kind({fields})", scope)  # Numba loops over no fields of different types
         return scope["view"]
     return lambda x: x
+
+
+def _field(name, shared, kind):
+    if shared:
+        return f"varying_in_lanes(x.{name})" if varies(kind) else f"x.{name}"
+    return f"in_lanes(x.{name})"

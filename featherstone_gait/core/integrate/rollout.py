@@ -119,7 +119,7 @@ def _fell(frames, run, o, y):
         base_q = slice_if(True, y, o.base_q, 7)
         E, up = quaternion_matrix(base_q), plan.upright
         fell = E[6] * up[0] + E[7] * up[1] + E[8] * up[2] < plan.min_upright
-        if plan.min_height > NEVER:
+        if any_lane(plan.min_height > NEVER):
             center = center_of_floating(scene.tree, base_q, slice_if(True, y, o.q, o.base_qd - o.q), frames)
             fell = fell | (above_ground(scene.contact, center) < plan.min_height)
     return fell

@@ -80,6 +80,7 @@ class Run(NamedTuple):
     frames: np.ndarray | None  # rows of the tree's workspace, in which falls are looked for; None: there are none
     stop: np.ndarray  # (1,): not 0 where the run is wanted no longer; another thread sets it
 
+    # But for what is `Varying` in them: any number of the scene may be, and of the plan min_height.
     SHARED = ("scene", "places", "plan", "channels", "stop")
 
 
