@@ -72,6 +72,8 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .trajectory import Trajectory as Trajectory
     from .view.plotting import plot_motion as plot_motion
     from .view.plotting import plot_trajectory as plot_trajectory
+    from .worlds import Spread as Spread
+    from .worlds import Worlds as Worlds
 
 __version__ = "0.2.0.dev0"
 
@@ -126,6 +128,7 @@ _MODULES = {
     "run.simulate": ("Push", "initial_state", "restarted", "simulate", "simulate_batch", "standing_state"),
     "shape": ("Box", "Capsule", "Cylinder", "Hull", "Mesh", "Shape", "Sphere"),
     "trajectory": ("Trajectory",),
+    "worlds": ("Spread", "Worlds"),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 

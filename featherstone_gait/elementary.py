@@ -1,4 +1,4 @@
-"""Sine and cosine with the bits that the kernels' have: what these read must not come from a libm, which differs."""
+"""Sine, cosine and exponential with the bits of the kernels': what these read must come from no libm, which differs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from .core.compile import elementary
 
 # With the JIT on a kernel cannot be called from Python, but its source can: on arrays it is NumPy, number by number.
-_sincos = getattr(elementary.sincos, "py_func", elementary.sincos)
+_sincos, _exp = (getattr(f, "py_func", f) for f in (elementary.sincos, elementary.exp))
 
 
 def sincos(x: float | np.ndarray) -> tuple[Any, Any]:
@@ -18,3 +18,8 @@ def sincos(x: float | np.ndarray) -> tuple[Any, Any]:
         return _sincos(float(x))
     sine, cosine = _sincos(np.asarray(x, dtype=float))
     return np.asarray(sine), np.asarray(cosine)
+
+
+def exp(x: np.ndarray) -> np.ndarray:
+    """Exponential of an array."""
+    return np.asarray(_exp(x))

@@ -64,8 +64,8 @@ class CompiledScene:
         step = self.integrator if self.adaptive else f"{self.integrator} at {self.timestep:g} s"
         return f"<scene of {self.model.name}: {joints}, {driven}, {under}, {len(self.springs)} springs, {step}>"
 
-    def recompiled(self, **changes: Any) -> CompiledScene:
-        """The scene with other arguments of `compile_scene` and the same pushes; the state's layout stays.
+    def recompiled(self, model: Model | None = None, **changes: Any) -> CompiledScene:
+        """The scene with another model or other arguments of `compile_scene`, and the same pushes.
 
         Raises ValueError where constants were put in by hand: they are no arguments, and would be lost.
         """
@@ -76,7 +76,7 @@ class CompiledScene:
                 "compiled anew; compile with the integrator and step wanted and put them in again, without rtol and "
                 "estimate_error"
             )
-        scene = compile_scene(self.model, **(self.arguments | changes))
+        scene = compile_scene(self.model if model is None else model, **(self.arguments | changes))
         check = scene.preflight
         if "integrator" not in changes:
             check = check._replace(reason=self.preflight.reason, named=self.preflight.named)

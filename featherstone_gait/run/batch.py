@@ -1,10 +1,9 @@
-"""Many runs of a scene: in step in one vector, or lane by lane from a queue, over threads or an executor."""
+"""Many runs: in step in one vector, or lane by lane from a queue, over threads or an executor."""
 
 from __future__ import annotations
 
-import functools
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from ..build.scene import CompiledScene
 from ..core.compile.lanes import WIDTH
+from .differing import course, structure
 from .lane_engine import Queue, Source, run_lanes
 from .prepared import Prepared, Start
 
@@ -20,11 +20,49 @@ BATCH = 32  # runs that an executor is given at a time
 Result = tuple[np.ndarray, np.ndarray]  # final state and records
 
 
-def run_all(ready: Prepared, starts: list[Start], executor: Executor | None) -> list[Result]:
-    """Final state and records of each run; without an executor over all cores."""
-    if executor is None and _refills(ready.scene, starts):
-        return _run_refilled(ready, starts, os.cpu_count() or 1)
-    return _run_grouped(ready, starts, executor)
+def run_all(starts: list[Start], executor: Executor | None) -> list[Result]:
+    """Final state and records of each run, in its own scene; without an executor over all cores.
+
+    Runs whose scenes have one structure share lanes.
+    """
+    results: list = [None] * len(starts)
+    groups: list[tuple[Prepared, list[int]]] = []
+    for ready, members in _families(starts):
+        family = [starts[i] for i in members]
+        if executor is None and _refills(ready.scene, family):
+            for i, result in zip(members, _run_refilled(ready, family, os.cpu_count() or 1)):
+                results[i] = result
+        else:
+            parts = _groups(ready.scene, family, _refills(ready.scene, family))
+            groups.extend((ready, [members[k] for k in part]) for part in parts)
+    batches = [(ready, [starts[i] for i in group]) for ready, group in groups]
+    for (_, group), done in zip(groups, _run_groups(batches, executor)):
+        for i, result in zip(group, done):
+            results[i] = result
+    return results
+
+
+def _families(starts: list[Start]) -> list[tuple[Prepared, list[int]]]:
+    """Indices of the runs whose scenes have one structure, and what is ready for the lanes of all of them."""
+    keys: dict[int, Hashable] = {}
+    families: dict[Hashable, list[int]] = {}
+    for i, start in enumerate(starts):
+        if id(start.world) not in keys:
+            keys[id(start.world)] = _family(start.world)
+        families.setdefault(keys[id(start.world)], []).append(i)
+    found = []
+    for members in families.values():
+        worlds = list({id(starts[i].world): starts[i].world for i in members}.values())
+        alone = len(worlds) == 1 or worlds[0].scene.adaptive
+        found.append((worlds[0] if alone else worlds[0].among(worlds), members))
+    return found
+
+
+def _family(world: Prepared) -> Hashable:
+    """What runs have in common that share lanes; with error control none do."""
+    if world.scene.adaptive:
+        return None
+    return world.scene.integrator, course(world.plan), structure(world.scene.constants), world.channels.tobytes()
 
 
 def streams(scene: CompiledScene) -> bool:
@@ -72,27 +110,21 @@ def _over_threads(ready: Prepared, work: Callable[[Any], Any], items: Iterable[A
             raise
 
 
-def _run_grouped(ready: Prepared, starts: list[Start], executor: Executor | None) -> list[Result]:
+def _run_groups(batches: list[tuple[Prepared, list[Start]]], executor: Executor | None) -> list[list[Result]]:
     """Groups of runs go to the executor, by default to threads."""
-    groups = _groups(ready.scene, starts, _refills(ready.scene, starts))
-    work = functools.partial(_run_group, ready)
-    batches = [[starts[i] for i in group] for group in groups]
-    if executor is None and len(groups) > 1:
-        done = _over_threads(ready, work, batches, os.cpu_count() or 1)
-    else:
-        done = list((executor.map if executor else map)(work, batches))
-    results: list = [None] * len(starts)
-    for group, members in zip(groups, done):
-        for i, result in zip(group, members):
-            results[i] = result
-    return results
+    if executor is None and len(batches) > 1:
+        return _over_threads(batches[0][0], _run_group, batches, os.cpu_count() or 1)
+    return list((executor.map if executor else map)(_run_group, batches))
 
 
 def _groups(scene: CompiledScene, starts: list[Start], refills: bool) -> list[list[int]]:
     """Indices of the runs that go together; small rests alone."""
     alike: dict[tuple, list[int]] = {}
     for i, start in enumerate(starts):
-        key = () if refills else tuple(k and (k.times.tobytes(), k.period) for k in (start.reference, start.torques))
+        key: tuple = ()
+        if not refills:
+            signals = (start.reference, start.torques)
+            key = (start.world.plan.lag, *(k and (k.times.tobytes(), k.period) for k in signals))
         key = (i,) if scene.adaptive else (*key, start.y[scene.layout["end"]])
         alike.setdefault(key, []).append(i)
     size = BATCH if refills else WIDTH
@@ -104,7 +136,8 @@ def _groups(scene: CompiledScene, starts: list[Start], refills: bool) -> list[li
     return groups
 
 
-def _run_group(ready: Prepared, starts: list[Start]) -> list[Result]:
+def _run_group(batch: tuple[Prepared, list[Start]]) -> list[Result]:
+    ready, starts = batch
     if _refills(ready.scene, starts):
         return _run_refilled(ready, starts, 1)
     return ready.run(starts)

@@ -1,8 +1,9 @@
-"""Many runs of one scene, eight to a vector; a lane whose run has ended takes the next one.
+"""Many runs of scenes of one structure, eight to a vector; a lane whose run has ended takes the next one.
 
 A vector runs for a segment of some ticks, then lanes whose run fell, diverged, reached its end or is no longer wanted
-are handed over.  What sampled controllers see is worked out beforehand for each tick, so that lanes may be at different
-times of different references.  A run's bits do not depend on its lane, its neighbours or the segments it is cut into.
+are handed over.  A run brings the numbers in which its scene differs from others into its lane.  What sampled
+controllers see is worked out beforehand for each tick, so that lanes may be at different times of different references.
+A run's bits do not depend on its lane, its neighbours or the segments it is cut into.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 
 from ..core.compile.lanes import WIDTH, aligned
 from ..core.integrate.rollout import OK, rollout_lanes
-from ..core.step.context import Plan
+from ..core.step.context import Plan, Run
 from ..core.step.signals import Signals, sample_ticks
 from .prepared import Prepared, Start, lane_zeros
 
@@ -95,14 +96,14 @@ def run_lanes(
     course, channels = ready.plan, ready.channels
     n, layout = ready.scene.tree.n, ready.scene.layout
     status = int(layout["status"])
-    whole = ready.bound(Signals(None, lane_zeros((n, 2)), None, None, None, None, None, None), lane_zeros)
+    whole = ready.bound_in_lanes(Signals(None, lane_zeros((n, 2)), None, None, None, None, None, None))
     y = lane_zeros(len(whole.good))
     lanes: list[_Occupant | None] = [None] * WIDTH
     longest = segment_steps(course)
     whole_out = lane_zeros((longest // course.per_sample + 1, max(len(channels), 1)))
     whole_ticks = aligned((-(-longest // course.per_tick), n, 2, WIDTH))
     used = there = 0
-    while _fill(lanes, source, begin, ready, y, whole.good):
+    while _fill(lanes, source, begin, ready, y, whole):
         busy = [(lane, held) for lane, held in enumerate(lanes) if held is not None]
         steps = min(longest, min(course.steps - held.done for _, held in busy))
         ticks, out = whole_ticks[: -(-steps // course.per_tick)], whole_out[: steps // course.per_sample + 1]
@@ -112,10 +113,11 @@ def run_lanes(
             if held is None:  # an idle lane repeats a busy one
                 other, held = busy[0]
                 y[:, lane], whole.good[:, lane] = y[:, other], whole.good[:, other]
+                ready.put(whole, lane, held.start)
             _sample(held, ticks, lane)
             _sample_noise(held.start.noise, held.done // course.per_tick, noise, lane)
         signals = whole.signals._replace(samples=ticks, noise=noise)
-        ready.call(rollout_lanes, whole._replace(plan=course._replace(steps=steps), signals=signals), y, out)
+        ready.call(rollout_lanes, whole._replace(plan=whole.plan._replace(steps=steps), signals=signals), y, out)
         there += steps * WIDTH
         used += steps * len(busy)
         for lane, held in busy:
@@ -134,7 +136,7 @@ def _fill(
     begin: Callable[[Any], Start],
     ready: Prepared,
     y: np.ndarray,
-    good: np.ndarray,
+    whole: Run,
 ) -> bool:
     """Give a run to each lane that is free or whose own is no longer wanted; False when there are no more."""
     for lane in range(WIDTH):
@@ -146,8 +148,10 @@ def _fill(
         if key is None:
             break
         start = begin(key)
-        y[:, lane] = good[:, lane] = start.y
-        lanes[lane] = _Occupant(key, start, ready.course(start), 0, np.zeros((ready.samples, len(ready.channels))))
+        y[:, lane] = whole.good[:, lane] = start.y
+        ready.put(whole, lane, start)
+        out = np.zeros((ready.samples, len(ready.channels)))
+        lanes[lane] = _Occupant(key, start, start.world.course(start), 0, out)
     return lanes.count(None) < WIDTH
 
 

@@ -25,16 +25,18 @@ from ..build.external import Push
 from ..build.scene import CompiledScene
 from ..collision import clearance_channel
 from ..core.compile.lanes import WIDTH, aligned
+from ..core.compile.varying import Varying
 from ..core.effects.actuator import controller_of
 from ..core.effects.controller import PID_SPEED
 from ..core.integrate.adaptive import rollout_adaptive
 from ..core.integrate.integrator import Sizes
 from ..core.integrate.rollout import DIVERGED, FELL, OK, TOO_COSTLY, TOO_SMALL, rollout_lanes, rollout_one
 from ..core.step import state
-from ..core.step.context import Plan, Run
+from ..core.step.context import Plan, Run, Scene
 from ..core.step.signals import Knots, Signals
 from ..reference import Reference
 from ..trajectory import Trajectory
+from .differing import has_varying, of_own_lanes, put, together
 from .interrupt import Kernel, call_interruptibly
 from .start import check_quaternion, check_scene, initial_state
 
@@ -57,6 +59,14 @@ class Start(NamedTuple):
     reference: Knots | None
     torques: Knots | None
     noise: np.ndarray | None
+    world: Prepared  # where it runs
+
+
+class Numbers(NamedTuple):
+    """What runs that share lanes may have each for themselves: `Varying` if they do."""
+
+    constants: Scene
+    min_height: float | Varying  # see `Plan`
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +79,17 @@ class Prepared:
     stored: dict[str, slice]  # where each channel lies among the recorded numbers
     channels: np.ndarray  # indices into the state of all recorded numbers
     stop: np.ndarray = field(default_factory=lambda: np.zeros(1, np.int64))  # (1,): not 0 ends all its runs
+    of_lanes: Numbers | None = None  # of all whose runs share its lanes; None where all numbers are its own
+
+    @property
+    def numbers(self) -> Numbers:
+        """Its own."""
+        return Numbers(self.scene.constants, self.plan.min_height)
+
+    def among(self, others: Sequence[Prepared]) -> Prepared:
+        """The same, whose lanes take runs of the others too: scenes of its structure (see `differing`)."""
+        numbers = together([other.numbers for other in others])
+        return replace(self, of_lanes=numbers) if has_varying(numbers) else self
 
     def start(
         self,
@@ -105,7 +126,7 @@ class Prepared:
             if signal is not None:
                 self._check_knots(what, signal)
         knots, torques = (signal.knots() if signal else None for signal in (reference, tau))
-        start = Start(y, knots, torques, self._noise(noise))
+        start = Start(y, knots, torques, self._noise(noise), self)
         return start._replace(y=_with_first_error(scene, start))
 
     def _check_knots(self, what: str, signal: Reference) -> None:
@@ -162,6 +183,8 @@ class Prepared:
     def arguments_in_lanes(self, starts: Sequence[Start]) -> tuple[Run, np.ndarray, np.ndarray]:
         """What `rollout_lanes` takes for up to eight runs of the same time whose signals have the same knot times."""
         starts = [*starts, *[starts[-1]] * (WIDTH - len(starts))]
+        alone = self.of_lanes is not None or all(start.world is self for start in starts)
+        ready = self if alone else self.among([start.world for start in starts])
         y, out = aligned((len(starts[0].y), WIDTH)), aligned((self.samples, max(len(self.channels), 1), WIDTH))
         y[:] = np.stack([start.y for start in starts], axis=-1)
         references, torques = (_in_lanes(knots) for knots in zip(*(start[1:3] for start in starts)))
@@ -171,7 +194,11 @@ class Prepared:
             noise = aligned((*noises[0].shape, WIDTH))
             noise[:] = np.stack(noises, axis=-1)
             signals = signals._replace(noise=noise)
-        return self.bound(signals, lane_zeros)._replace(plan=self.course(starts[0])), y, out
+        course = starts[0].world.course(starts[0])
+        run = ready.bound_in_lanes(signals)
+        for lane, start in enumerate(starts):
+            ready.put(run, lane, start)
+        return run._replace(plan=course._replace(min_height=run.plan.min_height)), y, out
 
     def run(self, starts: Sequence[Start]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Final state and records of up to eight runs, of more than one in step.
@@ -180,7 +207,7 @@ class Prepared:
         noise for all or none.
         """
         if len(starts) == 1:
-            run, y, out = self.arguments(starts[0])
+            run, y, out = starts[0].world.arguments(starts[0])
             self.call(self.kernel, run, y, out)
             return [(y, out)]
         self._check_alike(starts)
@@ -233,6 +260,19 @@ class Prepared:
         work, good = scene.method.workspace(sizes, zeros), zeros(int(scene.layout["length"]))
         frames = zeros(sizes.workspace) if sizes.floating and sizes.points else None
         return Run(constants, scene.places, self.plan, signals, work, good, self.channels, frames, self.stop)
+
+    def bound_in_lanes(self, signals: Signals) -> Run:
+        """The same in lanes; `put` gives each of them the numbers in which its run differs."""
+        run = self.bound(signals, lane_zeros)
+        if self.of_lanes is None:
+            return run
+        constants, min_height = of_own_lanes(self.of_lanes)
+        return run._replace(scene=constants, plan=run.plan._replace(min_height=min_height))
+
+    def put(self, run: Run, lane: int, start: Start) -> None:
+        """Give a lane of `bound_in_lanes` the numbers of the run's own scene."""
+        if self.of_lanes is not None:
+            put(Numbers(run.scene, run.plan.min_height), lane, start.world.numbers)
 
     def named(self, out: np.ndarray, course: Plan | None = None) -> dict[str, np.ndarray]:
         """Recorded numbers (samples, all) as channels in their natural shape; course: see `course`."""

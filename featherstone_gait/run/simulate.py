@@ -9,28 +9,30 @@ A scene fixes robot, servos, ground, integrator and step; a simulation is then o
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from textwrap import indent
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import renamed
-from ..arguments import listed, shown, truth
+from ..arguments import instance, listed, shown, truth
 from ..build.external import Push
 from ..build.scene import CompiledScene
 from ..channels import channel_table
 from ..core.step.state import RECORDABLE
 from ..reference import Reference
 from ..trajectory import Trajectory, with_error
+from ..worlds import Worlds
 from .batch import drive_lanes, run_all, streams
-from .companion import OF_HALF, accounted, companion, coordinates, judged
+from .companion import OF_HALF, Companion, accounted, companion, coordinates, judged
 from .lane_engine import Source
-from .prepared import Start, prepare, with_tolerance
-from .start import initial_state, restarted, standing_state
+from .prepared import Prepared, Start, prepare, with_tolerance
+from .start import check_scene, initial_state, restarted, standing_state
 from .verdict import trajectory
 
 __all__ = [
@@ -83,7 +85,7 @@ if simulate.__doc__:  # python -OO leaves it out
 
 
 def simulate_batch(
-    scene: CompiledScene,
+    scene: CompiledScene | Sequence[CompiledScene],
     duration: float,
     states: Sequence[ArrayLike | Trajectory | None] | None = None,
     references: Sequence[Reference | None] | None = None,
@@ -92,81 +94,166 @@ def simulate_batch(
     record: Iterable[str] = ("q", "qd"),
     sample: float | None = None,
     *,
+    worlds: Worlds | None = None,
     executor: Executor | None = None,
     noises: Sequence[ArrayLike | None] | None = None,
     rtol: float | None = None,
     atol: float | None = None,
     estimate_error: bool | None = None,
 ) -> list[Trajectory]:
-    """`simulate` for many states, references or torques at once: eight to a vector, vectors over threads.
+    """`simulate` for many states, references, torques or worlds at once: eight to a vector, vectors over threads.
 
-    The lists must be equally long, or None.  Each run has the same bits as alone.  Where the controllers are sampled, a
-    lane whose run has ended takes the next; runs with continuous servos, torques or pushes share a vector if their
-    references have the same knot times; with error control each run has its own steps, and none share a vector.
+    scene: of all runs, or a list with one for each; worlds: the physical numbers in which the runs differ, see
+    `Worlds`.  The lists must be equally long, or None.  Each run has the same bits as alone in its own scene.  Where
+    the controllers are sampled, a lane whose run has ended takes the next; runs with continuous servos, torques or
+    pushes share a vector if their references have the same knot times.  Scenes that differ in more than numbers (steps,
+    integrators, what there is at all) share no vector; with error control each run has its own steps, and none do.
     executor: any `concurrent.futures.Executor` in place of the threads.
     """
-    scene, rtol, atol = with_tolerance(scene, rtol, atol)
     if executor is not None and not callable(getattr(executor, "map", None)):
         raise TypeError(f"executor is {shown(executor)}; give a concurrent.futures.Executor, or None")
     estimate = None if estimate_error is None else truth("estimate_error", estimate_error)
-    if estimate is not False:
-        with_errors = _with_errors if estimate else _with_companions
-        how = dict(references=references, taus=taus, pushes=pushes, record=record, executor=executor, noises=noises)
-        return with_errors(scene, duration, states, sample, rtol, atol, **how)
-    given: tuple[Sequence[Any] | None, ...] = (states, references, taus, noises)
-    names = ("states", "references", "taus", "noises")
-    lists = [None if x is None else listed(name, x, "give a list, an entry a run") for name, x in zip(names, given)]
-    n = max((len(x) for x in lists if x is not None), default=1)
-    columns: list[list[Any]] = [[None] * n if x is None else x for x in lists]
-    if any(len(column) != n for column in columns):
-        lengths = [len(column) for column in columns]
-        raise ValueError(f"states, references, taus and noises have {lengths} entries; give as many of each")
-    driven = any(tau is not None for tau in columns[2])
-    ready = prepare(
-        scene, duration, record, sample, pushes=pushes, rtol=rtol, atol=atol, driven=driven
-    )
-    starts = [ready.start(*row) for row in zip(*columns)]
+    each = {"states": states, "references": references, "taus": taus, "noises": noises}
+    runs = _runs(scene, worlds, each)
+    cases = _once(lambda given: Case(*with_tolerance(given, rtol, atol), sample), runs.pop("scenes"))
+    record = tuple(listed("record", record, "give a list of channels, such as ('q', 'qd')"))
+    simulated = functools.partial(_simulated, duration=duration, pushes=pushes, executor=executor)
+    if estimate is None:
+        return _with_companions(Batch(cases, **runs), record, simulated)
+    if estimate:
+        return _with_errors(Batch(cases, **runs), record, simulated)
+    return simulated(Batch(cases, **runs), record)
+
+
+class Case(NamedTuple):
+    """The scene of a run, and what its own course is."""
+
+    scene: CompiledScene
+    rtol: float | None  # None of fixed steps
+    atol: float | None
+    sample: float | None  # between records [s], a tick if None
+
+
+class Batch(NamedTuple):
+    """Runs: of each its scene, and what it is given."""
+
+    cases: list[Case]
+    states: list[Any]
+    references: list[Any]
+    taus: list[Any]
+    noises: list[Any]
+
+    def of(self, indices: Iterable[int]) -> Batch:
+        """Some of them."""
+        return Batch(*([column[k] for k in indices] for column in self))
+
+    def by(self, case: Callable[[Case], Case]) -> Batch:
+        """The same in other scenes or courses."""
+        return self._replace(cases=_once(case, self.cases))
+
+
+class Simulated(Protocol):
+    """`_simulated` of given duration, pushes and executor."""
+
+    def __call__(self, batch: Batch, record: tuple[str, ...]) -> list[Trajectory]: ...
+
+
+def _runs(scene: Any, worlds: Worlds | None, each: dict[str, Any]) -> dict[str, list[Any]]:
+    """Lists of one length, `scenes` among them, from lists, None, and one scene for all; ValueError otherwise."""
+    lists = {name: None if x is None else listed(name, x, "give a list, an entry a run") for name, x in each.items()}
+    if worlds is not None:
+        instance("worlds", worlds, Worlds, "give Worlds(...)")
+        check_scene(scene)
+        lists["scenes"] = worlds.scenes(scene)
+    elif not isinstance(scene, CompiledScene):
+        lists["scenes"] = listed("scene", scene, "give what compile_scene returns, or a list of these, one a run")
+    else:
+        lists["scenes"] = None
+    n = max((len(x) for x in lists.values() if x is not None), default=1)
+    runs = {name: [None] * n if x is None else list(x) for name, x in lists.items()}
+    if any(len(column) != n for column in runs.values()):
+        lengths = ", ".join(f"{name} {len(column)}" for name, column in runs.items() if lists[name] is not None)
+        raise ValueError(f"entries differ in number: {lengths}; give as many of each, one a run")
+    return runs if lists["scenes"] is not None else runs | {"scenes": [scene] * n}
+
+
+def _once(function: Callable[[Any], Any], entries: Sequence[Any]) -> list[Any]:
+    """What the function makes of each entry; of the same object it makes the same."""
+    found: dict[int, Any] = {}
+    for entry in entries:
+        if id(entry) not in found:
+            found[id(entry)] = function(entry)
+    return [found[id(entry)] for entry in entries]
+
+
+def _simulated(
+    batch: Batch, record: tuple[str, ...], duration: float, pushes: Sequence[Push], executor: Executor | None
+) -> list[Trajectory]:
+    """The runs, without their errors."""
+    driven = any(tau is not None for tau in batch.taus)
+    stop = np.zeros(1, np.int64)
+
+    def made_ready(case: Case) -> Prepared:
+        scene, rtol, atol = with_tolerance(*case[:3])
+        ready = prepare(scene, duration, record, case.sample, pushes=pushes, rtol=rtol, atol=atol, driven=driven)
+        return dataclasses.replace(ready, stop=stop)
+
+    ready = _once(made_ready, batch.cases)
+    starts = [one.start(*row) for one, row in zip(ready, zip(*batch[1:]))]
     if len({start.noise is None for start in starts}) > 1:
         raise ValueError("noises: some runs have noise and some have none; give all of them an array, or none")
-    results = run_all(ready, starts, executor)
-    return [trajectory(ready, y, out, ready.course(start)) for start, (y, out) in zip(starts, results)]
+    results = run_all(starts, executor)
+    return [trajectory(one, y, out, one.course(start)) for one, start, (y, out) in zip(ready, starts, results)]
 
 
-def _with_companions(
-    scene: CompiledScene,
-    duration: float,
-    states: Sequence[ArrayLike | Trajectory | None] | None,
-    sample: float | None,
-    rtol: float | None,
-    atol: float | None,
-    **how: Any,
-) -> list[Trajectory]:
+def _sampled(case: Case) -> Case:
+    """The same, with the time between records told."""
+    scene = case.scene
+    return case._replace(sample=scene.tick_steps * scene.timestep if case.sample is None else case.sample)
+
+
+def _with_companions(batch: Batch, record: tuple[str, ...], simulated: Simulated) -> list[Trajectory]:
     """The runs, each with the error that a companion tells; companions go on from where companions ended."""
-    record = tuple(listed("record", how["record"], "give a list of channels, such as ('q', 'qd')"))
-    how |= {"sample": scene.tick_steps * scene.timestep if sample is None else sample, "estimate_error": False}
-    other = companion(scene, sample, rtol, atol)
-    if other is None:
-        return simulate_batch(scene, duration, states, rtol=rtol, atol=atol, **how)
-    how |= {"record": dict.fromkeys((*record, *coordinates(scene)))}
-    runs = simulate_batch(scene, duration, states, rtol=rtol, atol=atol, **how)
-    begun = None if states is None else [_companion_of(state) for state in states]
-    coarse = simulate_batch(other.scene, duration, begun, rtol=other.rtol, atol=other.atol, **how)
-    told = [accounted(run, less, other.share, record) for run, less in zip(runs, coarse)]
-    if other.surer is None:
-        return told
-    doubtful = [k for k, run in enumerate(told) if run.status == "inaccurate" and _begins(states, begun, k)]
-    if doubtful:
-        alone = {name: how[name] and [how[name][k] for k in doubtful] for name in ("references", "taus", "noises")}
-        again = None if states is None else [states[k] for k in doubtful]
-        finer = simulate_batch(other.surer, duration, again, **(how | alone))
-        for k, fine in zip(doubtful, finer):
-            told[k] = dataclasses.replace(accounted(runs[k], fine, OF_HALF, record), companion=told[k].companion)
+    batch = batch.by(_sampled)
+    others = _once(lambda case: companion(case.scene, case.sample, case.rtol, case.atol), batch.cases)
+    alone = [k for k, other in enumerate(others) if other is None]
+    told = dict(zip(alone, simulated(batch.of(alone), record)))
+    rest = [k for k, other in enumerate(others) if other is not None]
+    told |= zip(rest, _accompanied(batch.of(rest), [others[k] for k in rest], record, simulated))
+    return [told[k] for k in range(len(others))]
+
+
+def _accompanied(
+    batch: Batch, others: list[Companion], record: tuple[str, ...], simulated: Simulated
+) -> list[Trajectory]:
+    """Runs that all have a companion."""
+    more = tuple(dict.fromkeys((*record, *(name for case in batch.cases for name in coordinates(case.scene)))))
+    runs = simulated(batch, more)
+    begun = [_companion_of(state) for state in batch.states]
+    coarse = simulated(batch._replace(states=begun, cases=_in_place(batch.cases, others)), more)
+    told = [accounted(run, less, other.share, record) for run, less, other in zip(runs, coarse, others)]
+    doubtful = [
+        k
+        for k, run in enumerate(told)
+        if run.status == "inaccurate" and others[k].surer is not None and begun[k] is batch.states[k]
+    ]  # of those that go on from no companion, so that a finer one may begin where they do
+    part, surer = batch.of(doubtful), [others[k] for k in doubtful]
+    finer = simulated(part._replace(cases=_in_place(part.cases, surer, True)), more)
+    for k, fine in zip(doubtful, finer):
+        told[k] = dataclasses.replace(accounted(runs[k], fine, OF_HALF, record), companion=told[k].companion)
     return told
 
 
-def _begins(states: Sequence[Any] | None, begun: Sequence[Any] | None, k: int) -> bool:
-    """Whether a run goes on from no companion, so that a finer one may begin where it does."""
-    return states is None or begun is None or begun[k] is states[k]
+def _in_place(cases: list[Case], others: list[Companion], surer: bool = False) -> list[Case]:
+    """Cases of the companions; those of one companion are one."""
+    pairs = {id(other): (case, other) for case, other in zip(cases, others)}
+    made = {
+        key: Case(other.surer or other.scene, None, None, case.sample)
+        if surer
+        else Case(other.scene, other.rtol, other.atol, case.sample)
+        for key, (case, other) in pairs.items()
+    }
+    return [made[id(other)] for other in others]
 
 
 def _companion_of(state: ArrayLike | Trajectory | None) -> ArrayLike | Trajectory | None:
@@ -175,27 +262,22 @@ def _companion_of(state: ArrayLike | Trajectory | None) -> ArrayLike | Trajector
     return state
 
 
-def _with_errors(
-    scene: CompiledScene,
-    duration: float,
-    states: Sequence[ArrayLike | Trajectory | None] | None,
-    sample: float | None,
-    rtol: float | None,
-    atol: float | None,
-    **how: Any,
-) -> list[Trajectory]:
+def _with_errors(batch: Batch, record: tuple[str, ...], simulated: Simulated) -> list[Trajectory]:
     """The runs, and the same in half the steps: of integrators with error control also to a tenth of the tolerance."""
-    sample = scene.tick_steps * scene.timestep if sample is None else sample
-    runs = simulate_batch(scene, duration, states, sample=sample, rtol=rtol, atol=atol, estimate_error=False, **how)
+    batch = batch.by(_sampled)
+    runs, better = simulated(batch, record), simulated(batch.by(_finer), record)
+    return [
+        judged(with_error(run, _each(fine, 2), 1.1) if case.scene.adaptive else with_error(run, fine, 2.0))
+        for case, run, fine in zip(batch.cases, runs, better)
+    ]
+
+
+def _finer(case: Case) -> Case:
+    scene = case.scene.recompiled(timestep=0.5 * case.scene.timestep)
     if not scene.adaptive:
-        finer = scene.recompiled(timestep=0.5 * scene.timestep)
-        better = simulate_batch(finer, duration, states, sample=sample, estimate_error=False, **how)
-        return [judged(with_error(run, fine, 2.0)) for run, fine in zip(runs, better)]
-    finer = scene.recompiled(timestep=0.5 * scene.timestep)  # steps end on records: twice as many
-    rtol, atol = rtol and 0.1 * rtol, atol and 0.1 * atol
-    how["estimate_error"] = False
-    better = simulate_batch(finer, duration, states, sample=0.5 * sample, rtol=rtol, atol=atol, **how)
-    return [judged(with_error(run, _each(fine, 2), 1.1)) for run, fine in zip(runs, better)]
+        return case._replace(scene=scene)
+    rtol, atol = case.rtol and 0.1 * case.rtol, case.atol and 0.1 * case.atol
+    return Case(scene, rtol, atol, case.sample and 0.5 * case.sample)  # steps end on records: twice as many
 
 
 def _each(run: Trajectory, count: int) -> Trajectory:

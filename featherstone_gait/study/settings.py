@@ -16,7 +16,6 @@ share it.
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import math
@@ -33,8 +32,9 @@ from ..build.kinds import SERVO_KINDS
 from ..core.compile.jit import source_hash
 from ..core.integrate import INTEGRATORS
 from ..files import FilePath, is_number
-from ..model import SERVO_UNITS, Controller, Gearbox, Ground, Law, Model, Servo
+from ..model import SERVO_UNITS, Ground, Law, Model
 from ..robot_file import load_robot, load_servo
+from ..worlds import servo_with
 
 MOST_RUNS = 20_000_000
 GROUND_UNITS = {"friction": "-", "sinking": "m", "damping_ratio": "-", "height": "m", "slope": "rad"}
@@ -67,7 +67,6 @@ SECTIONS = tuple(dict.fromkeys(name.partition(".")[0] for name in PARAMETERS))
 FOREIGN = {"hold": ("strides", "warm_up"), "walk": ("duration",), "stable_step": ("strides", "warm_up")}
 ONLY = {"posture": ("hold", "stable_step"), "gait": ("walk",)}
 METHODS = ("grid", "random", "latin_hypercube")
-_PARTS = {f.name: cls for cls in (Controller, Gearbox, Servo) for f in dataclasses.fields(cls)}
 
 
 @dataclass(frozen=True)
@@ -300,13 +299,7 @@ def servos_with(model: Model, values: dict[str, Any]) -> Model:
         return replace(model, servos=dict.fromkeys(model.joint_names, load_servo(kind, gearbox or "physical", **given)))
     if not model.servos:
         raise ValueError(f"{model.name} has no servos to change; add servo.type")
-    return replace(model, servos={joint: _changed(servo, given) for joint, servo in model.servos.items()})
-
-
-def _changed(servo: Servo, given: dict[str, Any]) -> Servo:
-    part = {cls: {k: v for k, v in given.items() if _PARTS[k] is cls} for cls in (Controller, Gearbox, Servo)}
-    controller, gearbox = replace(servo.controller, **part[Controller]), replace(servo.gearbox, **part[Gearbox])
-    return replace(servo, controller=controller, gearbox=gearbox, **part[Servo])
+    return replace(model, servos={joint: servo_with(servo, given) for joint, servo in model.servos.items()})
 
 
 def ground_with(values: dict[str, Any]) -> Ground:
