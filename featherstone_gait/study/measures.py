@@ -20,8 +20,9 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -37,6 +38,7 @@ from .settings import ONLY, Setup, ground_with, servos_with
 
 if TYPE_CHECKING:
     from ..walking import Gait
+    from ..walking.cost import Measures
 
 INLINE: Any = SimpleNamespace(map=map)  # in place of an executor: a worker is one of many and starts no threads
 TILT = 0.01  # default of posture.tilt [rad]
@@ -68,15 +70,50 @@ COLUMNS = {  # name of a column -> what its axis says; the first one is plotted
 }
 
 
+class _Task(NamedTuple):
+    """A run, and what makes its row."""
+
+    scene: CompiledScene
+    duration: float  # [s]
+    state: np.ndarray
+    reference: Reference
+    record: tuple[str, ...]
+    sample: float | None  # [s]
+    row: Callable[[Trajectory], dict[str, Any]]
+
+
 def run_batch(setup: Setup, points: list[tuple]) -> list[dict[str, Any]]:
-    """The rows of runs, each given by its varied parameters; runs that share a scene go through lanes together."""
+    """The rows of runs, each given by its varied parameters; runs whose scenes have one structure share lanes."""
     setup = _known(setup)
-    rows: list[dict[str, Any]] = [{}] * len(points)
-    values = [{**setup.fixed, **dict(zip(setup.names, point))} for point in points]
-    for members in _sharing(values):
-        for k, row in zip(members, _rows(setup, [values[k] for k in members])):
-            rows[k] = row
-    return rows
+    rows: dict[int, dict[str, Any]] = {}
+    tasks: dict[float, dict[int, _Task]] = {}  # by their duration
+    for k, point in enumerate(points):
+        values = {**setup.fixed, **dict(zip(setup.names, point))}
+        try:
+            if setup.experiment == "stable_step":
+                rows[k] = _stable_step(setup, values)
+            else:
+                task = _EXPERIMENTS[setup.experiment](setup, _scene(setup, _scene_values(values)), values)
+                tasks.setdefault(task.duration, {})[k] = task
+        except ValueError as error:
+            rows[k] = _row(setup, "refused", str(error))
+    for members in tasks.values():
+        rows |= zip(members, _simulated(setup, [*members.values()]))
+    return [rows[k] for k in range(len(points))]
+
+
+def _simulated(setup: Setup, tasks: list[_Task]) -> list[dict[str, Any]]:
+    """Rows of runs of one duration; of those that are refused, each by itself."""
+    scenes, _, states, references, *_ = zip(*tasks)
+    _, duration, _, _, record, sample, _ = tasks[0]
+    how: dict[str, Any] = dict(record=record, sample=sample, executor=INLINE, estimate_error=False)
+    try:
+        runs = simulate_batch(scenes, duration, states, references, **how)
+    except ValueError as error:
+        if len(tasks) == 1:
+            return [_row(setup, "refused", str(error))]
+        return [row for task in tasks for row in _simulated(setup, [task])]
+    return [task.row(run) for task, run in zip(tasks, runs)]
 
 
 @functools.lru_cache(maxsize=4)
@@ -85,29 +122,8 @@ def _known(setup: Setup) -> Setup:
     return setup
 
 
-def _sharing(values: list[dict]) -> list[list[int]]:
-    """Indices of runs with the same scene."""
-    alike: dict[tuple, list[int]] = {}
-    for k, value in enumerate(values):
-        alike.setdefault(_scene_values(value), []).append(k)
-    return list(alike.values())
-
-
 def _scene_values(values: dict) -> tuple:
     return tuple(sorted(item for item in values.items() if item[0].partition(".")[0] not in ONLY))
-
-
-def _rows(setup: Setup, values: list[dict]) -> list[dict]:
-    """Rows of runs that share a scene."""
-    try:
-        if setup.experiment == "stable_step":
-            return [_stable_step(setup, value) for value in values]
-        scene = _scene(setup, _scene_values(values[0]))
-        if setup.experiment == "hold":
-            return _hold(setup, scene, [value.get("posture.tilt", TILT) for value in values])
-    except ValueError as error:
-        return [_row(setup, "refused", str(error))] * len(values)
-    return [_walk(setup, scene, value) for value in values]
 
 
 def _row(setup: Setup, status: str, message: str, numbers: dict[str, float] | None = None) -> dict:
@@ -129,13 +145,14 @@ def _scene(setup: Setup, items: tuple) -> CompiledScene:
 # ---------------------------------------------------------------------------------------------- hold
 
 
-def _hold(setup: Setup, scene: CompiledScene, tilts: list[float]) -> list[dict]:
+def _hold(setup: Setup, scene: CompiledScene, values: dict) -> _Task:
     target = _target(scene)
-    states = [_resting(scene, target + tilt) for tilt in tilts]
-    references = [Reference([0.0], target[None])] * len(tilts)
-    how: dict[str, Any] = dict(record=("q", "energy"), executor=INLINE, estimate_error=False)
-    runs = simulate_batch(scene, setup.duration, states, references, **how)
-    return [_row(setup, run.status, run.message, _held(run, target)) for run in runs]
+    state = _resting(scene, target + values.get("posture.tilt", TILT))
+
+    def row(run: Trajectory) -> dict[str, Any]:
+        return _row(setup, run.status, run.message, _held(run, target))
+
+    return _Task(scene, setup.duration, state, Reference([0.0], target[None]), ("q", "energy"), None, row)
 
 
 def _target(scene: CompiledScene) -> np.ndarray:
@@ -221,17 +238,23 @@ def _mean_square(values: np.ndarray) -> float:
 # ---------------------------------------------------------------------------------------------- walk
 
 
-def _walk(setup: Setup, scene: CompiledScene, values: dict) -> dict:
-    from ..walking.cost import WalkingCost
+def _walk(setup: Setup, scene: CompiledScene, values: dict) -> _Task:
+    from ..walking.cost import RECORD, SAMPLE, WalkingCost
     from ..walking.plan import downward
 
     wanted = tuple(sorted(item for item in values.items() if item[0].startswith("gait.")))
-    try:
-        gait, start = _gait(setup, wanted, downward(scene.gravity))
-        cost = WalkingCost(scene, gait, start, warm_up=setup.warm_up, strides=setup.strides)
-        (found,) = cost.measure([gait.to_vector()])
-    except ValueError as error:
-        return _row(setup, "refused", str(error))
+    gait, start = _gait(setup, wanted, downward(scene.gravity))
+    cost = WalkingCost(scene, gait, start, warm_up=setup.warm_up, strides=setup.strides)
+    state, reference = cost.beginning(gait.to_vector())
+
+
+    def row(run: Trajectory) -> dict[str, Any]:
+        return _walked(setup, cost.measured(run))
+
+    return _Task(scene, reference.times[-1], state, reference, RECORD, SAMPLE, row)
+
+
+def _walked(setup: Setup, found: Measures) -> dict[str, Any]:
     numbers = {
         "cost_J_m": found.cost,
         "cost_of_transport": found.cost_of_transport,
@@ -258,3 +281,6 @@ def _gait(setup: Setup, values: tuple, g: float) -> tuple[Gait, np.ndarray]:
     plan = walking_plan(setup.model, g=g, **walk)
     fit = fit_gait(plan.stride(), mirror=mirror_of(setup.model), fit_phase=True)
     return fit.gait, plan.start_up(phase=fit.phase)
+
+
+_EXPERIMENTS = {"hold": _hold, "walk": _walk}

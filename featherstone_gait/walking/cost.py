@@ -138,16 +138,17 @@ class WalkingCost:
             return standing(signal.values[0].tobytes()), signal
 
         def end(run: Trajectory) -> tuple[float, str]:
-            measures = self._measured(run, slip=False)
+            measures = self.measured(run, slip=False)
             return measures.cost, measures.status
 
         return simulate_stream(self.scene, self.end, candidates, begin, end, record=("base_q", "energy"), sample=TICK)
 
     def measure(self, vectors: Iterable[ArrayLike]) -> list[Measures]:
         """Simulate gait vectors and measure them."""
-        return [self._measured(run) for run in self.simulate(list(vectors))]
+        return [self.measured(run) for run in self.simulate(list(vectors))]
 
-    def _measured(self, run: Trajectory, slip: bool = True) -> Measures:
+    def measured(self, run: Trajectory, slip: bool = True) -> Measures:
+        """The measures of a run that began as `beginning` says, with the channels RECORD every SAMPLE."""
         return measured(self.scene, run, self.mark, self.end, self.strides, slip)
 
     def simulate(
@@ -170,6 +171,11 @@ class WalkingCost:
         states = states or [standing_state(self.scene, signal.values[0], beyond_limits=True) for signal in signals]
         how.setdefault("estimate_error", False)
         return simulate_batch(self.scene, signals[0].times[-1], states, signals, record=record, sample=sample, **how)
+
+    def beginning(self, x: ArrayLike) -> tuple[np.ndarray, Reference]:
+        """The standing state from which a vector is walked to be measured, and what the servos are sent."""
+        signal = self.reference(x, self.warm_up + self.strides)
+        return standing_state(self.scene, signal.values[0], beyond_limits=True), signal
 
     def reference(self, x: ArrayLike, strides: int) -> Reference:
         """What the servos are sent: the start and `strides` strides, every 40 ms."""
