@@ -39,14 +39,16 @@ def carried_mass(bodies: Bodies) -> np.ndarray:
     return mass
 
 
-def mass_matrix(bodies: Bodies, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def mass_matrix(
+    bodies: Bodies, q: np.ndarray, placed: tuple[np.ndarray, np.ndarray] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Mass matrix (rows + 5, rows + 5) of a floating tree, and the size (rows + 5,) of what each coordinate moves.
 
-    q: (rows,) joint positions [rad or m], the first unused.  Coordinates are the base's velocity and angular velocity,
+    q: (rows,) joint positions [rad or m], the first unused; placed: the `frames` there, if known.  Coordinates are the base's velocity and angular velocity,
     in world axes, and the joints in the order of the rows.  The size has the unit of the matrix's diagonal and is above
     zero wherever any mass or inertia is carried.
     """
-    E, o = frames(bodies, q)
+    E, o = frames(bodies, q) if placed is None else placed
     m, c, J = composites(bodies, E, o)
     n = len(bodies.parent)
     H, size = np.zeros((n + 5, n + 5)), np.zeros(n + 5)

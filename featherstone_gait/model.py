@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
@@ -437,6 +437,45 @@ class Model:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state | {name: MappingProxyType(state[name]) for name in _TABLES})
 
+    def with_numbers(
+        self,
+        links: Sequence[Link] | None = None,
+        joints: Sequence[Joint] | None = None,
+        servos: Mapping[str, Servo] | None = None,
+    ) -> Model:
+        """The same robot with other numbers: links, joints and servos in place of those of the same names.
+
+        The tree that they make must stay, with the place of every joint: that, and what stays with it, is not looked at
+        again.  Raises ValueError as a new model does.
+        """
+        made = object.__new__(Model)
+        made.__dict__.update({f.name: getattr(self, f.name) for f in fields(Model)})
+        if servos is not None:
+            made.__dict__["servos"] = MappingProxyType(dict(servos))
+        if links is None and joints is None:
+            made.__dict__.update({name: getattr(self, name) for name in ("moving_joints", "held", "joint_names")})
+            made.__dict__["skeleton"] = self.skeleton
+        else:
+            made.__dict__.update(links=tuple(links or self.links), joints=tuple(joints or self.joints))
+            check_locked(made.joints, made.locked)
+            check_can_move(made.joints, made.held)
+            made.__dict__["_laid_out"] = self._laid_out
+            _check_bodies(made)
+        return made
+
+    @cached_property
+    def skeleton(self) -> Model:
+        """A model with the same links and joints, the same object for all that differ in their servos alone."""
+        return self
+
+    @cached_property
+    def _laid_out(self) -> tuple[list[Frame], dict[str, Placement]]:
+        return _lay_out(self)
+
+    @cached_property
+    def _merged(self) -> tuple[list[RigidBody], dict[str, Placement]]:
+        return _merge(self)
+
     @property
     def root(self) -> str:
         """Name of the link that is no joint's child."""
@@ -722,6 +761,10 @@ def rigid_bodies(model: Model) -> tuple[list[RigidBody], dict[str, Placement]]:
 
     First the root's body, then one for each moving joint, depth first: parents before children, chains in one piece.
     """
+    return model._merged
+
+
+def _merge(model: Model) -> tuple[list[RigidBody], dict[str, Placement]]:
     links = {link.name: link for link in model.links}
     frames, placements = _frames(model)
     groups: list[list[tuple[Link, Placement]]] = [[] for _ in frames]
@@ -734,6 +777,12 @@ def rigid_bodies(model: Model) -> tuple[list[RigidBody], dict[str, Placement]]:
 
 def _frames(model: Model) -> tuple[list[Frame], dict[str, Placement]]:
     """The frame of each body, and where each link sits."""
+    frames, placements = model._laid_out
+    joints = {joint.name: joint for joint in model.joints}
+    return [frame._replace(joint=frame.joint and joints[frame.joint.name]) for frame in frames], placements
+
+
+def _lay_out(model: Model) -> tuple[list[Frame], dict[str, Placement]]:
     moving, held = set(model.joint_names), model.held
     frames = [Frame(None, 0, np.eye(3), np.zeros(3))]
     placements = {model.root: Placement(0, np.eye(3), np.zeros(3))}
@@ -774,19 +823,27 @@ def _held(joint: Joint, position: float, E: np.ndarray, r: np.ndarray) -> tuple[
 def _composite(group: list[tuple[Link, Placement]]) -> tuple[float, np.ndarray, np.ndarray]:
     """Mass, centre of mass and inertia about it of links that move as one, in the body's frame."""
     m = math.fsum(link.mass for link, _ in group)
-    centers = [place.r + applied(place.E, np.array(link.center_of_mass)) for link, place in group]
+    E = np.array([place.E for _, place in group])
+    places = np.array([place.r for _, place in group])
+    centers = places + applied(E, np.array([link.center_of_mass for link, _ in group]))
+    inertias = turned(E, np.array([inertia_matrix(link.inertia) for link, _ in group]))
     c = sum((link.mass * center for (link, _), center in zip(group, centers)), np.zeros(3))
     c = c / m if m > 0 else c
     J = np.zeros((3, 3))
-    for (link, place), center in zip(group, centers):
+    for (link, _), center, inertia in zip(group, centers, inertias):
         d = center - c
-        J += turned_inertia(place.E, link.inertia) + link.mass * (dot(d, d) * np.eye(3) - np.outer(d, d))
+        J += inertia + link.mass * (dot(d, d) * np.eye(3) - np.outer(d, d))
     return m, c, J
 
 
 def turned_inertia(E: np.ndarray, inertia: tuple[float, ...]) -> np.ndarray:
     """E I E' (3, 3): an inertia ixx ixy ixz iyy iyz izz [kg m^2] in the axes that the rotation E leads to."""
-    return product(product(E, inertia_matrix(inertia)), E.T)
+    return turned(E, inertia_matrix(inertia))
+
+
+def turned(E: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """E I E' of matrices (..., 3, 3)."""
+    return product(product(E, inertia), E.swapaxes(-1, -2))
 
 
 def inertia_matrix(inertia: tuple[float, ...]) -> np.ndarray:

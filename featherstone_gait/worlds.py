@@ -237,11 +237,13 @@ def _scene_with(scene: CompiledScene, changed: dict[str, Any], gravity: np.ndarr
         }
     for section in ("links", "joints"):
         if changed[section]:
+            own = changed[section]
             parts[section] = tuple(
-                dataclasses.replace(part, **changed[section].get(part.name, {})) for part in getattr(model, section)
+                dataclasses.replace(part, **own[part.name]) if part.name in own else part
+                for part in getattr(model, section)
             )
     if parts:
-        model = dataclasses.replace(model, **parts)
+        model = model.with_numbers(**parts)
     if changed["ground"]:
         assert scene.ground is not None
         given["ground"] = dataclasses.replace(scene.ground, **changed["ground"][""])
@@ -250,7 +252,9 @@ def _scene_with(scene: CompiledScene, changed: dict[str, Any], gravity: np.ndarr
 
 def servo_with(servo: Servo, given: Mapping[str, Any]) -> Servo:
     """The servo with other numbers of its own, its gearbox and its controller, by name."""
-    part = {cls: {k: v for k, v in given.items() if _OWNER[k] is cls} for cls in (Controller, Gearbox, Servo)}
-    controller = dataclasses.replace(servo.controller, **part[Controller])
-    gearbox = dataclasses.replace(servo.gearbox, **part[Gearbox])
-    return dataclasses.replace(servo, controller=controller, gearbox=gearbox, **part[Servo])
+    own = {name: value for name, value in given.items() if _OWNER[name] is Servo}
+    for name, kind in (("controller", Controller), ("gearbox", Gearbox)):
+        changed = {field: value for field, value in given.items() if _OWNER[field] is kind}
+        if changed:
+            own[name] = dataclasses.replace(getattr(servo, name), **changed)
+    return dataclasses.replace(servo, **own) if own else servo

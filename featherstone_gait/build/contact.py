@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.effects.contact import POINT, Contact
 from ..core.effects.ground import GRID, PLANE, RISE, Field, Plane, facets
@@ -168,23 +171,30 @@ def standing_posture(model: Model) -> tuple[float, tuple[float, float, float]]:
     Of the keyframe "stand", "standing" or "home", else of the zero posture.  There the root's z points up, unless
     contacts are as high along it as the centre of mass, and another axis of the root has all of them below.
     """
+    return _standing(model.skeleton)
+
+
+@functools.lru_cache(maxsize=8)
+def _standing(model: Model) -> tuple[float, tuple[float, float, float]]:
     for name in STANDING:
         if name in model.keyframes:
             q = np.array(model.keyframes[name])
             up = rotation_from_quaternion(q[3:7])[2]
             q[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
-            return _height_along(model, q, up), (float(up[0]), float(up[1]), float(up[2]))
+            return _heights_along(model, q, [up])[0][0], (float(up[0]), float(up[1]), float(up[2]))
     q = np.zeros(model.nq)
     q[3] = 1.0
     axes = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, -1.0, 0.0), (-1.0, 0.0, 0.0))
-    heights = [_height_along(model, q, np.array(axis), highest=True) for axis in axes]
-    under = [axis for axis, height in zip(axes, heights) if height > 0.0]
+    over = _heights_along(model, q, axes)
+    under = [axis for axis, (_, highest) in zip(axes, over) if highest > 0.0]
     up = axes[0] if axes[0] in under or len(under) != 1 else under[0]
-    return _height_along(model, q, np.array(up)), up
+    return over[axes.index(up)][0], up
 
 
-def _height_along(model: Model, q: np.ndarray, up: np.ndarray, highest: bool = False) -> float:
-    """How far the centre of mass is over the lowest contact, or over the highest one, along `up` [m]."""
-    center = dot(up, rest_center(model, q))
-    contacts = [dot(up, x) for x in deepest_points(model, rest_poses(model, q), up)]
-    return center - (max(contacts) if highest else min(contacts))
+def _heights_along(model: Model, q: np.ndarray, axes: Sequence[ArrayLike]) -> list[tuple[float, float]]:
+    """How far the centre of mass is over the lowest contact, and over the highest one, along each of the axes [m]."""
+    center, poses, heights = rest_center(model, q), rest_poses(model, q), []
+    for up in map(np.asarray, axes):
+        contacts = [dot(up, x) for x in deepest_points(model, poses, up)]
+        heights.append((dot(up, center) - min(contacts), dot(up, center) - max(contacts)))
+    return heights

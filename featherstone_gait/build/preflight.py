@@ -13,6 +13,7 @@ Dry friction is a damper F / SOFT as long as a joint sticks, and none while it s
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -242,6 +243,13 @@ def joint_mobility(model: Model, armature: np.ndarray | None, springs: Sequence[
     J holds the joints' own directions, then how fast each spring lengthens.  With couplings M^-1 is
     G (G' M G)^-1 G', G of `coupling_matrix`.
     """
+    found = _mobility(model.skeleton, None if armature is None else armature.tobytes(), tuple(springs))
+    return found.copy()
+
+
+@functools.lru_cache(maxsize=8)
+def _mobility(model: Model, rotors: bytes | None, springs: tuple[Spring, ...]) -> np.ndarray:
+    armature = None if rotors is None else np.frombuffer(rotors)
     q = np.zeros(model.nq)
     if model.base == "floating":
         q[3] = 1.0

@@ -13,6 +13,8 @@ def records(count: int, dtype: np.dtype) -> np.recarray:
 def fill(record: np.void, *sources: object) -> None:
     """Give each field the number of that name, from the first source that has one."""
     for name in record.dtype.names or ():
-        values = [value for source in sources if not isinstance(value := getattr(source, name, ""), str)]
-        if values:
-            record[name] = values[0]
+        for source in sources:
+            value = getattr(source, name, "")
+            if not isinstance(value, str):
+                record[name] = value
+                break

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from ..composite import Bodies, composites, frames, mass_matrix
@@ -18,7 +20,7 @@ from .tree import Tree, compile_tree
 def rest_poses(model: Model, q: np.ndarray) -> Poses:
     """Pose of every link, in the order of `model.links`; q: (nq,)."""
     tree = compile_tree(model)
-    E, o = frames(_bodies(tree), _positions(tree, q))
+    E, o = _frames(_bodies(tree), _positions(tree, q))
     places = [tree.placements[link.name] for link in model.links]
     at = [place.row for place in places]
     rotation = product(E[at], np.array([place.E for place in places]))
@@ -33,17 +35,34 @@ def rest_center(model: Model, q: np.ndarray) -> np.ndarray:
     """Centre of mass (3,) in the world [m], a fixed base included; q: (nq,)."""
     tree = compile_tree(model)
     bodies = _bodies(tree)
-    center = composites(bodies, *frames(bodies, _positions(tree, q)))[1][0]
+    center = composites(bodies, *_frames(bodies, _positions(tree, q)))[1][0]
     return np.array(q[:3]) + applied(rotation_from_quaternion(q[3:7]), center) if tree.floating else center
 
 
 def rest_mass_matrix(model: Model, armature: np.ndarray | None) -> np.ndarray:
     """Mass matrix (nv, nv) at zero; armature: (joints,) or None."""
     tree = compile_tree(model)
-    H = mass_matrix(_bodies(tree, armature), np.zeros(tree.n + 1))[0]
+    bodies, q = _bodies(tree, armature), np.zeros(tree.n + 1)
+    H = mass_matrix(bodies, q, _frames(bodies, q))[0]
     base = list(range(6)) if tree.floating else []
     order = base + [6 + int(row) for row in np.argsort(tree.bodies["dof"][1:], kind="stable")]
     return H[np.ix_(order, order)]
+
+
+def _frames(bodies: Bodies, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`frames`, worked out once for robots that differ in their masses alone; not to be changed."""
+    places = tuple(bodies.parent), tuple(bodies.prismatic), bodies.E.tobytes(), bodies.r.tobytes()
+    return _known_frames(*places, q.tobytes())
+
+
+@functools.lru_cache(maxsize=8)
+def _known_frames(
+    parent: tuple[int, ...], slides: tuple[bool, ...], E: bytes, r: bytes, q: bytes
+) -> tuple[np.ndarray, np.ndarray]:
+    n, none = len(parent), np.zeros(0)
+    rotation, origin = np.frombuffer(E).reshape(n, 3, 3), np.frombuffer(r).reshape(n, 3)
+    bodies = Bodies(list(parent), rotation, origin, list(slides), none, none, none, none)
+    return frames(bodies, np.frombuffer(q))
 
 
 def _bodies(tree: Tree, armature: np.ndarray | None = None) -> Bodies:

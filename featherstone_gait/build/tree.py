@@ -35,9 +35,13 @@ class Tree(NamedTuple):
         return (self.rows, COLUMNS + (0 if self.coupling is None else len(self.coupling)))
 
 
-@functools.lru_cache(maxsize=64)
 def compile_tree(model: Model) -> Tree:
     """Lay the rigid bodies out in rows, parents before children, and give them their accumulators."""
+    return _compiled(model.skeleton)
+
+
+@functools.lru_cache(maxsize=64)
+def _compiled(model: Model) -> Tree:
     merged, placements = rigid_bodies(model)
     dof = {name: k for k, name in enumerate(model.joint_names)}
     bodies = np.zeros(len(merged), BODY)
