@@ -266,11 +266,13 @@ def _gather_lanes(typingctx, table, index):
     def codegen(context, builder, sig, args):
         data = context.make_array(sig.args[0])(context, builder, args[0]).data
         at, result = builder.fptosi(args[1], _INTEGERS), ir.Constant(_VECTOR, ir.Undefined)
-        by_lane = sig.args[0].dtype is Lanes
+        if sig.args[0].dtype is Lanes:  # number k of the vector there
+            data = builder.bitcast(data, ir.DoubleType().as_pointer())
+            at = builder.mul(at, ir.Constant(_INTEGERS, [WIDTH] * WIDTH))
+            at = builder.add(at, ir.Constant(_INTEGERS, list(range(WIDTH))))
         for k in range(WIDTH):
             lane = ir.Constant(ir.IntType(32), k)
-            place = [builder.extract_element(at, lane)]
-            value = builder.load(builder.gep(data, [*place, lane] if by_lane else place))
+            value = builder.load(builder.gep(data, [builder.extract_element(at, lane)]))
             result = builder.insert_element(result, value, lane)
         return result
 
