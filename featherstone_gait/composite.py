@@ -44,9 +44,9 @@ def mass_matrix(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mass matrix (rows + 5, rows + 5) of a floating tree, and the size (rows + 5,) of what each coordinate moves.
 
-    q: (rows,) joint positions [rad or m], the first unused; placed: the `frames` there, if known.  Coordinates are the base's velocity and angular velocity,
-    in world axes, and the joints in the order of the rows.  The size has the unit of the matrix's diagonal and is above
-    zero wherever any mass or inertia is carried.
+    q: (rows,) joint positions [rad or m], the first unused; placed: the `frames` there, if known.  Coordinates are the
+    base's velocity and angular velocity, in world axes, and the joints in the order of the rows.  The size has the unit
+    of the matrix's diagonal and is above zero wherever any mass or inertia is carried.
     """
     E, o = frames(bodies, q) if placed is None else placed
     m, c, J = composites(bodies, E, o)
@@ -126,7 +126,9 @@ def _base_block(m: float, arm: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, n
     x, y, z = arm
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     about = J + m * (dot(arm, arm) * np.eye(3) - np.outer(arm, arm))
-    return np.block([[m * np.eye(3), -m * K], [m * K, about]]), np.repeat([m, np.abs(about).sum()], 3)
+    whole = np.empty((6, 6))  # np.block takes ten times as long
+    whole[:3, :3], whole[:3, 3:], whole[3:, :3], whole[3:, 3:] = m * np.eye(3), -m * K, m * K, about
+    return whole, np.repeat([m, np.abs(about).sum()], 3)
 
 
 def _effort(

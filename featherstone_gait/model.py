@@ -13,6 +13,7 @@ Every class raises ValueError, naming the element, the value, what is allowed an
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -29,7 +30,7 @@ from .core.compile.elementary import NEAR
 from .definite import indefinite_flaws
 from .fixed_order import applied, product
 from .flaws import Flaw, FlawError, listed
-from .rotation import dot, rotation_about, rotation_from_rpy, rotation_z_to
+from .rotation import rotation_about, rotation_from_rpy, rotation_z_to
 from .shape import Shape
 
 JointType = Literal["revolute", "continuous", "prismatic", "fixed"]
@@ -714,19 +715,19 @@ def _check_bodies(model: Model) -> None:
     carried by, or carry, others that have: then the matrix itself is looked at, in a few postures.
     """
     bodies = rigid_bodies(model)[0]
-    if all(_resists(body) for body in bodies if body.frame.joint or model.base == "floating"):
+    if _resist([body for body in bodies if body.frame.joint or model.base == "floating"]):
         return
     flaws = indefinite_flaws(model, bodies)
     if flaws:
         raise FlawError(flaws)
 
 
-def _resists(body: RigidBody) -> bool:
-    """Whether a body alone has an inertia against every motion."""
-    if not body.mass > 0:
-        return False
-    moments = np.linalg.eigvalsh(body.inertia)
-    return bool(moments[0] > DEFINITE_TOLERANCE * moments[2])
+def _resist(bodies: list[RigidBody]) -> bool:
+    """Whether each of the bodies alone has an inertia against every motion."""
+    if not bodies or not all(body.mass > 0 for body in bodies):
+        return not bodies
+    moments = np.linalg.eigvalsh(np.array([body.inertia for body in bodies]))
+    return bool((moments[:, 0] > DEFINITE_TOLERANCE * moments[:, 2]).all())
 
 
 class Placement(NamedTuple):
@@ -829,10 +830,11 @@ def _composite(group: list[tuple[Link, Placement]]) -> tuple[float, np.ndarray, 
     inertias = turned(E, np.array([inertia_matrix(link.inertia) for link, _ in group]))
     c = sum((link.mass * center for (link, _), center in zip(group, centers)), np.zeros(3))
     c = c / m if m > 0 else c
+    d, mass = centers - c, np.array([link.mass for link, _ in group])[:, None, None]
+    square = (d[:, 0] * d[:, 0] + d[:, 1] * d[:, 1] + d[:, 2] * d[:, 2])[:, None, None]
     J = np.zeros((3, 3))
-    for (link, _), center, inertia in zip(group, centers, inertias):
-        d = center - c
-        J += inertia + link.mass * (dot(d, d) * np.eye(3) - np.outer(d, d))
+    for part in inertias + mass * (square * np.eye(3) - d[:, :, None] * d[:, None, :]):
+        J += part
     return m, c, J
 
 
@@ -869,9 +871,14 @@ def _choice_flaws(what: str, name: str, value: str, choices: tuple[str, ...]) ->
 
 def _number_flaws(what: str, record: Any) -> Iterator[str]:
     """Of the fields that are declared by `_number`."""
-    for f in fields(record):
-        if f.metadata and not _fits(getattr(record, f.name), f.metadata["rule"]):
-            yield _number_flaw(what, f.name, getattr(record, f.name), **f.metadata)
+    for name, metadata in _declared(type(record)):
+        if not _fits(getattr(record, name), metadata["rule"]):
+            yield _number_flaw(what, name, getattr(record, name), **metadata)
+
+
+@functools.cache
+def _declared(kind: type) -> list[tuple[str, Mapping[str, str]]]:
+    return [(f.name, f.metadata) for f in fields(kind) if f.metadata]
 
 
 def _number_flaw(what: str, name: str, value: float, rule: str, unit: str, remedy: str) -> str:
@@ -884,6 +891,8 @@ def _fits(value: Any, rule: str) -> bool:
 
 
 def _vector_flaws(what: str, name: str, value: tuple[float, ...], size: int) -> Iterator[str]:
+    if type(value) is tuple and len(value) == size and all(type(x) is float and abs(x) <= LARGEST for x in value):
+        return  # the usual case first: worlds make many links
     try:
         numbers = floats(name, value)
     except ValueError:
