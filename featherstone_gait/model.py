@@ -13,7 +13,6 @@ Every class raises ValueError, naming the element, the value, what is allowed an
 
 from __future__ import annotations
 
-import functools
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -876,9 +875,13 @@ def _number_flaws(what: str, record: Any) -> Iterator[str]:
             yield _number_flaw(what, name, getattr(record, name), **metadata)
 
 
-@functools.cache
+_known: dict[type, list[tuple[str, Mapping[str, str]]]] = {}
+
+
 def _declared(kind: type) -> list[tuple[str, Mapping[str, str]]]:
-    return [(f.name, f.metadata) for f in fields(kind) if f.metadata]
+    if kind not in _known:
+        _known[kind] = [(f.name, f.metadata) for f in fields(kind) if f.metadata]
+    return _known[kind]
 
 
 def _number_flaw(what: str, name: str, value: float, rule: str, unit: str, remedy: str) -> str:
