@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 from zlib import crc32
@@ -143,13 +143,13 @@ class Worlds:
         assert self.runs is not None
         return self.runs
 
-    def scenes(self, scene: CompiledScene) -> list[CompiledScene]:
-        """The scene of each world, with integrator and step of the scene.
+    def scenes(self, scene: CompiledScene, runs: Iterable[int] | None = None) -> list[CompiledScene]:
+        """The scene of each world, with integrator and step of the scene; runs: which, all if None.
 
         Raises ValueError for numbers of parts that the scene does not have, and for those that make no scene.
         """
         columns = [*self._columns(scene)]
-        return [self._scene(scene, columns, run) for run in range(len(self))]
+        return [self._scene(scene, columns, run) for run in (range(len(self)) if runs is None else runs)]
 
     def _scene(self, scene: CompiledScene, columns: list[_Column], run: int) -> CompiledScene:
         changed: dict[str, dict[str, dict[str, Any]]] = {section: {} for section in FIELDS}

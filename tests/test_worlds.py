@@ -2,7 +2,8 @@
 
 import dataclasses
 import math
-from concurrent.futures import ThreadPoolExecutor
+import pickle
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,9 @@ from featherstone_gait.model import Ground, HeightField
 from featherstone_gait.run.differing import structure as structure_of
 from featherstone_gait.run.prepared import prepare
 from featherstone_gait.run.simulate import Push, initial_state
+from featherstone_gait.study import read_study, run_study
+from featherstone_gait.study.sensitivity import indices
+from featherstone_gait.study.settings import _shares
 
 RECORD = ("q", "qd", "energy", "voltage")
 ONCE = {"estimate_error": False}
@@ -229,15 +233,15 @@ def alone(humanoid, everything, walks):
     return [simulate(scene, 0.6, reference=walk, **how) for scene, walk in zip(scenes, walks)]
 
 
-@pytest.mark.parametrize("way", ["forward", "backward", "one thread", "without refilling"])
+@pytest.mark.parametrize("way", ["forward", "backward", "another process", "without refilling"])
 def test_all_numbers_at_once_on_the_ground(humanoid, everything, walks, alone, way):
     names = (*RECORD, "base_q", "contact_force")
     assert {run.status for run in alone} >= {"ok", "fell"}
     assert differ(alone)
     order = list(range(19))[:: -1 if way == "backward" else 1]
     scenes, how = everything.scenes(humanoid), dict(record=names, **ONCE)
-    if way == "one thread":
-        how["executor"] = ThreadPoolExecutor(1)
+    if way == "another process":
+        how["executor"] = SimpleNamespace(map=lambda work, items: [work(pickle.loads(pickle.dumps(x))) for x in items])
     if way == "without refilling":  # a push that does nothing: times matter, so lanes stay in step
         how["pushes"] = [Push(humanoid.tree.names[0], end=1e-3)]
     runs = simulate_batch([scenes[k] for k in order], 0.6, references=[walks[k] for k in order], **how)
@@ -287,6 +291,12 @@ def test_scenes_of_other_structure_share_no_lanes_and_keep_their_bits():
     assert len({structure_of(one.constants) for one in kinds}) > 2
     for one, run, reference in zip(scenes, runs, references):
         assert_same(run, simulate(one, 0.1, reference=reference, record=("q",), **ONCE), ("q",))
+
+
+def test_scenes_of_other_structure_are_not_put_in_step():
+    ready = [prepare(scene, 0.1) for scene in (arm(), arm("rotor"))]
+    with pytest.raises(ValueError, match="differ in more than numbers"):
+        ready[0].run([one.start() for one in ready])
 
 
 def test_a_height_field_may_lie_at_other_heights():
@@ -431,6 +441,9 @@ def test_a_draw_depends_on_seed_field_and_run_alone():
 
     few = resistances(3)
     assert resistances(5)[:3] == few
+    worlds = Worlds(runs=3, servos={"resistance": TENTH})
+    (last,) = worlds.scenes(scene, [2])
+    assert [servo.resistance for servo in last.model.servos.values()] == few[2]
     assert resistances(3, Kp=TENTH) == few
     assert resistances(3, seed=1) != few
 
@@ -501,3 +514,57 @@ def test_a_box_may_be_of_any_mass_on_ground_as_stiff_as_it_asks():
     states = [initial_state(own) for own in worlds.scenes(scene)]
     for run in simulate_batch(scene, 1.0, states, worlds=worlds, record=("base_q", "contact_force"), **ONCE):
         assert run["base_q"][-1, 2] == pytest.approx(0.05 - 1e-3, abs=1e-7)
+
+
+# ---------------------------------------------------------------------------------------------- sensitivity
+
+
+def ishigami(x):
+    """Of x in [-pi, pi]^3, with known indices (T. Ishigami and T. Homma, 1990; a = 7, b = 0.1)."""
+    return np.sin(x[..., 0]) + 7.0 * np.sin(x[..., 1]) ** 2 + 0.1 * x[..., 2] ** 4 * np.sin(x[..., 0])
+
+
+@pytest.mark.nojit
+def test_sobol_indices_of_ishigamis_function():
+    shares = _shares({"method": "saltelli", "count": 4096, "seed": 3}, 3)
+    found = indices(ishigami(math.pi * (2.0 * shares - 1.0)).reshape(-1, 5))
+    for index, first, total in zip(found, (0.3139, 0.4424, 0.0), (0.5576, 0.4424, 0.2437)):
+        assert index.first == pytest.approx(first, abs=0.02)
+        assert index.total == pytest.approx(total, abs=0.02)
+        assert abs(index.total - total) < 2.0 * index.total_error < 0.06
+
+
+@pytest.mark.nojit
+def test_runs_without_a_value_take_their_base_sample_along():
+    rng = np.random.default_rng(0)
+    values = rng.normal(size=(64, 4))
+    holed = np.vstack([values, [[1.0, math.nan, 2.0, 3.0]]])
+    assert indices(holed) == indices(values)
+    assert all(math.isnan(number) for number in indices(np.ones((8, 4)))[0])
+    assert all(math.isnan(number) for number in indices(np.full((8, 4), np.nan))[0])
+
+
+def test_a_study_tells_which_parameter_matters(tmp_path):
+    """Of an arm that is held, the offset follows the tilt it starts with and hardly the inductance."""
+    path = tmp_path / "which.toml"
+    text = 'robot = "ax12_arm"\nexperiment = "hold"\nduration = 0.2\n[scene]\nintegrator = "implicit_euler"\n'
+    text += '[sampling]\nmethod = "saltelli"\ncount = 16\nseed = 1\n'
+    text += "[vary]\nposture.tilt = {from = 0.05, to = 0.2}\nservo.inductance = {from = 1e-4, to = 2e-4}\n"
+    path.write_text(text, "utf-8")
+    study = read_study(path)
+    assert len(study) == 16 * 4
+    outcome = run_study(study, tmp_path)
+    assert outcome.sensitivity.with_suffix(".png").stat().st_size > 1000
+    lines = [line.split(",") for line in outcome.sensitivity.read_text("utf-8").splitlines()[2:]]
+    total = {(line[0], line[1]): float(line[4]) for line in lines if line[4]}
+    assert total["offset_deg", "posture.tilt"] > 0.9
+    assert total["offset_deg", "servo.inductance"] < 0.05
+
+
+@pytest.mark.nojit
+def test_a_count_that_is_no_power_of_two_is_refused(tmp_path):
+    path = tmp_path / "study.toml"
+    text = 'robot = "ax12_arm"\nexperiment = "hold"\n[sampling]\nmethod = "saltelli"\ncount = 100\n'
+    path.write_text(text + "[vary]\nservo.Kp = {from = 10.0, to = 20.0}\n", "utf-8")
+    with pytest.raises(ValueError, match=r"count is 100; 'saltelli' takes a power of two: 128"):
+        read_study(path)

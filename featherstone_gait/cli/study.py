@@ -39,7 +39,8 @@ def run(args: Namespace) -> int:
     seconds = time.perf_counter() - start
     print(f"{study.name}: {len(study)} runs, {outcome.computed} of them now in {seconds:.3g} s")
     print("status: " + ", ".join(f"{status} {count}" for status, count in outcome.statuses.items()))
-    print(f"files: {outcome.table}, {outcome.picture}")
+    files = [outcome.table, outcome.picture, *([outcome.sensitivity] if outcome.sensitivity else [])]
+    print("files: " + ", ".join(map(str, files)))
     return 0
 
 

@@ -23,8 +23,9 @@ def structure(constants: Any) -> Hashable:
         return type(constants), *map(structure, constants)
     if not isinstance(constants, np.ndarray):
         return constants
-    names = [name for name in constants.dtype.names or () if constants.dtype[name].base.kind != "f"]
-    return constants.shape, constants.dtype, *(constants[name].tobytes() for name in names)
+    names = constants.dtype.names
+    parts = [constants] if names is None else [constants[name] for name in names]
+    return constants.shape, constants.dtype, *(part.tobytes() for part in parts if part.dtype.kind != "f")
 
 
 def course(plan: Plan) -> Hashable:

@@ -36,7 +36,7 @@ from ..core.step.context import Plan, Run, Scene
 from ..core.step.signals import Knots, Signals
 from ..reference import Reference
 from ..trajectory import Trajectory
-from .differing import has_varying, of_own_lanes, put, together
+from .differing import has_varying, of_own_lanes, put, structure, together
 from .interrupt import Kernel, call_interruptibly
 from .start import check_quaternion, check_scene, initial_state
 
@@ -234,6 +234,8 @@ class Prepared:
             same = (first is None) == (other is None)
             if not same or (first is not None and not _same_times(first, other)):
                 raise ValueError(f"{name}: signals of other knot times do not go in step; run them one by one")
+        if len({structure(world.scene.constants) for world in {id(s.world): s.world for s in starts}.values()}) > 1:
+            raise ValueError(f"{name}: scenes that differ in more than numbers do not go in step; run them one by one")
         if len({start.y[self.scene.layout["end"]] for start in starts}) > 1:
             raise ValueError(f"{name}: states of other times do not go in step; run them one by one")
 

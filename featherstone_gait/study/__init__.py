@@ -14,7 +14,7 @@ A study is a TOML file (`settings`) that names a robot, an experiment (`measures
     servo.Kp = {from = 10.0, to = 100.0, count = 10, scale = "log"}
 
     [sampling]                                       # without it: the grid of all values
-    method = "latin_hypercube"                       # or "random"
+    method = "latin_hypercube"                       # or "random", or "saltelli" for Sobol's indices
     count = 1000
     seed = 1
 

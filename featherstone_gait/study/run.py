@@ -21,6 +21,7 @@ from tqdm import tqdm
 from ..files import FilePath, Format, claim, is_number, parse_json
 from .measures import COLUMNS, run_batch
 from .plot import plot_study
+from .sensitivity import write_sensitivity
 from .settings import Study
 from .table import check_parquet, write_parquet, write_table
 
@@ -39,6 +40,7 @@ class Outcome(NamedTuple):
     picture: Path
     statuses: dict[str, int]  # how many runs ended how
     computed: int  # runs that were not in the log before
+    sensitivity: Path | None = None  # table of Sobol's indices, of the sampling "saltelli"
 
 
 def run_study(
@@ -50,7 +52,8 @@ def run_study(
     progress: bool = False,
     parquet: bool = False,
 ) -> Outcome:
-    """Run what the log in the folder `out` does not have yet; write NAME.csv and NAME.png there.
+    """Run what the log in the folder `out` does not have yet; write NAME.csv and NAME.png there, and Sobol's indices
+    (`sensitivity`) of the sampling "saltelli".
 
     executor: any `concurrent.futures.Executor`; None is a thread for each core.  batch: runs handed over at a time
     (None: 8, of 1024 and more runs 64); neither has any influence on the table.  parquet: also write NAME.parquet.
@@ -76,7 +79,9 @@ def run_study(
         if parquet:
             write_parquet(table)
         plot_study(study, table, table.with_suffix(".png"))
-    return Outcome(table, table.with_suffix(".png"), statuses, computed)
+        saltelli = study.settings["sampling"]["method"] == "saltelli"
+        sensitivity = write_sensitivity(study, table) if saltelli else None
+    return Outcome(table, table.with_suffix(".png"), statuses, computed, sensitivity)
 
 
 def _cores() -> int:

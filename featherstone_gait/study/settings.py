@@ -7,7 +7,9 @@
     [scene] [servo] [ground] [posture] [gait]    parameters of all runs
     [vary]                  the parameters that differ, by the same names, with a list of values or, for a number,
                             {from, to, scale = "linear" or "log"}, and for a grid its count
-    [sampling]              method = "grid" (default), "random" or "latin_hypercube"; count, seed of the last two
+    [sampling]              method = "grid" (default), "random", "latin_hypercube" or, for Sobol's indices
+                            (`sensitivity`), "saltelli"; count, seed of the last three.  Of "saltelli" the count, a
+                            power of two, is that of base samples: of p parameters it makes count (p + 2) runs
 
 `PARAMETERS` lists all names and units; values are SI.  `servo` changes all servos of the robot.  Runs are numbered with
 the last parameter changing fastest; `posture` and `gait` come last: they leave the scene as it is, so that neighbours
@@ -66,7 +68,7 @@ SECTIONS = tuple(dict.fromkeys(name.partition(".")[0] for name in PARAMETERS))
 # Settings and sections that not all experiments read; the sections leave the scene as it is.
 FOREIGN = {"hold": ("strides", "warm_up"), "walk": ("duration",), "stable_step": ("strides", "warm_up")}
 ONLY = {"posture": ("hold", "stable_step"), "gait": ("walk",)}
-METHODS = ("grid", "random", "latin_hypercube")
+METHODS = ("grid", "random", "latin_hypercube", "saltelli")
 
 
 @dataclass(frozen=True)
@@ -265,6 +267,8 @@ def _sampling(table: dict) -> dict:
     if "count" not in table:
         raise ValueError(f"sampling.count is missing; say how many runs {method!r} shall make")
     count = _few("sampling.count", _whole(table, "count", 1, 1, "sampling."))
+    if method == "saltelli" and count & (count - 1):
+        raise ValueError(f"sampling.count is {count}; 'saltelli' takes a power of two: {2 ** count.bit_length()}")
     return {"method": method, "count": count, "seed": _whole(table, "seed", 0, 0, "sampling.")}
 
 
@@ -283,8 +287,19 @@ def _shares(sampling: dict, width: int) -> np.ndarray | None:
         return generator.random((sampling["count"], width))
     from scipy.stats import qmc
 
-    shares = qmc.LatinHypercube(width, seed=generator).random(sampling["count"])
+    if sampling["method"] == "saltelli":
+        drawn = qmc.Sobol(2 * width, seed=generator).random_base2(sampling["count"].bit_length() - 1)
+        shares = _crossed(drawn[:, :width], drawn[:, width:]).reshape(-1, width)
+    else:
+        shares = qmc.LatinHypercube(width, seed=generator).random(sampling["count"])
     return np.minimum(shares, np.nextafter(1.0, 0.0))
+
+
+def _crossed(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Samples (n, width + 2, width): a, b, and a with each column in turn as in b."""
+    width = a.shape[1]
+    mixed = np.where(np.eye(width, dtype=bool), b[:, None], a[:, None])
+    return np.concatenate([a[:, None], b[:, None], mixed], axis=1)
 
 
 def servos_with(model: Model, values: dict[str, Any]) -> Model:

@@ -1,0 +1,99 @@
+"""How much of the spread of a measure each varied parameter makes: Sobol's indices.
+
+Of N base samples A and B and p parameters a study of the method "saltelli" has N (p + 2) runs: of each base sample A,
+B, and for each parameter A with that one as in B.  Of a measure f of variance V the parameter i makes
+
+    alone                        S_i = mean(f_B (f_ABi - f_A)) / V
+    with all that it acts with   T_i = mean((f_A - f_ABi)^2) / 2 V
+
+(A. Saltelli et al., Computer Physics Communications 181 (2010), 259-270, table 2, b and f).  Base samples with a run
+that has no value are left out.  Errors are standard errors of these means.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..files import Format, complete, read_csv, write_csv
+from .measures import COLUMNS
+from .settings import Study
+from .table import TABLE
+
+SENSITIVITY = Format("study sensitivity")
+BLUE, GREY = "#2a5d9c", "#9aa7b5"
+
+
+class Index(NamedTuple):
+    """What a parameter makes of the variance of a measure [-]."""
+
+    first: float  # alone
+    first_error: float
+    total: float  # with all that it acts with
+    total_error: float
+
+
+def indices(values: np.ndarray) -> list[Index]:
+    """Of values (N, p + 2) of a measure in the order of A, B, AB_1 ... AB_p; NaN where there is none.
+
+    NaN of fewer than two base samples without a gap, and of a measure that does not vary.
+    """
+    found = values[np.isfinite(values).all(axis=1)]
+    p, n = values.shape[1] - 2, len(found)
+    if n < 2:
+        return [Index(*[math.nan] * 4)] * p
+    mean = math.fsum(found[:, :2].ravel().tolist()) / (2 * n)
+    a, b, *others = (found - mean).T
+    variance = math.fsum((np.concatenate([a, b]) ** 2).tolist()) / (2 * n - 1)
+    if not variance > 0.0:
+        return [Index(*[math.nan] * 4)] * p
+    parts = [(b * (c - a) / variance, (a - c) ** 2 / (2.0 * variance)) for c in others]
+    return [Index(*_mean(first), *_mean(total)) for first, total in parts]
+
+
+def _mean(x: np.ndarray) -> tuple[float, float]:
+    """Mean and its standard error, summed without rounding."""
+    mean = math.fsum(x.tolist()) / len(x)
+    return mean, math.sqrt(math.fsum(((x - mean) ** 2).tolist()) / (len(x) * (len(x) - 1)))
+
+
+def write_sensitivity(study: Study, table: Path) -> Path:
+    """Write NAME_sensitivity.csv and .png beside the table of a study of the method "saltelli"; return the former."""
+    path = table.with_name(f"{table.stem}_sensitivity.csv")
+    measures, names = COLUMNS[study.setup.experiment], study.setup.names
+    lines = read_csv(table, TABLE)
+    _, header = next(lines)
+    rows = [row for _, row in lines]
+    found = {}
+    for measure in measures:
+        column = header.index(measure)
+        values = np.array([float(row[column]) if row[column] else math.nan for row in rows])
+        found[measure] = indices(values.reshape(-1, len(names) + 2))
+    cells = ((m, name, *index) for m, each in found.items() for name, index in zip(names, each))
+    shown = ([x if isinstance(x, str) or math.isfinite(x) else "" for x in row] for row in cells)
+    write_csv(path, SENSITIVITY, ["measure", "parameter", *Index._fields], shown, end="\n")
+    first = next(iter(measures))
+    _plot(study, f"{measures[first]}", found[first], path.with_suffix(".png"))
+    return path
+
+
+def _plot(study: Study, says: str, found: list[Index], path: Path) -> None:
+    """Bars of the first measure, the parameter that makes the most of its variance on top."""
+    from matplotlib.figure import Figure
+
+    order = sorted(range(len(found)), key=lambda k: (math.isfinite(found[k].total), found[k].total))
+    figure = Figure(figsize=(7.0, 1.2 + 0.45 * len(found)), layout="constrained")
+    axes = figure.subplots()
+    for shift, colour, kind, label in ((0.2, BLUE, 0, "alone"), (-0.2, GREY, 2, "with all that it acts with")):
+        lengths, errors = ([found[k][kind + part] for k in order] for part in (0, 1))
+        places = [place + shift for place in range(len(order))]
+        axes.barh(places, lengths, 0.36, xerr=errors, color=colour, label=label, error_kw={"linewidth": 1})
+    axes.set_yticks(range(len(order)), [study.setup.names[k] for k in order])
+    axes.set_xlabel(f"share of the variance of: {says}")
+    axes.legend(fontsize=8, frameon=False, loc="lower right")
+    figure.suptitle(f"{study.name}: {study.setup.model.name}, {study.setup.experiment}, {len(study)} runs", fontsize=11)
+    with complete(path) as temporary:
+        figure.savefig(temporary, dpi=130)
