@@ -184,16 +184,14 @@ class Worlds:
         """(runs, parts, ...) from what was given; numbers (parts, ...) those of the scene."""
         if isinstance(value, Spread):
             return value.drawn(numbers, len(self), np.random.default_rng([self.seed, crc32(what.encode())]))
-        array = np.asarray(value)
-        shape = (len(self), *numbers.shape)
-        for axes in ((), (slice(None), None)):  # as it is, or one entry a run for all parts
-            try:
-                return np.broadcast_to(array[axes] if axes and array.ndim else array, shape)
-            except ValueError:
-                continue
-        raise ValueError(
-            f"worlds: {what} has the shape {array.shape}; give a number, or an array of {shape[:1]} or {shape} numbers"
-        )
+        array, shape = np.asarray(value), (len(self), *numbers.shape)
+        if array.ndim == 1 and numbers.ndim == 1:  # an entry a run, for all parts
+            return np.broadcast_to(array[:, None], shape)
+        fits = array.ndim == 0 or (array.ndim == len(shape) and array.shape[1] in (1, shape[1]))
+        if not fits or array.shape[2:] != shape[2 : array.ndim]:
+            one = f"({shape[0]},)" if numbers.ndim == 1 else f"({shape[0]}, 1, {shape[2]})"
+            raise ValueError(f"worlds: {what} has the shape {array.shape}; give a number, or an array {one} or {shape}")
+        return np.broadcast_to(array, shape)
 
 
 def _checked(section: str, names: Sequence[str], key: str, value: Values) -> Values:

@@ -394,6 +394,17 @@ def _servo(servo, name, value):
 
 
 @pytest.mark.nojit
+def test_an_array_has_an_entry_a_run_even_where_there_are_as_many_parts(humanoid):
+    n = humanoid.tree.n
+    scenes = Worlds(servos={"Kp": np.arange(1.0, n + 1.0)}).scenes(humanoid)
+    gains = [[one.model.servos[name].controller.Kp for name in humanoid.model.joint_names] for one in scenes]
+    assert gains == [[k + 1.0] * n for k in range(n)]
+    by_part = np.arange(1.0, n + 1.0)[None]
+    (one,) = Worlds(servos={"Kp": by_part}).scenes(humanoid)
+    assert [one.model.servos[name].controller.Kp for name in humanoid.model.joint_names] == by_part[0].tolist()
+
+
+@pytest.mark.nojit
 def test_one_part_may_be_named():
     scene = arm()
     joint = scene.model.joint_names[0]
@@ -476,6 +487,7 @@ def test_what_makes_no_worlds_is_refused(given, words):
         ({"servos": {"tail.Kp": 1.0}}, ["'tail'", "use one of"]),
         ({"ground": {"friction": 0.5}}, ["ground", "the scene of ax12_arm has none"]),
         ({"links": {"mass": np.ones((3, 9))}}, ["links.mass", "(3, 9)"]),
+        ({"links": {"center_of_mass": np.ones((3, 3))}}, ["links.center_of_mass", "(3, 3)", "(3, 1, 3)"]),
         ({"servos": {"resistance": [1.0, -1.0, 1.0]}}, ["world 1", "resistance is -1.0", "> 0"]),
         ({"servos": {"period": [0.01, 0.01, 0.0105]}}, ["world 2", "does not divide"]),
     ],
@@ -548,11 +560,11 @@ def test_a_study_tells_which_parameter_matters(tmp_path):
     """Of an arm that is held, the offset follows the tilt it starts with and hardly the inductance."""
     path = tmp_path / "which.toml"
     text = 'robot = "ax12_arm"\nexperiment = "hold"\nduration = 0.2\n[scene]\nintegrator = "implicit_euler"\n'
-    text += '[sampling]\nmethod = "saltelli"\ncount = 16\nseed = 1\n'
+    text += '[sampling]\nmethod = "saltelli"\ncount = 128\nseed = 1\n'
     text += "[vary]\nposture.tilt = {from = 0.05, to = 0.2}\nservo.inductance = {from = 1e-4, to = 2e-4}\n"
     path.write_text(text, "utf-8")
     study = read_study(path)
-    assert len(study) == 16 * 4
+    assert len(study) == 128 * 4
     outcome = run_study(study, tmp_path)
     assert outcome.sensitivity.with_suffix(".png").stat().st_size > 1000
     lines = [line.split(",") for line in outcome.sensitivity.read_text("utf-8").splitlines()[2:]]
