@@ -40,16 +40,18 @@ def carried_mass(bodies: Bodies) -> np.ndarray:
 
 
 def mass_matrix(
-    bodies: Bodies, q: np.ndarray, placed: tuple[np.ndarray, np.ndarray] | None = None
+    bodies: Bodies, q: np.ndarray, known: tuple[np.ndarray, ...] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mass matrix (rows + 5, rows + 5) of a floating tree, and the size (rows + 5,) of what each coordinate moves.
 
-    q: (rows,) joint positions [rad or m], the first unused; placed: the `frames` there, if known.  Coordinates are the
-    base's velocity and angular velocity, in world axes, and the joints in the order of the rows.  The size has the unit
-    of the matrix's diagonal and is above zero wherever any mass or inertia is carried.
+    q: (rows,) joint positions [rad or m], the first unused; known: `frames` and `composites` there, if they are.
+    Coordinates are the base's velocity and angular velocity, in world axes, and the joints in the order of the rows.
+    The size has the unit of the matrix's diagonal and is above zero wherever any mass or inertia is carried.
     """
-    E, o = frames(bodies, q) if placed is None else placed
-    m, c, J = composites(bodies, E, o)
+    if known is None:
+        E, o = frames(bodies, q)
+        known = E, o, *composites(bodies, E, o)
+    E, o, m, c, J = known
     n = len(bodies.parent)
     H, size = np.zeros((n + 5, n + 5)), np.zeros(n + 5)
     H[:6, :6], size[:6] = _base_block(m[0], c[0] - o[0], J[0])

@@ -13,6 +13,7 @@ Every class raises ValueError, naming the element, the value, what is allowed an
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -771,7 +772,7 @@ def _merge(model: Model) -> tuple[list[RigidBody], dict[str, Placement]]:
     for name, place in placements.items():
         groups[place.row].append((links[name], place))
     names = [tuple(link.name for link, _ in group) for group in groups]
-    bodies = [RigidBody(frame, carried, *_composite(group)) for frame, carried, group in zip(frames, names, groups)]
+    bodies = [RigidBody(*body) for body in zip(frames, names, *_composites(groups))]
     return bodies, placements
 
 
@@ -820,21 +821,23 @@ def _held(joint: Joint, position: float, E: np.ndarray, r: np.ndarray) -> tuple[
     return product(E, rotation_about(joint.axis, position)), r
 
 
-def _composite(group: list[tuple[Link, Placement]]) -> tuple[float, np.ndarray, np.ndarray]:
-    """Mass, centre of mass and inertia about it of links that move as one, in the body's frame."""
-    m = math.fsum(link.mass for link, _ in group)
-    E = np.array([place.E for _, place in group])
-    places = np.array([place.r for _, place in group])
-    centers = places + applied(E, np.array([link.center_of_mass for link, _ in group]))
-    inertias = turned(E, np.array([inertia_matrix(link.inertia) for link, _ in group]))
-    c = sum((link.mass * center for (link, _), center in zip(group, centers)), np.zeros(3))
-    c = c / m if m > 0 else c
-    d, mass = centers - c, np.array([link.mass for link, _ in group])[:, None, None]
+def _composites(groups: list[list[tuple[Link, Placement]]]) -> tuple[list[float], list[np.ndarray], list[np.ndarray]]:
+    """Mass, centre of mass and inertia about it of links that move as one, in the body's frame, of each body."""
+    links = [link for group in groups for link, _ in group]
+    places = [place for group in groups for _, place in group]
+    E, mass = np.array([place.E for place in places]), np.array([link.mass for link in links])
+    centers = np.array([place.r for place in places]) + applied(E, np.array([link.center_of_mass for link in links]))
+    inertias = turned(E, np.array([inertia_matrix(link.inertia) for link in links]))
+    ends = np.cumsum([len(group) for group in groups]).tolist()
+    parts = [slice(end - len(group), end) for group, end in zip(groups, ends)]
+    masses = [math.fsum(link.mass for link, _ in group) for group in groups]
+    weighted = mass[:, None] * centers
+    means = [functools.reduce(np.add, weighted[part], np.zeros(3)) for part in parts]
+    means = [c / m if m > 0 else c for m, c in zip(masses, means)]
+    d = centers - np.repeat(means, [len(group) for group in groups], axis=0)
     square = (d[:, 0] * d[:, 0] + d[:, 1] * d[:, 1] + d[:, 2] * d[:, 2])[:, None, None]
-    J = np.zeros((3, 3))
-    for part in inertias + mass * (square * np.eye(3) - d[:, :, None] * d[:, None, :]):
-        J += part
-    return m, c, J
+    about = inertias + mass[:, None, None] * (square * np.eye(3) - d[:, :, None] * d[:, None, :])
+    return masses, means, [functools.reduce(np.add, about[part], np.zeros((3, 3))) for part in parts]
 
 
 def turned_inertia(E: np.ndarray, inertia: tuple[float, ...]) -> np.ndarray:

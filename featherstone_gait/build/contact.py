@@ -46,14 +46,13 @@ def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:
     contacts = [model.contacts[k] for k in by_body(model, tree)]
     share = model.mass / (sum(point.carries for point in contacts) or len(contacts))
     k = share * g / ground.sinking
-    table = records(len(contacts), POINT)
-    for row, point in zip(table, contacts):
-        place = tree.placements[point.link]
-        fill(row, point, ground)
-        row.body, row.position = place.row, place.r + applied(place.E, _center(point))
-        row.stiffness, row.damping = k, 2.0 * ground.damping_ratio / math.sqrt(g * ground.sinking)
-        row.tangential_stiffness = k
-        row.tangential_damping = 2.0 * max(ground.damping_ratio, 0.1) * math.sqrt(k * share)
+    table, places = records(len(contacts), POINT), [tree.placements[point.link] for point in contacts]
+    E, r = np.array([place.E for place in places]), np.array([place.r for place in places])
+    table.position = r + applied(E, np.array([_center(point) for point in contacts]))
+    table.body, table.friction = [place.row for place in places], ground.friction
+    table.stiffness, table.damping = k, 2.0 * ground.damping_ratio / math.sqrt(g * ground.sinking)
+    table.tangential_stiffness = k
+    table.tangential_damping = 2.0 * max(ground.damping_ratio, 0.1) * math.sqrt(k * share)
     return table
 
 

@@ -34,19 +34,26 @@ def rest_poses(model: Model, q: np.ndarray) -> Poses:
 def rest_center(model: Model, q: np.ndarray) -> np.ndarray:
     """Centre of mass (3,) in the world [m], a fixed base included; q: (nq,)."""
     tree = compile_tree(model)
-    bodies = _bodies(tree)
-    center = composites(bodies, *_frames(bodies, _positions(tree, q)))[1][0]
+    center = _composites(model.skeleton, _positions(tree, q).tobytes())[3][0]
     return np.array(q[:3]) + applied(rotation_from_quaternion(q[3:7]), center) if tree.floating else center
 
 
 def rest_mass_matrix(model: Model, armature: np.ndarray | None) -> np.ndarray:
     """Mass matrix (nv, nv) at zero; armature: (joints,) or None."""
     tree = compile_tree(model)
-    bodies, q = _bodies(tree, armature), np.zeros(tree.n + 1)
-    H = mass_matrix(bodies, q, _frames(bodies, q))[0]
+    q = np.zeros(tree.n + 1)
+    H = mass_matrix(_bodies(tree, armature), q, _composites(model.skeleton, q.tobytes()))[0]
     base = list(range(6)) if tree.floating else []
     order = base + [6 + int(row) for row in np.argsort(tree.bodies["dof"][1:], kind="stable")]
     return H[np.ix_(order, order)]
+
+
+@functools.lru_cache(maxsize=8)
+def _composites(model: Model, q: bytes) -> tuple[np.ndarray, ...]:
+    """`frames` and `composites` of a posture of the rows; not to be changed."""
+    bodies = _bodies(compile_tree(model))
+    E, o = _frames(bodies, np.frombuffer(q))
+    return E, o, *composites(bodies, E, o)
 
 
 def _frames(bodies: Bodies, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
