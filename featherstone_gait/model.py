@@ -146,7 +146,7 @@ class Joint:
         turned = list(_vector_flaws(what, "rpy", self.rpy, 3))
         yield from turned or _angle_flaws(what, "rpy", self.rpy)
         yield from _vector_flaws(what, "axis", self.axis, 3)
-        if self.type != "fixed":
+        if isinstance(self.type, str) and self.type != "fixed":
             yield from self._motion_flaws(what)
 
     def _motion_flaws(self, what: str) -> Iterator[str]:

@@ -63,10 +63,10 @@ class Spread:
 
     def __post_init__(self) -> None:
         one_of("spread: law", self.law, get_args(Law))
-        most = math.inf if self.added else WIDEST
-        object.__setattr__(self, "width", real("spread: width", self.width, 0.0, most, "0.1 is a tenth"))
         truth("spread: added", self.added)
         truth("spread: alike", self.alike)
+        most = math.inf if self.added else WIDEST
+        object.__setattr__(self, "width", real("spread: width", self.width, 0.0, most, "0.1 is a tenth"))
         if self.added and self.law == "lognormal":
             raise ValueError("spread: added is True and law 'lognormal', which is a factor; use 'normal' or 'uniform'")
 

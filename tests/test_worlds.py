@@ -252,6 +252,20 @@ def test_all_numbers_at_once_on_the_ground(humanoid, everything, walks, alone, w
         assert_same(run, other, names)
 
 
+@pytest.mark.long
+def test_many_worlds_with_noise_in_all_lanes_of_all_cores(humanoid):
+    """Noise of encoders and supply besides: 64 units of one robot, each as alone."""
+    rng = np.random.default_rng(9)
+    share = Spread("normal", 0.05)
+    servos = {"resistance": share, "stiffness": share}
+    worlds = Worlds(runs=64, servos=servos)
+    noises = [rng.normal(size=(60, humanoid.tree.n, 2)) * [1e-3, 0.1] for _ in range(64)]
+    references, how = swings(humanoid, 64), dict(record=RECORD, **ONCE)
+    runs = simulate_batch(humanoid, 0.6, references=references, worlds=worlds, noises=noises, **how)
+    assert differ(runs)
+    for run, own, reference, noise in zip(runs, worlds.scenes(humanoid), references, noises):
+        assert_same(run, simulate(own, 0.6, reference=reference, noise=noise, **how), RECORD)
+
 def test_error_controlled_runs_take_their_own_scenes():
     scene = compile_scene(load_robot("ax12_arm"), "mipsd")
     worlds, references = Worlds(runs=3, servos={"Kp": TENTH}), swings(scene, 3)

@@ -104,6 +104,8 @@ def _parts() -> Iterator[Call]:
         fg.Mesh("file.stl"),
         fg.Hull(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))),
         fg.Shape("a", fg.Sphere(1.0)),
+        fg.Spread("normal", 0.1),
+        fg.Worlds(3, servos={"Kp": fg.Spread("uniform", 0.1)}, gravity=(0.0, 0.0, -9.81)),
     ):
         yield Call(type(record).__name__, type(record), _all_fields(record))
     yield Call(
@@ -192,6 +194,7 @@ def _scenes() -> Iterator[Call]:
             "references": [still] * 3,
             "taus": None,
             "pushes": [],
+            "worlds": fg.Worlds(3, servos={"Kp": [1.0, 2.0, 3.0]}),
             "executor": None,
             "noises": None,
         }

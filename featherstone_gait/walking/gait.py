@@ -71,11 +71,13 @@ class Gait:
     def from_vector(self, x: ArrayLike) -> Gait:
         """Return the gait with the free poses `x` (D,) [rad]; exact inverse of `to_vector`.
 
-        Raises ValueError unless D fits.
+        Raises ValueError unless D fits and all are finite.
         """
         x, free = floats("gait vector x", x), self._free_poses
         if x.shape != (free * len(self.joint_names),):
             raise ValueError(f"gait vector x must be ({free * len(self.joint_names)},), got {x.shape}")
+        if not np.isfinite(x).all():
+            raise ValueError(f"gait vector x has a number that is not finite at {int(np.isfinite(x).argmin())}; correct it")
         poses = x.reshape(free, -1).copy()
         if self.mirror:
             poses = np.concatenate([poses, self.mirror(poses)])
