@@ -77,7 +77,7 @@ class Gait:
         if x.shape != (free * len(self.joint_names),):
             raise ValueError(f"gait vector x must be ({free * len(self.joint_names)},), got {x.shape}")
         if not np.isfinite(x).all():
-            raise ValueError(f"gait vector x has a number that is not finite at {int(np.isfinite(x).argmin())}; correct it")
+            raise ValueError(f"gait vector x is not finite at index {int(np.isfinite(x).argmin())}; correct it")
         poses = x.reshape(free, -1).copy()
         if self.mirror:
             poses = np.concatenate([poses, self.mirror(poses)])
