@@ -44,6 +44,8 @@ def run_all(starts: list[Start], executor: Executor | None) -> list[Result]:
 
 def _families(starts: list[Start]) -> list[tuple[Prepared, list[int]]]:
     """Indices of the runs whose scenes have one structure, and what is ready for the lanes of all of them."""
+    if all(start.world is starts[0].world for start in starts):
+        return [(starts[0].world, list(range(len(starts))))] if starts else []
     keys: dict[int, Hashable] = {}
     families: dict[Hashable, list[int]] = {}
     for i, start in enumerate(starts):
@@ -53,8 +55,7 @@ def _families(starts: list[Start]) -> list[tuple[Prepared, list[int]]]:
     found = []
     for members in families.values():
         worlds = list({id(starts[i].world): starts[i].world for i in members}.values())
-        alone = len(worlds) == 1 or worlds[0].scene.adaptive
-        found.append((worlds[0] if alone else worlds[0].among(worlds), members))
+        found.append((worlds[0] if worlds[0].scene.adaptive else worlds[0].among(worlds), members))
     return found
 
 

@@ -115,14 +115,13 @@ def simulate_batch(
     estimate = None if estimate_error is None else truth("estimate_error", estimate_error)
     each = {"states": states, "references": references, "taus": taus, "noises": noises}
     runs = _runs(scene, worlds, each)
-    cases = _once(lambda given: Case(*with_tolerance(given, rtol, atol), sample), runs.pop("scenes"))
+    batch = Batch(_once(lambda given: Case(given, rtol, atol, sample), runs.pop("scenes")), **runs)
     record = tuple(listed("record", record, "give a list of channels, such as ('q', 'qd')"))
     simulated = functools.partial(_simulated, duration=duration, pushes=pushes, executor=executor)
-    if estimate is None:
-        return _with_companions(Batch(cases, **runs), record, simulated)
-    if estimate:
-        return _with_errors(Batch(cases, **runs), record, simulated)
-    return simulated(Batch(cases, **runs), record)
+    if estimate is False:
+        return simulated(batch, record)
+    batch = batch.by(_judged)
+    return (_with_errors if estimate else _with_companions)(batch, record, simulated)
 
 
 class Case(NamedTuple):
@@ -207,15 +206,14 @@ def _simulated(
     return [trajectory(one, y, out, one.course(start)) for one, start, (y, out) in zip(ready, starts, results)]
 
 
-def _sampled(case: Case) -> Case:
-    """The same, with the time between records told."""
-    scene = case.scene
-    return case._replace(sample=scene.tick_steps * scene.timestep if case.sample is None else case.sample)
+def _judged(case: Case) -> Case:
+    """The same, with tolerances and the time between records told, for others to be compared with."""
+    scene, rtol, atol = with_tolerance(*case[:3])
+    return Case(scene, rtol, atol, scene.tick_steps * scene.timestep if case.sample is None else case.sample)
 
 
 def _with_companions(batch: Batch, record: tuple[str, ...], simulated: Simulated) -> list[Trajectory]:
     """The runs, each with the error that a companion tells; companions go on from where companions ended."""
-    batch = batch.by(_sampled)
     others = _once(lambda case: companion(case.scene, case.sample, case.rtol, case.atol), batch.cases)
     alone = [k for k, other in enumerate(others) if other is None]
     told = dict(zip(alone, simulated(batch.of(alone), record)))
@@ -265,7 +263,6 @@ def _companion_of(state: ArrayLike | Trajectory | None) -> ArrayLike | Trajector
 
 def _with_errors(batch: Batch, record: tuple[str, ...], simulated: Simulated) -> list[Trajectory]:
     """The runs, and the same in half the steps: of integrators with error control also to a tenth of the tolerance."""
-    batch = batch.by(_sampled)
     runs, better = simulated(batch, record), simulated(batch.by(_finer), record)
     return [
         judged(with_error(run, _each(fine, 2), 1.1) if case.scene.adaptive else with_error(run, fine, 2.0))
