@@ -165,8 +165,8 @@ class Joint:
 class Gearbox:
     """A gear train.  Stiffness, damping and backlash are stated at the output side, the rotor's at the rotor.
 
-    The last nine numbers are those of the friction models M2 to M6 of core/effects/gear_friction.py, with the names of
-    their source: M2 has Stribeck's alone, M3 equal load frictions, M4 both with equal Stribeck loads.
+    The last ten numbers are those of the friction models M2 to M6, and K_p, of core/effects/gear_friction.py, with the
+    letters of their source: M2 has Stribeck's alone, M3 equal load frictions, M4 both with equal Stribeck loads.
     """
 
     ratio: float = field(metadata=_range("> 0", "-"))  # G = rotor speed / joint speed
@@ -177,6 +177,7 @@ class Gearbox:
     backlash: float = _number(">= 0", "rad", 0.0)  # whole gap, output side
     external_load_friction: float = _number(">= 0", "-", 0.0)  # K_e, of the torque that the mechanism asks for
     motor_load_friction: float = _number(">= 0", "-", 0.0)  # K_m, of the torque that drives the joint
+    load_product_friction: float = _number(">= 0", "1/(N m)", 0.0)  # K_p, of the product of both
     stribeck_speed: float = _number("> 0", "rad/s", 1.0)  # v_s, about which what follows is gone
     stribeck_exponent: float = _number("> 0", "-", 1.0)  # alpha, how suddenly
     stribeck_friction: float = _number(">= 0", "N m", 0.0)  # K_cs
@@ -193,7 +194,7 @@ class Gearbox:
 
 def depends_on_load_or_speed(gearbox: Gearbox) -> bool:
     """Whether the gearbox has dry friction beyond Coulomb's, the models M2 to M6."""
-    loads = (gearbox.external_load_friction, gearbox.motor_load_friction)
+    loads = (gearbox.external_load_friction, gearbox.motor_load_friction, gearbox.load_product_friction)
     slow = (gearbox.stribeck_friction, gearbox.stribeck_external_load, gearbox.stribeck_motor_load)
     return any((*loads, *slow, gearbox.quadratic_external_load, gearbox.quadratic_motor_load))
 

@@ -17,7 +17,8 @@ def budget(p, v, t_m, t_e):
         w = min(max(0.5 + 0.5 * (abs(t_e) - abs(t_m)) / (BLEND * (abs(t_e) + abs(t_m))), 0.0), 1.0)
         square = (1.0 - w) * p["quadratic_external_load"] * t_e**2 + w * p["quadratic_motor_load"] * t_m**2
     slow = p["stribeck_friction"] + abs(p["stribeck_external_load"] * t_e - p["stribeck_motor_load"] * t_m) + square
-    return p["coulomb_friction"] + abs(p["external_load_friction"] * t_e - p["motor_load_friction"] * t_m) + S * slow
+    load = abs(p["external_load_friction"] * t_e - p["motor_load_friction"] * t_m)
+    return p["coulomb_friction"] + load + p["load_product_friction"] * abs(t_e * t_m) + S * slow
 
 
 def friction(p, side, v, t_m, load, A, J):

@@ -26,7 +26,8 @@ J = MASS * LENGTH**2 + 1e-4
 NONE = {
     "viscous_friction": 0.0, "coulomb_friction": 0.0, "external_load_friction": 0.0, "motor_load_friction": 0.0,
     "stribeck_speed": 1.0, "stribeck_exponent": 1.0, "stribeck_friction": 0.0, "stribeck_external_load": 0.0,
-    "stribeck_motor_load": 0.0, "quadratic_external_load": 0.0, "quadratic_motor_load": 0.0,
+    "stribeck_motor_load": 0.0, "load_product_friction": 0.0,
+    "quadratic_external_load": 0.0, "quadratic_motor_load": 0.0,
 }  # fmt: skip
 M1 = NONE | {"viscous_friction": 0.0117, "coulomb_friction": 0.0904}
 M2 = M1 | {"stribeck_friction": 0.05, "stribeck_speed": 1.52, "stribeck_exponent": 1.33}
@@ -41,7 +42,7 @@ M5 = M2 | {
 }  # fmt: skip
 M6 = M5 | {"quadratic_external_load": 0.01, "quadratic_motor_load": 0.0069}
 OWN = ("viscous_friction", "coulomb_friction")  # fields of the servo, the others of its gearbox
-MODELS = {"M1": M1, "M2": M2, "M3": M3, "M4": M4, "M5": M5, "M6": M6}
+MODELS = {"M1": M1, "M2": M2, "M3": M3, "M4": M4, "M5": M5, "M6": M6, "K_p": M4 | {"load_product_friction": 0.3}}
 KP, KD = 4.0, 0.1
 
 

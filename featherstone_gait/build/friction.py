@@ -15,7 +15,7 @@ from .records import fill, records
 
 Friction: TypeAlias = np.recarray | GearFriction
 LOADS = ("external_load_friction", "motor_load_friction", "stribeck_external_load", "stribeck_motor_load")
-QUADRATIC = ("quadratic_external_load", "quadratic_motor_load")
+QUADRATIC = ("load_product_friction", "quadratic_external_load", "quadratic_motor_load")
 
 
 def build_friction(model: Model, drive: Drive, own_drive: bool = False, soft: bool = False) -> Friction | None:

@@ -3,9 +3,9 @@
 M. Duclusaud, G. Passault, V. Padois, O. Ly, Extended Friction Models for the Physics Simulation of Servo Actuators
 (2024, arXiv 2410.08650).  The budget of friction.py is, with S = exp(-|v / v_s|^alpha),
 
-    K_c + |K_e t_e - K_m t_m| + S (K_cs + |K_es t_e - K_ms t_m| + [K_eq t_e^2 or K_mq t_m^2])
+    K_c + |K_e t_e - K_m t_m| + K_p |t_e t_m| + S (K_cs + |K_es t_e - K_ms t_m| + [K_eq t_e^2 or K_mq t_m^2])
 
-and viscous friction besides.  t_m is the torque that drives the joint (the motor's at the output, or the gear spring's)
+and viscous friction besides; K_p is ours, for recordings ask for losses that grow faster than the load at any speed.  t_m is the torque that drives the joint (the motor's at the output, or the gear spring's)
 and t_e what the mechanism does to the gear in this step: A dv/dt = t_m + t_f + t_e, A the armature and t_f all of the
 friction.  The quadratic terms count where t_e and t_m oppose each other, the first where |t_e| < |t_m|, the second
 where it is larger; between the two the law changes over within `BLEND` of their sum, for a jump has no solution.
@@ -32,6 +32,7 @@ GEAR_FRICTION = np.dtype(
     [
         ("external_load_friction", np.float64),  # K_e [-]
         ("motor_load_friction", np.float64),  # K_m [-]
+        ("load_product_friction", np.float64),  # K_p [1/(N m)]
         ("stribeck_speed", np.float64),  # v_s [rad/s]
         ("stribeck_exponent", np.float64),  # alpha [-]
         ("stribeck_friction", np.float64),  # K_cs [N m]
@@ -107,10 +108,11 @@ def _budget(f, S, E, t_m, t_e):
     slow = f.stribeck_external_load * E * t_e - f.stribeck_motor_load * t_m
     sign, sign_slow = _sign(load), S * _sign(slow)
     square, by_e, by_m = _quadratic(f, t_m, t_e)
+    sign_e, sign_m, P = _sign(t_e), _sign(t_m), f.load_product_friction
     return (
-        f.coulomb_friction + abs(load) + S * (f.stribeck_friction + abs(slow) + square),
-        (sign * f.external_load_friction + sign_slow * f.stribeck_external_load) * E + S * by_e,
-        -(sign * f.motor_load_friction + sign_slow * f.stribeck_motor_load) + S * by_m,
+        f.coulomb_friction + abs(load) + P * abs(t_e * t_m) + S * (f.stribeck_friction + abs(slow) + square),
+        (sign * f.external_load_friction + sign_slow * f.stribeck_external_load) * E + S * by_e + P * abs(t_m) * sign_e,
+        -(sign * f.motor_load_friction + sign_slow * f.stribeck_motor_load) + S * by_m + P * abs(t_e) * sign_m,
     )
 
 
@@ -144,7 +146,7 @@ def gear_branch(f, speed, t_m, t_e):
     slow = f.stribeck_external_load * t_e - f.stribeck_motor_load * t_m
     key = sign_beyond(f.steepness * speed, 1.0) + 3.0 * sign_beyond(load, 0.0) + 9.0 * sign_beyond(slow, 0.0)
     square = f.quadratic_external_load + f.quadratic_motor_load
-    return key + 27.0 * sign_beyond(square * (t_e * t_m), 0.0)
+    return key + 27.0 * sign_beyond((square + f.load_product_friction) * (t_e * t_m), 0.0)
 
 
 @snap_to_rest.of(GearFriction)

@@ -60,6 +60,7 @@ SAFETY, TARGET = 0.94, 0.65  # step = SAFETY h (TARGET / error) ** (1 / order)
 FALL, FALL_SQUARES = 10.0, 1000.0  # of the error, that one more column in powers of h or h^2 is believed to bring
 INSTANT = 1e-3  # of the interval: after its start
 KINKED = 0.3  # of the error of two columns, that an interval with a kink is taken to have
+PASSED = 1e3  # error over the tolerance with which a kink is passed where the least step is too long for it
 LOCATED = 4.0  # least steps: within them a kink is looked for no further
 LEFT, DONE, COLUMN = 0, 1, 2  # rows of `lanes`: steps to go, steps done, column
 # What is known of a kink: the share of the interval before it, negative if there is none; the step that would end
@@ -117,6 +118,8 @@ def extrapolate(work, run, y, t, length):
             error = _combine(implicit, run, h, count)
             if error <= 1.0 and _ends_elsewhere(implicit, run, h):
                 error = max(error, _of_kink(run, h))
+            if work.kink[BEFORE] >= 0.0 and h < LOCATED * run.plan.least_step and error < PASSED:
+                error = min(error, 1.0)
         if error <= 1.0:
             _accept(implicit, run, y)
             unit_quaternion(run.scene.floating, o.base_q, y)
