@@ -284,12 +284,12 @@ def identify(
         fit.bar = bar
         found = least_squares(fit.residuals, x, fit.jacobian, (x - reach, x + reach), x_scale="jac", ftol=1e-7)
     count = len(start)
-    textbook, robust, independent = _covariances(found.jac, found.fun, fit.lengths(found.fun))
+    textbook, robust, independent = covariances(found.jac, found.fun, fit.lengths(found.fun))
     spread = np.sqrt(np.diag(robust)[:count])
     textbook = np.sqrt(np.diag(textbook)[:count])
     error = np.maximum(spread, textbook)
     values = dict(zip(parameters, np.exp(found.x[:count]).tolist()))
-    reach = error * _quantile(confidence, independent - len(x))
+    reach = error * quantile(confidence, independent - len(x))
     return Identification(
         values=values,
         intervals={name: (v * _exp(-r), v * _exp(r)) for (name, v), r in zip(values.items(), reach)},
@@ -443,7 +443,7 @@ class _Fit:
         return np.column_stack([*columns, starts])
 
 
-def _covariances(J: np.ndarray, e: np.ndarray, lengths: Sequence[int]) -> tuple[np.ndarray, np.ndarray, float]:
+def covariances(J: np.ndarray, e: np.ndarray, lengths: Sequence[int]) -> tuple[np.ndarray, np.ndarray, float]:
     """Covariance with independent and with autocorrelated residuals, and the number of independent samples."""
     # A parameter without effect has no finite variance: a tiny eigenvalue makes it huge instead of failing.
     scale = np.linalg.norm(J, axis=0)
@@ -479,7 +479,7 @@ def _bandwidth(correlations: Sequence[float], lengths: Sequence[int]) -> int:
     return min(math.ceil(1.1447 * (alpha * sum(lengths)) ** (1.0 / 3.0)), min(lengths) // 4)
 
 
-def _quantile(confidence: float, degrees: float) -> float:
+def quantile(confidence: float, degrees: float) -> float:
     from scipy.stats import t
 
     return float(t.ppf(0.5 + 0.5 * confidence, max(degrees, 1.0)))

@@ -263,7 +263,7 @@ def solve_loop(steps: int, run: Run, h: float, y: np.ndarray, seen: np.ndarray) 
     for k in range(steps + 1):
         if k == 0 or k == steps:
             seen[k // steps] = y[0]
-        solve_step(Step(scene, None, None, o, y, None, None, None, 0.0, h, h, h, 1.0, 1e-9, s.W, s.Z, s.C, s.F))
+        solve_step(Step(scene, None, None, o, y, None, None, None, 0.0, h, h, h, 1.0, None, 1e-9, s.W, s.Z, s.C, s.F))
 
 
 @entry
@@ -273,7 +273,7 @@ def step_loop(steps: int, run: Run, h: float, y: np.ndarray, seen: np.ndarray) -
     for k in range(steps + 1):
         if k == 0 or k == steps:
             seen[k // steps] = y[0]
-        at = Step(scene, None, None, o, y, None, None, None, 0.0, h, h, h, 1.0, 1e-9, s.W, s.Z, s.C, s.F)
+        at = Step(scene, None, None, o, y, None, None, None, 0.0, h, h, h, 1.0, None, 1e-9, s.W, s.Z, s.C, s.F)
         solve_step(at)
         advance(at)
 

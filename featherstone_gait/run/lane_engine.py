@@ -22,7 +22,7 @@ from ..core.step.context import Plan, Run
 from ..core.step.signals import Signals, sample_ticks
 from .prepared import Prepared, Start, lane_zeros
 
-SEGMENT = 25  # ticks between changes of the runs: 0.25 s at the usual 10 ms
+SEGMENT = 250  # steps between changes of the runs: 0.25 s, of 25 ticks, at the usual 1 ms and 10 ms
 
 
 class Source(Protocol):
@@ -76,9 +76,9 @@ class _Occupant:
 
 
 def segment_steps(course: Plan) -> int:
-    """Steps of a segment: whole ticks and whole samples, about `SEGMENT` ticks; the whole run if that does not fit."""
+    """Steps of a segment: whole ticks and whole samples, about `SEGMENT`; the whole run if that does not fit."""
     unit = math.lcm(course.per_tick, course.per_sample)
-    steps = unit * max(1, SEGMENT * course.per_tick // unit)
+    steps = unit * max(1, SEGMENT // unit)
     return steps if steps < course.steps else course.steps
 
 

@@ -36,13 +36,23 @@ DRY = "Coulomb friction"
 @inline
 def direction(f, s, i, v):
     """Which share of the budget opposes the speed v of joint i, from -1 to 1, and its slope [s/rad]; f a record."""
+    return _direction(s.ahead, f, s, i, v)
+
+
+@inline
+def _direction(ahead, f, s, i, v):
+    x, slope = _side(f, v)
+    if ahead is None:
+        return x, slope
+    end, slope_end = _side(f, v + ahead * (v - s.y[s.o.qd + i]))
+    return 0.5 * (x + end), 0.5 * (slope + (1.0 + ahead) * slope_end)
+
+
+@inline
+def _side(f, v):
+    x = f.steepness * v
     one = 1.0 + 0.0 * v
-    x = clamp(f.steepness * v, -one, one)
-    ahead = (1.0 - s.theta) / s.theta
-    end = clamp(f.steepness * (v + ahead * (v - s.y[s.o.qd + i])), -one, one)
-    rests, stops = abs(x) < 1.0, abs(end) < 1.0
-    slope = select(rests, f.steepness + 0.0 * v, 0.0 * v) + select(stops, (1.0 + ahead) * f.steepness, 0.0 * v)
-    return 0.5 * (x + end), 0.5 * slope
+    return clamp(x, -one, one), select(abs(x) < 1.0, f.steepness + 0.0 * v, 0.0 * v)
 
 
 @inline
@@ -79,9 +89,17 @@ def _snap(friction, s, i, v, here, there):
 @inline
 def snapped(s, i, v, here, there):
     """What `snap_to_rest` gives: at rest in what the step solves for, or of the midpoint rule at its end."""
-    near, stop, zero = SNAP * abs(there - here), (1.0 - s.theta) * s.y[s.o.qd + i], 0.0 * v
-    v = select((abs(v - stop) < near) & ((here - stop) * (there - stop) < 0.0), stop + zero, v)
+    near, zero = SNAP * abs(there - here), 0.0 * v
+    v = _snapped_to_stop(s.ahead, s, i, v, here, there)
     return select((abs(v) < near) & (here * there < 0.0), zero, v)
+
+
+@inline
+def _snapped_to_stop(ahead, s, i, v, here, there):
+    if ahead is None:
+        return v
+    near, stop = SNAP * abs(there - here), (1.0 - s.theta) * s.y[s.o.qd + i]
+    return select((abs(v - stop) < near) & ((here - stop) * (there - stop) < 0.0), stop + 0.0 * v, v)
 
 
 @inline

@@ -6,8 +6,8 @@ M. Duclusaud, G. Passault, V. Padois, O. Ly, Extended Friction Models for the Ph
     K_c + |K_e t_e - K_m t_m| + K_p |t_e t_m| + S (K_cs + |K_es t_e - K_ms t_m| + [K_eq t_e^2 or K_mq t_m^2])
 
 and viscous friction besides; K_p is ours, for recordings ask for losses that grow faster than the load at any speed.
-t_m is the torque that drives the joint (the motor's at the output, or the gear spring's) and t_e what the mechanism does
-to the gear in this step: A dv/dt = t_m + t_f + t_e, A the armature and t_f all of the friction.  The quadratic terms
+t_m is the torque that drives the joint (the motor's at the output, or the gear spring's) and t_e what the mechanism
+does to the gear in this step: A dv/dt = t_m + t_f + t_e, A the armature and t_f all of the friction.  Quadratic terms
 count where t_e and t_m oppose each other, the first where |t_e| < |t_m|, the second where it is larger; between the two
 the law changes over within `BLEND` of their sum, for a jump has no solution.
 

@@ -180,7 +180,7 @@ def _stages(run, y, t, h):
         inputs(u, min(t + max(NODES[k], G) * h, pace[UNTIL]))
         at = Step(
             scene=scene, actuator=scene.actuator, decay=work.motors, o=o, y=y, tau=u.tau, drive=u.drive,
-            predicted=work.predicted, t=pace[SINCE], span=0.0, h=d, sub=d, theta=1.0,
+            predicted=work.predicted, t=pace[SINCE], span=0.0, h=d, sub=d, theta=1.0, ahead=None,
             tolerance=NEWTON_SHARE * run.plan.rtol, W=x.W, Z=x.Z, C=x.C, F=x.F,
         )  # fmt: skip
         solve_step(at)

@@ -92,7 +92,8 @@ def _evaluate(first, last, run, y, t, h):
         since, act = pace[SINCE], scene.actuator
         at = Step(
             scene=scene, actuator=act, decay=None, o=o, y=y, tau=u.tau, drive=u.drive, predicted=None,
-            t=since, span=0.0, h=0.0, sub=0.0, theta=1.0, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
+            t=since, span=0.0, h=0.0, sub=0.0, theta=1.0, ahead=None,
+            tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
         )  # fmt: skip
         derivative(at, stages[k])
         pace[EVALUATIONS] += 1.0

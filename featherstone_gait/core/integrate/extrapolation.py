@@ -383,7 +383,7 @@ def _slope(run, columns, slope):
     scene, x, o, t = run.scene, columns, run.places[0], run.work.pace[SINCE]
     at = Step(
         scene=scene, actuator=scene.actuator, decay=x.decay, o=o, y=x.y, tau=x.tau, drive=x.drive, predicted=None,
-        t=t, span=0.0, h=0.0, sub=0.0, theta=1.0, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        t=t, span=0.0, h=0.0, sub=0.0, theta=1.0, ahead=None, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
     )  # fmt: skip
     derivative(at, slope)
 
@@ -394,7 +394,7 @@ def _euler(ended, run, columns):
     scene, x, o, t, h = run.scene, columns, run.places[0], run.work.pace[SINCE], columns.h[0]
     at = Step(
         scene=scene, actuator=scene.actuator, decay=x.decay, o=o, y=x.y, tau=x.tau, drive=x.drive, predicted=None,
-        t=t, span=0.0, h=h, sub=h, theta=1.0, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        t=t, span=0.0, h=h, sub=h, theta=1.0, ahead=None, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
     )  # fmt: skip
     if ended is None:
         solve_step(at)

@@ -30,10 +30,18 @@ def implicit_step(work, run, y, t, theta):
     inputs(u, t + plan.theta * h)
     at = Step(
         scene=scene, actuator=act, decay=decay, o=o, y=y, tau=u.tau, drive=u.drive, predicted=work.predicted,
-        t=t, span=h, h=h, sub=theta * h, theta=theta, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        t=t, span=h, h=h, sub=theta * h, theta=theta,
+        ahead=_ahead(work.predicted, theta), tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
     )  # fmt: skip
     solve_step(at)
     advance(at)
+
+
+@inline
+def _ahead(predicted, theta):
+    if predicted is None:
+        return None
+    return (1.0 - theta) / theta
 
 
 @thetas.of(Implicit)

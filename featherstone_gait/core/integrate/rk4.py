@@ -27,7 +27,7 @@ def _evaluate(run, y, t, slope):
     x, o, act = run.work.scratch, run.places[0], scene.actuator
     at = Step(
         scene=scene, actuator=act, decay=None, o=o, y=y, tau=u.tau, drive=u.drive, predicted=None,
-        t=t, span=h, h=0.0, sub=0.0, theta=1.0, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        t=t, span=h, h=0.0, sub=0.0, theta=1.0, ahead=None, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
     )  # fmt: skip
     derivative(at, slope)
 

@@ -41,13 +41,13 @@ def simtwo_step(work, run, y, t, theta):
     o, x = run.places[0], work.scratch
     servo = Step(
         scene=scene, actuator=scene.actuator, decay=scene.decay, o=o, y=y, tau=None, drive=None, predicted=None,
-        t=t, span=h, h=h, sub=h, theta=1.0, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        t=t, span=h, h=h, sub=h, theta=1.0, ahead=None, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
     )  # fmt: skip
     for i in range(len(torques)):
         torques[i] = _servo_torque(scene.actuator, servo, i)
     bare = Step(
         scene=scene, actuator=None, decay=None, o=o, y=y, tau=torques, drive=None, predicted=None,
-        t=t, span=h, h=h, sub=h, theta=1.0, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        t=t, span=h, h=h, sub=h, theta=1.0, ahead=None, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
     )  # fmt: skip
     solve_step(bare)
     advance(bare)

@@ -101,6 +101,7 @@ class Step(NamedTuple):
     h: float  # step [s]
     sub: float  # theta h, at whose end forces are taken [s]; 0 of an evaluation
     theta: float
+    ahead: float | None  # (1 - theta) / theta of the midpoint rule: the step ends so much beyond where forces are taken
     tolerance: float  # of Newton's iteration: of the forces, relative
     W: np.ndarray  # the arrays of Scratch
     Z: np.ndarray

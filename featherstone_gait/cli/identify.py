@@ -1,0 +1,86 @@
+"""`featherstone-gait identify`: a servo's parameters from recordings of a real one."""
+
+from __future__ import annotations
+
+import time
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..files import Format, complete, write_csv
+from .arguments import Commands, add_command
+
+if TYPE_CHECKING:
+    from ..servo_bench import ServoFit
+
+IDENTIFIED = Format("servo identification")
+FRICTIONS = ("m1", "m2", "m3", "m4", "m4p", "m5", "m6")
+SERVOS = ("xl330", "sts3250")
+
+
+def add(commands: Commands) -> None:
+    """Register the command."""
+    parser = add_command(
+        commands,
+        "identify",
+        run,
+        "fit a servo with a friction model to recordings on a pendulum",
+        "identify.csv (parameters), identify_errors.csv (each recording), identify.png (angles and errors)",
+    )
+    columns = "time_s, angle_rad, goal_rad, supply_v, torque_on: help(featherstone_gait.servo_bench)"
+    parser.add_argument("files", type=Path, nargs="+", metavar="FILE.csv", help=columns)
+    parser.add_argument("--servo", choices=SERVOS, required=True, help="firmware, bench, and where the search starts")
+    what = "of friction (default: m4p, M4 and the product of the loads)"
+    parser.add_argument("--model", choices=FRICTIONS, default="m4p", help=what)
+    parser.add_argument("--mass", type=float, metavar="KG", help="at the end of the rod (default: the bench's)")
+    parser.add_argument("--length", type=float, metavar="M", help="of the rod (default: the bench's)")
+    parser.add_argument("--gain", type=float, metavar="KP", help="of the firmware (default: from names with _kpNNN_)")
+    parser.add_argument(
+        "--leave-out", choices=("gain", "motion"), help="also fit without each gain or motion in turn, and predict it"
+    )
+    parser.add_argument("--predict", type=Path, nargs="+", default=[], metavar="FILE.csv", help="to be predicted alone")
+
+
+def run(args: Namespace) -> int:
+    from ..servo_bench import BENCHES, fit_servo, leave_out, plot_rollouts, read_bench
+
+    bench = BENCHES[args.servo]
+    own = {"gain": args.gain, "mass": args.mass, "length": args.length}
+    recordings, others = ([read_bench(path, bench, **own) for path in paths] for paths in (args.files, args.predict))
+    start = time.perf_counter()
+    fit = fit_servo(recordings, bench, args.model, progress=True)
+    print(fit.summary())
+    print(f"{time.perf_counter() - start:.0f} s; {fit.message}")
+    rows = [(r.name, "fitted", 1e3 * e) for r, e in zip(fit.recordings, fit.errors)]
+    shown = list(zip(fit.recordings, fit.angles))
+    if others:
+        angles = fit.predict(others)
+        shown += zip(others, angles)
+        rows += [(r.name, "predicted", 1e3 * np.abs(a - r.angle).mean()) for r, a in zip(others, angles)]
+        print(f"predicted: {np.mean([error for _, how, error in rows if how == 'predicted']):.1f} mrad")
+    if args.leave_out:
+        by = (lambda r: r.gain) if args.leave_out == "gain" else (lambda r: r.motion)
+        held = leave_out(recordings, bench, args.model, by, progress=True)
+        for group, (_, _, errors) in held.items():
+            print(f"left out, {args.leave_out} {group}: {1e3 * errors.mean():.1f} mrad")
+        for group, (_, _, errors) in held.items():
+            names = [r.name for r in recordings if by(r) == group]
+            rows += [(name, "left out", 1e3 * e) for name, e in zip(names, errors)]
+        print(f"left out, mean: {1e3 * np.mean([errors.mean() for _, _, errors in held.values()]):.1f} mrad")
+    _write(args.out, fit, rows)
+    with complete(args.out / "identify.png") as path:
+        plot_rollouts(*zip(*shown)).savefig(path, format="png", dpi=110)
+    print(f"files: {args.out / 'identify.csv'}, {args.out / 'identify_errors.csv'}, {args.out / 'identify.png'}")
+    return 0
+
+
+def _write(folder: Path, fit: ServoFit, rows: list[tuple[str, str, float]]) -> None:
+    """The tables, whole or not at all."""
+    units = fit.bench.parameters()
+    found = [(name, value, *fit.intervals[name], units[name].unit) for name, value in fit.values.items()]
+    notes = f"{fit.bench.name}, friction {fit.friction}"
+    write_csv(folder / "identify.csv", IDENTIFIED, ("parameter", "value", "low", "high", "unit"), found, notes)
+    columns = ("recording", "how", "mean absolute error [mrad]")
+    write_csv(folder / "identify_errors.csv", IDENTIFIED, columns, rows, notes)
