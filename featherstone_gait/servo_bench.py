@@ -36,7 +36,7 @@ from .arguments import instance, listed, one_of, real
 from .arguments import path as path_of
 from .build.scene import CompiledScene, compile_scene
 from .files import FilePath, Format, number, read_csv
-from .identification import covariances, quantile
+from .intervals import covariances, quantile
 from .model import Controller, Gearbox, Joint, Link, Model, Servo
 from .reference import Reference
 from .run.simulate import initial_state, simulate_batch
@@ -186,7 +186,7 @@ def read_bench(
         raise ValueError(f"{path}, line {lines[wrong[0] + 2][0]}: the time does not rise; sort the samples")
     off = np.flatnonzero(~on)
     if off.size and on[off[0] :].any():
-        raise ValueError(f"{path}, line {lines[off[0] + 1][0]}: it lets go and takes hold again; cut the recording there")
+        raise ValueError(f"{path}, line {lines[off[0] + 1][0]}: it lets go and takes hold again; cut the file there")
     if gain is None:
         found = re.search(r"_kp(\d+(?:\.\d+)?)_", path.name)
         if found is None:

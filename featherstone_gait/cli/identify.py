@@ -7,15 +7,11 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from ..files import Format, complete, write_csv
 from .arguments import Commands, add_command
 
 if TYPE_CHECKING:
     from ..servo_bench import ServoFit
 
-IDENTIFIED = Format("servo identification")
 FRICTIONS = ("m1", "m2", "m3", "m4", "m4p", "m5", "m6")
 SERVOS = ("xl330", "sts3250")
 
@@ -44,6 +40,9 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
+    import numpy as np
+
+    from ..files import complete
     from ..servo_bench import BENCHES, fit_servo, leave_out, plot_rollouts, read_bench
 
     bench = BENCHES[args.servo]
@@ -78,9 +77,12 @@ def run(args: Namespace) -> int:
 
 def _write(folder: Path, fit: ServoFit, rows: list[tuple[str, str, float]]) -> None:
     """The tables, whole or not at all."""
+    from ..files import Format, write_csv
+
+    form = Format("servo identification")
     units = fit.bench.parameters()
     found = [(name, value, *fit.intervals[name], units[name].unit) for name, value in fit.values.items()]
     notes = f"{fit.bench.name}, friction {fit.friction}"
-    write_csv(folder / "identify.csv", IDENTIFIED, ("parameter", "value", "low", "high", "unit"), found, notes)
+    write_csv(folder / "identify.csv", form, ("parameter", "value", "low", "high", "unit"), found, notes)
     columns = ("recording", "how", "mean absolute error [mrad]")
-    write_csv(folder / "identify_errors.csv", IDENTIFIED, columns, rows, notes)
+    write_csv(folder / "identify_errors.csv", form, columns, rows, notes)
