@@ -134,6 +134,8 @@ def truth(name: str, value: object) -> bool:
 def path(name: str, value: Any) -> Path:
     """The path of a file.  TypeError for what is none."""
     instance(name, value, (str, os.PathLike), "give the path of a file")
+    if not os.fspath(value):
+        raise ValueError(f"{name} is empty; give the path of a file")
     return Path(value)
 
 

@@ -271,7 +271,7 @@ def _split(tree: Tree, a: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
 def _robot(model: Model, armature: ArrayLike | None, gravity: ArrayLike) -> Robot:
     tree = compile_tree(model)
     added = joint_armature(model) if armature is None else _vector("armature", armature, tree.n)
-    return Robot(tree.bodies, added, _vector("gravity", gravity, 3))
+    return Robot(tree.bodies, added, vector("gravity", gravity, 3, "[m/s^2]"))
 
 
 def _still(tree: Tree, q: np.ndarray) -> Motion:

@@ -275,7 +275,7 @@ def identify(
     real("voltage_weight", voltage_weight, 0.0, 1e12, "0 fits angles alone")
     if voltage_weight and any(recording.voltage is None for recording in recordings):
         raise ValueError("voltage_weight: a recording has no voltage; leave the weight 0, or record it")
-    if not (is_real(start_range) and 0 <= start_range < math.inf):
+    if not (is_real(start_range) and 0 <= start_range <= LARGEST_ANGLE):
         raise ValueError(f"start_range is {shown(start_range)} rad; give the encoder's step, or 0")
     fit = _Fit(models, tuple(recordings), tuple(parameters), servos, voltage_weight, timestep)
     starts = [recording.angle[0] for recording in recordings] if start_range else []

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arguments import floats, instance, listed, real, shown, texts, vector, whole
+from .core.compile.elementary import NEAR
 from .dynamics import Poses, check_model, forward_kinematics
 from .fixed_order import applied, product, solve, total
 from .jacobians import center_of_mass_at, center_of_mass_jacobian_at, jacobian_at, link_index, point_at
@@ -432,6 +433,8 @@ def _rotation(what: str, value: ArrayLike) -> np.ndarray:
     """A rotation matrix (3, 3), given as such or as roll, pitch and yaw (3,) [rad]."""
     R = floats(f"{what}: rotation", value, "give a rotation matrix (3, 3) or roll, pitch and yaw (3,) [rad]")
     if R.shape == (3,) and np.isfinite(R).all():
+        if not (np.abs(R) <= NEAR).all():
+            raise ValueError(f"{what}: rotation is {R.tolist()}; give angles of at most {NEAR:.0f} rad")
         return rotation_from_rpy(R)
     good = R.shape == (3, 3) and np.isfinite(R).all()
     if not good or np.abs(product(R, R.T) - np.eye(3)).max() > ORTHOGONAL or dot(R[0], cross(R[1], R[2])) < 0.0:

@@ -13,16 +13,25 @@ from featherstone_gait import (
     Controller,
     Gearbox,
     Ground,
+    Joint,
     Reference,
     Servo,
+    Target,
     compile_scene,
     forward_dynamics,
     initial_state,
+    inverse_dynamics,
+    inverse_kinematics,
     load_robot,
+    plot_motion,
     simulate,
     standing_state,
 )
 from featherstone_gait.run.prepared import prepare
+from featherstone_gait.search.annealing import minimize
+from featherstone_gait.walking.gait_file import write_angles
+from featherstone_gait.walking.plan import Walk
+from featherstone_gait.walking.zero_moment_point import multibody_zmp
 
 pytestmark = pytest.mark.nojit
 
@@ -165,3 +174,26 @@ def test_a_model_survives_pickle_and_copy():
 def test_numbers_of_servos_are_bounded(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda arm: inverse_dynamics(arm, [0.0], [0.0], [0.0], gravity=None), "gravity"),
+        (lambda arm: load_robot("arm7", mimic=np.zeros((2, 2))), "mimic="),
+        (lambda arm: Joint("a", "fixed", np.array([1.0, 2.0]), np.array([1.0, 2.0])), "parent"),
+        (lambda arm: minimize(None, [0.0, 0.0], amplitude=1.0, max_iterations=3), "fun is None"),
+        (lambda arm: minimize(len, [0.0], amplitude=1.0, map=None), "map is None"),
+        (lambda arm: plot_motion(arm, {"time": 1.0}), "trajectory is dict"),
+        (lambda arm: multibody_zmp(load_robot("humanoid"), np.zeros((9, 20)), np.zeros((9, 3)), 0.1, g=0), "g is 0"),
+        (lambda arm: write_angles("", [0.0, 1.0], np.zeros((2, 1)), ["a"]), "path is empty"),
+        (lambda arm: inverse_kinematics(arm, Target("rod", rotation=[0.0, 0.0, 1e200])), "rotation is"),
+    ],
+)
+def test_what_the_long_attack_found_is_refused_by_name(call, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        call(pendulum())
+
+
+def test_a_whole_number_of_steps_may_be_a_float():
+    assert isinstance(Walk(n_steps=4.0).n_steps, int)

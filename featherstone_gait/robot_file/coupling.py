@@ -13,7 +13,7 @@ MimicMode = Literal["coupled", "free", "locked"]
 
 def _check_mode(mode: str) -> None:
     """Raise ValueError unless it is a way to take <mimic>."""
-    if mode not in ("coupled", "free", "locked"):
+    if not isinstance(mode, str) or mode not in ("coupled", "free", "locked"):
         raise ValueError(f"mimic={mode!r}; expected 'coupled', 'free' or 'locked': use one of these")
 
 

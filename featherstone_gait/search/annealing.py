@@ -42,7 +42,7 @@ from tqdm import tqdm
 
 from featherstone_gait.arguments import floats, functions, is_whole, path, shown, truth, whole
 from featherstone_gait.files import claim, is_number, parse_json
-from featherstone_gait.search.ask_tell import Cost, Map
+from featherstone_gait.search.ask_tell import Cost, Map, check_map
 from featherstone_gait.search.speculation import Speculation
 
 SEEDS = 2**128  # of Philox
@@ -261,6 +261,8 @@ def minimize(
     )  # fmt: skip
     batch = whole("batch", batch, 1, "it is how many candidates are evaluated at once")
     functions(fun=fun, map=map, evaluate=evaluate, callback=callback)
+    if evaluate is None:
+        check_map(fun, map)
     progress = truth("progress", progress)
     resume = truth("resume", resume)
     history = None if history is None else path("history", history)

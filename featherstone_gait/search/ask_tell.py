@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
@@ -29,6 +30,14 @@ class Search(Protocol):
 
     def tell_batch(self, fs: Sequence[float]) -> int:
         """Take their costs; of how many is returned."""
+
+
+def check_map(fun: object, map: object) -> None:
+    """Raise TypeError for a map that is None, and for no function unless a map of one's own needs none."""
+    if map is None:
+        raise TypeError("map is None; leave it out, or give a function like the built-in map")
+    if fun is None and map is builtins.map:
+        raise TypeError("fun is None; give a function, or a `map` that needs none")
 
 
 def check_search(name: str, value: object) -> None:

@@ -41,6 +41,8 @@ def cma_es(
         import cma
     except ImportError as error:
         raise ImportError("CMA-ES needs the package cma: pip install 'featherstone-gait[search]'") from error
+    if amplitude is None:
+        raise ValueError("amplitude is None; give how far the search is to look at first, a number or (D,)")
     x0, box = check_start(x0, bounds, amplitude)
     if population is not None:
         population = whole("population", population, 3, "it must be at least 3", MOST)

@@ -27,7 +27,7 @@ from tqdm import tqdm
 
 from featherstone_gait.arguments import functions, truth, whole
 from featherstone_gait.search.annealing import MESSAGES
-from featherstone_gait.search.ask_tell import Answer, Map, Search, check_search
+from featherstone_gait.search.ask_tell import Answer, Map, Search, check_map, check_search
 from featherstone_gait.search.run import costs_of
 
 NoisyCost = Callable[[np.ndarray, tuple[int, int, int]], Answer]  # of a candidate (D,) and a draw
@@ -71,6 +71,7 @@ def minimize_noisy(
     batch = whole("batch", batch, 1, "it is how many candidates are evaluated at once")
     seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
     functions(fun=fun, map=map)
+    check_map(fun, map)
     progress = truth("progress", progress)
     check_search("search", search)
     if np.isfinite(search.best_f):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -10,7 +9,7 @@ from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
 from featherstone_gait.arguments import functions, listed, truth, whole
-from featherstone_gait.search.ask_tell import Answer, Cost, Map, Search, check_search
+from featherstone_gait.search.ask_tell import Answer, Cost, Map, Search, check_map, check_search
 
 MESSAGES = {
     0: "all evaluations made",
@@ -58,8 +57,7 @@ def run_together(
     for search in searches:
         check_search("searches", search)
     functions(fun=fun, map=map)
-    if fun is None and map is builtins.map:
-        raise TypeError("fun is None; give a function, or a `map` that needs none")
+    check_map(fun, map)
     progress, evaluations, batch = truth("progress", progress), int(evaluations), int(batch)
     runs = [_Run(search, evaluations) for search in searches]
     bar = tqdm(total=len(runs) * evaluations, disable=not progress, unit="candidate")

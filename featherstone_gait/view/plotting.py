@@ -35,7 +35,7 @@ def plot_trajectory(
         raise ValueError("names is empty; give a list of channels")
     for name in names:
         if not isinstance(name, str) or name not in trajectory:
-            raise ValueError(f"names: there is no channel {shown(name)}; channels: {', '.join(trajectory)}")
+            raise ValueError(f"names: there is no channel {shown(name)}; channels: {', '.join(map(str, trajectory))}")
     if axes is None:
         from matplotlib import pyplot
 
@@ -98,6 +98,8 @@ def plot_motion(
 
         _, axes = pyplot.subplots(figsize=(5.0, 5.0), layout="constrained")
     _check_axes([axes])
+    if not hasattr(trajectory, "end_time"):
+        raise TypeError(f"trajectory is {type(trajectory).__name__}; give what simulate returns")
     last = np.searchsorted(trajectory["time"], trajectory.end_time - 1e-9)  # of a failed run the end is earlier
     rows = np.linspace(0, min(int(last), len(trajectory["time"]) - 1), count).round().astype(int)
     colors = colormaps["viridis"](np.linspace(0.0, 0.9, count))

@@ -75,6 +75,7 @@ class Walk:
         if not (is_whole(self.n_steps) and 4 <= self.n_steps <= MOST_STEPS):
             text = f"walk: n_steps = {shown(self.n_steps)} must be at least 4"
             raise ValueError(f"{text} and at most {MOST_STEPS}; a settled stride takes some 16")
+        object.__setattr__(self, "n_steps", int(self.n_steps))
         if not (is_real(self.step_length) and abs(self.step_length) < HUGE):
             raise ValueError(f"walk: step_length = {shown(self.step_length)} must be finite")
         whole("walk: N", self.N, 1, "give the samples of preview", MOST_SAMPLES)

@@ -34,7 +34,7 @@ def multibody_zmp(
     that the error is O(T^2); the first and last two samples repeat their neighbour's value.
     """
     T = real("T", T, 1e-9, 1e9, "give the time between samples [s]")
-    g = real("g", g, 0.0, 1e9, "give the strength of gravity [m/s^2]")
+    g = real("g", g, 1e-9, 1e9, "give the strength of gravity [m/s^2]")
     angles = finite("angles", angles, (None, len(check_model(model).joint_names)), "[rad]")
     base_position = finite("base_position", base_position, (len(angles), 3), "[m]")
     if len(angles) < LEAST:
