@@ -100,8 +100,8 @@ def reach(
     x, y, z = target[k]
     raise ValueError(
         f"link {foot!r} of {model.name!r} cannot reach ({x:.4f}, {y:.4f}, {z:.4f}) m from the root link with the sole "
-        f"as asked {_when(k, times)}: the nearest posture misses by {size[k]:.2e} (m and rad); take a smaller "
-        "step_length or a lower com_height"
+        f"as asked {_when(k, times)}: the nearest posture misses by {size[k]:.2e} (m and rad); take a "
+        "shorter step (step_length) or a lower centre of mass (com_height)"
     )
 
 
