@@ -8,6 +8,7 @@ degrees.  An AX-12 counts 0..1023 over 300 degrees, 512 in the middle (ROBOTIS e
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -102,7 +103,7 @@ def _header(path: FilePath, line: int, header: list[str], joint_names: Sequence[
     if not header or header[0] != TIME_COLUMN:
         raise ValueError(f"{path}, line {line}: the first column must be {TIME_COLUMN!r}, got {header[:1]}")
     found = header[1:]
-    doubled = sorted({name for name in found if found.count(name) > 1})
+    doubled = sorted(name for name, times in Counter(found).items() if times > 1)
     wanted = tuple(found if joint_names is None else joint_names)
     missing, unknown = sorted(set(wanted) - set(found)), sorted(set(found) - set(wanted))
     if doubled or missing or unknown or not found:
