@@ -5,7 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import pendulum
 
+from featherstone_gait import Reference, compile_scene, load_servo, simulate
 from featherstone_gait.cli import main
 from featherstone_gait.servo_bench import (
     BASE,
@@ -111,3 +113,24 @@ def test_the_command_writes_tables_and_a_picture(tmp_path, capsys):
     assert "predicted:" in capsys.readouterr().out
     assert {p.name for p in tmp_path.iterdir()} == {"identify.csv", "identify_errors.csv", "identify.png"}
     assert main(["identify", str(tmp_path / "none.csv"), "--servo", "xl330"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "constant", "armature"),
+    [
+        ("mx64", 1.663, 0.01096), ("mx106", 2.231, 0.02457), ("xl320", 0.987, 0.00112), ("xl330", 0.3862, 0.001895),
+        ("sts3215", 1.2116, 0.0284),
+    ],
+)  # fmt: skip
+def test_published_servos_are_what_was_published(name, constant, armature):
+    """Their numbers at the output; and a weight that they carry to its goal, as near as weight and friction let them."""
+    servo = load_servo(name)
+    gear = servo.gearbox
+    assert abs(gear.ratio * servo.motor_constant / constant - 1.0) < 1e-5
+    assert abs(gear.ratio**2 * gear.rotor_inertia / armature - 1.0) < 1e-5
+    model = replace(pendulum(0.1, 0.1, damping=0.0), servos={"hinge": servo})
+    scene = compile_scene(model, "rotor", integrator="implicit_euler", timestep=1e-3)
+    run = simulate(scene, 2.0, reference=Reference([0.0, 1.0], [[0.5], [0.5]]))
+    assert run.status == "ok"
+    stiffness = servo.controller.Kp * constant / servo.resistance  # [N m/rad]
+    assert abs(run["q"][-1, 0] - 0.5) < (0.1 * 9.81 * 0.05 + servo.coulomb_friction) / stiffness + 0.02

@@ -22,7 +22,7 @@ PARTS = {
 }
 _FIELDS = {f.name: f for part in PARTS.values() for f in part}
 MOTOR = ("resistance", "inductance", "motor_constant", "voltage_limit")  # what a servo of the other laws must state
-LONGEST_NAME = 200  # bytes, of a file's name; systems take 255
+LONGEST_NAME = 60  # characters of a file's name: systems take 255 bytes
 _ANGLES = tuple(name for name, unit in SERVO_UNITS.items() if unit == "rad")
 
 
@@ -94,7 +94,7 @@ def _servo_path(name: str, folder: Path | None = None) -> Path:
     """The servo's file: beside the robot's TOML, else among those that come with the package."""
     packaged, name = robots_folder() / "servos", name.removesuffix(".toml")
     for path in (folder or packaged, packaged):
-        if len(name.encode()) < LONGEST_NAME and Path(name).name == name and (path / f"{name}.toml").is_file():
+        if len(name) <= LONGEST_NAME and Path(name).name == name and (path / f"{name}.toml").is_file():
             return path / f"{name}.toml"
     known = ", ".join(sorted(path.stem for path in packaged.glob("*.toml")))
     raise ValueError(f"there is no servo {name!r}; expected one of {known}: use one, or add {name}.toml to the robot")
