@@ -123,7 +123,7 @@ def test_the_command_writes_tables_and_a_picture(tmp_path, capsys):
     ],
 )  # fmt: skip
 def test_published_servos_are_what_was_published(name, constant, armature):
-    """Their numbers at the output; and a weight that they carry to its goal, as near as weight and friction let them."""
+    """Their numbers at the output; and a weight that they carry to its goal, as near as friction lets them."""
     servo = load_servo(name)
     gear = servo.gearbox
     assert abs(gear.ratio * servo.motor_constant / constant - 1.0) < 1e-5
