@@ -18,7 +18,7 @@ from ..build.tree import GRAVITY
 from ..contact_choice import with_contacts
 from ..model import ContactPoint, Ground, Joint, Link, Model
 from ..reference import Reference
-from ..robot_file import load_robot
+from ..robot_file import load_robot, load_servo
 from ..run.simulate import initial_state, simulate, standing_state
 from . import precision, stress
 from .robots import folders, published
@@ -36,6 +36,7 @@ def cases(full: bool = False, robots: Sequence[Path] | None = None, skipped: lis
     """All scenes; full: of all robots, and the long ones; skipped: is told what is left out, and why."""
     skipped = [] if skipped is None else skipped
     yield from servo_cases()
+    yield from friction_cases()
     yield from free_cases()
     yield from humanoid_cases(full)
     yield from known_cases()
@@ -136,6 +137,27 @@ def servo_cases() -> Iterator[Case]:
         scene = compile_scene(arm, servos=servos)
         yield case_of(f"{servos}, step of 60 degrees", "servos", scene, 1.0, [0.0], None, reference=target)
         yield case_of(f"{servos}, reference too fast", "servos", scene, 1.0, [0.0], None, reference=fast)
+
+
+def friction_cases() -> Iterator[Case]:
+    """Servos whose friction has a model of its own: a step, a slow ramp with sticking and slipping, a fall."""
+    arm = load_robot("ax12_arm")
+    mx64 = load_servo("mx64")
+    richer = {"motor_load_friction": 0.3115, "stribeck_motor_load": 0.1877, "stribeck_external_load": 0.01407}
+    square = {"quadratic_motor_load": 0.0069, "quadratic_external_load": 0.01}
+    step, ramp = Reference([0.0], [[math.pi / 3.0]]), Reference([0.0, 2.0], [[0.0], [0.4]])
+    for name, servo in {
+        "M1 (xl320)": load_servo("xl320"),
+        "M4 (mx64)": mx64,
+        "M4 (xl330)": load_servo("xl330"),
+        "M6 (mx64)": replace(mx64, gearbox=replace(mx64.gearbox, **richer, **square)),
+    }.items():
+        scene = compile_scene(replace(arm, servos=dict.fromkeys(arm.servos, servo)), servos="rotor")
+        yield case_of(f"{name}, step of 60 degrees", "friction", scene, 1.0, [0.0], None, reference=step)
+        yield case_of(f"{name}, slow ramp", "friction", scene, 2.0, [0.0], None, reference=ramp)
+        limp = replace(servo, current_limit=1e-9)
+        scene = compile_scene(replace(arm, servos=dict.fromkeys(arm.servos, limp)), servos="rotor")
+        yield case_of(f"{name}, let go", "friction", scene, 1.0, [1.2], [-3.0])
 
 
 # ---------------------------------------------------------------------------------------------- free bodies
