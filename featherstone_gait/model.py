@@ -240,6 +240,7 @@ class Servo:
     current_slew: float = _number("> 0 or inf", "A/s", math.inf)
     viscous_friction: float = _number(">= 0", "N m s/rad", 0.0)  # B_v, output side
     coulomb_friction: float = _number(">= 0", "N m", 0.0)  # F_c, output side
+    stick_speed: float = _number(">= 0", "rad/s", 0.0)  # up to which it grows from rest; 0: it holds a joint
     encoder_resolution: float = _number(">= 0", "rad", 0.0)  # 0 = exact
     speed_filter: float = _number(">= 0", "s", 0.0)  # time constant of the speed that controller and friction see
 

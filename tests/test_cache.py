@@ -46,6 +46,7 @@ def package(tmp_path):
 def run(package, *, program=PROGRAM, **environment):
     """Result, cache hits, cache misses and cache folder of a fresh process."""
     clean = {key: value for key, value in os.environ.items() if not key.startswith(("NUMBA_", "XDG_"))}
+    clean["PYTHONDONTWRITEBYTECODE"] = "1"  # of Python's own, which would be cut short where files may not grow
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, cwd=package, env=clean | environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -9,7 +9,7 @@ import numpy as np
 from ..core.effects import friction
 from ..core.effects.friction import FRICTION, SOFT, STUCK
 from ..core.effects.gear_friction import GEAR_FRICTION, GearFriction
-from ..model import Model, depends_on_load_or_speed
+from ..model import Joint, Model, Servo, depends_on_load_or_speed
 from .actuator import Drive, stall_torque
 from .records import fill, records
 
@@ -30,9 +30,9 @@ def build_friction(model: Model, drive: Drive, own_drive: bool = False, soft: bo
             fill(row, servo.gearbox, servo)
             if own_drive:
                 row.viscous_friction = 0.0
+        row.steepness = 1.0 / max(_width(joint, servo), SOFT if soft else STUCK)
         row.viscous_friction = joint.damping + row.viscous_friction
         row.coulomb_friction = joint.friction + row.coulomb_friction
-    table.steepness = 1.0 / (SOFT if soft else STUCK)
     if any(servo and depends_on_load_or_speed(servo.gearbox) for servo in drive.servos):
         return GearFriction(table)
     if not (table.viscous_friction.any() or table.coulomb_friction.any()):
@@ -41,6 +41,11 @@ def build_friction(model: Model, drive: Drive, own_drive: bool = False, soft: bo
     for name in FRICTION.names or ():
         plain[name] = table[name]
     return plain
+
+
+def _width(joint: Joint, servo: Servo | None) -> float:
+    """How wide dry friction is about rest [rad/s or m/s]; that of the joint itself holds it."""
+    return 0.0 if servo is None or joint.friction else servo.stick_speed
 
 
 def sticks(rubbing: Friction | None) -> bool:

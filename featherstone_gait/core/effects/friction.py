@@ -3,11 +3,12 @@
 Dry friction is a budget: it takes whatever torque keeps the joint at rest, up to the budget, and opposes motion with
 the whole of it.  As a function of the speed it falls from plus to minus the budget within `STUCK` on either side of
 rest: a joint that it holds creeps by less than 1e-9 rad in ten minutes, and an implicit step, which solves for the
-speed at its end, sees a joint that stands.  Explicit steps cannot see so steep a law, and have it as wide as `SOFT`.
+speed at its end, sees a joint that stands.  Explicit steps cannot see so steep a law, and have it as wide as `SOFT`;
+a servo may state such a width of its own.
 
 The midpoint rule solves for the speed in the middle of a step and ends beyond: held at rest there, a joint would swing
 to and fro for ever.  So half of the budget opposes that speed and half the one at the end, which neither swings nor
-ever drives: against the motion in the middle it acts in full, with it never.
+ever drives: against the motion in the middle it acts in full, with it never.  A law as wide as `SOFT` needs neither.
 """
 
 import numpy as np
@@ -22,7 +23,7 @@ FRICTION = np.dtype(
     [
         ("viscous_friction", np.float64),  # [N m s/rad]
         ("coulomb_friction", np.float64),  # [N m]
-        ("steepness", np.float64),  # of the dry part about rest, 1 / STUCK or 1 / SOFT [s/rad or s/m]
+        ("steepness", np.float64),  # of the dry part about rest, 1 / its width [s/rad or s/m]
     ],
     align=True,
 )
@@ -30,6 +31,7 @@ FRICTION = np.dtype(
 STUCK = 1e-12  # [rad/s or m/s]
 SOFT = 1e-3  # [rad/s or m/s] of explicit methods: a loaded joint that should stick creeps at a fraction of it
 SNAP = 2.0**-14  # of a Newton pass that comes by rest: nearer to it than what a line search tells apart
+STEEP = 10.0 / SOFT  # [s/rad]
 DRY = "Coulomb friction"
 
 
@@ -45,7 +47,8 @@ def _direction(ahead, f, s, i, v):
     if ahead is None:
         return x, slope
     end, slope_end = _side(f, v + ahead * (v - s.y[s.o.qd + i]))
-    return 0.5 * (x + end), 0.5 * (slope + (1.0 + ahead) * slope_end)
+    steep = f.steepness > STEEP
+    return select(steep, 0.5 * (x + end), x), select(steep, 0.5 * (slope + (1.0 + ahead) * slope_end), slope)
 
 
 @inline
@@ -83,7 +86,8 @@ def snap_to_rest(friction, s, i, v, here, there):
 def _snap(friction, s, i, v, here, there):
     if friction is None:
         return v
-    return select(friction[i].coulomb_friction > 0.0, snapped(s, i, v, here, there), v)
+    f = friction[i]
+    return select((f.coulomb_friction > 0.0) & (f.steepness > STEEP), snapped(s, i, v, here, there), v)
 
 
 @inline
