@@ -78,6 +78,21 @@ def friction_branch(friction, i, speed):
 
 
 @by_type
+def stops_at_once(friction):
+    """Whether the dry friction of a joint is steep."""
+
+
+@stops_at_once.otherwise
+def _any_steep(friction):
+    if friction is None:
+        return False
+    for i in range(len(friction)):
+        if friction[i].coulomb_friction > 0.0 and friction[i].steepness > STEEP:
+            return True
+    return False
+
+
+@by_type
 def snap_to_rest(friction, s, i, v, here, there):
     """v between `here` and `there`, where a Newton pass leads; that of rest if they lie beyond it and v is as near."""
 

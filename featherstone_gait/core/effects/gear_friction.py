@@ -27,7 +27,7 @@ from ..compile.elementary import exp, log
 from ..compile.jit import inline
 from ..compile.lanes import clamp, select, sign_beyond
 from ..compile.structure import structure
-from .friction import FRICTION, snap_to_rest, snapped
+from .friction import FRICTION, snap_to_rest, snapped, stops_at_once
 
 GEAR_FRICTION = np.dtype(
     [
@@ -148,6 +148,11 @@ def gear_branch(f, speed, t_m, t_e):
     key = sign_beyond(f.steepness * speed, 1.0) + 3.0 * sign_beyond(load, 0.0) + 9.0 * sign_beyond(slow, 0.0)
     square = f.quadratic_external_load + f.quadratic_motor_load
     return key + 27.0 * sign_beyond((square + f.load_product_friction) * (t_e * t_m), 0.0)
+
+
+@stops_at_once.of(GearFriction)
+def _always(friction):
+    return True
 
 
 @snap_to_rest.of(GearFriction)

@@ -32,6 +32,7 @@ from ..compile.structure import structure
 from ..effects.actuator import controller_of, motor_of
 from ..effects.decay import DECAYS, set_decay
 from ..effects.energies import ENERGIES, METER
+from ..effects.friction import stops_at_once
 from ..step.advance import advance
 from ..step.branch import branches, branches_at_start
 from ..step.context import Step
@@ -60,6 +61,7 @@ SAFETY, TARGET = 0.94, 0.65  # step = SAFETY h (TARGET / error) ** (1 / order)
 FALL, FALL_SQUARES = 10.0, 1000.0  # of the error, that one more column in powers of h or h^2 is believed to bring
 INSTANT = 1e-3  # of the interval: after its start
 KINKED = 0.3  # of the error of two columns, that an interval with a kink is taken to have
+HIDDEN = 1e4  # columns that agree so much better than later ones have all stepped over what these see
 PASSED = 1e3  # error over the tolerance with which a kink is passed where the least step is too long for it
 LOCATED = 4.0  # least steps: within them a kink is looked for no further
 LEFT, DONE, COLUMN = 0, 1, 2  # rows of `lanes`: steps to go, steps done, column
@@ -118,7 +120,7 @@ def extrapolate(work, run, y, t, length):
             error = _combine(implicit, run, h, count)
             if error <= 1.0 and _ends_elsewhere(implicit, run, h):
                 error = max(error, _of_kink(run, h))
-            if work.kink[BEFORE] >= 0.0 and h < LOCATED * run.plan.least_step and error < PASSED:
+            if _sticks(run) and work.kink[BEFORE] >= 0.0 and h < 1.5 * run.plan.least_step and error < PASSED:
                 error = min(error, 1.0)
         if error <= 1.0:
             _accept(implicit, run, y)
@@ -137,10 +139,20 @@ def extrapolate(work, run, y, t, length):
             best = _cheapest(work, count - 1, h)
             pace[COLUMNS] = best + 2
             pace[STEP] = min(0.7 * h, max(0.05 * h, work.wanted[best]))
-        if work.kink[BEFORE] >= 0.0 and skipped <= 1.0 and h > LOCATED * run.plan.least_step:
-            pace[STEP] = max(_narrow(work, h, count, error), 0.8 * LOCATED * run.plan.least_step)
+        if work.kink[BEFORE] >= 0.0 and skipped <= 1.0:
+            least = run.plan.least_step
+            if h > LOCATED * least or not _sticks(run):
+                pace[STEP] = max(_narrow(work, h, count, error), 0.8 * LOCATED * least)
+            elif h > 1.5 * least:
+                pace[STEP] = max(pace[STEP], 1.2 * least)
         if not pace[STEP] > run.plan.least_step:
             return 0.0
+
+
+@inline
+def _sticks(run):
+    """Whether friction may stop a joint at once: the largest change of slope, and one that hides from columns."""
+    return stops_at_once(run.scene.friction)
 
 
 @inline
@@ -507,7 +519,7 @@ def _combine(implicit, run, h, count):
         _neville(implicit, j, ladder.table, m)
         error = max(_error(run), error / _largest_fall(implicit))
         ladder.wanted[j] = min(SAFETY * h * root(TARGET / max(error, 1e-30), _power(implicit, j + 1)), 20.0 * h)
-        if j == 1 or error > ladder.kink[ROUGH]:
+        if j == 1 or (error > HIDDEN * ladder.kink[ROUGH] and _sticks(run)):
             ladder.kink[ROUGH] = error
         if error < least:
             least = error

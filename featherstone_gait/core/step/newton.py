@@ -48,6 +48,7 @@ from ..tree.layout import Motion
 MAX_PASSES = 40
 BISECTIONS = 16
 FLOOR = 1e-11  # of the forces [N m, N]
+STEEPEST = 1e8  # [N m s/rad] slope of what is not dry friction
 ROUNDING = 1e-15  # of the linear model, which is the difference of large numbers where a joint sticks at some speed
 
 # Rows of the scratch `Z`, one column a joint.
@@ -346,7 +347,7 @@ def _compare(rotor, contact, s):
     for i in range(len(s.scene.tree) - 1):
         v, w = Z[VN, i], rotor_speed(rotor, Z, WN, i, 0.0)
         T, F, _, _, _, _ = joint_force(s, i, v, w)
-        least = FLOOR + ROUNDING * (Z[CJ, i] * abs(v))
+        least = FLOOR + select(Z[CJ, i] > STEEPEST, ROUNDING * (Z[CJ, i] * abs(v)), 0.0 * v)
         wrong = wrong | (abs(T - Z[TL, i]) > s.tolerance * (abs(T) + abs(Z[TL, i])) + least)
         slope = slope + (v - Z[VK, i]) * (Z[TL, i] - T)
         if rotor is not None:
