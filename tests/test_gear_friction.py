@@ -14,6 +14,8 @@ from friction_reference import budget, course
 from random_tree import random_tree
 
 from featherstone_gait.build.scene import compile_scene
+from featherstone_gait.core.compile.jit import entry
+from featherstone_gait.core.effects.gear_friction import GEAR_FRICTION, gear_friction
 from featherstone_gait.model import Controller, Gearbox, Joint, Link, Model, Servo
 from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_servo
@@ -180,6 +182,50 @@ def many(count, seed=3):
             p[k] = min(p[k], 0.35)
         servos[name] = Servo(Controller("pd", 5.0, Kd=0.1), Gearbox(1.0, 0.01, **p), **own)
     return replace(model, servos=servos)
+
+
+@entry
+def laws(table, S, side, t_m, b, out):
+    for i in range(len(table)):
+        out[i, 0], _, out[i, 1], out[i, 2] = gear_friction(table[i], S[i], side[i], t_m[i], b[i])
+
+
+@pytest.mark.nojit
+def test_the_law_is_its_own_solution():
+    """With t_e = b - t_m - t_f, friction is the whole budget against the motion, and its slopes are differences."""
+    rng, n = np.random.default_rng(0), 2000
+    f, out = np.zeros(n, GEAR_FRICTION).view(np.recarray), np.zeros((5, n, 3))
+    for name in ("external_load_friction", "motor_load_friction", "stribeck_external_load", "stribeck_motor_load"):
+        f[name] = rng.uniform(0.0, 0.45, n) * rng.integers(0, 2, n)
+    f["coulomb_friction"], f["stribeck_friction"] = rng.uniform(0.0, 0.1, (2, n))
+    f["load_product_friction"][::4] = 0.1
+    S, side, t_m, b = rng.uniform(0.0, 1.0, n), rng.choice([-1.0, 1.0], n), *rng.normal(size=(2, n))
+    d = 1e-7
+    for k, (dm, db) in enumerate([(0.0, 0.0), (d, 0.0), (-d, 0.0), (0.0, d), (0.0, -d)]):
+        laws(f, S, side, t_m + dm, b + db, out[k])
+    t_f, by_m, by_b = out[0].T
+    t_e = b - t_m - t_f
+    load = abs(f["external_load_friction"] * t_e - f["motor_load_friction"] * t_m)
+    slow = abs(f["stribeck_external_load"] * t_e - f["stribeck_motor_load"] * t_m)
+    budget = f["coulomb_friction"] + load + S * (f["stribeck_friction"] + slow)
+    budget += f["load_product_friction"] * abs(t_e * t_m)
+    assert np.abs(t_f + side * budget).max() < 1e-13
+    for slope, ahead, behind in ((by_m, out[1], out[2]), (by_b, out[3], out[4])):
+        smooth = abs(ahead[:, 1:] - behind[:, 1:]).max(1) < 1e-6  # no bend between the two
+        assert smooth.mean() > 0.99
+        assert slope[smooth] == pytest.approx(((ahead - behind)[:, 0] / (2.0 * d))[smooth], abs=1e-7)
+
+
+@pytest.mark.parametrize("rtol", [1e-8, 1e-9, 1e-10])
+def test_a_reversal_costs_no_accuracy(rtol):
+    """Friction turns round with the joint at 0.672 s, wherever in a step that falls; later stops end the motion."""
+    model, reference, drive, armature, start, duration = setting("fall", M3)
+    times = np.linspace(0.0, duration, 11)
+    angles, _ = course(M3, armature, J, load, drive, start, times)
+    scene = compile_scene(model, "rotor", integrator="extrapolation")
+    run = simulate(scene, duration, initial_state(scene, [start[0]]), reference, sample=duration / 10, rtol=rtol)
+    assert run.status == "ok"
+    assert np.abs(run["q"][:, 0] - angles).max() < 20.0 * rtol + 1e-9
 
 
 def test_newton_converges_on_random_states():

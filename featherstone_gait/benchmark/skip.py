@@ -369,14 +369,18 @@ def _driven(**changes: Any) -> Model:
     return replace(arm, servos=dict.fromkeys(arm.joint_names, servo))
 
 
-def _rubbing(**losses: float) -> Model:
-    """The arm with AX-12 servos that have dry friction, and losses of the gearbox."""
-    model = _driven()
+def _rubbing(model: Model, losses: dict[str, float]) -> Model:
+    """The model with dry friction in its servos, which holds, and losses of their gearboxes."""
     servos = {
-        name: replace(servo, coulomb_friction=0.01, gearbox=replace(servo.gearbox, **losses))
+        name: replace(servo, coulomb_friction=0.01, stick_speed=0.0, gearbox=replace(servo.gearbox, **losses))
         for name, servo in model.servos.items()
     }
     return replace(model, servos=servos)
+
+
+def _standing_on_servos(model: Model, losses: dict[str, float]) -> Work:
+    scene = _compiled(_rubbing(model, losses), "mipsd", Ground())
+    return _rollout(scene, standing_state(scene, np.zeros(scene.tree.n)))
 
 
 def _loop(kernel: Any, *constants: Any) -> Work:
@@ -477,7 +481,7 @@ def savings() -> Iterator[tuple[str, Work, Work, str]]:
     rigid, soft = _rollout(_compiled(_driven(), "standard")), _rollout(_compiled(_driven(), "mipsd"))
     yield "no servos", bare, rigid, "standard model"
     yield "no rotor", rigid, soft, "standard model and mipsd"
-    dry, loaded = (_rollout(_compiled(_rubbing(**losses), "standard")) for losses in ({}, LOSSES))
+    dry, loaded = (_rollout(_compiled(_rubbing(_driven(), losses), "standard")) for losses in ({}, LOSSES))
     yield "no friction that knows load and speed", dry, loaded, "M1 and M4 of 7 servos"
     direct = _rollout(_compiled(_driven(inductance=0.0), "standard"))
     yield "no inductance (a number of the same kernel)", direct, rigid, "not skipped, see below"
@@ -506,6 +510,8 @@ def savings() -> Iterator[tuple[str, Work, Work, str]]:
     yield "nothing near the height field (humanoid)", _rollout(field, high), _rollout(field, level), "same kernel"
     walker = _compiled(load_robot("humanoid", locked="simplified"), "mipsd", Ground())
     still = standing_state(walker, np.zeros(walker.tree.n))
+    dry, loaded = (_standing_on_servos(walker.model, losses) for losses in ({}, LOSSES))
+    yield "no friction that knows load and speed (humanoid)", dry, loaded, "M1 and M4 of 10 servos, standing"
     servos = _spread("resistance", "inductance", "motor_constant", "voltage_limit", "stiffness", "damping", "Kp")
     ground, links = _spread("friction", "sinking", "damping_ratio"), _spread("mass", "center_of_mass", "inertia")
     alike = _lanes(walker, still, Worlds(runs=8))

@@ -11,12 +11,12 @@ does to the gear in this step: A dv/dt = t_m + t_f + t_e, A the armature and t_f
 count where t_e and t_m oppose each other, the first where |t_e| < |t_m|, the second where it is larger; between the two
 the law changes over within `BLEND` of their sum, for a jump has no solution.
 
-Load and friction depend on each other, through t_e.  That is solved joint by joint, by Newton's method on
-a function of one unknown that is convex without the quadratic terms: no more than three passes, since it is made of
-straight pieces.  The slopes of the solution enter the step's own iteration, so that loads are taken at the step's end.
-S is taken at the speed that the method predicts: then nothing falls with the speed that is sought, and what the step
-solves has one solution.  Where the budget outgrows what it opposes (K_e >= 1), no load moves a gear that stands; one
-that slides is slowed by it as by K_e = 0.95.
+Load and friction depend on each other, through t_e.  That is solved joint by joint: in closed form where the budget is
+made of straight pieces, by Newton's method on one unknown where it has K_p or quadratic terms, or outgrows the load.
+The slopes of the solution enter the step's own iteration, so that loads are taken at the step's end.  S is taken at the
+speed that the method predicts: then nothing falls with the speed that is sought, and what the step solves has one
+solution.  Where the budget outgrows what it opposes (K_e >= 1), no load moves a gear that stands; one that slides is
+slowed by it as by K_e = 0.95.
 """
 
 from typing import NamedTuple
@@ -25,7 +25,7 @@ import numpy as np
 
 from ..compile.elementary import exp, log
 from ..compile.jit import inline
-from ..compile.lanes import clamp, select, sign_beyond
+from ..compile.lanes import any_lane, clamp, select, sign_beyond
 from ..compile.structure import structure
 from .friction import FRICTION, snap_to_rest, snapped, stops_at_once
 
@@ -64,7 +64,11 @@ class GearFriction(NamedTuple):
 def stribeck(f, v):
     """S, the share of what falls with the speed v that is left [-]."""
     x = abs(v) / f.stribeck_speed
-    return exp(-exp(f.stribeck_exponent * log(select(x > SLOWEST, x, SLOWEST))))
+    S = 0.0 * x
+    falls = f.stribeck_friction + (f.stribeck_external_load + f.stribeck_motor_load)
+    if any_lane(falls + (f.quadratic_external_load + f.quadratic_motor_load) > S):
+        S = exp(-exp(f.stribeck_exponent * log(select(x > SLOWEST, x, SLOWEST))))
+    return S
 
 
 @inline
@@ -74,12 +78,37 @@ def gear_friction(f, S, x, t_m, b):
     f GEAR_FRICTION; S of `stribeck`; x of `direction`; t_m [N m]; b = A dv/dt + K_v v [N m], with which dry friction
     t_f leaves t_e = b - t_m - t_f.
     """
-    zero = 0.0 * (x + t_m + b)
+    one = 1.0 + 0.0 * (x + t_m + b)
+    side = select(x >= 0.0, one, -one)
+    r, by_m, by_b = _straight(f, S, side, t_m, b)
     grows = f.external_load_friction + S * f.stribeck_external_load
-    E = select((abs(x) >= 1.0) & (grows > MOST), MOST / select(grows > MOST, grows, 1.0 + zero), 1.0 + zero)
-    ahead = x >= 0.0
-    r, by_m, by_b = _opposing(f, S, E, select(ahead, 1.0 + zero, -1.0 + zero), t_m, b)
-    return abs(x) * r, select(ahead, r, -r), abs(x) * by_m, abs(x) * by_b
+    curved = f.quadratic_external_load + f.quadratic_motor_load + f.load_product_friction
+    iterated = (grows > MOST) | (curved > 0.0 * one)
+    if any_lane(iterated):
+        E = select((abs(x) >= 1.0) & (grows > MOST), MOST / select(grows > MOST, grows, one), one)
+        r_, by_m_, by_b_ = _opposing(f, S, E, side, t_m, b)
+        r, by_m, by_b = select(iterated, r_, r), select(iterated, by_m_, by_m), select(iterated, by_b_, by_b)
+    return abs(x) * r, side * r, abs(x) * by_m, abs(x) * by_b
+
+
+@inline
+def _straight(f, S, side, t_m, b):
+    """What `_opposing` finds, where the budget B is made of straight pieces and grows less than the load.
+
+    With the motion to the right, the load u = t_e meets u - c = B(u), c = b - t_m; to the left it is mirrored.
+    u - c - B(u) rises and bends where a load term changes its sign; on which side of that the solution lies is told by
+    the sign that it has there.
+    """
+    m, c = side * t_m, side * (b - t_m)
+    K = f.coulomb_friction + S * f.stribeck_friction
+    e, e_slow = f.external_load_friction, f.stribeck_external_load
+    k, k_slow = f.motor_load_friction, f.stribeck_motor_load
+    apart = (e_slow * k - e * k_slow) * m
+    sign = _sign(e * (c + K) + S * abs(apart) - k * m)
+    sign_slow = S * _sign(e_slow * (c + K) + abs(apart) - k_slow * m)
+    by_e, by_m = sign * e + sign_slow * e_slow, sign * k + sign_slow * k_slow
+    per = 1.0 / (1.0 - by_e)
+    return -side * ((K - by_m * m + by_e * c) * per), (by_e + by_m) * per, -by_e * per
 
 
 @inline

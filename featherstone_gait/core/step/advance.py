@@ -4,7 +4,7 @@ from ..compile.by_type import by_type
 from ..compile.jit import inline
 from ..compile.lanes import select
 from ..compile.optional import any_present
-from ..effects.actuator import actuator_force, controller_of, move_actuator, rotor_of
+from ..effects.actuator import controller_of, move_actuator, rotor_of
 from ..effects.contact import move_contacts
 from ..effects.controller import filter_speed
 from ..effects.energies import ENERGIES, WORK
@@ -13,7 +13,7 @@ from ..effects.friction import move_friction
 from ..effects.gear_friction import GearFriction
 from ..effects.stop import move_stop
 from ..tree.kinematics import base_acceleration, move_base
-from .newton import DA, VN, WN, acting, joint_force, rotor_speed, rubbing, with_external, with_predicted
+from .newton import DA, DRIVE, RUB, VN, WN, acting, joint_force, rotor_speed, with_external, with_predicted
 
 CHATTER_WINDOW = 64.0  # steps over which changes of velocity are averaged
 
@@ -80,8 +80,7 @@ def _less_friction(friction, s, i, v, w):
 
 @_driving.of(GearFriction)
 def _by_the_gear(friction, s, i, v, w):
-    T, _, _, _, _ = actuator_force(s.actuator, s, i, v, w, 0.0 * v, 0.0 * v)
-    Tf, _, _ = rubbing(friction, s, i, v, T)
+    T, Tf = s.Z[DRIVE, i], s.Z[RUB, i]
     s.y[s.o.energy + ENERGIES * i + LOSS] -= s.h * (Tf * v)
     move_stop(s.scene.stops, s, i, v)
     return with_external(s.tau, i, T)

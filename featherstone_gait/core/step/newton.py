@@ -72,7 +72,9 @@ TAU = 16  # what the ABA is given
 DIAGONAL = 17
 DA = 18  # what it returns: acceleration beyond the predicted one
 STRIBECK = 19  # of gear_friction.py: what is left at VP of what falls with the speed
-SCRATCH = 20
+DRIVE = 20  # what drives a gear, where its forces were last asked for, and its friction
+RUB = 21
+SCRATCH = 22
 
 
 @inline
@@ -109,7 +111,7 @@ def _find_velocities(forces, rotor, contact, s):
         wrong, rising = _compare(rotor, contact, s)
         y[o.passes] = select(active, y[o.passes] + 1.0, y[o.passes])
         active = active & wrong
-        if not any_lane(active):
+        if not any_lane(active) or k == MAX_PASSES - 1:  # the forces asked for last are those at the solution
             break
         fraction = 1.0 + 0.0 * Z[VP, 0]
         if k > 0 and any_lane(active & (rising > 0.0)):
@@ -211,6 +213,7 @@ def _with_gear_friction(friction, s, i, v, w):
     Tm, F, c, cg, cr = actuator_force(s.actuator, s, i, v, w, 0.0 * v, 0.0 * v)
     Ts, cs = stop_torque(s.scene.stops, i, s.y[s.o.q + i], v, s.sub)
     Tf, cf, by_m = rubbing(friction, s, i, v, Tm)
+    s.Z[DRIVE, i], s.Z[RUB, i] = Tm, Tf
     return with_external(s.tau, i, (Tm + Tf) + Ts), F, c * (1.0 + by_m) + (cf + cs), cg, cr, cg * (1.0 + by_m)
 
 
