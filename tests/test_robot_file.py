@@ -1094,7 +1094,7 @@ def test_the_servos_field_names_do_not_clash():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ((("ax13",), {}), "no servo 'ax13'; expected one of ax12"),
+        ((("ax13",), {}), "no servo 'ax13'; expected one of 2xl430, ax12"),
         ((("ax12", "gold"), {}), "no gearbox 'gold'; expected one of physical"),
         ((("ax12",), {"mass": 1}), "overrides: unknown key 'mass'"),
         ((("ax12",), {"resistance": -8}), "ax12: servo: resistance is -8.0 [Ohm]; expected > 0"),
@@ -1110,16 +1110,16 @@ SERVO = 'law = "pid_position"\nKp = 20\nresistance = 5\ninductance = 0\nmotor_co
 
 def test_a_servo_is_read_from_a_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    path = tmp_path / "xl430.toml"
+    path = tmp_path / "xl429.toml"
     path.write_text(SERVO + "ratio = 258\n[gearboxes.plain]\n[gearboxes.loose]\nbacklash_deg = 0.5\n")
     expected = Servo(Controller("pid_position", Kp=20.0), Gearbox(258.0), 5.0, 0.0, 0.01, 12.0)
-    assert load_servo(path, "plain") == load_servo(str(path), "plain") == load_servo("xl430.toml", "plain") == expected
+    assert load_servo(path, "plain") == load_servo(str(path), "plain") == load_servo("xl429.toml", "plain") == expected
     assert gearbox_presets(path)["loose"] == Gearbox(258.0, backlash=math.radians(0.5))
     with pytest.raises(RobotFileNotFoundError, match=r"xl431\.toml: there is no such file; correct the path"):
         load_servo("xl431.toml")
-    with pytest.raises(RobotFileError, match=r"no servo 'xl430'.*use one, or add xl430\.toml to the robot"):
-        load_servo("xl430")
-    robot = load_robot(write(tmp_path, URDF, '[servos]\ndefault = "xl430.toml"\ngearbox = "plain"\n'))
+    with pytest.raises(RobotFileError, match=r"no servo 'xl429'.*use one, or add xl429\.toml to the robot"):
+        load_servo("xl429")
+    robot = load_robot(write(tmp_path, URDF, '[servos]\ndefault = "xl429.toml"\ngearbox = "plain"\n'))
     assert robot.servos["hip"] == expected
 
 
@@ -1156,7 +1156,7 @@ def test_a_servo_of_voltages_needs_its_motor(tmp_path, name):
 
 
 def test_presets_of_a_servo_that_is_not_there_are_refused_by_name():
-    with pytest.raises(RobotFileError, match="no servo 'ax13'; expected one of ax12"):
+    with pytest.raises(RobotFileError, match="no servo 'ax13'; expected one of 2xl430, ax12"):
         gearbox_presets("ax13")
 
 

@@ -1,4 +1,4 @@
-"""Servos: their files with gearbox presets, and a robot's [servos]."""
+"""Servos: their files with gearbox presets and what the manual says, and a robot's [servos]."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import functools
 import math
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,33 @@ _FIELDS = {f.name: f for part in PARTS.values() for f in part}
 MOTOR = ("resistance", "inductance", "motor_constant", "voltage_limit")  # what a servo of the other laws must state
 LONGEST_NAME = 60  # characters of a file's name: systems take 255 bytes
 _ANGLES = tuple(name for name, unit in SERVO_UNITS.items() if unit == "rad")
+_TABLES = ("gearboxes", "about", "manual")  # of a servo's file, beside its numbers
+
+
+@dataclass(frozen=True)
+class ManualPoint:
+    """What a manual states of a servo at one voltage; nan where it states nothing."""
+
+    voltage: float  # [V]
+    stall_torque: float = math.nan  # [N m]
+    stall_current: float = math.nan  # [A]
+    no_load_speed: float = math.nan  # [rad/s]
+    no_load_current: float = math.nan  # [A]
+
+
+@dataclass(frozen=True)
+class ServoSheet:
+    """What a servo's file tells beside the servo's numbers: its tables [about] and [manual]."""
+
+    product: str = ""
+    source: str = ""  # of the numbers
+    quality: str = ""  # how far they are to be trusted
+    manual_source: str = ""
+    manual: tuple[ManualPoint, ...] = ()
+
+
+_ABOUT = ("product", "source", "quality")
+_FIGURES = tuple(f.name for f in fields(ManualPoint))
 
 
 def load_servo(name: str | os.PathLike, gearbox: str = "physical", **overrides: Any) -> Servo:
@@ -45,6 +72,23 @@ def gearbox_presets(name: str | os.PathLike) -> dict[str, Gearbox]:
     with blamed_on(f"gearbox_presets({os.fspath(name)!r})"):
         presets = table_of(read_toml(_servo_file(name)), "gearboxes", "")
     return {preset: load_servo(name, preset).gearbox for preset in presets}
+
+
+def servo_names() -> list[str]:
+    """Names of the servos that come with the package, sorted."""
+    return sorted(path.stem for path in (robots_folder() / "servos").glob("*.toml"))
+
+
+def servo_sheet(name: str | os.PathLike) -> ServoSheet:
+    """What the file of a servo, named as in `load_servo`, tells of product, source, quality and manual.
+
+    Raises RobotFileError (a ValueError) on an unknown servo and on tables that are not as they should be.
+    """
+    instance("name", name, (str, os.PathLike), "give the name of a servo, or the path of a .toml file")
+    with blamed_on(f"servo_sheet({os.fspath(name)!r})"):
+        path = _servo_file(name)
+        with blamed_on(path):
+            return _sheet(read_toml(path))
 
 
 def read_servos(section: dict[str, Any], joints: tuple[Joint, ...], folder: Path) -> dict[str, Servo]:
@@ -96,7 +140,7 @@ def _servo_path(name: str, folder: Path | None = None) -> Path:
     for path in (folder or packaged, packaged):
         if len(name) <= LONGEST_NAME and Path(name).name == name and (path / f"{name}.toml").is_file():
             return path / f"{name}.toml"
-    known = ", ".join(sorted(path.stem for path in packaged.glob("*.toml")))
+    known = ", ".join(servo_names())
     raise ValueError(f"there is no servo {name!r}; expected one of {known}: use one, or add {name}.toml to the robot")
 
 
@@ -107,8 +151,38 @@ def _servo_values(path: Path, gearbox: str) -> dict[str, Any]:
         presets = table_of(table, "gearboxes", "")
         _check_preset(gearbox, presets)
         preset = _servo_settings(table_of(presets, gearbox, "gearboxes."), f"gearboxes.{gearbox}")
-        table = {key: value for key, value in table.items() if key != "gearboxes"}
+        _sheet(table)
+        table = {key: value for key, value in table.items() if key not in _TABLES}
         return {**_servo_settings(table, "servo"), **preset}
+
+
+def _sheet(table: Mapping[str, Any]) -> ServoSheet:
+    about, manual = table_of(table, "about", ""), table_of(table, "manual", "")
+    check_keys(about, _ABOUT, "about")
+    check_keys(manual, ("source", *_FIGURES), "manual")
+    product, source, quality = (string(about, key, "about") if key in about else "" for key in _ABOUT)
+    if not manual:
+        return ServoSheet(product, source, quality)
+    columns = {key: _numbers(manual, key) for key in _FIGURES if key in manual or key == "voltage"}
+    for key, column in columns.items():
+        if len(column) != len(columns["voltage"]):
+            raise ValueError(
+                f"manual: {key} has {len(column)} numbers, and voltage {len(columns['voltage'])}; expected one for "
+                "each voltage: give as many"
+            )
+    points = tuple(ManualPoint(**dict(zip(columns, row))) for row in zip(*columns.values()))
+    return ServoSheet(product, source, quality, string(manual, "source", "manual"), points)
+
+
+def _numbers(manual: Mapping[str, Any], key: str) -> list[float]:
+    value = manual.get(key)
+    if not isinstance(value, list) or not value:
+        raise ValueError(f"manual: {key} is {value!r}; expected numbers, one for each voltage: write [12.0, 14.8]")
+    numbers = [real(x, f"manual: {key}") for x in value]
+    for x in numbers:
+        if not 0.0 < x < math.inf:
+            raise ValueError(f"manual: {key} has {x!r}; expected numbers above 0: correct it, or leave {key} out")
+    return numbers
 
 
 def _check_preset(gearbox: str, presets: Mapping[str, Any]) -> None:
