@@ -1,0 +1,120 @@
+"""`featherstone-gait servos`: the servos that come with the package, and how near they are to their manuals."""
+
+from __future__ import annotations
+
+import math
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..files import complete
+from .arguments import Commands, add_command
+from .info import table
+
+if TYPE_CHECKING:
+    from ..robot_file.servos import ManualPoint, ServoSheet
+    from ..servo_curve import TorqueSpeed
+
+FIGURES = {  # of a curve and of a manual: digits, and the unit
+    "stall_torque": ("stall torque [N m]", 4),
+    "stall_current": ("stall current [A]", 4),
+    "no_load_speed": ("no-load speed [rad/s]", 4),
+    "no_load_current": ("no-load current [A]", 3),
+}
+
+
+def add(commands: Commands) -> None:
+    """Register the command."""
+    does = "list servos, or show some of them: stall, no-load and efficiency against the manual"
+    parser = add_command(commands, "servos", run, does, "the picture that --plot names")
+    what = "name of a servo that comes with the package, or a .toml file (default: list all that come)"
+    parser.add_argument("names", nargs="*", metavar="NAME", help=what)
+    voltage = "at the motor [V] (default: each servo's own, and those that its manual has)"
+    parser.add_argument("--voltage", type=float, metavar="V", help=voltage)
+    parser.add_argument(
+        "--plot", type=Path, metavar="FILE.png", help="draw torque, current and efficiency against speed"
+    )
+
+
+def run(args: Namespace) -> int:
+    from ..robot_file.servos import servo_names, servo_sheet
+
+    names = args.names or servo_names()
+    sheets = {name: servo_sheet(name) for name in names}
+    lines = [line for name in names for line in _shown(name, sheets[name], args.voltage)] if args.names else None
+    print("\n".join(lines or _listed(sheets, args.voltage)).strip())
+    if args.plot:
+        path = args.out / args.plot
+        _plot(sheets, args.voltage, path)
+        print(f"files: {path}")
+    return 0
+
+
+def _curve(name: str, voltage: float | None) -> TorqueSpeed:
+    from ..robot_file import load_servo
+    from ..servo_curve import torque_speed
+
+    return torque_speed(load_servo(name, **_preset(name)), voltage)
+
+
+def _preset(name: str) -> dict[str, str]:
+    """The gearbox "physical", or where a file has none of that name its first: no figure here depends on it."""
+    from ..robot_file import gearbox_presets
+
+    presets = gearbox_presets(name)
+    return {"gearbox": next(iter(presets))} if presets and "physical" not in presets else {}
+
+
+def _listed(sheets: dict[str, ServoSheet], voltage: float | None) -> list[str]:
+    """One line a servo."""
+    head = ("servo", "product", "at [V]", "stall [N m]", "no load [rad/s]", "best [%]", "numbers from", "quality")
+    rows = []
+    for name, sheet in sheets.items():
+        c = _curve(name, voltage)
+        figures = [f"{x:.3g}" for x in (c.voltage, c.stall_torque, c.no_load_speed, 100.0 * c.peak_efficiency)]
+        product, source, quality = (text or "see its file" for text in (sheet.product, sheet.source, sheet.quality))
+        rows.append((name, product, *figures, source, quality))
+    return table(head, rows)
+
+
+def _shown(name: str, sheet: ServoSheet, voltage: float | None) -> list[str]:
+    """A servo's figures at its voltage and at those of its manual, or at the one that is asked for."""
+    told = {"product": sheet.product, "numbers": sheet.source, "quality": sheet.quality, "manual": sheet.manual_source}
+    lines = ["", name, *(f"  {what:8} {text}" for what, text in told.items() if text)]
+    points = {point.voltage: point for point in sheet.manual}
+    voltages = [_curve(name, voltage).voltage, *(() if voltage is not None else points)]
+    rows = []
+    for V in dict.fromkeys(voltages):
+        curve = _curve(name, V)
+        best = f"{1e2 * curve.peak_efficiency:.1f}"
+        rows.append((f"{V:.4g}", "simulated", *_cells(curve), best))
+        if V in points:
+            rows += [("", "manual", *_cells(points[V]), ""), ("", "ratio", *_ratios(curve, points[V]), "")]
+    head = ("at [V]", "", *(label for label, _ in FIGURES.values()), "peak efficiency [%]")
+    return [*lines, *table(head, rows)]
+
+
+def _cells(figures: TorqueSpeed | ManualPoint) -> list[str]:
+    values = [(getattr(figures, name), digits) for name, (_, digits) in FIGURES.items()]
+    return [f"{value:.{digits}g}" if math.isfinite(value) else "-" for value, digits in values]
+
+
+def _ratios(curve: TorqueSpeed, point: ManualPoint) -> list[str]:
+    """Simulated over manual."""
+    ratios = [getattr(curve, name) / getattr(point, name) for name in FIGURES]
+    return [f"{ratio:.3f}" if math.isfinite(ratio) else "-" for ratio in ratios]
+
+
+def _plot(sheets: dict[str, ServoSheet], voltage: float | None, path: Path) -> None:
+    """Each servo under the voltage that is asked for, or that one of its manual's which is nearest to its own."""
+    from ..servo_curve import plot_curves
+
+    curves, points = {}, {}
+    for name, sheet in sheets.items():
+        own = _curve(name, voltage).voltage
+        near = [own] if voltage is not None or not sheet.manual else [point.voltage for point in sheet.manual]
+        V = min(near, key=lambda v: abs(v - own))
+        label = f"{Path(name).stem}, {V:.4g} V"
+        curves[label], points[label] = _curve(name, V), sheet.manual
+    with complete(path) as file:
+        plot_curves(curves, points).savefig(file, format="png", dpi=110)
