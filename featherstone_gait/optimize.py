@@ -31,7 +31,8 @@ from .build.scene import ServoKind, compile_scene
 from .build.tree import GRAVITY
 from .files import FilePath, Format, claim, moving_up, parse_json
 from .model import Ground, Model
-from .robot_file import load_robot
+from .robot_file import load_robot, load_servo
+from .robot_file.servos import servo_names
 from .run.simulate import streams
 from .search import minimize
 from .search.annealing import REMEDY as HISTORY_REMEDY
@@ -124,6 +125,7 @@ def main_job(
     robot: FilePath = "humanoid",
     *,
     servos: ServoKind = "mipsd",
+    servo: FilePath | None = None,
     iterations: int = 800,
     seed: int = 0,
     out: FilePath = ".",
@@ -132,15 +134,18 @@ def main_job(
 ) -> dict:
     """Optimise a robot's gait and write all files into the folder `out`; return what the JSON file holds.
 
-    `robot`: a name or a .urdf file, as of `load_robot`; of "humanoid" the paper's simplified one.  `resume` goes on
-    from the history in `out`, if there is one.  KeyboardInterrupt ends the search, and the files hold what was found.
+    `robot`: a name or a .urdf file, as of `load_robot`; of "humanoid" the paper's simplified one.  `servo`: a name or a
+    .toml file, as of `load_servo`, of the servo in all joints that turn, in place of the robot's own, with which the
+    first gait is then measured too.  `resume` goes on from the history in `out`, if there is one.  KeyboardInterrupt
+    ends the search, and the files hold what was found.
     A process that is killed leaves the history, from which it resumes to the same files; they appear only when all of
     them are complete.  Raises ValueError if no gait walks or the history is of another robot, FileExistsError if there
     is a history and `resume` is not set, OSError if files cannot be written or another process is at work with the
     history, if possible before the search.
     """
     began = time.perf_counter()
-    model = load_robot(robot, locked="simplified" if robot == "humanoid" else None)
+    own = load_robot(robot, locked="simplified" if robot == "humanoid" else None)
+    model = own if servo is None else with_servo(own, servo)
     _check_folder(Path(out))
     stem = Path(out) / f"{Path(robot).stem}_gait"
     history = stem.with_name(stem.name + "_history.jsonl")
@@ -168,10 +173,11 @@ def main_job(
             "source": model.source,
             "joints": cost.gait.joint_names,
             "version": __version__,
-            "settings": _settings(cost, iterations, seed),
+            "settings": {"servo": str(servo or _servo_name(own))} | _settings(cost, iterations, seed),
             "search": {"candidates": result.nit, "message": result.message},
             "before": before.as_dict(),
             "after": after.as_dict(),
+            **({} if servo is None else {"with_own_servos": _with_own_servos(own, cost)}),
             # What differs from run to run:
             "evaluations": {"begun": result.nfev, "wasted": result.wasted, "lane_occupancy": _number(result.occupancy)},
             "seconds": {"search": searched - searching, "all": time.perf_counter() - began},
@@ -182,6 +188,26 @@ def main_job(
     if progress:
         print(summary(report))
     return json.loads(text)
+
+
+def with_servo(model: Model, servo: FilePath) -> Model:
+    """The robot with one servo, named as of `load_servo`, in all joints that turn or have one."""
+    turning = [joint.name for joint in model.joints if joint.type in ("revolute", "continuous")]
+    return replace(model, servos=dict.fromkeys([*turning, *model.servos], load_servo(servo)))
+
+
+def _servo_name(model: Model) -> str:
+    """Names of a robot's servos, as far as they are among those that come with the package."""
+    known = {load_servo(name): name for name in servo_names()}
+    return ", ".join(dict.fromkeys(known.get(servo, "as in its file") for servo in model.servos.values()))
+
+
+def _with_own_servos(own: Model, cost: WalkingCost) -> dict:
+    """The first gait of `cost` with the robot's own servos."""
+    if not own.servos:
+        return {"servo": "none", "status": "it has none"}
+    with_own = replace(cost, scene=cost.scene.recompiled(own))
+    return {"servo": _servo_name(own)} | with_own.measure([cost.gait.to_vector()])[0].as_dict()
 
 
 def _number(value: float) -> float | None:
@@ -272,7 +298,15 @@ def summary(report: dict) -> str:
         ("slip a stride", "slip", "mm", 1e3, 1),
         ("walks with angles off by 1 deg", "safe", "%", 100.0, 0),
     ]
-    lines = [f"{'':30} {'first':>10} {'optimised':>10} {'change':>8}"]
+    lines = [f"servo {report['settings']['servo']}"]
+    own = report.get("with_own_servos")
+    if own is not None:
+        a, b = (
+            f"{x['cost']:.1f} J/m at {1e3 * x['speed']:.0f} mm/s" if x["status"] == "ok" else x["status"]
+            for x in (before, own)
+        )
+        lines.append(f"first gait with it: {a}; with the robot's own, {own['servo']}: {b}")
+    lines.append(f"{'':30} {'first':>10} {'optimised':>10} {'change':>8}")
     for name, key, unit, scale, digits in rows:
         a, b = (math.nan if side[key] is None else scale * side[key] for side in (before, after))
         change = f"{100.0 * (b / a - 1.0):+.0f} %" if a > 0.0 and unit != "%" else ""

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-from featherstone_gait import cli, load_robot
-from featherstone_gait.optimize import main_job, optimize_gait, walking_cost
+from featherstone_gait import cli, load_robot, load_servo
+from featherstone_gait.optimize import main_job, optimize_gait, summary, walking_cost, with_servo
 from featherstone_gait.search import minimize
 from featherstone_gait.walking import BIOLOID_WALK, bounds, read_angles
 from featherstone_gait.walking.cost import cost_of_motion
@@ -115,6 +115,37 @@ def test_a_boxs_edges_are_those_of_the_uniform_box_with_the_links_inertia(job):
         x, y, z = np.sort(size)[::-1]
         expected = link.mass / 12 * np.array([y * y + z * z, x * x + z * z, x * x + y * y])
         assert moments == pytest.approx(expected, rel=0.02)
+
+
+def test_the_servo_is_told_and_the_paper_s_by_default(job):
+    _, report = job
+    assert report["settings"]["servo"] == "ax12"
+    assert "with_own_servos" not in report
+    assert summary(report).startswith("servo ax12\n")
+
+
+@pytest.mark.long
+def test_another_servo_is_compared_with_the_robot_s_own(job, tmp_path, capsys):
+    """The corrected AX-12 spends more than twice as much on the same gait, and still walks."""
+    other = main_job(servo="ax12a", iterations=4, out=tmp_path)
+    own = other["with_own_servos"]
+    assert other["settings"]["servo"] == "ax12a"
+    assert own["servo"] == "ax12"
+    assert own["cost"] == job[1]["before"]["cost"]
+    assert 2.0 * own["cost"] < other["before"]["cost"] < 4.0 * own["cost"]
+    told = capsys.readouterr().out
+    assert "servo ax12a\n" in told
+    assert f"with the robot's own, ax12: {own['cost']:.1f} J/m" in told
+
+
+def test_a_servo_goes_into_all_joints_that_turn(tmp_path):
+    robot = load_robot("humanoid")
+    (tmp_path / "mine.toml").write_text('law = "pd"\nKp = 3.0\n')
+    for servo in ("mx64", tmp_path / "mine.toml"):
+        found = with_servo(robot, servo)
+        assert set(found.servos) >= set(robot.servos)
+        assert set(found.servos.values()) == {load_servo(servo)}
+        assert robot.servos["left_knee"] == load_servo("ax12")
 
 
 @pytest.mark.long

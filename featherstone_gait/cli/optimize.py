@@ -20,6 +20,8 @@ def add(commands: Commands) -> None:
     )
     parser.add_argument("--robot", default="humanoid", help="name or .urdf file (default: humanoid, simplified)")
     parser.add_argument("--servos", choices=SERVO_KINDS, default="mipsd", help="gearbox")
+    what = "of all joints that turn: a name that `featherstone-gait servos` lists, or a .toml file"
+    parser.add_argument("--servo", metavar="NAME", help=f"{what} (default: the robot's own, of the humanoid ax12)")
     parser.add_argument("--iterations", type=int, default=800, metavar="N", help="candidates (default: 800)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the search (default: 0)")
     parser.add_argument("--resume", action="store_true", help="go on from the history in the folder")
@@ -29,6 +31,12 @@ def run(args: Namespace) -> int:
     from ..optimize import main_job
 
     main_job(
-        args.robot, servos=args.servos, iterations=args.iterations, seed=args.seed, out=args.out, resume=args.resume
+        args.robot,
+        servos=args.servos,
+        servo=args.servo,
+        iterations=args.iterations,
+        seed=args.seed,
+        out=args.out,
+        resume=args.resume,
     )
     return 0
