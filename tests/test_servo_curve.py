@@ -45,6 +45,15 @@ def test_with_the_rotors_damping_too():
     agrees(geared, "mipsd")
 
 
+def test_of_a_gear_that_no_load_drives_backwards():
+    """A budget that outgrows the load counts by 0.95 of it while the gear slides."""
+    locking = servo("M3", external_load_friction=1.2, motor_load_friction=0.0)
+    curve = torque_speed(locking)
+    drives = 200.0 * 0.0083 * 12.0 / 3.0 - locking.coulomb_friction
+    assert curve.stall_torque == pytest.approx(drives / 1.95, rel=1e-12)
+    agrees(locking, "rotor")
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_it_lifts_up_to_its_stall_torque(name):
     curve = torque_speed(servo(name))
