@@ -158,7 +158,7 @@ def plot_curves(curves: Mapping[str, TorqueSpeed], manual: Mapping[str, Sequence
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7.0, 8.0), layout="constrained")
+    figure = Figure(figsize=(8.0, 8.0), layout="constrained")
     panels = figure.subplots(3, sharex=True)
     for k, (name, curve) in enumerate(curves.items()):
         color = f"C{k % 10}"
@@ -174,5 +174,5 @@ def plot_curves(curves: Mapping[str, TorqueSpeed], manual: Mapping[str, Sequence
         panel.grid(alpha=0.3)
     panels[-1].set_xlabel("speed of the joint [rad/s]")
     figure.suptitle("lines: simulated; dots: what the manual states", fontsize=10)
-    panels[0].legend(frameon=False, fontsize=9)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize=9)
     return figure
