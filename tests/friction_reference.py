@@ -21,8 +21,10 @@ def budget(p, v, t_m, t_e):
     return p["coulomb_friction"] + load + p["load_product_friction"] * abs(t_e * t_m) + S * slow
 
 
-def friction(p, side, v, t_m, load, A, J):
+def friction(p, side, v, t_m, load, A, J, static):
     """Dry friction of a joint that slides to `side`: of inertia J with armature A, under t_m and a load [N m]."""
+    if static:
+        return -side * budget(p, v, t_m, load)
     viscous = p["viscous_friction"] * v
 
     def missing(r):
@@ -32,13 +34,16 @@ def friction(p, side, v, t_m, load, A, J):
     return brentq(missing, *sorted((0.0, -side * 1e3)), xtol=1e-15, rtol=1e-14)
 
 
-def course(p, A, J, load, motor, start, times):
-    """Angles [rad] at the times, from (angle, speed); load(q) [N m], motor(t, q, v) [N m].  Also the events' times."""
+def course(p, A, J, load, motor, start, times, static=False):
+    """Angles [rad] at the times, from (angle, speed); load(q) [N m], motor(t, q, v) [N m].  Also the events' times.
+
+    static: t_e is the load of a joint that does not accelerate, not what goes through the gear.
+    """
 
     def rates(side):
         def slide(t, y):
             t_m, q, v = motor(t, *y), y[0], y[1]
-            r = friction(p, side, v, t_m, load(q), A, J)
+            r = friction(p, side, v, t_m, load(q), A, J, static)
             return [v, (t_m + r - p["viscous_friction"] * v + load(q)) / (A + J)]
 
         return slide

@@ -6,11 +6,11 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
-from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import published
 import pytest
 from random_tree import random_states, random_tree
 from scipy.special import ellipj, ellipk
@@ -138,15 +138,6 @@ def test_chains_are_resolved():
 # --- against Pinocchio --------------------------------------------------------------------------------------------
 
 
-def example_robots():
-    """Folder of the package example-robot-data, which has no module to import."""
-    try:
-        package = distribution("example-robot-data")
-    except PackageNotFoundError:  # too large for the test extra: .ci/run installs it and runs these
-        pytest.skip("needs the robots of example-robot-data")
-    return Path(str(package.locate_file("cmeel.prefix/share/example-robot-data/robots")))
-
-
 def stripped(source, path):
     """Write a URDF without couplings, and without what has no part in the dynamics; return the couplings."""
     root, found = ElementTree.parse(source).getroot(), {}
@@ -184,7 +175,7 @@ def test_hands_of_real_robots_against_pinocchio(urdf, followers, tmp_path):
     """G (G' M G)^-1 G' (tau - c) of Pinocchio's M and c of the robot without couplings."""
     pin = pytest.importorskip("pinocchio")
     path = tmp_path / "robot.urdf"
-    pairs = stripped(example_robots() / urdf, path)
+    pairs = stripped(published.folder("example-robot-data") / urdf, path)
     model, theirs = coupled(load_robot(path), pairs), pin.buildModelFromUrdf(str(path))
     at, columns = theirs.createData(), [theirs.joints[theirs.getJointId(name)].idx_v for name in model.joint_names]
     q, qd, tau = np.random.default_rng(0).normal(size=(3, model.nv))

@@ -216,6 +216,15 @@ def test_the_law_is_its_own_solution():
         assert slope[smooth] == pytest.approx(((ahead - behind)[:, 0] / (2.0 * d))[smooth], abs=1e-7)
 
 
+@pytest.mark.parametrize(("case", "apart"), [("step", 0.027), ("fall", 0.064), ("slow ramp", 0.0026)])
+def test_what_goes_through_the_gear_is_not_the_load_at_rest(case, apart):
+    """The source takes t_e of a joint that does not accelerate; docs/servos.md says how far that leads elsewhere."""
+    _, _, drive, armature, start, duration = setting(case, M4)
+    times = np.linspace(0.0, duration, 301)
+    through, at_rest = (course(M4, armature, J, load, drive, start, times, static)[0] for static in (False, True))
+    assert np.abs(through - at_rest).max() == pytest.approx(apart, rel=0.03)
+
+
 @pytest.mark.parametrize("rtol", [1e-8, 1e-9, 1e-10])
 def test_a_reversal_costs_no_accuracy(rtol):
     """Friction turns round with the joint at 0.672 s, wherever in a step that falls; later stops end the motion."""

@@ -1,15 +1,14 @@
 """MJCF: what is read moves as in MuJoCo, what cannot be is refused, and what is written is the same robot."""
 
-import importlib.util
 import itertools
 import math
 import re
 import sys
 import warnings
-from pathlib import Path
 
 import mujoco
 import numpy as np
+import published
 import pytest
 from random_tree import random_states, random_tree
 
@@ -547,14 +546,6 @@ def test_without_mujoco_the_command_is_named(write, monkeypatch):
 # ------------------------------------------------------------------------------------------------ published models
 
 
-def published(package, under=""):
-    """Files of an installed package."""
-    spec = importlib.util.find_spec(package)
-    if spec is None:  # heavy, and only its models are wanted: .ci/run installs it and runs these
-        pytest.skip(f"{package} is not installed")
-    return sorted((Path(spec.submodule_search_locations[0]) / under).rglob("*.xml"))
-
-
 def is_one_robot(m):
     """One moving tree of joints with one freedom each, no equality, no tendon."""
     moving = {int(m.body_rootid[b]) for b in range(m.nbody) if m.body_dofnum[b]}
@@ -565,7 +556,7 @@ def is_one_robot(m):
 @pytest.mark.filterwarnings("ignore::featherstone_gait.RobotFileWarning")
 def test_published_robots_load_and_move_as_in_mujoco(package, under):
     compared = 0
-    for path in published(package, under):
+    for path in sorted((published.folder(package) / under).rglob("*.xml")):
         try:
             m = passive_model(path)
         except ValueError:  # fragments, and files whose meshes are not shipped

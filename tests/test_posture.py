@@ -2,10 +2,9 @@
 
 import math
 from dataclasses import replace
-from importlib import metadata
-from pathlib import Path
 
 import numpy as np
+import published
 import pytest
 from pinocchio_oracle import coordinates, pinocchio_model
 from random_tree import random_states, random_tree
@@ -252,12 +251,8 @@ def test_pinocchio_puts_the_feet_where_they_were_sent(standing):
 
 
 def example(file):
-    """A file of the package example-robot-data; skips where that is not installed."""
-    try:
-        found = [path for path in metadata.files("example-robot-data") or () if str(path).endswith(file)]
-    except metadata.PackageNotFoundError:  # too large for the test extra: .ci/run installs it and runs these
-        pytest.skip("example-robot-data is not installed")
-    return Path(found[0].locate())
+    """A file of the package example-robot-data."""
+    return published.folder("example-robot-data") / file
 
 
 ROBOTS = {  # of example-robot-data: file, base, links that are sent somewhere

@@ -2,10 +2,9 @@
 `pybullet_data`, as far as they are installed, and our own without its TOML.
 """
 
-import importlib.util
 import shutil
-from pathlib import Path
 
+import published
 import pytest
 
 from featherstone_gait import (
@@ -36,17 +35,6 @@ STAND = [  # file, what the names of the feet end in, how many they are, whether
 ]
 
 
-def published(name):
-    """The file of a robot; skips where its package is not installed: too large for the test extra; .ci/run has both."""
-    folders = []
-    if (spec := importlib.util.find_spec("pybullet_data")) and spec.origin:
-        folders.append(Path(spec.origin).parent)
-    if (spec := importlib.util.find_spec("pinocchio")) and spec.origin:
-        folders.append(Path(spec.origin).parents[4] / "share" / "example-robot-data" / "robots")
-    found = [folder / name for folder in folders if (folder / name).exists()]
-    return found[0] if found else pytest.skip(f"{name} is not installed")
-
-
 def margin(robot):
     """How far inside the lowest points the centre of mass lies at rest [m]."""
     q = nearest_posture(robot)
@@ -57,7 +45,7 @@ def margin(robot):
 
 @pytest.mark.parametrize(("name", "ending", "count", "meshes"), STAND, ids=[row[0] for row in STAND])
 def test_a_published_robot_has_its_centre_of_mass_over_its_feet(name, ending, count, meshes):
-    path = published(name)
+    path = published.folder("example-robot-data" if "_description" in name else "pybullet_data") / name
     if meshes:
         pytest.importorskip("trimesh")
         pytest.importorskip("collada")

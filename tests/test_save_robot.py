@@ -2,11 +2,11 @@
 
 import math
 import struct
-from importlib import metadata
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
+import published
 import pytest
 from random_tree import random_states
 
@@ -135,19 +135,15 @@ def test_a_fixed_base_may_have_any_inertia(tmp_path):
     assert "for no body has it: a" in remarks(tmp_path)
 
 
-def published(file):
+def robot(file):
     """A robot of the package example-robot-data."""
-    try:
-        found = [path for path in metadata.files("example-robot-data") or () if str(path).endswith(file)]
-    except metadata.PackageNotFoundError:  # too large for the test extra: .ci/run installs it and runs these
-        pytest.skip("example-robot-data is not installed")
-    return str(found[0].locate())
+    return next(published.folder("example-robot-data").rglob(file))
 
 
 @pytest.mark.filterwarnings("ignore::featherstone_gait.RobotFileWarning")
 @pytest.mark.parametrize("file", ["bolt.urdf", "quadruped.urdf", "so101.urdf", "romeo_small.urdf"])
 def test_published_robots_make_the_round_trip(file, tmp_path):
-    model = load_robot(published(file), repair_inertia=file == "romeo_small.urdf")
+    model = load_robot(robot(file), repair_inertia=file == "romeo_small.urdf")
     back = again(model, tmp_path)
     order = [model.joint_names.index(name) for name in back.joint_names]
     q, qd, tau = random_states(model, 5, 4)
@@ -159,7 +155,7 @@ def test_published_robots_make_the_round_trip(file, tmp_path):
 @pytest.mark.filterwarnings("ignore::featherstone_gait.RobotFileWarning")
 def test_a_published_robot_with_an_inertia_that_no_body_has_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"link 'RShoulderYawLink'.*repair_inertia=True"):
-        save_robot(load_robot(published("romeo_small.urdf")), tmp_path / "m.xml")
+        save_robot(load_robot(robot("romeo_small.urdf")), tmp_path / "m.xml")
 
 
 # ------------------------------------------------------------------------------------------------ meshes, shapes
