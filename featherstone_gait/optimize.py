@@ -39,13 +39,13 @@ from .search.annealing import REMEDY as HISTORY_REMEDY
 from .view.animation import write_animation
 from .walking.cost import Measures, WalkingCost
 from .walking.gait import bounds, fit_gait
-from .walking.gait_file import write_angles, write_goal_positions
+from .walking.gait_file import ARRAYS, write_angles, write_goal_positions
 from .walking.plan import BIOLOID_WALK, downward, walking_plan
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-REPORT, ARRAYS = Format("gait report"), Format("gait arrays")
+REPORT = Format("gait report")
 N_POSES = 4  # of a stride: the paper's four states
 AMPLITUDE = math.radians(1.0)  # of the search [rad]; see above
 MAX_MISS = 20

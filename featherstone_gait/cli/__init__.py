@@ -16,9 +16,11 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from .. import __version__
-from . import benchmark, check_robots, identify, info, optimize, reproduce, servos, simulate, study
+from . import benchmark, check_robots, crosscheck, export, identify, info, optimize, reproduce, servos, simulate, study
 
-COMMANDS = (info, check_robots, simulate, optimize, study, servos, identify, benchmark, reproduce)
+COMMANDS = (
+    info, check_robots, simulate, optimize, crosscheck, export, study, servos, identify, benchmark, reproduce,
+)  # fmt: skip
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -51,3 +51,15 @@ def choice(scene: CompiledScene) -> str:
     """Integrator and step, and why."""
     steps = "steps by their error" if scene.adaptive else f"step {1e3 * scene.timestep:g} ms"
     return f"{scene.integrator}, {steps} ({scene.preflight.reason})"
+
+
+def add_gait(parser: argparse.ArgumentParser) -> None:
+    """What says which gait, of which robot."""
+    parser.add_argument("gait", type=Path, metavar="GAIT", help="ROBOT_gait.npz, or joint angles as .csv")
+    parser.add_argument("--first", action="store_true", help="of a .npz the gait that the search began with")
+    parser.add_argument("--robot", default="humanoid", help="name or .urdf file (default: humanoid, simplified)")
+
+
+def gait_stem(args: argparse.Namespace) -> str:
+    """How the files of a command about a gait begin."""
+    return args.gait.stem.removesuffix("_angles") + ("_first" if args.first else "")

@@ -21,6 +21,7 @@ from featherstone_gait.files import FilePath, Format, number, read_csv, write_cs
 MIDDLE, LARGEST, RANGE = 512, 1023, 300.0  # of an AX-12 [counts, counts, deg]
 TIME_COLUMN = "time_s"
 ANGLES, GOAL_POSITIONS = Format("joint angles"), Format("goal positions")
+ARRAYS = Format("gait arrays")  # of what a search found: featherstone-gait optimize
 
 
 def write_angles(path: FilePath, times: np.ndarray, angles: np.ndarray, joint_names: Sequence[str]) -> None:

@@ -1,0 +1,49 @@
+"""`featherstone-gait crosscheck`: a gait in MuJoCo."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+
+from ..build.kinds import SERVO_KINDS
+from .arguments import Commands, add_command, add_gait, gait_stem
+
+
+def add(commands: Commands) -> None:
+    """Register the command."""
+    parser = add_command(
+        commands,
+        "crosscheck",
+        run,
+        "walk a gait in MuJoCo, with the same servos and its own contact, on twelve floors; started again it goes on",
+        "GAIT_crosscheck.json (a row a floor, in MuJoCo and here) and .csv",
+    )
+    add_gait(parser)
+    parser.add_argument("--servos", choices=SERVO_KINDS, default="mipsd", help="gearbox")
+    parser.add_argument("--floors", metavar="NAMES", help="with commas: 2ms_0.9,20ms_0.6 (default: all; a wrong name "
+                        "lists them)")  # fmt: skip
+    parser.add_argument("--soles", metavar="KINDS", default="spheres,boxes", help="of these two (default: both)")
+    parser.add_argument("--strides", type=int, default=20, metavar="N", help="measured, after two (default: 20)")
+    parser.add_argument("--timestep", type=float, default=2.5e-4, metavar="S", help="[s] (default: 0.00025)")
+    parser.add_argument("--processes", type=int, default=2, metavar="N", help="at a time (default: 2)")
+
+
+def run(args: Namespace) -> int:
+    from ..crosscheck import crosscheck, summary
+    from ..crosscheck.run import files
+    from ..robot_file import load_robot
+    from ..walking.motion import read_motion
+
+    model = load_robot(args.robot, locked="simplified" if args.robot == "humanoid" else None)
+    motion = read_motion(args.gait, model.joint_names, first=args.first)
+    out = args.out / f"{gait_stem(args)}_crosscheck"
+    try:
+        report = crosscheck(
+            motion, args.robot, servos=args.servos, floors=args.floors and args.floors.split(","),
+            soles=args.soles.split(","), strides=args.strides, timestep=args.timestep, out=out,
+            processes=args.processes, progress=True,
+        )  # fmt: skip
+    except ImportError as error:
+        raise ValueError(str(error)) from error
+    print(summary(report))
+    print("files:", *files(out))
+    return 0

@@ -1,0 +1,50 @@
+"""`featherstone-gait export`: a gait as files that others can play."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+
+from .arguments import Commands, add_command, add_gait, gait_stem
+
+
+def add(commands: Commands) -> None:
+    """Register the command."""
+    parser = add_command(
+        commands,
+        "export",
+        run,
+        "write a gait as files that others can play; all three, unless some are named",
+        "GAIT_angles.csv [deg], GAIT_goal_positions.csv (AX-12, 0 to 1023 over 300 deg) and GAIT.xml (MJCF)",
+    )
+    add_gait(parser)
+    parser.add_argument("--csv", action="store_true", help="joint angles over time [deg]")
+    parser.add_argument("--goal-positions", action="store_true", help="the same as counts of AX-12 servos")
+    parser.add_argument("--mjcf", action="store_true", help="the robot on a floor, its poses as keyframes")
+    parser.add_argument("--strides", type=int, default=12, metavar="N", help="of the tables (default: 12)")
+
+
+def run(args: Namespace) -> int:
+    from ..model import Ground
+    from ..robot_file import load_robot, save_robot
+    from ..walking.gait_file import write_angles, write_goal_positions
+    from ..walking.motion import read_motion, with_poses
+
+    model = load_robot(args.robot, locked="simplified" if args.robot == "humanoid" else None)
+    motion = read_motion(args.gait, model.joint_names, first=args.first)
+    reference = motion.reference(args.strides)
+    every = not (args.csv or args.goal_positions or args.mjcf)
+    stem = args.out / gait_stem(args)
+    paths = {kind: stem.with_name(stem.name + ending) for kind, ending in
+             (("csv", "_angles.csv"), ("goals", "_goal_positions.csv"), ("mjcf", ".xml"))}  # fmt: skip
+    written = []
+    for kind, write in (("csv", write_angles), ("goals", write_goal_positions)):
+        if every or (args.csv if kind == "csv" else args.goal_positions):
+            if paths[kind].exists() and paths[kind].samefile(args.gait):
+                raise ValueError(f"{paths[kind]}: is the gait itself; give another folder (--out)")
+            write(paths[kind], reference.times, reference.values, model.joint_names)
+            written.append(paths[kind])
+    if every or args.mjcf:
+        save_robot(with_poses(model, motion), paths["mjcf"], Ground())
+        written.append(paths["mjcf"])
+    print("files:", *written)
+    return 0

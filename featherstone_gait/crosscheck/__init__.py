@@ -1,0 +1,24 @@
+"""A gait in another simulator: MuJoCo's bodies and contact, on twelve floors, with the servos of this package.
+
+    motion = read_motion("humanoid_gait.npz")
+    report = crosscheck(motion, out="humanoid_gait_crosscheck")
+    print(summary(report))
+
+What a search finds on one ground may walk there alone.  `docs/crosscheck.md` says how the replay was checked, and what
+today's gaits do.  MuJoCo is an extra: `pip install featherstone-gait[mjcf]`.
+"""
+
+from ..walking.motion import Motion as Motion
+from ..walking.motion import motion_of as motion_of
+from ..walking.motion import read_motion as read_motion
+from .floors import FLOORS as FLOORS
+from .floors import Outcome as Outcome
+from .floors import Walk as Walk
+from .floors import walk_on as walk_on
+from .in_mujoco import Floor as Floor
+from .in_mujoco import replay as replay
+from .in_mujoco import sinking as sinking
+from .in_mujoco import standing as standing
+from .run import crosscheck as crosscheck
+from .run import summary as summary
+from .run import verdict as verdict

@@ -1,0 +1,338 @@
+"""A motion in MuJoCo: the robot's bodies, MuJoCo's own contact, and the servos of `servo_chain.py`.
+
+A rotor is a body of its own, a hinge at the world with the reflected inertia as armature; the gearbox is a fixed tendon
+between rotor and joint with its stiffness and damping.  A rigid gearbox is armature at the joint.  The motor acts on
+the rotor, or on the joint; ticks, lag and speeds of the controllers are those of the scene.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Literal, NamedTuple, get_args
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from ..arguments import instance, one_of, real
+from ..build.scene import CompiledScene
+from ..core.effects.energies import ENERGIES, METER
+from ..core.effects.push import AHEAD
+from ..model import TORQUE_LAWS, ContactPoint, Link, Model, Servo, depends_on_load_or_speed
+from ..reference import Reference
+from ..robot_file.mjcf.element import element, number, numbers
+from ..robot_file.mjcf.write import mjcf_text
+from ..run.start import standing_state
+from ..trajectory import Trajectory
+from .servo_chain import ServoChain, is_gentle
+
+Soles = Literal["spheres", "boxes"]
+SOLES: tuple[Soles, ...] = get_args(Soles)
+INSTALL = "the crosscheck runs MuJoCo; install it with pip install featherstone-gait[mjcf]"
+TIMESTEP = 2.5e-4  # [s]
+RADIUS = 1e-4  # of a contact point as a sphere [m]
+THICKNESS = 0.01  # of a box under a link [m]
+FLAT = 1e-6  # how far contact points may lie off the underside of one box [m]
+SETTLING = 1.0  # that a robot stands before its sinking is read [s]
+LIGHT = 1e-9, 1e-12  # mass [kg] and moments of inertia [kg m^2] of a rotor's body, beside its armature
+PREFIX = "rotor of "
+
+
+@dataclass(frozen=True)
+class Floor:
+    """A level floor in MuJoCo: solref = (time_constant, 1), MuJoCo's default solimp, elliptic cone."""
+
+    time_constant: float  # [s]; MuJoCo asks for two steps or more
+    friction: float  # coefficient of sliding
+    soles: Soles = "spheres"  # "spheres": one of 0.1 mm a contact point; "boxes": one box a link, with these corners
+
+
+class _Machine(NamedTuple):
+    """MuJoCo's model, and where things are in it; all (n,) in the order of the robot's joints."""
+
+    m: Any
+    d: Any
+    q: np.ndarray  # addresses in qpos
+    v: np.ndarray  # ... and in qvel
+    motor: np.ndarray  # in qvel, of what the motors turn
+    rotor: np.ndarray | None  # in qpos, of the rotors; None where gearboxes are rigid
+
+
+def replay(
+    scene: CompiledScene,
+    duration: float,
+    q: np.ndarray,
+    reference: Reference,
+    floor: Floor | None = None,
+    *,
+    timestep: float = TIMESTEP,
+) -> Trajectory:
+    """Run the robot of `scene` in MuJoCo from rest at q (nq,) [m, -, rad]; return a trajectory, a sample a tick.
+
+    duration [s] in whole ticks of the scene's controllers; floor: None for none; timestep [s] must divide the tick.
+    Channels: time, q, qd, torque (on the joints), current, energy (of which only the column "meter" is told, others
+    are nan), and of a floating base base_q and base_qd.  The status is "ok", "fell" (by the scene's own rule) or
+    "diverged"; `end_time` says when.  Raises ImportError without MuJoCo, ValueError for what the replay lacks: torque
+    laws, backlash, friction that depends on load or speed, springs between bodies.
+    """
+    instance("scene", scene, CompiledScene, "give what compile_scene returns")
+    period = scene.tick_steps * scene.timestep
+    per_tick = round(period / real("timestep", timestep, 1e-6, period, "give MuJoCo's step [s]"))
+    if abs(per_tick * timestep - period) > 1e-9 * period:
+        raise ValueError(f"timestep {timestep:g} s does not divide the controllers' period of {period:g} s")
+    machine, servos = _machine(scene, floor, timestep), _servos(scene)
+    chain = ServoChain([servos.get(name) for name in scene.model.joint_names], timestep)
+    _place(machine, q)
+    ticks = math.ceil(duration / period - 1e-9)
+    drive, rate = evaluated(reference, period * np.arange(ticks) - scene.lag + AHEAD)
+    rows, status = [_row(scene, machine, chain)], "ok"
+    for k in range(ticks):
+        chain.tick(drive[k], rate[k], machine.d.qpos[machine.q], period)
+        _steps(machine, chain, per_tick)
+        rows.append(_row(scene, machine, chain))
+        if not np.isfinite(machine.d.qpos).all() or machine.d.warning.number.any():
+            status = "diverged"
+        elif floor is not None and _fell(scene, machine):
+            status = "fell"
+        if status != "ok":
+            break
+    end = period * (len(rows) - 1)
+    channels = {name: np.array(values) for name, values in zip(rows[0], zip(*(row.values() for row in rows)))}
+    channels["time"] = period * np.arange(len(rows))
+    message = "" if status == "ok" else f"{scene.model.name} {status} at {end:.4g} s"
+    info = {"robot": scene.model.name, "engine": f"MuJoCo {mujoco_version()}", "timestep": timestep}
+    return Trajectory(channels, status, message, end, np.empty(0), info)
+
+
+def standing(scene: CompiledScene, angles: np.ndarray, sinking: float) -> np.ndarray:
+    """The robot (nq,) upright with joints at `angles` (n,) [rad], its lowest contact point so deep in the floor [m]."""
+    assert scene.ground is not None
+    q = standing_state(scene, angles, beyond_limits=True)[slice(*scene.part("base_q"))]
+    q[2] += scene.ground.sinking - sinking
+    return np.concatenate([q, angles])
+
+
+def sinking(scene: CompiledScene, angles: np.ndarray, floor: Floor, *, timestep: float = TIMESTEP) -> float:
+    """How deep the robot's contact points are in MuJoCo's floor after a second of standing, in the mean [m].
+
+    Its servos hold `angles` (n,) [rad].  Raises ValueError for a robot that does not stand.
+    """
+    machine = _machine(scene, floor, timestep)
+    chain = ServoChain([_servos(scene).get(name) for name in scene.model.joint_names], timestep)
+    _place(machine, standing(scene, angles, 0.0))
+    period, still = scene.tick_steps * scene.timestep, np.zeros_like(angles)
+    for _ in range(round(SETTLING / period)):
+        chain.tick(angles, still, machine.d.qpos[machine.q], period)
+        _steps(machine, chain, round(period / timestep))
+    depth = float(np.maximum(-machine.d.contact.dist, 0.0).sum()) / len(scene.model.contacts)
+    if _fell(scene, machine) or depth <= 0.0:
+        raise ValueError(f"{scene.model.name} does not stand in the first posture; its sinking cannot be measured")
+    return depth
+
+
+def evaluated(reference: Reference, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values and rates (k, n) of a reference at `times` (k,) [s]."""
+    knots = reference.knots()
+    if knots.period:
+        times = knots.times[0] + np.mod(times - knots.times[0], knots.period)
+    inside = (knots.times[0] <= times) & (times <= knots.times[-1])
+    at = np.clip(times, knots.times[0], knots.times[-1])
+    k = np.clip(np.searchsorted(knots.times, at, side="right") - 1, 0, len(knots.cubics) - 1)
+    s, (a, b, c, d) = (at - knots.times[k])[:, None], np.moveaxis(knots.cubics[k], 2, 0)
+    return a + s * (b + s * (c + s * d)), np.where(inside[:, None], b + s * (2.0 * c + s * 3.0 * d), 0.0)
+
+
+# ---------------------------------------------------------------------------------------------- stepping
+
+
+def _steps(machine: _Machine, chain: ServoChain, count: int) -> None:
+    m, d, joints, motors = machine.m, machine.d, machine.v, machine.motor
+    step = _mujoco().mj_step
+    for _ in range(count):
+        speeds, applied = d.qvel, d.qfrc_applied
+        applied[joints] = chain.friction(speeds[joints])
+        applied[motors] += chain.step(speeds[motors])
+        step(m, d)
+        chain.filter(d.qvel[joints])
+        applied[motors] = 0.0
+
+
+def _place(machine: _Machine, q: np.ndarray) -> None:
+    m, d, base = machine.m, machine.d, len(q) - len(machine.q)
+    _mujoco().mj_resetData(m, d)
+    d.qpos[:base] = q[:base]
+    d.qpos[machine.q] = q[base:]
+    if machine.rotor is not None:
+        d.qpos[machine.rotor] = q[base:]
+    _mujoco().mj_forward(m, d)
+
+
+def _row(scene: CompiledScene, machine: _Machine, chain: ServoChain) -> dict[str, np.ndarray]:
+    """What is recorded; velocities of a base as ours, which are MuJoCo's too."""
+    d = machine.d
+    q, v = d.qpos[machine.q], d.qvel[machine.v]
+    energy = np.full((len(q), ENERGIES), np.nan)
+    energy[:, METER] = chain.meter
+    torque = chain.K * chain.current
+    if machine.rotor is not None:
+        gears = [servo.gearbox for servo in map(_servos(scene).get, scene.model.joint_names) if servo]
+        stiffness, damping = np.array([(gear.stiffness, gear.damping) for gear in gears]).T
+        torque = stiffness * (d.qpos[machine.rotor] - q) + damping * (d.qvel[machine.motor] - v)
+    base = {"base_q": d.qpos[:7].copy(), "base_qd": d.qvel[:6].copy()} if scene.model.base == "floating" else {}
+    return base | {"q": q, "qd": v, "torque": torque, "current": chain.current.copy(), "energy": energy}
+
+
+def _fell(scene: CompiledScene, machine: _Machine) -> bool:
+    """Whether the centre of mass is too low or the base tilted too far, as in `core/integrate/rollout.py`."""
+    d = machine.d
+    tilt = np.zeros(9)
+    _mujoco().mju_quat2Mat(tilt, d.qpos[3:7])
+    upright = float(tilt[6:] @ np.array(scene.upright))
+    return bool(upright < scene.fall_upright or d.subtree_com[1, 2] < scene.fall_height)
+
+
+# ---------------------------------------------------------------------------------------------- the robot
+
+
+def _mujoco() -> Any:
+    try:
+        import mujoco
+    except ImportError as error:
+        raise ImportError(INSTALL) from error
+    return mujoco
+
+
+def mujoco_version() -> str:
+    """Raises ImportError without MuJoCo."""
+    return str(_mujoco().__version__)
+
+
+def _servos(scene: CompiledScene) -> dict[str, Servo]:
+    """The servos of the joints that move; ValueError for what the replay does not do."""
+    model = scene.model
+    servos = {name: model.servos[name] for name in model.joint_names if scene.servos and name in model.servos}
+    missing = []
+    for name, servo in servos.items():
+        missing += [f"{name}: the torque law {servo.controller.law!r}"] * (servo.controller.law in TORQUE_LAWS)
+        missing += [f"{name}: backlash"] * (servo.gearbox.backlash > 0.0)
+        missing += [f"{name}: friction that depends on load or speed"] * depends_on_load_or_speed(servo.gearbox)
+    missing += ["springs between bodies"] * bool(scene.springs)
+    if scene.servos == "mipsd" and len(servos) < len(model.joint_names):
+        missing.append("joints without a servo beside spring-damper gearboxes")
+    if missing:
+        raise ValueError(f"{model.name}: the replay in MuJoCo lacks {missing[0]}; leave it out of the robot to compare")
+    return servos
+
+
+def _machine(scene: CompiledScene, floor: Floor | None, h: float) -> _Machine:
+    mujoco, model, servos = _mujoco(), scene.model, _servos(scene)
+    bare = replace(model, servos={}, contacts=(), shapes=(), keyframes={})
+    spec = mujoco.MjSpec.from_string(_with_rotors(mjcf_text(bare), servos if scene.servos == "mipsd" else {}))
+    if floor is not None:
+        _lay(spec, model, floor, h)
+    m = spec.compile()
+    m.opt.timestep, m.opt.gravity[:] = h, scene.gravity
+    m.opt.integrator, m.opt.cone = mujoco.mjtIntegrator.mjINT_IMPLICITFAST, mujoco.mjtCone.mjCONE_ELLIPTIC
+    joints = [m.joint(name) for name in model.joint_names]
+    v = np.array([joint.dofadr[0] for joint in joints])
+    for name, address in zip(model.joint_names, v):
+        if name in servos:
+            servo = servos[name]
+            m.dof_damping[address] += servo.viscous_friction
+            m.dof_frictionloss[address] += 0.0 if is_gentle(servo, h) else servo.coulomb_friction
+            if scene.servos == "rotor":
+                m.dof_armature[address] += servo.gearbox.ratio**2 * servo.gearbox.rotor_inertia
+    q, motor, rotor = np.array([joint.qposadr[0] for joint in joints]), v, None
+    if scene.servos == "mipsd":
+        rotors = [m.joint(PREFIX + name) for name in model.joint_names]
+        motor, rotor = (np.array([getattr(x, of)[0] for x in rotors]) for of in ("dofadr", "qposadr"))
+    return _Machine(m, mujoco.MjData(m), q, v, motor, rotor)
+
+
+def _with_rotors(text: str, servos: dict[str, Servo]) -> str:
+    """The robot as MJCF with rotors, and gearboxes between them and the joints."""
+    if not servos:
+        return text
+    bodies = [line for name, servo in servos.items() for line in _rotor(PREFIX + name, servo)]
+    tendons = [line for name, servo in servos.items() for line in _gearbox(name, servo)]
+    text = text.replace("</worldbody>", "\n".join([*bodies, "</worldbody>"]))
+    return text.replace("</mujoco>", "\n".join(["<tendon>", *tendons, "</tendon>", "</mujoco>"]))
+
+
+def _rotor(name: str, servo: Servo) -> list[str]:
+    gear, (mass, inertia) = servo.gearbox, LIGHT
+    attributes = {
+        "name": name,
+        "axis": "0 0 1",
+        "armature": number(gear.ratio**2 * gear.rotor_inertia - inertia),
+        "damping": number(gear.ratio**2 * gear.rotor_damping),
+    }
+    inertial = {"pos": "0 0 0", "mass": number(mass), "diaginertia": numbers([inertia] * 3)}
+    return [f"<body name={quoteattr(name)}>", element("inertial", inertial), element("joint", attributes), "</body>"]
+
+
+def _gearbox(name: str, servo: Servo) -> list[str]:
+    gear = servo.gearbox
+    attributes = {"stiffness": number(gear.stiffness), "damping": number(gear.damping), "springlength": "0"}
+    ends = [element("joint", {"joint": PREFIX + name, "coef": "1"}), element("joint", {"joint": name, "coef": "-1"})]
+    return [element("fixed", attributes).removesuffix("/>") + ">", *ends, "</fixed>"]
+
+
+def _lay(spec: Any, model: Model, floor: Floor, h: float) -> None:
+    """Put the floor into the specification, and under the links what touches it."""
+    one_of("floor: soles", floor.soles, SOLES)
+    time_constant = real("floor: time_constant", floor.time_constant, 2.0 * h, 1.0, "MuJoCo asks for two steps or more")
+    friction = real("floor: friction", floor.friction, 0.0, 100.0, "1 is rubber")
+    if not model.contacts or model.base != "floating":
+        raise ValueError(f"{model.name}: a floor is for a floating robot with contact points")
+    types = _mujoco().mjtGeom
+    spec.worldbody.add_geom(
+        type=types.mjGEOM_PLANE, size=[0, 0, 1], friction=[friction, 0.005, 1e-4], solref=[time_constant, 1.0],
+        priority=1, contype=0, conaffinity=1,
+    )  # fmt: skip
+    touching = {"contype": 1, "conaffinity": 0, "mass": 0.0}
+    if floor.soles == "spheres":
+        for point in model.contacts:
+            radius = [point.radius or RADIUS, 0.0, 0.0]
+            _body(spec, point).add_geom(type=types.mjGEOM_SPHERE, size=radius, pos=_center(point), **touching)
+        return
+    links = {link.name: link for link in model.links}
+    for name in dict.fromkeys(point.link for point in model.contacts):
+        points = [point for point in model.contacts if point.link == name]
+        size, pos, quat = _box(links[name], np.array([point.position for point in points]))
+        _body(spec, points[0]).add_geom(type=types.mjGEOM_BOX, size=size, pos=pos, quat=quat, **touching)
+
+
+def _center(point: ContactPoint) -> np.ndarray:
+    if point.rim:
+        raise ValueError(f"contact point on link {point.link!r}: the replay in MuJoCo has no circles; give points")
+    return np.array(point.position)
+
+
+def _body(spec: Any, point: ContactPoint) -> Any:
+    body = spec.body(point.link)
+    if body is None:
+        raise ValueError(f"contact point on link {point.link!r}: it is a link without mass; put the point elsewhere")
+    return body
+
+
+def _box(link: Link, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Half sizes (3,) and centre (3,) [m] and orientation (4,) of a box whose underside holds the points (k, 3).
+
+    Its other sides are along the link's axes, as far as the underside lets them.
+    """
+    middle = points.mean(axis=0)
+    normal = np.linalg.svd(points - middle)[2][2] if len(points) > 2 else np.zeros(3)
+    if len(points) < 3 or np.abs((points - middle) @ normal).max() > FLAT:
+        raise ValueError(f"link {link.name!r}: its {len(points)} contact points span no plane; use soles of spheres")
+    normal = normal if normal @ (np.array(link.center_of_mass) - middle) >= 0.0 else -normal
+    ahead = np.eye(3)[int(np.argmin(np.abs(normal)))]  # the axis most nearly in the plane
+    ahead = ahead - normal * (normal @ ahead)
+    ahead /= np.linalg.norm(ahead)
+    axes = np.stack([ahead, np.cross(normal, ahead), normal], axis=1)
+    local = points @ axes
+    low, high = local.min(axis=0), local.max(axis=0)
+    high[2] = low[2] + THICKNESS
+    quat = np.zeros(4)
+    _mujoco().mju_mat2Quat(quat, axes.ravel())
+    return 0.5 * (high - low), axes @ (0.5 * (low + high)), quat

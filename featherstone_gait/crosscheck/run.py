@@ -1,0 +1,189 @@
+"""A motion on many floors, in processes; finished floors are kept in a file, from which a second start goes on."""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Iterable, Iterator
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from .. import __version__
+from ..arguments import instance, one_of, texts, whole
+from ..build.scene import CompiledScene, ServoKind, compile_scene
+from ..files import FilePath, Format, complete, read_json, write_csv
+from ..model import Ground
+from ..robot_file import load_robot
+from ..walking.motion import Motion
+from .floors import FLOORS, STRIDES, WARM_UP, walk_on
+from .in_mujoco import SOLES, TIMESTEP, Floor, mujoco_version
+
+REPORT, TABLE = Format("crosscheck", 1), Format("crosscheck table", 1)
+MEASURES = {"walks": "walks", "end": "end_s", "cost": "cost_J_per_m", "speed": "speed_m_per_s",
+            "sideways": "sideways_m", "status": "status"}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One floor, told so that another process can work on it."""
+
+    floor: str
+    soles: str
+    motion: Motion
+    robot: str
+    servos: ServoKind
+    strides: int
+    timestep: float
+
+
+def crosscheck(
+    motion: Motion,
+    robot: FilePath = "humanoid",
+    *,
+    servos: ServoKind = "mipsd",
+    floors: Iterable[str] | None = None,
+    soles: Iterable[str] = SOLES,
+    strides: int = STRIDES,
+    timestep: float = TIMESTEP,
+    out: FilePath | None = None,
+    processes: int = 1,
+    progress: bool = False,
+) -> dict[str, Any]:
+    """Walk a motion in MuJoCo on floors, and here; return settings and a row a floor, as the JSON file holds them.
+
+    robot: as of `load_robot`, of "humanoid" the simplified one; floors: names of `FLOORS`, None for all twelve; soles:
+    "spheres", "boxes" or both; timestep: of both engines [s]; out: path of the files without an ending, a .json that
+    keeps finished floors and a .csv, None for none.  With more processes than one a script must be guarded by
+    `if __name__ == "__main__"`, as `multiprocessing` asks.
+    Raises ImportError without MuJoCo; ValueError for unknown names, for what `replay` lacks, for a robot that does not
+    stand and for a file in `out` of other settings; OSError if a file cannot be written or a process is lost.
+    """
+    instance("motion", motion, Motion, "give what read_motion or motion_of returns")
+    names, kinds = texts("floors", [*FLOORS] if floors is None else floors), texts("soles", soles)
+    for name in names:
+        one_of("floors", name, FLOORS)
+    for kind in kinds:
+        one_of("soles", kind, SOLES)
+    strides = whole("strides", strides, 1, "give the strides to measure", 10**6)
+    processes = whole("processes", processes, 1, "give the number of processes", 1024)
+    settings = {
+        "motion": motion.digest(), "robot": str(robot), "servos": servos, "strides": strides, "warm_up": WARM_UP,
+        "timestep": timestep, "version": __version__, "mujoco": mujoco_version(),
+    }  # fmt: skip
+    asked = [(name, kind) for name in FLOORS if name in names for kind in SOLES if kind in kinds]
+    rows = _kept(out, settings)
+    tasks = [_Task(*key, motion, str(robot), servos, strides, timestep) for key in asked if key not in rows]
+    with tqdm(total=len(asked), initial=len(asked) - len(tasks), disable=not progress, unit="floor") as bar:
+        for row in _evaluated(tasks, processes):
+            rows[row["floor"], row["soles"]] = row
+            _write(out, settings, rows)
+            bar.update()
+    return {"settings": settings, "floors": [rows[key] for key in asked]}
+
+
+def _evaluated(tasks: list[_Task], processes: int) -> Iterator[dict]:
+    """Rows in order of completion."""
+    if processes == 1 or len(tasks) < 2:
+        yield from map(_row, tasks)
+        return
+    with ProcessPoolExecutor(min(processes, len(tasks)), mp_context=get_context("spawn")) as pool:
+        futures = [pool.submit(_row, task) for task in tasks]
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        except BrokenExecutor as error:
+            raise OSError("a process of the crosscheck ended unexpectedly; start it again to go on") from error
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _row(task: _Task) -> dict:
+    scene = _scene(task.robot, task.servos)
+    time_constant, friction = FLOORS[task.floor]
+    floor = Floor(time_constant, friction, "boxes" if task.soles == "boxes" else "spheres")
+    return {"floor": task.floor} | walk_on(scene, task.motion, floor, task.strides, task.timestep).as_dict()
+
+
+@functools.lru_cache(maxsize=1)
+def _scene(robot: str, servos: ServoKind) -> CompiledScene:
+    model = load_robot(robot, locked="simplified" if robot == "humanoid" else None)
+    return compile_scene(model, servos, Ground(), "midpoint", 1e-3)
+
+
+def summary(report: dict[str, Any]) -> str:
+    """The rows as a table to read, and on how many floors the gait walks."""
+    rows = report["floors"]
+    lines = [
+        f"{'':10} {'':8} {'sinks':>7} | {'MuJoCo':>8} {'':>6} {'':>6} | {'here':>8} {'':>6} {'':>6}",
+        f"{'floor':10} {'soles':8} {'[mm]':>7} | {'[J/m]':>8} {'[mm/s]':>6} {'y [mm]':>6} | "
+        f"{'[J/m]':>8} {'[mm/s]':>6} {'y [mm]':>6}",
+    ]
+    for row in rows:
+        cells = " | ".join(_cells(row[engine]) for engine in ("mujoco", "own"))
+        lines.append(f"{row['floor']:10} {row['soles']:8} {1e3 * row['sinking']:7.4f} | {cells}")
+    return "\n".join([*lines, verdict(report)])
+
+
+def _cells(walk: dict[str, Any]) -> str:
+    if walk["walks"]:
+        return f"{walk['cost']:8.1f} {1e3 * walk['speed']:6.0f} {1e3 * walk['sideways']:6.0f}"
+    failed = "falls at" if "fell" in walk["status"] else "fails at"
+    return f"{failed} {walk['end']:.1f} s".ljust(22)
+
+
+def verdict(report: dict[str, Any]) -> str:
+    """One sentence: on how many floors, at which cost, in MuJoCo and here."""
+    parts = []
+    for engine, name in (("mujoco", "in MuJoCo"), ("own", "here, on ground that sinks alike,")):
+        costs = [row[engine]["cost"] for row in report["floors"] if row[engine]["walks"]]
+        cost = f", {min(costs):.1f} to {max(costs):.1f} J/m" if costs else ""
+        parts.append(f"{name} it walks {report['settings']['strides']} strides on {len(costs)} of "
+                     f"{len(report['floors'])} floors{cost}")  # fmt: skip
+    return "; ".join(parts)
+
+
+# ---------------------------------------------------------------------------------------------- files
+
+
+def files(out: FilePath) -> tuple[Path, Path]:
+    """The JSON file and the CSV."""
+    path = Path(out)
+    return path.with_name(path.name + ".json"), path.with_name(path.name + ".csv")
+
+
+def _kept(out: FilePath | None, settings: dict[str, Any]) -> dict[tuple[str, str], dict]:
+    """Rows that an earlier start has written, by floor and soles."""
+    if out is None or not files(out)[0].exists():
+        return {}
+    path = files(out)[0]
+    found = read_json(path, REPORT)
+    for name, value in settings.items():
+        if found.get("settings", {}).get(name) != value:
+            raise ValueError(
+                f"{path}: its {name} is {found.get('settings', {}).get(name)!r}, not {value!r}: it is of another "
+                "crosscheck; delete it, or give another folder (--out)"
+            )
+    return {(row["floor"], row["soles"]): row for row in found["floors"]}
+
+
+def _write(out: FilePath | None, settings: dict[str, Any], rows: dict[tuple[str, str], dict]) -> None:
+    if out is None:
+        return
+    data, table = files(out)
+    ordered = [rows[name, kind] for name in FLOORS for kind in SOLES if (name, kind) in rows]
+    with complete(data) as temporary:
+        text = json.dumps({"format": str(REPORT), "settings": settings, "floors": ordered}, indent=2)
+        temporary.write_text(text, encoding="utf-8")
+    columns = ["floor", "soles", "time_constant_s", "friction", "sinking_m"]
+    columns += [f"{engine}_{name}" for engine in ("mujoco", "own") for name in MEASURES.values()]
+    write_csv(table, TABLE, columns, map(_cells_of_table, ordered))
+
+
+def _cells_of_table(row: dict[str, Any]) -> list[Any]:
+    measures = [row[engine][key] for engine in ("mujoco", "own") for key in MEASURES]
+    return [row["floor"], row["soles"], row["time_constant"], row["friction"], row["sinking"], *measures]

@@ -1,0 +1,132 @@
+"""A gait as it is played: a start, and a stride that repeats; read from what `featherstone-gait optimize` writes."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from featherstone_gait.arguments import floats, texts, truth, whole
+from featherstone_gait.arguments import path as path_of
+from featherstone_gait.build.contact import standing_height
+from featherstone_gait.files import FilePath, read_arrays
+from featherstone_gait.model import Ground, Model
+from featherstone_gait.reference import Reference
+from featherstone_gait.walking.gait import MOST_STRIDES, TICK, Gait, references
+from featherstone_gait.walking.gait_file import ARRAYS, read_angles
+
+SAME = 1e-9  # by which strides of a CSV may differ [rad]
+UNEVEN = 1e-6  # by which its ticks may [s]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What the servos are sent, every tick; with straight lines between."""
+
+    joint_names: tuple[str, ...]
+    start: np.ndarray  # (m, nj), until the first stride [rad]
+    stride: np.ndarray  # (k, nj); its end is left out [rad]
+    poses: np.ndarray  # (p, nj) the gait's key poses, or where they are not known the stride [rad]
+    tick: float = TICK  # [s]
+
+    @property
+    def period(self) -> float:
+        """Time of a stride [s]."""
+        return self.tick * len(self.stride)
+
+    def begin(self, strides: int) -> float:
+        """When so many strides are over [s]."""
+        return self.tick * len(self.start) + strides * self.period
+
+    def reference(self, strides: int) -> Reference:
+        """The start and `strides` strides."""
+        strides = whole("strides", strides, 1, "give the number of strides", MOST_STRIDES)
+        values = np.concatenate([self.start, np.tile(self.stride, (strides, 1)), self.stride[:1]])
+        return Reference(self.tick * np.arange(len(values)), values, "linear")
+
+    def digest(self) -> str:
+        """A hash of all of it."""
+        found = hashlib.sha256(repr((self.joint_names, self.tick, self.start.shape)).encode())
+        for array in (self.start, self.stride):
+            found.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+        return found.hexdigest()
+
+
+def motion_of(gait: Gait, start: ArrayLike, blend_strides: int = 1) -> Motion:
+    """The motion of a gait after its start; arguments and errors as of `walking.references`."""
+    _, angles = references(gait, 0, start, blend_strides=blend_strides)
+    stride = gait.angles(TICK * np.arange(round(gait.period / TICK)))
+    return Motion(gait.joint_names, angles[:-1], stride, gait.poses)
+
+
+def read_motion(path: FilePath, joint_names: Sequence[str] | None = None, *, first: bool = False) -> Motion:
+    """Read a gait: ROBOT_gait.npz, or a CSV of joint angles (`write_angles`) that ends in strides that repeat.
+
+    joint_names: those of the robot, to check and for their order; first: of a .npz the gait that the search began with.
+    Raises ValueError, naming the file, for one that is damaged, of another robot, or whose end does not repeat.
+    """
+    path, first = path_of("path", path), truth("first", first)
+    if path.suffix == ".npz":
+        return _of_arrays(path, joint_names, first)
+    if path.suffix != ".csv":
+        raise ValueError(f"{path}: give a gait's .npz or its angles as .csv, as featherstone-gait optimize writes")
+    if first:
+        raise ValueError(f"{path}: only a gait's .npz has the gait that the search began with; give that")
+    times, angles, names = read_angles(path, joint_names)
+    gaps = np.diff(times)
+    if len(times) < 7 or np.ptp(gaps) > UNEVEN:
+        raise ValueError(f"{path}: its {len(times)} rows must be 7 or more, evenly spaced in time; sample it so")
+    period = _period(path, angles)
+    end = len(angles) - 1 - period
+    while end >= period and np.abs(angles[end - period : end] - angles[end : end + period]).max() <= SAME:
+        end -= period
+    stride = angles[end : end + period]
+    return Motion(names, angles[:end], stride, stride, float(np.round(gaps.mean(), 9)))
+
+
+def _period(path: Path, angles: np.ndarray) -> int:
+    """The least number of rows after which the last ones repeat."""
+    n = len(angles)
+    for period in range(3, (n - 1) // 2 + 1):
+        if np.abs(angles[n - 1 - period :] - angles[n - 1 - 2 * period : n - period]).max() <= SAME:
+            return period
+    raise ValueError(f"{path}: its last rows do not repeat; it must end in two equal strides and their first row")
+
+
+def _of_arrays(path: Path, joint_names: Sequence[str] | None, first: bool) -> Motion:
+    arrays = read_arrays(path, ARRAYS)
+    missing = {"poses", "first", "start", "period", "joint_names"} - arrays.keys()
+    if missing:
+        what = ", ".join(sorted(missing))
+        raise ValueError(f"{path}: lacks {what}; give the .npz that featherstone-gait optimize writes")
+    names, poses = tuple(map(str, arrays["joint_names"].tolist())), floats("poses", arrays["poses"])
+    wanted = names if joint_names is None else tuple(texts("joint_names", joint_names))
+    if sorted(names) != sorted(wanted):
+        odd = ", ".join(sorted({*names} ^ {*wanted}))
+        raise ValueError(f"{path}: its joints are not those of the robot: {odd}; name the robot (--robot)")
+    if first and arrays["first"].size != poses.size:
+        raise ValueError(f"{path}: the gait that the search began with has other poses and cannot be read from here")
+    poses = arrays["first"].reshape(poses.shape) if first else poses
+    columns = [names.index(name) for name in wanted]
+    try:
+        return motion_of(Gait(wanted, poses[:, columns], float(arrays["period"])), arrays["start"][:, columns])
+    except (ValueError, IndexError) as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def with_poses(model: Model, motion: Motion) -> Model:
+    """The robot with the key poses of a motion as keyframes pose0, pose1, ...: standing upright on level ground.
+
+    In pose k the robot is where the stride is at k / p of its period; "start" is the first posture.
+    """
+    postures = {"start": motion.reference(1).values[0]} | {f"pose{k}": pose for k, pose in enumerate(motion.poses)}
+    frames = {}
+    for name, angles in postures.items():
+        q = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *angles])
+        q[2] = standing_height(model, Ground(), q)
+        frames[name] = tuple(q.tolist())
+    return replace(model, keyframes=frames)
