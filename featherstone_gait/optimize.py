@@ -29,6 +29,10 @@ from scipy.optimize import OptimizeResult
 from . import __version__
 from .build.scene import ServoKind, compile_scene
 from .build.tree import GRAVITY
+from .crosscheck import crosscheck as walk_elsewhere
+from .crosscheck import motion_of, verdict
+from .crosscheck.in_mujoco import mujoco_version
+from .crosscheck.run import files as crosscheck_files
 from .files import FilePath, Format, claim, moving_up, parse_json
 from .model import Ground, Model
 from .robot_file import load_robot, load_servo
@@ -51,6 +55,7 @@ AMPLITUDE = math.radians(1.0)  # of the search [rad]; see above
 MAX_MISS = 20
 BATCH = 16  # candidates evaluated at once where lanes cannot be at different times
 PERTURBED, PERTURBATION = 63, math.radians(1.0)  # gaits that tell how safe one is, and how far theirs are off [rad]
+NOT_CHECKED = "not run; whether the gait walks on other ground is not known (optimize --crosscheck)"
 SHOWN = 12  # strides in the files and the animation
 
 
@@ -131,21 +136,27 @@ def main_job(
     out: FilePath = ".",
     resume: bool = False,
     progress: bool = True,
+    crosscheck: int = 0,
 ) -> dict:
     """Optimise a robot's gait and write all files into the folder `out`; return what the JSON file holds.
 
     `robot`: a name or a .urdf file, as of `load_robot`; of "humanoid" the paper's simplified one.  `servo`: a name or a
     .toml file, as of `load_servo`, of the servo in all joints that turn, in place of the robot's own, with which the
-    first gait is then measured too.  `resume` goes on from the history in `out`, if there is one.  KeyboardInterrupt
-    ends the search, and the files hold what was found.
+    first gait is then measured too.  `resume` goes on from the history in `out`, if there is one.  `crosscheck`: in how
+    many processes the gait that was found is walked on the floors of `featherstone_gait.crosscheck` in MuJoCo, 0 for
+    not at all.
+
+    KeyboardInterrupt ends the search, and the files hold what was found.
     A process that is killed leaves the history, from which it resumes to the same files; they appear only when all of
     them are complete.  Raises ValueError if no gait walks or the history is of another robot, FileExistsError if there
     is a history and `resume` is not set, OSError if files cannot be written or another process is at work with the
-    history, if possible before the search.
+    history, if possible before the search, ImportError if a crosscheck is asked for without MuJoCo.
     """
     began = time.perf_counter()
     own = load_robot(robot, locked="simplified" if robot == "humanoid" else None)
     model = own if servo is None else with_servo(own, servo)
+    if crosscheck:
+        mujoco_version()
     _check_folder(Path(out))
     stem = Path(out) / f"{Path(robot).stem}_gait"
     history = stem.with_name(stem.name + "_history.jsonl")
@@ -165,6 +176,7 @@ def main_job(
     if not np.isfinite(result.fun):
         raise ValueError(f"{model.name}: none of {result.nit + 1} gaits walked; the first: {first.status}")
     before, after = (quality(cost, x) for x in (cost.gait.to_vector(), result.x))
+    checked = _crosschecked(cost, result.x, robot, stem, crosscheck, progress) if crosscheck else None
     with _alone_with(history), _appearing_together(stem) as folder:
         files = write_results(folder / stem.name, cost, result)
         report = {
@@ -178,10 +190,13 @@ def main_job(
             "before": before.as_dict(),
             "after": after.as_dict(),
             **({} if servo is None else {"with_own_servos": _with_own_servos(own, cost)}),
+            "crosscheck": checked and verdict(checked),
             # What differs from run to run:
             "evaluations": {"begun": result.nfev, "wasted": result.wasted, "lane_occupancy": _number(result.occupancy)},
             "seconds": {"search": searched - searching, "all": time.perf_counter() - began},
-            "files": {kind: str(stem.parent / path.name) for kind, path in files.items()} | {"history": str(history)},
+            "files": {kind: str(stem.parent / path.name) for kind, path in files.items()}
+            | {"history": str(history)}
+            | ({kind: str(path) for kind, path in _crosscheck_files(stem).items()} if checked else {}),
         }
         text = json.dumps(report, indent=2)
         files["report"].write_text(text, encoding="utf-8")
@@ -208,6 +223,21 @@ def _with_own_servos(own: Model, cost: WalkingCost) -> dict:
         return {"servo": "none", "status": "it has none"}
     with_own = replace(cost, scene=cost.scene.recompiled(own))
     return {"servo": _servo_name(own)} | with_own.measure([cost.gait.to_vector()])[0].as_dict()
+
+
+def _crosschecked(
+    cost: WalkingCost, x: np.ndarray, robot: FilePath, stem: Path, processes: int, progress: bool
+) -> dict[str, Any]:
+    """What a gait vector does in MuJoCo; see `crosscheck`."""
+    motion = motion_of(cost.gait.from_vector(x), cost.start, cost.blend_strides)
+    out, servos = stem.with_name(stem.name + "_crosscheck"), cost.scene.servos
+    assert servos is not None
+    return walk_elsewhere(motion, robot, servos=servos, out=out, processes=processes, progress=progress)
+
+
+def _crosscheck_files(stem: Path) -> dict[str, Path]:
+    names = ("crosscheck", "crosscheck_table")
+    return dict(zip(names, crosscheck_files(stem.with_name(stem.name + "_crosscheck"))))
 
 
 def _number(value: float) -> float | None:
@@ -317,7 +347,8 @@ def summary(report: dict) -> str:
         f"{report['seconds']['all']:.1f} s: {search['message']}",
         f"{work['begun']} evaluations begun, {work['wasted']} of them wasted by speculation"
         + (f"; lanes {100.0 * lanes:.1f} % occupied" if lanes is not None else ""),
-        *(f"{kind:15} {path}" for kind, path in report["files"].items()),
+        f"crosscheck in MuJoCo: {report.get('crosscheck') or NOT_CHECKED}",
+        *(f"{kind:16} {path}" for kind, path in report["files"].items()),
     ]
     return "\n".join(lines)
 

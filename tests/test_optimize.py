@@ -10,6 +10,7 @@ import pytest
 from matplotlib import image
 
 from featherstone_gait import cli, load_robot, load_servo
+from featherstone_gait.crosscheck import FLOORS
 from featherstone_gait.optimize import main_job, optimize_gait, summary, walking_cost, with_servo
 from featherstone_gait.search import minimize
 from featherstone_gait.walking import BIOLOID_WALK, bounds, read_angles
@@ -185,6 +186,7 @@ def test_the_command_shows_progress_and_a_table(tmp_path, capsys):
     assert "3/3" in shown.err
     assert "best=" in shown.err
     assert re.search(r"^\d+ evaluations begun, \d+ of them wasted by .*; lanes [\d.]+ % occupied", shown.out, re.M)
+    assert re.search(r"^crosscheck in MuJoCo: not run; .* is not known \(optimize --crosscheck\)$", shown.out, re.M)
     for name in ("energy per distance", "cost of transport", "step length", "speed", "slip"):
         assert re.search(rf"^{name}.* \d+\.\d+ +\d+\.\d+", shown.out, re.MULTILINE)
 
@@ -227,3 +229,15 @@ def test_a_job_in_which_nothing_walks_says_why(tmp_path, monkeypatch):
 def test_a_robot_without_two_soles_is_refused(tmp_path):
     with pytest.raises(ValueError, match="needs contact points on two feet"):
         main_job("arm7", out=tmp_path, progress=False)
+
+
+@pytest.mark.long
+def test_the_job_walks_its_gait_in_mujoco_if_asked(tmp_path, monkeypatch, capsys):
+    """On two floors here: the twelve take minutes."""
+    for name in [*FLOORS]:
+        if name not in ("10ms_0.9", "20ms_0.9"):
+            monkeypatch.delitem(FLOORS, name)
+    report = main_job(iterations=0, out=tmp_path, crosscheck=1)
+    assert report["crosscheck"].startswith("in MuJoCo it walks 20 strides on 4 of 4 floors")
+    assert f"crosscheck in MuJoCo: {report['crosscheck']}" in capsys.readouterr().out
+    assert sorted(report["files"].values()) == sorted(str(path) for path in tmp_path.iterdir())

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -63,3 +64,12 @@ def add_gait(parser: argparse.ArgumentParser) -> None:
 def gait_stem(args: argparse.Namespace) -> str:
     """How the files of a command about a gait begin."""
     return args.gait.stem.removesuffix("_angles") + ("_first" if args.first else "")
+
+
+@contextmanager
+def telling_extras() -> Iterator[None]:
+    """A package that is missing is a mistake of the call, like a wrong argument."""
+    try:
+        yield
+    except ImportError as error:
+        raise ValueError(str(error)) from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 
 from ..build.kinds import SERVO_KINDS
-from .arguments import Commands, add_command, add_gait, gait_stem
+from .arguments import Commands, add_command, add_gait, gait_stem, telling_extras
 
 
 def add(commands: Commands) -> None:
@@ -36,14 +36,12 @@ def run(args: Namespace) -> int:
     model = load_robot(args.robot, locked="simplified" if args.robot == "humanoid" else None)
     motion = read_motion(args.gait, model.joint_names, first=args.first)
     out = args.out / f"{gait_stem(args)}_crosscheck"
-    try:
+    with telling_extras():
         report = crosscheck(
             motion, args.robot, servos=args.servos, floors=args.floors and args.floors.split(","),
             soles=args.soles.split(","), strides=args.strides, timestep=args.timestep, out=out,
             processes=args.processes, progress=True,
         )  # fmt: skip
-    except ImportError as error:
-        raise ValueError(str(error)) from error
     print(summary(report))
     print("files:", *files(out))
     return 0

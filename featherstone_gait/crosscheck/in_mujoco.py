@@ -45,6 +45,7 @@ class Floor:
     time_constant: float  # [s]; MuJoCo asks for two steps or more
     friction: float  # coefficient of sliding
     soles: Soles = "spheres"  # "spheres": one of 0.1 mm a contact point; "boxes": one box a link, with these corners
+    impratio: float = 1.0  # how much stiffer friction is than the normal; at MuJoCo's default, 1, what sticks creeps
 
 
 class _Machine(NamedTuple):
@@ -230,6 +231,7 @@ def _machine(scene: CompiledScene, floor: Floor | None, h: float) -> _Machine:
     spec = mujoco.MjSpec.from_string(_with_rotors(mjcf_text(bare), servos if scene.servos == "mipsd" else {}))
     if floor is not None:
         _lay(spec, model, floor, h)
+        spec.option.impratio = real("floor: impratio", floor.impratio, 1e-3, 1e6, "1 is MuJoCo's default")
     m = spec.compile()
     m.opt.timestep, m.opt.gravity[:] = h, scene.gravity
     m.opt.integrator, m.opt.cone = mujoco.mjtIntegrator.mjINT_IMPLICITFAST, mujoco.mjtCone.mjCONE_ELLIPTIC

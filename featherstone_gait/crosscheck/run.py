@@ -57,11 +57,12 @@ def crosscheck(
     """Walk a motion in MuJoCo on floors, and here; return settings and a row a floor, as the JSON file holds them.
 
     robot: as of `load_robot`, of "humanoid" the simplified one; floors: names of `FLOORS`, None for all twelve; soles:
-    "spheres", "boxes" or both; timestep: of both engines [s]; out: path of the files without an ending, a .json that
-    keeps finished floors and a .csv, None for none.  With more processes than one a script must be guarded by
-    `if __name__ == "__main__"`, as `multiprocessing` asks.
+    "spheres", "boxes" or both; timestep: of both engines [s]; out: path of the files without an ending, a .json and a
+    .csv, None for none.  Floors that are in the .json with the same settings are not walked again.
+
+    With more processes than one a script must be guarded by `if __name__ == "__main__"`, as `multiprocessing` asks.
     Raises ImportError without MuJoCo; ValueError for unknown names, for what `replay` lacks, for a robot that does not
-    stand and for a file in `out` of other settings; OSError if a file cannot be written or a process is lost.
+    stand and for a damaged file in `out`; OSError if a file cannot be written or a process is lost.
     """
     instance("motion", motion, Motion, "give what read_motion or motion_of returns")
     names, kinds = texts("floors", [*FLOORS] if floors is None else floors), texts("soles", soles)
@@ -157,18 +158,12 @@ def files(out: FilePath) -> tuple[Path, Path]:
 
 
 def _kept(out: FilePath | None, settings: dict[str, Any]) -> dict[tuple[str, str], dict]:
-    """Rows that an earlier start has written, by floor and soles."""
+    """Rows that an earlier start with these settings has written, by floor and soles."""
     if out is None or not files(out)[0].exists():
         return {}
-    path = files(out)[0]
-    found = read_json(path, REPORT)
-    for name, value in settings.items():
-        if found.get("settings", {}).get(name) != value:
-            raise ValueError(
-                f"{path}: its {name} is {found.get('settings', {}).get(name)!r}, not {value!r}: it is of another "
-                "crosscheck; delete it, or give another folder (--out)"
-            )
-    return {(row["floor"], row["soles"]): row for row in found["floors"]}
+    found = read_json(files(out)[0], REPORT)
+    rows = found.get("floors", []) if found.get("settings") == settings else []
+    return {(row["floor"], row["soles"]): row for row in rows}
 
 
 def _write(out: FilePath | None, settings: dict[str, Any], rows: dict[tuple[str, str], dict]) -> None:

@@ -1,0 +1,304 @@
+"""Gaits in MuJoCo: the replay against this package where both are exact, floors, files, and what others can play."""
+
+import csv
+import json
+import sys
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from featherstone_gait import Ground, Reference, cli, compile_scene, initial_state, load_robot, simulate, standing_state
+from featherstone_gait.core.effects.energies import METER
+from featherstone_gait.crosscheck import (
+    FLOORS,
+    Floor,
+    Motion,
+    crosscheck,
+    motion_of,
+    read_motion,
+    replay,
+    sinking,
+    standing,
+    walk_on,
+)  # fmt: skip
+from featherstone_gait.crosscheck.servo_chain import ServoChain
+from featherstone_gait.model import Controller, Gearbox, Servo
+from featherstone_gait.optimize import walking_cost
+from featherstone_gait.walking.gait_file import ARRAYS, angles_of_goal_positions, write_angles
+
+FIRM = Floor(2e-3, 0.9, impratio=100.0)  # whose friction hardly creeps
+
+
+@pytest.fixture(scope="module")
+def cost():
+    return walking_cost(load_robot("humanoid", locked="simplified"))
+
+
+@pytest.fixture(scope="module")
+def motion(cost):
+    return motion_of(cost.gait, cost.start)
+
+
+@pytest.fixture
+def gait_file(cost, tmp_path):
+    path, gait = tmp_path / "humanoid_gait.npz", cost.gait
+    np.savez_compressed(
+        path, format=str(ARRAYS), x=gait.to_vector(), first=0.9 * gait.to_vector(), poses=gait.poses, start=cost.start,
+        period=gait.period, joint_names=gait.joint_names,
+    )  # fmt: skip
+    return path
+
+
+# ---------------------------------------------------------------------------------------------- the replay
+
+
+@pytest.mark.parametrize("servos", ["mipsd", "rotor", "standard"])
+def test_an_arm_without_contact_moves_as_in_this_package(servos):
+    """The same to first order in MuJoCo's step: positions, what drives them, and the energy drawn."""
+    model = load_robot("arm7_spatial")
+    rng, n = np.random.default_rng(0), len(model.joint_names)
+    reference = Reference(0.04 * np.arange(13), np.cumsum(0.05 * rng.normal(size=(13, n)), axis=0))
+    scene = compile_scene(model, servos)
+    record = ("q", "current", "energy")
+    exact = simulate(scene, 0.5, initial_state(scene, np.zeros(n)), reference, record=record, rtol=1e-8)
+    assert exact.error["q"].max() < 1e-8
+    runs = [replay(scene, 0.5, np.zeros(n), reference, timestep=h) for h in (1e-4, 5e-5)]
+    for name, bound in (("q", 5e-4), ("current", 2.5e-3)):
+        errors = [np.abs(run[name] - exact[name]).max() for run in runs]
+        assert errors[0] < bound
+        assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.1)
+    spent = [float(run["energy"][-1, :, METER].sum()) for run in (*runs, exact)]
+    assert spent[:2] == pytest.approx(2 * spent[2:], rel=3e-3)
+
+
+def servo(**given):
+    law = {name: given.pop(name) for name in ("law", "Kp", "Ki", "Kd", "Kf") if name in given}
+    controller = Controller(**({"law": "state", "Kp": 20.0} | law))
+    fields = {"resistance": 8.0, "inductance": 5e-3, "motor_constant": 0.00681, "voltage_limit": 10.0}
+    return Servo(controller, Gearbox(254.0, rotor_inertia=1e-7), **(fields | given))
+
+
+@pytest.mark.parametrize("h", [1e-5, 1e-3, 0.1])
+def test_the_current_of_a_turning_motor_is_exact_at_any_step(h):
+    chain = ServoChain([servo()], h)
+    chain.voltage[:] = 7.0
+    w, K, tau = 2.0, 254.0 * 0.00681, 5e-3 / 8.0
+    torque = chain.step(np.array([w]))
+    steady, share = (7.0 - K * w) / 8.0, h / tau
+    assert chain.current[0] == pytest.approx(-steady * np.expm1(-share), rel=1e-12)
+    mean = steady * (1.0 + np.expm1(-share) / share)
+    assert torque[0] == pytest.approx(K * mean, rel=1e-9)
+    assert chain.meter[0] == pytest.approx(h * 7.0 * mean, rel=1e-9)
+
+
+def test_limits_of_the_current_and_of_its_rate_hold():
+    chain = ServoChain([servo(current_limit=0.5, current_slew=150.0), None], 1e-3)
+    chain.voltage[:] = 10.0, 0.0
+    currents = [(chain.step(np.zeros(2)), chain.current.copy())[1] for _ in range(5)]
+    assert np.array(currents) == pytest.approx(np.array([[0.15, 0.3, 0.45, 0.5, 0.5], np.zeros(5)]).T)
+
+
+@pytest.mark.parametrize(
+    ("law", "Kp", "Kd"), [("state", 20.0, 0.5), ("pid_position", 20.0, 0.5), ("pid_speed", 3.0, 0.01)]
+)
+def test_the_controllers_are_those_of_the_package(law, Kp, Kd):
+    """An arm whose controller has all its terms, an encoder and a filter."""
+    gains = {"law": law, "Kp": Kp, "Ki": 30.0, "Kd": Kd, "Kf": 0.2}
+    own = servo(**gains, encoder_resolution=0.004, speed_filter=0.02, viscous_friction=0.05)
+    model = load_robot("ax12_whole_arm")
+    model = replace(model, servos=dict.fromkeys(model.joint_names, own))
+    reference = Reference([0.0, 0.15, 0.3], [[0.0], [0.5], [0.2]])
+    scene = compile_scene(model, "rotor", None, "midpoint", 1e-4)
+    ours = simulate(scene, 0.3, initial_state(scene, [0.0]), reference, record=("q", "voltage"), estimate_error=False)
+    theirs = replay(scene, 0.3, np.zeros(1), reference, timestep=1e-4)
+    assert np.abs(ours["q"]).max() > 0.1
+    assert theirs["q"] == pytest.approx(ours["q"], abs=5e-4)
+
+
+def test_what_the_replay_lacks_is_refused(cost):
+    model = load_robot("ax12_whole_arm")
+    loose = replace(model.servos[model.joint_names[0]], gearbox=Gearbox(254.0, 1e-7, 0.0, 25.0, 0.05, 0.01))
+    scene = compile_scene(replace(model, servos={model.joint_names[0]: loose}), "mipsd")
+    with pytest.raises(ValueError, match=r"lacks .*: backlash; leave it out"):
+        replay(scene, 0.1, np.zeros(1), Reference([0.0], [[0.0]]))
+    with pytest.raises(ValueError, match="does not divide the controllers' period"):
+        replay(cost.scene, 0.1, np.zeros(17), Reference([0.0], [np.zeros(10)]), timestep=3e-4)
+    with pytest.raises(ValueError, match=r"time_constant is 0\.0001; .*two steps"):
+        sinking(cost.scene, cost.start[0], Floor(1e-4, 0.9))
+
+
+def test_without_mujoco_the_remedy_is_told(motion, monkeypatch, capsys, gait_file):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ImportError, match=r"pip install featherstone-gait\[mjcf\]"):
+        crosscheck(motion)
+    assert cli.main(["crosscheck", str(gait_file), "--out", str(gait_file.parent)]) == 2
+    assert "pip install featherstone-gait[mjcf]" in capsys.readouterr().err
+
+
+# ---------------------------------------------------------------------------------------------- on the floor
+
+
+def test_a_standing_humanoid_takes_the_same_torques(cost):
+    """Where friction hardly creeps, to 3 mN m of 0.3, the posture to 0.5 mrad."""
+    angles = cost.start[0]
+    depth = sinking(cost.scene, angles, FIRM)
+    hold = Reference([0.0], angles[None])
+    theirs = replay(cost.scene, 2.0, standing(cost.scene, angles, depth), hold, FIRM)
+    scene = cost.scene.recompiled(ground=Ground(friction=0.9, sinking=depth), timestep=2.5e-4)
+    state = standing_state(scene, angles, beyond_limits=True)
+    ours = simulate(scene, 2.0, state, hold, record=("q", "torque", "base_q"), estimate_error=False)
+    assert np.abs(ours["torque"][-1]).max() > 0.25
+    assert theirs["torque"][-1] == pytest.approx(ours["torque"][-1], abs=3e-3)
+    assert theirs["q"][-1] == pytest.approx(ours["q"][-1], abs=5e-4)
+    assert theirs["base_q"][-1, 2] == pytest.approx(ours["base_q"][-1, 2], abs=1.5e-4)
+
+
+def test_softer_floors_let_the_robot_sink_deeper_and_soles_do_not_matter(cost):
+    """By default solimp is 0.9 at the surface and solref asks (1 - d) g = k d r of the depth r, k = 1 / (d_max T)^2."""
+    depths = {
+        (time, soles): sinking(cost.scene, cost.start[0], Floor(time, 0.9, soles))
+        for time in (5e-3, 2e-2)
+        for soles in ("spheres", "boxes")
+    }
+    for time in (5e-3, 2e-2):
+        assert depths[time, "boxes"] == pytest.approx(depths[time, "spheres"], rel=1e-3)
+    assert 6.0 < depths[2e-2, "spheres"] / depths[5e-3, "spheres"] < 16.0
+
+
+def test_a_stride_on_the_softest_floor_goes_as_here(cost, motion):
+    floor, end = Floor(2e-2, 0.9), motion.begin(1)
+    angles, reference = motion.start[0], motion.reference(2)
+    depth = sinking(cost.scene, angles, floor)
+    theirs = replay(cost.scene, end, standing(cost.scene, angles, depth), reference, floor)
+    scene = cost.scene.recompiled(ground=Ground(friction=0.9, sinking=depth), timestep=5e-4)
+    state = standing_state(scene, angles, beyond_limits=True)
+    ours = simulate(scene, end, state, reference, record=("base_q", "energy"), sample=0.01, estimate_error=False)
+    assert ours["base_q"][-1, 0] > 0.05
+    assert np.abs(theirs["base_q"][:, :3] - ours["base_q"][:, :3]).max() < 0.012
+    spent = [float(run["energy"][-1, :, METER].sum()) for run in (theirs, ours)]
+    assert spent[0] == pytest.approx(spent[1], rel=0.03)
+
+
+def test_who_leans_too_far_falls_in_mujoco(cost, motion):
+    """The start with both hips swung out: no gait walks so."""
+    away = replace(motion, start=motion.start + np.linspace(0.0, 1.0, len(motion.start))[:, None])
+    outcome = walk_on(cost.scene, away, Floor(1e-2, 0.9), strides=1, timestep=5e-4)
+    assert not outcome.mujoco.walks
+    assert "fell at" in outcome.mujoco.measures.status
+    assert 0.2 < outcome.mujoco.end < away.begin(3)
+
+
+# ---------------------------------------------------------------------------------------------- gait files
+
+
+def test_a_gait_is_the_same_from_arrays_and_from_angles(cost, motion, gait_file, tmp_path):
+    names = cost.gait.joint_names
+    of_arrays = read_motion(gait_file, names)
+    assert of_arrays.digest() == motion.digest()
+    reference, path = motion.reference(5), tmp_path / "angles.csv"
+    assert np.array_equal(reference.values, cost.reference(cost.gait.to_vector(), 5).values)
+    write_angles(path, reference.times, reference.values, names)
+    of_angles = read_motion(path, names)
+    assert of_angles.start == pytest.approx(motion.start, abs=1e-14)
+    assert of_angles.stride == pytest.approx(motion.stride, abs=1e-14)
+    assert (of_angles.tick, of_angles.period) == (motion.tick, pytest.approx(cost.gait.period))
+    assert read_motion(gait_file, names[::-1]).stride == pytest.approx(motion.stride[:, ::-1])
+    assert read_motion(gait_file, names, first=True).poses == pytest.approx(0.9 * motion.poses)
+
+
+def test_files_that_are_no_gait_are_refused(motion, gait_file, tmp_path):
+    path = tmp_path / "angles.csv"
+    reference = motion.reference(1)
+    write_angles(path, reference.times, reference.values, motion.joint_names)
+    with pytest.raises(ValueError, match=r"angles\.csv: its last rows do not repeat"):
+        read_motion(path)
+    with pytest.raises(ValueError, match=r"only a gait's \.npz has the gait that the search began with"):
+        read_motion(path, first=True)
+    with pytest.raises(ValueError, match=r"joints are not those of the robot: .*knee"):
+        read_motion(gait_file, ["elbow"])
+    with pytest.raises(ValueError, match=r"humanoid\.txt: give a gait's \.npz"):
+        read_motion(tmp_path / "humanoid.txt")
+    np.savez(tmp_path / "other.npz", poses=np.zeros(3))
+    with pytest.raises(ValueError, match=r"other\.npz: lacks first, joint_names, period, start"):
+        read_motion(tmp_path / "other.npz")
+
+
+# ---------------------------------------------------------------------------------------------- the commands
+
+
+def test_a_crosscheck_goes_on_from_finished_floors(motion, tmp_path):
+    out = tmp_path / "gait"
+    how = {"soles": ["spheres"], "strides": 1, "timestep": 1e-3, "out": out}
+    first = crosscheck(motion, floors=["10ms_0.9"], **how)
+    file = tmp_path / "gait.json"
+    content = json.loads(file.read_text("utf-8"))
+    assert content["format"].startswith("featherstone_gait crosscheck 1")
+    content["floors"][0]["sinking"] = 42.0
+    file.write_text(json.dumps(content), "utf-8")
+    both = crosscheck(motion, floors=["20ms_0.9", "10ms_0.9"], **how)
+    assert [row["floor"] for row in both["floors"]] == ["10ms_0.9", "20ms_0.9"]
+    assert both["floors"][0] == first["floors"][0] | {"sinking": 42.0}
+    lines = (tmp_path / "gait.csv").read_text("utf-8").splitlines()
+    rows = list(csv.DictReader(lines[1:]))
+    assert lines[0].startswith("# featherstone_gait crosscheck table 1")
+    assert [float(row["mujoco_cost_J_per_m"]) for row in rows] == [row["mujoco"]["cost"] for row in both["floors"]]
+    anew = crosscheck(motion, floors=["10ms_0.9"], **(how | {"timestep": 5e-4}))
+    assert anew["floors"][0]["sinking"] < 1e-3
+
+
+def test_the_command_prints_a_table_and_works_in_processes(gait_file, tmp_path, capsys):
+    options = ["--floors", "10ms_0.9,20ms_0.9", "--soles", "spheres", "--strides", "1", "--timestep", "1e-3"]
+    assert cli.main(["crosscheck", str(gait_file), "--out", str(tmp_path), *options]) == 0
+    shown = capsys.readouterr()
+    assert "2/2" in shown.err
+    assert "in MuJoCo it walks 1 strides on 2 of 2 floors" in shown.out
+    table = json.loads((tmp_path / "humanoid_gait_crosscheck.json").read_text("utf-8"))
+    assert [row["floor"] for row in table["floors"]] == ["10ms_0.9", "20ms_0.9"]
+    assert all(50.0 < row["mujoco"]["cost"] < 90.0 for row in table["floors"])
+    assert cli.main(["crosscheck", str(gait_file), "--out", str(tmp_path), "--floors", "ice"]) == 2
+    assert "'2ms_0.6', " in capsys.readouterr().err
+    assert len(FLOORS) == 12
+
+
+def test_an_exported_gait_can_be_played_by_others(gait_file, motion, tmp_path):
+    """The counts say the angles to half a count, and in MuJoCo the feet stand on the floor in every pose."""
+    out = tmp_path / "out"
+    assert cli.main(["export", str(gait_file), "--out", str(out), "--strides", "3"]) == 0
+    assert sorted(path.name for path in out.iterdir()) == [
+        "humanoid_gait.xml", "humanoid_gait_angles.csv", "humanoid_gait_goal_positions.csv",
+    ]  # fmt: skip
+    assert read_motion(out / "humanoid_gait_angles.csv").stride == pytest.approx(motion.stride, abs=1e-14)
+    counts = np.loadtxt(out / "humanoid_gait_goal_positions.csv", delimiter=",", skiprows=2)[:, 1:]
+    off = np.degrees(np.abs(angles_of_goal_positions(counts) - motion.reference(3).values))
+    assert 0.1 < off.max() <= 0.5 * 300.0 / 1023.0 + 1e-9
+    m = mujoco.MjModel.from_xml_path(str(out / "humanoid_gait.xml"))
+    d = mujoco.MjData(m)
+    assert [m.key(k).name for k in range(m.nkey)] == ["start", "pose0", "pose1", "pose2", "pose3"]
+    for k, pose in enumerate([motion.start[0], *motion.poses]):
+        mujoco.mj_resetDataKeyframe(m, d, k)
+        mujoco.mj_forward(m, d)
+        assert [d.joint(name).qpos[0] for name in motion.joint_names] == pytest.approx(pose.tolist())
+        assert -1e-3 < d.contact.dist.min() < 0.0
+
+
+def test_an_export_names_its_files_and_spares_the_gait(gait_file, tmp_path, capsys):
+    assert cli.main(["export", str(gait_file), "--out", str(tmp_path), "--mjcf"]) == 0
+    assert sorted(Path(tmp_path).iterdir()) == [tmp_path / "humanoid_gait.npz", tmp_path / "humanoid_gait.xml"]
+    assert cli.main(["export", str(gait_file), "--out", str(tmp_path), "--csv"]) == 0
+    angles = tmp_path / "humanoid_gait_angles.csv"
+    assert cli.main(["export", str(angles), "--out", str(tmp_path), "--csv"]) == 2
+    assert "is the gait itself" in capsys.readouterr().err
+
+
+def test_a_motion_repeats_its_stride(motion):
+    reference = motion.reference(3)
+    at = [np.searchsorted(reference.times, motion.begin(k) - 1e-9) for k in range(4)]
+    for a, b in pairwise(at):
+        assert np.array_equal(reference.values[a], reference.values[b])
+    assert isinstance(motion, Motion)
+    with pytest.raises(ValueError, match="strides is 0"):
+        motion.reference(0)
