@@ -119,6 +119,17 @@ def test_the_controllers_are_those_of_the_package(law, Kp, Kd):
     assert theirs["q"] == pytest.approx(ours["q"], abs=5e-4)
 
 
+def test_a_replay_that_diverges_says_so_and_leaves_no_file(tmp_path, monkeypatch):
+    """A whole tick is too long a step for the spring of a gearbox."""
+    monkeypatch.chdir(tmp_path)
+    scene = compile_scene(load_robot("arm7_spatial"), "mipsd")
+    run = replay(scene, 1.0, np.zeros(7), Reference([0.0], [np.full(7, 0.5)]), timestep=1e-2)
+    assert run.status == "diverged"
+    assert run.message == f"arm7_spatial diverged at {run.end_time:.4g} s"
+    assert run.end_time < 1.0
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_what_the_replay_lacks_is_refused(cost):
     model = load_robot("ax12_whole_arm")
     loose = replace(model.servos[model.joint_names[0]], gearbox=Gearbox(254.0, 1e-7, 0.0, 25.0, 0.05, 0.01))
@@ -158,7 +169,7 @@ def test_a_standing_humanoid_takes_the_same_torques(cost):
 
 
 def test_softer_floors_let_the_robot_sink_deeper_and_soles_do_not_matter(cost):
-    """By default solimp is 0.9 at the surface and solref asks (1 - d) g = k d r of the depth r, k = 1 / (d_max T)^2."""
+    """With the square of the time constant T, less what MuJoCo's impedance grows by with the depth."""
     depths = {
         (time, soles): sinking(cost.scene, cost.start[0], Floor(time, 0.9, soles))
         for time in (5e-3, 2e-2)
@@ -181,6 +192,16 @@ def test_a_stride_on_the_softest_floor_goes_as_here(cost, motion):
     assert np.abs(theirs["base_q"][:, :3] - ours["base_q"][:, :3]).max() < 0.012
     spent = [float(run["energy"][-1, :, METER].sum()) for run in (theirs, ours)]
     assert spent[0] == pytest.approx(spent[1], rel=0.03)
+
+
+def test_the_ground_beside_it_sinks_alike_and_has_the_same_friction(cost, motion):
+    floor, h = Floor(5e-3, 0.7, "boxes"), 1e-3
+    outcome = walk_on(cost.scene, motion, floor, strides=1, timestep=h)
+    scene = cost.scene.recompiled(ground=Ground(friction=0.7, sinking=outcome.sinking), timestep=h)
+    here = replace(cost, scene=scene, strides=1).measure([cost.gait.to_vector()])[0]
+    assert outcome.own.measures.cost == here.cost
+    assert outcome.mujoco.measures.cost == pytest.approx(here.cost, rel=0.1)
+    assert outcome.mujoco.measures.speed == pytest.approx(here.speed, rel=0.1)
 
 
 def test_who_leans_too_far_falls_in_mujoco(cost, motion):

@@ -21,6 +21,7 @@ from ..core.effects.push import AHEAD
 from ..model import TORQUE_LAWS, ContactPoint, Link, Model, Servo, depends_on_load_or_speed
 from ..reference import Reference
 from ..robot_file.mjcf.element import element, number, numbers
+from ..robot_file.mjcf.read import heard
 from ..robot_file.mjcf.write import mjcf_text
 from ..run.start import standing_state
 from ..trajectory import Trajectory
@@ -57,6 +58,7 @@ class _Machine(NamedTuple):
     v: np.ndarray  # ... and in qvel
     motor: np.ndarray  # in qvel, of what the motors turn
     rotor: np.ndarray | None  # in qpos, of the rotors; None where gearboxes are rigid
+    gears: np.ndarray  # (n, 2) stiffness [N m/rad] and damping [N m s/rad] of the gearboxes between
 
 
 def replay(
@@ -81,8 +83,7 @@ def replay(
     per_tick = round(period / real("timestep", timestep, 1e-6, period, "give MuJoCo's step [s]"))
     if abs(per_tick * timestep - period) > 1e-9 * period:
         raise ValueError(f"timestep {timestep:g} s does not divide the controllers' period of {period:g} s")
-    machine, servos = _machine(scene, floor, timestep), _servos(scene)
-    chain = ServoChain([servos.get(name) for name in scene.model.joint_names], timestep)
+    machine, chain = _machine(scene, floor, timestep), _chain(scene, timestep)
     _place(machine, q)
     ticks = math.ceil(duration / period - 1e-9)
     drive, rate = evaluated(reference, period * np.arange(ticks) - scene.lag + AHEAD)
@@ -118,8 +119,7 @@ def sinking(scene: CompiledScene, angles: np.ndarray, floor: Floor, *, timestep:
 
     Its servos hold `angles` (n,) [rad].  Raises ValueError for a robot that does not stand.
     """
-    machine = _machine(scene, floor, timestep)
-    chain = ServoChain([_servos(scene).get(name) for name in scene.model.joint_names], timestep)
+    machine, chain = _machine(scene, floor, timestep), _chain(scene, timestep)
     _place(machine, standing(scene, angles, 0.0))
     period, still = scene.tick_steps * scene.timestep, np.zeros_like(angles)
     for _ in range(round(SETTLING / period)):
@@ -147,15 +147,16 @@ def evaluated(reference: Reference, times: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _steps(machine: _Machine, chain: ServoChain, count: int) -> None:
-    m, d, joints, motors = machine.m, machine.d, machine.v, machine.motor
-    step = _mujoco().mj_step
-    for _ in range(count):
-        speeds, applied = d.qvel, d.qfrc_applied
-        applied[joints] = chain.friction(speeds[joints])
-        applied[motors] += chain.step(speeds[motors])
-        step(m, d)
-        chain.filter(d.qvel[joints])
-        applied[motors] = 0.0
+    """Steps of MuJoCo with the motors' torques; what it warns of, a state that it resets, is seen in `d.warning`."""
+    mujoco, d, joints, motors = _mujoco(), machine.d, machine.v, machine.motor
+    speeds, applied = d.qvel, d.qfrc_applied
+    with heard(mujoco, []):
+        for _ in range(count):
+            applied[motors] = 0.0
+            applied[joints] = chain.friction(speeds[joints])
+            applied[motors] += chain.step(speeds[motors])
+            mujoco.mj_step(machine.m, d)
+            chain.filter(speeds[joints])
 
 
 def _place(machine: _Machine, q: np.ndarray) -> None:
@@ -176,8 +177,7 @@ def _row(scene: CompiledScene, machine: _Machine, chain: ServoChain) -> dict[str
     energy[:, METER] = chain.meter
     torque = chain.K * chain.current
     if machine.rotor is not None:
-        gears = [servo.gearbox for servo in map(_servos(scene).get, scene.model.joint_names) if servo]
-        stiffness, damping = np.array([(gear.stiffness, gear.damping) for gear in gears]).T
+        stiffness, damping = machine.gears.T
         torque = stiffness * (d.qpos[machine.rotor] - q) + damping * (d.qvel[machine.motor] - v)
     base = {"base_q": d.qpos[:7].copy(), "base_qd": d.qvel[:6].copy()} if scene.model.base == "floating" else {}
     return base | {"q": q, "qd": v, "torque": torque, "current": chain.current.copy(), "energy": energy}
@@ -248,7 +248,13 @@ def _machine(scene: CompiledScene, floor: Floor | None, h: float) -> _Machine:
     if scene.servos == "mipsd":
         rotors = [m.joint(PREFIX + name) for name in model.joint_names]
         motor, rotor = (np.array([getattr(x, of)[0] for x in rotors]) for of in ("dofadr", "qposadr"))
-    return _Machine(m, mujoco.MjData(m), q, v, motor, rotor)
+    gears = np.array([(servo.gearbox.stiffness, servo.gearbox.damping) for servo in servos.values()])
+    return _Machine(m, mujoco.MjData(m), q, v, motor, rotor, gears)
+
+
+def _chain(scene: CompiledScene, h: float) -> ServoChain:
+    servos = _servos(scene)
+    return ServoChain([servos.get(name) for name in scene.model.joint_names], h)
 
 
 def _with_rotors(text: str, servos: dict[str, Servo]) -> str:

@@ -57,7 +57,7 @@ def _compiled(path: Path) -> tuple[Any, list[str]]:
         raise ImportError(INSTALL) from error
     check_sizes(path)
     remarks: list[object] = []
-    with warnings.catch_warnings(record=True) as caught, _heard(mujoco, remarks):
+    with warnings.catch_warnings(record=True) as caught, heard(mujoco, remarks):
         warnings.simplefilter("always")
         try:
             m = mujoco.MjSpec.from_file(str(path)).compile()
@@ -68,7 +68,7 @@ def _compiled(path: Path) -> tuple[Any, list[str]]:
 
 
 @contextmanager
-def _heard(mujoco: Any, remarks: list[object]) -> Iterator[None]:
+def heard(mujoco: Any, remarks: list[object]) -> Iterator[None]:
     """Collect MuJoCo's warnings, which it would write to a file in the current folder."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(remarks.append)
