@@ -25,8 +25,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.optimize import OptimizeResult
+from tqdm import tqdm
 
 from . import __version__
+from .arguments import whole
 from .build.scene import ServoKind, compile_scene
 from .build.tree import GRAVITY
 from .crosscheck import crosscheck as walk_elsewhere
@@ -42,6 +44,7 @@ from .search import minimize
 from .search.annealing import REMEDY as HISTORY_REMEDY
 from .view.animation import write_animation
 from .walking.cost import Measures, WalkingCost
+from .walking.cost_in_worlds import MOST_WORLDS, CostInWorlds, in_worlds
 from .walking.gait import bounds, fit_gait
 from .walking.gait_file import ARRAYS, write_angles, write_goal_positions
 from .walking.plan import BIOLOID_WALK, downward, walking_plan
@@ -56,6 +59,9 @@ MAX_MISS = 20
 BATCH = 16  # candidates evaluated at once where lanes cannot be at different times
 PERTURBED, PERTURBATION = 63, math.radians(1.0)  # gaits that tell how safe one is, and how far theirs are off [rad]
 NOT_CHECKED = "not run; whether the gait walks on other ground is not known (optimize --crosscheck)"
+WORLDS = 8  # that a candidate walks in
+UNSEEN, UNSEEN_SEED = 200, 10**6  # worlds that tell what a gait is worth elsewhere, and what they are drawn with
+UNSEEN_STRIDES = 20
 SHOWN = 12  # strides in the files and the animation
 
 
@@ -80,7 +86,7 @@ def walking_cost(
 
 
 def optimize_gait(
-    cost: WalkingCost,
+    cost: WalkingCost | CostInWorlds,
     *,
     iterations: int = 800,
     seed: int = 0,
@@ -89,6 +95,8 @@ def optimize_gait(
     **how: Any,
 ) -> OptimizeResult:
     """Search for a cheaper gait than that of `cost`, within the joints' limits; return the result of `search.minimize`.
+
+    `cost`: in one world, or in several at once (`walking.in_worlds`).
 
     `how`: its other arguments, history, resume, progress and callback among them.  The result depends on seed and
     settings alone, not on the machine's load or number of cores; but for nfev, wasted and what is added here:
@@ -99,7 +107,7 @@ def optimize_gait(
         how["evaluate"] = lambda candidates: occupancy.append(cost.evaluate(candidates))
     result = minimize(
         cost, cost.gait.to_vector(), amplitude=amplitude, max_miss=max_miss, max_iterations=iterations, seed=seed,
-        bounds=bounds(cost.scene.model, cost.gait), map=WalkingCost.costs, batch=BATCH, **how,
+        bounds=bounds(cost.scene.model, cost.gait), map=type(cost).costs, batch=BATCH, **how,
     )  # fmt: skip
     result.occupancy = occupancy[-1]
     return result
@@ -136,15 +144,19 @@ def main_job(
     out: FilePath = ".",
     resume: bool = False,
     progress: bool = True,
+    worlds: int = WORLDS,
+    unseen: int = UNSEEN,
     crosscheck: int = 0,
 ) -> dict:
     """Optimise a robot's gait and write all files into the folder `out`; return what the JSON file holds.
 
     `robot`: a name or a .urdf file, as of `load_robot`; of "humanoid" the paper's simplified one.  `servo`: a name or a
     .toml file, as of `load_servo`, of the servo in all joints that turn, in place of the robot's own, with which the
-    first gait is then measured too.  `resume` goes on from the history in `out`, if there is one.  `crosscheck`: in how
-    many processes the gait that was found is walked on the floors of `featherstone_gait.crosscheck` in MuJoCo, 0 for
-    not at all.
+    first gait is then measured too.  `resume` goes on from the history in `out`, if there is one.
+
+    `worlds`: in how many a candidate walks (`walking.in_worlds`), 0 for the paper's search, on one floor; `unseen`: how
+    many others tell what both gaits are worth elsewhere.  `crosscheck`: in how many processes the gait that was found
+    is walked on the floors of `featherstone_gait.crosscheck` in MuJoCo, 0 for not at all.
 
     KeyboardInterrupt ends the search, and the files hold what was found.
     A process that is killed leaves the history, from which it resumes to the same files; they appear only when all of
@@ -155,6 +167,8 @@ def main_job(
     began = time.perf_counter()
     own = load_robot(robot, locked="simplified" if robot == "humanoid" else None)
     model = own if servo is None else with_servo(own, servo)
+    worlds = whole("worlds", worlds, 0, "0 is the robot's own ground alone", MOST_WORLDS)
+    unseen = whole("unseen", unseen, 0, "0 asks for none", MOST_WORLDS)
     if crosscheck:
         mujoco_version()
     _check_folder(Path(out))
@@ -166,16 +180,25 @@ def main_job(
         with _alone_with(history):  # rather said now than after the first gait
             pass
     cost = walking_cost(model, servos)
-    first = cost.measure([cost.gait.to_vector()])[0]
-    _check_history(history, first.cost)
+    x0 = cost.gait.to_vector()
+    first = cost.measure([x0])[0]
+    searched = in_worlds(cost, worlds) if worlds else cost
+    first_cost, status = searched(x0)
+    _check_history(history, first_cost)
     if progress:
         print(f"first gait: {_described(first)}")
+        if worlds:
+            print(f"in {worlds} worlds: {first_cost:.1f} J/m" if status == "ok" else f"in {worlds} worlds: {status}")
     searching = time.perf_counter()
-    result = optimize_gait(cost, iterations=iterations, seed=seed, history=history, resume=resume, progress=progress)
-    searched = time.perf_counter()
+    result = optimize_gait(
+        searched, iterations=iterations, seed=seed, history=history, resume=resume, progress=progress
+    )
+    searching = time.perf_counter() - searching
     if not np.isfinite(result.fun):
-        raise ValueError(f"{model.name}: none of {result.nit + 1} gaits walked; the first: {first.status}")
-    before, after = (quality(cost, x) for x in (cost.gait.to_vector(), result.x))
+        why = status if first.status == "ok" else first.status
+        raise ValueError(f"{model.name}: none of {result.nit + 1} gaits walked; the first: {why}")
+    before, after = (quality(cost, x) for x in (x0, result.x))
+    elsewhere = worth_elsewhere(cost, [x0, result.x], unseen, progress) if unseen else None
     checked = _crosschecked(cost, result.x, robot, stem, crosscheck, progress) if crosscheck else None
     with _alone_with(history), _appearing_together(stem) as folder:
         files = write_results(folder / stem.name, cost, result)
@@ -185,15 +208,18 @@ def main_job(
             "source": model.source,
             "joints": cost.gait.joint_names,
             "version": __version__,
-            "settings": {"servo": str(servo or _servo_name(own))} | _settings(cost, iterations, seed),
-            "search": {"candidates": result.nit, "message": result.message},
+            "settings": {"servo": str(servo or _servo_name(own))} | _settings(cost, iterations, seed, worlds),
+            "search": {
+                "candidates": result.nit, "message": result.message, "first": _number(first_cost), "best": result.fun,
+            },
             "before": before.as_dict(),
             "after": after.as_dict(),
+            "elsewhere": elsewhere and dict(zip(("before", "after"), elsewhere)),
             **({} if servo is None else {"with_own_servos": _with_own_servos(own, cost)}),
             "crosscheck": checked and verdict(checked),
             # What differs from run to run:
             "evaluations": {"begun": result.nfev, "wasted": result.wasted, "lane_occupancy": _number(result.occupancy)},
-            "seconds": {"search": searched - searching, "all": time.perf_counter() - began},
+            "seconds": {"search": searching, "all": time.perf_counter() - began},
             "files": {kind: str(stem.parent / path.name) for kind, path in files.items()}
             | {"history": str(history)}
             | ({kind: str(path) for kind, path in _crosscheck_files(stem).items()} if checked else {}),
@@ -203,6 +229,31 @@ def main_job(
     if progress:
         print(summary(report))
     return json.loads(text)
+
+
+def worth_elsewhere(
+    cost: WalkingCost, vectors: Sequence[np.ndarray], count: int = UNSEEN, progress: bool = False
+) -> list[dict[str, Any]]:
+    """What each gait vector does in worlds that no search has seen, over 20 strides, at a quarter of the step.
+
+    Of each a dict: "walks", the share of the worlds in which it gets through; "cost" [J/m] and "speed" [m/s], their
+    5th, 50th and 95th percentile where it walks; "sideways", the largest drift over the way [-].  None: it walks
+    nowhere.
+    """
+    longer = replace(cost, strides=UNSEEN_STRIDES)
+    others = in_worlds(longer, count, UNSEEN_SEED, timestep=0.25 * cost.scene.timestep)
+    bar = tqdm(vectors, desc=f"{count} other worlds", unit="gait", disable=not progress)
+    return [_spread_of(others.measure([x])[0]) | {"worlds": count, "strides": UNSEEN_STRIDES} for x in bar]
+
+
+def _spread_of(measures: Sequence[Measures]) -> dict[str, Any]:
+    walks = [one for one in measures if one.status == "ok"]
+    told: dict[str, Any] = {"walks": len(walks) / len(measures), "cost": None, "speed": None, "sideways": None}
+    if walks:
+        for name in ("cost", "speed"):
+            told[name] = np.percentile([getattr(one, name) for one in walks], (5, 50, 95)).tolist()
+        told["sideways"] = max(abs(one.sideways / one.distance) for one in walks)
+    return told
 
 
 def with_servo(model: Model, servo: FilePath) -> Model:
@@ -319,6 +370,13 @@ def summary(report: dict) -> str:
     """The report as a table to read."""
     search, sides = report["search"], (report["before"], report["after"])
     before, after = (side | {"finer_cost": side["at_a_quarter_of_the_step"]["cost"]} for side in sides)
+    elsewhere = report["elsewhere"]
+    if elsewhere is not None:
+        before, after = (
+            side | {"walks": found["walks"], "sideways_share": found["sideways"]}
+            | dict(zip(("cost_5", "cost_50", "cost_95"), found["cost"] or [None] * 3))
+            for side, found in ((before, elsewhere["before"]), (after, elsewhere["after"]))
+        )  # fmt: skip
     rows = [
         ("energy per distance", "cost", "J/m", 1.0, 1),
         ("... at a quarter of the step", "finer_cost", "J/m", 1.0, 1),
@@ -328,6 +386,14 @@ def summary(report: dict) -> str:
         ("slip a stride", "slip", "mm", 1e3, 1),
         ("walks with angles off by 1 deg", "safe", "%", 100.0, 0),
     ]
+    if elsewhere is not None:
+        rows += [
+            (f"walks in {elsewhere['after']['worlds']} other worlds", "walks", "%", 100.0, 1),
+            ("energy there: median", "cost_50", "J/m", 1.0, 1),
+            ("... 5th percentile", "cost_5", "J/m", 1.0, 1),
+            ("... 95th percentile", "cost_95", "J/m", 1.0, 1),
+            ("largest drift sideways there", "sideways_share", "%", 100.0, 1),
+        ]
     lines = [f"servo {report['settings']['servo']}"]
     own = report.get("with_own_servos")
     if own is not None:
@@ -359,11 +425,12 @@ def _described(measures: Measures) -> str:
     return f"{measures.cost:.1f} J/m, steps of {500.0 * measures.stride_length:.0f} mm, {1e3 * measures.speed:.0f} mm/s"
 
 
-def _settings(cost: WalkingCost, iterations: int, seed: int) -> dict:
+def _settings(cost: WalkingCost, iterations: int, seed: int, worlds: int) -> dict:
     scene = cost.scene
     return {
         "servos": scene.servos, "integrator": scene.integrator, "timestep": scene.timestep,
         "ground": scene.ground and asdict(scene.ground), "iterations": iterations, "seed": seed, "max_miss": MAX_MISS,
+        "worlds": worlds,
         "amplitude_deg": math.degrees(AMPLITUDE), "period": cost.gait.period, "poses": len(cost.gait.poses),
         "warm_up_strides": cost.warm_up, "measured_strides": cost.strides, "start_of_measurement": cost.mark,
     }  # fmt: skip

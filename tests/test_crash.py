@@ -22,9 +22,10 @@ SETTINGS = dict(amplitude=0.3, max_iterations=60, seed=7)
 
 
 def start(folder):
-    command = [sys.executable, "-m", "featherstone_gait", "optimize", "--resume", "--iterations", str(ITERATIONS)]
+    command = [sys.executable, "-m", "featherstone_gait", "optimize", "--resume", "--nominal", "--unseen", "0"]
+    command += ["--iterations", str(ITERATIONS), "--out", str(folder)]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
-    return subprocess.Popen([*command, "--out", str(folder)], cwd=Path(__file__).parents[1], **quiet)
+    return subprocess.Popen(command, cwd=Path(__file__).parents[1], **quiet)
 
 
 def finish(process):
@@ -117,7 +118,7 @@ def test_a_full_disk_leaves_no_half_written_results(tmp_path, monkeypatch, capsy
         Path(path).write_text("<html>")
         raise full
 
-    command = ["optimize", "--iterations", "2", "--out", str(tmp_path)]
+    command = ["optimize", "--nominal", "--unseen", "0", "--iterations", "2", "--out", str(tmp_path)]
     monkeypatch.setattr(optimize, "PERTURBED", 1)
     with monkeypatch.context() as disk:
         disk.setattr(optimize, "write_animation", half)

@@ -94,7 +94,7 @@ def test_lanes_are_mostly_at_work(scene, references):
     falling = [r for i, r in enumerate(references) if i % 3]
     ready, queue = prepare(scene, 1.2, record=()), Queue(64)
     starts = [ready.start(state, falling[i % len(falling)]) for i in range(64)]
-    used, there = run_lanes(ready, queue, starts.__getitem__, lambda y, out: y[scene.layout["end"]])
+    used, there = run_lanes(ready, queue, starts.__getitem__, lambda start, y, out: y[scene.layout["end"]])
     without = np.mean(queue.answers) / 1.2
     assert used / there > 0.8 > without
 

@@ -11,7 +11,7 @@ from matplotlib import image
 
 from featherstone_gait import cli, load_robot, load_servo
 from featherstone_gait.crosscheck import FLOORS
-from featherstone_gait.optimize import main_job, optimize_gait, summary, walking_cost, with_servo
+from featherstone_gait.optimize import main_job, optimize_gait, summary, walking_cost, with_servo, worth_elsewhere
 from featherstone_gait.search import minimize
 from featherstone_gait.walking import BIOLOID_WALK, bounds, read_angles
 from featherstone_gait.walking.cost import cost_of_motion
@@ -28,7 +28,7 @@ def cost():
 @pytest.fixture(scope="module")
 def job(tmp_path_factory):
     folder = tmp_path_factory.mktemp("job")
-    return folder, main_job(iterations=ITERATIONS, out=folder, progress=False)
+    return folder, main_job(iterations=ITERATIONS, worlds=0, unseen=4, out=folder, progress=False)
 
 
 def test_the_job_finds_a_cheaper_gait_and_reports_both(job):
@@ -128,7 +128,7 @@ def test_the_servo_is_told_and_the_paper_s_by_default(job):
 @pytest.mark.long
 def test_another_servo_is_compared_with_the_robot_s_own(job, tmp_path, capsys):
     """The corrected AX-12 spends more than twice as much on the same gait, and still walks."""
-    other = main_job(servo="ax12a", iterations=4, out=tmp_path)
+    other = main_job(servo="ax12a", iterations=4, worlds=0, unseen=0, out=tmp_path)
     own = other["with_own_servos"]
     assert other["settings"]["servo"] == "ax12a"
     assert own["servo"] == "ax12"
@@ -152,14 +152,29 @@ def test_a_servo_goes_into_all_joints_that_turn(tmp_path):
 @pytest.mark.long
 def test_an_interrupted_job_resumes_to_the_same_gait(job, tmp_path):
     folder, report = job
-    main_job(iterations=ITERATIONS // 2, out=tmp_path, progress=False)
+    main_job(iterations=ITERATIONS // 2, worlds=0, unseen=4, out=tmp_path, progress=False)
     history = tmp_path / "humanoid_gait_history.jsonl"
     with history.open("a", encoding="utf-8") as file:
         file.write('{"iteration": 13, "x": [0.1')  # cut off while writing
-    resumed = main_job(iterations=ITERATIONS, out=tmp_path, resume=True, progress=False)
+    resumed = main_job(iterations=ITERATIONS, worlds=0, unseen=4, out=tmp_path, resume=True, progress=False)
     assert resumed["after"] == report["after"]
     angles = "humanoid_gait_angles.csv"
     assert (tmp_path / angles).read_bytes() == (folder / angles).read_bytes()
+
+
+def test_what_is_found_is_tried_in_worlds_that_no_search_has_seen(job, cost):
+    _, report = job
+    told = report["elsewhere"]["after"]
+    assert (told["worlds"], told["strides"]) == (4, 20)
+    assert told["walks"] in (0.0, 0.25, 0.5, 0.75, 1.0)
+    again = worth_elsewhere(cost, [cost.gait.to_vector()], 4)[0]
+    assert again == report["elsewhere"]["before"]
+    assert again["cost"] == sorted(again["cost"])
+
+
+def test_one_floor_or_several_is_not_both(capsys, tmp_path):
+    assert cli.main(["optimize", "--nominal", "--worlds", "3", "--out", str(tmp_path)]) == 2
+    assert "give one of them" in capsys.readouterr().err
 
 
 def test_a_history_is_not_overwritten(job, capsys):
@@ -176,15 +191,17 @@ def test_a_history_in_which_the_first_gait_costs_something_else_is_not_continued
     cost = repr(report["before"]["cost"])
     assert history.count(cost) == 1
     (tmp_path / "humanoid_gait_history.jsonl").write_text(history.replace(cost, "12.5"), "utf-8")
-    assert cli.main(["optimize", "--iterations", "30", "--resume", "--out", str(tmp_path)]) == 2
+    assert cli.main(["optimize", "--nominal", "--iterations", "30", "--resume", "--out", str(tmp_path)]) == 2
     assert "line 2: the first gait cost 12.5 J/m" in capsys.readouterr().err
 
 
 def test_the_command_shows_progress_and_a_table(tmp_path, capsys):
-    assert cli.main(["optimize", "--iterations", "2", "--out", str(tmp_path)]) == 0
+    assert cli.main(["optimize", "--iterations", "2", "--worlds", "2", "--unseen", "3", "--out", str(tmp_path)]) == 0
     shown = capsys.readouterr()
     assert "3/3" in shown.err
     assert "best=" in shown.err
+    assert re.search(r"^in 2 worlds: (\d+\.\d J/m|does not walk in every world)$", shown.out, re.M)
+    assert re.search(r"^walks in 3 other worlds +\d+\.\d +\d+\.\d", shown.out, re.M)
     assert re.search(r"^\d+ evaluations begun, \d+ of them wasted by .*; lanes [\d.]+ % occupied", shown.out, re.M)
     assert re.search(r"^crosscheck in MuJoCo: not run; .* is not known \(optimize --crosscheck\)$", shown.out, re.M)
     for name in ("energy per distance", "cost of transport", "step length", "speed", "slip"):
@@ -223,7 +240,7 @@ def test_every_candidate_keeps_to_the_joint_limits(cost):
 def test_a_job_in_which_nothing_walks_says_why(tmp_path, monkeypatch):
     monkeypatch.setitem(BIOLOID_WALK, "step_time", 0.24)
     with pytest.raises(ValueError, match=r"none of 1 gaits walked; the first: humanoid fell at"):
-        main_job(iterations=0, out=tmp_path, progress=False)
+        main_job(iterations=0, worlds=1, out=tmp_path, progress=False)
 
 
 def test_a_robot_without_two_soles_is_refused(tmp_path):
@@ -237,7 +254,7 @@ def test_the_job_walks_its_gait_in_mujoco_if_asked(tmp_path, monkeypatch, capsys
     for name in [*FLOORS]:
         if name not in ("10ms_0.9", "20ms_0.9"):
             monkeypatch.delitem(FLOORS, name)
-    report = main_job(iterations=0, out=tmp_path, crosscheck=1)
+    report = main_job(iterations=0, worlds=0, unseen=0, out=tmp_path, crosscheck=1)
     assert report["crosscheck"].startswith("in MuJoCo it walks 20 strides on 4 of 4 floors")
     assert f"crosscheck in MuJoCo: {report['crosscheck']}" in capsys.readouterr().out
     assert sorted(report["files"].values()) == sorted(str(path) for path in tmp_path.iterdir())

@@ -50,7 +50,7 @@ def _families(starts: list[Start]) -> list[tuple[Prepared, list[int]]]:
     families: dict[Hashable, list[int]] = {}
     for i, start in enumerate(starts):
         if id(start.world) not in keys:
-            keys[id(start.world)] = _family(start.world)
+            keys[id(start.world)] = family(start.world)
         families.setdefault(keys[id(start.world)], []).append(i)
     found = []
     for members in families.values():
@@ -59,7 +59,7 @@ def _families(starts: list[Start]) -> list[tuple[Prepared, list[int]]]:
     return found
 
 
-def _family(world: Prepared) -> Hashable:
+def family(world: Prepared) -> Hashable:
     """What runs have in common that share lanes; with error control none do."""
     if world.scene.adaptive:
         return None
@@ -78,7 +78,7 @@ def _refills(scene: CompiledScene, starts: list[Start]) -> bool:
 def _run_refilled(ready: Prepared, starts: list[Start], threads: int) -> list[Result]:
     """Every thread drives one vector and takes runs from the same queue."""
     queue, threads = Queue(len(starts)), min(threads, -(-len(starts) // WIDTH))
-    drive_lanes(ready, queue, starts.__getitem__, lambda y, out: (y, out), threads)
+    drive_lanes(ready, queue, starts.__getitem__, lambda start, y, out: (y, out), threads)
     return queue.answers
 
 

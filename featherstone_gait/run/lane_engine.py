@@ -86,12 +86,12 @@ def run_lanes(
     ready: Prepared,
     source: Source,
     begin: Callable[[Any], Start],
-    end: Callable[[np.ndarray, np.ndarray], Any],
+    end: Callable[[Start, np.ndarray, np.ndarray], Any],
 ) -> tuple[int, int]:
     """Simulate what the source hands out until there is no more.
 
-    `begin(key)` returns what a run starts from, `end(y, out)` the answer from its final state and records.  Returns how
-    many lane-steps were used and how many there were.
+    `begin(key)` returns what a run starts from, `end(start, y, out)` the answer from that, its final state and its
+    records.  Returns how many lane-steps were used and how many there were.
     """
     course, channels = ready.plan, ready.channels
     n, layout = ready.scene.tree.n, ready.scene.layout
@@ -124,7 +124,7 @@ def run_lanes(
             first = held.done // course.per_sample
             held.out[first : first + len(out)] = out[:, : len(channels), lane]
             if y[status, lane] != OK or held.done + steps == course.steps:
-                source.give(held.key, end(*_ended(layout, held, y[:, lane], first + len(out))))
+                source.give(held.key, end(held.start, *_ended(layout, held, y[:, lane], first + len(out))))
                 lanes[lane] = None
             held.done += steps
     return used, there

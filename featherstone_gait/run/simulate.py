@@ -28,7 +28,7 @@ from ..core.step.state import RECORDABLE
 from ..reference import Reference
 from ..trajectory import Trajectory, with_error
 from ..worlds import Worlds
-from .batch import drive_lanes, run_all, streams
+from .batch import drive_lanes, family, run_all, streams
 from .companion import OF_HALF, Companion, accounted, companion, coordinates, judged
 from .lane_engine import Source
 from .prepared import Prepared, Start, prepare, with_tolerance
@@ -284,10 +284,10 @@ def _each(run: Trajectory, count: int) -> Trajectory:
 
 
 def simulate_stream(
-    scene: CompiledScene,
+    scene: CompiledScene | Sequence[CompiledScene],
     duration: float,
     source: Source,
-    begin: Callable[[Any], tuple[np.ndarray, Reference]],
+    begin: Callable[[Any], tuple[np.ndarray, Reference] | tuple[np.ndarray, Reference, int]],
     end: Callable[[Trajectory], Any],
     record: Iterable[str] = ("q", "qd"),
     sample: float | None = None,
@@ -295,28 +295,37 @@ def simulate_stream(
 ) -> float:
     """Simulate what `source` hands out, in all lanes of all cores, until there is no more.
 
-    `begin(key)` returns the state and the reference of a run, `end(trajectory)` the answer that the source is given.  A
-    run that it wants no longer is given up within `lane_engine.SEGMENT` ticks.  Each run has the bits that `simulate`
-    gives it.  Duration, record and sample are those of `simulate`; threads: one a core if None.  Returns the share of
-    the lane-steps that a run was in.  Raises ValueError for a scene without sampled servos.
+    scene: of all runs, or several that differ in numbers alone, as `Worlds.scenes` makes them.  `begin(key)` returns
+    the state and the reference of a run and, of several scenes, which; `end(trajectory)` the answer that the source is
+    given.  A run that it wants no longer is given up within `lane_engine.SEGMENT` steps.  Each run has the bits that
+    `simulate` gives it.  Duration, record and sample are those of `simulate`; threads: one a core if None.  Returns the
+    share of the lane-steps that a run was in.  Raises ValueError for scenes without sampled servos, and for those that
+    cannot share lanes.
     """
-    if not streams(scene):
-        raise ValueError(
-            f"{scene.model.name}: a stream needs sampled servos, fixed steps and no pushes: compile the scene with "
-            "integrator='midpoint', or use simulate_batch"
-        )
-    ready = prepare(scene, duration, record, sample)
+    scenes = [scene] if isinstance(scene, CompiledScene) else listed("scene", scene, "give what compile_scene returns")
+    for one in scenes:
+        check_scene(one)
+        if not streams(one):
+            raise ValueError(
+                f"{one.model.name}: a stream needs sampled servos, fixed steps and no pushes: compile the scene with "
+                "integrator='midpoint', or use simulate_batch"
+            )
+    ready = [prepare(one, duration, record, sample) for one in scenes]
+    if len({family(one) for one in ready}) != 1:
+        raise ValueError(f"scene: these {len(scenes)} do not differ in numbers alone; give what Worlds.scenes returns")
 
     def begin_run(key: Any) -> Start:
-        start = ready.start(*begin(key))
-        if start.y[scene.layout["end"]] > 0.0:
-            raise ValueError(f"{scene.model.name}: the runs of a stream begin at time 0: give restarted(scene, state)")
+        state, reference, *which = begin(key)
+        start = ready[which[0] if which else 0].start(state, reference)
+        if start.y[ready[0].scene.layout["end"]] > 0.0:
+            name = ready[0].scene.model.name
+            raise ValueError(f"{name}: the runs of a stream begin at time 0: give restarted(scene, state)")
         return start
 
-    def end_run(y: np.ndarray, out: np.ndarray) -> Any:
-        return end(trajectory(ready, y, out))
+    def end_run(start: Start, y: np.ndarray, out: np.ndarray) -> Any:
+        return end(trajectory(start.world, y, out))
 
-    return drive_lanes(ready, source, begin_run, end_run, threads or os.cpu_count() or 1)
+    return drive_lanes(ready[0].among(ready), source, begin_run, end_run, threads or os.cpu_count() or 1)
 
 
 def __getattr__(name: str) -> Any:
