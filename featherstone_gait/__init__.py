@@ -42,6 +42,7 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .model import Model as Model
     from .model import Servo as Servo
     from .model import Spring as Spring
+    from .model import Supply as Supply
     from .model import stairs as stairs
     from .posture import Posture as Posture
     from .posture import Target as Target
@@ -108,6 +109,7 @@ _MODULES = {
         "Model",
         "Servo",
         "Spring",
+        "Supply",
         "stairs",
     ),
     "view.plotting": ("plot_motion", "plot_trajectory"),

@@ -37,6 +37,7 @@ JointType = Literal["revolute", "continuous", "prismatic", "fixed"]
 Base = Literal["fixed", "floating"]
 Law = Literal["state", "pid_position", "pid_speed", "pd", "pd_clamped"]
 TORQUE_LAWS = ("pd", "pd_clamped")
+FIRMWARE = ("compliance_margin", "punch", "pwm_steps", "duty_limit", "profile_speed", "delay")  # of a `Controller`
 
 MOST_STAIRS = 10**6
 AXIS_TOLERANCE = 1e-9  # how far from 1 the length of a joint axis may be
@@ -50,6 +51,8 @@ _RULES: dict[str, Callable[[float], bool]] = {
     "> 0 or inf": lambda x: x >= 1.0 / LARGEST,
     ">= 0 or inf": lambda x: x >= 0,
     "finite": lambda x: abs(x) <= LARGEST,
+    "0 or >= 1": lambda x: x == 0 or 1 <= x <= LARGEST,
+    "> 0 and <= 1": lambda x: 0 < x <= 1,
 }
 
 
@@ -207,6 +210,9 @@ class Controller:
     Fig. 3, with the controllers of SimTwo).
     `pd`, `pd_clamped`: continuous torque laws; `pd` keeps the damping (back-EMF) outside the torque clamp,
     `pd_clamped` clamps the sum.
+
+    What follows the torque limit is firmware, of sampled laws alone (core/effects/firmware.py): their voltage is a duty
+    cycle of the servo's `voltage_limit`, which is the nominal supply that gains and punch refer to.
     """
 
     law: Law
@@ -217,10 +223,23 @@ class Controller:
     period: float = _number("> 0", "s", 0.01)
     lag: float = _number(">= 0", "s", 0.01)  # from a reference being issued to the controller seeing it
     torque_limit: float = _number("> 0 or inf", "N m", math.inf)  # of the pd laws
+    compliance_margin: float = _number(">= 0", "rad", 0.0)  # dead band of the error, of pid_speed [rad/s]
+    punch: float = _number(">= 0", "V", 0.0)  # added in the direction of an error beyond the margin
+    pwm_steps: float = _number("0 or >= 1", "-", 0.0, "1023 are ten bits")  # counts of a full duty cycle; 0: continuous
+    duty_limit: float = _number("> 0 and <= 1", "-", 1.0, "it is a share of the supply")  # largest duty cycle
+    profile_speed: float = _number("> 0 or inf", "rad/s", math.inf)  # at which the goal goes towards the reference
+    delay: float = _number(">= 0", "s", 0.0)  # from a reading to the voltage that comes of it; whole steps
 
     def __post_init__(self) -> None:
         _check_choice("controller", "law", self.law, get_args(Law))
         _check_numbers("controller", self)
+        if self.law in TORQUE_LAWS:
+            for f in fields(self):
+                if f.name in FIRMWARE and getattr(self, f.name) != f.default:
+                    raise ValueError(
+                        f"controller: {f.name} is {getattr(self, f.name)!r}; the law {self.law!r} acts at all times, "
+                        "without ticks and voltage: use a sampled law, or leave it out"
+                    )
 
 
 @dataclass(frozen=True)
@@ -258,6 +277,20 @@ class Servo:
 SERVO_UNITS = {
     f.name: f.metadata["unit"] for part in (Servo, Controller, Gearbox) for f in fields(part) if "unit" in f.metadata
 }
+
+
+@dataclass(frozen=True)
+class Supply:
+    """The source that feeds all servos of a robot: V = voltage - resistance * sum of duty cycle by motor current.
+
+    Servos apply duty cycles of it; at their `voltage_limit`, without resistance, it is as if there were none.
+    """
+
+    voltage: float = field(metadata=_range("> 0", "V"))  # without load
+    resistance: float = _number(">= 0", "Ohm", 0.0)  # of battery and cables
+
+    def __post_init__(self) -> None:
+        _check_numbers("supply", self)
 
 
 @dataclass(frozen=True)
@@ -402,6 +435,7 @@ class Model:
     keyframes: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # named postures q (nq,) [m, -, rad or m]
     notes: tuple[str, ...] = ()  # what the reader skipped or changed, one sentence each
     source: str = ""  # file it was read from
+    supply: Supply | None = None  # None: each servo has its own `voltage_limit`, whatever the others draw
 
     def __post_init__(self) -> None:
         _check_name("robot", self.name)
@@ -413,6 +447,8 @@ class Model:
         check_servos(self.joints, self.servos)
         for name, servo in self.servos.items():
             instance(f"servos: that of joint {name!r}", servo, Servo, "give a Servo, as load_servo does")
+        if self.supply is not None:
+            instance(f"robot {self.name!r}: supply", self.supply, Supply, "give Supply(voltage, resistance), or None")
         check_contacts(self.links, self.contacts)
         _check_shapes(self.links, self.shapes)
         check_can_move(self.joints, self.held)
@@ -445,8 +481,9 @@ class Model:
         links: Sequence[Link] | None = None,
         joints: Sequence[Joint] | None = None,
         servos: Mapping[str, Servo] | None = None,
+        supply: Supply | None = None,
     ) -> Model:
-        """The same robot with other numbers: links, joints and servos in place of those of the same names.
+        """The same robot with other numbers: supply, and links, joints and servos in place of those of the same names.
 
         The tree that they make must stay, with the place of every joint: that, and what stays with it, is not looked at
         again.  Raises ValueError as a new model does.
@@ -455,6 +492,8 @@ class Model:
         made.__dict__.update({f.name: getattr(self, f.name) for f in fields(Model)})
         if servos is not None:
             made.__dict__["servos"] = MappingProxyType(dict(servos))
+        if supply is not None:
+            made.__dict__["supply"] = supply
         if links is None and joints is None:
             made.__dict__.update({name: getattr(self, name) for name in ("moving_joints", "held", "joint_names")})
             made.__dict__["skeleton"] = self.skeleton

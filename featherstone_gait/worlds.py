@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from .arguments import floats, instance, one_of, real, shown, truth, whole
 from .build.scene import CompiledScene
 from .elementary import exp
-from .model import Controller, Gearbox, Ground, Servo
+from .model import Controller, Gearbox, Ground, Servo, Supply
 
 Law = Literal["uniform", "normal", "lognormal"]
 MOST_RUNS = 10**7
@@ -41,9 +41,13 @@ FIELDS = {  # what may differ, by section
     ),
     "links": ("mass", "center_of_mass", "inertia"),
     "joints": ("damping", "friction", "armature", "effort", "lower", "upper"),
+    "supply": tuple(f.name for f in dataclasses.fields(Supply)),
 }
+WHOLE = ("ground", "supply")  # of which a scene has one
 
-INFINITE = ("stiffness", "current_limit", "current_slew", "torque_limit", "effort", "lower", "upper")  # may be
+INFINITE = (  # may be
+    "stiffness", "current_limit", "current_slew", "torque_limit", "profile_speed", "effort", "lower", "upper"
+)  # fmt: skip
 _OWNER = {f.name: part for part in (Controller, Gearbox, Servo) for f in dataclasses.fields(part)}
 
 
@@ -96,11 +100,11 @@ class _Column(NamedTuple):
 class Worlds:
     """The numbers in which runs differ; what is not named is that of the scene.
 
-    ground, servos, links, joints: by the names that `Ground`, `Servo` with its `Gearbox` and `Controller`, `Link` and
-    `Joint` have, in their units.  A name stands for all servos, links or joints of the robot, "PART.name" for that of
-    one joint or link.  A value is a number, an array with one entry a run, one (runs, parts) with an entry for each of
-    them in the order of the model (servos in that of its moving joints; centres of mass and inertias have a last axis
-    of 3 and 6 numbers), or a `Spread`, which draws.
+    ground, servos, links, joints, supply: by the names that `Ground`, `Servo` with its `Gearbox` and `Controller`,
+    `Link`, `Joint` and `Supply` have, in their units.  A name stands for all servos, links or joints of the robot,
+    "PART.name" for that of one joint or link.  A value is a number, an array with one entry a run, one (runs, parts)
+    with an entry for each of them in the order of the model (servos in that of its moving joints; centres of mass and
+    inertias have a last axis of 3 and 6 numbers), or a `Spread`, which draws.
     gravity: (3,) or (runs, 3) [m/s^2].
     runs: how many, where no array says it.  seed: of the draws; those of a field do not depend on the other fields, nor
     those of a run on how many runs there are.
@@ -115,6 +119,7 @@ class Worlds:
     joints: Mapping[str, Values] = field(default_factory=dict)
     gravity: ArrayLike | None = None
     seed: int = 0
+    supply: Mapping[str, Values] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         whole("worlds: seed", self.seed, 0, "it is the seed of the draws")
@@ -195,7 +200,7 @@ class Worlds:
 
 
 def _checked(section: str, names: Sequence[str], key: str, value: Values) -> Values:
-    if not isinstance(key, str) or key.rpartition(".")[2] not in names or (section == "ground" and "." in key):
+    if not isinstance(key, str) or key.rpartition(".")[2] not in names or (section in WHOLE and "." in key):
         raise ValueError(f"worlds: {section}: there is no number {shown(key)}; use one of {', '.join(names)}")
     if isinstance(value, Spread):
         return value
@@ -210,6 +215,8 @@ def _parts(scene: CompiledScene, section: str) -> dict[str, Any]:
     model = scene.model
     if section == "ground":
         return {} if scene.ground is None else {"": scene.ground}
+    if section == "supply":
+        return {} if scene.constants.supply is None else {"": model.supply}
     if section == "servos":
         return {name: model.servos[name] for name in model.joint_names if scene.servos and name in model.servos}
     if section == "links":
@@ -240,6 +247,9 @@ def _scene_with(scene: CompiledScene, changed: dict[str, Any], gravity: np.ndarr
                 dataclasses.replace(part, **own[part.name]) if part.name in own else part
                 for part in getattr(model, section)
             )
+    if changed["supply"]:
+        assert model.supply is not None
+        parts["supply"] = dataclasses.replace(model.supply, **changed["supply"][""])
     if parts:
         model = model.with_numbers(**parts)
     if changed["ground"]:

@@ -16,7 +16,7 @@ from ..build.coupling import followed
 from ..build.scene import CompiledScene, compile_scene
 from ..build.tree import GRAVITY
 from ..contact_choice import with_contacts
-from ..model import ContactPoint, Ground, Joint, Link, Model
+from ..model import ContactPoint, Ground, Joint, Link, Model, Supply
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..run.simulate import initial_state, simulate, standing_state
@@ -37,6 +37,7 @@ def cases(full: bool = False, robots: Sequence[Path] | None = None, skipped: lis
     skipped = [] if skipped is None else skipped
     yield from servo_cases()
     yield from friction_cases()
+    yield from firmware_cases()
     yield from free_cases()
     yield from humanoid_cases(full)
     yield from known_cases()
@@ -158,6 +159,26 @@ def friction_cases() -> Iterator[Case]:
         limp = replace(servo, current_limit=1e-9)
         scene = compile_scene(replace(arm, servos=dict.fromkeys(arm.servos, limp)), servos="rotor")
         yield case_of(f"{name}, let go", "friction", scene, 1.0, [1.2], [-3.0])
+
+
+def firmware_cases() -> Iterator[Case]:
+    """The AX-12's own law, with profile and delay; seven of them on a weak battery."""
+    margin, slope, punch = math.radians(0.29), math.radians(9.4), 32 / 1023 * 10.0
+    law: dict[str, Any] = {
+        "compliance_margin": margin, "punch": punch, "Kp": (10.0 - punch) / slope, "pwm_steps": 1023.0,
+        "duty_limit": 0.98,
+    }  # fmt: skip
+    arm, step = load_robot("ax12_arm"), Reference([0.0], [[math.pi / 3.0]])
+    for name, firmware in {
+        "AX-12's law": law,
+        "AX-12's law, profile of 2 rad/s": law | {"profile_speed": 2.0},
+        "AX-12's law, 3 ms late": law | {"delay": 3e-3},
+    }.items():
+        scene = compile_scene(replace(arm, servos=dict.fromkeys(arm.servos, load_servo("ax12", **firmware))), "rotor")
+        yield case_of(f"{name}, step of 60 degrees", "firmware", scene, 1.0, [0.0], None, reference=step)
+    scene = compile_scene(replace(load_robot("arm7"), supply=Supply(11.1, 0.3)), "mipsd")
+    raised = Reference([0.0], np.full((1, 7), 0.3))
+    yield case_of("arm7 on 11.1 V and 0.3 Ohm, raised", "firmware", scene, 1.0, [0.0] * 7, None, reference=raised)
 
 
 # ---------------------------------------------------------------------------------------------- free bodies

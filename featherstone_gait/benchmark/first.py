@@ -34,9 +34,17 @@ print(time.process_time())
 """
 HUMANOID = 'scene = compile_scene(load_robot("humanoid"), servos="mipsd", ground=Ground(){})\n'
 BY_DEFAULT, MIDPOINT = HUMANOID.format(""), HUMANOID.format(', integrator="midpoint"')
+FED = """
+from dataclasses import replace
+from featherstone_gait import Supply, load_servo
+from featherstone_gait.benchmark.skip import FIRMWARE
+arm = load_robot("arm7")
+fed = replace(arm, servos=dict.fromkeys(arm.joint_names, load_servo("ax12", **FIRMWARE)), supply=Supply(11.1, 0.3))
+"""
 KINDS = {  # first results
     "free arm": 'simulate(compile_scene(load_robot("arm7")), 0.1)',
     "arm with rotors": 'simulate(compile_scene(load_robot("arm7"), servos="rotor"), 0.1)',
+    "the same with firmware and supply": FED + 'simulate(compile_scene(fed, servos="rotor"), 0.1)',
     "humanoid on the ground": BY_DEFAULT + "simulate(scene, 0.1)",
     "the same in lanes": MIDPOINT + "simulate_batch(scene, 0.1, states=[None] * 8)",
     "the same, midpoint": MIDPOINT + "simulate(scene, 0.1)",

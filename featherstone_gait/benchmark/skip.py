@@ -39,7 +39,7 @@ from ..core.step.context import Run, Step
 from ..core.step.newton import solve_step
 from ..core.tree.aba import aba
 from ..core.tree.layout import Motion, Robot
-from ..model import Ground, HeightField, Joint, Mimic, Model
+from ..model import Ground, HeightField, Joint, Mimic, Model, Supply
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..run.prepared import prepare, with_steps
@@ -52,6 +52,10 @@ from .table import write_table
 LOSSES = {  # M4, of an MX-64 by arXiv 2410.08650
     "stribeck_friction": 0.0239, "stribeck_external_load": 0.2343, "stribeck_motor_load": 0.2343,
     "stribeck_speed": 1.52, "stribeck_exponent": 1.33,
+}  # fmt: skip
+FIRMWARE = {
+    "compliance_margin": 5e-3, "punch": 0.3, "pwm_steps": 1023.0, "duty_limit": 0.95, "profile_speed": 2.0,
+    "delay": 3e-3,
 }  # fmt: skip
 STEP = 1e-3  # [s]
 SETTLE = 0.1  # of simulated time before anything is counted [s]
@@ -483,6 +487,10 @@ def savings() -> Iterator[tuple[str, Work, Work, str]]:
     yield "no rotor", rigid, soft, "standard model and mipsd"
     dry, loaded = (_rollout(_compiled(_rubbing(_driven(), losses), "standard")) for losses in ({}, LOSSES))
     yield "no friction that knows load and speed", dry, loaded, "M1 and M4 of 7 servos"
+    firm = _rollout(_compiled(_driven(**FIRMWARE), "standard"))
+    yield "no firmware", rigid, firm, "all of it in 7 servos, of a tick a step's share"
+    fed = _rollout(_compiled(replace(_driven(), supply=Supply(11.1, 0.3)), "standard"))
+    yield "no supply", rigid, fed, "one that 7 servos share"
     direct = _rollout(_compiled(_driven(inductance=0.0), "standard"))
     yield "no inductance (a number of the same kernel)", direct, rigid, "not skipped, see below"
     loose = _rollout(_compiled(_driven(backlash=0.01), "mipsd"))

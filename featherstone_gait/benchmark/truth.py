@@ -162,7 +162,10 @@ def digest(case: Case) -> str:
 
 
 PHYSICAL = ("servos", "ground", "gravity", "fall_height", "fall_tilt", "springs")  # arguments of `compile_scene`
-STARTING = ("base_q", "q", "base_qd", "qd", "current", "rotor", "rotor_speed", "filtered", "bristle", "voltage")
+STARTING = (
+    "base_q", "q", "base_qd", "qd", "current", "rotor", "rotor_speed", "filtered", "bristle", "voltage", "goal",
+    "delayed",
+)  # fmt: skip
 
 
 def write(path: Path, found: Truth) -> Truth:

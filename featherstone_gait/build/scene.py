@@ -12,7 +12,6 @@ import numpy as np
 
 from .. import renamed
 from ..arguments import instance, listed, real, vector
-from ..core.effects.contact import Contact
 from ..core.effects.gear_friction import GearFriction
 from ..core.integrate import INTEGRATORS
 from ..core.integrate.integrator import Integrator
@@ -24,6 +23,7 @@ from ..rotation import dot
 from .actuator import Drive, ServoKind, build_decay, build_drive, controller_period, fold_springs
 from .contact import build_contact, standing_posture
 from .external import Push, build_pushes, build_springs
+from .firmware import build_firmware, build_supply
 from .friction import build_friction, sticks
 from .preflight import STIFF, Preflight, preflight
 from .stop import build_stops
@@ -218,6 +218,8 @@ def compile_scene(
         push=None,
         springs=between,
         coupling=tree.coupling,
+        firmware=build_firmware(model, drive, h, round(period / h)),
+        supply=build_supply(model, drive),
     )
     falls = tree.floating and ground is not None
     height, upright = standing_posture(model) if falls else (0.0, (0.0, 0.0, 1.0))
@@ -226,7 +228,7 @@ def compile_scene(
         model=model,
         tree=tree,
         constants=constants,
-        places=_places(tree, drive, contact),
+        places=_places(tree, drive, constants),
         method=method,
         timestep=h,
         tick_steps=round(period / h),
@@ -253,9 +255,10 @@ def compile_scene(
     )
 
 
-def _places(tree: Tree, drive: Drive, contact: Contact | None) -> np.recarray:
+def _places(tree: Tree, drive: Drive, constants: Scene) -> np.recarray:
     """Give each part of the state its place."""
     has = () if drive.actuator is None else drive.actuator.PARTS
+    contact, firmware, fed = constants.contact, constants.firmware, constants.supply is not None
     return state.lay_out(
         {
             "base": int(tree.floating),
@@ -264,6 +267,10 @@ def _places(tree: Tree, drive: Drive, contact: Contact | None) -> np.recarray:
             "rotor": tree.n * ("rotor" in has),
             "point": 0 if contact is None else len(contact.points),
             "run": 1,
+            "profile": tree.n * (firmware.profile is not None),
+            "delay": 0 if firmware.delay is None else tree.n * firmware.delay.slots,
+            "fed": tree.n * fed,
+            "source": int(fed),
         }
     )
 

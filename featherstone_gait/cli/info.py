@@ -105,6 +105,8 @@ def _servo_table(model: Model) -> list[str]:
         rows = [(part, name, value, unit) for part, record in parts for name, value, unit in _fields(record)]
         whose = ", ".join(joints) if len(kinds) > 1 else "all joints"
         lines += ["", f"servo of {whose}", *table(("part", "parameter", "value", "unit"), rows)[1:]]
+    if model.supply is not None:
+        lines += ["", f"supply of all servos: {model.supply.voltage:g} V, {model.supply.resistance:g} Ohm"]
     return lines
 
 

@@ -13,6 +13,10 @@ can touch the ground and named sets of locked joints and postures::
     [servos.joints.neck]                 # for one joint: type, gearbox and any field
     current_limit = 0.1
 
+    [supply]                             # the source of all servos; without it each has its own voltage_limit
+    voltage = 11.1                       # [V]
+    resistance = 0.15                    # [Ohm]
+
     [joints.neck]                        # what URDF cannot say of a joint
     armature = 1e-4                      # inertia of what turns with it [kg m^2]
 
@@ -24,7 +28,8 @@ can touch the ground and named sets of locked joints and postures::
     [locked.simplified]                  # load_robot(..., locked="simplified")
     left_elbow_deg = 45.0
 
-All numbers are SI; the angles `encoder_resolution`, `backlash` and locked positions may carry `_deg`.
+All numbers are SI; the angles `encoder_resolution`, `backlash`, `compliance_margin` and locked positions may carry
+`_deg`.
 
 A URDF that has one meaning is read: `Model.notes` lists what was passed over or assumed, a RobotFileWarning says so,
 and ``load_robot(..., strict=True)`` refuses it.  What has no meaning is refused, all of it at once.  The TOML is read

@@ -140,6 +140,7 @@ def _model(path: Path, robot: Robot, settings: Settings, base: Base | None, movi
             keyframes={**_keyframes(robot, settings, taken, held), **settings.keyframes},
             notes=report.notes(),
             source=str(path),
+            supply=settings.supply,
         )
     report.raise_problems(path)
     assert model is not None

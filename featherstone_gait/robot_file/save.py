@@ -163,6 +163,8 @@ def _toml_text(model: Model) -> str:
             lines += ["", f"[joints.{written(joint.name)}]", f"armature = {written(joint.armature)}"]
     for name, q in model.keyframes.items():
         lines += ["", f"[keyframes.{written(name)}]", *_posture_lines(model, q)]
+    if model.supply is not None:
+        lines += ["", "[supply]", *_assignments(model.supply, fields(model.supply))]
     for name, servo in model.servos.items():
         lines += ["", f"[servos.joints.{written(name)}]"]
         for part in (servo.controller, servo.gearbox, servo):

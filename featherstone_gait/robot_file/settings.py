@@ -8,7 +8,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..model import Base, ContactPoint, Joint, Link, Servo, check_contacts, check_locked
+from ..model import Base, ContactPoint, Joint, Link, Servo, Supply, check_contacts, check_locked
 from .robot import Posture
 from .servos import read_servos
 from .toml import READ, check_keys, number, read_toml, real, string, table_of
@@ -26,13 +26,14 @@ class Settings(NamedTuple):
     armature: Mapping[str, float] = {}  # joint name -> inertia [kg m^2 or kg]
     keyframes: Mapping[str, tuple[float, ...]] = {}  # name -> q, of those given as a list
     postures: Mapping[str, Posture] = {}  # name -> posture, of those given by joint
+    supply: Supply | None = None
     choice: str | tuple[str, ...] | None = None  # of collision shapes in place of contact points
 
 
 def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]) -> Settings:
     """Read the TOML of a robot of these links and joints.  Raises ValueError for what it does not understand."""
     table = read_toml(path)
-    check_keys(table, ("base", "contacts", "servos", "locked", "joints", "keyframes"), "top level")
+    check_keys(table, ("base", "contacts", "servos", "supply", "locked", "joints", "keyframes"), "top level")
     if table.get("base", "fixed") not in ("fixed", "floating"):
         raise ValueError(f"base is {table['base']!r}; expected 'fixed' or 'floating': use one of these")
     servos = read_servos(table_of(table, "servos", ""), joints, path.parent)
@@ -44,7 +45,16 @@ def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]
     contacts = table.get("contacts", [])
     choice = _choice(contacts)
     points = () if choice else _contacts(contacts, links)
-    return Settings(table.get("base"), locked, servos, points, armature, keyframes, postures, choice)
+    supply = _supply(table_of(table, "supply", "")) if "supply" in table else None
+    return Settings(table.get("base"), locked, servos, points, armature, keyframes, postures, supply, choice)
+
+
+def _supply(table: dict[str, Any]) -> Supply:
+    """What [supply] says; its keys are the fields of the class."""
+    known = fields(Supply)
+    check_keys(table, tuple(f.name for f in known), "supply")
+    stated = [f.name for f in known if f.name in table or f.default is MISSING]
+    return Supply(**{name: number(table, name, "supply") for name in stated})
 
 
 def _armature(section: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> float:

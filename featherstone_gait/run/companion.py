@@ -56,8 +56,8 @@ def companion(scene: CompiledScene, sample: float | None, rtol: float | None, at
         return Companion(scene, min(1.0, COARSER * rtol), min(1.0, COARSER * atol), SHARE)
     if scene.method.drives or scene.by_hand:
         return None
-    every, tick = steps_between_records(scene, sample), scene.tick_steps
-    if every % 2 == 0 and tick % 2 == 0:
+    every, tick, delay = steps_between_records(scene, sample), scene.tick_steps, scene.constants.firmware.delay
+    if every % 2 == 0 and tick % 2 == 0 and (delay is None or delay.shift % 2 == 0):
         coarse = _with_step(scene, 2.0)
         if not beyond_stability(coarse):
             return Companion(coarse, None, None, OF_TWICE.get(scene.method.order, OF_HIGHER), _with_step(scene, 0.5))

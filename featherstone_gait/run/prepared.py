@@ -471,9 +471,11 @@ def _with_first_error(scene: CompiledScene, start: Start) -> np.ndarray:
     if not scene.sampled or start.reference is None or start.y[scene.layout["end"]] > 0:  # there is none, or it goes on
         return start.y
     n, o, y = scene.tree.n, scene.layout, start.y.copy()
+    firmware = scene.constants.firmware
+    goal = start.reference.cubics[0, :, 0] if firmware.profile is None else y[o["goal"] : o["goal"] + n]
     speed = controller_of(scene.constants.actuator).law == PID_SPEED
-    error = np.where(speed, 0.0, start.reference.cubics[0, :, 0]) - np.where(
-        speed, y[o["qd"] : o["qd"] + n], y[o["q"] : o["q"] + n]
-    )
+    error = np.where(speed, 0.0, goal) - np.where(speed, y[o["qd"] : o["qd"] + n], y[o["q"] : o["q"] + n])
+    if firmware.band is not None:
+        error -= np.clip(error, -firmware.band.compliance_margin, firmware.band.compliance_margin)
     y[o["last_error"] : o["last_error"] + n] = error
     return y

@@ -25,8 +25,9 @@ def initial_state(
     """The whole state (size,) of a robot at positions q and velocities qd; zero where None.
 
     A floating robot over ground whose q is None stands with its lowest contact point sunk in by the ground's
-    `sinking`.  Rotors turn with their joints, currents and bristles are zero.  Joints that follow others do so where
-    q or qd is None; where they are given and do not agree with their leaders, ValueError says what they should be.
+    `sinking`.  Rotors and goals are where their joints are, currents, bristles and voltages are zero.  Joints that
+    follow others do so where q or qd is None; where they are given and do not agree with their leaders, ValueError says
+    what they should be.
     Raises ValueError too for a joint at more than `OVERSHOOT` beyond its limits, whose stop would throw it back at a
     speed that no motion has, unless `beyond_limits` asks for it.
     """
@@ -48,11 +49,13 @@ def initial_state(
     check_quaternion(scene, q[3:7], SHORTEST, LONGEST)
     joints, rates = (a[len(a) - n :] for a in (q, qd))
     check_followers(model, scene.tree.coupling, joints, rates)
-    given = {"q": joints, "qd": rates, "filtered": rates, "rotor": joints, "rotor_speed": rates}
+    given = {"q": joints, "qd": rates, "filtered": rates, "rotor": joints, "rotor_speed": rates, "goal": joints}
     for name, values in given.items():
         first, end = scene.part(name)
         if end > first:
             y[first:end] = values
+    if scene.constants.supply is not None:
+        y[o["bus"]] = scene.constants.supply[0].voltage
     if model.base == "floating":
         y[o["base_q"] : o["base_q"] + 7], y[o["base_qd"] : o["base_qd"] + 6] = q[:7], qd[:6]
         y[o["base_q"] + 3 : o["base_q"] + 7] /= math.sqrt(total(q[3:7] * q[3:7]))

@@ -10,6 +10,7 @@ it has (see step/state.py).  A scene without actuator has None, which the functi
 """
 
 from ..compile.by_type import NoneType, by_type
+from ..compile.jit import inline
 
 
 @by_type
@@ -54,6 +55,14 @@ def motor_of(actuator):
 @by_type
 def controller_of(actuator):
     """CONTROLLER records of what is sampled, None where nothing is."""
+
+
+@inline
+def motor_speed(rotor, o, y, i):
+    """Of a motor, at the output [rad/s]."""
+    if rotor is None:
+        return y[o.qd + i]
+    return y[o.rotor_speed + i]
 
 
 @actuator_force.of(NoneType)

@@ -6,7 +6,8 @@ The laws are those of SimTwo (P33a/SimTwo, 2012), with sums and differences made
     pid_position  u = Kp e + Ki integral(e) + Kd de/dt + Kf ref
     pid_speed     the same of the speed error wref - f
 
-with e = ref - angle.  The two PID laws stop integrating while the voltage is at its limit.
+with e = ref - angle.  The two PID laws stop integrating while the voltage is at its limit.  What firmware adds to them
+is in `firmware.py`, and what a source makes of the voltages in `supply.py`.
 """
 
 import numpy as np
@@ -14,8 +15,11 @@ import numpy as np
 from ..compile.by_type import by_type
 from ..compile.jit import inline, kernel
 from ..compile.lanes import clamp, select
+from .actuator import controller_of
 from .decay import FILTER_DECAY
+from .firmware import ROUND, apply_oldest, beyond_margin, goal_and_rate, in_counts, issue, largest, with_punch
 from .motor_stage import FILTER, MotorStage
+from .supply import feed
 
 STATE_FEEDBACK = 0
 PID_POSITION = 1
@@ -33,40 +37,61 @@ CONTROLLER = np.dtype(
     ],
     align=True,
 )
-_ROUND = 6755399441055744.0  # 1.5 * 2**52: adding and subtracting it rounds to an integer
 
 
 @inline
 def quantised(angle, resolution):
     """The angle as an encoder of that resolution reads it: the nearest count [rad]."""
     if_exact = resolution <= 0.0
-    counts = (angle / select(if_exact, 1.0 + 0.0 * resolution, resolution) + _ROUND) - _ROUND
+    counts = (angle / select(if_exact, 1.0 + 0.0 * resolution, resolution) + ROUND) - ROUND
     return select(if_exact, angle, counts * resolution)
 
 
 @kernel
-def control_tick(controller, o, reference, noise, y, period):
-    """Set the voltages [V]; reference (n, 2) angle [rad] and rate [rad/s]; period since the last tick [s].
+def control_tick(controller, scene, o, reference, noise, y, period):
+    """Work out the voltages [V]; reference (n, 2) angle [rad] and rate [rad/s]; period since the last tick [s].
 
     noise (n, 2) is added to the angle that the encoder sees [rad] and to the voltage [V]; None: there is none.
     """
+    firmware = scene.firmware
+    apply_delayed(firmware.delay, scene, o, y, 0)
     for i in range(len(controller)):
         c = controller[i]
         angle = quantised(_plus(y[o.q + i], noise, i, 0), c.encoder_resolution)
-        e = reference[i, 0] - angle
-        de = reference[i, 1] - select(c.speed_filter > 0.0, y[o.filtered + i], y[o.qd + i])
+        goal, rate = goal_and_rate(firmware.profile, o, reference, y, i, period)
+        e = goal - angle
+        de = rate - select(c.speed_filter > 0.0, y[o.filtered + i], y[o.qd + i])
         if c.law == PID_SPEED:
             e = de
+        e = beyond_margin(firmware.band, e, i)
         integral = y[o.integral + i] + e * period
-        u = c.Kp * e + c.Ki * integral + c.Kf * reference[i, 0]
+        u = c.Kp * e + c.Ki * integral + c.Kf * goal
+        limit = largest(firmware.pwm, c, i)
         if c.law == STATE_FEEDBACK:
-            u = u + c.Kd * de
+            u = with_punch(firmware.band, u + c.Kd * de, e, i)
         else:
-            u = u + c.Kd * ((e - y[o.last_error + i]) / period)
-            integral = select(abs(u) >= c.voltage_limit, y[o.integral + i], integral)
+            u = with_punch(firmware.band, u + c.Kd * ((e - y[o.last_error + i]) / period), e, i)
+            integral = select(abs(u) >= limit, y[o.integral + i], integral)
         y[o.integral + i] = integral
         y[o.last_error + i] = e
-        y[o.voltage + i] = _plus(clamp(u, -c.voltage_limit, c.voltage_limit), noise, i, 1)
+        u = in_counts(firmware.pwm, c, clamp(u, -limit, limit), i)
+        issue(firmware.delay, o, y, i, len(controller), _plus(u, noise, i, 1))
+    _feed_at_once(firmware.delay, scene, o, y)
+
+
+@inline
+def apply_delayed(delay, scene, o, y, since):
+    """Apply what was worked out a delay ago, if it is due `since` steps after a tick."""
+    if delay is not None:
+        if delay.shift == since:
+            apply_oldest(delay, o, y, len(controller_of(scene.actuator)))
+            feed(scene.supply, scene.actuator, o, y)
+
+
+@inline
+def _feed_at_once(delay, scene, o, y):
+    if delay is None:
+        feed(scene.supply, scene.actuator, o, y)
 
 
 @inline

@@ -13,6 +13,7 @@ from ..compile.lanes import clamp, invert, select
 from .decay import MEAN, MOTOR_DECAY
 from .energies import COPPER, DRIVER, ENERGIES, METER, SUPPLY
 from .motor_stage import USED, MotorStage, stage_current
+from .supply import move_source, source_rate
 
 MOTOR = np.dtype(
     [
@@ -141,6 +142,7 @@ def _move_stage(decay, m, s, i, w):
     y[E + METER] += select(supply > 0.0, supply, 0.0 * supply)
     y[E + COPPER] += copper
     y[E + DRIVER] += supply - copper - h * (m.torque_constant * w * used)
+    move_source(s.scene.supply, s, i, used)
     y[o.current + i] = end
     decay.table[i, USED + int(decay.time[2])] = used
 
@@ -156,6 +158,7 @@ def _move_step(decay, m, s, i, w):
     y[E + METER] += select(supply > 0.0, supply, 0.0 * supply)
     y[E + COPPER] += copper
     y[E + DRIVER] += supply - copper - h * (m.torque_constant * w * mean) - 0.5 * m.inductance * (end * end - I * I)
+    move_source(s.scene.supply, s, i, mean)
     y[o.current + i] = end
 
 
@@ -171,6 +174,7 @@ def motor_rates(motor, s, dy, i, w):
     dy[E + METER] = select(supply > 0.0, supply, 0.0 * supply)
     dy[E + COPPER] = copper
     dy[E + DRIVER] = supply - copper - m.torque_constant * w * I - m.inductance * I * rate
+    source_rate(s.scene.supply, s, dy, i, I)
     return m.torque_constant * I
 
 

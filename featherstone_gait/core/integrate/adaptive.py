@@ -13,7 +13,7 @@ from ..step.pace import PACE, REJECTED, SINCE, STEPS, UNTIL
 from ..step.signals import next_knot, time_of
 from ..tree.coupling import follow
 from .integrator import begin_interval, begin_run, ends_on_records, record_within, take_adaptive_step
-from .rollout import TOO_COSTLY, TOO_SMALL, inspect, record, tick
+from .rollout import TOO_COSTLY, TOO_SMALL, between, inspect, record, tick
 
 
 @entry
@@ -30,11 +30,14 @@ def rollout_adaptive(run, y, out):
     while True:
         if k % plan.per_tick == 0 and k < plan.steps:
             tick(controller_of(run.scene.actuator), run, k, time_of(plan, k), y)
+        elif k < plan.steps:
+            between(run.scene.firmware.delay, run, k, y)
         if k % plan.per_sample == 0:
             record(run, y, k // plan.per_sample, out)
         if k == plan.steps or dead:
             break
         end = _end(controller_of(run.scene.actuator), ends_on_records(run.work), plan, k)
+        end = _end_of_delay(run.scene.firmware.delay, plan, k, end)
         dead = _cross(run, y, k, end, most, out)
         k = end
     for i in range(PACE):
@@ -51,6 +54,16 @@ def _end(controller, ends, plan, k):
         end = min(end, (k // plan.per_sample + 1) * plan.per_sample)
     if controller is not None:
         end = min(end, (k // plan.per_tick + 1) * plan.per_tick)
+    return end
+
+
+@inline
+def _end_of_delay(delay, plan, k, end):
+    """The same, at the next step at which delayed voltages are applied."""
+    if delay is not None:
+        due = k - k % plan.per_tick + delay.shift
+        if due > k:
+            end = min(end, due)
     return end
 
 

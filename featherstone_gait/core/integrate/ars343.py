@@ -24,7 +24,7 @@ from ..compile.jit import inline, kernel
 from ..compile.lanes import sqrt
 from ..compile.optional import any_present
 from ..compile.structure import structure
-from ..effects.actuator import controller_of, motor_of, rotor_of
+from ..effects.actuator import controller_of, motor_of, motor_speed, rotor_of
 from ..effects.energies import DRIVER, ENERGIES, METER, SUPPLY
 from ..effects.motor_stage import COLUMNS as MOTOR_COLUMNS
 from ..effects.motor_stage import USED, MotorStage, begin_stage, begin_step, bend, keep, missed
@@ -300,7 +300,7 @@ def _current_error(motors, rotor, run, y, h, worst):
         o, start, motor = run.places[0], run.work.start, motor_of(run.scene.actuator)
         for i in range(len(motor)):
             k = o.current + i
-            e = missed(motor[i], motors, i, y[o.voltage + i], y[k], _speed(rotor, o, y, i), (1.0 - NODES[2]) * h)
+            e = missed(motor[i], motors, i, y[o.voltage + i], y[k], motor_speed(rotor, o, y, i), (1.0 - NODES[2]) * h)
             worst = _worse(worst, scaled(run.plan, e, start[k], y[k]))
     return worst
 
@@ -310,7 +310,7 @@ def _keep_currents(motors, rotor, run, y):
     if motors is not None:
         o = run.places[0]
         for i in range(len(motors.table)):
-            keep(motors, i, _speed(rotor, o, y, i), y[o.current + i])
+            keep(motors, i, motor_speed(rotor, o, y, i), y[o.current + i])
 
 
 @inline
@@ -344,15 +344,7 @@ def _start_motors(motors, rotor, run):
     if motors is not None:
         o, start = run.places[0], run.work.start
         for i in range(len(motors.table)):
-            begin_step(motors, i, _speed(rotor, o, start, i), start[o.current + i])
-
-
-@inline
-def _speed(rotor, o, y, i):
-    """Of a motor, at the output [rad/s]."""
-    if rotor is None:
-        return y[o.qd + i]
-    return y[o.rotor_speed + i]
+            begin_step(motors, i, motor_speed(rotor, o, start, i), start[o.current + i])
 
 
 @inline

@@ -6,7 +6,7 @@ from ..compile.optional import in_lanes, item, slice_if
 from ..compile.shared import read_now
 from ..effects.actuator import controller_of
 from ..effects.contact import above_ground
-from ..effects.controller import control_tick
+from ..effects.controller import apply_delayed, control_tick
 from ..step.signals import AHEAD, evaluate, time_of
 from ..tree.coupling import follow
 from ..tree.energy import center_of_floating
@@ -32,6 +32,8 @@ def rollout(run, y, out):
             if k < plan.steps:  # the tick at the very end is the first of what goes on from here
                 tick(controller_of(run.scene.actuator), run, k, t, y)
                 _freeze_ended(dead, run.good, y)
+        else:
+            _between_ticks(run.scene.firmware.delay, dead, run, k, y)
         if k % plan.per_sample == 0:
             record(run, y, k // plan.per_sample, out)
         if k == plan.steps or read_now(run.stop) != 0 or not any_lane(invert(dead)):
@@ -68,11 +70,25 @@ def tick(controller, run, k, t, y):
 
 
 @inline
+def _between_ticks(delay, dead, run, k, y):
+    if delay is not None:
+        between(delay, run, k, y)
+        _freeze_ended(dead, run.good, y)
+
+
+@inline
+def between(delay, run, k, y):
+    """Apply delayed voltages that are due at step k, which is no tick."""
+    if delay is not None:
+        apply_delayed(delay, run.scene, run.places[0], y, k % run.plan.per_tick)
+
+
+@inline
 def _tick_sampled(samples, controller, run, k, y):
     if samples is not None:
         j = k // run.plan.per_tick
         noise = item(run.signals.noise, j)
-        control_tick(controller, run.places[0], samples[j], noise, y, run.plan.per_tick * run.plan.h)
+        control_tick(controller, run.scene, run.places[0], samples[j], noise, y, run.plan.per_tick * run.plan.h)
 
 
 @inline
@@ -80,7 +96,8 @@ def _tick_knots(reference, controller, run, k, t, y):
     if reference is not None:
         noise = item(run.signals.noise, k // run.plan.per_tick)
         evaluate(reference, t - run.plan.lag + AHEAD, run.signals.drive)
-        control_tick(controller, run.places[0], run.signals.drive, noise, y, run.plan.per_tick * run.plan.h)
+        period = run.plan.per_tick * run.plan.h
+        control_tick(controller, run.scene, run.places[0], run.signals.drive, noise, y, period)
 
 
 @kernel

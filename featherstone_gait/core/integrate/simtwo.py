@@ -20,6 +20,7 @@ from ..effects.gearbox import wind_up
 from ..effects.mipsd_servo import MipsdServo
 from ..effects.motor import current_step
 from ..effects.rigid_servo import RigidServo
+from ..effects.supply import move_source
 from ..step.advance import advance
 from ..step.context import Scratch, Step
 from ..step.newton import solve_step
@@ -104,6 +105,7 @@ def _current(motor, s, i, w):
     y[E + COPPER] += copper
     stored = 0.5 * m.inductance * (I * I - y[o.current + i] * y[o.current + i])
     y[E + DRIVER] += supply - copper - h * (m.torque_constant * w * I) - stored
+    move_source(s.scene.supply, s, i, I)
     y[o.current + i] = I
     return I
 

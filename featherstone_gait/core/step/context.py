@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compile.structure import structure
+from ..effects.firmware import Firmware
 from .signals import Signals
 
 
@@ -29,6 +30,8 @@ class Scene(NamedTuple):
     push: np.ndarray | None  # (pushes,) PUSH
     springs: np.ndarray | None  # (springs,) SPRING
     coupling: np.ndarray | None = None  # (couplings,) COUPLING
+    firmware: Firmware = Firmware()
+    supply: np.ndarray | None = None  # (1,) SUPPLY
 
 
 @structure

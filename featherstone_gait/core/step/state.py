@@ -5,7 +5,7 @@ The order of the table is the order in the flat state `y`, sorted by kind:
     coordinates   positions and velocities of the tree
     controlled    obeys a differential equation, and error control watches it
     integrated    obeys one too: integrals along the way, of which error control watches the meters alone
-    held          changes at controller ticks
+    held          changes at controller ticks, or a delay after them
     derived       output of the last step or evaluation; a smooth function of the state between kinks
     watched       tells how the run goes
     run           what goes on with a run; not to be recorded
@@ -23,7 +23,7 @@ from ..effects.energies import ENERGIES
 from .pace import PACE
 
 Kind = Literal["coordinates", "controlled", "integrated", "held", "derived", "watched", "run", "computed"]
-Of = Literal["base", "joint", "servo", "rotor", "point", "run"]
+Of = Literal["base", "joint", "servo", "rotor", "point", "run", "profile", "delay", "fed", "source"]
 
 
 class Channel(NamedTuple):
@@ -31,7 +31,8 @@ class Channel(NamedTuple):
 
     name: str
     kind: Kind
-    of: Of  # what has it: the floating base, each joint, each joint with a servo or rotor, each contact point, the run
+    of: Of  # what has it: the floating base, each joint, each joint with a servo or rotor, each contact point, the run,
+    # the supply, each joint that it feeds, whose goal has a profile, or whose voltages wait, as often as they do
     width: int  # numbers each
     unit: str
     what: str
@@ -55,9 +56,14 @@ CHANNELS = (
     Channel("bristle", "controlled", "point", 2, "m", "tangential deflection of a contact", _FORCE[1:]),
     Channel("energy", "integrated", "joint", ENERGIES, "J", "where the energy of a joint went", _WORKS),
     Channel("contact_work", "integrated", "run", 1, "J", "work of the ground on the robot"),
+    Channel("source_loss", "integrated", "source", 1, "J", "what the resistance of the supply took"),
     Channel("voltage", "held", "servo", 1, "V", "motor voltages"),
     Channel("integral", "held", "servo", 1, "rad s or rad", "integral of the controller's error"),
     Channel("last_error", "held", "servo", 1, "rad or rad/s", "the controller's error at the last tick"),
+    Channel("goal", "held", "profile", 1, "rad or m", "where the profile speed has let the goal come to"),
+    Channel("duty", "held", "fed", 1, "-", "duty cycles, by which servos share the bus"),
+    Channel("bus", "held", "source", 1, "V", "voltage of the supply under its load"),
+    Channel("delayed", "held", "delay", 1, "V", "voltages that wait, oldest first, at the nominal supply"),
     Channel("base_qdd", "derived", "base", 6, "m/s², rad/s²", "rates of base_qd"),
     Channel("qdd", "derived", "joint", 1, "rad/s² or m/s²", "joint accelerations"),
     Channel("torque", "derived", "joint", 1, "N m or N", "what drives a joint: actuator and torques from outside"),
@@ -75,7 +81,7 @@ CHANNELS = (
 BY_NAME = {channel.name: channel for channel in CHANNELS}
 UNITS = {channel.name: channel.unit for channel in CHANNELS}
 IN_STATE = tuple(channel for channel in CHANNELS if channel.kind != "computed")
-RECORDABLE = tuple(c.name for c in CHANNELS if c.kind != "run" and c.name != "last_error")
+RECORDABLE = tuple(c.name for c in CHANNELS if c.kind != "run" and c.name not in ("last_error", "delayed"))
 
 # Where each channel starts in `y`, and where the kinds end.
 STATE = np.dtype(

@@ -20,7 +20,8 @@ def actuator_lines(model: Model) -> tuple[list[str], list[str]]:
     for name, servo in servos.items():
         for what in _lacking(servo):
             lacking.setdefault(what, []).append(name)
-    return lines, [f"of the servos {', '.join(names)}: {what}" for what, names in lacking.items()]
+    source = [] if model.supply is None else ["of the supply: each actuator has its own, whatever the others draw"]
+    return lines, source + [f"of the servos {', '.join(names)}: {what}" for what, names in lacking.items()]
 
 
 def passive(model: Model, joint: Joint) -> tuple[float, float, float]:
@@ -97,6 +98,11 @@ def _lacking(servo: Servo) -> list[str]:
         "no feed-forward of the angle (Kf)": law.Kf != 0,
         "no limit of the current's rate without inductance": servo.current_slew < math.inf and not servo.inductance,
         "the damping acts on the speed, not on the error's rate": law.law == "pid_position" and law.Kd > 0,
+        "no dead band and no punch": law.compliance_margin > 0 or law.punch > 0,
+        "the duty cycle is continuous": law.pwm_steps > 0,
+        "no limit of the duty cycle": law.duty_limit < 1,
+        "the goal is the reference, without a profile's speed": law.profile_speed < math.inf,
+        "no delay from reading to voltage": law.delay > 0,
     }
     return [what for what, holds in found.items() if holds]
 

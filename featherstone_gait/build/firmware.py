@@ -1,0 +1,80 @@
+"""Firmware of the servos and the source that feeds them, as records; None of what no servo has."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..core.effects.actuator import motor_of
+from ..core.effects.firmware import BAND, PWM, Delay, Firmware
+from ..core.effects.supply import SUPPLY
+from ..model import Controller, Model
+from .actuator import Drive
+from .records import fill, records
+
+MOST_WAITING = 1000  # voltages of a servo
+COUNT = 1e-9  # of a count or a step, that rounding may leave
+
+
+def build_firmware(model: Model, drive: Drive, h: float, tick_steps: int) -> Firmware:
+    """Of steps h [s], so many a tick.  Raises ValueError on delays that differ or do not fit these."""
+    if not drive.sampled:
+        return Firmware()
+    laws = [servo.controller if servo else None for servo in drive.servos]
+    stated = [law for law in laws if law]
+    profile = np.array([law.profile_speed if law else math.inf for law in laws])
+    return Firmware(
+        band=_table(laws, BAND) if any(law.compliance_margin or law.punch for law in stated) else None,
+        pwm=_pwm(laws) if any(law.pwm_steps or law.duty_limit < 1.0 for law in stated) else None,
+        profile=profile if np.isfinite(profile).any() else None,
+        delay=_delay(model, {law.delay for law in stated}, h, tick_steps),
+    )
+
+
+def _table(laws: list[Controller | None], dtype: np.dtype) -> np.recarray:
+    table = records(len(laws), dtype)
+    for row, law in zip(table, laws):
+        if law is not None:
+            fill(row, law)
+    return table
+
+
+def _pwm(laws: list[Controller | None]) -> np.recarray:
+    """The largest duty cycle as a whole number of counts, where there are counts."""
+    table = _table(laws, PWM)
+    for row in table:
+        if row.pwm_steps:
+            row.duty_limit = math.floor(row.duty_limit * row.pwm_steps + COUNT) / row.pwm_steps
+    return table
+
+
+def _delay(model: Model, delays: set[float], h: float, tick_steps: int) -> Delay | None:
+    if len(delays) > 1:
+        raise ValueError(f"{model.name}: controllers differ in delay: {sorted(delays)}; give them the same")
+    (delay,) = delays
+    steps = round(delay / h)
+    if abs(steps * h - delay) > COUNT * delay or (delay and not steps):
+        raise ValueError(
+            f"timestep {h:g} s does not divide the controllers' delay of {delay:g} s; voltages change between steps: "
+            "give compile_scene a timestep that divides it"
+        )
+    slots, shift = -(-steps // tick_steps), steps % tick_steps
+    if slots > MOST_WAITING:
+        raise ValueError(
+            f"{model.name}: a delay of {delay:g} s lets {slots} voltages wait; at most {MOST_WAITING}: shorten it"
+        )
+    return Delay(slots, shift) if steps else None
+
+
+def build_supply(model: Model, drive: Drive) -> np.recarray | None:
+    """The source as a record (1,), None without servos or source.  Raises ValueError on servos that know no voltage."""
+    if model.supply is None or drive.actuator is None:
+        return None
+    if motor_of(drive.actuator) is None:
+        raise ValueError(
+            f"{model.name}: a supply feeds motors, and pd servos have none: leave it out, or use a sampled law"
+        )
+    table = records(1, SUPPLY)
+    fill(table[0], model.supply)
+    return table

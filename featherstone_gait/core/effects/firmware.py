@@ -1,0 +1,120 @@
+"""What the firmware of a servo adds to its controller's law: dead band and punch, duty cycle, profile speed, delay.
+
+The law is a voltage u at the nominal supply, `voltage_limit`; the duty cycle is d = u / voltage_limit.
+
+- Dead band: the law sees e' = e - clamp(e, -margin, margin), and where e' is not 0 a punch of its sign is added.  With
+  Ki = Kd = Kf = 0 that is the law of the AX-12 (ROBOTIS, Dynamixel AX-12 user's manual, control table 0x1A to 0x1D and
+  0x30): nothing within the compliance margin, the punch at its edge, from there a slope Kp up to the full output.
+- Duty cycle: limited, then rounded to the nearest of the counts that a full one has.
+- Profile: the goal that the law sees goes towards the reference by at most profile_speed * period a tick.
+- Delay: voltages wait in the state; `slots` of them are under way just before the oldest is applied.
+
+Each is None where no servo has it, and costs nothing then.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compile.jit import inline
+from ..compile.lanes import clamp, select, sign_beyond
+from ..compile.structure import structure
+
+BAND = np.dtype(
+    [
+        ("compliance_margin", np.float64),  # [rad], of PID_SPEED [rad/s]
+        ("punch", np.float64),  # [V]
+    ],
+    align=True,
+)
+PWM = np.dtype(
+    [
+        ("pwm_steps", np.float64),  # counts of a full duty cycle, 0: continuous
+        ("duty_limit", np.float64),  # largest duty cycle, a whole number of counts
+    ],
+    align=True,
+)
+ROUND = 6755399441055744.0  # 1.5 * 2**52: adding and subtracting it rounds to an integer
+
+
+@structure
+class Delay(NamedTuple):
+    """How long voltages wait, one time for all servos."""
+
+    slots: int  # voltages of each servo that wait at most
+    shift: int  # steps after a tick at which the oldest is applied, 0: at the tick
+
+
+@structure
+class Firmware(NamedTuple):
+    """Of the servos of a scene, one row a joint."""
+
+    band: np.ndarray | None = None  # (n,) BAND
+    pwm: np.ndarray | None = None  # (n,) PWM
+    profile: np.ndarray | None = None  # (n,) speeds [rad/s]
+    delay: Delay | None = None
+
+
+@inline
+def goal_and_rate(profile, o, reference, y, i, period):
+    """What the law follows: the reference and its rate, or the goal on its way there [rad, rad/s]."""
+    if profile is None:
+        return reference[i, 0], reference[i, 1]
+    speed, gap = profile[i], reference[i, 0] - y[o.goal + i]
+    most = speed * period
+    goal = select(abs(gap) <= most, reference[i, 0], y[o.goal + i] + clamp(gap, -most, most))
+    y[o.goal + i] = goal
+    return goal, select(gap > most, speed, select(gap < -most, -speed, reference[i, 1]))
+
+
+@inline
+def beyond_margin(band, e, i):
+    """The error less the dead band."""
+    if band is None:
+        return e
+    return e - clamp(e, -band[i].compliance_margin, band[i].compliance_margin)
+
+
+@inline
+def with_punch(band, u, e, i):
+    """The voltage with the punch in the direction of the error [V]."""
+    if band is None:
+        return u
+    return u + band[i].punch * sign_beyond(e, 0.0)
+
+
+@inline
+def largest(pwm, c, i):
+    """The largest voltage of the controller c [V]."""
+    if pwm is None:
+        return c.voltage_limit
+    return c.voltage_limit * pwm[i].duty_limit
+
+
+@inline
+def in_counts(pwm, c, u, i):
+    """The voltage at the nearest count of the duty cycle [V]."""
+    if pwm is None:
+        return u
+    steps, full, one = pwm[i].pwm_steps, c.voltage_limit, 1.0 + 0.0 * u
+    exact = steps * full <= 0.0
+    counts = (u / select(exact, one, full * one) * steps + ROUND) - ROUND
+    return select(exact, u, counts / select(exact, one, steps * one) * full)
+
+
+@inline
+def issue(delay, o, y, i, n, u):
+    """Voltage u of servo i, of n: it is applied, or waits as the last."""
+    if delay is None:
+        y[o.voltage + i] = u
+    else:
+        y[o.delayed + (delay.slots - 1) * n + i] = u
+
+
+@inline
+def apply_oldest(delay, o, y, n):
+    """The voltages that have waited longest act; the others move up."""
+    for i in range(n):
+        y[o.voltage + i] = y[o.delayed + i]
+    for i in range((delay.slots - 1) * n):
+        y[o.delayed + i] = y[o.delayed + n + i]

@@ -1,0 +1,104 @@
+"""A source with a resistance R_s that feeds all servos: V = V0 - R_s sum_j d_j I_j, d_j = V_j / V their duty cycles.
+
+Whenever duty cycles change, once a tick, V is found from the currents that they come to at the speeds of that moment,
+
+    I_j = clamp((d_j V - K_j w_j) / R_j, +- current_limit),
+
+and held until they change again: as each voltage it is then a constant of the steps between, which no integrator needs
+to know of.  With the currents as they are V would be late by a tick, for they follow their voltage within a fraction of
+one, and alternate from tick to tick where R_s sum d_j^2 / R_j > 1.  What a speed changes meanwhile is left out, and so
+are inductance and slew.  Each d_j I_j grows with V: there is one V.
+
+Currents that are driven back, d_j I_j < 0, feed the other servos and charge the source, V > V0.  V is not below 0.
+"""
+
+import numpy as np
+
+from ..compile.jit import inline, kernel
+from ..compile.lanes import any_lane, clamp, invert, select
+from .actuator import controller_of, motor_of, motor_speed, rotor_of
+
+SUPPLY = np.dtype(
+    [
+        ("voltage", np.float64),  # V0 [V]
+        ("resistance", np.float64),  # R_s [Ohm]
+    ],
+    align=True,
+)
+PASSES = 100  # at most: each halves the bracket, unless Newton's is better; two or three are usual
+TOLERANCE = 1e-13  # of V0, that the equation may miss
+
+
+@inline
+def feed(supply, actuator, o, y):
+    """Turn the voltages that controllers ask for, at their nominal supply, into those that the source gives."""
+    if supply is not None:
+        _feed(supply, actuator, o, y)
+
+
+@kernel
+def _feed(supply, actuator, o, y):
+    controller, motor = controller_of(actuator), motor_of(actuator)
+    for i in range(len(motor)):
+        nominal, u = controller[i].voltage_limit, y[o.voltage + i]
+        one = 1.0 + 0.0 * u
+        y[o.duty + i] = select(nominal > 0.0, u / select(nominal > 0.0, nominal * one, one), 0.0 * u)
+    V = _bus(supply[0], motor, rotor_of(actuator), o, y)
+    y[o.bus] = V
+    for i in range(len(motor)):
+        y[o.voltage + i] = y[o.duty + i] * V
+
+
+@inline
+def _bus(source, motor, rotor, o, y):
+    """V by Newton's method, within a bracket: the slope of what the equation misses is at least 1."""
+    V0, R = source.voltage + 0.0 * y[o.bus], source.resistance
+    V, none = V0, 0.0 * V0
+    drawn, slope = _drawn(motor, rotor, o, y, V)
+    miss = R * drawn
+    low = V0 - select(miss > 0.0, miss, none)
+    high = V0 - select(miss < 0.0, miss, none)
+    for _ in range(PASSES):
+        found = abs(miss) <= TOLERANCE * V0
+        if not any_lane(invert(found)):
+            break
+        better = V - miss / (1.0 + R * slope)
+        better = select((better > low) & (better < high), better, 0.5 * (low + high))
+        V = select(found, V, better)
+        drawn, slope = _drawn(motor, rotor, o, y, V)
+        miss = (V - V0) + R * drawn
+        low, high = select(miss < 0.0, V, low), select(miss > 0.0, V, high)
+    return select(V > 0.0, V, none)
+
+
+@inline
+def _drawn(motor, rotor, o, y, V):
+    """Current that the servos draw from a bus at V [A], and its slope [A/V]."""
+    drawn, slope = 0.0 * V, 0.0 * V
+    for i in range(len(motor)):
+        m, d = motor[i], y[o.duty + i]
+        free = (d * V - m.torque_constant * motor_speed(rotor, o, y, i)) / m.resistance
+        I = clamp(free, -m.current_limit, m.current_limit)
+        drawn = drawn + d * I
+        slope = slope + select(I == free, d * d / m.resistance, 0.0 * V)
+    return drawn, slope
+
+
+@inline
+def move_source(supply, s, i, I):
+    """What the source's resistance takes over the step s of what servo i draws, whose mean current is I [A]."""
+    if supply is not None:
+        s.y[s.o.source_loss] += s.h * _lost(supply, s, i, I)
+
+
+@inline
+def source_rate(supply, s, dy, i, I):
+    """The same as a rate in dy, of all servos from the first to this one."""
+    if supply is not None:
+        power = _lost(supply, s, i, I)
+        dy[s.o.source_loss] = power if i == 0 else dy[s.o.source_loss] + power
+
+
+@inline
+def _lost(supply, s, i, I):
+    return (supply[0].voltage - s.y[s.o.bus]) * (s.y[s.o.duty + i] * I)
