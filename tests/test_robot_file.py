@@ -407,7 +407,7 @@ MALFORMED_TOML = [
     pytest.param(b'base = "fl\xf6ating"', ["not UTF-8", "save it as UTF-8"], id="latin1"),
     pytest.param("contacts = " + "[" * 100_000, ["too deeply", "flatten"], id="nested_100000_deep"),
     pytest.param("#" * (MAX_BYTES + 1), ["larger than 10000000 bytes", "reduce"], id="huge_file"),
-    worse("unknown_key", "base =", "basis =", says=["'basis'", "base, contacts, servos, locked", "correct"]),
+    worse("unknown_key", "base =", "basis =", says=["'basis'", "base, contacts, servos, supply, locked", "correct"]),
     worse("unknown_base", '"floating"', '"flying"', says=["base is 'flying'", "'floating'", "use one"]),
     worse(
         "servos_not_a_table",

@@ -93,6 +93,8 @@ def _parts() -> Iterator[Call]:
         servo(),
         fg.Gearbox(1.0),
         fg.Controller("pd"),
+        fg.Controller("state", 60.0, compliance_margin=0.01, punch=0.3, pwm_steps=1023.0, duty_limit=0.9, delay=0.01),
+        fg.Supply(11.1, 0.1),
         fg.Ground(steps=((1.0, 0.1),)),
         field,
         fg.ContactPoint("a", (0, 0, 0)),
