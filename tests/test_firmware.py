@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from scenes import pendulum, with_controller
 
-from featherstone_gait import Reference, Supply, Worlds, compile_scene, load_robot, save_robot, simulate, simulate_batch
+from featherstone_gait import Reference, Supply, Trajectory, Worlds, compile_scene, load_robot, save_robot
 from featherstone_gait.model import FIRMWARE, Controller
 from featherstone_gait.robot_file import load_servo
-from featherstone_gait.run.simulate import initial_state
+from featherstone_gait.run.simulate import initial_state, simulate, simulate_batch
 
 IDEAL = {  # a motor whose torque is K V / R at rest
     "inductance": 0.0, "speed_filter": 0.0, "current_limit": math.inf, "current_slew": math.inf,
@@ -157,10 +157,10 @@ def test_voltages_come_exactly_the_delay_later(integrator):
     """Of a locked servo whose reference moves: the same voltages, so many steps later, and none before."""
     path = Reference([0.0, 0.04, 0.1], [[1.1], [0.9], [1.2]])
 
-    def volts(delay):
+    def volts(delay, sample=1e-3):
         scene = rod(integrator, delay=delay)
         start = initial_state(scene, [1.0])
-        return simulate(scene, 0.1, start, path, record=("voltage",), sample=1e-3, **ONCE)["voltage"][:, 0]
+        return simulate(scene, 0.1, start, path, record=("voltage",), sample=sample, **ONCE)["voltage"][:, 0]
 
     at_once = volts(0.0)
     assert len(set(at_once.tolist())) > 8
@@ -168,6 +168,7 @@ def test_voltages_come_exactly_the_delay_later(integrator):
         late = volts(1e-3 * steps)
         assert late[:steps].tolist() == [0.0] * steps
         assert late[steps:-1].tobytes() == at_once[: -steps - 1].tobytes(), steps
+    assert volts(13e-3, sample=0.01)[2:].tobytes() == at_once[:-20:10].tobytes()  # where no record ends a step
 
 
 # ---------------------------------------------------------------------------------------------- all of it
@@ -205,7 +206,8 @@ def assert_same(run, other):
         for name, h in (("midpoint", 1e-3), ("rk4", 1e-4), ("simtwo", 1e-3), ("extrapolation", 1e-3), ("dop853", 1e-3))
     ],
 )
-def test_a_run_in_pieces_has_the_bits_of_one(integrator, timestep):
+def test_a_run_in_pieces_has_the_bits_of_one(integrator, timestep, tmp_path):
+    """By way of files."""
     scene = arm(integrator=integrator, timestep=timestep)
     (q,), (path,) = moves(1)
     state = initial_state(scene, q)
@@ -214,7 +216,8 @@ def test_a_run_in_pieces_has_the_bits_of_one(integrator, timestep):
     pieces = []
     for length in (0.01, 0.05, 0.06):  # the first ends before a voltage has come through
         pieces.append(simulate(scene, length, state, path, record=CHANNELS, **ONCE))
-        state = pieces[-1]
+        pieces[-1].save(tmp_path / "piece")
+        state = Trajectory.load(tmp_path / "piece")
     for name in CHANNELS:
         joined = np.concatenate([*(piece[name][:-1] for piece in pieces[:-1]), pieces[-1][name]])
         assert joined.tobytes() == whole[name].tobytes(), name
