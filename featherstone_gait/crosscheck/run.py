@@ -5,8 +5,9 @@ from __future__ import annotations
 import functools
 import json
 from collections.abc import Iterable, Iterator
-from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, ProcessPoolExecutor, wait
 from dataclasses import dataclass
+from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -88,19 +89,20 @@ def crosscheck(
 
 
 def _evaluated(tasks: list[_Task], processes: int) -> Iterator[dict]:
-    """Rows in order of completion."""
+    """Rows in order of completion.  No task waits in a process, so that an interrupt ends those at work alone."""
     if processes == 1 or len(tasks) < 2:
         yield from map(_row, tasks)
         return
+    waiting = iter(tasks)
     with ProcessPoolExecutor(min(processes, len(tasks)), mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(_row, task) for task in tasks]
         try:
-            for future in as_completed(futures):
-                yield future.result()
+            running = {pool.submit(_row, task) for task in islice(waiting, processes)}
+            while running:
+                done, running = wait(running, return_when=FIRST_COMPLETED)
+                running |= {pool.submit(_row, task) for task in islice(waiting, len(done))}
+                yield from (future.result() for future in done)
         except BrokenExecutor as error:
             raise OSError("a process of the crosscheck ended unexpectedly; start it again to go on") from error
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _row(task: _Task) -> dict:
