@@ -216,13 +216,13 @@ def main_job(
             "after": after.as_dict(),
             "elsewhere": elsewhere and dict(zip(("before", "after"), elsewhere)),
             **({} if servo is None else {"with_own_servos": _with_own_servos(own, cost)}),
-            "crosscheck": checked and verdict(checked),
+            "crosscheck": checked,
             # What differs from run to run:
             "evaluations": {"begun": result.nfev, "wasted": result.wasted, "lane_occupancy": _number(result.occupancy)},
             "seconds": {"search": searching, "all": time.perf_counter() - began},
             "files": {kind: str(stem.parent / path.name) for kind, path in files.items()}
             | {"history": str(history)}
-            | ({kind: str(path) for kind, path in _crosscheck_files(stem).items()} if checked else {}),
+            | (_crosscheck_files(stem) if checked else {}),
         }
         text = json.dumps(report, indent=2)
         files["report"].write_text(text, encoding="utf-8")
@@ -278,17 +278,23 @@ def _with_own_servos(own: Model, cost: WalkingCost) -> dict:
 
 def _crosschecked(
     cost: WalkingCost, x: np.ndarray, robot: FilePath, stem: Path, processes: int, progress: bool
-) -> dict[str, Any]:
-    """What a gait vector does in MuJoCo; see `crosscheck`."""
+) -> str:
+    """What a gait vector does in MuJoCo, in words; if that cannot be told, why: the search is not to be lost by it."""
     motion = motion_of(cost.gait.from_vector(x), cost.start, cost.blend_strides)
     out, servos = stem.with_name(stem.name + "_crosscheck"), cost.scene.servos
     assert servos is not None
-    return walk_elsewhere(motion, robot, servos=servos, out=out, processes=processes, progress=progress)
+    try:
+        return verdict(walk_elsewhere(motion, robot, servos=servos, out=out, processes=processes, progress=progress))
+    except (ValueError, OSError) as error:
+        return f"not run: {error}"
+    except KeyboardInterrupt:
+        return "interrupted; featherstone-gait crosscheck goes on with it"
 
 
-def _crosscheck_files(stem: Path) -> dict[str, Path]:
-    names = ("crosscheck", "crosscheck_table")
-    return dict(zip(names, crosscheck_files(stem.with_name(stem.name + "_crosscheck"))))
+def _crosscheck_files(stem: Path) -> dict[str, str]:
+    """The files of the crosscheck by kind, if it has written any."""
+    paths = crosscheck_files(stem.with_name(stem.name + "_crosscheck"))
+    return {kind: str(path) for kind, path in zip(("crosscheck", "crosscheck_table"), paths) if path.exists()}
 
 
 def _number(value: float) -> float | None:

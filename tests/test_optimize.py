@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-from featherstone_gait import cli, load_robot, load_servo
+from featherstone_gait import cli, load_robot, load_servo, optimize
 from featherstone_gait.crosscheck import FLOORS
 from featherstone_gait.optimize import main_job, optimize_gait, summary, walking_cost, with_servo, worth_elsewhere
 from featherstone_gait.search import minimize
@@ -258,3 +258,17 @@ def test_the_job_walks_its_gait_in_mujoco_if_asked(tmp_path, monkeypatch, capsys
     assert report["crosscheck"].startswith("in MuJoCo it walks 20 strides on 4 of 4 floors")
     assert f"crosscheck in MuJoCo: {report['crosscheck']}" in capsys.readouterr().out
     assert sorted(report["files"].values()) == sorted(str(path) for path in tmp_path.iterdir())
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("error", "said"), [(ValueError("no floor"), "not run: no floor"), (KeyboardInterrupt(), "interrupted; ")]
+)
+def test_a_crosscheck_that_fails_does_not_cost_the_search(tmp_path, monkeypatch, error, said):
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setattr(optimize, "walk_elsewhere", fail)
+    report = main_job(iterations=0, out=tmp_path, progress=False, crosscheck=1)
+    assert report["crosscheck"].startswith(said)
+    assert (tmp_path / "humanoid_gait.npz").exists()
