@@ -419,7 +419,7 @@ def summary(report: dict) -> str:
         f"{report['seconds']['all']:.1f} s: {search['message']}",
         f"{work['begun']} evaluations begun, {work['wasted']} of them wasted by speculation"
         + (f"; lanes {100.0 * lanes:.1f} % occupied" if lanes is not None else ""),
-        f"crosscheck in MuJoCo: {report.get('crosscheck') or NOT_CHECKED}",
+        f"crosscheck: {report.get('crosscheck') or NOT_CHECKED}",
         *(f"{kind:16} {path}" for kind, path in report["files"].items()),
     ]
     return "\n".join(lines)
