@@ -381,7 +381,7 @@ def _scene(bench: Bench, world: _World) -> CompiledScene:
     J = world.inertia
     links = (
         Link("stand", 1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),
-        Link("rod", world.mass, (0.0, 0.0, -world.center), (J, 0.0, 0.0, J, 0.0, 0.0)),
+        Link("rod", world.mass, (0.0, 0.0, -world.center), (J, 0.0, 0.0, J, 0.0, J)),
     )
     joint = Joint("turn", "continuous", "stand", "rod", axis=(0.0, -1.0, 0.0))
     model = Model(f"{bench.name}_bench", links, (joint,), servos={"turn": servo})
@@ -452,7 +452,7 @@ def _run(
     links = {
         "rod.mass": np.array([world.mass for world in worlds]),
         "rod.center_of_mass": np.column_stack([zero, zero, [-world.center for world in worlds]])[:, None, :],
-        "rod.inertia": np.column_stack([J, zero, zero, J, zero, zero])[:, None, :],
+        "rod.inertia": np.column_stack([J, zero, zero, J, zero, J])[:, None, :],
     }
     return simulate_batch(
         scene, steps * STEP, starts, goals, record=("q",), sample=STEP, estimate_error=False,
