@@ -26,7 +26,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from tqdm import tqdm
@@ -37,10 +37,11 @@ from .build.scene import ServoKind, compile_scene
 from .dynamics import check_model
 from .files import FilePath, Format, number, read_csv, write_csv
 from .intervals import covariances, quantile
-from .model import SERVO_UNITS, Controller, Gearbox, Model, Servo
+from .model import SERVO_UNITS, Model
 from .reference import Reference
 from .run.simulate import initial_state, simulate_batch
 from .trajectory import Trajectory
+from .worlds import servo_with
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -316,7 +317,7 @@ def changed(model: Model, **values: float) -> Model:
     """
     check_model(model)
     _check_names(values, model.name)
-    return replace(model, servos={joint: _changed_servo(servo, values) for joint, servo in model.servos.items()})
+    return replace(model, servos={joint: servo_with(servo, values) for joint, servo in model.servos.items()})
 
 
 def predict(
@@ -502,12 +503,3 @@ def _check_names(names: Iterable[str], where: str) -> None:
     for name in names:
         if not isinstance(name, str) or name not in SERVO_UNITS:
             raise ValueError(f"{where}: a servo has no parameter {shown(name)}; parameters: {', '.join(SERVO_UNITS)}")
-
-
-def _changed_servo(servo: Servo, values: Mapping[str, Any]) -> Servo:
-    own, controller, gearbox = (
-        {name: value for name, value in values.items() if name in {f.name for f in fields(kind)}}
-        for kind in (Servo, Controller, Gearbox)
-    )
-    controlled, geared = replace(servo.controller, **controller), replace(servo.gearbox, **gearbox)
-    return replace(servo, controller=controlled, gearbox=geared, **own)

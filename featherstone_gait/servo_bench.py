@@ -11,48 +11,57 @@ correction on the way: a rod on a `Servo` with rotor and `Gearbox` friction, its
 
 The simulated angle is brought to the recorded one in the mean absolute sense (a soft absolute value, `SOFT`), each
 recording counting alike.  Some combinations of parameters hardly show in such recordings; a weak prior keeps them near
-the figures that are published for servos of the kind, as wide as those differ (`Parameter`).  The supply is what the
-servo measures at rest: its column under load is a beat of its converter with the bridge's switching, and predicts worse
-(27 mrad in place of 22 where a gain is left out).
+the figures that are published for servos of the kind, as wide as those differ (`Parameter`).  It counts as much as
+1 / `PRIOR`^2 independent samples, however well the model fits.  The supply is what the servo measures at rest: its
+column under load is a beat of its converter with the bridge's switching.
 
-Intervals are those of identification.py, of a model that has the servo's physics; the error on recordings left out
-(`leave_out`) tells how far it has.
+The search goes in rounds, each a new start of the method where the last one came to; a `FitLog` keeps them, and a fit
+that was interrupted goes on with the next round, to the same bits.
+
+Intervals are those of identification.py, with what the prior knows, of a model that has the servo's physics; the error
+on recordings left out (`leave_out`) tells how far it has.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
 from .arguments import instance, listed, one_of, real
 from .arguments import path as path_of
-from .build.scene import CompiledScene, compile_scene
+from .build.scene import CompiledScene, ServoKind, compile_scene
 from .files import FilePath, Format, number, read_csv
+from .fit_log import FitLog, Row
 from .intervals import covariances, quantile
 from .model import Controller, Gearbox, Joint, Link, Model, Servo
 from .reference import Reference
 from .run.simulate import initial_state, simulate_batch
-from .worlds import Worlds
+from .trajectory import Trajectory
+from .worlds import FIELDS, Worlds, servo_with
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FORMAT = Format("servo recording")
 COLUMNS = ("time_s", "angle_rad", "goal_rad", "supply_v", "torque_on")  # of a recording; others are passed over
-STEP = 2e-3  # of simulation and firmware [s]; 0.1 ms changes the errors by 0.1 mrad
+STEP = 2e-3  # of simulation and firmware [s]; 1 ms changes
 SOFT = 0.02  # [rad], above which an error counts by its size
-PRIOR = 0.04  # of an error of `SOFT` in every sample, that a parameter off by its width counts
+PRIOR = 0.04  # of the residuals' root mean square, that a parameter off by its width counts
 OPEN = 1e-9  # current limit of a bridge that has let go [A]
 SLOPE_STEP = 1e-3  # of the widths, of forward differences
-MOST_ITERATIONS = 30
+ALIKE = 0.05  # change of the residuals' scale in a round, below which the prior needs no other
+ROUND = 6  # evaluations of a round
+MOST_ROUNDS = 6
 RESTING = 30.0  # duty in units of the servo, below which it measures its supply at rest
 EARLY = 1e-7  # a goal that comes with a tick counts for it, whatever the rounding of times [s]
 
@@ -74,6 +83,7 @@ class Bench:
     name: str
     mass: float  # at the end of the rod [kg]
     length: float  # of the rod [m]
+    supply: float  # nominal [V]
     duty: float  # per rad and unit of gain
     largest_duty: float
     goal_lead: float  # from a goal's effect to its time stamp [s]
@@ -88,7 +98,7 @@ class Bench:
         k, g, A = self.torque_constant, self.torque_constant / self.resistance, self.armature
         stall = 7.0 * g  # [N m], to which frictions go
         return {
-            "torque_constant": Parameter(k, 0.25 * k, 4.0 * k, 0.15 * k, "N m/A"),
+            "torque_constant": Parameter(k, 0.25 * k, 4.0 * k, 0.05 * k, "N m/A"),
             "torque_per_volt": Parameter(g, 0.2 * g, 5.0 * g, 0.35 * g, "N m/V"),
             "armature": Parameter(A, 0.1 * A, 10.0 * A, 0.3 * A, "kg m^2"),
             "rod_mass": Parameter(0.02, 0.0, 0.06, 0.015, "kg"),
@@ -107,15 +117,18 @@ class Bench:
             "stribeck_motor_load": Parameter(0.1, 0.0, 0.6, 0.1, "-"),
             "quadratic_external_load": Parameter(0.02, 0.0, 0.5, 0.05, "1/(N m)"),
             "quadratic_motor_load": Parameter(0.02, 0.0, 0.5, 0.05, "1/(N m)"),
-            "angle_age": Parameter(0.003, -0.02, 0.03, 0.003, "s"),
+            "angle_age": Parameter(self.goal_lead, -0.02, 0.03, 0.003, "s"),
+            "stiffness": Parameter(25.0 * stall, 2.0 * stall, 1000.0 * stall, 25.0 * stall, "N m/rad"),
+            "damping": Parameter(0.06 * stall, 0.001 * stall, 1.0 * stall, 0.06 * stall, "N m s/rad"),
+            "backlash": Parameter(0.005, 0.0, 0.05, 0.005, "rad"),
         }
 
 
 # Weights, gains, firmware and times: the bench's own notes and columns; motors: published fits (arXiv 2410.08650 and
 # BAM's documentation), of the STS3250 its data sheet (4.9 N m and 75 rpm at 12 V).
 _DUTY = 4096 / (2 * math.pi) / (256 * 885)
-XL330 = Bench("xl330", 0.49, 0.1, _DUTY, 1.0, 0.0035, 0.3862, 3.403, 0.0019, 0.0088, 0.0046)
-STS3250 = Bench("sts3250", 1.13, 0.12, 0.166, 0.97, 0.0135, 1.5, 2.0, 0.015, 0.03, 0.03)
+XL330 = Bench("xl330", 0.49, 0.1, 7.4, _DUTY, 1.0, 0.0035, 0.3862, 3.403, 0.0019, 0.0088, 0.0046)
+STS3250 = Bench("sts3250", 1.13, 0.12, 12.0, 0.166, 0.97, 0.0135, 1.5, 2.0, 0.015, 0.03, 0.03)
 BENCHES = {bench.name: bench for bench in (XL330, STS3250)}
 BASE = ("torque_constant", "torque_per_volt", "armature", "rod_mass", "zero", "coulomb_friction", "viscous_friction")
 TIMES = ("angle_age",)
@@ -223,12 +236,14 @@ class ServoFit:
 
     bench: Bench
     friction: str  # which of MODELS
-    values: dict[str, float]  # see `Bench.parameters`
+    values: dict[str, float]  # of what was searched, see `Bench.parameters`
+    held: dict[str, float]  # what was given
     intervals: dict[str, tuple[float, float]]  # of 95 %
     correlation: np.ndarray  # (parameters, parameters)
     recordings: tuple[BenchRecording, ...]
     angles: tuple[np.ndarray, ...]  # simulated, at the times of each recording [rad]
-    simulations: int
+    simulations: int  # of this process
+    seconds: float  # of all rounds
     message: str
 
     @cached_property
@@ -239,12 +254,17 @@ class ServoFit:
     @property
     def servo(self) -> Servo:
         """The servo as it is simulated, at the supply and gain of the first recording."""
-        world = _numbers_of(self.bench, self.recordings[0], self.values)
-        return _scene(self.bench, world).model.servos["turn"]
+        return servo_with(_SERVO, _numbers_of(self.bench, self.recordings[0], self.values | self.held).servos)
 
     def predict(self, recordings: Sequence[BenchRecording]) -> list[np.ndarray]:
         """Simulated angles of other recordings, at their times [rad]."""
-        return _Rollouts(self.bench, recordings, tuple(self.values))([self.values])[0]
+        return _Rollouts(self.bench, recordings)([self.values | self.held])[0]
+
+    def correlated(self, most: int = 3) -> list[tuple[str, str, float]]:
+        """The pairs of parameters that the recordings tell apart least, and their correlations."""
+        names = list(self.values)
+        pairs = [(a, b, float(self.correlation[i, j])) for j, b in enumerate(names) for i, a in enumerate(names[:j])]
+        return sorted(pairs, key=lambda pair: -abs(pair[2]))[:most]
 
     def summary(self) -> str:
         """A table of the parameters, and the errors."""
@@ -253,6 +273,7 @@ class ServoFit:
         for name, value in self.values.items():
             low, high = self.intervals[name]
             lines.append(f"{name:24} {value:10.4g} {f'{low:.4g} to {high:.4g}':>24}  {units[name].unit}")
+        lines += [f"correlation of {a} and {b}: {rho:.2f}" for a, b, rho in self.correlated()]
         lines += [f"{r.name}: {1e3 * e:.1f} mrad" for r, e in zip(self.recordings, self.errors)]
         lines.append(f"mean of the recordings {1e3 * self.errors.mean():.1f} mrad ({self.simulations} simulations)")
         return "\n".join(lines)
@@ -263,44 +284,91 @@ class ServoFit:
 
 
 def fit_servo(
-    recordings: Sequence[BenchRecording], bench: Bench, friction: str = "m4p", *, progress: bool = False
+    recordings: Sequence[BenchRecording],
+    bench: Bench,
+    friction: str = "m4p",
+    *,
+    more: Sequence[str] = (),
+    held: Mapping[str, float] | None = None,
+    log: FitLog | None = None,
+    progress: bool = False,
 ) -> ServoFit:
     """Fit a servo with a friction model to recordings.
 
-    friction: "m1" to "m6", or "m4p", M4 with losses that grow with the product of the loads.  Raises ValueError for
-    another one and for no recordings.
+    friction: "m1" to "m6", or "m4p", M4 with losses that grow with the product of the loads.  more: further parameters
+    of `Bench.parameters` to be searched, such as "stiffness", "damping" and "backlash" of the gearbox.  held: numbers
+    that are given, those of `Bench.parameters` or of a servo: {"rod_mass": 0.0}, {"encoder_resolution": 2 * pi / 4096}.
+    log: where rounds are kept, and taken from.  Raises ValueError for other names and for no recordings.
     """
-    from scipy.optimize import least_squares
-
     recordings = _checked(recordings, bench)
     one_of("friction", friction, MODELS)
-    every = bench.parameters()
-    names = (*BASE, *MODELS[friction], *TIMES)
-    start, low, high, width = (np.array([every[name][k] for name in names]) for k in range(4))
-    rollouts = _Rollouts(bench, recordings, names)
-    with tqdm(disable=not progress, desc=f"identify {bench.name} {friction}", unit="iteration") as bar:
-        work = _Residuals(rollouts, start, width, (low, high), bar.update)
-        found = least_squares(
-            work.residuals, start / width, work.jacobian, (low / width, high / width), max_nfev=MOST_ITERATIONS,
-            x_scale=1.0, xtol=1e-5, ftol=1e-5,
-        )  # fmt: skip
-    x = found.x * width
+    every, held = bench.parameters(), {} if held is None else dict(held)
+    for name in more:
+        one_of("more", name, every)
+    for name in held:
+        one_of("held", name, (*every, *FIELDS["servos"]))
+    names = tuple(name for name in (*BASE, *MODELS[friction], *TIMES, *more) if name not in held)
+    key = _key(bench, recordings, names, held)
+    with tqdm(disable=not progress, desc=f"identify {bench.name} {friction}", unit="evaluation") as bar:
+        work = _Residuals(_Rollouts(bench, recordings), [every[name] for name in names], names, held, bar.update)
+        row = _searched(work, key, log)
+        x = np.array(row["x"])
+        work.scale = work.spread(x)
+        J, e = work.jacobian(x), work.residuals(x)
     lengths = [len(r.time) for r in recordings]
-    _, robust, independent = covariances(found.jac[: sum(lengths)], found.fun[: sum(lengths)], lengths)
-    spread = np.sqrt(np.diag(robust)) * width
-    reach = spread * quantile(0.95, independent - len(x))
-    values = dict(zip(names, x.tolist()))
+    _, robust, independent = covariances(J[: sum(lengths)], e[: sum(lengths)], lengths)
+    known = np.linalg.inv(np.linalg.pinv(robust, hermitian=True) + np.eye(len(x)))  # with a prior of width one
+    spread = np.sqrt(np.diag(known))
+    reach = spread * quantile(0.95, independent - len(x)) * work.width
+    values = work.values(x)
     return ServoFit(
         bench=bench,
         friction=friction,
         values=values,
-        intervals={n: (v - r, v + r) for (n, v), r in zip(values.items(), reach)},
-        correlation=robust / np.maximum(np.outer(spread / width, spread / width), 1e-300),
+        held=held,
+        intervals={n: _within(every[n], values[n] - r, values[n] + r) for n, r in zip(names, reach)},
+        correlation=known / np.outer(spread, spread),
         recordings=tuple(recordings),
-        angles=tuple(rollouts([values])[0]),
-        simulations=rollouts.count,
-        message=found.message,
+        angles=tuple(work.rollouts([values | held])[0]),
+        simulations=work.rollouts.count,
+        seconds=row["seconds"],
+        message=row["message"],
     )
+
+
+def _within(parameter: Parameter, low: float, high: float) -> tuple[float, float]:
+    return max(low, parameter.low), min(high, parameter.high)
+
+
+def _searched(work: _Residuals, key: str, log: FitLog | None) -> Row:
+    """The last round of the search, all that are missing done."""
+    from scipy.optimize import least_squares
+
+    row = None if log is None else log.last(key)
+    if row is None:
+        row = Row(round=0, x=(work.start / work.width).tolist(), seconds=0.0, message="")
+    while not row["message"]:
+        begun, x = time.perf_counter(), np.array(row["x"])
+        work.scale = work.spread(x)
+        found = least_squares(
+            work.residuals, x, work.jacobian, work.bounds, max_nfev=ROUND, x_scale=1.0, xtol=1e-5, ftol=1e-4
+        )
+        k, better = row["round"] + 1, abs(work.spread(found.x) / work.scale - 1.0)
+        message = "" if k < MOST_ROUNDS else f"{k} rounds"
+        if found.status > 0 and better < ALIKE:
+            message = f"converged in round {k}"
+        seconds = row["seconds"] + time.perf_counter() - begun
+        row = Row(round=k, x=found.x.tolist(), seconds=seconds, message=message)
+        if log is not None:
+            log.append(key, row)
+    return row
+
+
+def _key(bench: Bench, recordings: Sequence[BenchRecording], names: Sequence[str], held: Mapping[str, float]) -> str:
+    """What a fit depends on, as a number: bench, recordings, what is searched and what is given."""
+    told = (bench, names, sorted(held.items()), [replace(r, time=0, angle=0, goal=0) for r in recordings])  # type: ignore[arg-type]
+    data = [column.tobytes() for r in recordings for column in (r.time, r.angle, r.goal)]
+    return sha256(b"".join([repr(told).encode(), *data])).hexdigest()[:16]
 
 
 def leave_out(
@@ -308,12 +376,12 @@ def leave_out(
     bench: Bench,
     friction: str = "m4p",
     by: Callable[[BenchRecording], object] = lambda r: r.gain,
-    *,
-    progress: bool = False,
+    **options: Any,
 ) -> dict[object, tuple[ServoFit, list[np.ndarray], np.ndarray]]:
     """Of each group of recordings: the fit to all others, the angles it predicts, and their mean absolute errors [rad].
 
-    by: what tells the groups; their gain, or their motion.  Raises ValueError where there are less than two.
+    by: what tells the groups; their gain, or their motion.  options: those of `fit_servo`.  Raises ValueError where
+    there are less than two.
     """
     recordings = _checked(recordings, bench)
     groups = sorted({by(r) for r in recordings}, key=str)
@@ -321,7 +389,7 @@ def leave_out(
         raise ValueError(f"there is one group, {groups[0]}; give recordings of two or more")
     results: dict[object, tuple[ServoFit, list[np.ndarray], np.ndarray]] = {}
     for group in groups:
-        fit = fit_servo([r for r in recordings if by(r) != group], bench, friction, progress=progress)
+        fit = fit_servo([r for r in recordings if by(r) != group], bench, friction, **options)
         rest = [r for r in recordings if by(r) == group]
         angles = fit.predict(rest)
         results[group] = fit, angles, np.array([np.abs(a - r.angle).mean() for a, r in zip(angles, rest)])
@@ -362,8 +430,8 @@ def _numbers_of(bench: Bench, recording: BenchRecording, values: dict[str, float
         "voltage_limit": bench.largest_duty * recording.supply,
         "Kp": bench.duty * recording.gain * recording.supply,
         "rotor_inertia": values["armature"],
-        "coulomb_friction": max(values["coulomb_friction"], 0.0),
-        "viscous_friction": max(values["viscous_friction"], 0.0),
+        "coulomb_friction": values["coulomb_friction"],
+        "viscous_friction": values["viscous_friction"],
         **own,
     }
     rod, m, l = values["rod_mass"], recording.mass, recording.length
@@ -372,60 +440,63 @@ def _numbers_of(bench: Bench, recording: BenchRecording, values: dict[str, float
     return _World(servos, mass, center, m * l * l + rod * l * l / 3.0 - mass * center * center)
 
 
+_SERVO = Servo(
+    Controller("state", period=STEP, lag=0.0), Gearbox(1.0), resistance=1.0, motor_constant=1.0, voltage_limit=1.0
+)  # what a world's numbers go into
+
+
 def _scene(bench: Bench, world: _World) -> CompiledScene:
     """The bench: a rod on the servo, which hangs down at zero."""
-    mine = world.servos
-    gear = {name: mine[name] for name in mine if name in Gearbox.__dataclass_fields__}
-    own = {name: mine[name] for name in mine if name in Servo.__dataclass_fields__}
-    servo = Servo(Controller("state", mine["Kp"], period=STEP, lag=0.0), Gearbox(1.0, **gear), **own)
-    J = world.inertia
+    servo, J = servo_with(_SERVO, world.servos), world.inertia
     links = (
         Link("stand", 1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),
         Link("rod", world.mass, (0.0, 0.0, -world.center), (J, 0.0, 0.0, J, 0.0, J)),
     )
     joint = Joint("turn", "continuous", "stand", "rod", axis=(0.0, -1.0, 0.0))
     model = Model(f"{bench.name}_bench", links, (joint,), servos={"turn": servo})
-    return compile_scene(model, "rotor", integrator="implicit_euler", timestep=STEP)
+    kind: ServoKind = "rotor" if servo.gearbox.stiffness == math.inf else "mipsd"
+    return compile_scene(model, kind, integrator="implicit_euler", timestep=STEP)
 
 
 class _Rollouts:
     """All recordings with several sets of values at once, eight simulations to a vector."""
 
-    def __init__(self, bench: Bench, recordings: Sequence[BenchRecording], names: tuple[str, ...]) -> None:
-        self.bench, self.recordings, self.names, self.count = bench, list(recordings), names, 0
+    def __init__(self, bench: Bench, recordings: Sequence[BenchRecording]) -> None:
+        self.bench, self.recordings, self.count = bench, list(recordings), 0
 
     def __call__(self, sets: Sequence[dict[str, float]]) -> list[list[np.ndarray]]:
         """Angles of each recording at its times [rad], for each set of values."""
         pairs = [(values, r) for values in sets for r in self.recordings]
         self.count += len(pairs)
+        worlds = [_numbers_of(self.bench, r, values) for values, r in pairs]
+        worlds.append(_another(worlds[0]))  # in every batch the same numbers differ, for which one kernel is compiled
+        scene = _scene(self.bench, worlds[0])
+        scenes, released = _scenes(scene, worlds, math.inf), None
         alike: dict[tuple[int, int], list[int]] = {}
         for k, (_, r) in enumerate(pairs):
             alike.setdefault(_steps(r), []).append(k)
         angles: list[np.ndarray] = [np.empty(0)] * len(pairs)
         for (held, free), members in alike.items():
-            for k, path in zip(members, self._paths([pairs[k] for k in members], held, free)):
+            starts, goals = zip(*(self._given(scene, *pairs[k]) for k in members))
+            paths = _run(scenes, members, held, starts, goals)
+            if free:
+                released = released or _scenes(scene, worlds, OPEN)
+                rest = _run(released, members, free, paths, goals)
+            for i, k in enumerate(members):
                 values, r = pairs[k]
+                path = paths[i]["q"][:, 0]
+                if free:
+                    path = np.concatenate([path, rest[i]["q"][1:, 0]])
                 time = r.time - values["angle_age"] - r.time[0]
                 angles[k] = np.interp(time, STEP * np.arange(len(path)), path) + values["zero"]
         n = len(self.recordings)
         return [angles[k * n : (k + 1) * n] for k in range(len(sets))]
 
-    def _paths(self, pairs: list[tuple[dict[str, float], BenchRecording]], held: int, free: int) -> list[np.ndarray]:
-        """Angles at each step (1 + held + free,) [rad], of which in the last ones the bridge has let go."""
-        worlds = [_numbers_of(self.bench, r, values) for values, r in pairs]
-        worlds.append(_another(worlds[0]))  # in every batch the same numbers differ, for which one kernel is compiled
-        scene = _scene(self.bench, worlds[0])
-        starts: list = [initial_state(scene, [r.angle[0] - values["zero"]]) for values, r in pairs]
-        goals = [
-            Reference(r.time - r.time[0] - self.bench.goal_lead - EARLY, r.goal[:, None] - values["zero"], "hold")
-            for values, r in pairs
-        ]
-        starts, goals = [*starts, starts[0]], [*goals, goals[0]]
-        first = _run(scene, held, starts, goals, worlds, math.inf)
-        if not free:
-            return [run["q"][:, 0] for run in first[:-1]]
-        rest = _run(scene, free, [run.final for run in first], goals, worlds, OPEN)
-        return [np.concatenate([a["q"][:, 0], b["q"][1:, 0]]) for a, b in zip(first[:-1], rest)]
+    def _given(self, scene: CompiledScene, values: dict[str, float], r: BenchRecording) -> tuple[Any, Reference]:
+        """State at the start and goals."""
+        times = r.time - r.time[0] - self.bench.goal_lead - EARLY
+        goals = Reference(times, r.goal[:, None] - values["zero"], "hold")
+        return initial_state(scene, [r.angle[0] - values["zero"]]), goals
 
 
 def _steps(r: BenchRecording) -> tuple[int, int]:
@@ -441,23 +512,33 @@ def _another(world: _World) -> _World:
     return _World(servos, 1.01 * world.mass, 1.01 * world.center, world.inertia + 1e-6)
 
 
-def _run(
-    scene: CompiledScene, steps: int, starts: list, goals: list[Reference], worlds: list[_World], limit: float
-) -> list:
-    limits = np.full(len(worlds), limit)
+def _scenes(scene: CompiledScene, worlds: list[_World], limit: float) -> list[CompiledScene]:
+    """The scene of each world, one for those that are alike: of one gain, often."""
+    keys = [(*world.servos.values(), *world[1:]) for world in worlds]
+    places = {key: k for k, key in enumerate(dict.fromkeys(keys))}
+    others = list(dict(zip(keys, worlds)).values())
+    limits = np.full(len(others), limit)
     limits[-1] = 1.0
-    servos = {name: np.array([world.servos[name] for world in worlds]) for name in worlds[0].servos}
-    zero = np.zeros(len(worlds))
-    J = np.array([world.inertia for world in worlds])
+    zero, J = np.zeros(len(others)), np.array([world.inertia for world in others])
     links = {
-        "rod.mass": np.array([world.mass for world in worlds]),
-        "rod.center_of_mass": np.column_stack([zero, zero, [-world.center for world in worlds]])[:, None, :],
+        "rod.mass": np.array([world.mass for world in others]),
+        "rod.center_of_mass": np.column_stack([zero, zero, [-world.center for world in others]])[:, None, :],
         "rod.inertia": np.column_stack([J, zero, zero, J, zero, J])[:, None, :],
     }
+    servos = {name: np.array([world.servos[name] for world in others]) for name in others[0].servos}
+    made = Worlds(servos=servos | {"current_limit": limits}, links=links).scenes(scene)
+    return [made[places[key]] for key in keys]
+
+
+def _run(
+    scenes: list[CompiledScene], members: list[int], steps: int, starts: Sequence, goals: Sequence[Reference]
+) -> list[Trajectory]:
+    """Some of the scenes; the last one runs besides, and what it gives is dropped."""
+    chosen = [scenes[k] for k in (*members, -1)]
+    states = [getattr(state, "final", state) for state in (*starts, starts[0])]
     return simulate_batch(
-        scene, steps * STEP, starts, goals, record=("q",), sample=STEP, estimate_error=False,
-        worlds=Worlds(servos=servos | {"current_limit": limits}, links=links),
-    )  # fmt: skip
+        chosen, steps * STEP, states, [*goals, goals[0]], record=("q",), sample=STEP, estimate_error=False
+    )[:-1]
 
 
 class _Residuals:
@@ -466,42 +547,53 @@ class _Residuals:
     def __init__(
         self,
         rollouts: _Rollouts,
-        start: np.ndarray,
-        width: np.ndarray,
-        bounds: tuple[np.ndarray, np.ndarray],
+        parameters: Sequence[Parameter],
+        names: Sequence[str],
+        held: Mapping[str, float],
         progress: Callable[[], object],
     ) -> None:
-        self.rollouts, self.start, self.width, self.high, self.progress = rollouts, start, width, bounds[1], progress
-        self.at: np.ndarray | None = None
-        self.rows: list[np.ndarray] = []
-        self.steps = np.empty(0)
+        self.rollouts, self.names, self.held, self.progress = rollouts, names, held, progress
+        self.start, low, high, self.width = (np.array([each[k] for each in parameters]) for k in range(4))
+        self.bounds = low / self.width, high / self.width
+        self.scale = 1.0  # of the residuals, which the prior is measured by
+        self.known: dict[bytes, np.ndarray] = {}  # softened errors at the last points
+
+    def values(self, x: np.ndarray) -> dict[str, float]:
+        """The values at a point, by name."""
+        return dict(zip(self.names, (x * self.width).tolist()))
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
-        return self._rows(x)[0]
+        return np.concatenate([self._errors(x), PRIOR * self.scale * (x - self.start / self.width)])
+
+    def spread(self, x: np.ndarray) -> float:
+        """Root mean square of the softened errors."""
+        return float(np.linalg.norm(self._errors(x)))
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        rows = self._rows(x)
-        return np.column_stack([(row - rows[0]) / step for row, step in zip(rows[1:], self.steps)])
+        here = self._errors(x)
+        steps = np.where(x + SLOPE_STEP > self.bounds[1], -SLOPE_STEP, SLOPE_STEP)
+        beside = self._simulated([x + step * unit for step, unit in zip(steps, np.eye(len(x)))])
+        slopes = np.column_stack([(errors - here) / step for errors, step in zip(beside, steps)])
+        return np.concatenate([slopes, PRIOR * self.scale * np.eye(len(x))])
 
-    def _rows(self, x: np.ndarray) -> list[np.ndarray]:
-        """Residuals at x and beside it: one batch, so that lanes are full."""
-        if self.at is None or not np.array_equal(x, self.at):
-            self.steps = np.where(x + SLOPE_STEP > self.high / self.width, -SLOPE_STEP, SLOPE_STEP)
-            points = [x, *(x + step * unit for step, unit in zip(self.steps, np.eye(len(x))))]
-            sets = [dict(zip(self.rollouts.names, (point * self.width).tolist())) for point in points]
-            self.rows = [self._softened(a, point) for a, point in zip(self.rollouts(sets), points)]
-            self.at = x.copy()
+    def _errors(self, x: np.ndarray) -> np.ndarray:
+        key = x.tobytes()
+        if key not in self.known:
+            (errors,) = self._simulated([x])
+            self.known = dict(list(self.known.items())[-2:]) | {key: errors}
             self.progress()
-        return self.rows
+        return self.known[key]
 
-    def _softened(self, angles: list[np.ndarray], x: np.ndarray) -> np.ndarray:
-        recordings = self.rollouts.recordings
+    def _simulated(self, points: Sequence[np.ndarray]) -> list[np.ndarray]:
+        return [self._softened(angles) for angles in self.rollouts([{**self.values(x), **self.held} for x in points])]
+
+    def _softened(self, angles: list[np.ndarray]) -> np.ndarray:
         parts = []
-        for angle, r in zip(angles, recordings):
+        for angle, r in zip(angles, self.rollouts.recordings):
             e = np.nan_to_num((angle - r.angle) / SOFT, nan=1e3, posinf=1e3, neginf=-1e3)
             rho = np.sqrt(2.0 * (np.sqrt(1.0 + e * e) - 1.0))
-            parts.append(np.copysign(rho, e) / math.sqrt(len(angle) * len(recordings)))
-        return np.concatenate([*parts, PRIOR * (x - self.start / self.width)])
+            parts.append(np.copysign(rho, e) / math.sqrt(len(angle) * len(self.rollouts.recordings)))
+        return np.concatenate(parts)
 
 
 def plot_rollouts(recordings: Sequence[BenchRecording], angles: Sequence[np.ndarray]) -> Figure:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import time
 from argparse import Namespace
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .arguments import Commands, add_command
 
 if TYPE_CHECKING:
-    from ..servo_bench import ServoFit
+    from ..fit_log import FitLog
+    from ..servo_bench import Bench, BenchRecording, ServoFit
 
 FRICTIONS = ("m1", "m2", "m3", "m4", "m4p", "m5", "m6")
 SERVOS = ("xl330", "sts3250")
+GROUPS = ("gain", "motion")
 
 
 def add(commands: Commands) -> None:
@@ -22,8 +24,9 @@ def add(commands: Commands) -> None:
         commands,
         "identify",
         run,
-        "fit a servo with a friction model to recordings on a pendulum",
-        "identify.csv (parameters), identify_errors.csv (each recording), identify.png (angles and errors)",
+        "fit a servo with a friction model to recordings on a pendulum, or go on with a fit that was interrupted",
+        "identify.csv (parameters), identify_errors.csv (each recording), identify.png (angles and errors), "
+        "identify.jsonl (finished rounds, to go on from); with --effects identify_effects.csv alone",
     )
     columns = "time_s, angle_rad, goal_rad, supply_v, torque_on: help(featherstone_gait.servo_bench)"
     parser.add_argument("files", type=Path, nargs="+", metavar="FILE.csv", help=columns)
@@ -34,24 +37,36 @@ def add(commands: Commands) -> None:
     parser.add_argument("--length", type=float, metavar="M", help="of the rod (default: the bench's)")
     parser.add_argument("--gain", type=float, metavar="KP", help="of the firmware (default: from names with _kpNNN_)")
     parser.add_argument(
-        "--leave-out", choices=("gain", "motion"), help="also fit without each gain or motion in turn, and predict it"
+        "--leave-out", choices=GROUPS, help="also fit without each gain or motion in turn, and predict it"
     )
+    what = "what each effect buys, in the error of each gain (or motion, see --leave-out) left out of the fit"
+    parser.add_argument("--effects", action="store_true", help=what)
     parser.add_argument("--predict", type=Path, nargs="+", default=[], metavar="FILE.csv", help="to be predicted alone")
+    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="the picture (default: identify.png)")
 
 
 def run(args: Namespace) -> int:
-    import numpy as np
-
-    from ..files import complete
-    from ..servo_bench import BENCHES, fit_servo, leave_out, plot_rollouts, read_bench
+    from ..fit_log import FitLog
+    from ..servo_bench import BENCHES, read_bench
 
     bench = BENCHES[args.servo]
     own = {"gain": args.gain, "mass": args.mass, "length": args.length}
     recordings, others = ([read_bench(path, bench, **own) for path in paths] for paths in (args.files, args.predict))
-    start = time.perf_counter()
-    fit = fit_servo(recordings, bench, args.model, progress=True)
+    with FitLog(args.out / "identify.jsonl") as log:
+        return (_effects if args.effects else _fit)(args, bench, recordings, others, log)
+
+
+def _fit(
+    args: Namespace, bench: Bench, recordings: list[BenchRecording], others: list[BenchRecording], log: FitLog
+) -> int:
+    import numpy as np
+
+    from ..files import complete
+    from ..servo_bench import fit_servo, leave_out, plot_rollouts
+
+    fit = fit_servo(recordings, bench, args.model, log=log, progress=True)
     print(fit.summary())
-    print(f"{time.perf_counter() - start:.0f} s; {fit.message}")
+    print(f"{fit.seconds:.0f} s; {fit.message}")
     rows = [(r.name, "fitted", 1e3 * e) for r, e in zip(fit.recordings, fit.errors)]
     shown = list(zip(fit.recordings, fit.angles))
     if others:
@@ -60,18 +75,41 @@ def run(args: Namespace) -> int:
         rows += [(r.name, "predicted", 1e3 * np.abs(a - r.angle).mean()) for r, a in zip(others, angles)]
         print(f"predicted: {np.mean([error for _, how, error in rows if how == 'predicted']):.1f} mrad")
     if args.leave_out:
-        by = (lambda r: r.gain) if args.leave_out == "gain" else (lambda r: r.motion)
-        held = leave_out(recordings, bench, args.model, by, progress=True)
+        by = attrgetter(args.leave_out)
+        held = leave_out(recordings, bench, args.model, by, log=log, progress=True)
         for group, (_, _, errors) in held.items():
             print(f"left out, {args.leave_out} {group}: {1e3 * errors.mean():.1f} mrad")
-        for group, (_, _, errors) in held.items():
             names = [r.name for r in recordings if by(r) == group]
             rows += [(name, "left out", 1e3 * e) for name, e in zip(names, errors)]
         print(f"left out, mean: {1e3 * np.mean([errors.mean() for _, _, errors in held.values()]):.1f} mrad")
     _write(args.out, fit, rows)
-    with complete(args.out / "identify.png") as path:
+    picture = args.plot or args.out / "identify.png"
+    with complete(picture) as path:
         plot_rollouts(*zip(*shown)).savefig(path, format="png", dpi=110)
-    print(f"files: {args.out / 'identify.csv'}, {args.out / 'identify_errors.csv'}, {args.out / 'identify.png'}")
+    print(f"files: {args.out / 'identify.csv'}, {args.out / 'identify_errors.csv'}, {picture}")
+    return 0
+
+
+def _effects(
+    args: Namespace, bench: Bench, recordings: list[BenchRecording], others: list[BenchRecording], log: FitLog
+) -> int:
+    from ..files import Format, write_csv
+    from ..servo_effects import effects
+
+    if others:
+        raise ValueError("--effects predicts what it leaves out of the fit; omit --predict")
+    gains = {r.gain for r in recordings}
+    by = args.leave_out or ("gain" if len(gains) > 1 else "motion")
+    rows = []
+    for row in effects(recordings, bench, attrgetter(by), log=log, progress=True):
+        print(row.line(), flush=True)
+        errors = [1e3 * error for error in (row.fitted, row.mean, *row.left_out.values())]
+        rows.append((row.effect.name, *errors, row.seconds))
+        groups = [f"left out, {by} {group} [mrad]" for group in row.left_out]
+    columns = ("model", "fitted [mrad]", "left out, mean [mrad]", *groups, "time of the fit [s]")
+    path = args.out / "identify_effects.csv"
+    write_csv(path, Format("effects of a servo"), columns, rows, f"{bench.name}, left out by {by}")
+    print(f"files: {path}")
     return 0
 
 
