@@ -54,7 +54,9 @@ if TYPE_CHECKING:
 
 FORMAT = Format("servo recording")
 COLUMNS = ("time_s", "angle_rad", "goal_rad", "supply_v", "torque_on")  # of a recording; others are passed over
-STEP = 2e-3  # of simulation and firmware [s]; 1 ms changes
+# Of simulation and firmware [s].  Steps of 1 and of 0.5 ms change the error of a recording of the XL330 by at most 0.5 and
+# 0.8 mrad, and the mean of the twelve by 0.05; a firmware at 1 kHz by 0.9 and 0.02 (model m4p, fitted to all).
+STEP = 2e-3
 SOFT = 0.02  # [rad], above which an error counts by its size
 PRIOR = 0.04  # of the residuals' root mean square, that a parameter off by its width counts
 OPEN = 1e-9  # current limit of a bridge that has let go [A]
