@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 FORMAT = Format("servo recording")
 COLUMNS = ("time_s", "angle_rad", "goal_rad", "supply_v", "torque_on")  # of a recording; others are passed over
-# Of simulation and firmware [s].  Steps of 1 and of 0.5 ms change the error of a recording of the XL330 by at most 0.5 and
+# Of simulation and firmware [s].  Steps of 1 and 0.5 ms change the error of a recording of the XL330 by at most 0.5 and
 # 0.8 mrad, and the mean of the twelve by 0.05; a firmware at 1 kHz by 0.9 and 0.02 (model m4p, fitted to all).
 STEP = 2e-3
 SOFT = 0.02  # [rad], above which an error counts by its size
@@ -356,7 +356,7 @@ def _searched(work: _Residuals, key: str, log: FitLog | None) -> Row:
             work.residuals, x, work.jacobian, work.bounds, max_nfev=ROUND, x_scale=1.0, xtol=1e-5, ftol=1e-4
         )
         k, better = row["round"] + 1, abs(work.spread(found.x) / work.scale - 1.0)
-        message = "" if k < MOST_ROUNDS else f"{k} rounds"
+        message = "" if k < MOST_ROUNDS else f"stopped after round {k}"
         if found.status > 0 and better < ALIKE:
             message = f"converged in round {k}"
         seconds = row["seconds"] + time.perf_counter() - begun
