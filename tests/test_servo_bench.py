@@ -9,7 +9,7 @@ import pytest
 from scenes import pendulum
 from scipy.stats import binom
 
-from featherstone_gait import Reference, compile_scene, load_servo, servo_effects, simulate
+from featherstone_gait import Reference, compile_scene, load_servo, servo_bench, servo_effects, simulate
 from featherstone_gait.cli import main
 from featherstone_gait.fit_log import FitLog
 from featherstone_gait.servo_bench import (
@@ -117,7 +117,9 @@ def test_intervals_hold_as_often_as_they_say():
     assert max(fit.intervals["torque_constant"]) < 1.01 * TRUTH["torque_constant"]
 
 
-def test_an_interrupted_fit_goes_on_to_the_same_bits(tmp_path):
+def test_an_interrupted_fit_goes_on_to_the_same_bits(tmp_path, monkeypatch):
+    monkeypatch.setattr(servo_bench, "MOST_ROUNDS", 2)
+
     class Interrupted(FitLog):
         def append(self, key, row):
             super().append(key, row)
@@ -177,7 +179,8 @@ def test_what_cannot_be_searched_is_refused():
         fit_servo(rows, XL330, "m7")
 
 
-def test_a_table_of_effects_goes_on_where_it_was(tmp_path):
+def test_a_table_of_effects_goes_on_where_it_was(tmp_path, monkeypatch):
+    monkeypatch.setattr(servo_bench, "MOST_ROUNDS", 1)
     rows = [r for r in recordings("xl330_kp200", XL330) if r.motion in ("up_and_down", "sin_sin")]
     table = partial(servo_effects.effects, rows, XL330, lambda r: r.motion, servo_effects.EFFECTS[:1])
     with FitLog(tmp_path / "fit.jsonl") as log:
@@ -213,6 +216,7 @@ def test_the_sts3250_is_met_as_well():
 
 
 def test_the_command_writes_tables_and_a_picture(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(servo_bench, "MOST_ROUNDS", 1)
     files = [str(FOLDER / f"xl330_kp200_{name}.csv") for name in ("sin_sin", "lift_and_drop")]
     other = str(FOLDER / "xl330_kp200_up_and_down.csv")
     common = ["identify", *files, "--servo", "xl330", "--out", str(tmp_path)]
