@@ -21,14 +21,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
 from . import __version__
-from .arguments import whole
+from .arguments import one_of, whole
 from .build.scene import ServoKind, compile_scene
 from .build.tree import GRAVITY
 from .crosscheck import crosscheck as walk_elsewhere
@@ -45,7 +45,7 @@ from .search.annealing import REMEDY as HISTORY_REMEDY
 from .view.animation import write_animation
 from .walking.cost import Measures, WalkingCost
 from .walking.cost_in_worlds import MOST_WORLDS, CostInWorlds, in_worlds
-from .walking.gait import bounds, fit_gait
+from .walking.gait import bounds, fit_gait, mirror_of
 from .walking.gait_file import ARRAYS, write_angles, write_goal_positions
 from .walking.plan import BIOLOID_WALK, downward, walking_plan
 
@@ -53,7 +53,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 REPORT = Format("gait report")
-N_POSES = 4  # of a stride: the paper's four states
+States: TypeAlias = Literal["stride", "step"]
+N_POSES = 4  # the paper's four states
 AMPLITUDE = math.radians(1.0)  # of the search [rad]; see above
 MAX_MISS = 20
 BATCH = 16  # candidates evaluated at once where lanes cannot be at different times
@@ -70,16 +71,23 @@ def walking_cost(
     servos: ServoKind = "mipsd",
     ground: Ground | None = None,
     gravity: Sequence[float] | np.ndarray = GRAVITY,
+    states: States = "stride",
     **walk: Any,
 ) -> WalkingCost:
     """Plan a walk of a biped, fit the four-pose gait to it and return its cost on flat ground.
 
-    `gravity` (3,) [m/s^2] points straight down; `walk` overrides `BIOLOID_WALK`.  Raises ValueError for a robot that is
-    no biped or cannot take these steps.
+    `gravity` (3,) [m/s^2] points straight down; `walk` overrides `BIOLOID_WALK`.  `states`: whether the four poses are
+    those of a stride, or of a step, which the other leg mirrors.  The paper's words allow both ("a complete and
+    symmetrical step can be composed of 4 states").  Raises ValueError for a robot that is no biped or cannot take these
+    steps, and for states of a step where left and right are no mirror images.
     """
+    one_of("states", states, get_args(States))
     plan = walking_plan(model, **(BIOLOID_WALK | {"g": downward(gravity)} | walk))
     lower, upper = np.array([(joint.lower, joint.upper) for joint in model.moving_joints]).T
-    gait = fit_gait(plan.stride(), N_POSES).gait
+    mirrored = states == "step"
+    of_stride = plan.stride()
+    fit = fit_gait(of_stride, 2 * N_POSES, mirror=mirror_of(model)) if mirrored else fit_gait(of_stride, N_POSES)
+    gait = fit.gait
     gait = replace(gait, poses=np.clip(gait.poses, lower, upper))
     scene = compile_scene(model, servos, ground or Ground(), "midpoint", 1e-3, gravity)
     return WalkingCost(scene, gait, plan.start_up(1))
@@ -144,6 +152,7 @@ def main_job(
     out: FilePath = ".",
     resume: bool = False,
     progress: bool = True,
+    states: States = "step",
     worlds: int = WORLDS,
     unseen: int = UNSEEN,
     crosscheck: int = 0,
@@ -154,9 +163,10 @@ def main_job(
     .toml file, as of `load_servo`, of the servo in all joints that turn, in place of the robot's own, with which the
     first gait is then measured too.  `resume` goes on from the history in `out`, if there is one.
 
-    `worlds`: in how many a candidate walks (`walking.in_worlds`), 0 for the paper's search, on one floor; `unseen`: how
-    many others tell what both gaits are worth elsewhere.  `crosscheck`: in how many processes the gait that was found
-    is walked on the floors of `featherstone_gait.crosscheck` in MuJoCo, 0 for not at all.
+    `states`: what the four poses are, as of `walking_cost`; `worlds`: in how many a candidate walks
+    (`walking.in_worlds`), 0 for the paper's search, on one floor; `unseen`: how many others tell what both gaits are
+    worth elsewhere.  `crosscheck`: in how many processes the gait that was found is walked on the floors of
+    `featherstone_gait.crosscheck` in MuJoCo, 0 for not at all.
 
     KeyboardInterrupt ends the search, and the files hold what was found.
     A process that is killed leaves the history, from which it resumes to the same files; they appear only when all of
@@ -179,7 +189,7 @@ def main_job(
     if history.exists():
         with _alone_with(history):  # rather said now than after the first gait
             pass
-    cost = walking_cost(model, servos)
+    cost = walking_cost(model, servos, states=states)
     x0 = cost.gait.to_vector()
     first = cost.measure([x0])[0]
     searched = in_worlds(cost, worlds) if worlds else cost
@@ -437,6 +447,7 @@ def _settings(cost: WalkingCost, iterations: int, seed: int, worlds: int) -> dic
         "servos": scene.servos, "integrator": scene.integrator, "timestep": scene.timestep,
         "ground": scene.ground and asdict(scene.ground), "iterations": iterations, "seed": seed, "max_miss": MAX_MISS,
         "worlds": worlds,
+        "states": "stride" if cost.gait.mirror is None else "step",
         "amplitude_deg": math.degrees(AMPLITUDE), "period": cost.gait.period, "poses": len(cost.gait.poses),
         "warm_up_strides": cost.warm_up, "measured_strides": cost.strides, "start_of_measurement": cost.mark,
     }  # fmt: skip

@@ -28,7 +28,7 @@ def cost():
 @pytest.fixture(scope="module")
 def job(tmp_path_factory):
     folder = tmp_path_factory.mktemp("job")
-    return folder, main_job(iterations=ITERATIONS, worlds=0, unseen=4, out=folder, progress=False)
+    return folder, main_job(iterations=ITERATIONS, states="stride", worlds=0, unseen=4, out=folder, progress=False)
 
 
 def test_the_job_finds_a_cheaper_gait_and_reports_both(job):
@@ -128,7 +128,7 @@ def test_the_servo_is_told_and_the_paper_s_by_default(job):
 @pytest.mark.long
 def test_another_servo_is_compared_with_the_robot_s_own(job, tmp_path, capsys):
     """The corrected AX-12 spends more than twice as much on the same gait, and still walks."""
-    other = main_job(servo="ax12a", iterations=4, worlds=0, unseen=0, out=tmp_path)
+    other = main_job(servo="ax12a", iterations=4, states="stride", worlds=0, unseen=0, out=tmp_path)
     own = other["with_own_servos"]
     assert other["settings"]["servo"] == "ax12a"
     assert own["servo"] == "ax12"
@@ -152,11 +152,13 @@ def test_a_servo_goes_into_all_joints_that_turn(tmp_path):
 @pytest.mark.long
 def test_an_interrupted_job_resumes_to_the_same_gait(job, tmp_path):
     folder, report = job
-    main_job(iterations=ITERATIONS // 2, worlds=0, unseen=4, out=tmp_path, progress=False)
+    main_job(iterations=ITERATIONS // 2, states="stride", worlds=0, unseen=4, out=tmp_path, progress=False)
     history = tmp_path / "humanoid_gait_history.jsonl"
     with history.open("a", encoding="utf-8") as file:
         file.write('{"iteration": 13, "x": [0.1')  # cut off while writing
-    resumed = main_job(iterations=ITERATIONS, worlds=0, unseen=4, out=tmp_path, resume=True, progress=False)
+    resumed = main_job(
+        iterations=ITERATIONS, states="stride", worlds=0, unseen=4, out=tmp_path, resume=True, progress=False
+    )
     assert resumed["after"] == report["after"]
     angles = "humanoid_gait_angles.csv"
     assert (tmp_path / angles).read_bytes() == (folder / angles).read_bytes()
@@ -240,7 +242,7 @@ def test_every_candidate_keeps_to_the_joint_limits(cost):
 def test_a_job_in_which_nothing_walks_says_why(tmp_path, monkeypatch):
     monkeypatch.setitem(BIOLOID_WALK, "step_time", 0.24)
     with pytest.raises(ValueError, match=r"none of 1 gaits walked; the first: humanoid fell at"):
-        main_job(iterations=0, worlds=1, out=tmp_path, progress=False)
+        main_job(iterations=0, worlds=1, unseen=0, out=tmp_path, progress=False)
 
 
 def test_a_robot_without_two_soles_is_refused(tmp_path):
@@ -254,7 +256,7 @@ def test_the_job_walks_its_gait_in_mujoco_if_asked(tmp_path, monkeypatch, capsys
     for name in [*FLOORS]:
         if name not in ("10ms_0.9", "20ms_0.9"):
             monkeypatch.delitem(FLOORS, name)
-    report = main_job(iterations=0, worlds=0, unseen=0, out=tmp_path, crosscheck=1)
+    report = main_job(iterations=0, states="stride", worlds=0, unseen=0, out=tmp_path, crosscheck=1)
     assert report["crosscheck"].startswith("in MuJoCo it walks 20 strides on 4 of 4 floors")
     assert f"crosscheck: {report['crosscheck']}" in capsys.readouterr().out
     assert sorted(report["files"].values()) == sorted(str(path) for path in tmp_path.iterdir())

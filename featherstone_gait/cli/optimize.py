@@ -27,7 +27,10 @@ def add(commands: Commands) -> None:
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the search (default: 0)")
     what = "that each candidate walks in: floors, servos and links that may be met"
     parser.add_argument("--worlds", type=int, metavar="N", help=f"{what} (default: 8)")
-    parser.add_argument("--nominal", action="store_true", help="the paper's search, on one floor: as --worlds 0")
+    what = "the four poses are those of a step, which the other leg mirrors, or of a stride"
+    parser.add_argument("--states", choices=("step", "stride"), help=f"{what} (default: step)")
+    what = "the paper's search on one floor, with the states of a stride: as --worlds 0 --states stride"
+    parser.add_argument("--nominal", action="store_true", help=what)
     parser.add_argument("--unseen", type=int, metavar="N", help="other worlds to try both gaits in (default: 200)")
     parser.add_argument("--resume", action="store_true", help="go on from the history in the folder")
     parser.add_argument("--crosscheck", action="store_true", help="also walk the gait in MuJoCo, on twelve floors")
@@ -36,8 +39,8 @@ def add(commands: Commands) -> None:
 def run(args: Namespace) -> int:
     from ..optimize import UNSEEN, WORLDS, main_job
 
-    if args.nominal and args.worlds is not None:
-        raise ValueError(f"--nominal walks in one world and --worlds {args.worlds} in others; give one of them")
+    if args.nominal and (args.worlds is not None or args.states is not None):
+        raise ValueError("--nominal says what --worlds and --states say; give one of them")
     with telling_extras():
         main_job(
             args.robot,
@@ -47,6 +50,7 @@ def run(args: Namespace) -> int:
             seed=args.seed,
             out=args.out,
             resume=args.resume,
+            states=args.states or ("stride" if args.nominal else "step"),
             worlds=0 if args.nominal else WORLDS if args.worlds is None else args.worlds,
             unseen=UNSEEN if args.unseen is None else args.unseen,
             crosscheck=2 if args.crosscheck else 0,
