@@ -38,7 +38,7 @@ from .crosscheck.run import files as crosscheck_files
 from .files import FilePath, Format, claim, moving_up, parse_json
 from .model import Ground, Model
 from .robot_file import load_robot, load_servo
-from .robot_file.servos import servo_names
+from .robot_file.servos import servo_names, with_servo
 from .run.simulate import streams
 from .search import minimize
 from .search.annealing import REMEDY as HISTORY_REMEDY
@@ -209,7 +209,7 @@ def main_job(
         raise ValueError(f"{model.name}: none of {result.nit + 1} gaits walked; the first: {why}")
     before, after = (quality(cost, x) for x in (x0, result.x))
     elsewhere = worth_elsewhere(cost, [x0, result.x], unseen, progress) if unseen else None
-    checked = _crosschecked(cost, result.x, robot, stem, crosscheck, progress) if crosscheck else None
+    checked = _crosschecked(cost, result.x, robot, servo, stem, crosscheck, progress) if crosscheck else None
     with _alone_with(history), _appearing_together(stem) as folder:
         files = write_results(folder / stem.name, cost, result)
         report = {
@@ -266,12 +266,6 @@ def _spread_of(measures: Sequence[Measures]) -> dict[str, Any]:
     return told
 
 
-def with_servo(model: Model, servo: FilePath) -> Model:
-    """The robot with one servo, named as of `load_servo`, in all joints that turn or have one."""
-    turning = [joint.name for joint in model.joints if joint.type in ("revolute", "continuous")]
-    return replace(model, servos=dict.fromkeys([*turning, *model.servos], load_servo(servo)))
-
-
 def _servo_name(model: Model) -> str:
     """Names of a robot's servos, as far as they are among those that come with the package."""
     known = {load_servo(name): name for name in servo_names()}
@@ -287,14 +281,18 @@ def _with_own_servos(own: Model, cost: WalkingCost) -> dict:
 
 
 def _crosschecked(
-    cost: WalkingCost, x: np.ndarray, robot: FilePath, stem: Path, processes: int, progress: bool
+    cost: WalkingCost, x: np.ndarray, robot: FilePath, servo: FilePath | None, stem: Path, count: int, progress: bool
 ) -> str:
     """What a gait vector does in MuJoCo, in words; if that cannot be told, why: the search is not to be lost by it."""
     motion = motion_of(cost.gait.from_vector(x), cost.start, cost.blend_strides)
     out, servos = stem.with_name(stem.name + "_crosscheck"), cost.scene.servos
     assert servos is not None
     try:
-        return verdict(walk_elsewhere(motion, robot, servos=servos, out=out, processes=processes, progress=progress))
+        return verdict(
+            walk_elsewhere(
+                motion, robot, servos=servos, servo=servo, out=out, processes=count, progress=progress
+            )
+        )
     except (ValueError, OSError) as error:
         return f"not run: {error}"
     except KeyboardInterrupt:

@@ -26,7 +26,7 @@ from featherstone_gait.crosscheck import (
     walk_on,
 )  # fmt: skip
 from featherstone_gait.crosscheck.servo_chain import ServoChain
-from featherstone_gait.model import Controller, Gearbox, Servo
+from featherstone_gait.model import Controller, Gearbox, Servo, Supply
 from featherstone_gait.optimize import walking_cost
 from featherstone_gait.walking.gait_file import ARRAYS, angles_of_goal_positions, write_angles
 
@@ -136,6 +136,13 @@ def test_what_the_replay_lacks_is_refused(cost):
     scene = compile_scene(replace(model, servos={model.joint_names[0]: loose}), "mipsd")
     with pytest.raises(ValueError, match=r"lacks .*: backlash; leave it out"):
         replay(scene, 0.1, np.zeros(1), Reference([0.0], [[0.0]]))
+    late = replace(model.servos[model.joint_names[0]], controller=Controller("state", 61.0, delay=1e-3))
+    late = compile_scene(replace(model, servos={model.joint_names[0]: late}), "mipsd")
+    with pytest.raises(ValueError, match=r"lacks .*: delay; leave it out"):
+        replay(late, 0.1, np.zeros(1), Reference([0.0], [[0.0]]))
+    fed = compile_scene(replace(model, supply=Supply(11.1, 0.1)), "mipsd")
+    with pytest.raises(ValueError, match="lacks a supply with a resistance; leave it out"):
+        replay(fed, 0.1, np.zeros(1), Reference([0.0], [[0.0]]))
     with pytest.raises(ValueError, match="does not divide the controllers' period"):
         replay(cost.scene, 0.1, np.zeros(17), Reference([0.0], [np.zeros(10)]), timestep=3e-4)
     with pytest.raises(ValueError, match=r"time_constant is 0\.0001; .*two steps"):

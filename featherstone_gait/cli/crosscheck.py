@@ -19,6 +19,7 @@ def add(commands: Commands) -> None:
     )
     add_gait(parser)
     parser.add_argument("--servos", choices=SERVO_KINDS, default="mipsd", help="gearbox")
+    parser.add_argument("--servo", metavar="NAME", help="of all joints, as of optimize (default: the robot's own)")
     parser.add_argument("--floors", metavar="NAMES", help="with commas: 2ms_0.9,20ms_0.6 (default: all; a wrong name "
                         "lists them)")  # fmt: skip
     parser.add_argument("--soles", metavar="KINDS", default="spheres,boxes", help="of these two (default: both)")
@@ -38,7 +39,7 @@ def run(args: Namespace) -> int:
     out = args.out / f"{gait_stem(args)}_crosscheck"
     with telling_extras():
         report = crosscheck(
-            motion, args.robot, servos=args.servos, floors=args.floors and args.floors.split(","),
+            motion, args.robot, servos=args.servos, servo=args.servo, floors=args.floors and args.floors.split(","),
             soles=args.soles.split(","), strides=args.strides, timestep=args.timestep, out=out,
             processes=args.processes, progress=True,
         )  # fmt: skip

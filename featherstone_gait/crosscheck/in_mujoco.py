@@ -8,7 +8,7 @@ the rotor, or on the joint; ticks, lag and speeds of the controllers are those o
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, NamedTuple, get_args
 from xml.sax.saxutils import quoteattr
 
@@ -18,7 +18,7 @@ from ..arguments import instance, one_of, real
 from ..build.scene import CompiledScene
 from ..core.effects.energies import ENERGIES, METER
 from ..core.effects.push import AHEAD
-from ..model import TORQUE_LAWS, ContactPoint, Link, Model, Servo, depends_on_load_or_speed
+from ..model import FIRMWARE, TORQUE_LAWS, ContactPoint, Controller, Link, Model, Servo, depends_on_load_or_speed
 from ..reference import Reference
 from ..robot_file.mjcf.element import element, number, numbers
 from ..robot_file.mjcf.read import heard
@@ -30,6 +30,7 @@ from .servo_chain import ServoChain, is_gentle
 Soles = Literal["spheres", "boxes"]
 SOLES: tuple[Soles, ...] = get_args(Soles)
 INSTALL = "the crosscheck runs MuJoCo; install it with pip install featherstone-gait[mjcf]"
+NO_FIRMWARE = [(f.name, f.default) for f in fields(Controller) if f.name in FIRMWARE]
 TIMESTEP = 2.5e-4  # [s]
 RADIUS = 1e-4  # of a contact point as a sphere [m]
 THICKNESS = 0.01  # of a box under a link [m]
@@ -217,6 +218,8 @@ def _servos(scene: CompiledScene) -> dict[str, Servo]:
         missing += [f"{name}: the torque law {servo.controller.law!r}"] * (servo.controller.law in TORQUE_LAWS)
         missing += [f"{name}: backlash"] * (servo.gearbox.backlash > 0.0)
         missing += [f"{name}: friction that depends on load or speed"] * depends_on_load_or_speed(servo.gearbox)
+        missing += [f"{name}: {field}" for field, absent in NO_FIRMWARE if getattr(servo.controller, field) != absent]
+    missing += ["a supply with a resistance"] * (model.supply is not None)
     missing += ["springs between bodies"] * bool(scene.springs)
     if scene.servos == "mipsd" and len(servos) < len(model.joint_names):
         missing.append("joints without a servo beside spring-damper gearboxes")

@@ -20,6 +20,7 @@ from ..build.scene import CompiledScene, ServoKind, compile_scene
 from ..files import FilePath, Format, complete, read_json, write_csv
 from ..model import Ground
 from ..robot_file import load_robot
+from ..robot_file.servos import with_servo
 from ..walking.motion import Motion
 from .floors import FLOORS, STRIDES, WARM_UP, walk_on
 from .in_mujoco import SOLES, TIMESTEP, Floor, mujoco_version
@@ -38,6 +39,7 @@ class _Task:
     motion: Motion
     robot: str
     servos: ServoKind
+    servo: str | None
     strides: int
     timestep: float
 
@@ -47,6 +49,7 @@ def crosscheck(
     robot: FilePath = "humanoid",
     *,
     servos: ServoKind = "mipsd",
+    servo: FilePath | None = None,
     floors: Iterable[str] | None = None,
     soles: Iterable[str] = SOLES,
     strides: int = STRIDES,
@@ -57,9 +60,10 @@ def crosscheck(
 ) -> dict[str, Any]:
     """Walk a motion in MuJoCo on floors, and here; return settings and a row a floor, as the JSON file holds them.
 
-    robot: as of `load_robot`, of "humanoid" the simplified one; floors: names of `FLOORS`, None for all twelve; soles:
-    "spheres", "boxes" or both; timestep: of both engines [s]; out: path of the files without an ending, a .json and a
-    .csv, None for none.  Floors that are in the .json with the same settings are not walked again.
+    robot: as of `load_robot`, of "humanoid" the simplified one; servo: as of `load_servo`, in place of its own; floors:
+    names of `FLOORS`, None for all twelve; soles: "spheres", "boxes" or both; timestep: of both engines [s]; out: path
+    of the files without an ending, a .json and a .csv, None for none.  Floors that are in the .json with the same
+    settings are not walked again.
 
     With more processes than one a script must be guarded by `if __name__ == "__main__"`, as `multiprocessing` asks.
     Raises ImportError without MuJoCo; ValueError for unknown names, for what `replay` lacks, for a robot that does not
@@ -73,13 +77,14 @@ def crosscheck(
         one_of("soles", kind, SOLES)
     strides = whole("strides", strides, 1, "give the strides to measure", 10**6)
     processes = whole("processes", processes, 1, "give the number of processes", 1024)
+    chosen = None if servo is None else str(servo)
     settings = {
-        "motion": motion.digest(), "robot": str(robot), "servos": servos, "strides": strides, "warm_up": WARM_UP,
-        "timestep": timestep, "version": __version__, "mujoco": mujoco_version(),
+        "motion": motion.digest(), "robot": str(robot), "servos": servos, "servo": chosen, "strides": strides,
+        "warm_up": WARM_UP, "timestep": timestep, "version": __version__, "mujoco": mujoco_version(),
     }  # fmt: skip
     asked = [(name, kind) for name in FLOORS if name in names for kind in SOLES if kind in kinds]
     rows = _kept(out, settings)
-    tasks = [_Task(*key, motion, str(robot), servos, strides, timestep) for key in asked if key not in rows]
+    tasks = [_Task(*key, motion, str(robot), servos, chosen, strides, timestep) for key in asked if key not in rows]
     with tqdm(total=len(asked), initial=len(asked) - len(tasks), disable=not progress, unit="floor") as bar:
         for row in _evaluated(tasks, processes):
             rows[row["floor"], row["soles"]] = row
@@ -106,16 +111,16 @@ def _evaluated(tasks: list[_Task], processes: int) -> Iterator[dict]:
 
 
 def _row(task: _Task) -> dict:
-    scene = _scene(task.robot, task.servos)
+    scene = _scene(task.robot, task.servos, task.servo)
     time_constant, friction = FLOORS[task.floor]
     floor = Floor(time_constant, friction, "boxes" if task.soles == "boxes" else "spheres")
     return {"floor": task.floor} | walk_on(scene, task.motion, floor, task.strides, task.timestep).as_dict()
 
 
 @functools.lru_cache(maxsize=1)
-def _scene(robot: str, servos: ServoKind) -> CompiledScene:
+def _scene(robot: str, servos: ServoKind, servo: str | None) -> CompiledScene:
     model = load_robot(robot, locked="simplified" if robot == "humanoid" else None)
-    return compile_scene(model, servos, Ground(), "midpoint", 1e-3)
+    return compile_scene(model if servo is None else with_servo(model, servo), servos, Ground(), "midpoint", 1e-3)
 
 
 def summary(report: dict[str, Any]) -> str:

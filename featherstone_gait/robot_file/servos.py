@@ -6,12 +6,13 @@ import functools
 import math
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 from ..arguments import instance
-from ..model import SERVO_UNITS, TORQUE_LAWS, Controller, Gearbox, Joint, Servo, check_servos
+from ..files import FilePath
+from ..model import SERVO_UNITS, TORQUE_LAWS, Controller, Gearbox, Joint, Model, Servo, check_servos
 from .errors import RobotFileError, blamed_on
 from .source import robots_folder
 from .toml import check_keys, read_toml, real, string, table_of
@@ -51,6 +52,12 @@ class ServoSheet:
 
 _ABOUT = ("product", "source", "quality")
 _FIGURES = tuple(f.name for f in fields(ManualPoint))
+
+
+def with_servo(model: Model, servo: FilePath) -> Model:
+    """The robot with one servo, named as of `load_servo`, in all joints that turn or have one."""
+    turning = [joint.name for joint in model.joints if joint.type in ("revolute", "continuous")]
+    return replace(model, servos=dict.fromkeys([*turning, *model.servos], load_servo(servo)))
 
 
 def load_servo(name: str | os.PathLike, gearbox: str = "physical", **overrides: Any) -> Servo:
