@@ -419,8 +419,9 @@ def summary(report: dict) -> str:
     lines.append(f"{'':30} {'first':>10} {'optimised':>10} {'change':>8}")
     for name, key, unit, scale, digits in rows:
         a, b = (math.nan if side[key] is None else scale * side[key] for side in (before, after))
-        change = f"{100.0 * (b / a - 1.0):+.0f} %" if a > 0.0 and unit != "%" else ""
-        lines.append(f"{name:30} {a:10.{digits}f} {b:10.{digits}f} {change:>8} {unit}".rstrip())
+        change = f"{100.0 * (b / a - 1.0):+.0f} %" if a > 0.0 and b > 0.0 and unit != "%" else ""
+        cells = ["fails" if math.isnan(x) else f"{x:.{digits}f}" for x in (a, b)]
+        lines.append(f"{name:30} {cells[0]:>10} {cells[1]:>10} {change:>8} {unit}".rstrip())
     work, lanes = report["evaluations"], report["evaluations"]["lane_occupancy"]
     lines += [
         f"{search['candidates']} candidates in {report['seconds']['search']:.1f} s, all in "
