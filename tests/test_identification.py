@@ -213,6 +213,8 @@ def test_settings_must_be_parameters(tmp_path):
         ([], {}, "list of names"),
         (["Kp", "Kp"], {}, "each once"),
         (["period"], {}, "period cannot be fitted"),
+        (["pwm_steps"], {}, "pwm_steps cannot be fitted, the motion is no smooth function of it"),
+        (["delay"], {}, "delay cannot be fitted"),
         (["Ki"], {}, "Ki starts at 0.0"),
         (["Kp"], {}, "set by a recording"),
         (["resistance"], {"confidence": 95}, "confidence"),
