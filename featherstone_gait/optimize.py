@@ -152,7 +152,7 @@ def main_job(
     out: FilePath = ".",
     resume: bool = False,
     progress: bool = True,
-    states: States = "step",
+    states: States | None = None,
     worlds: int = WORLDS,
     unseen: int = UNSEEN,
     crosscheck: int = 0,
@@ -163,7 +163,8 @@ def main_job(
     .toml file, as of `load_servo`, of the servo in all joints that turn, in place of the robot's own, with which the
     first gait is then measured too.  `resume` goes on from the history in `out`, if there is one.
 
-    `states`: what the four poses are, as of `walking_cost`; `worlds`: in how many a candidate walks
+    `states`: what the four poses are, as of `walking_cost`, None for those of a step where the legs mirror each other
+    and of a stride elsewhere; `worlds`: in how many a candidate walks
     (`walking.in_worlds`), 0 for the paper's search, on one floor; `unseen`: how many others tell what both gaits are
     worth elsewhere.  `crosscheck`: in how many processes the gait that was found is walked on the floors of
     `featherstone_gait.crosscheck` in MuJoCo, 0 for not at all.
@@ -189,7 +190,7 @@ def main_job(
     if history.exists():
         with _alone_with(history):  # rather said now than after the first gait
             pass
-    cost = walking_cost(model, servos, states=states)
+    cost = walking_cost(model, servos, states=states or _states_of(model))
     x0 = cost.gait.to_vector()
     first = cost.measure([x0])[0]
     searched = in_worlds(cost, worlds) if worlds else cost
@@ -239,6 +240,14 @@ def main_job(
     if progress:
         print(summary(report))
     return json.loads(text)
+
+
+def _states_of(model: Model) -> States:
+    try:
+        mirror_of(model)
+    except ValueError:
+        return "stride"
+    return "step"
 
 
 def worth_elsewhere(
@@ -408,7 +417,9 @@ def summary(report: dict) -> str:
             ("... 95th percentile", "cost_95", "J/m", 1.0, 1),
             ("largest drift sideways there", "sideways_share", "%", 100.0, 1),
         ]
-    lines = [f"servo {report['settings']['servo']}"]
+    settings = report["settings"]
+    where = f"{settings['worlds']} worlds" if settings["worlds"] else "one floor"
+    lines = [f"servo {settings['servo']}, poses of a {settings['states']}, {where}"]
     own = report.get("with_own_servos")
     if own is not None:
         a, b = (

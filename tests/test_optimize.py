@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,15 @@ from matplotlib import image
 
 from featherstone_gait import cli, load_robot, load_servo, optimize
 from featherstone_gait.crosscheck import FLOORS
-from featherstone_gait.optimize import main_job, optimize_gait, summary, walking_cost, with_servo, worth_elsewhere
+from featherstone_gait.optimize import (
+    _states_of,
+    main_job,
+    optimize_gait,
+    summary,
+    walking_cost,
+    with_servo,
+    worth_elsewhere,
+)
 from featherstone_gait.search import minimize
 from featherstone_gait.walking import BIOLOID_WALK, bounds, read_angles
 from featherstone_gait.walking.cost import cost_of_motion
@@ -122,7 +131,7 @@ def test_the_servo_is_told_and_the_paper_s_by_default(job):
     _, report = job
     assert report["settings"]["servo"] == "ax12"
     assert "with_own_servos" not in report
-    assert summary(report).startswith("servo ax12\n")
+    assert summary(report).startswith("servo ax12, poses of a stride, one floor\n")
 
 
 @pytest.mark.long
@@ -135,7 +144,7 @@ def test_another_servo_is_compared_with_the_robot_s_own(job, tmp_path, capsys):
     assert own["cost"] == job[1]["before"]["cost"]
     assert 2.0 * own["cost"] < other["before"]["cost"] < 4.0 * own["cost"]
     told = capsys.readouterr().out
-    assert "servo ax12a\n" in told
+    assert "servo ax12a, " in told
     assert f"with the robot's own, ax12: {own['cost']:.1f} J/m" in told
 
 
@@ -172,6 +181,14 @@ def test_what_is_found_is_tried_in_worlds_that_no_search_has_seen(job, cost):
     again = worth_elsewhere(cost, [cost.gait.to_vector()], 4)[0]
     assert again == report["elsewhere"]["before"]
     assert again["cost"] == sorted(again["cost"])
+
+
+def test_the_poses_are_those_of_a_step_where_the_legs_mirror_each_other():
+    model = load_robot("humanoid", locked="simplified")
+    assert _states_of(model) == "step"
+    joints = tuple(replace(j, name="knee" if j.name == "left_knee" else j.name) for j in model.joints)
+    servos = {"knee" if name == "left_knee" else name: servo for name, servo in model.servos.items()}
+    assert _states_of(replace(model, joints=joints, servos=servos, keyframes={})) == "stride"
 
 
 def test_one_floor_or_several_is_not_both(capsys, tmp_path):

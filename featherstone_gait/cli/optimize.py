@@ -27,8 +27,8 @@ def add(commands: Commands) -> None:
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the search (default: 0)")
     what = "that each candidate walks in: floors, servos and links that may be met"
     parser.add_argument("--worlds", type=int, metavar="N", help=f"{what} (default: 8)")
-    what = "the four poses are those of a step, which the other leg mirrors, or of a stride"
-    parser.add_argument("--states", choices=("step", "stride"), help=f"{what} (default: step)")
+    what = "the four poses are those of a step, which the other leg mirrors, or of a stride (default: step, if it can)"
+    parser.add_argument("--states", choices=("step", "stride"), help=what)
     what = "the paper's search on one floor, with the states of a stride: as --worlds 0 --states stride"
     parser.add_argument("--nominal", action="store_true", help=what)
     parser.add_argument("--unseen", type=int, metavar="N", help="other worlds to try both gaits in (default: 200)")
@@ -50,7 +50,7 @@ def run(args: Namespace) -> int:
             seed=args.seed,
             out=args.out,
             resume=args.resume,
-            states=args.states or ("stride" if args.nominal else "step"),
+            states="stride" if args.nominal else args.states,
             worlds=0 if args.nominal else WORLDS if args.worlds is None else args.worlds,
             unseen=UNSEEN if args.unseen is None else args.unseen,
             crosscheck=2 if args.crosscheck else 0,
