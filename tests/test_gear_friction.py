@@ -64,6 +64,7 @@ def load(q):
     return -MASS * G * LENGTH * math.sin(q)
 
 
+SILENT = {("M5", "step"): 1.5e-3}  # [rad] said to be ok by default, where 1e-3 is promised: 1.3e-3, see docs/servos.md
 CASES = {  # armature, reference(t), its knots, start, duration
     "step": (0.0119, lambda t: 1.2, 1.0, (0.0, 0.0), 1.5),
     "fall": (0.0119, None, 1.0, (1.5, 0.0), 2.0),
@@ -99,7 +100,8 @@ def test_every_model_follows_its_reference(name, case):
             assert run.status == "ok"
             assert error < 1e-6
         else:
-            assert error < (2e-3 if run.status == "ok" else 1e-2)
+            limit = SILENT.get((name, case), 1e-3)
+            assert error < (limit if run.status == "ok" else 3e-3)
 
 
 LONG = [
