@@ -2,13 +2,15 @@
 
 A rotor is a body of its own, a hinge at the world with the reflected inertia as armature; the gearbox is a fixed tendon
 between rotor and joint with its stiffness and damping.  A rigid gearbox is armature at the joint.  The motor acts on
-the rotor, or on the joint; ticks, lag and speeds of the controllers are those of the scene.
+the rotor, or on the joint; ticks, lag and speeds of the controllers are those of the scene.  Teeth that meet across a
+gap take the tendon's place, as forces of the chain.  Dry friction is MuJoCo's `frictionloss`, each step as large as the
+servo's budget at the loads of the last one.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple, get_args
 from xml.sax.saxutils import quoteattr
 
@@ -18,7 +20,7 @@ from ..arguments import instance, one_of, real
 from ..build.scene import CompiledScene
 from ..core.effects.energies import ENERGIES, METER
 from ..core.effects.push import AHEAD
-from ..model import FIRMWARE, TORQUE_LAWS, ContactPoint, Controller, Link, Model, Servo, depends_on_load_or_speed
+from ..model import TORQUE_LAWS, ContactPoint, Link, Model, Servo, depends_on_load_or_speed
 from ..reference import Reference
 from ..robot_file.mjcf.element import element, number, numbers
 from ..robot_file.mjcf.read import heard
@@ -30,13 +32,13 @@ from .servo_chain import ServoChain, is_gentle
 Soles = Literal["spheres", "boxes"]
 SOLES: tuple[Soles, ...] = get_args(Soles)
 INSTALL = "the crosscheck runs MuJoCo; install it with pip install featherstone-gait[mjcf]"
-NO_FIRMWARE = [(f.name, f.default) for f in fields(Controller) if f.name in FIRMWARE]
 TIMESTEP = 2.5e-4  # [s]
 RADIUS = 1e-4  # of a contact point as a sphere [m]
 THICKNESS = 0.01  # of a box under a link [m]
 FLAT = 1e-6  # how far contact points may lie off the underside of one box [m]
 SETTLING = 1.0  # that a robot stands before its sinking is read [s]
 LIGHT = 1e-9, 1e-12  # mass [kg] and moments of inertia [kg m^2] of a rotor's body, beside its armature
+LEAST = 1e-9  # of a joint's dry friction [N m], with which MuJoCo keeps a constraint for it
 PREFIX = "rotor of "
 
 
@@ -60,6 +62,10 @@ class _Machine(NamedTuple):
     motor: np.ndarray  # in qvel, of what the motors turn
     rotor: np.ndarray | None  # in qpos, of the rotors; None where gearboxes are rigid
     gears: np.ndarray  # (n, 2) stiffness [N m/rad] and damping [N m s/rad] of the gearboxes between
+    armature: np.ndarray  # what counts with the joint, not with what turns it [kg m^2]
+    viscous: np.ndarray  # friction of joint and servo [N m s/rad] ...
+    coulomb: np.ndarray  # ... and dry [N m]
+    loaded: bool  # whether a budget of dry friction depends on load or speed
 
 
 def replay(
@@ -77,7 +83,7 @@ def replay(
     Channels: time, q, qd, torque (on the joints), current, energy (of which only the column "meter" is told, others
     are nan), and of a floating base base_q and base_qd.  The status is "ok", "fell" (by the scene's own rule) or
     "diverged"; `end_time` says when.  Raises ImportError without MuJoCo, ValueError for what the replay lacks: torque
-    laws, backlash, friction that depends on load or speed, springs between bodies.
+    laws and springs between bodies.
     """
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
     period = scene.tick_steps * scene.timestep
@@ -85,13 +91,12 @@ def replay(
     if abs(per_tick * timestep - period) > 1e-9 * period:
         raise ValueError(f"timestep {timestep:g} s does not divide the controllers' period of {period:g} s")
     machine, chain = _machine(scene, floor, timestep), _chain(scene, timestep)
-    _place(machine, q)
+    _place(machine, chain, q)
     ticks = math.ceil(duration / period - 1e-9)
     drive, rate = evaluated(reference, period * np.arange(ticks) - scene.lag + AHEAD)
     rows, status = [_row(scene, machine, chain)], "ok"
     for k in range(ticks):
-        chain.tick(drive[k], rate[k], machine.d.qpos[machine.q], period)
-        _steps(machine, chain, per_tick)
+        _tick(machine, chain, drive[k], rate[k], period, per_tick)
         rows.append(_row(scene, machine, chain))
         if not np.isfinite(machine.d.qpos).all() or machine.d.warning.number.any():
             status = "diverged"
@@ -121,11 +126,10 @@ def sinking(scene: CompiledScene, angles: np.ndarray, floor: Floor, *, timestep:
     Its servos hold `angles` (n,) [rad].  Raises ValueError for a robot that does not stand.
     """
     machine, chain = _machine(scene, floor, timestep), _chain(scene, timestep)
-    _place(machine, standing(scene, angles, 0.0))
+    _place(machine, chain, standing(scene, angles, 0.0))
     period, still = scene.tick_steps * scene.timestep, np.zeros_like(angles)
     for _ in range(round(SETTLING / period)):
-        chain.tick(angles, still, machine.d.qpos[machine.q], period)
-        _steps(machine, chain, round(period / timestep))
+        _tick(machine, chain, angles, still, period, round(period / timestep))
     depth = float(np.maximum(-machine.d.contact.dist, 0.0).sum()) / len(scene.model.contacts)
     if _fell(scene, machine) or depth <= 0.0:
         raise ValueError(f"{scene.model.name} does not stand in the first posture; its sinking cannot be measured")
@@ -147,6 +151,25 @@ def evaluated(reference: Reference, times: np.ndarray) -> tuple[np.ndarray, np.n
 # ---------------------------------------------------------------------------------------------- stepping
 
 
+def _tick(
+    machine: _Machine, chain: ServoChain, reference: np.ndarray, rate: np.ndarray, period: float, count: int
+) -> None:
+    """One tick of the controllers and `count` steps of MuJoCo; voltages under way act when their delay is over."""
+    d, h, waits = machine.d, period / count, round(chain.delay * count / period)
+    if abs(waits * h - chain.delay) > 1e-9 * chain.delay:
+        raise ValueError(f"timestep {h:g} s does not divide the controllers' delay of {chain.delay:g} s")
+    slots, shift = -(-waits // count), waits % count
+    if chain.delay and not chain.waiting:
+        chain.waiting = [np.zeros_like(chain.voltage)] * (slots - (shift > 0))
+    if chain.delay and shift == 0:
+        chain.arrive(d.qvel[machine.motor])
+    chain.tick(reference, rate, d.qpos[machine.q], d.qvel[machine.motor], period)
+    if shift:
+        _steps(machine, chain, shift)
+        chain.arrive(d.qvel[machine.motor])
+    _steps(machine, chain, count - shift)
+
+
 def _steps(machine: _Machine, chain: ServoChain, count: int) -> None:
     """Steps of MuJoCo with the motors' torques; what it warns of, a state that it resets, is seen in `d.warning`."""
     mujoco, d, joints, motors = _mujoco(), machine.d, machine.v, machine.motor
@@ -155,18 +178,52 @@ def _steps(machine: _Machine, chain: ServoChain, count: int) -> None:
         for _ in range(count):
             applied[motors] = 0.0
             applied[joints] = chain.friction(speeds[joints])
-            applied[motors] += chain.step(speeds[motors])
+            torque = chain.step(speeds[motors])
+            applied[motors] += torque
+            if machine.rotor is not None:
+                torque = _through_gears(machine, chain)
+            if machine.loaded:
+                machine.m.dof_frictionloss[joints] = _budget(machine, chain, torque)
             mujoco.mj_step(machine.m, d)
             chain.filter(speeds[joints])
 
 
-def _place(machine: _Machine, q: np.ndarray) -> None:
+def _through_gears(machine: _Machine, chain: ServoChain) -> np.ndarray:
+    """What gearboxes put on the joints [N m]; that of teeth across a gap is applied, tendons do the others."""
+    d, joints, rotors = machine.d, machine.v, machine.motor
+    assert machine.rotor is not None
+    e, de = d.qpos[machine.rotor] - d.qpos[machine.q], d.qvel[rotors] - d.qvel[joints]
+    stiffness, damping = machine.gears.T
+    if not chain.gears.loose.any():
+        return stiffness * e + damping * de
+    pushed = chain.gears.torque(e, de)
+    d.qfrc_applied[joints] += pushed
+    d.qfrc_applied[rotors] -= pushed
+    return np.where(chain.gears.loose, pushed, stiffness * e + damping * de)
+
+
+def _budget(machine: _Machine, chain: ServoChain, t_m: np.ndarray) -> np.ndarray:
+    """What dry friction takes at most in the next step [N m], by what the mechanism did to the joints in the last.
+
+    That is t_e of A dv/dt = t_m + t_f + t_e, t_f all friction: the viscous one, and what MuJoCo's constraint gave.
+    """
+    d, joints, types = machine.d, machine.v, _mujoco().mjtConstraint
+    rubs = d.efc_type[: d.nefc] == types.mjCNSTR_FRICTION_DOF
+    dry = np.zeros(machine.m.nv)
+    dry[d.efc_id[: d.nefc][rubs]] = d.efc_force[: d.nefc][rubs]
+    speed = d.qvel[joints]
+    t_e = machine.armature * d.qacc[joints] + machine.viscous * speed - t_m - dry[joints]
+    return np.maximum(machine.coulomb + chain.gears.budget(speed, t_m, t_e), LEAST)
+
+
+def _place(machine: _Machine, chain: ServoChain, q: np.ndarray) -> None:
     m, d, base = machine.m, machine.d, len(q) - len(machine.q)
     _mujoco().mj_resetData(m, d)
     d.qpos[:base] = q[:base]
     d.qpos[machine.q] = q[base:]
     if machine.rotor is not None:
         d.qpos[machine.rotor] = q[base:]
+    chain.goal = q[base:].copy()
     _mujoco().mj_forward(m, d)
 
 
@@ -179,7 +236,8 @@ def _row(scene: CompiledScene, machine: _Machine, chain: ServoChain) -> dict[str
     torque = chain.K * chain.current
     if machine.rotor is not None:
         stiffness, damping = machine.gears.T
-        torque = stiffness * (d.qpos[machine.rotor] - q) + damping * (d.qvel[machine.motor] - v)
+        e, de = d.qpos[machine.rotor] - q, d.qvel[machine.motor] - v
+        torque = np.where(chain.gears.loose, chain.gears.torque(e, de), stiffness * e + damping * de)
     base = {"base_q": d.qpos[:7].copy(), "base_qd": d.qvel[:6].copy()} if scene.model.base == "floating" else {}
     return base | {"q": q, "qd": v, "torque": torque, "current": chain.current.copy(), "energy": energy}
 
@@ -216,10 +274,6 @@ def _servos(scene: CompiledScene) -> dict[str, Servo]:
     missing = []
     for name, servo in servos.items():
         missing += [f"{name}: the torque law {servo.controller.law!r}"] * (servo.controller.law in TORQUE_LAWS)
-        missing += [f"{name}: backlash"] * (servo.gearbox.backlash > 0.0)
-        missing += [f"{name}: friction that depends on load or speed"] * depends_on_load_or_speed(servo.gearbox)
-        missing += [f"{name}: {field}" for field, absent in NO_FIRMWARE if getattr(servo.controller, field) != absent]
-    missing += ["a supply with a resistance"] * (model.supply is not None)
     missing += ["springs between bodies"] * bool(scene.springs)
     if scene.servos == "mipsd" and len(servos) < len(model.joint_names):
         missing.append("joints without a servo beside spring-damper gearboxes")
@@ -240,6 +294,7 @@ def _machine(scene: CompiledScene, floor: Floor | None, h: float) -> _Machine:
     m.opt.integrator, m.opt.cone = mujoco.mjtIntegrator.mjINT_IMPLICITFAST, mujoco.mjtCone.mjCONE_ELLIPTIC
     joints = [m.joint(name) for name in model.joint_names]
     v = np.array([joint.dofadr[0] for joint in joints])
+    armature, loaded = m.dof_armature[v].copy(), any(depends_on_load_or_speed(s.gearbox) for s in servos.values())
     for name, address in zip(model.joint_names, v):
         if name in servos:
             servo = servos[name]
@@ -252,12 +307,17 @@ def _machine(scene: CompiledScene, floor: Floor | None, h: float) -> _Machine:
         rotors = [m.joint(PREFIX + name) for name in model.joint_names]
         motor, rotor = (np.array([getattr(x, of)[0] for x in rotors]) for of in ("dofadr", "qposadr"))
     gears = np.array([(servo.gearbox.stiffness, servo.gearbox.damping) for servo in servos.values()])
-    return _Machine(m, mujoco.MjData(m), q, v, motor, rotor, gears)
+    rigid = m.dof_armature[v] if scene.servos == "rotor" else armature
+    viscous, coulomb = m.dof_damping[v].copy(), m.dof_frictionloss[v].copy()
+    if loaded:  # budgets come each step
+        m.dof_frictionloss[v] = np.maximum(coulomb, LEAST)
+    m.dof_solref[v], m.dof_solimp[v, :2] = (2.0 * h, 1.0), 0.9999  # joints that stick hardly creep
+    return _Machine(m, mujoco.MjData(m), q, v, motor, rotor, gears, rigid.copy(), viscous, coulomb, loaded)
 
 
 def _chain(scene: CompiledScene, h: float) -> ServoChain:
     servos = _servos(scene)
-    return ServoChain([servos.get(name) for name in scene.model.joint_names], h)
+    return ServoChain([servos.get(name) for name in scene.model.joint_names], h, scene.model.supply)
 
 
 def _with_rotors(text: str, servos: dict[str, Servo]) -> str:
@@ -283,8 +343,10 @@ def _rotor(name: str, servo: Servo) -> list[str]:
 
 
 def _gearbox(name: str, servo: Servo) -> list[str]:
-    gear = servo.gearbox
-    attributes = {"stiffness": number(gear.stiffness), "damping": number(gear.damping), "springlength": "0"}
+    """Between rotor and joint; nothing where teeth meet across a gap."""
+    gear, tight = servo.gearbox, servo.gearbox.backlash <= 0.0
+    attributes = {"stiffness": number(gear.stiffness), "damping": number(gear.damping)} if tight else {}
+    attributes["springlength"] = "0"
     ends = [element("joint", {"joint": PREFIX + name, "coef": "1"}), element("joint", {"joint": name, "coef": "-1"})]
     return [element("fixed", attributes).removesuffix("/>") + ">", *ends, "</fixed>"]
 
