@@ -1,4 +1,4 @@
-"""Figs. 4 and 5 of the paper: what is claimed of step and fall holds in direction and size."""
+"""Figs. 3 to 5 and Eq. 2 of the paper: what is claimed of step and fall holds in direction and size."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from featherstone_gait.experiments import arm_fall, servo_step
+from featherstone_gait.experiments import arm_fall, servo_step, servo_terms
 from featherstone_gait.robot_file import load_servo
 
 
@@ -98,6 +98,31 @@ def test_friction_identified_without_the_rotor_does_not_carry_over(fall):
     assert rms == sorted(rms)
     assert rms[0] > 5
     assert all(fit.converged for fit in fall.refits.values())
+
+
+def test_a_rotors_damper_brakes_g_squared_as_strongly():
+    """As one at the output, but for the gearbox between; and Table 2's number there would hold an arm for hours."""
+    result = servo_terms.run()
+    output, rotor, printed = (
+        result.falls[name] for name in (servo_terms.OUTPUT, servo_terms.ROTOR, servo_terms.PRINTED)
+    )
+    assert 0.0 < np.abs(rotor - output).max() < servo_terms.COUNT
+    assert output.min() < 0.0
+    assert math.degrees(np.ptp(printed)) < 0.2
+    speeds = list(result.no_load.values())
+    assert speeds[:2] == pytest.approx([5.590] * 2, abs=1e-3)
+    assert speeds[2] == pytest.approx(0.0026, abs=1e-4)
+    assert [claim.item for claim in servo_terms.check(result)] == ["Eq. 2", "Fig. 3"]
+
+
+def test_the_speed_error_damps_until_filter_and_ticks_let_it_rattle():
+    result = servo_terms.run()
+    overshoots = [result.overshoot(Kd) for Kd in (0.0, 0.5, 1.0)]
+    assert overshoots[0] > 0.02
+    assert overshoots[1] < 0.2 * overshoots[0]
+    rms = [result.rms[Kd] for Kd in (0.0, 0.5, 1.0, 2.0, 4.0)]
+    assert rms == sorted(rms, reverse=True)
+    assert result.rattle(8.0) > servo_terms.COUNT > result.rattle(4.0)
 
 
 def test_verdicts(step, fall):

@@ -5,6 +5,7 @@ import re
 import sys
 from dataclasses import dataclass
 from html.parser import HTMLParser
+from pathlib import Path
 from types import ModuleType
 
 import pytest
@@ -12,6 +13,8 @@ from matplotlib.figure import Figure
 
 from featherstone_gait import cli
 from featherstone_gait.experiments import EXPERIMENTS, Claim, report
+from featherstone_gait.experiments.claim import judged, plus_minus
+from featherstone_gait.experiments.items import ITEMS
 
 NASTY = 'a <b> & "c" | *d* _e_ `f`'
 
@@ -39,7 +42,10 @@ def stand_in(name, calls, fails=None):
         return {f"caption {NASTY}": figure, "second": Figure(figsize=(1, 1))}
 
     module.run, module.plot = run, plot
-    module.check = lambda result: [Claim(NASTY, "1 m", f"{result} | 2 m", "reproduced", "because\nof x")]
+    module.check = lambda result: [
+        Claim(NASTY, "1 m", f"{result} | 2 m", "reproduced", "because\nof x", "Fig. 9", 0.5),
+        Claim("Is it so?", "", "no", "not reproduced", "because of y"),
+    ]
     return module
 
 
@@ -65,7 +71,7 @@ class Tags(HTMLParser):
         self.open, self.addresses = [], []
 
     def handle_starttag(self, tag, attributes):
-        if tag not in ("meta", "img"):
+        if tag not in ("meta", "img", "br"):
             self.open.append(tag)
         self.addresses += [value for name, value in attributes if name in ("src", "href")]
 
@@ -90,10 +96,11 @@ def test_the_report_stands_alone_and_is_well_formed(calls, tmp_path):
 def test_the_markdown_has_every_claim_and_its_pictures(calls, tmp_path):
     report.reproduce(out=tmp_path)
     lines = (tmp_path / "reproduction.md").read_text("utf-8").splitlines()
-    rows = [line for line in lines if line.startswith("| first ")]
-    assert len(rows) == 1
-    assert len(re.findall(r"(?<!\\)\|", rows[0])) == 7  # six cells: what the claim holds is escaped
-    assert "because of x" in rows[0]
+    rows = [line for line in lines if line.startswith("| Fig. 9 ")]
+    assert len(rows) == 2
+    assert len(re.findall(r"(?<!\\)\|", rows[0])) == 8  # seven cells: what the claim holds is escaped
+    assert "because of x (first)" in rows[0]
+    assert [line for line in lines if line.startswith("| Is it so? | no | no | because of y (first) |")]
     pictures = [re.match(r"!\[\w+\]\((.*)\)", line)[1] for line in lines if line.startswith("![")]
     assert len(pictures) == 4
     assert all((tmp_path / picture).read_bytes().startswith(b"\x89PNG") for picture in pictures)
@@ -133,6 +140,20 @@ def test_another_program_runs_again(calls, monkeypatch, tmp_path):
     monkeypatch.setattr(report, "_program", lambda: "another")
     report.reproduce(["first"], tmp_path)
     assert len(calls) == 2
+
+
+def test_what_is_finished_stays_so_while_others_run(calls, monkeypatch, tmp_path):
+    report.reproduce(["last"], tmp_path)
+    fail(monkeypatch, calls, "first", KeyboardInterrupt())
+    written = []
+    monkeypatch.setattr(
+        report, "write_report", lambda folder, entries, *_: written.append([e.finished for e in entries])
+    )
+    with pytest.raises(KeyboardInterrupt):
+        report.reproduce(out=tmp_path)
+    monkeypatch.setitem(sys.modules, "featherstone_gait.experiments.first", stand_in("first", calls))
+    report.reproduce(out=tmp_path)
+    assert written == [[True, True], [True, True]]
 
 
 def test_after_an_interruption_the_same_call_goes_on(calls, monkeypatch, tmp_path):
@@ -193,6 +214,43 @@ def test_an_unknown_experiment_is_refused(tmp_path, capsys):
     said = capsys.readouterr().err
     assert "'dance'" in said
     assert "servo_step" in said
+
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.mark.parametrize("key", ITEMS)
+def test_every_item_of_the_paper_is_answered(key):
+    """By claims that name it, or by a file that is there and a test that holds it."""
+    item = ITEMS[key]
+    if item.here:
+        assert (ROOT / item.module).exists()
+        file, _, function = item.test.partition("::")
+        assert not item.test or f"def {function}(" in (ROOT / file).read_text("utf-8")
+    else:
+        sources = [(ROOT / f"featherstone_gait/experiments/{name}.py").read_text("utf-8") for name in EXPERIMENTS]
+        assert [source for source in sources if f'"{key}"' in source]
+
+
+def test_claims_name_items_of_the_paper_and_no_others():
+    for name in EXPERIMENTS:
+        source = (ROOT / f"featherstone_gait/experiments/{name}.py").read_text("utf-8")
+        assert set(re.findall(r'"((?:Fig\.|Table|Eq\.|Section) \d+)"', source)) <= set(ITEMS)
+
+
+def test_the_rules_of_verdicts_and_of_errors():
+    assert [judged(*x) for x in ((True,), (False, True), (False,), (True, True, False))] == [
+        "reproduced", "reproduced in direction", "not reproduced", "undecided",
+    ]  # fmt: skip
+    assert plus_minus(-0.1354, -0.1354 + 3e-13, ".3f") == "-0.135"
+    assert plus_minus(6.31, 6.71, ".2f") == "6.31 ± 0.4"
+    assert plus_minus(15.7, 15.68, ".1f") == "15.7"
+
+
+def test_every_experiment_states_how_long_it_takes():
+    assert set(report.MINUTES) == set(EXPERIMENTS)
+    assert report.expected(("servo_step",), full=True) == report.MINUTES["servo_step"][1]
+    assert report.expected() == pytest.approx(sum(quick for quick, _ in report.MINUTES.values()))
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)

@@ -24,12 +24,18 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
-    from ..experiments.report import reproduce
+    from ..experiments.report import expected, reproduce
 
+    size = "full" if args.full else "quick"
+    print(
+        f"about {max(expected(args.names, args.full), 1):.0f} min at {size} size on two cores, and compiling if this "
+        "is the first time; finished experiments are kept",
+        flush=True,
+    )
     entries = reproduce(args.names, args.out, full=args.full, seed=args.seed, progress=True)
     for entry in entries:
         print(entry.name + (f": failed: {entry.failure}" if entry.failure else ""))
         for claim in entry.claims:
-            print(f"  {claim.verdict:23} {claim.claim}")
+            print(f"  {claim.item or 'own':10} {claim.word:23} {claim.claim}")
     print(f"files: {args.out / 'reproduction.html'}, {args.out / 'reproduction.md'}")
     return 1 if any(entry.failure for entry in entries) else 0

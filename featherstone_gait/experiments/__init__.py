@@ -12,6 +12,7 @@ from .claim import Claim, Verdict
 EXPERIMENTS = (  # modules, in the paper's order; the last three go beyond it
     "servo_step",
     "arm_fall",
+    "servo_terms",
     "identification",
     "seven_joint_arm",
     "energy_repeatability",

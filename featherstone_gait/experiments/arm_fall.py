@@ -169,14 +169,15 @@ def _fall_claim(result: Result) -> Claim:
         for arm, fall in falls.items()
     )
     return Claim(
-        claim="Model and real servo agree in the free fall of an arm (Fig. 5)",
+        claim="Model and real servo agree in the free fall of an arm",
+        item="Fig. 5",
         paper="curves coincide",
         ours=text,
         verdict="reproduced in direction" if damped else "not reproduced",
         why="Table 2 makes a servo that can be turned by hand and that stops an arm within one swing (less than a "
         "quarter of the way up, within 2 s), as geared servos do. More cannot be said: the measured curve is a "
         "picture, the arm is not described, and the manual states no friction. After ±: a reading's distance from the "
-        "next, and how far half the step moves an angle",
+        "next, and how far half the step moves an angle, where that shows in the last digit",
     )
 
 
@@ -187,7 +188,8 @@ def _coulomb_claim(result: Result) -> Claim:
     finer, finer_at_rotor = (math.degrees(_apart(fall.half, none.half)) for fall in (printed, at_rotor))
     count = math.degrees(COUNT)
     return Claim(
-        claim="The static friction constant F_c was computed from such recordings (Table 2)",
+        claim="The static friction constant F_c was computed from recordings of falls and steps",
+        item="Table 2",
         paper="F_c = 0.0000171 N m",
         ours=f"it changes the forearm's fall by at most {plus_minus(seen, finer, '.3f')} deg",
         verdict="reproduced" if seen > count else "not reproduced",
@@ -213,7 +215,8 @@ def _gearbox_claim(result: Result) -> Claim:
         for J, fit in result.refits.items()
     )
     return Claim(
-        claim="The improved gearbox keeps the servomotor model and its constants (section 3)",
+        claim="The improved gearbox keeps the servomotor and its constants: a free fall",
+        item="Section 3",
         paper="servomotor model unchanged",
         ours=f"with J = 1e-7 kg m² and Table 2's B_v the forearm's fall differs by up to {changed_by} deg and "
         f"swings {_overshoot(kinds['mipsd'])} deg beyond the vertical",

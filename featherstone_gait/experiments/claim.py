@@ -7,28 +7,45 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
 
-Verdict = Literal["reproduced", "reproduced in direction", "not reproduced"]
+Verdict = Literal["reproduced", "reproduced in direction", "not reproduced", "undecided"]
+ANSWERS: dict[Verdict, str] = {  # of a finding of our own, which no one has to reproduce
+    "reproduced": "yes",
+    "reproduced in direction": "in part",
+    "not reproduced": "no",
+    "undecided": "undecided",
+}
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One statement of the paper beside our figure for it."""
+    """One statement of the paper beside our figure for it, or a question of our own."""
 
     claim: str  # the statement, in words
     paper: str  # the paper's value with its unit; "" where it gives none
     ours: str  # our value with its unit and spread
     verdict: Verdict
-    why: str  # what the verdict rests on; where it is not "reproduced", the most likely reason
+    why: str  # what the verdict rests on: the rule, stated before the number; then the most likely reason
+    item: str = ""  # what of the paper it answers, a key of `items.ITEMS`; "": a question of our own
+    factor: float | None = None  # ours over the paper's, where both are one number
+
+    @property
+    def word(self) -> str:
+        """The verdict as the report shows it."""
+        return self.verdict if self.item else ANSWERS[self.verdict]
 
 
-def judged(same: bool, alike: bool = False) -> Verdict:
-    """The verdict: the same figure, at least the same direction, or neither."""
+def judged(same: bool, alike: bool = False, enough: bool = True) -> Verdict:
+    """The verdict: the same figure, at least the same direction, or neither; none where there are not `enough` runs."""
+    if not enough:
+        return "undecided"
     return "reproduced" if same else "reproduced in direction" if alike else "not reproduced"
 
 
 def plus_minus(value: float, finer: float, form: str) -> str:
-    """A figure and how far half the step moves it."""
-    return f"{value:{form}} ± {abs(value - finer):.1g}"
+    """A figure and how far half the step moves it, unless that is less than half of its last digit."""
+    text, off = f"{value:{form}}", abs(value - finer)
+    decimals = len(text.partition(".")[2])
+    return text if off < 0.5 * 10.0**-decimals else f"{text} ± {off:.1g}"
 
 
 def span(values: Collection[float], form: str) -> str:

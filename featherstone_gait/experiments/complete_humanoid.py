@@ -108,7 +108,8 @@ def _walks(result: Result) -> Claim:
     walks = all(m.status == "ok" for q in qualities for m in (q.measures, q.finer))
     fine = [q.finer.cost / q.measures.cost - 1.0 for q in qualities]
     return Claim(
-        claim="The complete humanoid walks and its gait can be optimised (section 6, future work)",
+        claim="The complete humanoid walks and its gait can be optimised",
+        item="Section 6",
         paper="",
         ours=f"{len(walk.joints)} joints, {walk.poses[0].size} angles: {walk.best[0, 0]:.1f} J/m as planned, "
         f"{span(walk.costs, '.1f')} J/m after {result.settings.iterations} iterations "

@@ -1,4 +1,4 @@
-"""One report of the experiments: all claims first, then each experiment with its figures and settings.
+"""One report of the experiments: the paper item by item, our own questions, then each experiment.
 
 `reproduce` runs what is not finished yet and writes, in one folder, reproduction.html (one file, opens anywhere),
 reproduction.md with its pictures, and for each finished experiment a file of its results, from which the next start
@@ -31,6 +31,7 @@ from .. import __version__
 from ..files import FilePath, Format, complete
 from . import EXPERIMENTS
 from .claim import Claim, Verdict
+from .items import ITEMS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,10 +40,19 @@ PAPER = (
     'J. Lima, J. Gonçalves, P. Costa, A. Moreira: "Humanoid Gait Optimization Resorting to an Improved Simulation '
     'Model", International Journal of Advanced Robotic Systems 10 (2013), doi 10.5772/54766'
 )
-FORMAT = Format("experiment")
-HEADINGS = ("Experiment", "Claim", "Paper", "Ours", "Verdict", "Why")
+FORMAT = Format("experiment", 2)
+IMPLEMENTED = "implemented"  # what is said of an item that states no result
+LABELLED = ("paper", "here", "factor")
+PAPER_ONLY = ("item", "paper", "factor")
+COLUMNS = ("Item", "Statement", "Paper", "Here", "Factor", "Verdict", "Why and where")
+OWN_COLUMNS = ("Question", "Here", "Answer", "Why and where")
 DOTS_PER_INCH = 150
-COLOURS = dict(zip(get_args(Verdict), ("#1a7f37", "#9a6700", "#b42318")))
+MINUTES = {  # that an experiment takes on two cores, compiled before: quick, full
+    "servo_step": (0.1, 0.3), "arm_fall": (0.2, 0.5), "servo_terms": (0.1, 0.3), "identification": (0.4, 5),
+    "seven_joint_arm": (0.6, 4),
+    "energy_repeatability": (0.6, 8), "posture": (0.5, 4), "gait_optimization": (0.8, 25),
+    "method_comparison": (0.5, 20), "robustness": (0.5, 8), "complete_humanoid": (0.5, 15),
+}  # fmt: skip
 
 
 class Entry(NamedTuple):
@@ -72,31 +82,49 @@ def reproduce(
     folder = Path(out)
     files = folder / "reproduction_files"
     files.mkdir(parents=True, exist_ok=True)
-    entries = {name: Entry(name, name) for name in EXPERIMENTS if not names or name in names}
+    chosen = [name for name in EXPERIMENTS if not names or name in names]
     program = _program()
+    entries = {name: _finished(files, name, full, seed, program) or Entry(name, name) for name in chosen}
     with tqdm(entries, disable=not progress, unit="experiment") as bar:
         for name in bar:
             bar.set_description(name)
-            entries[name] = _entry(files, name, full, seed, program, progress)
+            if not entries[name].finished:
+                entries[name] = _entry(files, name, full, seed, program, progress)
             write_report(folder, list(entries.values()), full, seed)
     return list(entries.values())
 
 
-def _entry(files: Path, name: str, full: bool, seed: int, program: str, progress: bool) -> Entry:
-    """From the file of its results if it is of the same settings, seed and program, or else by running it."""
-    stored = files / f"{name}.json"
+def expected(names: Sequence[str] = (), full: bool = False) -> float:
+    """How long the named experiments take on two cores [min]; all if none is named.  Compiling comes on top."""
+    return sum(MINUTES.get(name, (0.0, 0.0))[full] for name in EXPERIMENTS if not names or name in names)
+
+
+def _key(name: str, full: bool, seed: int, program: str) -> tuple[Any, Any, str]:
+    """Module, settings, and what results are filed under."""
+    module = import_module(f".{name}", __package__)
+    settings = module.FULL if full else module.QUICK
+    return module, settings, hashlib.sha256(f"{name}\n{settings!r}\n{seed}\n{program}".encode()).hexdigest()
+
+
+def _finished(files: Path, name: str, full: bool, seed: int, program: str) -> Entry | None:
+    """From the file of its results, if it is of the same settings, seed and program."""
     try:
-        module = import_module(f".{name}", __package__)
-        settings = module.FULL if full else module.QUICK
-        key = hashlib.sha256(f"{name}\n{settings!r}\n{seed}\n{program}".encode()).hexdigest()
-        if (entry := _stored(stored, key)) is not None:
-            return entry
+        return _stored(files / f"{name}.json", _key(name, full, seed, program)[2])
+    except Exception:  # what is wrong with it is told when it runs
+        return None
+
+
+def _entry(files: Path, name: str, full: bool, seed: int, program: str, progress: bool) -> Entry:
+    """Run an experiment and keep its results."""
+    try:
+        module, settings, key = _key(name, full, seed, program)
         entry, pictures = _run(name, module, settings, seed, progress)
     except Exception as error:  # whatever goes wrong in one experiment, the others are reported
         return Entry(name, name, failure=_failure(error))
     for (_, picture), data in zip(entry.figures, pictures):
         _write(files / picture, data)
-    _write(stored, json.dumps({"format": str(FORMAT), "key": key} | _plain(entry), indent=1).encode())
+    text = json.dumps({"format": str(FORMAT), "key": key} | _plain(entry), indent=1)
+    _write(files / f"{name}.json", text.encode())
     return entry
 
 
@@ -190,15 +218,18 @@ def write_report(folder: Path, entries: Sequence[Entry], full: bool, seed: int) 
 
 def _facts(entries: Sequence[Entry], full: bool, seed: int) -> list[tuple[str, str]]:
     """What the report states about itself."""
-    verdicts = Counter(claim.verdict for entry in entries for claim in entry.claims)
+    claims = [claim for entry in entries for claim in entry.claims]
+    verdicts = Counter(claim.verdict for claim in claims if claim.item)
     counts = [f"{count} {verdict}" for verdict in get_args(Verdict) if (count := verdicts[verdict])]
+    own = Counter(claim.word for claim in claims if not claim.item)
     failed = [entry.name for entry in entries if entry.failure]
     waiting = [entry.name for entry in entries if not (entry.finished or entry.failure)]
     packages = ", ".join(f"{name} {metadata.version(name)}" for name in ("numpy", "numba", "scipy"))
     machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
     size = "full" if full else "quick"
     facts = [
-        ("Claims", ", ".join(counts) or "none yet"),
+        ("The paper", ", ".join(counts) or "nothing yet"),
+        ("Own questions", ", ".join(f"{count} {word}" for word, count in own.items()) or "none yet"),
         ("Size and seed", f"{size}, seed {seed}"),
         ("Program", f"featherstone-gait {__version__}, Python {platform.python_version()}, {packages}"),
         ("Machine", machine),
@@ -208,63 +239,134 @@ def _facts(entries: Sequence[Entry], full: bool, seed: int) -> list[tuple[str, s
     return facts + ([("Not run yet", ", ".join(waiting))] if waiting else [])
 
 
-def _rows(entries: Sequence[Entry]) -> list[tuple[str, ...]]:
-    """The table of claims; a failed experiment has one row."""
-    rows: list[tuple[str, ...]] = []
-    for entry in entries:
-        rows += [(entry.name, c.claim, c.paper, c.ours, c.verdict, c.why) for c in entry.claims]
-        if entry.failure:
-            rows.append((entry.name, entry.title, "", "", "failed", entry.failure))
-    return rows
+class Row(NamedTuple):
+    """One line of the table of the paper, or of that of our own questions (`item` and what only the paper has: "")."""
+
+    item: str
+    statement: str
+    paper: str
+    here: str
+    factor: str
+    verdict: str
+    why: str
+    where: str  # experiment, or file
+
+
+def _paper_rows(entries: Sequence[Entry]) -> list[Row]:
+    """Each item in the paper's order, and after those of an experiment that failed, that it did."""
+    rows = []
+    for key, item in ITEMS.items():
+        claims = [(entry.name, claim) for entry in entries for claim in entry.claims if claim.item == key]
+        if item.here:
+            rows.append(Row(key, item.title, "", item.here, "", IMPLEMENTED, item.test, item.module))
+        elif not claims:
+            rows.append(Row(key, item.title, "", "", "", "not run yet", "", ""))
+        for name, claim in claims:
+            factor = "" if claim.factor is None else f"{claim.factor:.2g}"
+            statement = f"{item.title}. {claim.claim}"
+            rows.append(Row(key, statement, claim.paper, claim.ours, factor, claim.word, claim.why, name))
+    return rows + [Row("", e.title, "", "", "", "failed", e.failure, e.name) for e in entries if e.failure]
+
+
+def _own_rows(entries: Sequence[Entry]) -> list[Row]:
+    """What was asked besides, and whether it is so."""
+    return [
+        Row("", claim.claim, "", claim.ours, "", claim.word, claim.why, entry.name)
+        for entry in entries
+        for claim in entry.claims
+        if not claim.item
+    ]
 
 
 # ---------------------------------------------------------------------------------------------- HTML
 
 STYLE = """
-:root { color-scheme: light; }
-body { font: 15px/1.5 system-ui, "DejaVu Sans", sans-serif; color: #1f2328; background: #f6f8fa; margin: 0; }
-main { max-width: 1180px; margin: 0 auto; padding: 24px 32px 64px; background: #fff; }
-h1 { font-size: 26px; margin: 8px 0 4px; } h2 { font-size: 20px; margin: 40px 0 8px; padding-top: 16px;
-border-top: 1px solid #d1d9e0; } h3 { font-size: 15px; margin: 20px 0 6px; }
-p.source { color: #59636e; margin: 0 0 16px; }
+:root { color-scheme: light dark; --ink: #1f2328; --soft: #59636e; --line: #d1d9e0; --back: #f6f8fa; --page: #fff;
+  --yes: #1a7f37; --part: #9a6700; --no: #b42318; --link: #0969da; --bad: #fff1f0; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e6edf3; --soft: #9da7b1; --line: #3d444d; --back: #151b23;
+  --page: #0d1117; --yes: #57ab5a; --part: #d4a72c; --no: #f47067; --link: #6cb6ff; --bad: #331c1a; }
+  figure img { background: #fff; border-radius: 4px; } }
+* { box-sizing: border-box; }
+body { font: 15px/1.5 system-ui, "DejaVu Sans", sans-serif; color: var(--ink); background: var(--back); margin: 0; }
+main { max-width: 1180px; margin: 0 auto; padding: 24px 32px 64px; background: var(--page); }
+h1 { font-size: 26px; margin: 8px 0 4px; line-height: 1.25; }
+h2 { font-size: 20px; margin: 40px 0 8px; padding-top: 16px; border-top: 1px solid var(--line); line-height: 1.3; }
+h3 { font-size: 15px; margin: 20px 0 6px; }
+p.source { color: var(--soft); margin: 0 0 16px; }
 table { border-collapse: collapse; width: 100%; font-size: 13px; line-height: 1.4; }
-th { text-align: left; background: #f6f8fa; }
-th, td { border: 1px solid #d1d9e0; padding: 6px 9px; vertical-align: top; }
-table.facts { width: auto; margin-bottom: 20px; } table.facts th { width: 8em; }
+th { text-align: left; background: var(--back); }
+th, td { border: 1px solid var(--line); padding: 6px 9px; vertical-align: top; overflow-wrap: anywhere; }
+table.facts { width: auto; margin-bottom: 20px; } table.facts th { width: 9em; }
 table.settings { width: auto; }
-td.name { white-space: nowrap; font-family: ui-monospace, "DejaVu Sans Mono", monospace; }
-td.claim { width: 18%; } td.paper { width: 14%; } td.ours { width: 20%; }
-td.verdict { font-weight: 600; width: 7em; } a { color: #0969da; text-decoration: none; }
+td.name, td.item { font-weight: 600; white-space: nowrap; }
+code { font: 11.5px/1.35 ui-monospace, "DejaVu Sans Mono", monospace; }
+td.statement { width: 21%; } td.paper { width: 15%; } td.here { width: 22%; } td.why { width: 25%; }
+td.verdict { font-weight: 600; min-width: 7.5em; overflow-wrap: normal; }
+td.factor, tr.head th { overflow-wrap: normal; } td.factor { text-align: right; white-space: nowrap; }
+.yes { color: var(--yes); } .part { color: var(--part); } .no { color: var(--no); } .soft { color: var(--soft); }
+a { color: var(--link); text-decoration: none; } a:hover { text-decoration: underline; }
 figure { margin: 16px 0 24px; } figure img { max-width: 100%; height: auto; display: block; }
-figcaption { color: #59636e; font-size: 13px; margin-top: 4px; max-width: 75em; }
-p.failure { border-left: 4px solid #b42318; padding: 8px 12px; background: #fff1f0; }
-p.time { color: #59636e; font-size: 13px; }
-details summary { cursor: pointer; margin: 12px 0 6px; }
+figcaption { color: var(--soft); font-size: 13px; margin-top: 4px; max-width: 75em; }
+p.failure { border-left: 4px solid var(--no); padding: 8px 12px; background: var(--bad); }
+p.time { color: var(--soft); font-size: 13px; }
+details summary { cursor: pointer; color: var(--link); }
+@media (max-width: 800px) {
+  main { padding: 16px 14px 48px; }
+  table.claims, table.claims tbody, table.claims tr, table.claims td { display: block; width: auto; }
+  table.claims tr.head { display: none; }
+  table.claims tr { border: 1px solid var(--line); border-radius: 6px; margin: 0 0 12px; padding: 6px 10px; }
+  table.claims td { border: 0; padding: 2px 0; text-align: left; min-width: 0; }
+  table.claims td:empty { display: none; }
+  table.claims td[data-label]::before { content: attr(data-label) ": "; color: var(--soft); font-weight: 400; }
+  table.facts, table.settings { display: block; } table.facts th { width: 7em; }
+}
+@media print { body { background: #fff; } main { padding: 0; max-width: none; } tr, figure { break-inside: avoid; } }
 """
+SCRIPT = 'addEventListener("beforeprint", () => document.querySelectorAll("details").forEach(d => d.open = true));'
+SHADES = {"reproduced": "yes", "yes": "yes", IMPLEMENTED: "soft", "reproduced in direction": "part", "in part": "part",
+          "undecided": "soft", "not run yet": "soft"}  # fmt: skip
 
 
 def _html(entries: Sequence[Entry], facts: list[tuple[str, str]], files: Path) -> str:
     e = html.escape
-    rows = "".join(map(_html_row, _rows(entries)))
     body = "".join(_html_section(entry, files) for entry in entries if entry.finished or entry.failure)
     about = "".join(f"<tr><th>{e(name)}</th><td>{e(text)}</td></tr>" for name, text in facts)
     return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>The paper, reproduced</title>'
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1"><title>The paper, reproduced</title>'
         f"<style>{STYLE}</style></head>\n<body><main><h1>The paper, reproduced</h1>"
         f'<p class="source">{e(PAPER)}</p><table class="facts">{about}</table>\n'
-        f"<table><tr>{''.join(f'<th>{name}</th>' for name in HEADINGS)}</tr>\n{rows}</table>\n{body}"
-        "</main></body></html>\n"
+        f"<h2>The paper, item by item</h2>{_html_table(COLUMNS, _paper_rows(entries))}"
+        f"<h2>What was asked besides</h2>{_html_table(OWN_COLUMNS, _own_rows(entries))}\n{body}"
+        f"</main><script>{SCRIPT}</script></body></html>\n"
     )
 
 
-def _html_row(row: tuple[str, ...]) -> str:
-    name, claim, paper, ours, verdict, why = map(html.escape, row)
-    colour = COLOURS.get(row[4], COLOURS["not reproduced"])
+def _html_table(columns: Sequence[str], rows: Sequence[Row]) -> str:
+    head = "".join(f"<th>{name}</th>" for name in columns)
     return (
-        f'<tr><td class="name"><a href="#{name}">{name}</a></td><td class="claim">{claim}</td>'
-        f'<td class="paper">{paper}</td><td class="ours">{ours}</td>'
-        f'<td class="verdict" style="color:{colour}">{verdict}</td><td>{why}</td></tr>\n'
+        f'<table class="claims"><tbody><tr class="head">{head}</tr>\n'
+        f"{''.join(_html_row(row, columns) for row in rows)}</tbody></table>"
     )
+
+
+def _html_row(row: Row, columns: Sequence[str]) -> str:
+    e = html.escape
+    if row.verdict == IMPLEMENTED:
+        why = "<br>".join(f"<code>{e(text)}</code>" for text in (row.where, row.why) if text)
+    else:
+        link = f'<a href="#{e(row.where)}">{e(row.where)}</a>' if row.where else ""
+        why = (f"<details><summary>why</summary>{e(row.why)}</details>" if row.why else "") + link
+    cells = {
+        "item": e(row.item), "statement": e(row.statement), "paper": e(row.paper), "here": e(row.here),
+        "factor": e(row.factor), "verdict": f'<span class="{SHADES.get(row.verdict, "no")}">{e(row.verdict)}</span>',
+        "why": why,
+    }  # fmt: skip
+    shown = cells if columns == COLUMNS else {name: cells[name] for name in cells if name not in PAPER_ONLY}
+    labels = dict(zip(shown, columns))  # shown where the page is narrow
+    tags = (f'<td class="{name}"' + f' data-label="{labels[name]}">' * (name in LABELLED) + ">" * (name not in LABELLED)
+            for name in shown)  # fmt: skip
+    return f"<tr>{''.join(f'{tag}{x}</td>' for tag, x in zip(tags, shown.values()))}</tr>\n"
 
 
 def _html_section(entry: Entry, files: Path) -> str:
@@ -283,8 +385,8 @@ def _html_section(entry: Entry, files: Path) -> str:
         for name, value, comment in entry.settings
     )
     parts.append(
-        '<h3>Settings</h3><table class="settings"><tr><th>Name</th><th>Value</th><th>Unit, reason</th></tr>'
-        f"{cells}</table>"
+        '<details><summary>Settings</summary><table class="settings"><tr><th>Name</th><th>Value</th>'
+        f"<th>Unit, reason</th></tr>{cells}</table></details>"
     )
     if entry.finished:
         parts.append(f'<p class="time">{e(entry.name)}: {entry.seconds:.1f} s</p>')
@@ -297,11 +399,22 @@ def _html_section(entry: Entry, files: Path) -> str:
 def _markdown(entries: Sequence[Entry], facts: list[tuple[str, str]], files: str) -> str:
     lines = ["# The paper, reproduced", "", _plain_text(PAPER), ""]
     lines += [f"- {name}: {_plain_text(text)}" for name, text in facts]
-    lines += ["", *_markdown_table(HEADINGS, _rows(entries))]
+    lines += [
+        "",
+        "## The paper, item by item",
+        "",
+        *_markdown_table(COLUMNS, [_with_place(row) for row in _paper_rows(entries)]),
+    ]
+    own = [[row.statement, row.here, row.verdict, _with_place(row)[-1]] for row in _own_rows(entries)]
+    lines += ["", "## What was asked besides", "", *_markdown_table(OWN_COLUMNS, own)]
     for entry in entries:
         if entry.finished or entry.failure:
             lines += _markdown_section(entry, files)
     return "\n".join(lines) + "\n"
+
+
+def _with_place(row: Row) -> tuple[str, ...]:
+    return (*row[:-2], f"{row.why} ({row.where})" if row.where else row.why)
 
 
 def _markdown_section(entry: Entry, files: str) -> list[str]:

@@ -36,7 +36,7 @@ NO_LOAD = 59 * 2.0 * math.pi / 60 / 12  # no-load speed by supply [rad/(s V)], [
 STALL = {10.0: 16.5 * 0.0980665, 12.0: 1.5}  # stall torque at a supply [N m], [original], [manual]
 CURRENT = {10.0: 0.9, 12.0: 1.5}  # largest current at a supply [A], [original], [manual]
 DEGREES = math.degrees(1.0)
-ERROR = "After ±: how far half the step moves it"
+ERROR = "After ±: how far half the step moves it, where that shows in the last digit"
 TOLERANCE = 0.1  # within which a figure counts as the same: catalogues give no-load speeds to about 10 %
 
 
@@ -99,9 +99,7 @@ def run(settings: Settings = QUICK) -> Result:
         settings=settings,
         gearboxes={kind: _step(settings, ten, kind, kind) for kind in ("standard", "mipsd")},
         supplies={volts: _step(settings, _supplied(arm, volts), f"{volts:g} V") for volts in settings.supplies},
-        inertias={
-            J: _step(settings, changed(ten, rotor_inertia=J), f"J = {J:g} kg m²") for J in settings.inertias
-        },
+        inertias={J: _step(settings, changed(ten, rotor_inertia=J), f"J = {J:g} kg m²") for J in settings.inertias},
         frictions={
             F: _step(settings, changed(ten, coulomb_friction=F), f"F = {F:.3g} N m") for F in settings.frictions
         },
@@ -169,7 +167,9 @@ def _speed_claim(result: Result) -> Claim:
     standard, mipsd = (result.gearboxes[kind].stated("speed", 1.0, ".2f") for kind in ("standard", "mipsd"))
     same = abs(worst) < TOLERANCE
     return Claim(
-        claim="Model and real servo agree in a step (Fig. 4): how fast it turns",
+        claim="Model and real servo agree in a step: how fast it turns",
+        item="Fig. 4",
+        factor=result.no_load[12.0] / (12.0 * NO_LOAD),
         paper=f"curves coincide; the AX-12's manual: {12 * NO_LOAD:.2f} rad/s without load at 12 V",
         ours=f"{result.no_load[12.0]:.2f} rad/s at 12 V ({off[12.0]:+.1%}); largest speed in the step at 10 V "
         f"{standard} rad/s standard, {mipsd} rad/s MIPSD",
@@ -188,7 +188,9 @@ def _torque_claim(result: Result) -> Claim:
     good = [volts for volts, x in off.items() if abs(x) < TOLERANCE]
     verdict = judged(len(good) == len(off), bool(good))
     return Claim(
-        claim="Model and real servo agree in a step (Fig. 4): how strong it is, Table 2",
+        claim="The constants make a servo as strong as the real one",
+        item="Table 2",
+        factor=stall[12.0] / STALL[12.0],
         paper=f"published stall torque: {STALL[10.0]:.2f} N m at 10 V, 0.9 A; {STALL[12.0]:.2f} N m at 12 V, 1.5 A",
         ours=", ".join(f"{torque:.2f} N m at {volts:g} V ({off[volts]:+.0%})" for volts, torque in stall.items()),
         verdict=verdict,
@@ -206,7 +208,8 @@ def _error_claim(result: Result) -> Claim:
     real = -_compliance_error(result)
     same = abs(ours - real) < COUNT
     return Claim(
-        claim="Model and real servo agree in a step (Fig. 4): where it comes to rest",
+        claim="Model and real servo agree in a step: where it comes to rest",
+        item="Fig. 4",
         paper=f"compliance law of the manual under this load: up to {math.degrees(real):.2f} deg",
         ours=f"{standard} deg (MIPSD {mipsd} deg); load by stiffness {math.degrees(linear):.3f} deg",
         verdict="reproduced" if same else "not reproduced",
@@ -236,7 +239,8 @@ def _gearbox_claim(result: Result) -> Claim:
         for J, step in result.inertias.items()
     )
     return Claim(
-        claim="The improved gearbox keeps the servomotor model unchanged (section 3)",
+        claim="The improved gearbox keeps the servomotor unchanged: a step",
+        item="Section 3",
         paper="servomotor model and controller unchanged",
         ours=f"rise {standard.stated('rise', 1e3, '.0f')} ms standard, {mipsd.stated('rise', 1e3, '.0f')} ms MIPSD "
         f"({longer:+.0%}); overshoot {standard.stated('overshoot', percent, '.1f')} and "
