@@ -7,7 +7,7 @@ optimization resorting to an improved simulation model", Int. J. Advanced Roboti
 10.5772/54766.
 """
 
-from .claim import Claim, Verdict
+from .claim import Claim, Verdict, listed
 
 EXPERIMENTS = (  # modules, in the paper's order; the last three go beyond it
     "servo_step",
@@ -23,4 +23,4 @@ EXPERIMENTS = (  # modules, in the paper's order; the last three go beyond it
     "complete_humanoid",
 )
 
-__all__ = ["EXPERIMENTS", "Claim", "Verdict"]
+__all__ = ["EXPERIMENTS", "Claim", "Verdict", "listed"]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from textwrap import fill
 from typing import Literal
 
 Verdict = Literal["reproduced", "reproduced in direction", "not reproduced", "undecided"]
@@ -32,6 +33,20 @@ class Claim:
     def word(self) -> str:
         """The verdict as the report shows it."""
         return self.verdict if self.item else ANSWERS[self.verdict]
+
+
+def listed(claims: Iterable[Claim]) -> str:
+    """Claims as text to read, each with the paper's figure, ours, the verdict and what it rests on."""
+    return "\n\n".join(map(_text, claims))
+
+
+def _text(claim: Claim) -> str:
+    lines = [f"{claim.item}: {claim.claim}" if claim.item else claim.claim]
+    if claim.item:
+        lines.append(f"  paper: {claim.paper or 'no number'}")
+    factor = "" if claim.factor is None else f" (factor {claim.factor:.2g})"
+    lines += [f"  ours:  {claim.ours}{factor}", f"  {claim.word.upper()}"]
+    return "\n".join([*lines, fill(claim.why, 110, initial_indent="  ", subsequent_indent="  ")])
 
 
 def judged(same: bool, alike: bool = False, enough: bool = True) -> Verdict:
