@@ -21,9 +21,11 @@ import pytest
 from matplotlib import image
 
 from featherstone_gait import Reference, compile_scene, initial_state, load_robot, simulate
+from featherstone_gait.model import Supply
 from featherstone_gait.robot_file import load_servo
 from featherstone_gait.study import read_study, run_study
 from featherstone_gait.study.measures import run_batch
+from featherstone_gait.study.settings import servos_with
 
 ROOT = Path(__file__).parents[1]
 ARM = 'robot = "ax12_arm"\nexperiment = "hold"\nduration = 0.5\n'
@@ -148,6 +150,19 @@ def test_a_row_is_what_the_simulation_gives(tmp_path):
     assert outcome.statuses == {"ok": 2}
 
 
+def test_a_source_is_given_or_changed_and_wants_its_voltage(tmp_path):
+    text = 'robot = "arm7"\nexperiment = "hold"\n[vary]\n'
+    study = read(tmp_path, text + "supply.voltage = [9.0, 11.1]\n[supply]\nresistance = 0.3\n")
+    for run, voltage in enumerate((9.0, 11.1)):
+        given = dict(zip(study.setup.names, study.values(run)))
+        model = servos_with(study.setup.model, {**study.setup.fixed, **given})
+        assert model.supply == Supply(voltage, 0.3)
+    with pytest.raises(ValueError, match=r"arm7 has no supply to change; add supply\.voltage"):
+        read(tmp_path, text + "supply.resistance = [0.1, 0.3]\n", "lacking")
+    with pytest.raises(ValueError, match=r"vary\.supply\.voltage = -1\.0: supply: voltage is -1\.0"):
+        read(tmp_path, text + "supply.voltage = [-1.0, 9.0]\n", "negative")
+
+
 @pytest.mark.long
 def test_every_parameter_changes_the_scene_it_names(tmp_path):
     """Each makes a difference to the energy that the same robot takes for the same motion."""
@@ -161,6 +176,8 @@ def test_every_parameter_changes_the_scene_it_names(tmp_path):
         "servo.Kp = [61.0, 30.0]",
         "servo.ratio = [254.0, 127.0]",
         "servo.voltage_limit = [10.0, 0.1]",
+        "supply.voltage = [10.0, 8.0]",
+        "supply.resistance = [0.0, 1.0]\n[supply]\nvoltage = 9.0",
         'servo.gearbox = ["physical", "paper_rotor_side"]\nservo.type = ["ax12"]',
     ]
     for k, change in enumerate(changes):

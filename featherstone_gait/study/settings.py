@@ -4,14 +4,15 @@
     experiment              "hold", "walk" or "stable_step", see `measures`
     duration                of a run of hold or stable_step [s]; default 10
     strides, warm_up        of a run of walk: measured, and before them; default 8 and 2
-    [scene] [servo] [ground] [posture] [gait]    parameters of all runs
+    [scene] [servo] [supply] [ground] [posture] [gait]    parameters of all runs
     [vary]                  the parameters that differ, by the same names, with a list of values or, for a number,
                             {from, to, scale = "linear" or "log"}, and for a grid its count
     [sampling]              method = "grid" (default), "random", "latin_hypercube" or, for Sobol's indices
                             (`sensitivity`), "saltelli"; count, seed of the last three.  Of "saltelli" the count, a
                             power of two, is that of base samples: of p parameters it makes count (p + 2) runs
 
-`PARAMETERS` lists all names and units; values are SI.  `servo` changes all servos of the robot.  Runs are numbered with
+`PARAMETERS` lists all names and units; values are SI.  `servo` changes all servos of the robot, `supply` its source, or
+gives it one.  Runs are numbered with
 the last parameter changing fastest; `posture` and `gait` come last: they leave the scene as it is, so that neighbours
 share it.
 """
@@ -23,7 +24,7 @@ import json
 import math
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
@@ -34,12 +35,13 @@ from ..build.kinds import SERVO_KINDS
 from ..core.compile.jit import source_hash
 from ..core.integrate import INTEGRATORS
 from ..files import FilePath, is_number
-from ..model import SERVO_UNITS, Ground, Law, Model
+from ..model import SERVO_UNITS, Ground, Law, Model, Supply
 from ..robot_file import load_robot, load_servo
 from ..worlds import servo_with
 
 MOST_RUNS = 20_000_000
 GROUND_UNITS = {"friction": "-", "sinking": "m", "damping_ratio": "-", "height": "m", "slope": "rad"}
+SUPPLY_UNITS = {f.name: f.metadata["unit"] for f in fields(Supply)}
 GAIT_UNITS = {
     "period": "s",  # of a stride, two steps
     "step_length": "m",
@@ -60,6 +62,7 @@ PARAMETERS: dict[str, str | tuple | None] = {
     "servo.gearbox": None,
     "servo.law": get_args(Law),
     **{f"servo.{name}": unit for name, unit in SERVO_UNITS.items()},
+    **{f"supply.{name}": unit for name, unit in SUPPLY_UNITS.items()},
     **{f"ground.{name}": unit for name, unit in GROUND_UNITS.items()},
     "posture.tilt": "rad",
     **{f"gait.{name}": unit for name, unit in GAIT_UNITS.items()},
@@ -303,7 +306,8 @@ def _crossed(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def servos_with(model: Model, values: dict[str, Any]) -> Model:
-    """The robot with its servos changed by the parameters `servo.*`."""
+    """The robot with its servos and its source changed by the parameters `servo.*` and `supply.*`."""
+    model = _fed(model, {name[7:]: value for name, value in values.items() if name.startswith("supply.")})
     given = {name[6:]: value for name, value in values.items() if name.startswith("servo.")}
     if not given:
         return model
@@ -315,6 +319,15 @@ def servos_with(model: Model, values: dict[str, Any]) -> Model:
     if not model.servos:
         raise ValueError(f"{model.name} has no servos to change; add servo.type")
     return replace(model, servos={joint: servo_with(servo, given) for joint, servo in model.servos.items()})
+
+
+def _fed(model: Model, given: dict[str, float]) -> Model:
+    if not given:
+        return model
+    if model.supply is None and "voltage" not in given:
+        raise ValueError(f"{model.name} has no supply to change; add supply.voltage")
+    own = {} if model.supply is None else asdict(model.supply)
+    return replace(model, supply=Supply(**{**own, **given}))
 
 
 def ground_with(values: dict[str, Any]) -> Ground:
