@@ -57,6 +57,8 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .robot_file import load_servo as load_servo
     from .robot_file import robot_names as robot_names
     from .robot_file import save_robot as save_robot
+    from .run.program import controller as controller
+    from .run.session import Session as Session
     from .run.simulate import Push as Push
     from .run.simulate import initial_state as initial_state
     from .run.simulate import restarted as restarted
@@ -127,6 +129,8 @@ _MODULES = {
         "save_robot",
     ),
     "build.scene": ("CompiledScene", "compile_scene"),
+    "run.program": ("controller",),
+    "run.session": ("Session",),
     "run.simulate": ("Push", "initial_state", "restarted", "simulate", "simulate_batch", "standing_state"),
     "shape": ("Box", "Capsule", "Cylinder", "Hull", "Mesh", "Shape", "Sphere"),
     "trajectory": ("Trajectory",),

@@ -14,6 +14,7 @@ BENCHMARKS = {  # modules of `featherstone_gait.benchmark`, and the files they w
     "stress": "stress.csv, stress.png",
     "default": "default.csv, default_integrators.csv, default.png",
     "skip": "skip.csv",
+    "session": "session.csv",
     "first": "first.csv",
     "attack": "attack_files.csv, attack_api.csv",
     "stability": "stability.csv, stability.png",

@@ -20,7 +20,7 @@ from ..core.compile.lanes import WIDTH, aligned
 from ..core.integrate.rollout import OK, rollout_lanes
 from ..core.step.context import Plan, Run
 from ..core.step.signals import Signals, sample_ticks
-from .prepared import Prepared, Start, lane_zeros
+from .prepared import Prepared, Start, lane_zeros, set_clock
 
 SEGMENT = 250  # steps between changes of the runs: 0.25 s, of 25 ticks, at the usual 1 ms and 10 ms
 
@@ -114,8 +114,12 @@ def run_lanes(
                 other, held = busy[0]
                 y[:, lane], whole.good[:, lane] = y[:, other], whole.good[:, other]
                 ready.put(whole, lane, held.start)
+                if whole.signals.program is not None:
+                    memory = whole.signals.program.memory
+                    memory[..., lane] = memory[..., other]
             _sample(held, ticks, lane)
             _sample_noise(held.start.noise, held.done // course.per_tick, noise, lane)
+            set_clock(whole, held.course, held.done, lane)
         signals = whole.signals._replace(samples=ticks, noise=noise)
         ready.call(rollout_lanes, whole._replace(plan=whole.plan._replace(steps=steps), signals=signals), y, out)
         there += steps * WIDTH
@@ -150,6 +154,8 @@ def _fill(
         start = begin(key)
         y[:, lane] = whole.good[:, lane] = start.y
         ready.put(whole, lane, start)
+        if whole.signals.program is not None:
+            whole.signals.program.memory[..., lane] = 0.0
         out = np.zeros((ready.samples, len(ready.channels)))
         lanes[lane] = _Occupant(key, start, start.world.course(start), 0, out)
     return lanes.count(None) < WIDTH

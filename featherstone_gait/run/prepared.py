@@ -13,12 +13,12 @@ import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import floats, is_real, listed, real, shown, vector
+from ..arguments import floats, instance, is_real, listed, real, shown, vector
 from ..build.contact import by_body
 from ..build.coupling import check_followers
 from ..build.external import Push
@@ -33,11 +33,13 @@ from ..core.integrate.integrator import Sizes
 from ..core.integrate.rollout import DIVERGED, FELL, OK, TOO_COSTLY, TOO_SMALL, rollout_lanes, rollout_one
 from ..core.step import state
 from ..core.step.context import Plan, Run, Scene
+from ..core.step.program import DONE, FIRST, OFFSET
 from ..core.step.signals import Knots, Signals
 from ..reference import Reference
 from ..trajectory import Trajectory
 from .differing import has_varying, of_own_lanes, put, structure, together
 from .interrupt import Kernel, call_interruptibly
+from .program import CompiledController
 from .start import check_quaternion, check_scene, initial_state
 
 Zeros = Callable[[int | tuple[int, ...]], np.ndarray]
@@ -80,6 +82,7 @@ class Prepared:
     channels: np.ndarray  # indices into the state of all recorded numbers
     stop: np.ndarray = field(default_factory=lambda: np.zeros(1, np.int64))  # (1,): not 0 ends all its runs
     of_lanes: Numbers | None = None  # of all whose runs share its lanes; None where all numbers are its own
+    controller: CompiledController | None = None
 
     @property
     def numbers(self) -> Numbers:
@@ -178,7 +181,9 @@ class Prepared:
         """What the kernel takes for one run: the run, its state, which moves on, and its records."""
         signals = self.signals(start.reference, start.torques, np.zeros)._replace(noise=start.noise)
         out = np.zeros((self.samples, len(self.channels))) if out is None else out
-        return self.bound(signals, np.zeros)._replace(plan=self.course(start)), start.y.copy(), out
+        run = self.bound(signals, np.zeros)._replace(plan=self.course(start))
+        set_clock(run, run.plan)
+        return run, start.y.copy(), out
 
     def arguments_in_lanes(self, starts: Sequence[Start]) -> tuple[Run, np.ndarray, np.ndarray]:
         """What `rollout_lanes` takes for up to eight runs of the same time whose signals have the same knot times."""
@@ -198,6 +203,7 @@ class Prepared:
         run = ready.bound_in_lanes(signals)
         for lane, start in enumerate(starts):
             ready.put(run, lane, start)
+        set_clock(run, course)
         return run._replace(plan=course._replace(min_height=run.plan.min_height)), y, out
 
     def run(self, starts: Sequence[Start]) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -223,6 +229,8 @@ class Prepared:
             kernel(run, y, out)
         if self.stop[0]:
             raise KeyboardInterrupt
+        if self.controller is not None:
+            self.controller.check(run.signals.program)
 
     def _check_alike(self, starts: Sequence[Start]) -> None:
         name = self.scene.model.name
@@ -261,6 +269,8 @@ class Prepared:
         )
         work, good = scene.method.workspace(sizes, zeros), zeros(int(scene.layout["length"]))
         frames = zeros(sizes.workspace) if sizes.floating and sizes.points else None
+        if self.controller is not None:
+            signals = signals._replace(program=self.controller.bound(scene, zeros))
         return Run(constants, scene.places, self.plan, signals, work, good, self.channels, frames, self.stop)
 
     def bound_in_lanes(self, signals: Signals) -> Run:
@@ -300,9 +310,13 @@ def prepare(
     rtol: float | None = None,
     atol: float | None = None,
     driven: bool = False,
+    controller: CompiledController | None = None,
 ) -> Prepared:
     """Make runs of a scene ready; the arguments are those of `simulate`, driven: by torques from outside."""
     check_scene(scene)
+    if controller is not None:
+        instance("controller", controller, CompiledController, "decorate its function with @controller(...)")
+        scene = controller.driving(scene)
     plan = _plan(scene, duration, sample)
     if scene.adaptive:
         o, acts = scene.layout, scene.constants
@@ -313,7 +327,7 @@ def prepare(
         plan = plan._replace(rtol=rtol, atol=atol, least_step=LEAST_STEP, integrated=integrated)
         plan = plan._replace(companion=scene.method.companion, budget=BUDGET + BUDGET_RATE * plan.steps * plan.h)
     record = tuple(listed("record", record, "give a list of channels, such as ('q', 'qd')"))
-    ready = Prepared(scene.pushed(pushes), plan, record, *_stored(scene, record))
+    ready = Prepared(scene.pushed(pushes), plan, record, *_stored(scene, record), controller=controller)
     _check_size(ready)
     return ready
 
@@ -406,6 +420,14 @@ def _times(course: Plan, count: int) -> np.ndarray:
     """Of the records [s]: bits do not depend on the pieces that a run is cut into between records."""
     samples, steps = divmod(course.first, course.per_sample)
     return course.offset + steps * course.h + (samples + np.arange(count)) * (course.per_sample * course.h)
+
+
+def set_clock(run: Run, course: Plan, done: float = 0.0, lane: Any = Ellipsis) -> None:
+    """Tell the controller of a run, or of a lane, its time: steps since its start, and the course it has there."""
+    program = run.signals.program
+    if program is not None:
+        for k, value in ((DONE, done), (FIRST, course.first), (OFFSET, course.offset)):
+            program.clock[k, lane] = value
 
 
 def with_steps(ready: Prepared, steps: int, per_sample: int) -> Prepared:

@@ -32,6 +32,7 @@ from .batch import drive_lanes, family, run_all, streams
 from .companion import OF_HALF, Companion, accounted, companion, coordinates, judged
 from .lane_engine import Source
 from .prepared import Prepared, Start, prepare, with_tolerance
+from .program import CompiledController
 from .start import check_scene, initial_state, restarted, standing_state
 from .verdict import trajectory
 
@@ -56,6 +57,7 @@ def simulate(
     rtol: float | None = None,
     atol: float | None = None,
     estimate_error: bool | None = None,
+    controller: CompiledController | None = None,
 ) -> Trajectory:
     """Run the scene for `duration` [s], rounded up to whole controller ticks.
 
@@ -71,12 +73,14 @@ def simulate(
     estimate_error: for `Trajectory.error`; None: simulate again to ten times the tolerances, or at twice the fixed
     step, and call a run `inaccurate` whose error is beyond 1e-3 rad or m, or 1e-2 of the largest speed (1 at least),
     ten times as much at a fixed step; True: simulate again with half the step, or a tenth of the tolerances; False:
-    tell no error.
+    tell no error;
+    controller: a function of `controller` that makes of the reference what the servos follow; its memory is zero at the
+    start of each run, of one that goes on too: a `Session` keeps it.
     Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
     """
     return simulate_batch(
         scene, duration, [state], [reference], [tau], pushes, record, sample,
-        noises=[noise], rtol=rtol, atol=atol, estimate_error=estimate_error,
+        noises=[noise], rtol=rtol, atol=atol, estimate_error=estimate_error, controller=controller,
     )[0]  # fmt: skip
 
 
@@ -100,6 +104,7 @@ def simulate_batch(
     rtol: float | None = None,
     atol: float | None = None,
     estimate_error: bool | None = None,
+    controller: CompiledController | None = None,
 ) -> list[Trajectory]:
     """`simulate` for many states, references, torques or worlds at once: eight to a vector, vectors over threads.
 
@@ -117,7 +122,8 @@ def simulate_batch(
     runs = _runs(scene, worlds, each)
     batch = Batch(_once(lambda given: Case(given, rtol, atol, sample), runs.pop("scenes")), **runs)
     record = tuple(listed("record", record, "give a list of channels, such as ('q', 'qd')"))
-    simulated = functools.partial(_simulated, duration=duration, pushes=pushes, executor=executor)
+    acting = (pushes, controller)
+    simulated = functools.partial(_simulated, duration=duration, acting=acting, executor=executor)
     if estimate is False:
         return simulated(batch, record)
     batch = batch.by(_judged)
@@ -152,7 +158,7 @@ class Batch(NamedTuple):
 
 
 class Simulated(Protocol):
-    """`_simulated` of given duration, pushes and executor."""
+    """`_simulated` of given duration, pushes, controller and executor."""
 
     def __call__(self, batch: Batch, record: tuple[str, ...]) -> list[Trajectory]: ...
 
@@ -187,15 +193,23 @@ def _once(function: Callable[[Any], Any], entries: Sequence[Any]) -> list[Any]:
 
 
 def _simulated(
-    batch: Batch, record: tuple[str, ...], duration: float, pushes: Sequence[Push], executor: Executor | None
+    batch: Batch,
+    record: tuple[str, ...],
+    duration: float,
+    acting: tuple[Sequence[Push], CompiledController | None],
+    executor: Executor | None,
 ) -> list[Trajectory]:
     """The runs, without their errors."""
     driven = any(tau is not None for tau in batch.taus)
+    pushes, controller = acting
     stop = np.zeros(1, np.int64)
 
     def made_ready(case: Case) -> Prepared:
         scene, rtol, atol = with_tolerance(*case[:3])
-        ready = prepare(scene, duration, record, case.sample, pushes=pushes, rtol=rtol, atol=atol, driven=driven)
+        ready = prepare(
+            scene, duration, record, case.sample, pushes=pushes, rtol=rtol, atol=atol,
+            driven=driven, controller=controller,
+        )  # fmt: skip
         return dataclasses.replace(ready, stop=stop)
 
     ready = _once(made_ready, batch.cases)

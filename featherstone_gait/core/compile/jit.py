@@ -36,6 +36,8 @@ from .lock import lock
 from .sealed import SealedFiles
 
 JIT = not numba.config.DISABLE_JIT
+CompilationError = numba.core.errors.NumbaError
+carray = numba.carray  # an array of a pointer, in what `outside` compiles
 KEPT, RECENT = 3, 86400.0  # folders of other sources: the last so many stay, and all used within so many seconds
 _log = logging.getLogger(__name__)
 
@@ -125,6 +127,36 @@ def entry(function):
     compile_ = functools.partial(compile_entry, dispatcher, dispatcher.compile, kept is not None)
     dispatcher.compile = compile_
     return dispatcher
+
+
+def direct(dispatcher, *arguments):
+    """An entry as compiled for arguments of these types, without the look at the types that each call would cost.
+
+    What it is called with must have the same types.
+    """
+    if not JIT:
+        return dispatcher
+    return dispatcher.compile(tuple(map(dispatcher.typeof_pyval, arguments)))
+
+
+def outside(function, wrapped):
+    """A function from elsewhere, compiled for itself with checks of bounds, in the wrapper that `call_outside` takes.
+
+    `wrapped(function)` makes the wrapper, of a float and pointers to float64, the second to int64.  Returns what must
+    live as long as the address is used, and the address; with the JIT off the wrapper twice.  The function is cached
+    beside its source, where Numba can.  Raises NumbaError where it does not compile.
+    """
+    if not JIT:
+        return wrapped(function), wrapped(function)
+    options = {"boundscheck": True, "error_model": "numpy"}
+    try:
+        inner = numba.njit(function, cache=True, **options)
+    except RuntimeError:  # no file of its own
+        inner = numba.njit(function, **options)
+    numbers, places = numba.types.CPointer(numba.types.float64), numba.types.CPointer(numba.types.int64)
+    kind = numba.types.void(numba.types.float64, numbers, places, numbers, numbers, numbers, numbers)
+    made = numba.cfunc(kind)(wrapped(inner))
+    return (made, inner), made.address
 
 
 def _with_cache(function):

@@ -401,3 +401,46 @@ def aligned(shape) -> np.ndarray:
     memory = np.zeros(size + 8)
     start = -(memory.ctypes.data // 8) % 8
     return memory[start : start + size].reshape(shape)
+
+
+def flat(array):
+    """View an array of numbers, C-contiguous, or of lanes as one of float64 (size,), lanes side by side."""
+    return np.asarray(array).reshape(-1)
+
+
+@intrinsic
+def _flat(typingctx, array):
+    view = types.Array(types.float64, 1, "C")
+
+    def codegen(context, builder, sig, args):
+        source = context.make_array(sig.args[0])(context, builder, args[0])
+        result = context.make_array(view)(context, builder)
+        width = WIDTH if sig.args[0].dtype is Lanes else 1
+        size = builder.mul(source.nitems, context.get_constant(types.intp, width))
+        result.data = builder.bitcast(source.data, result.data.type)
+        intp = context.get_value_type(types.intp)
+        result.shape = cgutils.pack_array(builder, [size], intp)
+        result.strides = cgutils.pack_array(builder, [context.get_constant(types.intp, 8)], intp)
+        result.itemsize, result.nitems = context.get_constant(types.intp, 8), size
+        result.meminfo, result.parent = source.meminfo, source.parent
+        return result._getvalue()
+
+    return signature(view, array), codegen
+
+
+@overload(flat, jit_options=INNER)
+def _overload_flat(array):
+    if isinstance(array, types.Array) and array.layout == "C":
+        return lambda array: _flat(array)
+    return None
+
+
+def width_of(array):
+    """How many numbers a value of the array is: 1, or `WIDTH` of lanes."""
+    return WIDTH if isinstance(array, LaneArray) else 1
+
+
+@overload(width_of, jit_options=INNER)
+def _width_of(array):
+    width = WIDTH if array.dtype is Lanes else 1
+    return lambda array: width

@@ -7,6 +7,7 @@ from ..compile.shared import read_now
 from ..effects.actuator import controller_of
 from ..effects.contact import above_ground
 from ..effects.controller import apply_delayed, control_tick
+from ..step.program import commanded
 from ..step.signals import AHEAD, evaluate, time_of
 from ..tree.coupling import follow
 from ..tree.energy import center_of_floating
@@ -88,7 +89,8 @@ def _tick_sampled(samples, controller, run, k, y):
     if samples is not None:
         j = k // run.plan.per_tick
         noise = item(run.signals.noise, j)
-        control_tick(controller, run.scene, run.places[0], samples[j], noise, y, run.plan.per_tick * run.plan.h)
+        goal = commanded(run.signals.program, run.plan, k, y, samples[j])
+        control_tick(controller, run.scene, run.places[0], goal, noise, y, run.plan.per_tick * run.plan.h)
 
 
 @inline
@@ -97,7 +99,8 @@ def _tick_knots(reference, controller, run, k, t, y):
         noise = item(run.signals.noise, k // run.plan.per_tick)
         evaluate(reference, t - run.plan.lag + AHEAD, run.signals.drive)
         period = run.plan.per_tick * run.plan.h
-        control_tick(controller, run.scene, run.places[0], run.signals.drive, noise, y, period)
+        goal = commanded(run.signals.program, run.plan, k, y, run.signals.drive)
+        control_tick(controller, run.scene, run.places[0], goal, noise, y, period)
 
 
 @kernel

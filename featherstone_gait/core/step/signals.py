@@ -7,6 +7,7 @@ import numpy as np
 from ..compile.jit import entry, inline, kernel
 from ..compile.structure import structure
 from ..effects.push import AHEAD  # a tick that falls on a knot sees what begins there
+from .program import Program
 
 
 @structure
@@ -32,6 +33,7 @@ class Signals(NamedTuple):
     samples: np.ndarray | None  # (ticks, n, 2) what `drive` is to be at each tick, in place of `reference`
     noise: np.ndarray | None  # (ticks, n, 2) added to measured angles [rad] and to voltages [V] at each tick
     continuous: bool | None  # True where the servo follows the reference at every instant, None where it samples it
+    program: Program | None = None  # what acts on what sampled controllers follow
 
 
 @inline

@@ -1,0 +1,159 @@
+"""What it costs to step robots from Python, and to have a controller of one's own, by what a run in one call costs.
+
+The humanoid of ten joints holds itself on the ground, servos with elastic gearboxes, midpoint steps of 1 ms, ticks of
+10 ms.  All is done by turns in one process: ratios are of the same turn, so that what else the machine does hits both
+alike, and of them the median is told with its quartiles.  `simulate_batch` and sessions record nothing and estimate no
+error; sessions are observed at each tick (positions and velocities).  Overhead is CPU time of a step of one robot less
+that of its kernel, the least of all turns.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..build.scene import CompiledScene, compile_scene
+from ..model import Ground
+from ..reference import Reference
+from ..robot_file import load_robot
+from ..run.program import controller
+from ..run.session import Session
+from ..run.simulate import simulate_batch
+from .machine import machine
+from .table import write_table
+
+ROBOTS, TICKS = 64, 100
+LONG = 1_000_000  # steps of the long run, in which memory must not grow
+
+
+class Row(NamedTuple):
+    """One line of the table."""
+
+    what: str
+    value: float  # median
+    low: float  # first quartile
+    high: float  # third
+    unit: str
+
+
+@controller(memory=3)
+def upright(t: float, state: Any, reference: np.ndarray, command: np.ndarray, memory: np.ndarray) -> None:
+    """Ankles against the trunk's tilt, as compiled controllers go."""
+    memory[0], memory[1] = state.base_qd[3], state.base_qd[4]
+    for i in range(len(state.q)):
+        command[i, 0] = reference[i, 0] - 0.001 * memory[1] * (state.q[i] - reference[i, 0])
+
+
+def run(out_dir: Path, full: bool = False) -> list[Row]:
+    """Print the table; write session.csv into `out_dir`.  full: more turns, and a million steps of one robot."""
+    model = load_robot("humanoid", locked="simplified")
+    scene = compile_scene(model, servos="mipsd", ground=Ground(), integrator="midpoint", timestep=1e-3)
+    turns = 41 if full else 15
+    rows = [*_rates(scene, turns), _overhead(scene, turns), *_controllers(scene, turns)]
+    rows += [_growth(scene, LONG)] if full else []
+    for row in rows:
+        print(f"{row.what:62} {row.value:9.3g} ({row.low:.3g} to {row.high:.3g}) {row.unit}")
+    write_table(Path(out_dir) / "session.csv", Row._fields, rows, machine())
+    return rows
+
+
+def _rates(scene: CompiledScene, turns: int) -> list[Row]:
+    """Rate of a session by that of one call."""
+    action = np.zeros((ROBOTS, scene.tree.n))
+    still = [Reference([0.0], row[None]) for row in action]
+    found = []
+    for threads, name in ((None, "all cores"), (1, "one of them")):
+        with Session(scene, ROBOTS, threads=threads) as session:
+
+            def stepped(session: Session = session) -> None:
+                session.reset()
+                for _ in range(TICKS):
+                    session.step(action)
+
+            def batch() -> None:
+                simulate_batch(scene, TICKS * session.tick, references=still, record=(), estimate_error=False)
+
+            times = _by_turns([batch, stepped], turns)
+            what = f"rate of {ROBOTS} in a session on {name}, by that of simulate_batch"
+            found.append(_row(what, times[0] / times[1], "-"))
+    return found
+
+
+def _overhead(scene: CompiledScene, turns: int) -> Row:
+    with Session(scene, 1) as session:
+        action = np.zeros((1, scene.tree.n))
+        session.step(action)
+        lot = session._crowds[0].lots[0]
+        unit, clock = lot.units[0], time.thread_time
+
+        def stepped() -> None:
+            session.step(action)
+
+        def ticked() -> None:
+            unit.call(unit.run, unit.y, unit.out)
+
+        more = []
+        for _ in range(turns):
+            costs = []
+            for call in (stepped, ticked):
+                start = clock()
+                for _ in range(TICKS):
+                    call()
+                costs.append((clock() - start) / TICKS)
+            more.append(1e6 * (costs[0] - costs[1]))
+        return _row("overhead of a tick of one robot", np.array(more), "us")
+
+
+def _controllers(scene: CompiledScene, turns: int) -> list[Row]:
+    still = [Reference([0.0], np.zeros((1, scene.tree.n)))] * ROBOTS
+    duration, found = TICKS * scene.tick_steps * scene.timestep, []
+    for count in (1, ROBOTS):
+
+        def plain(count: int = count) -> None:
+            simulate_batch(scene, duration, references=still[:count], record=(), estimate_error=False)
+
+        def controlled(count: int = count) -> None:
+            simulate_batch(
+                scene, duration, references=still[:count], record=(), estimate_error=False, controller=upright
+            )
+
+        times = _by_turns([plain, controlled], turns, time.process_time)
+        found.append(_row(f"CPU time of {count} with a compiled controller, by that without", times[1] / times[0], "-"))
+    return found
+
+
+def _growth(scene: CompiledScene, steps: int) -> Row:
+    """What memory grows by while one robot is stepped."""
+    import resource
+
+    with Session(scene, 1) as session:
+        action = np.zeros((1, scene.tree.n))
+        for _ in range(2000):
+            session.step(action)
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        for _ in range(steps):
+            session.step(action)
+        grown = float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+    return Row(f"memory that {steps} steps need beyond the first 2000", grown, grown, grown, "KiB")
+
+
+def _by_turns(
+    calls: list[Callable[[], None]], turns: int, clock: Callable[[], float] = time.perf_counter
+) -> np.ndarray:
+    """Times (calls, turns) [s], after one turn that does not count."""
+    times = np.zeros((len(calls), turns + 1))
+    for turn in range(turns + 1):
+        for k, call in enumerate(calls):
+            start = clock()
+            call()
+            times[k, turn] = clock() - start
+    return times[:, 1:]
+
+
+def _row(what: str, values: np.ndarray, unit: str) -> Row:
+    low, middle, high = np.percentile(values, [25, 50, 75])
+    return Row(what, float(middle), float(low), float(high), unit)

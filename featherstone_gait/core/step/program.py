@@ -1,0 +1,99 @@
+"""A controller from elsewhere that acts within a run: at ticks it makes of what servos are to follow what they follow.
+
+Its function is called by its address, lane by lane, with copies of what the lane has.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compile.by_type import NoneType, by_type
+from ..compile.jit import kernel
+from ..compile.lanes import flat, width_of
+from ..compile.outside import call_outside
+from ..compile.structure import structure
+
+DONE, FIRST, OFFSET = 0, 1, 2  # of the clock: steps since the controller's start, steps before that, time before [s]
+FAILED, WHEN = 0, 1  # of its failure: 1 where it has raised an exception, at the time [s]
+
+
+@structure
+class Program(NamedTuple):
+    """The controller of a run, and what it has."""
+
+    function: int  # address
+    every: int  # ticks from one call to the next
+    replaces: bool | None  # True: what servos follow is zero where it writes nothing; None: it is the reference
+    command: np.ndarray  # (n, 2) what servos follow, and its rate
+    memory: np.ndarray  # (K,)
+    clock: np.ndarray  # (3,)
+    # Of the lane whose turn it is:
+    state: np.ndarray  # (length,)
+    places: np.ndarray  # sizes, and where the parts of the state begin
+    reference: np.ndarray  # (2 n,)
+    own_command: np.ndarray  # (2 n,)
+    own_memory: np.ndarray  # (K,)
+    failure: np.ndarray  # (2,)
+
+    SHARED = (
+        "function", "every", "replaces", "state", "places", "reference", "own_command", "own_memory", "failure"
+    )  # fmt: skip
+
+
+@by_type
+def commanded(program, plan, k, y, reference):
+    """What controllers follow at the step k (n, 2)."""
+
+
+@commanded.of(NoneType)
+def _the_reference(program, plan, k, y, reference):
+    return reference
+
+
+@commanded.of(Program)
+def _its_command(program, plan, k, y, reference):
+    act(program, plan, k, y, reference)
+    return program.command
+
+
+@kernel
+def act(program, plan, k, y, reference):
+    """Call the controller of each lane whose turn it is."""
+    width, clock, memory, command = width_of(y), flat(program.clock), flat(program.memory), flat(program.command)
+    given, numbers = flat(reference), flat(y)
+    for lane in range(width):
+        done = int(clock[DONE * width + lane]) + k
+        if (done // plan.per_tick) % program.every == 0 and program.failure[FAILED] == 0.0:
+            t = clock[OFFSET * width + lane] + (clock[FIRST * width + lane] + done) * plan.h
+            program.failure[WHEN] = t
+            for i in range(len(program.state)):
+                program.state[i] = numbers[i * width + lane]
+            for i in range(len(program.reference)):
+                program.reference[i] = given[i * width + lane]
+                program.own_command[i] = _preset(program.replaces, program.reference[i])
+            for i in range(len(program.own_memory)):
+                program.own_memory[i] = memory[i * width + lane]
+            arrays = (
+                program.state, program.places, program.reference, program.own_command, program.own_memory,
+                program.failure,
+            )  # fmt: skip
+            call_outside(program.function, t, arrays)
+            for i in range(len(program.own_command)):
+                command[i * width + lane] = program.own_command[i]
+            for i in range(len(program.own_memory)):
+                memory[i * width + lane] = program.own_memory[i]
+
+
+@by_type
+def _preset(replaces, x):
+    pass
+
+
+@_preset.of(NoneType)
+def _as_given(replaces, x):
+    return x
+
+
+@_preset.otherwise
+def _zero(replaces, x):
+    return 0.0

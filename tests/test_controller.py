@@ -1,0 +1,171 @@
+"""Controllers of one's own, compiled into runs: what they do is what the servo's own law would do, in any lane."""
+
+import pickle
+import time
+
+import numpy as np
+import pytest
+from scenes import with_controller
+
+from featherstone_gait.build.scene import compile_scene
+from featherstone_gait.reference import Reference
+from featherstone_gait.robot_file import load_robot
+from featherstone_gait.run.program import controller
+from featherstone_gait.run.session import Session
+from featherstone_gait.run.simulate import initial_state, simulate, simulate_batch
+
+KP, KD = 40.0, 0.3
+
+
+@controller(writes="voltage")
+def servo_law(t, state, reference, command, memory):
+    """The servo's own law of state feedback."""
+    for i in range(len(state.q)):
+        e, de = reference[i, 0] - state.q[i], reference[i, 1] - state.filtered[i]
+        u = KP * e + KD * de
+        command[i, 0] = min(max(u, -9.9), 9.9)
+
+
+@controller
+def nothing(t, state, reference, command, memory):
+    pass
+
+
+@controller(memory=2, period=0.03)
+def stairs(t, state, reference, command, memory):
+    """A step of 0.1 rad at each call, counted in its memory."""
+    memory[0] += 1.0
+    memory[1] = t
+    command[0, 0] = 0.1 * memory[0]
+    command[0, 1] = 0.0
+
+
+@controller(memory=1)
+def beyond(t, state, reference, command, memory):
+    if t > 0.025:
+        memory[3] = 1.0
+
+
+@controller
+def opaque(t, state, reference, command, memory):
+    command[0, 0] = open("file").read()
+
+
+def scene_of(integrator="midpoint", servos="mipsd", **law):
+    settings = {"law": "state", "Kp": KP, "Kd": KD, "Ki": 0.0, "Kf": 0.0, "lag": 0.013} | law
+    model = with_controller(load_robot("ax12_arm"), **settings)
+    return compile_scene(model, servos, integrator=integrator, timestep=None if integrator is None else 1e-3)
+
+
+def moving(seed=0):
+    return Reference([0.0, 0.03, 0.1], np.random.default_rng(seed).normal(scale=0.3, size=(3, 1)))
+
+
+@pytest.mark.parametrize("integrator", ["midpoint", None])
+def test_the_servos_own_law_written_again_moves_alike(integrator):
+    """As voltages; encoders that are exact, a supply that the law does not reach: the same to rounding."""
+    scene = scene_of(integrator)
+    own = simulate(scene, 0.1, reference=moving(), record=("q", "voltage"), estimate_error=False)
+    again = simulate(
+        scene, 0.1, reference=moving(), record=("q", "voltage"), estimate_error=False, controller=servo_law
+    )
+    step = max(servo.encoder_resolution for servo in scene.model.servos.values())
+    assert np.abs(own["voltage"]).max() > 0.5
+    assert np.abs(own["q"] - again["q"]).max() < 0.5 * step + 1e-9
+
+
+def test_a_controller_that_does_nothing_changes_no_bit():
+    scene = scene_of()
+    runs = simulate_batch(scene, 0.1, references=[moving(k) for k in range(11)], estimate_error=False)
+    with_it = simulate_batch(
+        scene, 0.1, references=[moving(k) for k in range(11)], estimate_error=False, controller=nothing
+    )
+    assert [run.final.tobytes() for run in runs] == [run.final.tobytes() for run in with_it]
+
+
+def test_lanes_have_their_own_memory_and_period():
+    """One call in three ticks: the reference climbs a stair at each."""
+    scene = scene_of()
+    climbing = Reference(0.03 * np.arange(4), 0.1 * (1.0 + np.arange(4))[:, None], "hold")
+    plain = with_controller(scene.model, lag=0.0)
+    expected = simulate(scene.recompiled(plain), 0.12, reference=climbing, estimate_error=False)
+    start = initial_state(scene)
+    runs = simulate_batch(scene, 0.12, [start] * 11, estimate_error=False, controller=stairs)
+    alone = simulate(scene, 0.12, start, estimate_error=False, controller=stairs)
+    assert len({run.final.tobytes() for run in (*runs, alone)}) == 1
+    assert np.array_equal(alone["q"], expected["q"])
+    assert alone["q"][-1, 0] > 0.05
+
+
+def test_sessions_keep_its_memory():
+    scene, actions = scene_of(), np.random.default_rng(1).normal(scale=0.2, size=(8, 9, 1))
+    for program in (stairs, servo_law):
+        session = Session(scene, 9, controller=program)
+        for k, action in enumerate(actions):
+            if k == 4:
+                session = pickle.loads(pickle.dumps(session)) if k % 2 else session.copy()
+            session.step(action)
+        times = np.arange(len(actions)) * session.tick
+        references = [Reference(times, actions[:, robot], "hold") for robot in range(9)]
+        runs = simulate_batch(scene, 0.08, references=references, estimate_error=False, controller=program)
+        assert [run.final.tobytes() for run in runs] == [y.tobytes() for y in session.state]
+    late = np.arange(9) == 4
+    session.reset(late)
+    session.step(actions[0])
+    alone = Session(scene, 9, controller=servo_law)
+    alone.step(actions[0])
+    assert np.array_equal(session.state[late], alone.state[late])
+
+
+def test_the_error_is_told_with_it():
+    run = simulate(scene_of(lag=0.0), 0.1, reference=moving(), controller=stairs)
+    assert run.error is not None
+    assert 0.0 < run.error["q"].max() < 1e-2
+
+
+def test_what_is_wrong_is_said():
+    scene = scene_of()
+    with pytest.raises(ValueError, match=r"beyond failed at 0.03 s: IndexError.*memory \(1,\)"):
+        simulate(scene, 0.1, reference=moving(), controller=beyond)
+    with pytest.raises(ValueError, match=r"beyond failed at 0\.03 s"):
+        simulate_batch(scene, 0.1, references=[moving()] * 9, controller=beyond, estimate_error=False)
+    session = Session(scene, 9, controller=beyond)
+    session.step(ticks=3)
+    with pytest.raises(ValueError, match="beyond failed"):
+        session.step()
+    assert session.time.tolist() == [0.04] * 9
+    with pytest.raises(ValueError, match=r"takes t, state; it is called with t, state, reference, command, memory"):
+        controller(lambda t, state: None)
+    with pytest.raises(ValueError, match="memory is -1"):
+        controller(memory=-1)(lambda t, state, reference, command, memory: None)
+    with pytest.raises(ValueError, match="writes is 'force'"):
+        controller(writes="force")(lambda t, state, reference, command, memory: None)
+    odd = controller(period=0.013)(lambda t, state, reference, command, memory: None)
+    with pytest.raises(ValueError, match=r"ticks of 0\.01 s: give a whole number"):
+        simulate(scene, 0.1, controller=odd)
+    with pytest.raises(TypeError, match="decorate its function"):
+        simulate(scene, 0.1, controller=lambda *x: None)
+    with pytest.raises(ValueError, match="no sampled servos"):
+        simulate(compile_scene(scene.model, integrator="midpoint", timestep=1e-3), 0.1, controller=nothing)
+    with pytest.raises(ValueError, match="a controller reads references"):
+        Session(scene, 1, "voltage", controller=nothing)
+    with pytest.raises(TypeError, match="must be a name of its module"):
+        pickle.dumps(controller(lambda t, state, reference, command, memory: None))
+
+
+def test_one_that_does_not_compile_is_named():
+    with pytest.raises(ValueError, match="controller opaque does not compile"):
+        simulate(scene_of(), 0.1, controller=opaque)
+
+
+@pytest.mark.long
+def test_it_costs_little():
+    """The medians of batches by turns."""
+    scene, references = scene_of(), [moving(k) for k in range(64)]
+    times = {None: [], servo_law: []}
+    for _ in range(15):
+        for program in times:
+            start = time.process_time()
+            simulate_batch(scene, 2.0, references=references, estimate_error=False, controller=program)
+            times[program].append(time.process_time() - start)
+    print(np.median(times[servo_law]) / np.median(times[None]))
