@@ -120,6 +120,12 @@ class Lot:
                     _of_lane(numbers, k if self.width > 1 else None)[...] = 0.0
         self._shifted = bool(self.offset.any())
 
+    def change(self, robots: np.ndarray, states: np.ndarray, part: slice) -> None:
+        """Give robots (n,) bool a part of other states (n, length)."""
+        places = np.flatnonzero(robots[self.of])
+        u, lane = np.divmod(places, self.width)
+        self.y[u, part, lane] = states[self.of[places], part]
+
     def writer(self, into: np.ndarray) -> Callable[[np.ndarray], None]:
         """What writes values (n, ...) of all robots into places (units, ..., width)."""
         target = np.moveaxis(into, -1, 1)

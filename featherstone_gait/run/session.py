@@ -105,7 +105,8 @@ class Session:
         self.action: Action = _action(scene, action)
         scenes, self.n = _scenes(scene, n, worlds)
         scenes = [_driven(one, self.action) for one in scenes]
-        self.scene = scenes[0] if worlds is None else _driven(scene, self.action)
+        own = scenes[0] if worlds is None else _driven(scene, self.action)
+        self.scene = with_tolerance(own, rtol, atol)[0]
         self.seed = whole("seed", seed, 0, "give 0, 1, ...")
         self._deviations = _deviations(scene, noise)
         tick = self.scene.tick_steps * self.scene.timestep
@@ -127,7 +128,6 @@ class Session:
             return prepare(other.scene, tick, (), tick, rtol=other.rtol, atol=other.atol, **how), other.share
 
         self._worlds = _each_once(made_ready, scenes)
-        self.scene = self._worlds[0].scene if worlds is None else self.scene
         noisy = self._deviations is not None
         threads = None if threads is None else whole("threads", threads, 1, "one a core is usual")
         self._crowds = [Crowd(self._worlds, noisy, threads)]
@@ -170,6 +170,27 @@ class Session:
             self._inaccurate &= ~who
             self._any_fresh = True
             self._log.restart(who)
+            return self._observed()
+
+    def change(self, name: str, values: ArrayLike, mask: ArrayLike | None = None) -> Observation:
+        """Set a part of the state of the robots of a mask, all if None, from outside; nothing else changes, nor time.
+
+        name: "q", "qd", "base_q" or "base_qd"; values (n, width): a blow from nowhere, or a robot put elsewhere.
+        """
+        with self._alone():
+            who = self._mask(mask)
+            one_of("name", name, coordinates(self.scene))
+            first, end = self.scene.part(name)
+            given = floats(name, values, f"give numbers of shape ({self.n}, {end - first})")
+            if given.shape != (self.n, end - first) or not (np.abs(given[who]) <= 1e50).all():
+                raise ValueError(f"{name} has the shape {given.shape}; give ({self.n}, {end - first}) finite numbers")
+            for crowd in self._crowds:
+                states, (at, _) = _whole(crowd), crowd.worlds[0].scene.part(name)
+                states[:, at : at + end - first] = given
+                for robot in np.flatnonzero(who).tolist():
+                    crowd.worlds[robot].start(states[robot])
+                for lot in crowd.lots:
+                    lot.change(who, states, slice(at, at + end - first))
             return self._observed()
 
     def step(self, action: ArrayLike | None = None, ticks: int = 1) -> Observation:

@@ -1,0 +1,133 @@
+"""Environments of Gymnasium: its own checks, the same bits alone and in a vector, episodes that begin anew."""
+
+import subprocess
+import sys
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from featherstone_gait import gym
+from featherstone_gait.build.scene import compile_scene
+from featherstone_gait.model import Ground
+from featherstone_gait.robot_file import load_robot
+from featherstone_gait.worlds import Spread, Worlds
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "midpoint", 1e-3)
+
+
+@pytest.mark.parametrize("kind", [gym.Stand, gym.Walk, gym.Push])
+def test_gymnasium_finds_nothing_wrong(kind, robot):
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*(infinity|spec|render).*")
+        check_env(kind(robot, duration=0.2), skip_render_check=True)
+
+
+def actions_of(robot, count, seed=0):
+    return np.random.default_rng(seed).uniform(-0.3, 0.3, size=(count, 9, robot.tree.n))
+
+
+def test_a_robot_of_a_vector_has_the_bits_of_one_alone(robot):
+    """Pushes, worlds and episodes that begin anew included."""
+    worlds = Worlds(runs=9, servos={"resistance": Spread("uniform", 0.1)}, ground={"friction": Spread("uniform", 0.2)})
+    envs = gym.PushVector(robot, 9, duration=0.1, worlds=worlds)
+    envs._robots.task = gym.Task(push=0.2, every=0.05)
+    seen, _ = envs.reset(seed=5)
+    actions = actions_of(robot, 13)
+    own = worlds.scenes(robot)[4]
+    env = gym.Push(own, duration=0.1)
+    env._robots.task = envs._robots.task
+    alone, _ = env.reset(seed=9)
+    env.np_random.integers(9)  # the lot for its world
+    alone = env._robots.observation(env._session.reset(state=None))[0]
+    draw = gymnasium.utils.seeding.np_random(9)[0]
+    draw.integers(9)
+    alone = env._robots.observation(env._session.reset(state=env._robots.begin(draw)))[0]
+    env._np_random = draw
+    assert np.array_equal(seen[4], alone)
+    pushed, done, ends = False, False, 0
+    for action in actions:
+        seen, reward, ended, late, _info = envs.step(action)
+        if done:
+            draw.integers(9)
+            alone = env._robots.observation(env._session.reset(state=env._robots.begin(draw)))[0]
+            assert reward[4] == 0.0
+            done = False
+        else:
+            before = alone
+            alone, gain, dead, over, _ = env.step(action[4])
+            assert (gain, dead, over) == (reward[4], ended[4], late[4])
+            done = dead or over
+            ends += done
+            pushed = pushed or abs(alone[-4] - before[-4]) > 0.05
+        assert np.array_equal(seen[4], alone)
+    assert pushed
+    assert ends >= 2
+
+
+def test_an_episode_depends_on_its_seed(robot):
+    env, found = gym.Push(robot), []
+    for seed in (1, 1, 2):
+        first, _ = env.reset(seed=seed)
+        for action in actions_of(robot, 5):
+            last, *_ = env.step(action[0])
+        found.append((first.tobytes(), last.tobytes()))
+    assert found[0] == found[1]
+    assert found[0][0] != found[2][0]
+
+
+def test_standing_is_worth_one_and_falling_ends_it(robot):
+    env = gym.Stand(robot, scale=1.0)
+    env.reset(seed=0)
+    rewards = [env.step(np.zeros(robot.tree.n))[1] for _ in range(10)]
+    assert min(rewards) > 0.95
+    ended = False
+    for _ in range(300):
+        _, reward, ended, late, info = env.step(-np.ones(robot.tree.n))
+        if ended:
+            break
+    assert ended
+    assert not late
+    assert reward < 0.95
+    assert {*info} == {"time", "x", "tilt"}
+
+
+def test_gymnasium_makes_them(robot):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        env = gymnasium.make("featherstone_gait/Stand-v0", robot=robot)
+        envs = gymnasium.make_vec("featherstone_gait/Walk-v0", 3, vectorization_mode="vector_entry_point", robot=robot)
+    assert env.reset(seed=0)[0].shape == env.observation_space.shape
+    assert envs.reset(seed=0)[0].shape == envs.observation_space.shape == (3, *env.observation_space.shape)
+    assert envs.step(envs.action_space.sample())[1].shape == (3,)
+    envs.close()
+
+
+def test_misuse_is_refused(robot):
+    arm = load_robot("ax12_arm")
+    for wrong, message in (
+        (lambda: gym.Stand(compile_scene(arm, "mipsd")), "floating base"),
+        (lambda: gym.Stand(robot).step(np.zeros(10)), "call reset first"),
+        (lambda: gym.StandVector(robot, 3).step(np.zeros((3, 10))), "call reset first"),
+        (lambda: gym.Stand(robot, ticks=0), "ticks is 0"),
+        (lambda: gym.Stand(robot, angles=np.zeros(3)), "angles must be 10"),
+        (lambda: gym.Stand(robot, render_mode="human"), "draw nothing"),
+        (lambda: gym.StandVector(robot, 3).reset(seed=[1, 2]), "2 entries; there are 3"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            wrong()
+    env = gym.Stand(robot)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="action must be 10 finite numbers"):
+        env.step(np.full(10, np.nan))
+
+
+def test_without_gymnasium_its_extra_is_named():
+    program = "import sys; sys.modules['gymnasium'] = None\nimport featherstone_gait.gym"
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert "pip install featherstone-gait[gym]" in run.stderr
