@@ -13,7 +13,7 @@ reset with the seed s has the bits of a single robot reset with s + k.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,6 +41,23 @@ EFFORT = 0.01  # what the mean square of an action costs
 Step = tuple[Any, Any, Any, Any, dict[str, Any]]
 
 
+class Settings(TypedDict, total=False):
+    """What else an environment is given, by name: see `RobotEnv`."""
+
+    worlds: Worlds | None
+    angles: ArrayLike | None
+    scale: float
+    ticks: int
+    duration: float
+    servos: str | None
+    render_mode: str | None
+
+
+DEFAULTS: Settings = {
+    "worlds": None, "angles": None, "scale": 0.3, "ticks": 2, "duration": 10.0, "servos": "mipsd", "render_mode": None
+}  # fmt: skip
+
+
 class Task(NamedTuple):
     """What robots are to do."""
 
@@ -52,8 +69,14 @@ class Task(NamedTuple):
 class _Robots:
     """What environments of one and of many robots have in common: rows are robots."""
 
-    def __init__(self, robot: Any, task: Task, settings: dict[str, Any]) -> None:
-        self.task = task
+    def __init__(self, robot: Any, task: Task, given: Settings) -> None:
+        if given.keys() - DEFAULTS.keys():
+            unknown = ", ".join(sorted(given.keys() - DEFAULTS.keys()))
+            raise TypeError(f"environment: {unknown} is unknown; its settings are {', '.join(DEFAULTS)}")
+        settings: Settings = {**DEFAULTS, **given}
+        if settings["render_mode"] is not None:
+            raise ValueError(f"render_mode is {shown(settings['render_mode'])}; nothing is drawn here: give None")
+        self.task, self.worlds = task, settings["worlds"]
         self.scene = _scene(robot, settings["servos"])
         model, n = self.scene.model, self.scene.tree.n
         angles = np.zeros(n) if settings["angles"] is None else settings["angles"]
@@ -68,10 +91,6 @@ class _Robots:
         size = 2 * n + 3 + 3 + 3 + 1
         self.observation_space = spaces.Box(-np.inf, np.inf, (size,), np.float64)
         self.action_space = spaces.Box(-1.0, 1.0, (n,), np.float64)
-
-    def session(self, n: int, worlds: Worlds | None = None) -> Session:
-        """Robots to be stepped."""
-        return Session(self.scene, n, observe=OBSERVED, worlds=worlds)
 
     def begin(self, draw: np.random.Generator) -> np.ndarray:
         """The first state of an episode."""
@@ -129,26 +148,18 @@ class RobotEnv(gymnasium.Env):
     def __init__(
         self,
         robot: str | Model | CompiledScene = "humanoid",
-        *,
-        worlds: Worlds | None = None,
-        angles: ArrayLike | None = None,
-        scale: float = 0.3,
-        ticks: int = 2,
-        duration: float = 10.0,
-        servos: str | None = "mipsd",
-        render_mode: str | None = None,
+        **settings: Unpack[Settings],
     ) -> None:
         """Robot: its name or file, a model, or a scene with ground; worlds: one is drawn for each episode.
 
-        angles: of the joints, standing, zero if None; scale: what an action of 1 adds to these [rad or m]; ticks of
-        the controller that an action stands for; duration of an episode [s].  Raises ValueError for robots that do not
+        angles: of the joints, standing, zero if None; scale: what an action of 1 adds to these [rad or m], 0.3; ticks
+        of the controller that an action stands for, 2; duration of an episode [s], 10; servos: "mipsd", "rotor" or
+        "standard", of a robot that is no scene.  Raises ValueError for robots that do not
         stand and settings out of range.
         """
-        if render_mode is not None:
-            raise ValueError(f"render_mode is {shown(render_mode)}; these environments draw nothing: give None")
-        self.render_mode = render_mode
-        settings = {"angles": angles, "scale": scale, "ticks": ticks, "duration": duration, "servos": servos}
-        self._robots, self._worlds = _Robots(robot, self.task, settings), worlds
+        self.render_mode = None
+        self._robots = _Robots(robot, self.task, settings)
+        self._worlds = self._robots.worlds
         self.observation_space, self.action_space = self._robots.observation_space, self._robots.action_space
         self._sessions: dict[int, Session] = {}
         self._session: Session | None = None
@@ -199,28 +210,18 @@ class RobotVectorEnv(VectorEnv):
         self,
         robot: str | Model | CompiledScene = "humanoid",
         n: int = 8,
-        *,
-        worlds: Worlds | None = None,
-        angles: ArrayLike | None = None,
-        scale: float = 0.3,
-        ticks: int = 2,
-        duration: float = 10.0,
-        servos: str | None = "mipsd",
         num_envs: int | None = None,
-        render_mode: str | None = None,
+        **settings: Unpack[Settings],
     ) -> None:
         """n robots (num_envs, where Gymnasium makes them), as in the environment of one; robot k is in world k."""
-        if render_mode is not None:
-            raise ValueError(f"render_mode is {shown(render_mode)}; these environments draw nothing: give None")
-        settings = {"angles": angles, "scale": scale, "ticks": ticks, "duration": duration, "servos": servos}
         self._robots = _Robots(robot, self.task, settings)
         self.num_envs = whole("n", n if num_envs is None else num_envs, 1, "give the number of robots")
         self.single_observation_space = self._robots.observation_space
         self.single_action_space = self._robots.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._session = self._robots.session(self.num_envs, worlds)
-        self._worlds = worlds
+        self._worlds = self._robots.worlds
+        self._session = Session(self._robots.scene, self.num_envs, observe=OBSERVED, worlds=self._worlds)
         self._draws: list[np.random.Generator] = []
         self._ended = np.zeros(self.num_envs, bool)
 

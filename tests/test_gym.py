@@ -116,7 +116,7 @@ def test_misuse_is_refused(robot):
         (lambda: gym.StandVector(robot, 3).step(np.zeros((3, 10))), "call reset first"),
         (lambda: gym.Stand(robot, ticks=0), "ticks is 0"),
         (lambda: gym.Stand(robot, angles=np.zeros(3)), "angles must be 10"),
-        (lambda: gym.Stand(robot, render_mode="human"), "draw nothing"),
+        (lambda: gym.Stand(robot, render_mode="human"), "nothing is drawn"),
         (lambda: gym.StandVector(robot, 3).reset(seed=[1, 2]), "2 entries; there are 3"),
     ):
         with pytest.raises(ValueError, match=message):

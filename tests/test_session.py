@@ -2,6 +2,7 @@
 
 import pickle
 import resource
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -325,6 +326,8 @@ def test_misuse_is_refused():
             wrong()
     with pytest.raises(TypeError, match="scene"):
         Session("scene")
+    with pytest.raises(TypeError, match="world is unknown; its settings are worlds, seed"):
+        Session(scene, world=None)
     session.close()
     session.close()
     with pytest.raises(ValueError, match="closed"):
@@ -335,6 +338,20 @@ def test_a_session_is_stepped_by_one_thread_at_a_time():
     session = Session(servo_arm(), 1)
     with session._alone(), ThreadPoolExecutor(1) as pool, pytest.raises(RuntimeError, match="another thread"):
         pool.submit(session.step).result()
+
+
+def test_steps_that_are_paced_take_the_time_that_they_simulate():
+    session = Session(servo_arm(), 1, pace=True)
+    session.step()
+    session.reset()
+    start = time.monotonic()
+    session.step(ticks=10)
+    session.step(ticks=5)
+    assert time.monotonic() - start >= 0.15 - 1e-3
+    assert session.behind >= 0.0
+    time.sleep(0.05)
+    session.step()
+    assert 0.03 < session.behind
 
 
 def steps_without_growth(count):

@@ -45,7 +45,7 @@ class Lot:
     places: units times lanes, robots in a row; lanes left over repeat the first of their unit.
     """
 
-    def __init__(self, ready: Prepared, worlds: Sequence[Prepared], robots: np.ndarray, width: int, noisy: bool):
+    def __init__(self, ready: Prepared, worlds: Sequence[Prepared], robots: np.ndarray, width: int, noisy: bool) -> None:
         scene, n = ready.scene, ready.scene.tree.n
         self.ready, self.robots, self.width, self.length = ready, robots, width, int(scene.layout["length"])
         units, o = -(-len(robots) // width), scene.layout
@@ -206,7 +206,7 @@ class Lot:
 class Crowd:
     """All of them, whatever their structure."""
 
-    def __init__(self, worlds: Sequence[Prepared], noisy: bool = False, threads: int | None = None):
+    def __init__(self, worlds: Sequence[Prepared], noisy: bool = False, threads: int | None = None) -> None:
         self.worlds, self.lots = list(worlds), []
         for ready, robots in _families(self.worlds):
             rest = len(robots) if ready.scene.adaptive else len(robots) % WIDTH

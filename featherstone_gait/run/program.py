@@ -23,7 +23,7 @@ import numpy as np
 
 from ..arguments import functions, instance, one_of, real, whole
 from ..build.scene import CompiledScene
-from ..core.compile import jit
+from ..core.compile.jit import JIT, CompilationError, carray, outside
 from ..core.step import program as core
 from ..core.step.state import IN_STATE
 from ..model import Controller
@@ -110,8 +110,8 @@ class CompiledController:
         """Of the compiled function."""
         if "address" not in self._made:
             try:
-                self._made["kept"], self._made["address"] = jit.outside(self.function, _wrapped)
-            except jit.CompilationError as error:
+                self._made["kept"], self._made["address"] = outside(self.function, _wrapped)
+            except CompilationError as error:
                 lines = [line for line in str(error).splitlines() if line.strip()]
                 raise ValueError(
                     f"controller {self.name} does not compile: {lines[0] if lines else error}; it takes "
@@ -204,7 +204,7 @@ def _views(
 
 def _wrapped(function: Callable[..., None]) -> Callable[..., None]:
     """What the kernels call: with plain pointers compiled, with arrays in Python; an exception is noted."""
-    if not jit.JIT:
+    if not JIT:
 
         def call(t: float, *arrays: np.ndarray) -> None:
             try:
@@ -234,6 +234,6 @@ def _compiled_wrapper(function: Callable[..., None]) -> Callable[..., None]:
         "    except Exception:",
         "        carray(failure, 1)[0] = 1.0",
     )
-    scope: dict[str, Any] = {"carray": jit.carray, "State": State, "function": function}
+    scope: dict[str, Any] = {"carray": carray, "State": State, "function": function}
     exec("\n".join(lines), scope)
     return scope["wrapper"]

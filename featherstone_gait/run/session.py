@@ -16,9 +16,10 @@ import dataclasses
 import json
 import math
 import threading
+import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,6 +56,29 @@ SENSORS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
 Observation = dict[str, Any]  # arrays (n, ...) by name; of sole_forces arrays by link
 
 
+class Settings(TypedDict, total=False):
+    """What else a session is given, by name: see `Session`."""
+
+    worlds: Worlds | None
+    seed: int
+    pushes: Sequence[Push]
+    record: Iterable[str]
+    sample: float | None
+    noise: tuple[float, float] | None
+    rtol: float | None
+    atol: float | None
+    estimate_error: bool
+    controller: CompiledController | None
+    threads: int | None
+    pace: bool
+
+
+DEFAULTS: Settings = {
+    "worlds": None, "seed": 0, "pushes": (), "record": (), "sample": None, "noise": None, "rtol": None, "atol": None,
+    "estimate_error": False, "controller": None, "threads": None, "pace": False,
+}  # fmt: skip
+
+
 class Session:
     """n robots of a scene, or of its worlds, that are stepped by controller ticks.
 
@@ -75,6 +99,7 @@ class Session:
     estimate_error : run a companion in coarser steps beside, as `simulate` does: `error`, and the status "inaccurate"
     controller : a function of `controller`, which makes of the actions, references, what the servos follow
     threads : one a core if None
+    pace : steps take the time that they simulate, by the clock: see `behind`
 
     Raises ValueError for what does not fit together.
     """
@@ -85,35 +110,29 @@ class Session:
         n: int | None = None,
         action: Action | None = None,
         observe: Iterable[str] = ("q", "qd"),
-        *,
-        worlds: Worlds | None = None,
-        seed: int = 0,
-        pushes: Sequence[Push] = (),
-        record: Iterable[str] = (),
-        sample: float | None = None,
-        noise: tuple[float, float] | None = None,
-        rtol: float | None = None,
-        atol: float | None = None,
-        estimate_error: bool = False,
-        controller: CompiledController | None = None,
-        threads: int | None = None,
+        **settings: Unpack[Settings],
     ) -> None:
         check_scene(scene)
-        given = locals()
-        self._given = {name: given[name] for name in self.__init__.__annotations__ if name != "return"}  # type: ignore[misc]
-        self._given |= {"observe": tuple(_names(observe)), "record": tuple(_names(record, "record"))}
+        if settings.keys() - DEFAULTS.keys():
+            unknown = ", ".join(sorted(settings.keys() - DEFAULTS.keys()))
+            raise TypeError(f"Session: {unknown} is unknown; its settings are {', '.join(DEFAULTS)}")
+        chosen: Settings = {**DEFAULTS, **settings}
+        worlds, noise, controller = chosen["worlds"], chosen["noise"], chosen["controller"]
+        rtol, atol, sample, threads = chosen["rtol"], chosen["atol"], chosen["sample"], chosen["threads"]
+        self._given: dict[str, Any] = {"scene": scene, "n": n, "action": action, "observe": tuple(_names(observe))}
+        self._given |= {**chosen, "record": tuple(_names(chosen["record"], "record"))}
         self.action: Action = _action(scene, action)
         scenes, self.n = _scenes(scene, n, worlds)
         scenes = [_driven(one, self.action) for one in scenes]
         own = scenes[0] if worlds is None else _driven(scene, self.action)
         self.scene = with_tolerance(own, rtol, atol)[0]
-        self.seed = whole("seed", seed, 0, "give 0, 1, ...")
+        self.seed = whole("seed", chosen["seed"], 0, "give 0, 1, ...")
         self._deviations = _deviations(scene, noise)
         tick = self.scene.tick_steps * self.scene.timestep
         _check_sample(self.scene, sample)
         if controller is not None and self.action != "reference":
             raise ValueError(f"action is {action!r}, but a controller reads references: leave it out")
-        how: dict[str, Any] = {"pushes": pushes, "driven": self.action == "torque", "controller": controller}
+        how: dict[str, Any] = {"pushes": chosen["pushes"], "driven": self.action == "torque", "controller": controller}
         record = self._given["record"]
 
         def made_ready(one: CompiledScene) -> Prepared:
@@ -132,7 +151,7 @@ class Session:
         threads = None if threads is None else whole("threads", threads, 1, "one a core is usual")
         self._crowds = [Crowd(self._worlds, noisy, threads)]
         self._share = 0.0
-        if truth("estimate_error", estimate_error):
+        if truth("estimate_error", chosen["estimate_error"]):
             others = _each_once(coarser, scenes)
             self._share = others[0][1]
             self._crowds.append(Crowd([one for one, _ in others], noisy, threads))
@@ -140,6 +159,8 @@ class Session:
         self._views = [_View(self, name) for name in self._given["observe"]]
         self._log = _Log(self._worlds, self._given["record"])
         self._closed, self._lock = False, threading.Lock()
+        self._paced, self._due = truth("pace", chosen["pace"]), math.nan
+        self.behind = 0.0
         joints, tick = self.scene.tree.n, self.tick
         lags = np.array([ready.scene.lag for ready in self._worlds])
         self._lag = np.maximum(np.ceil((lags - AHEAD) / tick), 0).astype(int)  # in ticks
@@ -169,6 +190,8 @@ class Session:
             self._fresh |= who
             self._inaccurate &= ~who
             self._any_fresh = True
+            if who.all():
+                self._due = math.nan
             self._log.restart(who)
             return self._observed()
 
@@ -209,7 +232,21 @@ class Session:
                 command = self._issued[self._ticks % len(self._issued)].copy()
             for _ in range(ticks):
                 self._tick(command)
+            if self._paced:
+                self._wait(ticks * self.tick)
             return self._observed()
+
+    def _wait(self, span: float) -> None:
+        """Wait until what has been simulated is over by the clock too, from the first step or the last reset on.
+
+        behind [s]: how much later than that it was.  What is lost is not made up for by haste.
+        """
+        now = time.monotonic()
+        due = now + span if math.isnan(self._due) else self._due + span
+        self.behind = max(0.0, now - due)
+        self._due = max(due, now)
+        if due > now:
+            time.sleep(due - now)
 
     def _tick(self, command: np.ndarray) -> None:
         self._ticks += 1
