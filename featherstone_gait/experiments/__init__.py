@@ -17,6 +17,7 @@ EXPERIMENTS = (  # modules, in the paper's order; the last three go beyond it
     "seven_joint_arm",
     "energy_repeatability",
     "posture",
+    "solver_scatter",
     "gait_optimization",
     "method_comparison",
     "robustness",

@@ -101,10 +101,11 @@ def _six(J: np.ndarray) -> np.ndarray:
 
 
 def _inverse(J: np.ndarray) -> np.ndarray:
-    """Of a symmetric matrix of three rows, by its minors: the same bits everywhere."""
+    """Of a symmetric matrix of three rows, by its minors: the same bits everywhere; infinite where there is none."""
     (a, b, c), (_, d, e), (_, _, f) = J
     minors = np.array([d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b])
-    return minors / (a * minors[0] + b * minors[1] + c * minors[2])
+    determinant = a * minors[0] + b * minors[1] + c * minors[2]
+    return minors / determinant if determinant > 0.0 else np.full(6, np.inf)
 
 
 def _bodies(scene: CompiledScene, number: dict[int, int], crosses: dict[int, int]) -> np.recarray:
@@ -119,13 +120,14 @@ def _bodies(scene: CompiledScene, number: dict[int, int], crosses: dict[int, int
         m, c, J = tree[row].m, np.array(tree[row].c), _symmetric(tree[row].J)
         if tree[row].parent in crosses and crosses[tree[row].parent] == row:
             m, c, J = _with_cross(tree[tree[row].parent], tree[row], (m, c, J))
-        if not (m > 0.0 and _inverse(J)[[0, 3, 5]].min() > 0.0 and np.isfinite(_inverse(J)).all()):
+        inverse = _inverse(J)
+        if not (m > 0.0 and np.isfinite(inverse).all() and inverse[[0, 3, 5]].min() > 0.0):
             raise ValueError(
                 f"{scene.model.name}: body {scene.tree.names[row]!r} of {m:g} kg has not an inertia against every "
                 f"motion; bodies in maximal coordinates need both: give it some; {LIKE}"
             )
         body.mass, body.inverse_mass, body.center = m, 1.0 / m, c
-        body.inertia, body.inverse_inertia = _six(J), _inverse(J)
+        body.inertia, body.inverse_inertia = _six(J), inverse
     return table
 
 
