@@ -14,7 +14,6 @@ works out the map and goes on with one that was begun.
 
 from __future__ import annotations
 
-import csv
 import math
 import sys
 from collections.abc import Iterable, Sequence
@@ -28,7 +27,7 @@ from tqdm import tqdm
 
 from ..build.scene import ServoKind, compile_scene
 from ..core.effects.energies import METER
-from ..files import FilePath
+from ..files import FilePath, Format, read_csv, write_csv
 from ..maximal import Engine, simulate_seeds
 from ..model import Ground
 from ..optimize import walking_cost
@@ -44,7 +43,7 @@ from .common import grid_of_panels, heavier
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PAPER: dict[ServoKind, float] = {"standard": 0.1462, "mipsd": 0.039}  # standard deviation over mean
+PAPER: dict[str, float] = {"standard": 0.1462, "mipsd": 0.039}  # standard deviation over mean
 SERVOS: tuple[ServoKind, ...] = ("standard", "mipsd")
 FACTOR = 1.3  # within which a standard deviation counts as the same
 ORDER_FACTOR = 3.0  # the same for the arm and the posture, of which masses, gains and disturbance are unknown
@@ -120,6 +119,10 @@ class Scatter:
         return 1.0 / math.sqrt(2.0 * max(1, 4 * (self.runs - self.fell)))
 
 
+COLUMNS = [field.name for field in fields(Scatter)]
+MAP = Format("solver map")
+
+
 @dataclass(frozen=True, eq=False)
 class Held:
     """Variances of the lowest joint of the arm [deg^2], or standard deviations of four joints [deg], of each seed."""
@@ -150,17 +153,20 @@ class Result:
 def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
     """Walk, hold the arm and the posture.  seed: of the first run, those of the others follow."""
     planned = walking_cost(load_robot("humanoid", locked="simplified"))
-    documented, solved, swept, energies = {}, {}, {}, {}
+    documented: dict[str, Scatter] = {}
+    solved: dict[str, Scatter] = {}
+    swept: dict[str, Scatter] = {}
+    energies: dict[str, np.ndarray] = {}
     for servos in SERVOS:
         energies[servos], documented[servos] = walk(settings, planned, Setting(servos), settings.runs, seed)
         solved[servos] = walk(settings, planned, Setting(servos, iterations=0), 2, seed)[1]
         swept[servos] = walk(settings, planned, Setting(servos, iterations=MANY), settings.map_runs, seed)[1]
     around = tuple(work_out(settings, seed=seed, progress=progress, planned=planned))
-    arms = {
+    arms: dict[tuple[str, int, tuple[float, float]], Held] = {
         (servos, n, link): hold_arm(settings, servos, n, link, seed)
         for servos, n, link in product(SERVOS, (Setting.iterations, 0), settings.links)
     }
-    postures = {
+    postures: dict[tuple[str, int, float], Held] = {
         (servos, n, mass): hold_posture(settings, servos, n, mass, seed)
         for servos, n, mass in product(SERVOS, settings.posture_iterations, (0.8, 1.0))
     }
@@ -214,17 +220,17 @@ def work_out(
     progress: bool = False,
     planned: WalkingCost | None = None,
 ) -> list[Scatter]:
-    """The map; with a path, each row is added to that CSV when it is done, and rows that stand there are taken."""
+    """The map; with a path, that CSV has each row when it is done, and rows that stand there are taken."""
     rows = [] if path is None else read_map(path)
     known = {(row.servos, row.step, row.iterations, row.mass, row.runs) for row in rows}
     left = [s for s in map_settings(settings) if (*astuple(s), settings.map_runs) not in known]
-    if left and planned is None:
+    if planned is None:
         planned = walking_cost(load_robot("humanoid", locked="simplified"))
     for setting in tqdm(left, "map", disable=not progress):
         row = walk(settings, planned, setting, settings.map_runs, seed)[1]
         rows.append(row)
         if path is not None:
-            _append(path, row)
+            write_map(path, rows)
     return rows
 
 
@@ -232,23 +238,20 @@ def read_map(path: FilePath) -> list[Scatter]:
     """The rows of a map; none if there is no such file.  Raises ValueError, naming the file, for another table."""
     if not Path(path).exists():
         return []
-    names = [field.name for field in fields(Scatter)]
-    with open(path, encoding="utf-8", newline="") as file:
-        head, *lines = list(csv.reader(file)) or [[]]
-    if head != names:
-        raise ValueError(f"{path}: its columns are {', '.join(head)}; expected {', '.join(names)}: name another file")
-    whole = [line for line in lines if len(line) == len(names)]
-    return [Scatter(line[0], float(line[1]), int(line[2]), float(line[3]), int(line[4]), int(line[5]),
-                    *map(float, line[6:])) for line in whole]  # fmt: skip
+    lines = [cells for _, cells in read_csv(path, MAP)]
+    if not lines or lines[0] != COLUMNS:
+        found = ", ".join(lines[0]) if lines else "none"
+        raise ValueError(f"{path}: its columns are {found}; expected {', '.join(COLUMNS)}: name another file")
+    if any(len(cells) != len(COLUMNS) for cells in lines):
+        raise ValueError(f"{path}: a row has not {len(COLUMNS)} cells; take an undamaged copy, or name another file")
+    return [
+        Scatter(c[0], float(c[1]), int(c[2]), float(c[3]), int(c[4]), int(c[5]), *map(float, c[6:])) for c in lines[1:]
+    ]
 
 
-def _append(path: FilePath, row: Scatter) -> None:
-    new = not Path(path).exists()
-    with open(path, "a", encoding="utf-8", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        if new:
-            table.writerow(field.name for field in fields(Scatter))
-        table.writerow(x if isinstance(x, int | str) else repr(float(x)) for x in astuple(row))
+def write_map(path: FilePath, rows: Iterable[Scatter]) -> None:
+    """Write a map, whole or not at all."""
+    write_csv(path, MAP, COLUMNS, (astuple(row) for row in rows), end="\n")
 
 
 # ---------------------------------------------------------------------------------------------- robots that hold still
@@ -519,9 +522,9 @@ def plot_map(rows: Sequence[Scatter]) -> Figure:
             steps, values = np.array(line).T
             label = f"{servos}, {n} sweeps"
             panel.plot(1e3 * steps, 100.0 * values, marker=mark, ms=4, lw=1.0, color=COLOURS[servos], label=label)
-        for servos, paper in PAPER.items():
-            panel.axhspan(100 * paper / FACTOR, 100 * paper * FACTOR, color=COLOURS[servos], alpha=0.12, linewidth=0)
-            panel.axhline(100 * paper, color=COLOURS[servos], linestyle=":", linewidth=1.2)
+        for kind, paper in PAPER.items():
+            panel.axhspan(100 * paper / FACTOR, 100 * paper * FACTOR, color=COLOURS[kind], alpha=0.12, linewidth=0)
+            panel.axhline(100 * paper, color=COLOURS[kind], linestyle=":", linewidth=1.2)
         panel.set(xlabel="step [ms]", yscale="log", title=f"masses x {mass:g}")
         panel.grid(alpha=0.3)
     axes[0, 0].set_ylabel("standard deviation [%]")
