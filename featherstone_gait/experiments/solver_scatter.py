@@ -74,7 +74,7 @@ class Settings:
     duration: float = 20.0  # [s] of these
     dropped: float = 10.0  # [s] of their start, not measured
     links: tuple[tuple[float, float], ...] = ((0.1, 0.1), (0.09, 0.09))  # mass [kg], length [m] of the arm's
-    posture_iterations: tuple[int, ...] = (10, 20, 50)
+    posture_iterations: tuple[int, ...] = (10, 20, 50)  # sweeps, of the posture
     strides: int = 4  # measured, of each run
     warm_up: int = 1  # strides before them
 
