@@ -30,11 +30,11 @@ class Engine:
 
     iterations: int = 10
     shuffle_every: int = 8
-    relaxation: float = 1.3
+    relaxation: float = 1.3  # 1: Gauss and Seidel's
     erp: float = 0.4  # share of an error of place that a step mends
-    cfm: float = 1e-5  # by which constraints give way [1/kg s or 1/(kg m^2) s: 1/N of m/s]
+    cfm: float = 1e-5  # speed at which a constraint gives way to a force [m/(s N) or rad/(s N m)]
     soft_cfm: float = 1e-5  # of contacts, along the normal
-    bounce: float = 0.6
+    bounce: float = 0.6  # share of the speed with which a contact comes in
     bounce_speed: float = 1e-3  # from which on a contact bounces [m/s]
     linear_damping: float = 1e-5  # share of a velocity that a step takes
     angular_damping: float = 1e-3
