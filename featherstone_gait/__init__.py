@@ -29,8 +29,13 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .dynamics import mass_matrix as mass_matrix
     from .dynamics import momentum as momentum
     from .dynamics import spring_energy as spring_energy
+    from .equilibrium import Trim as Trim
+    from .equilibrium import trim as trim
     from .jacobians import center_of_mass_jacobian as center_of_mass_jacobian
     from .jacobians import jacobian as jacobian
+    from .linearisation import Kink as Kink
+    from .linearisation import Linearisation as Linearisation
+    from .linearisation import linearise as linearise
     from .model import ContactPoint as ContactPoint
     from .model import Controller as Controller
     from .model import Gearbox as Gearbox
@@ -98,7 +103,9 @@ _MODULES = {
         "momentum",
         "spring_energy",
     ),
+    "equilibrium": ("Trim", "trim"),
     "jacobians": ("center_of_mass_jacobian", "jacobian"),
+    "linearisation": ("Kink", "Linearisation", "linearise"),
     "model": (
         "ContactPoint",
         "Controller",

@@ -1,0 +1,134 @@
+"""Equilibria: statics by hand, the weight on the ground, and that the simulation stays where they are."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import arm_scene, box, box_on, pendulum, with_controller
+
+from featherstone_gait import Ground, Reference, Spring, compile_scene, load_robot, simulate, trim
+from featherstone_gait.model import Supply
+
+G = 9.81
+
+
+def moved(scene, found, duration=1.0):
+    """The farthest that base and joints get from the equilibrium in a run that begins there."""
+    held = None if found.reference is None else Reference([0.0], found.reference[None])
+    run = simulate(scene, duration, found.state, held, found.tau, record=("q", "base_q"), estimate_error=False)
+    assert run.status == "ok", run.message
+    return max(np.abs(run[name] - run[name][0]).max(initial=0.0) for name in ("q", "base_q"))
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7, -1.3])
+def test_a_pendulum_takes_m_g_l_sin_q(angle):
+    found = trim(compile_scene(pendulum(length=0.5, mass=1.0), integrator="implicit_euler", timestep=1e-3), [angle])
+    assert found.ok
+    assert found.tau == pytest.approx([1.0 * G * 0.25 * math.sin(angle)], abs=1e-14)
+    assert found.residual < 1e-12
+
+
+@pytest.mark.parametrize("servos", ["mipsd", "rotor"])
+def test_a_humanoid_stands_and_stays(servos):
+    scene = compile_scene(load_robot("humanoid"), servos, Ground(), "midpoint", 1e-3)
+    found = trim(scene)
+    assert found.ok, found.message
+    assert found.contact_force[:, 0].sum() == pytest.approx(scene.model.mass * G, rel=1e-9)
+    assert np.abs(found.contact_force[:, 1:].sum(axis=0)).max() < 1e-9
+    assert (found.contact_force[:, 0] > 0.1).all()
+    assert found.residual < 1e-8
+    assert moved(scene, found) < 1e-6
+
+
+def test_on_one_foot_the_other_is_in_the_air():
+    model = load_robot("humanoid")
+    scene = compile_scene(model, "mipsd", Ground(), "implicit_euler", 1e-3)
+    q = np.zeros(model.nq)
+    q[3] = 1.0
+    names = list(model.joint_names)
+    q[7 + names.index("right_hip_front")], q[7 + names.index("right_knee")] = 0.4, 0.4
+    found = trim(scene, q, contacts=["left_foot"])
+    assert found.status == "tips"  # its centre of mass is between the feet
+    assert "centre of mass" in found.message
+    with pytest.raises(ValueError, match="link 'neck' has no contact points; those with: left_foot, right_foot"):
+        trim(scene, q, contacts=["neck"])
+
+
+def test_a_box_on_a_slope_leans_on_friction_or_slips():
+    """Along the slope m g sin a, across it m g cos a; beyond friction tan a it slips."""
+    slope = 0.2
+    scene = box_on(Ground(slope=slope, friction=0.3))
+    found = trim(scene, contacts=["box"])
+    assert found.ok, found.message
+    assert found.contact_force[:, 0].sum() == pytest.approx(G * math.cos(slope), rel=1e-9)
+    assert found.contact_force[:, 1].sum() == pytest.approx(G * math.sin(slope), rel=1e-9)
+    assert found.q[3:7] @ [math.cos(slope / 2), 0.0, -math.sin(slope / 2), 0.0] == pytest.approx(1.0, abs=1e-6)
+    assert moved(scene, found) < 1e-6
+    slippery = trim(box_on(Ground(slope=slope, friction=0.1)), contacts=["box"])
+    assert slippery.status == "slips"
+    assert "N of friction" in slippery.message
+
+
+def test_a_spring_carries_its_share():
+    """One from the ceiling to the rod's end: its moment about the hinge adds to that of gravity."""
+    model = pendulum(length=0.5, mass=1.0)
+    spring = Spring("base", "rod", point_a=(0.5, 0.0, -0.5), point_b=(0.0, 0.0, -0.5), stiffness=30.0, length=0.1)
+    scene = compile_scene(model, integrator="implicit_euler", timestep=1e-3, springs=[spring])
+    angle = 0.3
+    end = -0.5 * np.array([math.sin(angle), math.cos(angle)])  # x, z
+    way = np.array([0.5, -0.5]) - end
+    pull = 30.0 * (np.linalg.norm(way) - 0.1) * way / np.linalg.norm(way)
+    moment = end[1] * pull[0] - end[0] * pull[1]  # about y
+    found = trim(scene, [angle])
+    assert found.tau == pytest.approx([G * 0.25 * math.sin(angle) - moment], abs=1e-12)
+    assert moved(scene, found) < 1e-6
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"Ki": 20.0},
+        {"law": "pid_position", "Kp": 80.0, "Kd": 0.1, "Ki": 5.0},
+        {"compliance_margin": 0.01, "punch": 0.05},
+        {"Kf": 0.3},
+        {"delay": 0.01},
+        {"profile_speed": 2.0},
+    ],
+    ids=str,
+)
+def test_every_law_is_asked_backwards(settings):
+    """The arm bent, on servos of that law: it stays."""
+    scene = arm_scene(with_controller(load_robot("arm7"), **settings))
+    found = trim(scene, 0.1 * np.arange(7))
+    assert found.ok, found.message
+    assert np.abs(found.torque).max() > 0.05
+    assert moved(scene, found, 0.3) < 1e-6
+
+
+def test_the_supply_sags_and_holds():
+    model = replace(load_robot("arm7"), supply=Supply(voltage=11.0, resistance=2.0))
+    scene = arm_scene(model)
+    found = trim(scene, 0.1 * np.arange(7))
+    assert found.ok, found.message
+    bus = float(found.state[scene.part("bus")[0]])
+    assert 9.0 < bus < 11.0 - 1e-4
+    assert moved(scene, found, 0.3) < 1e-6
+
+
+def test_a_servo_that_is_too_weak_is_named():
+    model = load_robot("arm7")
+    servos = {name: replace(servo, current_limit=0.01) for name, servo in model.servos.items()}
+    found = trim(arm_scene(replace(model, servos=servos)), 0.1 * np.arange(7))
+    assert found.status == "too weak"
+    assert "joint1" in found.message
+
+
+def test_voltages_in_counts_do_not_hold_exactly_and_that_is_said():
+    found = trim(arm_scene(with_controller(load_robot("arm7"), pwm_steps=40.0)), 0.1 * np.arange(7))
+    assert found.status == "moves"
+
+
+def test_a_floating_robot_needs_ground():
+    with pytest.raises(ValueError, match="without ground falls"):
+        trim(compile_scene(box()))
