@@ -29,7 +29,7 @@ from .core.effects.mipsd_servo import MipsdServo
 from .core.effects.pd_servo import PDServo
 from .dynamics import Poses, coupling_matrix, deepest_points, forward_dynamics, forward_kinematics, inverse_dynamics
 from .jacobians import jacobian_at, link_index
-from .linearisation import Chart
+from .linearisation import Chart, chart_of
 from .model import Spring
 from .reference import Reference
 from .rest import nearest_posture
@@ -179,7 +179,7 @@ def _balanced(scene: CompiledScene, q: np.ndarray, used: np.ndarray) -> tuple[np
     """Posture (nq,) and contact forces (points, 3) at which the base is in balance; or what is in the way."""
     model, ground = scene.model, scene.ground
     assert ground is not None
-    stiffness, chart = _stiffness(scene), Chart(scene, ["base_q"])
+    stiffness, chart = _stiffness(scene), chart_of(scene, ("base_q",))
     weight = model.mass * float(np.linalg.norm(scene.gravity))
     count = int(used.sum())
     f = np.zeros((count, 2))
@@ -220,7 +220,7 @@ def _laid(scene: CompiledScene, q: np.ndarray, used: np.ndarray, passes: int) ->
     passes: of Gauss's and Newton's method by which the depths of all points become alike.
     """
     assert scene.ground is not None
-    chart, scale, loads = Chart(scene, ["base_q"]), _scale(scene), _loads(scene, q[None])
+    chart, scale, loads = chart_of(scene, ("base_q",)), _scale(scene), _loads(scene, q[None])
     for _ in range(passes):
         ways = _ways(q, loads, used) * scale[:, None]
         loads = _loads(scene, _posed(scene, chart, q, _nudged(ways)))
@@ -426,5 +426,5 @@ def _change(scene: CompiledScene, state: np.ndarray, reference: np.ndarray | Non
     run = simulate(scene, period, state, follow, tau, record=(), estimate_error=False)
     if run.status not in ("ok", "chatter"):
         return np.inf
-    moving = [name for name in ("base_q", "q", "base_qd", "qd") if scene.part(name)[1] > scene.part(name)[0]]
-    return float(np.abs(Chart(scene, moving).difference(run.final[:, None], state)).max())
+    moving = tuple(name for name in ("base_q", "q", "base_qd", "qd") if scene.part(name)[1] > scene.part(name)[0])
+    return float(np.abs(chart_of(scene, moving).difference(run.final[:, None], state)).max())

@@ -19,6 +19,7 @@ width: both are kept, as a `Kink`.
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -52,7 +53,7 @@ BASE = {"base_q": ("x", "y", "z", "rx", "ry", "rz"), "base_qd": ("vx", "vy", "vz
 RTOL = 1e-12  # of an integrator with error control, whose errors differ from run to run
 
 # The first width of a column: where nothing sticks, where joints do, and on the ground, by how much it moves a point.
-SMOOTH, STICKING = 1e-3, 2e-6  # [rad, m, rad/s, m/s]
+SMOOTH, STICKING = 1e-4, 2e-6  # [rad, m, rad/s, m/s]
 OF_SINKING, LEVER = 0.04, 0.2  # [-], [m]
 OTHER = {"voltage": 100.0, "duty": 10.0, "bus": 100.0, "delayed": 100.0, "current": 10.0}  # [V, -, V, V, A] by these
 BRISTLE = 1e-6  # [m]
@@ -152,7 +153,7 @@ def linearise(
     system = _System(ready, state, _signal(scene, "reference", reference), _torques(scene, tau, driven), named, threads)
     channels = _channels(system, states, named)
     held = ("voltage",) if "voltage" in named else ()
-    chart = Chart(scene, channels, held)
+    chart = chart_of(scene, tuple(channels), held)
     return _differences(system, chart, outputs, duration)
 
 
@@ -245,6 +246,12 @@ class Chart:
             at = slice(self.quaternion, self.quaternion + 4)
             X[self.turns] = _turn_between(y[at], Y[at])
         return X[: self.states]
+
+
+@functools.lru_cache(maxsize=128)
+def chart_of(scene: CompiledScene, channels: tuple[str, ...], held: tuple[str, ...] = ()) -> Chart:
+    """The `Chart` of a scene's channels."""
+    return Chart(scene, channels, held)
 
 
 def _coordinates(scene: CompiledScene, name: str) -> list[tuple[str, int, list[tuple[int, float]]]]:
@@ -467,7 +474,7 @@ def _remembered(system: _System, always: list[str], memory: list[str]) -> list[s
     """Which channels of what is held or derived the next state depends on: a run with all of it moved tells."""
     if not memory:
         return []
-    scene, charts = system.scene, {name: Chart(system.scene, [name]) for name in memory}
+    scene, charts = system.scene, {name: chart_of(system.scene, (name,)) for name in memory}
     Y = np.repeat(system.y[:, None], len(memory) + 1, axis=1)
     for k, name in enumerate(memory, start=1):
         chart = charts[name]

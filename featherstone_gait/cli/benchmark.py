@@ -19,6 +19,7 @@ BENCHMARKS = {  # modules of `featherstone_gait.benchmark`, and the files they w
     "attack": "attack_files.csv, attack_api.csv",
     "stability": "stability.csv, stability.png",
     "precision": "precision.csv, precision.png",
+    "linearise": "linearise.csv",
     "peers": "peers.csv, peers_speed.csv, peers_lines.csv, peers.png",
 }
 
