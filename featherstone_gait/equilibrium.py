@@ -46,6 +46,7 @@ LEVER = 0.1  # by which turns count as ways [m]
 NUDGE = 1e-3  # of the sinking, for derivatives by the pose
 SQUEEZE = 0.01  # r: torque by which friction counts [m]
 RANK = 1e-9  # singular values by the largest, below which they are none
+ROUNDING = 1e-12  # of the weight
 STILL = 1e-8  # motion in a controller period [rad, m, and by the second]
 
 
@@ -117,6 +118,8 @@ def _used(scene: CompiledScene, contacts: Iterable[str] | None) -> np.ndarray:
     if contacts is None:
         return np.ones(len(links), dtype=bool)
     chosen = texts("contacts", contacts)
+    if not chosen:
+        raise ValueError(f"{scene.model.name}: contacts is empty; give links to stand on, or None for what touches")
     for name in chosen:
         if name not in links:
             known = ", ".join(dict.fromkeys(links))
@@ -189,11 +192,12 @@ def _balanced(scene: CompiledScene, q: np.ndarray, used: np.ndarray) -> tuple[np
         ways = _ways(q, loads, used) * scale[:, None]
         loads = _loads(scene, _posed(scene, chart, q, _nudged(ways)))
         normal = np.where(used, stiffness * np.maximum(loads.depth, 0.0), 0.0)[:, used]
-        J = loads.J[:, used]
+        J, on = loads.J[:, used], normal[0] > 0.0
+        f[~on] = 0.0  # what is in the air has no friction
         total = loads.force - np.einsum("km,kmj->kj", normal, J[:, :, 0]) - np.einsum("mi,kmij->kj", f, J[:, :, 1:])
         total = total @ reduced
         by_pose = (total[1:4] - total[4:]).T / (2.0 * NUDGE)
-        by_friction = -(J[0, :, 1:].reshape(-1, model.nv) @ reduced).T
+        by_friction = -((J[0, :, 1:] * on[:, None, None]).reshape(-1, model.nv) @ reduced).T
         columns = np.concatenate([by_pose, by_friction], axis=1)
         columns = np.concatenate([columns, SQUEEZE * np.eye(3 + f.size)[3:]])
         step = _least(columns, np.concatenate([total[0], SQUEEZE * f.ravel()]))
@@ -279,7 +283,7 @@ def _contact_fault(scene: CompiledScene, q: np.ndarray, used: np.ndarray, force:
         if not used[k] and depth[k] > 0.0:
             return "touches", f"contact {k} of {point.link} is {depth[k]:.3g} m in the ground; name it, or lift it"
         along, most = float(np.hypot(*force[k, 1:])), float(_stiffness(scene, "friction")[k] * force[k, 0])
-        if along > most:
+        if along > most + ROUNDING * float(force[:, 0].sum()):
             what = f"contact {k} of {point.link} needs {along:.3g} N of friction; there are {most:.3g} N"
             return "slips", f"{what}: give more friction, or another posture"
     return None

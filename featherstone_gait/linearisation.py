@@ -43,6 +43,7 @@ from .fixed_order import total
 from .reference import Reference
 from .run.prepared import Prepared, prepare, with_steps, with_tolerance
 from .run.simulate import initial_state
+from .run.start import check_scene
 from .run.verdict import STATUS
 from .trajectory import Trajectory
 
@@ -141,6 +142,7 @@ def linearise(
     threads: one a core if None; any number gives the same bits.
     Raises ValueError on what does not fit, and where a run falls or diverges within the period.
     """
+    check_scene(scene)
     scene, tolerance, _ = with_tolerance(scene, RTOL if rtol is None and scene.adaptive else rtol, None)
     named = _inputs(scene, inputs)
     steps = whole("steps", _default_steps(scene) if steps is None else steps, 1, "give a number of steps", 10**6)
@@ -182,9 +184,7 @@ def _default_steps(scene: CompiledScene) -> int:
 
 def _recorded(outputs: tuple[str, ...]) -> tuple[str, ...]:
     for name in outputs:
-        if name not in RECORDABLE or BY_NAME[name].kind == "computed":
-            known = ", ".join(name for name in RECORDABLE if BY_NAME[name].kind != "computed")
-            raise ValueError(f"outputs: there is no channel {name!r} of the state; channels: {known}")
+        one_of("outputs", name, [known for known in RECORDABLE if BY_NAME[known].kind != "computed"])
     return outputs
 
 

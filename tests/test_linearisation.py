@@ -226,7 +226,7 @@ def test_mujoco_has_the_same_matrices():
         ({"inputs": ("reference",)}, "a reference needs servos"),
         ({"inputs": ("voltage",)}, "voltages stand where"),
         ({"inputs": ("speed",)}, "expected 'reference', 'torque' or 'voltage'"),
-        ({"outputs": ("power",)}, "no channel 'power'"),
+        ({"outputs": ("power",)}, "outputs is 'power'; expected 'base_q'"),
         ({"states": ("torques",)}, "expected 'q', 'qd'"),
         ({"steps": 0}, "steps is 0"),
         ({"tau": [1.0, 2.0]}, "tau must be 1 finite numbers"),

@@ -19,12 +19,15 @@ NO_CALLS = {
         "Coupling",
         "Poses",
         "Posture",
+        "Kink",
+        "Linearisation",
         "RobotFileError",
         "RobotFileNotFoundError",
         "RobotFileWarning",
         "robot_names",
         "channel_table",
         "Trajectory",
+        "Trim",
     ),
     "identification": ("Identification",),
     "walking": ("BIOLOID_WALK", "ConstraintReport", "Measures", "Plan"),
@@ -180,6 +183,12 @@ def _scenes() -> Iterator[Call]:
     yield Call("restarted", fg.restarted, {"scene": driven, "state": fg.initial_state(driven)})
     yield Call("initial_state", fg.initial_state, {"scene": over, "q": [0.0, 0, 1, 1, 0, 0, 0, 0], "qd": np.zeros(7)})
     yield Call("standing_state", fg.standing_state, {"scene": over, "angles": [0.0], "beyond_limits": False})
+    held = {"state": start, "reference": [0.1, 0.1], "tau": None, "inputs": ("reference",), "outputs": ("torque",)}
+    counts = {"states": ("q", "qd"), "steps": 3, "rtol": None, "threads": 1}
+    yield Call("linearise", fg.linearise, {"scene": driven} | held | counts, True)
+    yield Call("linearise", fg.linearise, {"scene": over, "state": falling, "tau": [0.0], "inputs": ("torque",)}, True)
+    yield Call("trim", fg.trim, {"scene": driven, "q": [0.1, 0.1]}, True)
+    yield Call("trim", fg.trim, {"scene": over, "q": [0.0, 0, 1, 1, 0, 0, 0, 0], "contacts": ["box"]}, True)
     yield Call(
         "simulate",
         fg.simulate,

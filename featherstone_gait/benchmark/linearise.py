@@ -13,6 +13,7 @@ half the time and is wrong by the width) with its usual 1e-6, and without the cl
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import time
 from collections.abc import Callable
@@ -114,7 +115,7 @@ def _falling(model: Model) -> list[_Timer]:
         error = _stated(found) if exact is None or steps > 1 else _error(found.A, exact)
         columns = len(found.states) + len(found.inputs)
         method = f"linearise, {steps} step{'s' * (steps > 1)}"
-        timers.append(_Timer("falling", method, columns, 1e3 * found.period, lambda steps=steps: own(steps), error))
+        timers.append(_Timer("falling", method, columns, 1e3 * found.period, functools.partial(own, steps), error))
     return timers
 
 
