@@ -65,26 +65,39 @@ def _hull(path: Path, scale: tuple[float, float, float], *changed: int) -> np.nd
 
 def mesh_points(path: Path) -> np.ndarray:
     """The vertices (n, 3) of all parts of a mesh file, in metres.  Raises as `mesh_hull`."""
+    return mesh_triangles(path)[0]
+
+
+def mesh_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """The vertices (n, 3) of all parts of a mesh file [m], and triangles (m, 3) of their indices; raises likewise."""
     kind = path.suffix.lower()
     if kind not in KINDS:
         raise ValueError(f"{path}: is no mesh that can be read; expected one of {', '.join(KINDS)}: convert it")
     data, unit = path.read_bytes(), 1.0
     if kind == ".dae":
         data, unit = _without_colours(path, data)
-    return unit * _vertices(path, data, kind[1:])
+    vertices, triangles = _triangles(path, data, kind[1:])
+    return unit * vertices, triangles
 
 
-def _vertices(path: Path, data: bytes, kind: str) -> np.ndarray:
-    """The vertices in the unit of the file, each part where the file puts it."""
+def _triangles(path: Path, data: bytes, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices in the unit of the file, each part where the file puts it, and triangles."""
     trimesh = _reader(kind)
     try:
         scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False)
-        parts = [np.asarray(part.vertices, dtype=float).reshape(-1, 3) for part in scene.dump()]
+        parts = [(np.asarray(part.vertices, dtype=float).reshape(-1, 3), _faces(part)) for part in scene.dump()]
     except Exception as error:  # a damaged file can make the reader fail in any way
         raise ValueError(f"{path}: cannot be read as {kind.upper()}: {error!r}; export the mesh again") from error
-    if not sum(map(len, parts)):
+    counts = [len(vertices) for vertices, _ in parts]
+    if not sum(counts):
         raise ValueError(f"{path}: has no triangles; export the mesh again")
-    return np.concatenate(parts)
+    first = np.cumsum([0, *counts[:-1]])
+    return np.concatenate([v for v, _ in parts]), np.concatenate([f + k for (_, f), k in zip(parts, first)])
+
+
+def _faces(part: Any) -> np.ndarray:
+    """Triangles (m, 3) of a part, none of one that is points or lines only."""
+    return np.asarray(getattr(part, "faces", ()), dtype=int).reshape(-1, 3)
 
 
 def _reader(kind: str) -> Any:

@@ -86,10 +86,10 @@ def contact_positions(scene: CompiledScene, trajectory: Trajectory) -> np.ndarra
 def _point_forces(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:
     """Force on each contact point (samples, points, 3), world axes [N]."""
     forces, ground = _contact_forces(scene, trajectory), scene.ground or Ground()
-    return _in_world(ground, forces, contact_positions(scene, trajectory) if ground.field else None)
+    return in_world(ground, forces, contact_positions(scene, trajectory) if ground.field else None)
 
 
-def _in_world(ground: Ground, forces: np.ndarray, positions: np.ndarray | None) -> np.ndarray:
+def in_world(ground: Ground, forces: np.ndarray, positions: np.ndarray | None) -> np.ndarray:
     """Forces (..., points, 3) in the ground's axes turned into the world's; only a field asks for positions [m]."""
     if positions is None:
         return forces @ plane_axes(ground)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,6 +18,10 @@ from .files import FilePath, Format, complete_together, is_number, read_arrays, 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from .build.scene import CompiledScene
+    from .model import Model
+    from .view.shown import Page
 
 FORMAT = Format("trajectory")
 STATUSES = ("ok", "fell", "diverged", "chatter", "step too small", "not converged", "inaccurate", "too costly")
@@ -113,6 +118,45 @@ class Trajectory(Mapping[str, np.ndarray]):
         from .view.plotting import plot_trajectory
 
         return plot_trajectory(self, names or tuple(k for k in self if k != "time"), axes)
+
+    def show(
+        self,
+        robot: Model | CompiledScene | str | os.PathLike[str] | None = None,
+        *others: Trajectory,
+        captions: Sequence[str] = (),
+        plots: Sequence[str] = (),
+        ghosts: bool = False,
+        path: FilePath | None = None,
+    ) -> Page:
+        """The motion as a page to play: in a notebook inline, else the HTML file `path`, which opens without network.
+
+        robot: the model or scene that made the run (a scene tells its ground too), or its file; None: as the run says,
+        which knows robots that come with the package.  others: more runs of it, beside this one or, with `ghosts`, seen
+        through it.  captions: a text for each run; plots: channels drawn under the picture (the page offers the others
+        too); path: of the file (ROBOT_view.html here, if None and this is no notebook).
+        Raises ValueError where robot and run do not fit, or channels are missing that tell where it is (`q`, `base_q`).
+        """
+        from .view.shown import show
+
+        return show(self, robot, *others, captions=captions, plots=plots, ghosts=ghosts, path=path)
+
+    def save_gif(
+        self,
+        path: FilePath,
+        robot: Model | CompiledScene | str | os.PathLike[str] | None = None,
+        *,
+        fps: float = 25.0,
+        speed: float = 1.0,
+        size: tuple[int, int] = (640, 480),
+    ) -> int:
+        """Draw the motion with Matplotlib: a .gif, or `path` as a folder of PNG files; return how many frames.
+
+        robot as in `show`; fps: frames a second; speed: 0.1 is slow motion; size: width and height [pixel].
+        Raises as `show`, and ValueError for more frames or pixels than a file should have.
+        """
+        from .view.movie import save_movie
+
+        return save_movie(self, path, robot, fps, speed, size)
 
 
 def with_error(run: Trajectory, finer: Trajectory, factor: float) -> Trajectory:

@@ -16,10 +16,23 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from .. import __version__
-from . import benchmark, check_robots, crosscheck, export, identify, info, optimize, reproduce, servos, simulate, study
+from . import (
+    benchmark,
+    check_robots,
+    crosscheck,
+    export,
+    identify,
+    info,
+    optimize,
+    reproduce,
+    servos,
+    simulate,
+    study,
+    view,
+)
 
 COMMANDS = (
-    info, check_robots, simulate, optimize, crosscheck, export, study, servos, identify, benchmark, reproduce,
+    info, check_robots, simulate, view, optimize, crosscheck, export, study, servos, identify, benchmark, reproduce,
 )  # fmt: skip
 
 

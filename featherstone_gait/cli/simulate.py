@@ -6,6 +6,7 @@ import math
 import time
 from argparse import Namespace
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,7 +58,8 @@ def run(args: Namespace) -> int:
         "seconds_until_ready": ready - start,
         "seconds_per_simulated_second": (done - ready) / trajectory.end_time,
     }
-    trajectory.info.update(start=text, joints=model.joint_names, measures=measures)
+    trajectory.info.update(start=text, joints=model.joint_names, measures=measures, source=model.source)
+    trajectory.info.update(locked=dict(model.locked), ground=scene.ground and asdict(scene.ground))
     path = output(args, "simulation")
     trajectory.save(path)
     plotting = time.perf_counter()

@@ -66,20 +66,21 @@ def read_shapes(link: Element, meshes: MeshFinder, report: Report) -> Iterator[S
     what = label(link)
     for element in link.iterfind("collision"):
         try:
-            yield _shape(element, link.get("name", "?"), what, meshes, report)
+            yield shape_of(element, link.get("name", "?"), what, meshes, report)
         except ValueError as error:
             found = str(error).removeprefix(f"{what}: ")
             report.assume(element, what, found, "the shape was left out", "or remove the shape")
 
 
-def _shape(element: Element, link: str, what: str, meshes: MeshFinder, report: Report) -> Shape:
+def shape_of(element: Element, link: str, what: str, meshes: MeshFinder, report: Report) -> Shape:
+    """The shape of a <collision> or <visual>.  Raises ValueError for one that is wrong."""
     zero, origin = (0.0, 0.0, 0.0), element.find("origin")
     xyz, rpy = (zero, zero) if origin is None else (vector(origin, "xyz", what), vector(origin, "rpy", what))
     check_angles(f"{what}: <origin>", "rpy", rpy)
     stated = [child for geometry in element.iterfind("geometry") for child in geometry if child.tag in _GEOMETRIES]
     if len(stated) != 1:
         raise ValueError(
-            f"{what}: <collision> has {len(stated)} geometries; expected one of "
+            f"{what}: <{element.tag}> has {len(stated)} geometries; expected one of "
             f"{', '.join(f'<{tag}>' for tag in _GEOMETRIES)}: correct it"
         )
     geometry = _GEOMETRIES[stated[0].tag](stated[0], what)

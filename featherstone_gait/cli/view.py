@@ -1,0 +1,100 @@
+"""`featherstone-gait view`: saved runs, or a robot, as a page to play or as pictures."""
+
+from __future__ import annotations
+
+import argparse
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .arguments import Commands, add_command
+
+if TYPE_CHECKING:
+    from ..model import Model
+    from ..trajectory import Trajectory
+
+EXAMPLE = """examples:
+  featherstone-gait view humanoid                        a robot in its zero posture
+  featherstone-gait view humanoid_simulation.npz         a run that was saved
+  featherstone-gait view before.npz after.npz --ghosts   two runs in one picture
+  featherstone-gait view run.npz --gif --speed 0.1       a GIF in slow motion
+"""
+
+
+def add(commands: Commands) -> None:
+    """Register the command."""
+    parser = add_command(
+        commands,
+        "view",
+        run,
+        "show saved runs side by side, or a robot in its zero posture",
+        "FILE_view.html, or with --gif FILE.gif, with --png a folder FILE_frames",
+    )
+    parser.epilog, parser.formatter_class = EXAMPLE, argparse.RawDescriptionHelpFormatter
+    parser.add_argument("files", nargs="+", metavar="FILE", help="of saved trajectories (.npz), or one robot")
+    parser.add_argument("--robot", metavar="ROBOT", help="that made the runs (default: as they say)")
+    parser.add_argument("--caption", action="append", default=[], metavar="TEXT", help="of a run, once for each")
+    parser.add_argument("--plot", action="append", default=[], metavar="CHANNEL", help="under the picture, repeatedly")
+    parser.add_argument("--ghosts", action="store_true", help="all runs in one picture")
+    parser.add_argument("--keyframe", metavar="NAME", help="of a robot: that posture instead of zero")
+    parser.add_argument("--gif", action="store_true", help="a GIF of the first run instead of a page")
+    parser.add_argument("--png", action="store_true", help="a folder of PNG files instead of a page")
+    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="of GIF and PNG; 0.1: slow motion")
+    parser.add_argument("--fps", type=float, default=25.0, metavar="N", help="frames a second of GIF and PNG")
+    parser.add_argument("--open", action="store_true", help="open the page in a browser")
+
+
+def run(args: Namespace) -> int:
+    from ..trajectory import Trajectory
+    from ..view.shown import default_plots, in_posture, page_of
+
+    if len(args.files) == 1 and not _is_run(args.files[0]):
+        model = _robot(args.files[0])
+        runs, names, robot = [in_posture(model, args.keyframe)], [model.name], model
+    else:
+        runs = [Trajectory.load(file) for file in args.files]
+        names, robot = [Path(file).stem for file in args.files], args.robot
+        if args.keyframe is not None:
+            raise ValueError("--keyframe is for a robot without a run; leave it out, or give the robot's file")
+    stem = args.out / names[0]
+    if args.gif or args.png:
+        return _pictures(args, runs[0], robot, stem)
+    captions = args.caption or _different(names)
+    plots = args.plot or default_plots(runs[0]) * (len(runs[0]["time"]) > 1)
+    page = page_of(runs, robot, captions, plots, args.ghosts)
+    path = page.save(stem.with_name(stem.name + "_view.html"))
+    for run, caption in zip(runs, captions):
+        print(f"{caption}: {run.status}{': ' if run.message else ''}{run.message}")
+    print(f"file        {path}, {len(page.html) / 1e6:.2g} MB")
+    if args.open:
+        import webbrowser
+
+        webbrowser.open(path.resolve().as_uri())
+    return 0
+
+
+def _is_run(file: str) -> bool:
+    """Whether a file holds a run: arrays and their description lie side by side."""
+    path = Path(file)
+    stem = path.with_suffix("") if path.suffix in (".npz", ".json") else path
+    return path.suffix in (".npz", ".json") or stem.with_name(stem.name + ".npz").is_file()
+
+
+def _robot(name: str) -> Model:
+    from ..robot_file import load_robot
+
+    return load_robot(name)
+
+
+def _different(names: list[str]) -> list[str]:
+    """Names by which runs are told apart."""
+    return [name if names.count(name) == 1 else f"{name} {k + 1}" for k, name in enumerate(names)]
+
+
+def _pictures(args: Namespace, run: Trajectory, robot: Model | str | None, stem: Path) -> int:
+    for wanted, ending in ((args.gif, ".gif"), (args.png, "_frames")):
+        if wanted:
+            path = stem.with_name(stem.name + ending)
+            count = run.save_gif(path, robot, fps=args.fps, speed=args.speed)
+            print(f"file        {path}, {count} frames")
+    return 0

@@ -1,0 +1,773 @@
+"use strict";
+// The numbers of the page: view/recorded.py tells what they are.  Lengths in data.unit [m], quaternions in data.turn.
+const data = JSON.parse(document.getElementById("data").textContent);
+const FAR = 2.4;            // distance of the eye by the width that is seen
+const ARROW = 0.35;         // length of a force of the whole weight, by the width that is seen at first
+const KEPT = 240;           // durations of frames that are kept
+const $ = id => document.getElementById(id);
+const media = query => window.matchMedia ? window.matchMedia(query) : { matches: false, addEventListener() {} };
+const still = media("(prefers-reduced-motion: reduce)").matches;
+
+const start = Math.min(...data.runs.map(run => run.times[0]));
+const end = Math.max(...data.runs.map(run => Math.max(run.end, run.times.at(-1))));
+const view = { yaw: -1.1, pitch: 0.3, span: data.span, pan: [0, 0, 0] };
+const shown = { follow: true, forces: true, prints: true, load: false, ghosts: data.ghosts && data.runs.length > 1 };
+const state = { time: start, playing: !still && end > start, dirty: true };
+const frames = [];          // how long each of the last frames took to draw [ms]
+let colours = {};
+
+function readColours() {
+  const style = getComputedStyle(document.documentElement);
+  for (const name of ["page", "text", "soft", "line", "sky", "ground", "square", "shadow", "edge", "force", "pressure",
+    "support", "grid", "bad", "badpage", "left", "right", "mid"]) colours[name] = style.getPropertyValue("--" + name).trim();
+  colours.clear = colours.ground + "00";  // #rrggbb, transparent
+  colours.lines = style.getPropertyValue("--lines").trim().split(/\s+/);
+}
+
+// ------------------------------------------------------------------------------------------- robots
+
+const grey = colour => {
+  const x = 0.3 * colour[0] + 0.59 * colour[1] + 0.11 * colour[2];
+  return colour.map(c => Math.round(0.7 * x + 0.3 * c));
+};
+
+const models = data.models.map(model => ({
+  ...model,
+  bodies: model.bodies.map(body => {
+    const points = Float64Array.from(body.points, x => x * data.unit), normals = new Float64Array(3 * body.faces.length);
+    const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+    points.forEach((x, k) => { low[k % 3] = Math.min(low[k % 3], x); high[k % 3] = Math.max(high[k % 3], x); });
+    body.faces.forEach((face, k) => {  // of any polygon (Newell)
+      const n = [0, 0, 0];
+      face.forEach((i, j) => {
+        const a = 3 * i, b = 3 * face[(j + 1) % face.length];
+        n[0] += (points[a + 1] - points[b + 1]) * (points[a + 2] + points[b + 2]);
+        n[1] += (points[a + 2] - points[b + 2]) * (points[a] + points[b]);
+        n[2] += (points[a] - points[b]) * (points[a + 1] + points[b + 1]);
+      });
+      const length = Math.hypot(...n) || 1;
+      for (let i = 0; i < 3; i++) normals[3 * k + i] = n[i] / length;
+    });
+    const colour = body.faces.map((_, k) => body.palette[body.colours.length ? body.colours[k] : 0]);
+    return { ...body, points, normals, colour, pale: colour.map(grey), low, high, screen: new Float64Array(points.length) };
+  }),
+}));
+
+function place(run, t) {  // frame and how far to the next
+  const times = run.times;
+  let a = 0, b = times.length - 1;
+  if (t >= times[b]) return [b, b, 0];
+  if (t <= times[0]) return [0, 0, 0];
+  while (b - a > 1) { const m = (a + b) >> 1; if (times[m] <= t) a = m; else b = m; }
+  return [a, b, (t - times[a]) / (times[b] - times[a])];
+}
+
+function poses(run, t) {  // of each body: x y z and the rotation by rows
+  const [k, m, f] = place(run, t), a = run.frames[k], b = run.frames[m], out = [];
+  for (let i = 0; i < a.length; i += 7) {
+    const v = [];
+    for (let j = 0; j < 7; j++) v.push(a[i + j] + f * (b[i + j] - a[i + j]));
+    const n = Math.hypot(v[3], v[4], v[5], v[6]), x = v[3] / n, y = v[4] / n, z = v[5] / n, w = v[6] / n;
+    out.push([data.unit * v[0], data.unit * v[1], data.unit * v[2],
+      1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+      2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+      2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]);
+  }
+  return out;
+}
+
+const mixed = (a, b, f, scale) => a.map((x, k) => scale * (x + f * (b[k] - x)));
+
+// ------------------------------------------------------------------------------------------- camera
+
+function camera(w, h, center) {
+  const cy = Math.cos(view.yaw), sy = Math.sin(view.yaw), cp = Math.cos(view.pitch), sp = Math.sin(view.pitch);
+  const back = [cp * cy, cp * sy, sp], right = [-sy, cy, 0], up = [-sp * cy, -sp * sy, cp];
+  const distance = FAR * view.span, focus = FAR * Math.min(w, h / 0.82), near = 0.05 * distance;
+  const eye = center.map((x, k) => x + distance * back[k]);
+  const toward = p => {  // right, up, depth
+    const x = p[0] - eye[0], y = p[1] - eye[1], z = p[2] - eye[2];
+    return [right[0] * x + right[1] * y, up[0] * x + up[1] * y + up[2] * z, -(back[0] * x + back[1] * y + back[2] * z)];
+  };
+  const flat = q => [w / 2 + focus * q[0] / q[2], h / 2 - focus * q[1] / q[2], q[2]];
+  const see = p => flat(toward(p));
+  const clipped = points => {  // a polygon in front of the eye
+    const q = points.map(toward), out = [];
+    q.forEach((a, k) => {
+      const b = q[(k + 1) % q.length];
+      if (a[2] >= near) out.push(flat(a));
+      if ((a[2] < near) !== (b[2] < near)) {
+        const f = (near - a[2]) / (b[2] - a[2]);
+        out.push(flat([a[0] + f * (b[0] - a[0]), a[1] + f * (b[1] - a[1]), near]));
+      }
+    });
+    return out;
+  };
+  return { w, h, center, eye, right, up, back, focus, near, see, clipped, pixels: focus / distance };
+}
+
+function trace(g, points) {
+  points.forEach((p, k) => k ? g.lineTo(p[0], p[1]) : g.moveTo(p[0], p[1]));
+  g.closePath();
+}
+
+// ------------------------------------------------------------------------------------------- ground
+
+function square() {  // its edge [m]: 1, 2 or 5 times a power of ten, so that a few cross the picture at any zoom
+  const least = view.span / 14, ten = 10 ** Math.floor(Math.log10(least));
+  return ten * [1, 2, 5, 10].find(k => k * ten >= least);
+}
+
+function ground(g, cam, floor) {
+  if (floor.quads) { relief(g, cam, floor); return; }
+  const z = floor.height, far = 60 * view.span, [cx, cy] = cam.center, s = square();
+  const field = (x0, x1, y0, y1) => cam.clipped([[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]]);
+  g.beginPath();
+  trace(g, field(cx - far, cx + far, cy - far, cy + far));
+  g.fillStyle = colours.ground;
+  g.fill();
+  const n = Math.ceil(2.4 * view.span / s), i0 = 2 * Math.round(cx / s / 2), j0 = 2 * Math.round(cy / s / 2);
+  const [x0, x1, y0, y1] = [(i0 - n) * s, (i0 + n) * s, (j0 - n) * s, (j0 + n) * s];
+  g.beginPath();
+  if (floor.real) {  // stripes both ways: where an odd number lies upon another, even-odd filling leaves a chessboard
+    for (let k = -n; k < n; k += 2) {
+      trace(g, field((i0 + k) * s, (i0 + k + 1) * s, y0, y1));
+      trace(g, field(x0, x1, (j0 + k) * s, (j0 + k + 1) * s));
+    }
+    g.fillStyle = colours.square;
+    g.fill("evenodd");
+    haze(g, cam);
+  } else {
+    for (let k = -n; k <= n; k++) {
+      trace(g, field((i0 + k) * s, (i0 + k) * s, y0, y1));
+      trace(g, field(x0, x1, (j0 + k) * s, (j0 + k) * s));
+    }
+    g.strokeStyle = colours.square;
+    g.lineWidth = 1;
+    g.stroke();
+  }
+}
+
+function haze(g, cam) {  // squares too far away to be told apart go over into one colour
+  const horizon = cam.h / 2 - cam.focus * Math.tan(Math.min(view.pitch, 1.5)), low = horizon + 0.45 * cam.h;
+  if (low < 0) return;
+  const fade = g.createLinearGradient(0, horizon, 0, low);
+  fade.addColorStop(0, colours.ground);
+  fade.addColorStop(1, colours.clear);
+  g.fillStyle = fade;
+  g.fillRect(0, Math.max(0, horizon), cam.w, Math.max(0, low - Math.max(0, horizon)));
+}
+
+function relief(g, cam, floor) {
+  const order = floor.quads.map((q, k) => {
+    const x = [0, 3, 6, 9].map(i => [q[i], q[i + 1], q[i + 2]]);
+    return { x, k, depth: cam.see([(q[0] + q[6]) / 2, (q[1] + q[7]) / 2, (q[2] + q[8]) / 2])[2] };
+  }).sort((a, b) => b.depth - a.depth);
+  g.lineWidth = 0.5;
+  for (const { x, k } of order) {
+    g.beginPath();
+    trace(g, cam.clipped(x));
+    const upright = Math.hypot(x[1][0] - x[0][0], x[1][1] - x[0][1]) < 1e-9;
+    g.fillStyle = g.strokeStyle = upright ? colours.shadow : floor.shade[k] ? colours.square : colours.ground;
+    g.fill();
+    g.stroke();
+  }
+}
+
+function shadow(g, cam, bodies, at, floor) {  // of a lamp straight above; upper sides of boxes around the bodies
+  if (floor.quads) return;
+  const SIDES = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+  const NORMAL = [[2, -1], [2, 1], [1, -1], [1, 1], [0, -1], [0, 1]];
+  g.beginPath();
+  bodies.forEach((body, b) => {
+    const p = at[b], corner = [];
+    for (let k = 0; k < 8; k++) {
+      const x = k & 1 ? body.high[0] : body.low[0], y = k & 2 ? body.high[1] : body.low[1], z = k & 4 ? body.high[2] : body.low[2];
+      corner.push([p[0] + p[3] * x + p[4] * y + p[5] * z, p[1] + p[6] * x + p[7] * y + p[8] * z, floor.height]);
+    }
+    SIDES.forEach((side, k) => { if (p[9 + NORMAL[k][0]] * NORMAL[k][1] > 0) trace(g, cam.clipped(side.map(i => corner[i]))); });
+  });
+  g.fillStyle = colours.shadow;
+  g.fill("nonzero");
+}
+
+// ------------------------------------------------------------------------------------------- bodies
+
+const fills = new Map();
+function fill(colour, light) {
+  const key = (colour[0] << 21) | (colour[1] << 13) | (colour[2] << 5) | light;
+  let text = fills.get(key);
+  if (!text) {
+    const f = 0.42 + 0.62 * light / 31;
+    text = "rgb(" + colour.map(x => Math.min(255, Math.round(x * f))) + ")";
+    fills.set(key, text);
+  }
+  return text;
+}
+
+function loadColour(percent) {  // pale to dark, through yellow and red: its lightness falls all the way
+  const stops = [[236, 236, 230], [250, 214, 110], [238, 130, 50], [190, 40, 40], [90, 10, 50]];
+  const x = Math.min(3.999, Math.max(0, percent / 25)), k = Math.floor(x), f = x - k;
+  return stops[k].map((a, i) => Math.round((a + f * (stops[k + 1][i] - a)) / 8) * 8);
+}
+
+function robot(g, cam, model, at, { tint, pale, ratio }) {
+  const faces = [], L = [0.29, -0.42, 0.86];
+  model.bodies.forEach((body, b) => {
+    const p = at[b], x = body.points, s = body.screen, n = body.normals;
+    const [ex, ey, ez] = [cam.eye[0] - p[0], cam.eye[1] - p[1], cam.eye[2] - p[2]];  // eye, light and axes of the
+    const e = [p[3] * ex + p[6] * ey + p[9] * ez, p[4] * ex + p[7] * ey + p[10] * ez, p[5] * ex + p[8] * ey + p[11] * ez];
+    const turn = v => [p[3] * v[0] + p[6] * v[1] + p[9] * v[2], p[4] * v[0] + p[7] * v[1] + p[10] * v[2], p[5] * v[0] + p[8] * v[1] + p[11] * v[2]];
+    const r = turn(cam.right), u = turn(cam.up), t = turn(cam.back), l = turn(L);  // picture in the link's axes
+    for (let i = 0; i < x.length; i += 3) {
+      const dx = x[i] - e[0], dy = x[i + 1] - e[1], dz = x[i + 2] - e[2];
+      const depth = -(t[0] * dx + t[1] * dy + t[2] * dz), scale = cam.focus / Math.max(depth, cam.near);
+      s[i] = cam.w / 2 + scale * (r[0] * dx + r[1] * dy + r[2] * dz);
+      s[i + 1] = cam.h / 2 - scale * (u[0] * dx + u[1] * dy + u[2] * dz);
+      s[i + 2] = depth;
+    }
+    const colour = tint && tint(b);
+    for (let k = 0; k < body.faces.length; k++) {
+      const face = body.faces[k], a = 3 * face[0], m = 3 * k;
+      if (n[m] * (e[0] - x[a]) + n[m + 1] * (e[1] - x[a + 1]) + n[m + 2] * (e[2] - x[a + 2]) <= 0) continue;
+      let depth = 0, least = Infinity;
+      for (const i of face) { depth += s[3 * i + 2]; least = Math.min(least, s[3 * i + 2]); }
+      if (least < cam.near) continue;
+      const bright = n[m] * l[0] + n[m + 1] * l[1] + n[m + 2] * l[2];
+      faces.push({ body, face, depth: depth / face.length, style: fill(colour || (pale ? body.pale[k] : body.colour[k]), Math.round(15.5 + 15.5 * bright)) });
+    }
+  });
+  faces.sort((a, b) => b.depth - a.depth);
+  g.lineJoin = "round";
+  for (const { body, face, style } of faces) {
+    const s = body.screen;
+    g.beginPath();
+    g.moveTo(s[3 * face[0]], s[3 * face[0] + 1]);
+    for (let k = 1; k < face.length; k++) g.lineTo(s[3 * face[k]], s[3 * face[k] + 1]);
+    g.closePath();
+    g.fillStyle = style;
+    g.fill();
+    g.lineWidth = (body.smooth ? 0.6 : 0.8) * ratio;
+    g.strokeStyle = body.smooth ? style : colours.edge;
+    g.stroke();
+  }
+}
+
+const veil = document.createElement("canvas");
+function ghost(g, cam, model, at, how) {  // drawn apart and laid over the picture as a whole
+  veil.width = cam.w;
+  veil.height = cam.h;
+  robot(veil.getContext("2d"), cam, model, at, how);
+  g.globalAlpha = 0.4;
+  g.drawImage(veil, 0, 0);
+  g.globalAlpha = 1;
+}
+
+// ------------------------------------------------------------------------------------------- forces and footprints
+
+function outline(points) {  // hull of [x, y, z] as seen from above
+  const p = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]), hull = [];
+  const turn = (a, b, c) => (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+  for (const way of [p, [...p].reverse()]) {
+    const chain = [];
+    for (const x of way) {
+      while (chain.length > 1 && turn(chain.at(-2), chain.at(-1), x) <= 0) chain.pop();
+      chain.push(x);
+    }
+    hull.push(...chain.slice(0, -1));
+  }
+  return hull;
+}
+
+function contacts(run, t) {  // [{at, force [weights], touches}]
+  if (!run.points) return [];
+  const [k, m, f] = place(run, t), x = mixed(run.points[k], run.points[m], f, data.unit), out = [];
+  const F = run.forces && mixed(run.forces[k], run.forces[m], f, 1e-3);
+  for (let i = 0; i < x.length / 3; i++) {
+    const force = F ? F.slice(3 * i, 3 * i + 3) : null;
+    out.push({ at: x.slice(3 * i, 3 * i + 3), force, touches: F ? Math.hypot(...force) > 5e-3 : Boolean(run.touch[k][i]) });
+  }
+  return out;
+}
+
+function prints(g, cam, run, t, ratio) {
+  g.lineWidth = 1.2 * ratio;
+  for (const { at, colour, outline: o } of run.prints) {
+    if (at > t) break;
+    const points = [];
+    for (let i = 0; i < o.length; i += 3) points.push([o[i] * data.unit, o[i + 1] * data.unit, o[i + 2] * data.unit]);
+    g.beginPath();
+    trace(g, cam.clipped(points));
+    g.fillStyle = "rgba(" + colour + ",0.25)";
+    g.strokeStyle = "rgb(" + colour + ")";
+    g.fill();
+    g.stroke();
+  }
+}
+
+function support(g, cam, touching) {
+  g.beginPath();
+  trace(g, cam.clipped(outline(touching.map(c => c.at))));
+  g.fillStyle = colours.support;
+  g.fill();
+}
+
+function arrows(g, cam, touching, ratio) {
+  g.lineWidth = 2 * ratio;
+  g.strokeStyle = g.fillStyle = colours.force;
+  const total = [0, 0, 0, 0];
+  for (const { at, force } of touching) {
+    if (!force) continue;
+    const a = cam.see(at), b = cam.see(at.map((x, k) => x + ARROW * data.span * force[k]));
+    const weight = Math.max(0, force[2]);
+    at.forEach((x, k) => { total[k] += weight * x; });
+    total[3] += weight;
+    if (a[2] < cam.near || b[2] < cam.near) continue;
+    const dx = b[0] - a[0], dy = b[1] - a[1], length = Math.hypot(dx, dy);
+    if (length < 1) continue;
+    const head = Math.min(9 * ratio, length), ux = dx / length, uy = dy / length;
+    g.beginPath();
+    g.moveTo(a[0], a[1]);
+    g.lineTo(b[0] - 0.7 * head * ux, b[1] - 0.7 * head * uy);
+    g.stroke();
+    g.beginPath();
+    trace(g, [b, [b[0] - head * ux + 0.4 * head * uy, b[1] - head * uy - 0.4 * head * ux], [b[0] - head * ux - 0.4 * head * uy, b[1] - head * uy + 0.4 * head * ux]]);
+    g.fill();
+  }
+  if (total[3] > 0.01) {  // centre of pressure
+    const c = cam.see([0, 1, 2].map(k => total[k] / total[3]));
+    g.beginPath();
+    g.arc(c[0], c[1], 5 * ratio, 0, 2 * Math.PI);
+    g.fillStyle = colours.page;
+    g.fill();
+    g.strokeStyle = colours.pressure;
+    g.stroke();
+    g.beginPath();
+    g.arc(c[0], c[1], 2 * ratio, 0, 2 * Math.PI);
+    g.fillStyle = colours.pressure;
+    g.fill();
+  }
+}
+
+// ------------------------------------------------------------------------------------------- pictures
+
+function text(element, words) { if (element.textContent !== words) element.textContent = words; }
+function short(x) { return Math.abs(x) >= 100 ? x.toFixed(0) : Math.abs(x) >= 1 ? x.toFixed(2) : Math.abs(x) < 1e-12 ? "0" : x.toPrecision(2); }
+const ended = (run, t) => run.failed && t >= run.end - 1e-9;
+const said = run => run.failed ? run.status + " at " + short(run.end) + " s" : run.status;
+
+function panel(runs) {
+  const figure = document.createElement("figure"), caption = document.createElement("figcaption");
+  for (const run of runs) {
+    const line = document.createElement("div"), status = document.createElement("span");
+    line.append(run.caption + " ");
+    status.className = "status " + (run.status === "ok" ? "ok" : "bad");
+    status.textContent = said(run);
+    if (run.times.length > 1 || run.status !== "ok") line.append(status);
+    if (run.message) {
+      const message = document.createElement("span");
+      message.className = "message";
+      message.textContent = message.title = run.message;
+      line.append(message);
+    }
+    caption.append(line);
+  }
+  const canvas = document.createElement("canvas"), now = document.createElement("div");
+  canvas.tabIndex = 0;
+  canvas.setAttribute("role", "img");
+  canvas.setAttribute("aria-label", "moving picture of " + runs.map(run => models[run.model].name + ", " + run.caption + ": " + said(run)).join("; "));
+  now.className = "now";
+  figure.append(caption, canvas, now);
+  steer(canvas);
+  return { runs, figure, canvas, now };
+}
+
+let panels = [];
+function arrange() {
+  const groups = shown.ghosts ? [data.runs] : data.runs.map(run => [run]);
+  panels = groups.map(panel);
+  $("views").replaceChildren(...panels.map(p => p.figure));
+  fit();
+}
+
+function fit() {  // pictures get what the window leaves, so that the controls are seen
+  const beside = panels.length > 1 && $("views").clientWidth >= 2 * (innerHeight <= 500 ? 200 : 300) + 8;
+  const rows = beside ? Math.ceil(panels.length / Math.floor($("views").clientWidth / (innerHeight <= 500 ? 208 : 308))) : panels.length;
+  const around = $("views").getBoundingClientRect().top + scrollY + $("controls").offsetHeight + 10;
+  const rest = Math.max(...panels.map(p => p.figure.offsetHeight - p.canvas.offsetHeight)) + 8;
+  const plots = innerHeight > 640 && data.plots.length ? 196 : 0;
+  for (const { canvas } of panels) {
+    const room = (innerHeight - around - plots) / rows - rest;
+    canvas.style.height = Math.round(Math.max(110, Math.min(0.8 * canvas.clientWidth, room))) + "px";
+  }
+  plotLayers();
+  state.dirty = true;
+}
+
+function center(run, at) {
+  const base = at[run.root], first = run.frames[0], i = 7 * run.root, m = run.middle;
+  const moved = shown.follow && models[run.model].moves;
+  const away = k => moved ? base[k] - data.unit * first[i + k] : 0;
+  return [m[0] + away(0) + view.pan[0], m[1] + away(1) + view.pan[1], m[2] + (run.floor.quads ? away(2) : 0) + view.pan[2]];
+}
+
+function drawPanel({ runs, canvas, now }) {
+  const ratio = window.devicePixelRatio || 1;
+  const w = Math.round(canvas.clientWidth * ratio), h = Math.round(canvas.clientHeight * ratio);
+  if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
+  const g = canvas.getContext("2d", { alpha: false }), t = state.time, [main] = runs;
+  const at = runs.map(run => poses(run, Math.min(t, run.end))), cam = camera(w, h, center(main, at[0]));
+  g.fillStyle = colours.sky;
+  g.fillRect(0, 0, w, h);
+  ground(g, cam, main.floor);
+  runs.forEach((run, k) => {
+    if (shown.prints) prints(g, cam, run, Math.min(t, run.end), ratio);
+    shadow(g, cam, models[run.model].bodies, at[k], run.floor);
+  });
+  for (let k = runs.length - 1; k >= 0; k--) {
+    const run = runs[k], model = models[run.model];
+    const touching = contacts(run, Math.min(t, run.end)).filter(c => c.touches);
+    if (shown.prints) support(g, cam, touching);
+    const how = { tint: shown.load && run.load ? loads(run, model, t) : null, pale: ended(run, t), ratio };
+    if (k) ghost(g, cam, model, at[k], how);
+    else robot(g, cam, model, at[k], how);
+    if (shown.forces) arrows(g, cam, touching, ratio);
+  }
+  const failed = runs.filter(run => ended(run, t));
+  if (failed.length) stamp(g, failed.map(run => (runs.length > 1 ? run.caption + ": " : "") + said(run)).join("; "), w, ratio);
+  if (shown.load && main.load) legend(g, w, h, ratio, main.load.of);
+  text(now, told(main, at[0], t));
+}
+
+function loads(run, model, t) {
+  const [k] = place(run, Math.min(t, run.end)), percent = run.load.percent[k], of = {};
+  model.joints.forEach((joint, j) => { if (joint.body >= 0) of[joint.body] = Math.max(of[joint.body] || 0, percent[j]); });
+  return body => loadColour(of[body] || 0);
+}
+
+function stamp(g, words, w, ratio) {
+  g.font = "600 " + 15 * ratio + "px system-ui, sans-serif";
+  const width = Math.min(w - 8 * ratio, g.measureText(words).width + 20 * ratio);
+  g.fillStyle = colours.badpage;
+  g.fillRect((w - width) / 2, 8 * ratio, width, 26 * ratio);
+  g.fillStyle = colours.bad;
+  g.textAlign = "center";
+  g.fillText(words, w / 2, 26 * ratio, width - 8 * ratio);
+  g.textAlign = "left";
+}
+
+function legend(g, w, h, ratio, of) {
+  const n = 40, width = Math.min(160 * ratio, 0.4 * w), x = 10 * ratio, y = h - 16 * ratio;
+  for (let k = 0; k < n; k++) {
+    g.fillStyle = "rgb(" + loadColour(100 * k / n) + ")";
+    g.fillRect(x + k * width / n, y, width / n + 1, 8 * ratio);
+  }
+  g.font = 12 * ratio + "px system-ui, sans-serif";
+  g.fillStyle = colours.text;
+  g.fillText("torque, 0 to 100 % of " + of, x, y - 5 * ratio);
+}
+
+function told(run, at, t) {
+  const words = [], [k, m, f] = place(run, Math.min(t, run.end));
+  if (models[run.model].moves) {
+    const way = at[run.root][0] - data.unit * run.frames[0][7 * run.root];
+    words.push((Math.round(1e3 * way) || 0) + " mm ahead");
+  }
+  if (run.energy) words.push((run.energy[k] + f * (run.energy[m] - run.energy[k])).toFixed(1) + " J drawn");
+  const since = words.length ? "since the start: " + words.join(", ") : "";
+  const grid = run.floor.quads ? "" : "squares of " + (square() < 1 ? 1e3 * square() + " mm" : square() + " m");
+  return [since, grid, run.floor.real ? "" : "no ground in this run"].filter(Boolean).join("; ");
+}
+
+// ------------------------------------------------------------------------------------------- plots
+
+const plots = [];
+const offered = [...new Set(data.runs.flatMap(run => Object.keys(run.channels)))];
+
+function addPlot(name) {
+  const figure = document.createElement("figure"), row = document.createElement("div"), canvas = document.createElement("canvas");
+  const channel = document.createElement("select"), column = document.createElement("select"), close = document.createElement("button");
+  figure.className = "plot";
+  row.className = "row";
+  channel.setAttribute("aria-label", "channel");
+  column.setAttribute("aria-label", "which of it");
+  close.textContent = "×";
+  close.setAttribute("aria-label", "remove this plot");
+  canvas.setAttribute("role", "img");
+  channel.append(...offered.map(x => new Option(x, x)));
+  channel.value = name;
+  row.append(channel, column, close);
+  figure.append(row, canvas);
+  const plot = { name, column: -1, figure, canvas, layer: document.createElement("canvas"), box: null };
+  const columns = () => {
+    const labels = data.runs.find(run => run.channels[plot.name]).channels[plot.name].labels;
+    column.replaceChildren(new Option("all", -1), ...labels.map((label, k) => new Option(label, k)));
+    column.hidden = labels.length < 2;
+    canvas.setAttribute("aria-label", "plot of " + plot.name + " over time");
+  };
+  channel.onchange = () => { plot.name = channel.value; plot.column = -1; columns(); layer(plot); };
+  column.onchange = () => { plot.column = Number(column.value); layer(plot); };
+  close.onclick = () => { plots.splice(plots.indexOf(plot), 1); figure.remove(); state.dirty = true; };
+  const seek = event => { if (plot.box && event.buttons) { const b = plot.box; go(start + (end - start) * (event.offsetX - b.x) / b.w); } };
+  canvas.onpointerdown = event => { canvas.setPointerCapture(event.pointerId); seek(event); };
+  canvas.onpointermove = seek;
+  columns();
+  plots.push(plot);
+  $("more-plots").before(figure);
+  layer(plot);
+}
+
+function plotLayers() { plots.forEach(layer); }
+
+function lineColour(channel, k, several) {
+  if (channel.labels.length <= 8 || several) return colours.lines[k % colours.lines.length];
+  return colours[channel.sides[k] || "mid"];
+}
+
+function ticks(low, high, most) {
+  const raw = (high - low) / most, ten = 10 ** Math.floor(Math.log10(raw)), step = ten * [1, 2, 5, 10].find(k => k * ten >= raw), out = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) out.push(k * step);
+  return [out, Math.max(0, -Math.floor(Math.log10(step) + 1e-9))];
+}
+
+function layer(plot) {  // all that does not move
+  const ratio = window.devicePixelRatio || 1, canvas = plot.layer, width = plot.canvas.clientWidth, height = plot.canvas.clientHeight;
+  plot.canvas.width = canvas.width = Math.round(width * ratio);
+  plot.canvas.height = canvas.height = Math.round(height * ratio);
+  state.dirty = true;
+  if (!width) return;
+  const g = canvas.getContext("2d");
+  g.scale(ratio, ratio);
+  g.font = "11px system-ui, sans-serif";
+  const lines = [], alone = data.runs.length === 1;
+  data.runs.forEach((run, r) => {
+    const c = run.channels[plot.name];
+    if (c) c.labels.forEach((label, k) => {
+      if (plot.column < 0 || plot.column === k) lines.push({ run, r, c, k, label: plot.column < 0 || alone ? label : run.caption.split(":")[0],
+        colour: lineColour(c, plot.column < 0 ? k : r, plot.column >= 0), range: 0 });
+    });
+  });
+  let low = Infinity, high = -Infinity;
+  for (const line of lines) {
+    let a = Infinity, b = -Infinity;
+    for (const v of line.c.values[line.k]) { a = Math.min(a, v); b = Math.max(b, v); }
+    low = Math.min(low, a * line.c.scale); high = Math.max(high, b * line.c.scale);
+    line.range = (b - a) * line.c.scale;
+  }
+  if (!(high > low)) { low -= 0.5 * Math.abs(low) || 1; high += 0.5 * Math.abs(high) || 1; }
+  const room = 0.05 * (high - low);
+  low -= room; high += room;
+  const right = width < 500 ? 100 : 150, box = { x: 48, y: 16, w: width - 48 - right, h: height - 36 };
+  const X = t => box.x + box.w * (t - start) / (end - start || 1), Y = v => box.y + box.h * (high - v) / (high - low);
+  Object.assign(plot, { box, lines, X, Y });
+  const [vertical, digits] = ticks(low, high, 4), [across, places] = ticks(start, end > start ? end : start + 1, Math.max(2, box.w / 70));
+  g.strokeStyle = colours.grid;
+  g.lineWidth = 1;
+  g.fillStyle = colours.soft;
+  g.textAlign = "right";
+  for (const v of vertical) {
+    g.beginPath(); g.moveTo(box.x, Y(v)); g.lineTo(box.x + box.w, Y(v)); g.stroke();
+    g.fillText(v.toFixed(digits).length > 7 ? v.toExponential(0) : v.toFixed(digits), box.x - 4, Y(v) + 4);
+  }
+  g.textAlign = "center";
+  for (const t of across) {
+    g.beginPath(); g.moveTo(X(t), box.y); g.lineTo(X(t), box.y + box.h); g.stroke();
+    g.fillText(t.toFixed(places), X(t), box.y + box.h + 13);
+  }
+  g.textAlign = "left";
+  g.fillText("time [s]", box.x + box.w + 18, box.y + box.h + 13);
+  g.fillText((lines[0] ? plot.name + " [" + lines[0].c.unit + "]" : ""), box.x, 11);
+  for (const run of data.runs) if (run.failed) {
+    g.fillStyle = colours.bad;
+    g.setLineDash([3, 3]); g.strokeStyle = colours.bad;
+    g.beginPath(); g.moveTo(X(run.end), box.y); g.lineTo(X(run.end), box.y + box.h); g.stroke();
+    g.setLineDash([]);
+    const late = X(run.end) > box.x + 0.6 * box.w;
+    g.textAlign = late ? "right" : "left";
+    g.fillText((alone ? "" : run.caption.split(":")[0] + " ") + said(run), X(run.end) + (late ? -4 : 4), box.y + 10);
+    g.textAlign = "left";
+  }
+  g.lineWidth = lines.length > 8 ? 1 : 1.5;
+  g.save();
+  g.beginPath(); g.rect(box.x, box.y - 2, box.w, box.h + 4); g.clip();
+  for (const { r, c, k, colour } of lines) {
+    g.beginPath();
+    c.values[k].forEach((v, i) => i ? g.lineTo(X(c.times[i]), Y(v * c.scale)) : g.moveTo(X(c.times[i]), Y(v * c.scale)));
+    g.strokeStyle = colour;
+    g.setLineDash(r && plot.column < 0 ? [5, 3] : []);
+    g.stroke();
+  }
+  g.restore();
+}
+
+function valueAt({ c, k, run }) {
+  const t = Math.min(state.time, run.end), [i, j, f] = place(c, t), v = c.values[k];
+  return c.scale * (v[i] + f * (v[j] - v[i]));
+}
+
+function drawPlot(plot) {
+  if (!plot.box) return;
+  const ratio = window.devicePixelRatio || 1, g = plot.canvas.getContext("2d"), { box, X, Y } = plot;
+  g.setTransform(1, 0, 0, 1, 0, 0);
+  g.clearRect(0, 0, plot.canvas.width, plot.canvas.height);
+  if (plot.layer.width) g.drawImage(plot.layer, 0, 0);
+  g.scale(ratio, ratio);
+  g.strokeStyle = colours.text;
+  g.lineWidth = 1;
+  g.beginPath(); g.moveTo(X(state.time), box.y); g.lineTo(X(state.time), box.y + box.h); g.stroke();
+  const fits = Math.floor((box.h + 14) / 12), most = [...plot.lines].sort((a, b) => b.range - a.range).slice(0, fits);
+  const labels = most.map(line => ({ line, value: valueAt(line) })).map(x => ({ ...x, y: Y(x.value) })).sort((a, b) => a.y - b.y);
+  const top = box.y, bottom = box.y + box.h + 2;  // labels at the height of their values, moved apart
+  labels.forEach((label, k) => { label.at = Math.max(label.y, k ? labels[k - 1].at + 12 : top); });
+  for (let k = labels.length - 1, last = bottom; k >= 0; k--) { labels[k].at = Math.min(labels[k].at, last); last = labels[k].at - 12; }
+  g.font = "11px system-ui, sans-serif";
+  for (const { line, value, y, at } of labels) {
+    g.fillStyle = line.colour;
+    g.beginPath(); g.arc(X(Math.min(state.time, line.run.end)), y, 2.5, 0, 2 * Math.PI); g.fill();
+    const dashed = line.r && plot.column < 0 ? "- " : "";
+    g.fillText(dashed + line.label.replaceAll("_", " ") + " " + short(value), box.x + box.w + 6, at + 3, 145);
+  }
+}
+
+// ------------------------------------------------------------------------------------------- time
+
+function go(t) { state.time = Math.min(end, Math.max(start, t)); state.playing = false; state.dirty = true; }
+function play() { if (!state.playing && state.time >= end) state.time = start; state.playing = !state.playing; state.dirty = true; }
+function frameStep(n) {
+  const times = data.runs.reduce((a, run) => run.times.length > a.length ? run.times : a, []);
+  const k = times.findIndex(t => t > state.time + 1e-9), here = k < 0 ? times.length - 1 : k - 1;
+  const off = here >= 0 && n < 0 && times[here] < state.time - 1e-9 ? 1 : 0;
+  go(times[Math.min(times.length - 1, Math.max(0, here + n + off))]);
+}
+
+function show() {
+  const begun = performance.now();
+  panels.forEach(drawPanel);
+  plots.forEach(drawPlot);
+  $("time").value = state.time;
+  $("time").setAttribute("aria-valuetext", state.time.toFixed(2) + " seconds");
+  text($("clock"), state.time.toFixed(end - start < 1 ? 3 : 2) + " s");
+  text($("play"), state.playing ? "Pause" : "Play");
+  frames.push(performance.now() - begun);
+  if (frames.length > KEPT) frames.shift();
+}
+
+let last = null;
+function tick(now) {
+  if (state.playing && last !== null) {
+    state.time += Number($("rate").value) * Math.min(0.25, (now - last) / 1000);
+    if (state.time > end) state.time = end > start ? start : end;
+    state.dirty = true;
+  }
+  last = now;
+  if (state.dirty) { state.dirty = false; show(); }
+  requestAnimationFrame(tick);
+}
+
+// ------------------------------------------------------------------------------------------- hands
+
+const PRESETS = { corner: [-1.1, 0.3], side: [-Math.PI / 2, 0.02], front: [0, 0.05], top: [-Math.PI / 2, 1.55] };
+function preset(name) {
+  if (!PRESETS[name]) return;
+  [view.yaw, view.pitch] = PRESETS[name];
+  Object.assign(view, { span: data.span, pan: [0, 0, 0] });
+  state.dirty = true;
+}
+function turn(right, up) { view.yaw -= right; view.pitch = Math.min(1.55, Math.max(0, view.pitch + up)); state.dirty = true; }
+function zoom(factor) { view.span = Math.min(200 * data.span, Math.max(0.05 * data.span, view.span * factor)); state.dirty = true; }
+function move(canvas, dx, dy) {
+  const cam = camera(canvas.clientWidth, canvas.clientHeight, [0, 0, 0]);
+  view.pan = view.pan.map((x, k) => x + (cam.up[k] * dy - cam.right[k] * dx) / cam.pixels);
+  state.dirty = true;
+}
+function rate(by) { const s = $("rate"); s.selectedIndex = Math.min(s.length - 1, Math.max(0, s.selectedIndex - by)); state.dirty = true; }
+
+function steer(canvas) {
+  const down = new Map();
+  const gap = () => { const [a, b] = [...down.values()]; return Math.hypot(a[0] - b[0], a[1] - b[1]); };
+  canvas.onpointerdown = event => { canvas.setPointerCapture(event.pointerId); down.set(event.pointerId, [event.clientX, event.clientY]); };
+  canvas.onpointerup = canvas.onpointercancel = event => down.delete(event.pointerId);
+  canvas.onpointermove = event => {
+    const before = down.get(event.pointerId);
+    if (!before) return;
+    const dx = event.clientX - before[0], dy = event.clientY - before[1], apart = down.size === 2 ? gap() : 0;
+    down.set(event.pointerId, [event.clientX, event.clientY]);
+    if (down.size === 2) { if (apart > 0) zoom(apart / Math.max(1, gap())); move(canvas, dx / 2, dy / 2); }
+    else if (event.shiftKey || event.buttons & 2) move(canvas, dx, dy);
+    else turn(0.01 * dx, 0.01 * dy);
+  };
+  canvas.oncontextmenu = event => event.preventDefault();
+  canvas.onwheel = event => { event.preventDefault(); zoom(Math.exp(0.001 * event.deltaY)); };
+}
+
+const TOGGLES = [["follow", "C", "follow", data.models.some(m => m.moves)], ["forces", "F", "forces", data.runs.some(r => r.forces)],
+  ["prints", "P", "footprints", data.runs.some(r => r.points)], ["load", "L", "servo load", data.runs.some(r => r.load)],
+  ["ghosts", "G", "ghosts", data.runs.length > 1]].filter(toggle => toggle[3]);
+const buttons = {};
+function toggle(name) {
+  if (!buttons[name]) return;
+  shown[name] = !shown[name];
+  buttons[name].setAttribute("aria-pressed", shown[name]);
+  if (name === "ghosts") arrange();
+  state.dirty = true;
+}
+for (const [name, key, words] of TOGGLES) {
+  const button = buttons[name] = document.createElement("button");
+  button.textContent = words;
+  button.title = words + " (" + key + ")";
+  button.setAttribute("aria-pressed", shown[name]);
+  button.onclick = () => toggle(name);
+  $("toggles").append(button);
+}
+
+function help() { const d = $("help"); if (d.open) d.close(); else d.showModal(); }
+document.addEventListener("keydown", event => {
+  const tag = event.target.tagName, key = event.key, sky = tag === "CANVAS" && event.target.tabIndex === 0;
+  if (event.ctrlKey || event.metaKey || event.altKey || tag === "SELECT" || (tag === "BUTTON" && (key === " " || key === "Enter"))) return;
+  const turns = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1], a: [-0.1, 0], d: [0.1, 0], w: [0, 0.1], s: [0, -0.1] };
+  const does = {
+    " ": play, k: play, ArrowLeft: () => frameStep(event.shiftKey ? -10 : -1), ArrowRight: () => frameStep(event.shiftKey ? 10 : 1),
+    ",": () => frameStep(-1), ".": () => frameStep(1), Home: () => go(start), End: () => go(end), "[": () => rate(-1), "]": () => rate(1),
+    1: () => preset("corner"), 2: () => preset("side"), 3: () => preset("front"), 4: () => preset("top"),
+    "+": () => zoom(0.85), "=": () => zoom(0.85), "-": () => zoom(1 / 0.85), c: () => toggle("follow"), f: () => toggle("forces"),
+    p: () => toggle("prints"), l: () => toggle("load"), g: () => toggle("ghosts"), "?": help,
+  };
+  const turned = turns[key.length > 1 ? key : key.toLowerCase()];
+  const act = turned && (sky || key.length === 1) ? () => turn(...turned) : does[key.length > 1 ? key : key.toLowerCase()];
+  if (act) { event.preventDefault(); act(); }
+});
+
+$("play").onclick = play;
+$("back").onclick = () => frameStep(-1);
+$("ahead").onclick = () => frameStep(1);
+$("closer").onclick = () => zoom(0.85);
+$("farther").onclick = () => zoom(1 / 0.85);
+$("keys").onclick = help;
+$("preset").onchange = event => { preset(event.target.value); event.target.value = ""; };
+$("time").min = start;
+$("time").max = end;
+$("time").oninput = event => go(Number(event.target.value));
+
+// ------------------------------------------------------------------------------------------- beginning
+
+if (offered.length) {
+  const more = document.createElement("div"), button = document.createElement("button");
+  more.id = "more-plots";
+  button.textContent = "+ plot";
+  button.onclick = () => addPlot(offered.find(name => !plots.some(plot => plot.name === name)) || offered[0]);
+  more.append(button);
+  $("plots").append(more);
+}
+if (end === start) for (const element of document.querySelectorAll("#controls .row:first-child, #rate")) element.hidden = true;
+$("notes").textContent = data.notes.join("; ");
+readColours();
+const asked = new URLSearchParams(location.hash.slice(1));  // page.html#t=1.5&view=side stops there and looks so
+preset(asked.get("view"));
+if (asked.has("t") && Number.isFinite(Number(asked.get("t")))) go(Number(asked.get("t")));
+arrange();
+data.plots.forEach(addPlot);
+fit();
+window.addEventListener("resize", fit);
+media("(prefers-color-scheme: dark)").addEventListener("change", () => { readColours(); plotLayers(); state.dirty = true; });
+window.viewer = { data, view, shown, state, frames, plots, show, go, preset };
+requestAnimationFrame(tick);

@@ -1,0 +1,431 @@
+"""A run as the numbers of a page: poses at frames, forces, footprints, channels for plots, and how it ended."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..arguments import instance
+from ..build.contact import ground_under
+from ..channels import column_of
+from ..core.effects.energies import METER, SUPPLY
+from ..core.step.state import BY_NAME, UNITS
+from ..dynamics import deepest_points, forward_kinematics
+from ..model import TORQUE_LAWS, Ground, Model, Servo
+from ..sensors import in_world
+from .plotting import positions
+from .visuals import Body, bodies, side_of, sided
+
+if TYPE_CHECKING:
+    from ..trajectory import Trajectory
+
+FRAME = 0.04  # [s] at least; the page draws straight lines between frames
+POSES, PLOTTED = 400_000, 120_000  # numbers of all runs together, so that a page stays below 5 MB
+SAMPLES = 800  # of a channel in a plot
+TURN = 1e-4  # of the quaternions in the page
+FINE = 5e-5  # of the largest length: unit of lengths in the page
+TOUCH = 0.01  # of the weight: a smaller normal force is no step
+STANCE = 0.03  # [s] of the shortest step that leaves a footprint
+NEAR = 1e-3  # [m] over the ground, within which a point counts as touching where forces were not recorded
+PRINTS = 400  # footprints of a run
+HIDDEN = ("time", "increment", "passes", "worst_chatter")  # channels that are not offered for plots
+ENDED = ("fell", "diverged", "step too small", "too costly")  # statuses of runs that end before their time
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A run, the robot that made it and the ground it was on, None where there was none or it is not known."""
+
+    model: Model
+    trajectory: Trajectory
+    ground: Ground | None = None
+
+
+def page_data(runs: Mapping[str, Seen], plots: Sequence[str] = (), ghosts: bool = False) -> dict[str, Any]:
+    """All numbers of a page.
+
+    Raises ValueError where channels are missing that tell where the robot is, and for a robot that has nothing to draw.
+    """
+    models: dict[int, tuple[dict[str, Any], list[Body]]] = {}
+    notes: list[str] = []
+    poses = {caption: _sampled(seen) for caption, seen in runs.items()}
+    for seen in runs.values():
+        if id(seen.model) not in models:
+            found, said = bodies(seen.model)
+            models[id(seen.model)] = (_described(seen.model, found), found)
+            notes += said
+    reach, height = zip(*(_reach(seen, poses[c], models[id(seen.model)][1]) for c, seen in runs.items()))
+    unit = _unit(max(*reach, *height))
+    order = {key: k for k, key in enumerate(models)}
+    data: dict[str, Any] = {
+        "unit": unit,
+        "turn": TURN,
+        "models": [_packed(described, found, unit) for described, found in models.values()],
+        "runs": [
+            _run(seen, caption, poses[caption], models[id(seen.model)][1], unit, len(runs))
+            | {"model": order[id(seen.model)]}
+            for caption, seen in runs.items()
+        ],
+        "span": float(f"{max(1.6 * max(height), 1.3 * max(reach)):.3g}"),
+        "plots": list(plots),
+        "ghosts": ghosts,
+        "notes": list(dict.fromkeys(notes)),
+    }
+    known = {name for run in data["runs"] for name in run["channels"]}
+    for name in plots:
+        if name not in known:
+            raise ValueError(f"plots: there is no channel {name!r}; channels of the page: {', '.join(sorted(known))}")
+    return data
+
+
+def _unit(length: float) -> float:
+    return 10.0 ** math.floor(math.log10(max(FINE * length, 1e-9)))
+
+
+# ---------------------------------------------------------------------------------------------- robots
+
+
+def _described(model: Model, found: list[Body]) -> dict[str, Any]:
+    places = {body.link: k for k, body in enumerate(found)}
+    return {
+        "name": model.name,
+        "links": [body.link for body in found],
+        "sides": [side_of(body.link) for body in found],
+        "joints": [{"name": joint.name, "body": places.get(joint.child, -1)} for joint in model.moving_joints],
+        "moves": model.base == "floating",
+    }
+
+
+def _packed(described: dict[str, Any], found: list[Body], unit: float) -> dict[str, Any]:
+    """The bodies with whole numbers; equal colours are written once."""
+    bodies = []
+    for body in found:
+        palette = list(dict.fromkeys(body.colours))
+        bodies.append(
+            {
+                "points": np.round(body.points / unit).astype(int).reshape(-1).tolist(),
+                "faces": [list(face) for face in body.faces],
+                "palette": [list(colour) for colour in palette],
+                "colours": [palette.index(colour) for colour in body.colours] if len(palette) > 1 else [],
+                "smooth": body.smooth,
+            }
+        )
+    return described | {"bodies": bodies}
+
+
+# ---------------------------------------------------------------------------------------------- runs
+
+
+@dataclass(frozen=True)
+class _Poses:
+    """Poses of all links at every frame up to the end of a run."""
+
+    rows: np.ndarray  # samples of the run that are frames
+    last: int  # the last sample before the run failed
+    rotation: np.ndarray  # (frames, links, 3, 3)
+    position: np.ndarray  # (frames, links, 3) [m]
+
+
+def _sampled(seen: Seen) -> _Poses:
+    run = seen.trajectory
+    instance("run", run, Mapping, "give what simulate returns")
+    q = positions(run, seen.model)
+    time = run["time"]
+    sound = np.isfinite(q).all(axis=1)
+    last = int(np.searchsorted(time, run.end_time + 1e-9, side="right")) - 1 if run.status in ENDED else len(time) - 1
+    last = min(max(last, 0), len(time) - 1)
+    last = min(last, int(np.argmin(sound)) - 1) if not sound.all() else last
+    if last < 0:
+        raise ValueError(f"{seen.model.name}: the run has no sample that is finite; there is nothing to draw")
+    numbers = 7 * len(seen.model.links) + 6 * len(seen.model.contacts)
+    step = float(time[1] - time[0]) if len(time) > 1 else FRAME
+    every = max(1, round(FRAME / step), math.ceil((last + 1) * numbers / POSES))
+    rows = np.unique(np.append(np.arange(0, last + 1, every), last))
+    poses = forward_kinematics(seen.model, q[rows])
+    return _Poses(rows, last, poses.rotation, poses.position)
+
+
+def _reach(seen: Seen, poses: _Poses, found: list[Body]) -> tuple[float, float]:
+    """How far the robot reaches sideways from its base or middle, twice, and its height, at any time [m]."""
+    box = _corners(seen.model, poses, found)
+    across = np.ptp(box[..., :2], axis=1).max() if len(box) else 0.0
+    return float(max(across, 1e-3)), float(max(np.ptp(box[..., 2], axis=1).max(), 1e-3))
+
+
+def _corners(model: Model, poses: _Poses, found: list[Body]) -> np.ndarray:
+    """Corners (frames, n, 3) of all bodies' boxes along their links' axes [m]."""
+    rows = _rows(model, found)
+    ends = np.array([[body.points.min(axis=0), body.points.max(axis=0)] for body in found])
+    pick = np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    corners = np.stack([ends[:, pick[:, axis], axis] for axis in range(3)], axis=-1)
+    world = np.einsum("nlij,lkj->nlki", poses.rotation[:, rows], corners) + poses.position[:, rows, None]
+    return world.reshape(len(world), -1, 3)
+
+
+def _rows(model: Model, found: list[Body]) -> list[int]:
+    rows = {link.name: k for k, link in enumerate(model.links)}
+    return [rows[body.link] for body in found]
+
+
+def _run(seen: Seen, caption: str, poses: _Poses, found: list[Body], unit: float, several: int) -> dict[str, Any]:
+    """What the page needs of one run."""
+    run, model = seen.trajectory, seen.model
+    time, rows = run["time"], _rows(model, found)
+    corners = _corners(model, poses, found)
+    root = next((k for k, body in enumerate(found) if body.link == model.root), 0)
+    frames = np.concatenate(
+        [np.round(poses.position[:, rows] / unit), np.round(_quaternions(poses.rotation[:, rows]) / TURN)], axis=2
+    )
+    stopped = run.status in ENDED
+    floor = seen.ground.height if seen.ground is not None else float(corners[..., 2].min())
+    return {
+        "caption": caption,
+        "status": run.status,
+        "message": run.message,
+        "failed": stopped,
+        "times": [float(f"{t:.6g}") for t in time[poses.rows]],
+        "end": float(run.end_time) if stopped else float(time[-1]),
+        "frames": frames.astype(int).reshape(len(frames), -1).tolist(),
+        "root": root,
+        "middle": [float(f"{x:.4g}") for x in 0.5 * (corners[0].min(axis=0) + corners[0].max(axis=0))],
+        "energy": _drawn(run, poses.rows),
+        "load": _load(model, run, poses.rows),
+        "channels": _channels(model, run, poses.last, PLOTTED // several),
+        **_touching(seen, poses, unit),
+        "floor": {"real": seen.ground is not None, "height": float(f"{floor:.5g}"), **_relief(seen.ground, corners)},
+    }
+
+
+def _quaternions(rotation: np.ndarray) -> np.ndarray:
+    """(frames, bodies, 4), x y z w, of rotations (frames, bodies, 3, 3); none jumps to its negative."""
+    from scipy.spatial.transform import Rotation
+
+    q = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat().reshape(*rotation.shape[:2], 4)
+    turns = np.where((q[1:] * q[:-1]).sum(axis=2) < 0.0, -1.0, 1.0)
+    return q * np.concatenate([np.ones((1, q.shape[1])), np.cumprod(turns, axis=0)])[..., None]
+
+
+def _drawn(run: Trajectory, rows: np.ndarray) -> list[float] | None:
+    """What the servos' meters have counted [J]."""
+    return np.round(run["energy"][rows, :, METER].sum(axis=1), 3).tolist() if "energy" in run else None
+
+
+def _load(model: Model, run: Trajectory, rows: np.ndarray) -> dict[str, Any] | None:
+    """Size of each joint's torque [%] of what its servo stalls at; without servos, of the largest in the run."""
+    if "torque" not in run or not model.moving_joints:
+        return None
+    torque = np.abs(run["torque"])
+    stall = np.array([_stall_torque(model.servos.get(joint.name)) for joint in model.moving_joints])
+    known = np.isfinite(stall).all() and bool(run.info.get("servos", True))
+    limit = stall if known else np.full(len(stall), max(float(torque.max(initial=0.0)), 1e-12))
+    percent = np.round(100.0 * torque[rows] / limit).clip(0, 999).astype(int)
+    return {"percent": percent.tolist(), "of": "the stall torque" if known else "the largest torque of the run"}
+
+
+def _stall_torque(servo: Servo | None) -> float:
+    """Without friction: of a motor at its limits of voltage and current [N m]; NaN where there is none."""
+    if servo is None or servo.controller.law in TORQUE_LAWS or not servo.resistance > 0:
+        return math.nan
+    return servo.gearbox.ratio * servo.motor_constant * min(servo.voltage_limit / servo.resistance, servo.current_limit)
+
+
+# ---------------------------------------------------------------------------------------------- ground
+
+
+def _touching(seen: Seen, poses: _Poses, unit: float) -> dict[str, Any]:
+    """Contact points, forces on them and footprints; empty without ground or points."""
+    model, run, ground = seen.model, seen.trajectory, seen.ground
+    if ground is None or not model.contacts:
+        return {"points": None, "forces": None, "prints": []}
+    weight = 9.81 * model.mass
+    forces = run["contact_force"] if "contact_force" in run else None
+    q = positions(run, model)[: poses.last + 1]
+    fine = np.arange(0, len(q), max(1, round(0.01 / _step(run))))
+    points = _deepest(model, q[poses.rows])
+    pushed = None if forces is None else in_world(ground, forces[poses.rows], points if ground.field else None)
+    close = _deepest(model, q[fine])
+    if forces is not None:
+        touch = forces[fine, :, 0] > TOUCH * weight
+    else:
+        over = ground_under(ground, close.reshape(-1, 3))[:, 6].reshape(close.shape[:2])
+        touch = over < NEAR + ground.sinking
+    touch_at_frames = touch[np.searchsorted(fine, poses.rows).clip(0, len(fine) - 1)] if forces is None else None
+    return {
+        "points": _flat(points / unit),
+        "forces": None if pushed is None else _flat(pushed / (1e-3 * weight)),  # [1/1000 of the weight]
+        "touch": None if touch_at_frames is None else touch_at_frames.astype(int).tolist(),
+        "weight": float(f"{weight:.4g}"),
+        "prints": _prints(model, run["time"][fine], close, touch, unit),
+    }
+
+
+def _flat(values: np.ndarray) -> list[list[int]]:
+    """Whole numbers, a list for each frame."""
+    return np.round(values).astype(int).reshape(len(values), -1).tolist()
+
+
+def _step(run: Trajectory) -> float:
+    return float(run["time"][1] - run["time"][0]) if len(run["time"]) > 1 else 1.0
+
+
+def _deepest(model: Model, q: np.ndarray) -> np.ndarray:
+    return deepest_points(model, forward_kinematics(model, q), (0.0, 0.0, 1.0))
+
+
+def _prints(model: Model, time: np.ndarray, points: np.ndarray, touch: np.ndarray, unit: float) -> list[dict[str, Any]]:
+    """Where links stood: the time at which each stance began and the outline of what touched in its middle."""
+    links = [point.link for point in model.contacts]
+    prints: list[dict[str, Any]] = []
+    for link in dict.fromkeys(links):
+        own = np.array([name == link for name in links])
+        on = np.concatenate([[False], touch[:, own].any(axis=1), [False]])
+        begins, ends = np.flatnonzero(on[1:] & ~on[:-1]), np.flatnonzero(~on[1:] & on[:-1])
+        for begin, end in zip(begins, ends):
+            if time[end - 1] - time[begin] < STANCE:
+                continue
+            outline = _outline(points[(begin + end - 1) // 2, own])
+            prints.append(
+                {
+                    "at": float(f"{time[begin]:.5g}"),
+                    "colour": list(sided(link)),
+                    "outline": np.round(outline / unit).astype(int).reshape(-1).tolist(),
+                }
+            )
+    return sorted(prints, key=lambda one: one["at"])[:PRINTS]
+
+
+def _outline(points: np.ndarray) -> np.ndarray:
+    """The corners of points (n, 3) seen from above, in turn (monotone chain of A. M. Andrew, 1979)."""
+    order = np.lexsort((points[:, 1], points[:, 0]))
+    chains: list[list[int]] = []
+    for way in (order, order[::-1]):
+        chain: list[int] = []
+        for k in way:
+            while len(chain) > 1 and _turn(points, chain[-2], chain[-1], k) <= 0.0:
+                chain.pop()
+            chain.append(int(k))
+        chains.append(chain[:-1])
+    return points[chains[0] + chains[1] or [0]]
+
+
+def _turn(x: np.ndarray, a: int, b: int, c: int) -> float:
+    return float((x[b, 0] - x[a, 0]) * (x[c, 1] - x[a, 1]) - (x[b, 1] - x[a, 1]) * (x[c, 0] - x[a, 0]))
+
+
+def _relief(ground: Ground | None, corners: np.ndarray) -> dict[str, Any]:
+    """Ground that is not level, as quadrangles [m] over the way of the robot; {} for a level floor."""
+    if ground is None or not (ground.slope or ground.steps or ground.field is not None):
+        return {}
+    low, high = corners[..., :2].min(axis=(0, 1)), corners[..., :2].max(axis=(0, 1))
+    margin = 0.6 * float(max((high - low).max(), np.ptp(corners[..., 2])))
+    if ground.field is not None:
+        x, y = (np.linspace(a - margin, b + margin, 41) for a, b in zip(low, high))
+        grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+        over = ground_under(ground, np.concatenate([grid, np.zeros((*grid.shape[:2], 1))], axis=2).reshape(-1, 3))[:, 6]
+        nodes = np.concatenate([grid, -over.reshape(*grid.shape[:2], 1)], axis=2)
+    else:
+        nodes = _stairs(ground, np.array([low - margin, high + margin]))
+    cells = [nodes[:-1, :-1], nodes[1:, :-1], nodes[1:, 1:], nodes[:-1, 1:]]
+    quads = np.stack(cells, axis=2)
+    shade = (np.add.outer(np.arange(quads.shape[0]), np.arange(quads.shape[1])) & 1).reshape(-1)
+    return {"quads": np.round(quads.reshape(-1, 12), 5).tolist(), "shade": shade.tolist()}
+
+
+def _stairs(ground: Ground, box: np.ndarray) -> np.ndarray:
+    """Nodes (n, m, 3) of a plane with slope and steps, twice where a step rises."""
+    s, c = math.sin(ground.slope), math.cos(ground.slope)
+    ahead = np.array([math.cos(ground.heading), math.sin(ground.heading)])
+    across = np.array([-ahead[1], ahead[0]])
+    corners = np.array([[x, y] for x in box[:, 0] for y in box[:, 1]])
+    along, side = corners @ ahead, corners @ across
+    grid = np.linspace(along.min(), along.max(), 31)
+    steps = [(start * c, rise) for start, rise in ground.steps if along.min() < start * c < along.max()]
+    base = sum(rise for start, rise in ground.steps if start * c <= along.min())
+    places = sorted([(x, 0.0) for x in grid] + [pair for x, rise in steps for pair in ((x, 0.0), (x, rise))])
+    up = base + np.cumsum([rise for _, rise in places])
+    x = np.array([place for place, _ in places])
+    y = np.linspace(side.min(), side.max(), 13)
+    flat = x[:, None, None] * ahead + y[None, :, None] * across
+    height = ground.height + x * s / c + up / c
+    return np.concatenate([flat, np.broadcast_to(height[:, None, None], (len(x), len(y), 1))], axis=2)
+
+
+# ---------------------------------------------------------------------------------------------- plots
+
+
+def _channels(model: Model, run: Trajectory, last: int, most: int) -> dict[str, Any]:
+    """Channels for plots: unit, names of columns, times and values, thinned so that peaks stay."""
+    found: dict[str, tuple[str, list[str], np.ndarray]] = {}
+    for name, values in run.items():
+        if name not in HIDDEN and values.ndim > 1 and values[0].size and np.isfinite(values[: last + 1]).any():
+            found[name] = _column_table(model, run, name, values[: last + 1])
+    if "energy" in run and last > 2:
+        found["power by way"] = _power(run, last)
+    rows = max(50, min(SAMPLES, most // max(1, sum(v.shape[1] for _, _, v in found.values()))))
+    channels = {}
+    for name, (unit, labels, values) in found.items():
+        time, thin = thinned_samples(run["time"][: last + 1], np.nan_to_num(values, posinf=0.0, neginf=0.0), rows)
+        scale = float(f"{max(np.abs(thin).max(initial=0.0), 1e-12) / 9999:.4g}")
+        channels[name] = {
+            "unit": unit,
+            "labels": labels,
+            "sides": [side_of(label) for label in labels],
+            "times": [float(f"{t:.6g}") for t in time],
+            "scale": scale,
+            "values": np.round(thin.T / scale).astype(int).tolist(),
+        }
+    return channels
+
+
+def _column_table(model: Model, run: Trajectory, name: str, values: np.ndarray) -> tuple[str, list[str], np.ndarray]:
+    """Unit, labels and (samples, columns) of a channel; energies are summed over joints, forces over links."""
+    channel = BY_NAME.get(name)
+    unit = UNITS.get(name, "")
+    if name == "contact_force" and values.ndim == 3 and values.shape[1] == len(model.contacts):
+        links = [point.link for point in model.contacts]
+        normal = values[..., column_of(name, "normal")]
+        table = {f"{link}": normal[:, [x == link for x in links]].sum(axis=1) for link in dict.fromkeys(links)}
+        return f"{unit}, normal", list(table), np.stack(list(table.values()), axis=1)
+    if values.ndim == 3 and channel is not None and channel.unit == "J":
+        return unit, list(channel.labels), values.sum(axis=1)
+    flat = values.reshape(len(values), -1)
+    names = list(run.info.get("joints", model.joint_names))
+    if len(names) == flat.shape[1] and (channel is None or channel.of in ("joint", "servo", "rotor")):
+        return unit, names, flat
+    if channel is not None and len(channel.labels) == flat.shape[1]:
+        return unit, list(channel.labels), flat
+    return unit, [str(k) for k in range(flat.shape[1])], flat
+
+
+def _power(run: Trajectory, last: int) -> tuple[str, list[str], np.ndarray]:
+    """Where the power goes, all joints together [W]: the mean over each fiftieth of a second."""
+    energy = run["energy"][: last + 1].sum(axis=1)
+    time = run["time"][: last + 1]
+    k = max(1, round(0.01 / _step(run)))
+    before, after = np.maximum(np.arange(len(time)) - k, 0), np.minimum(np.arange(len(time)) + k, len(time) - 1)
+    power = (energy[after] - energy[before]) / (time[after] - time[before])[:, None]
+    labels = list(BY_NAME["energy"].labels)
+    keep = [j for j in range(len(labels)) if j != SUPPLY]
+    return "W", [labels[j] for j in keep], power[:, keep]
+
+
+def thinned_samples(time: np.ndarray, values: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """At most about `most` samples of values (n, columns): of each stretch its least and its largest, so peaks stay."""
+    n = len(time)
+    if n <= most:
+        return time, values
+    size = math.ceil(2 * n / most)
+    whole = n // size * size
+    parts = values[:whole].reshape(-1, size, values.shape[1])
+    first = parts.argmin(axis=1) <= parts.argmax(axis=1)
+    low, high = parts.min(axis=1), parts.max(axis=1)
+    pairs = np.stack([np.where(first, low, high), np.where(first, high, low)], axis=1).reshape(-1, values.shape[1])
+    begin = time[:whole:size]
+    span = time[size - 1 : whole : size] - begin
+    times = np.stack([begin + 0.25 * span, begin + 0.75 * span], axis=1).reshape(-1)
+    ends = np.r_[time[:1], times, time[-1:]]
+    return ends, np.vstack([values[:1], pairs, values[-1:]])
