@@ -1,11 +1,11 @@
 """What robots, scenes, channels and motions look like in print and on a page."""
 
-import json
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from pages import data_of
 
 from featherstone_gait import Ground, Trajectory, channel_table, compile_scene, load_robot, simulate
 from featherstone_gait.core.effects import energies
@@ -92,9 +92,9 @@ def motion():
 def test_a_motion_is_drawn_without_the_channel_energy(motion, tmp_path):
     scene, run = motion
     write_animation(tmp_path / "page.html", scene.model, {"arm": run})
-    (drawn,) = json.loads(re.search(r"const runs = (\[.*?\]);", (tmp_path / "page.html").read_text("utf-8"))[1])
+    (drawn,) = data_of((tmp_path / "page.html").read_text("utf-8"))["runs"]
     assert drawn["energy"] is None
-    assert len(drawn["boxes"]) > 1
+    assert len(drawn["frames"]) > 1
 
 
 def test_a_motion_without_its_positions_is_refused(motion, tmp_path):

@@ -187,7 +187,8 @@ def _plot_simulation(scene: CompiledScene, trajectory: Trajectory, text: str, pa
     """The motion on the left; joints and what tells how good the run is on the right."""
     from matplotlib.figure import Figure
 
-    from ..view.plotting import plot_motion, plot_trajectory
+    from ..view.plotting import FAILED, plot_motion, plot_trajectory
+    from ..view.style import BAD
 
     figure = Figure(figsize=(11.0, 5.5), layout="constrained")
     left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=(1.0, 1.2))[0]
@@ -206,6 +207,8 @@ def _plot_simulation(scene: CompiledScene, trajectory: Trajectory, text: str, pa
     else:
         plot_trajectory(trajectory, ["q", "contact_force" if scene.ground else "torque"], panels)
     panels[0].set(xlabel="", ylabel="joints [rad or m]")
-    figure.suptitle(text, fontsize=11)
+    wrong = "" if trajectory.ok else f": {trajectory.status}"
+    ended = f" at {trajectory.end_time:.3g} s" if trajectory.status in FAILED else ""
+    figure.suptitle(f"{text}{wrong}{ended}", fontsize=11, color="black" if trajectory.ok else BAD)
     with complete(path) as temporary:
         figure.savefig(temporary, dpi=120)

@@ -1,7 +1,8 @@
 """The picture of a study: its first measure over what was varied.
 
-One parameter: a line.  Two: a map.  More: a panel for each, with all runs and the median of those that are "ok".  Runs
-of another status are crosses, at the edge of the panel where they have no value.
+One parameter: a line.  Two: a map.  A grid of three: a map for each value of the one with the fewest.  More, and random
+ones: a panel for each, with all runs and the median of those that are "ok".  Runs of another status are crosses, at the
+edge of the panel where they have no value.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..files import complete, read_csv
+from ..view.style import BAD, BLUE, look
 from .measures import COLUMNS
 from .settings import PARAMETERS, Axis, Study
 from .table import TABLE
@@ -27,7 +29,8 @@ BINS, FEW = 12, 50  # of the median along a parameter that takes more than a few
 DECADES = 30.0  # largest by smallest value from which an axis is logarithmic
 SPAN = 1e-16  # smallest by largest value of an axis or colour
 LABELS = 9  # of an axis of a map
-BLUE, RED = "#2a5d9c", "#c8102e"
+MAPS = 9  # maps side by side
+RED = BAD
 
 
 class _Column(NamedTuple):
@@ -47,17 +50,28 @@ def plot_study(study: Study, table: Path, path: Path) -> None:
     """Draw a study's table as PNG."""
     from matplotlib.figure import Figure
 
+    with look():
+        figure = _figure(study, table, Figure)
+    with complete(path) as temporary:
+        figure.savefig(temporary, dpi=130)
+
+
+def _figure(study: Study, table: Path, make: type[Figure]) -> Figure:
     measure, says = next(iter(COLUMNS[study.setup.experiment].items()))
     read = _read(table, (*study.setup.names, "status", measure))
     y = np.array([float(text) if text else np.nan for text in read[measure]])
     ok = np.array(read["status"]) == "ok"
     columns = [_column(name, axis, read[name]) for name, axis in zip(study.setup.names, study.axes)]
-    width = min(len(columns), 3) if len(columns) > 2 else 1
-    height = -(-len(columns) // width) if len(columns) > 2 else 1
-    size = (7.0, 4.5) if width == 1 else (3.6 * width, 0.5 + 2.9 * height)
-    figure = Figure(figsize=size, layout="constrained")
+    shape = [0 if column.axis.values is None else len(column.axis.values) for column in columns]
+    several = len(columns) == 3 and len(y) == math.prod(shape) and min(shape) <= MAPS
+    count = min(shape) if several else len(columns) if len(columns) > 2 else 1
+    width = min(count, 3)
+    height = -(-count // width)
+    figure = make(figsize=(7.0, 4.5) if count == 1 else (3.6 * width, 0.5 + 2.9 * height), layout="constrained")
     panels = figure.subplots(height, width, squeeze=False).ravel()
-    if len(columns) == 2:
+    if several:
+        _maps(figure, panels, columns, y, ok, says)
+    elif len(columns) == 2:
         _map(figure, panels[0], columns, y, ok, says)
     else:
         for panel, column in zip(panels, columns):
@@ -68,9 +82,9 @@ def plot_study(study: Study, table: Path, path: Path) -> None:
             panel.set_axis_off()
         if panels[0].get_legend_handles_labels()[1]:
             panels[0].legend(fontsize=8, frameon=False)
-    figure.suptitle(f"{study.name}: {study.setup.model.name}, {study.setup.experiment}, {len(study)} runs", fontsize=11)
-    with complete(path) as temporary:
-        figure.savefig(temporary, dpi=130)
+    failed = f", {np.sum(~ok)} not ok" if not ok.all() else ""
+    figure.suptitle(f"{study.name}: {study.setup.model.name}, {study.setup.experiment}, {len(study)} runs{failed}")
+    return figure
 
 
 def _read(table: Path, names: tuple[str, ...]) -> dict[str, list[str]]:
@@ -130,7 +144,6 @@ def _marginal(panel: Axes, column: _Column, y: np.ndarray, ok: np.ndarray, line:
         panel.plot(*median, color=BLUE, linewidth=1.5, label=None if line else "median")
     elif not line:
         panel.plot(*median, "_", color=BLUE, markersize=18, label="median")
-    panel.grid(alpha=0.3)
 
 
 def _median(column: _Column, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -147,27 +160,61 @@ def _median(column: _Column, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array([x[g].mean() for g in groups]), np.array([np.median(y[g]) for g in groups])
 
 
-def _map(figure: Figure, panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str) -> None:
-    """The measure as colour over two parameters: cells for a grid, points otherwise."""
+def _norm(y: np.ndarray) -> Any:
+    """The scale of colours for values."""
     from matplotlib.colors import LogNorm, Normalize
 
     known = y[np.isfinite(y)]
-    kind = LogNorm if _wide(y) else Normalize
-    norm = kind(_least(y), known.max()) if len(known) else Normalize(0.0, 1.0)
-    across, up = columns[1], columns[0]
+    return (LogNorm if _wide(y) else Normalize)(_least(y), known.max()) if len(known) else Normalize(0.0, 1.0)
+
+
+def _maps(
+    figure: Figure, panels: np.ndarray, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str
+) -> None:
+    """A map for each value of the parameter that has the fewest, all to one scale of colours."""
+    shape = [len(column.axis.listed) for column in columns]
+    apart = int(np.argmin(shape))
+    values, sound = (np.moveaxis(x.reshape(shape), apart, 0) for x in (y, ok))
+    others, norm = [column for k, column in enumerate(columns) if k != apart], _norm(y)
+    name, _, unit = columns[apart].label.partition(" [")
+    for panel, value, v, o in zip(panels, columns[apart].axis.listed, values, sound):
+        image = _cells(panel, others, v, o, norm)
+        text = value if isinstance(value, str) else f"{value:.3g}"
+        panel.set_title(f"{name} {text} {unit.rstrip(']')}".rstrip())
+    for panel in panels[len(values) :]:
+        panel.set_axis_off()
+    if not ok.all():
+        panels[0].plot([], [], "x", color=RED, markersize=6, label="not ok")
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left")
+    figure.colorbar(image, ax=panels[: len(values)].tolist(), label=says)
+
+
+def _cells(panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, norm: Any) -> ScalarMappable:
+    """A cell a run (rows, columns); crosses for those that are not ok, grey for those without a value."""
+    up, across = columns
     panel.set_facecolor("0.85")
+    panel.grid(False)
+    image = panel.pcolormesh(y, norm=norm, cmap="viridis")
+    for set_ticks, column in ((panel.set_xticks, across), (panel.set_yticks, up)):
+        step = -(-len(column.axis.listed) // LABELS)
+        values = column.axis.listed[::step]
+        texts = [value if isinstance(value, str) else f"{value:.3g}" for value in values]
+        set_ticks(0.5 + step * np.arange(len(values)), texts)
+    rows, cells = np.nonzero(~ok)
+    panel.plot(0.5 + cells, 0.5 + rows, "x", color=RED, markersize=6, label="not ok")
+    panel.set(xlabel=across.label, ylabel=up.label)
+    return image
+
+
+def _map(figure: Figure, panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str) -> None:
+    """The measure as colour over two parameters: cells for a grid, points otherwise."""
+    norm = _norm(y)
+    across, up = columns[1], columns[0]
     shape = [0 if column.axis.values is None else len(column.axis.values) for column in columns]
     if len(y) == math.prod(shape):
-        image: ScalarMappable = panel.pcolormesh(y.reshape(shape), norm=norm, cmap="viridis")
-        for set_ticks, column in ((panel.set_xticks, across), (panel.set_yticks, up)):
-            step = -(-len(column.axis.listed) // LABELS)
-            values = column.axis.listed[::step]
-            texts = [value if isinstance(value, str) else f"{value:.3g}" for value in values]
-            set_ticks(0.5 + step * np.arange(len(values)), texts)
-        rows, cells = np.nonzero(~ok.reshape(shape))
-        crosses = 0.5 + cells, 0.5 + rows
-        panel.set(xlabel=across.label, ylabel=up.label)
+        image = _cells(panel, columns, y.reshape(shape), ok.reshape(shape), norm)
     else:
+        panel.set_facecolor("0.85")
         _scale_x(panel, across)
         panel.set_ylabel(up.label)
         if up.names is not None:
@@ -175,8 +222,7 @@ def _map(figure: Figure, panel: Axes, columns: list[_Column], y: np.ndarray, ok:
         elif up.log:
             panel.set_yscale("log")
         image = panel.scatter(across.x[ok], up.x[ok], c=y[ok], norm=norm, cmap="viridis", s=25)
-        crosses = across.x[~ok], up.x[~ok]
-    panel.plot(*crosses, "x", color=RED, markersize=6, label="not ok")
+        panel.plot(across.x[~ok], up.x[~ok], "x", color=RED, markersize=6, label="not ok")
     if not ok.all():
         panel.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.0, -0.1), frameon=False)
     figure.colorbar(image, ax=panel, label=says)

@@ -12,8 +12,7 @@ import numpy as np
 from ..arguments import listed, real, whole
 from ..dynamics import forward_kinematics
 from ..files import FilePath, complete
-from .plotting import positions
-from .recorded import ENDED
+from .plotting import FAILED, positions
 from .shown import Robot, robot_of
 from .visuals import Body, bodies
 
@@ -63,12 +62,12 @@ def save_movie(
 def _times(trajectory: Trajectory, fps: float, speed: float) -> np.ndarray:
     """Times of the frames [s]; a run that failed ends where it did, and is looked at for another second."""
     time = trajectory["time"]
-    end = min(trajectory.end_time, time[-1]) if trajectory.status in ENDED else time[-1]
+    end = min(trajectory.end_time, time[-1]) if trajectory.status in FAILED else time[-1]
     count = 1 + math.floor((end - time[0]) * fps / speed + 1e-9)
     if count > MOST_FRAMES:
         raise ValueError(f"{count} frames; at most {MOST_FRAMES}: lower fps, or raise speed")
     times = time[0] + np.arange(count) * speed / fps
-    return np.append(times, np.full(round(fps), end)) if trajectory.status in ENDED else times
+    return np.append(times, np.full(round(fps), end)) if trajectory.status in FAILED else times
 
 
 def _at(trajectory: Trajectory, q: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -106,8 +105,9 @@ def _drawn(
         polygons, colours, smooth = camera.faces(found, poses.rotation[k, places], poses.position[k, places])
         edges = [colour if soft else (0.0, 0.0, 0.0, 0.4) for colour, soft in zip(colours, smooth)]
         axes.add_collection(PolyCollection(polygons, facecolor=colours, edgecolor=edges, linewidth=0.5))
-        ended = trajectory.status in ENDED and time >= trajectory.end_time - 1e-9
-        label = f"{time:.2f} s" + (f": {trajectory.status}" if ended or trajectory.status not in (*ENDED, "ok") else "")
+        ended = trajectory.status in FAILED and time >= trajectory.end_time - 1e-9
+        told = ended or trajectory.status not in (*FAILED, "ok")
+        label = f"{time:.2f} s" + f": {trajectory.status}" * told
         axes.text(0.02, 0.95, label, transform=axes.transAxes, color=BAD if ended else "0.15", va="top", fontsize=11)
         yield
 

@@ -120,12 +120,12 @@ function square() {  // its edge [m]: 1, 2 or 5 times a power of ten, so that a 
 
 function ground(g, cam, floor) {
   if (floor.quads) { relief(g, cam, floor); return; }
-  const z = floor.height, far = 60 * view.span, [cx, cy] = cam.center, s = square();
+  const z = floor.height, [cx, cy] = cam.center, s = square();
+  if (cam.eye[2] <= z) return;  // from below
   const field = (x0, x1, y0, y1) => cam.clipped([[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]]);
-  g.beginPath();
-  trace(g, field(cx - far, cx + far, cy - far, cy + far));
+  const horizon = Math.max(0, cam.h / 2 - cam.focus * Math.tan(Math.min(view.pitch, 1.5)));
   g.fillStyle = colours.ground;
-  g.fill();
+  g.fillRect(0, horizon, cam.w, cam.h - horizon);
   const n = Math.ceil(2.4 * view.span / s), i0 = 2 * Math.round(cx / s / 2), j0 = 2 * Math.round(cy / s / 2);
   const [x0, x1, y0, y1] = [(i0 - n) * s, (i0 + n) * s, (j0 - n) * s, (j0 + n) * s];
   g.beginPath();
@@ -167,8 +167,7 @@ function relief(g, cam, floor) {
   for (const { x, k } of order) {
     g.beginPath();
     trace(g, cam.clipped(x));
-    const upright = Math.hypot(x[1][0] - x[0][0], x[1][1] - x[0][1]) < 1e-9;
-    g.fillStyle = g.strokeStyle = upright ? colours.shadow : floor.shade[k] ? colours.square : colours.ground;
+    g.fillStyle = g.strokeStyle = [colours.ground, colours.square, colours.shadow][floor.shade[k]];
     g.fill();
     g.stroke();
   }

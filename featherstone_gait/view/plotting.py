@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from ..arguments import instance, listed, shown, whole
 from ..core.step.state import BY_NAME, UNITS
 from ..dynamics import check_model, forward_kinematics
 from ..model import Model
+from .style import BAD, COLOURS, label_ends, look
+from .visuals import SIDES_OF, side_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,14 +21,26 @@ if TYPE_CHECKING:
     from ..trajectory import Trajectory
 
 MOST_FIGURES = 10**4
-STYLES = ("-", "--", ":")  # of every ten lines, which have ten colours
+MANY = 8  # lines in one panel, beyond which joints are drawn side by side, left and right
+FAILED = ("fell", "diverged", "step too small", "too costly")  # statuses of runs that end before their time
+
+
+class _Table(NamedTuple):
+    """A channel as lines."""
+
+    axis: str  # name and unit
+    labels: list[str]
+    values: np.ndarray  # (samples, lines)
 
 
 def plot_trajectory(
     trajectory: Trajectory, names: Sequence[str], axes: Axes | Sequence[Axes] | np.ndarray | None = None
 ) -> Figure:
-    """Draw channels against time [s], one panel each, in `axes` if given; return the figure.
+    """Draw channels against time [s], a row each, or one panel each in `axes` if given; return the figure.
 
+    Labels stand at the ends of their lines.  More than 8 joints are drawn side by side, those of the left and those of
+    the right by their names, partners in one colour and to one scale; in given axes the right ones are dashed.  A run
+    that failed is drawn to its failure, which is told.
     Raises ValueError on an unknown channel and on another number of axes than of names.
     """
     instance("trajectory", trajectory, Mapping, "give what simulate returns")
@@ -36,44 +50,135 @@ def plot_trajectory(
     for name in names:
         if not isinstance(name, str) or name not in trajectory:
             raise ValueError(f"names: there is no channel {shown(name)}; channels: {', '.join(map(str, trajectory))}")
-    if axes is None:
-        from matplotlib import pyplot
+    with look():
+        if axes is None:
+            return _rows(trajectory, [_table(trajectory, name) for name in names])
+        panels = np.ravel(np.asarray(axes))
+        _check_axes(panels)
+        if len(panels) != len(names):
+            raise ValueError(f"{len(names)} channels and {len(panels)} axes; give one each")
+        for panel, name in zip(panels, names):
+            table = _table(trajectory, name)
+            _draw(panel, trajectory, table, _styles(table.labels), range(len(table.labels)))
+            panel.set_ylabel(table.axis)
+        panels[-1].set_xlabel("time [s]")
+        return panels[-1].figure
 
-        size = (7.0, 1.0 + 2.0 * len(names))
-        _, axes = pyplot.subplots(len(names), sharex=True, squeeze=False, figsize=size, layout="constrained")
-    panels = np.ravel(np.asarray(axes))
-    _check_axes(panels)
-    if len(panels) != len(names):
-        raise ValueError(f"{len(names)} channels and {len(panels)} axes; give one each")
-    for panel, name in zip(panels, names):
-        _plot_channel(panel, trajectory, name)
-    panels[-1].set_xlabel("time [s]")
-    return panels[-1].figure
+
+def _rows(trajectory: Trajectory, tables: list[_Table]) -> Figure:
+    """A new figure, a row for each table; where one has many lines with sides, a column for each side."""
+    from matplotlib import pyplot
+
+    sided = [_sides(table.labels) for table in tables]
+    columns = max(len(groups) for groups in sided)
+    heights = [max(1.9, 0.5 + 0.15 * max(len(group) for _, group in groups)) for groups in sided]
+    size = (7.0 if columns == 1 else 3.6 * columns, 0.5 + sum(heights))
+    figure = pyplot.figure(figsize=size, layout="constrained")
+    grid = figure.add_gridspec(len(tables), columns, height_ratios=heights)
+    first = None
+    for row, (table, groups) in enumerate(zip(tables, sided)):
+        styles, left = _styles(table.labels), None
+        for column, (side, group) in enumerate(groups):
+            place = grid[row, :] if len(groups) == 1 else grid[row, column]
+            panel = figure.add_subplot(place, sharex=first, sharey=left)
+            first, left = first or panel, left or panel
+            _draw(panel, trajectory, table, styles if len(groups) == 1 else _solid(styles), group, side)
+            if side:
+                panel.set_title(side)
+            if column == 0:
+                panel.set_ylabel(table.axis)
+            else:
+                panel.tick_params(labelleft=False)
+            if row == len(tables) - 1:
+                panel.set_xlabel("time [s]")
+    return figure
+
+
+def _table(trajectory: Trajectory, name: str) -> _Table:
+    """Forces and energies of several numbers a joint or contact point are summed over these."""
+    channel, values, labels = BY_NAME.get(name), trajectory[name], trajectory.info.get("joints")
+    if values.ndim == 3 and channel is not None and channel.unit in ("J", "N"):
+        values, labels = values.sum(axis=1), channel.labels
+    values = values.reshape(len(values), -1)
+    if labels is None or len(labels) != values.shape[1]:
+        own = channel.labels if channel is not None and len(channel.labels) == values.shape[1] else None
+        labels = own or [str(k) for k in range(values.shape[1])]
+    return _Table(f"{name} [{UNITS[name]}]" if name in UNITS else name, list(labels), values)
+
+
+def _sides(labels: list[str]) -> list[tuple[str, list[int]]]:
+    """Lines of a panel each: all, or where there are many those of the left, of the right, and the others."""
+    of = {side: [k for k, label in enumerate(labels) if side_of(label) == side] for side in ("left", "right", "")}
+    if len(labels) <= MANY or not of["left"] or not of["right"]:
+        return [("", list(range(len(labels))))]
+    return [(side or "others", group) for side, group in of.items() if group]
+
+
+def _styles(labels: list[str]) -> list[tuple[str, str]]:
+    """Colour and stroke of each line; partners left and right have one colour, and the right one is dashed."""
+    if len(labels) <= MANY and len({_partner(label) for label in labels}) == len(labels):
+        return [(COLOURS[k % len(COLOURS)], "-") for k in range(len(labels))]
+    kinds = {kind: k for k, kind in enumerate(dict.fromkeys(_partner(label) for label in labels))}
+    strokes = ("-", "-.", ":")
+    return [
+        (COLOURS[kinds[_partner(x)] % len(COLOURS)],
+         "--" if side_of(x) == "right" else strokes[kinds[_partner(x)] // len(COLOURS) % 3])
+        for x in labels
+    ]  # fmt: skip
+
+
+def _solid(styles: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    return [(colour, "-" if stroke == "--" else stroke) for colour, stroke in styles]
+
+
+def _partner(label: str) -> str:
+    """A name without its side, which left and right have in common."""
+    side = side_of(label)
+    words = [word for word in label.lower().replace("-", "_").split("_") if side]
+    kept = [word for word in words if word != side and word not in SIDES_OF[side]]
+    return "_".join(kept) if side else label
+
+
+def _draw(
+    axes: Axes, trajectory: Trajectory, table: _Table, styles: list[tuple[str, str]], lines: Iterable[int],
+    side: str = "",
+) -> None:  # fmt: skip
+    """Some lines of a table, up to where the run failed, with labels at their ends."""
+    failed = trajectory.status in FAILED
+    time = trajectory["time"]
+    last = max(1, int(np.searchsorted(time, trajectory.end_time + 1e-9, side="right"))) if failed else len(time)
+    ends = []
+    for k in lines:
+        colour, stroke = styles[k]
+        label = _partner(table.labels[k]) if side in ("left", "right") else table.labels[k]
+        column = table.values[:last, k]
+        axes.plot(time[:last], column, stroke, color=colour, label=table.labels[k])
+        if np.isfinite(column[-1]):
+            ends.append((float(column[-1]), label.replace("_", " "), colour))
+    axes.margins(x=0.0)
+    axes.set_xlim(float(time[0]), float(time[-1]) if len(time) > 1 else None)
+    if len(table.labels) > 1:
+        label_ends(axes, ends, trajectory.end_time if failed else None)
+    if failed or trajectory.status != "ok":
+        _tell(axes, trajectory, failed)
+
+
+def _tell(axes: Axes, trajectory: Trajectory, failed: bool) -> None:
+    """How a run ended that is not sound."""
+    text = trajectory.status
+    if failed:
+        axes.axvline(trajectory.end_time, color=BAD, linestyle=":", linewidth=1.2)
+        text = f"{trajectory.status} at {trajectory.end_time:.3g} s"
+    axes.annotate(
+        text, (1.0, 1.0), xycoords="axes fraction", xytext=(-3, -3), textcoords="offset points", color=BAD, fontsize=8,
+        ha="right", va="top", fontweight="bold", bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1},
+    )  # fmt: skip
 
 
 def _check_axes(panels: Iterable[Any]) -> None:
     for panel in panels:
         if not hasattr(panel, "add_collection"):
             raise TypeError(f"axes is {shown(panel)}; give matplotlib's axes, or None")
-
-
-def _plot_channel(axes: Axes, trajectory: Trajectory, name: str) -> None:
-    """One panel; forces and energies of several numbers a joint or contact point are summed over these."""
-    channel, values, labels = BY_NAME.get(name), trajectory[name], trajectory.info.get("joints")
-    if values.ndim == 3 and channel is not None and channel.unit in ("J", "N"):
-        values, labels = values.sum(axis=1), channel.labels
-    values = values.reshape(len(values), -1)
-    if labels is None or len(labels) != values.shape[1]:
-        labels = [str(k) for k in range(values.shape[1])]
-    for k, (column, label) in enumerate(zip(values.T, labels)):
-        axes.plot(trajectory["time"], column, STYLES[k // 10 % 3], linewidth=1.2, label=label)
-    axes.set_ylabel(f"{name} [{UNITS[name]}]" if name in UNITS else name)
-    axes.grid(alpha=0.3)
-    if trajectory.end_time < trajectory["time"][-1]:
-        axes.axvline(trajectory.end_time, color="0.2", linestyle=":", linewidth=1.2)
-    if values.shape[1] > 1:
-        size = 8 if values.shape[1] <= 10 else 6
-        axes.legend(frameon=False, fontsize=size, labelspacing=0.2, loc="upper left", bbox_to_anchor=(1.0, 1.05))
 
 
 def plot_motion(

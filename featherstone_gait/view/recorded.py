@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arguments import instance
-from ..build.contact import ground_under
+from ..build.contact import ground_under, plane_axes
 from ..channels import column_of
 from ..core.effects.energies import METER, SUPPLY
 from ..core.step.state import BY_NAME, UNITS
 from ..dynamics import deepest_points, forward_kinematics
 from ..model import TORQUE_LAWS, Ground, Model, Servo
 from ..sensors import in_world
-from .plotting import positions
+from .plotting import FAILED, positions
 from .visuals import Body, bodies, side_of, sided
 
 if TYPE_CHECKING:
@@ -31,9 +31,9 @@ FINE = 5e-5  # of the largest length: unit of lengths in the page
 TOUCH = 0.01  # of the weight: a smaller normal force is no step
 STANCE = 0.03  # [s] of the shortest step that leaves a footprint
 NEAR = 1e-3  # [m] over the ground, within which a point counts as touching where forces were not recorded
+FIELD = 40  # cells along a height field
 PRINTS = 400  # footprints of a run
 HIDDEN = ("time", "increment", "passes", "worst_chatter")  # channels that are not offered for plots
-ENDED = ("fell", "diverged", "step too small", "too costly")  # statuses of runs that end before their time
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def _sampled(seen: Seen) -> _Poses:
     q = positions(run, seen.model)
     time = run["time"]
     sound = np.isfinite(q).all(axis=1)
-    last = int(np.searchsorted(time, run.end_time + 1e-9, side="right")) - 1 if run.status in ENDED else len(time) - 1
+    last = int(np.searchsorted(time, run.end_time + 1e-9, side="right")) - 1 if run.status in FAILED else len(time) - 1
     last = min(max(last, 0), len(time) - 1)
     last = min(last, int(np.argmin(sound)) - 1) if not sound.all() else last
     if last < 0:
@@ -180,7 +180,7 @@ def _run(seen: Seen, caption: str, poses: _Poses, found: list[Body], unit: float
     frames = np.concatenate(
         [np.round(poses.position[:, rows] / unit), np.round(_quaternions(poses.rotation[:, rows]) / TURN)], axis=2
     )
-    stopped = run.status in ENDED
+    stopped = run.status in FAILED
     floor = seen.ground.height if seen.ground is not None else float(corners[..., 2].min())
     return {
         "caption": caption,
@@ -317,41 +317,44 @@ def _turn(x: np.ndarray, a: int, b: int, c: int) -> float:
 
 
 def _relief(ground: Ground | None, corners: np.ndarray) -> dict[str, Any]:
-    """Ground that is not level, as quadrangles [m] over the way of the robot; {} for a level floor."""
+    """Ground that is not level, as quadrangles [m] over the way of the robot; {} for a level floor.
+
+    shade: 0 and 1 in turn, 2 for the face of a step.
+    """
     if ground is None or not (ground.slope or ground.steps or ground.field is not None):
         return {}
     low, high = corners[..., :2].min(axis=(0, 1)), corners[..., :2].max(axis=(0, 1))
     margin = 0.6 * float(max((high - low).max(), np.ptp(corners[..., 2])))
-    if ground.field is not None:
-        x, y = (np.linspace(a - margin, b + margin, 41) for a, b in zip(low, high))
-        grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-        over = ground_under(ground, np.concatenate([grid, np.zeros((*grid.shape[:2], 1))], axis=2).reshape(-1, 3))[:, 6]
-        nodes = np.concatenate([grid, -over.reshape(*grid.shape[:2], 1)], axis=2)
-    else:
-        nodes = _stairs(ground, np.array([low - margin, high + margin]))
-    cells = [nodes[:-1, :-1], nodes[1:, :-1], nodes[1:, 1:], nodes[:-1, 1:]]
-    quads = np.stack(cells, axis=2)
-    shade = (np.add.outer(np.arange(quads.shape[0]), np.arange(quads.shape[1])) & 1).reshape(-1)
-    return {"quads": np.round(quads.reshape(-1, 12), 5).tolist(), "shade": shade.tolist()}
+    box = np.array([low - margin, high + margin])
+    nodes, faces = _stairs(ground, box) if ground.field is None else (_field(ground, box), np.zeros(FIELD, bool))
+    quads = np.stack([nodes[:-1, :-1], nodes[1:, :-1], nodes[1:, 1:], nodes[:-1, 1:]], axis=2)
+    shade = np.add.outer(np.arange(quads.shape[0]), np.arange(quads.shape[1])) & 1
+    shade[faces[: quads.shape[0]]] = 2
+    return {"quads": np.round(quads.reshape(-1, 12), 5).tolist(), "shade": shade.reshape(-1).tolist()}
 
 
-def _stairs(ground: Ground, box: np.ndarray) -> np.ndarray:
-    """Nodes (n, m, 3) of a plane with slope and steps, twice where a step rises."""
-    s, c = math.sin(ground.slope), math.cos(ground.slope)
-    ahead = np.array([math.cos(ground.heading), math.sin(ground.heading)])
-    across = np.array([-ahead[1], ahead[0]])
-    corners = np.array([[x, y] for x in box[:, 0] for y in box[:, 1]])
-    along, side = corners @ ahead, corners @ across
-    grid = np.linspace(along.min(), along.max(), 31)
-    steps = [(start * c, rise) for start, rise in ground.steps if along.min() < start * c < along.max()]
-    base = sum(rise for start, rise in ground.steps if start * c <= along.min())
-    places = sorted([(x, 0.0) for x in grid] + [pair for x, rise in steps for pair in ((x, 0.0), (x, rise))])
-    up = base + np.cumsum([rise for _, rise in places])
-    x = np.array([place for place, _ in places])
+def _field(ground: Ground, box: np.ndarray) -> np.ndarray:
+    """Nodes (n, n, 3) on a height field over a box (2, 2) in x and y [m]."""
+    x, y = (np.linspace(low, high, FIELD + 1) for low, high in box.T)
+    level = np.stack([*np.meshgrid(x, y, indexing="ij"), np.zeros((len(x), len(y)))], axis=-1)
+    level[..., 2] = -ground_under(ground, level.reshape(-1, 3))[:, 6].reshape(level.shape[:2])
+    return level
+
+
+def _stairs(ground: Ground, box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (n, m, 3) of a plane with slope and steps, two rows where one rises, and which rows begin such a face."""
+    normal, first, second = plane_axes(ground)
+    across = [np.array([x, y, 0.0]) for x in box[:, 0] for y in box[:, 1]]
+    along, side = np.array([(c @ first / (1.0 - first[2] ** 2), c @ second) for c in across]).T
+    steps = sorted(step for step in ground.steps if along.min() < step[0] < along.max())
+    base = sum(rise for start, rise in ground.steps if start <= along.min())
+    rows = sorted([(t, 0.0) for t in np.linspace(along.min(), along.max(), 31)] + [(t, 0.0) for t, _ in steps])
+    rows = sorted(rows + steps, key=lambda row: (row[0], row[1] != 0.0))
+    t, rises = np.array(rows).T
+    up = ground.height * normal[2] + base + np.cumsum(rises)
     y = np.linspace(side.min(), side.max(), 13)
-    flat = x[:, None, None] * ahead + y[None, :, None] * across
-    height = ground.height + x * s / c + up / c
-    return np.concatenate([flat, np.broadcast_to(height[:, None, None], (len(x), len(y), 1))], axis=2)
+    nodes = (t[:, None] * first + up[:, None] * normal)[:, None] + y[None, :, None] * second
+    return nodes, np.append(rises[1:] != 0.0, False)
 
 
 # ---------------------------------------------------------------------------------------------- plots

@@ -1,7 +1,7 @@
 """What of a robot is seen: its <visual> shapes, else its collision shapes, else boxes of the links' inertia.
 
 All become convex or flat faces in the axes of their links.  Meshes are thinned: their vertices are merged in the cells
-of a grid, whose size is chosen so that the faces of a robot stay within a budget (J. Rossignac and P. Borrel, 1993).
+of a grid (J. Rossignac and P. Borrel, 1993), whose size is chosen so that the faces of a robot stay within a budget.
 """
 
 from __future__ import annotations
@@ -289,11 +289,14 @@ def thinned(points: np.ndarray, triangles: np.ndarray, most: int) -> Faceted:
 
 
 def _merged(points: np.ndarray, triangles: np.ndarray, cell: float, low: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of the vertices in a cell the one nearest to their mean stands for all; triangles that collapse are left out."""
     _, group = np.unique(np.floor((points - low) / cell).astype(int), axis=0, return_inverse=True)
     group = group.reshape(-1)
     count = np.bincount(group).astype(float)
     means = np.column_stack([np.bincount(group, points[:, k]) / count for k in range(3)])
+    order = np.lexsort((((points - means[group]) ** 2).sum(axis=1), group))
+    nearest = order[np.searchsorted(group[order], np.arange(len(means)))]
     faces = group[triangles]
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     turned = np.take_along_axis(faces, (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3, axis=1)
-    return means, np.unique(turned, axis=0)  # both sides of a thin plate stay
+    return points[nearest], np.unique(turned, axis=0)  # both sides of a thin plate stay

@@ -1,0 +1,101 @@
+"""One look for all figures: colours that the colour-blind tell apart, quiet axes, labels at the ends of lines.
+
+Colours are those of M. Okabe and K. Ito (2008), of which the yellow is left out: it is too pale for a line.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
+BLUE, ORANGE, GREY = COLOURS[0], COLOURS[1], "0.45"
+BAD = "#A3160F"  # what failed, always with a word or a cross besides
+COLUMN = 3.5  # width of a column of a page [inch]
+LOOK: dict[str, Any] = {
+    "axes.grid": True, "axes.axisbelow": True, "axes.spines.top": False, "axes.spines.right": False,
+    "axes.titlesize": 9.5, "axes.labelsize": 9, "figure.titlesize": 11, "font.size": 9, "grid.alpha": 0.3,
+    "grid.linewidth": 0.6, "legend.frameon": False, "legend.fontsize": 8, "lines.linewidth": 1.3,
+    "xtick.labelsize": 8, "ytick.labelsize": 8,
+}  # fmt: skip
+
+
+@contextmanager
+def look() -> Iterator[None]:
+    """Figures that are made within have the look."""
+    import matplotlib
+    from cycler import cycler
+
+    settings: Any = LOOK | {"axes.prop_cycle": cycler(color=COLOURS)}
+    with matplotlib.rc_context(settings):
+        yield
+
+
+def label_ends(
+    axes: Axes, ends: Sequence[tuple[float, str, Any]], x: float | None = None, size: float = 7.5
+) -> None:
+    """Write a label beside the end of each line, at (y, text, colour), moved apart where they would collide.
+
+    x: where the lines end, None for the right edge of the axes.
+    """
+    if not ends:
+        return
+    low, high = axes.get_ylim()
+    figure: Any = axes.figure
+    tall = axes.get_position().height * figure.get_figure(root=True).get_figheight() * 72.0 or 100.0
+    gap = 1.25 * size / tall
+    size *= min(1.0, 1.1 / (gap * max(1, len(ends) - 1)))
+    order = sorted(range(len(ends)), key=lambda k: ends[k][0])
+    wanted = np.array([(ends[k][0] - low) / ((high - low) or 1.0) for k in order])
+    for k, place in zip(order, spread(wanted, gap)):
+        _, text, colour = ends[k]
+        axes.annotate(
+            text, (1.0 if x is None else x, place), xytext=(4, 0), textcoords="offset points", color=colour,
+            xycoords="axes fraction" if x is None else axes.get_xaxis_transform(), fontsize=size, va="center",
+            annotation_clip=False,
+        )  # fmt: skip
+
+
+def spread(wanted: np.ndarray, gap: float) -> np.ndarray:
+    """Places (n,) from 0 to 1, rising, at least `gap` apart and as near as may be to those wanted (n,), which rise.
+
+    Where so many do not fit they are closer together.
+    """
+    gap = min(gap, 1.0 / max(1, len(wanted) - 1))
+    blocks: list[list[float]] = []  # sum of wanted places less the gaps before, count
+    for k, place in enumerate(wanted):
+        blocks.append([place - gap * k, 1.0])
+        while len(blocks) > 1 and blocks[-2][0] / blocks[-2][1] >= blocks[-1][0] / blocks[-1][1]:
+            total, count = blocks.pop()
+            blocks[-1] = [blocks[-1][0] + total, blocks[-1][1] + count]
+    means = [total / count for total, count in blocks for _ in range(int(count))]
+    steps = gap * np.arange(len(wanted))
+    return np.maximum(np.minimum(np.array(means) + steps, 1.0 - steps[::-1]), steps)
+
+
+def with_error(value: float, error: float, unit: str = "") -> str:
+    """A value to the digit that its error leaves, the error to one or two: "-0.135 ± 0.004 deg".
+
+    An error below a billionth of the value, or none at all, says nothing: then six digits stand alone.
+    """
+    told = f" {unit}" if unit else ""
+    if not math.isfinite(value) or not math.isfinite(error):
+        return f"{value:g} ± {error:g}{told}"
+    if abs(error) <= 1e-9 * abs(value) or error == 0.0:
+        return f"{value:.6g}{told}"
+    place = math.floor(math.log10(abs(error)))
+    if abs(error) / 10.0**place < 2.0:
+        place -= 1  # 0.14 keeps two digits
+    digits = max(0, -place)
+    if digits > 6 or abs(value) >= 1e6:
+        power = math.floor(math.log10(abs(value))) if value else place
+        digits = max(0, power - place)
+        return f"({value / 10.0**power:.{digits}f} ± {abs(error) / 10.0**power:.{digits}f})e{power:d}{told}"
+    return f"{round(value, -place):.{digits}f} ± {round(abs(error), -place):.{digits}f}{told}"

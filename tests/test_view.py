@@ -1,0 +1,479 @@
+"""Pages that show runs: what is in them, without a browser."""
+
+import html
+import json
+import re
+import struct
+from dataclasses import replace
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pages import WEIGHT, data_of, fallen, humanoid, walking
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+import featherstone_gait
+from featherstone_gait import Ground, HeightField, Trajectory, contact_positions, forward_kinematics, load_robot, stairs
+from featherstone_gait.build.contact import ground_under
+from featherstone_gait.cli import main
+from featherstone_gait.view import recorded, shown
+from featherstone_gait.view.animation import MOST_BYTES, page_html, write_animation
+from featherstone_gait.view.recorded import Seen, page_data, thinned_samples
+from featherstone_gait.view.visuals import SIDES, bodies, side_of, thinned
+
+VIEW = Path(featherstone_gait.__file__).parent / "view"
+
+
+@pytest.fixture(scope="module")
+def model():
+    return humanoid()
+
+
+@pytest.fixture(scope="module")
+def run(model):
+    return walking(model)
+
+
+@pytest.fixture(scope="module")
+def page(model, run):
+    runs = {"walks": run, "falls": fallen(model)}
+    return page_html({name: Seen(model, one, Ground()) for name, one in runs.items()}, "two <b>", ["torque"])
+
+
+def poses_of(data, k=0):
+    """Rotations (frames, bodies, 3, 3) and positions (frames, bodies, 3) [m] of a page's run."""
+    frames = np.array(data["runs"][k]["frames"]).reshape(len(data["runs"][k]["frames"]), -1, 7)
+    turns = Rotation.from_quat(frames[..., 3:].reshape(-1, 4)).as_matrix().reshape(*frames.shape[:2], 3, 3)
+    return turns, data["unit"] * frames[..., :3]
+
+
+# ---------------------------------------------------------------------------------------------- what is drawn
+
+
+def test_bodies_are_where_forward_kinematics_puts_the_links(model, run, page):
+    data = data_of(page)
+    rotation, position = poses_of(data)
+    rows = [[link.name for link in model.links].index(name) for name in data["models"][0]["links"]]
+    at = np.searchsorted(run["time"], np.array(data["runs"][0]["times"]) - 1e-9)
+    exact = forward_kinematics(model, np.hstack([run["base_q"], run["q"]])[at])
+    assert np.abs(position - exact.position[:, rows]).max() <= 0.51 * data["unit"]
+    assert np.abs(rotation - exact.rotation[:, rows]).max() <= 3 * data["turn"]
+    assert data["unit"] <= 1e-4
+
+
+def test_quaternions_do_not_jump_to_their_negatives(page):
+    frames = np.array(data_of(page)["runs"][0]["frames"]).reshape(51, -1, 7)[..., 3:]
+    assert ((frames[1:] * frames[:-1]).sum(axis=2) > 0).all()
+
+
+def test_a_link_without_a_shape_is_the_uniform_box_with_its_inertia(model):
+    bare = replace(model, shapes=(), source="")
+    found, _ = bodies(bare)
+    links = {link.name: link for link in model.links}
+    assert len(found) == sum(link.mass > 0 for link in model.links)
+    for body in found:
+        link, corners = links[body.link], body.points
+        x, y, z = (np.linalg.norm(corners[k] - corners[0]) for k in (1, 2, 4))
+        assert corners.mean(axis=0) == pytest.approx(link.center_of_mass)
+        expected = link.mass / 12.0 * np.sort([y * y + z * z, x * x + z * z, x * x + y * y])
+        assert np.sort([link.inertia[k] for k in (0, 3, 5)]) == pytest.approx(expected)
+
+
+def volume(points, faces):
+    """Of a closed surface whose faces look outward, by Gauss's theorem."""
+    fan = [(face[0], a, b) for face in faces for a, b in pairwise(face[1:])]
+    a, b, c = np.asarray(points)[np.array(fan)].transpose(1, 0, 2)
+    return (a * np.cross(b, c)).sum() / 6.0
+
+
+SHAPES = """<robot name="shapes"><material name="red"><color rgba="1 0 0 1"/></material>
+<link name="base"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+{visuals}</link></robot>"""
+VISUAL = '<visual><origin xyz="0 0 1" rpy="1 0 0"/><geometry>{}</geometry><material name="red"/></visual>'
+
+
+def seen_in(folder, *geometries):
+    file = folder / "shapes.urdf"
+    file.write_text(SHAPES.format(visuals="".join(VISUAL.format(geometry) for geometry in geometries)), "utf-8")
+    return bodies(load_robot(file))
+
+
+@pytest.mark.parametrize(
+    ("geometry", "exact", "missing"),
+    [
+        ('<box size="1 2 3"/>', 6.0, 1e-12),
+        ('<cylinder radius="1" length="2"/>', 2.0 * np.pi, 0.03),
+        ('<sphere radius="1"/>', 4.0 / 3.0 * np.pi, 0.15),
+        ('<capsule radius="1" length="2"/>', (4.0 / 3.0 + 2.0) * np.pi, 0.1),
+    ],
+)
+def test_visual_shapes_have_their_volume_place_and_colour(tmp_path, geometry, exact, missing):
+    (body,), notes = seen_in(tmp_path, geometry)
+    assert notes == []
+    assert (1.0 - missing) * exact - 1e-9 <= volume(body.points, body.faces) <= exact + 1e-9
+    assert 0.5 * (body.points.min(axis=0) + body.points.max(axis=0)) == pytest.approx([0, 0, 1], abs=1e-9)
+    assert set(body.colours) == {(255, 0, 0)}
+
+
+def ball(n):
+    """Points and triangles of a unit sphere."""
+    from scipy.spatial import ConvexHull
+
+    z = 1.0 - (2.0 * np.arange(n) + 1.0) / n
+    angle = np.pi * (3.0 - 5.0**0.5) * np.arange(n)
+    points = np.column_stack([np.sqrt(1 - z * z) * np.cos(angle), np.sqrt(1 - z * z) * np.sin(angle), z])
+    triangles = ConvexHull(points).simplices
+    a, b, c = points[triangles].transpose(1, 0, 2)
+    inward = (a * np.cross(b, c)).sum(axis=1) < 0
+    triangles[inward] = triangles[inward, ::-1]
+    return points, triangles
+
+
+def test_a_mesh_keeps_its_budget_and_its_volume():
+    points, triangles = ball(5000)
+    few, faces = thinned(points, triangles, 400)
+    assert len(triangles) > 9000
+    assert 100 < len(faces) <= 400
+    assert volume(few, faces) == pytest.approx(4.0 / 3.0 * np.pi, rel=0.1)
+    same, all_faces = thinned(points, triangles, 10**5)
+    assert len(all_faces) == len(triangles)
+    assert volume(same, all_faces) == pytest.approx(volume(points, triangles), rel=1e-3)
+
+
+def test_meshes_of_visuals_are_read_and_missing_ones_told(tmp_path):
+    points, triangles = ball(300)
+    rows = [struct.pack("<12fH", 0, 0, 0, *points[t].reshape(-1), 0) for t in triangles]
+    (tmp_path / "ball.stl").write_bytes(b"\0" * 80 + struct.pack("<I", len(rows)) + b"".join(rows))
+    (body,), notes = seen_in(tmp_path, '<mesh filename="ball.stl" scale="1 1 2"/>', '<mesh filename="none.stl"/>')
+    assert volume(body.points, body.faces) == pytest.approx(8.0 / 3.0 * np.pi, rel=0.05)
+    assert notes == ["mesh 'none.stl' is not there"]
+
+
+def test_sides_are_told_by_names():
+    names = ("left_foot", "R_knee", "lf_hip", "arm_r", "calf", "upper", "RIGHT_HAND", "roll")
+    assert [side_of(name) for name in names] == ["left", "right", "left", "right", "", "", "right", ""]
+
+
+# ---------------------------------------------------------------------------------------------- how it ended
+
+
+def test_a_failed_run_is_not_shown_beyond_its_failure(page):
+    walks, falls = data_of(page)["runs"]
+    assert (falls["status"], falls["failed"], falls["end"]) == ("fell", True, 1.0)
+    assert falls["message"] == "humanoid fell at 1.0 s"
+    assert falls["times"][-1] == 1.0
+    assert max(max(channel["times"]) for channel in falls["channels"].values()) == 1.0
+    assert (walks["failed"], walks["times"][-1]) == (False, 2.0)
+
+
+def test_a_doubtful_run_is_shown_to_its_end_and_told(model):
+    doubtful = walking(model, status="inaccurate", message="from 0.1 s on")
+    (told,) = page_data({"run": Seen(model, doubtful, Ground())})["runs"]
+    assert (told["failed"], told["status"], told["times"][-1]) == (False, "inaccurate", 2.0)
+
+
+def test_positions_that_are_not_finite_are_left_out(model):
+    run = walking(model)
+    run["q"][120:] = np.nan
+    (told,) = page_data({"run": Seen(model, run, Ground())})["runs"]
+    assert told["times"][-1] == pytest.approx(1.19)
+    run["q"][:] = np.nan
+    with pytest.raises(ValueError, match="no sample that is finite"):
+        page_data({"run": Seen(model, run, Ground())})
+
+
+# ---------------------------------------------------------------------------------------------- forces and ground
+
+
+def test_forces_of_a_standing_robot_add_up_to_its_weight(page):
+    run = data_of(page)["runs"][0]
+    forces = 1e-3 * np.array(run["forces"]).reshape(51, -1, 3)
+    assert forces.sum(axis=1) == pytest.approx(np.broadcast_to([0, 0, 1], (51, 3)), abs=8 * 5e-4)
+
+
+def test_on_a_slope_normal_forces_are_upright_on_it(model, run):
+    slope = 0.3
+    (told,) = page_data({"run": Seen(model, run, Ground(slope=slope))})["runs"]
+    force = np.array(told["forces"][0]).reshape(-1, 3).sum(axis=0)
+    assert force / 1000 == pytest.approx([-np.sin(slope), 0, np.cos(slope)], abs=8 * 5e-4)
+
+
+def test_contact_points_are_where_kinematics_puts_them(model, run, page):
+    data = data_of(page)
+    exact = contact_positions(model, np.hstack([run["base_q"], run["q"]])[:1])[0]
+    shown_at = data["unit"] * np.array(data["runs"][0]["points"][0]).reshape(-1, 3)
+    assert shown_at == pytest.approx(exact, abs=data["unit"])
+
+
+def area(outline):
+    x, y = outline[:, 0], outline[:, 1]
+    return 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
+
+
+def test_a_footprint_is_the_sole(model):
+    standing = walking(model, speed=0.0)
+    standing["q"][:] = 0.0
+    standing["contact_force"][:30, 4:] = 0.0  # the right foot comes down at 0.3 s
+    data = page_data({"run": Seen(model, standing, Ground())})
+    left, right = data["runs"][0]["prints"]
+    assert (left["at"], right["at"]) == (0.0, 0.3)
+    for one in (left, right):
+        outline = data["unit"] * np.array(one["outline"]).reshape(-1, 3)
+        assert area(outline) == pytest.approx(0.1 * 0.06, rel=0.01)
+
+
+def test_without_forces_feet_that_are_near_the_ground_touch_it(model):
+    standing = walking(model, speed=0.0)
+    standing["q"][:] = 0.0
+    del standing.channels["contact_force"]
+    standing["base_q"][100:, 2] += 0.02  # it is lifted
+    (told,) = page_data({"run": Seen(model, standing, Ground())})["runs"]
+    touch = np.array(told["touch"])
+    assert told["forces"] is None
+    assert touch[:24].all()
+    assert not touch[26:].any()
+
+
+@pytest.mark.parametrize(
+    "ground",
+    [
+        Ground(slope=0.2, heading=0.4, height=0.1),
+        Ground(steps=stairs(3, 0.2, 0.03, start=0.1)),
+        Ground(slope=-0.1, steps=stairs(2, 0.3, 0.05)),
+        Ground(field=HeightField(np.random.default_rng(1).normal(0, 0.02, (5, 6)), (1.0, 1.0), (-2.0, -2.0))),
+    ],
+    ids=["slope", "stairs", "both", "field"],
+)
+def test_relief_lies_on_the_ground(model, run, ground):
+    (told,) = page_data({"run": Seen(model, run, ground)})["runs"]
+    quads = np.array(told["floor"]["quads"]).reshape(-1, 4, 3)
+    level = np.array(told["floor"]["shade"]) < 2  # not the front of a step
+    over = ground_under(ground, quads[level].mean(axis=1))[:, 6]
+    assert np.abs(over).max() < (0.01 if ground.field else 1e-4)
+    assert (~level).any() == bool(ground.steps)
+    fronts = np.linalg.norm(quads[~level, 1] - quads[~level, 0], axis=1)
+    assert fronts == pytest.approx(np.full(len(fronts), ground.steps[0][1] if ground.steps else 0.0), abs=1e-4)
+
+
+def test_level_ground_takes_no_numbers(model, run):
+    (told,) = page_data({"run": Seen(model, run, Ground(height=0.25))})["runs"]
+    assert told["floor"] == {"real": True, "height": 0.25}
+    (told,) = page_data({"run": Seen(model, run)})["runs"]
+    assert not told["floor"]["real"]
+
+
+# ---------------------------------------------------------------------------------------------- channels
+
+
+def test_plots_keep_the_values_and_every_peak(run, page):
+    channel = data_of(page)["runs"][0]["channels"]["torque"]
+    assert channel["labels"] == run.info["joints"]
+    assert channel["unit"] == "N m or N"
+    assert channel["scale"] * np.array(channel["values"]).T == pytest.approx(run["torque"], abs=0.6 * channel["scale"])
+    x = np.random.default_rng(3).normal(size=(10_007, 2))
+    time, few = thinned_samples(np.arange(10_007.0), x, 500)
+    assert len(time) <= 510
+    assert (np.diff(time) >= 0).all()
+    whole = x[:10_007 // 41 * 41]
+    assert few.max(axis=0) == pytest.approx(whole.max(axis=0))
+    assert few.min(axis=0) == pytest.approx(whole.min(axis=0))
+
+
+def test_power_is_the_slope_of_energy(run, page):
+    channel = data_of(page)["runs"][0]["channels"]["power by way"]
+    joints = len(run.info["joints"])
+    assert channel["labels"] == ["meter", "copper", "driver", "friction", "gear", "stops", "work"]
+    assert channel["scale"] * np.array(channel["values"]) == pytest.approx(joints, rel=1e-3)  # 1 W a joint
+
+
+def test_load_is_the_share_of_the_stall_torque(model, run):
+    servo = model.servos[model.joint_names[0]]
+    current = min(servo.voltage_limit / servo.resistance, servo.current_limit)
+    stall = servo.gearbox.ratio * servo.motor_constant * current
+    (told,) = page_data({"run": Seen(model, run, Ground())})["runs"]
+    assert told["load"]["of"] == "the stall torque"
+    assert told["load"]["percent"][0] == np.round(100 * np.abs(run["torque"][0]) / stall).astype(int).tolist()
+
+
+def test_unknown_channels_are_refused(model, run):
+    with pytest.raises(ValueError, match="plots: there is no channel 'speed'; channels of the page: base_q, contact_f"):
+        page_data({"run": Seen(model, run)}, ["speed"])
+
+
+# ---------------------------------------------------------------------------------------------- the page
+
+
+def test_the_page_needs_nothing_from_the_network(page):
+    assert re.findall(r"https?:|//[a-z]|<link|@import|src=|url\(|import\(|fetch\(", page) == []
+    assert "two &lt;b&gt;" in page
+
+
+def test_two_minutes_of_two_humanoids_with_everything_stay_below_five_megabytes():
+    whole = load_robot("humanoid")
+    long = walking(whole, duration=120.0)
+    runs = {name: Seen(whole, long, Ground()) for name in ("a", "b")}
+    page = page_html(runs, "long")
+    assert 1e6 < len(page.encode()) < MOST_BYTES
+    times = data_of(page)["runs"][0]["times"]
+    assert times[-1] == 120.0
+
+
+def test_a_page_that_is_too_large_is_refused(model, run, monkeypatch):
+    monkeypatch.setattr("featherstone_gait.view.animation.MOST_BYTES", 1000)
+    with pytest.raises(ValueError, match="at most 1000: show fewer runs"):
+        page_html({"run": Seen(model, run)}, "")
+
+
+class Named(HTMLParser):
+    """Collects what a person can use, with its name."""
+
+    def __init__(self):
+        super().__init__()
+        self.found, self.open = [], None
+
+    def handle_starttag(self, tag, attributes):
+        given = dict(attributes)
+        if tag in ("button", "select", "input", "dialog"):
+            self.found.append([tag, given.get("aria-label", "")])
+            self.open = self.found[-1] if tag == "button" else None
+
+    def handle_data(self, text):
+        if self.open is not None and not self.open[1]:
+            self.open[1] = text.strip()
+
+    def handle_endtag(self, tag):
+        self.open = None if tag == "button" else self.open
+
+
+def test_every_control_has_a_name():
+    parser = Named()
+    parser.feed((VIEW / "page.html").read_text("utf-8"))
+    assert len(parser.found) > 8
+    assert [tag for tag, name in parser.found if not name] == []
+
+
+def contrast(a, b):
+    """Of two colours by WCAG 2, from 1 to 21."""
+
+    def luminance(colour):
+        c = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+        return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+
+    high, low = sorted((luminance(a), luminance(b)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_stands_out_from_its_ground(scheme):
+    style = (VIEW / "page.css").read_text("utf-8")
+    part = style.partition("prefers-color-scheme: dark")[0 if scheme == "light" else 2]
+    colours = dict(re.findall(r"--(\w+): (#\w{6})", part))
+    for text, ground in (("text", "page"), ("soft", "page"), ("soft", "panel"), ("bad", "badpage"), ("good", "panel")):
+        assert contrast(colours[text], colours[ground]) >= 4.5, (text, ground)
+    for mark, ground in (("force", "ground"), ("left", "page"), ("right", "page"), ("mid", "page")):
+        assert contrast(colours[mark], colours[ground]) >= 3.0, (mark, ground)
+
+
+# ---------------------------------------------------------------------------------------------- show, view, GIF
+
+
+def test_show_writes_a_page_and_a_notebook_gets_the_same_inline(model, run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = run.show(plots=["torque"])
+    assert repr(page).endswith("humanoid_view.html>")
+    assert (tmp_path / "humanoid_view.html").read_text("utf-8") == page.html
+    inline = re.search(r'srcdoc="([^"]*)"', page._repr_html_())[1]
+    assert html.unescape(inline) == page.html
+    assert data_of(page.html)["plots"] == ["torque"]
+    (tmp_path / "humanoid_view.html").unlink()
+    monkeypatch.setattr(shown, "in_notebook", lambda: True)
+    assert run.show(model).path is None
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_runs_are_told_apart_by_captions(model, run, tmp_path):
+    page = run.show(model, fallen(model), captions=["before", "after"], ghosts=True, path=tmp_path / "page.html")
+    assert [told["caption"] for told in data_of(page.html)["runs"]] == ["before", "after"]
+    assert data_of(page.html)["ghosts"]
+    with pytest.raises(ValueError, match=r"captions are .*expected 2 texts that differ"):
+        run.show(model, run, captions=["a", "a"], path=tmp_path / "page.html")
+
+
+def test_a_run_finds_its_robot_and_its_ground(model, run):
+    found, ground = shown.robot_of(run)
+    assert found.joint_names == model.joint_names
+    assert ground == Ground()
+    told = replace(run, info=run.info | {"ground": {"slope": 0.1, "steps": [[0.1, 0.2]]}, "source": model.source})
+    assert shown.robot_of(told)[1] == Ground(slope=0.1, steps=((0.1, 0.2),))
+    assert shown.robot_of(replace(run, info=run.info | {"ground": None}))[1] is None
+    with pytest.raises(ValueError, match="'nobody', which does not come with the package; give its model"):
+        shown.robot_of(replace(run, info=run.info | {"robot": "nobody"}))
+    with pytest.raises(ValueError, match=r"the run has the joints .*give the model or the scene that made the run"):
+        shown.robot_of(run, load_robot("arm7"))
+
+
+def test_view_shows_robots_and_saved_runs(model, run, tmp_path, capsys):
+    fallen(model).save(tmp_path / "falls")
+    run.save(tmp_path / "walks")
+    out = ["--out", str(tmp_path)]
+    assert main(["view", "arm7", *out]) == 0
+    (still,) = data_of((tmp_path / "arm7_view.html").read_text("utf-8"))["runs"]
+    assert len(still["frames"]) == 1
+    assert main(["view", str(tmp_path / "falls.npz"), str(tmp_path / "walks"), "--ghosts", *out]) == 0
+    printed = capsys.readouterr().out
+    assert "falls: fell: humanoid fell at 1.0 s\nwalks: ok\n" in printed
+    data = data_of((tmp_path / "falls_view.html").read_text("utf-8"))
+    assert ([r["caption"] for r in data["runs"]], data["plots"]) == (["falls", "walks"], ["contact_force"])
+    assert main(["view", "arm7", "--keyframe", "sitting", *out]) == 2
+    assert "there is no keyframe 'sitting'; its keyframes: none" in capsys.readouterr().err
+
+
+def test_a_gif_plays_in_its_time_and_stops_where_the_run_failed(model, tmp_path):
+    run = fallen(model, at=0.4)
+    assert run.save_gif(tmp_path / "run.gif", fps=10.0, size=(160, 120)) == 15  # 0 to 0.4 s, and the end for a second
+    with Image.open(tmp_path / "run.gif") as picture:
+        assert (picture.size, picture.info["duration"]) == ((160, 120), 100)
+    assert run.save_gif(tmp_path / "frames", fps=10.0, speed=0.5, size=(160, 120)) == 19
+    files = sorted((tmp_path / "frames").iterdir())
+    assert [file.name for file in files[:2]] == ["frame_0000.png", "frame_0001.png"]
+    first, later, last = (np.asarray(Image.open(files[k]).convert("RGB"), dtype=int) for k in (0, 6, 18))
+    assert np.abs(first - later).max() > 50
+    assert np.abs(last - np.asarray(Image.open(files[9]).convert("RGB"), dtype=int)).max() == 0
+    with pytest.raises(ValueError, match=r"expected a name that ends in .gif, or a folder"):
+        run.save_gif(tmp_path / "run.mp4")
+    with pytest.raises(ValueError, match="frames; at most 3000: lower fps, or raise speed"):
+        run.save_gif(tmp_path / "run.gif", speed=1e-3)
+
+
+@pytest.mark.long
+def test_simulate_saves_what_view_needs(tmp_path):
+    assert main(["simulate", "ax12_arm", "--duration", "0.05", "--out", str(tmp_path)]) == 0
+    told = Trajectory.load(tmp_path / "ax12_arm_simulation").info
+    assert (Path(told["source"]).name, told["ground"], told["locked"]) == ("ax12_arm.urdf", None, {})
+    assert main(["view", str(tmp_path / "ax12_arm_simulation.npz"), "--out", str(tmp_path)]) == 0
+
+
+def test_write_animation_takes_runs_by_caption(model, run, tmp_path):
+    write_animation(tmp_path / "page.html", model, {"first": run, "second": run}, "title")
+    data = data_of((tmp_path / "page.html").read_text("utf-8"))
+    assert [told["caption"] for told in data["runs"]] == ["first", "second"]
+    assert len(data["models"]) == 1
+    with pytest.raises(ValueError, match="runs is empty"):
+        write_animation(tmp_path / "none.html", model, {})
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
+
+
+def test_faces_of_boxes_look_outward():
+    corners = np.array([(i, j, k) for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)
+    assert volume(corners, SIDES) == pytest.approx(1.0)
+    assert json.dumps(SIDES).replace(" ", "") in (VIEW / "page.js").read_text("utf-8").replace(" ", "")
+
+
+def test_frames_are_spared_in_long_runs(model, monkeypatch):
+    monkeypatch.setattr(recorded, "POSES", 20_000)
+    (told,) = page_data({"run": Seen(model, walking(model, duration=20.0), Ground())})["runs"]
+    assert 20_000 / (7 * len(model.links) + 6 * 8) / 2 <= len(told["frames"]) <= 110
+    assert WEIGHT * model.mass == pytest.approx(told["weight"], rel=1e-3)
