@@ -15,6 +15,7 @@ from .arguments import Commands, add_command, add_robot, choice, ground, output
 
 if TYPE_CHECKING:
     import numpy as np
+    from matplotlib.figure import Figure
 
     from ..build.scene import CompiledScene, ServoKind
     from ..trajectory import Trajectory
@@ -187,28 +188,34 @@ def _plot_simulation(scene: CompiledScene, trajectory: Trajectory, text: str, pa
     """The motion on the left; joints and what tells how good the run is on the right."""
     from matplotlib.figure import Figure
 
-    from ..view.plotting import FAILED, plot_motion, plot_trajectory
-    from ..view.style import BAD
+    from ..view.style import look
 
-    figure = Figure(figsize=(11.0, 5.5), layout="constrained")
+    with look():
+        figure = Figure(figsize=(11.0, 5.5), layout="constrained")
+        _draw_simulation(figure, scene, trajectory, text)
+        with complete(path) as temporary:
+            figure.savefig(temporary, dpi=120)
+
+
+def _draw_simulation(figure: Figure, scene: CompiledScene, trajectory: Trajectory, text: str) -> None:
+    from ..view.plotting import FAILED, plot_motion, plot_trajectory
+    from ..view.style import BAD, BLUE
+
     left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=(1.0, 1.2))[0]
     motion = left.subplots()
     plot_motion(scene.model, trajectory, motion, view="xz")
-    motion.set_title("dark: start, light: end", fontsize=9)
+    motion.set_title("dark: start, light: end")
     if scene.ground:
         motion.axhline(scene.ground.height, color="0.2", linewidth=0.8)
     panels = right.subplots(2, sharex=True)
     if _is_free(scene):
         plot_trajectory(trajectory, ["q"], panels[0])
         drift, kinetic = _drift(scene, trajectory)
-        panels[1].plot(trajectory["time"], drift / (kinetic.max() or 1.0), color="0.2", linewidth=1.2)
+        panels[1].plot(trajectory["time"], drift / (kinetic.max() or 1.0), color=BLUE)
         panels[1].set(xlabel="time [s]", ylabel="energy error by\nlargest kinetic energy")
-        panels[1].grid(alpha=0.3)
     else:
         plot_trajectory(trajectory, ["q", "contact_force" if scene.ground else "torque"], panels)
     panels[0].set(xlabel="", ylabel="joints [rad or m]")
     wrong = "" if trajectory.ok else f": {trajectory.status}"
     ended = f" at {trajectory.end_time:.3g} s" if trajectory.status in FAILED else ""
-    figure.suptitle(f"{text}{wrong}{ended}", fontsize=11, color="black" if trajectory.ok else BAD)
-    with complete(path) as temporary:
-        figure.savefig(temporary, dpi=120)
+    figure.suptitle(f"{text}{wrong}{ended}", color="black" if trajectory.ok else BAD)

@@ -57,10 +57,10 @@ def judged(same: bool, alike: bool = False, enough: bool = True) -> Verdict:
 
 
 def plus_minus(value: float, finer: float, form: str) -> str:
-    """A figure and how far half the step moves it, unless that is less than half of its last digit."""
-    text, off = f"{value:{form}}", abs(value - finer)
-    decimals = len(text.partition(".")[2])
-    return text if off < 0.5 * 10.0**-decimals else f"{text} ± {off:.1g}"
+    """A figure and how far half the step moves it, unless that is less than half of the last digit."""
+    text, error = f"{value:{form}}", abs(value - finer)
+    digits = len(text.partition(".")[2]) if "e" not in text else 15
+    return text if error < 0.5 * 10.0**-digits else f"{text} ± {error:.1g}"
 
 
 def span(values: Collection[float], form: str) -> str:

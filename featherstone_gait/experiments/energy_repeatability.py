@@ -363,7 +363,8 @@ def _sources(result: Result) -> Figure:
         values = np.array([s.value for s in scatters])
         error = np.abs(np.array([[s.low, s.high] for s in scatters]).T - values)
         places = np.arange(len(names)) + 0.2 * (k - 1.5)
-        axes.bar(places, 100 * values, 0.18, yerr=100 * error, color=COLOURS[model], label=_name(model), capsize=2)
+        style: dict[str, Any] = {"marker": "o", "linestyle": "", "capsize": 3, "color": COLOURS[model]}
+        axes.errorbar(places, 100 * values, 100 * error, label=_name(model), **style)
     _papers(axes)
     axes.set_xticks(range(len(names)), names)
     axes.set(ylabel="standard deviation of the energy [%]", yscale="log")

@@ -557,15 +557,16 @@ def _dependence(result: Result) -> Figure:
         style |= {"marker": "s", "markersize": 4, "markerfacecolor": "white", "linewidth": 0.8}
         gain.semilogy(settings.gains, _medians(_over_gains(result, **model, link=SMALL)), **style)
     models = list(product(INTEGRATORS, SERVOS))
-    for exact, hatch in ((True, None), (False, "///")):
+    for exact in (True, False):
         resolution = 0.0 if exact else settings.resolution
         found = [result.of(servos=s, integrator=i, resolution=resolution) for i, s in models]
         places = np.arange(len(models)) + (-0.2 if exact else 0.2)
         colours = [COLOURS[s] for _, s in models]
-        encoder.bar(places, _medians(found), 0.38, color=colours, alpha=1.0 if exact else 0.6, hatch=hatch)
+        inside = colours if exact else "white"
+        encoder.scatter(places, _medians(found), 45, c=inside, edgecolors=colours, linewidths=1.5, zorder=3)
     encoder.set_xticks(range(len(models)), [f"{s}\n{'explicit' if i == EXPLICIT else 'implicit'}" for i, s in models])
     encoder.tick_params(axis="x", labelsize=7)
-    encoder.set_title("encoder: exact, or the AX-12's (hatched)", fontsize=10)
+    encoder.set_title("encoder: exact, or the AX-12's (open)", fontsize=10)
     tilt.set(xlabel="initial tilt, standard deviation [rad]", ylabel="error [deg²]")
     tilt.set_title(f"disturbance (values below {FLOOR:g} are drawn there)", fontsize=10)
     gain.set(xlabel="gain [V/rad]", ylim=(FLOOR, CEILING))

@@ -184,7 +184,6 @@ def _maps(
     for panel in panels[len(values) :]:
         panel.set_axis_off()
     if not ok.all():
-        panels[0].plot([], [], "x", color=RED, markersize=6, label="not ok")
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left")
     figure.colorbar(image, ax=panels[: len(values)].tolist(), label=says)
 
@@ -201,7 +200,7 @@ def _cells(panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, n
         texts = [value if isinstance(value, str) else f"{value:.3g}" for value in values]
         set_ticks(0.5 + step * np.arange(len(values)), texts)
     rows, cells = np.nonzero(~ok)
-    panel.plot(0.5 + cells, 0.5 + rows, "x", color=RED, markersize=6, label="not ok")
+    panel.plot(0.5 + cells, 0.5 + rows, "X", color=RED, markersize=8, markeredgecolor="white", label="not ok")
     panel.set(xlabel=across.label, ylabel=up.label)
     return image
 

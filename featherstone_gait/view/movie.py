@@ -105,7 +105,7 @@ def _drawn(
         polygons, colours, smooth = camera.faces(found, poses.rotation[k, places], poses.position[k, places])
         edges = [colour if soft else (0.0, 0.0, 0.0, 0.4) for colour, soft in zip(colours, smooth)]
         axes.add_collection(PolyCollection(polygons, facecolor=colours, edgecolor=edges, linewidth=0.5))
-        ended = trajectory.status in FAILED and time >= trajectory.end_time - 1e-9
+        ended = trajectory.status in FAILED and bool(time >= trajectory.end_time - 1e-9)
         told = ended or trajectory.status not in (*FAILED, "ok")
         label = f"{time:.2f} s" + f": {trajectory.status}" * told
         axes.text(0.02, 0.95, label, transform=axes.transAxes, color=BAD if ended else "0.15", va="top", fontsize=11)

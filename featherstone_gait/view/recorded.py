@@ -18,7 +18,7 @@ from ..dynamics import deepest_points, forward_kinematics
 from ..model import TORQUE_LAWS, Ground, Model, Servo
 from ..sensors import in_world
 from .plotting import FAILED, positions
-from .visuals import Body, bodies, side_of, sided
+from .visuals import FACES, Body, bodies, side_of, sided
 
 if TYPE_CHECKING:
     from ..trajectory import Trajectory
@@ -55,7 +55,7 @@ def page_data(runs: Mapping[str, Seen], plots: Sequence[str] = (), ghosts: bool 
     poses = {caption: _sampled(seen) for caption, seen in runs.items()}
     for seen in runs.values():
         if id(seen.model) not in models:
-            found, said = bodies(seen.model)
+            found, said = bodies(seen.model, FACES // len(runs))
             models[id(seen.model)] = (_described(seen.model, found), found)
             notes += said
     reach, height = zip(*(_reach(seen, poses[c], models[id(seen.model)][1]) for c, seen in runs.items()))

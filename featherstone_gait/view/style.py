@@ -5,7 +5,6 @@ Colours are those of M. Okabe and K. Ito (2008), of which the yellow is left out
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -20,7 +19,7 @@ BLUE, ORANGE, GREY = COLOURS[0], COLOURS[1], "0.45"
 BAD = "#A3160F"  # what failed, always with a word or a cross besides
 COLUMN = 3.5  # width of a column of a page [inch]
 LOOK: dict[str, Any] = {
-    "axes.grid": True, "axes.axisbelow": True, "axes.spines.top": False, "axes.spines.right": False,
+    "axes.axisbelow": True, "axes.spines.top": False, "axes.spines.right": False,
     "axes.titlesize": 9.5, "axes.labelsize": 9, "figure.titlesize": 11, "font.size": 9, "grid.alpha": 0.3,
     "grid.linewidth": 0.6, "legend.frameon": False, "legend.fontsize": 8, "lines.linewidth": 1.3,
     "xtick.labelsize": 8, "ytick.labelsize": 8,
@@ -28,12 +27,12 @@ LOOK: dict[str, Any] = {
 
 
 @contextmanager
-def look() -> Iterator[None]:
-    """Figures that are made within have the look."""
+def look(grid: bool = True) -> Iterator[None]:
+    """Figures that are made within have the look; grid: in all axes, those of pictures too."""
     import matplotlib
     from cycler import cycler
 
-    settings: Any = LOOK | {"axes.prop_cycle": cycler(color=COLOURS)}
+    settings: Any = LOOK | {"axes.prop_cycle": cycler(color=COLOURS), "axes.grid": grid}
     with matplotlib.rc_context(settings):
         yield
 
@@ -78,24 +77,3 @@ def spread(wanted: np.ndarray, gap: float) -> np.ndarray:
     means = [total / count for total, count in blocks for _ in range(int(count))]
     steps = gap * np.arange(len(wanted))
     return np.maximum(np.minimum(np.array(means) + steps, 1.0 - steps[::-1]), steps)
-
-
-def with_error(value: float, error: float, unit: str = "") -> str:
-    """A value to the digit that its error leaves, the error to one or two: "-0.135 ± 0.004 deg".
-
-    An error below a billionth of the value, or none at all, says nothing: then six digits stand alone.
-    """
-    told = f" {unit}" if unit else ""
-    if not math.isfinite(value) or not math.isfinite(error):
-        return f"{value:g} ± {error:g}{told}"
-    if abs(error) <= 1e-9 * abs(value) or error == 0.0:
-        return f"{value:.6g}{told}"
-    place = math.floor(math.log10(abs(error)))
-    if abs(error) / 10.0**place < 2.0:
-        place -= 1  # 0.14 keeps two digits
-    digits = max(0, -place)
-    if digits > 6 or abs(value) >= 1e6:
-        power = math.floor(math.log10(abs(value))) if value else place
-        digits = max(0, power - place)
-        return f"({value / 10.0**power:.{digits}f} ± {abs(error) / 10.0**power:.{digits}f})e{power:d}{told}"
-    return f"{round(value, -place):.{digits}f} ± {round(abs(error), -place):.{digits}f}{told}"

@@ -25,7 +25,7 @@ from ..rotation import rotation_from_rpy
 from ..shape import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Shape, Sphere
 
 Colour = tuple[int, int, int]
-FACES = 5000  # of a robot
+FACES = 5000  # of the meshes of a robot
 LEAST = 40  # faces that a mesh may always have
 ROUND = 16  # corners of a circle
 LEFT, RIGHT, MIDDLE = (74, 144, 226), (240, 140, 60), (158, 166, 176)  # colours of links that have none, by name
@@ -51,8 +51,10 @@ class _Seen:
     colour: Colour | None = None
 
 
-def bodies(model: Model) -> tuple[list[Body], list[str]]:
+def bodies(model: Model, most: int = FACES) -> tuple[list[Body], list[str]]:
     """What is seen of each link that has anything, and sentences about what could not be read.
+
+    most: triangles that all meshes together become, about.
 
     Raises ValueError for a robot none of whose links has a shape or an inertia.
     """
@@ -61,7 +63,7 @@ def bodies(model: Model) -> tuple[list[Body], list[str]]:
     for shape in model.shapes:
         solid.setdefault(shape.link, []).append(_Seen(shape))
     found = []
-    faceted = _Facets(FACES)
+    faceted = _Facets(most)
     for link in model.links:
         if seen and link.name not in seen:
             continue  # a file that says what is seen says it of all links

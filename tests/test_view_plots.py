@@ -1,0 +1,103 @@
+"""Figures: what their lines are, what is told at their ends, and figures to the digit that means something."""
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from pages import fallen, humanoid, walking
+
+from featherstone_gait import Trajectory, load_robot
+from featherstone_gait.experiments.claim import plus_minus
+from featherstone_gait.view.style import COLOURS, spread
+
+matplotlib.use("Agg")
+
+
+@pytest.fixture(autouse=True)
+def closed():
+    yield
+    matplotlib.pyplot.close("all")
+
+
+def lines(axes):
+    """Lines with a name."""
+    return {line.get_label(): line for line in axes.lines if not line.get_label().startswith("_")}
+
+
+def test_many_joints_are_drawn_left_beside_right_with_partners_in_one_colour():
+    run = walking(load_robot("humanoid"))
+    left, right, others = run.plot("q").axes
+    assert [axes.get_title() for axes in (left, right, others)] == ["left", "right", "others"]
+    names = [*lines(left), *lines(right), *lines(others)]
+    assert sorted(names) == sorted(run.info["joints"])
+    for name, line in lines(left).items():
+        assert line.get_color() == lines(right)[name.replace("left", "right")].get_color()
+        assert line.get_ydata() == pytest.approx(run["q"][:, run.info["joints"].index(name)])
+    assert left.get_ylim() == right.get_ylim()
+    kinds = {(line.get_color(), line.get_linestyle()) for line in lines(left).values()}
+    assert len(kinds) == len(lines(left)) == 9
+
+
+def test_in_given_axes_partners_are_told_apart_by_their_stroke():
+    _, axes = matplotlib.pyplot.subplots()
+    walking(humanoid()).plot("q", axes=axes)
+    drawn = lines(axes)
+    assert len(drawn) == 10
+    assert drawn["left_knee"].get_color() == drawn["right_knee"].get_color()
+    assert (drawn["left_knee"].get_linestyle(), drawn["right_knee"].get_linestyle()) == ("-", "--")
+
+
+def test_labels_stand_at_the_ends_of_lines_and_apart():
+    values = {"time": np.linspace(0, 1, 5), "q": np.outer(np.ones(5), [0.0, 0.001, 1.0])}
+    run = Trajectory(values, "ok", "", 1.0, np.zeros(0), {"joints": ["low_joint", "near", "high"]})
+    (axes,) = run.plot("q").axes
+    assert axes.get_legend() is None
+    places = {text.get_text(): text.xy for text in axes.texts}
+    assert set(places) == {"low joint", "near", "high"}
+    assert places["near"][1] - places["low joint"][1] > 0.05
+    assert places["high"][1] > places["near"][1]
+
+
+def test_a_failed_run_is_drawn_to_its_failure_which_is_told():
+    run = fallen(humanoid(), at=1.0)
+    for axes in run.plot("contact_force", "energy").axes:
+        assert max(line.get_xdata().max() for line in lines(axes).values()) == 1.0
+        assert "fell at 1 s" in [text.get_text() for text in axes.texts]
+    doubtful = walking(humanoid(), status="inaccurate", message="from 0.1 s on")
+    (axes,) = doubtful.plot("energy").axes
+    assert "inaccurate" in [text.get_text() for text in axes.texts]
+    assert max(line.get_xdata().max() for line in lines(axes).values()) == 2.0
+
+
+def dichromat(colour):
+    """A colour as those see it who lack the red or the green cones, in linear RGB (F. Vienot et al., 1999)."""
+    linear = np.array([x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in to_rgb(colour)])
+    lms = np.array([[17.8824, 43.5161, 4.11935], [3.45565, 27.1554, 3.86714], [0.0299566, 0.184309, 1.46709]])
+    seen = lms @ linear
+    without_red = np.array([2.02344 * seen[1] - 2.52581 * seen[2], seen[1], seen[2]])
+    without_green = np.array([seen[0], 0.494207 * seen[0] + 1.24827 * seen[2], seen[2]])
+    return [np.linalg.solve(lms, x) for x in (without_red, without_green)]
+
+
+def test_colours_differ_for_those_who_lack_red_or_green_cones():
+    for k in range(2):
+        seen = np.array([dichromat(colour)[k] for colour in COLOURS])
+        apart = np.linalg.norm(seen[:, None] - seen[None], axis=2) + np.eye(len(seen))
+        assert apart.min() > 0.04
+    assert np.linalg.norm(np.subtract(*[dichromat(c)[1] for c in ("#d62728", "#2ca02c")])) < 0.3  # red and green
+
+
+def test_labels_move_no_farther_than_they_must():
+    assert spread(np.array([0.1, 0.5, 0.9]), 0.1) == pytest.approx([0.1, 0.5, 0.9])
+    assert spread(np.array([0.5, 0.5]), 0.1) == pytest.approx([0.45, 0.55])
+    assert spread(np.array([0.9, 0.95, 0.99]), 0.1) == pytest.approx([0.8, 0.9, 1.0])
+    for n in (5, 11, 30):
+        places = spread(np.zeros(n), 0.1)
+        assert np.diff(places).min() >= min(0.1, 1.0 / (n - 1)) - 1e-12
+        assert places.min() >= -1e-12
+        assert places.max() <= 1.0 + 1e-12
+
+
+def test_a_claim_has_no_error_smaller_than_its_digits():
+    assert plus_minus(-0.135, -0.135 + 3e-13, ".3f") == "-0.135"
+    assert plus_minus(-0.135, -0.131, ".3f") == "-0.135 ± 0.004"
