@@ -70,7 +70,7 @@ def page_data(runs: Mapping[str, Seen], plots: Sequence[str] = (), ghosts: bool 
             | {"model": order[id(seen.model)]}
             for caption, seen in runs.items()
         ],
-        "span": float(f"{max(1.6 * max(height), 1.3 * max(reach)):.3g}"),
+        "span": float(f"{max(1.45 * max(height), 1.3 * max(reach)):.3g}"),
         "plots": list(plots),
         "ghosts": ghosts,
         "notes": list(dict.fromkeys(notes)),
