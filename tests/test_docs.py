@@ -1,5 +1,7 @@
 """The pages of `docs/`: their programs run, their links and paths lead somewhere, what they quote and list is so."""
 
+import ast
+import inspect
 import os
 import re
 import subprocess
@@ -8,14 +10,16 @@ from pathlib import Path
 
 import pytest
 
+import featherstone_gait
 from featherstone_gait.core.step.state import CHANNELS
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PACKAGE = ROOT / "featherstone_gait"
-PAGES = sorted({*DOCS.glob("*.md")} - {DOCS / "architecture.md"})
+PAGES = sorted({*DOCS.rglob("*.md")} - {DOCS / "architecture.md"} - {*(DOCS / "notebooks").rglob("*")})
 ARCHITECTURE = (DOCS / "architecture.md").read_text("utf-8")
-LINKED = [*sorted(DOCS.glob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+LINKED = [DOCS / "architecture.md", *PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+REFERENCE = sorted((DOCS / "api").glob("*.md"))
 
 
 def blocks(text):
@@ -51,7 +55,14 @@ def marked(page):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("page", [pytest.param(page, marks=marked(page), id=page.stem) for page in PAGES])
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=marked(page), id=page.relative_to(DOCS).as_posix().removesuffix(".md"))
+        for page in PAGES
+        if blocks(page.read_text("utf-8"))
+    ],
+)
 def test_what_a_page_says_holds(page, tmp_path):
     done = run(page.read_text("utf-8"), tmp_path)
     assert done.returncode == 0, done.stderr
@@ -69,15 +80,44 @@ def heading_anchors(text):
     return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
-@pytest.mark.parametrize("page", LINKED, ids=lambda page: page.name)
+def test_pages_have_links_to_follow():
+    assert sum(len(local_links(page.read_text("utf-8"))) for page in LINKED) > 50
+
+
+def local_links(text):
+    return [link.partition("#") for link in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in link]
+
+
+@pytest.mark.parametrize("page", LINKED, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_links_lead_somewhere(page):
-    text = page.read_text("utf-8")
-    links = [link.partition("#") for link in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in link]
-    assert links
+    links = local_links(page.read_text("utf-8"))
     targets = [((page.parent / path).resolve() if path else page, anchor) for path, _, anchor in links]
     assert [path for path, _ in targets if not path.exists()] == []
     pages = [(path, anchor) for path, anchor in targets if anchor]
     assert [(path.name, a) for path, a in pages if a not in heading_anchors(path.read_text("utf-8"))] == []
+
+
+def test_the_reference_has_every_public_name_once():
+    text = "\n".join(page.read_text("utf-8") for page in REFERENCE)
+    shown = re.findall(r"^\.\. auto\w+:: featherstone_gait\.(\w+)$", text, re.MULTILINE)
+    assert sorted(shown) == featherstone_gait.__all__
+
+
+def test_the_reference_has_an_example_of_every_public_name():
+    """On the page of the name, where the tests run it: functions are called, and classes made or met."""
+    for page in REFERENCE:
+        text = page.read_text("utf-8")
+        code = "\n".join(block for _, block in blocks(text))
+        used = {node.id for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Name)}
+        called = {call.func.id for call in calls(code)}
+        shown = set(re.findall(r"^\.\. auto\w+:: featherstone_gait\.(\w+)$", text, re.MULTILINE))
+        functions = {name for name in shown if inspect.isfunction(getattr(featherstone_gait, name))}
+        assert functions - called == set()
+        assert shown - used - {"RobotFileWarning"} == set()  # that one is shown where warnings are, in robots.md
+
+
+def calls(code):
+    return [n for n in ast.walk(ast.parse(code)) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
 
 
 def test_the_architecture_names_paths_that_exist():

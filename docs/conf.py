@@ -1,0 +1,166 @@
+"""Sphinx: `python -m sphinx -W -b html docs build`, with the packages of `pip install -e ".[docs]"`.
+
+Notebooks are shown as they are stored: they are copied beside the pages while the site is built, and run by the tests.
+Formulas become MathML here, so that a page needs no program of anybody else's.
+"""
+
+import inspect
+import re
+import shutil
+import sys
+from pathlib import Path
+
+from docutils.utils.math.latex2mathml import tex2mathml
+
+ROOT = Path(__file__).parents[1]
+NOTEBOOKS = Path(__file__).parent / "notebooks"
+sys.path.insert(0, str(ROOT))
+
+import featherstone_gait  # noqa: E402
+
+project, author = "featherstone_gait", "the authors of featherstone_gait"
+version = release = featherstone_gait.__version__
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx_copybutton"]
+nb_execution_mode = "off"
+myst_enable_extensions = ["dollarmath", "amsmath"]
+myst_heading_anchors = 4
+exclude_patterns = ["build", "**/.ipynb_checkpoints"]
+html_theme = "furo"
+html_title = f"featherstone_gait {version}"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
+html_math_renderer = "mathml"
+default_role = "code"
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+python_maximum_signature_line_length = 88
+templates_path: list[str] = []
+
+
+def setup(app):
+    app.add_html_math_renderer("mathml", (_inline, None), (_display, None))
+    app.connect("config-inited", _copy_notebooks, priority=1)
+    app.connect("source-read", _resolve)
+    app.connect("build-finished", _remove_notebooks)
+    app.connect("autodoc-process-docstring", _docstring)
+    app.connect("autodoc-process-bases", _shown_bases)
+    return {"parallel_read_safe": True}
+
+
+# ------------------------------------------------------------------------------------------------------- formulas
+
+
+def _inline(writer, node):
+    from docutils import nodes
+
+    writer.body.append(tex2mathml(node.astext()))
+    raise nodes.SkipNode
+
+
+def _display(writer, node):
+    from docutils import nodes
+
+    text = re.sub(r"\\(begin|end)\{(equation|gather|align)\*?\}", "", node.astext())
+    writer.body.append(f'<div class="math">{tex2mathml(text, as_block=True)}</div>')
+    raise nodes.SkipNode
+
+
+# ------------------------------------------------------------------------------------------------------- notebooks
+
+
+def _copy_notebooks(app, config):
+    shutil.rmtree(NOTEBOOKS, ignore_errors=True)
+    ignored = shutil.ignore_patterns(".*", "*_searches", "*.html")
+    shutil.copytree(ROOT / "notebooks", NOTEBOOKS, ignore=ignored)
+
+
+def _remove_notebooks(app, exception):
+    shutil.rmtree(NOTEBOOKS, ignore_errors=True)
+
+
+# ----------------------------------------------------------------------------------------------------------- pages
+
+HERE = Path(__file__).parent
+
+
+def _resolve(app, page, source):
+    """Links out of this folder, which are right in the repository, become those of the site; lists become complete."""
+    up = "../" * page.count("/")
+    text = re.sub(r"\]\((?:\.\./)+notebooks/", f"]({up}notebooks/", source[0])
+    text = re.sub(r"\]\((?:\.\./)+CONTRIBUTING\.md", f"]({up}contributing.md", text)
+    if page == "index":
+        text = "\n".join(line for line in map(_listed, text.splitlines()) if line is not None)
+        listed = set(re.findall(r"^([\w/]+)$|<([\w/]+)>$", text, re.MULTILINE))
+        named = {name for pair in listed for name in pair}
+        others = sorted(path.stem for path in HERE.glob("*.md") if path.stem not in {*named, "index"})
+        text = text.replace("@others", "\n".join(others))
+    source[0] = text
+
+
+def _listed(line):
+    """A line of a list of pages; `PAGE?` only where there is that page."""
+    found = re.search(r"([\w/]+)\?>?$", line)
+    if found is None:
+        return line
+    return line.replace("?", "") if (HERE / f"{found[1]}.md").exists() else None
+
+
+# ------------------------------------------------------------------------------------------------------- docstrings
+
+FIELD = re.compile(r"^    (\w+): [^#\n]*?(?:#\s*(.*))?$", re.MULTILINE)
+ENTRY = re.compile(r"^(\w[\w, ]*?) ?: (.*)$")  # of a list of parameters
+
+
+def _docstring(app, what, name, thing, options, lines):
+    """Plain text as reStructuredText, with lists of parameters, and of a class its fields with their comments."""
+    text = _as_rst(lines)
+    if what == "class":
+        text += _fields(thing)
+    lines[:] = text
+
+
+def _as_rst(lines):
+    text, in_parameters, literal = [], False, False
+    for line, following in zip(lines, [*lines[1:], ""]):
+        if set(following.strip()) == {"-"} and len(following.strip()) > 3:
+            in_parameters = True
+            continue
+        if set(line.strip()) == {"-"} and len(line.strip()) > 3:
+            text.append("")
+            continue
+        if literal:
+            literal = line.startswith("    ") or not line.strip()
+        if literal:
+            text.append(line)
+            continue
+        entry = ENTRY.match(line) if in_parameters else None
+        if in_parameters and line and not line[0].isspace() and entry is None:
+            in_parameters = False
+            text.append("")
+        if entry:
+            text.append(f":{entry[1]}: {_plain(entry[2])}")
+        else:
+            text.append(_plain(line))
+        if line.endswith(":") and not following.strip():
+            text[-1] += ":"
+            literal = True
+    return text
+
+
+def _plain(line):
+    """What is no markup stays as it is; `names` are code."""
+    parts = re.split(r"(`[^`]*`)", line)
+    escaped = [p if p.startswith("`") else re.sub(r"([*|\\])|_(?=\W|$)", r"\\\g<0>", p) for p in parts]
+    return "".join(escaped)
+
+
+def _fields(thing):
+    """The fields of a dataclass or a NamedTuple, in its order, with what is said beside them."""
+    names = [*getattr(thing, "__dataclass_fields__", ()), *getattr(thing, "_fields", ())]
+    said = dict(FIELD.findall(inspect.getsource(thing))) if names else {}
+    shown = [f":{name}: {_plain(said[name])}" for name in names if said.get(name)]
+    return ["", *shown] if shown else []
+
+
+def _shown_bases(app, name, thing, options, bases):
+    bases[:] = [base for base in bases if base is not object]
