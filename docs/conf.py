@@ -5,6 +5,7 @@ Formulas become MathML here, so that a page needs no program of anybody else's.
 """
 
 import inspect
+import os
 import re
 import shutil
 import sys
@@ -17,8 +18,10 @@ NOTEBOOKS = Path(__file__).parent / "notebooks"
 sys.path.insert(0, str(ROOT))
 
 import featherstone_gait  # noqa: E402
+import featherstone_gait.cli  # noqa: E402
 
 project, author = "featherstone_gait", "the authors of featherstone_gait"
+copyright = "2026, " + author
 version = release = featherstone_gait.__version__
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx_copybutton"]
 nb_execution_mode = "off"
@@ -94,7 +97,17 @@ def _resolve(app, page, source):
         named = {name for pair in listed for name in pair}
         others = sorted(path.stem for path in HERE.glob("*.md") if path.stem not in {*named, "index"})
         text = text.replace("@others", "\n".join(others))
+    if page == "commands":
+        text = text.replace("```{help}\n```", _helps())
     source[0] = text
+
+
+def _helps():
+    """What each command says of itself, in 96 columns."""
+    os.environ["COLUMNS"] = "96"
+    parser = featherstone_gait.cli._parser()
+    (commands,) = (each.choices for each in parser._actions if isinstance(each.choices, dict))
+    return "\n".join(f"## {name}\n\n```text\n{each.format_help()}```\n" for name, each in commands.items())
 
 
 def _listed(line):

@@ -46,9 +46,12 @@ def results(folder, robot):
     return trajectory, trajectory.info["measures"]
 
 
-def test_info_prints_every_link_and_joint_and_writes_the_same(tmp_path):
+def test_info_prints_every_link_and_joint_and_writes_the_same_where_it_is_asked_to(tmp_path):
     printed = run("info", "humanoid", "--locked", "simplified", folder=tmp_path)
-    assert (tmp_path / "humanoid_info.txt").read_text("utf-8") == printed
+    assert list(tmp_path.iterdir()) == []
+    told = run("info", "humanoid", "--locked", "simplified", "--out", "here", folder=tmp_path)
+    assert told == printed + f"\nfiles: {Path('here') / 'humanoid_info.txt'}\n"
+    assert (tmp_path / "here" / "humanoid_info.txt").read_text("utf-8") == printed
     model = load_robot("humanoid", locked="simplified")
     rows = {line.split()[0]: line.split() for line in reversed(printed.splitlines()) if line}  # the first wins
     assert math.fsum(float(rows[link.name][1]) for link in model.links) == pytest.approx(model.mass, rel=1e-4)
@@ -160,17 +163,80 @@ def test_ctrl_c_is_an_exit_code(monkeypatch, tmp_path, capsys):
     assert capsys.readouterr().err == "interrupted\n"
 
 
-@pytest.mark.parametrize("command", ["info", "simulate", "benchmark"])
-def test_help_says_what_is_written_and_where(command, capsys):
+COMMANDS = sorted(each.__name__.rpartition(".")[2].replace("_", "-") for each in cli.COMMANDS)
+
+
+def help_of(command, monkeypatch, capsys, columns="80"):
+    monkeypatch.setenv("COLUMNS", columns)
     with pytest.raises(SystemExit) as stop:
-        cli.main([command, "--help"])
+        cli.main([*command.split(), "--help"])
     assert stop.value.code == 0
-    text = capsys.readouterr().out
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_says_what_is_written_and_where(command, monkeypatch, capsys):
+    text = help_of(command, monkeypatch, capsys)
     assert "Writes " in text
     assert "--out DIR" in text
+    assert max(map(len, text.splitlines())) <= 80
 
 
-@pytest.mark.parametrize("arguments", [[], ["dance"], ["benchmark", "nothing"], ["info"]])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_examples_that_are_understood(command, monkeypatch, capsys):
+    _, _, shown = help_of(command, monkeypatch, capsys).partition("\nexamples:\n")
+    lines = [line.split() for line in shown.splitlines() if line.startswith("  featherstone-gait ")]
+    assert lines
+    for _, *arguments in lines:
+        assert arguments[0] == command
+        assert callable(cli._parser().parse_args(arguments).run)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_says_nothing_twice(command, monkeypatch, capsys):
+    """No six words in a row of it, but in examples."""
+    text, _, _ = help_of(command, monkeypatch, capsys, "200").partition("\nexamples:\n")
+    words = text.split()
+    runs = [" ".join(words[k : k + 6]) for k in range(len(words) - 5)]
+    assert sorted(run for run in {*runs} if runs.count(run) > 1) == []
+
+
+def test_the_command_alone_shows_where_to_start(capsys):
+    assert cli.main([]) == 0
+    text = capsys.readouterr().out
+    assert "where to start:" in text
+    assert all(f"  {command} " in text for command in COMMANDS)
+    examples = [line.split()[1:] for line in text.partition("where to start:\n")[2].splitlines() if line[:2] == "  "]
+    assert len(examples) == 4
+    assert all(name in COMMANDS for name, *_ in examples[:3])
+
+
+def test_a_study_with_wrong_rows_is_written_and_exits_with_1(tmp_path, capsys):
+    """The paper's standard servo in the update order of 2012 chatters; the implicit step does not."""
+    text = """robot = "arm7"
+experiment = "hold"
+duration = 0.2
+scene.servos = "standard"
+scene.timestep = 0.001
+[vary]
+scene.integrator = ["simtwo", "implicit_euler"]
+"""
+    (tmp_path / "both.toml").write_text(text)
+    assert cli.main(["study", str(tmp_path / "both.toml"), "--out", str(tmp_path)]) == 1
+    told = capsys.readouterr().out
+    assert "status: chatter 1, ok 1\n" in told or "status: ok 1, chatter 1\n" in told
+    assert "1 of 2 rows are not ok" in told
+    assert len((tmp_path / "both.csv").read_text().splitlines()) == 4  # format, header, rows
+    (tmp_path / "one.toml").write_text(text.replace('"simtwo", ', ""))
+    assert cli.main(["study", str(tmp_path / "one.toml"), "--out", str(tmp_path)]) == 0
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path, capsys):
+    assert cli.main(["study", str(tmp_path / "none.toml"), "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.startswith(f"error: {tmp_path / 'none.toml'}: No such file or directory; ")
+
+
+@pytest.mark.parametrize("arguments", [["dance"], ["benchmark", "nothing"], ["info"]])
 def test_unknown_commands_are_refused(arguments):
     with pytest.raises(SystemExit) as stop:
         cli.main(arguments)

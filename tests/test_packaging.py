@@ -21,6 +21,7 @@ from featherstone_gait import cli, robot_names
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text("utf-8")
+START = (ROOT / "docs" / "start.md").read_text("utf-8")
 ROBOT_FILES = {str(p.relative_to(ROOT).as_posix()) for p in (ROOT / "robots").rglob("*") if p.is_file()}
 
 PROGRAM = """
@@ -32,9 +33,9 @@ print(featherstone_gait.__file__, len(load_robot("humanoid").joint_names), *robo
 """
 
 
-def blocks(language):
-    """The README's code blocks of a language."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+def blocks(language, text=README):
+    """A page's code blocks of a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
 @pytest.fixture(scope="module")
@@ -69,9 +70,12 @@ def test_the_source_distribution_holds_all_that_the_tests_need(distributions):
     with tarfile.open(path) as source:
         names = {name.partition("/")[2] for name in source.getnames()}
     tests = {f"tests/{p.name}" for p in (ROOT / "tests").glob("*.py")}
-    pages = {str(p.relative_to(ROOT).as_posix()) for p in (ROOT / "docs").rglob("*") if p.is_file()}
-    top = {"pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md"}
-    assert top | ROBOT_FILES | pages | tests <= names
+    copied = ROOT / "docs" / "notebooks"  # while the site is built
+    files = [p for p in (ROOT / "docs").rglob("*") if p.is_file() and copied not in p.parents]
+    pages = {str(p.relative_to(ROOT).as_posix()) for p in files if "__pycache__" not in p.parts}
+    notebooks = {str(p.relative_to(ROOT).as_posix()) for p in (ROOT / "notebooks").glob("*.ipynb")}
+    top = {"pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff"}
+    assert top | ROBOT_FILES | pages | notebooks | tests <= names
     assert {name.partition("/")[0] for name in names} - {"PKG-INFO", ".gitignore"} <= {p.name for p in ROOT.iterdir()}
 
 
@@ -115,6 +119,23 @@ def test_readme_has_two_commands_that_exist():
     assert "test" in project["optional-dependencies"]
 
 
+def test_the_readme_has_a_picture_that_moves_and_is_small():
+    (picture,) = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", README)
+    data = (ROOT / picture).read_bytes()
+    assert data[:6] == b"GIF89a"
+    assert data.count(b"\x21\xf9\x04") > 30  # control blocks: one a frame
+    assert len(data) < 1_500_000
+
+
+def test_the_citation_has_version_licence_and_paper():
+    text = (ROOT / "CITATION.cff").read_text("utf-8")
+    assert f"\nversion: {featherstone_gait.__version__}\n" in text
+    assert "\nlicense: MIT\n" in text
+    assert "doi: 10.5772/54766" in text
+    (authors,) = re.findall(r"^Copyright \(c\) \d+ (.*)$", (ROOT / "LICENSE").read_text("utf-8"), re.MULTILINE)
+    assert authors in text
+
+
 def test_readme_links_lead_somewhere():
     links = [link for link in re.findall(r"\]\(([^)]+)\)", README) if not link.startswith("http")]
     assert links
@@ -122,11 +143,11 @@ def test_readme_links_lead_somewhere():
     assert [name for name in robot_names() if f"`{name}`" not in README] == []
 
 
-def test_readme_example_prints_what_the_readme_says(tmp_path, monkeypatch, capsys):
-    (example,), (output,) = blocks("python"), blocks("text")
+def test_the_first_example_prints_what_its_page_says(tmp_path, monkeypatch, capsys):
+    (example,), (output,) = blocks("python", START), blocks("text", START)
     monkeypatch.chdir(tmp_path)
     matplotlib.use("Agg")
-    exec(compile(example, "README.md", "exec"), {})
+    exec(compile(example, "start.md", "exec"), {})
     pyplot.close("all")
     # An estimate of 1e-5 is made of round-off in part, and so of the processor: its factor of 2 is held, not its digit.
     estimate = re.compile(r"\d+e-\d+")

@@ -1,8 +1,9 @@
 """The command line, `featherstone-gait COMMAND`.
 
 A command is a module with `add`, which registers it, and `run`, from its arguments to an exit code; what it needs is
-imported where it is used, so that `--help` answers at once.  Exit codes: 0 done, 1 the simulation ended with another
-status than "ok" or an experiment failed, 2 an argument or a file is wrong (one line says which), 130 interrupted.
+imported where it is used, so that `--help` answers at once.  Exit codes: 0 done, 1 a simulation, or one of a study's,
+ended with another status than "ok", or an experiment failed, 2 an argument or a file is wrong (one line says which),
+130 interrupted.
 """
 
 from __future__ import annotations
@@ -30,15 +31,33 @@ from . import (
     study,
     view,
 )
+from .arguments import Help
 
 COMMANDS = (
     info, check_robots, simulate, view, optimize, crosscheck, export, study, servos, identify, benchmark, reproduce,
 )  # fmt: skip
 
 
+ABOUT = "Simulate robots that are driven by hobby servos, and find them cheaper gaits."
+BEGIN = """where to start:
+  featherstone-gait simulate ax12_arm      a servo swings an arm: a picture, data
+  featherstone-gait optimize               a humanoid walks, then for less energy
+  featherstone-gait info my_robot.urdf     what there is in a robot file
+  featherstone-gait COMMAND --help         what a command takes and writes
+
+Robots that come with the package go by their names: arm7, arm7_spatial, ax12_arm, ax12_whole_arm, humanoid.
+
+Exit codes: 0 done, 1 a result is not to be believed or an experiment failed, 2 an argument or a file is wrong, \
+130 interrupted."""
+
+
 def main(argv: list[str] | None = None) -> int:
     """Run a command; return its exit code."""
-    args = _parser().parse_args(argv)
+    parser = _parser()
+    args = parser.parse_args(argv)
+    if args.run is None:
+        parser.print_help()
+        return 0
     with redirect_stdout(_Output("standard output", sys.stdout)), redirect_stderr(_Output("errors", sys.stderr)):
         try:
             _make_folder(args.out)
@@ -46,11 +65,18 @@ def main(argv: list[str] | None = None) -> int:
             sys.stdout.flush()
             return code
         except (ValueError, OSError) as error:
-            print("error:", " ".join(str(error).split()), file=sys.stderr)
+            print("error:", " ".join(_said(error).split()), file=sys.stderr)
             return 2
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
             return 130
+
+
+def _said(error: ValueError | OSError) -> str:
+    """What an error says, of one that the system raised with the file first."""
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return f"{os.fspath(error.filename)}: {error.strerror}; correct the path, or make it one that can be used"
+    return str(error)
 
 
 class _Output:
@@ -80,8 +106,10 @@ class _Output:
                 raise OSError(f"{self.name} cannot be written ({error.strerror}); send it elsewhere") from error
 
 
-def _make_folder(path: Path) -> None:
+def _make_folder(path: Path | None) -> None:
     """Raises ValueError where a file or a link to nowhere, at the path or above it, is in the way."""
+    if path is None:
+        return
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
@@ -91,9 +119,12 @@ def _make_folder(path: Path) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="featherstone-gait", description="Simulate servo-driven robots.")
+    parser = argparse.ArgumentParser(
+        prog="featherstone-gait", description=ABOUT, epilog=BEGIN, formatter_class=Help, usage="%(prog)s COMMAND ..."
+    )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    parser.set_defaults(run=None)
+    commands = parser.add_subparsers(metavar="COMMAND, one of", title="commands", prog=parser.prog)
     for command in COMMANDS:
         command.add(commands)
     return parser

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -19,14 +20,54 @@ Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 SERVO_HELP = "gearbox of the servos (default: mipsd if the robot has any, but a fixed one swings without)"
 
 
+class Help(argparse.HelpFormatter):
+    """Help whose lines of text are filled one by one, so that examples stay as they are."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=20)
+
+    def add_usage(self, usage, actions, groups, prefix=None):  # type: ignore[no-untyped-def]  # argparse's own types
+        """What must be given; the options are listed below."""
+        needed = [action for action in actions if action.required or not action.option_strings]
+        super().add_usage(usage, needed, [], prefix)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return "\n".join(line if line.startswith("  ") else textwrap.fill(line, width) for line in text.split("\n"))
+
+
 def add_command(
-    commands: Commands, name: str, run: Callable[[argparse.Namespace], int], does: str, writes: str
+    commands: Commands,
+    name: str,
+    run: Callable[[argparse.Namespace], int],
+    does: str,
+    writes: str,
+    *,
+    examples: Sequence[str] = (),
+    takes: str = "",
+    unasked: bool = True,
 ) -> argparse.ArgumentParser:
-    """Register a command and its option --out."""
-    parser = commands.add_parser(name, help=does, description=f"{does[0].upper()}{does[1:]}.  Writes {writes}.")
-    parser.add_argument("--out", type=Path, default=Path(), metavar="DIR", help=f"folder for {writes} (default: here)")
+    """Register a command and its option --out.
+
+    writes: which files; examples: lines of a shell; takes: how long; unasked: whether files are written without --out.
+    """
+    lasts = f"\n\nTakes {takes}." if takes else ""
+    told = f"{does[0].upper()}{does[1:]}.\n\nWrites {writes}.{lasts}"
+    shown = "\n".join(["examples:", *(f"  {line}" for line in examples)]) if examples else None
+    parser = commands.add_parser(name, help=brief(does), description=told, epilog=shown, formatter_class=Help)
+    where = "folder for what is written (default: here)" if unasked else "folder; without it nothing is written"
+    parser.add_argument("--out", type=Path, default=Path() if unasked else None, metavar="DIR", help=where)
     parser.set_defaults(run=run)
     return parser
+
+
+def announce(takes: str) -> None:
+    """Say before long work how long it takes."""
+    print(f"takes {takes}", flush=True)
+
+
+def brief(does: str) -> str:
+    """What a command does, without what is said further on."""
+    return does.partition(";")[0].partition(":")[0]
 
 
 def add_robot(parser: argparse.ArgumentParser) -> None:

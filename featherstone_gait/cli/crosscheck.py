@@ -16,15 +16,21 @@ def add(commands: Commands) -> None:
         run,
         "walk a gait in MuJoCo, with the same servos and its own contact, on twelve floors; started again it goes on",
         "GAIT_crosscheck.json (a row a floor, in MuJoCo and here) and .csv",
+        examples=(
+            "featherstone-gait crosscheck humanoid_gait.npz",
+            "featherstone-gait crosscheck humanoid_gait.npz --floors 2ms_0.9 --strides 5",
+        ),
+        takes="TIME",
     )
     add_gait(parser)
     parser.add_argument("--servos", choices=SERVO_KINDS, default="mipsd", help="gearbox")
     parser.add_argument("--servo", metavar="NAME", help="of all joints, as of optimize (default: the robot's own)")
     parser.add_argument("--floors", metavar="NAMES", help="with commas: 2ms_0.9,20ms_0.6 (default: all; a wrong name "
                         "lists them)")  # fmt: skip
-    parser.add_argument("--soles", metavar="KINDS", default="spheres,boxes", help="of these two (default: both)")
+    soles = "of spheres,boxes with commas (default: both)"
+    parser.add_argument("--soles", metavar="KINDS", default="spheres,boxes", help=soles)
     parser.add_argument("--strides", type=int, default=20, metavar="N", help="measured, after two (default: 20)")
-    parser.add_argument("--timestep", type=float, default=2.5e-4, metavar="S", help="[s] (default: 0.00025)")
+    parser.add_argument("--timestep", type=float, default=2.5e-4, metavar="S", help="of MuJoCo [s] (default: 0.00025)")
     parser.add_argument("--processes", type=int, default=2, metavar="N", help="at a time (default: 2)")
 
 

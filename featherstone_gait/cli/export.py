@@ -15,6 +15,10 @@ def add(commands: Commands) -> None:
         run,
         "write a gait as files that others can play; all three, unless some are named",
         "GAIT_angles.csv [deg], GAIT_goal_positions.csv (AX-12, 0 to 1023 over 300 deg) and GAIT.xml (MJCF)",
+        examples=(
+            "featherstone-gait export humanoid_gait.npz",
+            "featherstone-gait export humanoid_gait.npz --csv --strides 4 --out robot",
+        ),
     )
     add_gait(parser)
     parser.add_argument("--csv", action="store_true", help="joint angles over time [deg]")

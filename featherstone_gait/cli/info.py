@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import textwrap
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
@@ -28,7 +29,9 @@ GAINS = {  # of the laws that differ
 def add(commands: Commands) -> None:
     """Register the command."""
     does = "print a robot's masses, joints, servos and step limits"
-    add_robot(add_command(commands, "info", run, does, "ROBOT_info.txt"))
+    what = "ROBOT_info.txt, the same text, if --out names a folder"
+    examples = ("featherstone-gait info humanoid", "featherstone-gait info my_robot.urdf --out results")
+    add_robot(add_command(commands, "info", run, does, what, examples=examples, unasked=False))
 
 
 def run(args: Namespace) -> int:
@@ -52,8 +55,10 @@ def run(args: Namespace) -> int:
     ]
     text = "\n".join(lines) + "\n"
     print(text, end="")
-    with complete(output(args, "info.txt")) as path:
-        path.write_text(text, encoding="utf-8")
+    if args.out is not None:
+        with complete(output(args, "info.txt")) as path:
+            path.write_text(text, encoding="utf-8")
+        print(f"\nfiles: {output(args, 'info.txt')}")
     return 0
 
 
@@ -133,7 +138,8 @@ def _preflight_lines(scene: CompiledScene) -> list[str]:
         alone = f"{worst.joint} alone {1e3 * worst.step:.3g} ms, by its {worst.cause}"
         limited = f"explicit steps up to {1e3 * check.largest_explicit_step:.3g} ms, all joints together ({alone})"
     where = "on the ground" if scene.ground else "without ground"
-    return [f"with {servos}, {where}: {limited}", f"chosen: {choice(scene)}"]
+    lines = f"with {servos}, {where}: {limited}", f"chosen: {choice(scene)}"
+    return [textwrap.fill(line, 79, subsequent_indent="  ", break_on_hyphens=False) for line in lines]
 
 
 def _numbers(values: Iterable[float]) -> str:

@@ -16,6 +16,8 @@ def add(commands: Commands) -> None:
         run,
         "run the paper's experiments, or go on with them, and compare each claim with the paper",
         "reproduction.html, reproduction.md and reproduction_files (pictures, and finished experiments to go on from)",
+        examples=("featherstone-gait reproduce servo_step arm_fall", "featherstone-gait reproduce --full --out paper"),
+        takes="TIME",
     )
     names = ", ".join(EXPERIMENTS)
     parser.add_argument("names", metavar="NAME", nargs="*", help=f"{names} (default: all)")

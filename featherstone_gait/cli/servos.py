@@ -26,7 +26,13 @@ FIGURES = {  # of a curve and of a manual: digits, and the unit
 def add(commands: Commands) -> None:
     """Register the command."""
     does = "list servos, or show some of them: stall, no-load and efficiency against the manual"
-    parser = add_command(commands, "servos", run, does, "the picture that --plot names")
+    examples = (
+        "featherstone-gait servos",
+        "featherstone-gait servos ax12 ax12a --plot curves.png",
+        "featherstone-gait servos my_servo.toml --voltage 11.1",
+    )
+    what = "the picture that --plot names, and nothing else"
+    parser = add_command(commands, "servos", run, does, what, examples=examples)
     what = "name of a servo that comes with the package, or a .toml file (default: list all that come)"
     parser.add_argument("names", nargs="*", metavar="NAME", help=what)
     voltage = "at the motor [V] (default: each servo's own, and those that its manual has)"

@@ -31,7 +31,12 @@ def add(commands: Commands) -> None:
         "simulate",
         run,
         "simulate a robot: a fixed one swings, or with servos is pulled upright; a floating one stands on the ground",
-        "ROBOT_simulation.npz (channels), .json (status, settings, measures) and .png",
+        "ROBOT_simulation.npz (channels), .json (status, settings, measures) and .png (motion and joints)",
+        examples=(
+            "featherstone-gait simulate ax12_arm --servos mipsd",
+            "featherstone-gait simulate humanoid --duration 5 --out standing",
+        ),
+        takes="a second or two; the first time of a kind of robot up to half a minute, to compile",
     )
     add_robot(parser)
     parser.add_argument("--duration", type=float, metavar="S", help="[s] (default: 1, with servos or ground 2)")

@@ -18,6 +18,11 @@ def add(commands: Commands) -> None:
         run,
         "run a parameter study, or go on with one that was interrupted",
         "FILE.csv (a row a run), .png (summary) and .jsonl (finished runs, to go on from)",
+        examples=(
+            "featherstone-gait study notebooks/stability_study.toml --out results",
+            "featherstone-gait study FILE.toml --cluster tcp://HOST:8786 --batch 64",
+        ),
+        takes="as long as its bar says; Ctrl-C keeps what is finished.  The exit code is 1 if a row's status is not ok",
     )
     parser.add_argument("file", type=Path, metavar="FILE.toml", help="what to run: help(featherstone_gait.study)")
     parser.add_argument("--batch", type=int, metavar="N", help="runs handed over at a time (default: 8; of many 64)")
@@ -39,9 +44,12 @@ def run(args: Namespace) -> int:
     seconds = time.perf_counter() - start
     print(f"{study.name}: {len(study)} runs, {outcome.computed} of them now in {seconds:.3g} s")
     print("status: " + ", ".join(f"{status} {count}" for status, count in outcome.statuses.items()))
+    wrong = len(study) - outcome.statuses.get("ok", 0)
+    if wrong:
+        print(f"{wrong} of {len(study)} rows are not ok: the table is whole, their numbers are not to be believed")
     files = [outcome.table, outcome.picture, *([outcome.sensitivity] if outcome.sensitivity else [])]
     print("files: " + ", ".join(map(str, files)))
-    return 0
+    return 1 if wrong else 0
 
 
 def _cluster(address: str) -> Any:
