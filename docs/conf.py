@@ -121,7 +121,7 @@ def _listed(line):
 # ------------------------------------------------------------------------------------------------------- docstrings
 
 FIELD = re.compile(r"^    (\w+): [^#\n]*?(?:#\s*(.*))?$", re.MULTILINE)
-ENTRY = re.compile(r"^(\w[\w, ]*?) ?: (.*)$")  # of a list of parameters
+ENTRY = re.compile(r"^(\w+(?:, \w+)*) ?: (.*)$")  # of a list of parameters
 
 
 def _docstring(app, what, name, thing, options, lines):

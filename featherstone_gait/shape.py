@@ -18,6 +18,8 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Sphere:
+    """A ball about the origin of the shape."""
+
     radius: float  # [m]
 
     def __post_init__(self) -> None:
@@ -38,6 +40,8 @@ class Capsule:
 
 @dataclass(frozen=True)
 class Cylinder:
+    """A cylinder about the z axis, its middle at the origin of the shape."""
+
     radius: float  # [m]
     length: float  # [m]
 
@@ -48,6 +52,8 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class Box:
+    """A box about the origin of the shape."""
+
     size: Vector  # edges [m]
 
     def __post_init__(self) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..build.kinds import SERVO_KINDS
 
@@ -26,7 +26,9 @@ class Help(argparse.HelpFormatter):
     def __init__(self, prog: str) -> None:
         super().__init__(prog, max_help_position=20)
 
-    def add_usage(self, usage, actions, groups, prefix=None):  # type: ignore[no-untyped-def]  # argparse's own types
+    def add_usage(
+        self, usage: str | None, actions: Iterable[argparse.Action], groups: Iterable[Any], prefix: str | None = None
+    ) -> None:
         """What must be given; the options are listed below."""
         needed = [action for action in actions if action.required or not action.option_strings]
         super().add_usage(usage, needed, [], prefix)
@@ -72,7 +74,7 @@ def brief(does: str) -> str:
 
 def add_robot(parser: argparse.ArgumentParser) -> None:
     """What says which robot, in which form."""
-    parser.add_argument("robot", metavar="ROBOT", help="name of a robot that comes with the package, or a .urdf file")
+    parser.add_argument("robot", metavar="ROBOT", help="name of a robot that comes with the package, or a .urdf or .xml file")
     parser.add_argument("--locked", metavar="SET", help="set of joints to hold, from the robot's TOML file")
     parser.add_argument("--servos", choices=(*SERVO_KINDS, "none"), help=SERVO_HELP)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 import time
 from argparse import Namespace
 from collections.abc import Callable
@@ -71,8 +72,8 @@ def run(args: Namespace) -> int:
     plotting = time.perf_counter()
     _plot_simulation(scene, trajectory, text, output(args, "simulation.png"))
     measures["seconds_of_plotting"] = time.perf_counter() - plotting
-    print("\n".join(_summary(scene, trajectory, duration)))
-    print(f"files       {path}.npz, .json, .png")
+    lines = [*_summary(scene, trajectory, duration), f"files       {path}.npz, .json, .png"]
+    print("\n".join(textwrap.fill(line, 79, subsequent_indent=" " * 12, break_long_words=False) for line in lines))
     return 0 if trajectory.ok else 1
 
 
