@@ -45,7 +45,9 @@ class Lot:
     places: units times lanes, robots in a row; lanes left over repeat the first of their unit.
     """
 
-    def __init__(self, ready: Prepared, worlds: Sequence[Prepared], robots: np.ndarray, width: int, noisy: bool) -> None:
+    def __init__(
+        self, ready: Prepared, worlds: Sequence[Prepared], robots: np.ndarray, width: int, noisy: bool
+    ) -> None:
         scene, n = ready.scene, ready.scene.tree.n
         self.ready, self.robots, self.width, self.length = ready, robots, width, int(scene.layout["length"])
         units, o = -(-len(robots) // width), scene.layout
