@@ -64,8 +64,12 @@ def test_bodies_are_where_forward_kinematics_puts_the_links(model, run, page):
     assert data["unit"] <= 1e-4
 
 
-def test_quaternions_do_not_jump_to_their_negatives(page):
-    frames = np.array(data_of(page)["runs"][0]["frames"]).reshape(51, -1, 7)[..., 3:]
+def test_quaternions_do_not_jump_to_their_negatives(model):
+    turning = walking(model)
+    half = 4.0 * turning["time"]  # more than two turns about z
+    turning["base_q"][:, 3], turning["base_q"][:, 6] = np.cos(half), np.sin(half)
+    (told,) = page_data({"run": Seen(model, turning, Ground())})["runs"]
+    frames = np.array(told["frames"]).reshape(51, -1, 7)[..., 3:]
     assert ((frames[1:] * frames[:-1]).sum(axis=2) > 0).all()
 
 
@@ -185,6 +189,23 @@ def test_positions_that_are_not_finite_are_left_out(model):
         page_data({"run": Seen(model, run, Ground())})
 
 
+def test_other_numbers_that_are_not_finite_are_zero(model):
+    run = walking(model, status="diverged", message="at 1 s", end_time=1.0)
+    for name in ("energy", "torque", "contact_force"):
+        run[name][90:] = np.nan
+        run[name][150:] = np.inf
+    (told,) = page_data({"run": Seen(model, run, Ground())})["runs"]
+    assert told["energy"][-1] == 0.0
+    assert set(told["forces"][-1]) == set(told["load"]["percent"][-1]) == {0}
+    json.dumps(told, allow_nan=False)
+
+
+def test_a_body_without_joints_is_shown():
+    box = replace(load_robot("ax12_arm"), base="floating", locked={"elbow": 0.0}, servos={})
+    (told,) = page_data({"box": Seen(box, shown.in_posture(box), Ground())})["runs"]
+    assert (len(told["frames"]), told["load"], "q" in told["channels"]) == (1, None, False)
+
+
 # ---------------------------------------------------------------------------------------------- forces and ground
 
 
@@ -220,9 +241,12 @@ def test_a_footprint_is_the_sole(model):
     data = page_data({"run": Seen(model, standing, Ground())})
     left, right = data["runs"][0]["prints"]
     assert (left["at"], right["at"]) == (0.0, 0.3)
-    for one in (left, right):
+    q = np.hstack([standing["base_q"], standing["q"]])
+    for one, middle, points in ((left, 100, slice(0, 4)), (right, 115, slice(4, 8))):
         outline = data["unit"] * np.array(one["outline"]).reshape(-1, 3)
         assert area(outline) == pytest.approx(0.1 * 0.06, rel=0.01)
+        sole = contact_positions(model, q[middle])[points]  # half way through the stance
+        assert outline.mean(axis=0) == pytest.approx(sole.mean(axis=0), abs=data["unit"])
 
 
 def test_without_forces_feet_that_are_near_the_ground_touch_it(model):

@@ -211,14 +211,19 @@ def _quaternions(rotation: np.ndarray) -> np.ndarray:
 
 def _drawn(run: Trajectory, rows: np.ndarray) -> list[float] | None:
     """What the servos' meters have counted [J]."""
-    return np.round(run["energy"][rows, :, METER].sum(axis=1), 3).tolist() if "energy" in run else None
+    return np.round(_sound(run["energy"][rows, :, METER].sum(axis=1)), 3).tolist() if "energy" in run else None
+
+
+def _sound(values: np.ndarray) -> np.ndarray:
+    """Values of which those that are not finite, as a run may leave that diverged, are 0."""
+    return np.where(np.isfinite(values), values, 0.0)
 
 
 def _load(model: Model, run: Trajectory, rows: np.ndarray) -> dict[str, Any] | None:
     """Size of each joint's torque [%] of what its servo stalls at; without servos, of the largest in the run."""
     if "torque" not in run or not model.moving_joints:
         return None
-    torque = np.abs(run["torque"])
+    torque = np.abs(_sound(run["torque"]))
     stall = np.array([_stall_torque(model.servos.get(joint.name)) for joint in model.moving_joints])
     known = np.isfinite(stall).all() and bool(run.info.get("servos", True))
     limit = stall if known else np.full(len(stall), max(float(torque.max(initial=0.0)), 1e-12))
@@ -242,7 +247,7 @@ def _touching(seen: Seen, poses: _Poses, unit: float) -> dict[str, Any]:
     if ground is None or not model.contacts:
         return {"points": None, "forces": None, "prints": []}
     weight = 9.81 * model.mass
-    forces = run["contact_force"] if "contact_force" in run else None
+    forces = _sound(run["contact_force"]) if "contact_force" in run else None
     q = positions(run, model)[: poses.last + 1]
     fine = np.arange(0, len(q), max(1, round(0.01 / _step(run))))
     points = _deepest(model, q[poses.rows])
@@ -371,7 +376,7 @@ def _channels(model: Model, run: Trajectory, last: int, most: int) -> dict[str, 
     rows = max(50, min(SAMPLES, most // max(1, sum(v.shape[1] for _, _, v in found.values()))))
     channels = {}
     for name, (unit, labels, values) in found.items():
-        time, thin = thinned_samples(run["time"][: last + 1], np.nan_to_num(values, posinf=0.0, neginf=0.0), rows)
+        time, thin = thinned_samples(run["time"][: last + 1], _sound(values), rows)
         scale = float(f"{max(np.abs(thin).max(initial=0.0), 1e-12) / 9999:.4g}")
         channels[name] = {
             "unit": unit,
