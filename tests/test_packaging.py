@@ -53,7 +53,8 @@ def test_the_wheel_holds_package_robots_and_licence(distributions):
     with zipfile.ZipFile(path) as wheel:
         names = set(wheel.namelist())
         (metadata,) = (wheel.read(name).decode() for name in names if name.endswith(".dist-info/METADATA"))
-    sources = [p for p in (ROOT / "featherstone_gait").rglob("*") if p.suffix in (".py", ".html", ".css", ".js", ".typed")]
+    kinds = (".py", ".html", ".css", ".js", ".typed")
+    sources = [p for p in (ROOT / "featherstone_gait").rglob("*") if p.suffix in kinds]
     assert "py.typed" in [p.name for p in sources]
     modules = {str(p.relative_to(ROOT).as_posix()) for p in sources}
     rest = names - modules - {f"featherstone_gait/{name}" for name in ROBOT_FILES}

@@ -60,6 +60,26 @@ press("1", document.getElementById("rate")); told.select = v.pitch < 0.1;
 return told;
 """
 
+HANDS = """
+const c = document.querySelector("#views canvas"), v = viewer.view, told = {};
+c.setPointerCapture = () => {};
+const finger = (type, id, x, y, more = {}) => c.dispatchEvent(new PointerEvent("pointer" + type,
+  {pointerId: id, clientX: x, clientY: y, buttons: type === "up" ? 0 : 1, bubbles: true, ...more}));
+const yaw = v.yaw, pitch = v.pitch, span = v.span;
+finger("down", 1, 100, 100); finger("move", 1, 130, 110);
+told.turn = [v.yaw - yaw, v.pitch - pitch];
+finger("down", 2, 230, 110); finger("move", 2, 330, 110);
+told.pinch = v.span / span;
+told.moved = v.pan.some(x => x !== 0);
+finger("up", 1, 130, 110); finger("up", 2, 330, 110);
+const before = v.yaw; finger("move", 1, 200, 200); told.lifted = v.yaw === before;
+v.pan = [0, 0, 0]; finger("down", 3, 100, 100, {shiftKey: true}); finger("move", 3, 140, 100, {shiftKey: true});
+told.shift = v.yaw === before && v.pan.some(x => x !== 0); finger("up", 3, 140, 100);
+const near = v.span; c.dispatchEvent(new WheelEvent("wheel", {deltaY: 100, cancelable: true}));
+told.wheel = v.span / near;
+return told;
+"""
+
 LEVELS = """
 let n = 0;
 for (const name of ["lineTo", "moveTo"]) {
@@ -117,7 +137,10 @@ def page():
 def seen(page, tmp_path_factory):
     """What one browser finds in the page at all sizes, and with each script."""
     folder = tmp_path_factory.mktemp("browser")
-    parts = {"look": LOOK, "keys": KEYS, "levels": LEVELS, "level": LEVEL_VIEW, "failure": FAILURE, "plots": PLOTS}
+    parts = {
+        "look": LOOK, "keys": KEYS, "hands": HANDS, "levels": LEVELS, "level": LEVEL_VIEW, "failure": FAILURE,
+        "plots": PLOTS,
+    }  # fmt: skip
     calls = ",".join(f"{name}: (() => {{{script}}})()" for name, script in parts.items())
     found, console = found_in(page, f"{PIXELS} return {{{calls}}};", folder, sizes=SIZES)
     assert console == []
@@ -143,6 +166,16 @@ def test_every_key_does_what_the_page_says(seen):
     keys = seen[SIZES[0]]["keys"]
     assert [name for name, done in keys.items() if not done] == []
     assert len(keys) > 20
+
+
+def test_fingers_and_the_mouse_turn_move_and_zoom(seen):
+    hands = seen[SIZES[1]]["hands"]
+    assert hands["turn"] == pytest.approx([-0.3, 0.1])
+    assert hands["pinch"] == pytest.approx(0.5)  # fingers from 100 to 200 pixels apart
+    assert hands["wheel"] == pytest.approx(1.105, abs=1e-3)
+    assert hands["moved"]
+    assert hands["lifted"]
+    assert hands["shift"]
 
 
 def test_the_ground_costs_as_much_at_any_distance(seen):

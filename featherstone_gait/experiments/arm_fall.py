@@ -21,6 +21,8 @@ from ..model import Model
 from ..reference import Reference
 from ..robot_file import load_robot
 from ..run.simulate import initial_state, simulate_batch
+from ..view.style import COLOURS as CYCLE
+from ..view.style import look
 from .claim import Claim, Verdict, plus_minus
 
 COUNT = math.radians(300.0 / 1023.0)  # encoder step of the AX-12 [rad], ROBOTIS e-manual
@@ -241,6 +243,7 @@ def _interval(fit: Identification) -> str:
     return f"{low:.4f} to {high:.4f}"
 
 
+@look(grid=False)
 def plot(result: Result) -> dict[str, Figure]:
     """The fall as in Fig. 5, and what it depends on."""
     return {
@@ -255,7 +258,7 @@ def _main(result: Result) -> Figure:
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     for axes, (arm, kinds) in zip(panels, result.gearboxes.items()):
-        for (kind, fall), colour in zip(kinds.items(), ("C0", "C1")):
+        for (kind, fall), colour in zip(kinds.items(), CYCLE):
             axes.plot(fall.time, np.degrees(fall.angles[0]), color=colour, linewidth=1.6, label=kind)
         axes.axhline(0.0, color="0.4", linestyle=":", linewidth=1.0)
         axes.set(xlabel="time [s]", title=arm)
@@ -269,14 +272,14 @@ def _dependence(result: Result) -> Figure:
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
     left, middle, right = panels = figure.subplots(1, 3, sharey=True)
     for axes, falls in ((left, result.inertias), (middle, result.frictions)):
-        for fall, style, colour in zip(falls.values(), ("-", "--", ":", "-."), ("C0", "C1", "C2", "C3")):
+        for fall, style, colour in zip(falls.values(), ("-", "--", ":", "-."), CYCLE):
             axes.plot(fall.time, np.degrees(fall.angles[0]), style, color=colour, label=fall.label)
     left.set_title("rotor inertia")
     middle.set_title("Coulomb friction")
     standard = result.gearboxes["forearm"]["standard"]
     right.plot(standard.time, np.degrees(standard.angles[0]), color="0.7", linewidth=4.0, label="standard")
     for k, (J, fit) in enumerate(result.refits.items()):
-        right.plot(standard.time, np.degrees(fit.angles[0]), "--", color=f"C{k}", label=f"J = {J:g} kg m²")
+        right.plot(standard.time, np.degrees(fit.angles[0]), "--", color=CYCLE[k], label=f"J = {J:g} kg m²")
     right.set_title("viscous friction fitted again")
     for axes in panels:
         axes.set_xlabel("time [s]")

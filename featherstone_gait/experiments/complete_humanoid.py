@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from ..optimize import Quality, optimize_gait, quality, walking_cost
 from ..robot_file import load_robot
+from ..view.style import look
 from .claim import Claim, judged, span
 
 ROBOTS = {"simplified": "simplified", "complete": None}  # name -> what is locked
@@ -176,6 +177,7 @@ def _safe(result: Result) -> Claim:
 COLOURS = {"simplified": "#1f5fa8", "complete": "#e08a00"}
 
 
+@look(grid=False)
 def plot(result: Result) -> dict[str, Figure]:
     """The searches, and what moved."""
     return {

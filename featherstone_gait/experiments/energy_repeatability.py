@@ -33,6 +33,7 @@ from ..model import Ground
 from ..optimize import walking_cost
 from ..robot_file import load_robot
 from ..run.simulate import standing_state
+from ..view.style import look
 from ..walking.cost import WalkingCost
 from ..walking.gait import TICK
 from .claim import Claim
@@ -321,6 +322,7 @@ def _percent(x: float) -> str:
 COLOURS = dict(zip(MODELS, ("#c8102e", "#f2a3ad", "#1f5fa8", "#9cc3ea")))
 
 
+@look(grid=False)
 def plot(result: Result) -> dict[str, Figure]:
     """Fig. 11, the shares of the sources, and the dependence on their size."""
     return {

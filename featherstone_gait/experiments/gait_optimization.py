@@ -44,6 +44,7 @@ from ..search import minimize
 from ..search.speculation import Candidate, Speculation
 from ..trajectory import Trajectory
 from ..view.plotting import plot_motion
+from ..view.style import look
 from ..walking.cost import LEAST_SPEED, WalkingCost
 from ..walking.gait import TICK, bounds
 from .claim import Claim, judged
@@ -430,6 +431,7 @@ def _percents(values: Collection[float]) -> str:
 COLOURS = dict(zip(CONDITIONS, ("#1f5fa8", "#c8102e", "#e08a00", "#6bb5ff", "#8a5fbf")))
 
 
+@look(grid=False)
 def plot(result: Result) -> dict[str, Figure]:
     """Figs. 15 and 16 with their spread, convergence by definition, and what is left under other models."""
     return {

@@ -24,6 +24,8 @@ from ..model import SERVO_UNITS, Model
 from ..reference import Reference
 from ..robot_file import load_robot
 from ..run.simulate import initial_state, simulate_batch
+from ..view.style import COLOURS as CYCLE
+from ..view.style import look
 from .claim import Claim
 
 COUNT = math.radians(300.0 / 1023.0)  # encoder step of the AX-12 [rad], ROBOTIS e-manual
@@ -213,6 +215,7 @@ def _coulomb_claim(result: Result) -> Claim:
     )
 
 
+@look(grid=False)
 def plot(result: Result) -> dict[str, Figure]:
     """Recordings and fit, and the parameters with their intervals."""
     return {
@@ -233,8 +236,8 @@ def _fit_figure(result: Result) -> Figure:
     panels = figure.subplots(2, len(shown), sharex="col", sharey="row", height_ratios=(2, 1))
     for (above, below), k in zip(panels.T, shown):
         time = recordings[k].time
-        above.plot(time, np.degrees(recordings[k].angle), color="C0", linewidth=2.6, label="recorded")
-        above.plot(time, np.degrees(fit.angles[k]), color="C1", linewidth=1.0, label="simulated")
+        above.plot(time, np.degrees(recordings[k].angle), color=CYCLE[0], linewidth=2.6, label="recorded")
+        above.plot(time, np.degrees(fit.angles[k]), color=CYCLE[1], linewidth=1.0, label="simulated")
         below.plot(time, np.degrees(fit.residuals[k]), color="0.3", linewidth=0.5)
         above.set_title(recordings[k].name, fontsize=9)
         below.set_xlabel("time [s]")
@@ -253,13 +256,13 @@ def _errors(result: Result) -> Figure:
     error = result.fit.standard_errors
     for k, scores in enumerate(result.scores):
         place = np.arange(len(names)) + 0.5 * (k / max(len(result.scores) - 1, 1) - 0.5)
-        style = {"color": "C1" if k == 0 else "0.6", "fmt": "o", "markersize": 4 if k == 0 else 2, "capsize": 2}
+        style = {"color": CYCLE[1] if k == 0 else "0.6", "fmt": "o", "markersize": 4 if k == 0 else 2, "capsize": 2}
         left.errorbar(place, 100.0 * scores * error, 200.0 * error, **style)
     left.axhline(0.0, color="0.3", linewidth=0.8)
     left.set_xticks(range(len(names)), [f"{name.replace('_', chr(10))}\n[{SERVO_UNITS[name]}]" for name in names])
     left.tick_params(axis="x", labelsize=8)
     left.set_ylabel("error [%]")
-    right.bar(list(result.held_out), np.degrees(list(result.held_out.values())), color=("0.7", "C1", "C4"))
+    right.bar(list(result.held_out), np.degrees(list(result.held_out.values())), color=("0.7", CYCLE[1], CYCLE[4]))
     right.axhline(math.degrees(result.floor), color="0.2", linestyle="--", linewidth=1.0)
     right.set_ylabel("rms error, gain held out [deg]")
     for axes in (left, right):

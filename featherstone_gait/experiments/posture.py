@@ -29,6 +29,7 @@ from ..model import Base, Ground, Model
 from ..reference import Reference
 from ..robot_file import load_robot
 from ..run.simulate import initial_state, simulate_batch, standing_state
+from ..view.style import look
 from .claim import Claim, Verdict, judged
 from .common import grid_of_panels, heavier
 
@@ -368,6 +369,7 @@ NAMES = {EXPLICIT: "explicit (simtwo)", IMPLICIT: "implicit_euler"}
 FLOOR = 1e-6  # of what is shown of a deviation [deg]
 
 
+@look(grid=False)
 def plot(result: Result) -> dict[str, Figure]:
     """The figures, by caption."""
     return {

@@ -29,7 +29,6 @@ from tqdm import tqdm
 
 from .. import __version__
 from ..files import FilePath, Format, complete
-from ..view.style import look
 from . import EXPERIMENTS
 from .claim import Claim, Verdict
 from .items import ITEMS
@@ -135,9 +134,8 @@ def _run(name: str, module: Any, settings: Any, seed: int, progress: bool) -> tu
     how = {"seed": seed, "progress": progress}
     result = module.run(settings, **{name: value for name, value in how.items() if name in known})
     claims = tuple(module.check(result))
-    with look(grid=False):
-        figures = module.plot(result)
-        pictures = [_png(figure) for figure in figures.values()]
+    figures = module.plot(result)
+    pictures = [_png(figure) for figure in figures.values()]
     places = tuple((caption, f"{name}_{k}.png") for k, caption in enumerate(figures, start=1))
     seconds = time.perf_counter() - start
     return Entry(name, _title(module), claims, places, _settings(settings), seconds, "", True), pictures

@@ -26,6 +26,8 @@ from ..model import Model
 from ..reference import Reference
 from ..robot_file import load_robot
 from ..run.simulate import simulate
+from ..view.style import COLOURS as CYCLE
+from ..view.style import look
 from .claim import Claim, judged, plus_minus
 
 COUNT = math.radians(300.0 / 1023.0)  # encoder step [rad], [manual]
@@ -251,6 +253,7 @@ def _gearbox_claim(result: Result) -> Claim:
     )
 
 
+@look(grid=False)
 def plot(result: Result) -> dict[str, Figure]:
     """The step as in Fig. 4, and what it depends on."""
     return {
@@ -266,7 +269,7 @@ def _main(result: Result) -> Figure:
     whole, detail = figure.subplots(1, 2, sharey=True)
     target = math.degrees(result.settings.step)
     for axes in (whole, detail):
-        for step, colour in zip(result.gearboxes.values(), ("C0", "C1")):
+        for step, colour in zip(result.gearboxes.values(), CYCLE):
             axes.plot(step.time, np.degrees(step.angle), color=colour, linewidth=1.6, label=step.label)
         axes.axhspan(*(target + math.degrees(MARGIN) * side for side in (-1, 1)), color="0.85", zorder=0)
         axes.axhline(target, color="0.4", linestyle=":", linewidth=1.0)
@@ -288,7 +291,7 @@ def _dependence(result: Result) -> Figure:
         panels, (result.supplies, result.inertias, result.frictions), ("supply", "rotor inertia", "Coulomb friction")
     ):
         for k, step in enumerate(steps.values()):
-            axes.plot(step.time, np.degrees(step.angle), ("-", "--", ":")[k], color=f"C{k}", label=step.label)
+            axes.plot(step.time, np.degrees(step.angle), ("-", "--", ":")[k], color=CYCLE[k], label=step.label)
         axes.set(xlabel="time [s]", xlim=(0.0, 0.5), title=title)
         axes.legend(loc="lower right", frameon=False, fontsize=8)
         axes.grid(alpha=0.3)

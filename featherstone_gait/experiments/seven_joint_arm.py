@@ -34,6 +34,7 @@ from ..model import Gearbox, Model
 from ..reference import Reference
 from ..robot_file import gearbox_presets, load_robot
 from ..run.simulate import initial_state, simulate_batch
+from ..view.style import look
 from .claim import Claim, judged
 from .common import grid_of_panels
 
@@ -440,6 +441,7 @@ NAMES = {EXPLICIT: "explicit (simtwo)", IMPLICIT: "implicit_euler"}
 FLOOR, CEILING = 1e-10, 1e5  # of what is shown [deg^2]
 
 
+@look(grid=False)
 def plot(result: Result) -> dict[str, Figure]:
     """The figures, by caption."""
     return {
