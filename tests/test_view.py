@@ -451,6 +451,9 @@ def test_view_shows_robots_and_saved_runs(model, run, tmp_path, capsys):
     assert "falls: fell: humanoid fell at 1.0 s\nwalks: ok\n" in printed
     data = data_of((tmp_path / "falls_view.html").read_text("utf-8"))
     assert ([r["caption"] for r in data["runs"]], data["plots"]) == (["falls", "walks"], ["contact_force"])
+    for wrong in (["nothing.npz"], [str(tmp_path / "falls"), "arm7"]):
+        assert main(["view", *wrong, *out]) == 2
+        assert f"{wrong[-1]}: is no saved run; give files of trajectories (.npz), or one robot" in capsys.readouterr().err
     assert main(["view", "arm7", "--keyframe", "sitting", *out]) == 2
     assert "there is no keyframe 'sitting'; its keyframes: none" in capsys.readouterr().err
 

@@ -52,6 +52,9 @@ def run(args: Namespace) -> int:
         model = _robot(args.files[0])
         runs, names, robot = [in_posture(model, args.keyframe)], [model.name], model
     else:
+        for file in args.files:
+            if not _saved(file).is_file():
+                raise ValueError(f"{file}: is no saved run; give files of trajectories (.npz), or one robot alone")
         runs = [Trajectory.load(file) for file in args.files]
         names, robot = [Path(file).stem for file in args.files], args.robot
         if args.keyframe is not None:
@@ -74,10 +77,15 @@ def run(args: Namespace) -> int:
 
 
 def _is_run(file: str) -> bool:
-    """Whether a file holds a run: arrays and their description lie side by side."""
+    """Whether a name is meant to be that of a saved run."""
+    return Path(file).suffix in (".npz", ".json") or _saved(file).is_file()
+
+
+def _saved(file: str) -> Path:
+    """Where the arrays of a saved run are."""
     path = Path(file)
     stem = path.with_suffix("") if path.suffix in (".npz", ".json") else path
-    return path.suffix in (".npz", ".json") or stem.with_name(stem.name + ".npz").is_file()
+    return stem.with_name(stem.name + ".npz")
 
 
 def _robot(name: str) -> Model:
