@@ -113,6 +113,24 @@ class Trajectory(Mapping[str, np.ndarray]):
         parts = None if parts is None else _parts(text, parts, len(final))
         return cls(channels, final=final, error=error or None, parts=parts, companion=companion, **described)
 
+    def to_pandas(self) -> Any:
+        """A pandas.DataFrame over time [s], a column a number; see `tables`.  Raises ImportError without pandas."""
+        from .tables import to_pandas
+
+        return to_pandas(self)
+
+    def to_xarray(self) -> Any:
+        """An xarray.Dataset, a variable a channel; see `tables`.  Raises ImportError without xarray."""
+        from .tables import to_xarray
+
+        return to_xarray(self)
+
+    def to_parquet(self, path: FilePath) -> None:
+        """Write the table of `to_pandas` to PATH, whole or not at all.  Raises ImportError without pyarrow."""
+        from .tables import to_parquet
+
+        to_parquet(self, path)
+
     def plot(self, *names: str, axes: Axes | Sequence[Axes] | np.ndarray | None = None) -> Figure:
         """Draw channels against time, one panel each; return the figure."""
         from .view.plotting import plot_trajectory
