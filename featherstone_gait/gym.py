@@ -1,7 +1,7 @@
 """Robots as environments of Gymnasium, one or many in lanes; `pip install featherstone-gait[gym]`.
 
     env = Stand("humanoid")                     # gymnasium.Env
-    envs = WalkVector("humanoid", n=64)         # gymnasium.vector.VectorEnv
+    envs = WalkVector("humanoid", num_envs=64)  # gymnasium.vector.VectorEnv
     env = gymnasium.make("featherstone_gait/Push-v0", robot="humanoid")
 
 Any robot with a floating base that stands on its contact points will do.  An action in [-1, 1] for each joint moves the
@@ -209,13 +209,12 @@ class RobotVectorEnv(VectorEnv):
     def __init__(
         self,
         robot: str | Model | CompiledScene = "humanoid",
-        n: int = 8,
-        num_envs: int | None = None,
+        num_envs: int = 8,
         **settings: Unpack[Settings],
     ) -> None:
-        """n robots (num_envs, where Gymnasium makes them), as in the environment of one; robot k is in world k."""
+        """num_envs robots, as in the environment of one; robot k is in world k."""
         self._robots = _Robots(robot, self.task, settings)
-        self.num_envs = whole("n", n if num_envs is None else num_envs, 1, "give the number of robots")
+        self.num_envs = whole("num_envs", num_envs, 1, "give the number of robots")
         self.single_observation_space = self._robots.observation_space
         self.single_action_space = self._robots.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)

@@ -1,7 +1,6 @@
 """Controllers of one's own, compiled into runs: what they do is what the servo's own law would do, in any lane."""
 
 import pickle
-import time
 
 import numpy as np
 import pytest
@@ -156,16 +155,3 @@ def test_what_is_wrong_is_said():
 def test_one_that_does_not_compile_is_named():
     with pytest.raises(ValueError, match="controller opaque does not compile"):
         simulate(scene_of(), 0.1, controller=opaque)
-
-
-@pytest.mark.long
-def test_it_costs_little():
-    """The medians of batches by turns."""
-    scene, references = scene_of(), [moving(k) for k in range(64)]
-    times = {None: [], servo_law: []}
-    for _ in range(15):
-        for program in times:
-            start = time.process_time()
-            simulate_batch(scene, 2.0, references=references, estimate_error=False, controller=program)
-            times[program].append(time.process_time() - start)
-    print(np.median(times[servo_law]) / np.median(times[None]))

@@ -1,9 +1,10 @@
 """Sessions: the same bits as a run in one call, whatever they are stepped by; each robot for itself; misuse refused."""
 
+import multiprocessing
 import pickle
 import resource
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -282,6 +283,21 @@ def test_sessions_in_threads_do_not_meet():
 
     with ThreadPoolExecutor(4) as pool:
         assert len({*pool.map(stepped, range(8))}) == 1
+
+
+def stepped_state(session):
+    """In another process."""
+    session.step(np.full((session.n, 1), 0.2), ticks=3)
+    return session.state.tobytes()
+
+
+@pytest.mark.long
+def test_a_session_goes_on_in_another_process():
+    session = Session(servo_arm(), 9)
+    session.step(moves(9, 1)[0])
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        there = pool.submit(stepped_state, session).result()
+    assert there == stepped_state(session)
 
 
 def test_an_exception_between_or_within_steps_leaves_a_session_as_it_was():
