@@ -179,7 +179,8 @@ class Session:
         """Put the robots of a mask (n,) bool, all if None, at their start; return what they observe.
 
         state: None for `initial_state`, one state (length,) or `Trajectory` for all, or an array or list with one for
-        each robot of the mask.  A state that a run has come to keeps its time: `restarted` sets it to zero.
+        each robot of the mask.  A state that a run has come to keeps its time: `restarted` sets it to zero.  The first
+        action counts as given ever since, so that no lag delays it.
         """
         with self._alone():
             who = self._mask(mask)
