@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenes import arm_scene, box, box_on, pendulum, with_controller
 
-from featherstone_gait import Ground, Reference, Spring, compile_scene, load_robot, simulate, trim
+from featherstone_gait import Ground, Reference, Spring, compile_scene, jacobian, load_robot, simulate, trim
 from featherstone_gait.model import Supply
 
 G = 9.81
@@ -21,6 +21,7 @@ def moved(scene, found, duration=1.0):
     return max(np.abs(run[name] - run[name][0]).max(initial=0.0) for name in ("q", "base_q"))
 
 
+@pytest.mark.nojit
 @pytest.mark.parametrize("angle", [0.0, 0.7, -1.3])
 def test_a_pendulum_takes_m_g_l_sin_q(angle):
     found = trim(compile_scene(pendulum(length=0.5, mass=1.0), integrator="implicit_euler", timestep=1e-3), [angle])
@@ -39,6 +40,20 @@ def test_a_humanoid_stands_and_stays(servos):
     assert (found.contact_force[:, 0] > 0.1).all()
     assert found.residual < 1e-8
     assert moved(scene, found) < 1e-6
+
+
+def test_feet_squeeze_the_ground_by_what_asks_least_of_joints_and_friction():
+    """|tau|^2 + |r f|^2 does not fall if the feet push apart by a little more, which keeps the base in balance."""
+    scene = compile_scene(load_robot("humanoid"), None, Ground(), "implicit_euler", 1e-3)
+    model, found = scene.model, trim(scene)
+    pulled, apart = np.zeros(model.nv), np.zeros(len(model.contacts))
+    for k, point in enumerate(model.contacts):
+        apart[k] = 1.0 if point.link.startswith("left") else -1.0
+        pulled += apart[k] * jacobian(model, found.q, point.link, point.position)[4]
+    assert np.abs(pulled[:6]).max() < 1e-3
+    by_torque, by_friction = -2.0 * found.torque @ pulled[6:], 2.0 * 0.01**2 * found.contact_force[:, 2] @ apart
+    assert abs(by_friction) > 1e-8
+    assert abs(by_torque + by_friction) < 1e-2 * abs(by_friction)
 
 
 def test_on_one_foot_the_other_is_in_the_air():

@@ -10,6 +10,7 @@ from scenes import arm_scene, box_on, pendulum, resting
 from scipy.linalg import expm
 
 from featherstone_gait import Ground, Reference, compile_scene, initial_state, linearise, load_robot, simulate
+from featherstone_gait.benchmark.linearise import _falling
 from featherstone_gait.model import Controller, Joint, Link, Mimic, Model, Servo, Spring
 
 G, LENGTH, MASS, DAMPING = 9.81, 0.5, 1.0, 0.05  # of `pendulum`
@@ -48,6 +49,7 @@ def test_a_pendulum_on_a_pd_servo_has_the_matrix_exponential_of_its_equation(ang
     assert np.abs(found.change).max() < 1e-12
 
 
+@pytest.mark.nojit
 def test_of_the_midpoint_rule_they_approach_it_as_the_square_of_the_step():
     """Eigenvalues of two steps' lengths; the third, of the acceleration that the rule remembers, dies out."""
     A, _ = exact(0.01, Kp=0.0, Kd=0.0, input_gain=1.0)
@@ -61,6 +63,10 @@ def test_of_the_midpoint_rule_they_approach_it_as_the_square_of_the_step():
         pairs = zip(sorted(values[1:], key=np.imag), sorted(np.linalg.eigvals(A), key=np.imag))
         errors.append(max(abs(value - true) for value, true in pairs))
     assert 3.8 < errors[0] / errors[1] < 4.2
+    state = initial_state(scene, [0.5])
+    later = state.copy()
+    later[scene.layout["end"]] = 1.0  # where no run begins by Euler's step
+    assert linearise(scene, state, steps=3).A.tobytes() == linearise(scene, later, steps=3).A.tobytes()
 
 
 def sliders(count, stiffness, mass):
@@ -127,6 +133,7 @@ def test_small_deviations_go_where_the_matrices_take_them():
     np.testing.assert_allclose(change, size * (found.C @ x + found.D @ u), atol=0.02 * np.abs(change).max())
 
 
+@pytest.mark.nojit
 def test_moved_and_deviation_are_inverse():
     scene = box_on(Ground())
     found = linearise(scene, resting(scene))
@@ -217,6 +224,13 @@ def test_mujoco_has_the_same_matrices():
     theirs = A[np.ix_(order, order)]
     np.testing.assert_allclose(found.A, theirs, atol=2e-8 * np.abs(theirs).max())
     assert found.A_error.max() < 1e-8 * np.abs(theirs).max()
+
+
+def test_the_benchmark_compares_what_is_comparable():
+    """Falling, MuJoCo and we make the same steps: both meet what MuJoCo extrapolates to."""
+    theirs, ours, _ = _falling(load_robot("humanoid"))
+    assert theirs.error < 1e-6
+    assert ours.error < 1e-8
 
 
 @pytest.mark.nojit
