@@ -8,7 +8,7 @@ import pytest
 from scenes import arm_scene, box, box_on, pendulum, with_controller
 
 from featherstone_gait import Ground, Reference, Spring, compile_scene, jacobian, load_robot, simulate, trim
-from featherstone_gait.model import Supply
+from featherstone_gait.model import Controller, Mimic, Servo, Supply
 
 G = 9.81
 
@@ -119,6 +119,28 @@ def test_every_law_is_asked_backwards(settings):
     assert found.ok, found.message
     assert np.abs(found.torque).max() > 0.05
     assert moved(scene, found, 0.3) < 1e-6
+
+
+def test_a_pd_servo_is_ahead_by_its_torque_over_its_gain():
+    servo = Servo(Controller("pd", Kp=8.0, Kd=0.4), resistance=1.0, motor_constant=1.0, voltage_limit=10.0)
+    scene = compile_scene(replace(pendulum(), servos={"hinge": servo}), "standard", None, "implicit_euler", 1e-3)
+    found = trim(scene, [0.7])
+    assert found.ok, found.message
+    assert found.reference == pytest.approx([0.7 + G * 0.25 * math.sin(0.7) / 8.0], abs=1e-14)
+    assert moved(scene, found) < 1e-6
+
+
+def test_of_coupled_joints_the_leader_holds_both():
+    """Virtual work: its torque is its own, and the follower's by the multiplier."""
+    free = load_robot("arm7_spatial")
+    joints = [j if j.name != "joint3" else replace(j, mimic=Mimic("joint2", 0.5)) for j in free.joints]
+    scene = compile_scene(replace(free, joints=tuple(joints)), integrator="implicit_euler", timestep=1e-3)
+    q = [0.1, 0.4, 0.2, 0.3, -0.2, 0.5, 0.1]
+    found, alone = trim(scene, q), trim(compile_scene(free, integrator="implicit_euler", timestep=1e-3), q)
+    assert found.ok, found.message
+    assert found.torque[1] == pytest.approx(alone.torque[1] + 0.5 * alone.torque[2], abs=1e-12)
+    assert found.torque[2] == 0.0
+    assert found.residual < 1e-8
 
 
 def test_the_supply_sags_and_holds():
