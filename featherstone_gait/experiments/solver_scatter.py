@@ -79,6 +79,7 @@ class Settings:
     dropped: float = 10.0  # [s] of their start, not measured
     links: tuple[tuple[float, float], ...] = ((0.1, 0.1), (0.09, 0.09))  # mass [kg], length [m] of the arm's
     posture_iterations: tuple[int, ...] = (10, 20, 50)  # sweeps, of the posture
+    nudged: int = 6  # joints, each of which is off at the start of a run of its own
     strides: int = 4  # measured, of each run
     warm_up: int = 1  # strides before them
 
@@ -205,8 +206,8 @@ def nudge(settings: Settings, planned: WalkingCost, servos: ServoKind) -> float:
     """
     cost = _cost(settings, planned, Setting(servos))
     state, reference = cost.beginning(cost.gait.to_vector())
-    first, end = cost.scene.part("q")
-    starts = [state.copy() for _ in range(first, end)]
+    first = cost.scene.part("q")[0]
+    starts = [state.copy() for _ in range(settings.nudged)]
     for k, start in enumerate(starts):
         start[first + k] += NUDGE
     engine = Engine(iterations=0, single=False)
