@@ -36,6 +36,7 @@ html_math_renderer = "mathml"
 default_role = "code"
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
+autodoc_type_aliases = {name: name for name in ("ArrayLike", "Choice", "FilePath", "Wrench")}
 python_maximum_signature_line_length = 88
 templates_path: list[str] = []
 
@@ -46,7 +47,7 @@ def setup(app):
     app.connect("source-read", _resolve)
     app.connect("build-finished", _remove_notebooks)
     app.connect("autodoc-process-docstring", _docstring)
-    app.connect("autodoc-process-bases", _shown_bases)
+    app.connect("autodoc-process-signature", _signature)
     return {"parallel_read_safe": True}
 
 
@@ -151,7 +152,7 @@ def _as_rst(lines):
             in_parameters = False
             text.append("")
         if entry:
-            text.append(f":{entry[1]}: {_plain(entry[2])}")
+            text += [f"``{entry[1]}``", f"    {_plain(entry[2])}"]
         else:
             text.append(_plain(line))
         if line.endswith(":") and not following.strip():
@@ -171,9 +172,10 @@ def _fields(thing):
     """The fields of a dataclass or a NamedTuple, in its order, with what is said beside them."""
     names = [*getattr(thing, "__dataclass_fields__", ()), *getattr(thing, "_fields", ())]
     said = dict(FIELD.findall(inspect.getsource(thing))) if names else {}
-    shown = [f":{name}: {_plain(said[name])}" for name in names if said.get(name)]
-    return ["", *shown] if shown else []
+    shown = [name for name in names if said.get(name)]
+    return ["", *(line for name in shown for line in (f"``{name}``", f"    {_plain(said[name])}"))]
 
 
-def _shown_bases(app, name, thing, options, bases):
-    bases[:] = [base for base in bases if base is not object]
+def _signature(app, what, name, thing, options, signature, returned):
+    """Names of types as they are written."""
+    return re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", signature or ""), returned

@@ -74,8 +74,7 @@ def brief(does: str) -> str:
 
 def add_robot(parser: argparse.ArgumentParser) -> None:
     """What says which robot, in which form."""
-    what = "name of a robot that comes with the package, or a .urdf or .xml file"
-    parser.add_argument("robot", metavar="ROBOT", help=what)
+    parser.add_argument("robot", metavar="ROBOT", help="name of a robot that comes along, or a .urdf or .xml file")
     parser.add_argument("--locked", metavar="SET", help="set of joints to hold, from the robot's TOML file")
     parser.add_argument("--servos", choices=(*SERVO_KINDS, "none"), help=SERVO_HELP)
 

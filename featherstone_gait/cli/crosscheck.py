@@ -5,7 +5,9 @@ from __future__ import annotations
 from argparse import Namespace
 
 from ..build.kinds import SERVO_KINDS
-from .arguments import Commands, add_command, add_gait, gait_stem, telling_extras
+from .arguments import Commands, add_command, add_gait, announce, gait_stem, telling_extras
+
+TAKES = "minutes, as long as its bar says; Ctrl-C keeps finished floors"
 
 
 def add(commands: Commands) -> None:
@@ -20,7 +22,7 @@ def add(commands: Commands) -> None:
             "featherstone-gait crosscheck humanoid_gait.npz",
             "featherstone-gait crosscheck humanoid_gait.npz --floors 2ms_0.9 --strides 5",
         ),
-        takes="TIME",
+        takes=TAKES,
     )
     add_gait(parser)
     parser.add_argument("--servos", choices=SERVO_KINDS, default="mipsd", help="gearbox")
@@ -43,6 +45,7 @@ def run(args: Namespace) -> int:
     model = load_robot(args.robot, locked="simplified" if args.robot == "humanoid" else None)
     motion = read_motion(args.gait, model.joint_names, first=args.first)
     out = args.out / f"{gait_stem(args)}_crosscheck"
+    announce(TAKES)
     with telling_extras():
         report = crosscheck(
             motion, args.robot, servos=args.servos, servo=args.servo, floors=args.floors and args.floors.split(","),

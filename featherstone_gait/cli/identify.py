@@ -7,7 +7,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .arguments import Commands, add_command
+from .arguments import Commands, add_command, announce
 
 if TYPE_CHECKING:
     from ..fit_log import FitLog
@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 FRICTIONS = ("m1", "m2", "m3", "m4", "m4p", "m5", "m6")
 SERVOS = ("xl330", "sts3250")
 GROUPS = ("gain", "motion")
+TAKES = (
+    "half a minute for twelve recordings of 6 s; with --leave-out that again for each group, with --effects for each "
+    "of 13 models; Ctrl-C keeps finished rounds"
+)
 
 
 def add(commands: Commands) -> None:
@@ -32,8 +36,7 @@ def add(commands: Commands) -> None:
             "featherstone-gait identify xl330_*.csv --servo xl330 --out results",
             "featherstone-gait identify xl330_*.csv --servo xl330 --leave-out gain",
         ),
-        takes="half a minute for twelve recordings of 6 s, as often again with each group left out, ten times with "
-        "--effects; Ctrl-C keeps finished rounds",
+        takes=TAKES,
     )
     columns = "time_s, angle_rad, goal_rad, supply_v, torque_on: help(featherstone_gait.servo_bench)"
     parser.add_argument("files", type=Path, nargs="+", metavar="FILE.csv", help=columns)
@@ -56,6 +59,7 @@ def run(args: Namespace) -> int:
     from ..fit_log import FitLog
     from ..servo_bench import BENCHES, read_bench
 
+    announce(TAKES)
     bench = BENCHES[args.servo]
     own = {"gain": args.gain, "mass": args.mass, "length": args.length}
     recordings, others = ([read_bench(path, bench, **own) for path in paths] for paths in (args.files, args.predict))

@@ -5,7 +5,9 @@ from __future__ import annotations
 from argparse import Namespace
 
 from ..experiments import EXPERIMENTS
-from .arguments import Commands, add_command
+from .arguments import Commands, add_command, announce
+
+TAKES = "some five minutes; Ctrl-C keeps finished experiments"
 
 
 def add(commands: Commands) -> None:
@@ -17,7 +19,7 @@ def add(commands: Commands) -> None:
         "run the paper's experiments, or go on with them, and compare each claim with the paper",
         "reproduction.html, reproduction.md and reproduction_files (pictures, and finished experiments to go on from)",
         examples=("featherstone-gait reproduce servo_step arm_fall", "featherstone-gait reproduce --full --out paper"),
-        takes="TIME",
+        takes=TAKES,
     )
     names = ", ".join(EXPERIMENTS)
     parser.add_argument("names", metavar="NAME", nargs="*", help=f"{names} (default: all)")
@@ -28,12 +30,8 @@ def add(commands: Commands) -> None:
 def run(args: Namespace) -> int:
     from ..experiments.report import expected, reproduce
 
-    size = "full" if args.full else "quick"
-    print(
-        f"about {max(expected(args.names, args.full), 1):.0f} min at {size} size on two cores, and compiling if this "
-        "is the first time; finished experiments are kept",
-        flush=True,
-    )
+    minutes, size = max(expected(args.names, args.full), 1), "full" if args.full else "quick"
+    announce(f"about {minutes:.0f} min at {size} size on two cores, with finished experiments kept")
     entries = reproduce(args.names, args.out, full=args.full, seed=args.seed, progress=True)
     for entry in entries:
         print(entry.name + (f": failed: {entry.failure}" if entry.failure else ""))
