@@ -178,4 +178,4 @@ def _fields(thing):
 
 def _signature(app, what, name, thing, options, signature, returned):
     """Names of types as they are written."""
-    return re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", signature or ""), returned
+    return signature and (re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", signature), returned)
