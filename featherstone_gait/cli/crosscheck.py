@@ -7,7 +7,7 @@ from argparse import Namespace
 from ..build.kinds import SERVO_KINDS
 from .arguments import Commands, add_command, add_gait, announce, gait_stem, telling_extras
 
-TAKES = "minutes, as long as its bar says; Ctrl-C keeps finished floors"
+TAKES = "a minute or two on two cores; Ctrl-C keeps finished floors"
 
 
 def add(commands: Commands) -> None:
