@@ -75,6 +75,7 @@ def test_a_free_swing_keeps_its_energy(tmp_path):
     assert trajectory.info["joints"] == list(model.joint_names)
     assert f"{measures['error_estimate']:.1e}" in printed
     assert "dop853, steps by their error" in printed
+    assert max(map(len, printed.splitlines())) < 80
 
 
 def test_a_slider_of_the_users_own_falls_freely(tmp_path):

@@ -23,8 +23,8 @@ def add(commands: Commands) -> None:
             "featherstone-gait optimize --seed 3 --out third --crosscheck",
             "featherstone-gait optimize --robot my_biped.urdf --servo xl330",
         ),
-        takes="a minute and a half on two cores, half a minute more the first time, to compile, and with --crosscheck a "
-        "minute or two more",
+        takes="a minute and a half on two cores, half a minute more the first time, to compile, and with --crosscheck "
+        "a minute or two more",
     )
     parser.add_argument("--robot", default="humanoid", help="name or .urdf file (default: humanoid, simplified)")
     parser.add_argument("--servos", choices=SERVO_KINDS, default="mipsd", help="gearbox")
