@@ -54,10 +54,21 @@ def setup(app):
 # ------------------------------------------------------------------------------------------------------- formulas
 
 
+ACCENT = re.compile(
+    r'<munderover>\s*(<mi>[^<]*</mi>)\s*(.*?)\s*(<mo stretchy="false">[˙¨ˆ¯]</mo>)\s*</munderover>',
+    re.DOTALL,
+)
+
+
+def _mathml(text, **how):
+    """An index stands beside the letter that has a dot or a hat, not below it."""
+    return ACCENT.sub(r'<msub><mover accent="true">\1\3</mover>\2</msub>', tex2mathml(text, **how))
+
+
 def _inline(writer, node):
     from docutils import nodes
 
-    writer.body.append(tex2mathml(node.astext()))
+    writer.body.append(_mathml(node.astext()))
     raise nodes.SkipNode
 
 
@@ -65,7 +76,7 @@ def _display(writer, node):
     from docutils import nodes
 
     text = re.sub(r"\\(begin|end)\{(equation|gather|align)\*?\}", "", node.astext())
-    writer.body.append(f'<div class="math">{tex2mathml(text, as_block=True)}</div>')
+    writer.body.append(f'<div class="math">{_mathml(text, as_block=True)}</div>')
     raise nodes.SkipNode
 
 
