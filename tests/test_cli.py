@@ -128,7 +128,8 @@ def test_a_wrong_result_is_told_by_status_and_exit_code(tmp_path, capsys):
         (["simulate", "arm7", "--servos", "mipsd", "--timestep", "3e-3"], "0.003"),
         (["simulate", "arm7", "--duration", "0"], "0.0"),
         (["simulate", "arm7", "--duration", "inf"], "inf"),
-        (["simulate", "slider.urdf", "--servos", "mipsd"], "servos"),
+        (["simulate", "slider.urdf", "--servos", "mipsd"], "[servos] in slider.toml"),
+        (["info", "slider.urdf", "--servos", "rotor"], "omit --servos"),
         (["simulate", "arm7", "--out", "slider.urdf"], "slider.urdf"),
     ],
 )

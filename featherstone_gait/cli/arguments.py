@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from ..build.kinds import SERVO_KINDS
 
 if TYPE_CHECKING:
+    from ..build.actuator import ServoKind
     from ..build.scene import CompiledScene
     from ..model import Ground, Model
 
@@ -77,6 +78,18 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("robot", metavar="ROBOT", help="name of a robot that comes along, or a .urdf or .xml file")
     parser.add_argument("--locked", metavar="SET", help="set of joints to hold, from the robot's TOML file")
     parser.add_argument("--servos", choices=(*SERVO_KINDS, "none"), help=SERVO_HELP)
+
+
+def servos_of(args: argparse.Namespace, model: Model, default: ServoKind | None) -> ServoKind | None:
+    """What --servos says.  Raises ValueError for a robot that has none."""
+    if args.servos is None:
+        return default
+    if args.servos == "none":
+        return None
+    if not any(name in model.servos for name in model.joint_names):
+        file = Path(model.source).with_suffix(".toml").name
+        raise ValueError(f"{model.name} has no servos; name them under [servos] in {file} beside it, or omit --servos")
+    return args.servos
 
 
 def output(args: argparse.Namespace, ending: str) -> Path:

@@ -10,10 +10,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from ..files import complete
-from .arguments import Commands, add_command, add_robot, choice, ground, output
+from .arguments import Commands, add_command, add_robot, choice, ground, output, servos_of
 
 if TYPE_CHECKING:
-    from ..build.actuator import ServoKind
     from ..build.preflight import Limit, Preflight
     from ..build.scene import CompiledScene
     from ..model import Controller, Gearbox, Joint, Model, Servo
@@ -40,8 +39,7 @@ def run(args: Namespace) -> int:
 
     model = load_robot(args.robot, locked=args.locked)
     has_any = any(name in model.servos for name in model.joint_names)
-    servos: ServoKind | None = None if args.servos == "none" else args.servos or ("mipsd" if has_any else None)
-    scene = compile_scene(model, servos, ground(model))
+    scene = compile_scene(model, servos_of(args, model, "mipsd" if has_any else None), ground(model))
     lines = [
         f"{model.name}  {model.source}",
         f"{model.mass:.4g} kg, {model.base} base, {len(model.joint_names)} moving joints, {len(model.held)} locked",

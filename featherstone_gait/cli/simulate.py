@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..files import complete
-from .arguments import Commands, add_command, add_robot, choice, ground, output
+from .arguments import Commands, add_command, add_robot, choice, ground, output, servos_of
 
 if TYPE_CHECKING:
     import numpy as np
     from matplotlib.figure import Figure
 
-    from ..build.scene import CompiledScene, ServoKind
+    from ..build.scene import CompiledScene
     from ..trajectory import Trajectory
 
 SWING, PULL = 0.5 * math.pi, 0.1  # where the first joint starts, without and with servos [rad]
@@ -52,7 +52,7 @@ def run(args: Namespace) -> int:
 
     model = load_robot(args.robot, locked=args.locked)
     driven = model.base == "floating" and bool(model.servos)
-    servos: ServoKind | None = None if args.servos == "none" else args.servos or ("mipsd" if driven else None)
+    servos = servos_of(args, model, "mipsd" if driven else None)
     scene = compile_scene(model, servos, ground(model), args.integrator, args.timestep)
     duration = args.duration if args.duration is not None else (1.0 if _is_free(scene) else 2.0)
     text, simulated = _experiment(scene)
