@@ -1,9 +1,12 @@
 """Walking: preview control of the zero-moment point, leg inverse kinematics, plans, key-pose gaits and their cost."""
 
+from featherstone_gait.walking.cheapest_plan import cheapest_plan, first_gait
 from featherstone_gait.walking.constraints import ConstrainedCost, ConstraintReport, Constraints
 from featherstone_gait.walking.cost import Measures, WalkingCost, cost_of_motion
+from featherstone_gait.walking.four_legs import Pattern, four_legged_stride, mirror_by_place
 from featherstone_gait.walking.gait import Gait, bounds, fit_gait, mirror_of, references
 from featherstone_gait.walking.gait_file import read_angles, write_angles, write_goal_positions
+from featherstone_gait.walking.generic_servo import with_generic_servos
 from featherstone_gait.walking.inverse_kinematics import solve_leg
 from featherstone_gait.walking.plan import BIOLOID_WALK, Plan, Walk, walking_plan
 from featherstone_gait.walking.preview_control import plan_com, preview_controller
@@ -16,12 +19,17 @@ __all__ = [
     "Constraints",
     "Gait",
     "Measures",
+    "Pattern",
     "Plan",
     "Walk",
     "WalkingCost",
     "bounds",
+    "cheapest_plan",
     "cost_of_motion",
+    "first_gait",
     "fit_gait",
+    "four_legged_stride",
+    "mirror_by_place",
     "mirror_of",
     "multibody_zmp",
     "plan_com",
@@ -30,6 +38,7 @@ __all__ = [
     "references",
     "solve_leg",
     "walking_plan",
+    "with_generic_servos",
     "write_angles",
     "write_goal_positions",
 ]

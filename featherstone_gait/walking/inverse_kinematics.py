@@ -6,7 +6,7 @@ target out of reach is answered by the nearest pose instead of a blow-up (T. Sug
 inverse kinematics by the Levenberg-Marquardt method", IEEE T-RO 27 (2011)).
 
 A chain of six joints or more meets position and orientation; one of five, position and the tilt of the sole (roll and
-pitch), which leaves its yaw as it falls.
+pitch), which leaves its yaw as it falls; one of three or four, the position of a foot that is a point.
 """
 
 from __future__ import annotations
@@ -72,30 +72,21 @@ def reach(
     rotation: np.ndarray | None = None,
     start: np.ndarray | None = None,
     times: np.ndarray | None = None,
+    tolerance: float = TOLERANCE,
 ) -> np.ndarray:
     """Solve for the joints between the root link and the link `foot`, whatever their limits.
 
     `target` (n, 3) [m] is where `point` of the foot (its own axes) shall be, seen from the root link; `rotation` (3, 3)
     the foot's orientation there, by default that of the zero posture.  `start` is the posture (nj,) or the postures
     (n, nj) the iteration starts from, by default the middle of the joint ranges, which also decides how the knee bends;
-    joints outside the leg keep the start's values.  Returns angles (n, nj) [rad].  Raises ValueError, naming foot and
-    time, for a target out of reach.
+    joints outside the leg keep the start's values; `tolerance` is of the task error [m and rad].  Returns angles
+    (n, nj) [rad].  Raises ValueError, naming foot and time, for a target out of reach.
     """
-    check_model(model)
-    instance("foot", foot, str, "give the name of a link")
-    target = finite("target", np.atleast_2d(floats("target", target)), (None, 3), "[m]")
+    angles, size = nearest(model, foot, target, point=point, rotation=rotation, start=start, tolerance=tolerance)
+    if (size < tolerance).all():
+        return angles
+    target = np.atleast_2d(floats("target", target))
     times = None if times is None else finite("times", times, (len(target),), "[s]")
-    columns = list(leg_joints(model, foot))
-    if rotation is None:
-        rotation = link_poses(model, np.zeros(len(model.joint_names))).rotation[0, link_index(model, foot)]
-    start = mid_range(model) if start is None else start
-    angles = np.broadcast_to(start, (len(target), len(model.joint_names))).astype(float)
-    for _ in range(MAX_ITERATIONS):
-        error, J = _task(model, foot, columns, angles, target, point, rotation)
-        size = np.sqrt(total(error * error))
-        if (size < TOLERANCE).all():
-            return angles
-        angles[:, columns] += _newton_step(J, error, size)
     k = int(size.argmax())
     x, y, z = target[k]
     raise ValueError(
@@ -103,6 +94,38 @@ def reach(
         f"as asked {_when(k, times)}: the nearest posture misses by {size[k]:.2e} (m and rad); take a "
         "shorter step (step_length) or a lower centre of mass (com_height)"
     )
+
+
+def nearest(
+    model: Model,
+    foot: str,
+    target: ArrayLike,
+    *,
+    point: ArrayLike = (0.0, 0.0, 0.0),
+    rotation: np.ndarray | None = None,
+    start: np.ndarray | None = None,
+    tolerance: float = TOLERANCE,
+    iterations: int = MAX_ITERATIONS,
+) -> tuple[np.ndarray, np.ndarray]:
+    """As `reach`, but what is out of reach is met as nearly as `iterations` allow.
+
+    Returns angles (n, nj) [rad] and by how much each target is missed (n,) [m and rad].
+    """
+    check_model(model)
+    instance("foot", foot, str, "give the name of a link")
+    target = finite("target", np.atleast_2d(floats("target", target)), (None, 3), "[m]")
+    columns = list(leg_joints(model, foot))
+    if rotation is None:
+        rotation = link_poses(model, np.zeros(len(model.joint_names))).rotation[0, link_index(model, foot)]
+    start = mid_range(model) if start is None else start
+    angles = np.broadcast_to(start, (len(target), len(model.joint_names))).astype(float)
+    for k in range(iterations):
+        error, J = _task(model, foot, columns, angles, target, point, rotation)
+        size = np.sqrt(total(error * error))
+        if (size < tolerance).all() or k == iterations - 1:
+            break
+        angles[:, columns] += _newton_step(J, error, size)
+    return angles, size
 
 
 def mid_range(model: Model) -> np.ndarray:
@@ -148,7 +171,7 @@ def _task(
     error = np.concatenate([target - reached, turn], axis=1)
     first = model.nv - len(model.joint_names)
     J = jacobian_at(model, poses, foot, point)[:, [3, 4, 5, 0, 1, 2]][:, :, [first + c for c in columns]]
-    rows = 6 if len(columns) >= 6 else 5
+    rows = {5: 5, 4: 3, 3: 3}.get(len(columns), 6 if len(columns) > 5 else 5)
     return error[:, :rows], J[:, :rows]
 
 

@@ -18,22 +18,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.arguments import finite, is_real, is_whole, listed, shown, whole
+from featherstone_gait.arguments import finite, is_real, is_whole, listed, one_of, real, shown, whole
 from featherstone_gait.build.tree import GRAVITY
 from featherstone_gait.dynamics import Poses, check_model, contact_positions_at
 from featherstone_gait.elementary import sincos
 from featherstone_gait.fixed_order import applied, total
 from featherstone_gait.model import Model
+from featherstone_gait.walking.auxiliary_zmp import plan_com_auxiliary
 from featherstone_gait.walking.inverse_kinematics import check_limits, leg_joints, mid_range, reach
 from featherstone_gait.walking.kinematics import center_of_mass, link_index, link_poses
 from featherstone_gait.walking.preview_control import plan_com
 from featherstone_gait.walking.zero_moment_point import multibody_zmp, polygon_margin, support_polygon
 
+Preview: TypeAlias = Literal["cart_table", "auxiliary_zmp"]
 FOLLOWED = 1e-9  # by how much the model's centre of mass may miss the planned one [m]
 SOLE_THICKNESS = 1e-3  # contact points this close to a foot's lowest one belong to its sole [m]
 TINY, HUGE = 1e-12, 1e12  # settings of a walk [SI]
@@ -62,8 +64,9 @@ class Walk:
     T: float = 0.01  # sample time [s]
     N: int = 120  # samples of preview; they should last some 8 sqrt(com_height / g)
     Q: float = 1.0  # weight of the ZMP error [1/m^2]
-    R: float = 1e-7  # weight of the change of jerk [s^6/m^2]
+    R: float = 1e-7  # weight of the change of jerk [s^6/m^2]; with "auxiliary_zmp" of the ZMP's speed [s^2/m^2]
     g: float = -GRAVITY[2]  # gravity, straight down: see `downward` [m/s^2]
+    preview: Preview = "cart_table"  # control: `preview_control`, or `auxiliary_zmp`
 
     def __post_init__(self) -> None:
         for name in ("step_time", "com_height", "half_width", "lift", "T", "N", "Q", "R", "g"):
@@ -78,6 +81,7 @@ class Walk:
         object.__setattr__(self, "n_steps", int(self.n_steps))
         if not (is_real(self.step_length) and abs(self.step_length) < HUGE):
             raise ValueError(f"walk: step_length = {shown(self.step_length)} must be finite")
+        one_of("walk: preview", self.preview, get_args(Preview))
         whole("walk: N", self.N, 1, "give the samples of preview", MOST_SAMPLES)
         if self.step_time / self.T > MOST_SAMPLES:
             raise ValueError(f"walk: step_time = {self.step_time} s is over {MOST_SAMPLES} samples T = {self.T} s")
@@ -188,30 +192,37 @@ def downward(gravity: Iterable[float]) -> float:
 
 
 def walking_plan(
-    model: Model, *, feet: Sequence[str] | None = None, posture: ArrayLike | None = None, **settings: Any
+    model: Model,
+    *,
+    feet: Sequence[str] | None = None,
+    posture: ArrayLike | None = None,
+    followed: float = FOLLOWED,
+    **settings: Any,
 ) -> Plan:
     """Plan the walk ``Walk(**settings)`` of `model` and return a `Plan`.
 
     `feet` names the left and right foot links, by default the two that carry the lowest contact points; `posture`
     (nj,) [rad] is held by the joints outside the legs and decides how the knees bend, by default the middle of the
-    leg joints' ranges, 0 elsewhere.  Raises ValueError if the model has no two soles or a posture is out of reach.
+    leg joints' ranges, 0 elsewhere; `followed`: by how much the centre of mass may miss its path [m]: with 1e-5 a plan
+    takes a quarter of the time.  Raises ValueError if the model has no two soles or a posture is out of reach.
     """
     check_model(model)
     walk = Walk(**settings)
-    soles = _soles(model, feet)
+    followed = real("followed", followed, FOLLOWED, 1e-3, "give a distance [m]")
+    soles = soles_of(model, feet)
     n = len(model.joint_names)
-    posture = _default_posture(model, soles) if posture is None else finite("posture", posture, (n,), "[rad]")
+    posture = default_posture(model, soles) if posture is None else finite("posture", posture, (n,), "[rad]")
     times = walk.T * np.arange(round((walk.end + walk.start) / walk.T) + 1)
     footholds = _footholds(walk)
     feet_path, contact = _feet_path(walk, footholds, times)
     zmp_reference = _zmp_reference(walk, footholds, times)
     com = _lifted(_preview(walk, zmp_reference), walk.com_height)
-    base = _first_base(model, soles, posture, com)
-    angles, base = _follow(model, soles, feet_path, com, posture, base, times)
+    base = first_base(model, soles, posture, com)
+    angles, base = _follow(model, soles, feet_path, com, posture, base, times, followed)
     error = zmp_reference - multibody_zmp(model, angles, base, walk.T, walk.g)
     correction = _lifted(_preview(walk, error), 0.0)
     com = com + correction
-    angles, base = _follow(model, soles, feet_path, com, angles, base + correction, times)
+    angles, base = _follow(model, soles, feet_path, com, angles, base + correction, times, followed)
     angles = np.round(angles, DECIMALS)
     check_limits(model, angles, times)
     return Plan(
@@ -221,14 +232,19 @@ def walking_plan(
 
 
 @dataclass(frozen=True, eq=False)
-class _Sole:
+class Sole:
+    """A foot's sole, level with all joints at zero."""
+
     link: str
     middle: np.ndarray  # (3,) in the link's axes [m]
     corners: np.ndarray  # (k, 2) from the middle, world axes [m]
 
 
-def _soles(model: Model, feet: Sequence[str] | None) -> tuple[_Sole, ...]:
-    """Find the left and the right sole from the contact points, all joints at zero."""
+def soles_of(model: Model, feet: Sequence[str] | None = None) -> tuple[Sole, ...]:
+    """Find the left and the right sole from the contact points, all joints at zero.
+
+    `feet`: as of `walking_plan`.  Raises ValueError for a model without two soles.
+    """
     poses = link_poses(model, np.zeros(len(model.joint_names)))
     points, links = contact_positions_at(model, poses)[0], np.array([contact.link for contact in model.contacts])
     placed = {link: points[links == link] for link in dict.fromkeys(links.tolist())}
@@ -241,7 +257,7 @@ def _soles(model: Model, feet: Sequence[str] | None) -> tuple[_Sole, ...]:
     return tuple(_sole(model, link, placed[link], poses) for link in feet)
 
 
-def _sole(model: Model, link: str, points: np.ndarray, poses: Poses) -> _Sole:
+def _sole(model: Model, link: str, points: np.ndarray, poses: Poses) -> Sole:
     points = points[points[:, 2] < points[:, 2].min() + SOLE_THICKNESS]
     if len(points) < 3:
         raise ValueError(
@@ -250,10 +266,11 @@ def _sole(model: Model, link: str, points: np.ndarray, poses: Poses) -> _Sole:
     i = link_index(model, link)
     middle = total(points, axis=0) / len(points)
     local = applied(poses.rotation[0, i].T, middle - poses.position[0, i])
-    return _Sole(link, local, (points - middle)[:, :2])
+    return Sole(link, local, (points - middle)[:, :2])
 
 
-def _default_posture(model: Model, soles: Iterable[_Sole]) -> np.ndarray:
+def default_posture(model: Model, soles: Iterable[Sole]) -> np.ndarray:
+    """The posture (nj,) [rad] with the leg joints in the middle of their ranges, 0 elsewhere."""
     posture = np.zeros(len(model.joint_names))
     for sole in soles:
         columns = list(leg_joints(model, sole.link))
@@ -327,14 +344,15 @@ def _interpolated(times: np.ndarray, knots: np.ndarray, values: np.ndarray) -> n
 
 
 def _preview(walk: Walk, zmp: np.ndarray) -> np.ndarray:
-    return plan_com(zmp, walk.T, walk.com_height, N=walk.N, Q=walk.Q, R=walk.R, g=walk.g).position
+    planned = plan_com if walk.preview == "cart_table" else plan_com_auxiliary
+    return planned(zmp, walk.T, walk.com_height, N=walk.N, Q=walk.Q, R=walk.R, g=walk.g).position
 
 
 def _lifted(position: np.ndarray, height: float) -> np.ndarray:
     return np.column_stack([position, np.full(len(position), height)])
 
 
-def _first_base(model: Model, soles: Sequence[_Sole], posture: np.ndarray, com: np.ndarray) -> np.ndarray:
+def first_base(model: Model, soles: Sequence[Sole], posture: np.ndarray, com: np.ndarray) -> np.ndarray:
     """Guess root positions (n, 3) [m]: the centre of mass above its path, the height at which `posture` stands."""
     poses = link_poses(model, posture)
     base = com - center_of_mass(model, posture)
@@ -345,29 +363,32 @@ def _first_base(model: Model, soles: Sequence[_Sole], posture: np.ndarray, com: 
 
 def _follow(
     model: Model,
-    soles: Sequence[_Sole],
+    soles: Sequence[Sole],
     feet_path: np.ndarray,
     com: np.ndarray,
     angles: np.ndarray,
     base: np.ndarray,
     times: np.ndarray,
+    followed: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find joint angles and root positions with the soles on `feet_path` and the centre of mass on `com`.
 
     A fixed-point iteration from `angles` and `base`: the root moves by what the centre of mass misses, the legs follow.
     Joint limits are the caller's to check: on the way there they may be passed.
     """
+    how: dict[str, Any]
     for _ in range(100):
         for k, sole in enumerate(soles):
             target = feet_path[:, k] - base
-            angles = reach(model, sole.link, target, point=sole.middle, start=angles, times=times)
+            how = dict(point=sole.middle, start=angles, times=times, tolerance=1e-2 * followed)
+            angles = reach(model, sole.link, target, **how)
         missed = com - center_of_mass(model, angles, base)
-        if np.abs(missed).max() < FOLLOWED:
+        if np.abs(missed).max() < followed:
             return angles, base
         base = base + missed
     raise ValueError(f"the centre of mass of {model.name!r} still misses its path by {np.abs(missed).max():.1e} m")
 
 
-def _support(soles: Sequence[_Sole], feet_path: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, ...]:
+def _support(soles: Sequence[Sole], feet_path: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, ...]:
     corners = feet_path[:, :, None, :2] + np.stack([sole.corners for sole in soles])
     return tuple(support_polygon(np.concatenate(corners[k, contact[k]])) for k in range(len(corners)))

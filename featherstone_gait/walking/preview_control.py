@@ -6,6 +6,8 @@ sample of length ``T``, output the ZMP ``p = c - (z_c / g) c''``.  In error-augm
 
     u_k = -G_i sum_(i<=k) (p_i - p_ref_i) - G_x x_k - sum_(j=1..N) G_d(j) p_ref_(k+j).
 
+The form of 2006, whose state holds the ZMP, is in `auxiliary_zmp`.
+
 References: S. Kajita et al., "Biped walking pattern generation by using preview control of zero-moment point", ICRA
 2003, eqs. (8)-(13); T. Katayama et al., "Design of an optimal controller for a discrete-time system subject to
 previewable demand", Int. J. Control 41 (1985), for the gains, of which ``G_d(1) = -G_i``.  They come from the Riccati
@@ -67,17 +69,17 @@ def preview_controller(
             raise ValueError(f"preview control: {name} = {shown(value)} must be finite and > 0")
     N = whole("preview control: N", N, 1, "give the samples of preview", MOST_SAMPLES)
     A, b = _augmented_cart_table(T, z_c, g)
-    P = _cost_to_go(A, b, Q, R, HORIZON * np.sqrt(z_c / g) / T)
-    K, s = _feedback(A, b, P, R)
+    P = cost_to_go(A, b, Q, R, HORIZON * np.sqrt(z_c / g) / T)
+    K, s = feedback(A, b, P, R)
     A_closed = A - b[:, None] * K
     preview = np.empty(N)
     X = P[:, 0]
     for j in range(N):
         preview[j] = -total(b * X) / s
         X = applied(A_closed.T, X)
-    K = np.array([_round_to(k, abs(k)) for k in K])
+    K = np.array([round_to(k, abs(k)) for k in K])
     # The small late preview gains come out of the same recursion as the largest and carry its error.
-    preview = _round_to(preview, np.abs(preview).max())
+    preview = round_to(preview, np.abs(preview).max())
     return PreviewController(T, z_c, g, float(K[0]), K[1:], preview)
 
 
@@ -109,20 +111,24 @@ def _augmented_cart_table(T: float, z_c: float, g: float) -> tuple[np.ndarray, n
     return augmented, np.concatenate([[total(c * b)], b])
 
 
-def _cost_to_go(A: np.ndarray, b: np.ndarray, Q: float, R: float, least: float) -> np.ndarray:
-    """Return the matrix P (4, 4) of the least cost over an endless future.
+def cost_to_go(
+    A: np.ndarray, b: np.ndarray, Q: float, R: float, least: float, end: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the matrix P (n, n) of the least cost over an endless future, in which the first state is to be small.
 
-    Backward in time over `least` samples or more; after twice as many the error is the square of what it was.
+    Backward in time from a cost `end` (n, n), by default that of the first state, over `least` samples or more; after
+    twice as many the error is the square of what it was.
     """
-    P = np.zeros((4, 4))
+    P = np.zeros(A.shape)
     P[0, 0] = Q
-    before, K, samples = np.full(4, np.inf), np.zeros(4), 0
+    P = P if end is None else end
+    before, K, samples = np.full(len(A), np.inf), np.zeros(len(A)), 0
     while samples < least or not (np.abs(K - before) <= SETTLED * np.abs(K)).all():
         if samples == MOST_SAMPLES:
             raise ValueError(f"preview control: no gains after {samples} samples; take a larger T or a smaller R")
         before = K
         for _ in range(max(1, samples)):
-            K, _ = _feedback(A, b, P, R)
+            K, _ = feedback(A, b, P, R)
             closed = A - b[:, None] * K
             P = product(closed.T, product(P, closed)) + R * (K[:, None] * K)
             P[0, 0] += Q
@@ -130,19 +136,19 @@ def _cost_to_go(A: np.ndarray, b: np.ndarray, Q: float, R: float, least: float) 
     return P
 
 
-def _feedback(A: np.ndarray, b: np.ndarray, P: np.ndarray, R: float) -> tuple[np.ndarray, float]:
-    """Return the gains K (4,) before a future that costs x' P x, and s = R + b' P b."""
+def feedback(A: np.ndarray, b: np.ndarray, P: np.ndarray, R: float) -> tuple[np.ndarray, float]:
+    """Return the gains K (n,) before a future that costs x' P x, and s = R + b' P b."""
     Pb = applied(P, b)
     s = R + float(total(b * Pb))
     return applied(A.T, Pb) / s, s
 
 
-def _round_to(gain: np.ndarray, size: float) -> np.ndarray:
+def round_to(gain: np.ndarray, size: float) -> np.ndarray:
     """Round `gain` to `GAIN_DIGITS` significant digits of a number of the given size."""
     return np.round(gain, GAIN_DIGITS - 1 - Decimal(float(size)).adjusted())
 
 
-def _preview_sum(gain: np.ndarray, ref: np.ndarray) -> np.ndarray:
+def preview_sum(gain: np.ndarray, ref: np.ndarray) -> np.ndarray:
     """Sum ``gain(j) ref(k + j)`` over j for every k; the order of addition is fixed, unlike that of a BLAS product."""
     n = len(ref)
     padded = np.concatenate([ref, np.repeat(ref[-1:], len(gain), axis=0)])
@@ -155,7 +161,7 @@ def _preview_sum(gain: np.ndarray, ref: np.ndarray) -> np.ndarray:
 def _track(controller: PreviewController, ref: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Run the controller along `ref` (n, axes); return the states (n, 3, axes) and the ZMP (n, axes)."""
     T, (k_c, k_v, k_a) = controller.T, controller.state_gain
-    preview = _preview_sum(controller.preview_gain, ref)
+    preview = preview_sum(controller.preview_gain, ref)
     states, zmp = np.empty((len(ref), 3, ref.shape[1])), np.empty_like(ref)
     c, v, a = ref[0].copy(), np.zeros_like(ref[0]), np.zeros_like(ref[0])
     # The integral that holds the table at rest over the first reference.

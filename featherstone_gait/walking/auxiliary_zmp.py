@@ -1,0 +1,128 @@
+"""Preview control whose state holds the zero-moment point (ZMP) and whose input is its speed, open to an auxiliary ZMP.
+
+An inverted pendulum of height ``z_c``, ``w^2 = g / z_c``, whose centre of mass ``c`` the ZMP drives away from itself:
+
+    c'' = w^2 (c - p - p_a),    p' = u,
+
+with the planned ZMP ``p``, its speed ``u``, held over a sample of length ``T``, and an auxiliary ZMP ``p_a`` that is
+asked for on top and not foreseen.  The controller minimises ``sum Q (p - p_ref)^2 + R u^2`` among the motions in which
+the centre of mass stays near the feet, and is
+
+    u_k = -K (p, c, c')_k + sum_(j=1..N) f(j) p_ref_(k+j),
+    K = s^-1 b' P A,   f(j) = s^-1 b' ((A - b K)')^(j-1) (Q, 0, 0),   s = R + b' P b.
+
+This is the form of S. Kajita et al., "Biped walking pattern generator allowing auxiliary ZMP control", IROS 2006; here
+A and b are exact for a ZMP that moves evenly over a sample, where a forward difference would do for small T.  What the
+preview does not reach is taken to stay where its last sample is: ``f(N)`` has the gains of all later ones.
+
+Unlike in the form of 2003 (`preview_control`) the cost does not see the centre of mass, which the ZMP alone pushes
+about: of the solutions of the Riccati equation the one wanted is that which holds it, the largest.  Going back in time
+from a future in which the centre of mass costs something too leads there (D. Bertsekas, "Dynamic Programming and
+Optimal Control", vol. I, 3rd ed., section 4.1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from featherstone_gait.arguments import finite, floats, is_real, shown, whole
+from featherstone_gait.build.tree import GRAVITY
+from featherstone_gait.elementary import exp
+from featherstone_gait.fixed_order import applied, total
+from featherstone_gait.walking.preview_control import (
+    HORIZON,
+    MOST_SAMPLES,
+    ComPlan,
+    cost_to_go,
+    feedback,
+    preview_sum,
+    round_to,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class AuxiliaryZmpController:
+    """The gains of a preview controller with the ZMP's speed as its input."""
+
+    T: float  # sample time [s]
+    A: np.ndarray  # (3, 3) of the state (ZMP [m], centre of mass [m], its velocity [m/s]) over a sample
+    b: np.ndarray  # (3,) [s, s, -]
+    state_gain: np.ndarray  # K (3,) [1/s, 1/s, -]
+    preview_gain: np.ndarray  # f (N,) [1/s]; entry j-1 weighs the reference j samples ahead
+
+
+def auxiliary_zmp_controller(
+    T: float, z_c: float, *, N: int, Q: float = 1.0, R: float = 1e-7, g: float = -GRAVITY[2]
+) -> AuxiliaryZmpController:
+    """Solve for the gains of a pendulum sampled every `T` [s], `z_c` [m] high, with `N` samples of preview.
+
+    Q: weight of the ZMP error [1/m^2]; R: of the ZMP's speed [s^2/m^2]: the ZMP follows its reference within some
+    sqrt(R / Q) seconds.  Raises ValueError unless all are > 0.
+    """
+    for name, value in dict(T=T, z_c=z_c, N=N, Q=Q, R=R, g=g).items():
+        if not (is_real(value) and 1e-12 < value < 1e12):
+            raise ValueError(f"preview control: {name} = {shown(value)} must be finite and > 0")
+    N = whole("preview control: N", N, 1, "give the samples of preview", MOST_SAMPLES)
+    A, b = _pendulum(T, np.sqrt(g / z_c))
+    P = cost_to_go(A, b, Q, R, HORIZON * np.sqrt(z_c / g) / T, np.diag([Q, Q, Q * z_c / g]))
+    K, s = feedback(A, b, P, R)
+    closed = A - b[:, None] * K
+    preview, X = np.empty(N), np.array([Q, 0.0, 0.0])
+    for j in range(N):
+        preview[j] = total(b * X) / s
+        X = applied(closed.T, X)
+    K = np.array([round_to(k, abs(k)) for k in K])
+    preview = round_to(preview, np.abs(preview).max())
+    preview[-1] += K[0] + K[1] - total(preview)
+    return AuxiliaryZmpController(T, A, b, K, preview)
+
+
+def plan_com_auxiliary(
+    zmp_ref: ArrayLike,
+    T: float,
+    z_c: float,
+    *,
+    auxiliary: ArrayLike = 0.0,
+    N: int = 120,
+    Q: float = 1.0,
+    R: float = 1e-7,
+    g: float = -GRAVITY[2],
+) -> ComPlan:
+    """Plan the motion of the centre of mass whose ZMP follows `zmp_ref`; arguments and result as of `plan_com`.
+
+    auxiliary: ZMP (n,) or (n, axes) [m] that is added without being foreseen; `ComPlan.zmp` holds it too.
+    """
+    controller = auxiliary_zmp_controller(T, z_c, N=N, Q=Q, R=R, g=g)
+    ref = floats("zmp_ref", zmp_ref)
+    if ref.ndim not in (1, 2) or len(ref) == 0 or not np.isfinite(ref).all():
+        raise ValueError(f"zmp_ref must be a finite (n,) or (n, axes) array with n > 0, got shape {ref.shape}")
+    added = finite("auxiliary", np.broadcast_to(floats("auxiliary", auxiliary), ref.shape), ref.shape, "[m]")
+    columns = ref.reshape(len(ref), -1)
+    states = _track(controller, columns, added.reshape(columns.shape))
+    planned, position, velocity = (states[:, i].reshape(ref.shape) for i in range(3))
+    zmp = planned + added
+    return ComPlan(position, velocity, g / z_c * (position - zmp), zmp)
+
+
+def _pendulum(T: float, w: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return A (3, 3) and b (3,) of the state (p, c, c') over a sample in which p moves evenly."""
+    grown, shrunk = exp(np.array([w * T, -w * T]))
+    cosh, sinh = 0.5 * (grown + shrunk), 0.5 * (grown - shrunk)
+    A = np.array([[1.0, 0.0, 0.0], [1.0 - cosh, cosh, sinh / w], [-w * sinh, w * sinh, cosh]])
+    return A, np.array([T, T - sinh / w, 1.0 - cosh])
+
+
+def _track(controller: AuxiliaryZmpController, ref: np.ndarray, added: np.ndarray) -> np.ndarray:
+    """Run the controller along `ref` (n, axes), the ZMP off by `added` (n, axes); return the states (n, 3, axes)."""
+    K, preview = controller.state_gain, preview_sum(controller.preview_gain, ref)
+    states = np.empty((len(ref), 3, ref.shape[1]))
+    x = np.stack([ref[0], ref[0], np.zeros_like(ref[0])])
+    push = controller.A[:, 0] - np.array([1.0, 0.0, 0.0])  # of a ZMP that stays off over a sample
+    for k in range(len(ref)):
+        states[k] = x
+        u = preview[k] - total(K[:, None] * x, axis=0)
+        x = applied(controller.A, x.T).T + controller.b[:, None] * u + push[:, None] * added[k]
+    return states

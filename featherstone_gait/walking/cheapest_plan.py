@@ -1,0 +1,328 @@
+"""The first gait of a search: that of a walk planned once for all, or of the cheapest of many plans.
+
+    cost = first_gait(compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "midpoint", 1e-3))
+    result = optimize_gait(in_worlds(cost, 8))
+
+A plan has six numbers besides its timing (`Box`): step length and time, lift of the sole, height of the centre of mass,
+distance of the feet, share of double support.  `cheapest_plan` spreads plans evenly over a box of them, goes on around
+the best in smaller boxes, and measures each by its gait as a search measures its candidates: in several worlds at
+once, the mean and half of what the worst is above it.  A plan that falls in one of them has no cost.  Nor has one that
+the robot cannot follow: the whole stride, not its poses alone, has to keep the joints' limits and the speeds at which
+joints and servos turn without load.
+
+The points are those of an additive recurrence, x_k = frac(x_0 + k a), a_i = r^-i with r^(d+1) = r + 1, which fills a
+box of d dimensions evenly at any length (M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018)).
+What is found depends on seed and settings alone.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+
+import numpy as np
+
+from ..arguments import instance, one_of, shown, whole
+from ..build.scene import CompiledScene
+from ..model import Model
+from ..servo_curve import torque_speed
+from .cost import WalkingCost
+from .cost_in_worlds import CostInWorlds, variations
+from .gait import TICK, Gait, GaitFit, fit_gait, mirror_of
+from .inverse_kinematics import leg_joints, nearest
+from .kinematics import center_of_mass, link_index, link_poses
+from .plan import BIOLOID_WALK, Plan, Sole, Walk, default_posture, downward, first_base, soles_of, walking_plan
+
+PlanKind: TypeAlias = Literal["cheapest", "plain"]
+States: TypeAlias = Literal["stride", "step"]
+Searched: TypeAlias = Callable[[WalkingCost], Any]
+N_POSES = 4  # the paper's four states
+COUNT = (32, 16, 16, 8)  # plans over the whole box, and in each smaller one
+SMALLER = (0.4, 0.2, 0.1)  # these boxes, as shares of the whole one
+DRAWN = 4  # points for each plan that is wanted: most of a box no leg can reach
+WORLDS = 8
+PLAIN = (0.123, 2.225, 0.123, 0.0865, 1.219, 0.2)  # BIOLOID_WALK in the units of `Box`
+FASTER = 1.0  # than without load no servo turns
+SCREENED = {"T": 0.02, "N": 60, "R": 2.5e-8, "n_steps": 15, "followed": 1e-5}  # a quarter of the time of a plan
+ROUNDS, NEAR = 6, 2e-3  # to place the trunk; by how much a sole may miss its place [m and rad]
+MOST_PLANS = 10**5
+
+
+@dataclass(frozen=True)
+class Box:
+    """From where to where plans are looked for, by the robot's size.
+
+    Lengths are in leg lengths l, from the first joint of a leg to its sole when straight; times in sqrt(l / g), g the
+    strength of gravity: for robots that are alike but for their size the same numbers are the same walk.  They lie
+    about those of `BIOLOID_WALK`, the first plan that is tried: slower walks fall without feedback.
+    """
+
+    step_length: tuple[float, float] = (0.1, 0.25)
+    step_time: tuple[float, float] = (1.5, 2.4)
+    lift: tuple[float, float] = (0.05, 0.14)
+    sinking: tuple[float, float] = (0.05, 0.13)  # of the centre of mass from where it is with all joints at zero
+    half_width: tuple[float, float] = (1.0, 1.35)  # in those of the feet with all joints at zero
+    double_support: tuple[float, float] = (0.1, 0.4)  # share of a step
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (isinstance(value, tuple) and len(value) == 2 and 0.0 < value[0] <= value[1] < math.inf):
+                raise ValueError(f"box: {field.name} = {shown(value)} must be two numbers > 0, the lower first")
+
+
+class Trial(NamedTuple):
+    """A plan that was tried."""
+
+    walk: Walk
+    cost: float  # as the search counts it [J/m]; infinite where it does not walk
+    status: str  # "ok", or why not
+
+
+@dataclass(frozen=True, eq=False)
+class CheapestPlan:
+    """What was found, and what was tried."""
+
+    plan: Plan
+    fit: GaitFit
+    cost: WalkingCost  # of its gait, from its start
+    value: float  # as the search counts it [J/m]
+    trials: tuple[Trial, ...]
+
+    @property
+    def gait(self) -> Gait:
+        """The plan's gait."""
+        return self.fit.gait
+
+
+def first_gait(
+    scene: CompiledScene,
+    plan: PlanKind = "cheapest",
+    states: States = "step",
+    *,
+    searched: Searched | None = None,
+    seed: int = 0,
+    **walk: Any,
+) -> WalkingCost:
+    """The cost of a robot's first gait on `scene`, for `optimize_gait` and `in_worlds`.
+
+    plan: "plain" is ``BIOLOID_WALK | walk``, planned at 10 ms; "cheapest" what `cheapest_plan` finds, which takes
+    `searched` and `seed`, with the numbers in `walk` held.  states: whether the four poses are those of a stride, or of
+    a step, which the other leg mirrors.  Raises ValueError for a robot that is no biped, one that cannot take these
+    steps, and for states of a step where left and right are no mirror images.
+    """
+    one_of("plan", plan, get_args(PlanKind))
+    if plan == "cheapest":
+        return cheapest_plan(scene, states, searched=searched, seed=seed, **walk).cost
+    planned = walking_plan(scene.model, **(BIOLOID_WALK | {"g": downward(scene.gravity)} | walk))
+    return _cost(scene, planned, fit_states(scene.model, planned, states))
+
+
+def cheapest_plan(
+    scene: CompiledScene,
+    states: States = "step",
+    *,
+    box: Box | None = None,
+    count: Sequence[int] = COUNT,
+    searched: Searched | None = None,
+    seed: int = 0,
+    **held: Any,
+) -> CheapestPlan:
+    """Look for the plan whose gait walks most cheaply on `scene`, within joint and speed limits.
+
+    count: how many plans to try in the whole box, besides the plain one, and in each of the smaller ones around the
+    best; searched: makes of a `WalkingCost` the cost that a search sees, by default that in eight worlds of
+    `in_worlds`; held: settings of `Walk` that are not looked for.  The plans have samples of 20 ms.  Raises ValueError
+    if none walks: the most common reason, and what to do.
+    """
+    instance("scene", scene, CompiledScene, "give what compile_scene returns")
+    one_of("states", states, get_args(States))
+    counts = [whole("count", n, 1, "give how many plans to try", MOST_PLANS) for n in count]
+    if len(counts) > 1 + len(SMALLER):
+        raise ValueError(f"count has {len(counts)} numbers; give one, and up to {len(SMALLER)} for smaller boxes")
+    search = _Search(scene, states, box or Box(), searched or _in_worlds(scene), held)
+    points, middle = _spread(DRAWN * max(counts), len(PLAIN), seed), np.full(len(PLAIN), 0.5)
+    tried = [search.attempt(search.place(PLAIN))]
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        for n, share in zip(counts, (1.0, *SMALLER)):
+            where = np.clip(middle + share * (points - 0.5), 0.0, 1.0)
+            tried += pool.map(search.attempt, where[search.within_reach(where)][:n])
+            middle = min(tried, key=lambda one: one.cost).point
+    best = min(tried, key=lambda one: one.cost)
+    trials = tuple(Trial(one.walk, one.cost, one.status) for one in tried)
+    if not math.isfinite(best.cost):
+        raise ValueError(_none_walks(scene.model, trials))
+    plan, fit, cost = search.planned(best.walk)
+    return CheapestPlan(plan, fit, cost, best.cost, trials)
+
+
+def fit_states(model: Model, plan: Plan, states: States) -> GaitFit:
+    """Fit the four poses of a stride, or of a step that the other leg mirrors, to a plan; poses within joint limits."""
+    mirrored = states == "step"
+    mirror = mirror_of(model) if mirrored else None
+    fit = fit_gait(plan.stride(), 2 * N_POSES if mirrored else N_POSES, mirror=mirror)
+    lower, upper = np.array([(joint.lower, joint.upper) for joint in model.moving_joints]).T
+    return replace(fit, gait=replace(fit.gait, poses=np.clip(fit.gait.poses, lower, upper)))
+
+
+def speed_limits(model: Model) -> np.ndarray:
+    """The speeds (nj,) [rad/s] that no joint passes: its own limit, and that of its servo without load."""
+    alone = {servo: _no_load(servo) for servo in dict.fromkeys(model.servos.values())}
+    servos = [model.servos.get(name) for name in model.joint_names]
+    limits = [joint.velocity for joint in model.moving_joints]
+    return np.array([min(limit, math.inf if s is None else alone[s]) for limit, s in zip(limits, servos)])
+
+
+def _no_load(servo: Any) -> float:
+    return torque_speed(servo).no_load_speed if servo.voltage_limit > 0.0 else math.inf
+
+
+class _Tried(NamedTuple):
+    point: np.ndarray  # (6,) of the unit box
+    walk: Walk
+    cost: float
+    status: str
+
+
+class _Search:
+    """Plans by points of the unit box."""
+
+    def __init__(
+        self, scene: CompiledScene, states: States, box: Box, searched: Searched, held: dict[str, Any]
+    ) -> None:
+        model = scene.model
+        self.scene, self.states, self.searched, self.held = scene, states, searched, held
+        self.g = downward(scene.gravity)
+        self.speeds = speed_limits(model)
+        self.limits = np.array([(joint.lower, joint.upper) for joint in model.moving_joints]).T
+        self.low, self.high = np.array([getattr(box, field.name) for field in fields(box)]).T
+        self.soles = soles_of(model)
+        self.length, self.height, self.width = _size(model, self.soles[0])
+        if states == "step":
+            mirror_of(model)  # raises what no trial is to swallow
+
+    def place(self, numbers: Sequence[float]) -> np.ndarray:
+        """The point of the unit box, which it may leave, of numbers in the units of `Box`."""
+        return (np.array(numbers) - self.low) / np.where(self.high > self.low, self.high - self.low, 1.0)
+
+    def walk(self, point: np.ndarray) -> Walk:
+        """The walk of a point of the unit box; strides are a whole number of ticks."""
+        step, time, lift, sinking, width, double = (self.low + point * (self.high - self.low)).tolist()
+        half = 0.5 * TICK
+        settings = {
+            "step_length": step * self.length,
+            "step_time": half * max(2, round(time * math.sqrt(self.length / self.g) / half)),
+            "lift": lift * self.length,
+            "com_height": self.height - sinking * self.length,
+            "half_width": width * self.width,
+            "double_support": double,
+        }
+        given = {name: value for name, value in SCREENED.items() if name != "followed"}
+        return Walk(**(given | {name: round(x, 6) for name, x in settings.items()} | {"g": self.g} | self.held))
+
+    def within_reach(self, points: np.ndarray) -> np.ndarray:
+        """Whether the legs reach (n,) what a plan asks of them at five moments of a step, the sway left out.
+
+        A hundred times as fast as to plan, and right about nine plans of ten.
+        """
+        n = len(points)
+        walks = [self.walk(point) for point in points]
+        step, lift, height, width = np.array([(w.step_length, w.lift, w.com_height, w.half_width) for w in walks]).T
+        s = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+        feet = np.zeros((n, len(s), 2, 3))
+        feet[..., 0, 1], feet[..., 1, 1] = width[:, None], -width[:, None]
+        feet[..., 1, 0] = step[:, None] * (2.0 * s * s * (3.0 - 2.0 * s) - 1.0)
+        feet[..., 1, 2] = lift[:, None] * np.sqrt(4.0 * s * (1.0 - s))
+        com = np.zeros((n, len(s), 3))
+        com[..., 0], com[..., 2] = step[:, None] * (s - 0.5), height[:, None]
+        reached = self._reached(feet.reshape(-1, 2, 3), com.reshape(-1, 3)).reshape(n, -1)
+        return np.asarray(reached.all(axis=1))
+
+    def _reached(self, feet: np.ndarray, com: np.ndarray) -> np.ndarray:
+        """Whether the robot can stand (m,) with its soles at `feet` (m, 2, 3), its centre of mass at `com` (m, 3)."""
+        model = self.scene.model
+        angles = np.tile(default_posture(model, self.soles), (len(com), 1))
+        base = first_base(model, self.soles, angles[0], com)
+        for _ in range(ROUNDS):
+            missed = np.zeros(len(com))
+            for k, sole in enumerate(self.soles):
+                angles, miss = nearest(
+                    model, sole.link, feet[:, k] - base, point=sole.middle, start=angles, tolerance=NEAR, iterations=8
+                )
+                missed = np.maximum(missed, miss)
+            base = base + com - center_of_mass(model, angles, base)
+        lower, upper = self.limits
+        return np.asarray((missed < NEAR) & ((angles >= lower) & (angles <= upper)).all(axis=1))
+
+    def planned(self, walk: Walk) -> tuple[Plan, GaitFit, WalkingCost]:
+        settings = {field.name: getattr(walk, field.name) for field in fields(walk)}
+        plan = walking_plan(self.scene.model, followed=SCREENED["followed"], **settings)
+        fit = fit_states(self.scene.model, plan, self.states)
+        return plan, fit, _cost(self.scene, plan, fit)
+
+    def attempt(self, point: np.ndarray) -> _Tried:
+        walk = self.walk(point)
+        try:
+            _, fit, cost = self.planned(walk)
+            self._check(fit.gait)
+        except ValueError as error:
+            return _Tried(point, walk, math.inf, str(error))
+        return _Tried(point, walk, *self.searched(cost)(fit.gait.to_vector()))
+
+    def _check(self, gait: Gait) -> None:
+        """Raise ValueError if what the servos are sent passes limits of joints or speeds."""
+        ticks = round(gait.period / TICK)
+        angles = gait.angles(TICK * np.arange(ticks + 1))
+        lower, upper = self.limits
+        if np.any((angles < lower) | (angles > upper)):
+            raise ValueError("joint limits are passed between the poses")
+        if np.any(np.abs(np.diff(angles, axis=0)) > FASTER * TICK * self.speeds):
+            raise ValueError("joints would have to turn faster than they can")
+
+
+def _cost(scene: CompiledScene, plan: Plan, fit: GaitFit) -> WalkingCost:
+    return WalkingCost(scene, fit.gait, plan.start_up(1))
+
+
+def _in_worlds(scene: CompiledScene, count: int = WORLDS) -> Searched:
+    """`in_worlds` of costs that differ in gait and start alone: the worlds are made once."""
+    worlds, offsets = variations(scene, count)
+    scenes = worlds.scenes(scene)
+    return lambda cost: CostInWorlds(cost, scenes, offsets)
+
+
+def _size(model: Model, left: Sole) -> tuple[float, float, float]:
+    """Length of a leg, height of the centre of mass above the soles, and of the feet from the middle, at zero [m]."""
+    posture = np.zeros(len(model.joint_names))
+    poses = link_poses(model, posture)
+    by_name = {joint.name: joint for joint in model.joints}
+    row = link_index(model, left.link)
+    sole = poses.position[0, row] + poses.rotation[0, row] @ left.middle
+    joints = [by_name[model.joint_names[k]] for k in leg_joints(model, left.link)]
+    places = [poses.position[0, link_index(model, joint.child)] for joint in joints] + [sole]
+    length = sum(float(np.linalg.norm(b - a)) for a, b in pairwise(places))
+    return length, float(center_of_mass(model, posture)[0, 2] - sole[2]), abs(float(sole[1]))
+
+
+def _spread(count: int, dimension: int, seed: int) -> np.ndarray:
+    """Points (count, dimension) that fill the unit box evenly."""
+    root = 2.0
+    for _ in range(100):
+        root = (1.0 + root) ** (1.0 / (dimension + 1))
+    generator = np.random.Generator(np.random.PCG64(whole("seed", seed, 0, "it is the seed of the plans")))
+    first = generator.random(dimension)
+    return np.mod(first + np.arange(1, count + 1)[:, None] * root ** -np.arange(1.0, dimension + 1), 1.0)
+
+
+def _none_walks(model: Model, trials: Sequence[Trial]) -> str:
+    reasons = [trial.status for trial in trials]
+    common = max(dict.fromkeys(reasons), key=reasons.count)
+    return (
+        f"{model.name}: none of {len(trials)} planned walks can be walked, {reasons.count(common)} of them for this: "
+        f"{common}; give stronger servos, more plans (count), another box, or numbers of a walk that is known to work"
+    )

@@ -1,0 +1,147 @@
+"""First motions of robots on four legs: a trot or a walk, by inverse kinematics of point feet.
+
+    mirror = mirror_by_place(robot, posture)
+    stride = four_legged_stride(robot, posture, Pattern(period=0.48, step=0.05, lift=0.03))
+    gait = fit_gait(stride, 8, mirror=mirror).gait
+    cost = WalkingCost(scene, gait, posture, blend_strides=2)
+
+The trunk goes forward evenly, upright and level.  A foot on the ground stays there; in the air it rises and falls on a
+half sine and comes forward on a cubic that leaves and meets the ground with the speed of the ground.  When which foot
+is in the air is that of the trot (diagonal pairs together) or of the walk (one after the other: left hind, left fore,
+right hind, right fore; M. Hildebrand, "Symmetrical gaits of horses", Science 150 (1965)), in which the trunk sways
+away from the side that steps.  The second half of either stride is the first one's mirror image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arguments import finite, is_real, listed, one_of, shown
+from ..dynamics import check_model, contact_positions_at
+from ..elementary import sincos
+from ..fixed_order import applied, total
+from ..model import Model
+from .gait import TICK, Mirror
+from .inverse_kinematics import check_limits, reach
+from .kinematics import joint_axes, link_index, link_poses
+from .plan import Stride
+
+Footfalls: TypeAlias = Literal["trot", "walk"]
+PHASES = {"trot": (0.0, 0.5, 0.5, 0.0), "walk": (0.25, 0.75, 0.0, 0.5)}  # of a stride, lift-off of LF, RF, LH, RH
+ALIKE = 1e-3  # by which left and right may differ [m]
+PARALLEL = 1e-6  # by which the cosine of axes may
+SAMPLES = 4  # a tick
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """How four legs move."""
+
+    period: float = 0.48  # of a stride [s]
+    step: float = 0.05  # way of the trunk in a stride [m]
+    lift: float = 0.03  # of a foot [m]
+    ground: float = 0.6  # share of the stride for which a foot is on the ground [-]
+    footfalls: Footfalls = "trot"
+    sway: float = 0.0  # of the trunk to either side [m]
+    ahead: float = 0.0  # of the trunk before where the posture has it, above the feet [m]
+
+    def __post_init__(self) -> None:
+        one_of("pattern: footfalls", self.footfalls, get_args(Footfalls))
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name != "footfalls" and not (is_real(value) and abs(value) < 1e3):
+                raise ValueError(f"pattern: {field.name} = {shown(value)} must be a finite number")
+        if not (self.period > 0.0 and self.lift > 0.0):
+            raise ValueError(f"pattern: period = {self.period} s and lift = {self.lift} m must be > 0")
+        if not 0.0 < self.ground < 1.0:
+            raise ValueError(f"pattern: ground = {self.ground} must lie between 0 and 1")
+        if abs(round(self.period / (2 * TICK)) * 2 * TICK - self.period) > 1e-9:
+            raise ValueError(f"pattern: period = {self.period} s must be a whole number of {2 * TICK:g} s")
+
+
+def four_legged_stride(
+    model: Model, posture: ArrayLike, pattern: Pattern | None = None, feet: Sequence[str] | None = None
+) -> Stride:
+    """Plan a stride of `model` about the `posture` (nj,) [rad] in which it stands.
+
+    feet: the links of the left and right fore and the left and right hind foot, by default the four that have contact
+    points, by where they are.  Raises ValueError for a robot that has not four, and for a stride out of reach.
+    """
+    pattern = pattern or Pattern()
+    posture = finite("posture", posture, (len(check_model(model).joint_names),), "[rad]")
+    links, places, points = _feet(model, posture, feet)
+    n = SAMPLES * round(pattern.period / TICK)
+    times = pattern.period / n * np.arange(n)
+    turned = 2.0 * np.pi * times / pattern.period
+    trunk = np.zeros((n, 3))
+    trunk[:, 0], trunk[:, 1] = pattern.ahead, -pattern.sway * sincos(turned)[0]
+    angles = np.tile(posture, (n, 1))
+    for link, place, point, phase in zip(links, places, points, PHASES[pattern.footfalls]):
+        target = place + _path(pattern, np.mod(times / pattern.period - phase, 1.0)) - trunk
+        angles = reach(model, link, target, point=point, start=angles, times=times)
+    check_limits(model, angles, times)
+    return Stride(model.joint_names, times, angles, pattern.period, 0.0)
+
+
+def mirror_by_place(model: Model, posture: ArrayLike | None = None) -> Mirror:
+    """Pair the joints of `model` left to right by where they are, and compare their axes; see `gait.mirror_of`.
+
+    posture: (nj,) [rad] in which left and right are each other's image, by default zero.  Raises ValueError for a joint
+    without a partner.
+    """
+    names = check_model(model).joint_names
+    angles = finite("posture", np.zeros(len(names)) if posture is None else posture, (len(names),), "[rad]")
+    poses = link_poses(model, angles)
+    axes = joint_axes(model, poses)[0]
+    places = np.array([poses.position[0, link_index(model, joint.child)] for joint in model.moving_joints])
+    index, sign = [], []
+    for k, name in enumerate(names):
+        off = np.abs(places - places[k] * (1.0, -1.0, 1.0)).max(axis=1)
+        cosines = total(axes * (axes[k] * (-1.0, 1.0, -1.0)))
+        fits = np.flatnonzero((off < ALIKE) & (np.abs(np.abs(cosines) - 1.0) < PARALLEL))
+        if len(fits) == 0:
+            raise ValueError(f"joint {name!r} of {model.name!r} has no partner with its mirror image's place and axis")
+        index.append(int(fits[0]))
+        sign.append(float(np.sign(cosines[fits[0]])))
+    return Mirror(np.array(index), np.array(sign))
+
+
+def _feet(
+    model: Model, posture: np.ndarray, feet: Sequence[str] | None
+) -> tuple[list[str], list[np.ndarray], list[np.ndarray]]:
+    """Names of the four feet, where their points stand (3,), seen from the root, and these in the links' axes (3,)."""
+    poses = link_poses(model, posture)
+    points = contact_positions_at(model, poses)[0]
+    owners = np.array([contact.link for contact in model.contacts])
+    where = {str(link): points[owners == link].mean(axis=0) for link in dict.fromkeys(owners.tolist())}
+    if feet is None:
+        by_x = sorted(where, key=lambda link: -where[link][0])
+        feet = [link for pair in (by_x[:2], by_x[2:]) for link in sorted(pair, key=lambda link: -where[link][1])]
+    links = listed("feet", feet, "give the names of four links")
+    if len(links) != 4 or not all(link in where for link in links):
+        raise ValueError(f"model {model.name!r}: four feet with contact points are needed, got {links} of {[*where]}")
+    rows = [link_index(model, link) for link in links]
+    places = [where[link] for link in links]
+    local = [applied(poses.rotation[0, row].T, place - poses.position[0, row]) for row, place in zip(rows, places)]
+    return links, places, local
+
+
+def _path(pattern: Pattern, phase: np.ndarray) -> np.ndarray:
+    """A foot's path (n, 3) about where it stands, seen from a trunk that goes forward [m]; in the air from phase 0."""
+    air = 1.0 - pattern.ground
+    stance = pattern.step * pattern.ground  # way of a foot under the trunk
+    s = np.clip(phase / air, 0.0, 1.0)
+    slope = -pattern.step * air  # of the swing by s, where it meets the ground's own speed
+    swing = 2.0 * s * s * s - 3.0 * s * s
+    x_air = stance * (-0.5 - swing) + slope * (2.0 * s * s * s - 3.0 * s * s + s)
+    x_ground = stance * (0.5 - (phase - air) / pattern.ground)
+    flies = phase < air
+    path = np.zeros((len(phase), 3))
+    path[:, 0] = np.where(flies, x_air, x_ground)
+    path[:, 2] = np.where(flies, pattern.lift * sincos(np.pi * s)[0], 0.0)
+    return path

@@ -1,0 +1,65 @@
+"""A servo for a robot whose own are not known: one that is known, made stronger and slower as the robot is larger.
+
+    robot = load_robot("solo12.urdf", base="floating", contacts="feet")
+    robot = with_generic_servos(robot, leg=0.32)
+
+Robots that are alike but for length l and mass m move alike in times that grow as sqrt(l), with torques that grow as
+m l (dynamic similarity; R. Alexander, "Optimization and gaits in the locomotion of vertebrates", Physiological Reviews
+69 (1989)).  The servo grows in the same way from that of a robot that it fits.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from ..arguments import instance, real
+from ..dynamics import check_model
+from ..model import Model, Servo
+from ..robot_file.servos import load_servo
+
+MASS, LEG = 2.423, 0.203  # of the Bioloid, which AX-12 servos carry: `robots/humanoid` [kg, m]
+
+
+def scaled_servo(servo: Servo, torque: float, speed: float) -> Servo:
+    """The servo with `torque` times its torques at rest and `speed` times its speed without load, at the same voltage.
+
+    Gains by volts, ticks and the gear's ratio stay, as do its backlash and what depends on load alone.  Raises
+    ValueError unless both are > 0, and for a servo without a motor.
+    """
+    instance("servo", servo, Servo, "give what load_servo returns")
+    if not servo.motor_constant > 0.0:
+        raise ValueError("servo: without a motor there is nothing to scale; give one with motor_constant > 0")
+    f, s = real("torque", torque, 1e-6, 1e9, "a factor"), real("speed", speed, 1e-6, 1e6, "a factor")
+    gear = servo.gearbox
+    return replace(
+        servo,
+        motor_constant=servo.motor_constant / s,
+        resistance=servo.resistance / (f * s),
+        inductance=servo.inductance / (f * s * s),
+        current_limit=servo.current_limit * f * s,
+        current_slew=servo.current_slew * f * s * s,
+        viscous_friction=servo.viscous_friction * f / s,
+        coulomb_friction=servo.coulomb_friction * f,
+        gearbox=replace(
+            gear,
+            stiffness=gear.stiffness * f,
+            damping=gear.damping * f / s,
+            rotor_inertia=gear.rotor_inertia * f / (s * s),
+        ),
+    )
+
+
+def with_generic_servos(model: Model, leg: float, servo: Servo | None = None, margin: float = 1.0) -> Model:
+    """The robot with the same servo in each joint that turns, as strong for its weight as an AX-12 in a Bioloid.
+
+    leg: how long a leg is, from its first joint to the ground [m]; servo: which to scale, by default "ax12"; margin:
+    how much stronger.  Raises ValueError for a length that is none.
+    """
+    check_model(model)
+    leg = real("leg", leg, 1e-3, 1e3, "give its length [m]")
+    margin = real("margin", margin, 1e-3, 1e3, "a factor")
+    known = load_servo("ax12") if servo is None else servo
+    own = scaled_servo(known, margin * model.mass * leg / (MASS * LEG), math.sqrt(LEG / leg))
+    turning = [joint.name for joint in model.moving_joints if joint.type in ("revolute", "continuous")]
+    return replace(model, servos={**model.servos, **dict.fromkeys(turning, own)})

@@ -1,0 +1,114 @@
+"""The plan that costs least: found, told of, within limits, the same each time."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from biped import biped
+
+from featherstone_gait import Ground, load_robot
+from featherstone_gait.build.scene import compile_scene
+from featherstone_gait.optimize import walking_cost
+from featherstone_gait.robot_file import load_servo
+from featherstone_gait.walking.cheapest_plan import Box, cheapest_plan, first_gait, speed_limits
+from featherstone_gait.walking.cost_in_worlds import in_worlds
+from featherstone_gait.walking.gait import TICK
+from featherstone_gait.walking.generic_servo import LEG, MASS, scaled_servo, with_generic_servos
+
+FEW = (3, 2)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "midpoint", 1e-3)
+
+
+def bent(cost):
+    """A cost without a simulation: how far the joints are bent, in the mean."""
+    return lambda x: (float(np.abs(x).mean()), "ok")
+
+
+@pytest.fixture(scope="module")
+def found(scene):
+    return cheapest_plan(scene, count=FEW, searched=bent)
+
+
+def test_the_best_of_all_trials_is_found_and_lies_at_or_below_the_plain_one(found):
+    costs = [trial.cost for trial in found.trials]
+    assert len(costs) == 1 + sum(FEW)
+    assert found.value == min(costs)
+    assert found.value == np.abs(found.gait.to_vector()).mean()
+    assert all((trial.status == "ok") == math.isfinite(trial.cost) for trial in found.trials)
+    assert any(trial.status != "ok" for trial in found.trials)  # of the box not all can be walked
+
+
+def test_the_same_seed_finds_the_same_bits_and_another_does_not(scene, found):
+    again, other = (cheapest_plan(scene, count=FEW, searched=bent, seed=seed) for seed in (0, 1))
+    assert again.gait.to_vector().tobytes() == found.gait.to_vector().tobytes()
+    assert again.trials == found.trials
+    assert other.trials[1:] != found.trials[1:]
+
+
+def test_what_the_servos_are_sent_keeps_limits_of_joints_and_speeds(scene, found):
+    angles = found.gait.angles(TICK * np.arange(round(found.gait.period / TICK) + 1))
+    lower, upper = np.array([(joint.lower, joint.upper) for joint in scene.model.moving_joints]).T
+    assert ((angles >= lower) & (angles <= upper)).all()
+    assert (np.abs(np.diff(angles, axis=0)) <= TICK * speed_limits(scene.model)).all()
+
+
+def test_no_joint_is_faster_than_its_servo_without_load_or_its_own_limit():
+    model = load_robot("humanoid", locked="simplified")
+    assert speed_limits(model) == pytest.approx(np.full(10, 5.590), rel=1e-4)  # of the AX-12 at 10 V
+    slow = replace(model, joints=tuple(replace(j, velocity=2.0) if "knee" in j.name else j for j in model.joints))
+    assert sorted(set(np.round(speed_limits(slow), 3))) == [2.0, 5.59]
+
+
+def test_numbers_that_are_held_stay(scene):
+    one = cheapest_plan(scene, count=(1,), searched=bent, lift=0.015, step_time=0.3, half_width=0.037)
+    assert {(t.walk.lift, t.walk.step_time, t.walk.half_width) for t in one.trials} == {(0.015, 0.3, 0.037)}
+
+
+def test_where_no_plan_can_be_walked_the_most_common_reason_is_told(scene):
+    never = lambda cost: lambda x: (math.inf, "fell")  # noqa: E731
+    with pytest.raises(ValueError, match=r"none of 2 planned walks can be walked.*give stronger servos"):
+        cheapest_plan(scene, count=(1,), searched=never)
+    with pytest.raises(ValueError, match="box: lift = "):
+        Box(lift=(0.1, 0.05))
+    with pytest.raises(ValueError, match="count has 5 numbers"):
+        cheapest_plan(scene, count=(1, 1, 1, 1, 1))
+
+
+def test_the_plain_plan_is_that_of_before(scene):
+    for states in ("stride", "step"):
+        before, now = walking_cost(scene.model, states=states), first_gait(scene, "plain", states)
+        assert now.gait.to_vector().tobytes() == before.gait.to_vector().tobytes()
+        assert now.start.tobytes() == before.start.tobytes()
+    with pytest.raises(ValueError, match="plan"):
+        first_gait(scene, "dear")
+
+
+@pytest.mark.long
+def test_the_cheapest_plan_costs_a_third_less_than_the_plain_one_and_walks_in_all_worlds(scene):
+    plain = first_gait(scene, "plain")
+    cheapest = first_gait(scene, seed=0)
+    cost = [in_worlds(one, 8)(one.gait.to_vector())[0] for one in (plain, cheapest)]
+    assert cost[1] < cost[0] * 2.0 / 3.0
+
+
+def test_a_servo_of_twice_the_torque_and_half_the_speed_is_one():
+    ax12 = load_servo("ax12")
+    other = scaled_servo(ax12, 2.0, 0.5)
+    stall = [s.gearbox.ratio * s.motor_constant * s.current_limit for s in (ax12, other)]
+    assert stall[1] == pytest.approx(2.0 * stall[0], rel=1e-12)
+    model = load_robot("humanoid", locked="simplified")
+    slower = replace(model, servos=dict.fromkeys(model.servos, other))
+    assert speed_limits(slower) == pytest.approx(0.5 * speed_limits(model), rel=1e-5)
+
+
+def test_the_bioloids_generic_servo_is_its_own():
+    model = biped()
+    same = with_generic_servos(model, LEG, margin=MASS / model.mass)
+    (servo,) = set(same.servos.values())
+    assert servo.resistance == pytest.approx(load_servo("ax12").resistance, rel=1e-12)
+    assert [*same.servos] == [*model.joint_names]
