@@ -29,6 +29,21 @@ def test_zmp_of_the_moving_links_stays_25_mm_inside_the_support_polygon(plan):
     assert plan.margin().min() > 0.025
 
 
+def test_preview_by_the_zmps_speed_misses_the_reference_by_half(plan):
+    other = walking_plan(biped(), preview="auxiliary_zmp")
+    errors = [np.sqrt(((p.zmp - p.zmp_reference) ** 2).mean(axis=0)) for p in (other, plan)]
+    assert (errors[0] < 0.6 * errors[1]).all()
+    assert other.margin().min() > 0.025
+    assert np.abs(other.angles - plan.angles).max() > 1e-4
+
+
+def test_a_plan_of_less_accuracy_is_as_close_as_was_asked_for(plan):
+    """The centre of mass by 10 um, so the joints of legs of 0.2 m by some 1e-4 rad."""
+    other = walking_plan(biped(), followed=1e-5)
+    assert np.abs(center_of_mass(biped(), other.angles, other.base_position) - other.com).max() < 1e-5
+    assert 0.0 < np.abs(other.angles - plan.angles).max() < 5e-4
+
+
 @pytest.mark.parametrize("step_time", [0.28, 0.30, 0.36])
 def test_other_step_times_keep_15_mm(step_time):
     assert walking_plan(biped(), step_time=step_time).margin().min() > 0.015
@@ -117,6 +132,8 @@ def test_a_model_that_cannot_stand_is_refused():
         (dict(n_steps=3), "n_steps = 3"),
         (dict(step_time=0.325), "whole number of samples"),
         (dict(double_support=0.0), "double_support = 0.0"),
+        (dict(preview="jerk"), "walk: preview .*cart_table"),
+        (dict(followed=0.0), "followed"),
         (dict(T=-0.01), "T = -0.01 must be finite and > 0"),
     ],
 )

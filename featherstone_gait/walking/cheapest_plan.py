@@ -29,11 +29,13 @@ import numpy as np
 
 from ..arguments import instance, one_of, shown, whole
 from ..build.scene import CompiledScene
+from ..build.tree import GRAVITY
 from ..model import Model
 from ..servo_curve import torque_speed
 from .cost import WalkingCost
 from .cost_in_worlds import CostInWorlds, variations
 from .gait import TICK, Gait, GaitFit, fit_gait, mirror_of
+from .generic_servo import LEG
 from .inverse_kinematics import leg_joints, nearest
 from .kinematics import center_of_mass, link_index, link_poses
 from .plan import BIOLOID_WALK, Plan, Sole, Walk, default_posture, downward, first_base, soles_of, walking_plan
@@ -48,7 +50,8 @@ DRAWN = 4  # points for each plan that is wanted: most of a box no leg can reach
 WORLDS = 8
 PLAIN = (0.123, 2.225, 0.123, 0.0865, 1.219, 0.2)  # BIOLOID_WALK in the units of `Box`
 FASTER = 1.0  # than without load no servo turns
-SCREENED = {"T": 0.02, "N": 60, "R": 2.5e-8, "n_steps": 15, "followed": 1e-5}  # a quarter of the time of a plan
+SAMPLE, PREVIEW, JERKS = 0.02, 1.2, 2.5e-8  # of the plans: T [s], preview [s] and R [s^6/m^2] of the Bioloid's
+STEPS, ACCURATE = 15, 1e-5  # how many are planned; by how much the centre of mass may miss its path [m]
 ROUNDS, NEAR = 6, 2e-3  # to place the trunk; by how much a sole may miss its place [m and rad]
 MOST_PLANS = 10**5
 
@@ -117,6 +120,7 @@ def first_gait(
     steps, and for states of a step where left and right are no mirror images.
     """
     one_of("plan", plan, get_args(PlanKind))
+    one_of("states", states, get_args(States))
     if plan == "cheapest":
         return cheapest_plan(scene, states, searched=searched, seed=seed, **walk).cost
     planned = walking_plan(scene.model, **(BIOLOID_WALK | {"g": downward(scene.gravity)} | walk))
@@ -222,8 +226,15 @@ class _Search:
             "half_width": width * self.width,
             "double_support": double,
         }
-        given = {name: value for name, value in SCREENED.items() if name != "followed"}
-        return Walk(**(given | {name: round(x, 6) for name, x in settings.items()} | {"g": self.g} | self.held))
+        slower = math.sqrt(self.length / LEG * -GRAVITY[2] / self.g)  # than the Bioloid, by its size
+        preview = {
+            "T": SAMPLE,
+            "N": round(slower * PREVIEW / SAMPLE),
+            "R": float(f"{JERKS * slower**8:.2g}"),  # of rates of jerk, which go as lengths by the fourth power of time
+            "n_steps": STEPS,
+            "g": self.g,
+        }
+        return Walk(**({name: round(x, 6) for name, x in settings.items()} | preview | self.held))
 
     def within_reach(self, points: np.ndarray) -> np.ndarray:
         """Whether the legs reach (n,) what a plan asks of them at five moments of a step, the sway left out.
@@ -261,7 +272,7 @@ class _Search:
 
     def planned(self, walk: Walk) -> tuple[Plan, GaitFit, WalkingCost]:
         settings = {field.name: getattr(walk, field.name) for field in fields(walk)}
-        plan = walking_plan(self.scene.model, followed=SCREENED["followed"], **settings)
+        plan = walking_plan(self.scene.model, followed=ACCURATE, **settings)
         fit = fit_states(self.scene.model, plan, self.states)
         return plan, fit, _cost(self.scene, plan, fit)
 
