@@ -204,7 +204,7 @@ def walking_plan(
     `feet` names the left and right foot links, by default the two that carry the lowest contact points; `posture`
     (nj,) [rad] is held by the joints outside the legs and decides how the knees bend, by default the middle of the
     leg joints' ranges, 0 elsewhere; `followed`: by how much the centre of mass may miss its path [m]: with 1e-5 a plan
-    takes a quarter of the time.  Raises ValueError if the model has no two soles or a posture is out of reach.
+    takes half the time.  Raises ValueError if the model has no two soles or a posture is out of reach.
     """
     check_model(model)
     walk = Walk(**settings)
