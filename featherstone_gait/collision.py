@@ -45,14 +45,16 @@ class Meeting(NamedTuple):
     notes: tuple[str, ...]  # one sentence for each two links that overlap from the start
 
 
-def clearance(model: Model, q: ArrayLike) -> Clearance:
+def clearance(model: Model, q: ArrayLike, pairs: np.ndarray | None = None) -> Clearance:
     """Least signed distance of shapes that can meet, at positions q (nq,) or (n, nq) [rad, m].
+
+    pairs (pairs, 2): indices of the shapes that are looked at, by default all that `meeting_shapes` names.
 
     Raises ValueError where no two shapes can meet, and for meshes that cannot be read; ImportError for meshes without
     their reader.
     """
     check_model(model)
-    pairs = meeting_shapes(model).pairs
+    pairs = meeting_shapes(model).pairs if pairs is None else pairs
     if not len(pairs):
         raise ValueError(
             f"{model.name}: no two shapes that could meet, of {len(model.shapes)}; give links that are not neighbours "

@@ -19,16 +19,15 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from scipy.optimize import OptimizeResult
-from tqdm import tqdm
 
 from . import __version__
-from .arguments import one_of, whole
+from .arguments import one_of, real, whole
 from .build.scene import ServoKind, compile_scene
 from .build.tree import GRAVITY
 from .crosscheck import crosscheck as walk_elsewhere
@@ -43,11 +42,23 @@ from .run.simulate import streams
 from .search import minimize
 from .search.annealing import REMEDY as HISTORY_REMEDY
 from .view.animation import write_animation
+from .view.gait_page import write_gait_page
 from .walking.cost import Measures, WalkingCost
 from .walking.cost_in_worlds import MOST_WORLDS, CostInWorlds, in_worlds
 from .walking.gait import bounds, fit_gait, mirror_of
 from .walking.gait_file import ARRAYS, write_angles, write_goal_positions
+from .walking.limits import LIMITS, Watch
 from .walking.plan import BIOLOID_WALK, downward, walking_plan
+from .walking.worth import (
+    STANDBY,
+    UNSEEN,
+    Quality,
+    chosen,
+    plausible,
+    quality,
+    with_standby,
+    worth_elsewhere,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -58,11 +69,15 @@ N_POSES = 4  # the paper's four states
 AMPLITUDE = math.radians(1.0)  # of the search [rad]; see above
 MAX_MISS = 20
 BATCH = 16  # candidates evaluated at once where lanes cannot be at different times
-PERTURBED, PERTURBATION = 63, math.radians(1.0)  # gaits that tell how safe one is, and how far theirs are off [rad]
 NOT_CHECKED = "not run; whether the gait walks on other ground is not known (optimize --crosscheck)"
 WORLDS = 8  # that a candidate walks in
-UNSEEN, UNSEEN_SEED = 200, 10**6  # worlds that tell what a gait is worth elsewhere, and what they are drawn with
-UNSEEN_STRIDES = 20
+BASELINES: dict[str, dict[str, Any]] = {  # plans that what is found is compared with, by what they change of the walk
+    "plain plan": {},
+    "plan of 35 mm": {"step_length": 0.035},
+}
+BASELINE_WORLDS = 50  # of those that are not the first gait, which walks in all
+ALIKE = 0.05  # by how much speeds may differ that are called equal [-]
+SHOWN_IN = {"m": ("mm", 1e3), "rad": ("deg", math.degrees(1.0)), "-": ("%", 100.0)}  # units of limits in tables
 SHOWN = 12  # strides in the files and the animation
 
 
@@ -121,27 +136,6 @@ def optimize_gait(
     return result
 
 
-@dataclass(frozen=True)
-class Quality:
-    """A gait's measures, and how far they are to be trusted."""
-
-    measures: Measures
-    finer: Measures  # at a quarter of the step
-    safe: float  # share of the gaits with all angles off by up to 1 degree that walk as many strides
-
-    def as_dict(self) -> dict:
-        return self.measures.as_dict() | {"at_a_quarter_of_the_step": self.finer.as_dict(), "safe": self.safe}
-
-
-def quality(cost: WalkingCost, x: np.ndarray) -> Quality:
-    """Measure a gait vector, also at a quarter of the step and with its angles off."""
-    fine = cost.scene.recompiled(timestep=0.25 * cost.scene.timestep)
-    off = np.random.Generator(np.random.PCG64(0)).uniform(-PERTURBATION, PERTURBATION, (PERTURBED, len(x)))
-    measures, *others = cost.measure([x, *(x + off)])
-    safe = sum(other.status == "ok" for other in others) / PERTURBED
-    return Quality(measures, replace(cost, scene=fine).measure([x])[0], safe)
-
-
 def main_job(
     robot: FilePath = "humanoid",
     *,
@@ -156,6 +150,8 @@ def main_job(
     worlds: int = WORLDS,
     unseen: int = UNSEEN,
     crosscheck: int = 0,
+    electronics: float | None = None,
+    holding: float | None = None,
 ) -> dict:
     """Optimise a robot's gait and write all files into the folder `out`; return what the JSON file holds.
 
@@ -168,6 +164,10 @@ def main_job(
     (`walking.in_worlds`), 0 for the paper's search, on one floor; `unseen`: how many others tell what both gaits are
     worth elsewhere.  `crosscheck`: in how many processes the gait that was found is walked on the floors of
     `featherstone_gait.crosscheck` in MuJoCo, 0 for not at all.
+
+    In worlds a gait pays for what a real robot asks for and it lacks (`walking.limits`), and of the best candidates
+    that is taken which does best in 16 more (`walking.worth.chosen`).  `electronics`, `holding`: what the electronics
+    of all servos take, and what the locked ones take to hold still [W]; told beside the energy of the motors.
 
     KeyboardInterrupt ends the search, and the files hold what was found.
     A process that is killed leaves the history, from which it resumes to the same files; they appear only when all of
@@ -190,10 +190,14 @@ def main_job(
     if history.exists():
         with _alone_with(history):  # rather said now than after the first gait
             pass
+    for name, power in (("electronics", electronics), ("holding", holding)):
+        if power is not None:
+            real(name, power, 0.0, 1e6, "it is a power [W]")
     cost = walking_cost(model, servos, states=states or _states_of(model))
     x0 = cost.gait.to_vector()
     first = cost.measure([x0])[0]
-    searched = in_worlds(cost, worlds) if worlds else cost
+    watch = Watch(model, cost.start[0])
+    searched = in_worlds(cost, worlds, watch=watch) if worlds else cost
     first_cost, status = searched(x0)
     _check_history(history, first_cost)
     if progress:
@@ -208,9 +212,15 @@ def main_job(
     if not np.isfinite(result.fun):
         why = status if first.status == "ok" else first.status
         raise ValueError(f"{model.name}: none of {result.nit + 1} gaits walked; the first: {why}")
+    choice: list[dict[str, Any]] = []
+    if worlds and result.nit:
+        result.x, choice = chosen(cost, watch, result.history, progress=progress)
     before, after = (quality(cost, x) for x in (x0, result.x))
     elsewhere = worth_elsewhere(cost, [x0, result.x], unseen, progress) if unseen else None
     checked = _crosschecked(cost, result.x, robot, servo, stem, crosscheck, progress) if crosscheck else None
+    baselines = _baselines(cost, min(unseen, BASELINE_WORLDS), progress)
+    if elsewhere:
+        baselines[0]["elsewhere"] = elsewhere[0]
     with _alone_with(history), _appearing_together(stem) as folder:
         files = write_results(folder / stem.name, cost, result)
         report = {
@@ -222,12 +232,21 @@ def main_job(
             "settings": {"servo": str(servo or _servo_name(own))} | _settings(cost, iterations, seed, worlds),
             "search": {
                 "candidates": result.nit, "message": result.message, "first": _number(first_cost), "best": result.fun,
+                "chosen_among": choice,
             },
             "before": before.as_dict(),
             "after": after.as_dict(),
             "elsewhere": elsewhere and dict(zip(("before", "after"), elsewhere)),
             **({} if servo is None else {"with_own_servos": _with_own_servos(own, cost)}),
             "crosscheck": checked,
+            "crosscheck_floors": _floors(stem) if checked else [],
+            "plausible": {
+                "before": plausible(cost, x0, watch), "after": plausible(cost, result.x, watch),
+                "servo": _servo_told(model), "not_watched": watch.close(),
+            },
+            "standby": _standby(own, electronics, holding, before, after),
+            "baselines": baselines,
+            "at_equal_speed": _at_equal_speed(cost, result, baselines),
             # What differs from run to run:
             "evaluations": {"begun": result.nfev, "wasted": result.wasted, "lane_occupancy": _number(result.occupancy)},
             "seconds": {"search": searching, "all": time.perf_counter() - began},
@@ -237,6 +256,7 @@ def main_job(
         }
         text = json.dumps(report, indent=2)
         files["report"].write_text(text, encoding="utf-8")
+        write_gait_page(files["page"], report, np.load(files["arrays"])["costs"])
     if progress:
         print(summary(report))
     return json.loads(text)
@@ -250,29 +270,72 @@ def _states_of(model: Model) -> States:
     return "step"
 
 
-def worth_elsewhere(
-    cost: WalkingCost, vectors: Sequence[np.ndarray], count: int = UNSEEN, progress: bool = False
-) -> list[dict[str, Any]]:
-    """What each gait vector does in worlds that no search has seen, over 20 strides, at a quarter of the step.
+def _baselines(cost: WalkingCost, unseen: int, progress: bool) -> list[dict[str, Any]]:
+    """Each of `BASELINES`, measured as the gait that is found; of one that cannot be planned or falls the reason."""
+    scene, found = cost.scene, []
+    for name, walk in BASELINES.items():
+        row: dict[str, Any] = {"name": name, "walk": walk, "status": "ok", "elsewhere": None}
+        try:
+            assert scene.servos is not None
+            states: States = "stride" if cost.gait.mirror is None else "step"
+            plan = cost
+            if walk:
+                plan = walking_cost(scene.model, scene.servos, scene.ground, scene.gravity, states, **walk)
+        except ValueError as error:
+            found.append(row | {"status": str(error)})
+            continue
+        x = plan.gait.to_vector()
+        row |= plan.measure([x])[0].as_dict()
+        if walk and unseen and row["status"] == "ok":  # of the first one it is known
+            (row["elsewhere"],) = worth_elsewhere(plan, [x], unseen, progress)
+        found.append(row)
+    return found
 
-    Of each a dict: "walks", the share of the worlds in which it gets through; "cost" [J/m] and "speed" [m/s], their
-    5th, 50th and 95th percentile where it walks; "sideways", the largest drift over the way [-].  None: it walks
-    nowhere.
+
+def _at_equal_speed(cost: WalkingCost, result: OptimizeResult, baselines: Sequence[dict]) -> list[dict[str, Any]]:
+    """Of each baseline that walks the cheapest gait as fast as it, among those on the search's way.
+
+    All have one period, so that equal speeds are equal steps.  The way was not looked for at that speed: what is gained
+    there is at least what is told.
     """
-    longer = replace(cost, strides=UNSEEN_STRIDES)
-    others = in_worlds(longer, count, UNSEEN_SEED, timestep=0.25 * cost.scene.timestep)
-    bar = tqdm(vectors, desc=f"{count} other worlds", unit="gait", disable=not progress)
-    return [_spread_of(others.measure([x])[0]) | {"worlds": count, "strides": UNSEEN_STRIDES} for x in bar]
+    costs = np.where(np.isfinite(result.history["f"]), result.history["f"], np.inf)
+    improving = np.flatnonzero(costs < np.minimum.accumulate(np.concatenate([[np.inf], costs[:-1]])))
+    way = cost.measure(result.history["x"][improving]) if len(improving) else []
+    found = []
+    for row in baselines:
+        if row["status"] == "ok":
+            alike = [one for one in way if one.status == "ok" and abs(one.speed / row["speed"] - 1.0) <= ALIKE]
+            best = min(alike, key=lambda one: one.cost, default=None)
+            found.append({
+                "baseline": row["name"], "cost": row["cost"], "speed": row["speed"],
+                "found": None if best is None else best.as_dict(),
+                "gain": None if best is None else 1.0 - best.cost / row["cost"],
+            })  # fmt: skip
+    return found
 
 
-def _spread_of(measures: Sequence[Measures]) -> dict[str, Any]:
-    walks = [one for one in measures if one.status == "ok"]
-    told: dict[str, Any] = {"walks": len(walks) / len(measures), "cost": None, "speed": None, "sideways": None}
-    if walks:
-        for name in ("cost", "speed"):
-            told[name] = np.percentile([getattr(one, name) for one in walks], (5, 50, 95)).tolist()
-        told["sideways"] = max(abs(one.sideways / one.distance) for one in walks)
-    return told
+def _standby(
+    own: Model, electronics: float | None, holding: float | None, before: Quality, after: Quality
+) -> dict[str, Any]:
+    """What is drawn all the time [W], and energy per distance with it [J/m]: what each adds to those before it.
+
+    By default the electronics of each servo take `STANDBY` amperes, and locked servos no more than that.
+    """
+    moving = {joint.name for joint in own.moving_joints}
+    watts = {"walking": 0.0, "locked": 0.0}
+    for name, servo in own.servos.items():
+        if servo.voltage_limit < math.inf:
+            watts["walking" if name in moving else "locked"] += STANDBY * servo.voltage_limit
+    if electronics is not None:
+        share = sum(name in moving for name in own.servos) / max(len(own.servos), 1)
+        watts = {"walking": share * electronics, "locked": (1.0 - share) * electronics}
+    watts = {
+        "electronics of the servos that walk": watts["walking"],
+        "electronics of the locked servos": watts["locked"],
+        "locked servos that hold": holding or 0.0,
+    }
+    sides = {name: with_standby(one.measures.as_dict(), watts) for name, one in (("before", before), ("after", after))}
+    return {"watts": watts, "assumed": electronics is None} | sides
 
 
 def _servo_name(model: Model) -> str:
@@ -306,6 +369,29 @@ def _crosschecked(
         return f"not run: {error}"
     except KeyboardInterrupt:
         return "interrupted; featherstone-gait crosscheck goes on with it"
+
+
+def _floors(stem: Path) -> list[dict[str, Any]]:
+    """Of each floor of the crosscheck J/m in MuJoCo and here, None where the gait falls."""
+    path = crosscheck_files(stem.with_name(stem.name + "_crosscheck"))[0]
+    rows = parse_json(path.read_bytes(), str(path), "delete it")["floors"] if path.exists() else []
+    return [
+        {"floor": row["floor"], "soles": row["soles"]} | {side: row[side]["cost"] for side in ("mujoco", "own")}
+        for row in rows
+    ]
+
+
+def _servo_told(model: Model) -> str:
+    """What the servo can take, in words."""
+    servo = next((servo for servo in model.servos.values() if servo.voltage_limit < math.inf), None)
+    if servo is None:
+        return ""
+    limit = f", and lets no more than {servo.current_limit:g} A pass" if servo.current_limit < math.inf else ""
+    return (
+        f"This servo stalls at {servo.voltage_limit / servo.resistance:.2f} A from {servo.voltage_limit:g} V{limit}; "
+        "a real AX-12 at 1.5 A from 12 V (its manual), which is for moments: the manual calls motions stable up to a "
+        "fifth of the stall torque."
+    )
 
 
 def _crosscheck_files(stem: Path) -> dict[str, str]:
@@ -367,7 +453,8 @@ def write_results(stem: Path, cost: WalkingCost, result: OptimizeResult) -> dict
     """Write arrays, plots, animation and the motion for the real robot; return the files by kind, with the report's."""
     endings = {
         "report": ".json", "arrays": ".npz", "convergence": "_convergence.png", "angles_plot": "_angles.png",
-        "animation": "_animation.html", "angles": "_angles.csv", "goal_positions": "_goal_positions.csv",
+        "page": "_report.html", "animation": "_animation.html", "angles": "_angles.csv",
+        "goal_positions": "_goal_positions.csv",
     }  # fmt: skip
     files = {kind: stem.with_name(stem.name + ending) for kind, ending in endings.items()}
     first, names = cost.gait.to_vector(), cost.gait.joint_names
@@ -433,6 +520,8 @@ def summary(report: dict) -> str:
         change = f"{100.0 * (b / a - 1.0):+.0f} %" if a > 0.0 and b > 0.0 and unit != "%" else ""
         cells = ["fails" if math.isnan(x) else f"{x:.{digits}f}" for x in (a, b)]
         lines.append(f"{name:30} {cells[0]:>10} {cells[1]:>10} {change:>8} {unit}".rstrip())
+    lines += _limits_told(report["plausible"])
+    lines += _gains_told(report)
     work, lanes = report["evaluations"], report["evaluations"]["lane_occupancy"]
     lines += [
         f"{search['candidates']} candidates in {report['seconds']['search']:.1f} s, all in "
@@ -443,6 +532,43 @@ def summary(report: dict) -> str:
         *(f"{kind:16} {path}" for kind, path in report["files"].items()),
     ]
     return "\n".join(lines)
+
+
+def _limits_told(plausible: dict) -> list[str]:
+    """What a real robot asks for, on the robot's own floor: a line a limit."""
+    sides = [{one["name"]: one for one in plausible[side]["limits"] or []} for side in ("before", "after")]
+    lines = []
+    for limit in LIMITS:
+        unit, scale = SHOWN_IN[limit.unit]
+        cells, where = [], ""
+        for side in sides:
+            one = side.get(limit.name)
+            known = one is not None and one["value"] is not None
+            cells.append(f"{scale * one['value']:.1f}{'' if one['kept'] else '!'}" if one and known else "none")
+            if one and known and one["time"] is not None:
+                where = f"; {one['where']} at {one['time']:.2f} s"
+        if any(side for side in sides):
+            bound = f"{'at most' if limit.most else 'at least'} {scale * limit.bound:g} {unit}{where}"
+            lines.append(f"{limit.what:30} {cells[0]:>10} {cells[1]:>10}          {bound}")
+    return lines
+
+
+def _gains_told(report: dict) -> list[str]:
+    """With what is drawn all the time, and at equal speed."""
+    standby = report["standby"]
+    lines = []
+    for name in standby["watts"]:
+        a, b = standby["before"][name], standby["after"][name]
+        if a is not None and b is not None and standby["watts"][name]:
+            watts = f"J/m with {standby['watts'][name]:.1f} W{' (assumed)' if standby['assumed'] else ''}"
+            lines.append(f"{'+ ' + name:35}{a:6.1f} {b:10.1f} {100.0 * (b / a - 1.0):+6.0f} % {watts}")
+    for row in report["at_equal_speed"]:
+        what = f"as fast as the {row['baseline']} ({1e3 * row['speed']:.0f} mm/s, {row['cost']:.1f} J/m)"
+        if row["found"] is None:
+            lines.append(f"{what}: no gait on the search's way")
+        else:
+            lines.append(f"{what}: {row['found']['cost']:.1f} J/m, {-100.0 * row['gain']:+.0f} %")
+    return lines
 
 
 def _described(measures: Measures) -> str:
@@ -457,6 +583,7 @@ def _settings(cost: WalkingCost, iterations: int, seed: int, worlds: int) -> dic
         "servos": scene.servos, "integrator": scene.integrator, "timestep": scene.timestep,
         "ground": scene.ground and asdict(scene.ground), "iterations": iterations, "seed": seed, "max_miss": MAX_MISS,
         "worlds": worlds,
+        "limits": {one.name: one.bound for one in LIMITS} if worlds else None,
         "states": "stride" if cost.gait.mirror is None else "step",
         "amplitude_deg": math.degrees(AMPLITUDE), "period": cost.gait.period, "poses": len(cost.gait.poses),
         "warm_up_strides": cost.warm_up, "measured_strides": cost.strides, "start_of_measurement": cost.mark,

@@ -15,7 +15,8 @@ def add(commands: Commands) -> None:
         "optimize",
         run,
         "plan a biped's walk and search for a gait that takes less energy per distance; Ctrl-C keeps the best so far",
-        "ROBOT_gait.json (measures before and after), .npz (arrays), _animation.html, _convergence.png, _angles.png, "
+        "ROBOT_gait.json (measures before and after), _report.html (the same as a page), .npz (arrays), "
+        "_animation.html, _convergence.png, _angles.png, "
         "_angles.csv [deg], _goal_positions.csv (AX-12, every 40 ms), _history.jsonl and with --crosscheck "
         "_crosscheck.json and .csv",
         examples=(
@@ -39,6 +40,10 @@ def add(commands: Commands) -> None:
     what = "the paper's search on one floor, with the states of a stride: as --worlds 0 --states stride"
     parser.add_argument("--nominal", action="store_true", help=what)
     parser.add_argument("--unseen", type=int, metavar="N", help="other worlds to try both gaits in (default: 200)")
+    what = "the electronics of all servos (default: 0.05 A a servo, assumed)"
+    parser.add_argument("--electronics", type=float, metavar="W", help=f"power of {what}; told beside the motors'")
+    what = "power that the locked servos take to hold still; told beside the motors' (default: 0)"
+    parser.add_argument("--holding", type=float, metavar="W", help=what)
     parser.add_argument("--resume", action="store_true", help="go on from the history in the folder")
     parser.add_argument("--crosscheck", action="store_true", help="also walk the gait in MuJoCo, on twelve floors")
 
@@ -61,5 +66,7 @@ def run(args: Namespace) -> int:
             worlds=0 if args.nominal else WORLDS if args.worlds is None else args.worlds,
             unseen=UNSEEN if args.unseen is None else args.unseen,
             crosscheck=2 if args.crosscheck else 0,
+            electronics=args.electronics,
+            holding=args.holding,
         )
     return 0

@@ -21,7 +21,7 @@ import threading
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,8 +32,10 @@ from ..reference import Reference
 from ..run.simulate import simulate_batch, simulate_stream, standing_state
 from ..trajectory import Trajectory
 from ..worlds import Worlds
-from .cost import SAMPLE, Measures, WalkingCost, measured
+from . import limits
+from .cost import Measures, WalkingCost, measured
 from .gait import TICK, Gait
+from .limits import Watch
 
 if TYPE_CHECKING:
     from ..search.speculation import Candidate, Speculation
@@ -58,6 +60,8 @@ class CostInWorlds:
     scenes: Sequence[CompiledScene]  # that differ in numbers alone
     offsets: np.ndarray  # (scenes, nj) by which the robot stands elsewhere at the start [rad]
     penalty: float = PENALTY  # of what the worst is above the mean
+    watch: Watch | None = None  # what a real robot asks for: a gait pays for what it lacks
+    strict: bool = False  # whether a run whose speeds ring counts as a fall
 
     def __post_init__(self) -> None:
         instance("cost", self.cost, WalkingCost, "give a WalkingCost")
@@ -87,16 +91,24 @@ class CostInWorlds:
 
     def costs(self, vectors: Iterable[ArrayLike]) -> list[tuple[float, str]]:
         """Cost [J/m] and status of many vectors."""
-        return [self._told(measures) for measures in self.measure(vectors)]
+        signals = self._signals(vectors)
+        worlds = self._walked(signals)
+        return [self._told(signal, found) for signal, found in zip(signals, worlds)]
 
     def measure(self, vectors: Iterable[ArrayLike]) -> list[list[Measures]]:
         """What each gait does in each world."""
+        return [[one.measures for one in found] for found in self._walked(self._signals(vectors))]
+
+    def _signals(self, vectors: Iterable[ArrayLike]) -> list[Reference]:
+        return [self.cost.reference(x, self.cost.warm_up + self.cost.strides) for x in vectors]
+
+    def _walked(self, signals: Sequence[Reference]) -> list[list[_Walk]]:
+        """How each goes in each world."""
         cost, n = self.cost, len(self.scenes)
-        signals = [cost.reference(x, cost.warm_up + cost.strides) for x in vectors]
         states = [self._standing(signal.values[0], k) for signal in signals for k in range(n)]
         runs = simulate_batch(
             [*self.scenes] * len(signals), cost.end, states, [signal for signal in signals for _ in range(n)],
-            record=RECORD, sample=SAMPLE, estimate_error=False,
+            record=self._record, sample=TICK, estimate_error=False,
         )  # fmt: skip
         found = [self._measured(run, k % n) for k, run in enumerate(runs)]
         return [found[first : first + n] for first in range(0, len(found), n)]
@@ -114,24 +126,54 @@ class CostInWorlds:
         def end(run: Trajectory) -> Trajectory:
             return run
 
-        return simulate_stream(self.scenes, self.cost.end, runs, begin, end, record=RECORD, sample=TICK)
+        return simulate_stream(self.scenes, self.cost.end, runs, begin, end, record=self._record, sample=TICK)
 
     def _standing(self, angles: np.ndarray, k: int) -> np.ndarray:
         return standing_state(self.scenes[k], angles + self.offsets[k], beyond_limits=True)
 
-    def _measured(self, run: Trajectory, k: int) -> Measures:
-        """A robot whose speeds ring on a stiff floor has not fallen; what it costs there a finer step has to say."""
-        cost = self.cost
-        if run.status == "chatter":
-            run = dataclasses.replace(run, status="ok", message="")
-        return measured(self.scenes[k], run, cost.mark, cost.end, cost.strides, slip=False)
+    @property
+    def _record(self) -> tuple[str, ...]:
+        return RECORD if self.watch is None else limits.RECORD
 
-    def _told(self, measures: Sequence[Measures]) -> tuple[float, str]:
-        costs = [one.cost for one in measures]
+    def _measured(self, run: Trajectory, k: int) -> _Walk:
+        """A robot whose speeds ring on a stiff floor has not fallen; what it costs there a finer step has to say."""
+        cost, scene = self.cost, self.scenes[k]
+        if run.status == "chatter" and not self.strict:
+            run = dataclasses.replace(run, status="ok", message="")
+        measures = measured(scene, run, cost.mark, cost.end, cost.strides, slip=False)
+        if self.watch is None or not math.isfinite(measures.cost):
+            return _Walk(measures, {})
+        first, last = np.searchsorted(run["time"], [cost.mark - 1e-9, cost.end - 1e-9])
+        return _Walk(measures, self.watch.excesses(scene, run, slice(first, last + 1)))
+
+    def verified(self, x: ArrayLike) -> tuple[float, float]:
+        """In what share of the worlds a gait walks, and its cost in these as a search is told it [J/m]."""
+        (signal,) = self._signals([x])
+        (walks,) = self._walked([signal])
+        through = [one for one in walks if math.isfinite(one.measures.cost)]
+        return len(through) / len(walks), self._told(signal, through)[0] if through else math.inf
+
+    def _told(self, signal: Reference, walks: Sequence[_Walk]) -> tuple[float, str]:
+        costs = [one.measures.cost for one in walks]
         if not all(map(math.isfinite, costs)):
             return math.inf, NOT_EVERYWHERE
         mean = math.fsum(costs) / len(costs)
-        return mean + self.penalty * (max(costs) - mean), "ok"
+        worst = mean + self.penalty * (max(costs) - mean)
+        if self.watch is None:
+            return worst, "ok"
+        drift = math.fsum(one.measures.sideways / one.measures.distance for one in walks) / len(walks)
+        return worst * limits.paid([one.excess for one in walks], drift, self.watch.planned(self._stride(signal))), "ok"
+
+    def _stride(self, signal: Reference) -> np.ndarray:
+        """The last stride that the servos are sent (n, nj) [rad]."""
+        return signal.values[-1 - round(self.gait.period / TICK) :]
+
+
+class _Walk(NamedTuple):
+    """How a gait goes in a world."""
+
+    measures: Measures
+    excess: dict[str, float]  # by the limit's name, see `limits`; of a gait that does not walk none
 
 
 class _Evaluation:
@@ -140,7 +182,7 @@ class _Evaluation:
     def __init__(self, candidate: Candidate, cost: CostInWorlds) -> None:
         self.candidate = candidate
         self.signal = cost.cost.reference(candidate.x, cost.cost.warm_up + cost.cost.strides)
-        self.measures: list[Measures | None] = [None] * len(cost.scenes)
+        self.walks: list[_Walk | None] = [None] * len(cost.scenes)
         self.failed = False
 
 
@@ -171,15 +213,15 @@ class _WorldByWorld:
 
     def give(self, key: tuple[_Evaluation, int], run: Trajectory) -> None:
         evaluation, k = key
-        measures = self._cost._measured(run, k)
+        walk = self._cost._measured(run, k)
         with self._lock:
             told = evaluation.failed
-            evaluation.measures[k] = measures
-            evaluation.failed = told or not math.isfinite(measures.cost)
-            done = [one for one in evaluation.measures if one is not None]
+            evaluation.walks[k] = walk
+            evaluation.failed = told or not math.isfinite(walk.measures.cost)
+            done = [one for one in evaluation.walks if one is not None]
         if told or (len(done) < len(self._cost.scenes) and not evaluation.failed):
             return
-        self._candidates.give(evaluation.candidate, self._cost._told(done))
+        self._candidates.give(evaluation.candidate, self._cost._told(evaluation.signal, done))
 
     def close(self) -> None:
         self._candidates.close()
@@ -192,16 +234,18 @@ def in_worlds(
     *,
     penalty: float = PENALTY,
     timestep: float | None = None,
+    watch: Watch | None = None,
 ) -> CostInWorlds:
     """The cost in worlds drawn so that each number is spread evenly over its range (a Latin hypercube).
 
-    timestep [s]: another than that of the cost's scene.  On floors that sink by less than 0.1 mm the midpoint rule
+    timestep [s]: another than that of the cost's scene, at which a run whose speeds ring counts as a fall; watch: adds
+    what a real robot asks for (see `limits`).  On floors that sink by less than 0.1 mm the midpoint rule
     rings at 1 ms, which is not held against a gait: of three gaits in 128 worlds it finds 61 of the 70 falls that there
     are at a quarter of the step; implicit Euler, which damps the ringing, 47.
     """
     scene = cost.scene if timestep is None else cost.scene.recompiled(timestep=timestep)
     worlds, offsets = variations(scene, count, seed)
-    return CostInWorlds(cost, worlds.scenes(scene), offsets, penalty)
+    return CostInWorlds(cost, worlds.scenes(scene), offsets, penalty, watch, strict=timestep is not None)
 
 
 def variations(scene: CompiledScene, count: int, seed: int = 0) -> tuple[Worlds, np.ndarray]:

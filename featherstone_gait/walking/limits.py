@@ -1,0 +1,279 @@
+"""What a real robot asks of a gait beside being cheap: by how much a run keeps to it, and where it is worst.
+
+    swing    the lowest point of a foot over the ground, while the foot goes faster than half of its largest speed [m]
+    tilt     a sole against the ground, while it bears more than a tenth of the robot's weight [rad]
+    apart    links of different limbs that could meet [m]
+    torque   of a joint, over the stall torque of its servo at its supply
+    line     R I + k v over the supply: the voltage that current and speed take; 1 is the servo's torque-speed line
+    drift    sideways over forwards
+
+The first five are quantities over time, told with joint or foot and moment; drift is of a whole run, and of several
+worlds the mean with its sign, for a gait whose legs mirror each other drifts to either side alike.  Only `apart` can be
+read off what the servos are sent, before anything is simulated.  The others cannot: a servo of the AX-12's stiffness
+gives way by 2 degrees under 0.5 N m and follows 20 ms late, so that of 25 mm of planned lift 5 are left.
+
+A search pays for what passes a limit: its cost is multiplied by 1 + sum of weight times excess, the excess being the
+mean over time and worlds of what is beyond the limit, in shares of `scale` (of a joint's quantity summed over the
+joints).  Means, since a largest value is that of one moment on one floor and differs from one candidate to the next by
+more than what a step saves.  A search keeps to limits that are stricter by `margin`.
+
+The ground is level, at height 0.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..arguments import instance
+from ..build.scene import CompiledScene
+from ..collision import clearance, meeting_shapes, shape_distances
+from ..dynamics import contact_positions_at, forward_kinematics
+from ..fixed_order import total
+from ..model import TORQUE_LAWS, Model, Servo
+from ..servo_curve import torque_speed
+from ..trajectory import Trajectory
+
+RECORD = ("base_q", "q", "qd", "torque", "current", "contact_force", "energy")
+FAST = 0.5  # of its largest speed: a foot that swings
+BEARS = 0.1  # of the robot's weight: a foot that stands
+
+
+class Limit(NamedTuple):
+    """A bound, and what a search pays for passing it."""
+
+    name: str
+    what: str
+    unit: str
+    bound: float  # [SI]
+    most: bool  # whether it is the largest value that counts, not the least
+    margin: float  # by which a search keeps away from the bound
+    scale: float  # of the excess
+    weight: float
+
+
+LIMITS = (
+    Limit("swing", "fast foot over the ground", "m", 5e-3, False, 2e-3, 5e-3, 2.0),
+    Limit("tilt", "loaded sole against the ground", "rad", math.radians(5.0), True, math.radians(1.0),
+          math.radians(5.0), 4.0),
+    Limit("apart", "links apart", "m", 5e-3, False, 2e-3, 5e-3, 1.0),
+    Limit("torque", "torque over stall torque", "-", 0.8, True, 0.05, 0.2, 1.0),
+    Limit("line", "voltage taken over supply", "-", 0.8, True, 0.05, 0.2, 1.0),
+    Limit("drift", "sideways over forwards", "-", 0.02, True, 0.0, 0.02, 0.02),
+)  # fmt: skip
+BY_NAME = {limit.name: limit for limit in LIMITS}
+
+
+class Worst(NamedTuple):
+    """The worst value of a quantity, and where."""
+
+    name: str
+    value: float  # nan where there is none
+    where: str  # joint, foot or links
+    time: float  # [s]; nan of a whole run
+    share: float  # of the samples that count: how many pass the bound
+
+    @property
+    def kept(self) -> bool:
+        """Whether it keeps to the bound; what does not occur does."""
+        limit = BY_NAME[self.name]
+        return not (self.value > limit.bound if limit.most else self.value < limit.bound)
+
+    def as_dict(self) -> dict:
+        """For JSON."""
+        limit = BY_NAME[self.name]
+        named = self._asdict() | {key: getattr(limit, key) for key in ("what", "unit", "bound", "most")}
+        named["kept"] = self.kept
+        return {key: None if isinstance(x, float) and math.isnan(x) else x for key, x in named.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """A quantity over time."""
+
+    values: np.ndarray  # (n, parts); nan where it does not count
+    parts: Sequence[str]  # (parts,) or (n,) of a quantity that is of one part at a time
+
+    def worst(self, name: str, times: np.ndarray) -> Worst:
+        """The worst value, at times (n,) [s]."""
+        limit, values = BY_NAME[name], self.values
+        counts = ~np.isnan(values)
+        if not counts.any():
+            return Worst(name, math.nan, "", math.nan, 0.0)
+        signed = np.where(counts, values if limit.most else -values, -np.inf)
+        row, part = np.unravel_index(signed.argmax(), values.shape)
+        where = self.parts[int(part) if len(self.parts) == values.shape[1] else int(row)]
+        beyond = signed > (limit.bound if limit.most else -limit.bound)
+        return Worst(name, float(values[row, part]), where, float(times[row]), float(beyond.sum() / counts.sum()))
+
+    def excess(self, limit: Limit) -> float:
+        """Mean over time of what is beyond the bound and its margin, summed over the parts, in shares of the scale."""
+        sign = 1.0 if limit.most else -1.0
+        beyond = sign * (self.values - limit.bound) + limit.margin
+        counts = ~np.isnan(beyond)
+        return math.fsum(beyond[counts & (beyond > 0.0)].tolist()) / (limit.scale * len(beyond))
+
+
+@dataclass(frozen=True, eq=False)
+class Feet:
+    """Links with contact points, and how their soles lie in them."""
+
+    names: tuple[str, ...]
+    rows: np.ndarray  # (feet,) of `model.links`
+    points: np.ndarray  # (points,) which foot a contact point is of
+    normals: np.ndarray  # (feet, 3) of the soles, link axes
+
+    @classmethod
+    def of(cls, model: Model, standing: np.ndarray) -> Feet:
+        """Of a robot whose soles are level in a posture (nj,) with its base upright [rad]."""
+        names = tuple(dict.fromkeys(contact.link for contact in model.contacts))
+        links = [link.name for link in model.links]
+        rows = np.array([links.index(name) for name in names])
+        base = np.zeros(7 if model.base == "floating" else 0)
+        base[3:4] = 1.0
+        rotation = forward_kinematics(model, np.concatenate([base, standing])).rotation[rows]
+        points = np.array([names.index(contact.link) for contact in model.contacts])
+        return cls(names, rows, points, rotation[:, 2, :])
+
+
+class Watch:
+    """Measures the quantities of runs of one robot, with `RECORD`, in scenes that differ in numbers alone.
+
+    standing (nj,) [rad]: the posture that the walk begins with, base upright and soles level.
+    """
+
+    def __init__(self, model: Model, standing: np.ndarray) -> None:
+        instance("model", model, Model, "give what load_robot returns")
+        self.model = model
+        self.standing = np.asarray(standing, dtype=float)
+        self.feet = Feet.of(model, self.standing)
+        self.pairs = self._pairs()
+
+    def _pairs(self) -> np.ndarray:
+        """Pairs of shapes of different limbs, those of `close` left out."""
+        pairs = self._of_limbs()
+        limit = BY_NAME["apart"]
+        return pairs[shape_distances(self.model, self._upright, pairs) >= limit.bound + limit.margin]
+
+    def close(self) -> list[tuple[str, str]]:
+        """Links of different limbs that are not watched: they are too close where the walk begins already."""
+        watched = {tuple(pair) for pair in self.pairs.tolist()}
+        links = [shape.link for shape in self.model.shapes]
+        left = (pair for pair in self._of_limbs().tolist() if tuple(pair) not in watched)
+        return [*dict.fromkeys((links[a], links[b]) for a, b in left)]
+
+    def _of_limbs(self) -> np.ndarray:
+        """Pairs of shapes on different branches: on one, the limits of the joints between keep links apart."""
+        shapes, above = self.model.shapes, _above(self.model)
+        pairs = [
+            (a, b)
+            for a, b in meeting_shapes(self.model).pairs.tolist()
+            if shapes[a].link not in above[shapes[b].link] and shapes[b].link not in above[shapes[a].link]
+        ]
+        return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+    @property
+    def _upright(self) -> np.ndarray:
+        return np.concatenate([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], self.standing])
+
+    def quantities(self, scene: CompiledScene, run: Trajectory, window: slice) -> dict[str, Quantity]:
+        """Those that a run shows in a window of its samples, but for `apart`."""
+        return self.of_feet(scene, run, window) | of_servos(scene, run, window)
+
+    def excesses(self, scene: CompiledScene, run: Trajectory, window: slice) -> dict[str, float]:
+        """What a search is told of a run, by name."""
+        found = self.quantities(scene, run, window)
+        return {name: quantity.excess(BY_NAME[name]) for name, quantity in found.items()}
+
+    def planned(self, stride: np.ndarray) -> float:
+        """The excess of `apart` of the postures (n, nj) that the servos are sent [rad]."""
+        return self.apart(stride).excess(BY_NAME["apart"])
+
+    def of_feet(self, scene: CompiledScene, run: Trajectory, window: slice) -> dict[str, Quantity]:
+        """swing and tilt."""
+        model, feet = self.model, self.feet
+        poses = forward_kinematics(model, np.hstack([run["base_q"], run["q"]])[window])
+        points = contact_positions_at(model, poses)
+        force = run["contact_force"][window, :, 0]
+        weight = scene.model.mass * math.hypot(*scene.gravity)
+        up = poses.rotation[:, feet.rows, 2, :]
+        cosine = up[..., 0] * feet.normals[:, 0] + up[..., 1] * feet.normals[:, 1] + up[..., 2] * feet.normals[:, 2]
+        tilt = np.sqrt(2.0 * np.maximum(1.0 - cosine, 0.0))  # 2 sin(angle / 2), with the same bits everywhere
+        height = np.empty(cosine.shape)
+        for foot in range(len(feet.names)):
+            own = np.flatnonzero(feet.points == foot)
+            lowest = points[:, own, 2].min(axis=1)
+            u, v = np.gradient(total(points[:, own, :2], axis=1), axis=0).T
+            speed = u * u + v * v
+            height[:, foot] = np.where(speed > FAST * FAST * speed.max(), lowest, np.nan)
+            borne = sum(force[:, k] for k in own)
+            tilt[:, foot] = np.where(borne > BEARS * weight, tilt[:, foot], np.nan)
+        return {"swing": Quantity(height, feet.names), "tilt": Quantity(tilt, feet.names)}
+
+    def apart(self, q: np.ndarray) -> Quantity:
+        """Of postures (n, nj) [rad] how far links are apart."""
+        if not len(self.pairs):
+            return Quantity(np.full((len(q), 1), np.nan), ("",))
+        base = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (len(q), 1))
+        found = clearance(self.model, np.hstack([base, q]), self.pairs)
+        names = [" and ".join(self.model.shapes[k].link for k in pair) for pair in found.shapes]
+        return Quantity(found.distance[:, None], names)
+
+    def worst(self, scene: CompiledScene, run: Trajectory, window: slice) -> list[Worst]:
+        """The worst of each quantity in a window of a run, in the order of `LIMITS`."""
+        found = self.quantities(scene, run, window) | {"apart": self.apart(run["q"][window])}
+        times, base = run["time"][window], run["base_q"][window]
+        ahead, sideways = (base[-1] - base[0])[:2].tolist()
+        drift = Worst("drift", abs(sideways / ahead), "", math.nan, 0.0)
+        return [found[one.name].worst(one.name, times) if one.name in found else drift
+                for one in LIMITS if one.name in found or one.name == "drift"]  # fmt: skip
+
+
+def _above(model: Model) -> dict[str, set[str]]:
+    """Of each link those between it and the root."""
+    parents = {joint.child: joint.parent for joint in model.joints}
+    above: dict[str, set[str]] = {}
+    for link in model.links:
+        found, name = set(), link.name
+        while name in parents:
+            name = parents[name]
+            found.add(name)
+        above[link.name] = found
+    return above
+
+
+def of_servos(scene: CompiledScene, run: Trajectory, window: slice) -> dict[str, Quantity]:
+    """torque and line, of the servos that drive motors; nothing without any."""
+    model = scene.model
+    driven = [k for k, name in enumerate(model.joint_names) if name in model.servos]
+    servos = [model.servos[model.joint_names[k]] for k in driven]
+    if not scene.servos or not servos or any(servo.controller.law in TORQUE_LAWS for servo in servos):
+        return {}
+    names = [model.joint_names[k] for k in driven]
+    stall = np.array([_stall_torque(servo) for servo in servos])
+    R = np.array([servo.resistance for servo in servos])
+    k = np.array([servo.gearbox.ratio * servo.motor_constant for servo in servos])
+    V = np.array([servo.voltage_limit for servo in servos])
+    torque = np.abs(run["torque"][window][:, driven]) / stall
+    line = np.abs(R * run["current"][window] + k * run["qd"][window][:, driven]) / V
+    return {"torque": Quantity(torque, names), "line": Quantity(line, names)}
+
+
+@functools.lru_cache(maxsize=1024)
+def _stall_torque(servo: Servo) -> float:
+    return torque_speed(servo, points=2).stall_torque
+
+
+def paid(excesses: Iterable[Mapping[str, float]], drift: float, planned: float) -> float:
+    """By what a search multiplies its cost: of each world its excesses, the mean drift, the excess of `apart`."""
+    worlds = list(excesses)
+    mean = {name: math.fsum(one[name] for one in worlds) / len(worlds) for name in worlds[0]}
+    limit = BY_NAME["drift"]
+    mean["drift"] = max(abs(drift) - limit.bound + limit.margin, 0.0) / limit.scale
+    mean["apart"] = planned
+    return 1.0 + math.fsum(BY_NAME[name].weight * excess for name, excess in mean.items())
