@@ -42,7 +42,7 @@ from .run.simulate import streams
 from .search import minimize
 from .search.annealing import REMEDY as HISTORY_REMEDY
 from .view.animation import write_animation
-from .view.gait_page import write_gait_page
+from .view.gait_page import least_so_far, parts_of, write_gait_page
 from .walking.cost import Measures, WalkingCost
 from .walking.cost_in_worlds import MOST_WORLDS, CostInWorlds, in_worlds
 from .walking.gait import bounds, fit_gait, mirror_of
@@ -136,6 +136,33 @@ def optimize_gait(
     return result
 
 
+def optimize_with_limits(
+    cost: CostInWorlds, watch: Watch, history: Path, *, iterations: int = 800, **how: Any
+) -> OptimizeResult:
+    """Half of the candidates for energy alone, the others from there for what a real robot asks for too.
+
+    Asked for both from the start, a search comes to a cheap gait or not by luck: the price of limits makes of most
+    candidates that save energy misses.  The result is that of `optimize_gait` with both halves in history; added are
+    limited, the result of the second, and since, the place of its first candidate.  `how`: seed, resume and progress.
+    """
+    first = optimize_gait(cost, iterations=iterations // 2, history=history, **how)
+    left = iterations - first.nit - 1
+    if left < 0 or not first.success:
+        return first
+    gait = cost.gait.from_vector(first.x)
+    paying = replace(cost, cost=replace(cost.cost, gait=gait), watch=watch)
+    result = optimize_gait(paying, iterations=left, history=limits_history(history), **how)
+    both = {key: np.concatenate([first.history[key], result.history[key]]) for key in first.history}
+    sums = {key: first[key] + result[key] for key in ("nfev", "wasted")}
+    counts = {"nit": first.nit + result.nit + 1, "since": first.nit + 1}
+    return OptimizeResult({**result, **sums, **counts, "history": both, "limited": result})
+
+
+def limits_history(history: Path) -> Path:
+    """The file of the second half of a search, beside that of the first."""
+    return history.with_name(history.name.replace("_history", "_limits_history"))
+
+
 def main_job(
     robot: FilePath = "humanoid",
     *,
@@ -165,9 +192,9 @@ def main_job(
     worth elsewhere.  `crosscheck`: in how many processes the gait that was found is walked on the floors of
     `featherstone_gait.crosscheck` in MuJoCo, 0 for not at all.
 
-    In worlds a gait pays for what a real robot asks for and it lacks (`walking.limits`), and of the best candidates
-    that is taken which does best in 16 more (`walking.worth.chosen`).  `electronics`, `holding`: what the electronics
-    of all servos take, and what the locked ones take to hold still [W]; told beside the energy of the motors.
+    In worlds the second half of the candidates pay for what a real robot asks for and they lack (`walking.limits`), and
+    of the best that is taken which does best in 16 more (`walking.worth.chosen`).  `electronics`, `holding`: what the
+    electronics of all servos take, and what the locked ones take to hold still [W]; told beside the motors' energy.
 
     KeyboardInterrupt ends the search, and the files hold what was found.
     A process that is killed leaves the history, from which it resumes to the same files; they appear only when all of
@@ -197,7 +224,7 @@ def main_job(
     x0 = cost.gait.to_vector()
     first = cost.measure([x0])[0]
     watch = Watch(model, cost.start[0])
-    searched = in_worlds(cost, worlds, watch=watch) if worlds else cost
+    searched = in_worlds(cost, worlds) if worlds else cost
     first_cost, status = searched(x0)
     _check_history(history, first_cost)
     if progress:
@@ -205,16 +232,18 @@ def main_job(
         if worlds:
             print(f"in {worlds} worlds: {first_cost:.1f} J/m" if status == "ok" else f"in {worlds} worlds: {status}")
     searching = time.perf_counter()
-    result = optimize_gait(
-        searched, iterations=iterations, seed=seed, history=history, resume=resume, progress=progress
-    )
+    how = {"seed": seed, "resume": resume, "progress": progress}
+    if isinstance(searched, CostInWorlds):
+        result = optimize_with_limits(searched, watch, history, iterations=iterations, **how)
+    else:
+        result = optimize_gait(searched, iterations=iterations, history=history, **how)
     searching = time.perf_counter() - searching
     if not np.isfinite(result.fun):
         why = status if first.status == "ok" else first.status
         raise ValueError(f"{model.name}: none of {result.nit + 1} gaits walked; the first: {why}")
     choice: list[dict[str, Any]] = []
-    if worlds and result.nit:
-        result.x, choice = chosen(cost, watch, result.history, progress=progress)
+    if "limited" in result:
+        result.x, choice = chosen(cost, watch, result.limited.history, progress=progress)
     before, after = (quality(cost, x) for x in (x0, result.x))
     elsewhere = worth_elsewhere(cost, [x0, result.x], unseen, progress) if unseen else None
     checked = _crosschecked(cost, result.x, robot, servo, stem, crosscheck, progress) if crosscheck else None
@@ -232,6 +261,7 @@ def main_job(
             "settings": {"servo": str(servo or _servo_name(own))} | _settings(cost, iterations, seed, worlds),
             "search": {
                 "candidates": result.nit, "message": result.message, "first": _number(first_cost), "best": result.fun,
+                "with_limits_from": result.get("since"),
                 "chosen_among": choice,
             },
             "before": before.as_dict(),
@@ -252,11 +282,12 @@ def main_job(
             "seconds": {"search": searching, "all": time.perf_counter() - began},
             "files": {kind: str(stem.parent / path.name) for kind, path in files.items()}
             | {"history": str(history)}
+            | ({"limits_history": str(limits_history(history))} if "limited" in result else {})
             | (_crosscheck_files(stem) if checked else {}),
         }
         text = json.dumps(report, indent=2)
         files["report"].write_text(text, encoding="utf-8")
-        write_gait_page(files["page"], report, np.load(files["arrays"])["costs"])
+        write_gait_page(files["page"], report, result.history["f"])
     if progress:
         print(summary(report))
     return json.loads(text)
@@ -298,18 +329,18 @@ def _at_equal_speed(cost: WalkingCost, result: OptimizeResult, baselines: Sequen
     All have one period, so that equal speeds are equal steps.  The way was not looked for at that speed: what is gained
     there is at least what is told.
     """
-    costs = np.where(np.isfinite(result.history["f"]), result.history["f"], np.inf)
-    improving = np.flatnonzero(costs < np.minimum.accumulate(np.concatenate([[np.inf], costs[:-1]])))
+    best = np.concatenate([least_so_far(part) for part in parts_of(result.history["f"], result.get("since"))])
+    improving = np.flatnonzero((best < np.concatenate([[np.inf], best[:-1]])) & np.isfinite(best))
     way = cost.measure(result.history["x"][improving]) if len(improving) else []
     found = []
     for row in baselines:
         if row["status"] == "ok":
             alike = [one for one in way if one.status == "ok" and abs(one.speed / row["speed"] - 1.0) <= ALIKE]
-            best = min(alike, key=lambda one: one.cost, default=None)
+            cheapest = min(alike, key=lambda one: one.cost, default=None)
             found.append({
                 "baseline": row["name"], "cost": row["cost"], "speed": row["speed"],
-                "found": None if best is None else best.as_dict(),
-                "gain": None if best is None else 1.0 - best.cost / row["cost"],
+                "found": cheapest and cheapest.as_dict(),
+                "gain": cheapest and 1.0 - cheapest.cost / row["cost"],
             })  # fmt: skip
     return found
 
@@ -591,13 +622,13 @@ def _settings(cost: WalkingCost, iterations: int, seed: int, worlds: int) -> dic
 
 
 def plot_convergence(result: OptimizeResult) -> Figure:
-    """Cost of every candidate and the best so far."""
+    """Cost of every candidate and the best so far; from where a search pays for limits on, anew."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.0, 4.0), layout="constrained")
     axes = figure.subplots()
     costs = result.history["f"]
-    best = np.minimum.accumulate(np.where(np.isfinite(costs), costs, np.inf))
+    best = np.concatenate([least_so_far(part) for part in parts_of(costs, result.get("since"))])
     start = best[np.isfinite(best)][0]
     failed = np.flatnonzero(~(costs < 1.5 * start))
     axes.plot(costs, ".", color="0.65", markersize=3, label="candidate")

@@ -5,6 +5,7 @@ import json
 import math
 import re
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from featherstone_gait.optimize import (
     worth_elsewhere,
 )
 from featherstone_gait.search import minimize
+from featherstone_gait.view.gait_page import write_gait_page
 from featherstone_gait.walking import BIOLOID_WALK, bounds, read_angles
 from featherstone_gait.walking.cost import cost_of_motion
 from featherstone_gait.walking.gait_file import angles_of_goal_positions
@@ -111,6 +113,72 @@ def test_the_animation_needs_nothing_from_the_network_and_moves(job):
     run = data["runs"][0]
     first, last = (data["unit"] * frame[7 * run["root"]] for frame in (run["frames"][0], run["frames"][-1]))
     assert last - first > 10 * report["before"]["stride_length"]
+
+
+def test_the_page_needs_nothing_from_the_network_and_says_what_the_report_says(job):
+    folder, report = job
+    page = (folder / "humanoid_gait_report.html").read_text("utf-8")
+    assert len(page) < 3e5
+    assert re.findall(r"https?:|//[a-z]|<link|@import|src=|url\(", page) == []
+    assert "prefers-color-scheme: dark" in page
+    assert "@media print" in page
+    root = ElementTree.fromstring(page.partition("</head>")[2].rpartition("</html>")[0])  # well-formed
+    tables = {
+        section.find("h2").text: [["".join(cell.itertext()) for cell in row] for row in section.iter("tr")]
+        for section in root.iter("section")
+    }
+    costs = tables["What was found"][1]
+    assert costs[1:] == [f"{report['baselines'][k]['cost']:.1f}" for k in (0, 1)] + [f"{report['after']['cost']:.1f}"]
+    limits = report["plausible"]["after"]["limits"]
+    asked = tables["What a real robot asks for"][1:]
+    assert [row[0].startswith(one["what"]) for row, one in zip(asked, limits)] == [True] * 6
+    assert ["kept" in row[2] for row in asked] == [one["kept"] for one in limits]
+    assert "Not run" in "".join(root.itertext())
+    points = root.find(".//polyline").get("points").split()
+    assert len(points) == ITERATIONS + 1
+
+
+def test_the_page_names_floors_falls_and_what_is_not_known(job, tmp_path):
+    _, report = job
+    row = {"floor": "2ms_0.9", "soles": "boxes", "mujoco": None, "own": 31.25}
+    after = report["plausible"]["after"]["limits"][0] | {"value": None, "time": None}
+    changed = report | {
+        "crosscheck": "in MuJoCo it walks 20 strides on 0 of 1 floors", "crosscheck_floors": [row], "elsewhere": None,
+        "search": report["search"] | {"with_limits_from": 2},
+        "at_equal_speed": [{"baseline": "<plan>", "cost": 80.0, "speed": 0.1, "found": None, "gain": None}],
+        "plausible": report["plausible"] | {"after": {"limits": [after], "current": None}},
+    }  # fmt: skip
+    write_gait_page(tmp_path / "page.html", changed, np.array([80.0, math.inf, 70.0]))
+    page = (tmp_path / "page.html").read_text("utf-8")
+    assert '<td><span class="bad">falls</span></td><td>31.2</td>' in page
+    assert "0 of 1 floors" in page
+    assert "&lt;plan&gt;" in page
+    assert "none on the way" in page
+    assert "Currents" not in page
+    assert "pays for limits" in page
+
+
+def test_gains_are_told_at_equal_speed_and_with_standing_power_too(job):
+    _, report = job
+    first, second = report["at_equal_speed"]
+    assert first["baseline"] == "plain plan"
+    assert first["found"]["speed"] == pytest.approx(report["before"]["speed"], rel=0.05)
+    assert first["gain"] == pytest.approx(1.0 - first["found"]["cost"] / report["before"]["cost"])
+    assert second["speed"] > first["speed"]
+    standby = report["standby"]
+    assert standby["watts"]["electronics of the servos that walk"] == pytest.approx(10 * 0.05 * 10.0)
+    assert standby["watts"]["electronics of the locked servos"] == pytest.approx(9 * 0.05 * 10.0)
+    side = report["after"]
+    assert standby["after"]["motors"] == side["cost"]
+    assert standby["after"]["electronics of the locked servos"] == pytest.approx(
+        (side["energy"] + 9.5 * side["duration"]) / side["distance"]
+    )
+
+
+def test_power_below_zero_is_refused_before_the_search(capsys, tmp_path):
+    assert cli.main(["optimize", "--electronics", "-1", "--out", str(tmp_path)]) == 2
+    assert "electronics" in capsys.readouterr().err
+    assert [*tmp_path.iterdir()] == []
 
 
 def test_the_servo_is_told_and_the_paper_s_by_default(job):
@@ -203,7 +271,7 @@ def test_a_history_in_which_the_first_gait_costs_something_else_is_not_continued
 def test_the_command_shows_progress_and_a_table(tmp_path, capsys):
     assert cli.main(["optimize", "--iterations", "2", "--worlds", "2", "--unseen", "3", "--out", str(tmp_path)]) == 0
     shown = capsys.readouterr()
-    assert "3/3" in shown.err
+    assert "2/2" in shown.err  # for energy alone; then the best of these with limits
     assert "best=" in shown.err
     assert re.search(r"^in 2 worlds: (\d+\.\d J/m|does not walk in every world)$", shown.out, re.M)
     assert re.search(r"^walks in 3 other worlds +\d+\.\d +\d+\.\d", shown.out, re.M)

@@ -231,7 +231,7 @@ def _search(report: Report, costs: np.ndarray) -> str:
     )
     work = report["evaluations"]
     return (
-        _convergence(costs)
+        _convergence(costs, report["search"]["with_limits_from"])
         + (why + table if body else "")
         + f'<p class="soft">{escape(report["search"]["message"])}; {work["begun"]} evaluations begun, {work["wasted"]} '
         f"of them wasted; {report['seconds']['search']:.0f} s of search, {report['seconds']['all']:.0f} s in all.</p>"
@@ -287,12 +287,22 @@ def _intervals(rows: Sequence[tuple[str, Sequence[float]]]) -> str:
     return _picture(height, parts, "Energy per distance in other worlds [J/m]: 5th to 95th percentile, median")
 
 
-def _convergence(costs: np.ndarray) -> str:
+def parts_of(costs: np.ndarray, since: int | None) -> list[np.ndarray]:
+    """The costs of a search, and where it changes what it pays for those before and after."""
+    return [costs] if since is None else [costs[:since], costs[since:]]
+
+
+def least_so_far(costs: np.ndarray) -> np.ndarray:
+    """The least of the costs up to each; infinite before the first that is finite."""
+    return np.minimum.accumulate(np.where(np.isfinite(costs), costs, np.inf))
+
+
+def _convergence(costs: np.ndarray, since: int | None) -> str:
     """Cost of every candidate and of the best so far."""
     finite = np.isfinite(costs)
     if not finite.any() or len(costs) < 2:
         return ""
-    best = np.minimum.accumulate(np.where(finite, costs, np.inf))
+    best = np.concatenate([least_so_far(part) for part in parts_of(costs, since)])
     most = 1.15 * best[np.isfinite(best)][0]
     x = lambda k: LEFT + (WIDTH - LEFT - RIGHT) * k / (len(costs) - 1)  # noqa: E731
     y = lambda f: 8 + (HEIGHT - FOOT - 8) * (1.0 - f / most)  # noqa: E731
@@ -307,7 +317,10 @@ def _convergence(costs: np.ndarray) -> str:
     ]
     shown = [k for k in np.flatnonzero(finite) if costs[k] <= most]
     parts += [f'<circle class="dot" cx="{x(k):.1f}" cy="{y(costs[k]):.1f}" r="1.6"/>' for k in shown]
-    line = " ".join(f"{x(k):.1f},{y(f):.1f}" for k, f in enumerate(best) if math.isfinite(f))
+    line = " ".join(f"{x(k):.1f},{y(f):.1f}" for k, f in enumerate(best) if math.isfinite(f) and f <= most)
+    if since is not None:
+        parts.append(f'<text x="{x(since) + 4:.1f}" y="20">pays for limits</text>')
+        parts.append(f'<line class="first" x1="{x(since):.1f}" x2="{x(since):.1f}" y1="8" y2="{HEIGHT - FOOT}"/>')
     parts.append(f'<polyline class="best" points="{line}"/>')
     return _picture(HEIGHT, parts, "What the search is told [J/m] of each candidate, and the least so far")
 

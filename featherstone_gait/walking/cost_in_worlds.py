@@ -4,9 +4,10 @@
     result = optimize_gait(in_worlds(cost, 8), iterations=800)
 
 The cost of a gait is the mean over the worlds and half of what the worst one is above it; a gait that does not walk in
-all of them has none.  Where the first world fails, the others are given up.  Drift sideways is no part of it: that
-differs from one candidate to the next by more than what each saves, and a search that pays for it stands still (5 % a
-tenth of the way: 800 candidates come to 65 J/m in place of 30).
+all of them has none.  Where the first world fails, the others are given up.  With a `watch` a gait pays besides for
+what a real robot asks for and it lacks (`limits`).  Drift sideways differs in one world from one candidate to the next
+by more than what each saves, and a search that pays for its size there stands still (5 % a tenth of the way: 800
+candidates come to 65 J/m in place of 30); its mean over the worlds, with the sign, does not hold a search up.
 
 Floors sink by 0.03 to 1 mm under the robot's weight, evenly by the logarithm: stiff ones break what soft ones forgive.
 Servos differ from one to the next by the spreads in use (docs/servos.md), in what the manual tells least about.

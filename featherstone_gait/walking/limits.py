@@ -12,6 +12,9 @@ worlds the mean with its sign, for a gait whose legs mirror each other drifts to
 read off what the servos are sent, before anything is simulated.  The others cannot: a servo of the AX-12's stiffness
 gives way by 2 degrees under 0.5 N m and follows 20 ms late, so that of 25 mm of planned lift 5 are left.
 
+What swings fast, bears and drives is told by thresholds that the report's figures depend on: half of the largest speed
+of that foot in the run, a tenth of the weight, and where it is the voltage, R I + k v with its size, braking included.
+
 A search pays for what passes a limit: its cost is multiplied by 1 + sum of weight times excess, the excess being the
 mean over time and worlds of what is beyond the limit, in shares of `scale` (of a joint's quantity summed over the
 joints).  Means, since a largest value is that of one moment on one floor and differs from one candidate to the next by
