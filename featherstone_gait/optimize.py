@@ -177,6 +177,7 @@ def main_job(
     worlds: int = WORLDS,
     unseen: int = UNSEEN,
     crosscheck: int = 0,
+    limits: bool = True,
     electronics: float | None = None,
     holding: float | None = None,
 ) -> dict:
@@ -193,8 +194,9 @@ def main_job(
     `featherstone_gait.crosscheck` in MuJoCo, 0 for not at all.
 
     In worlds the second half of the candidates pay for what a real robot asks for and they lack (`walking.limits`), and
-    of the best that is taken which does best in 16 more (`walking.worth.chosen`).  `electronics`, `holding`: what the
-    electronics of all servos take, and what the locked ones take to hold still [W]; told beside the motors' energy.
+    of the best that is taken which does best in 16 more (`walking.worth.chosen`); with `limits` False all are for
+    energy alone.  `electronics`, `holding`: what the electronics of all servos take, and what the locked ones take
+    to hold still [W]; told beside the motors' energy.
 
     KeyboardInterrupt ends the search, and the files hold what was found.
     A process that is killed leaves the history, from which it resumes to the same files; they appear only when all of
@@ -233,7 +235,7 @@ def main_job(
             print(f"in {worlds} worlds: {first_cost:.1f} J/m" if status == "ok" else f"in {worlds} worlds: {status}")
     searching = time.perf_counter()
     how = {"seed": seed, "resume": resume, "progress": progress}
-    if isinstance(searched, CostInWorlds):
+    if isinstance(searched, CostInWorlds) and limits:
         result = optimize_with_limits(searched, watch, history, iterations=iterations, **how)
     else:
         result = optimize_gait(searched, iterations=iterations, history=history, **how)
@@ -258,7 +260,8 @@ def main_job(
             "source": model.source,
             "joints": cost.gait.joint_names,
             "version": __version__,
-            "settings": {"servo": str(servo or _servo_name(own))} | _settings(cost, iterations, seed, worlds),
+            "settings": {"servo": str(servo or _servo_name(own))} | _settings(cost, iterations, seed, worlds)
+            | {"limits": {one.name: one.bound for one in LIMITS} if "limited" in result else None},
             "search": {
                 "candidates": result.nit, "message": result.message, "first": _number(first_cost), "best": result.fun,
                 "with_limits_from": result.get("since"),
@@ -614,7 +617,6 @@ def _settings(cost: WalkingCost, iterations: int, seed: int, worlds: int) -> dic
         "servos": scene.servos, "integrator": scene.integrator, "timestep": scene.timestep,
         "ground": scene.ground and asdict(scene.ground), "iterations": iterations, "seed": seed, "max_miss": MAX_MISS,
         "worlds": worlds,
-        "limits": {one.name: one.bound for one in LIMITS} if worlds else None,
         "states": "stride" if cost.gait.mirror is None else "step",
         "amplitude_deg": math.degrees(AMPLITUDE), "period": cost.gait.period, "poses": len(cost.gait.poses),
         "warm_up_strides": cost.warm_up, "measured_strides": cost.strides, "start_of_measurement": cost.mark,

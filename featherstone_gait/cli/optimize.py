@@ -40,6 +40,8 @@ def add(commands: Commands) -> None:
     what = "the paper's search on one floor, with the states of a stride: as --worlds 0 --states stride"
     parser.add_argument("--nominal", action="store_true", help=what)
     parser.add_argument("--unseen", type=int, metavar="N", help="other worlds to try both gaits in (default: 200)")
+    what = "search in worlds for energy alone, not for what a real robot asks for (docs/optimize.md)"
+    parser.add_argument("--energy-only", action="store_true", help=what)
     what = "the electronics of all servos (default: 0.05 A a servo, assumed)"
     parser.add_argument("--electronics", type=float, metavar="W", help=f"power of {what}; told beside the motors'")
     what = "power that the locked servos take to hold still; told beside the motors' (default: 0)"
@@ -66,6 +68,7 @@ def run(args: Namespace) -> int:
             worlds=0 if args.nominal else WORLDS if args.worlds is None else args.worlds,
             unseen=UNSEEN if args.unseen is None else args.unseen,
             crosscheck=2 if args.crosscheck else 0,
+            limits=not args.energy_only,
             electronics=args.electronics,
             holding=args.holding,
         )

@@ -195,7 +195,8 @@ def _at_equal_speed(report: Report) -> str:
         return ""
     return _table(["", "it", "as fast", ""], rows) + (
         '<p class="soft">The cheapest gait that the search came by, within 5 % of that speed; with one period for all, '
-        "equal speeds are equal steps. It was not searched for at that speed: the gain is at least this.</p>"
+        "equal speeds are equal steps. It was not searched for at that speed: the gain is at least this. In the first "
+        "half of a search with limits it keeps to none.</p>"
     )
 
 
