@@ -120,6 +120,12 @@ def _elsewhere(report: Report) -> str:
         "<p>Floors, servos, links and starts that no search has seen, 20 strides at a quarter of the step.</p>"
         + _table(head, body)
         + _intervals([(name, there["cost"]) for name, there in rows if there["cost"]])
+        + "".join(
+            f"<p>Drift sideways of {escape(name)}: {100.0 * there['mean_sideways']:+.1f} % of the way in the mean, "
+            f"{100.0 * there['sideways']:.0f} % at most.</p>"
+            for name, there in rows
+            if there["sideways"] is not None
+        )
     )
 
 
@@ -141,7 +147,7 @@ def _worst(one: Mapping[str, Any] | None) -> str:
     if one is None or one["value"] is None:
         return NONE
     unit, scale = UNITS[one["unit"]]
-    mark = '<span class="good">kept</span>' if one["kept"] else '<span class="bad">passed</span>'
+    mark = '<span class="good">kept</span>' if one["kept"] else '<span class="bad">not kept</span>'
     share = "" if one["kept"] or not one["share"] else f", {100.0 * one['share']:.1f} % of the samples"
     where = f"{escape(one['where'].replace('_', ' '))}, {one['time']:.2f} s{share}" if one["time"] is not None else ""
     return f"{scale * one['value']:.1f} {unit} {mark}<small>{where}</small>"

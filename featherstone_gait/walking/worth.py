@@ -57,7 +57,7 @@ def worth_elsewhere(
 
     Of each a dict: "walks", the share of the worlds in which it gets through; "cost" [J/m] and "speed" [m/s], their
     5th, 50th and 95th percentile where it walks; "sideways", the largest drift over the way [-], and "mean_sideways",
-    their mean with its sign.  None: it walks nowhere.
+    their mean with its sign; None: it walks nowhere.  "each": the cost in each world [J/m], None where it falls.
     """
     longer = replace(cost, strides=UNSEEN_STRIDES)
     others = in_worlds(longer, count, UNSEEN_SEED, timestep=FINER * cost.scene.timestep)
@@ -67,7 +67,8 @@ def worth_elsewhere(
 
 def _spread_of(measures: Sequence[Measures]) -> dict[str, Any]:
     walks = [one for one in measures if one.status == "ok"]
-    told: dict[str, Any] = {"walks": len(walks) / len(measures)}
+    each = [one.cost if one.status == "ok" else None for one in measures]
+    told: dict[str, Any] = {"walks": len(walks) / len(measures), "each": each}
     told |= dict.fromkeys(("cost", "speed", "sideways", "mean_sideways"))
     if walks:
         for name in ("cost", "speed"):
