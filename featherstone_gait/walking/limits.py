@@ -10,7 +10,7 @@
 The first five are quantities over time, told with joint or foot and moment; drift is of a whole run, and of several
 worlds the mean with its sign, for a gait whose legs mirror each other drifts to either side alike.  Only `apart` can be
 read off what the servos are sent, before anything is simulated.  The others cannot: a servo of the AX-12's stiffness
-gives way by 2 degrees under 0.5 N m and follows 20 ms late, so that of 25 mm of planned lift 5 are left.
+gives way by 2 degrees under 0.5 N m and follows late, so that of 25 mm of planned lift 5 are left.
 
 What swings fast, bears and drives is told by thresholds that the report's figures depend on: half of the largest speed
 of that foot in the run, a tenth of the weight, and where it is the voltage, R I + k v with its size, braking included.
