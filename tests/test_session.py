@@ -78,6 +78,7 @@ def test_steps_of_several_ticks_hold_their_action():
     assert_same(session, whole(session, actions.repeat(3, axis=0)))
 
 
+@pytest.mark.nojit
 def test_an_action_of_none_holds_the_robots_where_they_are():
     scene = servo_arm()
     session, start = Session(scene, 1, record=RECORD), initial_state(scene, [0.4])
@@ -86,6 +87,7 @@ def test_an_action_of_none_holds_the_robots_where_they_are():
     assert_same(session, [simulate(scene, 0.05, start, record=RECORD, estimate_error=False)])
 
 
+@pytest.mark.nojit
 def test_worlds_differ_in_each_robot():
     scene, worlds = servo_arm(), Worlds(runs=11, servos={"resistance": Spread("normal", 0.1)}, seed=3)
     session, actions = Session(scene, worlds=worlds, record=RECORD), moves(11, 6)
@@ -187,6 +189,7 @@ def test_a_torque_holds_a_pendulum_against_its_weight():
     assert np.allclose(seen["q"].ravel(), angles, atol=1e-4)
 
 
+@pytest.mark.nojit
 def test_torques_have_the_bits_of_runs_that_follow_each_other():
     scene = compile_scene(pendulum(), integrator="implicit_euler", timestep=1e-3)
     for n in (1, 3):
