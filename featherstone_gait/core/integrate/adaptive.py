@@ -100,9 +100,16 @@ def _cross(run, y, k, end, most, out):
 
 @inline
 def _next_event(run, t, done, length):
-    """Time since t of the next edge of a push, or knot of what changes continuously, at most `length` [s]."""
+    """Time since t of the next edge of a push, or knot of what changes continuously, at most `length` [s].
+
+    One that differs from the interval's end by rounding alone is that end: the sliver after it would end before what is
+    seen of it begins.
+    """
     u = run.signals
-    return min(length, _event_after(run.scene.push, u.torques, u.continuous, u.reference, t + done) - t)
+    event = _event_after(run.scene.push, u.torques, u.continuous, u.reference, t + done) - t
+    if event > length - 4.0 * AHEAD:
+        return length
+    return event
 
 
 @inline
