@@ -16,7 +16,7 @@ from featherstone_gait.walking.cost_in_worlds import in_worlds
 from featherstone_gait.walking.gait import TICK
 from featherstone_gait.walking.generic_servo import LEG, MASS, scaled_servo, with_generic_servos
 
-FEW = (3, 2)
+FEW = (3, 1)
 
 
 @pytest.fixture(scope="module")
@@ -80,10 +80,9 @@ def test_where_no_plan_can_be_walked_the_most_common_reason_is_told(scene):
 
 
 def test_the_plain_plan_is_that_of_before(scene):
-    for states in ("stride", "step"):
-        before, now = walking_cost(scene.model, states=states), first_gait(scene, "plain", states)
-        assert now.gait.to_vector().tobytes() == before.gait.to_vector().tobytes()
-        assert now.start.tobytes() == before.start.tobytes()
+    before, now = walking_cost(scene.model, states="step"), first_gait(scene, "plain", "step")
+    assert now.gait.to_vector().tobytes() == before.gait.to_vector().tobytes()
+    assert now.start.tobytes() == before.start.tobytes()
     with pytest.raises(ValueError, match="plan"):
         first_gait(scene, "dear")
 
