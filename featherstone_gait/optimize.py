@@ -21,10 +21,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 from scipy.optimize import OptimizeResult
+from tqdm import tqdm
 
 from . import __version__
 from .arguments import one_of, real, whole
@@ -43,12 +44,12 @@ from .search import minimize
 from .search.annealing import REMEDY as HISTORY_REMEDY
 from .view.animation import write_animation
 from .view.gait_page import least_so_far, parts_of, write_gait_page
+from .walking.cheapest_plan import PlanKind, States, first_gait
 from .walking.cost import Measures, WalkingCost
 from .walking.cost_in_worlds import MOST_WORLDS, CostInWorlds, in_worlds
-from .walking.gait import bounds, fit_gait, mirror_of
+from .walking.gait import bounds, mirror_of
 from .walking.gait_file import ARRAYS, write_angles, write_goal_positions
 from .walking.limits import LIMITS, Watch
-from .walking.plan import BIOLOID_WALK, downward, walking_plan
 from .walking.worth import (
     STANDBY,
     UNSEEN,
@@ -64,8 +65,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 REPORT = Format("gait report")
-States: TypeAlias = Literal["stride", "step"]
-N_POSES = 4  # the paper's four states
 AMPLITUDE = math.radians(1.0)  # of the search [rad]; see above
 MAX_MISS = 20
 BATCH = 16  # candidates evaluated at once where lanes cannot be at different times
@@ -75,6 +74,7 @@ BASELINES: dict[str, dict[str, Any]] = {  # plans that what is found is compared
     "plain plan": {},
     "plan of 35 mm": {"step_length": 0.035},
 }
+CHEAPEST = "cheapest plan"  # that which is found within the limits of the search (`walking.cheapest_plan`)
 BASELINE_WORLDS = 50  # of those that are not the first gait, which walks in all
 ALIKE = 0.05  # by how much speeds may differ that are called equal [-]
 SHOWN_IN = {"m": ("mm", 1e3), "rad": ("deg", math.degrees(1.0)), "-": ("%", 100.0)}  # units of limits in tables
@@ -87,25 +87,19 @@ def walking_cost(
     ground: Ground | None = None,
     gravity: Sequence[float] | np.ndarray = GRAVITY,
     states: States = "stride",
+    plan: PlanKind = "plain",
     **walk: Any,
 ) -> WalkingCost:
     """Plan a walk of a biped, fit the four-pose gait to it and return its cost on flat ground.
 
     `gravity` (3,) [m/s^2] points straight down; `walk` overrides `BIOLOID_WALK`.  `states`: whether the four poses are
     those of a stride, or of a step, which the other leg mirrors.  The paper's words allow both ("a complete and
-    symmetrical step can be composed of 4 states").  Raises ValueError for a robot that is no biped or cannot take these
-    steps, and for states of a step where left and right are no mirror images.
+    symmetrical step can be composed of 4 states").  `plan`: "cheapest" looks for one (`walking.first_gait`).  Raises
+    ValueError for a robot that is no biped or cannot take these steps, and for states of a step where left and right
+    are no mirror images.
     """
     one_of("states", states, get_args(States))
-    plan = walking_plan(model, **(BIOLOID_WALK | {"g": downward(gravity)} | walk))
-    lower, upper = np.array([(joint.lower, joint.upper) for joint in model.moving_joints]).T
-    mirrored = states == "step"
-    of_stride = plan.stride()
-    fit = fit_gait(of_stride, 2 * N_POSES, mirror=mirror_of(model)) if mirrored else fit_gait(of_stride, N_POSES)
-    gait = fit.gait
-    gait = replace(gait, poses=np.clip(gait.poses, lower, upper))
-    scene = compile_scene(model, servos, ground or Ground(), "midpoint", 1e-3, gravity)
-    return WalkingCost(scene, gait, plan.start_up(1))
+    return first_gait(compile_scene(model, servos, ground or Ground(), "midpoint", 1e-3, gravity), plan, states, **walk)
 
 
 def optimize_gait(
@@ -180,6 +174,8 @@ def main_job(
     limits: bool = True,
     electronics: float | None = None,
     holding: float | None = None,
+    plan: PlanKind = "plain",
+    fair: bool = True,
 ) -> dict:
     """Optimise a robot's gait and write all files into the folder `out`; return what the JSON file holds.
 
@@ -196,9 +192,10 @@ def main_job(
     In worlds the second half of the candidates pay for what a real robot asks for and they lack (`walking.limits`), and
     of the best that is taken which does best in 16 more (`walking.worth.chosen`); with `limits` False all are for
     energy alone.  `electronics`, `holding`: what the electronics of all servos take, and what the locked ones take
-    to hold still [W]; told beside the motors' energy.
+    to hold still [W]; told beside the motors' energy.  `plan`: which gait the search begins with, as of
+    `walking_cost`; `fair`: after a search in worlds, look for the cheapest plan too and compare with that.
 
-    KeyboardInterrupt ends the search, and the files hold what was found.
+    KeyboardInterrupt ends the search, and the files hold what was found, measured on the robot's own ground alone.
     A process that is killed leaves the history, from which it resumes to the same files; they appear only when all of
     them are complete.  Raises ValueError if no gait walks or the history is of another robot, FileExistsError if there
     is a history and `resume` is not set, OSError if files cannot be written or another process is at work with the
@@ -222,7 +219,7 @@ def main_job(
     for name, power in (("electronics", electronics), ("holding", holding)):
         if power is not None:
             real(name, power, 0.0, 1e6, "it is a power [W]")
-    cost = walking_cost(model, servos, states=states or _states_of(model))
+    cost = walking_cost(model, servos, states=states or _states_of(model), plan=plan)
     x0 = cost.gait.to_vector()
     first = cost.measure([x0])[0]
     watch = Watch(model, cost.start[0])
@@ -243,13 +240,15 @@ def main_job(
     if not np.isfinite(result.fun):
         why = status if first.status == "ok" else first.status
         raise ValueError(f"{model.name}: none of {result.nit + 1} gaits walked; the first: {why}")
+    if result.status == 2:  # interrupted: who waits has waited enough
+        unseen, crosscheck, fair = 0, 0, False
     choice: list[dict[str, Any]] = []
-    if "limited" in result:
+    if "limited" in result and result.status != 2:
         result.x, choice = chosen(cost, watch, result.limited.history, progress=progress)
     before, after = (quality(cost, x) for x in (x0, result.x))
     elsewhere = worth_elsewhere(cost, [x0, result.x], unseen, progress) if unseen else None
     checked = _crosschecked(cost, result.x, robot, servo, stem, crosscheck, progress) if crosscheck else None
-    baselines = _baselines(cost, min(unseen, BASELINE_WORLDS), progress)
+    baselines = _baselines(cost, min(unseen, BASELINE_WORLDS), progress, bool(worlds) and fair and plan == "plain")
     if elsewhere:
         baselines[0]["elsewhere"] = elsewhere[0]
     with _alone_with(history), _appearing_together(stem) as folder:
@@ -260,7 +259,8 @@ def main_job(
             "source": model.source,
             "joints": cost.gait.joint_names,
             "version": __version__,
-            "settings": {"servo": str(servo or _servo_name(own))} | _settings(cost, iterations, seed, worlds)
+            "settings": {"servo": str(servo or _servo_name(own)), "plan": plan}
+            | _settings(cost, iterations, seed, worlds)
             | {"limits": {one.name: one.bound for one in LIMITS} if "limited" in result else None},
             "search": {
                 "candidates": result.nit, "message": result.message, "first": _number(first_cost), "best": result.fun,
@@ -304,10 +304,11 @@ def _states_of(model: Model) -> States:
     return "step"
 
 
-def _baselines(cost: WalkingCost, unseen: int, progress: bool) -> list[dict[str, Any]]:
+def _baselines(cost: WalkingCost, unseen: int, progress: bool, cheapest: bool) -> list[dict[str, Any]]:
     """Each of `BASELINES`, measured as the gait that is found; of one that cannot be planned or falls the reason."""
     scene, found = cost.scene, []
-    for name, walk in BASELINES.items():
+    asked: dict[str, dict[str, Any]] = BASELINES | ({CHEAPEST: {"plan": "cheapest"}} if cheapest else {})
+    for name, walk in tqdm(asked.items(), "baselines", disable=not progress or not unseen, unit="plan"):
         row: dict[str, Any] = {"name": name, "walk": walk, "status": "ok", "elsewhere": None}
         try:
             assert scene.servos is not None
@@ -321,7 +322,7 @@ def _baselines(cost: WalkingCost, unseen: int, progress: bool) -> list[dict[str,
         x = plan.gait.to_vector()
         row |= plan.measure([x])[0].as_dict()
         if walk and unseen and row["status"] == "ok":  # of the first one it is known
-            (row["elsewhere"],) = worth_elsewhere(plan, [x], unseen, progress)
+            (row["elsewhere"],) = worth_elsewhere(plan, [x], unseen, False)
         found.append(row)
     return found
 
@@ -496,7 +497,7 @@ def write_results(stem: Path, cost: WalkingCost, result: OptimizeResult) -> dict
     np.savez_compressed(
         files["arrays"], format=str(ARRAYS), x=result.x, first=first, period=cost.gait.period, joint_names=names,
         start=cost.start, poses=cost.gait.from_vector(result.x).poses, times=motion.times, angles=motion.values,
-        costs=result.history["f"], visited=result.history["x"],
+        costs=result.history["f"], visited=result.history["x"], first_poses=cost.gait.poses,
     )  # fmt: skip
     write_angles(files["angles"], motion.times, motion.values, names)
     write_goal_positions(files["goal_positions"], motion.times, motion.values, names)
@@ -589,8 +590,12 @@ def _limits_told(plausible: dict) -> list[str]:
 
 def _gains_told(report: dict) -> list[str]:
     """With what is drawn all the time, and at equal speed."""
-    standby = report["standby"]
+    standby, found = report["standby"], report["after"]["cost"]
     lines = []
+    for row in report["baselines"][1:]:
+        if row["status"] == "ok" and found is not None:
+            walk, gain = f"{row['cost']:.1f} J/m, {1e3 * row['speed']:.0f} mm/s", 100.0 * (found / row["cost"] - 1.0)
+            lines.append(f"against the {row['name']} ({walk}): {gain:+.0f} %")
     for name in standby["watts"]:
         a, b = standby["before"][name], standby["after"][name]
         if a is not None and b is not None and standby["watts"][name]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from argparse import Namespace
 
 from ..build.kinds import SERVO_KINDS
-from .arguments import Commands, add_command, telling_extras
+from .arguments import Commands, add_command, announce, telling_extras
+
+TAKES = "two minutes on two cores, half a minute more to compile, once, and with --crosscheck a minute or two more"
 
 
 def add(commands: Commands) -> None:
@@ -24,8 +26,7 @@ def add(commands: Commands) -> None:
             "featherstone-gait optimize --seed 3 --out third --crosscheck",
             "featherstone-gait optimize --robot my_biped.urdf --servo xl330",
         ),
-        takes="a minute and a half on two cores, half a minute more the first time, to compile, and with --crosscheck "
-        "a minute or two more",
+        takes=TAKES,
     )
     parser.add_argument("--robot", default="humanoid", help="name or .urdf file (default: humanoid, simplified)")
     parser.add_argument("--servos", choices=SERVO_KINDS, default="mipsd", help="gearbox")
@@ -46,6 +47,10 @@ def add(commands: Commands) -> None:
     parser.add_argument("--electronics", type=float, metavar="W", help=f"power of {what}; told beside the motors'")
     what = "power that the locked servos take to hold still; told beside the motors' (default: 0)"
     parser.add_argument("--holding", type=float, metavar="W", help=what)
+    what = "that the search begins with: the plain one, or the cheapest of many (docs/walking.md; default: plain)"
+    parser.add_argument("--plan", choices=("plain", "cheapest"), default="plain", help=f"plan {what}")
+    what = "do not look for the cheapest plan to compare with; it takes some 15 s"
+    parser.add_argument("--no-fair", action="store_true", help=what)
     parser.add_argument("--resume", action="store_true", help="go on from the history in the folder")
     parser.add_argument("--crosscheck", action="store_true", help="also walk the gait in MuJoCo, on twelve floors")
 
@@ -56,6 +61,7 @@ def run(args: Namespace) -> int:
     if args.nominal and (args.worlds is not None or args.states is not None):
         raise ValueError("--nominal says what --worlds and --states say; give one of them")
     with telling_extras():
+        announce(TAKES)
         main_job(
             args.robot,
             servos=args.servos,
@@ -71,5 +77,7 @@ def run(args: Namespace) -> int:
             limits=not args.energy_only,
             electronics=args.electronics,
             holding=args.holding,
+            plan=args.plan,
+            fair=not args.no_fair,
         )
     return 0

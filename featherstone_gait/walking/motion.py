@@ -108,9 +108,11 @@ def _of_arrays(path: Path, joint_names: Sequence[str] | None, first: bool) -> Mo
     if sorted(names) != sorted(wanted):
         odd = ", ".join(sorted({*names} ^ {*wanted}))
         raise ValueError(f"{path}: its joints are not those of the robot: {odd}; name the robot (--robot)")
-    if first and arrays["first"].size != poses.size:
-        raise ValueError(f"{path}: the gait that the search began with has other poses and cannot be read from here")
-    poses = arrays["first"].reshape(poses.shape) if first else poses
+    if first:
+        began = arrays.get("first_poses", arrays["first"])  # of a step, `first` lacks what the other leg mirrors
+        if began.size != poses.size:
+            raise ValueError(f"{path}: lacks first_poses, which earlier versions did not write; make it anew")
+        poses = floats("first_poses", began).reshape(poses.shape)
     columns = [names.index(name) for name in wanted]
     try:
         return motion_of(Gait(wanted, poses[:, columns], float(arrays["period"])), arrays["start"][:, columns])

@@ -1,4 +1,4 @@
-"""What a terminal or a notebook shows while kernels are compiled, which takes seconds: which, how many, that they stay."""
+"""What a terminal or a notebook shows while kernels are compiled, which takes seconds: which, and how many."""
 
 import sys
 import time

@@ -77,6 +77,10 @@ def _cross(run, y, k, end, most, out):
     while done < length:
         if done >= until:
             until = _next_event(run, t, done, length)
+            if until - done < 4.0 * AHEAD:  # what rounding leaves between event and tick would end before it begins
+                done = until
+                y[run.places[0].end] = t + done
+                continue
             pace[SINCE], pace[UNTIL] = t + done + AHEAD, t + until - 2.0 * AHEAD
             begin_interval(run.work, run, y, t + done)
         h = take_adaptive_step(run.work, run, y, t + done, until - done)
@@ -100,16 +104,9 @@ def _cross(run, y, k, end, most, out):
 
 @inline
 def _next_event(run, t, done, length):
-    """Time since t of the next edge of a push, or knot of what changes continuously, at most `length` [s].
-
-    One that differs from the interval's end by rounding alone is that end: the sliver after it would end before what is
-    seen of it begins.
-    """
+    """Time since t of the next edge of a push, or knot of what changes continuously, at most `length` [s]."""
     u = run.signals
-    event = _event_after(run.scene.push, u.torques, u.continuous, u.reference, t + done) - t
-    if event > length - 4.0 * AHEAD:
-        return length
-    return event
+    return min(length, _event_after(run.scene.push, u.torques, u.continuous, u.reference, t + done) - t)
 
 
 @inline
