@@ -184,11 +184,13 @@ def test_a_limit_that_jumps_is_no_obstacle():
 @pytest.mark.parametrize("start", [0.7, 0.7 + 2e-12, 0.7 - 2e-12])
 def test_a_push_that_begins_where_a_tick_does_is_no_obstacle(start):
     """Tick 70 is at 0.7000000000000001 s: between push and tick lies a time of which nothing can be seen."""
-    scene, push = compile_scene(load_robot("ax12_arm"), "rotor"), Push("forearm", (0.0, 0.0, -0.5), start=start, end=0.75)
+    scene = compile_scene(load_robot("ax12_arm"), "rotor")
+    push = Push("forearm", moment=(0.1, 0.1, 0.1), start=start, end=0.75)
     reference = Reference([0.0, 0.5], [[0.0], [0.5]])
     run = simulate(scene, 1.0, reference=reference, pushes=[push], estimate_error=False)
     exact = simulate(scene, 1.0, reference=reference, pushes=[push], rtol=1e-6, estimate_error=False)
     assert run.ok
     assert exact.ok
     assert np.abs(run["q"] - exact["q"]).max() < 1e-3
-    assert np.ptp(exact["q"][70:80]) > 1e-3
+    spared = simulate(scene, 1.0, reference=reference, estimate_error=False)
+    assert np.abs(exact["q"] - spared["q"]).max() > 1e-3

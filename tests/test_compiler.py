@@ -102,7 +102,7 @@ def test_a_terminal_is_told_what_is_compiled(monkeypatch, capsys):
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     assert tell(1.0) == 3.0
     said = capsys.readouterr().err
-    assert said == "\r" + "compiling tell: 1 functions, 0 s".ljust(79) + "\n"
+    assert said == "\r" + "compiling tell (once, then kept): 1 functions, 0 s".ljust(79) + "\n"
 
 
 @kernel

@@ -50,7 +50,7 @@ DOTS_PER_INCH = 150
 MINUTES = {  # that an experiment takes on two cores, compiled before: quick, full
     "servo_step": (0.1, 0.3), "arm_fall": (0.2, 0.5), "servo_terms": (0.1, 0.3), "identification": (0.4, 5),
     "seven_joint_arm": (0.6, 4),
-    "energy_repeatability": (0.6, 8), "posture": (0.5, 4), "gait_optimization": (0.8, 25),
+    "energy_repeatability": (0.6, 8), "posture": (0.5, 4), "solver_scatter": (2, 6), "gait_optimization": (0.8, 25),
     "method_comparison": (0.5, 20), "robustness": (0.5, 8), "complete_humanoid": (0.5, 15),
 }  # fmt: skip
 
