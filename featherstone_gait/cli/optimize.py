@@ -7,7 +7,7 @@ from argparse import Namespace
 from ..build.kinds import SERVO_KINDS
 from .arguments import Commands, add_command, announce, telling_extras
 
-TAKES = "two minutes on two cores, half a minute more to compile, once, and with --crosscheck a minute or two more"
+TAKES = "two and a half minutes on two cores, compiling included, and with --crosscheck a minute or two more"
 
 
 def add(commands: Commands) -> None:
