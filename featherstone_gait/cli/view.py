@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,14 +12,6 @@ if TYPE_CHECKING:
     from ..model import Model
     from ..trajectory import Trajectory
 
-EXAMPLE = """examples:
-  featherstone-gait view humanoid                        a robot in its zero posture
-  featherstone-gait view humanoid_simulation.npz         a run that was saved
-  featherstone-gait view before.npz after.npz --ghosts   two runs in one picture
-  featherstone-gait view run.npz --gif --speed 0.1       a GIF in slow motion
-"""
-
-
 def add(commands: Commands) -> None:
     """Register the command."""
     parser = add_command(
@@ -29,8 +20,13 @@ def add(commands: Commands) -> None:
         run,
         "show saved runs side by side, or a robot in its zero posture",
         "FILE_view.html, or with --gif FILE.gif, with --png a folder FILE_frames",
+        examples=(
+            "featherstone-gait view humanoid",
+            "featherstone-gait view humanoid_simulation.npz",
+            "featherstone-gait view before.npz after.npz --ghosts",
+            "featherstone-gait view run.npz --gif --speed 0.1",
+        ),
     )
-    parser.epilog, parser.formatter_class = EXAMPLE, argparse.RawDescriptionHelpFormatter
     parser.add_argument("files", nargs="+", metavar="FILE", help="of saved trajectories (.npz), or one robot")
     parser.add_argument("--robot", metavar="ROBOT", help="that made the runs (default: as they say)")
     parser.add_argument("--caption", action="append", default=[], metavar="TEXT", help="of a run, once for each")
