@@ -330,7 +330,7 @@ def _baselines(cost: WalkingCost, unseen: int, progress: bool, cheapest: bool) -
 def _at_equal_speed(cost: WalkingCost, result: OptimizeResult, baselines: Sequence[dict]) -> list[dict[str, Any]]:
     """Of each baseline that walks the cheapest gait as fast as it, among those on the search's way.
 
-    All have one period, so that equal speeds are equal steps.  The way was not looked for at that speed: what is gained
+    Of plans with its period equal speeds are equal steps.  The way was not looked for at that speed: what is gained
     there is at least what is told.
     """
     best = np.concatenate([least_so_far(part) for part in parts_of(result.history["f"], result.get("since"))])

@@ -200,7 +200,7 @@ def _at_equal_speed(report: Report) -> str:
     if not rows:
         return ""
     return _table(["", "it", "as fast", ""], rows) + (
-        '<p class="soft">The cheapest gait that the search came by, within 5 % of that speed; with one period for all, '
+        '<p class="soft">The cheapest gait that the search came by, within 5 % of that speed; of plans with its period '
         "equal speeds are equal steps. It was not searched for at that speed: the gain is at least this. In the first "
         "half of a search with limits it keeps to none.</p>"
     )
