@@ -14,6 +14,7 @@ import pytest
 
 from featherstone_gait import cli, optimize
 from featherstone_gait.search import minimize
+from featherstone_gait.walking import worth
 
 resource = pytest.importorskip("resource")
 
@@ -119,7 +120,7 @@ def test_a_full_disk_leaves_no_half_written_results(tmp_path, monkeypatch, capsy
         raise full
 
     command = ["optimize", "--nominal", "--unseen", "0", "--iterations", "2", "--out", str(tmp_path)]
-    monkeypatch.setattr(optimize, "PERTURBED", 1)
+    monkeypatch.setattr(worth, "PERTURBED", 1)
     with monkeypatch.context() as disk:
         disk.setattr(optimize, "write_animation", half)
         assert cli.main(command) == 2
@@ -127,7 +128,7 @@ def test_a_full_disk_leaves_no_half_written_results(tmp_path, monkeypatch, capsy
     assert error.startswith(f"error: {tmp_path}: the results cannot be written (No space left on device)")
     assert [path.name for path in tmp_path.iterdir()] == ["humanoid_gait_history.jsonl"]
     assert cli.main([*command, "--resume"]) == 0
-    assert len(list(tmp_path.iterdir())) == 8
+    assert len(list(tmp_path.iterdir())) == 9
 
 
 def test_a_folder_that_takes_no_files_is_named_before_the_search(tmp_path, monkeypatch):

@@ -30,7 +30,9 @@ NO_CALLS = {
         "Trim",
     ),
     "identification": ("Identification",),
-    "walking": ("BIOLOID_WALK", "ConstraintReport", "Measures", "Plan"),
+    # The last is for robots on four legs, of which none comes along.
+    "walking": ("BIOLOID_WALK", "ConstraintReport", "Measures", "Plan", "four_legged_stride"),
+    "sensors": ("in_world",),  # for whoever draws forces
 }
 
 
@@ -183,6 +185,9 @@ def _scenes() -> Iterator[Call]:
     yield Call("restarted", fg.restarted, {"scene": driven, "state": fg.initial_state(driven)})
     yield Call("initial_state", fg.initial_state, {"scene": over, "q": [0.0, 0, 1, 1, 0, 0, 0, 0], "qd": np.zeros(7)})
     yield Call("standing_state", fg.standing_state, {"scene": over, "angles": [0.0], "beyond_limits": False})
+    chosen = {"n": 2, "action": "reference", "observe": ("q", "encoders"), "seed": 0, "sample": None}
+    yield Call("Session", lambda **how: fg.Session(driven, **how).close(), chosen, True)
+    yield Call("controller", lambda **how: fg.controller(_follow, **how), {"memory": 1, "period": 0.01})
     held = {"state": start, "reference": [0.1, 0.1], "tau": None, "inputs": ("reference",), "outputs": ("torque",)}
     counts = {"states": ("q", "qd"), "steps": 3, "rtol": None, "threads": 1}
     yield Call("linearise", fg.linearise, {"scene": driven} | held | counts, True)
@@ -266,6 +271,10 @@ def _postures() -> Iterator[Call]:
     )
 
 
+def _follow(t: float, state: Any, reference: Any, command: Any, memory: Any) -> None:
+    command[0, 0] = reference[0, 0]
+
+
 def _closed(figure: Any) -> None:
     from matplotlib import pyplot
 
@@ -306,6 +315,14 @@ def _walking() -> Iterator[Call]:
         {"model": robot, "angles": np.tile(posture, (9, 1)), "base_position": np.zeros((9, 3)), "T": 0.01, "g": 9.81},
     )
     yield Call("mirror_of", walking.mirror_of, {"model": robot})
+    yield Call("mirror_by_place", walking.mirror_by_place, {"model": robot, "posture": posture})
+    scaled = {"model": robot, "leg": 0.2, "servo": None, "margin": 1.0}
+    yield Call("with_generic_servos", walking.with_generic_servos, scaled)
+    yield Call("Pattern", walking.Pattern, _all_fields(walking.Pattern()))
+    scene = fg.compile_scene(robot, "mipsd", fg.Ground(), "midpoint", 1e-3)
+    yield Call("first_gait", walking.first_gait, {"scene": scene, "plan": "plain", "states": "step"}, True)
+    few = {"scene": scene, "states": "step", "box": None, "count": (1,), "searched": None, "seed": 0}
+    yield Call("cheapest_plan", walking.cheapest_plan, few, True)
     yield Call("Constraints", walking.Constraints, _all_fields(walking.Constraints(1.0, 0.1, 0.1, 0.1, 0.1)))
 
 

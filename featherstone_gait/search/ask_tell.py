@@ -36,6 +36,8 @@ def check_map(fun: object, map: object) -> None:
     """Raise TypeError for a map that is None, and for no function unless a map of one's own needs none."""
     if map is None:
         raise TypeError("map is None; leave it out, or give a function like the built-in map")
+    if isinstance(map, type) and not hasattr(map, "__iter__"):
+        raise TypeError(f"map is the class {map.__name__}, which gives no costs; give a function like the built-in map")
     if fun is None and map is builtins.map:
         raise TypeError("fun is None; give a function, or a `map` that needs none")
 

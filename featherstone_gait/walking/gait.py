@@ -134,6 +134,8 @@ def fit_gait(stride: Stride, n_poses: int = 4, *, mirror: Mirror | None = None, 
     n_poses = whole("n_poses", n_poses, 3, "give the number of key poses", len(stride.times))
     if mirror is not None:
         _check_mirror(mirror, len(stride.joint_names))
+        if n_poses % 2:
+            raise ValueError(f"n_poses is {n_poses}; a mirrored gait needs an even number of poses: give {n_poses + 1}")
     fit_phase = truth("fit_phase", fit_phase)
     phases = stride.times[stride.times < stride.period / n_poses] if fit_phase else stride.times[:1]
     fits = [_fit_at(stride, n_poses, mirror, phase) for phase in phases]
