@@ -236,12 +236,11 @@ def _search(report: Report, costs: np.ndarray) -> str:
         "<p>The cheapest candidates, looked at again in worlds of their own; taken is the one that walks in most, "
         "then the cheapest. J/m here are those that a search is told: with what a gait pays for limits.</p>"
     )
-    work = report["evaluations"]
     return (
         _convergence(costs, report["search"]["with_limits_from"])
         + (why + table if body else "")
-        + f'<p class="soft">{escape(report["search"]["message"])}; {work["begun"]} evaluations begun, {work["wasted"]} '
-        f"of them wasted; {report['seconds']['search']:.0f} s of search, {report['seconds']['all']:.0f} s in all.</p>"
+        + f'<p class="soft">{escape(report["search"]["message"])}. What differs from run to run, times and '
+        "evaluations, is in the JSON.</p>"
     )
 
 
