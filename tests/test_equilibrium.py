@@ -42,6 +42,7 @@ def test_a_humanoid_stands_and_stays(servos):
     assert moved(scene, found) < 1e-6
 
 
+@pytest.mark.long
 def test_feet_squeeze_the_ground_by_what_asks_least_of_joints_and_friction():
     """|tau|^2 + |r f|^2 does not fall if the feet push apart by a little more, which keeps the base in balance."""
     scene = compile_scene(load_robot("humanoid"), None, Ground(), "implicit_euler", 1e-3)
@@ -56,6 +57,7 @@ def test_feet_squeeze_the_ground_by_what_asks_least_of_joints_and_friction():
     assert abs(by_torque + by_friction) < 1e-2 * abs(by_friction)
 
 
+@pytest.mark.long
 def test_on_one_foot_the_other_is_in_the_air():
     model = load_robot("humanoid")
     scene = compile_scene(model, "mipsd", Ground(), "implicit_euler", 1e-3)
@@ -70,6 +72,7 @@ def test_on_one_foot_the_other_is_in_the_air():
         trim(scene, q, contacts=["neck"])
 
 
+@pytest.mark.long
 def test_a_box_on_a_slope_leans_on_friction_or_slips():
     """Along the slope m g sin a, across it m g cos a; beyond friction tan a it slips."""
     slope = 0.2
@@ -85,6 +88,7 @@ def test_a_box_on_a_slope_leans_on_friction_or_slips():
     assert "N of friction" in slippery.message
 
 
+@pytest.mark.long
 def test_a_spring_carries_its_share():
     """One from the ceiling to the rod's end: its moment about the hinge adds to that of gravity."""
     model = pendulum(length=0.5, mass=1.0)

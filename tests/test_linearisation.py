@@ -82,6 +82,7 @@ def sliders(count, stiffness, mass):
     return Model("sliders", links, joints), springs
 
 
+@pytest.mark.long
 def test_a_chain_of_springs_has_the_matrix_exponential_of_its_equation():
     n, k, m = 3, 40.0, 0.5
     model, springs = sliders(n, k, m)
@@ -109,6 +110,7 @@ def test_two_periods_are_the_square_of_one_at_an_equilibrium():
     assert (np.abs(one.A @ one.B + one.B - two.B) / scale).max() < 1e-6
 
 
+@pytest.mark.long
 def test_small_deviations_go_where_the_matrices_take_them():
     """What the linear model misses falls as the square of the deviation; a floating base and moving joints."""
     scene = compile_scene(load_robot("humanoid"), integrator="implicit_euler", timestep=1e-3, gravity=(0.0, 0.0, 0.0))
@@ -133,6 +135,7 @@ def test_small_deviations_go_where_the_matrices_take_them():
     np.testing.assert_allclose(change, size * (found.C @ x + found.D @ u), atol=0.02 * np.abs(change).max())
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_moved_and_deviation_are_inverse():
     scene = box_on(Ground())
@@ -185,6 +188,7 @@ def test_held_voltages_are_inputs_too():
     np.testing.assert_allclose(by_voltage.B * Kp, by_reference.B[rows], atol=1e-7 * scale)
 
 
+@pytest.mark.long
 def test_followers_are_no_states():
     free = load_robot("arm7_spatial")
     joints = [j if j.name != "joint3" else replace(j, mimic=Mimic("joint2", 0.5)) for j in free.joints]
@@ -253,6 +257,7 @@ def test_what_does_not_fit_is_named(given, what):
         linearise(scene, **given)
 
 
+@pytest.mark.long
 def test_a_robot_that_falls_within_the_period_is_named():
     scene = compile_scene(load_robot("humanoid"), ground=Ground(), integrator="implicit_euler", timestep=1e-3)
     lying = initial_state(scene, [0.0, 0.0, 0.3, 0.6, 0.0, 0.8, 0.0, *np.zeros(scene.tree.n)])

@@ -207,6 +207,7 @@ def test_many_sweeps_lead_to_what_solving_gives():
     assert errors[-1] < 1e-6
 
 
+@pytest.mark.long
 def test_a_servo_moves_its_joint_as_in_the_tree():
     """MIPSD with the limits and the spring of SimTwo's order in `core`, through slew and current limits: 1e-6 rad."""
     arm = load_robot("ax12_arm")
@@ -238,6 +239,7 @@ def double_pendulum(cross):
     return Model("gimbal", links, joints)
 
 
+@pytest.mark.long
 def test_two_hinges_on_a_small_body_are_a_universal_joint():
     """It moves as the tree does with that body, with the first power of the step."""
     model, start = double_pendulum(1e-6), ([0.5, -0.7], [1.0, 2.0])

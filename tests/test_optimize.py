@@ -268,6 +268,7 @@ def test_a_history_in_which_the_first_gait_costs_something_else_is_not_continued
     assert "line 2: the first gait cost 12.5 J/m" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_the_command_shows_progress_and_a_table(tmp_path, capsys):
     options = ["--iterations", "2", "--worlds", "2", "--unseen", "3", "--no-fair", "--out", str(tmp_path)]
     assert cli.main(["optimize", *options]) == 0

@@ -87,6 +87,7 @@ def test_an_action_of_none_holds_the_robots_where_they_are():
     assert_same(session, [simulate(scene, 0.05, start, record=RECORD, estimate_error=False)])
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_worlds_differ_in_each_robot():
     scene, worlds = servo_arm(), Worlds(runs=11, servos={"resistance": Spread("normal", 0.1)}, seed=3)
@@ -100,6 +101,7 @@ def test_worlds_differ_in_each_robot():
     assert len({run.final.tobytes() for run in runs}) == 11
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("pushed", [False, True])
 def test_robots_reset_at_different_times_have_their_own(pushed):
     """Where pushes depend on the time lanes go on one after the other."""
@@ -134,6 +136,7 @@ def test_a_state_that_a_run_has_come_to_goes_on():
     assert session.time.tolist() == [0.0, 0.0, 0.0]
 
 
+@pytest.mark.long
 def test_the_companion_tells_the_error_of_simulate():
     for integrator in ("midpoint", None):
         session, actions = Session(servo_arm(integrator, delay=0.0), 3, estimate_error=True), moves(3)
@@ -173,6 +176,7 @@ def test_a_voltage_reaches_the_motor_as_it_is():
     assert np.allclose(seen["current"][:2], steady[:2], atol=1e-3)
 
 
+@pytest.mark.long
 def test_a_duty_cycle_is_a_share_of_the_supply():
     scene = servo_arm(lag=0.0, delay=0.0)
     limit = next(iter(scene.model.servos.values())).voltage_limit
@@ -180,6 +184,7 @@ def test_a_duty_cycle_is_a_share_of_the_supply():
     assert session.step([[0.25], [-1.0]])["voltage"].ravel().tolist() == [0.25 * limit, -limit]
 
 
+@pytest.mark.long
 def test_a_torque_holds_a_pendulum_against_its_weight():
     """At sin q = tau / (m g l / 2)."""
     scene = compile_scene(pendulum(damping=1.0), integrator="implicit_euler", timestep=1e-3)
@@ -200,6 +205,7 @@ def test_torques_have_the_bits_of_runs_that_follow_each_other():
         assert_same(session, runs, recorded=False)
 
 
+@pytest.mark.long
 def test_a_servo_that_follows_its_reference_at_every_instant():
     arm = load_robot("ax12_arm")
     arm = with_controller(arm, law="pd", Kd=0.1)
