@@ -501,3 +501,12 @@ def _with_first_error(scene: CompiledScene, start: Start) -> np.ndarray:
         error -= np.clip(error, -firmware.band.compliance_margin, firmware.band.compliance_margin)
     y[o["last_error"] : o["last_error"] + n] = error
     return y
+
+
+def each_once(function: Callable[[Any], Any], entries: Sequence[Any]) -> list[Any]:
+    """What the function makes of each entry; of the same object it makes the same."""
+    found: dict[int, Any] = {}
+    for entry in entries:
+        if id(entry) not in found:
+            found[id(entry)] = function(entry)
+    return [found[id(entry)] for entry in entries]

@@ -37,7 +37,7 @@ from ..trajectory import Trajectory
 from ..worlds import Worlds
 from .companion import FIXED_LIMIT, LIMIT, SPEED_LIMIT, WHOLE, companion, coordinates
 from .crowd import Crowd, Lot
-from .prepared import Prepared, Start, prepare, with_tolerance
+from .prepared import Prepared, Start, each_once, prepare, with_tolerance
 from .program import CompiledController, open_loop
 from .start import check_scene
 from .verdict import STATUS, trajectory, verdict
@@ -146,13 +146,13 @@ class Session:
                 raise ValueError(f"{one.model.name}: no companion tells the error of {one.integrator}: leave it out")
             return prepare(other.scene, tick, (), tick, rtol=other.rtol, atol=other.atol, **how), other.share
 
-        self._worlds = _each_once(made_ready, scenes)
+        self._worlds = each_once(made_ready, scenes)
         noisy = self._deviations is not None
         threads = None if threads is None else whole("threads", threads, 1, "one a core is usual")
         self._crowds = [Crowd(self._worlds, noisy, threads)]
         self._share = 0.0
         if truth("estimate_error", chosen["estimate_error"]):
-            others = _each_once(coarser, scenes)
+            others = each_once(coarser, scenes)
             self._share = others[0][1]
             self._crowds.append(Crowd([one for one, _ in others], noisy, threads))
         self._initial = [_initial_states(crowd.worlds) for crowd in self._crowds]
@@ -698,15 +698,6 @@ def _scenes(scene: CompiledScene, n: int | None, worlds: Worlds | None) -> tuple
     return worlds.scenes(scene, range(n)), n
 
 
-def _each_once(function: Callable[[Any], Any], entries: Sequence[Any]) -> list[Any]:
-    """What the function makes of each entry; of the same object it makes the same."""
-    found: dict[int, Any] = {}
-    for entry in entries:
-        if id(entry) not in found:
-            found[id(entry)] = function(entry)
-    return [found[id(entry)] for entry in entries]
-
-
 def _deviations(scene: CompiledScene, noise: Any) -> np.ndarray | None:
     if noise is None:
         return None
@@ -729,7 +720,7 @@ def _check_sample(scene: CompiledScene, sample: float | None) -> None:
 
 def _initial_states(worlds: Sequence[Prepared]) -> np.ndarray:
     """(n, length)."""
-    found = _each_once(lambda ready: ready.start().y, worlds)
+    found = each_once(lambda ready: ready.start().y, worlds)
     if len({len(y) for y in found}) > 1:
         raise ValueError("worlds: their states have other lengths, since servos wait for other numbers of ticks: "
                          "let delays not differ")  # fmt: skip

@@ -31,7 +31,7 @@ from ..worlds import Worlds
 from .batch import drive_lanes, family, run_all, streams
 from .companion import OF_HALF, Companion, accounted, companion, coordinates, judged
 from .lane_engine import Source
-from .prepared import Prepared, Start, prepare, with_tolerance
+from .prepared import Prepared, Start, each_once, prepare, with_tolerance
 from .program import CompiledController
 from .start import check_scene, initial_state, restarted, standing_state
 from .verdict import trajectory
@@ -120,7 +120,7 @@ def simulate_batch(
     estimate = None if estimate_error is None else truth("estimate_error", estimate_error)
     each = {"states": states, "references": references, "taus": taus, "noises": noises}
     runs = _runs(scene, worlds, each)
-    batch = Batch(_once(lambda given: Case(given, rtol, atol, sample), runs.pop("scenes")), **runs)
+    batch = Batch(each_once(lambda given: Case(given, rtol, atol, sample), runs.pop("scenes")), **runs)
     record = tuple(listed("record", record, "give a list of channels, such as ('q', 'qd')"))
     acting = (pushes, controller)
     simulated = functools.partial(_simulated, duration=duration, acting=acting, executor=executor)
@@ -154,7 +154,7 @@ class Batch(NamedTuple):
 
     def by(self, case: Callable[[Case], Case]) -> Batch:
         """The same in other scenes or courses."""
-        return self._replace(cases=_once(case, self.cases))
+        return self._replace(cases=each_once(case, self.cases))
 
 
 class Simulated(Protocol):
@@ -183,15 +183,6 @@ def _runs(scene: Any, worlds: Worlds | None, each: dict[str, Any]) -> dict[str, 
     return runs if lists["scenes"] is not None else runs | {"scenes": [scene] * n}
 
 
-def _once(function: Callable[[Any], Any], entries: Sequence[Any]) -> list[Any]:
-    """What the function makes of each entry; of the same object it makes the same."""
-    found: dict[int, Any] = {}
-    for entry in entries:
-        if id(entry) not in found:
-            found[id(entry)] = function(entry)
-    return [found[id(entry)] for entry in entries]
-
-
 def _simulated(
     batch: Batch,
     record: tuple[str, ...],
@@ -212,7 +203,7 @@ def _simulated(
         )  # fmt: skip
         return dataclasses.replace(ready, stop=stop)
 
-    ready = _once(made_ready, batch.cases)
+    ready = each_once(made_ready, batch.cases)
     starts = [one.start(*row) for one, row in zip(ready, zip(*batch[1:]))]
     if len({start.noise is None for start in starts}) > 1:
         raise ValueError("noises: some runs have noise and some have none; give all of them an array, or none")
@@ -228,7 +219,7 @@ def _judged(case: Case) -> Case:
 
 def _with_companions(batch: Batch, record: tuple[str, ...], simulated: Simulated) -> list[Trajectory]:
     """The runs, each with the error that a companion tells; companions go on from where companions ended."""
-    others = _once(lambda case: companion(case.scene, case.sample, case.rtol, case.atol), batch.cases)
+    others = each_once(lambda case: companion(case.scene, case.sample, case.rtol, case.atol), batch.cases)
     alone = [k for k, other in enumerate(others) if other is None]
     told = dict(zip(alone, simulated(batch.of(alone), record)))
     rest = [k for k, other in enumerate(others) if other is not None]
