@@ -71,13 +71,14 @@ def test_rotor_or_implicit_integration_is_enough(result):
 
 
 def test_compliance_makes_it_worse(result):
-    """2 to 4 decades more error than rigid with the same rotor, for every disturbance; unstable from 2 ms on."""
+    """2 to 4 decades more error than rigid with the same rotor, for every disturbance; it chatters from 2 ms on."""
     for integrator in (EXPLICIT, IMPLICIT):
         rigid, compliant = (result.of(servos=s, integrator=integrator) for s in ("rotor", "mipsd"))
         assert (compliant.error > 50.0 * rigid.error).all()
         assert compliant.word == rigid.word == "holds"
     assert result.of(servos="rotor", step=2e-3).word == "holds"
-    assert result.of(servos="mipsd", step=2e-3).word == "fails"
+    assert result.of(servos="mipsd", step=2e-3).word == "chatters"
+    assert result.of(servos="mipsd", step=1e-2).word == "fails"
     assert result.of(**ALONE).word == "fails"
     assert result.of(**ALONE, integrator=IMPLICIT).word == "holds"
 
@@ -103,14 +104,15 @@ def test_the_arm_buckles_below_the_least_gain(link):
     assert words == ["falls", "holds"]
 
 
-def test_the_printed_constants_hold_no_arm_and_their_other_readings_only_implicitly(result):
+def test_the_printed_constants_hold_no_arm_and_their_other_readings_only_without_a_limit_on_the_damper(result):
+    """They hold by their damper alone, and the program of 2012 lets it pass G 0.2 J / h, 5 mN m: the arm sinks."""
     words = {
         (gearbox, integrator): result.of(servos="mipsd", gearbox=gearbox, integrator=integrator).word
         for gearbox in ("paper_literal", "code_2012", "paper_rotor_side")
         for integrator in (EXPLICIT, IMPLICIT)
     }
     assert {words["paper_literal", i] for i in (EXPLICIT, IMPLICIT)} == {"falls"}
-    assert {words[g, EXPLICIT] for g in ("code_2012", "paper_rotor_side")} <= {"chatters", "fails"}
+    assert {words[g, EXPLICIT] for g in ("code_2012", "paper_rotor_side")} == {"falls"}
     assert {words[g, IMPLICIT] for g in ("code_2012", "paper_rotor_side")} == {"holds"}
 
 

@@ -93,7 +93,7 @@ def _controllers(servos: list[Servo | None]) -> np.recarray:
 
 def _gears(model: Model, servos: list[Servo | None]) -> np.recarray:
     table = records(len(servos), GEAR)
-    table.inertia = 1.0
+    table.inertia = table.ratio = 1.0
     for row, servo, name in zip(table, servos, model.joint_names):
         if servo is None:
             continue

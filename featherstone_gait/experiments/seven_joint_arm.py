@@ -376,12 +376,13 @@ def _printed(result: Result) -> Claim:
     servo = next(iter(model.servos.values()))
     speed = servo.voltage_limit / (servo.gearbox.ratio * servo.motor_constant)  # without load or friction [rad/s]
     torque = math.pi * servo.gearbox.stiffness + servo.gearbox.damping * speed
+    limit = servo.gearbox.ratio * 0.2 * servo.gearbox.rotor_inertia / Case.step
     weight = -inverse_dynamics(model, np.radians(1.0) * np.eye(7)[0], np.zeros(7), np.zeros(7))[0]
     why = (
         f"As printed, at the output, they pass {1e3 * torque:.1g} mN m at most (half a turn of the spring, damper at "
         f"no-load speed); at one degree the lowest joint carries {1e3 * weight:.0f} mN m. Scaled to the output as the "
-        "program of 2012 does (G K, G² B), or both by G², the damper of 6.45 N m s/rad is too stiff for explicit steps "
-        "of 1 ms, and held back by that program's limit on it; solved implicitly it holds, as thick oil would: "
+        "program of 2012 does (G K, G² B), or both by G², it is the damper of 6.45 N m s/rad that holds, as thick oil "
+        f"would; of it that program passes {1e3 * limit:.1g} mN m in steps of 1 ms: "
         + ", ".join(f"{g} {i} {word}" for (g, i), word in words.items())
         + ". None of it is a gearbox, hence our `physical`."
     )

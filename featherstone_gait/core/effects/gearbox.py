@@ -15,6 +15,7 @@ GEAR = np.dtype(
         ("stiffness", np.float64),  # K [N m/rad]
         ("damping", np.float64),  # B [N m s/rad]
         ("gap", np.float64),  # half the backlash [rad]
+        ("ratio", np.float64),  # G
         ("inertia", np.float64),  # of the rotor, G^2 J [kg m^2]
         ("rotor_damping", np.float64),  # G^2 B_vr [N m s/rad]
         ("tooth_damping", np.float64),  # Hunt and Crossley's d of teeth that meet across a gap [s/rad]

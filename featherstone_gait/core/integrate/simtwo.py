@@ -2,7 +2,8 @@
 
 Each step: the speed is filtered, the current moves on with the speed of the step's start, the torque is a constant of
 the step.  The spring-damper gearbox follows commit f9dc76a: rotor by semi-implicit Euler, the damping torque on the
-rotor limited to 0.2 J / h.  Only stops and contacts stay implicit, as they were constraints of that engine.
+rotor limited to 0.2 J / h, G times that at the joint.  Only stops and contacts stay implicit, as they were constraints
+of that engine.
 """
 
 from typing import NamedTuple
@@ -82,7 +83,7 @@ def _mipsd(actuator, s, i, v, f, viscous):
     y, o, h, g, E = s.y, s.o, s.h, actuator.gear[i], s.o.energy + ENERGIES * i
     w = y[o.rotor_speed + i]
     I = _current(actuator.motor, s, i, w)
-    limit = 0.2 * g.inertia / h  # of the torque that the damper transmits
+    limit = 0.2 * g.inertia / (g.ratio * h)  # of the torque that the damper transmits
     T = g.stiffness * wind_up(g, y[o.rotor + i] - y[o.q + i])
     B = clamp(g.damping * (w - f), -limit + 0.0 * w, limit + 0.0 * w)
     w = w + h * (actuator.motor[i].torque_constant * I - g.rotor_damping * w - (T + B)) / g.inertia
