@@ -41,6 +41,12 @@ from featherstone_gait.benchmark.skip import FIRMWARE
 arm = load_robot("arm7")
 fed = replace(arm, servos=dict.fromkeys(arm.joint_names, load_servo("ax12", **FIRMWARE)), supply=Supply(11.1, 0.3))
 """
+SESSION = "from featherstone_gait import Session\nSession(scene, 8).step([[0.0] * 19] * 8)"
+CONTROLLER = """
+from featherstone_gait.benchmark.session import upright
+simulate(scene, 0.1, controller=upright)
+"""
+SIMTWO = HUMANOID.format(', integrator="simtwo", timestep=1e-3') + "from featherstone_gait import maximal\n"
 KINDS = {  # first results
     "free arm": 'simulate(compile_scene(load_robot("arm7")), 0.1)',
     "arm with rotors": 'simulate(compile_scene(load_robot("arm7"), servos="rotor"), 0.1)',
@@ -49,6 +55,10 @@ KINDS = {  # first results
     "the same in lanes": MIDPOINT + "simulate_batch(scene, 0.1, states=[None] * 8)",
     "the same, midpoint": MIDPOINT + "simulate(scene, 0.1)",
     "the same, rtol 1e-9": BY_DEFAULT + "simulate(scene, 0.01, rtol=1e-9)",
+    "a session of eight": BY_DEFAULT + SESSION,
+    "a controller of one's own": MIDPOINT + CONTROLLER,
+    "matrices of a tick": MIDPOINT + "from featherstone_gait import linearise\nlinearise(scene)",
+    "constraints and sweeps": SIMTWO + "maximal.simulate(scene, 0.1)",
 }
 PROGRAMS = {kind: TIMED.format(code) for kind, code in KINDS.items()}
 REPEATS, REPEATS_FULL = 3, 9  # of what is cached; the least counts

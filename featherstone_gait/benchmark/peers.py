@@ -475,7 +475,7 @@ def _mujoco_steps(problem: Problem, repeats: int) -> list[Speed]:
     import mujoco
 
     model = problem.model
-    m = walk._mujoco_model(model)
+    m = walk.mujoco_model(model)
     joints = model.joint_names
     rows = []
     for name in ("Euler", "implicitfast", "discrete"):
@@ -500,7 +500,7 @@ def _mujoco_start(m: Any, problem: Problem) -> np.ndarray:
 
     d = mujoco.MjData(m)
     signal = problem.signal
-    state = walk._mujoco_state(m, d, signal.values[0])
+    state = walk.mujoco_state(m, d, signal.values[0])
     if signal.times[0] < 0.0:
         lead = problem._replace(duration=-signal.times[0], reference=Reference(signal.times - signal.times[0],
                                 signal.values))  # fmt: skip

@@ -5,10 +5,16 @@ The humanoid of ten joints holds itself on the ground, servos with elastic gearb
 alike, and of them the median is told with its quartiles.  `simulate_batch` and sessions record nothing and estimate no
 error; sessions are observed at each tick (positions and velocities).  Overhead is CPU time of a step of one robot less
 that of its kernel.
+
+Gymnasium's vector of standing robots, with small random actions, stands beside MuJoCo's threaded rollout of the same
+robot, servos of the same stiffness and steps of the same length (`walk.py` says what its model lacks), called once an
+action as a learner would; observations, rewards and new episodes are made on our side alone.
 """
 
 from __future__ import annotations
 
+import importlib.util
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -24,9 +30,12 @@ from ..run.program import controller
 from ..run.session import Session
 from ..run.simulate import simulate_batch
 from .machine import machine
+from .mujoco_clock import quick_mujoco
 from .table import write_table
+from .walk import mujoco_model, mujoco_state
 
 ROBOTS, TICKS = 64, 100
+ACTIONS = 50  # of an environment, for each robot
 LONG = 1_000_000  # steps of the long run, in which memory must not grow
 
 
@@ -54,6 +63,7 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
     scene = compile_scene(model, servos="mipsd", ground=Ground(), integrator="midpoint", timestep=1e-3)
     turns = 41 if full else 15
     rows = [*_rates(scene, turns), _overhead(scene, turns), *_controllers(scene, turns)]
+    rows += _environments(scene, turns)
     rows += [_growth(scene, LONG)] if full else []
     for row in rows:
         print(f"{row.what:62} {row.value:9.3g} ({row.low:.3g} to {row.high:.3g}) {row.unit}")
@@ -124,6 +134,57 @@ def _controllers(scene: CompiledScene, turns: int) -> list[Row]:
         times = _by_turns([plain, controlled], turns, time.process_time)
         found.append(_row(f"CPU time of {count} with a compiled controller, by that without", times[1] / times[0], "-"))
     return found
+
+
+def _environments(scene: CompiledScene, turns: int) -> list[Row]:
+    """Actions a second of Gymnasium's vector, and that by MuJoCo's: by the clock, on all cores."""
+    if not importlib.util.find_spec("gymnasium"):
+        print("no Gymnasium: install it with pip install featherstone-gait[gym]")
+        return []
+    from ..gym import StandVector
+
+    envs = StandVector(scene, num_envs=ROBOTS)
+    actions = np.random.default_rng(0).uniform(-0.1, 0.1, (ACTIONS, ROBOTS, scene.tree.n))
+
+    def ours() -> None:
+        envs.reset(seed=0)
+        for action in actions:
+            envs.step(action)
+
+    what, each = f"actions a second of {ROBOTS} standing in Gymnasium", ROBOTS * ACTIONS
+    try:
+        if not importlib.util.find_spec("mujoco"):
+            print("no MuJoCo: install it with pip install featherstone-gait[mjcf]")
+            return [_row(what, each / _by_turns([ours], turns)[0], "1/s")]
+        with quick_mujoco():
+            theirs = _mujoco_environments(scene, envs, actions)
+            times = _by_turns([ours, theirs], turns)
+    finally:
+        envs.close()
+    return [_row(what, each / times[0], "1/s"), _row("that rate, over MuJoCo's rollout's", times[1] / times[0], "-")]
+
+
+def _mujoco_environments(scene: CompiledScene, envs: Any, actions: np.ndarray) -> Callable[[], None]:
+    """The same robots in MuJoCo, of which each rollout holds an action."""
+    import mujoco
+    import mujoco.rollout
+
+    m = mujoco_model(scene.model)
+    m.opt.timestep = scene.timestep
+    data = [mujoco.MjData(m) for _ in range(os.cpu_count() or 1)]
+    robots = envs._robots
+    begin = np.repeat(mujoco_state(m, data[0], robots.angles)[None], ROBOTS, axis=0)
+    steps = robots.ticks * scene.tick_steps
+
+    def call() -> None:
+        states = begin
+        with mujoco.rollout.Rollout(nthread=len(data)) as rollout:
+            for action in actions:
+                control = np.repeat(robots.reference(action)[:, None], steps, axis=1)
+                found, _ = rollout.rollout(m, data, initial_state=states, control=control)
+                states = found[:, -1]
+
+    return call
 
 
 def _growth(scene: CompiledScene, steps: int) -> Row:

@@ -43,10 +43,12 @@ from ..model import Ground, HeightField, Joint, Mimic, Model, Supply
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..run.prepared import prepare, with_steps
+from ..run.program import CompiledController
 from ..run.simulate import PARTS, initial_state, simulate, simulate_batch, standing_state
 from ..trajectory import Trajectory
 from ..worlds import Spread, Worlds
 from .machine import machine
+from .session import upright
 from .table import write_table
 
 LOSSES = {  # M4, of an MX-64 by arXiv 2410.08650
@@ -403,11 +405,12 @@ def _rollout(
     push: Push | None = None,
     record: Sequence[str] = (),
     every: int = COUNTED,
+    acts: CompiledController | None = None,
 ) -> Work:
     """A scene that goes on from where it is after a tenth of a second, recorded every so many steps."""
     pushes = (push,) if push else ()
     start = simulate(scene, SETTLE, state, pushes=pushes, record=(), estimate_error=False).final
-    ready = prepare(scene, STEP * COUNTED, record, pushes=pushes)
+    ready = prepare(scene, STEP * COUNTED, record, pushes=pushes, controller=acts)
     if not record:
         ready = replace(ready, channels=np.array([scene.layout["q"]], np.int64))
 
@@ -520,6 +523,8 @@ def savings() -> Iterator[tuple[str, Work, Work, str]]:
     still = standing_state(walker, np.zeros(walker.tree.n))
     dry, loaded = (_standing_on_servos(walker.model, losses) for losses in ({}, LOSSES))
     yield "no friction that knows load and speed (humanoid)", dry, loaded, "M1 and M4 of 10 servos, standing"
+    plain, feedback = _rollout(walker, still), _rollout(walker, still, acts=upright)
+    yield "no controller of one's own (humanoid)", plain, feedback, "one of 10 joints, of a tick a step's share"
     servos = _spread("resistance", "inductance", "motor_constant", "voltage_limit", "stiffness", "damping", "Kp")
     ground, links = _spread("friction", "sinking", "damping_ratio"), _spread("mass", "center_of_mass", "inertia")
     alike = _lanes(walker, still, Worlds(runs=8))

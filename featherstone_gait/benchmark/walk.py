@@ -154,7 +154,7 @@ def _mujoco_rows(name: str, model: Model, times: np.ndarray, references: Sequenc
     import mujoco
     import mujoco.rollout
 
-    spec_model = _mujoco_model(model)
+    spec_model = mujoco_model(model)
     paths: Paths = {}
     data = [mujoco.MjData(spec_model) for _ in range(2)]
 
@@ -163,7 +163,7 @@ def _mujoco_rows(name: str, model: Model, times: np.ndarray, references: Sequenc
         steps = round(DURATION / h)
         at = h * np.arange(steps)
         control = np.stack([np.stack([np.interp(at, times, c) for c in r.T], axis=1) for r in references])
-        begin = _mujoco_state(spec_model, data[0], references[0][0])
+        begin = mujoco_state(spec_model, data[0], references[0][0])
         states, _ = mujoco.rollout.rollout(
             spec_model,
             data[:threads],
@@ -179,7 +179,7 @@ def _mujoco_rows(name: str, model: Model, times: np.ndarray, references: Sequenc
         return _rows(name, "mujoco rollout, implicitfast", len(references), rollouts, paths)
 
 
-def _mujoco_model(model: Model) -> Any:
+def mujoco_model(model: Model) -> Any:
     """The model as MuJoCo's, with a floor, spheres at the contact points and position servos."""
     import tempfile
 
@@ -215,7 +215,7 @@ def _mujoco_model(model: Model) -> Any:
     return m
 
 
-def _mujoco_state(m: Any, d: Any, angles: np.ndarray) -> np.ndarray:
+def mujoco_state(m: Any, d: Any, angles: np.ndarray) -> np.ndarray:
     """Full physics state of the robot standing at the angles, its lowest sphere on the floor."""
     import mujoco
 
