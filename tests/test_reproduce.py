@@ -2,6 +2,7 @@
 
 import json
 import re
+import subprocess
 import sys
 from dataclasses import dataclass
 from html.parser import HTMLParser
@@ -12,7 +13,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from featherstone_gait import cli
-from featherstone_gait.experiments import EXPERIMENTS, Claim, report
+from featherstone_gait.experiments import EXPERIMENTS, Claim, report, sources
 from featherstone_gait.experiments.claim import judged, plus_minus
 from featherstone_gait.experiments.items import ITEMS
 
@@ -137,7 +138,7 @@ def test_a_damaged_or_missing_file_is_made_again(damage, calls, tmp_path):
 
 def test_another_program_runs_again(calls, monkeypatch, tmp_path):
     report.reproduce(["first"], tmp_path)
-    monkeypatch.setattr(report, "_program", lambda: "another")
+    monkeypatch.setattr(report, "_program", lambda module: "another")
     report.reproduce(["first"], tmp_path)
     assert len(calls) == 2
 
@@ -258,3 +259,17 @@ def test_every_experiment_explains_its_settings(name):
     module = __import__(f"featherstone_gait.experiments.{name}", fromlist=["QUICK"])
     assert [row for row in report._settings(module.QUICK) if not row[2]] == []
     assert module.QUICK != module.FULL
+
+
+def test_results_belong_to_the_sources_that_their_experiment_loads(tmp_path):
+    """All that Python loads with an experiment is counted, and what it never loads is not."""
+    code = "import sys; import featherstone_gait.experiments.method_comparison; print(*filter(None, (getattr(m, "
+    code += "'__file__', None) for n, m in sys.modules.items() if n.startswith('featherstone_gait'))), sep='\\n')"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    counted = sources.reached(sources.PACKAGE / "experiments" / "method_comparison.py")
+    assert {Path(path) for path in loaded} <= counted
+    inside = {path.relative_to(sources.PACKAGE).as_posix() for path in counted}
+    assert "search/cma_es.py" in inside  # imported by a package's __init__
+    assert "view/style.py" in inside
+    assert not any(path.startswith(("cli/", "benchmark/")) for path in inside)
+    assert "experiments/posture.py" not in inside

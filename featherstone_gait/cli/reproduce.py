@@ -7,7 +7,7 @@ from argparse import Namespace
 from ..experiments import EXPERIMENTS
 from .arguments import Commands, add_command, announce
 
-TAKES = "some five minutes; Ctrl-C keeps finished experiments"
+TAKES = "some five minutes on two cores; Ctrl-C keeps finished experiments"
 
 
 def add(commands: Commands) -> None:

@@ -32,7 +32,7 @@ class Settings:
 
 
 QUICK = Settings(iterations=150, searches=2)
-FULL = Settings(iterations=1000, searches=3)
+FULL = Settings(iterations=800, searches=3)
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,7 +79,7 @@ class Settings:
     """How long and how often."""
 
     iterations: int  # of each search; the paper's 3000 at full size
-    searches: int  # with mipsd and with standard, by different seeds
+    searches: int  # with mipsd and with standard; within the range of six lies the median with 97 %
     noisy_searches: int  # of each of the other three kinds
     points: int = 50  # iterations at which the best so far is measured again
     amplitude: float = AMPLITUDE  # of the perturbations [rad]
@@ -88,7 +88,7 @@ class Settings:
 
 
 QUICK = Settings(iterations=100, searches=2, noisy_searches=1, points=11)
-FULL = Settings(PAPER_ITERATIONS, searches=10, noisy_searches=2, rtol=1e-6, folder="gait_optimization_searches")
+FULL = Settings(PAPER_ITERATIONS, searches=6, noisy_searches=2, rtol=1e-6, folder="gait_optimization_searches")
 
 DEFINITIONS = {  # of convergence: the first iteration from which on the best is within this of the last best
     "1 % of the final cost": lambda best: 0.01 * best[-1],

@@ -93,7 +93,7 @@ FULL = Settings(
     gains=(8.0, 15.0, 30.0, 45.0, 61.0, 90.0, 120.0, 200.0, 300.0),
     steps=(1e-4, 2.5e-4, 5e-4, 1e-3, 2e-3, 5e-3),
     masses=(0.5, 0.6, 0.7, 0.8, 0.9),
-    disturbances=64,
+    disturbances=32,
 )
 
 

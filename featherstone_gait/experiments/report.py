@@ -32,6 +32,7 @@ from ..files import FilePath, Format, complete
 from . import EXPERIMENTS
 from .claim import Claim, Verdict
 from .items import ITEMS
+from .sources import digest
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,10 +49,10 @@ COLUMNS = ("Item", "Statement", "Paper", "Here", "Factor", "Verdict", "Why and w
 OWN_COLUMNS = ("Question", "Here", "Answer", "Why and where")
 DOTS_PER_INCH = 150
 MINUTES = {  # that an experiment takes on two cores, compiled before: quick, full
-    "servo_step": (0.1, 0.3), "arm_fall": (0.2, 0.5), "servo_terms": (0.1, 0.3), "identification": (0.4, 5),
-    "seven_joint_arm": (0.6, 4),
-    "energy_repeatability": (0.6, 8), "posture": (0.5, 4), "solver_scatter": (2, 6), "gait_optimization": (0.8, 25),
-    "method_comparison": (0.5, 20), "robustness": (0.5, 8), "complete_humanoid": (0.5, 15),
+    "servo_step": (0.1, 0.3), "arm_fall": (0.1, 0.5), "servo_terms": (0.1, 0.3), "identification": (0.3, 5),
+    "seven_joint_arm": (0.4, 4), "energy_repeatability": (0.4, 3), "posture": (0.3, 2), "solver_scatter": (0.9, 6),
+    "gait_optimization": (0.3, 15), "method_comparison": (0.3, 4), "robustness": (0.3, 3),
+    "complete_humanoid": (0.4, 4),
 }  # fmt: skip
 
 
@@ -83,13 +84,12 @@ def reproduce(
     files = folder / "reproduction_files"
     files.mkdir(parents=True, exist_ok=True)
     chosen = [name for name in EXPERIMENTS if not names or name in names]
-    program = _program()
-    entries = {name: _finished(files, name, full, seed, program) or Entry(name, name) for name in chosen}
+    entries = {name: _finished(files, name, full, seed) or Entry(name, name) for name in chosen}
     with tqdm(entries, disable=not progress, unit="experiment") as bar:
         for name in bar:
             bar.set_description(name)
             if not entries[name].finished:
-                entries[name] = _entry(files, name, full, seed, program, progress)
+                entries[name] = _entry(files, name, full, seed, progress)
             write_report(folder, list(entries.values()), full, seed)
     return list(entries.values())
 
@@ -99,25 +99,26 @@ def expected(names: Sequence[str] = (), full: bool = False) -> float:
     return sum(MINUTES.get(name, (0.0, 0.0))[full] for name in EXPERIMENTS if not names or name in names)
 
 
-def _key(name: str, full: bool, seed: int, program: str) -> tuple[Any, Any, str]:
+def _key(name: str, full: bool, seed: int) -> tuple[Any, Any, str]:
     """Module, settings, and what results are filed under."""
     module = import_module(f".{name}", __package__)
     settings = module.FULL if full else module.QUICK
+    program = _program(module)
     return module, settings, hashlib.sha256(f"{name}\n{settings!r}\n{seed}\n{program}".encode()).hexdigest()
 
 
-def _finished(files: Path, name: str, full: bool, seed: int, program: str) -> Entry | None:
+def _finished(files: Path, name: str, full: bool, seed: int) -> Entry | None:
     """From the file of its results, if it is of the same settings, seed and program."""
     try:
-        return _stored(files / f"{name}.json", _key(name, full, seed, program)[2])
+        return _stored(files / f"{name}.json", _key(name, full, seed)[2])
     except Exception:  # what is wrong with it is told when it runs
         return None
 
 
-def _entry(files: Path, name: str, full: bool, seed: int, program: str, progress: bool) -> Entry:
+def _entry(files: Path, name: str, full: bool, seed: int, progress: bool) -> Entry:
     """Run an experiment and keep its results."""
     try:
-        module, settings, key = _key(name, full, seed, program)
+        module, settings, key = _key(name, full, seed)
         entry, pictures = _run(name, module, settings, seed, progress)
     except Exception as error:  # whatever goes wrong in one experiment, the others are reported
         return Entry(name, name, failure=_failure(error))
@@ -167,14 +168,10 @@ def _stored(path: Path, key: str) -> Entry | None:
         return None
 
 
-def _program() -> str:
-    """Version and a digest of all that results depend on here, so that a changed program runs again."""
-    package = Path(__file__).parents[1]
-    roots = package, package.parent / "robots"  # where the robots are in the repository; installed, in the package
-    digest = hashlib.sha256()
-    for path in sorted(path for root in roots for path in root.rglob("*") if path.suffix in (".py", ".toml", ".urdf")):
-        digest.update(path.read_bytes())
-    return f"{__version__} {digest.hexdigest()}"
+def _program(module: Any) -> str:
+    """Version and a digest of all that an experiment's results depend on here, so that a changed program runs again."""
+    file = getattr(module, "__file__", None)
+    return f"{__version__} {digest(Path(file)) if file else ''}"
 
 
 def _failure(error: Exception) -> str:

@@ -63,7 +63,7 @@ class Settings:
 
 
 QUICK = Settings(iterations=100, searches=2, robots=8)
-FULL = Settings(iterations=1000, searches=3, robots=64, push=(0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0))
+FULL = Settings(iterations=800, searches=3, robots=64, push=(0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0))
 
 
 @dataclass(frozen=True, eq=False)

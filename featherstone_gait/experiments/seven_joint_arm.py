@@ -111,7 +111,7 @@ FULL = Settings(
     links=((0.095, 0.095), (0.09, 0.09), (0.085, 0.085), (0.08, 0.08)),
     rotor_inertias=(2e-8, 5e-8, 1e-7, 3e-7, 1e-6),
     tilts=(1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 2e-2, 5e-2),
-    disturbances=64,
+    disturbances=32,
 )
 
 

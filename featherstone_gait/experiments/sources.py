@@ -1,0 +1,86 @@
+"""Which files of this package a module is made of: itself, and all that it imports, and what they import.
+
+Results that were kept belong to the program that made them; a change of a file that it never loads does not make them
+others.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+PACKAGE = Path(__file__).parents[1]
+ROBOTS = (PACKAGE.parent / "robots", PACKAGE / "robots")  # in the repository; installed, in the package
+DATA = (".toml", ".urdf")  # of robots, what runs read
+
+
+def digest(file: Path) -> str:
+    """Of a module's file, of all files of the package that it can load, and of the robots."""
+    robots = (path for root in ROBOTS for path in root.rglob("*") if path.suffix in DATA)
+    return digest_of([*reached(file), *robots])
+
+
+def digest_of(files: list[Path]) -> str:
+    """Of files, in an order of their own; 16 hexadecimal digits."""
+    found = hashlib.sha256()
+    for path in sorted(files):
+        found.update(path.read_bytes().replace(b"\r\n", b"\n"))
+    return found.hexdigest()[:16]
+
+
+def reached(file: Path) -> set[Path]:
+    """The file and all files of the package that come with it, imports within functions too."""
+    found: set[Path] = set()
+    left = [file]
+    while left:
+        path = left.pop()
+        if path not in found:
+            found.add(path)
+            left += imported(path)
+    return found
+
+
+@cache
+def imported(file: Path) -> tuple[Path, ...]:
+    """Files of the package that one file imports, those of the packages around them included."""
+    tree = ast.parse(file.read_text("utf-8"))
+    return tuple(path for name in _names(tree, file) for path in _files(name))
+
+
+def _names(tree: ast.AST, file: Path) -> Iterator[tuple[str, ...]]:
+    """Names of modules that a tree imports, below the package; those for type checkers alone are not loaded."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+            continue
+        if isinstance(node, ast.ImportFrom):
+            base = _base(node, file)
+            if base is not None:
+                yield base
+                yield from ((*base, alias.name) for alias in node.names)
+        elif isinstance(node, ast.Import):
+            parts = (tuple(alias.name.split(".")) for alias in node.names)
+            yield from (name[1:] for name in parts if name[0] == PACKAGE.name)
+        else:
+            yield from _names(node, file)
+
+
+def _base(node: ast.ImportFrom, file: Path) -> tuple[str, ...] | None:
+    """What names are imported from, None if it is another package."""
+    module = tuple(node.module.split(".")) if node.module else ()
+    if not node.level:
+        return module[1:] if module[:1] == (PACKAGE.name,) else None
+    return (*file.parents[node.level - 1].relative_to(PACKAGE).parts, *module)
+
+
+def _files(name: tuple[str, ...]) -> Iterator[Path]:
+    """The module's file, if it is a module, and the packages around it."""
+    place = PACKAGE.joinpath(*name)
+    for path in (place.with_suffix(".py"), place / "__init__.py"):
+        if path.is_file():
+            yield path
+    for above in place.parents:
+        if above.is_relative_to(PACKAGE) and (above / "__init__.py").is_file():
+            yield above / "__init__.py"
