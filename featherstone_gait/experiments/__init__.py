@@ -19,6 +19,7 @@ EXPERIMENTS = (  # modules, in the paper's order; the last three go beyond it
     "posture",
     "solver_scatter",
     "gait_optimization",
+    "what_stops",
     "method_comparison",
     "robustness",
     "complete_humanoid",

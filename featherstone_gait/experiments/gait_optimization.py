@@ -201,10 +201,11 @@ def measure(
     Unlike `WalkingCost.measure` it takes a run that chatters as it is.
     """
     runs = cost.simulate(vectors, sample=TICK, record=("base_q", "energy"), pushes=pushes, rtol=rtol)
-    return np.array([_measured(cost, run) for run in runs])
+    return np.array([measured(cost, run) for run in runs])
 
 
-def _measured(cost: WalkingCost, run: Trajectory) -> tuple[float, float]:
+def measured(cost: WalkingCost, run: Trajectory) -> tuple[float, float]:
+    """Energy per distance [J/m] and distance per step [m] of one run; infinite and nan if it does not walk."""
     first, last = (round(t / TICK) for t in (cost.mark, cost.end))
     before, after = run["energy"][[first, last], :, METER].sum(axis=1)
     start, end = run["base_q"][[first, last], 0]
@@ -241,7 +242,7 @@ def _evaluate(cost: WalkingCost, noise: float, candidates: Speculation) -> float
     def end(run: Trajectory) -> tuple[float, str]:
         seed = int.from_bytes(hashlib.sha256(run.final.tobytes()).digest()[:8], "little")
         factor = 1.0 + noise * np.random.default_rng(seed).standard_normal()
-        return float(_measured(cost, run)[0] * factor), run.status
+        return float(measured(cost, run)[0] * factor), run.status
 
     return simulate_stream(cost.scene, cost.end, candidates, begin, end, record=("base_q", "energy"), sample=TICK)
 
