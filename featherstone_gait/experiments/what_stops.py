@@ -49,7 +49,7 @@ from .claim import Claim, judged, span
 from .common import grid_of_panels
 from .gait_optimization import DEFINITION, DEFINITIONS, PAPER_CONVERGED, PAPER_COST, PAPER_OLD, PAPER_STEP, measured
 from .gait_optimization import measure as measure_walks
-from .sources import digest
+from .sources import PACKAGE, digest
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -247,7 +247,8 @@ def _history(settings: Settings, condition: Condition, seed: int) -> dict[str, A
     """Where a search is kept; another program has other files."""
     if not settings.folder:
         return {}
-    key = hashlib.sha256(f"{condition!r}\n{digest(Path(__file__))}".encode()).hexdigest()[:12]
+    program = [digest(PACKAGE / file) for file in ("optimize.py", "maximal/__init__.py")]
+    key = hashlib.sha256(f"{condition!r}\n{program}".encode()).hexdigest()[:12]
     folder = Path(settings.folder)
     folder.mkdir(parents=True, exist_ok=True)
     return {"history": folder / f"{key}_{seed}.jsonl", "resume": True}
