@@ -16,6 +16,7 @@ from featherstone_gait import cli
 from featherstone_gait.experiments import EXPERIMENTS, Claim, report, sources
 from featherstone_gait.experiments.claim import judged, plus_minus
 from featherstone_gait.experiments.items import ITEMS
+from featherstone_gait.experiments.narrow import WIDTH, stack
 
 NASTY = 'a <b> & "c" | *d* _e_ `f`'
 
@@ -47,6 +48,7 @@ def stand_in(name, calls, fails=None):
         Claim(NASTY, "1 m", f"{result} | 2 m", "reproduced", "because\nof x", "Fig. 9", 0.5),
         Claim("Is it so?", "", "no", "not reproduced", "because of y"),
     ]
+    module.animate = lambda result: {"it moves": "<p>page & script</p>"}
     return module
 
 
@@ -72,9 +74,9 @@ class Tags(HTMLParser):
         self.open, self.addresses = [], []
 
     def handle_starttag(self, tag, attributes):
-        if tag not in ("meta", "img", "br"):
+        if tag not in ("meta", "img", "br", "source"):
             self.open.append(tag)
-        self.addresses += [value for name, value in attributes if name in ("src", "href")]
+        self.addresses += [value for name, value in attributes if name in ("src", "srcset", "href")]
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
@@ -87,8 +89,9 @@ def test_the_report_stands_alone_and_is_well_formed(calls, tmp_path):
     tags.feed(text)
     assert tags.open == []
     assert all(re.match(r"#|data:image/png;base64,", address) for address in tags.addresses)
-    assert text.count("data:image/png;base64,") == 4
+    assert text.count("data:image/png;base64,") == 6  # the figure with a panel twice, for narrow pages too
     assert "<b>" not in text
+    assert text.count('srcdoc="&lt;p&gt;page &amp; script&lt;/p&gt;"') == 2
     assert "a &lt;b&gt; &amp;" in text
     assert "[s] long &lt;enough&gt;" in text
     assert text.index("2.0 0 | 2 m") < text.index("Title of first</h2>") < text.index("Title of last</h2>")
@@ -124,6 +127,27 @@ def test_finished_experiments_are_kept(calls, tmp_path):
     assert (tmp_path / "reproduction.html").read_bytes() == written
     report.reproduce(["last"], tmp_path, seed=1)
     assert calls[2:] == [("last", 2.0, 1)]
+
+
+def test_panels_side_by_side_are_stacked_for_a_telephone():
+    figure = Figure(figsize=(10, 3), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    left.set_ylabel("angle [deg]")
+    left.plot([0, 1], [0, 1], label="a")
+    right.plot([0, 1], [0, 2], label="b")
+    figure.legend(loc="outside upper center", ncols=2)
+    assert stack(figure)
+    figure.draw_without_rendering()
+    assert figure.get_size_inches()[0] == WIDTH
+    assert right.get_position().y1 < left.get_position().y0
+    assert right.get_ylabel() == "angle [deg]"
+    assert not stack(Figure())  # no panels
+
+
+def test_the_gauge_shows_the_factor_on_a_logarithmic_scale():
+    assert report._gauge("") == ""
+    for factor, place in (("1", 50), ("10", 75), ("0.01", 0), ("1e+05", 100)):
+        assert f"left: {place}%" in report._gauge(factor)
 
 
 @pytest.mark.parametrize("damage", ["", "{", "[]", '{"key": 1}'])

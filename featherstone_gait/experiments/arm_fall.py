@@ -24,6 +24,7 @@ from ..run.simulate import initial_state, simulate_batch
 from ..view.style import COLOURS as CYCLE
 from ..view.style import look
 from .claim import Claim, Verdict, plus_minus
+from .common import SERVO_COLOURS
 
 COUNT = math.radians(300.0 / 1023.0)  # encoder step of the AX-12 [rad], ROBOTIS e-manual
 HANGING = math.radians(5.0)  # an arm within this of the vertical hangs [rad]
@@ -258,8 +259,8 @@ def _main(result: Result) -> Figure:
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     for axes, (arm, kinds) in zip(panels, result.gearboxes.items()):
-        for (kind, fall), colour in zip(kinds.items(), CYCLE):
-            axes.plot(fall.time, np.degrees(fall.angles[0]), color=colour, linewidth=1.6, label=kind)
+        for kind, fall in kinds.items():
+            axes.plot(fall.time, np.degrees(fall.angles[0]), color=SERVO_COLOURS[kind], linewidth=1.6, label=kind)
         axes.axhline(0.0, color="0.4", linestyle=":", linewidth=1.0)
         axes.set(xlabel="time [s]", title=arm)
         axes.grid(alpha=0.3)

@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..model import Model
+from ..view.style import BLUE, COLOURS, ORANGE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+SERVO_COLOURS = {"standard": ORANGE, "mipsd": BLUE, "rotor": COLOURS[2]}  # the same in all figures
 
 
 def heavier(model: Model, times: ArrayLike) -> Model:

@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from ..optimize import Quality, optimize_gait, quality, walking_cost
 from ..robot_file import load_robot
-from ..view.style import look
+from ..view.style import BLUE, ORANGE, look
 from .claim import Claim, judged, span
 
 ROBOTS = {"simplified": "simplified", "complete": None}  # name -> what is locked
@@ -174,7 +174,7 @@ def _safe(result: Result) -> Claim:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = {"simplified": "#1f5fa8", "complete": "#e08a00"}
+COLOURS = {"simplified": BLUE, "complete": ORANGE}
 
 
 @look(grid=False)

@@ -33,7 +33,8 @@ from ..model import Ground
 from ..optimize import walking_cost
 from ..robot_file import load_robot
 from ..run.simulate import standing_state
-from ..view.style import look
+from ..view.style import BLUE, ORANGE, look
+from ..view.style import COLOURS as STYLE
 from ..walking.cost import WalkingCost
 from ..walking.gait import TICK
 from .claim import Claim
@@ -319,7 +320,7 @@ def _percent(x: float) -> str:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = dict(zip(MODELS, ("#c8102e", "#f2a3ad", "#1f5fa8", "#9cc3ea")))
+COLOURS = dict(zip(MODELS, (ORANGE, STYLE[5], BLUE, STYLE[4])))
 
 
 @look(grid=False)

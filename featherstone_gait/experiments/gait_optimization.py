@@ -27,6 +27,7 @@ import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -43,8 +44,11 @@ from ..run.simulate import Push, simulate_stream, standing_state
 from ..search import minimize
 from ..search.speculation import Candidate, Speculation
 from ..trajectory import Trajectory
+from ..view.animation import page_html
 from ..view.plotting import plot_motion
-from ..view.style import look
+from ..view.recorded import Seen
+from ..view.style import BLUE, ORANGE, look
+from ..view.style import COLOURS as STYLE
 from ..walking.cost import LEAST_SPEED, WalkingCost
 from ..walking.gait import TICK, bounds
 from .claim import Claim, judged
@@ -52,6 +56,7 @@ from .common import draw_band, draw_marks
 
 EXPLICIT, IMPLICIT = "simtwo", "midpoint"
 PAPER_CONVERGED, PAPER_OLD, PAPER_COST, PAPER_STEP = 800, 2600, -0.14, 0.13
+SHOWN = 3  # strides that are played
 FACTOR, POINTS = 1.5, 0.05  # within which iterations and changes count as the same
 PAPER_ITERATIONS = 3000
 
@@ -136,7 +141,7 @@ class Result:
     first: dict[str, float]
     found: dict[str, np.ndarray]  # (searches,); infinite where it falls
     model: Model
-    strides: tuple[Trajectory, Trajectory]  # with MIPSD: a stride of the planned gait, and of the cheapest one found
+    strides: tuple[Trajectory, Trajectory]  # with MIPSD: `SHOWN` of the planned gait, and of the cheapest one found
 
     def of(self, condition: Condition) -> list[Search]:
         return [search for search in self.searches if search.condition == condition]
@@ -175,15 +180,19 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
         first[name], found[name] = measured[0, 0], measured[1:, 0]
     best = min((search for search in searches if search.condition == MIPSD), key=lambda search: search.best[-1])
     before, after = planned.simulate([planned.gait.to_vector(), best.x, best.x])[:2]
-    strides = _stride(planned, before), _stride(planned, after)
+    strides = _strides(planned, before), _strides(planned, after)
     return Result(settings, searches, first, found, planned.scene.model, strides)
 
 
-def _stride(cost: WalkingCost, run: Trajectory) -> Trajectory:
-    """The first measured stride of a run."""
+def _strides(cost: WalkingCost, run: Trajectory) -> Trajectory:
+    """The first measured strides of a run."""
     time = run["time"]
-    rows = (time > cost.mark - 1e-9) & (time < cost.mark + cost.gait.period + 1e-9)
-    return replace(run, channels={name: run[name][rows] for name in ("time", "base_q", "q")})
+    rows = (time > cost.mark - 1e-9) & (time < cost.mark + SHOWN * cost.gait.period + 1e-9)
+    return _rows(run, rows)
+
+
+def _rows(run: Trajectory, rows: Any) -> Trajectory:
+    return replace(run, channels={name: run[name][rows] for name in ("time", "base_q", "q", "contact_force")})
 
 
 def cost_of(planned: WalkingCost, condition: Condition, timestep: float = 1e-3) -> WalkingCost:
@@ -429,7 +438,7 @@ def _percents(values: Collection[float]) -> str:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = dict(zip(CONDITIONS, ("#1f5fa8", "#c8102e", "#e08a00", "#6bb5ff", "#8a5fbf")))
+COLOURS = dict(zip(CONDITIONS, (BLUE, ORANGE, STYLE[3], STYLE[4], STYLE[5])))
 
 
 @look(grid=False)
@@ -447,12 +456,25 @@ def plot(result: Result) -> dict[str, Figure]:
     }  # fmt: skip
 
 
+def animate(result: Result) -> dict[str, str]:
+    """The same strides as a page that plays them, by caption."""
+    runs = {}
+    for run, name in zip(result.strides, ("planned", "found")):
+        way = np.array(run["base_q"])
+        way[:, 0] -= way[0, 0]
+        still = replace(run, channels={**run.channels, "base_q": way, "time": run["time"] - run["time"][0]})
+        runs[name] = Seen(result.model, still, Ground())
+    caption = f"{SHOWN} strides of the planned gait and of the cheapest found with MIPSD."
+    return {caption: page_html(runs, "planned and found")}
+
+
 def _snapshots(result: Result) -> Figure:
     figure = Figure(figsize=(9.0, 4.6), layout="constrained")
     panels = figure.subplots(1, 2)
     for axes, run, name in zip(panels, result.strides, ("planned", "found")):
-        from_start = run["base_q"] - np.eye(7)[0] * run["base_q"][0, 0]
-        plot_motion(result.model, replace(run, channels={**run.channels, "base_q": from_start}), axes, count=5)
+        stride = _rows(run, slice(len(run["time"]) // SHOWN + 1))
+        from_start = stride["base_q"] - np.eye(7)[0] * stride["base_q"][0, 0]
+        plot_motion(result.model, replace(stride, channels={**stride.channels, "base_q": from_start}), axes, count=5)
         axes.locator_params(axis="x", nbins=5)
         axes.set_title(f"{name}, {1e3 * from_start[-1, 0]:.0f} mm")
     return figure

@@ -21,6 +21,7 @@ from ..optimize import AMPLITUDE, MAX_MISS, walking_cost
 from ..robot_file import load_robot
 from ..search import AdaptiveSimulatedAnnealing, cma_es, differential_evolution, dual_annealing, run_together
 from ..search.ask_tell import Search
+from ..view.style import COLOURS as STYLE
 from ..view.style import look
 from ..walking.cost import WalkingCost
 from ..walking.gait import bounds
@@ -196,7 +197,7 @@ def _percent(x: float) -> str:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = dict(zip(METHODS, ("#1f5fa8", "#c8102e", "#e08a00", "#4a9d5f")))
+COLOURS = dict(zip(METHODS, STYLE))
 
 
 @look(grid=False)

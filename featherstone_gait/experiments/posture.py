@@ -29,9 +29,9 @@ from ..model import Base, Ground, Model
 from ..reference import Reference
 from ..robot_file import load_robot
 from ..run.simulate import initial_state, simulate_batch, standing_state
-from ..view.style import look
+from ..view.style import BLUE, ORANGE, look
 from .claim import Claim, Verdict, judged
-from .common import grid_of_panels, heavier
+from .common import SERVO_COLOURS, grid_of_panels, heavier
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -363,7 +363,7 @@ def _title(joint: str) -> str:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = {"standard": "#c8102e", "mipsd": "#e08a00"}
+COLOURS = SERVO_COLOURS
 STYLES = {EXPLICIT: "-", IMPLICIT: "--"}
 NAMES = {EXPLICIT: "explicit (simtwo)", IMPLICIT: "implicit_euler"}
 FLOOR = 1e-6  # of what is shown of a deviation [deg]
@@ -383,7 +383,7 @@ def _elbow(result: Result) -> Figure:
     figure, axes = grid_of_panels(11.0, 3.6, 1, 3, sharey=True)
     models = (("standard", EXPLICIT), ("mipsd", EXPLICIT), ("standard", IMPLICIT))
     for panel, (servos, integrator) in zip(axes[0], models):
-        for base, colour in (("floating", "#c8102e"), ("fixed", "#2a5d9c")):
+        for base, colour in (("floating", ORANGE), ("fixed", BLUE)):
             o = result.of(servos=servos, integrator=integrator, base=base)
             panel.plot(o.time, o.angle[:, JOINTS.index("left_elbow")], color=colour, linewidth=0.7, label=BASE[base])
         panel.set(xlabel="time [s]", title=f"{servos}, {NAMES[integrator]}")

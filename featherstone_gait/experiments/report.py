@@ -14,6 +14,7 @@ import html
 import inspect
 import io
 import json
+import math
 import os
 import platform
 import re
@@ -32,6 +33,7 @@ from ..files import FilePath, Format, complete
 from . import EXPERIMENTS
 from .claim import Claim, Verdict
 from .items import ITEMS
+from .narrow import stack
 from .sources import digest
 
 if TYPE_CHECKING:
@@ -41,7 +43,7 @@ PAPER = (
     'J. Lima, J. Gonçalves, P. Costa, A. Moreira: "Humanoid Gait Optimization Resorting to an Improved Simulation '
     'Model", International Journal of Advanced Robotic Systems 10 (2013), doi 10.5772/54766'
 )
-FORMAT = Format("experiment", 2)
+FORMAT = Format("experiment", 3)
 IMPLEMENTED = "implemented"  # what is said of an item that states no result
 LABELLED = ("paper", "here", "factor")
 PAPER_ONLY = ("item", "paper", "factor")
@@ -62,7 +64,8 @@ class Entry(NamedTuple):
     name: str
     title: str
     claims: tuple[Claim, ...] = ()
-    figures: tuple[tuple[str, str], ...] = ()  # caption, file
+    figures: tuple[tuple[str, str, str], ...] = ()  # caption, file, and file of the same for narrow pages, "" if none
+    motions: tuple[tuple[str, str], ...] = ()  # caption, page that plays it
     settings: tuple[tuple[str, str, str], ...] = ()  # name, value, unit and reason
     seconds: float = 0.0
     failure: str = ""  # what it raised
@@ -119,33 +122,48 @@ def _entry(files: Path, name: str, full: bool, seed: int, progress: bool) -> Ent
     """Run an experiment and keep its results."""
     try:
         module, settings, key = _key(name, full, seed)
-        entry, pictures = _run(name, module, settings, seed, progress)
+        entry, made = _run(name, module, settings, seed, progress)
     except Exception as error:  # whatever goes wrong in one experiment, the others are reported
         return Entry(name, name, failure=_failure(error))
-    for (_, picture), data in zip(entry.figures, pictures):
-        _write(files / picture, data)
+    for file, data in made.items():
+        _write(files / file, data)
     text = json.dumps({"format": str(FORMAT), "key": key} | _plain(entry), indent=1)
     _write(files / f"{name}.json", text.encode())
     return entry
 
 
-def _run(name: str, module: Any, settings: Any, seed: int, progress: bool) -> tuple[Entry, list[bytes]]:
+def _run(name: str, module: Any, settings: Any, seed: int, progress: bool) -> tuple[Entry, dict[str, bytes]]:
+    """What an experiment found, and its files by name."""
     start = time.perf_counter()
     known = inspect.signature(module.run).parameters
     how = {"seed": seed, "progress": progress}
     result = module.run(settings, **{name: value for name, value in how.items() if name in known})
     claims = tuple(module.check(result))
-    figures = module.plot(result)
-    pictures = [_png(figure) for figure in figures.values()]
-    places = tuple((caption, f"{name}_{k}.png") for k, caption in enumerate(figures, start=1))
+    made: dict[str, bytes] = {}
+    figures, motions = [], []
+    for k, (caption, figure) in enumerate(module.plot(result).items(), start=1):
+        wide, narrow = f"{name}_{k}.png", f"{name}_{k}_narrow.png"
+        made[wide] = _png(figure)
+        if stack(figure):
+            made[narrow] = _png(figure)
+        figures.append((caption, wide, narrow if narrow in made else ""))
+    if hasattr(module, "animate"):
+        for k, (caption, page) in enumerate(module.animate(result).items(), start=1):
+            made[f"{name}_{k}.html"] = page.encode()
+            motions.append((caption, f"{name}_{k}.html"))
     seconds = time.perf_counter() - start
-    return Entry(name, _title(module), claims, places, _settings(settings), seconds, "", True), pictures
+    rest = (tuple(figures), tuple(motions), _settings(settings), seconds, "", True)
+    return Entry(name, _title(module), claims, *rest), made
 
 
 def _png(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
+    """The picture; sixteen million colours are reduced to 256, which lines and bars do not need."""
+    from PIL import Image
+
+    buffer, small = io.BytesIO(), io.BytesIO()
     figure.savefig(buffer, format="png", dpi=DOTS_PER_INCH)
-    return buffer.getvalue()
+    Image.open(buffer).convert("RGB").quantize(256, dither=Image.Dither.NONE).save(small, "png", optimize=True)
+    return small.getvalue()
 
 
 def _plain(entry: Entry) -> dict:
@@ -160,10 +178,11 @@ def _stored(path: Path, key: str) -> Entry | None:
         if content.pop("key") != key:
             return None
         content["claims"] = tuple(Claim(**claim) for claim in content["claims"])
-        for name in ("figures", "settings"):
+        for name in ("figures", "motions", "settings"):
             content[name] = tuple(map(tuple, content[name]))
         entry = Entry(**content)
-        return entry if all((path.parent / picture).is_file() for _, picture in entry.figures) else None
+        needed = [file for _, *files in (*entry.figures, *entry.motions) for file in files if file]
+        return entry if all((path.parent / file).is_file() for file in needed) else None
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
         return None
 
@@ -307,7 +326,15 @@ figcaption { color: var(--soft); font-size: 13px; margin-top: 4px; max-width: 75
 p.failure { border-left: 4px solid var(--no); padding: 8px 12px; background: var(--bad); }
 p.time { color: var(--soft); font-size: 13px; }
 details summary { cursor: pointer; color: var(--link); }
+.gauge { display: block; position: relative; width: 64px; height: 9px; margin: 5px 0 0 auto; border-radius: 2px;
+  background: linear-gradient(90deg, transparent 31px, var(--soft) 31px 33px, transparent 33px), var(--line); }
+.gauge i { position: absolute; top: -1px; width: 11px; height: 11px; margin-left: -6px; border-radius: 50%;
+  background: var(--link); border: 2px solid var(--page); }
+iframe { width: 100%; height: 560px; border: 1px solid var(--line); border-radius: 6px; }
+@media (max-width: 600px) { figure.wide picture { display: block; overflow-x: auto; } iframe { height: 620px; }
+  figure.wide img { max-width: none; width: 900px; } }
 @media (max-width: 800px) {
+  .gauge { display: inline-block; margin: 0 0 0 8px; vertical-align: middle; }
   main { padding: 16px 14px 48px; }
   table.claims, table.claims tbody, table.claims tr, table.claims td { display: block; width: auto; }
   table.claims tr.head { display: none; }
@@ -317,7 +344,8 @@ details summary { cursor: pointer; color: var(--link); }
   table.claims td[data-label]::before { content: attr(data-label) ": "; color: var(--soft); font-weight: 400; }
   table.facts, table.settings { display: block; } table.facts th { width: 7em; }
 }
-@media print { body { background: #fff; } main { padding: 0; max-width: none; } tr, figure { break-inside: avoid; } }
+@media print { body { background: #fff; } main { padding: 0; max-width: none; } tr, figure { break-inside: avoid; }
+  figure.motion { display: none; } }
 """
 SCRIPT = 'addEventListener("beforeprint", () => document.querySelectorAll("details").forEach(d => d.open = true));'
 SHADES = {"reproduced": "yes", "yes": "yes", IMPLEMENTED: "soft", "reproduced in direction": "part", "in part": "part",
@@ -356,7 +384,8 @@ def _html_row(row: Row, columns: Sequence[str]) -> str:
         why = (f"<details><summary>why</summary>{e(row.why)}</details>" if row.why else "") + link
     cells = {
         "item": e(row.item), "statement": e(row.statement), "paper": e(row.paper), "here": e(row.here),
-        "factor": e(row.factor), "verdict": f'<span class="{SHADES.get(row.verdict, "no")}">{e(row.verdict)}</span>',
+        "factor": _gauge(row.factor),
+        "verdict": f'<span class="{SHADES.get(row.verdict, "no")}">{e(row.verdict)}</span>',
         "why": why,
     }  # fmt: skip
     shown = cells if columns == COLUMNS else {name: cells[name] for name in cells if name not in PAPER_ONLY}
@@ -366,16 +395,32 @@ def _html_row(row: Row, columns: Sequence[str]) -> str:
     return f"<tr>{''.join(f'{tag}{x}</td>' for tag, x in zip(tags, shown.values()))}</tr>\n"
 
 
+def _gauge(factor: str) -> str:
+    """The factor, and where it lies on a logarithmic scale from 1/100 to 100; the line is the paper's."""
+    if not factor or float(factor) <= 0.0:
+        return factor
+    place = 50.0 + 25.0 * min(2.0, max(-2.0, math.log10(float(factor))))
+    return f'{factor}<span class="gauge" aria-hidden="true"><i style="left: {place:.0f}%"></i></span>'
+
+
 def _html_section(entry: Entry, files: Path) -> str:
     e = html.escape
     parts = [f'<h2 id="{e(entry.name)}">{e(entry.title)}</h2>']
     if entry.failure:
         parts.append(f'<p class="failure">Failed: {e(entry.failure)}</p>')
-    for caption, picture in entry.figures:
-        data = base64.b64encode((files / picture).read_bytes()).decode()
+    for caption, page in entry.motions:
+        source = e((files / page).read_text("utf-8"))
         parts.append(
-            f'<figure><img alt="{e(caption)}" src="data:image/png;base64,{data}"><figcaption>{e(caption)}</figcaption>'
-            "</figure>"
+            f'<figure class="motion"><iframe title="{e(caption)}" loading="lazy" srcdoc="{source}"></iframe>'
+            f"<figcaption>{e(caption)}</figcaption></figure>"
+        )
+    for caption, wide, narrow in entry.figures:
+        kind = "" if narrow else ' class="wide"'
+        other = f'<source media="(max-width: 600px)" srcset="{_inline(files / narrow)}">' if narrow else ""
+        parts.append(
+            f"<figure{kind}><picture>{other}"
+            f'<img alt="{e(caption)}" src="{_inline(files / wide)}"></picture>'
+            f"<figcaption>{e(caption)}</figcaption></figure>"
         )
     cells = "".join(
         f'<tr><td class="name">{e(name)}</td><td>{e(value)}</td><td>{e(comment)}</td></tr>'
@@ -388,6 +433,10 @@ def _html_section(entry: Entry, files: Path) -> str:
     if entry.finished:
         parts.append(f'<p class="time">{e(entry.name)}: {entry.seconds:.1f} s</p>')
     return "".join(parts) + "\n"
+
+
+def _inline(file: Path) -> str:
+    return f"data:image/png;base64,{base64.b64encode(file.read_bytes()).decode()}"
 
 
 # ---------------------------------------------------------------------------------------------- Markdown
@@ -418,7 +467,9 @@ def _markdown_section(entry: Entry, files: str) -> list[str]:
     lines = ["", f"## {_plain_text(entry.title)}", ""]
     if entry.failure:
         lines += [f"**Failed:** {_plain_text(entry.failure)}", ""]
-    for caption, picture in entry.figures:
+    for caption, page in entry.motions:
+        lines += [f"[{_plain_text(caption)}]({files}/{page})", ""]
+    for caption, picture, _ in entry.figures:
         lines += [f"![{entry.name}]({files}/{picture})", "", _plain_text(caption), ""]
     lines += ["Settings", "", *_markdown_table(("Name", "Value", "Unit, reason"), entry.settings)]
     return [*lines, "", f"{entry.name}: {entry.seconds:.1f} s"] if entry.finished else lines

@@ -26,7 +26,7 @@ from ..model import Ground, Model
 from ..optimize import optimize_gait, walking_cost
 from ..robot_file import load_robot
 from ..run.simulate import Push
-from ..view.style import look
+from ..view.style import BLUE, ORANGE, look
 from ..walking.cost import WalkingCost
 from .claim import Claim, span
 from .common import draw_marks, heavier
@@ -290,7 +290,7 @@ def _two(result: Result) -> dict[str, np.ndarray]:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = {PLANNED: "0.35", "found": "#1f5fa8", "knew": "#e08a00"}
+COLOURS = {PLANNED: "0.35", "found": BLUE, "knew": ORANGE}
 
 
 @look(grid=False)

@@ -29,6 +29,7 @@ from ..run.simulate import simulate
 from ..view.style import COLOURS as CYCLE
 from ..view.style import look
 from .claim import Claim, judged, plus_minus
+from .common import SERVO_COLOURS
 
 COUNT = math.radians(300.0 / 1023.0)  # encoder step [rad], [manual]
 MARGIN = 1 * COUNT  # compliance margin: no output within it [rad], [manual]
@@ -269,8 +270,8 @@ def _main(result: Result) -> Figure:
     whole, detail = figure.subplots(1, 2, sharey=True)
     target = math.degrees(result.settings.step)
     for axes in (whole, detail):
-        for step, colour in zip(result.gearboxes.values(), CYCLE):
-            axes.plot(step.time, np.degrees(step.angle), color=colour, linewidth=1.6, label=step.label)
+        for kind, step in result.gearboxes.items():
+            axes.plot(step.time, np.degrees(step.angle), color=SERVO_COLOURS[kind], linewidth=1.6, label=step.label)
         axes.axhspan(*(target + math.degrees(MARGIN) * side for side in (-1, 1)), color="0.85", zorder=0)
         axes.axhline(target, color="0.4", linestyle=":", linewidth=1.0)
         axes.set_xlabel("time [s]")

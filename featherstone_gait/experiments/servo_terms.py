@@ -23,6 +23,7 @@ from ..model import Model
 from ..reference import Reference
 from ..robot_file import load_robot
 from ..run.simulate import initial_state, simulate, simulate_batch
+from ..view.style import look
 from .claim import Claim, judged, span
 
 COUNT = math.radians(300.0 / 1023.0)  # encoder step of the AX-12 [rad], ROBOTIS e-manual
@@ -179,6 +180,7 @@ def _speed_claim(result: Result) -> Claim:
     )
 
 
+@look()
 def plot(result: Result) -> dict[str, Figure]:
     """Falls by damping, steps by Kd."""
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")

@@ -36,7 +36,7 @@ from ..robot_file import gearbox_presets, load_robot
 from ..run.simulate import initial_state, simulate_batch
 from ..view.style import look
 from .claim import Claim, judged
-from .common import grid_of_panels
+from .common import SERVO_COLOURS, grid_of_panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -436,7 +436,7 @@ def _both(outcome: Outcome) -> str:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = {"standard": "#c8102e", "rotor": "#2a5d9c", "mipsd": "#e08a00"}
+COLOURS = SERVO_COLOURS
 STYLES = {EXPLICIT: "-", IMPLICIT: "--"}
 NAMES = {EXPLICIT: "explicit (simtwo)", IMPLICIT: "implicit_euler"}
 FLOOR, CEILING = 1e-10, 1e5  # of what is shown [deg^2]

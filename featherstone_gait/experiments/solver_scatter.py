@@ -37,11 +37,12 @@ from ..reference import Reference
 from ..robot_file import load_robot
 from ..run.simulate import initial_state, standing_state
 from ..trajectory import Trajectory
+from ..view.style import look
 from ..walking.cost import WalkingCost
 from ..walking.gait import TICK
 from . import posture, seven_joint_arm
 from .claim import Claim, judged
-from .common import grid_of_panels, heavier
+from .common import SERVO_COLOURS, grid_of_panels, heavier
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -564,9 +565,10 @@ def _rest(result: Result) -> Claim:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = {"standard": "#c8102e", "mipsd": "#e08a00"}
+COLOURS = SERVO_COLOURS
 
 
+@look()
 def plot(result: Result) -> dict[str, Figure]:
     """The runs, and the map."""
     return {

@@ -40,13 +40,14 @@ from ..model import Ground
 from ..optimize import AMPLITUDE, MAX_MISS, optimize_gait, walking_cost
 from ..robot_file import load_robot
 from ..search import minimize
+from ..view.style import COLOURS as STYLE
 from ..view.style import look
 from ..walking.cheapest_plan import PlanKind, States
 from ..walking.cost import WalkingCost
 from ..walking.cost_in_worlds import in_worlds
 from ..walking.gait import TICK, bounds
 from .claim import Claim, judged, span
-from .common import grid_of_panels
+from .common import SERVO_COLOURS, grid_of_panels
 from .gait_optimization import DEFINITION, DEFINITIONS, PAPER_CONVERGED, PAPER_COST, PAPER_OLD, PAPER_STEP, measured
 from .gait_optimization import measure as measure_walks
 from .sources import PACKAGE, digest
@@ -358,8 +359,7 @@ def _faster(result: Result) -> Claim:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = {"plain": "#0072B2", "cheapest": "#009E73", "standard": "#D55E00", "mipsd": "#CC79A7"}
-LINES = {"stride": "-", "step": "--"}
+COLOURS = SERVO_COLOURS | {"plain": STYLE[3], "cheapest": STYLE[2]}
 
 
 def _colour(row: Row) -> str:
