@@ -17,7 +17,7 @@ def add(commands: Commands) -> None:
         "reproduce",
         run,
         "run the paper's experiments, or go on with them, and compare each claim with the paper",
-        "reproduction.html, reproduction.md and reproduction_files (pictures, and finished experiments to go on from)",
+        "reproduction.html, .md and .csv, and reproduction_files (pictures, and finished experiments to go on from)",
         examples=("featherstone-gait reproduce servo_step arm_fall", "featherstone-gait reproduce --full --out paper"),
         takes=TAKES,
     )

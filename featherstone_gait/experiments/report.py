@@ -1,8 +1,8 @@
 """One report of the experiments: the paper item by item, our own questions, then each experiment.
 
 `reproduce` runs what is not finished yet and writes, in one folder, reproduction.html (one file, opens anywhere),
-reproduction.md with its pictures, and for each finished experiment a file of its results, from which the next start
-goes on if name, settings, seed and program are the same.
+reproduction.md with its pictures, reproduction.csv with all claims, and for each finished experiment a file of its
+results, from which the next start goes on if name, settings, seed and the sources that it can load are the same.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 from tqdm import tqdm
 
 from .. import __version__
-from ..files import FilePath, Format, complete
+from ..files import FilePath, Format, complete, write_csv
 from . import EXPERIMENTS
 from .claim import Claim, Verdict
 from .items import ITEMS
@@ -44,6 +44,8 @@ PAPER = (
     'Model", International Journal of Advanced Robotic Systems 10 (2013), doi 10.5772/54766'
 )
 FORMAT = Format("experiment", 3)
+TABLE = Format("reproduction")
+TABLE_COLUMNS = ("experiment", "item", "claim", "paper", "here", "factor", "verdict")
 IMPLEMENTED = "implemented"  # what is said of an item that states no result
 LABELLED = ("paper", "here", "factor")
 PAPER_ONLY = ("item", "paper", "factor")
@@ -225,11 +227,30 @@ def _shown(value: object) -> str:
 
 
 def write_report(folder: Path, entries: Sequence[Entry], full: bool, seed: int) -> None:
-    """Write reproduction.html and reproduction.md."""
+    """Write reproduction.html, reproduction.md and reproduction.csv."""
     facts = _facts(entries, full, seed)
     files = folder / "reproduction_files"
     _write(folder / "reproduction.html", _html(entries, facts, files).encode())
+    write_csv(folder / "reproduction.csv", TABLE, TABLE_COLUMNS, _table(entries), _note(facts))
     _write(folder / "reproduction.md", _markdown(entries, facts, files.name).encode())
+
+
+def _table(entries: Sequence[Entry]) -> list[tuple[str, ...]]:
+    """Each claim, as plain text."""
+    return [
+        (entry.name, claim.item, claim.claim, claim.paper, claim.ours, _factor(claim), claim.word)
+        for entry in entries
+        for claim in entry.claims
+    ]
+
+
+def _factor(claim: Claim) -> str:
+    return "" if claim.factor is None else f"{claim.factor:.2g}"
+
+
+def _note(facts: list[tuple[str, str]]) -> str:
+    """What the table is of; nothing that depends on time or machine."""
+    return "\n".join(f"{name}: {text}" for name, text in facts if name in ("Size and seed", "Program"))
 
 
 def _facts(entries: Sequence[Entry], full: bool, seed: int) -> list[tuple[str, str]]:
@@ -278,9 +299,8 @@ def _paper_rows(entries: Sequence[Entry]) -> list[Row]:
         elif not claims:
             rows.append(Row(key, item.title, "", "", "", "not run yet", "", ""))
         for name, claim in claims:
-            factor = "" if claim.factor is None else f"{claim.factor:.2g}"
             statement = f"{item.title}. {claim.claim}"
-            rows.append(Row(key, statement, claim.paper, claim.ours, factor, claim.word, claim.why, name))
+            rows.append(Row(key, statement, claim.paper, claim.ours, _factor(claim), claim.word, claim.why, name))
     return rows + [Row("", e.title, "", "", "", "failed", e.failure, e.name) for e in entries if e.failure]
 
 
