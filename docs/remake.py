@@ -112,7 +112,7 @@ def first_gaits() -> Iterable[Cells]:
     """The table of plans in docs/walking.md, without its 200 worlds."""
     from featherstone_gait import load_robot
     from featherstone_gait.optimize import walking_cost
-    from featherstone_gait.walking import in_worlds
+    from featherstone_gait.walking.cost_in_worlds import in_worlds
 
     robot = load_robot("humanoid", locked="simplified")
     for states in ("step", "stride"):

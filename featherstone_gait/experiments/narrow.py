@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 WIDTH = 4.2  # [inch], at which the type of a wide figure can be read on 375 pixels
 HEIGHT = 2.6  # of a panel at least [inch]
 MOST = 8  # panels: more below each other are no figure
+WORDS = 45  # letters that stand beside each other under a panel
 LETTERS = 22  # that a column of a legend holds
 
 
@@ -27,6 +28,10 @@ def stack(figure: Figure) -> bool:
         axes.set_subplotspec(grid[k])
         axes.tick_params(labelleft=True, labelbottom=True)
         axes.set_ylabel(axes.get_ylabel() or labels.get(spec.rowspan.start, ""))
+        if sum(len(label.get_text()) for label in axes.get_xticklabels()) > WORDS:
+            axes.tick_params(axis="x", labelrotation=30)
+            for label in axes.get_xticklabels():
+                label.set(ha="right", rotation_mode="anchor")
         legend: Any = axes.get_legend()
         if legend is not None and legend._ncols > 1:
             _again(axes, legend, "best")

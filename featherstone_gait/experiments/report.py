@@ -51,7 +51,8 @@ LABELLED = ("paper", "here", "factor")
 PAPER_ONLY = ("item", "paper", "factor")
 COLUMNS = ("Item", "Statement", "Paper", "Here", "Factor", "Verdict", "Why and where")
 OWN_COLUMNS = ("Question", "Here", "Answer", "Why and where")
-DOTS_PER_INCH = 150
+DOTS_PER_INCH = 150  # of pictures
+SHOWN_PER_INCH = 105  # CSS pixels, on a page that is wide enough
 MINUTES = {  # that an experiment takes on two cores, compiled before: quick, full
     "servo_step": (0.1, 0.3), "arm_fall": (0.1, 0.5), "servo_terms": (0.1, 0.3), "identification": (0.3, 5),
     "seven_joint_arm": (0.4, 4), "energy_repeatability": (0.4, 3), "posture": (0.3, 2), "solver_scatter": (0.9, 6),
@@ -439,7 +440,7 @@ def _html_section(entry: Entry, files: Path) -> str:
         other = f'<source media="(max-width: 600px)" srcset="{_inline(files / narrow)}">' if narrow else ""
         parts.append(
             f"<figure{kind}><picture>{other}"
-            f'<img alt="{e(caption)}" src="{_inline(files / wide)}"></picture>'
+            f'<img alt="{e(caption)}" width="{_width(files / wide)}" src="{_inline(files / wide)}"></picture>'
             f"<figcaption>{e(caption)}</figcaption></figure>"
         )
     cells = "".join(
@@ -453,6 +454,12 @@ def _html_section(entry: Entry, files: Path) -> str:
     if entry.finished:
         parts.append(f'<p class="time">{e(entry.name)}: {entry.seconds:.1f} s</p>')
     return "".join(parts) + "\n"
+
+
+def _width(file: Path) -> int:
+    """At which a picture is shown, so that all have type of one size."""
+    pixels = int.from_bytes(file.read_bytes()[16:20], "big")  # the PNG's header
+    return round(pixels * SHOWN_PER_INCH / DOTS_PER_INCH)
 
 
 def _inline(file: Path) -> str:
