@@ -1,6 +1,7 @@
 """Who may import whom, and other rules that hold for every file of the package."""
 
 import ast
+import functools
 import importlib
 import pkgutil
 import re
@@ -25,11 +26,23 @@ MODULES = {
 }
 
 
+@functools.cache
+def tree_of(module):
+    """A module, parsed once for all tests."""
+    return ast.parse(MODULES[module].read_text("utf-8"))
+
+
+@functools.cache
+def all_imports(module):
+    """`imports`, gathered once for all tests."""
+    return [*imports(module)]
+
+
 def imports(name, walk=ast.walk):
     """Full names of all that a module imports, wherever in the file; walk: gives the nodes that are looked at."""
     path = MODULES[name]
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    for node in walk(ast.parse(path.read_text("utf-8"))):
+    for node in walk(tree_of(name)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -50,7 +63,7 @@ def at_import(tree):
 def functions(*modules):
     """Module and node of every function of some modules, those inside of functions too."""
     for module in modules:
-        for node in ast.walk(ast.parse(MODULES[module].read_text("utf-8"))):
+        for node in ast.walk(tree_of(module)):
             if isinstance(node, ast.FunctionDef):
                 yield module, node
 
@@ -82,19 +95,19 @@ def modules_of(part):
 @pytest.mark.parametrize("module", modules_of("core"))
 def test_core_imports_only_core_and_what_compiles_it(module):
     allowed = ("featherstone_gait.core", "numpy", "numba", "llvmlite", *sys.stdlib_module_names)
-    assert [name for name in imports(module) if not within(name, *allowed)] == []
+    assert [name for name in all_imports(module) if not within(name, *allowed)] == []
 
 
 @pytest.mark.parametrize("room", range(len(ROOMS)), ids=ROOMS)
 def test_each_room_of_core_imports_only_those_before_it(room):
     later = [f"featherstone_gait.core.{name}" for name in ROOMS[room + 1 :]]
-    found = [(module, name) for module in modules_of(f"core.{ROOMS[room]}") for name in imports(module)]
+    found = [(module, name) for module in modules_of(f"core.{ROOMS[room]}") for name in all_imports(module)]
     assert [(module, name) for module, name in found if within(name, *later)] == []
 
 
 @pytest.mark.parametrize("module", modules_of("search"))
 def test_search_knows_no_physics(module):
-    known = [name for name in imports(module) if within(name, "featherstone_gait", "numba")]
+    known = [name for name in all_imports(module) if within(name, "featherstone_gait", "numba")]
     own = ("featherstone_gait.search", "featherstone_gait.files", "featherstone_gait.arguments")
     assert [name for name in known if not within(name, *own)] == []
 
@@ -102,11 +115,11 @@ def test_search_knows_no_physics(module):
 def test_nothing_imports_the_experiments_and_the_command_line():
     outer = ("featherstone_gait.experiments", "featherstone_gait.cli")
     inner = [name for name in MODULES if not within(name, *outer, "featherstone_gait.__main__")]
-    assert [(module, name) for module in inner for name in imports(module) if within(name, *outer)] == []
+    assert [(module, name) for module in inner for name in all_imports(module) if within(name, *outer)] == []
 
 
 def test_nothing_imports_a_name_that_has_moved():
-    assert [(module, name) for module in MODULES for name in imports(module) if within(name, *RENAMED)] == []
+    assert [(module, name) for module in MODULES for name in all_imports(module) if within(name, *RENAMED)] == []
 
 
 def test_imports_make_no_circle():
@@ -128,7 +141,7 @@ def test_functions_take_few_arguments():
 @pytest.mark.parametrize("module", modules_of("core"))
 def test_kernels_say_what_they_do(module):
     """With units; what the recurring arguments are is said in the package."""
-    tree = ast.parse(MODULES[module].read_text("utf-8"))
+    tree = tree_of(module)
     assert [node.name for node in outermost(tree) if not ast.get_docstring(node)] == []
 
 
@@ -152,7 +165,8 @@ def test_only_one_module_puts_files_in_their_places():
 
 def test_only_core_knows_numba():
     outside = [name for name in MODULES if not within(name, "featherstone_gait.core")]
-    assert [(module, name) for module in outside for name in imports(module) if within(name, "numba", "llvmlite")] == []
+    found = [(module, name) for module in outside for name in all_imports(module)]
+    assert [(module, name) for module, name in found if within(name, "numba", "llvmlite")] == []
 
 
 @pytest.mark.parametrize("module", MODULES)
@@ -161,14 +175,14 @@ def test_only_jit_compiles(module):
     compilers = {"jit", "njit", "vectorize", "guvectorize", "cfunc", "stencil", "jitclass"}
     if module == "featherstone_gait.core.compile.jit":
         return
-    tree = ast.parse(MODULES[module].read_text("utf-8"))
+    tree = tree_of(module)
     named = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
     of_numba = {
         node.attr
         for node in ast.walk(tree)
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in ("numba", "nb")
     }
-    imported = {name.rpartition(".")[2] for name in imports(module) if within(name, "numba")}
+    imported = {name.rpartition(".")[2] for name in all_imports(module) if within(name, "numba")}
     assert compilers & (named | of_numba | imported) == set()
 
 

@@ -290,6 +290,7 @@ def test_spheres_around_shapes_hide_no_pair():
     assert (every.min(axis=1) < 0.0).any()
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 def test_distances_have_the_same_bits_compiled_or_not():
     q = np.random.default_rng(0).uniform(-1.0, 1.0, (10, 3))

@@ -168,6 +168,7 @@ def test_what_cannot_be_doubled_has_no_companion():
     assert simulate(by_hand, 0.01).error is None
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 def test_between_ticks_companions_take_two_steps_for_one():
     """Else both would take the same, and tell no error."""

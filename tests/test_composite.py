@@ -15,6 +15,7 @@ from featherstone_gait.flaws import FlawError
 from featherstone_gait.model import Joint, Link, Model, rigid_bodies
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 @pytest.mark.parametrize("seed", range(4))
 def test_it_is_the_compiled_one(seed):

@@ -71,6 +71,7 @@ def test_noise_is_that_of_each_piece():
     assert_pieces_equal_the_whole(scene, initial_state(scene), (0.02, 0.04), noise, reference=moving())
 
 
+@pytest.mark.bounds
 @pytest.mark.long
 @pytest.mark.nojit
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4", "extrapolation"])
@@ -90,6 +91,7 @@ def test_error_control_goes_on_on_the_ground():
     assert_pieces_equal_the_whole(scene, thrown(scene, 1e-3, 0.1), (0.01, 0.02), rtol=1e-3)
 
 
+@pytest.mark.bounds
 @pytest.mark.long
 @pytest.mark.nojit
 def test_runs_of_different_times_have_the_bits_of_each_alone():

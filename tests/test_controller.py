@@ -97,6 +97,7 @@ def test_lanes_have_their_own_memory_and_period():
     assert len({run.final.tobytes() for run in (*runs, alone)}) == 1
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 def test_sessions_keep_its_memory():
     scene, actions = scene_of(), np.random.default_rng(1).normal(scale=0.2, size=(8, 9, 1))

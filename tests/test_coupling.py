@@ -238,6 +238,7 @@ def atwood(heavy=2.0, light=0.5, **changes):
     return replace(model, **changes)
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 def test_atwood_machine():
     a = -G * (2.0 - 0.5) / (2.0 + 0.5)

@@ -184,6 +184,7 @@ def test_aba_undoes_rnea_of_a_few_states(count):
     assert identity_error(load_robot("humanoid"), count) <= 1e-11
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 @pytest.mark.parametrize("base", ["fixed", "floating"])
 @pytest.mark.parametrize("count", [2, 9])

@@ -81,6 +81,7 @@ SINCOS_SAMPLES = {
 }
 
 
+@pytest.mark.bounds
 @pytest.mark.parametrize("sample", SINCOS_SAMPLES)
 def test_sine_and_cosine_err_by_less_than_one_ulp(sample):
     x = SINCOS_SAMPLES[sample](np.random.default_rng(1))
@@ -144,6 +145,7 @@ def test_arrays_have_the_bits_of_the_kernels():
     assert [float(a) for a in elementary.sincos(0.5)] == evaluate([0.5])[:2, 0].tolist()
 
 
+@pytest.mark.bounds
 def test_lanes_have_the_bits_of_scalars():
     scalars, lanes = digest().split()
     assert scalars == lanes

@@ -106,6 +106,7 @@ def test_a_keyframe_says_how_a_robot_stands():
     assert standing_posture(plain) == (pytest.approx(0.75 * 0.4), (0.0, 0.0, 1.0))
 
 
+@pytest.mark.bounds
 @pytest.mark.long
 def test_lanes_fall_as_one_alone_does():
     scene = compile_scene(load_robot("humanoid"), "mipsd", Ground(), "implicit_euler", 1e-3)

@@ -50,6 +50,7 @@ def held(scene, errors, name):
 # ---------------------------------------------------------------------------------------------- the law
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 def test_torque_over_error_is_that_of_the_ax12s_manual():
     """Nothing within the margin, the punch at its edge, full output a slope further on."""
@@ -68,6 +69,7 @@ def test_torque_over_error_is_that_of_the_ax12s_manual():
     np.testing.assert_allclose(torque, expected, rtol=1e-11, atol=0.0)
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 def test_the_dead_band_of_a_speed_law_is_one_of_speed():
     scene = rod(law="pid_speed", Kp=3.0, compliance_margin=0.2, punch=0.5)
@@ -76,6 +78,7 @@ def test_the_dead_band_of_a_speed_law_is_one_of_speed():
     assert run["voltage"][0, 0] == pytest.approx(3.0 * (1.5 - 0.2) + 0.5, rel=1e-12)
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 @pytest.mark.parametrize(
     ("firmware", "volts"),
@@ -93,6 +96,7 @@ def test_the_derivative_term_starts_with_what_the_law_sees(firmware, volts):
 # ---------------------------------------------------------------------------------------------- duty cycle
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 def test_voltages_are_whole_counts_of_the_supply_up_to_the_largest():
     """885 counts, of which 0.957 lets 846 through."""
@@ -104,6 +108,7 @@ def test_voltages_are_whole_counts_of_the_supply_up_to_the_largest():
     assert volts.tobytes() == (counts / 885 * 10.0).tobytes()
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 def test_integration_stops_at_the_largest_duty_cycle():
     scene = rod(law="pid_position", Kp=100.0, Ki=10.0, duty_limit=0.5)

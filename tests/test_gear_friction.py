@@ -192,6 +192,7 @@ def laws(table, S, side, t_m, b, out):
         out[i, 0], _, out[i, 1], out[i, 2] = gear_friction(table[i], S[i], side[i], t_m[i], b[i])
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 def test_the_law_is_its_own_solution():
     """With t_e = b - t_m - t_f, friction is the whole budget against the motion, and its slopes are differences."""

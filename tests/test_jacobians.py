@@ -60,6 +60,7 @@ def test_a_jacobian_is_the_derivative_of_the_pose(robot):
             assert J[:, column] == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_the_jacobian_of_the_centre_of_mass_is_its_derivative(robot):

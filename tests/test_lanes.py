@@ -312,6 +312,7 @@ def powers_lanes(n, out):
     _powers(as_lanes(n), as_lanes(out))
 
 
+@pytest.mark.bounds
 def test_every_power_of_two_is_exact():
     n = aligned((256, WIDTH))
     n.reshape(-1)[:2046] = np.arange(-1022, 1024)
@@ -343,6 +344,7 @@ def recurrence_lanes(x):
     _recurrence(as_lanes(x))
 
 
+@pytest.mark.bounds
 @pytest.mark.parametrize("calm", range(WIDTH))
 def test_calm_lane_beside_infinities_and_nan_stays_unaffected(calm):
     lanes = aligned((1, WIDTH))
@@ -362,6 +364,7 @@ def any_positive(x, out):
         out[i] = 1.0 if any_lane(lanes[i] > 0.0) else 0.0
 
 
+@pytest.mark.bounds
 def test_any_lane_sees_each_single_lane():
     x = aligned((WIDTH + 1, WIDTH))
     x[:WIDTH] = np.eye(WIDTH)

@@ -49,6 +49,7 @@ def test_a_pendulum_on_a_pd_servo_has_the_matrix_exponential_of_its_equation(ang
     assert np.abs(found.change).max() < 1e-12
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 def test_of_the_midpoint_rule_they_approach_it_as_the_square_of_the_step():
     """Eigenvalues of two steps' lengths; the third, of the acceleration that the rule remembers, dies out."""

@@ -72,7 +72,7 @@ def waves(cell=0.05, height=0.02):
 @pytest.mark.long
 @pytest.mark.nojit
 @every_integrator
-@pytest.mark.parametrize(("model", "share"), [(ball(), 5 / 7), (wheel(), 2 / 3)])
+@pytest.mark.parametrize(("model", "share"), [pytest.param(ball(), 5 / 7, marks=pytest.mark.bounds), (wheel(), 2 / 3)])
 @pytest.mark.parametrize("heading", [0.0, 0.7])
 def test_what_is_round_rolls_down_a_slope_without_slip(integrator, model, share, heading):
     slope, duration = 0.2, 0.2
@@ -220,6 +220,7 @@ def test_a_ball_that_rolls_over_a_field_keeps_its_energy(integrator):
     assert np.abs(after).max() < (1e-4 if integrator == "extrapolation" else 3e-3) * kinetic.max()
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 def test_many_runs_over_a_field_have_the_bits_of_each_alone():
     """Some lanes near the ground, some far above, one not a number of cells away."""

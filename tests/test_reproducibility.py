@@ -49,6 +49,7 @@ def test_any_lane(function):
         assert np.roll(rolled, -shift, axis=0).tobytes() == straight.tobytes()
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 @pytest.mark.parametrize("kernel", [aba_lanes, rnea_lanes], ids=["aba", "rnea"])
 @pytest.mark.parametrize("calm", [0, 3, 7])
@@ -144,6 +145,7 @@ def plain_states(model):
     return q, qd, tau
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 @pytest.mark.parametrize("function", FUNCTIONS)
 @pytest.mark.parametrize("rows", [[0, 1, 2], range(9)], ids=["rows", "lanes"])

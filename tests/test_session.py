@@ -87,6 +87,7 @@ def test_an_action_of_none_holds_the_robots_where_they_are():
     assert_same(session, [simulate(scene, 0.05, start, record=RECORD, estimate_error=False)])
 
 
+@pytest.mark.bounds
 @pytest.mark.long
 @pytest.mark.nojit
 def test_worlds_differ_in_each_robot():

@@ -191,6 +191,7 @@ def test_rk4_beyond_the_limit_says_so():
     assert simulate(scene, 0.02).status == "not converged"
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 @pytest.mark.parametrize(("stiffness", "damping"), [(K, 0.0), (0.0, 30.0)])
 @pytest.mark.parametrize(("integrator", "factor"), [("implicit_euler", 1.0), ("midpoint", 0.5)])
@@ -228,7 +229,7 @@ def eight_runs(integrator):
 
 
 @pytest.mark.nojit
-@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4"])
+@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", pytest.param("rk4", marks=pytest.mark.bounds)])
 def test_eight_at_once_have_the_bits_of_one(integrator):
     scene, states = eight_runs(integrator)
     together = simulate_batch(scene, 0.02, states, record=ALL)

@@ -85,6 +85,7 @@ def _half(b, out):
         out[i] = b.weight * b.x[i]
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 def test_fields_are_those_of_python_in_loops_branches_and_results():
     outer, out = an_outer(np.arange(5.0)), np.zeros(5)
@@ -95,6 +96,7 @@ def test_fields_are_those_of_python_in_loops_branches_and_results():
     np.testing.assert_array_equal(outer.inner.x, np.arange(5.0))
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 def test_lanes_share_what_the_class_says():
     x, out = aligned((3, WIDTH)), aligned((3, WIDTH))

@@ -43,6 +43,7 @@ def first_tick(scene, errors, speeds=0.0, name="bus"):
 # ---------------------------------------------------------------------------------------------- voltage
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 def test_stalled_servos_share_what_the_source_gives():
     """V = V0 / (1 + R_s sum d^2 / R), and the currents of a tick are d V / R."""

@@ -114,6 +114,7 @@ def in_memory(values):
     return out
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 @pytest.mark.parametrize("names", [("m", "c", "J"), ("m",), ("c", "E")])
 @pytest.mark.parametrize("numbers", ["shared", "by lane"])
@@ -176,6 +177,7 @@ def test_scenes_that_do_not_differ_cost_what_they_did():
 # ---------------------------------------------------------------------------------------------- bits
 
 
+@pytest.mark.bounds
 @pytest.mark.nojit
 @pytest.mark.parametrize(
     "values",

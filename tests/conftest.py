@@ -1,0 +1,72 @@
+"""How tests are shared out among workers, and workers share what they compile, which is where nearly all time goes.
+
+A file is one worker's, so that its fixtures are made once; the tests of a file in APART are shared out one by one.
+Files whose tests take longest come first, so that no worker is left alone with one at the end.  A kind that one worker
+compiles the others wait for and then read from the cache; one worker more than there are cores works meanwhile.
+"""
+
+import hashlib
+import os
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import pytest
+
+from featherstone_gait.core.compile import compiler, jit
+from featherstone_gait.core.compile.lock import lock
+
+APART = ("test_notebooks.py", "test_docs.py", "test_published_robots.py")
+LONGEST = ()
+
+
+def _one_worker_compiles(compile_entry):
+    """`compile_entry`, by one process at a time for each kind."""
+
+    def compile_once(dispatcher, compile_, kept, arguments):
+        if not kept or compiler.current:  # within another's compiling a lock could close a circle
+            return compile_entry(dispatcher, compile_, kept, arguments)
+        kind = hashlib.sha256(repr((dispatcher.py_func.__module__, dispatcher.__name__, arguments)).encode())
+        folder = Path(jit.CACHE_FOLDER, "compiling")
+        folder.mkdir(exist_ok=True)
+        with (folder / kind.hexdigest()[:32]).open("ab") as file:
+            lock(file, wait=True)
+            return compile_entry(dispatcher, compile_, kept, arguments)
+
+    return compile_once
+
+
+jit.compile_entry = _one_worker_compiles(jit.compile_entry)
+
+
+def _file(nodeid):
+    return nodeid.partition("::")[0].rpartition("/")[2]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Longest first; what `quick` leaves out is long."""
+    place = {name: k for k, name in enumerate(LONGEST)}
+    for item in items:
+        quick = item.get_closest_marker("quick")
+        if quick and not any(fnmatchcase(item.callspec.id, case) for case in quick.args):
+            item.add_marker("long")
+    items.sort(key=lambda item: place.get(_file(item.nodeid), len(LONGEST)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers():
+    """One more than cores, of which one may wait for another's kernel."""
+    return (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1) + 1
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """A file to a worker, but those in APART."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class Sharing(LoadFileScheduling):
+        def _split_scope(self, nodeid):
+            return nodeid if _file(nodeid) in APART else super()._split_scope(nodeid)
+
+    config.option.loadscopereorder = False
+    return Sharing(config, log) if config.getvalue("dist") == "loadfile" else None
