@@ -16,7 +16,11 @@ from featherstone_gait.core.compile import compiler, jit
 from featherstone_gait.core.compile.lock import lock
 
 APART = ("test_notebooks.py", "test_docs.py", "test_published_robots.py")
-LONGEST = ()
+LONGEST = """
+    notebooks gear_friction beyond_the_paper integrators simulation crash optimize worlds study springs crosscheck firmware
+    companion ars343 cache maximal cli linearisation physics_servo walking coupling equilibrium physics_contact session
+    controller limits cost plan simulation_reproducibility physics_shapes continued preflight supply cheapest_plan
+""".split()
 
 
 def _one_worker_compiles(compile_entry):
@@ -45,7 +49,7 @@ def _file(nodeid):
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     """Longest first; what `quick` leaves out is long."""
-    place = {name: k for k, name in enumerate(LONGEST)}
+    place = {f"test_{name}.py": k for k, name in enumerate(LONGEST)}
     for item in items:
         quick = item.get_closest_marker("quick")
         if quick and not any(fnmatchcase(item.callspec.id, case) for case in quick.args):

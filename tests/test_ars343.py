@@ -100,6 +100,7 @@ def test_the_error_falls_with_the_tolerance(servos):
     assert errors[2] < 3e-6
 
 
+@pytest.mark.long
 def test_energies_of_the_servo_balance():
     """What the supply gave is heat, loss, magnetic and mechanical energy, as near as the run itself."""
     robot, step = load_robot("ax12_arm"), Reference([0.0], [[0.5]])
@@ -125,6 +126,7 @@ def test_a_tumbling_humanoid_keeps_its_momentum():
     assert np.abs(after - before).max() < 1e-5 * np.abs(before).max()
 
 
+@pytest.mark.long
 def test_a_stride_by_default_and_to_ten_micrometres():
     """With servos and soles, 0.64 s: the error, the error told, and the implicit solutions that both cost."""
     walks = humanoids()[1]
@@ -169,6 +171,7 @@ def test_stiff_servos_settle_at_large_steps():
     assert np.abs(run["q"] - exact["q"]).max() < 2e-4
 
 
+@pytest.mark.long
 def test_a_limit_that_jumps_is_no_obstacle():
     """Without inductance the current jumps at each tick."""
     robot = load_robot("ax12_arm")
@@ -181,6 +184,7 @@ def test_a_limit_that_jumps_is_no_obstacle():
     assert np.abs(run["q"] - exact["q"]).max() < 3e-4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("start", [0.7, 0.7 + 2e-12, 0.7 - 2e-12])
 def test_a_push_that_begins_where_a_tick_does_is_no_obstacle(start):
     """Tick 70 is at 0.7000000000000001 s: between push and tick lies a time of which nothing can be seen."""

@@ -30,6 +30,7 @@ def test_the_simple_box_turns_evenly():
     assert coarse / fine == pytest.approx(4.0, rel=0.01)
 
 
+@pytest.mark.long
 def test_the_complex_box_keeps_momentum_and_energy_and_flies_a_parabola():
     problem = precision.free_box("complex")
     scene = problem.scene("dop853")
@@ -121,6 +122,7 @@ def test_deviation_does_not_mind_the_sign_of_a_quaternion():
     assert precision.deviation(model, a, a * [1, 1, 1, -1, -1, -1, -1]) == (0.0, 0.0)
 
 
+@pytest.mark.long
 def test_rows_survive_a_file_and_are_drawn(tmp_path):
     rows = precision.measure(precision.free_box("simple"), 1, [("midpoint", 1e-2), ("dop853", 1e-6), ("dop853", 1e-9)])
     precision.write(tmp_path / "precision.csv", rows, "processor\nversions")

@@ -24,6 +24,7 @@ def within(scene, duration, state, budget):
     return trajectory(ready, y, out)
 
 
+@pytest.mark.quick("dop853")
 @pytest.mark.bounds
 @pytest.mark.parametrize("integrator", ["dop853", "extrapolation"])
 def test_a_run_ends_when_its_steps_are_spent(integrator):

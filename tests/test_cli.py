@@ -105,6 +105,7 @@ def test_the_humanoid_stands(tmp_path):
     assert trajectory.info["servos"] == "mipsd"
 
 
+@pytest.mark.long
 def test_a_wrong_result_is_told_by_status_and_exit_code(tmp_path, capsys):
     """The paper's standard servo model in the update order of 2012 chatters at 1 ms; an implicit step does not."""
     command = ["simulate", "arm7", "--servos", "standard", "--timestep", "1e-3", "--out", str(tmp_path)]
@@ -213,6 +214,7 @@ def test_the_command_alone_shows_where_to_start(capsys):
     assert all(name in COMMANDS for name, *_ in examples[:3])
 
 
+@pytest.mark.long
 def test_a_study_with_wrong_rows_is_written_and_exits_with_1(tmp_path, capsys):
     """The paper's standard servo in the update order of 2012 chatters; the implicit step does not."""
     text = """robot = "arm7"

@@ -31,6 +31,7 @@ def free():
     return compile_scene(ARM, integrator="ars343")
 
 
+@pytest.mark.long
 def test_the_true_error_lies_near_the_one_that_is_told(free):
     exact = simulate(compile_scene(ARM), 0.5, thrown(free, 0.5), rtol=1e-11)
     for rtol in (1e-2, 1e-3, 1e-4):
@@ -41,6 +42,7 @@ def test_the_true_error_lies_near_the_one_that_is_told(free):
             assert told < 10.0 * true
 
 
+@pytest.mark.long
 def test_a_run_beyond_prediction_says_so_and_since_when(free):
     run = simulate(free, 6.0, thrown(free, 1.5))
     assert run.status == "inaccurate"
@@ -52,6 +54,7 @@ def test_a_run_beyond_prediction_says_so_and_since_when(free):
     assert simulate(free, 6.0, thrown(free, 1.5), estimate_error=False).status == "ok"
 
 
+@pytest.mark.long
 def test_only_what_is_asked_for_is_kept(free):
     run = simulate(free, 0.05, thrown(free, 0.1), record=("torque",))
     assert set(run) == {"time", "torque"}
@@ -71,6 +74,7 @@ def test_pieces_alone_and_in_a_batch_have_the_same_error_to_the_bit():
     assert other["q"][-1] != whole["q"][-1]
 
 
+@pytest.mark.long
 def test_a_companion_is_kept_in_the_file(free, tmp_path):
     run = simulate(free, 0.05, thrown(free, 0.1))
     run.save(tmp_path / "run")
@@ -97,6 +101,7 @@ def test_noise_is_the_same_for_both():
     assert 0.0 < run.error["q"].max() < 1e-4
 
 
+@pytest.mark.long
 def test_a_companion_that_ends_otherwise_makes_a_run_inaccurate(free):
     from featherstone_gait.run.companion import accounted
 
@@ -108,6 +113,7 @@ def test_a_companion_that_ends_otherwise_makes_a_run_inaccurate(free):
 # --- fixed steps ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 @pytest.mark.parametrize(("integrator", "order"), [("implicit_euler", 1), ("midpoint", 2), ("rk4", 4)])
 @pytest.mark.parametrize("sample", [0.01, 1e-3], ids=["twice the step", "half the step"])
@@ -120,6 +126,7 @@ def test_the_error_of_a_fixed_step_is_told_to_within_its_order(integrator, order
     assert told < 6.0 * true
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_a_fixed_step_that_is_wrong_by_a_hundredth_says_so():
     scene = compile_scene(ARM, integrator="implicit_euler", timestep=5e-3)
@@ -146,6 +153,7 @@ def test_a_finer_run_is_asked_before_a_fixed_step_is_called_inaccurate():
     assert run.error["q"].max() < 1e-2
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_pieces_of_fixed_steps_have_the_same_companion():
     scene = compile_scene(ARM, integrator="midpoint", timestep=1e-3)
@@ -157,6 +165,7 @@ def test_pieces_of_fixed_steps_have_the_same_companion():
     assert rest.error["q"].tobytes() == whole.error["q"][2:].tobytes()
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_what_cannot_be_doubled_has_no_companion():
     still = Reference([0.0], np.zeros((1, 7)))
@@ -193,6 +202,7 @@ def test_the_tolerance_takes_another_integrator_only_where_none_is_named():
     assert simulate(named, 0.02, rtol=1e-6).info["integrator"] == "ars343"
 
 
+@pytest.mark.long
 def test_without_servos_the_tolerance_is_a_tenth_and_the_integrators_own_where_that_is_less():
     arm = load_robot("arm7")
     humanoid = load_robot("humanoid", locked="simplified")

@@ -54,6 +54,7 @@ SERVOS = {
 }
 
 
+@pytest.mark.quick("*-extrapolation", "*-implicit_euler")
 @pytest.mark.parametrize("integrator", SERVOS)
 @pytest.mark.parametrize("signal", [moving(), moving("cubic", cyclic=True)], ids=["linear", "cyclic"])
 def test_sampled_servos_with_a_lag_go_on_along_their_reference(integrator, signal):
@@ -65,6 +66,7 @@ def test_sampled_servos_with_a_lag_go_on_along_their_reference(integrator, signa
     assert_pieces_equal_the_whole(scene, start, (0.02, 0.01, 0.03), reference=signal, **tolerance)
 
 
+@pytest.mark.long
 def test_noise_is_that_of_each_piece():
     scene = arm_scene(servos="rotor")
     noise = np.random.default_rng(2).normal(scale=0.01, size=(6, 7, 2))
@@ -86,6 +88,7 @@ def test_torques_and_pushes_go_on_across_the_seam(integrator):
     )
 
 
+@pytest.mark.long
 def test_error_control_goes_on_on_the_ground():
     scene = compile_scene(box(), ground=Ground(), integrator="extrapolation", timestep=1e-3, **NEVER_FALLEN)
     assert_pieces_equal_the_whole(scene, thrown(scene, 1e-3, 0.1), (0.01, 0.02), rtol=1e-3)
@@ -111,6 +114,7 @@ def test_runs_of_different_times_have_the_bits_of_each_alone():
         ready.run([ready.start(state, signal) for state in states[:2]])
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_a_state_whose_time_is_off_the_grid_goes_on_at_its_time():
     """Of another step: the push at 31 ms finds it, and the times of the records say so."""
@@ -123,6 +127,7 @@ def test_a_state_whose_time_is_off_the_grid_goes_on_at_its_time():
     assert run.end_time == pytest.approx(0.03 + 0.7e-3 * (len(run["time"]) - 1), abs=1e-15)
 
 
+@pytest.mark.long
 def test_a_restarted_state_begins_at_zero():
     scene = compile_scene(pendulum(), integrator="rk4", timestep=1e-3)
     push = [Push("rod", (9.0, 0.0, 0.0), point=END, end=0.01)]

@@ -60,6 +60,7 @@ def moving(seed=0):
     return Reference([0.0, 0.03, 0.1], np.random.default_rng(seed).normal(scale=0.3, size=(3, 1)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["midpoint", None])
 def test_the_servos_own_law_written_again_moves_alike(integrator):
     """As voltages; encoders that are exact, a supply that the law does not reach: the same to rounding."""
@@ -73,6 +74,7 @@ def test_the_servos_own_law_written_again_moves_alike(integrator):
     assert np.abs(own["q"] - again["q"]).max() < 0.5 * step + 1e-9
 
 
+@pytest.mark.long
 def test_a_controller_that_does_nothing_changes_no_bit():
     scene = scene_of()
     runs = simulate_batch(scene, 0.1, references=[moving(k) for k in range(11)], estimate_error=False)
@@ -82,6 +84,7 @@ def test_a_controller_that_does_nothing_changes_no_bit():
     assert [run.final.tobytes() for run in runs] == [run.final.tobytes() for run in with_it]
 
 
+@pytest.mark.long
 def test_lanes_have_their_own_memory_and_period():
     """One call in three ticks: the reference climbs a stair at each, also where lanes go on in the next segment."""
     scene = scene_of()
@@ -97,6 +100,7 @@ def test_lanes_have_their_own_memory_and_period():
     assert len({run.final.tobytes() for run in (*runs, alone)}) == 1
 
 
+@pytest.mark.long
 @pytest.mark.bounds
 @pytest.mark.nojit
 def test_sessions_keep_its_memory():
@@ -128,6 +132,7 @@ def test_the_error_is_told_with_it():
     assert 0.0 < run.error["q"].max() < 1e-2
 
 
+@pytest.mark.long
 def test_what_is_wrong_is_said():
     scene = scene_of()
     with pytest.raises(ValueError, match=r"beyond failed at 0.03 s: IndexError.*memory \(1,\)"):

@@ -219,6 +219,7 @@ def test_two_pendulums_that_go_together_are_one(integrator):
     assert np.array_equal(run["q"][:, 0], run["q"][:, 1])
 
 
+@pytest.mark.long
 def test_a_pendulum_that_turns_the_other_way_around_needs_no_force():
     """Two alike, one the mirror image of the other: as each would swing alone."""
     alone, pair = compile_scene(swings({}, (1.0,))), compile_scene(swings({"hinge1": ("hinge0", -1.0)}))
@@ -256,6 +257,7 @@ def test_ground_under_one_weight_carries_what_the_other_does_not(integrator):
     assert np.array_equal(run["q"][:, 0], -run["q"][:, 1])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stopped", ["heavy slides", "light slides"])
 def test_the_stop_of_either_joint_holds_both(stopped):
     model = atwood()
@@ -294,6 +296,7 @@ def falling(integrator, timestep=1e-3, seed=3):
     return scene, initial_state(scene, *consistent(scene.model, seed))
 
 
+@pytest.mark.long
 def test_a_free_fall_keeps_energy_and_momentum():
     scene, state = falling("dop853")
     run = simulate(scene, 0.3, state, rtol=1e-12, record=("base_q", "q", "base_qd", "qd"), sample=0.01)
@@ -305,6 +308,7 @@ def test_a_free_fall_keeps_energy_and_momentum():
     assert np.abs(p - p[0]).max() < 1e-11 * np.abs(p[0]).max()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("integrator", "order"), [("implicit_euler", 1), ("midpoint", 2), ("rk4", 4)])
 def test_order_of_convergence(integrator, order):
     scene, state = falling("dop853")

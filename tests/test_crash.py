@@ -112,6 +112,7 @@ def test_a_history_that_cannot_grow_keeps_its_whole_lines(tmp_path, size):
     assert path.read_bytes() == (tmp_path / "whole.jsonl").read_bytes()
 
 
+@pytest.mark.long
 def test_a_full_disk_leaves_no_half_written_results(tmp_path, monkeypatch, capsys):
     full = OSError(errno.ENOSPC, "No space left on device")
 

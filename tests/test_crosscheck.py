@@ -56,6 +56,7 @@ def gait_file(cost, tmp_path):
 # ---------------------------------------------------------------------------------------------- the replay
 
 
+@pytest.mark.quick("rotor")
 @pytest.mark.parametrize("servos", ["mipsd", "rotor", "standard"])
 def test_an_arm_without_contact_moves_as_in_this_package(servos):
     """The same to first order in MuJoCo's step: positions, what drives them, and the energy drawn."""
@@ -102,6 +103,7 @@ def test_limits_of_the_current_and_of_its_rate_hold():
     assert np.array(currents) == pytest.approx(np.array([[0.15, 0.3, 0.45, 0.5, 0.5], np.zeros(5)]).T)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("law", "Kp", "Kd"), [("state", 20.0, 0.5), ("pid_position", 20.0, 0.5), ("pid_speed", 3.0, 0.01)]
 )

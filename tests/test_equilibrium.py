@@ -21,6 +21,7 @@ def moved(scene, found, duration=1.0):
     return max(np.abs(run[name] - run[name][0]).max(initial=0.0) for name in ("q", "base_q"))
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 @pytest.mark.parametrize("angle", [0.0, 0.7, -1.3])
 def test_a_pendulum_takes_m_g_l_sin_q(angle):
@@ -30,6 +31,7 @@ def test_a_pendulum_takes_m_g_l_sin_q(angle):
     assert found.residual < 1e-12
 
 
+@pytest.mark.quick("mipsd")
 @pytest.mark.parametrize("servos", ["mipsd", "rotor"])
 def test_a_humanoid_stands_and_stays(servos):
     scene = compile_scene(load_robot("humanoid"), servos, Ground(), "midpoint", 1e-3)
@@ -104,6 +106,7 @@ def test_a_spring_carries_its_share():
     assert moved(scene, found) < 1e-6
 
 
+@pytest.mark.quick("*K*")
 @pytest.mark.parametrize(
     "settings",
     [
@@ -125,6 +128,7 @@ def test_every_law_is_asked_backwards(settings):
     assert moved(scene, found, 0.3) < 1e-6
 
 
+@pytest.mark.long
 def test_a_pd_servo_is_ahead_by_its_torque_over_its_gain():
     servo = Servo(Controller("pd", Kp=8.0, Kd=0.4), resistance=1.0, motor_constant=1.0, voltage_limit=10.0)
     scene = compile_scene(replace(pendulum(), servos={"hinge": servo}), "standard", None, "implicit_euler", 1e-3)
@@ -134,6 +138,7 @@ def test_a_pd_servo_is_ahead_by_its_torque_over_its_gain():
     assert moved(scene, found) < 1e-6
 
 
+@pytest.mark.long
 def test_of_coupled_joints_the_leader_holds_both():
     """Virtual work: its torque is its own, and the follower's by the multiplier."""
     free = load_robot("arm7_spatial")
@@ -147,6 +152,7 @@ def test_of_coupled_joints_the_leader_holds_both():
     assert found.residual < 1e-8
 
 
+@pytest.mark.long
 def test_the_supply_sags_and_holds():
     model = replace(load_robot("arm7"), supply=Supply(voltage=11.0, resistance=2.0))
     scene = arm_scene(model)
@@ -165,6 +171,7 @@ def test_a_servo_that_is_too_weak_is_named():
     assert "joint1" in found.message
 
 
+@pytest.mark.long
 def test_voltages_in_counts_do_not_hold_exactly_and_that_is_said():
     found = trim(arm_scene(with_controller(load_robot("arm7"), pwm_steps=40.0)), 0.1 * np.arange(7))
     assert found.status == "moves"

@@ -39,6 +39,7 @@ def fallen(scene, slide, tilt=0.0):
     return run.status == "fell"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("root", ["foot", "load"])
 def test_the_centre_of_mass_tells_and_not_the_root(root):
     """It stands at 0.75 x 0.8 m, and is at 60 % of that when the load has come down by 0.32 m."""
@@ -50,6 +51,7 @@ def test_the_centre_of_mass_tells_and_not_the_root(root):
     assert [fallen(deep, slide) for slide in (-0.63, -0.65)] == [False, True]
 
 
+@pytest.mark.long
 def test_a_robot_falls_no_more_where_that_is_off():
     scene = compile_scene(lift("load"), ground=Ground(), fall_height=-1.0, fall_tilt=math.pi)
     assert not fallen(scene, -0.7)

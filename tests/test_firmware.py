@@ -50,6 +50,7 @@ def held(scene, errors, name):
 # ---------------------------------------------------------------------------------------------- the law
 
 
+@pytest.mark.long
 @pytest.mark.bounds
 @pytest.mark.nojit
 def test_torque_over_error_is_that_of_the_ax12s_manual():
@@ -69,6 +70,7 @@ def test_torque_over_error_is_that_of_the_ax12s_manual():
     np.testing.assert_allclose(torque, expected, rtol=1e-11, atol=0.0)
 
 
+@pytest.mark.long
 @pytest.mark.bounds
 @pytest.mark.nojit
 def test_the_dead_band_of_a_speed_law_is_one_of_speed():
@@ -78,6 +80,7 @@ def test_the_dead_band_of_a_speed_law_is_one_of_speed():
     assert run["voltage"][0, 0] == pytest.approx(3.0 * (1.5 - 0.2) + 0.5, rel=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.bounds
 @pytest.mark.nojit
 @pytest.mark.parametrize(
@@ -96,6 +99,7 @@ def test_the_derivative_term_starts_with_what_the_law_sees(firmware, volts):
 # ---------------------------------------------------------------------------------------------- duty cycle
 
 
+@pytest.mark.long
 @pytest.mark.bounds
 @pytest.mark.nojit
 def test_voltages_are_whole_counts_of_the_supply_up_to_the_largest():
@@ -108,6 +112,7 @@ def test_voltages_are_whole_counts_of_the_supply_up_to_the_largest():
     assert volts.tobytes() == (counts / 885 * 10.0).tobytes()
 
 
+@pytest.mark.long
 @pytest.mark.bounds
 @pytest.mark.nojit
 def test_integration_stops_at_the_largest_duty_cycle():
@@ -120,6 +125,7 @@ def test_integration_stops_at_the_largest_duty_cycle():
 # ---------------------------------------------------------------------------------------------- profile
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_the_goal_is_a_ramp_that_ends_on_the_reference():
     scene = rod(profile_speed=1.2, Kp=1.0)
@@ -130,6 +136,7 @@ def test_the_goal_is_a_ramp_that_ends_on_the_reference():
     np.testing.assert_allclose(run["voltage"][:, 0], run["goal"][:, 0] - 0.1, rtol=0, atol=1e-15)
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_a_reference_slower_than_the_profile_is_followed_as_it_is():
     path = Reference([0.0, 0.1, 0.2], [[0.0], [0.1], [0.05]], "cubic")
@@ -143,6 +150,7 @@ def test_a_reference_slower_than_the_profile_is_followed_as_it_is():
         assert plain[name].tobytes() == limited[name].tobytes()
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_a_speed_law_goes_at_the_speed_of_the_profile():
     """It follows the goal's rate, of either sign, until the goal is at the reference: then there is none."""
@@ -156,6 +164,7 @@ def test_a_speed_law_goes_at_the_speed_of_the_profile():
 # ---------------------------------------------------------------------------------------------- delay
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 @pytest.mark.parametrize("integrator", ["implicit_euler", "ars343"])
 def test_voltages_come_exactly_the_delay_later(integrator):
@@ -203,6 +212,7 @@ def assert_same(run, other):
 
 
 
+@pytest.mark.quick("implicit_euler-*")
 @pytest.mark.parametrize(
     ("integrator", "timestep"),
     [("implicit_euler", 1e-3), ("ars343", 1e-3)]
@@ -229,6 +239,7 @@ def test_a_run_in_pieces_has_the_bits_of_one(integrator, timestep, tmp_path):
     assert pieces[-1].final.tobytes() == whole.final.tobytes()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("servos", ["rotor", pytest.param("mipsd", marks=pytest.mark.long)])
 def test_lanes_have_the_bits_of_runs_alone(servos):
     """More runs than lanes, some of them in other worlds, each beside others."""
@@ -360,6 +371,7 @@ def test_delays_that_fit_no_step_or_differ_are_refused():
         compile_scene(replace(robot, servos=servos), "rotor")
 
 
+@pytest.mark.long
 def test_an_error_is_told_of_runs_with_a_delay_between_ticks():
     """Twice the step does not divide it, half of it does."""
     scene = rod(rotor_inertia=1e-7, delay=3e-3, Kp=10.0)

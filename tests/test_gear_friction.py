@@ -83,6 +83,7 @@ def setting(case, friction):
     return model, reference, drive, armature, start, duration
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("name", MODELS)
 def test_every_model_follows_its_reference(name, case):
@@ -113,6 +114,7 @@ LONG = [
 ]  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "integrator"), [("rotor", "implicit_euler"), ("rotor", "ars343"), *LONG[:-1]])
 @pytest.mark.parametrize("name", ["M1", "M4", "M6"])
 def test_a_held_joint_stays_for_ten_minutes(name, kind, integrator):
@@ -134,6 +136,7 @@ def holding(p):
     return low
 
 
+@pytest.mark.quick("*-M1")
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_joint_breaks_away_at_its_budget(name, side):
@@ -146,6 +149,7 @@ def test_a_joint_breaks_away_at_its_budget(name, side):
         assert (abs(run["q"][-1, 0]) > 1e-9) == moves
 
 
+@pytest.mark.long
 def test_a_gear_that_holds_more_than_any_load_is_not_driven_backwards():
     locking = NONE | {"coulomb_friction": 0.01, "external_load_friction": 1.2}
     for kind in ("standard", "rotor"):
@@ -160,6 +164,7 @@ def test_a_gear_that_holds_more_than_any_load_is_not_driven_backwards():
     assert run["q"][-1, 0] > 0.3  # its own motor turns it
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "integrator"), [("rotor", "implicit_euler"), ("rotor", "ars343"), *LONG])
 def test_friction_never_gives_energy(kind, integrator):
     """Whatever the step, and where the law depends on its outcome."""
@@ -228,6 +233,7 @@ def test_what_goes_through_the_gear_is_not_the_load_at_rest(case, apart):
     assert np.abs(through - at_rest).max() == pytest.approx(apart, rel=0.03)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rtol", [1e-8, 1e-9, 1e-10])
 def test_a_reversal_costs_no_accuracy(rtol):
     """Friction turns round with the joint at 0.672 s, wherever in a step that falls; later stops end the motion."""
@@ -240,6 +246,7 @@ def test_a_reversal_costs_no_accuracy(rtol):
     assert np.abs(run["q"][:, 0] - angles).max() < 20.0 * rtol + 1e-9
 
 
+@pytest.mark.long
 def test_newton_converges_on_random_states():
     """A hundred thousand joints: ten steps from states among which many stick, turn round and break away."""
     model = many(10)
@@ -256,6 +263,7 @@ def test_newton_converges_on_random_states():
         assert all((run["energy"][-1, :, 4] >= 0.0).all() for run in runs)
 
 
+@pytest.mark.long
 def test_lanes_and_pieces_have_the_same_bits():
     model = many(6)
     for kind in ("rotor", "standard"):
@@ -271,6 +279,7 @@ def test_lanes_and_pieces_have_the_same_bits():
             assert np.array_equal(rest["q"][-1], run["q"][-1])
 
 
+@pytest.mark.long
 def test_the_order_is_that_of_the_method_while_it_slides():
     """Load, fall with the speed and drive taken at the right times: halving the step quarters midpoint's error."""
     still = Reference(np.array([0.0, 1.0]), np.zeros((2, 1)))
@@ -286,6 +295,7 @@ def test_the_order_is_that_of_the_method_while_it_slides():
         assert errors[1] / errors[2] > 0.8 * 2**order
 
 
+@pytest.mark.long
 def test_a_spring_damper_gear_takes_its_load_from_the_spring():
     """Stiff, and slow, so that the rotor asks for no torque of its own, it comes to the rigid gear."""
     servo = load_servo("ax12")
@@ -302,6 +312,7 @@ def test_a_spring_damper_gear_takes_its_load_from_the_spring():
     assert np.abs(ends[0] - ends[1]).max() < 5e-3
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_friction_without_compilation():
     """The same bits with the JIT off as on."""

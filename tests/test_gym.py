@@ -32,6 +32,7 @@ def actions_of(robot, count, seed=0):
     return np.random.default_rng(seed).uniform(-0.3, 0.3, size=(count, 9, robot.tree.n))
 
 
+@pytest.mark.long
 def test_a_robot_of_a_vector_has_the_bits_of_one_alone(robot):
     """Pushes, worlds and episodes that begin anew included."""
     worlds = Worlds(runs=9, servos={"resistance": Spread("uniform", 0.1)}, ground={"friction": Spread("uniform", 0.2)})

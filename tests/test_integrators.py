@@ -52,6 +52,7 @@ def point_pendulum():
     return Model("pendulum", links, (Joint("hinge", "continuous", "base", "bob", axis=(0.0, 1.0, 0.0)),))
 
 
+@pytest.mark.quick("dop853")
 @pytest.mark.parametrize("integrator", ["dop853", "extrapolation"])
 def test_pendulum_follows_the_elliptic_functions(integrator):
     """Released from rest at 90 degrees: sin(q/2) = k sn(K - w t), k = sin(45 degrees), for ten seconds."""
@@ -95,6 +96,7 @@ def double_pendulum_at_one_second():
         return np.array([float(y[0]), float(y[1] - y[0])])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["dop853", "extrapolation"])
 def test_double_pendulum_to_1e_10(integrator, double_pendulum_at_one_second):
     scene = compile_scene(double_pendulum(), integrator=integrator)
@@ -185,6 +187,7 @@ def test_each_order_shows_on_halved_steps(make):
         assert slope == pytest.approx(ORDERS[integrator], abs=0.25), (integrator, errors)
 
 
+@pytest.mark.quick("free_chain")
 @pytest.mark.parametrize("make", [free_chain, floating_tree], ids=lambda make: make.__name__)
 def test_the_explicit_pair_has_order_eight(make):
     """With the loosest tolerance each run is one step, from where the last one ended."""
@@ -206,6 +209,7 @@ def test_the_explicit_pair_has_order_eight(make):
 # --- tolerances --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.quick("dop853")
 @pytest.mark.parametrize("integrator", ["dop853", "extrapolation"])
 def test_the_error_falls_with_the_tolerance(integrator):
     scene, state, _ = free_chain(integrator, 1e-3)
@@ -231,6 +235,7 @@ def test_extrapolation_and_midpoint_agree_on_the_whole_servo_chain():
     assert a == pytest.approx(b, rel=1e-6)
 
 
+@pytest.mark.long
 def test_extrapolation_and_midpoint_agree_on_a_box_that_lands_and_slides():
     """Touch-down, stick and slip are kinks: the tolerance is met all the same."""
     ground = Ground(friction=0.3, sinking=1e-3, damping_ratio=0.5)
@@ -243,6 +248,7 @@ def test_extrapolation_and_midpoint_agree_on_a_box_that_lands_and_slides():
     assert np.abs(runs[0] - runs[1]).max() < 2e-5
 
 
+@pytest.mark.long
 def test_records_in_between_are_as_accurate_as_the_end():
     """The explicit pair interpolates within its steps, which records do not change; the extrapolation ends on them."""
     record = ("q", "qd", "qdd", "energy")
@@ -258,6 +264,7 @@ def test_records_in_between_are_as_accurate_as_the_end():
     assert sparse["q"][-1].tobytes() == dense["q"][-1].tobytes()
 
 
+@pytest.mark.long
 def test_outputs_belong_to_the_instant():
     """Accelerations of a record are those of its positions and velocities: the pendulum's are known."""
     for integrator in ("dop853", "extrapolation"):
@@ -302,6 +309,7 @@ def test_the_2012_order_has_no_tolerance():
         simulate(scene, 0.01, rtol=1e-6)
 
 
+@pytest.mark.long
 def test_a_tolerance_below_rounding_ends_the_run_and_says_so():
     """A box hits ground as hard as 1e13 N/m: no step that is allowed resolves it to 14 digits."""
     scene = box_on(Ground(sinking=1e-12), "extrapolation", 1e-3)
@@ -312,6 +320,7 @@ def test_a_tolerance_below_rounding_ends_the_run_and_says_so():
     assert np.isfinite(run.final).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["dop853", "extrapolation"])
 def test_error_control_meets_both_edges_of_a_kick(integrator):
     """A rod at rest is kicked for 10 ms: it leaves with the kick's angular momentum over its inertia."""
@@ -326,6 +335,7 @@ def test_error_control_meets_both_edges_of_a_kick(integrator):
         assert run["q"][-1, 0] == pytest.approx(0.02 / inertia * (0.4 - start - 0.005), rel=1e-10)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["dop853", "extrapolation"])
 def test_error_control_meets_the_knots_of_a_torque(integrator):
     """A torque jumps up and down again between records: held values make the rod's motion a polynomial by parts."""
@@ -352,6 +362,7 @@ def test_error_control_meets_the_knots_of_a_reference_followed_at_every_instant(
 # --- error estimates ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.quick("dop853")
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4", "dop853", "extrapolation"])
 def test_the_estimate_covers_the_error_and_not_much_more(integrator):
     scene, state, _ = free_chain(integrator, 1e-3)
@@ -386,6 +397,7 @@ def test_the_estimate_is_saved(tmp_path):
 # --- bits --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.quick("dop853")
 @pytest.mark.nojit
 @pytest.mark.parametrize("integrator", ["dop853", "extrapolation"])
 def test_a_continued_run_and_a_batch_have_the_same_bits(integrator):
@@ -399,6 +411,7 @@ def test_a_continued_run_and_a_batch_have_the_same_bits(integrator):
         assert np.abs(simulate(scene, 0.02, half.final, rtol=1e-5)["q"][-1] - alone["q"][-1]) < 1e-7
 
 
+@pytest.mark.long
 def test_error_control_is_not_taken_for_a_fall():
     """A free scene is watched at every step, and ends where it is told to."""
     scene = compile_scene(box(), ground=Ground(), integrator="extrapolation", **NEVER_FALLEN)

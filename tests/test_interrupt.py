@@ -58,6 +58,7 @@ def test_an_interrupted_run_ends_and_the_next_one_works(case):
     assert (run.stdout.split(), run.stderr) == (["interrupted", "0", "goes", "on"], "")
 
 
+@pytest.mark.quick("midpoint")
 @pytest.mark.nojit
 @pytest.mark.parametrize("integrator", ["midpoint", "extrapolation"])
 def test_another_thread_can_end_a_run(integrator):
@@ -67,6 +68,7 @@ def test_another_thread_can_end_a_run(integrator):
         ready.run([ready.start()])
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_a_run_in_a_thread_of_its_own_has_the_same_bits():
     """Long runs and those with error control of the main thread are; runs of other threads are not."""

@@ -45,6 +45,7 @@ def errors(case, integrator, tolerances, best=1e-11):
     return np.array([distances(scene, positions(case.run(scene, rtol=rtol)), exact).max() for rtol in tolerances])
 
 
+@pytest.mark.long
 def test_errors_follow_the_tolerance_across_kinks():
     """A decade brings a factor of 6, as the median; none is large, nor larger than at the tolerance before.
 
@@ -56,6 +57,7 @@ def test_errors_follow_the_tolerance_across_kinks():
     assert (found[:, 1:] < 2.0 * np.maximum(found[:, :-1], 0.1 * RTOL[:-1])).all()
 
 
+@pytest.mark.quick("case3-*")
 @pytest.mark.parametrize(("case", "most"), [(CASES[2], 2e-4), (CASES[3], 1.5e-3), (CASES[5], 2e-4), (CASES[6], 2e-4)])
 def test_order_3_resolves_limits_of_the_current_and_stops(case, most):
     """By default, where a current that left its limit late made errors of up to 2e-2 rad."""

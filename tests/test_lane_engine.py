@@ -48,6 +48,7 @@ def test_some_fall_and_some_do_not(alone):
     assert sum(run.status == "ok" for run in alone) >= 5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("order", ["forward", "backward"])
 def test_refilled_lanes_have_the_bits_of_single_runs(scene, references, alone, order):
     indices = list(range(len(references)))[:: 1 if order == "forward" else -1]
@@ -77,6 +78,7 @@ def test_noise_is_an_input_and_its_runs_have_the_same_bits(scene, references):
         assert run.final.tobytes() != simulate(scene, 1.2, state, references[k], record=RECORD).final.tobytes()
 
 
+@pytest.mark.long
 def test_noise_moves_what_the_encoder_reads_and_the_voltage(scene):
     state = standing_state(scene, np.zeros(scene.tree.n))
     noise = np.zeros((1, scene.tree.n, 2))
@@ -88,6 +90,7 @@ def test_noise_moves_what_the_encoder_reads_and_the_voltage(scene):
     assert np.allclose(loud - quiet, expected, atol=1e-12)
 
 
+@pytest.mark.long
 def test_lanes_are_mostly_at_work(scene, references):
     """Used lane-steps over all: without refilling it would be the mean life of a run over the longest."""
     state = standing_state(scene, np.zeros(scene.tree.n))
@@ -124,6 +127,7 @@ class Changing(Queue):
         return key % 5 or self.asked[key] < 3
 
 
+@pytest.mark.long
 def test_runs_given_up_leave_their_lanes_to_others_and_those_their_bits(scene, references, alone):
     state = standing_state(scene, np.zeros(scene.tree.n))
     source, upright = Changing(len(references)), [i for i, run in enumerate(alone) if run.ok]
@@ -140,6 +144,7 @@ def test_runs_given_up_leave_their_lanes_to_others_and_those_their_bits(scene, r
             assert all(run[name].tobytes() == alone[i][name].tobytes() for name in RECORD)
 
 
+@pytest.mark.long
 def test_a_failure_in_one_thread_ends_all_of_them(scene, references):
     state = standing_state(scene, np.zeros(scene.tree.n))
     queue = Queue(1000)

@@ -33,6 +33,7 @@ def exact(T, angle=0.0, Kp=KP, Kd=KD, input_gain=KP):
     return E[:2, :2], E[:2, 2:]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("angle", [0.0, 0.7])
 def test_a_pendulum_on_a_pd_servo_has_the_matrix_exponential_of_its_equation(angle):
     """At rest under the reference that holds it; error control integrates to 1e-12."""
@@ -49,6 +50,7 @@ def test_a_pendulum_on_a_pd_servo_has_the_matrix_exponential_of_its_equation(ang
     assert np.abs(found.change).max() < 1e-12
 
 
+@pytest.mark.long
 @pytest.mark.bounds
 @pytest.mark.nojit
 def test_of_the_midpoint_rule_they_approach_it_as_the_square_of_the_step():
@@ -97,6 +99,7 @@ def test_a_chain_of_springs_has_the_matrix_exponential_of_its_equation():
     np.testing.assert_allclose(found.B, E[: 2 * n, 2 * n :], rtol=1e-8, atol=1e-10)
 
 
+@pytest.mark.long
 def test_two_periods_are_the_square_of_one_at_an_equilibrium():
     """Of the arm that its servos hold: all that is remembered from tick to tick is among the states."""
     scene = arm_scene(integrator="midpoint")
@@ -145,6 +148,7 @@ def test_moved_and_deviation_are_inverse():
     np.testing.assert_allclose(found.deviation(found.moved(x)), x, rtol=1e-12, atol=1e-15)
 
 
+@pytest.mark.long
 def test_a_resting_box_has_no_kinks_and_one_that_touches_has_one_that_is_named():
     """A point on the surface pushes when it is lower, and not when it is higher: k h / m of its speed in a step."""
     scene = box_on(Ground())
@@ -178,6 +182,7 @@ def test_a_voltage_at_its_limit_is_a_kink():
     assert kink.left[row] > 1.0
 
 
+@pytest.mark.long
 def test_held_voltages_are_inputs_too():
     """The reference acts by way of the voltage alone, Kp volts by radian."""
     arm = arm_scene(load_robot("arm7"))
@@ -202,6 +207,7 @@ def test_followers_are_no_states():
     assert state[first + 2] == pytest.approx(0.005)
 
 
+@pytest.mark.long
 def test_threads_do_not_change_the_bits():
     scene = arm_scene(load_robot("arm7"), integrator="midpoint")
     one, three = (linearise(scene, threads=k, outputs=("torque",)) for k in (1, 3))
@@ -209,6 +215,7 @@ def test_threads_do_not_change_the_bits():
         assert getattr(one, name).tobytes() == getattr(three, name).tobytes(), name
 
 
+@pytest.mark.long
 def test_mujoco_has_the_same_matrices():
     """mjd_transitionFD of the free arm under torques, by semi-implicit Euler; its own error is some 1e-8."""
     import mujoco
@@ -231,6 +238,7 @@ def test_mujoco_has_the_same_matrices():
     assert found.A_error.max() < 1e-8 * np.abs(theirs).max()
 
 
+@pytest.mark.long
 def test_the_benchmark_compares_what_is_comparable():
     """Falling, MuJoCo and we make the same steps: both meet what MuJoCo extrapolates to."""
     theirs, ours, _ = _falling(load_robot("humanoid"))

@@ -28,6 +28,7 @@ def fixed(model, timestep, **how):
 # ---------------------------------------------------------------------------------------------- one body
 
 
+@pytest.mark.long
 def test_a_free_fall_is_that_of_semi_implicit_euler():
     """After n steps the velocity is g n h and the way g h^2 n (n + 1) / 2."""
     scene = fixed(replace(box(), contacts=()), 1e-3)
@@ -37,6 +38,7 @@ def test_a_free_fall_is_that_of_semi_implicit_euler():
     assert np.abs(run["base_q"][:, 2] + 0.5 * G * 1e-6 * n * (n + 1)).max() < 1e-12
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("axis", range(3))
 def test_a_free_body_keeps_spin_and_energy_as_the_step_goes_to_zero(axis):
     """Drift of angular momentum and energy of a tumbling body halves with the step."""
@@ -62,6 +64,7 @@ def test_a_free_body_keeps_spin_and_energy_as_the_step_goes_to_zero(axis):
 # ---------------------------------------------------------------------------------------------- a pendulum
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("swing", [0.1, 2.0])
 def test_a_pendulum_has_its_period(swing):
     """4 K(sin(swing / 2)) / omega, omega^2 = m g l / J about the hinge."""
@@ -76,6 +79,7 @@ def test_a_pendulum_has_its_period(swing):
     assert np.diff(crossings).mean() == pytest.approx(period, rel=1e-3)
 
 
+@pytest.mark.long
 def test_the_energy_of_a_pendulum_drifts_with_the_first_power_of_the_step():
     """What mending the constraint takes and gives: 0.26 % in five seconds at 1 ms, of the energy of its swing."""
     drifts = []
@@ -88,12 +92,14 @@ def test_the_energy_of_a_pendulum_drifts_with_the_first_power_of_the_step():
     assert 1.7 < drifts[0] / drifts[1] < 2.3
 
 
+@pytest.mark.long
 def test_angles_go_on_beyond_a_turn():
     scene = fixed(pendulum(damping=0.0), 1e-3, gravity=(0.0, 0.0, 0.0))
     run = maximal.simulate(scene, 2.0, initial_state(scene, [0.0], [10.0]), engine=EXACT)
     assert run["q"][-1, 0] == pytest.approx(20.0, rel=1e-3)
 
 
+@pytest.mark.long
 def test_a_stop_and_dry_friction_hold_a_pendulum():
     stopped = fixed(pendulum(upper=0.5), 1e-3)
     run = maximal.simulate(stopped, 1.0, initial_state(stopped, [0.2], [3.0]), engine=EXACT, sample=1e-3)
@@ -109,6 +115,7 @@ def test_a_stop_and_dry_friction_hold_a_pendulum():
 # ---------------------------------------------------------------------------------------------- contact
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("engine", [SOFT, replace(SOFT, iterations=200)], ids=["solved", "swept"])
 @pytest.mark.parametrize("friction", [0.3, 0.45, 0.55])
 def test_a_box_on_a_slope_slides_as_coulomb_says_and_sticks_beyond(engine, friction):
@@ -126,6 +133,7 @@ def test_a_box_on_a_slope_slides_as_coulomb_says_and_sticks_beyond(engine, frict
     assert abs(force[1]) <= friction * force[0] * (1 + 1e-6)
 
 
+@pytest.mark.long
 def test_a_ball_bounces_as_high_as_it_is_told():
     """From 0.2 m with 0.6: 0.36 of the height, to what a step of 0.1 ms misses; soft contacts take some of it."""
     scene = box_on(Ground(), timestep=1e-4)
@@ -190,6 +198,7 @@ def truth():
     return simulate(scene, 0.3, initial_state(scene, np.full(7, 0.3)), rtol=1e-10)["q"][-1]
 
 
+@pytest.mark.long
 def test_small_steps_lead_to_what_the_tree_gives(truth):
     """With the first power of the step, ERP and all: the error halves."""
     errors = [deviation(hanging_chain(h), EXACT, truth) for h in (1e-3, 5e-4, 2.5e-4)]
@@ -198,6 +207,7 @@ def test_small_steps_lead_to_what_the_tree_gives(truth):
     assert 1.8 < errors[1] / errors[2] < 2.2
 
 
+@pytest.mark.long
 def test_many_sweeps_lead_to_what_solving_gives():
     """At one step the distance to the solved problem falls below 1e-6 rad, ever smaller with the sweeps."""
     scene, exact = hanging_chain(1e-3), replace(SOFT, erp=0.2)
@@ -261,6 +271,7 @@ def test_the_hip_of_the_humanoid_is_a_universal_joint_and_its_shoulder_is_not():
     assert bodies.mass.sum() == pytest.approx(scene.model.mass, rel=1e-12)
 
 
+@pytest.mark.long
 def test_a_weld_holds_as_a_locked_joint():
     arm = load_robot("arm7")
     held = arm.joint_names[3]
@@ -299,6 +310,7 @@ def test_solved_no_seed_matters():
     assert digest(runs[0]) == digest(runs[1])
 
 
+@pytest.mark.quick("standard-*")
 @pytest.mark.nojit
 @pytest.mark.parametrize(
     ("servos", "bits"),
@@ -310,6 +322,7 @@ def test_the_bits_are_these_compiled_or_not(servos, bits):
     assert digest(maximal.simulate(scene, 0.02, None, reference, engine=Engine(iterations=2), seed=5)) == bits
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_the_solved_bits_are_these_compiled_or_not():
     scene = box_on(Ground(), timestep=1e-3)
@@ -317,6 +330,7 @@ def test_the_solved_bits_are_these_compiled_or_not():
     assert digest(maximal.simulate(scene, 0.01, start, engine=EXACT, record=("base_q",))) == "a19a3c5376d8a416"
 
 
+@pytest.mark.long
 def test_a_robot_that_falls_or_diverges_says_so():
     scene = compile_scene(load_robot("humanoid"), "standard", Ground(), "simtwo", 1e-3)
     start = initial_state(scene)

@@ -34,6 +34,7 @@ def test_solved_there_is_no_scatter(planned):
     assert (row.fell, row.repeat, row.run) == (0, 0.0, 0.0)
 
 
+@pytest.mark.long
 def test_a_map_goes_on_where_it_was(planned, tmp_path):
     path = tmp_path / "map.csv"
     whole = solver_scatter.work_out(SMALL, path, planned=planned)

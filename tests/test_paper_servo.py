@@ -20,6 +20,7 @@ def fall():
     return arm_fall.run()
 
 
+@pytest.mark.long
 def test_no_load_speed_is_that_of_the_motor_and_near_the_manuals(step):
     """G K V / R over the back-EMF's and the viscous friction's damping; Coulomb friction takes 1e-5 of it."""
     servo = load_servo("ax12")
@@ -29,6 +30,7 @@ def test_no_load_speed_is_that_of_the_motor_and_near_the_manuals(step):
         assert 1.05 < speed / (servo_step.NO_LOAD * volts) < 1.10
 
 
+@pytest.mark.long
 def test_stall_torque_is_right_at_ten_volts_and_too_large_at_twelve(step):
     """K G I at the current limits of 0.9 A and 1.5 A (12 V over 8 Ohm)."""
     assert step.stall[10.0] == pytest.approx(254 * 0.00681 * 0.9, rel=1e-3)
@@ -37,11 +39,13 @@ def test_stall_torque_is_right_at_ten_volts_and_too_large_at_twelve(step):
     assert step.stall[12.0] / servo_step.STALL[12.0] == pytest.approx(1.73, abs=0.01)
 
 
+@pytest.mark.long
 def test_the_step_ends_where_the_spring_of_the_controller_carries_the_load(step):
     for one in step.gearboxes.values():
         assert one.error == pytest.approx(-step.load / step.stiffness, abs=math.radians(2e-3))
 
 
+@pytest.mark.long
 def test_rotor_inertia_slows_the_step_and_makes_it_overshoot(step):
     """Rise times stated to the step of 0.5 ms; the controller's ticks of 10 ms move nothing in a deterministic run."""
     assert step.gearboxes["standard"].rise == pytest.approx(0.151, abs=0.003)
@@ -54,12 +58,14 @@ def test_rotor_inertia_slows_the_step_and_makes_it_overshoot(step):
     assert overshoots[-1] / step.settings.step == pytest.approx(0.12, abs=0.02)
 
 
+@pytest.mark.long
 def test_a_higher_supply_makes_the_step_faster_in_proportion(step):
     """Most of it runs at no-load speed; starting and stopping take the rest, so 10 %."""
     first, _, last = step.supplies.values()
     assert first.rise / last.rise == pytest.approx(12.0 / 9.6, rel=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arm", "inertia", "moment"), [("forearm", 2.7584e-4, 0.036022), ("whole arm", 1.50e-3, 0.138)]
 )
@@ -79,6 +85,7 @@ def test_the_fall_is_that_of_a_damped_pendulum(fall, arm, inertia, moment):
     assert np.abs(run.angles[0] - damped.y[0]).max() < limit
 
 
+@pytest.mark.long
 def test_the_forearm_creeps_and_the_whole_arm_swings_once(fall):
     forearm, whole = (kinds["standard"] for kinds in fall.gearboxes.values())
     assert forearm.overshoot == 0.0
@@ -86,12 +93,14 @@ def test_the_forearm_creeps_and_the_whole_arm_swings_once(fall):
     assert fall.damping_ratios == pytest.approx({"forearm": 2.03, "whole arm": 0.44}, abs=0.01)
 
 
+@pytest.mark.long
 def test_no_encoder_sees_the_printed_static_friction(fall):
     none, printed, at_rotor, _ = (one.angles for one in fall.frictions.values())
     assert 0.0 < np.abs(printed - none).max() < 0.2 * arm_fall.COUNT
     assert np.abs(at_rotor - none).max() > 10 * arm_fall.COUNT
 
 
+@pytest.mark.long
 def test_friction_identified_without_the_rotor_does_not_carry_over(fall):
     """No viscous friction gives the servo with a rotor the fall of the one without; the more inertia, the less."""
     rms = [math.degrees(np.sqrt(np.mean(fit.rms**2))) for fit in fall.refits.values()]
@@ -125,6 +134,7 @@ def test_the_speed_error_damps_until_filter_and_ticks_let_it_rattle():
     assert result.rattle(8.0) > servo_terms.COUNT > result.rattle(4.0)
 
 
+@pytest.mark.long
 def test_verdicts(step, fall):
     assert [claim.verdict for claim in servo_step.check(step)] == [
         "reproduced",
@@ -139,6 +149,7 @@ def test_verdicts(step, fall):
     ]
 
 
+@pytest.mark.long
 def test_the_step_of_integration_does_not_matter(step, fall):
     finer = servo_step.run(servo_step.Settings(supplies=(10.0,), inertias=(), frictions=(), timestep=2.5e-4))
     for kind, one in step.gearboxes.items():

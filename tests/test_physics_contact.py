@@ -110,6 +110,7 @@ def test_friction_stops_a_sliding_box_after_v_squared_over_two_mu_g_in_any_direc
     assert np.abs(run["base_qd"][-1]).max() < 1e-9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("direction", [0.0, 0.7])
 def test_a_push_below_mu_m_g_does_not_move_a_box_and_one_above_does(direction):
     scene = box_on(Ground(friction=MU))
@@ -271,6 +272,7 @@ def test_raising_the_ground_raises_the_motion(integrator):
     np.testing.assert_allclose(runs[1], runs[0] + [0, 0, 0.25, 0, 0, 0, 0], rtol=0, atol=1e-12)
 
 
+@pytest.mark.long
 def test_far_from_the_ground_the_bits_are_those_of_a_scene_without():
     parts = ("q", "qd", "base_q", "base_qd", "energy", "rotor", "current")
     model = load_robot("humanoid")

@@ -61,6 +61,7 @@ def test_gearbox_presets_hold_the_readings_of_the_printed_constants():
     assert presets["physical"].backlash == 0.0
 
 
+@pytest.mark.long
 def test_no_load_speed_and_stall_torque_are_those_of_the_motor():
     """A light link driven at full voltage: its steady speed; held by its stop: the torque of the current limit."""
     model = servo_arm(speed_filter=0.0, coulomb_friction=0.0)
@@ -147,6 +148,7 @@ def first_effect(lag):
 # --- gearbox -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_two_masses_on_a_spring_ring_at_their_frequency():
     """Rotor and link on the gear's spring, no friction, no motor: omega^2 = K (1/I + 1/J)."""
     model = servo_arm(damping=0.0, stiffness=25.0, viscous_friction=0.0, coulomb_friction=0.0, motor_constant=1e-12)
@@ -222,6 +224,7 @@ def moved_arm(servos, integrator, h, **overrides):
     return residual(scene, y, run.final)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("servos", "h"), [("mipsd", 1e-4), ("rotor", 1e-4), ("standard", 2e-5)])
 def test_every_joule_is_accounted_for(servos, h):
     """Current limits, slew, saturation and friction included."""
@@ -236,6 +239,7 @@ def test_balance_residual_falls_with_the_order(servos, integrator, order):
     assert math.log(coarse / fine, 4) > order - 0.25
 
 
+@pytest.mark.long
 def test_backlash_and_stops_take_part_in_the_balance():
     model = servo_arm("ax12_arm", backlash=math.radians(1.0))
     scene = compile_scene(model, servos="mipsd", integrator="rk4", timestep=1e-5)
@@ -279,6 +283,7 @@ def exact_angles(model, servos, reference, q0, duration, h):
     return parts(scene, simulate(scene, duration, initial_state(scene, q0), reference, record=()).final, "q")[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("integrator", "order"), [("implicit_euler", 1), ("midpoint", 2), ("rk4", 4)])
 @pytest.mark.parametrize("servos", ["rotor", "mipsd"])
 def test_order_with_sampled_servos(servos, integrator, order):
@@ -302,6 +307,7 @@ def test_order_with_stiff_continuous_servos(integrator, order):
     assert observed_order(model, "standard", integrator, still, q0, 0.5, exact) == pytest.approx(order, abs=0.15)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("h", [1e-3, 1e-2, 2e-2, 5e-2, 1e-1])
 @pytest.mark.parametrize("q0", [0.05, 0.5])
 @pytest.mark.parametrize("law", ["pd", "pd_clamped"])
@@ -332,6 +338,7 @@ def test_standard_gearbox_chatters_under_the_explicit_order_and_says_so():
     assert status == "chatter"
 
 
+@pytest.mark.quick("mipsd-implicit_euler-0.001")
 @pytest.mark.parametrize(
     ("servos", "integrator", "h"),
     [
@@ -366,6 +373,7 @@ def test_backlash_converges_under_held_steps(integrator):
     assert run.info["not_converged_steps"] == 0
 
 
+@pytest.mark.long
 def test_rk4_beyond_its_stability_interval_is_flagged():
     scene = compile_scene(load_robot("arm7"), servos="standard", integrator="rk4", timestep=1e-3)
     run = simulate(scene, 0.1, initial_state(scene, np.zeros(7)), hold(*np.zeros(7)))

@@ -87,6 +87,7 @@ def test_what_is_round_rolls_down_a_slope_without_slip(integrator, model, share,
     assert kinetic[1] == pytest.approx(potential[0] - potential[1], abs=0.1 * G * scene.ground.sinking)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint"])
 def test_a_sliding_ball_begins_to_roll_at_five_sevenths_of_its_speed(integrator):
     scene = on(Ground(friction=0.3), ball(), integrator)
@@ -95,6 +96,7 @@ def test_a_sliding_ball_begins_to_roll_at_five_sevenths_of_its_speed(integrator)
     assert run["base_qd"][-1, 4] * RADIUS == pytest.approx(run["base_qd"][-1, 0], rel=1e-6)
 
 
+@pytest.mark.long
 def test_a_ball_that_spins_upright_goes_on_spinning():
     scene = on(Ground(), ball())
     run = simulate(scene, 0.5, lying(scene, (0.0, 0.0, 0.0, 0.0, 0.0, 10.0)), record=CHANNELS)
@@ -104,6 +106,7 @@ def test_a_ball_that_spins_upright_goes_on_spinning():
 # Lying.
 
 
+@pytest.mark.long
 def test_a_capsule_lies_on_both_ends_and_a_tilted_one_on_one():
     scene = on(Ground(), capsule())
     run = simulate(scene, 1.0, lying(scene), record=CHANNELS)
@@ -115,6 +118,7 @@ def test_a_capsule_lies_on_both_ends_and_a_tilted_one_on_one():
     )
 
 
+@pytest.mark.long
 def test_a_cylinder_stands_on_its_end():
     model = wheel()
     scene = on(Ground(), model)
@@ -189,6 +193,7 @@ def test_a_field_is_bilinear_between_its_nodes_and_has_no_kink():
     assert under[0, 0] == under[-1, 0] == 0.0  # level beyond the edge
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_over_a_field_the_midpoint_rule_is_of_order_two():
     """The ground is taken where the ball will be; where it was, errors would halve with the step only."""
@@ -220,6 +225,7 @@ def test_a_ball_that_rolls_over_a_field_keeps_its_energy(integrator):
     assert np.abs(after).max() < (1e-4 if integrator == "extrapolation" else 3e-3) * kinetic.max()
 
 
+@pytest.mark.long
 @pytest.mark.bounds
 @pytest.mark.nojit
 def test_many_runs_over_a_field_have_the_bits_of_each_alone():
@@ -282,6 +288,7 @@ def test_ground_that_contradicts_itself_is_refused():
         compile_scene(ball(), ground=Ground(), fall_tilt=math.nan)
 
 
+@pytest.mark.long
 def test_never_fallen_is_a_tilt_beyond_half_a_turn():
     scene = compile_scene(ball(), ground=Ground(), fall_height=-1e6, fall_tilt=4.0)
     assert simulate(scene, 0.5, lying(scene, (1.0, 0.0, 0.0, 0.0, 10.0, 0.0))).ok

@@ -60,6 +60,7 @@ def test_the_scene_chooses_the_integrator_and_not_the_step(joint):
     assert chosen == {"dop853" if joint == dict(damping=0.0) else "ars343"}
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 @pytest.mark.parametrize(("joint", "taken"), [(dict(friction=1.0), "extrapolation"), (dict(damping=0.0), "dop853")])
 def test_another_integrator_than_asked_for_is_said(joint, taken):
@@ -125,6 +126,7 @@ def test_a_gearbox_that_is_no_spring_damper_is_refused_by_name(gearbox):
     assert compile_scene(robot, "rotor").integrator == "ars343"
 
 
+@pytest.mark.long
 def test_a_torque_servo_moves_the_same_without_the_numbers_of_a_motor():
     """Its stops, too, as long as its torque has a limit; without one they are as strong as the robot is heavy."""
     robot, runs = load_robot("arm7"), []

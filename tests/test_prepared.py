@@ -24,6 +24,7 @@ def started(ready, count, times=(0.0, 0.02)):
     return [ready.start(None, Reference(list(times), v)) for v in values]
 
 
+@pytest.mark.quick("1")
 @pytest.mark.parametrize("count", [1, 3, 8])
 def test_a_run_made_ready_by_hand_has_the_bits_of_simulate(scene, count):
     ready = prepare(scene, 0.03, ("q", "power"))
@@ -48,6 +49,7 @@ def test_runs_that_cannot_go_in_step_are_refused(scene):
         ready.run([starts[0], noisy])
 
 
+@pytest.mark.long
 def test_torques_from_outside_of_error_controlled_runs_are_announced():
     """Of a limp arm energies are integrated only where something does work."""
     arm = unlimited(load_robot("arm7"))

@@ -88,6 +88,7 @@ def test_on_a_slope_the_ground_carries_a_box_straight_up():
     np.testing.assert_allclose(pressure[:2], run["base_q"][-1, :2], rtol=0, atol=1e-4)  # plumb under its middle
 
 
+@pytest.mark.long
 def test_a_push_moves_the_centre_of_pressure_by_its_moment_over_the_weight():
     scene = box_on(Ground())
     push = Push("box", (0.5, 0.0, 0.0), point=(0.0, 0.0, 0.05))

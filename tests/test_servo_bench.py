@@ -86,6 +86,7 @@ def test_a_gain_must_be_known(tmp_path):
         read_bench(path, XL330)
 
 
+@pytest.mark.long
 def test_what_made_recordings_is_found_again():
     """Of the model's own recordings with the encoder's noise; the search starts from numbers up to a half off."""
     rows = [r for r in recordings("xl330_kp200", XL330) if r.motion != "sin_time_square"]
@@ -117,6 +118,7 @@ def test_intervals_hold_as_often_as_they_say():
     assert max(fit.intervals["torque_constant"]) < 1.01 * TRUTH["torque_constant"]
 
 
+@pytest.mark.long
 def test_an_interrupted_fit_goes_on_to_the_same_bits(tmp_path, monkeypatch):
     monkeypatch.setattr(servo_bench, "MOST_ROUNDS", 2)
 
@@ -179,6 +181,7 @@ def test_what_cannot_be_searched_is_refused():
         fit_servo(rows, XL330, "m7")
 
 
+@pytest.mark.long
 def test_a_table_of_effects_goes_on_where_it_was(tmp_path, monkeypatch):
     monkeypatch.setattr(servo_bench, "MOST_ROUNDS", 1)
     rows = [r for r in recordings("xl330_kp200", XL330) if r.motion in ("up_and_down", "sin_sin")]
@@ -215,6 +218,7 @@ def test_the_sts3250_is_met_as_well():
     assert fit.errors.mean() < 0.012
 
 
+@pytest.mark.long
 def test_the_command_writes_tables_and_a_picture(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(servo_bench, "MOST_ROUNDS", 1)
     files = [str(FOLDER / f"xl330_kp200_{name}.csv") for name in ("sin_sin", "lift_and_drop")]
@@ -236,6 +240,7 @@ def test_the_command_writes_tables_and_a_picture(tmp_path, capsys, monkeypatch):
     assert main([*common, "--effects", "--predict", other]) == 2
 
 
+@pytest.mark.quick("xl320-*", "sts3215-*")
 @pytest.mark.parametrize(
     ("name", "constant", "armature"),
     [

@@ -33,11 +33,13 @@ def agrees(servo, kind):
         assert abs(run["current"][-1, 0]) == pytest.approx(curve.current[k], rel=1e-6)
 
 
+@pytest.mark.quick("M[2-6]", "K_p")
 @pytest.mark.parametrize("name", MODELS)
 def test_steady_states_are_those_of_the_simulation(name):
     agrees(servo(name), "rotor")
 
 
+@pytest.mark.long
 def test_with_the_rotors_damping_too():
     """At 5e-7 N m s/rad it takes 0.02 N m s/rad at the output, a tenth of what back-EMF does."""
     geared = servo("M6", stiffness=50.0, damping=0.1, rotor_damping=5e-7)
@@ -54,6 +56,7 @@ def test_of_a_gear_that_no_load_drives_backwards():
     agrees(locking, "rotor")
 
 
+@pytest.mark.quick("M[2-6]", "K_p")
 @pytest.mark.parametrize("name", MODELS)
 def test_it_lifts_up_to_its_stall_torque(name):
     curve = torque_speed(servo(name))

@@ -43,6 +43,7 @@ def test_a_servo_is_as_near_to_its_manual_as_its_quality_says(name):
         assert (f"{min(ratios):.2f}", f"{max(ratios):.2f}") == (low, high or low)
 
 
+@pytest.mark.quick("mx*", "x?[34]30", "ax12a", "2xl430", "sts3250")
 @pytest.mark.parametrize("name", NAMES)
 def test_a_servo_reaches_its_steady_states(name):
     """Against four loads each way, to 1e-6 of speed and current."""
@@ -73,6 +74,7 @@ def test_the_corrected_ax12_has_the_manuals_figures_from_the_papers_motor():
     assert 254 * paper.motor_constant * 12.0 / paper.resistance == pytest.approx(1.73 * 1.5, rel=1e-3)
 
 
+@pytest.mark.long
 def test_the_corrected_ax12_holds_by_dry_friction_with_a_gear_that_gives():
     """Without voltage it stands under 0.999 K_c, and turns under 1.001 K_c: load from outside adds no friction."""
     servo = load_servo("ax12a")

@@ -57,6 +57,7 @@ def assert_same(session, runs, recorded=True):
             assert np.array_equal(found[name], run[name]), name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n", [1, 9, 11])
 @pytest.mark.parametrize("integrator", ["midpoint", None])
 def test_a_session_has_the_bits_of_one_run(integrator, n):
@@ -70,6 +71,7 @@ def test_a_session_has_the_bits_of_one_run(integrator, n):
     assert_same(session, whole(session, actions, sample=0.002))
 
 
+@pytest.mark.long
 def test_steps_of_several_ticks_hold_their_action():
     session = Session(servo_arm(), 3, record=RECORD)
     actions = moves(3, 4)
@@ -78,6 +80,7 @@ def test_steps_of_several_ticks_hold_their_action():
     assert_same(session, whole(session, actions.repeat(3, axis=0)))
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_an_action_of_none_holds_the_robots_where_they_are():
     scene = servo_arm()
@@ -125,6 +128,7 @@ def test_robots_reset_at_different_times_have_their_own(pushed):
         assert all(run.final.tobytes() != other.final.tobytes() for run, other in zip(ran, alone))
 
 
+@pytest.mark.long
 def test_a_state_that_a_run_has_come_to_goes_on():
     scene, actions = servo_arm(lag=0.0), moves(3, 8)
     session = Session(scene, 3)
@@ -149,6 +153,7 @@ def test_the_companion_tells_the_error_of_simulate():
         assert session.status == [run.status for run in runs]
 
 
+@pytest.mark.long
 def test_noise_is_drawn_for_each_robot():
     """In the order of ticks: a run is given the same."""
     scene, actions = servo_arm(), moves(3, 5)
@@ -164,6 +169,7 @@ def test_noise_is_drawn_for_each_robot():
 # ------------------------------------------------------------------------------------------------ inputs
 
 
+@pytest.mark.long
 def test_a_voltage_reaches_the_motor_as_it_is():
     """But for the supply's limit; the current of a motor that stands is V/R."""
     scene = servo_arm(lag=0.0, delay=0.0, Kf=1.0)
@@ -195,6 +201,7 @@ def test_a_torque_holds_a_pendulum_against_its_weight():
     assert np.allclose(seen["q"].ravel(), angles, atol=1e-4)
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_torques_have_the_bits_of_runs_that_follow_each_other():
     scene = compile_scene(pendulum(), integrator="implicit_euler", timestep=1e-3)
@@ -244,6 +251,7 @@ def test_observations_are_channels_and_sensors_in_the_same_arrays():
 # ------------------------------------------------------------------------------------------------ reliability
 
 
+@pytest.mark.long
 def test_one_robot_that_fails_leaves_the_others_alone():
     scene, actions = servo_arm(), moves(11, 6)
     bad = initial_state(scene, [0.1], [1e9])
@@ -261,6 +269,7 @@ def test_one_robot_that_fails_leaves_the_others_alone():
     assert session.running.all()
 
 
+@pytest.mark.long
 def test_copies_files_and_pickles_go_on_alike(tmp_path):
     scene, actions = servo_arm(), moves(9, 8)
     session = Session(scene, 9, noise=(1e-3, 0.1), record=("q",))
@@ -282,6 +291,7 @@ def test_copies_files_and_pickles_go_on_alike(tmp_path):
         session.restore(tmp_path / "session.npz")
 
 
+@pytest.mark.long
 def test_sessions_in_threads_do_not_meet():
     scene, actions = servo_arm(), moves(9, 30)
 
@@ -310,6 +320,7 @@ def test_a_session_goes_on_in_another_process():
     assert there == stepped_state(session)
 
 
+@pytest.mark.long
 def test_an_exception_between_or_within_steps_leaves_a_session_as_it_was():
     session, actions = Session(servo_arm(), 3), moves(3, 4)
     for action in actions[:2]:
@@ -324,6 +335,7 @@ def test_an_exception_between_or_within_steps_leaves_a_session_as_it_was():
     assert_same(session, whole(session, actions), recorded=False)
 
 
+@pytest.mark.long
 def test_misuse_is_refused():
     scene = servo_arm()
     bare = compile_scene(pendulum(), integrator="implicit_euler", timestep=1e-3)
@@ -360,12 +372,14 @@ def test_misuse_is_refused():
         session.step()
 
 
+@pytest.mark.long
 def test_a_session_is_stepped_by_one_thread_at_a_time():
     session = Session(servo_arm(), 1)
     with session._alone(), ThreadPoolExecutor(1) as pool, pytest.raises(RuntimeError, match="another thread"):
         pool.submit(session.step).result()
 
 
+@pytest.mark.long
 def test_steps_that_are_paced_take_the_time_that_they_simulate():
     session = Session(servo_arm(), 1, pace=True)
     session.step()

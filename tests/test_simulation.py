@@ -155,6 +155,7 @@ def test_a_state_is_left_as_it_was():
     assert np.array_equal(state, kept)
 
 
+@pytest.mark.quick("*-0.001")
 @pytest.mark.parametrize(
     ("servos", "integrator", "timestep"),
     [("mipsd", "implicit_euler", 1e-3), ("rotor", "rk4", 1e-4), ("standard", "simtwo", 1e-3)],
@@ -192,6 +193,7 @@ def test_a_run_goes_on_only_in_a_scene_whose_state_has_the_same_parts(tmp_path):
             simulate(arm_scene(servos="rotor"), 0.02, trajectory)
 
 
+@pytest.mark.long
 def test_an_actuator_put_in_by_hand_is_not_lost():
     scene, other = arm_scene(servos="rotor"), arm_scene(servos="mipsd")
     changed = replace(scene, constants=scene.constants._replace(actuator=other.constants.actuator))
@@ -210,6 +212,7 @@ def test_pushes_of_a_scene_stay_with_it():
         assert np.abs(runs[0]["q"] - simulate(scene, 0.02, **how)["q"]).max() > 1e-3
 
 
+@pytest.mark.quick("rotor", "mipsd")
 @pytest.mark.parametrize("servos", [None, "rotor", "mipsd"])
 def test_power_is_torque_times_velocity(servos):
     scene = arm_scene(servos=servos)
@@ -222,6 +225,7 @@ def test_power_is_torque_times_velocity(servos):
 # Torques, friction and pushes.
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("integrator", "tolerance"), [("implicit_euler", 2e-3), ("rk4", 1e-9)])
 def test_a_constant_torque_turns_a_damped_joint_as_it_must(integrator, tolerance):
     scene = hinge(integrator, gravity=False)
@@ -232,6 +236,7 @@ def test_a_constant_torque_turns_a_damped_joint_as_it_must(integrator, tolerance
     assert run["q"][-1, 0] == pytest.approx(T / b * (t - I / b * (1 - decay)), rel=tolerance)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("integrator", "tolerance"), [("implicit_euler", 2e-3), ("rk4", 1e-8)])
 @pytest.mark.parametrize("kind", ["hold", "linear", "cubic"])
 def test_torques_over_time_swing_a_pendulum_as_they_must(integrator, tolerance, kind):
@@ -254,6 +259,7 @@ def test_torques_over_time_swing_a_pendulum_as_they_must(integrator, tolerance, 
     assert run["qd"][-1, 0] == pytest.approx(qd, abs=5 * tolerance)
 
 
+@pytest.mark.long
 def test_dry_friction_stops_a_joint_after_its_momentum_over_its_torque():
     scene = hinge(gravity=False, damping=0.0, friction=0.1)
     run = simulate(scene, 1.0, initial_state(scene, ZERO, [0.5]), tau=ZERO, record=("q", "qd", "energy"), sample=1e-3)
@@ -264,6 +270,7 @@ def test_dry_friction_stops_a_joint_after_its_momentum_over_its_torque():
     assert run["energy"][-1, 0, energies.FRICTION] == pytest.approx(0.5 * (0.25 / 3) * 0.5**2, rel=5e-3)
 
 
+@pytest.mark.long
 def test_dry_friction_holds_below_its_torque_and_gives_above():
     scene = hinge(gravity=False, damping=0.0, friction=0.1)
     held, moved = (simulate(scene, 1.0, tau=[T])["qd"][-1, 0] for T in (0.099, 0.11))
@@ -271,6 +278,7 @@ def test_dry_friction_holds_below_its_torque_and_gives_above():
     assert moved == pytest.approx(0.01 / (0.25 / 3), rel=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4"])
 def test_a_push_changes_momentum_by_force_times_time(integrator):
@@ -288,6 +296,7 @@ def test_a_push_changes_momentum_by_force_times_time(integrator):
     np.testing.assert_allclose(run["base_qd"][-1, 3:], 0.0, atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_force_beside_the_centre_turns_like_its_moment():
     scene, model = box_on(NOWHERE), box()
     state = initial_state(scene, np.eye(7)[3])
@@ -305,6 +314,7 @@ def test_a_force_beside_the_centre_turns_like_its_moment():
 # Joint stops.
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("integrator", "timestep", "tolerance"),
     [("implicit_euler", 1e-4, 0.1), ("midpoint", 1e-3, 1e-4), ("rk4", 1e-4, 1e-3)],
@@ -335,6 +345,7 @@ def rebound(d, speed):
     return (1.0 + lambertw(-math.exp(-1.0 - turned)).real) / d
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("speed", [0.5, 5.0])
 def test_a_stop_lets_go_as_the_scalar_equation_does(speed):
     scene = hinge("rk4", 1e-5, lower=-0.4, upper=0.4, gravity=False, damping=0.0)
@@ -357,6 +368,7 @@ def test_a_stop_is_critically_damped_at_its_depth_with_the_inertia_of_the_joint(
     assert stop.stiffness * stop.damping * CRITICAL_DEPTH == pytest.approx(critical, rel=1e-12)
 
 
+@pytest.mark.long
 def test_a_stop_pushes_only_back():
     """A joint that leaves its stop is not held by it."""
     scene = hinge(lower=-0.4, upper=0.4, gravity=False, damping=0.0)
@@ -430,6 +442,7 @@ def test_a_humanoid_that_is_thrown_over_fell():
     assert not np.array_equal(run["base_q"][last - 1], run["base_q"][last])
 
 
+@pytest.mark.long
 def test_an_explicit_step_too_large_diverges_and_says_when_and_where():
     scene = explosive_arm()
     run = simulate(scene, 1.0, initial_state(scene, np.full(7, 0.1)), record=("q", "qd"))
@@ -443,6 +456,7 @@ def test_an_explicit_step_too_large_diverges_and_says_when_and_where():
     assert np.array_equal(run["q"][last], run["q"][-1])
 
 
+@pytest.mark.long
 def test_the_state_before_a_divergence_is_the_sound_one_of_that_time():
     scene = explosive_arm()
     state = initial_state(scene, np.full(7, 0.1))
@@ -456,6 +470,7 @@ def test_the_state_before_a_divergence_is_the_sound_one_of_that_time():
     assert whole.final[: o["status"]].tobytes() == state[: o["status"]].tobytes()
 
 
+@pytest.mark.long
 def test_a_failed_run_stays_failed():
     scene = explosive_arm()
     failed = simulate(scene, 1.0, initial_state(scene, np.full(7, 0.1)))

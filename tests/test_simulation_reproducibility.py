@@ -118,6 +118,7 @@ def test_a_run_that_diverges_beside_others(arm, bad):
     assert bits(runs[bad]) == bits(simulate(scene, 0.1, states[bad], references[bad], record=RECORD))
 
 
+@pytest.mark.long
 def test_a_robot_that_falls_beside_others_that_stand():
     scene, states, references = humanoid_runs()
     states[2] = states[2].copy()
@@ -160,6 +161,7 @@ def test_compiled_or_not():
     assert elsewhere("digest", NUMBA_DISABLE_JIT="1") == digest()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("processor", PROCESSORS)
 def test_whole_runs_whatever_processor_the_linear_algebra_is_for(processor):
     assert elsewhere("digest", OPENBLAS_CORETYPE=processor) == digest()
@@ -236,6 +238,7 @@ def drift(integrator, timestep, gravity):
     ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, 0.0), (0.0, 0.0, -9.81)], ids=["weightless", "falling"])
 @pytest.mark.parametrize(
     ("integrator", "order", "steps"), [("midpoint", 2, (1e-3, 5e-4, 2.5e-4)), ("rk4", 4, (2e-3, 1e-3, 5e-4))]

@@ -71,6 +71,7 @@ def test_two_masses_swing_with_their_reduced_mass(integrator, damping):
     assert np.abs(run["q"][:, 0] - swing(run["time"], damping)).max() < 1e-11
 
 
+@pytest.mark.long
 def test_a_weight_hangs_where_the_spring_bears_it():
     """From the root of a fixed base: stretched by m g / K nothing accelerates; the root feels nothing."""
     links = (Link("ceiling", 0.0, STILL, (0.0,) * 6), Link("weight", M2, STILL, BALL))
@@ -84,6 +85,7 @@ def test_a_weight_hangs_where_the_spring_bears_it():
             assert np.abs(run["q"] - low).max() < 1e-13
 
 
+@pytest.mark.long
 def test_points_that_coincide_have_no_force():
     scene = pair_scene()
     run = simulate(scene, 0.1, flying(scene, distance=0.0))
@@ -103,6 +105,7 @@ def conserved(run, model):
 ALL = ("base_q", "q", "base_qd", "qd")
 
 
+@pytest.mark.long
 def test_energy_and_momentum_of_a_tangle():
     """What the springs store and what moves add up; action is reaction, so both momenta stay."""
     model, springs, q, qd = tangle(0.0)
@@ -116,6 +119,7 @@ def test_energy_and_momentum_of_a_tangle():
     np.testing.assert_allclose(p, np.broadcast_to(p[0], p.shape), rtol=0, atol=1e-9 * np.abs(p[0]).max())
 
 
+@pytest.mark.long
 def test_dampers_take_what_their_stretching_loses():
     """The energy falls by the integral of C (dl/dt)^2 (Simpson's rule over records of 1 ms, whose error is 1e-8)."""
     model, springs, q, qd = tangle(0.5)
@@ -134,6 +138,7 @@ def test_dampers_take_what_their_stretching_loses():
 # --- orders ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("integrator", "order"), [("implicit_euler", 1), ("midpoint", 2), ("rk4", 4)])
 def test_order_with_a_spring_on_a_turning_pair(integrator, order):
     """A floating base that drifts, turns and is pulled to and fro: only right positions and rates give the order."""
@@ -161,6 +166,7 @@ def test_a_push_and_a_spring_act_together():
 # --- steps -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("factor", "sound"), [(0.97, True), (1.03, False)])
 @pytest.mark.parametrize("damping", [0.0, 30.0])
 def test_the_announced_limit_is_where_an_explicit_step_breaks(damping, factor, sound):
@@ -191,6 +197,7 @@ def test_rk4_beyond_the_limit_says_so():
     assert simulate(scene, 0.02).status == "not converged"
 
 
+@pytest.mark.long
 @pytest.mark.bounds
 @pytest.mark.nojit
 @pytest.mark.parametrize(("stiffness", "damping"), [(K, 0.0), (0.0, 30.0)])
@@ -206,6 +213,7 @@ def test_an_implicit_step_beyond_the_springs_limit_says_so_and_names_the_spring(
     assert "by the spring a - b" in run[1].message
 
 
+@pytest.mark.quick("rk4")
 @pytest.mark.nojit
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4"])
 def test_springs_limit_a_fixed_step_that_is_chosen(integrator):
@@ -228,6 +236,7 @@ def eight_runs(integrator):
     return scene, [flying(scene, 0.3 + 0.05 * k, spin=0.5 * k) for k in range(8)]
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 @pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", pytest.param("rk4", marks=pytest.mark.bounds)])
 def test_eight_at_once_have_the_bits_of_one(integrator):
@@ -248,6 +257,7 @@ def digest():
     return " ".join(ends)
 
 
+@pytest.mark.long
 def test_bits_are_the_same_with_the_jit_off():
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-W", "error", "-c", "import test_springs as t; print(t.digest())"]

@@ -199,6 +199,7 @@ def test_runs_that_fail_or_make_no_scene_are_rows_like_others(tmp_path):
     assert outcome.statuses == {"refused": 2, "fell": 1, "ok": 1}
 
 
+@pytest.mark.long
 def test_a_stable_step_comes_to_rest_and_the_next_larger_one_does_not(tmp_path):
     """Both ends of the interval, run again as `hold`: the second half of the run rests, or chatters from step to step.
 
@@ -447,6 +448,7 @@ def test_a_picture_for_any_number_of_parameters(tmp_path, vary, panels):
     assert np.ptp(picture[..., :3]) > 0.8
 
 
+@pytest.mark.long
 def test_a_picture_of_drawn_runs(tmp_path):
     text = DRAWN.format("random", 20, 1) + 'scene.integrator = ["implicit_euler", "simtwo"]\n'
     assert image.imread(run_study(read(tmp_path, text), tmp_path).picture).shape[1] == 910

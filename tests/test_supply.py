@@ -43,6 +43,7 @@ def first_tick(scene, errors, speeds=0.0, name="bus"):
 # ---------------------------------------------------------------------------------------------- voltage
 
 
+@pytest.mark.long
 @pytest.mark.bounds
 @pytest.mark.nojit
 def test_stalled_servos_share_what_the_source_gives():
@@ -57,6 +58,7 @@ def test_stalled_servos_share_what_the_source_gives():
     np.testing.assert_allclose(first_tick(scene, errors, name="voltage"), duty * V, rtol=1e-13)
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_a_source_without_resistance_is_only_another_voltage():
     scene, path = arm(resistance=0.0, voltage=9.0), Reference([0.0, 0.1], [[0.0] * 7, [0.2] * 7])
@@ -69,6 +71,7 @@ def test_a_source_without_resistance_is_only_another_voltage():
     np.testing.assert_allclose(simulate(own, 0.1, None, path, **ONCE)["q"], run["q"], rtol=0, atol=1e-13)
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_servos_at_their_current_limit_draw_that():
     """V = V0 - R_s sum |d| I_max: six of seven at 0.3 A, the seventh idle."""
@@ -78,6 +81,7 @@ def test_servos_at_their_current_limit_draw_that():
     np.testing.assert_allclose(V, V0 - 0.5 * 0.3 * duty.sum(), rtol=1e-13)
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_what_servos_drive_back_charges_the_source():
     """All turn faster than their voltage lets them: V > V0 by R_s times the current that comes back."""
@@ -89,6 +93,7 @@ def test_what_servos_drive_back_charges_the_source():
     assert d * V < GK * 9.0
 
 
+@pytest.mark.long
 @pytest.mark.nojit
 def test_a_source_that_braking_servos_short_gives_nothing():
     """Duty cycles against fast motors, at a resistance as large as theirs: V is not below 0."""
@@ -100,6 +105,7 @@ def missing(V, d, w, R_s, full):
     return V - full + R_s * d @ np.clip((d * V - GK * w) / R, -0.4, 0.4)
 
 
+@pytest.mark.long
 def test_voltage_is_the_root_of_its_equation():
     """Random duty cycles and speeds, some currents at their limit, against a bisection; eight worlds at once."""
     from scipy.optimize import brentq
@@ -150,6 +156,7 @@ def stored(scene, y):
     return total + energy(scene.model, part["q"], part["qd"], armature=c.armature).sum()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("servos", "h"),
     [("rotor", 1e-4), *(pytest.param(*case, marks=pytest.mark.long) for case in (("mipsd", 1e-4), ("standard", 2e-5)))],
@@ -175,6 +182,7 @@ def test_every_joule_of_the_source_is_accounted_for(servos, h):
     assert given == pytest.approx(drawn, rel=1e-4)
 
 
+@pytest.mark.quick("*-implicit_euler-*")
 @pytest.mark.parametrize(
     ("servos", "integrator", "rounding"),
     [
@@ -208,6 +216,7 @@ def final_speed(period):
     return run["qd"][-1, 0], scene.preflight.inertias[0]
 
 
+@pytest.mark.long
 def test_a_voltage_held_for_a_tick_tends_to_that_of_a_continuous_bus():
     """A motor at a steady duty cycle on a source is one with both resistances: held, V lags by half a tick."""
     periods, errors = np.array([0.01, 0.005, 0.0025]), []

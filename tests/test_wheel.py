@@ -31,6 +31,7 @@ def test_a_wheel_turns_for_an_hour():
     np.testing.assert_array_equal(run["qd"], 1000.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["midpoint", "extrapolation"])
 @pytest.mark.parametrize("turns", [3e4, 1e6, 1.5e8])
 def test_a_pendulum_swings_the_same_after_many_turns(integrator, turns):
@@ -45,6 +46,7 @@ def test_a_pendulum_swings_the_same_after_many_turns(integrator, turns):
     assert np.ptp(near["q"]) > 0.1
 
 
+@pytest.mark.long
 def test_lanes_of_near_and_far_angles_have_the_bits_of_each_alone():
     scene = compile_scene(wheel(0.1), integrator="midpoint", timestep=1e-3)
     states = [initial_state(scene, [q], [3.0]) for q in (0.1, NEAR - 1e-3, NEAR, NEAR + 1.0, -1e7, 1e9, -NEAR, 0.0)]
@@ -53,6 +55,7 @@ def test_lanes_of_near_and_far_angles_have_the_bits_of_each_alone():
         assert run.final.tobytes() == simulate(scene, 0.05, state).final.tobytes()
 
 
+@pytest.mark.long
 def test_an_angle_beyond_all_turns_is_flagged():
     scene = compile_scene(wheel(0.1), integrator="midpoint", timestep=1e-3)
     run = simulate(scene, 0.05, initial_state(scene, [3e9]))

@@ -279,6 +279,7 @@ def test_error_controlled_runs_take_their_own_scenes():
         assert all(run.error[name].tobytes() == other.error[name].tobytes() for name in RECORD)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("estimate_error", [None, True])
 def test_errors_are_those_of_the_run_alone(estimate_error):
     """Companions at twice the step, and runs at half the step, are worlds as well."""
@@ -292,6 +293,7 @@ def test_errors_are_those_of_the_run_alone(estimate_error):
         assert run.error["q"].max() > 0.0
 
 
+@pytest.mark.long
 def test_scenes_of_other_structure_share_no_lanes_and_keep_their_bits():
     """No friction at all, another controller period, another step: other code, or another course."""
     scene = arm()
@@ -315,6 +317,7 @@ def test_scenes_of_other_structure_are_not_put_in_step():
         ready[0].run([one.start() for one in ready])
 
 
+@pytest.mark.long
 def test_a_height_field_may_lie_at_other_heights():
     rng = np.random.default_rng(0)
     field = HeightField(0.01 * rng.normal(size=(9, 9)), (0.2, 0.2), (-0.8, -0.8))
@@ -330,6 +333,7 @@ def test_a_height_field_may_lie_at_other_heights():
 # ---------------------------------------------------------------------------------------------- truths
 
 
+@pytest.mark.long
 def test_boxes_slide_as_their_own_slope_and_friction_ask():
     """a = g (sin - mu cos), down the slope, eight slopes and coefficients in one vector."""
     slopes, friction = np.linspace(0.3, 0.5, 8), np.linspace(0.05, 0.2, 8)
@@ -343,6 +347,7 @@ def test_boxes_slide_as_their_own_slope_and_friction_ask():
         assert (speed[-1] - speed[10]) / (run["time"][-1] - run["time"][10]) == pytest.approx(expected, rel=2e-3)
 
 
+@pytest.mark.long
 def test_a_pendulum_swings_by_its_own_gravity_and_length():
     """T = 2 pi sqrt(J / (m g l)) of small swings: the time of a whole one by its gravity and centre of mass."""
     scene = compile_scene(pendulum(damping=0.0), integrator="midpoint", timestep=1e-3)
@@ -536,6 +541,7 @@ def test_there_is_a_run_for_each_world():
         simulate_batch(3, 0.01)
 
 
+@pytest.mark.long
 def test_a_box_may_be_of_any_mass_on_ground_as_stiff_as_it_asks():
     """The ground's stiffness follows the weight: each box sinks in by `sinking`."""
     scene = box_on(Ground(sinking=1e-3), model=box())
@@ -573,6 +579,7 @@ def test_runs_without_a_value_take_their_base_sample_along():
     assert all(math.isnan(number) for number in indices(np.full((8, 4), np.nan))[0])
 
 
+@pytest.mark.long
 def test_a_study_tells_which_parameter_matters(tmp_path):
     """Of an arm that is held, the offset follows the tilt it starts with and hardly the inductance."""
     path = tmp_path / "which.toml"
