@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from featherstone_gait import __version__
+from featherstone_gait.experiments import EXPERIMENTS
 from featherstone_gait.experiments.sources import PACKAGE, digest
 from featherstone_gait.files import Format, complete, parse_json
 
@@ -33,6 +34,7 @@ KEPT = ROOT / "docs" / "reproduction" / "remade.json"
 FORMAT = Format("remade parts")
 QUICK = 5.0  # minutes of two cores, compiled before
 NOTEBOOKS = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "notebooks").glob("*.ipynb"))
+REPORT = tuple(f"experiments/{name}.py" for name in ("report", *EXPERIMENTS))
 COMMANDS = ("optimize", "reproduce", "benchmark")  # of `featherstone-gait`; what begins otherwise is Python's
 GAIT = ROOT / "robots" / "humanoid" / "optimized_gait.json"
 
@@ -53,7 +55,7 @@ class Part(NamedTuple):
     command: tuple[str, ...] = ()  # of the package, with "{out}" for a folder of its own
     files: tuple[tuple[str, str], ...] = ()  # of these there: name, and where it goes; "" for the whole folder
     cells: Callable[[], Iterable[Cells]] | None = None  # what is worked out here
-    module: str = "optimize.py"  # of the package, on which it depends
+    modules: tuple[str, ...] = ("optimize.py",)  # of the package, on which it depends
 
 
 # ---------------------------------------------------------------------------------------------- worked out here
@@ -165,8 +167,8 @@ PARTS: dict[str, Part] = {
     "stored-gait": Part("the tables of README and docs/optimize.md from the file of the gait", 0.0, cells=stored_gait),
     "walked-gait": Part("the energy and speed of that gait, walked again", 0.1, cells=walked_gait),
     "first-gaits": Part("the table of plans in docs/walking.md, without its 200 worlds", 1.0, cells=first_gaits),
-    "scatter": Part("the walks of docs/maximal.md", 1.0, cells=scatter, module="experiments/solver_scatter.py"),
-    "held": Part("arm and posture of docs/maximal.md", 3.0, cells=held, module="experiments/solver_scatter.py"),
+    "scatter": Part("the walks of docs/maximal.md", 1.0, cells=scatter, modules=("experiments/solver_scatter.py",)),
+    "held": Part("arm and posture of docs/maximal.md", 3.0, cells=held, modules=("experiments/solver_scatter.py",)),
     "gait": Part(
         "the gait of the README", 6, ("optimize", "--crosscheck", "--out", "{out}"),
         (("humanoid_gait.npz", "robots/humanoid/optimized_gait.npz"),
@@ -185,17 +187,17 @@ PARTS: dict[str, Part] = {
     ),
     "solver-map": Part(
         "the map of docs/maximal.md", 5, ("-m", "featherstone_gait.experiments.solver_scatter", "{out}/solver_map.csv"),
-        (("solver_map.csv", "docs/reproduction/solver_map.csv"),), module="experiments/solver_scatter.py",
+        (("solver_map.csv", "docs/reproduction/solver_map.csv"),), modules=("experiments/solver_scatter.py",),
     ),
     "searches": Part(
-        "where searches stop, for docs/paper.md", 80,
+        "where searches stop, for docs/paper.md", 100,
         ("-m", "featherstone_gait.experiments.what_stops", "{out}/searches.csv"),
-        (("searches.csv", "docs/reproduction/searches.csv"),), module="experiments/what_stops.py",
+        (("searches.csv", "docs/reproduction/searches.csv"),), modules=("experiments/what_stops.py",),
     ),
     "reproduction": Part(
         "the paper at full size, for docs/paper.md", 55, ("reproduce", "--full", "--out", "{out}"),
         (("reproduction.html", "docs/reproduction/reproduction.html"),
-         ("reproduction.csv", "docs/reproduction/reproduction.csv")), module="experiments/report.py",
+         ("reproduction.csv", "docs/reproduction/reproduction.csv")), modules=REPORT,
     ),
     "notebooks": Part(
         "what the notebooks print and draw", 25,
@@ -265,18 +267,18 @@ def shown(part: Part) -> str:
     return f"{'featherstone-gait' if part.command[0] in COMMANDS else 'python'} {words}"
 
 
-def commanded(part: Part) -> None:
-    """Run a part's command in a folder of its own and put its files in their places."""
-    with tempfile.TemporaryDirectory() as out:
-        words = [word.format(out=out) for word in part.command]
-        package = ["-m", "featherstone_gait"] if words[0] in COMMANDS else []
-        subprocess.run([sys.executable, *package, *words], cwd=ROOT, check=True)
-        for name, place in part.files:
-            shutil.copyfile(Path(out) / name, ROOT / place)
+def commanded(part: Part, out: Path) -> None:
+    """Run a part's command, which writes into a folder or goes on there, and put its files in their places."""
+    words = [word.format(out=out) for word in part.command]
+    package = ["-m", "featherstone_gait"] if words[0] in COMMANDS else []
+    subprocess.run([sys.executable, *package, *words], cwd=ROOT, check=True)
+    for name, place in part.files:
+        shutil.copyfile(out / name, ROOT / place)
 
 
 def sources(part: Part) -> str:
-    return digest(PACKAGE / part.module)
+    """Digest of what a part is made with."""
+    return digest(*(PACKAGE / file for file in part.modules))
 
 
 def remade() -> dict[str, Any]:
@@ -314,6 +316,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--list", action="store_true", help="say what there is")
     parser.add_argument("--quick", action="store_true", help="numbers that are worked out here, in some five minutes")
     parser.add_argument("--check", action="store_true", help="write nothing; exit with 1 where pages differ")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where commands write and go on (default: temporary)")
     args = parser.parse_args(arguments)
     if args.list:
         print(listing())
@@ -328,7 +331,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, part in chosen.items():
         print(f"{name}: {part.what} (some {part.minutes:g} min)", flush=True)
         if part.cells is None:
-            commanded(part)
+            with tempfile.TemporaryDirectory() as temporary:
+                commanded(part, args.out.resolve() if args.out else Path(temporary))
         else:
             found = worked_out(part, args.check)
             print("".join(f"  {'other' if args.check else 'new'}: {line}\n" for line in found), end="", flush=True)

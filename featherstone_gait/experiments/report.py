@@ -56,7 +56,7 @@ SHOWN_PER_INCH = 105  # CSS pixels, on a page that is wide enough
 MINUTES = {  # that an experiment takes on two cores, compiled before: quick, full
     "servo_step": (0.1, 0.3), "arm_fall": (0.1, 0.5), "servo_terms": (0.1, 0.3), "identification": (0.3, 5),
     "seven_joint_arm": (0.4, 4), "energy_repeatability": (0.4, 3), "posture": (0.3, 2), "solver_scatter": (0.9, 6),
-    "gait_optimization": (0.3, 15), "what_stops": (0.3, 8), "method_comparison": (0.3, 4), "robustness": (0.3, 3),
+    "gait_optimization": (0.3, 15), "what_stops": (0.3, 9), "method_comparison": (0.3, 4), "robustness": (0.3, 3),
     "complete_humanoid": (0.4, 4),
 }  # fmt: skip
 

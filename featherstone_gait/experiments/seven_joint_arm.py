@@ -525,7 +525,7 @@ def _heat(panel: Axes, grid: list[list[Outcome]], columns: Sequence[str], rows: 
 
 def _short(value: float) -> str:
     if 1e-2 <= value < 1e3:
-        return f"{value:.2g}"
+        return f"{float(f'{value:.2g}'):g}"
     mantissa, exponent = f"{value:.0e}".split("e")
     return f"{mantissa}e{int(exponent)}"
 

@@ -17,10 +17,10 @@ ROBOTS = (PACKAGE.parent / "robots", PACKAGE / "robots")  # in the repository; i
 DATA = (".toml", ".urdf")  # of robots, what runs read
 
 
-def digest(file: Path) -> str:
-    """Of a module's file, of all files of the package that it can load, and of the robots."""
-    robots = (path for root in ROBOTS for path in root.rglob("*") if path.suffix in DATA)
-    return digest_of([*reached(file), *robots])
+def digest(*files: Path) -> str:
+    """Of modules' files, of all files of the package that they can load, and of the robots."""
+    robots = {path for root in ROBOTS for path in root.rglob("*") if path.suffix in DATA}
+    return digest_of([*robots.union(*map(reached, files))])
 
 
 def digest_of(files: list[Path]) -> str:
