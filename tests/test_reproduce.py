@@ -74,7 +74,7 @@ class Tags(HTMLParser):
         self.open, self.addresses = [], []
 
     def handle_starttag(self, tag, attributes):
-        if tag not in ("meta", "img", "br", "source"):
+        if tag not in ("meta", "img", "br", "wbr", "source"):
             self.open.append(tag)
         self.addresses += [value for name, value in attributes if name in ("src", "srcset", "href")]
 

@@ -338,6 +338,7 @@ table.settings { width: auto; }
 td.name, td.item { font-weight: 600; white-space: nowrap; }
 code { font: 11.5px/1.35 ui-monospace, "DejaVu Sans Mono", monospace; }
 td.statement { width: 21%; } td.paper { width: 15%; } td.here { width: 22%; } td.why { width: 25%; }
+.own td.statement { width: 30%; } .own td.here { width: 42%; } .own td.why { width: 18%; }
 td.verdict { font-weight: 600; min-width: 7.5em; overflow-wrap: normal; }
 td.factor, tr.head th { overflow-wrap: normal; } td.factor { text-align: right; white-space: nowrap; }
 .yes { color: var(--yes); } .part { color: var(--part); } .no { color: var(--no); } .soft { color: var(--soft); }
@@ -391,7 +392,7 @@ def _html(entries: Sequence[Entry], facts: list[tuple[str, str]], files: Path) -
 def _html_table(columns: Sequence[str], rows: Sequence[Row]) -> str:
     head = "".join(f"<th>{name}</th>" for name in columns)
     return (
-        f'<table class="claims"><tbody><tr class="head">{head}</tr>\n'
+        f'<table class="claims{" own" * (columns != COLUMNS)}"><tbody><tr class="head">{head}</tr>\n'
         f"{''.join(_html_row(row, columns) for row in rows)}</tbody></table>"
     )
 
@@ -399,7 +400,8 @@ def _html_table(columns: Sequence[str], rows: Sequence[Row]) -> str:
 def _html_row(row: Row, columns: Sequence[str]) -> str:
     e = html.escape
     if row.verdict == IMPLEMENTED:
-        why = "<br>".join(f"<code>{e(text)}</code>" for text in (row.where, row.why) if text)
+        breaks = (re.sub("([_/])", r"\1<wbr>", e(text)) for text in (row.where, row.why) if text)
+        why = "<br>".join(f"<code>{text}</code>" for text in breaks)
     else:
         link = f'<a href="#{e(row.where)}">{e(row.where)}</a>' if row.where else ""
         why = (f"<details><summary>why</summary>{e(row.why)}</details>" if row.why else "") + link
