@@ -430,7 +430,8 @@ def _ends(result: Result) -> Figure:
 def write_table(path: FilePath, rows: Iterable[Row]) -> None:
     """The rows as CSV, by the names of `Row`."""
     names = [field.name for field in fields(Row)]
-    write_csv(path, TABLE, names, ([getattr(row, name) for name in names] for row in rows))
+    table = ([getattr(row, name) for name in names] for row in rows)
+    write_csv(path, TABLE, names, table, f"sources {digest(Path(__file__))}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
