@@ -195,7 +195,7 @@ PARTS: dict[str, Part] = {
         (("searches.csv", "docs/reproduction/searches.csv"),), modules=("experiments/what_stops.py",),
     ),
     "reproduction": Part(
-        "the paper at full size, for docs/paper.md", 55, ("reproduce", "--full", "--out", "{out}"),
+        "the paper at full size, for docs/paper.md", 58, ("reproduce", "--full", "--out", "{out}"),
         (("reproduction.html", "docs/reproduction/reproduction.html"),
          ("reproduction.csv", "docs/reproduction/reproduction.csv")), modules=REPORT,
     ),
