@@ -1,4 +1,4 @@
-"""The points of mesh files: STL, OBJ and DAE.
+"""The points and the colours of mesh files: STL, OBJ and DAE.
 
 Lengths are as users of URDF see them in RViz: those of the file times the shape's scale, and of a DAE times its unit,
 which Pinocchio passes over.  The `up_axis` of a DAE is passed over by both: x, y, z of the file are those of the shape.
@@ -10,7 +10,8 @@ import functools
 import io
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -20,6 +21,17 @@ from .shape import Mesh
 MAX_BYTES = 100_000_000  # of one file
 KINDS = (".stl", ".obj", ".dae")
 COLOURS = ("library_images", "library_effects", "library_materials", "bind_material")  # of a DAE
+TEXTURES = ("library_images", "newparam")  # and what of an effect refers to them
+
+Colour = tuple[int, int, int]
+
+
+class Part(NamedTuple):
+    """Triangles of one colour."""
+
+    points: np.ndarray  # (n, 3) [m]
+    triangles: np.ndarray  # (m, 3)
+    colour: Colour | None  # red, green, blue, 0 to 255; None where the file says none, or a texture
 
 
 def mesh_corners(mesh: Mesh) -> Corners:
@@ -70,29 +82,98 @@ def mesh_points(path: Path) -> np.ndarray:
 
 def mesh_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """The vertices (n, 3) of all parts of a mesh file [m], and triangles (m, 3) of their indices; raises likewise."""
+    kind, data, unit = _contents(path)
+    vertices, triangles = _joined(_read(path, data, kind))
+    return unit * vertices, triangles
+
+
+def mesh_parts(path: Path) -> list[Part]:
+    """The triangles of a mesh file by their colours, textures aside; raises as `mesh_hull`.
+
+    A DAE whose materials are broken comes without any.
+    """
+    kind, data, unit = _contents(path)
+    found = _read(path, data, kind)
+    if kind == "dae":
+        found = _coloured(path, sum(len(part.triangles) for part in found)) or found
+    elif kind == "obj":
+        found = _read(path, data, kind, _Materials(path))
+    alike: dict[Colour | None, list[Part]] = {}
+    for part in found:
+        alike.setdefault(part.colour, []).append(part)
+    whole = [Part(*_joined(parts), colour) for colour, parts in alike.items()]
+    return [part._replace(points=unit * part.points) for part in whole if len(part.triangles)]
+
+
+def _contents(path: Path) -> tuple[str, bytes, float]:
+    """Kind of a mesh file, its bytes, and metres per unit."""
     kind = path.suffix.lower()
     if kind not in KINDS:
         raise ValueError(f"{path}: is no mesh that can be read; expected one of {', '.join(KINDS)}: convert it")
     data, unit = path.read_bytes(), 1.0
     if kind == ".dae":
         data, unit = _without_colours(path, data)
-    vertices, triangles = _triangles(path, data, kind[1:])
-    return unit * vertices, triangles
+    return kind[1:], data, unit
 
 
-def _triangles(path: Path, data: bytes, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices in the unit of the file, each part where the file puts it, and triangles."""
+def _read(path: Path, data: bytes, kind: str, resolver: Any = None) -> list[Part]:
+    """The parts of a mesh, each where the file puts it, in the unit of the file."""
     trimesh = _reader(kind)
     try:
-        scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False)
-        parts = [(np.asarray(part.vertices, dtype=float).reshape(-1, 3), _faces(part)) for part in scene.dump()]
+        scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False, resolver=resolver)
+        parts = [
+            Part(np.asarray(part.vertices, dtype=float).reshape(-1, 3), _faces(part), _colour(part))
+            for part in scene.dump()
+        ]
     except Exception as error:  # a damaged file can make the reader fail in any way
         raise ValueError(f"{path}: cannot be read as {kind.upper()}: {error!r}; export the mesh again") from error
-    counts = [len(vertices) for vertices, _ in parts]
-    if not sum(counts):
+    if not sum(len(part.points) for part in parts):
         raise ValueError(f"{path}: has no triangles; export the mesh again")
-    first = np.cumsum([0, *counts[:-1]])
-    return np.concatenate([v for v, _ in parts]), np.concatenate([f + k for (_, f), k in zip(parts, first)])
+    return parts
+
+
+def _joined(parts: list[Part]) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (n, 3) and triangles (m, 3) of some parts together."""
+    first = np.cumsum([0, *(len(part.points) for part in parts[:-1])])
+    triangles = [part.triangles + k for part, k in zip(parts, first)]
+    return np.concatenate([part.points for part in parts]), np.concatenate(triangles)
+
+
+def _coloured(path: Path, count: int) -> list[Part] | None:
+    """The parts of a DAE with its materials; None if these make the reader drop some of the triangles."""
+    try:
+        found = _read(path, _without_textures(path.read_bytes()), "dae")
+    except ValueError:
+        return None
+    return found if sum(len(part.triangles) for part in found) == count else None
+
+
+class _Materials:
+    """Where an OBJ's material files are: beside it.  No other file is opened."""
+
+    def __init__(self, path: Path) -> None:
+        self.folder = path.parent
+
+    def __getitem__(self, name: str) -> bytes:
+        """The contents of a file that the OBJ names."""
+        file = self.folder / Path(name.strip()).name
+        if file.suffix.lower() != ".mtl" or not file.is_file() or file.stat().st_size > MAX_BYTES:
+            raise FileNotFoundError(name)  # the reader goes on without
+        return file.read_bytes()
+
+    get = __getitem__
+
+
+def _colour(part: Any) -> Colour | None:
+    """What the material of a part says."""
+    material = getattr(getattr(part, "visual", None), "material", None)
+    stated = getattr(material, "baseColorFactor", None)  # of a DAE
+    if stated is None and getattr(material, "kwargs", None):  # it was in a file of materials
+        stated = getattr(material, "diffuse", None)
+    if stated is None:
+        return None
+    r, g, b, *_ = (int(x) for x in stated)
+    return r, g, b
 
 
 def _faces(part: Any) -> np.ndarray:
@@ -126,6 +207,24 @@ def _without_colours(path: Path, data: bytes) -> tuple[bytes, float]:
     if not 0.0 < unit < math.inf:
         raise ValueError(f"{path}: a unit of {unit!r} m; expected > 0: correct <unit meter=...>")
     for element in list(root.iter()):
-        for child in [child for child in element if child.tag.rpartition("}")[2] in COLOURS]:
+        for child in [child for child in element if _tag(child) in COLOURS]:
             element.remove(child)
     return tostring(root), unit
+
+
+def _without_textures(data: bytes) -> bytes:
+    """A DAE whose materials are plain colours.  It has been read before: `_without_colours` has looked at it."""
+    from xml.etree.ElementTree import tostring
+
+    from defusedxml.ElementTree import fromstring
+
+    root = fromstring(data, forbid_dtd=True)
+    for element in list(root.iter()):
+        for child in list(element):
+            if _tag(child) in TEXTURES or any(_tag(x) == "texture" for x in child):
+                element.remove(child)
+    return tostring(root)
+
+
+def _tag(element: Element) -> str:
+    return element.tag.rpartition("}")[2]

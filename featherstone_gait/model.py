@@ -436,6 +436,7 @@ class Model:
     notes: tuple[str, ...] = ()  # what the reader skipped or changed, one sentence each
     source: str = ""  # file it was read from
     supply: Supply | None = None  # None: each servo has its own `voltage_limit`, whatever the others draw
+    package_dirs: tuple[str, ...] = ()  # where the file's packages are, besides where they are looked for anyway
 
     def __post_init__(self) -> None:
         _check_name("robot", self.name)
@@ -465,6 +466,8 @@ class Model:
             object.__setattr__(self, name, parts)
         object.__setattr__(self, "notes", tuple(texts("notes", self.notes, "give a list of sentences")))
         instance("source", self.source, str, "give the path of a file, or an empty text")
+        folders = tuple(texts("package_dirs", self.package_dirs, "give a list of folders"))
+        object.__setattr__(self, "package_dirs", folders)
         for name in _TABLES:
             table = getattr(self, name)
             instance(f"robot {self.name!r}: {name}", table, Mapping, "give a dictionary, by name")

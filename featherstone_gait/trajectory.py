@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from .build.scene import CompiledScene
     from .model import Model
+    from .view.live import Live
     from .view.shown import Page
 
 FORMAT = Format("trajectory")
@@ -157,6 +158,23 @@ class Trajectory(Mapping[str, np.ndarray]):
         from .view.shown import show
 
         return show(self, robot, *others, captions=captions, plots=plots, ghosts=ghosts, path=path)
+
+    def show_live(
+        self,
+        robot: Model | CompiledScene | str | os.PathLike[str] | None = None,
+        *others: Trajectory,
+        captions: Sequence[str] = (),
+        ghosts: bool = False,
+        port: int = 8080,
+    ) -> Live:
+        """The motion in a page that is served while the program runs, with the robot's meshes; see `view.live.Live`.
+
+        Arguments as in `show`; port: of this machine, or the first free one after it, 0 for any.
+        Raises as `show`, and ImportError without viser (pip install featherstone-gait[viser]).
+        """
+        from .view.shown import show_live
+
+        return show_live(self, robot, *others, captions=captions, ghosts=ghosts, port=port)
 
     def save_gif(
         self,

@@ -11,6 +11,7 @@ from .arguments import Commands, add_command
 if TYPE_CHECKING:
     from ..model import Model
     from ..trajectory import Trajectory
+    from ..view.live import Live
 
 def add(commands: Commands) -> None:
     """Register the command."""
@@ -24,6 +25,7 @@ def add(commands: Commands) -> None:
             "featherstone-gait view humanoid",
             "featherstone-gait view humanoid_simulation.npz",
             "featherstone-gait view before.npz after.npz --ghosts",
+            "featherstone-gait view run.npz --live",
             "featherstone-gait view run.npz --gif --speed 0.1",
         ),
     )
@@ -33,6 +35,8 @@ def add(commands: Commands) -> None:
     parser.add_argument("--plot", action="append", default=[], metavar="CHANNEL", help="under the picture, repeatedly")
     parser.add_argument("--ghosts", action="store_true", help="all runs in one picture")
     parser.add_argument("--keyframe", metavar="NAME", help="of a robot: that posture instead of zero")
+    parser.add_argument("--live", action="store_true", help="serve a page with all of the robot's meshes, until Ctrl-C")
+    parser.add_argument("--port", type=int, default=8080, metavar="N", help="of --live (default: %(default)s)")
     parser.add_argument("--gif", action="store_true", help="a GIF of the first run instead of a page")
     parser.add_argument("--png", action="store_true", help="a folder of PNG files instead of a page")
     parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="of GIF and PNG; 0.1: slow motion")
@@ -42,7 +46,7 @@ def add(commands: Commands) -> None:
 
 def run(args: Namespace) -> int:
     from ..trajectory import Trajectory
-    from ..view.shown import default_plots, in_posture, page_of
+    from ..view.shown import default_plots, in_posture, live_of, page_of
 
     if len(args.files) == 1 and not _is_run(args.files[0]):
         model = _robot(args.files[0])
@@ -59,6 +63,8 @@ def run(args: Namespace) -> int:
     if args.gif or args.png:
         return _pictures(args, runs[0], robot, stem)
     captions = args.caption or _different(names)
+    if args.live:
+        return _served(live_of(runs, robot, captions, args.ghosts, args.port), args.open)
     plots = args.plot or default_plots(runs[0]) * (len(runs[0]["time"]) > 1)
     page = page_of(runs, robot, captions, plots, args.ghosts)
     path = page.save(stem.with_name(stem.name + "_view.html"))
@@ -69,6 +75,17 @@ def run(args: Namespace) -> int:
         import webbrowser
 
         webbrowser.open(path.resolve().as_uri())
+    return 0
+
+
+def _served(page: Live, opened: bool) -> int:
+    """Until Ctrl-C."""
+    print(f"page        {page.url}, until Ctrl-C", flush=True)
+    if opened:
+        import webbrowser
+
+        webbrowser.open(page.url)
+    page.wait()
     return 0
 
 

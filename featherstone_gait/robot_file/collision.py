@@ -27,7 +27,7 @@ class MeshFinder:
     def __init__(self, urdf: Path, package_dirs: str | os.PathLike | Sequence[str | os.PathLike] = ()) -> None:
         self._folder = Path(os.path.abspath(urdf)).parent
         given = [package_dirs] if isinstance(package_dirs, str | os.PathLike) else package_dirs
-        self._given = [Path(folder) for folder in given]
+        self.package_dirs = tuple(os.fspath(folder) for folder in given)
         self._found: dict[str, list[Path]] = {}  # package -> folders
 
     def find(self, name: str) -> Path | None:
@@ -53,7 +53,7 @@ class MeshFinder:
     def _places(self) -> Iterator[Path]:
         """Folders that may hold a package, or be one."""
         above = [self._folder, *self._folder.parents]
-        yield from self._given
+        yield from (Path(folder) for folder in self.package_dirs)
         yield from above
         yield from (Path(place) for place in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if place)
         for folder in above[:NEAR]:

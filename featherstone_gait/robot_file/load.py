@@ -74,7 +74,8 @@ def load_robot(
         robot = foreign or read_urdf(markup.root, path, meshes, report, repair_inertia)
     settings = _settings(path, robot, report)
     held = {**robot.held, **_held(path, robot, locked, settings, report)}
-    model = _model(path, robot, settings, base, resolve_couplings(robot.joints, held, mimic, report), report)
+    moving = resolve_couplings(robot.joints, held, mimic, report)
+    model = _model(path, robot, settings, base, moving, report, meshes.package_dirs)
     report.warn(path, stacklevel=2)
     return _touching(model, settings.choice if contacts is None else contacts)
 
@@ -122,7 +123,15 @@ def _held(path: Path, robot: Robot, locked: Any, settings: Settings, report: Rep
     return held
 
 
-def _model(path: Path, robot: Robot, settings: Settings, base: Base | None, moving: tuple, report: Report) -> Model:
+def _model(
+    path: Path,
+    robot: Robot,
+    settings: Settings,
+    base: Base | None,
+    moving: tuple,
+    report: Report,
+    package_dirs: tuple[str, ...],
+) -> Model:
     """The robot.  What is wrong with it is reported; nobody gets to see what is returned then."""
     joints, held = moving
     taken: Base = next(b for b in (base, settings.base, robot.base, "fixed") if b is not None)
@@ -141,6 +150,7 @@ def _model(path: Path, robot: Robot, settings: Settings, base: Base | None, movi
             notes=report.notes(),
             source=str(path),
             supply=settings.supply,
+            package_dirs=package_dirs,
         )
     report.raise_problems(path)
     assert model is not None

@@ -18,7 +18,7 @@ from ..dynamics import deepest_points, forward_kinematics
 from ..model import TORQUE_LAWS, Ground, Model, Servo
 from ..sensors import in_world
 from .plotting import FAILED, positions
-from .visuals import FACES, Body, bodies, side_of, sided
+from .visuals import FACES, Body, Piece, bodies, side_of, sided
 
 if TYPE_CHECKING:
     from ..trajectory import Trajectory
@@ -52,7 +52,7 @@ def page_data(runs: Mapping[str, Seen], plots: Sequence[str] = (), ghosts: bool 
     """
     models: dict[int, tuple[dict[str, Any], list[Body]]] = {}
     notes: list[str] = []
-    poses = {caption: _sampled(seen) for caption, seen in runs.items()}
+    poses = {caption: sampled(seen) for caption, seen in runs.items()}
     for seen in runs.values():
         if id(seen.model) not in models:
             found, said = bodies(seen.model, FACES // len(runs))
@@ -121,7 +121,7 @@ def _packed(described: dict[str, Any], found: list[Body], unit: float) -> dict[s
 
 
 @dataclass(frozen=True)
-class _Poses:
+class FramePoses:
     """Poses of all links at every frame up to the end of a run."""
 
     rows: np.ndarray  # samples of the run that are frames
@@ -130,7 +130,7 @@ class _Poses:
     position: np.ndarray  # (frames, links, 3) [m]
 
 
-def _sampled(seen: Seen) -> _Poses:
+def sampled(seen: Seen) -> FramePoses:
     run = seen.trajectory
     instance("run", run, Mapping, "give what simulate returns")
     q = positions(run, seen.model)
@@ -146,17 +146,17 @@ def _sampled(seen: Seen) -> _Poses:
     every = max(1, round(FRAME / step), math.ceil((last + 1) * numbers / POSES))
     rows = np.unique(np.append(np.arange(0, last + 1, every), last))
     poses = forward_kinematics(seen.model, q[rows])
-    return _Poses(rows, last, poses.rotation, poses.position)
+    return FramePoses(rows, last, poses.rotation, poses.position)
 
 
-def _reach(seen: Seen, poses: _Poses, found: list[Body]) -> tuple[float, float]:
+def _reach(seen: Seen, poses: FramePoses, found: list[Body]) -> tuple[float, float]:
     """How far the robot reaches sideways from its base or middle, twice, and its height, at any time [m]."""
-    box = _corners(seen.model, poses, found)
+    box = corners_of(seen.model, poses, found)
     across = np.ptp(box[..., :2], axis=1).max() if len(box) else 0.0
     return float(max(across, 1e-3)), float(max(np.ptp(box[..., 2], axis=1).max(), 1e-3))
 
 
-def _corners(model: Model, poses: _Poses, found: list[Body]) -> np.ndarray:
+def corners_of(model: Model, poses: FramePoses, found: Sequence[Body | Piece]) -> np.ndarray:
     """Corners (frames, n, 3) of all bodies' boxes along their links' axes [m]."""
     rows = _rows(model, found)
     ends = np.array([[body.points.min(axis=0), body.points.max(axis=0)] for body in found])
@@ -166,19 +166,19 @@ def _corners(model: Model, poses: _Poses, found: list[Body]) -> np.ndarray:
     return world.reshape(len(world), -1, 3)
 
 
-def _rows(model: Model, found: list[Body]) -> list[int]:
+def _rows(model: Model, found: Sequence[Body | Piece]) -> list[int]:
     rows = {link.name: k for k, link in enumerate(model.links)}
     return [rows[body.link] for body in found]
 
 
-def _run(seen: Seen, caption: str, poses: _Poses, found: list[Body], unit: float, several: int) -> dict[str, Any]:
+def _run(seen: Seen, caption: str, poses: FramePoses, found: list[Body], unit: float, several: int) -> dict[str, Any]:
     """What the page needs of one run."""
     run, model = seen.trajectory, seen.model
     time, rows = run["time"], _rows(model, found)
-    corners = _corners(model, poses, found)
+    corners = corners_of(model, poses, found)
     root = next((k for k, body in enumerate(found) if body.link == model.root), 0)
     frames = np.concatenate(
-        [np.round(poses.position[:, rows] / unit), np.round(_quaternions(poses.rotation[:, rows]) / TURN)], axis=2
+        [np.round(poses.position[:, rows] / unit), np.round(quaternions(poses.rotation[:, rows]) / TURN)], axis=2
     )
     stopped = run.status in FAILED
     floor = seen.ground.height if seen.ground is not None else float(corners[..., 2].min())
@@ -196,11 +196,11 @@ def _run(seen: Seen, caption: str, poses: _Poses, found: list[Body], unit: float
         "load": _load(model, run, poses.rows),
         "channels": _channels(model, run, poses.last, PLOTTED // several),
         **_touching(seen, poses, unit),
-        "floor": {"real": seen.ground is not None, "height": float(f"{floor:.5g}"), **_relief(seen.ground, corners)},
+        "floor": {"real": seen.ground is not None, "height": float(f"{floor:.5g}"), **relief(seen.ground, corners)},
     }
 
 
-def _quaternions(rotation: np.ndarray) -> np.ndarray:
+def quaternions(rotation: np.ndarray) -> np.ndarray:
     """(frames, bodies, 4), x y z w, of rotations (frames, bodies, 3, 3); none jumps to its negative."""
     from scipy.spatial.transform import Rotation
 
@@ -241,7 +241,7 @@ def _stall_torque(servo: Servo | None) -> float:
 # ---------------------------------------------------------------------------------------------- ground
 
 
-def _touching(seen: Seen, poses: _Poses, unit: float) -> dict[str, Any]:
+def _touching(seen: Seen, poses: FramePoses, unit: float) -> dict[str, Any]:
     """Contact points, forces on them and footprints; empty without ground or points."""
     model, run, ground = seen.model, seen.trajectory, seen.ground
     if ground is None or not model.contacts:
@@ -250,9 +250,9 @@ def _touching(seen: Seen, poses: _Poses, unit: float) -> dict[str, Any]:
     forces = _sound(run["contact_force"]) if "contact_force" in run else None
     q = positions(run, model)[: poses.last + 1]
     fine = np.arange(0, len(q), max(1, round(0.01 / _step(run))))
-    points = _deepest(model, q[poses.rows])
+    points = touching_points(model, q[poses.rows])
     pushed = None if forces is None else in_world(ground, forces[poses.rows], points if ground.field else None)
-    close = _deepest(model, q[fine])
+    close = touching_points(model, q[fine])
     if forces is not None:
         touch = forces[fine, :, 0] > TOUCH * weight
     else:
@@ -277,7 +277,7 @@ def _step(run: Trajectory) -> float:
     return float(run["time"][1] - run["time"][0]) if len(run["time"]) > 1 else 1.0
 
 
-def _deepest(model: Model, q: np.ndarray) -> np.ndarray:
+def touching_points(model: Model, q: np.ndarray) -> np.ndarray:
     return deepest_points(model, forward_kinematics(model, q), (0.0, 0.0, 1.0))
 
 
@@ -321,7 +321,7 @@ def _turn(x: np.ndarray, a: int, b: int, c: int) -> float:
     return float((x[b, 0] - x[a, 0]) * (x[c, 1] - x[a, 1]) - (x[b, 1] - x[a, 1]) * (x[c, 0] - x[a, 0]))
 
 
-def _relief(ground: Ground | None, corners: np.ndarray) -> dict[str, Any]:
+def relief(ground: Ground | None, corners: np.ndarray) -> dict[str, Any]:
     """Ground that is not level, as quadrangles [m] over the way of the robot; {} for a level floor.
 
     shade: 0 and 1 in turn, 2 for the face of a step.

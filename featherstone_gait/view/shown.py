@@ -23,6 +23,7 @@ from .recorded import Seen
 
 if TYPE_CHECKING:
     from ..trajectory import Trajectory
+    from .live import Live
 
 HEIGHT = 620  # of a page in a notebook [pixel]
 
@@ -77,6 +78,36 @@ def page_of(
     runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str], plots: Sequence[str], ghosts: bool = False
 ) -> Page:
     """The page of some runs.  Raises ValueError as `Trajectory.show`."""
+    seen, title = _seen(runs, robot, captions)
+    return Page(page_html(seen, title, plots, ghosts))
+
+
+def show_live(
+    trajectory: Trajectory,
+    robot: Robot = None,
+    *others: Trajectory,
+    captions: Sequence[str] = (),
+    ghosts: bool = False,
+    port: int = 8080,
+) -> Live:
+    """See `Trajectory.show_live`."""
+    runs = [trajectory, *others]
+    named = listed("captions", captions, "give a text for each run") or [_caption(run, k) for k, run in enumerate(runs)]
+    return live_of(runs, robot, named, ghosts, port)
+
+
+def live_of(
+    runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str], ghosts: bool = False, port: int = 8080
+) -> Live:
+    """The live page of some runs.  Raises as `Trajectory.show_live`."""
+    from .live import serve
+
+    seen, title = _seen(runs, robot, captions)
+    return serve(seen, title, ghosts, port)
+
+
+def _seen(runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str]) -> tuple[dict[str, Seen], str]:
+    """Runs by their captions with robots and ground, and a title."""
     if len(captions) != len(runs) or len(set(captions)) != len(captions):
         raise ValueError(f"captions are {shown(captions)}; expected {len(runs)} texts that differ, one for each run")
     found: dict[str, tuple[Model, Ground | None]] = {}
@@ -88,7 +119,7 @@ def page_of(
         seen[caption] = Seen(found[key][0], run, found[key][1])
     first = seen[captions[0]].model.name
     title = runs[0].info.get("start") if len(runs) == 1 else None
-    return Page(page_html(seen, title or first, plots, ghosts))
+    return seen, title or first
 
 
 def in_posture(model: Model, keyframe: str | None = None) -> Trajectory:

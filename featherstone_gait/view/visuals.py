@@ -7,30 +7,28 @@ of a grid (J. Rossignac and P. Borrel, 1993), whose size is chosen so that the f
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..mesh import mesh_triangles
+from ..mesh import Colour, mesh_parts
 from ..model import Link, Model, inertia_matrix
-from ..robot_file.collision import MeshFinder, shape_of
-from ..robot_file.grammar import label
-from ..robot_file.markup import read_markup
-from ..robot_file.report import Report
+from ..robot_file.mjcf.visuals import Ellipsoid, Triangles
+from ..robot_file.visuals import Visual, read_visuals
 from ..rotation import rotation_from_rpy
-from ..shape import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Shape, Sphere
+from ..shape import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Sphere
 
-Colour = tuple[int, int, int]
 FACES = 5000  # of the meshes of a robot
 LEAST = 40  # faces that a mesh may always have
 ROUND = 16  # corners of a circle
 LEFT, RIGHT, MIDDLE = (74, 144, 226), (240, 140, 60), (158, 166, 176)  # colours of links that have none, by name
 SIDES_OF = {"left": {"l", "lf", "lh", "fl", "rl", "hl"}, "right": {"r", "rf", "rh", "fr", "rr", "hr"}}
 EXACT = 4096  # cells along the longest side that leave a mesh as it is
+SMOOTH = (Mesh, Triangles, Ellipsoid, Hull, Sphere, Capsule)  # whose edges are not drawn
+CREASE = math.cos(math.radians(35.0))  # sharper edges of a mesh are seen as such
 
 
 class Body(NamedTuple):
@@ -43,12 +41,14 @@ class Body(NamedTuple):
     smooth: bool  # a mesh: edges are not drawn
 
 
-@dataclass(frozen=True)
-class _Seen:
-    """A shape with its colour, None where the file gives none."""
+class Piece(NamedTuple):
+    """Triangles of one colour on a link."""
 
-    shape: Shape
-    colour: Colour | None = None
+    link: str
+    points: np.ndarray  # (n, 3) [m], link axes
+    triangles: np.ndarray  # (m, 3), counterclockwise seen from outside
+    colour: Colour
+    opacity: float
 
 
 def bodies(model: Model, most: int = FACES) -> tuple[list[Body], list[str]]:
@@ -58,12 +58,35 @@ def bodies(model: Model, most: int = FACES) -> tuple[list[Body], list[str]]:
 
     Raises ValueError for a robot none of whose links has a shape or an inertia.
     """
-    seen, notes = _visuals(model)
-    solid: dict[str, list[_Seen]] = {}
+    faceted, notes = _Facets(most, ROUND), list[str]()
+    found = list(_looks(model, faceted, notes))
+    return [_joined(name, faceted.thinned(parts)) for name, parts in found], list(dict.fromkeys(notes))
+
+
+def pieces(model: Model, most: int, corners: int) -> tuple[list[Piece], list[str]]:
+    """The same as triangles in which corners of smooth surfaces are shared, and those of edges are not.
+
+    corners: of a circle.
+    """
+    faceted, notes = _Facets(most, corners), list[str]()
+    found = list(_looks(model, faceted, notes))
+    made = [
+        Piece(name, *creased(part.points, fans(part.faces)), part.colour, part.opacity)
+        for name, parts in found
+        for part in faceted.thinned(parts)
+    ]
+    return made, list(dict.fromkeys(notes))
+
+
+def _looks(model: Model, faceted: _Facets, notes: list[str]) -> Iterator[tuple[str, list[_Part]]]:
+    """Each link that is seen with its parts: visuals, else collision shapes, else the box of its inertia."""
+    seen, said = read_visuals(model)
+    notes += said
+    solid: dict[str, list[Visual]] = {}
     for shape in model.shapes:
-        solid.setdefault(shape.link, []).append(_Seen(shape))
-    found = []
-    faceted = _Facets(most)
+        visual = Visual(shape.geometry, rotation_from_rpy(shape.rpy), np.array(shape.xyz))
+        solid.setdefault(shape.link, []).append(visual)
+    nothing = True
     for link in model.links:
         if seen and link.name not in seen:
             continue  # a file that says what is seen says it of all links
@@ -73,10 +96,10 @@ def bodies(model: Model, most: int = FACES) -> tuple[list[Body], list[str]]:
         if not parts and max(link.inertia, default=0.0) > 0.0:
             parts = [_Part(*_box(link), sided(link.name), False)]
         if parts:
-            found.append((link.name, parts))
-    if not found:
+            nothing = False
+            yield link.name, parts
+    if nothing:
         raise ValueError(f"{model.name}: no link has a shape or an inertia; there is nothing to draw")
-    return [_joined(name, faceted.thinned(parts)) for name, parts in found], list(dict.fromkeys(notes))
 
 
 def sided(name: str) -> Colour:
@@ -91,48 +114,6 @@ def side_of(name: str) -> str:
     return next(said, "")
 
 
-def _visuals(model: Model) -> tuple[dict[str, list[_Seen]], list[str]]:
-    """The <visual> elements of the URDF that a model was read from, by link; what is wrong is left out, and told."""
-    path = Path(model.source) if model.source else None
-    if path is None or path.suffix != ".urdf" or not path.is_file():
-        return {}, []
-    try:
-        markup = read_markup(path)
-    except ValueError as error:
-        return {}, [f"{path.name} {error}"]
-    report, meshes = Report(markup.lines), MeshFinder(path)
-    colours = {m.get("name", ""): _rgb(m) for m in markup.root.iterfind("material")}
-    links = {link.name for link in model.links}
-    seen: dict[str, list[_Seen]] = {}
-    notes: list[str] = []
-    for element in markup.root.iterfind("link"):
-        name = element.get("name", "")
-        for visual in element.iterfind("visual") if name in links else ():
-            try:
-                shape = shape_of(visual, name, label(element), meshes, report)
-            except ValueError as error:
-                notes.append(str(error))
-                continue
-            seen.setdefault(name, []).append(_Seen(shape, _colour(visual, colours)))
-    return seen, notes
-
-
-def _colour(visual: Element, named: Mapping[str, Colour | None]) -> Colour | None:
-    material = visual.find("material")
-    if material is None:
-        return None
-    return _rgb(material) or named.get(material.get("name", ""))
-
-
-def _rgb(material: Element) -> Colour | None:
-    color = material.find("color")
-    try:
-        r, g, b, *_ = (min(255, max(0, round(255 * float(x)))) for x in color.get("rgba", "").split())  # type: ignore[union-attr]
-    except (AttributeError, ValueError, OverflowError):
-        return None
-    return r, g, b
-
-
 class _Part(NamedTuple):
     """A shape as faces, or as a mesh that is still to be thinned."""
 
@@ -140,29 +121,30 @@ class _Part(NamedTuple):
     faces: list[tuple[int, ...]] | np.ndarray  # an array (m, 3) of a mesh
     colour: Colour
     smooth: bool
+    opacity: float = 1.0
 
 
 class _Facets:
     """Shapes as faces, of which meshes share a budget by their sizes."""
 
-    def __init__(self, most: int) -> None:
-        self.most, self.size = most, 0.0
+    def __init__(self, most: int, corners: int) -> None:
+        self.most, self.corners, self.size = most, corners, 0.0
 
-    def parts(self, shapes: Iterable[_Seen], link: str, notes: list[str]) -> list[_Part]:
-        """Of some shapes; those that cannot be read are told."""
+    def parts(self, visuals: Iterable[Visual], link: str, notes: list[str]) -> list[_Part]:
+        """Of some visuals; those that cannot be read are told."""
         found = []
-        for seen in shapes:
-            shape = seen.shape
+        for visual in visuals:
             try:
-                points, faces = _faceted(shape.geometry)
+                several = list(_faceted(visual.geometry, self.corners))
             except (ValueError, ImportError) as error:
                 notes.append(str(error))
                 continue
-            smooth = isinstance(shape.geometry, (Mesh, Hull, Sphere, Capsule))
-            if isinstance(faces, np.ndarray):
-                self.size += _size(points)
-            points = points @ rotation_from_rpy(shape.rpy).T + np.array(shape.xyz)
-            found.append(_Part(points, faces, seen.colour or sided(link), smooth))
+            smooth = isinstance(visual.geometry, SMOOTH)
+            for points, faces, own in several:
+                if isinstance(faces, np.ndarray):
+                    self.size += _size(points)
+                points = points @ visual.rotation.T + visual.position
+                found.append(_Part(points, faces, own or visual.colour or sided(link), smooth, visual.opacity))
         return found
 
     def thinned(self, parts: list[_Part]) -> list[_Part]:
@@ -208,50 +190,65 @@ def _box(link: Link) -> Faceted:
     return np.array(link.center_of_mass) + (CORNERS - 0.5) @ edges.T, list(SIDES)
 
 
-def _faceted(geometry: Geometry) -> tuple[np.ndarray, list[tuple[int, ...]] | np.ndarray]:
-    """Corners and faces; of a mesh all triangles (n, 3)."""
-    if isinstance(geometry, Box):
-        return (CORNERS - 0.5) * np.array(geometry.size), list(SIDES)
-    if isinstance(geometry, Sphere):
-        return _turned(geometry.radius, [0.0, 0.0])
-    if isinstance(geometry, Capsule):
-        return _turned(geometry.radius, [-0.5 * geometry.length, 0.5 * geometry.length])
-    if isinstance(geometry, Cylinder):
-        return _cylinder(geometry.radius, geometry.length)
-    if isinstance(geometry, Hull):
-        return _hull(np.array(geometry.points))
-    path = Path(geometry.file)
+def _faceted(
+    geometry: Geometry | Triangles | Ellipsoid, corners: int
+) -> Iterator[tuple[np.ndarray, list[tuple[int, ...]] | np.ndarray, Colour | None]]:
+    """Corners and faces, of a mesh all triangles (n, 3), and the colour if it has its own."""
+    if isinstance(geometry, Mesh):
+        yield from _coloured(geometry)
+    elif isinstance(geometry, Triangles):
+        yield geometry.points, geometry.triangles, None
+    elif isinstance(geometry, Ellipsoid):
+        points, faces = _turned(1.0, [0.0, 0.0], corners)
+        yield points * geometry.radii, faces, None
+    elif isinstance(geometry, Box):
+        yield (CORNERS - 0.5) * np.array(geometry.size), list(SIDES), None
+    elif isinstance(geometry, Sphere):
+        yield *_turned(geometry.radius, [0.0, 0.0], corners), None
+    elif isinstance(geometry, Capsule):
+        yield *_turned(geometry.radius, [-0.5 * geometry.length, 0.5 * geometry.length], corners), None
+    elif isinstance(geometry, Cylinder):
+        yield *_cylinder(geometry.radius, geometry.length, corners), None
+    else:
+        yield *_hull(np.array(geometry.points)), None
+
+
+def _coloured(mesh: Mesh) -> Iterator[tuple[np.ndarray, np.ndarray, Colour | None]]:
+    """The parts of a mesh file by their colours."""
+    path, scale = Path(mesh.file), np.array(mesh.scale)
     if not path.is_file():
-        raise ValueError(f"mesh {geometry.file!r} is not there")
-    points, triangles = mesh_triangles(path)
-    scale = np.array(geometry.scale)
-    if scale.prod() < 0:
-        triangles = triangles[:, ::-1]
-    if not len(triangles) or not np.isfinite(points).all() or not _size(points * scale) > 0.0:
+        raise ValueError(f"mesh {mesh.file!r} is not there")
+    parts = mesh_parts(path)
+    points = np.concatenate([part.points for part in parts]) if parts else np.empty((0, 3))
+    if not len(points) or not np.isfinite(points).all() or not _size(points * scale) > 0.0:
         raise ValueError(f"{path}: has no triangles of finite size; export the mesh again")
-    return points * scale, triangles
+    for part in parts:
+        yield part.points * scale, part.triangles[:, ::-1] if scale.prod() < 0 else part.triangles, part.colour
 
 
-def _cylinder(radius: float, length: float) -> Faceted:
-    angle = 2.0 * math.pi * np.arange(ROUND) / ROUND
-    ring = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
-    points = np.vstack([np.column_stack([ring, np.full(ROUND, z)]) for z in (-0.5 * length, 0.5 * length)])
-    around = [(k, (k + 1) % ROUND, ROUND + (k + 1) % ROUND, ROUND + k) for k in range(ROUND)]
-    return points, [*around, tuple(range(ROUND - 1, -1, -1)), tuple(range(ROUND, 2 * ROUND))]
+def _cylinder(radius: float, length: float, corners: int) -> Faceted:
+    ring = radius * _circle(corners)
+    points = np.vstack([np.column_stack([ring, np.full(corners, z)]) for z in (-0.5 * length, 0.5 * length)])
+    around = [(k, (k + 1) % corners, corners + (k + 1) % corners, corners + k) for k in range(corners)]
+    return points, [*around, tuple(range(corners - 1, -1, -1)), tuple(range(corners, 2 * corners))]
 
 
-def _turned(radius: float, centres: list[float]) -> Faceted:
+def _circle(corners: int) -> np.ndarray:
+    angle = 2.0 * math.pi * np.arange(corners) / corners
+    return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def _turned(radius: float, centres: list[float], corners: int) -> Faceted:
     """A sphere, or a capsule with the centres of its ends along z."""
-    rings = [(-60, centres[0]), (-30, centres[0]), (0, centres[0]), (0, centres[1]), (30, centres[1]), (60, centres[1])]
-    rings = list(dict.fromkeys(rings))
-    angle = 2.0 * math.pi * np.arange(ROUND) / ROUND
+    up = [90.0 * k / (3 * corners // ROUND) for k in range(3 * corners // ROUND)]
+    rings = [(-a, centres[0]) for a in reversed(up)] + [(a, centres[1]) for a in up]
+    rings = list(dict.fromkeys((a + 0.0, z) for a, z in rings))
     points = [np.array([[0.0, 0.0, centres[0] - radius]])]
     for latitude, z in rings:
         s, c = math.sin(math.radians(latitude)), math.cos(math.radians(latitude))
-        ring = [radius * c * np.cos(angle), radius * c * np.sin(angle), np.full(ROUND, z + radius * s)]
-        points.append(np.column_stack(ring))
+        points.append(np.column_stack([radius * c * _circle(corners), np.full(corners, z + radius * s)]))
     points.append(np.array([[0.0, 0.0, centres[1] + radius]]))
-    last, n = 1 + ROUND * len(rings), ROUND
+    last, n = 1 + corners * len(rings), corners
     faces: list[tuple[int, ...]] = []
     for k in range(n):
         m = (k + 1) % n
@@ -278,16 +275,49 @@ def _outward(points: np.ndarray, triangles: np.ndarray, normals: np.ndarray) -> 
     return [tuple(map(int, t[::-1] if f else t)) for t, f in zip(triangles, flip)]
 
 
-def thinned(points: np.ndarray, triangles: np.ndarray, most: int) -> Faceted:
+def thinned(points: np.ndarray, triangles: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
     """A mesh (n, 3), (m, 3) of at most about `most` triangles: vertices in a cell of a grid become their mean."""
     size, low = float(np.ptp(points, axis=0).max()), points.min(axis=0)
+    if not size > 0.0:  # a part of a mesh may be a point
+        return points[:0], triangles[:0]
     cells = EXACT if len(triangles) <= most else max(4, round(math.sqrt(most)))
     vertices, faces = _merged(points, triangles, size / cells, low)
     while len(faces) > most and cells > 2:
         cells = max(2, int(0.85 * cells))
         vertices, faces = _merged(points, triangles, size / cells, low)
     used, place = np.unique(faces, return_inverse=True)
-    return vertices[used], [tuple(map(int, face)) for face in place.reshape(-1, 3)]
+    return vertices[used], place.reshape(-1, 3)
+
+
+def fans(faces: list[tuple[int, ...]] | np.ndarray) -> np.ndarray:
+    """Convex faces as triangles (m, 3)."""
+    if isinstance(faces, np.ndarray):
+        return faces
+    triangles = [(face[0], *pair) for face in faces for pair in pairwise(face[1:])]
+    return np.array(triangles, dtype=int).reshape(-1, 3)
+
+
+def creased(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same triangles, whose vertices are shared only where their faces are led to each other over no sharp edge."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    if not len(triangles):
+        return points, triangles
+    a, b, c = points[triangles].transpose(1, 0, 2)
+    normal = np.cross(b - a, c - a)
+    normal /= np.maximum(np.sqrt((normal * normal).sum(axis=1)), 1e-300)[:, None]
+    ends = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edge = ends[:, 0] * len(points) + ends[:, 1]
+    order = np.argsort(edge, kind="stable")
+    face = order // 3
+    one, other = face[:-1], face[1:]
+    smooth = (edge[order[1:]] == edge[order[:-1]]) & ((normal[one] * normal[other]).sum(axis=1) > CREASE)
+    joined = coo_array((np.ones(smooth.sum()), (one[smooth], other[smooth])), shape=(len(triangles),) * 2)
+    group = connected_components(joined, directed=False)[1]
+    key = triangles * np.int64(group.max() + 1) + group[:, None]
+    kept, place = np.unique(key, return_inverse=True)
+    return points[kept // (group.max() + 1)], place.reshape(-1, 3)
 
 
 def _merged(points: np.ndarray, triangles: np.ndarray, cell: float, low: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

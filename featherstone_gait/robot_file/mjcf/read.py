@@ -31,7 +31,7 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     Raises ImportError without MuJoCo, ValueError for what MuJoCo cannot read, RobotFileError for all that the simulator
     cannot do.
     """
-    m, remarks = _compiled(path)
+    m, remarks = compiled(path)
     tree = read_tree(m, base, couplings(m))
     for problem in refusals(m, tree):
         report.refuse(None, problem)
@@ -49,7 +49,7 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     return Robot(_name(m, path), tree.links, joints, shapes, tree.base, held, actuators.servos, postures)
 
 
-def _compiled(path: Path) -> tuple[Any, list[str]]:
+def compiled(path: Path) -> tuple[Any, list[str]]:
     """MuJoCo's model of a file, and what MuJoCo remarks on it."""
     try:
         import mujoco

@@ -23,7 +23,7 @@ def read_shapes(m: Any, tree: Tree) -> tuple[tuple[Shape, ...], list[str]]:
     for g in range(m.ngeom):
         if not _in_tree(m, int(m.geom_bodyid[g]), tree):
             continue
-        geometry = _geometry(m, g)
+        geometry = geometry_of(m, g)
         if not _touches(m, g, floor):
             silent += 1
         elif geometry is None:
@@ -52,7 +52,7 @@ def _touches(m: Any, g: int, floor: tuple[int, int]) -> bool:
     return bool(m.geom_contype[g] & conaffinity or m.geom_conaffinity[g] & contype)
 
 
-def _geometry(m: Any, g: int) -> Geometry | None:
+def geometry_of(m: Any, g: int) -> Geometry | None:
     """The geometry of a geom; None where there is no like."""
     kind, size = m.geom_type[g], m.geom_size[g].tolist()
     if kind == SPHERE:

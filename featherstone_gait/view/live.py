@@ -1,0 +1,432 @@
+"""Runs in a page that a server on this machine serves through viser, with the full detail of their robots' meshes.
+
+A run is drawn at its own samples, none between: what is seen has been computed.  All who look share one clock, and
+whoever turns it turns it for all.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+import warnings
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..arguments import real, whole
+from ..build.contact import plane_axes
+from ..dynamics import center_of_mass, contact_positions, forward_kinematics
+from ..model import Ground
+from ..robot_file.errors import RobotFileWarning
+from ..sensors import in_world
+from .plotting import FAILED, positions
+from .recorded import TOUCH, Seen, corners_of, quaternions, relief, sampled
+from .visuals import Piece, pieces
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+INSTALL = "a live page is served by viser: pip install featherstone-gait[viser]"
+RATE = 40.0  # frames a second at most
+TRIANGLES = 200_000  # of the meshes of all runs together
+CORNERS = 48  # of a circle
+GHOST = 0.35  # opacity of runs that are seen through the first
+SPEEDS = ("0.02", "0.05", "0.1", "0.25", "0.5", "1", "2", "5")
+VIEWS = {"corner": (-1.1, 0.3), "side": (-0.5 * math.pi, 0.05), "front": (0.0, 0.05), "above": (-0.5 * math.pi, 1.5)}
+FIELD_OF_VIEW = 0.7  # upright [rad]
+FORCE, MASS, FAILURE = (213, 94, 0), (204, 121, 167), (150, 150, 150)
+FLOOR, SQUARE, RISE = (238, 236, 229), (214, 211, 200), (186, 178, 160)
+BAD = "#a3160f"
+TOLD = 5  # of what could not be read
+HEIGHT = 620  # in a notebook [pixel]
+
+
+def serve(runs: Mapping[str, Seen], title: str, ghosts: bool = False, port: int = 8080) -> Live:
+    """A page of runs by caption, at `port` of this machine or the first free one after it; 0: any that is free.
+
+    Raises ImportError without viser, and ValueError as `recorded.page_data`.
+    """
+    port = whole("port", port, 0, "0 is any that is free", 65535)
+    try:
+        import viser
+    except ImportError as error:
+        raise ImportError(INSTALL) from error
+    looks: dict[int, list[Piece]] = {}
+    notes: list[str] = []
+    for seen in runs.values():
+        if id(seen.model) not in looks:
+            looks[id(seen.model)], said = pieces(seen.model, TRIANGLES // len(runs), CORNERS)
+            notes += [f"{seen.model.source}: {note}" for note in said]
+    if notes:
+        rest = f"; and {len(notes) - TOLD} more" if len(notes) > TOLD else ""
+        text = f"{'; '.join(notes[:TOLD])}{rest}: collision shapes or boxes of the inertia are drawn instead"
+        warnings.warn(text, RobotFileWarning, stacklevel=3)
+    actors = [_Actor(caption, seen, looks[id(seen.model)]) for caption, seen in runs.items()]
+    return Live(viser.ViserServer("127.0.0.1", port, label=title, verbose=False), actors, ghosts)
+
+
+class Live:
+    """Runs in a page at `url`, until `stop` or the end of the program; a notebook shows it.
+
+    The page plays them, and so can the program.  As a context it stops at its end.
+    """
+
+    def __init__(self, server: Any, actors: Sequence[_Actor], ghosts: bool) -> None:
+        self.server = server  # viser's, for what else is to be drawn
+        self._actors, self._lock, self._stopped = actors, threading.RLock(), threading.Event()
+        self.start = min(actor.start for actor in actors)  # [s]
+        self.end = max(actor.end for actor in actors)  # [s]
+        self._time, self._speed, self._playing = self.start, 1.0, self.end > self.start
+        self._stage = _Stage(server, actors, ghosts)
+        self._controls: dict[str, Any] = {}
+        with server.atomic():
+            self._add_controls()
+            self._draw()
+        self._thread = threading.Thread(target=self._play, name="live page", daemon=True)
+        self._thread.start()
+
+    def __repr__(self) -> str:
+        return f"<live page, {'stopped' if self._stopped.is_set() else self.url}>"
+
+    def _repr_html_(self) -> str:
+        return f'<iframe title="motion" src="{self.url}" style="width:100%;height:{HEIGHT}px;border:0"></iframe>'
+
+    def __enter__(self) -> Live:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    @property
+    def url(self) -> str:
+        """Where a browser on this machine finds the page."""
+        return f"http://localhost:{self.server.get_port()}"
+
+    @property
+    def time(self) -> float:
+        """What the page shows now [s]."""
+        return self._time
+
+    def seek(self, time: float) -> None:
+        """Show a time [s] and stay there, of a run that has ended its end.  Raises ValueError for no finite number."""
+        time = real("time", time, -math.inf, math.inf, "[s]")
+        with self._lock:
+            self._time, self._playing = min(max(time, self.start), self.end), False
+            self._draw()
+
+    def play(self) -> None:
+        """Go on, from the start if the end was reached."""
+        with self._lock:
+            self._time = self.start if self._time >= self.end else self._time
+            self._playing = self.end > self.start
+            self._draw()
+
+    def pause(self) -> None:
+        """Stay at the time that is shown."""
+        self.seek(self._time)
+
+    def stop(self) -> None:
+        """End the page and its server."""
+        if not self._stopped.is_set():
+            self._stopped.set()
+            self._thread.join()
+            self.server.stop()
+
+    def wait(self) -> None:
+        """Return when somebody stops the page, or interrupts with Ctrl-C, which stops it."""
+        try:
+            while not self._stopped.wait(0.5):
+                pass
+        except KeyboardInterrupt:
+            self.stop()
+
+    def _play(self) -> None:
+        """Let the clock run while somebody looks."""
+        before = time.perf_counter()
+        while not self._stopped.wait(1.0 / RATE):
+            now = time.perf_counter()
+            with self._lock:
+                if self._playing and self.server.get_clients():
+                    self._time = min(self._time + self._speed * (now - before), self.end)
+                    self._playing = self._time < self.end
+                    self._draw()
+            before = now
+
+    def _draw(self) -> None:
+        with self._lock, self.server.atomic():
+            self._stage.draw(self._time)
+            if self._controls:
+                self._controls["time"].value = self._time
+                self._controls["play"].label = "Pause" if self._playing else "Play"
+
+    def _add_controls(self) -> None:
+        gui, stage = self.server.gui, self._stage
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        for actor in self._actors:
+            gui.add_html(actor.told())
+        if self.end > self.start:
+            self._add_clock()
+        view = gui.add_button_group("view", tuple(VIEWS))
+        view.on_click(lambda event: stage.look(event.client.camera, event.target.value) if event.client else None)
+        switches = [("follow", any(actor.moves for actor in self._actors))]
+        switches += [("forces", any(actor.force is not None for actor in self._actors)), ("centre of mass", True)]
+        switches += [("ghosts", len(self._actors) > 1)]
+        for name, needed in switches:
+            if needed:
+                box = gui.add_checkbox(name, stage.shown[name])
+                box.on_update(lambda event, name=name: self._switch(name, event.target.value))
+
+    def _add_clock(self) -> None:
+        gui = self.server.gui
+        step = 10.0 ** math.floor(math.log10(min(self.end - self.start, 0.01)))
+        button = gui.add_button("Pause")
+        button.on_click(lambda _: self.pause() if self._playing else self.play())
+        slider = gui.add_slider("time [s]", min=self.start, max=self.end, step=step, initial_value=self.start)
+        slider.on_update(lambda event: self.seek(event.target.value) if event.client is not None else None)
+        steps = gui.add_button_group("step", ("start", "-10", "-1", "+1", "+10", "end"))
+        steps.on_click(lambda event: self._step(event.target.value))
+        speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
+        speed.on_update(lambda event: self._set_speed(float(event.target.value)))
+        self._controls |= {"play": button, "time": slider}
+
+    def _step(self, how: str) -> None:
+        ends = {"start": self.start, "end": self.end}
+        self.seek(ends[how] if how in ends else self._actors[0].beside(self._time, int(how)))
+
+    def _set_speed(self, speed: float) -> None:
+        with self._lock:
+            self._speed = speed
+
+    def _switch(self, name: str, on: bool) -> None:
+        with self._lock:
+            self._stage.shown[name] = on
+            self._stage.arrange()
+            self._draw()
+
+
+class _Actor:
+    """A run: where its robot is at any time, and the handles of what is drawn of it."""
+
+    def __init__(self, caption: str, seen: Seen, found: list[Piece]) -> None:
+        self.caption, self.model, self.ground, self.found = caption, seen.model, seen.ground, found
+        run = self.run = seen.trajectory
+        frames = sampled(seen)
+        self.box = corners_of(seen.model, frames, found)  # (frames, n, 3) [m]
+        self.q, self.samples, self.last = positions(run, seen.model), run["time"], frames.last
+        self.failed = run.status in FAILED
+        self.start, self.end = float(self.samples[0]), float(self.samples[-1])
+        self.moves = seen.model.base == "floating"
+        touches = "contact_force" in run and seen.ground is not None and len(seen.model.contacts) > 0
+        self.force = np.nan_to_num(run["contact_force"], posinf=0.0, neginf=0.0) if touches else None
+        self.rows = {link.name: k for k, link in enumerate(seen.model.links)}
+        self.size = float(np.ptp(self.box[0], axis=0).max())  # [m]
+        over = self.box[..., 2].max() if not self.moves else self.box[0, :, 2].max()
+        root = frames.position[0, self.rows[seen.model.root]]
+        self.over = np.array([0.0, 0.0, float(over - root[2]) + 0.08 * self.size])  # of the label
+        self.drawn: tuple[int, bool, bool] | None = None
+
+    def told(self) -> str:
+        """How the run ended, as HTML."""
+        run = self.run
+        if run.status == "ok":
+            text = f"<b>{escape(self.caption)}</b>: ok"
+        else:
+            when = f" at {run.end_time:.4g} s" if self.failed else ""
+            text = f"<b>{escape(self.caption)}: {escape(run.status)}{when}</b><br>{escape(run.message)}"
+        colour = "" if run.status == "ok" else f"color:{BAD};"
+        return f'<div style="{colour}margin:0.2em 1em">{text}</div>'
+
+    def row(self, t: float) -> int:
+        """The last sample up to a time [s] that is to be shown."""
+        return min(max(int(np.searchsorted(self.samples, t + 1e-9, side="right")) - 1, 0), self.last)
+
+    def beside(self, t: float, count: int) -> float:
+        """The time so many samples away [s]."""
+        return float(self.samples[min(max(self.row(t) + count, 0), len(self.samples) - 1)])
+
+    def over_at(self, t: float) -> bool:
+        """Whether the run has failed by then."""
+        return self.failed and t >= min(self.run.end_time, self.samples[self.last]) - 1e-9
+
+    def enter(self, scene: Any, name: str) -> None:
+        """Add the robot to the scene, each link as a frame with its pieces in it."""
+        self.place = scene.add_frame(name, show_axes=False)
+        names = dict.fromkeys(piece.link for piece in self.found)
+        self.links = {
+            link: scene.add_frame(f"{name}/{link.replace('/', '_')}", show_axes=False) for link in names
+        }
+        self.meshes = [
+            scene.add_mesh_simple(
+                f"{self.links[piece.link].name}/{k}", piece.points, piece.triangles, color=piece.colour,
+                opacity=_opacity(piece.opacity), side="double",
+            )
+            for k, piece in enumerate(self.found)
+        ]  # fmt: skip
+        r = 0.012 * self.size
+        self.label = scene.add_label(f"{name}/label", self.caption, anchor="bottom-center")
+        self.mass = scene.add_icosphere(f"{name}/centre_of_mass", 2.0 * r, color=MASS)
+        self.arrows = scene.add_arrows(
+            f"{name}/forces", np.zeros((1, 2, 3)), FORCE, shaft_radius=r, head_radius=2.5 * r, head_length=5.0 * r
+        )
+
+    def draw(self, t: float, shown: Mapping[str, bool]) -> None:
+        """Put all where it is at a time [s]."""
+        row, over = self.row(t), self.over_at(t)
+        state = (row, over, shown["forces"])
+        if state == self.drawn:
+            return
+        before, self.drawn = self.drawn, state
+        q = self.q[row]
+        poses = forward_kinematics(self.model, q)
+        at = [self.rows[link] for link in self.links]
+        turns = quaternions(poses.rotation[None, at])[0][:, [3, 0, 1, 2]]
+        for frame, turn, position in zip(self.links.values(), turns, poses.position[at]):
+            frame.wxyz, frame.position = turn, position
+        self.label.position = poses.position[self.rows[self.model.root]] + self.over
+        self.mass.position = center_of_mass(self.model, q)
+        self._draw_forces(q, row, shown["forces"])
+        if before is None or before[1] != over:
+            when = f": {self.run.status} at {self.run.end_time:.4g} s"
+            doubtful = f": {self.run.status}" * (self.run.status not in ("ok", *FAILED))
+            self.label.text = self.caption + (when if over else doubtful)
+            for mesh, piece in zip(self.meshes, self.found):
+                mesh.color = FAILURE if over else piece.colour
+
+    def _draw_forces(self, q: np.ndarray, row: int, wanted: bool) -> None:
+        if self.force is None or self.ground is None:
+            self.arrows.visible = False
+            return
+        points = contact_positions(self.model, q)
+        pushed = in_world(self.ground, self.force[row], points if self.ground.field is not None else None)
+        weight = 9.81 * self.model.mass
+        felt = np.sqrt((pushed * pushed).sum(axis=1)) > TOUCH * weight
+        self.arrows.visible = bool(wanted and felt.any())
+        if self.arrows.visible:
+            ends = points + 0.8 * self.size / weight * pushed
+            self.arrows.points = np.stack([points, ends], axis=1)[felt].astype(np.float32)
+
+    def look(self, ghost: bool) -> None:
+        """Let it be seen through, or not."""
+        for mesh, piece in zip(self.meshes, self.found):
+            mesh.opacity = _opacity(GHOST * piece.opacity if ghost else piece.opacity)
+
+
+def _opacity(opacity: float) -> float | None:
+    return None if opacity >= 1.0 else opacity
+
+
+class _Stage:
+    """The ground, and the places of runs on it: side by side along a level line, or all in one."""
+
+    def __init__(self, server: Any, actors: Sequence[_Actor], ghosts: bool) -> None:
+        self.actors = actors
+        self.shown = {"follow": True, "forces": True, "centre of mass": True, "ghosts": ghosts and len(actors) > 1}
+        scene, grounds = server.scene, [actor.ground for actor in actors]
+        self.world = scene.add_frame("/world", show_axes=False)
+        for k, actor in enumerate(actors):
+            actor.enter(scene, f"/world/run{k + 1}")
+        self.across = np.array([0.0, 1.0, 0.0])
+        if grounds[0] is not None and grounds[0].field is None:
+            self.across = plane_axes(grounds[0])[2]
+        wide = [actor.box @ self.across for actor in actors]
+        self.gap = 0.25 * max(actor.size for actor in actors) + max(float(np.ptp(x, axis=1).max()) for x in wide)
+        fields = any(ground is not None and ground.field is not None for ground in grounds)
+        self.floors: list[Any] = []  # of each run, where there is not one for all
+        if fields or any(ground != grounds[0] for ground in grounds):
+            self.gap = max(float(np.ptp(x)) for x in wide) + 2.2 * max(_margin(actor.box) for actor in actors)
+            self.floors = [_floor(scene, f"/world/run{k + 1}/ground", a.ground, a.box) for k, a in enumerate(actors)]
+        else:
+            boxes = [a.box.reshape(-1, 3) + x for a in actors for x in (np.zeros(3), *self._offsets())]
+            _floor(scene, "/world/ground", grounds[0], np.concatenate(boxes)[None])
+        self.arrange()
+        first = np.concatenate([actor.box[0] + actor.place.position for actor in actors])
+        self.middle = 0.5 * (first.min(axis=0) + first.max(axis=0))
+        self.span = 1.25 * float(np.ptp(first, axis=0).max())
+        server.initial_camera.fov = FIELD_OF_VIEW
+        self.look(server.initial_camera, "corner")
+
+    def _offsets(self) -> list[np.ndarray]:
+        n = len(self.actors)
+        return [self.gap * (0.5 * (n - 1) - k) * self.across for k in range(n)]
+
+    def arrange(self) -> None:
+        """Put the runs where they are to be seen."""
+        ghosts = self.shown["ghosts"]
+        for k, (actor, offset) in enumerate(zip(self.actors, self._offsets())):
+            actor.place.position = np.zeros(3) if ghosts else offset
+            actor.look(ghosts and k > 0)
+            actor.mass.visible = self.shown["centre of mass"]
+            for mesh in self.floors[k] if self.floors else ():
+                mesh.visible = k == 0 or not ghosts
+
+    def draw(self, t: float) -> None:
+        """Put all where it is at a time [s]; who follows sees the first robot stay."""
+        for actor in self.actors:
+            actor.draw(t, self.shown)
+        first = self.actors[0]
+        away = np.zeros(3)
+        if self.shown["follow"] and first.moves:
+            away[:2] = first.q[first.row(t), :2] - first.q[0, :2]
+        self.world.position = -away
+
+    def look(self, camera: Any, view: str) -> None:
+        """Let a camera look from one of VIEWS."""
+        yaw, pitch = VIEWS[view]
+        far = self.span / (2.0 * math.tan(0.5 * FIELD_OF_VIEW)) + 0.5 * self.span
+        level = far * math.cos(pitch)
+        away = np.array([level * math.cos(yaw), level * math.sin(yaw), far * math.sin(pitch)])
+        camera.position, camera.look_at = self.middle + away, self.middle
+
+
+def _margin(box: np.ndarray) -> float:
+    """How far `relief` shows ground beyond the way of a robot [m]."""
+    return 0.6 * float(max(np.ptp(box[..., :2], axis=(0, 1)).max(), np.ptp(box[..., 2])))
+
+
+def _floor(scene: Any, name: str, ground: Ground | None, box: np.ndarray) -> list[Any]:
+    """The ground under corners (frames, n, 3) [m]; without ground a grid under the lowest."""
+    told = relief(ground, box) if ground is not None and (ground.steps or ground.field is not None) else {}
+    if told:
+        quads, shade = np.array(told["quads"]).reshape(-1, 4, 3), np.array(told["shade"])
+        return [
+            scene.add_mesh_simple(
+                f"{name}/{k}", quads[shade == k].reshape(-1, 3), _halves(int((shade == k).sum())), color=colour,
+                flat_shading=True, side="double", cast_shadow=False,
+            )
+            for k, colour in enumerate((FLOOR, SQUARE, RISE)) if (shade == k).any()
+        ]  # fmt: skip
+    corners = box.reshape(-1, 3)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    size = float((high - low).max())
+    cell = _round(np.ptp(box[0], axis=0).max() / 8.0)
+    middle = np.array([*(0.5 * (low + high))[:2], low[2]])
+    turn, at = (1.0, 0.0, 0.0, 0.0), cell * np.round(middle / cell) * (1, 1, 0) + middle * (0, 0, 1)
+    if ground is not None:
+        axes = plane_axes(ground)
+        normal, first, second = axes
+        turn = quaternions(np.stack([first, second, normal], axis=1)[None, None])[0, 0][[3, 0, 1, 2]]
+        at = cell * (round(middle @ first / cell) * first + round(middle @ second / cell) * second)
+        at = at + ground.height * normal[2] * normal
+    reach = cell * 2 * math.ceil((1.5 * size + 20.0 * cell) / cell)
+    return [
+        scene.add_grid(
+            name, reach, reach, cell_size=cell, section_size=5.0 * cell, cell_color=SQUARE, section_color=RISE,
+            plane_color=FLOOR, plane_opacity=0.0 if ground is None else 1.0, wxyz=turn, position=at,
+        )
+    ]  # fmt: skip
+
+
+def _round(x: float) -> float:
+    """The next 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(max(x, 1e-9)))
+    return next(k * power for k in (1.0, 2.0, 5.0, 10.0) if k * power >= x)
+
+
+def _halves(count: int) -> np.ndarray:
+    """Triangles of so many quadrangles."""
+    return (4 * np.arange(count)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
