@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arguments import real, whole
-from ..build.contact import plane_axes
+from ..build.contact import ground_under, plane_axes
 from ..dynamics import center_of_mass, contact_positions, forward_kinematics
 from ..model import Ground
 from ..robot_file.errors import RobotFileWarning
@@ -188,7 +188,7 @@ class Live:
         button.on_click(lambda _: self.pause() if self._playing else self.play())
         slider = gui.add_slider("time [s]", min=self.start, max=self.end, step=step, initial_value=self.start)
         slider.on_update(lambda event: self.seek(event.target.value) if event.client is not None else None)
-        steps = gui.add_button_group("step", ("start", "-10", "-1", "+1", "+10", "end"))
+        steps = gui.add_button_group("step", ("start", "-1", "+1", "end"))
         steps.on_click(lambda event: self._step(event.target.value))
         speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
         speed.on_update(lambda event: self._set_speed(float(event.target.value)))
@@ -270,8 +270,9 @@ class _Actor:
         r = 0.012 * self.size
         self.label = scene.add_label(f"{name}/label", self.caption, anchor="bottom-center")
         self.mass = scene.add_icosphere(f"{name}/centre_of_mass", 2.0 * r, color=MASS)
+        self.under = scene.add_cylinder(f"{name}/under_it", 2.0 * r, 0.2 * r, color=MASS)
         self.arrows = scene.add_arrows(
-            f"{name}/forces", np.zeros((1, 2, 3)), FORCE, shaft_radius=r, head_radius=2.5 * r, head_length=5.0 * r
+            f"{name}/forces", np.zeros((1, 2, 3)), FORCE, shaft_radius=r, head_radius=2.0 * r, head_length=4.0 * r
         )
 
     def draw(self, t: float, shown: Mapping[str, bool]) -> None:
@@ -288,7 +289,9 @@ class _Actor:
         for frame, turn, position in zip(self.links.values(), turns, poses.position[at]):
             frame.wxyz, frame.position = turn, position
         self.label.position = poses.position[self.rows[self.model.root]] + self.over
-        self.mass.position = center_of_mass(self.model, q)
+        self.mass.position = mass = center_of_mass(self.model, q)
+        if self.ground is not None:
+            self.under.position = mass - [0.0, 0.0, float(ground_under(self.ground, mass[None])[0, 6])]
         self._draw_forces(q, row, shown["forces"])
         if before is None or before[1] != over:
             when = f": {self.run.status} at {self.run.end_time:.4g} s"
@@ -346,7 +349,7 @@ class _Stage:
         self.arrange()
         first = np.concatenate([actor.box[0] + actor.place.position for actor in actors])
         self.middle = 0.5 * (first.min(axis=0) + first.max(axis=0))
-        self.span = 1.25 * float(np.ptp(first, axis=0).max())
+        self.span = 1.15 * float(np.ptp(first, axis=0).max())
         server.initial_camera.fov = FIELD_OF_VIEW
         self.look(server.initial_camera, "corner")
 
@@ -361,6 +364,7 @@ class _Stage:
             actor.place.position = np.zeros(3) if ghosts else offset
             actor.look(ghosts and k > 0)
             actor.mass.visible = self.shown["centre of mass"]
+            actor.under.visible = self.shown["centre of mass"] and actor.ground is not None
             for mesh in self.floors[k] if self.floors else ():
                 mesh.visible = k == 0 or not ghosts
 
@@ -377,7 +381,7 @@ class _Stage:
     def look(self, camera: Any, view: str) -> None:
         """Let a camera look from one of VIEWS."""
         yaw, pitch = VIEWS[view]
-        far = self.span / (2.0 * math.tan(0.5 * FIELD_OF_VIEW)) + 0.5 * self.span
+        far = self.span / (2.0 * math.tan(0.5 * FIELD_OF_VIEW)) + 0.3 * self.span
         level = far * math.cos(pitch)
         away = np.array([level * math.cos(yaw), level * math.sin(yaw), far * math.sin(pitch)])
         camera.position, camera.look_at = self.middle + away, self.middle

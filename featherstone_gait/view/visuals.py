@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..mesh import Colour, mesh_parts
+from ..mesh import Part as MeshPart
 from ..model import Link, Model, inertia_matrix
 from ..robot_file.mjcf.visuals import Ellipsoid, Triangles
 from ..robot_file.visuals import Visual, read_visuals
@@ -129,13 +130,14 @@ class _Facets:
 
     def __init__(self, most: int, corners: int) -> None:
         self.most, self.corners, self.size = most, corners, 0.0
+        self.read: dict[str, list[MeshPart]] = {}  # mesh files, which several links may have
 
     def parts(self, visuals: Iterable[Visual], link: str, notes: list[str]) -> list[_Part]:
         """Of some visuals; those that cannot be read are told."""
         found = []
         for visual in visuals:
             try:
-                several = list(_faceted(visual.geometry, self.corners))
+                several = list(_faceted(visual.geometry, self.corners, self.read))
             except (ValueError, ImportError) as error:
                 notes.append(str(error))
                 continue
@@ -191,11 +193,11 @@ def _box(link: Link) -> Faceted:
 
 
 def _faceted(
-    geometry: Geometry | Triangles | Ellipsoid, corners: int
+    geometry: Geometry | Triangles | Ellipsoid, corners: int, read: dict[str, list[MeshPart]]
 ) -> Iterator[tuple[np.ndarray, list[tuple[int, ...]] | np.ndarray, Colour | None]]:
     """Corners and faces, of a mesh all triangles (n, 3), and the colour if it has its own."""
     if isinstance(geometry, Mesh):
-        yield from _coloured(geometry)
+        yield from _coloured(geometry, read)
     elif isinstance(geometry, Triangles):
         yield geometry.points, geometry.triangles, None
     elif isinstance(geometry, Ellipsoid):
@@ -213,12 +215,12 @@ def _faceted(
         yield *_hull(np.array(geometry.points)), None
 
 
-def _coloured(mesh: Mesh) -> Iterator[tuple[np.ndarray, np.ndarray, Colour | None]]:
+def _coloured(mesh: Mesh, read: dict[str, list[MeshPart]]) -> Iterator[tuple[np.ndarray, np.ndarray, Colour | None]]:
     """The parts of a mesh file by their colours."""
     path, scale = Path(mesh.file), np.array(mesh.scale)
     if not path.is_file():
         raise ValueError(f"mesh {mesh.file!r} is not there")
-    parts = mesh_parts(path)
+    parts = read.get(mesh.file) or read.setdefault(mesh.file, mesh_parts(path))
     points = np.concatenate([part.points for part in parts]) if parts else np.empty((0, 3))
     if not len(points) or not np.isfinite(points).all() or not _size(points * scale) > 0.0:
         raise ValueError(f"{path}: has no triangles of finite size; export the mesh again")
@@ -322,8 +324,8 @@ def creased(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.n
 
 def _merged(points: np.ndarray, triangles: np.ndarray, cell: float, low: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of the vertices in a cell the one nearest to their mean stands for all; triangles that collapse are left out."""
-    _, group = np.unique(np.floor((points - low) / cell).astype(int), axis=0, return_inverse=True)
-    group = group.reshape(-1)
+    cells = np.floor((points - low) / cell).astype(np.int64)
+    group = np.unique((cells[:, 0] * (2 * EXACT) + cells[:, 1]) * (2 * EXACT) + cells[:, 2], return_inverse=True)[1]
     count = np.bincount(group).astype(float)
     means = np.column_stack([np.bincount(group, points[:, k]) / count for k in range(3)])
     order = np.lexsort((((points - means[group]) ** 2).sum(axis=1), group))
@@ -331,4 +333,7 @@ def _merged(points: np.ndarray, triangles: np.ndarray, cell: float, low: np.ndar
     faces = group[triangles]
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     turned = np.take_along_axis(faces, (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3, axis=1)
-    return points[nearest], np.unique(turned, axis=0)  # both sides of a thin plate stay
+    a, b, c = turned.T
+    pair = np.unique(a * np.int64(len(nearest)) + b, return_inverse=True)[1]
+    once = np.unique(pair * np.int64(len(nearest)) + c, return_index=True)[1]
+    return points[nearest], turned[once]  # both sides of a thin plate stay
