@@ -31,7 +31,7 @@ class Part(NamedTuple):
 
     points: np.ndarray  # (n, 3) [m]
     triangles: np.ndarray  # (m, 3)
-    colour: Colour | None  # red, green, blue, 0 to 255; None where the file says none, or a texture
+    colour: Colour | None  # red, green, blue, 0 to 255; None where the file says none
 
 
 def mesh_corners(mesh: Mesh) -> Corners:
@@ -88,7 +88,7 @@ def mesh_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def mesh_parts(path: Path) -> list[Part]:
-    """The triangles of a mesh file by their colours, textures aside; raises as `mesh_hull`.
+    """The triangles of a mesh file by their colours; a texture of a DAE counts as white.  Raises as `mesh_hull`.
 
     A DAE whose materials are broken comes without any.
     """

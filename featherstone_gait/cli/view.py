@@ -80,6 +80,9 @@ def run(args: Namespace) -> int:
 
 def _served(page: Live, opened: bool) -> int:
     """Until Ctrl-C."""
+    import logging
+
+    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # browsers open connections that they do not use
     print(f"page        {page.url}, until Ctrl-C", flush=True)
     if opened:
         import webbrowser
