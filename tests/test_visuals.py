@@ -32,13 +32,11 @@ def in_world(model, q):
     rows = {link.name: k for k, link in enumerate(model.links)}
     seen, notes = read_visuals(model)
     assert notes == []
-    return {
-        link: [
-            (poses.rotation[rows[link]] @ v.rotation, poses.rotation[rows[link]] @ v.position + poses.position[rows[link]])
-            for v in several
-        ]
-        for link, several in seen.items()
-    }
+    placed = {}
+    for link, several in seen.items():
+        turn, place = poses.rotation[rows[link]], poses.position[rows[link]]
+        placed[link] = [(turn @ v.rotation, turn @ v.position + place) for v in several]
+    return placed
 
 
 # ---------------------------------------------------------------------------------------------- where visuals are
@@ -139,8 +137,9 @@ DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="
 <triangles material="b" count="2"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 3 0 3 2</p></triangles>
 </mesh></geometry></library_geometries>
 <library_visual_scenes><visual_scene id="w"><node><instance_geometry url="#g"><bind_material><technique_common>
-<instance_material symbol="a" target="#a"/><instance_material symbol="b" target="#b"/></technique_common></bind_material>
-</instance_geometry></node></visual_scene></library_visual_scenes><scene><instance_visual_scene url="#w"/></scene></COLLADA>"""
+<instance_material symbol="a" target="#a"/><instance_material symbol="b" target="#b"/></technique_common>
+</bind_material></instance_geometry></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#w"/></scene></COLLADA>"""
 PLAIN, PICTURE = "<color>{} 1</color>", '<texture texture="none" texcoord="x"/>'
 
 
