@@ -11,6 +11,7 @@ import pytest
 from pages import fallen, humanoid, walking
 
 from featherstone_gait import Ground, RobotFileWarning, forward_kinematics, load_robot
+from featherstone_gait.cli import main
 from featherstone_gait.mesh import mesh_parts, mesh_triangles
 from featherstone_gait.robot_file.mjcf.visuals import Triangles
 from featherstone_gait.robot_file.visuals import read_visuals
@@ -202,10 +203,12 @@ def test_edges_are_seen_and_smooth_surfaces_are_smooth(tmp_path):
 # ---------------------------------------------------------------------------------------------- the live page
 
 
-def test_without_viser_the_live_page_says_what_to_install(monkeypatch):
+def test_without_viser_the_live_page_says_what_to_install(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(ImportError, match=r"pip install featherstone-gait\[viser\]"):
         walking(humanoid()).show_live(humanoid())
+    assert main(["view", "arm7", "--live"]) == 2
+    assert "error: a live page is served by viser: pip install" in capsys.readouterr().err
 
 
 def test_looking_needs_no_viser_and_loading_reads_no_visuals():

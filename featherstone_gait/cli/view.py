@@ -64,13 +64,17 @@ def run(args: Namespace) -> int:
         return _pictures(args, runs[0], robot, stem)
     captions = args.caption or _different(names)
     if args.live:
-        return _served(live_of(runs, robot, captions, args.ghosts, args.port), args.open)
+        try:
+            page = live_of(runs, robot, captions, args.ghosts, args.port)
+        except ImportError as error:
+            raise ValueError(str(error)) from error
+        return _served(page, args.open)
     plots = args.plot or default_plots(runs[0]) * (len(runs[0]["time"]) > 1)
-    page = page_of(runs, robot, captions, plots, args.ghosts)
-    path = page.save(stem.with_name(stem.name + "_view.html"))
+    html = page_of(runs, robot, captions, plots, args.ghosts)
+    path = html.save(stem.with_name(stem.name + "_view.html"))
     for run, caption in zip(runs, captions):
         print(f"{caption}: {run.status}{': ' if run.message else ''}{run.message}")
-    print(f"file        {path}, {len(page.html) / 1e6:.2g} MB")
+    print(f"file        {path}, {len(html.html) / 1e6:.2g} MB")
     if args.open:
         import webbrowser
 
