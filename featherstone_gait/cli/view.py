@@ -6,7 +6,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .arguments import Commands, add_command
+from .arguments import Commands, add_command, telling_extras
 
 if TYPE_CHECKING:
     from ..model import Model
@@ -64,10 +64,8 @@ def run(args: Namespace) -> int:
         return _pictures(args, runs[0], robot, stem)
     captions = args.caption or _different(names)
     if args.live:
-        try:
+        with telling_extras():
             page = live_of(runs, robot, captions, args.ghosts, args.port)
-        except ImportError as error:
-            raise ValueError(str(error)) from error
         return _served(page, args.open)
     plots = args.plot or default_plots(runs[0]) * (len(runs[0]["time"]) > 1)
     html = page_of(runs, robot, captions, plots, args.ghosts)
