@@ -45,7 +45,7 @@ def in_world(model, q):
 
 @pytest.mark.filterwarnings("ignore::featherstone_gait.robot_file.RobotFileWarning")
 @pytest.mark.parametrize(
-    "file", ["talos_data/robots/talos_reduced.urdf", "hyq_description/robots/hyq_no_sensors.urdf"]
+    "file", ["talos_data/robots/talos_reduced.urdf", "so_arm_description/urdf/so101.urdf"]
 )
 def test_visuals_of_published_robots_are_where_pinocchio_puts_them(file):
     pinocchio = pytest.importorskip("pinocchio")
@@ -139,6 +139,8 @@ DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="
 </mesh></geometry></library_geometries>
 <library_visual_scenes><visual_scene id="w"><node><instance_geometry url="#g"><bind_material><technique_common>
 <instance_material symbol="a" target="#a"/><instance_material symbol="b" target="#b"/></technique_common>
+</bind_material></instance_geometry></node><node><instance_geometry url="#g"><bind_material><technique_common>
+<instance_material symbol="a" target="#a"/><instance_material symbol="b" target="#a"/></technique_common>
 </bind_material></instance_geometry></node></visual_scene></library_visual_scenes>
 <scene><instance_visual_scene url="#w"/></scene></COLLADA>"""
 PLAIN, PICTURE = "<color>{} 1</color>", '<texture texture="none" texcoord="x"/>'
@@ -154,9 +156,9 @@ def dae(folder, first, second, name="b"):
 def test_parts_of_meshes_have_the_colours_of_their_materials(tmp_path):
     pytest.importorskip("collada")
     red, blue = PLAIN.format("1 0 0"), PLAIN.format("0 0 1")
-    assert dae(tmp_path, red, blue) == {(255, 0, 0): 1, (0, 0, 255): 2}
-    assert dae(tmp_path, red, PICTURE) == {(255, 0, 0): 1, (255, 255, 255): 2}
-    assert dae(tmp_path, red, blue, name="other") == {None: 3}  # one of its materials leads nowhere
+    assert dae(tmp_path, red, blue) == {(255, 0, 0): 4, (0, 0, 255): 2}
+    assert dae(tmp_path, red, PICTURE) == {(255, 0, 0): 4, (255, 255, 255): 2}
+    assert dae(tmp_path, red, blue, name="other") == {None: 6}  # a material leads nowhere
     (tmp_path / "mesh.obj").write_text(OBJ, "utf-8")
     assert {part.colour for part in mesh_parts(tmp_path / "mesh.obj")} == {None}
     (tmp_path / "paint.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\nmap_Kd ../picture.png\n", "utf-8")
