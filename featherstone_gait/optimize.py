@@ -47,6 +47,7 @@ from .view.gait_page import least_so_far, parts_of, write_gait_page
 from .walking.cheapest_plan import PlanKind, States, first_gait
 from .walking.cost import Measures, WalkingCost
 from .walking.cost_in_worlds import MOST_WORLDS, CostInWorlds, in_worlds
+from .walking.descent import WORK, descend
 from .walking.gait import bounds, mirror_of
 from .walking.gait_file import ARRAYS, write_angles, write_goal_positions
 from .walking.limits import LIMITS, Watch
@@ -70,6 +71,7 @@ MAX_MISS = 20
 BATCH = 16  # candidates evaluated at once where lanes cannot be at different times
 NOT_CHECKED = "not run; whether the gait walks on other ground is not known (optimize --crosscheck)"
 WORLDS = 8  # that a candidate walks in
+STARTS = 8  # of the cheapest candidates, that a descent may begin with
 BASELINES: dict[str, dict[str, Any]] = {  # plans that what is found is compared with, by what they change of the walk
     "plain plan": {},
     "plan of 35 mm": {"step_length": 0.035},
@@ -133,23 +135,23 @@ def optimize_gait(
 def optimize_with_limits(
     cost: CostInWorlds, watch: Watch, history: Path, *, iterations: int = 800, **how: Any
 ) -> OptimizeResult:
-    """Half of the candidates for energy alone, the others from there for what a real robot asks for too.
+    """Half of the candidates for energy alone, then as long a descent that keeps to what a real robot asks for too.
 
-    Asked for both from the start, a search comes to a cheap gait or not by luck: the price of limits makes of most
-    candidates that save energy misses.  The result is that of `optimize_gait` with both halves in history; added are
-    limited, the result of the second, and since, the place of its first candidate.  `how`: seed, resume and progress.
+    The descent (`walking.descent`) begins with the cheapest candidate that walks where runs whose speeds ring are
+    repeated.  The result is that of `optimize_gait` with the gaits that its steps end with in history; added are
+    limited, its own result, and since, the place of its first gait.  `how`: seed, resume and progress.
     """
     first = optimize_gait(cost, iterations=iterations // 2, history=history, **how)
-    left = iterations - first.nit - 1
-    if left < 0 or not first.success:
+    steps = (iterations - first.nit - 1) // WORK
+    if steps < 0 or not first.success:
         return first
-    gait = cost.gait.from_vector(first.x)
-    paying = replace(cost, cost=replace(cost.cost, gait=gait), watch=watch)
-    result = optimize_gait(paying, iterations=left, history=limits_history(history), **how)
-    both = {key: np.concatenate([first.history[key], result.history[key]]) for key in first.history}
-    sums = {key: first[key] + result[key] for key in ("nfev", "wasted")}
-    counts = {"nit": first.nit + result.nit + 1, "since": first.nit + 1}
-    return OptimizeResult({**result, **sums, **counts, "history": both, "limited": result})
+    order = np.argsort(first.history["f"], kind="stable")[:STARTS]
+    starts = [first.history["x"][k] for k in order if np.isfinite(first.history["f"][k])]
+    result = descend(cost, watch, starts, steps=steps, history=limits_history(history), **how)
+    both = {key: np.concatenate([first.history[key], result.history[key]]) for key in ("x", "f")}
+    counts = {"nit": first.nit + WORK * result.nit, "nfev": first.nfev + -(-result.nfev // len(cost.scenes))}
+    kept = {key: first[key] for key in ("wasted", "occupancy")} | {"since": first.nit + 1}
+    return OptimizeResult({**result, **counts, **kept, "history": both, "limited": result})
 
 
 def limits_history(history: Path) -> Path:

@@ -1,4 +1,4 @@
-"""What a real robot asks of a gait: closed forms of each quantity, what a search pays, and how a gait is chosen."""
+"""What a real robot asks of a gait: closed forms of each quantity, what a search sees of it, how a gait is chosen."""
 
 import math
 from dataclasses import replace
@@ -10,16 +10,15 @@ from featherstone_gait import ContactPoint, Link, Model, Trajectory, clearance, 
 from featherstone_gait.collision import meeting_shapes
 from featherstone_gait.optimize import (
     _limits_told,
-    limits_history,
     optimize_gait,
     optimize_with_limits,
     walking_cost,
 )
-from featherstone_gait.search import minimize
 from featherstone_gait.servo_curve import torque_speed
-from featherstone_gait.walking import bounds, limits, worth
+from featherstone_gait.walking import descent, limits, worth
 from featherstone_gait.walking.cost_in_worlds import in_worlds
-from featherstone_gait.walking.limits import BY_NAME, Quantity, Watch, Worst, of_servos, paid
+from featherstone_gait.walking.descent import descend
+from featherstone_gait.walking.limits import BY_NAME, FADES, Quantity, Watch, Worst, of_servos
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +63,7 @@ def test_swing_is_the_lowest_corner_of_a_fast_foot_and_tilt_that_of_a_loaded_one
     swing = found["swing"].worst("swing", run["time"])
     assert swing.value == pytest.approx(0.01 - 0.05 * math.sin(math.radians(6.0)), abs=1e-12)
     assert swing.time == pytest.approx(0.2)
-    fast = ~np.isnan(found["swing"].values[:, 0])
+    fast = found["swing"].share[:, 0] >= 1.0
     assert np.flatnonzero(fast).tolist() == [k for k in range(n) if 4.0 * t[k] * (1.0 - t[k]) > 0.5]
     tilt = found["tilt"].worst("tilt", run["time"])
     assert tilt.value == pytest.approx(2.0 * math.sin(math.radians(2.0)), abs=1e-12)
@@ -90,16 +89,16 @@ def test_at_full_voltage_a_servo_is_on_its_line_at_every_speed(name):
     )
 
 
-def test_what_keeps_to_a_limit_with_its_margin_costs_nothing():
+def test_a_search_sees_what_is_beyond_a_limit_the_less_the_less_it_counts():
+    """In shares of the scale, with the margin, and without a jump where it begins to count."""
     limit = BY_NAME["swing"]
-    safe, bare = limit.bound + limit.margin, limit.bound
-    assert Quantity(np.array([[safe], [np.nan]]), ("foot",)).excess(limit) == 0.0
-    half = Quantity(np.array([[bare], [safe]]), ("foot",))
-    assert half.excess(limit) == pytest.approx(0.5 * limit.margin / limit.scale, rel=1e-9)
-    assert half.worst("swing", np.zeros(2)).kept
-    assert paid([{"swing": 0.0}, {"swing": 0.0}], 0.02, 0.0) == 1.0
-    assert paid([{"swing": 0.2}, {"swing": 0.0}], 0.0, 0.0) == pytest.approx(1.0 + 0.1 * limit.weight)
-    assert paid([{"swing": 0.0}], -0.04, 0.0) == pytest.approx(1.0 + BY_NAME["drift"].weight)
+    heights = limit.bound - limit.scale * np.array([0.0, 1.0, 1.0, 1.0, 1.0])
+    share = np.array([2.0, 2.0, 1.0, 1.0 - 1e-9, 0.5])
+    quantity = Quantity(heights[:, None], share[:, None], ("foot",))
+    margin = limit.margin / limit.scale
+    expected = [margin, 1.0 + margin, 1.0 + margin, 1.0 + margin, 1.0 + margin - 0.5 * FADES]
+    assert quantity.beyond(limit)[:, 0] == pytest.approx(expected, abs=1e-8)
+    assert quantity.worst("swing", np.arange(5.0)).share == pytest.approx(2.0 / 3.0)  # of those that count
 
 
 def test_only_limbs_that_are_apart_at_the_start_are_watched(cost, watch):
@@ -121,36 +120,56 @@ def test_links_apart_are_read_off_what_the_servos_are_sent(cost, watch):
     every = clearance(cost.scene.model, np.hstack([base, stride])).distance
     assert (found.values[:, 0] >= every - 1e-9).all()
     assert len(watch.pairs) < len(meeting_shapes(cost.scene.model).pairs)
-    assert watch.planned(stride) == 0.0
+    planned = lambda stride: watch.apart(stride).beyond(BY_NAME["apart"]).max()  # noqa: E731
+    assert planned(stride) < 0.0
     inwards = stride.copy()
     for name, sign in (("left_hip_lateral", 1.0), ("right_hip_lateral", -1.0)):
         column = cost.gait.joint_names.index(name)
         inwards[:, column] += sign * 0.15
     outwards = 2.0 * stride - inwards
-    assert max(watch.planned(inwards), watch.planned(outwards)) > 0.5  # one of them lets the feet meet
+    assert max(planned(inwards), planned(outwards)) > 0.5  # one of them lets the feet meet
 
 
-def test_a_gait_pays_for_what_it_passes_in_shares_of_its_cost(cost, watch):
-    plain, paying = in_worlds(cost, 2), in_worlds(cost, 2, watch=watch)
-    x = cost.gait.to_vector()
-    (signal,) = paying._signals([x])
-    (walks,) = paying._walked([signal])
-    drift = sum(one.measures.sideways / one.measures.distance for one in walks) / 2.0
-    factor = paid([one.excess for one in walks], drift, 0.0)
-    assert factor > 1.1  # the first gait asks more of its knees than the supply gives
-    assert paying(x) == (pytest.approx(factor * plain(x)[0], rel=1e-14), "ok")
-    assert paying.verified(x) == (1.0, paying(x)[0])
+def test_the_best_step_is_where_slopes_balance():
+    """Least a'd + price |max(0, r + S'd)|^2 by hand: along one angle a limit is met, along the other nothing holds."""
+    price, radius = 2.0, 0.5
+    slope, slopes, beyond = np.array([-1.0, -1e-4]), np.array([[4.0], [0.0]]), np.array([-0.4])
+    d = descent._best(slope, slopes, beyond, price, radius)
+    assert d[0] == pytest.approx((0.4 + 1.0 / (2.0 * price * 4.0)) / 4.0, rel=1e-3)
+    assert abs(d[1]) <= radius
+    assert -1e-3 <= descent._best(-slope, slopes, beyond, price, 1e-3)[0] < -0.5e-3
+    H = descent._hadamard(5)
+    assert np.array_equal(H.T @ H, 8.0 * np.eye(8))
 
 
-def test_lanes_that_run_ahead_find_what_one_candidate_at_a_time_finds(cost, watch):
-    paying = in_worlds(cost, 2, watch=watch)
-    how = {"amplitude": math.radians(4.0)}
-    ahead = optimize_gait(paying, iterations=4, **how)
-    one = minimize(
-        paying, cost.gait.to_vector(), max_iterations=4, bounds=bounds(cost.scene.model, cost.gait), **how
-    )
-    assert np.array_equal(ahead.history["x"], one.history["x"])
-    assert np.array_equal(ahead.history["f"], one.history["f"])
+def test_a_descent_is_the_better_at_its_price_the_longer_it_goes_and_goes_on_from_its_history(cost, watch, tmp_path):
+    plain, history = in_worlds(cost, 1), tmp_path / "descent.jsonl"
+    one = descend(plain, watch, steps=1, history=history)
+    first = one.history["f"][0], one.history["broken"][0]
+    last = one.fun, one.history["broken"][-1]
+    price = lambda f, broken: f / first[0] + descent.PRICE * broken  # noqa: E731
+    assert price(*last) < 0.9 * price(*first)
+    assert plain(one.x) == (pytest.approx(one.fun, rel=1e-12), "ok")
+    on = descend(plain, watch, steps=2, history=history, resume=True)
+    at_once = descend(plain, watch, steps=2)
+    assert np.array_equal(on.history["x"], at_once.history["x"])
+    assert np.array_equal(on.x, at_once.x)
+    with pytest.raises(ValueError, match="another search"):
+        descend(plain, watch, steps=2, seed=1, history=history, resume=True)
+    with pytest.raises(FileExistsError, match="resume"):
+        descend(plain, watch, steps=2, history=history)
+
+
+def test_a_descent_begins_with_the_first_gait_that_walks(cost, watch):
+    plain, gait = in_worlds(cost, 1), cost.gait.to_vector()
+    assert np.array_equal(descend(plain, watch, [_falling(cost), gait], steps=0).x, gait)
+    assert math.isinf(descend(plain, watch, [_falling(cost)], steps=1).fun)
+
+
+def _falling(cost):
+    poses = cost.gait.poses.copy()
+    poses[:, cost.gait.joint_names.index("left_hip_front")] += 0.7
+    return poses[: len(poses) // 2].ravel()
 
 
 def test_a_search_with_limits_begins_where_the_one_for_energy_ends(cost, watch, tmp_path):
@@ -158,14 +177,9 @@ def test_a_search_with_limits_begins_where_the_one_for_energy_ends(cost, watch, 
     plain, history = in_worlds(cost, 2), tmp_path / "gait_history.jsonl"
     found = optimize_with_limits(plain, watch, history, iterations=6)
     alone = optimize_gait(plain, iterations=3)
-    assert (found.nit, found.since, len(found.history["f"])) == (6, 4, 7)
+    assert (found.nit, found.since, len(found.history["f"])) == (3, 4, 5)  # no step is as short as three candidates
     assert np.array_equal(found.history["f"][:4], alone.history["f"])
     assert np.array_equal(found.history["x"][4], alone.x)
-    assert found.history["f"][4] > 1.1 * alone.fun
-    assert found.fun == found.history["f"][4:].min()
-    limits_history(history).unlink()
-    again = optimize_with_limits(plain, watch, history, iterations=6, resume=True)
-    assert np.array_equal(again.x, found.x)
     assert "limited" not in optimize_with_limits(plain, watch, tmp_path / "none.jsonl", iterations=0)
 
 
@@ -186,13 +200,13 @@ def test_the_worst_values_are_named_with_joint_and_time(cost, watch):
 def test_of_the_best_candidates_that_is_taken_which_walks_elsewhere(cost, watch, monkeypatch):
     monkeypatch.setattr(worth, "CHECKED", 2)
     monkeypatch.setattr(worth, "UNSEEN_STRIDES", 1)
-    first, poses = cost.gait.to_vector(), cost.gait.poses.copy()
-    poses[:, cost.gait.joint_names.index("left_hip_front")] += 0.7
-    falls = poses[: len(poses) // 2].ravel()
-    history = {"x": np.array([first, falls, first]), "f": np.array([80.0, 20.0, math.inf])}
+    first, falls = cost.gait.to_vector(), _falling(cost)
+    history = {"x": np.array([first, first, falls, falls]), "f": np.array([80.0, 80.0, 20.0, math.inf])}
     x, rows = worth.chosen(cost, watch, history)
     assert np.array_equal(x, first)
-    assert [(row["candidate"], row["walks"]) for row in rows] == [(1, 0.0), (0, 1.0)]
+    assert [(row["candidate"], row["walks"]) for row in rows] == [(0, 1.0), (2, 0.0)]
+    kept = sum(one["kept"] for one in worth.plausible(cost, first, watch)["limits"])
+    assert [row["kept"] for row in rows] == [kept, 0]
 
 
 def test_power_that_is_always_drawn_is_paid_by_the_time_that_a_metre_takes():

@@ -227,14 +227,16 @@ def _in_mujoco(report: Report) -> str:
 def _search(report: Report, costs: np.ndarray) -> str:
     chosen = report["search"]["chosen_among"]
     body = [
-        [f"candidate {row['candidate']}", _number(row["searched"]), _number(row["walks"], " %", 100.0, 0),
+        [f"step {row['candidate']}", _number(row["searched"]), str(row["kept"]),
+         _number(row["walks"], " %", 100.0, 0),
          _number(row["cost"] if row["cost"] is not None and math.isfinite(row["cost"]) else None)]
         for row in chosen
     ]  # fmt: skip
-    table = _table(["", "searched, J/m", "walks", "there, J/m"], body) if body else ""
+    table = _table(["", "searched, J/m", "limits kept", "walks", "there, J/m"], body) if body else ""
     why = (
-        "<p>The cheapest candidates, looked at again in worlds of their own; taken is the one that walks in most, "
-        "then the cheapest. J/m here are those that a search is told: with what a gait pays for limits.</p>"
+        "<p>Gaits that steps of the descent end with, looked at again in worlds of their own; taken is, of those that "
+        "walk in all but one at most, the one that keeps most limits, then the one that walks in most, then the "
+        "cheapest.</p>"
     )
     return (
         _convergence(costs, report["search"]["with_limits_from"])

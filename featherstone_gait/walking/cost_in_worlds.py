@@ -4,10 +4,7 @@
     result = optimize_gait(in_worlds(cost, 8), iterations=800)
 
 The cost of a gait is the mean over the worlds and half of what the worst one is above it; a gait that does not walk in
-all of them has none.  Where the first world fails, the others are given up.  With a `watch` a gait pays besides for
-what a real robot asks for and it lacks (`limits`).  Drift sideways differs in one world from one candidate to the next
-by more than what each saves, and a search that pays for its size there stands still (5 % a tenth of the way: 800
-candidates come to 65 J/m in place of 30); its mean over the worlds, with the sign, does not hold a search up.
+all of them has none.  Where the first world fails, the others are given up.
 
 Floors sink by 0.03 to 1 mm under the robot's weight, evenly by the logarithm: stiff ones break what soft ones forgive.
 Servos differ from one to the next by the spreads in use (docs/servos.md), in what the manual tells least about.
@@ -22,7 +19,7 @@ import threading
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,10 +30,8 @@ from ..reference import Reference
 from ..run.simulate import simulate_batch, simulate_stream, standing_state
 from ..trajectory import Trajectory
 from ..worlds import Worlds
-from . import limits
 from .cost import Measures, WalkingCost, measured
 from .gait import TICK, Gait
-from .limits import Watch
 
 if TYPE_CHECKING:
     from ..search.speculation import Candidate, Speculation
@@ -61,7 +56,6 @@ class CostInWorlds:
     scenes: Sequence[CompiledScene]  # that differ in numbers alone
     offsets: np.ndarray  # (scenes, nj) by which the robot stands elsewhere at the start [rad]
     penalty: float = PENALTY  # of what the worst is above the mean
-    watch: Watch | None = None  # what a real robot asks for: a gait pays for what it lacks
     strict: bool = False  # whether a run whose speeds ring counts as a fall
 
     def __post_init__(self) -> None:
@@ -92,31 +86,23 @@ class CostInWorlds:
 
     def costs(self, vectors: Iterable[ArrayLike]) -> list[tuple[float, str]]:
         """Cost [J/m] and status of many vectors."""
-        signals = self._signals(vectors)
-        worlds = self._walked(signals)
-        return [self._told(signal, found) for signal, found in zip(signals, worlds)]
+        return [self.told([one.cost for one in found]) for found in self.measure(vectors)]
 
     def measure(self, vectors: Iterable[ArrayLike]) -> list[list[Measures]]:
         """What each gait does in each world."""
-        return [[one.measures for one in found] for found in self._walked(self._signals(vectors))]
-
-    def _signals(self, vectors: Iterable[ArrayLike]) -> list[Reference]:
-        return [self.cost.reference(x, self.cost.warm_up + self.cost.strides) for x in vectors]
-
-    def _walked(self, signals: Sequence[Reference]) -> list[list[_Walk]]:
-        """How each goes in each world."""
         cost, n = self.cost, len(self.scenes)
-        states = [self._standing(signal.values[0], k) for signal in signals for k in range(n)]
+        signals = [cost.reference(x, cost.warm_up + cost.strides) for x in vectors]
+        states = [self.standing(signal.values[0], k) for signal in signals for k in range(n)]
         runs = simulate_batch(
             [*self.scenes] * len(signals), cost.end, states, [signal for signal in signals for _ in range(n)],
-            record=self._record, sample=TICK, estimate_error=False,
+            record=RECORD, sample=TICK, estimate_error=False,
         )  # fmt: skip
         found = [self._measured(run, k % n) for k, run in enumerate(runs)]
         return [found[first : first + n] for first in range(0, len(found), n)]
 
     def evaluate(self, candidates: Speculation) -> float:
         """As `WalkingCost.evaluate`: work off the candidates of a search, a world a lane."""
-        standing = functools.cache(lambda angles, k: self._standing(np.frombuffer(angles), k))
+        standing = functools.cache(lambda angles, k: self.standing(np.frombuffer(angles), k))
         runs = _WorldByWorld(candidates, self)
 
         def begin(key: tuple[_Evaluation, int]) -> tuple[np.ndarray, Reference, int]:
@@ -127,54 +113,31 @@ class CostInWorlds:
         def end(run: Trajectory) -> Trajectory:
             return run
 
-        return simulate_stream(self.scenes, self.cost.end, runs, begin, end, record=self._record, sample=TICK)
+        return simulate_stream(self.scenes, self.cost.end, runs, begin, end, record=RECORD, sample=TICK)
 
-    def _standing(self, angles: np.ndarray, k: int) -> np.ndarray:
+    def standing(self, angles: np.ndarray, k: int) -> np.ndarray:
+        """The state that the robot begins with in world k in a posture (nj,) [rad], but for its offsets."""
         return standing_state(self.scenes[k], angles + self.offsets[k], beyond_limits=True)
 
-    @property
-    def _record(self) -> tuple[str, ...]:
-        return RECORD if self.watch is None else limits.RECORD
-
-    def _measured(self, run: Trajectory, k: int) -> _Walk:
+    def _measured(self, run: Trajectory, k: int) -> Measures:
         """A robot whose speeds ring on a stiff floor has not fallen; what it costs there a finer step has to say."""
         cost, scene = self.cost, self.scenes[k]
         if run.status == "chatter" and not self.strict:
             run = dataclasses.replace(run, status="ok", message="")
-        measures = measured(scene, run, cost.mark, cost.end, cost.strides, slip=False)
-        if self.watch is None or not math.isfinite(measures.cost):
-            return _Walk(measures, {})
-        first, last = np.searchsorted(run["time"], [cost.mark - 1e-9, cost.end - 1e-9])
-        return _Walk(measures, self.watch.excesses(scene, run, slice(first, last + 1)))
+        return measured(scene, run, cost.mark, cost.end, cost.strides, slip=False)
 
     def verified(self, x: ArrayLike) -> tuple[float, float]:
         """In what share of the worlds a gait walks, and its cost in these as a search is told it [J/m]."""
-        (signal,) = self._signals([x])
-        (walks,) = self._walked([signal])
-        through = [one for one in walks if math.isfinite(one.measures.cost)]
-        return len(through) / len(walks), self._told(signal, through)[0] if through else math.inf
+        costs = [one.cost for one in self.measure([x])[0]]
+        through = [cost for cost in costs if math.isfinite(cost)]
+        return len(through) / len(costs), self.told(through)[0] if through else math.inf
 
-    def _told(self, signal: Reference, walks: Sequence[_Walk]) -> tuple[float, str]:
-        costs = [one.measures.cost for one in walks]
+    def told(self, costs: Sequence[float]) -> tuple[float, str]:
+        """What a search is told of the costs in the worlds [J/m], and the status."""
         if not all(map(math.isfinite, costs)):
             return math.inf, NOT_EVERYWHERE
         mean = math.fsum(costs) / len(costs)
-        worst = mean + self.penalty * (max(costs) - mean)
-        if self.watch is None:
-            return worst, "ok"
-        drift = math.fsum(one.measures.sideways / one.measures.distance for one in walks) / len(walks)
-        return worst * limits.paid([one.excess for one in walks], drift, self.watch.planned(self._stride(signal))), "ok"
-
-    def _stride(self, signal: Reference) -> np.ndarray:
-        """The last stride that the servos are sent (n, nj) [rad]."""
-        return signal.values[-1 - round(self.gait.period / TICK) :]
-
-
-class _Walk(NamedTuple):
-    """How a gait goes in a world."""
-
-    measures: Measures
-    excess: dict[str, float]  # by the limit's name, see `limits`; of a gait that does not walk none
+        return mean + self.penalty * (max(costs) - mean), "ok"
 
 
 class _Evaluation:
@@ -183,7 +146,7 @@ class _Evaluation:
     def __init__(self, candidate: Candidate, cost: CostInWorlds) -> None:
         self.candidate = candidate
         self.signal = cost.cost.reference(candidate.x, cost.cost.warm_up + cost.cost.strides)
-        self.walks: list[_Walk | None] = [None] * len(cost.scenes)
+        self.costs: list[float | None] = [None] * len(cost.scenes)
         self.failed = False
 
 
@@ -214,15 +177,15 @@ class _WorldByWorld:
 
     def give(self, key: tuple[_Evaluation, int], run: Trajectory) -> None:
         evaluation, k = key
-        walk = self._cost._measured(run, k)
+        cost = self._cost._measured(run, k).cost
         with self._lock:
             told = evaluation.failed
-            evaluation.walks[k] = walk
-            evaluation.failed = told or not math.isfinite(walk.measures.cost)
-            done = [one for one in evaluation.walks if one is not None]
+            evaluation.costs[k] = cost
+            evaluation.failed = told or not math.isfinite(cost)
+            done = [one for one in evaluation.costs if one is not None]
         if told or (len(done) < len(self._cost.scenes) and not evaluation.failed):
             return
-        self._candidates.give(evaluation.candidate, self._cost._told(evaluation.signal, done))
+        self._candidates.give(evaluation.candidate, self._cost.told(done))
 
     def close(self) -> None:
         self._candidates.close()
@@ -235,18 +198,16 @@ def in_worlds(
     *,
     penalty: float = PENALTY,
     timestep: float | None = None,
-    watch: Watch | None = None,
 ) -> CostInWorlds:
     """The cost in worlds drawn so that each number is spread evenly over its range (a Latin hypercube).
 
-    timestep [s]: another than that of the cost's scene, at which a run whose speeds ring counts as a fall; watch: adds
-    what a real robot asks for (see `limits`).  On floors that sink by less than 0.1 mm the midpoint rule
-    rings at 1 ms, which is not held against a gait: of three gaits in 128 worlds it finds 61 of the 70 falls that there
-    are at a quarter of the step; implicit Euler, which damps the ringing, 47.
+    timestep [s]: another than that of the cost's scene, at which a run whose speeds ring counts as a fall.  On floors
+    that sink by less than 0.1 mm the midpoint rule rings at 1 ms: of three gaits in 128 worlds it finds 61 of the 70
+    falls that there are at a quarter of the step; implicit Euler, which damps the ringing, 47.
     """
     scene = cost.scene if timestep is None else cost.scene.recompiled(timestep=timestep)
     worlds, offsets = variations(scene, count, seed)
-    return CostInWorlds(cost, worlds.scenes(scene), offsets, penalty, watch, strict=timestep is not None)
+    return CostInWorlds(cost, worlds.scenes(scene), offsets, penalty, strict=timestep is not None)
 
 
 def variations(scene: CompiledScene, count: int, seed: int = 0) -> tuple[Worlds, np.ndarray]:

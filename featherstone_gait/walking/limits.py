@@ -15,10 +15,8 @@ gives way by 2 degrees under 0.5 N m and follows late, so that of 25 mm of plann
 What swings fast, bears and drives is told by thresholds that the report's figures depend on: half of the largest speed
 of that foot in the run, a tenth of the weight, and where it is the voltage, R I + k v with its size, braking included.
 
-A search pays for what passes a limit: its cost is multiplied by 1 + sum of weight times excess, the excess being the
-mean over time and worlds of what is beyond the limit, in shares of `scale` (of a joint's quantity summed over the
-joints).  Means, since a largest value is that of one moment on one floor and differs from one candidate to the next by
-more than what a step saves.  A search keeps to limits that are stricter by `margin`.
+A search is told of a run by how much each quantity is beyond its limit at each moment of each stride, in shares of
+`scale` and with limits that are stricter by `margin` (`Watch.beyond`).
 
 The ground is level, at height 0.
 """
@@ -27,7 +25,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -45,10 +43,12 @@ from ..trajectory import Trajectory
 RECORD = ("base_q", "q", "qd", "torque", "current", "contact_force", "energy")
 FAST = 0.5  # of its largest speed: a foot that swings
 BEARS = 0.1  # of the robot's weight: a foot that stands
+FADES = 6.0  # by how many scales a search sees less of what does not count at all
+TINY = 1e-30  # squared speed of feet that do not move [m^2/s^2]
 
 
 class Limit(NamedTuple):
-    """A bound, and what a search pays for passing it."""
+    """A bound, and how a search sees it."""
 
     name: str
     what: str
@@ -56,18 +56,17 @@ class Limit(NamedTuple):
     bound: float  # [SI]
     most: bool  # whether it is the largest value that counts, not the least
     margin: float  # by which a search keeps away from the bound
-    scale: float  # of the excess
-    weight: float
+    scale: float  # in which it counts what is beyond
 
 
 LIMITS = (
-    Limit("swing", "fast foot over the ground", "m", 5e-3, False, 2e-3, 5e-3, 2.0),
-    Limit("tilt", "loaded sole against the ground", "rad", math.radians(5.0), True, math.radians(1.0),
-          math.radians(5.0), 4.0),
-    Limit("apart", "links apart", "m", 5e-3, False, 2e-3, 5e-3, 1.0),
-    Limit("torque", "torque over stall torque", "-", 0.8, True, 0.05, 0.2, 1.0),
-    Limit("line", "voltage taken over supply", "-", 0.8, True, 0.05, 0.2, 1.0),
-    Limit("drift", "sideways over forwards", "-", 0.02, True, 0.0, 0.02, 0.02),
+    Limit("swing", "fast foot over the ground", "m", 5e-3, False, 1e-3, 5e-3),
+    Limit("tilt", "loaded sole against the ground", "rad", math.radians(5.0), True, math.radians(0.8),
+          math.radians(5.0)),
+    Limit("apart", "links apart", "m", 5e-3, False, 1e-3, 5e-3),
+    Limit("torque", "torque over stall torque", "-", 0.8, True, 0.05, 0.2),
+    Limit("line", "voltage taken over supply", "-", 0.8, True, 0.03, 0.2),
+    Limit("drift", "sideways over forwards", "-", 0.02, True, 0.01, 0.04),
 )  # fmt: skip
 BY_NAME = {limit.name: limit for limit in LIMITS}
 
@@ -99,13 +98,13 @@ class Worst(NamedTuple):
 class Quantity:
     """A quantity over time."""
 
-    values: np.ndarray  # (n, parts); nan where it does not count
+    values: np.ndarray  # (n, parts)
+    share: np.ndarray  # (n, parts) of what it takes to count; from 1 on it does
     parts: Sequence[str]  # (parts,) or (n,) of a quantity that is of one part at a time
 
     def worst(self, name: str, times: np.ndarray) -> Worst:
         """The worst value, at times (n,) [s]."""
-        limit, values = BY_NAME[name], self.values
-        counts = ~np.isnan(values)
+        limit, values, counts = BY_NAME[name], self.values, self.share >= 1.0
         if not counts.any():
             return Worst(name, math.nan, "", math.nan, 0.0)
         signed = np.where(counts, values if limit.most else -values, -np.inf)
@@ -114,12 +113,13 @@ class Quantity:
         beyond = signed > (limit.bound if limit.most else -limit.bound)
         return Worst(name, float(values[row, part]), where, float(times[row]), float(beyond.sum() / counts.sum()))
 
-    def excess(self, limit: Limit) -> float:
-        """Mean over time of what is beyond the bound and its margin, summed over the parts, in shares of the scale."""
-        sign = 1.0 if limit.most else -1.0
-        beyond = sign * (self.values - limit.bound) + limit.margin
-        counts = ~np.isnan(beyond)
-        return math.fsum(beyond[counts & (beyond > 0.0)].tolist()) / (limit.scale * len(beyond))
+    def beyond(self, limit: Limit) -> np.ndarray:
+        """By how much the values (n, parts) are beyond the bound less its margin, in shares of the scale.
+
+        The less, the less they count: what does not count, but nearly, is still seen, and changes steadily.
+        """
+        beyond = ((self.values - limit.bound) * (1.0 if limit.most else -1.0) + limit.margin) / limit.scale
+        return beyond - FADES * np.maximum(1.0 - self.share, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,14 +188,15 @@ class Watch:
         """Those that a run shows in a window of its samples, but for `apart`."""
         return self.of_feet(scene, run, window) | of_servos(scene, run, window)
 
-    def excesses(self, scene: CompiledScene, run: Trajectory, window: slice) -> dict[str, float]:
-        """What a search is told of a run, by name."""
-        found = self.quantities(scene, run, window)
-        return {name: quantity.excess(BY_NAME[name]) for name, quantity in found.items()}
+    def beyond(self, scene: CompiledScene, run: Trajectory, window: slice, strides: int) -> np.ndarray:
+        """What a search is told of a run: `Quantity.beyond` of all but `apart`, (strides, moments times parts).
 
-    def planned(self, stride: np.ndarray) -> float:
-        """The excess of `apart` of the postures (n, nj) that the servos are sent [rad]."""
-        return self.apart(stride).excess(BY_NAME["apart"])
+        The strides begin with the first of the samples.
+        """
+        n = (window.stop - window.start) // strides * strides
+        found = self.quantities(scene, run, window)
+        each = [quantity.beyond(BY_NAME[name])[:n].reshape(strides, -1) for name, quantity in found.items()]
+        return np.concatenate(each, axis=1)
 
     def of_feet(self, scene: CompiledScene, run: Trajectory, window: slice) -> dict[str, Quantity]:
         """swing and tilt."""
@@ -207,25 +208,24 @@ class Watch:
         up = poses.rotation[:, feet.rows, 2, :]
         cosine = up[..., 0] * feet.normals[:, 0] + up[..., 1] * feet.normals[:, 1] + up[..., 2] * feet.normals[:, 2]
         tilt = np.sqrt(2.0 * np.maximum(1.0 - cosine, 0.0))  # 2 sin(angle / 2), with the same bits everywhere
-        height = np.empty(cosine.shape)
+        height, fast, loaded = np.empty((3, *cosine.shape))
         for foot in range(len(feet.names)):
             own = np.flatnonzero(feet.points == foot)
-            lowest = points[:, own, 2].min(axis=1)
+            height[:, foot] = points[:, own, 2].min(axis=1)
             u, v = np.gradient(total(points[:, own, :2], axis=1), axis=0).T
             speed = u * u + v * v
-            height[:, foot] = np.where(speed > FAST * FAST * speed.max(), lowest, np.nan)
-            borne = sum(force[:, k] for k in own)
-            tilt[:, foot] = np.where(borne > BEARS * weight, tilt[:, foot], np.nan)
-        return {"swing": Quantity(height, feet.names), "tilt": Quantity(tilt, feet.names)}
+            fast[:, foot] = np.sqrt(speed / max(speed.max(), TINY)) / FAST
+            loaded[:, foot] = sum(force[:, k] for k in own) / (BEARS * weight)
+        return {"swing": Quantity(height, fast, feet.names), "tilt": Quantity(tilt, loaded, feet.names)}
 
     def apart(self, q: np.ndarray) -> Quantity:
         """Of postures (n, nj) [rad] how far links are apart."""
         if not len(self.pairs):
-            return Quantity(np.full((len(q), 1), np.nan), ("",))
+            return Quantity(np.full((len(q), 1), np.inf), np.zeros((len(q), 1)), ("",))
         base = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (len(q), 1))
         found = clearance(self.model, np.hstack([base, q]), self.pairs)
         names = [" and ".join(self.model.shapes[k].link for k in pair) for pair in found.shapes]
-        return Quantity(found.distance[:, None], names)
+        return Quantity(found.distance[:, None], np.ones((len(q), 1)), names)
 
     def worst(self, scene: CompiledScene, run: Trajectory, window: slice) -> list[Worst]:
         """The worst of each quantity in a window of a run, in the order of `LIMITS`."""
@@ -264,19 +264,11 @@ def of_servos(scene: CompiledScene, run: Trajectory, window: slice) -> dict[str,
     V = np.array([servo.voltage_limit for servo in servos])
     torque = np.abs(run["torque"][window][:, driven]) / stall
     line = np.abs(R * run["current"][window] + k * run["qd"][window][:, driven]) / V
-    return {"torque": Quantity(torque, names), "line": Quantity(line, names)}
+    always = np.ones(torque.shape)
+    return {"torque": Quantity(torque, always, names), "line": Quantity(line, always, names)}
 
 
 @functools.lru_cache(maxsize=1024)
 def _stall_torque(servo: Servo) -> float:
     return torque_speed(servo, points=2).stall_torque
 
-
-def paid(excesses: Iterable[Mapping[str, float]], drift: float, planned: float) -> float:
-    """By what a search multiplies its cost: of each world its excesses, the mean drift, the excess of `apart`."""
-    worlds = list(excesses)
-    mean = {name: math.fsum(one[name] for one in worlds) / len(worlds) for name in worlds[0]}
-    limit = BY_NAME["drift"]
-    mean["drift"] = max(abs(drift) - limit.bound + limit.margin, 0.0) / limit.scale
-    mean["apart"] = planned
-    return 1.0 + math.fsum(BY_NAME[name].weight * excess for name, excess in mean.items())

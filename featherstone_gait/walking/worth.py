@@ -1,7 +1,7 @@
 """What a gait is worth: measured finer, disturbed, in other worlds, against what a real robot asks for, and for longer.
 
-A search finds its cheapest candidate by eight runs of ten strides, and the cheapest of 800 is partly the luckiest.
-`chosen` therefore looks at the best few again, in worlds of their own, for longer and at a quarter of the step.
+A search measures a gait in eight worlds for eight strides, and what is best there is partly luck.  `chosen` therefore
+looks at the best few again, in worlds of their own, for longer and at a quarter of the step.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .limits import Watch
 PERTURBED, PERTURBATION = 63, math.radians(1.0)  # gaits that tell how safe one is, and how far theirs are off [rad]
 UNSEEN, UNSEEN_SEED = 200, 10**6  # worlds that tell what a gait is worth elsewhere, and what they are drawn with
 UNSEEN_STRIDES = 20
-BEST, CHECKED, CHECKED_SEED = 6, 16, 5 * 10**5  # candidates looked at again, in how many worlds, drawn with what
+BEST, CHECKED, CHECKED_SEED = 4, 16, 5 * 10**5  # gaits looked at again, in how many worlds, drawn with what
 FINER = 0.25  # of the step
 STANDBY = 0.05  # current of a servo's electronics, of an AX-12 [A]
 
@@ -81,20 +81,34 @@ def _spread_of(measures: Sequence[Measures]) -> dict[str, Any]:
 def chosen(
     cost: WalkingCost, watch: Watch, history: Mapping[str, np.ndarray], best: int = BEST, progress: bool = False
 ) -> tuple[np.ndarray, list[dict[str, Any]]]:
-    """Of the cheapest candidates of a search the one that does best in other worlds, and what each did there.
+    """Of the gaits of a descent the one that keeps most limits and does best in other worlds, and what each did there.
 
-    What counts first is in how many of the worlds it walks, then its cost there, as a search is told it.
+    Looked at are those that keep most limits on the robot's own floor, among equals those that cost least in the worlds
+    of the search.  Of these counts first whether a gait walks in all of the worlds but one, then the limits, then the
+    share of the worlds, then its cost there, as a search is told it.
     """
-    order = np.argsort(history["f"], kind="stable")[:best]
+    kept = {k: _kept(cost, history["x"][k], watch) for k in _different(history["f"])}
+    order = sorted(kept, key=lambda k: (-kept[k], history["f"][k]))[:best]
     longer = replace(cost, strides=UNSEEN_STRIDES)
-    others = in_worlds(longer, CHECKED, CHECKED_SEED, timestep=FINER * cost.scene.timestep, watch=watch)
+    others = in_worlds(longer, CHECKED, CHECKED_SEED, timestep=FINER * cost.scene.timestep)
     rows: list[dict[str, Any]] = []
     for k in tqdm(order, desc=f"{CHECKED} worlds to choose in", unit="gait", disable=not progress):
-        if math.isfinite(history["f"][k]):
-            walks, price = others.verified(history["x"][k])
-            rows.append({"candidate": int(k), "searched": float(history["f"][k]), "walks": walks, "cost": price})
-    first = min(rows, key=lambda row: (-row["walks"], row["cost"]))
+        walks, price = others.verified(history["x"][k])
+        rows.append(
+            {"candidate": k, "searched": float(history["f"][k]), "kept": kept[k], "walks": walks, "cost": price}
+        )
+    first = min(rows, key=lambda row: (row["walks"] < 1.0 - 1.0 / CHECKED, -row["kept"], -row["walks"], row["cost"]))
     return history["x"][int(first["candidate"])], rows
+
+
+def _different(f: np.ndarray) -> list[int]:
+    """Where a descent came to another gait, of those that walk."""
+    return [k for k, cost in enumerate(f) if math.isfinite(cost) and (k == 0 or cost != f[k - 1])]
+
+
+def _kept(cost: WalkingCost, x: np.ndarray, watch: Watch) -> int:
+    """How many limits a gait keeps on the robot's own floor; none if it falls."""
+    return sum(one["kept"] for one in plausible(cost, x, watch)["limits"] or [])
 
 
 def plausible(cost: WalkingCost, x: np.ndarray, watch: Watch) -> dict[str, Any]:
