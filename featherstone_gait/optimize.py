@@ -191,9 +191,9 @@ def main_job(
     worth elsewhere.  `crosscheck`: in how many processes the gait that was found is walked on the floors of
     `featherstone_gait.crosscheck` in MuJoCo, 0 for not at all.
 
-    In worlds the second half of the candidates pay for what a real robot asks for and they lack (`walking.limits`), and
-    of the best that is taken which does best in 16 more (`walking.worth.chosen`); with `limits` False all are for
-    energy alone.  `electronics`, `holding`: what the electronics of all servos take, and what the locked ones take
+    In worlds the second half of the work is a descent that keeps to what a real robot asks for (`walking.descent`), and
+    of the gaits that it tried that is taken which keeps most limits and does best in 16 more worlds
+    (`walking.worth.chosen`); with `limits` False all candidates are for energy alone.  `electronics`, `holding`: what the electronics of all servos take, and what the locked ones take
     to hold still [W]; told beside the motors' energy.  `plan`: which gait the search begins with, as of
     `walking_cost`; `fair`: after a search in worlds, look for the cheapest plan too and compare with that.
 
@@ -246,7 +246,7 @@ def main_job(
         unseen, crosscheck, fair = 0, 0, False
     choice: list[dict[str, Any]] = []
     if "limited" in result and result.status != 2:
-        result.x, choice = chosen(cost, watch, result.limited.history, progress=progress)
+        result.x, choice = chosen(cost, watch, result.limited.tried, progress=progress)
     before, after = (quality(cost, x) for x in (x0, result.x))
     elsewhere = worth_elsewhere(cost, [x0, result.x], unseen, progress) if unseen else None
     checked = _crosschecked(cost, result.x, robot, servo, stem, crosscheck, progress) if crosscheck else None
@@ -631,7 +631,7 @@ def _settings(cost: WalkingCost, iterations: int, seed: int, worlds: int) -> dic
 
 
 def plot_convergence(result: OptimizeResult) -> Figure:
-    """Cost of every candidate and the best so far; from where a search pays for limits on, anew."""
+    """Cost of every candidate and the best so far; from where a search keeps to limits on, anew."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.0, 4.0), layout="constrained")

@@ -201,10 +201,10 @@ def test_of_the_best_candidates_that_is_taken_which_walks_elsewhere(cost, watch,
     monkeypatch.setattr(worth, "CHECKED", 2)
     monkeypatch.setattr(worth, "UNSEEN_STRIDES", 1)
     first, falls = cost.gait.to_vector(), _falling(cost)
-    history = {"x": np.array([first, first, falls, falls]), "f": np.array([80.0, 80.0, 20.0, math.inf])}
+    history = {"x": np.array([first, falls, falls]), "f": np.array([80.0, 20.0, math.inf])}
     x, rows = worth.chosen(cost, watch, history)
     assert np.array_equal(x, first)
-    assert [(row["candidate"], row["walks"]) for row in rows] == [(0, 1.0), (2, 0.0)]
+    assert [(row["candidate"], row["walks"]) for row in rows] == [(0, 1.0), (1, 0.0)]
     kept = sum(one["kept"] for one in worth.plausible(cost, first, watch)["limits"])
     assert [row["kept"] for row in rows] == [kept, 0]
 

@@ -227,14 +227,14 @@ def _in_mujoco(report: Report) -> str:
 def _search(report: Report, costs: np.ndarray) -> str:
     chosen = report["search"]["chosen_among"]
     body = [
-        [f"step {row['candidate']}", _number(row["searched"]), str(row["kept"]),
+        [f"gait {row['candidate']}", _number(row["searched"]), str(row["kept"]),
          _number(row["walks"], " %", 100.0, 0),
          _number(row["cost"] if row["cost"] is not None and math.isfinite(row["cost"]) else None)]
         for row in chosen
     ]  # fmt: skip
     table = _table(["", "searched, J/m", "limits kept", "walks", "there, J/m"], body) if body else ""
     why = (
-        "<p>Gaits that steps of the descent end with, looked at again in worlds of their own; taken is, of those that "
+        "<p>Gaits that the descent tried, looked at again in worlds of their own; taken is, of those that "
         "walk in all but one at most, the one that keeps most limits, then the one that walks in most, then the "
         "cheapest.</p>"
     )
@@ -296,7 +296,7 @@ def _intervals(rows: Sequence[tuple[str, Sequence[float]]]) -> str:
 
 
 def parts_of(costs: np.ndarray, since: int | None) -> list[np.ndarray]:
-    """The costs of a search, and where it changes what it pays for those before and after."""
+    """The costs of a search, and where it changes what it asks for those before and after."""
     return [costs] if since is None else [costs[:since], costs[since:]]
 
 
@@ -327,7 +327,7 @@ def _convergence(costs: np.ndarray, since: int | None) -> str:
     parts += [f'<circle class="dot" cx="{x(k):.1f}" cy="{y(costs[k]):.1f}" r="1.6"/>' for k in shown]
     line = " ".join(f"{x(k):.1f},{y(f):.1f}" for k, f in enumerate(best) if math.isfinite(f) and f <= most)
     if since is not None:
-        parts.append(f'<text x="{x(since) + 4:.1f}" y="20">pays for limits</text>')
+        parts.append(f'<text x="{x(since) + 4:.1f}" y="20">keeps to limits</text>')
         parts.append(f'<line class="first" x1="{x(since):.1f}" x2="{x(since):.1f}" y1="8" y2="{HEIGHT - FOOT}"/>')
     parts.append(f'<polyline class="best" points="{line}"/>')
     return _picture(HEIGHT, parts, "What the search is told [J/m] of each candidate, and the least so far")

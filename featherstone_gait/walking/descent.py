@@ -49,7 +49,7 @@ WIDTH = math.radians(0.3)  # of the changes that slopes are measured with [rad]
 RADIUS, LEAST_RADIUS, LARGEST_RADIUS = math.radians(1.0), math.radians(0.3), math.radians(1.5)  # of a step [rad]
 TRIALS = (1.0, 0.5, 2.0)  # of a step
 RADII = {0.0: 0.5, 0.5: 0.7, 1.0: 1.0, 2.0: 1.5}  # by which the radius changes, by the trial that was best; 0 is none
-PRICE, GROWS, LARGEST_PRICE = 0.5, 1.3, 8.0
+PRICE, GROWS, LARGEST_PRICE = 0.5, 1.35, 30.0
 ROWS_PER_NUMBER = 2  # gaits for each of the angles at least, that slopes are measured with
 SAMPLE = 0.02  # [s] between records
 SHORT = {"warm_up": 1, "strides": 4}  # of the walks that tell slopes
@@ -228,34 +228,36 @@ def descend(
 
     The result has x, fun (J/m in the worlds), nit (steps), nfev (walks), success, status (0, or 2 when interrupted),
     message, and history: arrays x (nit + 1, D), f, its cost in the worlds [J/m], and broken, the sum of squares of what
-    passes limits, of the gait that each step ends with.
+    passes limits, of the gait that each step ends with; tried: x and f of all gaits that were tried in all worlds.
     """
     instance("cost", cost, CostInWorlds, "give what in_worlds returns")
     steps = whole("steps", steps, 0, "it is a number of steps", 10**6)
     descent = _Descent(cost, watch)
     starts = [cost.gait.to_vector()] if starts is None else list(starts)
     log = _Log(history, {"search": HISTORY, "version": 1, "seed": seed, "x0": starts[0].tolist()}, resume)
-    status, message, path, radius = 0, "all steps made", [], RADIUS
+    status, message, path, tried, radius = 0, "all steps made", [], [], RADIUS
     bar = tqdm(total=steps, disable=not progress, unit="step", desc="within limits")
     try:
         point = _begun(descent, starts) if not log.lines else descent.judged(descent.points([log.x(0)])[0])
         descent.unit = point.cost if math.isfinite(point.cost) else 1.0
-        path = [(point.x, point.cost, point.broken)]
+        path, tried = [(point.x, point.cost, point.broken)], [(point.x, point.cost)]
         if not log.lines:
-            log.write(point, radius)
+            log.write(point, radius, [])
         for k, line in enumerate(log.lines[1:], start=1):
             path.append((log.x(k), line["f"], line["broken"]))
             radius = line["radius"]
+            tried += [(np.array(one["x"], dtype=float), one["f"] or math.inf) for one in line["trials"]]
         if len(path) > 1:
             (point,) = descent.points([path[-1][0]])
             point = descent.judged(point)
         for k in range(len(path) - 1, steps if math.isfinite(point.cost) else 0):
             descent.price = min(PRICE * GROWS**k, LARGEST_PRICE)
             most = max(descent.priced(*last) for _, *last in path[-MEMORY:])
-            point, best = _stepped(descent, point, most, radius, (seed, k))
+            trials, point, best = _stepped(descent, point, most, radius, (seed, k))
+            tried += [(trial.x, trial.cost) for trial in trials]
             radius = min(max(radius * RADII[best], LEAST_RADIUS), LARGEST_RADIUS)
             path.append((point.x, point.cost, point.broken))
-            log.write(point, radius)
+            log.write(point, radius, trials)
             bar.update(len(path) - 1 - bar.n)
             bar.set_postfix(cost=point.cost, broken=point.broken)
     except KeyboardInterrupt:
@@ -265,11 +267,12 @@ def descend(
         log.close()
     path = path or [(starts[0], math.inf, math.inf)]
     x, f, broken = (np.array(part) for part in zip(*path))
+    trials = {name: np.array(part) for name, part in zip("xf", zip(*(tried or [path[0][:2]])))}
     found = bool(np.isfinite(f[-1]))
     return OptimizeResult(
         x=x[-1], fun=float(f[-1]), nit=len(f) - 1,
         nfev=descent.walks, success=found and status == 0, status=status, message=message,
-        history={"x": x, "f": f, "broken": broken},
+        history={"x": x, "f": f, "broken": broken}, tried=trials,
     )  # fmt: skip
 
 
@@ -282,14 +285,14 @@ def _begun(descent: _Descent, starts: Sequence[np.ndarray]) -> _Point:
 
 def _stepped(
     descent: _Descent, point: _Point, most: float, radius: float, seed: Sequence[int]
-) -> tuple[_Point, float]:
-    """The next gait, and which of `TRIALS` it was; the same gait and 0 if none costs less than `most`."""
+) -> tuple[list[_Point], _Point, float]:
+    """The trials, the next gait, and which of `TRIALS` it was; the same gait and 0 if none costs less than `most`."""
     change = descent.step(point, radius, seed)
     trials = descent.points([np.clip(point.x + share * change, *descent.box.T) for share in TRIALS])
     for share, trial in sorted(zip(TRIALS, trials), key=lambda one: one[1].price):
         if trial.price < most and (trial := descent.judged(trial)).price < most:
-            return trial, share
-    return point, 0.0
+            return trials, trial, share
+    return trials, point, 0.0
 
 
 class _Log:
@@ -324,10 +327,11 @@ class _Log:
         """The gait that step k ended with."""
         return np.array(self.lines[k]["x"], dtype=float)
 
-    def write(self, point: _Point, radius: float) -> None:
-        finite = math.isfinite(point.cost)
-        f, broken = (point.cost, point.broken) if finite else (None, None)
-        self._write({"x": point.x.tolist(), "f": f, "broken": broken, "radius": radius})
+    def write(self, point: _Point, radius: float, trials: Sequence[_Point]) -> None:
+        number = lambda value: value if math.isfinite(value) else None  # noqa: E731
+        each = [{"x": one.x.tolist(), "f": number(one.cost)} for one in trials]
+        f, broken = number(point.cost), number(point.broken)
+        self._write({"x": point.x.tolist(), "f": f, "broken": broken, "radius": radius, "trials": each})
 
     def _write(self, content: dict[str, Any]) -> None:
         if self.path is not None:

@@ -23,7 +23,7 @@ from .limits import Watch
 PERTURBED, PERTURBATION = 63, math.radians(1.0)  # gaits that tell how safe one is, and how far theirs are off [rad]
 UNSEEN, UNSEEN_SEED = 200, 10**6  # worlds that tell what a gait is worth elsewhere, and what they are drawn with
 UNSEEN_STRIDES = 20
-BEST, CHECKED, CHECKED_SEED = 4, 16, 5 * 10**5  # gaits looked at again, in how many worlds, drawn with what
+BEST, CHECKED, CHECKED_SEED = 6, 16, 5 * 10**5  # gaits looked at again, in how many worlds, drawn with what
 FINER = 0.25  # of the step
 STANDBY = 0.05  # current of a servo's electronics, of an AX-12 [A]
 
@@ -81,13 +81,14 @@ def _spread_of(measures: Sequence[Measures]) -> dict[str, Any]:
 def chosen(
     cost: WalkingCost, watch: Watch, history: Mapping[str, np.ndarray], best: int = BEST, progress: bool = False
 ) -> tuple[np.ndarray, list[dict[str, Any]]]:
-    """Of the gaits of a descent the one that keeps most limits and does best in other worlds, and what each did there.
+    """Of the gaits that a descent tried the one that keeps most limits and does best in other worlds, and its rivals.
 
     Looked at are those that keep most limits on the robot's own floor, among equals those that cost least in the worlds
     of the search.  Of these counts first whether a gait walks in all of the worlds but one, then the limits, then the
     share of the worlds, then its cost there, as a search is told it.
     """
-    kept = {k: _kept(cost, history["x"][k], watch) for k in _different(history["f"])}
+    walking = [k for k, searched in enumerate(history["f"]) if math.isfinite(searched)]
+    kept = {k: _kept(cost, history["x"][k], watch) for k in walking}
     order = sorted(kept, key=lambda k: (-kept[k], history["f"][k]))[:best]
     longer = replace(cost, strides=UNSEEN_STRIDES)
     others = in_worlds(longer, CHECKED, CHECKED_SEED, timestep=FINER * cost.scene.timestep)
@@ -99,11 +100,6 @@ def chosen(
         )
     first = min(rows, key=lambda row: (row["walks"] < 1.0 - 1.0 / CHECKED, -row["kept"], -row["walks"], row["cost"]))
     return history["x"][int(first["candidate"])], rows
-
-
-def _different(f: np.ndarray) -> list[int]:
-    """Where a descent came to another gait, of those that walk."""
-    return [k for k, cost in enumerate(f) if math.isfinite(cost) and (k == 0 or cost != f[k - 1])]
 
 
 def _kept(cost: WalkingCost, x: np.ndarray, watch: Watch) -> int:
