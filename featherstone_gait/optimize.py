@@ -193,9 +193,10 @@ def main_job(
 
     In worlds the second half of the work is a descent that keeps to what a real robot asks for (`walking.descent`), and
     of the gaits that it tried that is taken which keeps most limits and does best in 16 more worlds
-    (`walking.worth.chosen`); with `limits` False all candidates are for energy alone.  `electronics`, `holding`: what the electronics of all servos take, and what the locked ones take
-    to hold still [W]; told beside the motors' energy.  `plan`: which gait the search begins with, as of
-    `walking_cost`; `fair`: after a search in worlds, look for the cheapest plan too and compare with that.
+    (`walking.worth.chosen`); with `limits` False all candidates are for energy alone.  `electronics`, `holding`: what
+    the electronics of all servos take, and what the locked ones take to hold still [W]; told beside the motors' energy.
+    `plan`: which gait the search begins with, as of `walking_cost`; `fair`: after a search in worlds, look for the
+    cheapest plan too and compare with that.
 
     KeyboardInterrupt ends the search, and the files hold what was found, measured on the robot's own ground alone.
     A process that is killed leaves the history, from which it resumes to the same files; they appear only when all of

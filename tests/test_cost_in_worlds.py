@@ -38,7 +38,7 @@ def test_the_cost_is_the_mean_and_half_of_what_the_worst_is_above_it(cost, three
     x, alone = cost.gait.to_vector(), []
     for k, scene in enumerate(three.scenes):
         signal = cost.reference(x, cost.warm_up + cost.strides)
-        state = three._standing(signal.values[0], k)
+        state = three.standing(signal.values[0], k)
         run = simulate(scene, cost.end, state, signal, sample=0.04, record=("base_q", "energy"), estimate_error=False)
         assert run.status in ("ok", "chatter")
         alone.append(measured(scene, replace(run, status="ok"), cost.mark, cost.end, cost.strides, slip=False).cost)

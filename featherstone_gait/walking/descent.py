@@ -267,12 +267,12 @@ def descend(
         log.close()
     path = path or [(starts[0], math.inf, math.inf)]
     x, f, broken = (np.array(part) for part in zip(*path))
-    trials = {name: np.array(part) for name, part in zip("xf", zip(*(tried or [path[0][:2]])))}
+    each = {name: np.array(part) for name, part in zip("xf", zip(*(tried or [path[0][:2]])))}
     found = bool(np.isfinite(f[-1]))
     return OptimizeResult(
         x=x[-1], fun=float(f[-1]), nit=len(f) - 1,
         nfev=descent.walks, success=found and status == 0, status=status, message=message,
-        history={"x": x, "f": f, "broken": broken}, tried=trials,
+        history={"x": x, "f": f, "broken": broken}, tried=each,
     )  # fmt: skip
 
 
