@@ -61,7 +61,7 @@ class Limit(NamedTuple):
 
 LIMITS = (
     Limit("swing", "fast foot over the ground", "m", 5e-3, False, 1e-3, 5e-3),
-    Limit("tilt", "loaded sole against the ground", "rad", math.radians(5.0), True, math.radians(0.8),
+    Limit("tilt", "loaded sole against the ground", "rad", math.radians(5.0), True, math.radians(1.6),
           math.radians(3.0)),
     Limit("apart", "links apart", "m", 5e-3, False, 1e-3, 5e-3),
     Limit("torque", "torque over stall torque", "-", 0.8, True, 0.05, 0.2),
