@@ -155,7 +155,7 @@ def test_the_page_names_floors_falls_and_what_is_not_known(job, tmp_path):
     assert "&lt;plan&gt;" in page
     assert "none on the way" in page
     assert "Currents" not in page
-    assert "pays for limits" in page
+    assert "keeps to limits" in page
 
 
 def test_gains_are_told_at_equal_speed_and_with_standing_power_too(job):
