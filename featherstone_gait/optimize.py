@@ -37,6 +37,7 @@ from .crosscheck.in_mujoco import mujoco_version
 from .crosscheck.run import files as crosscheck_files
 from .files import FilePath, Format, claim, moving_up, parse_json
 from .model import Ground, Model
+from .optimize_feedback import feedback_history, search_feedback, told
 from .robot_file import load_robot, load_servo
 from .robot_file.servos import servo_names, with_servo
 from .run.simulate import streams
@@ -48,9 +49,11 @@ from .walking.cheapest_plan import PlanKind, States, first_gait
 from .walking.cost import Measures, WalkingCost
 from .walking.cost_in_worlds import MOST_WORLDS, CostInWorlds, in_worlds
 from .walking.descent import WORK, descend
+from .walking.feedback import BalancedWalk, add_feedback
 from .walking.gait import bounds, mirror_of
 from .walking.gait_file import ARRAYS, write_angles, write_goal_positions
 from .walking.limits import LIMITS, Watch
+from .walking.motion import Motion
 from .walking.worth import (
     STANDBY,
     UNSEEN,
@@ -178,6 +181,7 @@ def main_job(
     holding: float | None = None,
     plan: PlanKind = "plain",
     fair: bool = True,
+    feedback: bool = False,
 ) -> dict:
     """Optimise a robot's gait and write all files into the folder `out`; return what the JSON file holds.
 
@@ -197,6 +201,8 @@ def main_job(
     the electronics of all servos take, and what the locked ones take to hold still [W]; told beside the motors' energy.
     `plan`: which gait the search begins with, as of `walking_cost`; `fair`: after a search in worlds, look for the
     cheapest plan too and compare with that.
+    `feedback`: after the search half as many candidates more, of poses and gains together, in worlds and under pushes
+    (`optimize_feedback`); the .npz then holds the gait with its feedback.
 
     KeyboardInterrupt ends the search, and the files hold what was found, measured on the robot's own ground alone.
     A process that is killed leaves the history, from which it resumes to the same files; they appear only when all of
@@ -208,6 +214,8 @@ def main_job(
     own = load_robot(robot, locked="simplified" if robot == "humanoid" else None)
     model = own if servo is None else with_servo(own, servo)
     worlds = whole("worlds", worlds, 0, "0 is the robot's own ground alone", MOST_WORLDS)
+    if feedback and not worlds:
+        raise ValueError("feedback is searched in worlds, and worlds is 0; leave out --nominal and --worlds 0")
     unseen = whole("unseen", unseen, 0, "0 asks for none", MOST_WORLDS)
     if crosscheck:
         mujoco_version()
@@ -234,7 +242,7 @@ def main_job(
         if worlds:
             print(f"in {worlds} worlds: {first_cost:.1f} J/m" if status == "ok" else f"in {worlds} worlds: {status}")
     searching = time.perf_counter()
-    how = {"seed": seed, "resume": resume, "progress": progress}
+    how: dict[str, Any] = {"seed": seed, "resume": resume, "progress": progress}
     if isinstance(searched, CostInWorlds) and limits:
         result = optimize_with_limits(searched, watch, history, iterations=iterations, **how)
     else:
@@ -248,14 +256,22 @@ def main_job(
     choice: list[dict[str, Any]] = []
     if "limited" in result and result.status != 2:
         result.x, choice = chosen(cost, watch, result.limited.tried, progress=progress)
+    walk = None
+    if feedback and result.status != 2:
+        begins = in_worlds(replace(cost, gait=cost.gait.from_vector(result.x)), worlds)
+        found = search_feedback(begins, iterations=iterations // 2, history=feedback_history(history), **how)
+        result.x, walk = found.x_poses, found.walk
     before, after = (quality(cost, x) for x in (x0, result.x))
     elsewhere = worth_elsewhere(cost, [x0, result.x], unseen, progress) if unseen else None
-    checked = _crosschecked(cost, result.x, robot, servo, stem, crosscheck, progress) if crosscheck else None
+    motion = walk or motion_of(cost.gait.from_vector(result.x), cost.start, cost.blend_strides)
+    checked = _crosschecked(cost, motion, robot, servo, stem, crosscheck, progress) if crosscheck else None
     baselines = _baselines(cost, min(unseen, BASELINE_WORLDS), progress, bool(worlds) and fair and plan == "plain")
     if elsewhere:
         baselines[0]["elsewhere"] = elsewhere[0]
     with _alone_with(history), _appearing_together(stem) as folder:
         files = write_results(folder / stem.name, cost, result)
+        if walk is not None:
+            add_feedback(files["arrays"], walk)
         report = {
             "format": str(REPORT),
             "robot": model.name,
@@ -274,6 +290,7 @@ def main_job(
             "after": after.as_dict(),
             "elsewhere": elsewhere and dict(zip(("before", "after"), elsewhere)),
             **({} if servo is None else {"with_own_servos": _with_own_servos(own, cost)}),
+            "feedback": walk and told(cost, walk, worlds),
             "crosscheck": checked,
             "crosscheck_floors": _floors(stem) if checked else [],
             "plausible": {
@@ -391,10 +408,15 @@ def _with_own_servos(own: Model, cost: WalkingCost) -> dict:
 
 
 def _crosschecked(
-    cost: WalkingCost, x: np.ndarray, robot: FilePath, servo: FilePath | None, stem: Path, count: int, progress: bool
+    cost: WalkingCost,
+    motion: Motion | BalancedWalk,
+    robot: FilePath,
+    servo: FilePath | None,
+    stem: Path,
+    count: int,
+    progress: bool,
 ) -> str:
-    """What a gait vector does in MuJoCo, in words; if that cannot be told, why: the search is not to be lost by it."""
-    motion = motion_of(cost.gait.from_vector(x), cost.start, cost.blend_strides)
+    """What a gait does in MuJoCo, in words; if that cannot be told, why: the search is not to be lost by it."""
     out, servos = stem.with_name(stem.name + "_crosscheck"), cost.scene.servos
     assert servos is not None
     try:

@@ -25,6 +25,7 @@ def add(commands: Commands) -> None:
         takes=TAKES,
     )
     add_gait(parser)
+    parser.add_argument("--no-feedback", action="store_true", help="leave out the feedback that a gait's file has")
     parser.add_argument("--servos", choices=SERVO_KINDS, default="mipsd", help="gearbox")
     parser.add_argument("--servo", metavar="NAME", help="of all joints, as of optimize (default: the robot's own)")
     parser.add_argument("--floors", metavar="NAMES", help="with commas: 2ms_0.9,20ms_0.6 (default: all; a wrong name "
@@ -40,10 +41,14 @@ def run(args: Namespace) -> int:
     from ..crosscheck import crosscheck, summary
     from ..crosscheck.run import files
     from ..robot_file import load_robot
+    from ..walking.feedback import read_walk
     from ..walking.motion import read_motion
 
     model = load_robot(args.robot, locked="simplified" if args.robot == "humanoid" else None)
-    motion = read_motion(args.gait, model.joint_names, first=args.first)
+    plain = args.first or args.no_feedback
+    motion = read_motion(args.gait, model.joint_names, first=args.first) if plain else read_walk(
+        args.gait, model.joint_names
+    )
     out = args.out / f"{gait_stem(args)}_crosscheck"
     announce(TAKES)
     with telling_extras():

@@ -51,6 +51,8 @@ def add(commands: Commands) -> None:
     parser.add_argument("--plan", choices=("plain", "cheapest"), default="plain", help=f"plan {what}")
     what = "do not look for the cheapest plan to compare with; it takes some 15 s"
     parser.add_argument("--no-fair", action="store_true", help=what)
+    what = "then search feedback from an IMU, gains and poses together, in worlds and under pushes (docs/feedback.md)"
+    parser.add_argument("--feedback", action="store_true", help=what)
     parser.add_argument("--resume", action="store_true", help="go on from the history in the folder")
     parser.add_argument("--crosscheck", action="store_true", help="also walk the gait in MuJoCo, on twelve floors")
 
@@ -79,5 +81,6 @@ def run(args: Namespace) -> int:
             holding=args.holding,
             plan=args.plan,
             fair=not args.no_fair,
+            feedback=args.feedback,
         )
     return 0

@@ -10,6 +10,7 @@ from ..model import Ground
 from ..run.simulate import simulate, standing_state
 from ..trajectory import Trajectory
 from ..walking.cost import SAMPLE, Measures, measured
+from ..walking.feedback import BalancedWalk
 from ..walking.motion import Motion
 from .in_mujoco import TIMESTEP, Floor, replay, sinking, standing
 
@@ -58,7 +59,11 @@ class Outcome:
 
 
 def walk_on(
-    scene: CompiledScene, motion: Motion, floor: Floor, strides: int = STRIDES, timestep: float = TIMESTEP
+    scene: CompiledScene,
+    motion: Motion | BalancedWalk,
+    floor: Floor,
+    strides: int = STRIDES,
+    timestep: float = TIMESTEP,
 ) -> Outcome:
     """Walk a motion on a floor of MuJoCo's and on ground of this package with its friction and sinking.
 
@@ -68,15 +73,18 @@ def walk_on(
     reference = motion.reference(WARM_UP + strides)
     angles, end = reference.values[0], motion.begin(WARM_UP + strides)
     depth = sinking(scene, angles, floor, timestep=timestep)
-    run = replay(scene, end, standing(scene, angles, depth), reference, floor, timestep=timestep)
+    acts = motion.controller(scene) if isinstance(motion, BalancedWalk) else None
+    run = replay(scene, end, standing(scene, angles, depth), reference, floor, timestep=timestep, controller=acts)
     ground = Ground(friction=floor.friction, sinking=depth)
     own = scene.recompiled(ground=ground, integrator="midpoint", timestep=timestep)
     state, record = standing_state(own, angles, beyond_limits=True), ("base_q", "energy")
-    here = simulate(own, end, state, reference, record=record, sample=SAMPLE, estimate_error=False)
+    here = simulate(
+        own, end, state, reference, record=record, sample=SAMPLE, estimate_error=False, controller=acts
+    )
     return Outcome(floor, depth, *(_walk(scene, motion, each, strides) for each in (run, here)))
 
 
-def _walk(scene: CompiledScene, motion: Motion, run: Trajectory, strides: int) -> Walk:
+def _walk(scene: CompiledScene, motion: Motion | BalancedWalk, run: Trajectory, strides: int) -> Walk:
     times = motion.begin(WARM_UP), motion.begin(WARM_UP + strides)
     if run.ok:
         return Walk(measured(scene, run, *times, strides, slip=False), run.end_time)

@@ -25,6 +25,7 @@ from ..reference import Reference
 from ..robot_file.mjcf.element import element, number, numbers
 from ..robot_file.mjcf.read import heard
 from ..robot_file.mjcf.write import mjcf_text
+from ..run.program import SEEN, CompiledController, State
 from ..run.start import standing_state
 from ..trajectory import Trajectory
 from .servo_chain import ServoChain, is_gentle
@@ -76,10 +77,12 @@ def replay(
     floor: Floor | None = None,
     *,
     timestep: float = TIMESTEP,
+    controller: CompiledController | None = None,
 ) -> Trajectory:
     """Run the robot of `scene` in MuJoCo from rest at q (nq,) [m, -, rad]; return a trajectory, a sample a tick.
 
-    duration [s] in whole ticks of the scene's controllers; floor: None for none; timestep [s] must divide the tick.
+    duration [s] in whole ticks of the scene's controllers; floor: None for none; timestep [s] must divide the tick;
+    controller: of `controller`, its function called in Python, with the channels q, qd, base_q, base_qd and base_qdd.
     Channels: time, q, qd, torque (on the joints), current, energy (of which only the column "meter" is told, others
     are nan), and of a floating base base_q and base_qd.  The status is "ok", "fell" (by the scene's own rule) or
     "diverged"; `end_time` says when.  Raises ImportError without MuJoCo, ValueError for what the replay lacks: torque
@@ -94,8 +97,11 @@ def replay(
     _place(machine, chain, q)
     ticks = math.ceil(duration / period - 1e-9)
     drive, rate = evaluated(reference, period * np.arange(ticks) - scene.lag + AHEAD)
+    acts = None if controller is None else _Acting(controller, scene, machine)
     rows, status = [_row(scene, machine, chain)], "ok"
     for k in range(ticks):
+        if acts is not None:
+            drive[k], rate[k] = acts(k, np.stack([drive[k], rate[k]], axis=1)).T
         _tick(machine, chain, drive[k], rate[k], period, per_tick)
         rows.append(_row(scene, machine, chain))
         if not np.isfinite(machine.d.qpos).all() or machine.d.warning.number.any():
@@ -110,6 +116,31 @@ def replay(
     message = "" if status == "ok" else f"{scene.model.name} {status} at {end:.4g} s"
     info = {"robot": scene.model.name, "engine": f"MuJoCo {mujoco_version()}", "timestep": timestep}
     return Trajectory(channels, status, message, end, np.empty(0), info)
+
+
+class _Acting:
+    """A controller of one's own in this engine."""
+
+    def __init__(self, controller: CompiledController, scene: CompiledScene, machine: _Machine) -> None:
+        if controller.writes != "reference":
+            raise ValueError(f"controller {controller.name} writes voltages; the replay in MuJoCo has references alone")
+        self._function, self._every, self._machine = controller.function, controller.every(scene), machine
+        self._memory = np.zeros(controller.memory)
+        self._memory[:] = controller.first_memory
+        self._command = np.empty((0, 2))
+        self._tick, self._floating = scene.tick_steps * scene.timestep, scene.model.base == "floating"
+
+    def __call__(self, k: int, reference: np.ndarray) -> np.ndarray:
+        """What the servos follow at the tick k (n, 2), if they are to follow the reference (n, 2)."""
+        if k % self._every == 0:
+            d, machine = self._machine.d, self._machine
+            seen = {"q": d.qpos[machine.q], "qd": d.qvel[machine.v]}
+            if self._floating:
+                seen |= {"base_q": d.qpos[:7], "base_qd": d.qvel[:6], "base_qdd": d.qacc[:6]}
+            state = State(*(seen.get(name, np.empty(0)) for name in SEEN))
+            self._command = reference.copy()
+            self._function(k * self._tick, state, reference, self._command, self._memory)
+        return self._command
 
 
 def standing(scene: CompiledScene, angles: np.ndarray, sinking: float) -> np.ndarray:

@@ -21,6 +21,7 @@ from ..files import FilePath, Format, complete, read_json, write_csv
 from ..model import Ground
 from ..robot_file import load_robot
 from ..robot_file.servos import with_servo
+from ..walking.feedback import BalancedWalk
 from ..walking.motion import Motion
 from .floors import FLOORS, STRIDES, WARM_UP, walk_on
 from .in_mujoco import SOLES, TIMESTEP, Floor, mujoco_version
@@ -36,7 +37,7 @@ class _Task:
 
     floor: str
     soles: str
-    motion: Motion
+    motion: Motion | BalancedWalk
     robot: str
     servos: ServoKind
     servo: str | None
@@ -45,7 +46,7 @@ class _Task:
 
 
 def crosscheck(
-    motion: Motion,
+    motion: Motion | BalancedWalk,
     robot: FilePath = "humanoid",
     *,
     servos: ServoKind = "mipsd",
@@ -58,7 +59,9 @@ def crosscheck(
     processes: int = 1,
     progress: bool = False,
 ) -> dict[str, Any]:
-    """Walk a motion in MuJoCo on floors, and here; return settings and a row a floor, as the JSON file holds them.
+    """Walk a motion, with feedback or without, in MuJoCo on floors, and here; return settings and a row a floor.
+
+    They are as the JSON file holds them.
 
     robot: as of `load_robot`, of "humanoid" the simplified one; servo: as of `load_servo`, in place of its own; floors:
     names of `FLOORS`, None for all twelve; soles: "spheres", "boxes" or both; timestep: of both engines [s]; out: path
@@ -69,7 +72,7 @@ def crosscheck(
     Raises ImportError without MuJoCo; ValueError for unknown names, for what `replay` lacks, for a robot that does not
     stand and for a damaged file in `out`; OSError if a file cannot be written or a process is lost.
     """
-    instance("motion", motion, Motion, "give what read_motion or motion_of returns")
+    instance("motion", motion, (Motion, BalancedWalk), "give what read_motion, motion_of or balanced returns")
     names, kinds = texts("floors", [*FLOORS] if floors is None else floors), texts("soles", soles)
     for name in names:
         one_of("floors", name, FLOORS)

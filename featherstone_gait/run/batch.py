@@ -63,7 +63,8 @@ def family(world: Prepared) -> Hashable:
     """What runs have in common that share lanes; with error control none do."""
     if world.scene.adaptive:
         return None
-    return world.scene.integrator, course(world.plan), structure(world.scene.constants), world.channels.tobytes()
+    acts = world.controller and world.controller.kind
+    return world.scene.integrator, course(world.plan), structure(world.scene.constants), world.channels.tobytes(), acts
 
 
 def streams(scene: CompiledScene) -> bool:

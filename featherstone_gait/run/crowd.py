@@ -118,8 +118,9 @@ class Lot:
         for unit, k in zip(u.tolist(), lane.tolist()):
             program = self.units[unit].run.signals.program
             if program is not None:
-                for numbers in (program.memory, program.command):
-                    _of_lane(numbers, k if self.width > 1 else None)[...] = 0.0
+                at = k if self.width > 1 else None
+                _of_lane(program.command, at)[...] = 0.0
+                _of_lane(program.memory, at)[...] = self.worlds[0].controller.first_memory  # type: ignore[union-attr]
         self._shifted = bool(self.offset.any())
 
     def change(self, robots: np.ndarray, states: np.ndarray, part: slice) -> None:

@@ -154,8 +154,6 @@ def _fill(
         start = begin(key)
         y[:, lane] = whole.good[:, lane] = start.y
         ready.put(whole, lane, start)
-        if whole.signals.program is not None:
-            whole.signals.program.memory[..., lane] = 0.0
         out = np.zeros((ready.samples, len(ready.channels)))
         lanes[lane] = _Occupant(key, start, start.world.course(start), 0, out)
     return lanes.count(None) < WIDTH

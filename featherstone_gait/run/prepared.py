@@ -282,7 +282,9 @@ class Prepared:
         return run._replace(scene=constants, plan=run.plan._replace(min_height=min_height))
 
     def put(self, run: Run, lane: int, start: Start) -> None:
-        """Give a lane of `bound_in_lanes` the numbers of the run's own scene."""
+        """Give a lane of `bound_in_lanes` the numbers of the run's own scene, and a new memory to its controller."""
+        if start.world.controller is not None:
+            run.signals.program.memory[..., lane] = start.world.controller.first_memory
         if self.of_lanes is not None:
             put(Numbers(run.scene, run.plan.min_height), lane, start.world.numbers)
 

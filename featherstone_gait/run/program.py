@@ -15,13 +15,14 @@ import importlib
 import inspect
 import sys
 from collections import namedtuple
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..arguments import functions, instance, one_of, real, whole
+from ..arguments import finite, functions, instance, one_of, real, whole
 from ..build.scene import CompiledScene
 from ..core.compile.jit import JIT, CompilationError, carray, outside
 from ..core.step import program as core
@@ -43,6 +44,7 @@ class CompiledController:
     memory: int
     period: float | None
     writes: Writes
+    begins: np.ndarray | None = None  # (memory,) what its memory begins with; None: zeros
     _made: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property
@@ -54,14 +56,32 @@ class CompiledController:
         """Call the function itself, in Python."""
         self.function(*arguments)
 
+    def beginning_with(self, numbers: ArrayLike) -> CompiledController:
+        """The same function with these numbers in its memory where a run begins, as many as they are.
+
+        So one compiled function serves whatever parameters: it reads them in its memory.
+        """
+        begins = finite("memory", numbers, (None,), "the numbers that it begins with")
+        return replace(self, memory=len(begins), begins=begins)
+
+    @property
+    def first_memory(self) -> np.ndarray | float:
+        """What each run's memory begins with."""
+        return 0.0 if self.begins is None else self.begins
+
+    @property
+    def kind(self) -> Hashable:
+        """What runs have in common that one vector takes."""
+        return self.function, self.memory, self.period, self.writes
+
     def __reduce__(self) -> Any:
         module, name = self.function.__module__, self.name
         found: Any = sys.modules.get(module)
         for part in name.split("."):
             found = getattr(found, part, None)
-        if found is not self:
+        if getattr(found, "function", None) is not self.function:
             raise TypeError(f"controller {name}: to reach other processes it must be a name of its module {module}")
-        return _found, (module, name)
+        return _found, (module, name, self.begins)
 
     def driving(self, scene: CompiledScene) -> CompiledScene:
         """The scene that it drives; ValueError where there is nothing that samples what it writes."""
@@ -91,12 +111,14 @@ class CompiledController:
         n, length = scene.tree.n, int(scene.layout["length"])
         starts = [place for name in SEEN for place in scene.part(name)]
         places = np.array([length, n, self.memory, *starts], np.int64)
+        memory = zeros(self.memory)
+        memory.T[...] = self.first_memory
         return core.Program(
             function=self._address(),
             every=self.every(scene),
             replaces=True if self.writes == "voltage" else None,
             command=zeros((n, 2)),
-            memory=zeros(self.memory),
+            memory=memory,
             clock=zeros(3),
             state=np.zeros(length),
             places=places,
@@ -186,11 +208,11 @@ def open_loop(scene: CompiledScene, duty: bool = False) -> CompiledScene:
     return scene.recompiled(scene.model.with_numbers(servos=servos))
 
 
-def _found(module: str, name: str) -> Any:
+def _found(module: str, name: str, begins: np.ndarray | None) -> Any:
     found: Any = importlib.import_module(module)
     for part in name.split("."):
         found = getattr(found, part)
-    return found
+    return found if begins is None else found.beginning_with(begins)
 
 
 def _views(

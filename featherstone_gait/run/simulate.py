@@ -104,7 +104,7 @@ def simulate_batch(
     rtol: float | None = None,
     atol: float | None = None,
     estimate_error: bool | None = None,
-    controller: CompiledController | None = None,
+    controller: CompiledController | Sequence[CompiledController | None] | None = None,
 ) -> list[Trajectory]:
     """`simulate` for many states, references, torques or worlds at once: eight to a vector, vectors over threads.
 
@@ -113,17 +113,24 @@ def simulate_batch(
     the controllers are sampled, a lane whose run has ended takes the next; runs with continuous servos, torques or
     pushes share a vector if their references have the same knot times.  Scenes that differ in more than numbers (steps,
     integrators, what there is at all) share no vector; with error control each run has its own steps, and none do.
+    controller: one of all runs, or a list with one for each; those of one function share vectors, whatever their
+    memories begin with.
     executor: any `concurrent.futures.Executor` in place of the threads.
     """
     if executor is not None and not callable(getattr(executor, "map", None)):
         raise TypeError(f"executor is {shown(executor)}; give a concurrent.futures.Executor, or None")
     estimate = None if estimate_error is None else truth("estimate_error", estimate_error)
     each = {"states": states, "references": references, "taus": taus, "noises": noises}
-    runs = _runs(scene, worlds, each)
-    batch = Batch(each_once(lambda given: Case(given, rtol, atol, sample), runs.pop("scenes")), **runs)
+    several = None if controller is None or isinstance(controller, CompiledController) else controller
+    alike: Any = controller if several is None else None
+    runs = _runs(scene, worlds, each | {"controller": several})
+    acts, scenes = runs.pop("controller"), runs.pop("scenes")
+    cases = each_once(lambda given: Case(given, rtol, atol, sample, alike), scenes)
+    if several is not None:
+        cases = [case._replace(controller=one) for case, one in zip(cases, acts)]
+    batch = Batch(cases, **runs)
     record = tuple(listed("record", record, "give a list of channels, such as ('q', 'qd')"))
-    acting = (pushes, controller)
-    simulated = functools.partial(_simulated, duration=duration, acting=acting, executor=executor)
+    simulated = functools.partial(_simulated, duration=duration, pushes=pushes, executor=executor)
     if estimate is False:
         return simulated(batch, record)
     batch = batch.by(_judged)
@@ -137,6 +144,7 @@ class Case(NamedTuple):
     rtol: float | None  # None of fixed steps
     atol: float | None
     sample: float | None  # between records [s], a tick if None
+    controller: CompiledController | None
 
 
 class Batch(NamedTuple):
@@ -158,7 +166,7 @@ class Batch(NamedTuple):
 
 
 class Simulated(Protocol):
-    """`_simulated` of given duration, pushes, controller and executor."""
+    """`_simulated` of given duration, pushes and executor."""
 
     def __call__(self, batch: Batch, record: tuple[str, ...]) -> list[Trajectory]: ...
 
@@ -187,19 +195,18 @@ def _simulated(
     batch: Batch,
     record: tuple[str, ...],
     duration: float,
-    acting: tuple[Sequence[Push], CompiledController | None],
+    pushes: Sequence[Push],
     executor: Executor | None,
 ) -> list[Trajectory]:
     """The runs, without their errors."""
     driven = any(tau is not None for tau in batch.taus)
-    pushes, controller = acting
     stop = np.zeros(1, np.int64)
 
     def made_ready(case: Case) -> Prepared:
         scene, rtol, atol = with_tolerance(*case[:3])
         ready = prepare(
             scene, duration, record, case.sample, pushes=pushes, rtol=rtol, atol=atol,
-            driven=driven, controller=controller,
+            driven=driven, controller=case.controller,
         )  # fmt: skip
         return dataclasses.replace(ready, stop=stop)
 
@@ -214,7 +221,8 @@ def _simulated(
 def _judged(case: Case) -> Case:
     """The same, with tolerances and the time between records told, for others to be compared with."""
     scene, rtol, atol = with_tolerance(*case[:3])
-    return Case(scene, rtol, atol, scene.tick_steps * scene.timestep if case.sample is None else case.sample)
+    every = scene.tick_steps * scene.timestep if case.sample is None else case.sample
+    return Case(scene, rtol, atol, every, case.controller)
 
 
 def _with_companions(batch: Batch, record: tuple[str, ...], simulated: Simulated) -> list[Trajectory]:
@@ -252,9 +260,9 @@ def _in_place(cases: list[Case], others: list[Companion], surer: bool = False) -
     """Cases of the companions; those of one companion are one."""
     pairs = {id(other): (case, other) for case, other in zip(cases, others)}
     made = {
-        key: Case(other.surer or other.scene, None, None, case.sample)
+        key: Case(other.surer or other.scene, None, None, case.sample, case.controller)
         if surer
-        else Case(other.scene, other.rtol, other.atol, case.sample)
+        else Case(other.scene, other.rtol, other.atol, case.sample, case.controller)
         for key, (case, other) in pairs.items()
     }
     return [made[id(other)] for other in others]
@@ -280,7 +288,8 @@ def _finer(case: Case) -> Case:
     if not scene.adaptive:
         return case._replace(scene=scene)
     rtol, atol = case.rtol and 0.1 * case.rtol, case.atol and 0.1 * case.atol
-    return Case(scene, rtol, atol, case.sample and 0.5 * case.sample)  # steps end on records: twice as many
+    every = case.sample and 0.5 * case.sample  # steps end on records: twice as many
+    return Case(scene, rtol, atol, every, case.controller)
 
 
 def _each(run: Trajectory, count: int) -> Trajectory:

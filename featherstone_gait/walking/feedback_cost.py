@@ -1,0 +1,197 @@
+"""What a gait with feedback costs, for a search of its gains, and of its poses with them.
+
+    price = cost in the worlds, with feedback and all the sensors' noise,
+            times 1 + WEIGHT * the mean over the trials of what was lost of each.
+
+A trial is a push, or a slope: lost of it is nothing where the robot stays up, else 1 less half of the time for which it
+did, so that a search sees before it stands that it falls later.  Each push is in one of the worlds.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields, replace
+from os import cpu_count
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arguments import finite
+from ..run.simulate import Push, simulate_batch, standing_state
+from ..trajectory import Trajectory
+from .cost_in_worlds import NOT_EVERYWHERE, CostInWorlds
+from .disturbed import AFTER, BEFORE, DIRECTIONS, PHASES, PUSHED_FOR
+from .feedback import SENSORS, BalancedWalk, Feedback, Imu, feedback_of, undisturbed_of
+from .gait import bounds
+from .motion import motion_of
+
+WEIGHT = 2.0
+IMPULSES = (0.5, 0.7, 0.95)  # [N s]
+SLOPES = (-math.radians(3.5), math.radians(3.5))  # [rad]
+SLOPE_STRIDES = 12
+WIDEST = 3.0  # bound of a gain, in its steps times ten
+STEP = 0.1  # of a gain in a search, but for these:
+STEPS = {"rate": 0.02, "time_roll": 0.3, "time_roll_rate": 0.05, "level": 0.2, "heading": 0.3, "caught_time": 0.5}
+
+
+class Trial(NamedTuple):
+    """A way to be disturbed."""
+
+    world: int | None  # None: the own floor at `slope`
+    impulse: float  # [N s], 0: none
+    direction: float  # [rad]
+    phase: float  # of the stride
+    slope: float  # [rad]
+
+
+def trials() -> list[Trial]:
+    """Pushes from all sides, at all phases, of three sizes; and slopes."""
+    pushes = [
+        Trial(k % 8, impulse, 2.0 * math.pi * (k % DIRECTIONS) / DIRECTIONS, (k * 3 + n) % PHASES / PHASES, 0.0)
+        for n, impulse in enumerate(IMPULSES)
+        for k in range(8)
+    ]
+    return [*pushes, *(Trial(None, 0.0, 0.0, 0.0, slope) for slope in SLOPES)]
+
+
+@dataclass(frozen=True, eq=False)
+class FeedbackCost:
+    """The price of vectors (D,): the gains in steps of a search, after the poses [rad] if they are searched too."""
+
+    cost: CostInWorlds
+    imu: Imu = SENSORS
+    poses: bool = True
+    weight: float = WEIGHT
+
+    def vector(self, feedback: Feedback) -> np.ndarray:
+        """That of the gait of `cost` with these gains."""
+        poses = self.cost.gait.to_vector() if self.poses else np.empty(0)
+        return np.concatenate([poses, feedback.to_vector()])
+
+    def amplitude(self, poses: float) -> np.ndarray:
+        """Steps of a search (D,), those of the poses as given [rad]."""
+        return np.concatenate([np.full(len(self._bounds_of_poses), poses), steps()])
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """(D, 2)."""
+        return np.concatenate([self._bounds_of_poses, 10.0 * WIDEST * steps()[:, None] * (-1.0, 1.0)])
+
+    @property
+    def _bounds_of_poses(self) -> np.ndarray:
+        return bounds(self.cost.scene.model, self.cost.gait) if self.poses else np.empty((0, 2))
+
+    def walks(self, vectors: Iterable[ArrayLike]) -> list[BalancedWalk | None]:
+        """What each vector says; None for a gait that does not walk undisturbed."""
+        own, gains = self.cost.cost, len(fields(Feedback))
+        given = [finite("vector", x, (len(self.bounds),)) for x in vectors]
+        gaits = [own.gait.from_vector(x[:-gains]) if self.poses else own.gait for x in given]
+        motions = [motion_of(gait, own.start, own.blend_strides) for gait in gaits]
+        if self.poses:
+            tables = undisturbed_of(own.scene, motions, self.imu, own.gait.mirror is not None)
+        else:
+            tables = [self._undisturbed] * len(motions)
+        return [
+            None if table is None else BalancedWalk(motion, feedback_of(x[-gains:]), self.imu, table)
+            for x, motion, table in zip(given, motions, tables)
+        ]
+
+    @functools.cached_property
+    def _undisturbed(self) -> np.ndarray | None:
+        own = self.cost.cost
+        motion = motion_of(own.gait, own.start, own.blend_strides)
+        return undisturbed_of(own.scene, [motion], self.imu, own.gait.mirror is not None)[0]
+
+    def costs(self, vectors: Iterable[ArrayLike]) -> list[tuple[float, str]]:
+        """Price [J/m] and status of many vectors."""
+        walks = self.walks(vectors)
+        there = [walk for walk in walks if walk is not None]
+        prices = iter(self.prices(there))
+        return [(math.inf, "does not walk by itself") if walk is None else next(prices) for walk in walks]
+
+    def __call__(self, x: ArrayLike) -> tuple[float, str]:
+        """Price [J/m] and status of one vector."""
+        return self.costs([x])[0]
+
+    def prices(self, walks: Sequence[BalancedWalk]) -> list[tuple[float, str]]:
+        """Price [J/m] and status of each."""
+        energy = self.energies(walks)
+        stand = [k for k, cost in enumerate(energy) if math.isfinite(cost)]
+        lost = np.zeros(len(walks))
+        if stand:
+            lost[stand] = self.lost([walks[k] for k in stand]).mean(axis=1)
+        return [
+            (cost * (1.0 + self.weight * share), "ok") if math.isfinite(cost) else (math.inf, NOT_EVERYWHERE)
+            for cost, share in zip(energy, lost.tolist())
+        ]
+
+    def energies(self, walks: Sequence[BalancedWalk]) -> list[float]:
+        """The cost of each in the worlds, undisturbed [J/m]; infinite where it falls in one."""
+        cost, n = self.cost, len(self.cost.scenes)
+        if not walks:
+            return []
+        strides = cost.cost.warm_up + cost.cost.strides
+        states, signals, acts = [], [], []
+        for walk in walks:
+            signal = walk.reference(strides)
+            for k, scene in enumerate(cost.scenes):
+                states.append(standing_state(scene, signal.values[0] + cost.offsets[k], beyond_limits=True))
+                signals.append(signal)
+                acts.append(walk.controller(scene, k))
+        runs = simulate_batch(
+            [*cost.scenes] * len(walks), cost.cost.end, states, signals, record=("base_q", "energy"),
+            sample=walks[0].motion.tick, estimate_error=False, controller=acts,
+        )  # fmt: skip
+        found = [cost._measured(run, k % n).measures.cost for k, run in enumerate(runs)]
+        told = []
+        for first in range(0, len(found), n):
+            mean = math.fsum(found[first : first + n]) / n
+            worst = max(found[first : first + n])
+            told.append(mean + cost.penalty * (worst - mean) if math.isfinite(worst) else math.inf)
+        return told
+
+    def lost(self, walks: Sequence[BalancedWalk]) -> np.ndarray:
+        """What each lost of each trial (walks, trials), 0 to 1."""
+        asked = trials()
+        with ThreadPoolExecutor(cpu_count()) as pool:
+            return np.stack([*pool.map(lambda k: self._lost_of(asked[k], walks, k), range(len(asked)))], axis=1)
+
+    def _lost_of(self, trial: Trial, walks: Sequence[BalancedWalk], seed: int) -> np.ndarray:
+        cost, motion = self.cost, walks[0].motion
+        if trial.world is None:
+            assert cost.scene.ground is not None
+            ground = replace(cost.scene.ground, slope=trial.slope)
+            scene, off, pushes = cost.scene.recompiled(ground=ground), 0.0 * cost.offsets[0], []
+            end, strides, begin = motion.begin(SLOPE_STRIDES), SLOPE_STRIDES, motion.begin(0)
+        else:
+            world = trial.world % len(cost.scenes)
+            scene, off = cost.scenes[world], cost.offsets[world]
+            begin = motion.begin(BEFORE) + round(trial.phase * len(motion.stride)) * motion.tick
+            force = trial.impulse / PUSHED_FOR
+            along = (force * math.cos(trial.direction), force * math.sin(trial.direction), 0.0)
+            pushes = [Push(scene.model.root, along, (0.0,) * 3, (0.0,) * 3, begin, begin + PUSHED_FOR)]
+            end, strides = begin + AFTER * motion.period, BEFORE + AFTER + 1
+        signals = [walk.reference(strides) for walk in walks]
+        states = [standing_state(scene, signal.values[0] + off, beyond_limits=True) for signal in signals]
+        acts = [walk.controller(scene, seed) for walk in walks]
+        runs = simulate_batch(
+            [scene] * len(walks), end, states, signals, pushes=pushes, record=("base_q",), sample=motion.tick,
+            estimate_error=False, controller=acts,
+        )  # fmt: skip
+        return np.array([_lost(run, begin, end) for run in runs])
+
+
+def _lost(run: Trajectory, begin: float, end: float) -> float:
+    if run.status in ("ok", "chatter"):
+        return 0.0
+    return 1.0 - 0.5 * min(max((run.end_time - begin) / (end - begin), 0.0), 1.0)
+
+
+def steps() -> np.ndarray:
+    """Of a search, of each gain (23,)."""
+    names = [one.name for one in fields(Feedback)]
+    return np.array([STEPS.get(name, STEPS["rate"] if name.endswith("_rate") else STEP) for name in names])

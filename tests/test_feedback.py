@@ -1,0 +1,159 @@
+"""Walking with feedback: the sensors it reads, the bits it keeps, and what it is worth."""
+
+import math
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from featherstone_gait import Ground, Push, compile_scene, load_robot, simulate, simulate_batch
+from featherstone_gait.run.program import State
+from featherstone_gait.run.start import standing_state
+from featherstone_gait.walking import feedback as law
+from featherstone_gait.walking.disturbed import rough_field
+from featherstone_gait.walking.feedback import (
+    BalancedWalk,
+    Feedback,
+    Imu,
+    add_feedback,
+    balanced,
+    feedback_of,
+    read_walk,
+)
+from featherstone_gait.walking.gait import mirror_of
+from featherstone_gait.walking.motion import Motion, read_motion
+
+STORED = Path(__file__).parents[1] / "robots" / "humanoid" / "optimized_gait.npz"
+QUIET = Imu(gyroscope_noise=0.0, gyroscope_offset=0.0, accelerometer_noise=0.0, accelerometer_offset=0.0)
+SOME = Feedback(ankle_pitch=0.2, hip_pitch=0.2, hip_roll=0.2, time_roll_rate=0.1, heading=1.5, caught_foot_roll=0.2)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "midpoint", 1e-3)
+
+
+@pytest.fixture(scope="module")
+def walk(scene):
+    motion = read_motion(STORED, scene.model.joint_names)
+    return balanced(scene, motion, SOME, mirror=mirror_of(scene.model))
+
+
+def run(scene, walk, strides=4, act=True, **how):
+    reference = walk.reference(strides)
+    acts = walk.controller(scene, how.pop("seed", 0)) if act else None
+    state = standing_state(scene, reference.values[0], beyond_limits=True)
+    return simulate(scene, walk.begin(strides), state, reference, controller=acts, estimate_error=False, **how)
+
+
+def sensed(walk, scene, imu, ticks, seed=0, tilt=(0.0, 0.0), spin=(0.0, 0.0, 0.0)):
+    """The controller's memory after so many ticks of a trunk with roll and pitch [rad] that turns as told [rad/s]."""
+    memory = replace(walk, imu=imu).memory(scene, seed)
+    command, empty = np.zeros((scene.tree.n, 2)), np.empty(0)
+    (a, b), (c, d) = [(math.cos(0.5 * x), math.sin(0.5 * x)) for x in tilt]
+    base_q = np.array([0.0, 0.0, 0.3, c * a, c * b, d * a, -d * b])
+    state = State(*[empty] * len(State._fields))._replace(
+        base_q=base_q, base_qd=np.array([0.0, 0.0, 0.0, *spin]), base_qdd=np.zeros(6)
+    )
+    for k in range(ticks):
+        law.balance(0.01 * k, state, command, command, memory)
+    return memory
+
+
+@pytest.mark.parametrize(("roll", "pitch"), [(0.2, 0.0), (0.0, 0.15), (-0.1, -0.2)])
+def test_a_trunk_at_rest_is_seen_to_lean_as_it_does(walk, scene, roll, pitch):
+    memory = sensed(walk, scene, QUIET, 300, tilt=(roll, pitch))
+    up = memory[law.UP : law.UP + 3]
+    # R = R_y(pitch) R_x(roll): the third row of it is where up is in the trunk's axes.
+    expected = (-math.sin(pitch), math.cos(pitch) * math.sin(roll), math.cos(pitch) * math.cos(roll))
+    assert np.abs(up - expected).max() < 1e-9
+
+
+def test_heading_is_the_integral_of_the_gyroscope_less_its_delay(walk, scene):
+    imu = replace(QUIET, delay=0.05)
+    memory = sensed(walk, scene, imu, 200, spin=(0.0, 0.0, 0.3))
+    assert memory[law.TURNED] == pytest.approx(0.3 * 0.01 * (200 - 5), abs=1e-12)
+
+
+def test_heading_drifts_with_the_gyroscopes_offset(walk, scene):
+    memory = sensed(walk, scene, replace(QUIET, gyroscope_offset=0.01), 500, seed=3)
+    offset = memory[law.OFFSETS + 2]
+    assert offset != 0.0
+    assert memory[law.TURNED] == pytest.approx(offset * 5.0, rel=0.05)  # but for the delay, and up that is off
+
+
+def test_noise_has_the_deviation_that_is_told(walk, scene):
+    imu = replace(QUIET, gyroscope_noise=0.02, delay=0.0)
+    readings = np.array([sensed(walk, scene, imu, 1, seed)[law.LINE] for seed in range(1000, 2000)])
+    # Of 1000 draws the deviation is known to 2.2 % (one standard error), the mean to 0.02 / sqrt(1000).
+    assert readings.std() == pytest.approx(0.02, rel=0.09)
+    assert abs(readings.mean()) < 4 * 0.02 / math.sqrt(1000)
+
+
+def test_without_gains_the_gait_is_played_as_it_is(walk, scene):
+    none = replace(walk, feedback=Feedback())
+    plain, played = run(scene, walk, act=False, record=("base_q",)), run(scene, none, record=("base_q",))
+    assert np.abs(plain["base_q"] - played["base_q"]).max() < 1e-9
+
+
+def test_lanes_and_seeds(walk, scene):
+    """The same bits alone and in lanes, where each run has its own sensors; other seeds are other runs."""
+    reference, end = walk.reference(2), walk.begin(2)
+    state = standing_state(scene, reference.values[0], beyond_limits=True)
+    acts = [walk.controller(scene, seed) for seed in range(5)]
+    many = simulate_batch(
+        [scene] * 5, end, [state] * 5, [reference] * 5, controller=acts, record=("q",), estimate_error=False
+    )
+    alone = run(scene, walk, 2, seed=3, record=("q",))
+    assert alone.final.tobytes() == many[3].final.tobytes()
+    assert len({one.final.tobytes() for one in many}) == 5
+    push = Push(scene.model.root, (1.0, 2.0, 0.0), (0.0,) * 3, (0.0,) * 3, 2.0, 2.1)  # lanes in step
+    many = simulate_batch(
+        [scene] * 5, end, [state] * 5, [reference] * 5, controller=acts, pushes=[push], record=("q",),
+        estimate_error=False,
+    )  # fmt: skip
+    assert run(scene, walk, 2, seed=3, record=("q",), pushes=[push]).final.tobytes() == many[3].final.tobytes()
+
+
+def test_what_is_called_in_python_does_what_is_compiled(walk, scene):
+    """The function by itself, fed with what a run passed through, asks for the voltages that the servos had there."""
+    found = run(scene, walk, 2, record=("q", "base_q", "base_qd", "base_qdd", "voltage"))
+    memory, empty = walk.memory(scene), np.empty(0)
+    servos = [scene.model.servos[name] for name in scene.model.joint_names]
+    gain, most = (np.array(x) for x in zip(*((one.controller.Kp, one.voltage_limit) for one in servos)))
+    command = np.zeros((scene.tree.n, 2))
+    for k in range(len(found["time"]) - 1):
+        seen = {name: found[name][k] for name in ("base_q", "base_qd", "base_qdd")}
+        law.balance(0.01 * k, State(*[empty] * len(State._fields))._replace(**seen), command, command, memory)
+        volts = np.clip(gain * (command[:, 0] - found["q"][k]), -most, most)
+        assert np.abs(volts - found["voltage"][k]).max() < 1e-9
+
+
+def test_a_file_keeps_the_feedback(walk, scene, tmp_path):
+    path = tmp_path / "gait.npz"
+    path.write_bytes(STORED.read_bytes())
+    assert isinstance(read_walk(path), Motion)
+    add_feedback(path, walk)
+    found = read_walk(path, scene.model.joint_names)
+    assert isinstance(found, BalancedWalk)
+    assert found.digest() == walk.digest()
+    assert found.memory(scene).tobytes() == walk.memory(scene).tobytes()
+    other = replace(walk, motion=replace(walk.motion, stride=walk.motion.stride + 0.1))
+    with pytest.raises(ValueError, match="its gait is another"):
+        add_feedback(path, other)
+
+
+def test_bad_numbers_are_refused(walk, scene):
+    with pytest.raises(ValueError, match="hip_roll is nan"):
+        Feedback(hip_roll=math.nan)
+    with pytest.raises(ValueError, match="delay is 1"):
+        Imu(delay=1.0)
+    with pytest.raises(ValueError, match="whole ticks"):
+        replace(walk, imu=Imu(delay=0.013)).memory(scene)
+    with pytest.raises(ValueError, match="two legs"):
+        balanced(compile_scene(load_robot("arm7"), None), walk.motion)
+    with pytest.raises(ValueError, match="gains"):
+        feedback_of(np.zeros(len(fields(Feedback)) + 1))
+    with pytest.raises(ValueError, match="height"):
+        rough_field(-1.0)
