@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,13 @@ from .walking.feedback_cost import FeedbackCost
 
 POSES = math.radians(0.3)  # amplitude of the poses, which a search without feedback has found before [rad]
 BATCH = 16
-FIRST = NONE  # gains that a search begins with
+FIRST = Feedback(  # gains that a search begins with, found for the stored gait of the humanoid
+    ankle_pitch=-0.078, ankle_pitch_rate=0.048, hip_pitch=0.2, hip_pitch_rate=0.074, foot_pitch=0.179,
+    foot_pitch_rate=-0.007, level=0.483, ankle_roll=-0.115, ankle_roll_rate=0.063, hip_roll=0.31,
+    hip_roll_rate=-0.037, foot_roll=-0.027, foot_roll_rate=-0.01, time_roll=0.043, time_roll_rate=0.028,
+    heading=0.775, caught_ankle_pitch=-0.191, caught_hip_pitch=-0.1, caught_foot_pitch=0.362,
+    caught_ankle_roll=0.265, caught_hip_roll=-0.119, caught_foot_roll=-0.058, caught_time=1.122,
+)  # fmt: skip
 
 
 def search_feedback(
@@ -41,6 +47,8 @@ def search_feedback(
 ) -> OptimizeResult:
     """Search for gains, and with `poses` for poses too, from the gait of `cost` and the gains `first`.
 
+    Where no feedback but that of the heading does better than `first`, it begins there.
+
     Returns the result of `search.minimize` by annealing, and in addition walk, the `BalancedWalk` that was found, and
     x_poses (D,), its poses as a gait vector [rad].  how: history, resume, progress.  Raises ValueError if neither the
     gait with `first` nor a candidate walks in all worlds.
@@ -48,8 +56,10 @@ def search_feedback(
     instance("cost", cost, CostInWorlds, "give what in_worlds returns")
     iterations = whole("iterations", iterations, 0, "it is a number of candidates")
     price = FeedbackCost(cost, imu, poses)
+    begins = [price.vector(one) for one in (first, replace(NONE, heading=first.heading))]
+    told = [one for one, _ in price.costs(begins)]
     result = minimize(
-        price, price.vector(first), amplitude=price.amplitude(POSES), max_iterations=iterations, seed=seed,
+        price, begins[told.index(min(told))], amplitude=price.amplitude(POSES), max_iterations=iterations, seed=seed,
         bounds=price.bounds, map=FeedbackCost.costs, batch=BATCH, **how,
     )  # fmt: skip
     (walk,) = price.walks([result.x])

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from featherstone_gait import Ground, Push, compile_scene, load_robot, simulate, simulate_batch
+from featherstone_gait.optimize_feedback import FIRST, search_feedback
 from featherstone_gait.run.program import State
 from featherstone_gait.run.start import standing_state
 from featherstone_gait.walking import feedback as law
-from featherstone_gait.walking.disturbed import rough_field
+from featherstone_gait.walking.cost import WalkingCost
+from featherstone_gait.walking.cost_in_worlds import in_worlds
+from featherstone_gait.walking.disturbed import pushes_survived, rough_field, walk_far
 from featherstone_gait.walking.feedback import (
     BalancedWalk,
     Feedback,
@@ -21,9 +24,10 @@ from featherstone_gait.walking.feedback import (
     feedback_of,
     read_walk,
 )
-from featherstone_gait.walking.gait import mirror_of
+from featherstone_gait.walking.gait import Gait, mirror_of
 from featherstone_gait.walking.motion import Motion, read_motion
 
+BALANCED = Path(__file__).parents[1] / "robots" / "humanoid" / "balanced_gait.npz"
 STORED = Path(__file__).parents[1] / "robots" / "humanoid" / "optimized_gait.npz"
 QUIET = Imu(gyroscope_noise=0.0, gyroscope_offset=0.0, accelerometer_noise=0.0, accelerometer_offset=0.0)
 SOME = Feedback(ankle_pitch=0.2, hip_pitch=0.2, hip_roll=0.2, time_roll_rate=0.1, heading=1.5, caught_foot_roll=0.2)
@@ -38,6 +42,13 @@ def scene():
 def walk(scene):
     motion = read_motion(STORED, scene.model.joint_names)
     return balanced(scene, motion, SOME, mirror=mirror_of(scene.model))
+
+
+def gait_of(scene):
+    """The stored gait, and its start."""
+    with np.load(STORED) as arrays:
+        names = tuple(arrays["joint_names"].tolist())
+        return Gait(names, arrays["poses"], float(arrays["period"]), mirror_of(scene.model)), arrays["start"]
 
 
 def run(scene, walk, strides=4, act=True, **how):
@@ -128,6 +139,50 @@ def test_what_is_called_in_python_does_what_is_compiled(walk, scene):
         law.balance(0.01 * k, State(*[empty] * len(State._fields))._replace(**seen), command, command, memory)
         volts = np.clip(gain * (command[:, 0] - found["q"][k]), -most, most)
         assert np.abs(volts - found["voltage"][k]).max() < 1e-9
+
+
+def test_feedback_keeps_a_robot_up_that_falls_without(scene):
+    """A push of 0.5 N s to the left, at four phases of the stride; and rough ground costs less with it."""
+    walk = read_walk(BALANCED, scene.model.joint_names)
+    fallen = {}
+    for act in (False, True):
+        fallen[act] = 0
+        for k in range(8):
+            begin = walk.begin(1) + 0.08 * k
+            push = Push(scene.model.root, (0.0, 5.5, 0.0), (0.0,) * 3, (0.0,) * 3, begin, begin + 0.1)
+            fallen[act] += run(scene, walk, 5, act, pushes=[push], record=()).status == "fell"
+    assert fallen[True] < fallen[False]
+
+
+@pytest.mark.long
+def test_a_slope_rough_ground_and_the_heading_over_a_hundred_strides(scene):
+    walk = read_walk(BALANCED, scene.model.joint_names)
+    plain = walk_far(scene, walk, feedback=False)
+    grounds = [None, *(Ground(slope=math.radians(x)) for x in (-3.0, 3.0)), Ground(field=rough_field(3e-3))]
+    found = [walk_far(scene, walk, ground) for ground in grounds]
+    assert all(one.walked for one in found)
+    assert max(one.heading for one in found) < math.radians(10.0)
+    assert found[0].energy < 1.1 * plain.energy
+    assert not walk_far(scene, walk, grounds[2], feedback=False).walked
+
+
+@pytest.mark.long
+def test_larger_pushes_are_survived(scene):
+    walk = read_walk(BALANCED, scene.model.joint_names)
+    with_it, without = (pushes_survived(scene, walk, 4, feedback=on) for on in (True, False))
+    assert with_it.mean() > 1.15 * without.mean()
+
+
+@pytest.mark.long
+def test_a_search_finds_better_feedback_and_the_same_again(scene, walk):
+    cost = in_worlds(WalkingCost(scene, *gait_of(scene)), 2)
+    found = search_feedback(cost, first=Feedback(heading=1.0), poses=False, iterations=12, seed=1)
+    again = search_feedback(cost, first=Feedback(heading=1.0), poses=False, iterations=12, seed=1)
+    assert found.fun < found.history["f"][0]
+    assert found.x.tobytes() == again.x.tobytes()
+    both = search_feedback(cost, first=FIRST, iterations=2)
+    assert both.x_poses.shape == cost.gait.to_vector().shape
+    assert both.fun <= both.history["f"][0]
 
 
 def test_a_file_keeps_the_feedback(walk, scene, tmp_path):

@@ -190,9 +190,8 @@ def balance(t: float, state: Any, reference: np.ndarray, command: np.ndarray, me
         p, q, r = memory[at], memory[at + 1], memory[at + 2]
         a, b, c = memory[at + 3], memory[at + 4], memory[at + 5]
         size = 1.0 / max(math.sqrt(a * a + b * b + c * c), 1e-9)
-        x, y, z, share = memory[UP], memory[UP + 1], memory[UP + 2], tick / memory[SETTLING]
-        if count == slots - 1:  # the first that arrives
-            x, y, z = a * size, b * size, c * size
+        x, y, z = memory[UP], memory[UP + 1], memory[UP + 2]
+        share = max(tick / memory[SETTLING], 1.0 / (count - slots + 2))  # at first the mean of what has arrived
         nx = x + tick * (y * r - z * q) + share * (a * size - x)
         ny = y + tick * (z * p - x * r) + share * (b * size - y)
         nz = z + tick * (x * q - y * p) + share * (c * size - z)

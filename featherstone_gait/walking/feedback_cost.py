@@ -35,7 +35,8 @@ SLOPES = (-math.radians(3.5), math.radians(3.5))  # [rad]
 SLOPE_STRIDES = 12
 WIDEST = 3.0  # bound of a gain, in its steps times ten
 STEP = 0.1  # of a gain in a search, but for these:
-STEPS = {"rate": 0.02, "time_roll": 0.3, "time_roll_rate": 0.05, "level": 0.2, "heading": 0.3, "caught_time": 0.5}
+STEPS = {"rate": 0.02, "time_roll": 0.3, "time_roll_rate": 0.05, "level": 0.2, "caught_time": 0.5,
+         "heading": 0.02}  # which ten strides tell little about: it stays about where it is  # fmt: skip
 
 
 class Trial(NamedTuple):
