@@ -33,7 +33,7 @@ WEIGHT = 2.0
 IMPULSES = (0.5, 0.7, 0.95)  # [N s]
 SLOPES = (-math.radians(3.5), math.radians(3.5))  # [rad]
 SLOPE_STRIDES = 12
-WIDEST = 3.0  # bound of a gain, in its steps times ten
+WIDEST = 10.0  # bound of a gain
 STEP = 0.1  # of a gain in a search, but for these:
 STEPS = {"rate": 0.02, "time_roll": 0.3, "time_roll_rate": 0.05, "level": 0.2, "caught_time": 0.5,
          "heading": 0.02}  # which ten strides tell little about: it stays about where it is  # fmt: skip
@@ -80,7 +80,7 @@ class FeedbackCost:
     @property
     def bounds(self) -> np.ndarray:
         """(D, 2)."""
-        return np.concatenate([self._bounds_of_poses, 10.0 * WIDEST * steps()[:, None] * (-1.0, 1.0)])
+        return np.concatenate([self._bounds_of_poses, np.full((len(steps()), 1), WIDEST) * (-1.0, 1.0)])
 
     @property
     def _bounds_of_poses(self) -> np.ndarray:
