@@ -37,21 +37,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.arguments import finite, instance, real, whole
-from featherstone_gait.arguments import path as path_of
-from featherstone_gait.build.contact import standing_posture
-from featherstone_gait.build.scene import CompiledScene
-from featherstone_gait.files import FilePath, complete, read_arrays
-from featherstone_gait.model import Model
-from featherstone_gait.reference import Reference
-from featherstone_gait.run.program import SEEN, CompiledController, State, controller
-from featherstone_gait.run.simulate import simulate_batch, standing_state
-from featherstone_gait.trajectory import Trajectory
-from featherstone_gait.walking.gait import Mirror
-from featherstone_gait.walking.gait_file import ARRAYS
-from featherstone_gait.walking.inverse_kinematics import leg_joints
-from featherstone_gait.walking.kinematics import joint_axes, link_poses
-from featherstone_gait.walking.motion import Motion, read_motion
+from ..arguments import finite, instance, real, whole
+from ..arguments import path as path_of
+from ..build.contact import standing_posture
+from ..build.scene import CompiledScene
+from ..files import FilePath, complete, read_arrays
+from ..model import Model
+from ..reference import Reference
+from ..run.program import SEEN, CompiledController, State, controller
+from ..run.simulate import simulate_batch, standing_state
+from ..trajectory import Trajectory
+from .gait import Mirror
+from .gait_file import ARRAYS
+from .inverse_kinematics import leg_joints
+from .kinematics import joint_axes, link_poses
+from .motion import Motion, read_motion
 
 ALONG = 0.9  # of an axis along x or y: the joint is one of roll or pitch
 LARGEST = 100.0  # gain
@@ -301,7 +301,6 @@ class BalancedWalk:
         found = hashlib.sha256(f"{self.motion.digest()} {self.feedback} {self.imu}".encode())
         found.update(np.ascontiguousarray(self.undisturbed, dtype="<f8").tobytes())
         return found.hexdigest()
-
 
     def arrays(self) -> dict[str, np.ndarray]:
         """What a gait's .npz holds besides the gait."""

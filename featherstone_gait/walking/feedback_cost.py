@@ -140,14 +140,14 @@ class FeedbackCost:
         for walk in walks:
             signal = walk.reference(strides)
             for k, scene in enumerate(cost.scenes):
-                states.append(standing_state(scene, signal.values[0] + cost.offsets[k], beyond_limits=True))
+                states.append(cost.standing(signal.values[0], k))
                 signals.append(signal)
                 acts.append(walk.controller(scene, k))
         runs = simulate_batch(
             [*cost.scenes] * len(walks), cost.cost.end, states, signals, record=("base_q", "energy"),
             sample=walks[0].motion.tick, estimate_error=False, controller=acts,
         )  # fmt: skip
-        found = [cost._measured(run, k % n).measures.cost for k, run in enumerate(runs)]
+        found = [cost._measured(run, k % n).cost for k, run in enumerate(runs)]
         told = []
         for first in range(0, len(found), n):
             mean = math.fsum(found[first : first + n]) / n
