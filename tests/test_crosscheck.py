@@ -314,7 +314,7 @@ def test_files_that_are_no_gait_are_refused(motion, gait_file, tmp_path):
         read_motion(path)
     with pytest.raises(ValueError, match=r"only a gait's \.npz has the gait that the search began with"):
         read_motion(path, first=True)
-    with pytest.raises(ValueError, match=r"joints are not those of the robot: .*knee"):
+    with pytest.raises(ValueError, match=r"joints are not those of joint_names: .*knee"):
         read_motion(gait_file, ["elbow"])
     with pytest.raises(ValueError, match=r"humanoid\.txt: give a gait's \.npz"):
         read_motion(tmp_path / "humanoid.txt")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import fields
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,7 +33,10 @@ NO_CALLS = {
     ),
     "identification": ("Identification",),
     # The last is for robots on four legs, of which none comes along.
-    "walking": ("BIOLOID_WALK", "ConstraintReport", "Measures", "Plan", "four_legged_stride"),
+    "walking": (
+        "BIOLOID_WALK", "BalancedWalk", "ConstraintReport", "LongWalk", "Measures", "Motion", "Plan",
+        "four_legged_stride",
+    ),
     "sensors": ("in_world",),  # for whoever draws forces
 }
 
@@ -47,7 +52,10 @@ class Call(NamedTuple):
 
 def right_calls() -> list[Call]:
     """All of them."""
-    parts = (_models, _parts, _dynamics, _scenes, _files, _postures, _walking, _gaits, _searches, _recordings, _sensors)
+    parts = (
+        _models, _parts, _dynamics, _scenes, _files, _postures, _walking, _gaits, _balanced, _searches, _recordings,
+        _sensors,
+    )  # fmt: skip
     return [call for part in parts for call in part()]
 
 
@@ -356,6 +364,31 @@ def _gaits() -> Iterator[Call]:
         {"scene": scene, "path": "angles.csv", "start": 0.0, "strides": 1},
         True,
     )
+
+
+def _balanced() -> Iterator[Call]:
+    robot = fg.load_robot("humanoid", locked="simplified")
+    names, n = robot.joint_names, len(robot.joint_names)
+    gait = walking.Gait(names, np.zeros((4, n)), 0.64, walking.mirror_of(robot))
+    scene = fg.compile_scene(robot, "mipsd", fg.Ground(), "midpoint", 1e-3)
+    yield Call("Feedback", walking.Feedback, _all_fields(walking.Feedback()))
+    yield Call("Imu", walking.Imu, _all_fields(walking.Imu()))
+    yield Call("motion_of", walking.motion_of, {"gait": gait, "start": np.zeros(n), "blend_strides": 1})
+    shutil.copyfile(Path(robot.source).parent / "balanced_gait.npz", "walk.npz")
+    file: dict[str, Any] = {"path": "walk.npz", "joint_names": names}
+    yield Call("read_motion", walking.read_motion, file | {"first": False})
+    yield Call("read_walk", walking.read_walk, file)
+    walk = walking.read_walk(**file)
+    assert isinstance(walk, walking.BalancedWalk)
+    yield Call("add_feedback", walking.add_feedback, {"path": "walk.npz", "walk": walk})
+    parts = {"motion": walk.motion, "feedback": walk.feedback, "imu": walk.imu, "mirror": gait.mirror}
+    yield Call("balanced", walking.balanced, {"scene": scene} | parts, True)
+    field = {"height": 3e-3, "seed": 0, "length": 2.0, "width": 1.0, "spacing": 0.1}
+    yield Call("rough_field", walking.rough_field, field)
+    far = {"scene": scene, "walk": walk, "ground": None, "strides": 1, "feedback": True, "seed": 0}
+    yield Call("walk_far", walking.walk_far, far, True)
+    pushed = {"scene": scene, "walk": walk, "worlds": 1, "feedback": True, "seed": 0}
+    yield Call("pushes_survived", walking.pushes_survived, pushed, True)
 
 
 def square(x: np.ndarray) -> float:

@@ -83,10 +83,10 @@ def reach(
     (n, nj) [rad].  Raises ValueError, naming foot and time, for a target out of reach.
     """
     angles, size = nearest(model, foot, target, point=point, rotation=rotation, start=start, tolerance=tolerance)
+    times = None if times is None else finite("times", times, (len(size),), "[s]")
     if (size < tolerance).all():
         return angles
     target = np.atleast_2d(floats("target", target))
-    times = None if times is None else finite("times", times, (len(target),), "[s]")
     k = int(size.argmax())
     x, y, z = target[k]
     raise ValueError(

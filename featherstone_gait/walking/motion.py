@@ -73,7 +73,7 @@ def read_motion(path: FilePath, joint_names: Sequence[str] | None = None, *, fir
     if path.suffix == ".npz":
         return _of_arrays(path, joint_names, first)
     if path.suffix != ".csv":
-        raise ValueError(f"{path}: give a gait's .npz or its angles as .csv, as featherstone-gait optimize writes")
+        raise ValueError(f"path {path}: give a gait's .npz or its angles as .csv, as featherstone-gait optimize writes")
     if first:
         raise ValueError(f"{path}: only a gait's .npz has the gait that the search began with; give that")
     times, angles, names = read_angles(path, joint_names)
@@ -107,7 +107,7 @@ def _of_arrays(path: Path, joint_names: Sequence[str] | None, first: bool) -> Mo
     wanted = names if joint_names is None else tuple(texts("joint_names", joint_names))
     if sorted(names) != sorted(wanted):
         odd = ", ".join(sorted({*names} ^ {*wanted}))
-        raise ValueError(f"{path}: its joints are not those of the robot: {odd}; name the robot (--robot)")
+        raise ValueError(f"{path}: its joints are not those of joint_names: {odd}; name the robot (--robot)")
     if first:
         began = arrays.get("first_poses", arrays["first"])  # of a step, `first` lacks what the other leg mirrors
         if began.size != poses.size:
