@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import re
 import shutil
 import subprocess
 import sys
@@ -37,6 +38,8 @@ NOTEBOOKS = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "notebo
 REPORT = tuple(f"experiments/{name}.py" for name in ("report", *EXPERIMENTS))
 COMMANDS = ("optimize", "reproduce", "benchmark")  # of `featherstone-gait`; what begins otherwise is Python's
 GAIT = ROOT / "robots" / "humanoid" / "optimized_gait.json"
+SEEDS = {0: GAIT} | {k: ROOT / "docs" / "reproduction" / f"gait_seed_{k}.json" for k in (1, 2)}
+TOLD = ("settings", "search", "before", "after", "elsewhere", "crosscheck", "plausible")  # of a gait's report
 
 
 class Cells(NamedTuple):
@@ -90,6 +93,22 @@ def stored_gait() -> Iterable[Cells]:
         yield Cells(page, row, (*(f"{form.format(scale * x['value'])}, {_share(x['share'])}" for x in each), None))
     yield Cells(page, "limbs apart", (*(f"{1e3 * x['apart']['value']:.1f} mm" for x in limits), None))
     yield Cells(page, "torque over stall torque", (*(f"{1e2 * x['torque']['value']:.0f} %" for x in limits), None))
+
+
+def seeds() -> Iterable[Cells]:
+    """docs/optimize.md tells what other seeds come to."""
+    for seed, path in SEEDS.items():
+        told = json.loads(path.read_text("utf-8"))
+        found, worlds, limits = told["after"], told["elsewhere"]["after"], told["plausible"]["after"]["limits"]
+        floors = re.search(r"on (\d+ of \d+) floors, ([0-9.]+ to [0-9.]+) J/m", told["crosscheck"])
+        assert floors, told["crosscheck"]
+        yield Cells(
+            "docs/optimize.md", f"seed {seed}",
+            (f"{found['cost']:.1f} J/m, {1e3 * found['speed']:.0f} mm/s",
+             f"{sum(limit['kept'] for limit in limits)} of {len(limits)}",
+             f"{100 * worlds['walks']:.3g} %, {worlds['cost'][0]:.1f} to {worlds['cost'][2]:.1f} J/m",
+             f"{floors[1]}, {floors[2]} J/m"),
+        )  # fmt: skip
 
 
 def _share(share: float) -> str:
@@ -165,6 +184,7 @@ def held() -> Iterable[Cells]:
 
 PARTS: dict[str, Part] = {
     "stored-gait": Part("the tables of README and docs/optimize.md from the file of the gait", 0.0, cells=stored_gait),
+    "seeds": Part("the table of seeds in docs/optimize.md from their files", 0.0, cells=seeds),
     "walked-gait": Part("the energy and speed of that gait, walked again", 0.1, cells=walked_gait),
     "first-gaits": Part("the table of plans in docs/walking.md, without its 200 worlds", 1.0, cells=first_gaits),
     "scatter": Part("the walks of docs/maximal.md", 1.0, cells=scatter, modules=("experiments/solver_scatter.py",)),
@@ -174,6 +194,14 @@ PARTS: dict[str, Part] = {
         (("humanoid_gait.npz", "robots/humanoid/optimized_gait.npz"),
          ("humanoid_gait.json", "robots/humanoid/optimized_gait.json")),
     ),
+    **{
+        f"seed-{k}": Part(
+            f"the gait of seed {k} in docs/optimize.md", 5,
+            ("optimize", "--seed", f"{k}", "--crosscheck", "--no-fair", "--out", "{out}"),
+            (("humanoid_gait.json", f"docs/reproduction/gait_seed_{k}.json"),),
+        )
+        for k in (1, 2)
+    },
     "energy-only": Part(
         "the column `--energy-only` of README and docs/optimize.md, printed", 6,
         ("optimize", "--energy-only", "--crosscheck", "--out", "{out}"),
@@ -273,7 +301,19 @@ def commanded(part: Part, out: Path) -> None:
     package = ["-m", "featherstone_gait"] if words[0] in COMMANDS else []
     subprocess.run([sys.executable, *package, *words], cwd=ROOT, check=True)
     for name, place in part.files:
-        shutil.copyfile(out / name, ROOT / place)
+        if name == "humanoid_gait.json":
+            put_gait(out / name, ROOT / place, shown(part))
+        else:
+            shutil.copyfile(out / name, ROOT / place)
+
+
+def put_gait(report: Path, place: Path, command: str) -> None:
+    """Keep of a gait's report what is of no machine, and what made it."""
+    told = json.loads(report.read_text("utf-8"))
+    kept = {"format": told["format"], "command": command, "version": told["version"]}
+    text = json.dumps(kept | {key: told[key] for key in TOLD})
+    with complete(place) as temporary:
+        temporary.write_text(text + "\n", "utf-8")
 
 
 def sources(part: Part) -> str:
