@@ -121,7 +121,7 @@ def simulate_batch(
         raise TypeError(f"executor is {shown(executor)}; give a concurrent.futures.Executor, or None")
     estimate = None if estimate_error is None else truth("estimate_error", estimate_error)
     each = {"states": states, "references": references, "taus": taus, "noises": noises}
-    several = None if controller is None or isinstance(controller, CompiledController) else controller
+    several = controller if isinstance(controller, Iterable) else None
     alike: Any = controller if several is None else None
     runs = _runs(scene, worlds, each | {"controller": several})
     acts, scenes = runs.pop("controller"), runs.pop("scenes")
