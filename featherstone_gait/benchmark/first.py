@@ -46,6 +46,14 @@ CONTROLLER = """
 from featherstone_gait.benchmark.session import upright
 simulate(scene, 0.1, controller=upright)
 """
+FEEDBACK = """
+from pathlib import Path
+from featherstone_gait.walking import read_walk
+robot = load_robot("humanoid", locked="simplified")
+scene = compile_scene(robot, servos="mipsd", ground=Ground(), integrator="midpoint")
+walk = read_walk(Path(scene.model.source).parent / "balanced_gait.npz")
+simulate(scene, 0.1, reference=walk.reference(1), controller=walk.controller(scene))
+"""
 SIMTWO = HUMANOID.format(', integrator="simtwo", timestep=1e-3') + "from featherstone_gait import maximal\n"
 KINDS = {  # first results
     "free arm": 'simulate(compile_scene(load_robot("arm7")), 0.1)',
@@ -57,6 +65,7 @@ KINDS = {  # first results
     "the same, rtol 1e-9": BY_DEFAULT + "simulate(scene, 0.01, rtol=1e-9)",
     "a session of eight": BY_DEFAULT + SESSION,
     "a controller of one's own": MIDPOINT + CONTROLLER,
+    "a walk with feedback": FEEDBACK,
     "matrices of a tick": MIDPOINT + "from featherstone_gait import linearise\nlinearise(scene)",
     "constraints and sweeps": SIMTWO + "maximal.simulate(scene, 0.1)",
 }

@@ -46,6 +46,7 @@ from ..run.prepared import prepare, with_steps
 from ..run.program import CompiledController
 from ..run.simulate import PARTS, initial_state, simulate, simulate_batch, standing_state
 from ..trajectory import Trajectory
+from ..walking.feedback import BalancedWalk, read_walk
 from ..worlds import Spread, Worlds
 from .machine import machine
 from .session import upright
@@ -524,7 +525,11 @@ def savings() -> Iterator[tuple[str, Work, Work, str]]:
     dry, loaded = (_standing_on_servos(walker.model, losses) for losses in ({}, LOSSES))
     yield "no friction that knows load and speed (humanoid)", dry, loaded, "M1 and M4 of 10 servos, standing"
     plain, feedback = _rollout(walker, still), _rollout(walker, still, acts=upright)
-    yield "no controller of one's own (humanoid)", plain, feedback, "one of 10 joints, of a tick a step's share"
+    yield "no controller of one's own (humanoid)", plain, feedback, "ticks are in its time, not in its instructions"
+    walk = read_walk(Path(walker.model.source).parent / "balanced_gait.npz")
+    assert isinstance(walk, BalancedWalk)
+    balanced = _rollout(walker, still, acts=walk.controller(walker))
+    yield "no feedback from an IMU (humanoid)", plain, balanced, "ticks are in its time, not in its instructions"
     servos = _spread("resistance", "inductance", "motor_constant", "voltage_limit", "stiffness", "damping", "Kp")
     ground, links = _spread("friction", "sinking", "damping_ratio"), _spread("mass", "center_of_mass", "inertia")
     alike = _lanes(walker, still, Worlds(runs=8))

@@ -342,8 +342,8 @@ def legs_of(model: Model) -> tuple[np.ndarray, np.ndarray]:
     Raises ValueError for a robot without two legs that have hips and ankles of roll and pitch.
     """
     feet = list(dict.fromkeys(point.link for point in model.contacts))
-    axes = joint_axes(model, link_poses(model, np.zeros(len(model.joint_names))))[0]
     poses = link_poses(model, np.zeros(len(model.joint_names)))
+    axes = joint_axes(model, poses)[0]
     if len(feet) != 2:
         on = ", ".join(feet) or "none"
         raise ValueError(f"{model.name}: feedback is for two legs; its contact points are on {on}")

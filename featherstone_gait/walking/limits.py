@@ -271,4 +271,3 @@ def of_servos(scene: CompiledScene, run: Trajectory, window: slice) -> dict[str,
 @functools.lru_cache(maxsize=1024)
 def _stall_torque(servo: Servo) -> float:
     return torque_speed(servo, points=2).stall_torque
-
