@@ -163,7 +163,7 @@ def test_stiff_servos_settle_at_large_steps():
     """Continuous servos without rotor inertia: far fewer steps than an explicit method's limit allows."""
     problem = stiff_arm("standard")
     scene = compile_scene(problem.model, **problem.arguments, **HOW)
-    run = simulate(scene, problem.duration, problem.state(scene), problem.reference)
+    run = simulate(scene, problem.duration, problem.state(scene), problem.reference, rtol=1e-2)
     assert run.ok
     assert run.info["steps"] < 0.1 * problem.duration / scene.preflight.largest_explicit_step
     best = problem.scene("extrapolation")

@@ -14,9 +14,11 @@ from featherstone_gait import (
     compile_scene,
     initial_state,
     load_robot,
+    load_servo,
     simulate,
     simulate_batch,
 )
+from featherstone_gait.benchmark.default_scenes import AX12_LAW
 from featherstone_gait.benchmark.precision import unlimited
 
 ARM = unlimited(load_robot("arm7_spatial"))
@@ -203,15 +205,51 @@ def test_the_tolerance_takes_another_integrator_only_where_none_is_named():
 
 
 @pytest.mark.long
-def test_without_servos_the_tolerance_is_less_and_the_integrators_own_where_that_is_least():
+def test_the_tolerance_is_that_of_the_scene_and_the_integrators_own_where_that_is_least():
     arm = load_robot("arm7")
     humanoid = load_robot("humanoid", locked="simplified")
-    assert compile_scene(arm, servos="rotor", integrator="ars343").rtol == 1e-2
-    assert compile_scene(humanoid, ground=Ground(), integrator="ars343").rtol == 3e-4
+    assert compile_scene(humanoid, "mipsd", Ground()).rtol == 1e-2
+    assert compile_scene(arm, "mipsd").rtol == 1e-4
+    assert compile_scene(arm, servos="rotor").rtol == 1e-4
+    assert compile_scene(humanoid, ground=Ground(), integrator="ars343").rtol == 1e-4
     assert compile_scene(arm).rtol == compile_scene(arm).method.rtol == 1e-7
     limp = compile_scene(arm, integrator="ars343")
     start = thrown(limp, 0.5)
-    runs = [simulate(limp, 0.1, start, estimate_error=False, **how) for how in ({}, {"rtol": 3e-4}, {"rtol": 1e-2})]
+    runs = [simulate(limp, 0.1, start, estimate_error=False, **how) for how in ({}, {"rtol": 1e-4}, {"rtol": 1e-2})]
     ends = [run.final for run in runs]
     assert np.array_equal(ends[0], ends[1])
     assert not np.array_equal(ends[0], ends[2])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("servo", ["ax12a", "margin"])
+def test_where_a_law_jumps_the_tolerance_follows(servo):
+    """At ten thousand times this tolerance a third of such steps end more than 1e-3 rad off and say ok."""
+    arm = load_robot("ax12_arm")
+    own = load_servo("ax12", **AX12_LAW) if servo == "margin" else load_servo(servo)
+    scene = compile_scene(replace(arm, servos=dict.fromkeys(arm.servos, own)), "rotor")
+    assert scene.rtol == 1e-6
+    assert scene.largest_jump > 5e-3
+    exact, rng = compile_scene(scene.model, "rotor", integrator="extrapolation"), np.random.default_rng(3)
+    wrong = 0
+    for _ in range(12):
+        target = Reference([0.0], rng.uniform(-1.5, 1.5, (1, 1)))
+        run, coarse = (simulate(scene, 1.0, reference=target, **how) for how in ({}, {"rtol": 1e-2}))
+        truth = simulate(exact, 1.0, reference=target, rtol=1e-9, estimate_error=False)
+        assert run.ok
+        assert run.info["integrator"] == "extrapolation"
+        assert "controllers jump" in run.info["reason"]
+        assert np.abs(run["q"] - truth["q"]).max() < 1e-4
+        wrong += np.abs(coarse["q"] - truth["q"]).max() > 1e-3
+    assert wrong > 0
+
+
+@pytest.mark.long
+def test_seven_servos_that_step_are_right_where_they_say_so():
+    scene, rng = compile_scene(load_robot("arm7"), "mipsd"), np.random.default_rng(1)
+    for _ in range(10):
+        target = Reference([0.0], rng.uniform(-0.8, 0.8, (1, 7)))
+        run = simulate(scene, 1.0, reference=target)
+        truth = simulate(scene, 1.0, reference=target, rtol=1e-7, estimate_error=False)
+        assert run.ok
+        assert np.abs(run["q"] - truth["q"]).max() < 1e-3

@@ -31,6 +31,7 @@ from ..files import complete
 from ..run.companion import SPEED_LIMIT
 from ..trajectory import Trajectory
 from ..view.plotting import positions
+from ..view.style import BLUE, COLOURS, ORANGE, look
 from .default_scenes import cases
 from .limited import Worker, at_most
 from .machine import machine
@@ -46,7 +47,7 @@ WRONG, SILENT = 1e-3, 1e-2  # error that counts of the default, and of integrato
 PATIENCE = 30.0  # CPU seconds of a run
 ENOUGH, REPEATS = 0.5, 9  # CPU seconds and runs after which a time is believed
 NAMED = ("implicit_euler", "midpoint", "rk4", "dop853", "extrapolation", "ars343")
-COLOURS = {"held": "#4c9f70", "silent": "#c1121f", "flagged": "#7f9fd0", "alarm": "#f4a259"}
+VERDICTS = {"held": BLUE, "silent": ORANGE, "flagged": COLOURS[4], "alarm": COLOURS[5]}
 
 
 class Outcome(NamedTuple):
@@ -280,6 +281,7 @@ def integrator_lines(rows: Sequence[Named]) -> list[str]:
     return lines
 
 
+@look()
 def plot(rows: Sequence[Row], notes: str = "") -> Figure:
     """Error against the run's own estimate, and against what it costs."""
     from matplotlib.figure import Figure
@@ -293,15 +295,14 @@ def plot(rows: Sequence[Row], notes: str = "") -> Figure:
     left.plot(ends, 10.0 * ends, color="0.5", linewidth=1.0, linestyle=":")
     left.set(xlabel="the run's own estimate [rad or m]", ylabel="error [rad or m]", ylim=(1e-14, 20.0))
     right.set(xlabel="CPU time over that of version 0.1's default")
-    right.legend(frameon=False, fontsize=8)
+    right.legend(fontsize=8)
     figure.suptitle(notes, fontsize=7, x=0.01, ha="left")
     return figure
 
 
 def _scatter(axes: Axes, rows: Sequence[Row], name: str) -> None:
-    for verdict, colour in COLOURS.items():
+    for verdict, colour in VERDICTS.items():
         of = [row for row in rows if row.verdict == verdict]
         x, y = [getattr(row, name) for row in of], [max(row.error, 1e-13) for row in of]
         axes.loglog(x, y, "o", color=colour, markersize=4, alpha=0.7, label=f"{verdict}: {len(of)}")
     axes.axhline(WRONG, color="0.7", linewidth=0.8)
-    axes.grid(alpha=0.3)

@@ -19,6 +19,7 @@ from ..contact_choice import with_contacts
 from ..model import ContactPoint, Ground, Joint, Link, Model, Supply
 from ..reference import Reference
 from ..robot_file import load_robot, load_servo
+from ..robot_file.servos import with_servo
 from ..run.simulate import initial_state, simulate, standing_state
 from . import precision, stress
 from .robots import folders, published
@@ -30,12 +31,19 @@ NO_FALL: dict[str, Any] = {"fall_height": -1e6, "fall_tilt": 4.0}
 EVERY = 12  # robot that runs if not all do, and these:
 CHOSEN = ("model_for_sdf", "talos_reduced", "xarm6_with_gripper", "centauro")
 CENTRE = (0.0, 0.0, 0.0)
+STEPS_EACH = 4  # random steps
+PUNCH = 32 / 1023 * 10.0  # [V]
+AX12_LAW: dict[str, Any] = {
+    "compliance_margin": math.radians(0.29), "punch": PUNCH, "Kp": (10.0 - PUNCH) / math.radians(9.4),
+    "pwm_steps": 1023.0, "duty_limit": 0.98,
+}  # fmt: skip
 
 
 def cases(full: bool = False, robots: Sequence[Path] | None = None, skipped: list[str] | None = None) -> Iterator[Case]:
     """All scenes; full: of all robots, and the long ones; skipped: is told what is left out, and why."""
     skipped = [] if skipped is None else skipped
     yield from servo_cases()
+    yield from step_cases()
     yield from friction_cases()
     yield from firmware_cases()
     yield from free_cases()
@@ -140,6 +148,24 @@ def servo_cases() -> Iterator[Case]:
         yield case_of(f"{servos}, reference too fast", "servos", scene, 1.0, [0.0], None, reference=fast)
 
 
+def step_cases() -> Iterator[Case]:
+    """Steps to random angles: of seven servos at once, and of servos that read their angles in counts."""
+    arm, seven = load_robot("ax12_arm"), load_robot("arm7")
+    scenes = {
+        "seven servos, mipsd": compile_scene(seven, "mipsd"),
+        "seven servos, rotor": compile_scene(seven, "rotor"),
+        "seven xm430": compile_scene(with_servo(seven, "xm430"), "rotor"),
+        "ax12a": compile_scene(with_servo(arm, "ax12a"), "rotor"),
+        "ax12a, mipsd": compile_scene(with_servo(arm, "ax12a"), "mipsd"),
+        "AX-12's law": compile_scene(with_servo(arm, "ax12", **AX12_LAW), "rotor"),
+    }
+    for name, scene in scenes.items():
+        rng, n = np.random.default_rng(zlib.crc32(name.encode())), scene.tree.n
+        for k in range(STEPS_EACH):
+            target = Reference([0.0], rng.uniform(-0.8, 0.8, (1, n)))
+            yield case_of(f"{name}, random step {k}", "random steps", scene, 1.0, [0.0] * n, None, reference=target)
+
+
 def friction_cases() -> Iterator[Case]:
     """Servos whose friction has a model of its own: a step, a slow ramp with sticking and slipping, a fall."""
     arm = load_robot("ax12_arm")
@@ -163,18 +189,13 @@ def friction_cases() -> Iterator[Case]:
 
 def firmware_cases() -> Iterator[Case]:
     """The AX-12's own law, with profile and delay; seven of them on a weak battery."""
-    margin, slope, punch = math.radians(0.29), math.radians(9.4), 32 / 1023 * 10.0
-    law: dict[str, Any] = {
-        "compliance_margin": margin, "punch": punch, "Kp": (10.0 - punch) / slope, "pwm_steps": 1023.0,
-        "duty_limit": 0.98,
-    }  # fmt: skip
     arm, step = load_robot("ax12_arm"), Reference([0.0], [[math.pi / 3.0]])
-    for name, firmware in {
-        "AX-12's law": law,
-        "AX-12's law, profile of 2 rad/s": law | {"profile_speed": 2.0},
-        "AX-12's law, 3 ms late": law | {"delay": 3e-3},
+    for name, more in {
+        "AX-12's law": {},
+        "AX-12's law, profile of 2 rad/s": {"profile_speed": 2.0},
+        "AX-12's law, 3 ms late": {"delay": 3e-3},
     }.items():
-        scene = compile_scene(replace(arm, servos=dict.fromkeys(arm.servos, load_servo("ax12", **firmware))), "rotor")
+        scene = compile_scene(with_servo(arm, "ax12", **AX12_LAW, **more), "rotor")
         yield case_of(f"{name}, step of 60 degrees", "firmware", scene, 1.0, [0.0], None, reference=step)
     scene = compile_scene(replace(load_robot("arm7"), supply=Supply(11.1, 0.3)), "mipsd")
     raised = Reference([0.0], np.full((1, 7), 0.3))

@@ -44,6 +44,7 @@ from ..reference import Reference
 from ..robot_file import load_robot, save_robot
 from ..run.simulate import initial_state, simulate
 from ..view.plotting import positions
+from ..view.style import look
 from . import precision, speed, walk
 from .machine import machine
 from .mujoco_clock import quick_mujoco
@@ -629,6 +630,7 @@ def _print_lines(found: list[Line]) -> None:
         print(f"{x.line:66}{x.asked:>10}{x.measured:>10}  {'met' if x.met else 'NOT MET'}  {x.note}")
 
 
+@look()
 def _plot(path: Path, speeds: list[Speed], points: list[Point], notes: str) -> None:
     """The three scenes, and forward dynamics of chains."""
     from matplotlib.figure import Figure
@@ -644,8 +646,9 @@ def _plot(path: Path, speeds: list[Speed], points: list[Point], notes: str) -> N
         figure.savefig(temporary, dpi=130)
 
 
-GREYS = {"MuJoCo Euler": "C5", "MuJoCo implicitfast": "C6", "MuJoCo implicit": "C9", "MuJoCo RK4": "C7",
-         "MuJoCo discrete": "C8", "SciPy Radau": "gold", "SciPy DOP853": "navy", "SciPy LSODA": "lime"}  # fmt: skip
+GREYS = {"MuJoCo Euler": "tab:brown", "MuJoCo implicitfast": "tab:pink", "MuJoCo implicit": "tab:cyan",
+         "MuJoCo RK4": "tab:gray", "MuJoCo discrete": "tab:olive",
+         "SciPy Radau": "gold", "SciPy DOP853": "navy", "SciPy LSODA": "lime"}  # fmt: skip
 DASHES = {"": "-", ", position": "-", ", joint damping": "--", ", dcmotor": ":"}
 
 
@@ -661,8 +664,7 @@ def _scene_panel(panel: Axes, points: list[Point]) -> None:
             linewidth=1.0 if peer else 2.0,
         )  # fmt: skip
     panel.set(title=points[0].problem, xlabel="error at the end [rad]", ylabel="CPU time per simulated second [ms]")
-    panel.grid(alpha=0.3)
-    panel.legend(fontsize=6.5, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    panel.legend(fontsize=6.5, loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
 LABELS = {"float64": "ours, float64", "lanes": "ours, lanes"}
@@ -676,5 +678,4 @@ def _dynamics_panel(panel: Axes, rows: list[Speed]) -> None:
     panel.set(xlabel="links", ylabel="CPU time per robot [us]", title="Forward dynamics of chains")
     panel.set_xticks(LENGTHS, map(str, LENGTHS))
     panel.minorticks_off()
-    panel.grid(alpha=0.3)
-    panel.legend(fontsize=8, frameon=False)
+    panel.legend(fontsize=8)

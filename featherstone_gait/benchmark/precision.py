@@ -37,6 +37,7 @@ from ..run.simulate import initial_state, restarted, simulate, standing_state
 from ..run.verdict import trajectory
 from ..trajectory import Trajectory
 from ..view.plotting import positions
+from ..view.style import look
 from .machine import machine
 from .table import TABLE, write_table
 
@@ -477,6 +478,7 @@ COLOURS = {
 }
 
 
+@look()
 def plot(path: Path, rows: list[Row], notes: str = "") -> None:
     """A panel for each problem: time against error, of runs that are right to 1 rad or m; right and low is bad."""
     from matplotlib.figure import Figure
@@ -494,7 +496,7 @@ def plot(path: Path, rows: list[Row], notes: str = "") -> None:
         panels[k].set_ylabel("CPU time [ms/s]" if k % columns == 0 else "")
     used = [name for name in COLOURS if any(row.integrator == name for row in rows)]
     handles = [_line(name) for name in used]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(used), frameon=False)
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(used))
     figure.suptitle(
         "CPU milliseconds per simulated second against error; filled: error control, hollow: fixed steps\n" + notes,
         fontsize=9,
@@ -526,6 +528,5 @@ def _panel(panel: Axes, rows: list[Row]) -> None:
     panel.set_xlim(0.3 * min(shown), 3.0 * max(shown))
     panel.set_title(rows[0].problem, fontsize=10)
     panel.set_xlabel("error [rad]" if math.isnan(rows[0].shift) else "error [rad or m]", fontsize=9)
-    panel.grid(alpha=0.3)
     panel.tick_params(labelsize=8)
     panel.yaxis.set_minor_formatter(NullFormatter())

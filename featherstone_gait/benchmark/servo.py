@@ -22,6 +22,7 @@ from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..run.simulate import initial_state, simulate
 from ..trajectory import Trajectory
+from ..view.style import look
 from .machine import machine
 from .table import write_table
 
@@ -125,6 +126,7 @@ def _timed(
     return trajectory, 1e3 * min(times) / duration
 
 
+@look()
 def _plot(path: Path, arm: list[ArmRow], pd: list[PdRow]) -> None:
     import matplotlib
 

@@ -38,6 +38,7 @@ from ..model import Joint, Link, Model
 from ..robot_file import load_robot, save_robot
 from ..run.simulate import simulate_batch
 from ..view.plotting import positions
+from ..view.style import look
 from .machine import machine
 from .mujoco_clock import quick_mujoco
 from .table import write_table
@@ -377,6 +378,7 @@ STYLES = {
 }
 
 
+@look()
 def _plot(rows: list[Row], machine: str, path: Path) -> None:
     """Time and error against the length of the chains, and the robots' times side by side."""
     from matplotlib.figure import Figure
@@ -386,7 +388,7 @@ def _plot(rows: list[Row], machine: str, path: Path) -> None:
     chains = [row for row in rows if row.robot.startswith("chain")]
     _lines(times, chains, "time")
     times.set(ylabel="time per call and robot [us]", title="Chains: time")
-    times.legend(frameon=False, fontsize=8)
+    times.legend(fontsize=8)
     _lines(errors, [row for row in chains if row.algorithm != MUJOCO and row.width == SCALARS], "error")
     errors.set(ylabel="greatest error by greatest value", title="Chains: error")
     _bars(bars, [row for row in rows if row not in chains])
@@ -406,7 +408,6 @@ def _lines(axes: Axes, rows: list[Row], value: str) -> None:
     axes.set_xticks(lengths, [str(n) for n in lengths])
     axes.minorticks_off()
     axes.set_xlabel("links")
-    axes.grid(alpha=0.3)
 
 
 def _bars(axes: Axes, rows: list[Row]) -> None:
@@ -423,4 +424,4 @@ def _bars(axes: Axes, rows: list[Row]) -> None:
     axes.invert_yaxis()
     axes.set(xlabel="time per call and robot [us]", title="Robots")
     axes.margins(x=0.12)
-    axes.legend(frameon=False, loc="lower right")
+    axes.legend(loc="lower right")

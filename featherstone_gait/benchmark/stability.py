@@ -30,6 +30,7 @@ from ..study.bisection import largest
 from ..study.linear_stability import growth, linearised
 from ..study.measures import LARGEST, SMALLEST
 from ..study.table import TABLE
+from ..view.style import look
 from .machine import machine
 from .table import write_table
 
@@ -219,6 +220,7 @@ SWEPT = {"joints": "joints", "ratio": "gear ratio", "rotor_inertia": "rotor iner
 TITLES = {"standard": "standard: no rotor", "rotor": "rotor, rigid gearbox", "mipsd": "mipsd: rotor behind a spring"}
 
 
+@look()
 def _plot(path: Path, found: dict[Point, Found]) -> None:
     """A row for each gearbox model, a column for each quantity."""
     from matplotlib.figure import Figure
@@ -272,7 +274,6 @@ def _panel(panel: Axes, found: dict[Point, Found], servos: str, swept: str) -> N
     exponents = [f"$10^{{{math.log10(v):.0f}}}$" for v in values]
     panel.set_xticks(values, exponents if swept == "rotor_inertia" else [f"{v:g}" for v in values])
     panel.xaxis.minorticks_off()
-    panel.grid(alpha=0.25)
 
 
 def _legend(panel: Axes) -> None:
@@ -289,4 +290,4 @@ def _legend(panel: Axes) -> None:
         Line2D([], [], marker="x", label="no stable step", **grey),
         Line2D([], [], color="0.6", linestyle=":", label="controllers' period"),
     ]
-    panel.legend(handles=handles, loc="center", frameon=False, fontsize=8.5).set_in_layout(False)
+    panel.legend(handles=handles, loc="center", fontsize=8.5).set_in_layout(False)

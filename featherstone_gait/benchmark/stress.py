@@ -32,6 +32,7 @@ from ..robot_file import load_robot, load_servo
 from ..run.simulate import Push, initial_state, simulate
 from ..trajectory import Trajectory
 from ..view.plotting import positions
+from ..view.style import look
 from .machine import machine
 from .precision import unlimited
 from .speed import chain
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 WRONG = 1e-3  # error that counts [rad or m]
 COVERED = 10.0  # times the run's own estimate that it may reach
 AGREED = 1e-5  # of the reference at two tolerances [rad or m]
-COLOURS = {"held": "#4c9f70", "flagged": "#7f9fd0", "silent": "#c1121f", "alarm": "#f4a259", "": "white"}
+COLOURS = {"held": "#0072B2", "flagged": "#56B4E9", "silent": "#D55E00", "alarm": "#E69F00", "": "white"}
 
 
 class Case(NamedTuple):
@@ -250,6 +251,7 @@ def _joints() -> list[Case]:
 # ---------------------------------------------------------------------------------------------- picture
 
 
+@look()
 def plot(rows: list[Row], notes: str = "") -> Figure:
     """A cell a run: cases down, integrators and steps across."""
     from matplotlib.colors import ListedColormap
@@ -273,7 +275,7 @@ def plot(rows: list[Row], notes: str = "") -> Figure:
     axes.invert_yaxis()
     figure.legend(
         handles=[Patch(color=colour, label=kind) for kind, colour in COLOURS.items() if kind],
-        loc="outside upper right", ncols=4, frameon=False,
+        loc="outside upper right", ncols=4,
     )  # fmt: skip
     figure.suptitle(notes, fontsize=7, x=0.01, ha="left")
     return figure

@@ -30,6 +30,7 @@ from ..reference import Reference
 from ..robot_file import load_robot, save_robot
 from ..run.lane_engine import Queue
 from ..run.simulate import simulate_stream, standing_state
+from ..view.style import look
 from .machine import machine
 from .mujoco_clock import quick_mujoco
 from .table import write_table
@@ -232,6 +233,7 @@ def mujoco_state(m: Any, d: Any, angles: np.ndarray) -> np.ndarray:
     return state
 
 
+@look()
 def _plot(path: Path, rows: list[Row]) -> None:
     import matplotlib
 

@@ -357,19 +357,22 @@ def with_tolerance(
         None if value is None else real(name, value, 1e-14, 1.0, "1e-8 is usual")
         for name, value in (("rtol", rtol), ("atol", atol))
     )
-    strict = not scene.preflight.named and rtol is not None and rtol < scene.method.strictest
-    if rtol is not None and (strict or not scene.adaptive):
+    wanted = scene.rtol if rtol is None and scene.adaptive else rtol
+    strict = not scene.preflight.named and wanted is not None and wanted < scene.method.strictest
+    if strict or (rtol is not None and not scene.adaptive):
         if scene.method.drives:
             raise ValueError(
                 f"{scene.integrator} is an order of updates at a fixed step, not a differential equation; "
                 "without rtol and atol"
             )
         taken, so = ("extrapolation", "something is") if scene.stiff else ("dop853", "nothing is")
-        scene = scene.in_place(taken, f"rtol asks for error control, and {so} stiff, sampled or on the ground")
+        why = f"rtol asks for error control, and {so} stiff, sampled or on the ground"
+        if rtol is None:
+            why = f"controllers jump by what {scene.largest_jump:.2g} rad ask for, which asks for rtol {wanted:g}"
+        scene = scene.in_place(taken, why)
     if not scene.adaptive:
         return scene, None, None
-    rtol = scene.rtol if rtol is None else rtol
-    return scene, rtol, rtol if atol is None else atol
+    return scene, wanted, wanted if atol is None else atol
 
 
 def _plan(scene: CompiledScene, duration: float, sample: float | None) -> Plan:
