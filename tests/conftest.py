@@ -1,19 +1,14 @@
 """How tests are shared out among workers, and workers share what they compile, which is where nearly all time goes.
 
 A file is one worker's, so that its fixtures are made once; the tests of a file in APART are shared out one by one.
-Files whose tests take longest come first, so that no worker is left alone with one at the end.  A kind that one worker
+Files whose tests take longest come first, so that no worker is left alone with one at the end.  What one worker
 compiles the others wait for and then read from the cache; one worker more than there are cores works meanwhile.
 """
 
-import hashlib
 import os
 from fnmatch import fnmatchcase
-from pathlib import Path
 
 import pytest
-
-from featherstone_gait.core.compile import compiler, jit
-from featherstone_gait.core.compile.lock import lock
 
 APART = ("test_notebooks.py", "test_docs.py", "test_published_robots.py")
 LONGEST = """
@@ -22,25 +17,6 @@ LONGEST = """
     equilibrium physics_contact session controller limits cost plan simulation_reproducibility physics_shapes
     continued preflight supply cheapest_plan
 """.split()
-
-
-def _one_worker_compiles(compile_entry):
-    """`compile_entry`, by one process at a time for each kind."""
-
-    def compile_once(dispatcher, compile_, kept, arguments):
-        if not kept or compiler.current:  # within another's compiling a lock could close a circle
-            return compile_entry(dispatcher, compile_, kept, arguments)
-        kind = hashlib.sha256(repr((dispatcher.py_func.__module__, dispatcher.__name__, arguments)).encode())
-        folder = Path(jit.CACHE_FOLDER, "compiling")
-        folder.mkdir(exist_ok=True)
-        with (folder / kind.hexdigest()[:32]).open("ab") as file:
-            lock(file, wait=True)
-            return compile_entry(dispatcher, compile_, kept, arguments)
-
-    return compile_once
-
-
-jit.compile_entry = _one_worker_compiles(jit.compile_entry)
 
 
 def _file(nodeid):

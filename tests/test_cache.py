@@ -297,3 +297,29 @@ print(float(result[-1]).hex(), sum(stats.cache_hits.values()), sum(stats.cache_m
     assert [(hits, misses) for _, hits, misses, _ in first] == [(0, 1), (0, 1)]
     for p, (result, _, _, _) in zip(programs, first):
         assert run(package, program=p, **cache)[:3] == (result, 1, 0)
+
+
+@pytest.mark.long
+def test_of_processes_that_want_the_same_kernel_one_compiles_it(package, tmp_path):
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    with ThreadPoolExecutor() as pool:
+        done = list(pool.map(lambda _: run(package, **cache), range(3)))
+    assert sorted((hits, misses) for _, hits, misses, _ in done) == [(0, 1), (1, 0), (1, 0)]
+    assert len({result for result, *_ in done}) == 1
+
+
+def test_a_process_that_hangs_while_it_compiles_holds_up_no_other(tmp_path, monkeypatch):
+    monkeypatch.setattr(jit, "PATIENCE", 0.2)
+    path = tmp_path / "compiling" / "kind"
+    with jit._alone(str(path)):
+        begun = time.monotonic()
+        with jit._alone(str(path)):
+            assert 0.2 <= time.monotonic() - begun < 5.0
+        with jit._alone(str(tmp_path / "compiling" / "another")):
+            assert time.monotonic() - begun < 5.0
+
+
+def test_where_nothing_can_be_written_nobody_waits(tmp_path):
+    (tmp_path / "compiling").write_text("no folder")
+    with jit._alone(str(tmp_path / "compiling" / "kind")):
+        pass

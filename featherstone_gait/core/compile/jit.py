@@ -7,8 +7,9 @@ Numba's own cache does not see an edit in a *called* file, so the cache lies in 
 sources of this package: other sources, other folder; a stale kernel cannot be loaded.  Numba does not tell kernels with
 bounds checks from those without either, so they have a folder of their own.  It reads, changes and writes the folder's
 index without a lock: of two processes that save different versions of one kernel at the same moment, one may lose its
-entry or leave its code under the other's name.  Hence one process at a time saves.  What is damaged on the disk counts
-as absent (`sealed.py`), and where nothing can be written each process compiles for itself: the cache stops no run.
+entry or leave its code under the other's name.  Hence one process at a time saves.  Of several that want one kernel,
+one compiles it; the others wait and read it.  What is damaged on the disk counts as absent (`sealed.py`), and where
+nothing can be written each process compiles for itself: the cache stops no run.
 
 Floating point is strict IEEE 754 (no fastmath), which is what makes results equal to the bit in any width, on any
 number of threads and with the JIT off.
@@ -24,14 +25,14 @@ import re
 import shutil
 import tempfile
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import numba
 import numpy as np
 from llvmlite.binding import get_host_cpu_features
 
-from .compiler import Compiler, compile_entry, of_any_integer
+from .compiler import Compiler, compile_entry, current, of_any_integer
 from .lock import lock
 from .sealed import SealedFiles
 
@@ -39,6 +40,7 @@ JIT = not numba.config.DISABLE_JIT
 CompilationError = numba.core.errors.NumbaError
 carray = numba.carray  # an array of a pointer, in what `outside` compiles
 KEPT, RECENT = 3, 86400.0  # folders of other sources: the last so many stay, and all used within so many seconds
+PATIENCE, OFTEN = 300.0, 0.05  # [s] for another process that compiles, and between two looks
 _log = logging.getLogger(__name__)
 
 
@@ -125,7 +127,7 @@ def entry(function):
     kept = _with_cache(function) if CACHE_FOLDER else None
     dispatcher = kept or numba.njit(function, **ENTRY)
     compile_ = functools.partial(compile_entry, dispatcher, dispatcher.compile, kept is not None)
-    dispatcher.compile = compile_
+    dispatcher.compile = functools.partial(_compile_once, kept, compile_) if kept else compile_
     return dispatcher
 
 
@@ -175,6 +177,28 @@ def _with_cache(function):
     cache.load_overload = functools.partial(_load, cache._load_overload)
     cache.save_overload = functools.partial(_save, cache.save_overload)
     return dispatcher
+
+
+def _compile_once(dispatcher, compile_, arguments):
+    """Compile for these types, or read what another process is compiling for them now."""
+    if tuple(arguments) in dispatcher.overloads or current:  # within another's compiling a lock could close a circle
+        return compile_(arguments)
+    kind = hashlib.sha256(repr((dispatcher.py_func.__module__, dispatcher.__name__, arguments)).encode())
+    with _alone(os.path.join(CACHE_FOLDER, "compiling", kind.hexdigest()[:32])):
+        return compile_(arguments)
+
+
+@contextmanager
+def _alone(path):
+    """Hold the lock of a file, if it can be had within PATIENCE, for a process that hangs must hold up no other."""
+    end = time.monotonic() + PATIENCE
+    with ExitStack() as stack:
+        with suppress(OSError):
+            os.makedirs(os.path.dirname(path), exist_ok=True)
+            file = stack.enter_context(open(path, "ab"))
+            while not lock(file) and time.monotonic() < end:
+                time.sleep(OFTEN)
+        yield
 
 
 def _load(load, arguments, context):
