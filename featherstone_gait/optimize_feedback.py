@@ -27,11 +27,7 @@ from .walking.feedback_cost import FeedbackCost
 POSES = math.radians(0.3)  # amplitude of the poses, which a search without feedback has found before [rad]
 BATCH = 16
 FIRST = Feedback(  # gains that a search begins with: those of robots/humanoid/balanced_gait.npz, rounded
-    ankle_pitch=-0.078, ankle_pitch_rate=0.048, hip_pitch=0.2, hip_pitch_rate=0.074, foot_pitch=0.179,
-    foot_pitch_rate=-0.007, level=0.483, ankle_roll=-0.115, ankle_roll_rate=0.063, hip_roll=0.31,
-    hip_roll_rate=-0.037, foot_roll=-0.027, foot_roll_rate=-0.01, time_roll=0.043, time_roll_rate=0.028,
-    heading=0.775, caught_ankle_pitch=-0.191, caught_hip_pitch=-0.1, caught_foot_pitch=0.362,
-    caught_ankle_roll=0.265, caught_hip_roll=-0.119, caught_foot_roll=-0.058, caught_time=1.122,
+    ankle=4.2, foot=2.0, hip_rate=0.05, hasten=10.0, wait=24.0, quiet=0.007, heading=0.775,
 )  # fmt: skip
 
 

@@ -1,29 +1,30 @@
-"""Walking with feedback: a gait's offsets and its timing from what a gyroscope and an accelerometer on the trunk tell.
+"""Walking with feedback: a gait's offsets and its timing from gyroscope and accelerometer on the trunk, and the joints.
 
-    walk = balanced(cost, gait, Feedback(foot_pitch_rate=0.1))
-    simulate(cost.scene, walk.end(20), walk.state(cost.scene), walk.reference(20), controller=walk.controller(scene))
+    walk = balanced(scene, motion, Feedback(ankle=3.0, wait=15.0))
+    simulate(scene, walk.begin(20), reference=walk.reference(20), controller=walk.controller(scene))
 
-Lean and its rate are compared with those that the gait has at this phase where nothing disturbs it, so that feedback
-costs nothing on the flat.  What differs, about the trunk's y (pitch, > 0: forwards) and x (roll, > 0: to the right),
-moves the servos' references:
+Where the robot falls to is told by its capture point x + v / w, w = sqrt(g / h): where it would come to rest as an
+inverted pendulum of its height h (J. Pratt et al., "Capture point: a step toward humanoid push recovery", Humanoids
+2006).  It is seen from the sole of the leg that bears: angles and the direction up give where the centre of mass is
+from each sole, and the rate of that how fast it moves, as a sole that bears does not.  The lower sole bears.  What
+differs from the gait at this phase where nothing disturbs it, ahead (> 0) and aside (> 0: left), is what is off; so is
+the rate of the trunk's lean ahead.  They move the servos' references, so that feedback costs nothing on the flat:
 
-    ankle of the leg that bears        + (P lean + D rate)    presses the sole down where the robot falls to
-    hip of the leg that bears          + (P lean + D rate)    sets the trunk upright
-    hip of the leg that swings         - (P lean + D rate)    puts the foot where the robot falls to, its sole level
-    time                               runs faster where it falls towards the leg that swings, slower away from it
+    ankle of the leg that bears    + P off ahead     presses the sole down where the robot falls to
+    hip of the leg that swings     - P off ahead     puts the foot where the robot falls to, its sole level
+    hip of the leg that bears      + D lean's rate   holds the trunk
+    time                           runs faster where it is off towards the leg that swings, slower away from it
 
-Of lean + rate / w, w = sqrt(g / h), which is where the robot would come to rest as an inverted pendulum of its height h
-(the capture point of J. Pratt et al., "Capture point: a step toward humanoid push recovery", Humanoids 2006), what is
-beyond `QUIET` has gains of its own: strong ones, which would disturb the walk if they acted all the time.  These are
-the strategies of ankle, hip and step of F. Horak, L. Nashner, "Central programming of postural movements", J.
-Neurophysiology 55 (1986); that a step goes to where the lean says is of M. Raibert, "Legged Robots That Balance" (MIT
-Press 1986), chapter 2.  The integral of the lean, in pitch, levels a slope.  A heading that is off makes one leg
-sweep farther than the other.  How much of the weight a leg bears is that of the undisturbed gait at this phase:
-nothing but the gyroscope and the accelerometer is read.
+Of what is off the first `quiet` metres count for nothing: gains can be large that would disturb the walk if they acted
+all the time.  These are the strategies of ankle, hip and step of F. Horak, L. Nashner, "Central programming of postural
+movements", J. Neurophysiology 55 (1986); time as of M. Khadiv et al., "Walking control based on step timing
+adaptation", IEEE Trans. Robotics 36 (2020).  A heading that is off makes one leg sweep farther than the other.  How
+much of the weight a leg bears where offsets are added is that of the undisturbed gait at this phase.
 
-The sensors have noise, offsets and delay.  The direction up is that of the gyroscope's integral, drawn to the
-accelerometer's over `Imu.settling` (the complementary filter of R. Mahony, T. Hamel, J.-M. Pflimlin, IEEE Trans.
-Automatic Control 53 (2008)), heading the integral alone, which drifts as the gyroscope's offset says.
+The sensors have noise, offsets and delay, the joints' angles the delay alone and the step of their encoders.  The
+direction up is that of the gyroscope's integral, drawn to the accelerometer's over `Imu.settling` (the complementary
+filter of R. Mahony, T. Hamel, J.-M. Pflimlin, IEEE Trans. Automatic Control 53 (2008)), heading the integral alone,
+which drifts as the gyroscope's offset says.
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ from ..arguments import path as path_of
 from ..build.contact import standing_posture
 from ..build.scene import CompiledScene
 from ..files import FilePath, complete, read_arrays
+from ..jacobians import chains_of
 from ..model import Model
 from ..reference import Reference
 from ..run.program import SEEN, CompiledController, State, controller
@@ -50,14 +52,13 @@ from ..trajectory import Trajectory
 from .gait import Mirror
 from .gait_file import ARRAYS
 from .inverse_kinematics import leg_joints
-from .kinematics import joint_axes, link_poses
+from .kinematics import joint_axes, link_centers, link_index, link_poses
 from .motion import Motion, read_motion
 
 ALONG = 0.9  # of an axis along x or y: the joint is one of roll or pitch
 LARGEST = 100.0  # gain
 MOST_DELAY = 0.2  # [s]
 NOMINAL_STRIDES = 8  # over which the undisturbed motion is averaged, after two
-LEAN, RATE, SHARE = 0, 2, 4  # columns of the undisturbed motion: roll and pitch, their rates, the left leg's load
 
 
 def _gain(what: str, unit: str) -> Any:
@@ -68,37 +69,22 @@ def _gain(what: str, unit: str) -> Any:
 class Feedback:
     """Gains; all zero: the gait is played as it is."""
 
-    ankle_pitch: float = _gain("ankle of the leg that bears, by lean", "rad/rad")
-    ankle_pitch_rate: float = _gain("... by its rate", "s")
-    hip_pitch: float = _gain("hip of the leg that bears, by lean", "rad/rad")
-    hip_pitch_rate: float = _gain("... by its rate", "s")
-    foot_pitch: float = _gain("hip of the leg that swings, by lean", "rad/rad")
-    foot_pitch_rate: float = _gain("... by its rate", "s")
-    level: float = _gain("both ankles, by the integral of lean ahead", "1/s")
-    ankle_roll: float = _gain("as ankle_pitch, sideways", "rad/rad")
-    ankle_roll_rate: float = _gain("... by its rate", "s")
-    hip_roll: float = _gain("as hip_pitch, sideways", "rad/rad")
-    hip_roll_rate: float = _gain("... by its rate", "s")
-    foot_roll: float = _gain("as foot_pitch, sideways", "rad/rad")
-    foot_roll_rate: float = _gain("... by its rate", "s")
-    time_roll: float = _gain("how much faster time runs, by lean towards the leg that swings", "1/rad")
-    time_roll_rate: float = _gain("... by its rate", "s/rad")
+    ankle: float = _gain("ankle of the leg that bears, by what is off ahead", "rad/m")
+    foot: float = _gain("hip of the leg that swings, by what is off ahead", "rad/m")
+    hip_rate: float = _gain("hip of the leg that bears, by the rate of the trunk's lean ahead", "s")
+    hasten: float = _gain("how much faster time runs, by what is off towards the leg that swings", "1/m")
+    wait: float = _gain("how much slower, by what is off away from it", "1/m")
+    quiet: float = _gain("what is off counts from here on", "m")
     heading: float = _gain("how much farther one leg sweeps, by what heading is off", "1/rad")
-    caught_ankle_pitch: float = _gain("as ankle_pitch, by how far the robot is beyond `QUIET`", "rad/rad")
-    caught_hip_pitch: float = _gain("as hip_pitch, likewise", "rad/rad")
-    caught_foot_pitch: float = _gain("as foot_pitch, likewise", "rad/rad")
-    caught_ankle_roll: float = _gain("as ankle_roll, likewise", "rad/rad")
-    caught_hip_roll: float = _gain("as hip_roll, likewise", "rad/rad")
-    caught_foot_roll: float = _gain("as foot_roll, likewise", "rad/rad")
-    caught_time: float = _gain("as time_roll, likewise", "1/rad")
 
     def __post_init__(self) -> None:
         for one in fields(self):
-            value = real(f"feedback: {one.name}", getattr(self, one.name), -LARGEST, LARGEST, "0 is no feedback")
+            least = 0.0 if one.name == "quiet" else -LARGEST
+            value = real(f"feedback: {one.name}", getattr(self, one.name), least, LARGEST, "0 is no feedback")
             object.__setattr__(self, one.name, value)
 
     def to_vector(self) -> np.ndarray:
-        """The gains (23,) in their order."""
+        """The gains (7,) in their order."""
         return np.array([getattr(self, one.name) for one in fields(self)])
 
 
@@ -122,6 +108,7 @@ class Imu:
     delay: float = 0.02  # from a reading to what is sent to the servos for it, whole ticks [s]
     filter: float = 0.01  # time constant of the first-order low-pass behind the gyroscope [s]
     settling: float = 2.0  # in which the direction up is drawn to the accelerometer's [s]
+    encoder: float = 0.0  # step of the joints' angles [rad], 0: exact, as the servos' own controllers read them
 
     def __post_init__(self) -> None:
         for one in fields(self):
@@ -136,24 +123,33 @@ NONE, SENSORS = Feedback(), Imu()
 GAINS = len(fields(Feedback))
 (
     JOINTS, SAMPLES, SAMPLE, FIRST, LAG, TICK, GRAVITY, SEED, GYROSCOPE, GYROSCOPE_OFFSET, ACCELEROMETER,
-    ACCELEROMETER_OFFSET, DELAY, FILTER, SETTLING, FALLING, LEGS,
-) = range(GAINS, GAINS + 17)  # fmt: skip
-ROLES = 5  # of a leg: columns of roll and pitch of the hip, knee, pitch and roll of the ankle; -1: it has none
+    ACCELEROMETER_OFFSET, DELAY, FILTER, SETTLING, FALLING, MASS, ENCODER, LEGS,
+) = range(GAINS, GAINS + 19)  # fmt: skip
+ROLES = 5  # joints of a leg: roll and pitch of the hip, knee, pitch and roll of the ankle
 SIGNS = LEGS + 2 * ROLES  # whether they turn about +x or +y, 1 or -1
 MEANS = SIGNS + 2 * ROLES  # of the hips' pitch over a stride [rad]
-OFFSETS = MEANS + 2  # of the sensors in this run
+BODY = MEANS + 2  # of the trunk and all that it carries: mass times centre [kg m]
+CHAIN = BODY + 3  # of a leg at zero angles: axes, origins, centres of mass (5, 3), masses, the sole's centre, half size
+CHAIN_LENGTH = 10 * ROLES + 5
+OFFSETS = CHAIN + 2 * CHAIN_LENGTH  # of the sensors in this run
 UP = OFFSETS + 6
 FILTERED = UP + 3
-TURNED, AHEAD, TILTED, BEGUN, COUNT = range(FILTERED + 3, FILTERED + 8)
-LINE = COUNT + 1  # what the sensors read, as long as it is under way
+TURNED, AHEAD, BEGUN, COUNT = range(FILTERED + 3, FILTERED + 7)
+FEET = COUNT + 1  # of left and right sole as the sensors say, upright axes, from the trunk (2, 3) [m]
+FROM = FEET + 6  # where the centre of mass is, from each sole ahead and aside (2, 2) [m]
+SPEED = FROM + 4  # its rate, filtered (2, 2) [m/s]
+LOWEST = SPEED + 4  # height of the lowest corner of each sole (2,) [m]
+LINE = LOWEST + 2  # what the sensors read, as long as it is under way
+READ = 6 + 2 * ROLES
 LONGEST = 20  # ticks of delay
-TABLE = LINE + 6 * (LONGEST + 1)
-QUIET = 0.1  # of lean and rate by the time in which the robot falls, up to which it is not caught [rad]
+TABLE = LINE + READ * (LONGEST + 1)
+COLUMNS = 6  # of the undisturbed motion: see `undisturbed`
 FADE = 0.5  # in which feedback begins to act [s]
-SLOWEST, FASTEST = 0.5, 1.6  # of the gait's time
-MOST_LEAN, MOST_RATE = 0.5, 4.0  # that count [rad, rad/s]
-MOST_TILT = 0.15  # that the integral of the lean adds to the ankles [rad]
+SLOWEST, FASTEST = 0.3, 3.0  # of the gait's time
+MOST_RATE = 4.0  # of the lean that counts [rad/s]
 MOST_SWEEP = 0.6  # that one leg sweeps farther [-]
+MOST_ANKLE, MOST_FOOT = 0.15, 0.4  # of what is off [rad]
+TOUCHING = 0.004  # by how much a sole is higher that bears nothing [m]
 
 
 @controller(memory=0)
@@ -166,7 +162,7 @@ def balance(t: float, state: Any, reference: np.ndarray, command: np.ndarray, me
     # twelve of the multiplicative generator of Park and Miller.
     begun = memory[BEGUN] > 0.0
     count, slots, tick = int(memory[COUNT]), int(memory[DELAY]) + 1, memory[TICK]
-    at, seed = LINE + 6 * (count % slots), int(memory[SEED])
+    at, seed = LINE + READ * (count % slots), int(memory[SEED])
     w, x, y, z = state.base_q[3], state.base_q[4], state.base_q[5], state.base_q[6]
     a, b, c = state.base_qdd[0], state.base_qdd[1], state.base_qdd[2] + memory[GRAVITY]
     for k in range(3):
@@ -184,9 +180,12 @@ def balance(t: float, state: Any, reference: np.ndarray, command: np.ndarray, me
         else:
             memory[at + k % 6] += memory[OFFSETS + k % 6] + memory[GYROSCOPE if k % 6 < 3 else ACCELEROMETER] * drawn
     memory[SEED] = seed
+    for k in range(2 * ROLES):
+        angle, step = state.q[int(memory[LEGS + k])], memory[ENCODER]
+        memory[at + 6 + k] = step * math.floor(angle / step + 0.5) if step > 0.0 else angle
     # Direction up in the trunk's axes, heading and filtered rates, from the oldest reading in the line.
     if count >= slots - 1:
-        at = LINE + 6 * ((count + 1) % slots)
+        at = LINE + READ * ((count + 1) % slots)
         p, q, r = memory[at], memory[at + 1], memory[at + 2]
         a, b, c = memory[at + 3], memory[at + 4], memory[at + 5]
         size = 1.0 / max(math.sqrt(a * a + b * b + c * c), 1e-9)
@@ -201,11 +200,65 @@ def balance(t: float, state: Any, reference: np.ndarray, command: np.ndarray, me
         passed = tick / (tick + memory[FILTER])
         for k in range(3):
             memory[FILTERED + k] += passed * (memory[at + k] - memory[FILTERED + k])
+        # Axes ahead, aside and up, as rows of L in the trunk's axes.
+        L, R, turned = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+        shift, sole, center = np.empty(3), np.empty(3), np.empty(3)
+        x, y, z = memory[UP], memory[UP + 1], memory[UP + 2]
+        size = 1.0 / math.sqrt(max(1.0 - x * x, 1e-9))
+        L[0, 0], L[0, 1], L[0, 2] = (1.0 - x * x) * size, -x * y * size, -x * z * size
+        L[1, 0], L[1, 1], L[1, 2] = 0.0, z * size, -y * size
+        L[2, 0], L[2, 1], L[2, 2] = x, y, z
+        # Each leg by the product of exponentials of its joints: a point p of the zero posture is at R p + shift.
+        for i in range(3):
+            center[i] = memory[BODY + i]
+        for leg in range(2):
+            chain = CHAIN + CHAIN_LENGTH * leg
+            R[:], shift[:] = 0.0, 0.0
+            R[0, 0] = R[1, 1] = R[2, 2] = 1.0
+            for j in range(ROLES):
+                axis, origin = chain + 3 * j, chain + 3 * (ROLES + j)
+                middle, mass = chain + 3 * (2 * ROLES + j), memory[chain + 9 * ROLES + j]
+                x = R[0, 0] * memory[axis] + R[0, 1] * memory[axis + 1] + R[0, 2] * memory[axis + 2]
+                y = R[1, 0] * memory[axis] + R[1, 1] * memory[axis + 1] + R[1, 2] * memory[axis + 2]
+                z = R[2, 0] * memory[axis] + R[2, 1] * memory[axis + 1] + R[2, 2] * memory[axis + 2]
+                angle = memory[at + 6 + ROLES * leg + j]
+                cosine, sine = math.cos(angle), math.sin(angle)
+                for k in range(3):  # Rodrigues: columns of R turned about the axis
+                    a, b, c = R[0, k], R[1, k], R[2, k]
+                    along = (1.0 - cosine) * (x * a + y * b + z * c)
+                    turned[0, k] = cosine * a + sine * (y * c - z * b) + along * x
+                    turned[1, k] = cosine * b + sine * (z * a - x * c) + along * y
+                    turned[2, k] = cosine * c + sine * (x * b - y * a) + along * z
+                for i in range(3):
+                    for k in range(3):
+                        shift[i] += (R[i, k] - turned[i, k]) * memory[origin + k]
+                        R[i, k] = turned[i, k]
+                    center[i] += mass * shift[i]
+                    for k in range(3):
+                        center[i] += mass * R[i, k] * memory[middle + k]
+            end = chain + 10 * ROLES  # the sole's centre and half size
+            for i in range(3):
+                sole[i] = shift[i] + R[i, 0] * memory[end] + R[i, 1] * memory[end + 1] + R[i, 2] * memory[end + 2]
+            for i in range(3):
+                memory[FEET + 3 * leg + i] = L[i, 0] * sole[0] + L[i, 1] * sole[1] + L[i, 2] * sole[2]
+            memory[LOWEST + leg] = memory[FEET + 3 * leg + 2]
+            for k in range(2):
+                tilt = L[2, 0] * R[0, k] + L[2, 1] * R[1, k] + L[2, 2] * R[2, k]
+                memory[LOWEST + leg] -= abs(tilt) * memory[end + 3 + k]
+        # The centre of mass and its rate, seen from each sole.
+        for leg in range(2):
+            for i in range(2):
+                k = 2 * leg + i
+                now = (L[i, 0] * center[0] + L[i, 1] * center[1] + L[i, 2] * center[2]) / memory[MASS]
+                now -= memory[FEET + 3 * leg + i]
+                if count >= slots:
+                    memory[SPEED + k] += passed * ((now - memory[FROM + k]) / tick - memory[SPEED + k])
+                memory[FROM + k] = now
     memory[COUNT] += 1.0
     memory[BEGUN] = 1.0
     # The gait at its own time, by memory[AHEAD] ahead of the clock [s]: rows of the start, then of the stride.
     joints, samples, first = int(memory[JOINTS]), int(memory[SAMPLES]), int(memory[FIRST])
-    width = joints + 5
+    width = joints + COLUMNS
     phase = max(t - memory[LAG], 0.0) / memory[SAMPLE] + memory[AHEAD] / memory[SAMPLE]
     k = math.floor(phase + 1e-9)
     s = max(phase - k, 0.0)
@@ -215,41 +268,36 @@ def balance(t: float, state: Any, reference: np.ndarray, command: np.ndarray, me
     for j in range(joints):
         a, b = memory[low + j], memory[high + j]
         command[j, 0], command[j, 1] = a + s * (b - a), (b - a) / memory[SAMPLE]
+    usual = np.empty(COLUMNS)
+    for j in range(COLUMNS):
+        usual[j] = (1.0 - s) * memory[low + joints + j] + s * memory[high + joints + j]
     # What is off, fading in.
     fade = min(t / FADE, 1.0)
-    low, high, rest = low + joints, high + joints, 1.0 - s
-    roll = memory[UP + 1] - rest * memory[low] - s * memory[high]
-    pitch = -memory[UP] - rest * memory[low + 1] - s * memory[high + 1]
-    roll_rate = memory[FILTERED] - rest * memory[low + 2] - s * memory[high + 2]
-    pitch_rate = memory[FILTERED + 1] - rest * memory[low + 3] - s * memory[high + 3]
-    left = rest * memory[low + 4] + s * memory[high + 4]
-    roll, pitch = fade * min(max(roll, -MOST_LEAN), MOST_LEAN), fade * min(max(pitch, -MOST_LEAN), MOST_LEAN)
-    roll_rate = fade * min(max(roll_rate, -MOST_RATE), MOST_RATE)
-    pitch_rate = fade * min(max(pitch_rate, -MOST_RATE), MOST_RATE)
+    pitch_rate = fade * min(max(memory[FILTERED + 1] - usual[0], -MOST_RATE), MOST_RATE)
+    left = usual[1]
+    on_left = min(max(0.5 + 0.5 * (memory[LOWEST + 1] - memory[LOWEST]) / TOUCHING, 0.0), 1.0)
+    ahead = aside = 0.0
+    for leg in range(2):
+        bears, k = on_left if leg == 0 else 1.0 - on_left, 2 * leg
+        ahead += fade * bears * (memory[FROM + k] + memory[FALLING] * memory[SPEED + k] - usual[2 + k])
+        aside += fade * bears * (memory[FROM + k + 1] + memory[FALLING] * memory[SPEED + k + 1] - usual[3 + k])
+    quiet = memory[5]
+    ahead, aside = ahead - min(max(ahead, -quiet), quiet), aside - min(max(aside, -quiet), quiet)
     # Offsets, the gains in the order of `Feedback`.
-    memory[TILTED] = min(max(memory[TILTED] + tick * memory[6] * pitch, -MOST_TILT), MOST_TILT)
-    ahead, aside = pitch + memory[FALLING] * pitch_rate, roll + memory[FALLING] * roll_rate
-    ahead, aside = ahead - min(max(ahead, -QUIET), QUIET), aside - min(max(aside, -QUIET), QUIET)
-    ankle_pitch = memory[0] * pitch + memory[1] * pitch_rate + memory[16] * ahead
-    hip_pitch = memory[2] * pitch + memory[3] * pitch_rate + memory[17] * ahead
-    foot_pitch = -memory[4] * pitch - memory[5] * pitch_rate - memory[18] * ahead
-    ankle_roll = memory[7] * roll + memory[8] * roll_rate + memory[19] * aside
-    hip_roll = memory[9] * roll + memory[10] * roll_rate + memory[20] * aside
-    foot_roll = -memory[11] * roll - memory[12] * roll_rate - memory[21] * aside
-    farther = min(max(fade * memory[15] * memory[TURNED], -MOST_SWEEP), MOST_SWEEP)
+    ankle = min(max(memory[0] * ahead, -MOST_ANKLE), MOST_ANKLE)
+    foot = -min(max(memory[1] * ahead, -MOST_FOOT), MOST_FOOT)
+    farther = min(max(fade * memory[6] * memory[TURNED], -MOST_SWEEP), MOST_SWEEP)
     for leg in range(2):
         bears = left if leg == 0 else 1.0 - left
         swings, at, sign = 1.0 - bears, LEGS + ROLES * leg, SIGNS + ROLES * leg
-        hip = int(memory[at + 1])
+        hip, below = int(memory[at + 1]), int(memory[at + 3])
         sweep = (1.0 - 2.0 * leg) * farther * (command[hip, 0] - memory[MEANS + leg]) * memory[sign + 1]
-        command[int(memory[at]), 0] += memory[sign] * (bears * hip_roll + swings * foot_roll)
-        command[hip, 0] += memory[sign + 1] * (bears * hip_pitch + swings * foot_pitch + sweep)
-        level = memory[TILTED] - swings * foot_pitch - sweep
-        command[int(memory[at + 3]), 0] += memory[sign + 3] * (bears * ankle_pitch + level)
-        command[int(memory[at + 4]), 0] += memory[sign + 4] * (bears * ankle_roll - swings * foot_roll)
-    if k < first:
+        command[hip, 0] += memory[sign + 1] * (bears * memory[2] * pitch_rate + swings * foot + sweep)
+        command[below, 0] += memory[sign + 3] * (bears * ankle - swings * foot - sweep)
+    if phase < first:
         return
-    rate = 1.0 + (2.0 * left - 1.0) * (memory[13] * roll + memory[14] * roll_rate + memory[22] * aside)
+    towards = (1.0 - 2.0 * left) * aside  # > 0: to where the leg is that swings
+    rate = 1.0 + memory[3] * max(towards, 0.0) + memory[4] * min(towards, 0.0)
     memory[AHEAD] += tick * (min(max(rate, SLOWEST), FASTEST) - 1.0)
 
 
@@ -260,7 +308,7 @@ class BalancedWalk:
     motion: Motion
     feedback: Feedback
     imu: Imu
-    undisturbed: np.ndarray  # (samples of start and stride, 5): roll, pitch [rad], rates [rad/s], left leg's load [-]
+    undisturbed: np.ndarray  # (samples of start and stride, 6): see `undisturbed`
 
     def controller(self, scene: CompiledScene, seed: int = 0) -> CompiledController:
         """What `simulate(..., controller=it)` takes for this scene; seed: of the sensors' noise and offsets."""
@@ -282,9 +330,11 @@ class BalancedWalk:
             math.hypot(*scene.gravity), seed + 1,
             imu.gyroscope_noise, imu.gyroscope_offset, imu.accelerometer_noise, imu.accelerometer_offset, delay,
             imu.filter, imu.settling, math.sqrt(standing_posture(scene.model)[0] / math.hypot(*scene.gravity)),
+            sum(link.mass for link in scene.model.links), imu.encoder,
         )  # fmt: skip
+        memory[BODY:OFFSETS] = chains_of_legs(scene.model, columns)
         memory[LEGS:SIGNS], memory[SIGNS:MEANS] = columns.ravel(), signs.ravel()
-        memory[MEANS:OFFSETS] = motion.stride[:, columns[:, 1]].mean(axis=0)
+        memory[MEANS:BODY] = motion.stride[:, columns[:, 1]].mean(axis=0)
         played = np.concatenate([motion.start, motion.stride])
         return np.concatenate([memory, np.hstack([played, self.undisturbed]).ravel()])
 
@@ -326,7 +376,7 @@ def read_walk(path: FilePath, joint_names: Sequence[str] | None = None) -> Motio
     if "feedback" not in arrays:
         return motion
     missing = {"imu", "undisturbed"} - arrays.keys()
-    shape = (len(motion.start) + len(motion.stride), 5)
+    shape = (len(motion.start) + len(motion.stride), COLUMNS)
     if missing or arrays["undisturbed"].shape != shape or not np.isfinite(arrays["undisturbed"]).all():
         raise ValueError(f"{path}: its feedback lacks imu and undisturbed {shape}; write it with add_feedback")
     try:
@@ -365,6 +415,26 @@ def legs_of(model: Model) -> tuple[np.ndarray, np.ndarray]:
     return np.array(found), signs
 
 
+def chains_of_legs(model: Model, columns: np.ndarray) -> np.ndarray:
+    """What `leg_pose` takes: trunk, then left and right leg, at zero angles; columns (2, 5)."""
+    poses = link_poses(model, np.zeros(len(model.joint_names)))
+    chains, centers = chains_of(model), link_centers(model, poses)[0]
+    mass = np.array([link.mass for link in model.links])
+    axes, origins = joint_axes(model, poses)[0], poses.position[0, chains.children]
+    carried = chains.moves[:, columns.ravel()].sum(axis=1) == 0
+    found = [(mass[carried, None] * centers[carried]).sum(axis=0)]
+    for row in columns:
+        moved = chains.moves[:, row].sum(axis=1)
+        masses = np.array([mass[moved == k + 1].sum() for k in range(ROLES)])
+        middle = [(mass[moved == k + 1, None] * centers[moved == k + 1]).sum(axis=0) / max(masses[k], 1e-9)
+                  for k in range(ROLES)]  # fmt: skip
+        foot = [link_index(model, point.link) for point in model.contacts]
+        corners = np.array([poses.position[0, k] + poses.rotation[0, k] @ point.position
+                            for k, point in zip(foot, model.contacts) if moved[k] == ROLES])  # fmt: skip
+        found += [axes[row], origins[row], middle, masses, corners.mean(axis=0), 0.5 * np.ptp(corners, axis=0)[:2]]
+    return np.concatenate([np.ravel(one) for one in found])
+
+
 def balanced(
     scene: CompiledScene,
     motion: Motion,
@@ -399,7 +469,7 @@ def undisturbed_of(
     states = [standing_state(scene, signal.values[0], beyond_limits=True) for signal in signals]
     runs = simulate_batch(
         [scene] * len(motions), motions[0].begin(strides), states, signals,
-        record=("base_q", "base_qd", "base_qdd", "contact_force"), estimate_error=False,
+        record=("base_q", "base_qd", "base_qdd", "q", "contact_force"), estimate_error=False,
     )  # fmt: skip
     return [
         undisturbed(scene, motion, run, imu, mirrored) if run.ok else None for motion, run in zip(motions, runs)
@@ -409,12 +479,14 @@ def undisturbed_of(
 def undisturbed(scene: CompiledScene, motion: Motion, run: Trajectory, imu: Imu, mirrored: bool) -> np.ndarray:
     """What `BalancedWalk` compares with: the same sensors and estimates, without noise, on average.
 
-    run: the motion after its start, without feedback, of at least two strides more than are averaged, a record a tick.
+    Columns: the pitch's rate [rad/s], the left leg's share of the load, and the capture point ahead and aside of
+    the left sole and of the right one [m].  run: the motion after its start, without feedback, of at least two strides
+    more than are averaged, a record a tick.
     """
     still = replace(
         imu, gyroscope_noise=0.0, gyroscope_offset=0.0, accelerometer_noise=0.0, accelerometer_offset=0.0
     )  # fmt: skip
-    zeros = np.zeros((len(motion.start) + len(motion.stride), 5))
+    zeros = np.zeros((len(motion.start) + len(motion.stride), COLUMNS))
     memory = BalancedWalk(motion, Feedback(), still, zeros).memory(scene)
     force = run["contact_force"][:, :, 0]
     feet = [point.link for point in scene.model.contacts]
@@ -423,20 +495,24 @@ def undisturbed(scene: CompiledScene, motion: Motion, run: Trajectory, imu: Imu,
     on_left = force[:, [foot == left_foot for foot in feet]].sum(axis=1)
     share = on_left / np.maximum(force.sum(axis=1), 1e-9)
     tick = scene.tick_steps * scene.timestep
-    found = np.empty((len(share), 5))
+    found = np.zeros((len(share), COLUMNS))
     command = np.zeros((scene.tree.n, 2))
     none = dict.fromkeys(SEEN, np.empty(0))
     for k in range(len(share)):
-        state = State(**none | {name: run[name][k] for name in ("base_q", "base_qd", "base_qdd")})
+        state = State(**none | {name: run[name][k] for name in ("base_q", "base_qd", "base_qdd", "q")})
         balance(tick * k, state, command, command, memory)
-        found[k] = memory[UP + 1], -memory[UP], memory[FILTERED], memory[FILTERED + 1], share[k]
+        found[k, :2] = memory[FILTERED + 1], share[k]
+        found[k, 2:] = memory[FROM : FROM + 4] + memory[FALLING] * memory[SPEED : SPEED + 4]
     samples, times = len(motion.stride), tick * np.arange(len(share))
     at = motion.begin(0) + scene.lag + motion.tick * np.arange(samples * 2, len(motion.stride) * (2 + NOMINAL_STRIDES))
     at = at[at <= times[-1]]
     at = at[: len(at) // samples * samples]
-    table = np.stack([np.interp(at, times, found[:, k]).reshape(-1, samples).mean(axis=0) for k in range(5)], axis=1)
+    table = np.stack([np.interp(at, times, x).reshape(-1, samples).mean(axis=0) for x in found.T], axis=1)
     if mirrored:
-        other = np.roll(table, samples // 2, axis=0) * (-1.0, 1.0, -1.0, 1.0, -1.0) + (0.0, 0.0, 0.0, 0.0, 1.0)
+        other = np.roll(table, samples // 2, axis=0)[:, [0, 1, 4, 5, 2, 3]] * (1.0, -1.0, 1.0, -1.0, 1.0, -1.0)
+        other[:, 1] += 1.0
         table = 0.5 * (table + other)
     begins = np.stack([np.interp(scene.lag + motion.tick * np.arange(len(motion.start)), times, x) for x in found.T])
-    return np.concatenate([begins.T, table])
+    played = np.concatenate([begins.T, table])
+    played[0, 2:] = played[1, 2:]  # the line of readings was empty
+    return played

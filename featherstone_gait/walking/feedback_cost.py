@@ -33,10 +33,10 @@ WEIGHT = 2.0
 IMPULSES = (0.5, 0.7, 0.95)  # [N s]
 SLOPES = (-math.radians(3.5), math.radians(3.5))  # [rad]
 SLOPE_STRIDES = 12
-WIDEST = 10.0  # bound of a gain
-STEP = 0.1  # of a gain in a search, but for these:
-STEPS = {"rate": 0.02, "time_roll": 0.3, "time_roll_rate": 0.05, "level": 0.2, "caught_time": 0.5,
-         "heading": 0.02}  # which ten strides tell little about: it stays about where it is  # fmt: skip
+WIDEST = 100.0  # bound of a gain
+MOST_QUIET = 0.05  # [m]
+STEPS = {"ankle": 1.0, "foot": 1.0, "hip_rate": 0.02, "hasten": 5.0, "wait": 5.0, "quiet": 0.003,
+         "heading": 0.02}  # of a search; of the heading ten strides tell little: it stays about there  # fmt: skip
 
 
 class Trial(NamedTuple):
@@ -80,7 +80,8 @@ class FeedbackCost:
     @property
     def bounds(self) -> np.ndarray:
         """(D, 2)."""
-        return np.concatenate([self._bounds_of_poses, np.full((len(steps()), 1), WIDEST) * (-1.0, 1.0)])
+        gains = np.array([(0.0, MOST_QUIET) if one.name == "quiet" else (-WIDEST, WIDEST) for one in fields(Feedback)])
+        return np.concatenate([self._bounds_of_poses, gains])
 
     @property
     def _bounds_of_poses(self) -> np.ndarray:
@@ -193,6 +194,5 @@ def _lost(run: Trajectory, begin: float, end: float) -> float:
 
 
 def steps() -> np.ndarray:
-    """Of a search, of each gain (23,)."""
-    names = [one.name for one in fields(Feedback)]
-    return np.array([STEPS.get(name, STEPS["rate"] if name.endswith("_rate") else STEP) for name in names])
+    """Of a search, of each gain (7,)."""
+    return np.array([STEPS[one.name] for one in fields(Feedback)])
