@@ -11,7 +11,17 @@ import mujoco
 import numpy as np
 import pytest
 
-from featherstone_gait import Ground, Reference, cli, compile_scene, initial_state, load_robot, simulate, standing_state
+from featherstone_gait import (
+    Ground,
+    Reference,
+    cli,
+    compile_scene,
+    initial_state,
+    load_robot,
+    save_robot,
+    simulate,
+    standing_state,
+)
 from featherstone_gait.core.effects.energies import METER
 from featherstone_gait.crosscheck import (
     FLOORS,
@@ -26,8 +36,10 @@ from featherstone_gait.crosscheck import (
     walk_on,
 )  # fmt: skip
 from featherstone_gait.crosscheck.servo_chain import ServoChain
-from featherstone_gait.model import Controller, Gearbox, Servo, Supply
+from featherstone_gait.model import ContactPoint, Controller, Gearbox, Joint, Link, Model, Servo, Supply
 from featherstone_gait.optimize import walking_cost
+from featherstone_gait.walking import Pattern, WalkingCost, fit_gait, with_generic_servos
+from featherstone_gait.walking.four_legs import four_legged_stride, mirror_by_place
 from featherstone_gait.walking.gait_file import ARRAYS, angles_of_goal_positions, write_angles
 
 FIRM = Floor(2e-3, 0.9, impratio=100.0)  # whose friction hardly creeps
@@ -286,6 +298,83 @@ def test_who_leans_too_far_falls_in_mujoco(cost, motion):
     assert not outcome.mujoco.walks
     assert "fell at" in outcome.mujoco.measures.status
     assert 0.2 < outcome.mujoco.end < away.begin(3)
+
+
+# ---------------------------------------------------------------------------------------------- other robots
+
+
+def test_boxes_stand_where_round_contact_points_do(cost):
+    """Soles whose corners are spheres of 5 mm: a box with its underside 5 mm below their centres does not drop."""
+    points = [
+        replace(point, position=(*point.position[:2], point.position[2] + 5e-3), radius=5e-3)
+        for point in cost.scene.model.contacts
+    ]
+    scene = cost.scene.recompiled(replace(cost.scene.model, contacts=tuple(points)))
+    depths = [sinking(scene, cost.start[0], Floor(1e-2, 0.9, soles)) for soles in ("spheres", "boxes")]
+    assert depths[1] == pytest.approx(depths[0], rel=1e-3)
+    hold = Reference([0.0], cost.start[:1])
+    runs = [
+        replay(scene, 0.4, standing(scene, cost.start[0], depth), hold, Floor(1e-2, 0.9, soles))
+        for soles, depth in zip(("spheres", "boxes"), depths)
+    ]
+    heights = [run["base_q"][:, 2] for run in runs]
+    assert heights[1] == pytest.approx(heights[0], abs=1e-4)
+
+
+@pytest.fixture(scope="module")
+def trotting():
+    """A table of 2 kg on four legs with point feet, its servos scaled from an AX-12: cost of its first trot."""
+    links, joints, feet = [Link("trunk", 2.0, (0, 0, 0), (5e-3, 0, 0, 2e-2, 0, 2e-2))], [], []
+    for leg, x, y in (("lf", 0.15, 0.1), ("rf", 0.15, -0.1), ("lh", -0.15, 0.1), ("rh", -0.15, -0.1)):
+        places, axes = ((x, y, 0), (0, 0, 0), (0, 0, -0.12)), ((1, 0, 0), (0, 1, 0), (0, 1, 0))
+        for k, (place, axis) in enumerate(zip(places, axes)):
+            links.append(Link(f"{leg}{k}", 0.1, (0, 0, -0.06 if k else 0), (1e-4, 0, 0, 1e-4, 0, 1e-5)))
+            turns = {"xyz": place, "axis": axis, "lower": -2.0, "upper": 2.0}
+            joints.append(Joint(f"{leg}_{k}", "revolute", f"{leg}{k - 1}" if k else "trunk", f"{leg}{k}", **turns))
+        feet.append(ContactPoint(f"{leg}2", (0, 0, -0.12)))
+    robot = with_generic_servos(Model("table", links, joints, base="floating", contacts=feet), leg=0.24)
+    posture = np.array([0.0, 0.6, -1.2, 0.0, 0.6, -1.2, 0.0, -0.6, 1.2, 0.0, -0.6, 1.2])
+    stride = four_legged_stride(robot, posture, Pattern(period=0.32, step=0.05, lift=0.02))
+    gait = fit_gait(stride, 8, mirror=mirror_by_place(robot, posture)).gait
+    return WalkingCost(compile_scene(robot, "mipsd", Ground(), "midpoint", 1e-3), gait, posture, blend_strides=2)
+
+
+def test_a_robot_on_four_point_feet_trots_in_mujoco_as_here(trotting, tmp_path):
+    """Given as a model; its feet can be no boxes; files of rows are of it alone."""
+    motion = motion_of(trotting.gait, trotting.start, trotting.blend_strides)
+    how = {"floors": ["20ms_0.9"], "strides": 4, "timestep": 5e-4, "out": tmp_path / "trot"}
+    model = trotting.scene.model
+    report = crosscheck(motion, model, **how)
+    (row,) = report["floors"]
+    assert row["soles"] == "spheres"
+    assert row["mujoco"]["walks"]
+    assert row["own"]["walks"]
+    assert row["mujoco"]["cost"] == pytest.approx(row["own"]["cost"], rel=0.15)
+    assert row["mujoco"]["speed"] == pytest.approx(row["own"]["speed"], rel=0.15)
+    with pytest.raises(ValueError, match="link 'lf2': its 1 contact points span no plane; use soles of spheres"):
+        crosscheck(motion, model, **how | {"soles": ["boxes"]})
+    heavier = replace(model, links=(replace(model.links[0], mass=2.1), *model.links[1:]))
+    other = crosscheck(motion, heavier, **how)
+    assert other["settings"]["robot"] != report["settings"]["robot"]
+    assert other["floors"][0]["own"]["cost"] != row["own"]["cost"]
+
+
+@pytest.mark.long
+def test_a_robot_of_a_file_is_named_with_its_gait(trotting, tmp_path, capsys):
+    """`save_robot` and `write_angles` are all that the command needs; of the complete humanoid nothing is held."""
+    out = tmp_path / "out"
+    save_robot(trotting.scene.model, tmp_path / "table.urdf")
+    reference = motion_of(trotting.gait, trotting.start, trotting.blend_strides).reference(2)
+    write_angles(tmp_path / "trot.csv", reference.times, reference.values, trotting.gait.joint_names)
+    whole = walking_cost(load_robot("humanoid"), states="step")
+    steps = motion_of(whole.gait, whole.start).reference(2)
+    write_angles(tmp_path / "steps.csv", steps.times, steps.values, whole.gait.joint_names)
+    options = ["--floors", "20ms_0.9", "--soles", "spheres", "--strides", "2", "--timestep", "5e-4", "--out", str(out)]
+    for gait, robot in (("trot", ["--robot", str(tmp_path / "table.urdf")]), ("steps", ["--locked", "none"])):
+        assert cli.main(["crosscheck", str(tmp_path / f"{gait}.csv"), *robot, *options]) == 0
+        assert "in MuJoCo it walks 2 strides on 1 of 1 floors" in capsys.readouterr().out
+    assert cli.main(["crosscheck", str(tmp_path / "steps.csv"), *options]) == 2  # ten joints
+    assert "neck" in capsys.readouterr().err
 
 
 # ---------------------------------------------------------------------------------------------- gait files

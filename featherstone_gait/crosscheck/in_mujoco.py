@@ -10,6 +10,7 @@ servo's budget at the loads of the last one.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple, get_args
 from xml.sax.saxutils import quoteattr
@@ -401,10 +402,22 @@ def _lay(spec: Any, model: Model, floor: Floor, h: float) -> None:
             _body(spec, point).add_geom(type=types.mjGEOM_SPHERE, size=radius, pos=_center(point), **touching)
         return
     links = {link.name: link for link in model.links}
-    for name in dict.fromkeys(point.link for point in model.contacts):
-        points = [point for point in model.contacts if point.link == name]
-        size, pos, quat = _box(links[name], np.array([point.position for point in points]))
+    for name, points in _of_links(model).items():
+        size, pos, quat = _box(links[name], points)
         _body(spec, points[0]).add_geom(type=types.mjGEOM_BOX, size=size, pos=pos, quat=quat, **touching)
+
+
+def soles_of(model: Model) -> tuple[Soles, ...]:
+    """The kinds that a robot's feet can have: boxes where the contact points of each link span a plane."""
+    return SOLES if all(_plane(points) is not None for points in _of_links(model).values()) else ("spheres",)
+
+
+def _of_links(model: Model) -> dict[str, list[ContactPoint]]:
+    """Contact points by link."""
+    found: dict[str, list[ContactPoint]] = {}
+    for point in model.contacts:
+        found.setdefault(point.link, []).append(point)
+    return found
 
 
 def _center(point: ContactPoint) -> np.ndarray:
@@ -420,22 +433,34 @@ def _body(spec: Any, point: ContactPoint) -> Any:
     return body
 
 
-def _box(link: Link, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Half sizes (3,) and centre (3,) [m] and orientation (4,) of a box whose underside holds the points (k, 3).
+def _plane(points: Sequence[ContactPoint]) -> np.ndarray | None:
+    """Normal (3,) of the plane of three contact points or more, alike in radius; None where there is none."""
+    if len(points) < 3 or any(point.rim or point.radius != points[0].radius for point in points):
+        return None
+    off = np.array([point.position for point in points])
+    off = off - off.mean(axis=0)
+    _, spans, axes = np.linalg.svd(off)
+    return axes[2] if np.abs(off @ axes[2]).max() <= FLAT < spans[1] else None
+
+
+def _box(link: Link, contacts: Sequence[ContactPoint]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Half sizes (3,) and centre (3,) [m] and orientation (4,) of a box on whose underside contact points touch.
 
     Its other sides are along the link's axes, as far as the underside lets them.
     """
-    middle = points.mean(axis=0)
-    normal = np.linalg.svd(points - middle)[2][2] if len(points) > 2 else np.zeros(3)
-    if len(points) < 3 or np.abs((points - middle) @ normal).max() > FLAT:
-        raise ValueError(f"link {link.name!r}: its {len(points)} contact points span no plane; use soles of spheres")
-    normal = normal if normal @ (np.array(link.center_of_mass) - middle) >= 0.0 else -normal
+    normal = _plane(contacts)
+    if normal is None:
+        raise ValueError(f"link {link.name!r}: its {len(contacts)} contact points span no plane; use soles of spheres")
+    points = np.array([point.position for point in contacts])
+    above = normal @ (np.array(link.center_of_mass) - points.mean(axis=0))
+    normal = normal if above >= 0.0 else -normal
     ahead = np.eye(3)[int(np.argmin(np.abs(normal)))]  # the axis most nearly in the plane
     ahead = ahead - normal * (normal @ ahead)
     ahead /= np.linalg.norm(ahead)
     axes = np.stack([ahead, np.cross(normal, ahead), normal], axis=1)
     local = points @ axes
     low, high = local.min(axis=0), local.max(axis=0)
+    low[2] -= contacts[0].radius
     high[2] = low[2] + THICKNESS
     quat = np.zeros(4)
     _mujoco().mju_mat2Quat(quat, axes.ravel())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import functools
+import hashlib
 import json
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, ProcessPoolExecutor, wait
@@ -16,15 +16,15 @@ from tqdm import tqdm
 
 from .. import __version__
 from ..arguments import instance, one_of, texts, whole
-from ..build.scene import CompiledScene, ServoKind, compile_scene
+from ..build.scene import ServoKind, compile_scene
 from ..files import FilePath, Format, complete, read_json, write_csv
-from ..model import Ground
+from ..model import Ground, Model
 from ..robot_file import load_robot
 from ..robot_file.servos import with_servo
 from ..walking.feedback import BalancedWalk
 from ..walking.motion import Motion
 from .floors import FLOORS, STRIDES, WARM_UP, walk_on
-from .in_mujoco import SOLES, TIMESTEP, Floor, mujoco_version
+from .in_mujoco import SOLES, TIMESTEP, Floor, mujoco_version, soles_of
 
 REPORT, TABLE = Format("crosscheck", 1), Format("crosscheck table", 1)
 MEASURES = {"walks": "walks", "end": "end_s", "cost": "cost_J_per_m", "speed": "speed_m_per_s",
@@ -38,21 +38,20 @@ class _Task:
     floor: str
     soles: str
     motion: Motion | BalancedWalk
-    robot: str
+    model: Model
     servos: ServoKind
-    servo: str | None
     strides: int
     timestep: float
 
 
 def crosscheck(
     motion: Motion | BalancedWalk,
-    robot: FilePath = "humanoid",
+    robot: FilePath | Model = "humanoid",
     *,
     servos: ServoKind = "mipsd",
     servo: FilePath | None = None,
     floors: Iterable[str] | None = None,
-    soles: Iterable[str] = SOLES,
+    soles: Iterable[str] | None = None,
     strides: int = STRIDES,
     timestep: float = TIMESTEP,
     out: FilePath | None = None,
@@ -63,9 +62,10 @@ def crosscheck(
 
     They are as the JSON file holds them.
 
-    robot: as of `load_robot`, of "humanoid" the simplified one; servo: as of `load_servo`, in place of its own; floors:
-    names of `FLOORS`, None for all twelve; soles: "spheres", "boxes" or both; timestep: of both engines [s]; out: path
-    of the files without an ending, a .json and a .csv, None for none.  Floors that are in the .json with the same
+    robot: a model, or as of `load_robot`, of "humanoid" the simplified one; servo: as of `load_servo`, in place of its
+    own; floors: names of `FLOORS`, None for all twelve; soles: "spheres", "boxes" or both, None for those that its feet
+    can have, which are spheres alone where a link's contact points span no plane; timestep: of both engines [s]; out:
+    path of the files without an ending, a .json and a .csv, None for none.  Floors that are in the .json with the same
     settings are not walked again.
 
     With more processes than one a script must be guarded by `if __name__ == "__main__"`, as `multiprocessing` asks.
@@ -73,21 +73,25 @@ def crosscheck(
     stand and for a damaged file in `out`; OSError if a file cannot be written or a process is lost.
     """
     instance("motion", motion, (Motion, BalancedWalk), "give what read_motion, motion_of or balanced returns")
-    names, kinds = texts("floors", [*FLOORS] if floors is None else floors), texts("soles", soles)
+    locked = "simplified" if robot == "humanoid" else None
+    model = robot if isinstance(robot, Model) else load_robot(robot, locked=locked)
+    names = texts("floors", [*FLOORS] if floors is None else floors)
+    kinds = texts("soles", soles_of(model) if soles is None else soles)
     for name in names:
         one_of("floors", name, FLOORS)
     for kind in kinds:
         one_of("soles", kind, SOLES)
     strides = whole("strides", strides, 1, "give the strides to measure", 10**6)
     processes = whole("processes", processes, 1, "give the number of processes", 1024)
-    chosen = None if servo is None else str(servo)
     settings = {
-        "motion": motion.digest(), "robot": str(robot), "servos": servos, "servo": chosen, "strides": strides,
-        "warm_up": WARM_UP, "timestep": timestep, "version": __version__, "mujoco": mujoco_version(),
+        "motion": motion.digest(), "robot": _told(model), "servos": servos,
+        "servo": None if servo is None else str(servo), "strides": strides, "warm_up": WARM_UP, "timestep": timestep,
+        "version": __version__, "mujoco": mujoco_version(),
     }  # fmt: skip
     asked = [(name, kind) for name in FLOORS if name in names for kind in SOLES if kind in kinds]
     rows = _kept(out, settings)
-    tasks = [_Task(*key, motion, str(robot), servos, chosen, strides, timestep) for key in asked if key not in rows]
+    walked = model if servo is None else with_servo(model, servo)
+    tasks = [_Task(*key, motion, walked, servos, strides, timestep) for key in asked if key not in rows]
     with tqdm(total=len(asked), initial=len(asked) - len(tasks), disable=not progress, unit="floor") as bar:
         for row in _evaluated(tasks, processes):
             rows[row["floor"], row["soles"]] = row
@@ -114,16 +118,16 @@ def _evaluated(tasks: list[_Task], processes: int) -> Iterator[dict]:
 
 
 def _row(task: _Task) -> dict:
-    scene = _scene(task.robot, task.servos, task.servo)
+    scene = compile_scene(task.model, task.servos, Ground(), "midpoint", 1e-3)
     time_constant, friction = FLOORS[task.floor]
     floor = Floor(time_constant, friction, "boxes" if task.soles == "boxes" else "spheres")
     return {"floor": task.floor} | walk_on(scene, task.motion, floor, task.strides, task.timestep).as_dict()
 
 
-@functools.lru_cache(maxsize=1)
-def _scene(robot: str, servos: ServoKind, servo: str | None) -> CompiledScene:
-    model = load_robot(robot, locked="simplified" if robot == "humanoid" else None)
-    return compile_scene(model if servo is None else with_servo(model, servo), servos, Ground(), "midpoint", 1e-3)
+def _told(model: Model) -> str:
+    """Name and digest of what of a robot moves and touches: which one a file of rows is of."""
+    parts = (model.links, model.joints, model.base, dict(model.held), dict(model.servos), model.contacts, model.supply)
+    return f"{model.name} {hashlib.sha256(repr(parts).encode()).hexdigest()[:16]}"
 
 
 def summary(report: dict[str, Any]) -> str:

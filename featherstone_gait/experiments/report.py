@@ -83,9 +83,7 @@ def reproduce(
     An experiment that raises is reported as failed, and the others still run.  The report is written after each of
     them.  Raises ValueError for an unknown name.
     """
-    for name in names:
-        if name not in EXPERIMENTS:
-            raise ValueError(f"there is no experiment {name!r}; experiments: {', '.join(EXPERIMENTS)}")
+    _known(names)
     folder = Path(out)
     files = folder / "reproduction_files"
     files.mkdir(parents=True, exist_ok=True)
@@ -101,8 +99,18 @@ def reproduce(
 
 
 def expected(names: Sequence[str] = (), full: bool = False) -> float:
-    """How long the named experiments take on two cores [min]; all if none is named.  Compiling comes on top."""
+    """How long the named experiments take on two cores [min]; all if none is named.  Compiling comes on top.
+
+    Raises ValueError for an unknown name.
+    """
+    _known(names)
     return sum(MINUTES.get(name, (0.0, 0.0))[full] for name in EXPERIMENTS if not names or name in names)
+
+
+def _known(names: Sequence[str]) -> None:
+    for name in names:
+        if name not in EXPERIMENTS:
+            raise ValueError(f"there is no experiment {name!r}; experiments: {', '.join(EXPERIMENTS)}")
 
 
 def _key(name: str, full: bool, seed: int) -> tuple[Any, Any, str]:
