@@ -46,6 +46,7 @@ def setup(app):
     app.connect("config-inited", _copy_notebooks, priority=1)
     app.connect("source-read", _resolve)
     app.connect("build-finished", _remove_notebooks)
+    app.connect("doctree-read", _keep_units)
     app.connect("autodoc-process-docstring", _docstring)
     app.connect("autodoc-process-signature", _signature)
     return {"parallel_read_safe": True}
@@ -114,9 +115,21 @@ def _resolve(app, page, source):
     source[0] = text
 
 
+NUMBER = re.compile(r"(?<=\d) (?=(?:[kmµn]?[gmsJNVAW]|rad|mm|ms|mrad|min|%|J/m|N m|mm/s|rad/s)(?![\w/]))")
+
+
+def _keep_units(app, doctree):
+    """In tables no unit is alone in its line."""
+    from docutils import nodes
+
+    for entry in doctree.findall(nodes.entry):
+        for text in [*entry.findall(nodes.Text)]:
+            text.parent.replace(text, nodes.Text(NUMBER.sub("\N{NO-BREAK SPACE}", text)))
+
+
 def _helps():
-    """What each command says of itself, in 96 columns."""
-    os.environ["COLUMNS"] = "96"
+    """What each command says of itself, in as many columns as a page has room for."""
+    os.environ["COLUMNS"] = "88"
     parser = featherstone_gait.cli._parser()
     (commands,) = (each.choices for each in parser._actions if isinstance(each.choices, dict))
     return "\n".join(f"## {name}\n\n```text\n{each.format_help()}```\n" for name, each in commands.items())

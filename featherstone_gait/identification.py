@@ -41,6 +41,7 @@ from .model import SERVO_UNITS, Model
 from .reference import Reference
 from .run.simulate import initial_state, simulate_batch
 from .trajectory import Trajectory
+from .view.style import BLUE, ORANGE, look
 from .worlds import servo_with
 
 if TYPE_CHECKING:
@@ -220,6 +221,7 @@ class Identification:
             ]
         )
 
+    @look()
     def plot(self) -> Figure:
         """Recorded and simulated angles above, residuals below, a column for each recording."""
         from matplotlib.figure import Figure
@@ -230,16 +232,14 @@ class Identification:
         for k, (recording, angle, residual) in enumerate(zip(self.recordings, self.angles, self.residuals)):
             above, below = panels[:, k]
             above.plot(recording.time, np.degrees(recording.reference), color="0.7", linewidth=1.0, label="reference")
-            above.plot(recording.time, np.degrees(recording.angle), color="C0", linewidth=2.4, label="recorded")
-            above.plot(recording.time, np.degrees(angle), color="C1", linewidth=1.0, label="simulated")
+            above.plot(recording.time, np.degrees(recording.angle), color=BLUE, linewidth=2.4, label="recorded")
+            above.plot(recording.time, np.degrees(angle), color=ORANGE, linewidth=1.0, label="simulated")
             below.plot(recording.time, np.degrees(residual), color="0.3", linewidth=0.6)
-            above.set_title(recording.name, fontsize=9)
+            above.set_title(recording.name)
             below.set_xlabel("time [s]")
         panels[0, 0].set_ylabel("angle [deg]")
         panels[1, 0].set_ylabel("simulated\n- recorded [deg]")
-        for panel in panels.ravel():
-            panel.grid(alpha=0.3)
-        figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+        figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
         return figure
 
 

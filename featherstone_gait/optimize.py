@@ -16,6 +16,7 @@ from __future__ import annotations
 import json
 import math
 import tempfile
+import textwrap
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -45,6 +46,7 @@ from .search import minimize
 from .search.annealing import REMEDY as HISTORY_REMEDY
 from .view.animation import write_animation
 from .view.gait_page import least_so_far, parts_of, write_gait_page
+from .view.style import BAD, BLUE, look
 from .walking.cheapest_plan import PlanKind, States, first_gait
 from .walking.cost import Measures, WalkingCost
 from .walking.cost_in_worlds import MOST_WORLDS, CostInWorlds, in_worlds
@@ -84,6 +86,8 @@ BASELINE_WORLDS = 50  # of those that are not the first gait, which walks in all
 ALIKE = 0.05  # by how much speeds may differ that are called equal [-]
 SHOWN_IN = {"m": ("mm", 1e3), "rad": ("deg", math.degrees(1.0)), "-": ("%", 100.0)}  # units of limits in tables
 SHOWN = 12  # strides in the files and the animation
+# Processor seconds of one core of an AMD EPYC, compiled before (docs/optimize.md, docs/walking.md, docs/feedback.md):
+SECONDS = {"candidate in a world": 0.0175, "report": 60.0, "crosscheck": 95.0, "plans": 27.0, "feedback": 0.4}
 
 
 def walking_cost(
@@ -157,6 +161,13 @@ def optimize_with_limits(
     return OptimizeResult({**result, **counts, **kept, "history": both, "limited": result})
 
 
+def expected(iterations: int, worlds: int, unseen: int, crosscheck: bool, plans: int, feedback: bool) -> float:
+    """About how long `main_job` takes on two cores [min], compiling aside; plans: searches for the cheapest one."""
+    seconds = SECONDS["candidate in a world"] * iterations * max(worlds, 1) + SECONDS["report"] * unseen / UNSEEN
+    seconds += SECONDS["crosscheck"] * crosscheck + SECONDS["plans"] * plans
+    return (seconds + SECONDS["feedback"] * (iterations // 2) * feedback) / 120.0
+
+
 def limits_history(history: Path) -> Path:
     """The file of the second half of a search, beside that of the first."""
     return history.with_name(history.name.replace("_history", "_limits_history"))
@@ -217,6 +228,7 @@ def main_job(
     if feedback and not worlds:
         raise ValueError("feedback is searched in worlds, and worlds is 0; leave out --nominal and --worlds 0")
     unseen = whole("unseen", unseen, 0, "0 asks for none", MOST_WORLDS)
+    iterations = whole("iterations", iterations, 0, "0 measures the first gait alone")
     if crosscheck:
         mujoco_version()
     _check_folder(Path(out))
@@ -230,6 +242,10 @@ def main_job(
     for name, power in (("electronics", electronics), ("holding", holding)):
         if power is not None:
             real(name, power, 0.0, 1e6, "it is a power [W]")
+    judged = plan == "plain" and fair and worlds > 0
+    if progress:
+        minutes = expected(iterations, worlds, unseen, crosscheck > 0, judged + (plan == "cheapest"), feedback)
+        print(f"takes about {max(minutes, 1.0):.0f} min on two cores, and half a minute more to compile the first time")
     cost = walking_cost(model, servos, states=states or _states_of(model), plan=plan)
     x0 = cost.gait.to_vector()
     first = cost.measure([x0])[0]
@@ -253,6 +269,8 @@ def main_job(
         raise ValueError(f"{model.name}: none of {result.nit + 1} gaits walked; the first: {why}")
     if result.status == 2:  # interrupted: who waits has waited enough
         unseen, crosscheck, fair = 0, 0, False
+        if progress:
+            print("interrupted: measures the best so far and writes the files; Ctrl-C again leaves the history alone")
     choice: list[dict[str, Any]] = []
     if "limited" in result and result.status != 2:
         result.x, choice = chosen(cost, watch, result.limited.tried, progress=progress)
@@ -265,7 +283,7 @@ def main_job(
     elsewhere = worth_elsewhere(cost, [x0, result.x], unseen, progress) if unseen else None
     motion = walk or motion_of(cost.gait.from_vector(result.x), cost.start, cost.blend_strides)
     checked = _crosschecked(cost, motion, robot, servo, stem, crosscheck, progress) if crosscheck else None
-    baselines = _baselines(cost, min(unseen, BASELINE_WORLDS), progress, bool(worlds) and fair and plan == "plain")
+    baselines = _baselines(cost, min(unseen, BASELINE_WORLDS), progress, judged and fair)
     if elsewhere:
         baselines[0]["elsewhere"] = elsewhere[0]
     with _alone_with(history), _appearing_together(stem) as folder:
@@ -312,8 +330,14 @@ def main_job(
         files["report"].write_text(text, encoding="utf-8")
         write_gait_page(files["page"], report, result.history["f"])
     if progress:
-        print(summary(report))
+        print(_folded(summary(report)))
     return json.loads(text)
+
+
+def _folded(text: str) -> str:
+    """Lines that go on below where a terminal has no room for them."""
+    lines = (textwrap.wrap(line, 79, subsequent_indent="    ", break_long_words=False) for line in text.split("\n"))
+    return "\n".join(part for line in lines for part in line)
 
 
 def _states_of(model: Model) -> States:
@@ -606,10 +630,11 @@ def _limits_told(plausible: dict) -> list[str]:
             known = one is not None and one["value"] is not None
             cells.append(f"{scale * one['value']:.1f}{'' if one['kept'] else '!'}" if one and known else "none")
             if one and known and one["time"] is not None:
-                where = f"; {one['where']} at {one['time']:.2f} s"
+                where = f"{one['where']} at {one['time']:.2f} s"
         if any(side for side in sides):
-            bound = f"{'at most' if limit.most else 'at least'} {scale * limit.bound:g} {unit}{where}"
-            lines.append(f"{limit.what:30} {cells[0]:>10} {cells[1]:>10}          {bound}")
+            bound = f"{'at most' if limit.most else 'at least'} {scale * limit.bound:g} {unit}"
+            lines.append(f"{limit.what:30} {cells[0]:>10} {cells[1]:>10} {bound}")
+            lines += [f"    worst: {where}"] if where else []
     return lines
 
 
@@ -624,8 +649,9 @@ def _gains_told(report: dict) -> list[str]:
     for name in standby["watts"]:
         a, b = standby["before"][name], standby["after"][name]
         if a is not None and b is not None and standby["watts"][name]:
-            watts = f"J/m with {standby['watts'][name]:.1f} W{' (assumed)' if standby['assumed'] else ''}"
-            lines.append(f"{'+ ' + name:35}{a:6.1f} {b:10.1f} {100.0 * (b / a - 1.0):+6.0f} % {watts}")
+            watts = f"J/m, {standby['watts'][name]:.1f} W{' assumed' if standby['assumed'] else ''}"
+            what = "+ " + name.replace("electronics of the ", "electronics: ")
+            lines.append(f"{what:31}{a:10.1f} {b:10.1f} {100.0 * (b / a - 1.0):+6.0f} % {watts}")
     for row in report["at_equal_speed"]:
         what = f"as fast as the {row['baseline']} ({1e3 * row['speed']:.0f} mm/s, {row['cost']:.1f} J/m)"
         if row["found"] is None:
@@ -653,6 +679,7 @@ def _settings(cost: WalkingCost, iterations: int, seed: int, worlds: int) -> dic
     }  # fmt: skip
 
 
+@look()
 def plot_convergence(result: OptimizeResult) -> Figure:
     """Cost of every candidate and the best so far; from where a search keeps to limits on, anew."""
     from matplotlib.figure import Figure
@@ -664,14 +691,14 @@ def plot_convergence(result: OptimizeResult) -> Figure:
     start = best[np.isfinite(best)][0]
     failed = np.flatnonzero(~(costs < 1.5 * start))
     axes.plot(costs, ".", color="0.65", markersize=3, label="candidate")
-    axes.plot(failed, np.full(len(failed), 1.5 * start), "|", color="tab:red", alpha=0.4, label="fell, or costs more")
-    axes.step(np.arange(len(best)), best, where="post", color="tab:blue", label="best so far")
+    axes.plot(failed, np.full(len(failed), 1.5 * start), "|", color=BAD, alpha=0.4, label="fell, or costs more")
+    axes.step(np.arange(len(best)), best, where="post", color=BLUE, label="best so far")
     axes.set(xlabel="candidate", ylabel="energy per distance [J/m]", ylim=(0.0, 1.55 * start), xlim=(0, len(costs)))
-    axes.grid(alpha=0.3)
-    axes.legend(frameon=False, loc="lower left")
+    axes.legend(loc="lower left")
     return figure
 
 
+@look()
 def plot_angles(cost: WalkingCost, first: np.ndarray, best: np.ndarray) -> Figure:
     """The joint angles of a stride, before and after, with the poses."""
     from matplotlib.figure import Figure
@@ -681,18 +708,17 @@ def plot_angles(cost: WalkingCost, first: np.ndarray, best: np.ndarray) -> Figur
     figure = Figure(figsize=(max(2.4 * columns, 5.0), 5.0), layout="constrained")
     panels = figure.subplots(2, columns, sharex=True, squeeze=False).ravel()
     times = np.linspace(0.0, cost.gait.period, 121)
-    for x, style, label in ((first, "0.6", "first gait"), (best, "tab:blue", "optimised gait")):
+    for x, style, label in ((first, "0.6", "first gait"), (best, BLUE, "optimised gait")):
         gait = cost.gait.from_vector(x)
         knots = np.arange(len(gait.poses)) * gait.period / len(gait.poses)
         for k, panel in enumerate(panels[:n]):
             panel.plot(times, np.degrees(gait.angles(times)[:, k]), color=style, label=label)
             panel.plot(knots, np.degrees(gait.poses[:, k]), "o", color=style, markersize=4)
     for panel, name in zip(panels, names):
-        panel.set_title(name.replace("_", " "), fontsize=9)
-        panel.grid(alpha=0.3)
+        panel.set_title(name.replace("_", " "))
     for panel in panels[n:]:
         panel.set_axis_off()
-    figure.supxlabel("time in the stride [s]", fontsize=9)
-    figure.supylabel("joint angle [deg]", fontsize=9)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2, frameon=False)
+    figure.supxlabel("time in the stride [s]", fontsize="medium")
+    figure.supylabel("joint angle [deg]", fontsize="medium")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return figure

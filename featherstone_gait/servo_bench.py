@@ -47,6 +47,7 @@ from .model import Controller, Gearbox, Joint, Link, Model, Servo
 from .reference import Reference
 from .run.simulate import initial_state, simulate_batch
 from .trajectory import Trajectory
+from .view.style import BLUE, ORANGE, look
 from .worlds import FIELDS, Worlds, servo_with
 
 if TYPE_CHECKING:
@@ -598,6 +599,7 @@ class _Residuals:
         return np.concatenate(parts)
 
 
+@look()
 def plot_rollouts(recordings: Sequence[BenchRecording], angles: Sequence[np.ndarray]) -> Figure:
     """Goal, recorded and simulated angle of each recording [deg], and below the simulated less the recorded one."""
     from matplotlib.figure import Figure
@@ -613,19 +615,17 @@ def plot_rollouts(recordings: Sequence[BenchRecording], angles: Sequence[np.ndar
         below = figure.add_subplot(grid[2 * row + 1, column], sharex=above)
         held = np.where(r.time < r.release, r.goal, np.nan)
         above.plot(r.time, np.degrees(held), color="0.7", linewidth=1.0, label="goal")
-        above.plot(r.time, np.degrees(r.angle), color="C0", linewidth=2.4, label="recorded")
-        above.plot(r.time, np.degrees(angle), color="C1", linewidth=1.0, label="simulated")
+        above.plot(r.time, np.degrees(r.angle), color=BLUE, linewidth=2.4, label="recorded")
+        above.plot(r.time, np.degrees(angle), color=ORANGE, linewidth=1.0, label="simulated")
         below.plot(r.time, np.degrees(angle - r.angle), color="0.3", linewidth=0.7)
         above.set_title(f"{r.name}\n{1e3 * np.abs(angle - r.angle).mean():.1f} mrad", fontsize=8)
         above.tick_params(labelbottom=False, labelsize=7)
         below.tick_params(labelsize=7)
-        for axes in (above, below):
-            axes.grid(alpha=0.3)
         if column == 0:
             above.set_ylabel("angle [deg]", fontsize=8)
             below.set_ylabel("error [deg]", fontsize=8)
         if row == rows - 1:
             below.set_xlabel("time [s]", fontsize=8)
     if above is not None:
-        figure.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+        figure.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure

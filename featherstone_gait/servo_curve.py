@@ -26,6 +26,7 @@ from scipy.optimize import brentq, minimize_scalar
 from .arguments import instance, real, whole
 from .core.effects.gear_friction import BLEND, MOST
 from .model import TORQUE_LAWS, Servo
+from .view.style import COLOURS, look
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -151,6 +152,7 @@ def _budget(servo: Servo, t_m: float, t_e: float, v: float) -> float:
     return servo.coulomb_friction + load + S * slow
 
 
+@look()
 def plot_curves(curves: Mapping[str, TorqueSpeed], manual: Mapping[str, Sequence[ManualPoint]] | None = None) -> Figure:
     """Draw torque, current and efficiency against speed; what manuals state at stall and without load as dots.
 
@@ -161,9 +163,9 @@ def plot_curves(curves: Mapping[str, TorqueSpeed], manual: Mapping[str, Sequence
     figure = Figure(figsize=(8.0, 8.0), layout="constrained")
     panels = figure.subplots(3, sharex=True)
     for k, (name, curve) in enumerate(curves.items()):
-        color = f"C{k % 10}"
+        color = COLOURS[k % len(COLOURS)]
         for panel, values in zip(panels, (curve.torque, curve.current, 100.0 * curve.efficiency)):
-            panel.plot(curve.speed, values, color=color, linestyle=("-", "--", ":")[k // 10 % 3], label=name)
+            panel.plot(curve.speed, values, color=color, linestyle=("-", "--", ":")[k // len(COLOURS) % 3], label=name)
         for point in (manual or {}).get(name, ()):
             if point.voltage == curve.voltage:
                 panels[0].plot([0.0, point.no_load_speed], [point.stall_torque, 0.0], "o", color=color, clip_on=False)
@@ -171,8 +173,7 @@ def plot_curves(curves: Mapping[str, TorqueSpeed], manual: Mapping[str, Sequence
                 panels[1].plot([0.0, point.no_load_speed], currents, "o", color=color, clip_on=False)
     for panel, label in zip(panels, ("torque [N m]", "current [A]", "efficiency [%]")):
         panel.set(ylabel=label, xlim=(0.0, None), ylim=(0.0, None))
-        panel.grid(alpha=0.3)
     panels[-1].set_xlabel("speed of the joint [rad/s]")
-    figure.suptitle("lines: simulated; dots: what the manual states", fontsize=10)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize=9)
+    figure.suptitle("lines: simulated; dots: what the manual states")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper")
     return figure

@@ -22,7 +22,8 @@ def folder(tmp_path):
     return robots
 
 
-def test_a_folder_of_robots_is_told_by_a_table(folder, capsys):
+def test_a_folder_of_robots_is_told_by_a_table(folder, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
     assert cli.main(["check-robots", str(folder), "--no-simulate", "--csv", "t.csv", "--out", str(folder)]) == 0
     lines = capsys.readouterr().out.splitlines()
     rows = {line.split()[0]: line.split() for line in lines if line.strip()}

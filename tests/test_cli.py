@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-from featherstone_gait import Trajectory, cli, load_robot
+from featherstone_gait import Ground, Trajectory, cli, compile_scene, load_robot, optimize
+from featherstone_gait.optimize import _folded, expected
 from featherstone_gait.run import simulate as simulation
 
 SLIDER = """<robot name="slider">
@@ -56,9 +57,108 @@ def test_info_prints_every_link_and_joint_and_writes_the_same_where_it_is_asked_
     rows = {line.split()[0]: line.split() for line in reversed(printed.splitlines()) if line}  # the first wins
     assert math.fsum(float(rows[link.name][1]) for link in model.links) == pytest.approx(model.mass, rel=1e-4)
     assert {joint.name for joint in model.joints} <= rows.keys()
-    locked = [name for name, row in rows.items() if "locked" in row and name in model.locked]
+    locked = {line.split()[0] for line in printed.splitlines() if " locked at " in line}
     assert sorted(locked) == sorted(model.locked)
     assert rows["chosen:"][1] == "ars343,"
+
+
+@pytest.mark.parametrize("command", ["info humanoid", "info arm7_spatial", "servos", "servos mx64 ax12a"])
+def test_what_is_printed_fits_a_terminal_of_80_columns_and_loses_nothing(command, monkeypatch, capsys, tmp_path):
+    said = {}
+    for columns in ("80", "400"):
+        monkeypatch.setenv("COLUMNS", columns)
+        assert cli.main([*command.split(), "--out", str(tmp_path)]) == 0
+        said[columns] = [line for line in capsys.readouterr().out.splitlines() if str(tmp_path) not in line]
+    assert max(len(line) for line in said["80"] if "/" not in line) < 80  # a path may be as long as it likes
+    assert {*" ".join(said["80"]).split()} == {*" ".join(said["400"]).split()}
+
+
+def test_info_says_what_simulate_would_take_for_each_kind_of_servo(capsys, monkeypatch):
+    """Held against the scenes themselves."""
+    monkeypatch.setenv("COLUMNS", "80")
+    for robot, usual in (("ax12_arm", None), ("humanoid", "mipsd")):
+        assert cli.main(["info", robot]) == 0
+        _, _, shown = capsys.readouterr().out.partition("\nservos ")
+        model = load_robot(robot)
+        for kind in (None, "mipsd", "rotor", "standard"):
+            scene = compile_scene(model, kind, Ground() if model.base == "floating" else None)
+            (row,) = (line for line in shown.splitlines() if line.startswith(f"{kind or 'none'} "))
+            assert row.split()[-1] == scene.integrator
+            assert row.startswith(f"{kind or 'none'} *") == (kind == usual)
+            step = scene.preflight.largest_explicit_step
+            assert f" {1e3 * step:.3g} ms, " in row if math.isfinite(step) else " any " in row
+
+
+def test_info_says_what_carries_a_robot(capsys, tmp_path):
+    assert cli.main(["info", "humanoid"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "stands with 8 contact points of 2 links on ground that gives way by 0.5 mm under its weight" in said
+    (tmp_path / "slider.urdf").write_text(SLIDER)
+    assert cli.main(["info", str(tmp_path / "slider.urdf")]) == 0
+    assert "its base is fixed; `simulate` puts no ground under it" in capsys.readouterr().out
+    box = SLIDER.split("\n", 2)[2].partition("  <joint")[0]
+    (tmp_path / "slider.urdf").write_text(f'<robot name="box">{box}</robot>')
+    (tmp_path / "slider.toml").write_text('base = "floating"\n')
+    assert cli.main(["info", str(tmp_path / "slider.urdf")]) == 0
+    assert "no contact points, so `simulate` lets it fall" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("optimise", "error: there is no command 'optimise' (did you mean optimize?); `featherstone-gait --help`"),
+        ("dance", "error: there is no command 'dance'; `featherstone-gait --help`"),
+        ("optimize --iters 3", "error: there is no option --iters (did you mean --iterations?); `feather"),
+        ("info arm7 arm8", "error: 'arm8' is too much; `featherstone-gait info --help`"),
+        ("info", "error: the following arguments are required: ROBOT; `featherstone-gait info --help`"),
+        ("benchmark spead", "error: argument NAME: 'spead' is none of speed, servo, "),
+        ("simulate arm7 --servos mips", "error: argument --servos: 'mips' is none of mipsd, rotor, standard, none "),
+    ],
+)
+def test_what_is_mistyped_gets_one_line_and_what_was_meant(command, said, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(command.split())
+    captured = capsys.readouterr()
+    assert (stop.value.code, captured.out, captured.err.count("\n")) == (2, "", 1)
+    assert captured.err.startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("optimize --robot nowhere.urdf", "nowhere.urdf"),
+        ("optimize --iterations -1", "iterations"),
+        ("optimize --worlds -1", "worlds"),
+        ("identify nowhere.csv --servo xl330", "nowhere.csv"),
+        ("reproduce servo_stp", "servo_stp"),
+        ("crosscheck {robots}/humanoid/optimized_gait.npz --floors ice", "floors is 'ice'"),
+        ("crosscheck {robots}/humanoid/optimized_gait.npz --soles flat", "soles is 'flat'"),
+        ("view nowhere.npz", "nowhere.npz: there is no such file"),
+    ],
+)
+def test_what_is_wrong_is_said_before_how_long_it_takes_and_nothing_is_written(command, said, capsys, tmp_path):
+    robots = Path(load_robot("humanoid").source).parents[1]
+    assert cli.main([*command.format(robots=robots).split(), "--out", str(tmp_path)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert said in captured.err
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_the_summary_of_a_search_fits_a_terminal():
+    text = "short\n" + "word " * 40 + "\n\n    kept   apart"
+    folded = _folded(text)
+    assert max(map(len, folded.splitlines())) < 80
+    assert folded.split() == text.split()
+    assert folded.endswith("\n    kept   apart")
+
+
+def test_a_search_says_how_long_it_takes_in_proportion():
+    """Processor time of docs/optimize.md over two cores: candidates 110 s, report 60 s, crosscheck 95 s."""
+    whole = expected(800, 8, 200, True, 1, False)
+    assert whole == pytest.approx((112 + 60 + 95 + 27) / 120)
+    assert expected(8000, 8, 200, True, 1, False) == pytest.approx(whole + 9 * 112 / 120)
+    assert expected(800, 0, 0, False, 0, False) == pytest.approx(112 / 8 / 120)
 
 
 def test_a_free_swing_keeps_its_energy(tmp_path):
@@ -164,6 +264,12 @@ def test_ctrl_c_is_an_exit_code(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(simulation, "simulate", interrupted)
     assert cli.main(["simulate", "arm7", "--out", str(tmp_path)]) == 130
     assert capsys.readouterr().err == "interrupted\n"
+
+
+@pytest.mark.parametrize(("message", "code"), [("max_iterations reached", 0), ("interrupted; the best so far is", 130)])
+def test_a_search_that_is_interrupted_has_that_exit_code_too(message, code, monkeypatch, tmp_path):
+    monkeypatch.setattr(optimize, "main_job", lambda *_, **__: {"search": {"message": message}})
+    assert cli.main(["optimize", "--out", str(tmp_path)]) == code
 
 
 COMMANDS = sorted(each.__name__.rpartition(".")[2].replace("_", "-") for each in cli.COMMANDS)

@@ -120,7 +120,8 @@ def test_a_file_may_leave_all_of_it_out(tmp_path):
     assert servo_sheet(path).manual == ()
 
 
-def test_the_command_lists_all_servos(capsys, tmp_path):
+def test_the_command_lists_all_servos(capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "300")
     assert cli.main(["servos", "--out", str(tmp_path)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines[1:]] == NAMES
@@ -128,23 +129,25 @@ def test_the_command_lists_all_servos(capsys, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_command_compares_with_the_manual_and_draws(capsys, tmp_path):
+def test_the_command_compares_with_the_manual_and_draws(capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "300")
     assert cli.main(["servos", "mx64", "ax12", "--plot", "curves.png", "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
     sheet, ours = servo_sheet("mx64"), torque_speed(load_servo("mx64"), 14.8)
     rows = [line.split() for line in out.splitlines()]
-    k = next(k for k, row in enumerate(rows) if row[:2] == ["14.8", "simulated"])
-    assert [float(x) for x in rows[k][2:4]] == pytest.approx([ours.stall_torque, ours.stall_current], rel=1e-3)
-    assert rows[k + 1][:4] == ["manual", "7.3", "5.2", f"{sheet.manual[2].no_load_speed:.4g}"]
-    assert float(rows[k + 2][1]) == pytest.approx(ours.stall_torque / 7.3, abs=1e-3)
+    k = next(k for k, row in enumerate(rows) if row[:3] == ["14.8", "V", "simulated"])
+    assert [float(x) for x in rows[k][3:5]] == pytest.approx([ours.stall_torque, ours.stall_current], rel=1e-3)
+    assert rows[k + 1][2:6] == ["manual", "7.3", "5.2", f"{sheet.manual[2].no_load_speed:.4g}"]
+    assert float(rows[k + 2][3]) == pytest.approx(ours.stall_torque / 7.3, abs=1e-3)
     assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_command_takes_a_voltage_and_a_file(capsys, tmp_path):
+def test_the_command_takes_a_voltage_and_a_file(capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "300")
     path = servo_file(tmp_path, "")
     assert cli.main(["servos", str(path), "--voltage", "12", "--out", str(tmp_path)]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert rows[-1][:4] == ["12", "simulated", "1.5", "1.5"]
+    assert rows[-1][:5] == ["12", "V", "simulated", "1.5", "1.5"]
     for arguments in (["ax13"], ["ax12", "--voltage", "-1"], ["ax12", "--voltage", "nan"]):
         assert cli.main(["servos", *arguments, "--out", str(tmp_path)]) == 2
         assert capsys.readouterr().err.count("\n") == 1

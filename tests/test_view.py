@@ -453,7 +453,7 @@ def test_view_shows_robots_and_saved_runs(model, run, tmp_path, capsys):
     assert ([r["caption"] for r in data["runs"]], data["plots"]) == (["falls", "walks"], ["contact_force"])
     for wrong in (["nothing.npz"], [str(tmp_path / "falls"), "arm7"]):
         assert main(["view", *wrong, *out]) == 2
-        assert f"{wrong[-1]}: is no saved run; give files of trajectories (.npz), or" in capsys.readouterr().err
+        assert f"{wrong[-1]}: there is no such file; give files of trajectories (.npz), or" in capsys.readouterr().err
     assert main(["view", "arm7", "--keyframe", "sitting", *out]) == 2
     assert "there is no keyframe 'sitting'; its keyframes: none" in capsys.readouterr().err
 

@@ -8,7 +8,6 @@ ended with another status than "ok", or an experiment failed, 2 an argument or a
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Callable
@@ -31,7 +30,7 @@ from . import (
     study,
     view,
 )
-from .arguments import Help
+from .arguments import Help, Parser
 
 COMMANDS = (
     info, check_robots, simulate, view, optimize, crosscheck, export, study, servos, identify, benchmark, reproduce,
@@ -54,7 +53,9 @@ Exit codes: 0 done, 1 a result is not to be believed or an experiment failed, 2 
 def main(argv: list[str] | None = None) -> int:
     """Run a command; return its exit code."""
     parser = _parser()
-    args = parser.parse_args(argv)
+    args, unknown = parser.parse_known_args(argv)
+    if unknown:
+        (args.command or parser).unknown(unknown)
     if args.run is None:
         parser.print_help()
         return 0
@@ -118,12 +119,12 @@ def _make_folder(path: Path | None) -> None:
         raise ValueError(f"--out {path}: {file} is {what}; give another folder, or move it") from error
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def _parser() -> Parser:
+    parser = Parser(
         prog="featherstone-gait", description=ABOUT, epilog=BEGIN, formatter_class=Help, usage="%(prog)s COMMAND ..."
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
-    parser.set_defaults(run=None)
+    parser.set_defaults(run=None, command=None)
     commands = parser.add_subparsers(metavar="COMMAND, one of", title="commands", prog=parser.prog)
     for command in COMMANDS:
         command.add(commands)

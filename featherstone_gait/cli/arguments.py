@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import difflib
+import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from ..build.kinds import SERVO_KINDS
 
@@ -18,7 +20,8 @@ if TYPE_CHECKING:
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
-SERVO_HELP = "gearbox of the servos (default: mipsd if the robot has any, but a fixed one swings without)"
+LINE = 79  # columns of what is printed
+SERVO_HELP = "gearbox of the servos (default: mipsd if the robot has any{})"
 
 
 class Help(argparse.HelpFormatter):
@@ -36,6 +39,35 @@ class Help(argparse.HelpFormatter):
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         return "\n".join(line if line.startswith("  ") else textwrap.fill(line, width) for line in text.split("\n"))
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that says in one line what is wrong, what may have been meant, and where to read on."""
+
+    def error(self, message: str) -> NoReturn:
+        print(f"error: {message}; `{self.prog} --help` tells what there is", file=sys.stderr)
+        raise SystemExit(2)
+
+    def unknown(self, arguments: Sequence[str]) -> NoReturn:
+        """Of arguments that the command does not have."""
+        known = [option for action in self._actions for option in action.option_strings]
+        options = [each.partition("=")[0] for each in arguments if each.startswith("-")]
+        if options:
+            self.error(", ".join(f"there is no option {each}{_meant(each, known)}" for each in options))
+        self.error(f"{' '.join(arguments)!r} is too much")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            names = [str(each) for each in action.choices]
+            if isinstance(action, argparse._SubParsersAction):
+                raise argparse.ArgumentError(None, f"there is no command {value!r}{_meant(value, names)}")
+            raise argparse.ArgumentError(action, f"{value!r} is none of {', '.join(names)}{_meant(value, names)}")
+
+
+def _meant(word: str, known: Sequence[str]) -> str:
+    """A question after a word that is not known."""
+    near = difflib.get_close_matches(word, known, n=1)
+    return f" (did you mean {near[0]}?)" if near else ""
 
 
 def add_command(
@@ -59,13 +91,13 @@ def add_command(
     parser = commands.add_parser(name, help=brief(does), description=told, epilog=shown, formatter_class=Help)
     where = "folder for what is written (default: here)" if unasked else "folder; without it nothing is written"
     parser.add_argument("--out", type=Path, default=Path() if unasked else None, metavar="DIR", help=where)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, command=parser)
     return parser
 
 
 def announce(takes: str) -> None:
-    """Say before long work how long it takes."""
-    print(f"takes {takes}", flush=True)
+    """Say how long work takes: before it, and after what may be wrong about the arguments."""
+    print(textwrap.fill(f"takes {takes}", LINE), flush=True)
 
 
 def brief(does: str) -> str:
@@ -73,11 +105,11 @@ def brief(does: str) -> str:
     return does.partition(";")[0].partition(":")[0]
 
 
-def add_robot(parser: argparse.ArgumentParser) -> None:
-    """What says which robot, in which form."""
+def add_robot(parser: argparse.ArgumentParser, but: str = "") -> None:
+    """What says which robot, in which form; but: for which robots the servos' default is another."""
     parser.add_argument("robot", metavar="ROBOT", help="name of a robot that comes along, or a .urdf or .xml file")
     parser.add_argument("--locked", metavar="SET", help="set of joints to hold, from the robot's TOML file")
-    parser.add_argument("--servos", choices=(*SERVO_KINDS, "none"), help=SERVO_HELP)
+    parser.add_argument("--servos", choices=(*SERVO_KINDS, "none"), help=SERVO_HELP.format(but))
 
 
 def servos_of(args: argparse.Namespace, model: Model, default: ServoKind | None) -> ServoKind | None:
@@ -114,7 +146,17 @@ def add_gait(parser: argparse.ArgumentParser) -> None:
     """What says which gait, of which robot."""
     parser.add_argument("gait", type=Path, metavar="GAIT", help="ROBOT_gait.npz, or joint angles as .csv")
     parser.add_argument("--first", action="store_true", help="of a .npz the gait that the search began with")
-    parser.add_argument("--robot", default="humanoid", help="name or .urdf file (default: humanoid, simplified)")
+    parser.add_argument("--robot", default="humanoid", help="name or .urdf file (default: humanoid)")
+    what = "set of joints to hold, from the robot's TOML file, or none (default: of humanoid simplified)"
+    parser.add_argument("--locked", metavar="SET", help=what)
+
+
+def robot_of_gait(args: argparse.Namespace) -> Model:
+    """The robot that `add_gait` asks for."""
+    from ..robot_file import load_robot
+
+    own = "simplified" if args.robot == "humanoid" else None
+    return load_robot(args.robot, locked={} if args.locked == "none" else args.locked or own)
 
 
 def gait_stem(args: argparse.Namespace) -> str:

@@ -14,27 +14,29 @@ class Benchmark(NamedTuple):
 
     what: str
     files: str
+    minutes: float  # on two cores, compiled before
 
 
-TAKES = "some minutes; its times count only where nothing else runs"
+TAKES = "what stands at its name, on two cores; with --full many times that"
+ALONE = "its times count only where nothing else runs"
 BENCHMARKS = {
-    "speed": Benchmark("times of algorithms and steps, beside MuJoCo's", "speed.csv, speed_steps.csv, speed.png"),
-    "servo": Benchmark("stiff servos: what holds at which step", "servo_arm.csv, servo_pd.csv, servo.png"),
-    "walk": Benchmark("rollouts of a walk a second, beside MuJoCo's", "walk.csv, walk.png"),
-    "precision": Benchmark("run time against error of every integrator", "precision.csv, precision.png"),
+    "speed": Benchmark("times of algorithms and steps, beside MuJoCo's", "speed.csv, speed_steps.csv, speed.png", 3),
+    "servo": Benchmark("stiff servos: what holds at which step", "servo_arm.csv, servo_pd.csv, servo.png", 1),
+    "walk": Benchmark("rollouts of a walk a second, beside MuJoCo's", "walk.csv, walk.png", 3),
+    "precision": Benchmark("run time against error of every integrator", "precision.csv, precision.png", 8),
     "peers": Benchmark(
-        "the same against Pinocchio, MuJoCo and SciPy", "peers.csv, peers_speed.csv, peers_lines.csv, peers.png"
+        "the same against Pinocchio, MuJoCo and SciPy", "peers.csv, peers_speed.csv, peers_lines.csv, peers.png", 8
     ),
     "default": Benchmark(
-        "what `simulate` gives where nothing is named", "default.csv, default_integrators.csv, default.png"
+        "what `simulate` gives where nothing is named", "default.csv, default_integrators.csv, default.png", 20
     ),
-    "stability": Benchmark("the largest stable step, against linear theory", "stability.csv, stability.png"),
-    "stress": Benchmark("whether a run that is wrong says so", "stress.csv, stress.png"),
-    "attack": Benchmark("damaged files and wrong arguments", "attack_files.csv, attack_api.csv"),
-    "skip": Benchmark("instructions that a missing feature saves (Linux)", "skip.csv"),
-    "session": Benchmark("robots stepped tick by tick, beside one call", "session.csv"),
-    "linearise": Benchmark("columns of a linear model, beside MuJoCo's", "linearise.csv"),
-    "first": Benchmark("CPU time to a first result", "first.csv"),
+    "stability": Benchmark("the largest stable step, against linear theory", "stability.csv, stability.png", 2),
+    "stress": Benchmark("whether a run that is wrong says so", "stress.csv, stress.png", 5),
+    "attack": Benchmark("damaged files and wrong arguments", "attack_files.csv, attack_api.csv", 1),
+    "skip": Benchmark("instructions that a missing feature saves (Linux)", "skip.csv", 5),
+    "session": Benchmark("robots stepped tick by tick, beside one call", "session.csv", 2),
+    "linearise": Benchmark("columns of a linear model, beside MuJoCo's", "linearise.csv", 2),
+    "first": Benchmark("CPU time to a first result", "first.csv", 5),
 }
 
 
@@ -45,12 +47,15 @@ def add(commands: Commands) -> None:
     parser = add_command(commands, "benchmark", run, "run a benchmark", what, examples=examples, takes=TAKES)
     parser.add_argument("name", metavar="NAME", choices=BENCHMARKS, help="one of those below")
     parser.add_argument("--full", action="store_true", help="repeat everything more often")
-    listed = [f"  {name:10} {each.what}\n             {each.files}" for name, each in BENCHMARKS.items()]
+    listed = [
+        f"  {name:10} {each.what}, {each.minutes:g} min\n             {each.files}" for name, each in BENCHMARKS.items()
+    ]
     parser.epilog = "\n".join(["benchmarks:", *listed, "", parser.epilog or ""])
 
 
 def run(args: Namespace) -> int:
-    announce("much longer than " * args.full + TAKES)
+    minutes = f"about {BENCHMARKS[args.name].minutes:g} min on two cores"
+    announce(f"{'many times ' * args.full}{minutes}, compiling aside; {ALONE}")
     import_module(f"featherstone_gait.benchmark.{args.name}").run(args.out, full=args.full)
     print("files: " + ", ".join(str(args.out / name) for name in BENCHMARKS[args.name].files.split(", ")))
     return 0

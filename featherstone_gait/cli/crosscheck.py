@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import textwrap
 from argparse import Namespace
 
 from ..build.kinds import SERVO_KINDS
-from .arguments import Commands, add_command, add_gait, announce, gait_stem, telling_extras
+from .arguments import LINE, Commands, add_command, add_gait, announce, gait_stem, robot_of_gait, telling_extras
 
 TAKES = "a minute or two on two cores; Ctrl-C keeps finished floors"
+ROW = 4.0  # processor seconds of one core of an AMD EPYC, for 22 strides on a floor (docs/crosscheck.md)
 
 
 def add(commands: Commands) -> None:
@@ -21,6 +23,7 @@ def add(commands: Commands) -> None:
         examples=(
             "featherstone-gait crosscheck humanoid_gait.npz",
             "featherstone-gait crosscheck humanoid_gait.npz --floors 2ms_0.9 --strides 5",
+            "featherstone-gait crosscheck trot.csv --robot anymal.urdf",
         ),
         takes=TAKES,
     )
@@ -30,33 +33,40 @@ def add(commands: Commands) -> None:
     parser.add_argument("--servo", metavar="NAME", help="of all joints, as of optimize (default: the robot's own)")
     parser.add_argument("--floors", metavar="NAMES", help="with commas: 2ms_0.9,20ms_0.6 (default: all; a wrong name "
                         "lists them)")  # fmt: skip
-    soles = "of spheres,boxes with commas (default: both)"
-    parser.add_argument("--soles", metavar="KINDS", default="spheres,boxes", help=soles)
+    soles = "of spheres,boxes with commas (default: both, of feet that are points spheres)"
+    parser.add_argument("--soles", metavar="KINDS", help=soles)
     parser.add_argument("--strides", type=int, default=20, metavar="N", help="measured, after two (default: 20)")
     parser.add_argument("--timestep", type=float, default=2.5e-4, metavar="S", help="of MuJoCo [s] (default: 0.00025)")
     parser.add_argument("--processes", type=int, default=2, metavar="N", help="at a time (default: 2)")
 
 
 def run(args: Namespace) -> int:
-    from ..crosscheck import crosscheck, summary
+    from ..arguments import one_of
+    from ..crosscheck import FLOORS, crosscheck, summary
+    from ..crosscheck.in_mujoco import SOLES, soles_of
     from ..crosscheck.run import files
-    from ..robot_file import load_robot
     from ..walking.feedback import read_walk
     from ..walking.motion import read_motion
 
-    model = load_robot(args.robot, locked="simplified" if args.robot == "humanoid" else None)
+    model = robot_of_gait(args)
     plain = args.first or args.no_feedback
     motion = read_motion(args.gait, model.joint_names, first=args.first) if plain else read_walk(
         args.gait, model.joint_names
     )
     out = args.out / f"{gait_stem(args)}_crosscheck"
-    announce(TAKES)
+    names = [*FLOORS] if args.floors is None else args.floors.split(",")
+    soles = soles_of(model) if args.soles is None else args.soles.split(",")
+    for what, given, known in (("floors", names, FLOORS), ("soles", soles, SOLES)):
+        for name in given:
+            one_of(what, name, known)
+    minutes = ROW * len(names) * len(soles) * (args.strides + 2) / 22 / max(args.processes, 1) / 60.0
     with telling_extras():
+        announce(f"about {max(minutes, 1.0):.0f} min, compiling aside; Ctrl-C keeps finished floors")
         report = crosscheck(
-            motion, args.robot, servos=args.servos, servo=args.servo, floors=args.floors and args.floors.split(","),
-            soles=args.soles.split(","), strides=args.strides, timestep=args.timestep, out=out,
-            processes=args.processes, progress=True,
+            motion, model, servos=args.servos, servo=args.servo, floors=names, soles=soles, strides=args.strides,
+            timestep=args.timestep, out=out, processes=args.processes, progress=True,
         )  # fmt: skip
-    print(summary(report))
+    *rows, said = summary(report).split("\n")
+    print("\n".join([*rows, textwrap.fill(said, LINE)]))
     print("files:", *files(out))
     return 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-from .arguments import Commands, add_command, add_gait, gait_stem
+from .arguments import Commands, add_command, add_gait, gait_stem, robot_of_gait
 
 
 def add(commands: Commands) -> None:
@@ -29,11 +29,11 @@ def add(commands: Commands) -> None:
 
 def run(args: Namespace) -> int:
     from ..model import Ground
-    from ..robot_file import load_robot, save_robot
+    from ..robot_file import save_robot
     from ..walking.gait_file import write_angles, write_goal_positions
     from ..walking.motion import read_motion, with_poses
 
-    model = load_robot(args.robot, locked="simplified" if args.robot == "humanoid" else None)
+    model = robot_of_gait(args)
     motion = read_motion(args.gait, model.joint_names, first=args.first)
     reference = motion.reference(args.strides)
     every = not (args.csv or args.goal_positions or args.mjcf)

@@ -59,10 +59,10 @@ def run(args: Namespace) -> int:
     from ..fit_log import FitLog
     from ..servo_bench import BENCHES, read_bench
 
-    announce(TAKES)
     bench = BENCHES[args.servo]
     own = {"gain": args.gain, "mass": args.mass, "length": args.length}
     recordings, others = ([read_bench(path, bench, **own) for path in paths] for paths in (args.files, args.predict))
+    announce(TAKES)
     with FitLog(args.out / "identify.jsonl") as log:
         return (_effects if args.effects else _fit)(args, bench, recordings, others, log)
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import shutil
 import textwrap
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from ..build.kinds import SERVO_KINDS
 from ..files import complete
-from .arguments import Commands, add_command, add_robot, choice, ground, output, servos_of
+from .arguments import LINE, Commands, add_command, add_robot, choice, ground, output, servos_of
 
 if TYPE_CHECKING:
+    from ..build.actuator import ServoKind
     from ..build.preflight import Limit, Preflight
     from ..build.scene import CompiledScene
     from ..model import Controller, Gearbox, Joint, Model, Servo
@@ -27,7 +30,7 @@ GAINS = {  # of the laws that differ
 
 def add(commands: Commands) -> None:
     """Register the command."""
-    does = "print a robot's masses, joints, servos and step limits"
+    does = "print a robot's masses, joints, servos, contact points, and what is chosen to simulate it"
     what = "ROBOT_info.txt, the same text, if --out names a folder"
     examples = ("featherstone-gait info humanoid", "featherstone-gait info my_robot.urdf --out results")
     add_robot(add_command(commands, "info", run, does, what, examples=examples, unasked=False))
@@ -47,9 +50,12 @@ def run(args: Namespace) -> int:
         *_joint_table(model, scene.preflight),
         *_servo_table(model),
         *_contact_table(model),
-        *(f"note: {note}" for note in model.notes),
+        *_filled(f"note: {note}" for note in model.notes),
         "",
-        *_preflight_lines(scene),
+        *_filled([_ground_line(model)]),
+        *_choice_table(model, scene),
+        "",
+        *_filled(_preflight_lines(scene)),
     ]
     text = "\n".join(lines) + "\n"
     print(text, end="")
@@ -107,7 +113,7 @@ def _servo_table(model: Model) -> list[str]:
         parts = [("motor", servo), ("controller", servo.controller), ("gearbox", servo.gearbox)]
         rows = [(part, name, value, unit) for part, record in parts for name, value, unit in _fields(record)]
         whose = ", ".join(joints) if len(kinds) > 1 else "all joints"
-        lines += ["", f"servo of {whose}", *table(("part", "parameter", "value", "unit"), rows)[1:]]
+        lines += ["", *_filled([f"servo of {whose}"]), *table(("part", "parameter", "value", "unit"), rows)[1:]]
     if model.supply is not None:
         lines += ["", f"supply of all servos: {model.supply.voltage:g} V, {model.supply.resistance:g} Ohm"]
     return lines
@@ -129,6 +135,44 @@ def _contact_table(model: Model) -> list[str]:
     return table(("contact point on", "position [m]"), rows) if rows else []
 
 
+def _ground_line(model: Model) -> str:
+    """What carries the robot, and how the ground that `simulate` gives it yields."""
+    under, links = ground(model), len({point.link for point in model.contacts})
+    if under is not None:
+        return (
+            f"stands with {len(model.contacts)} contact points of {links} links on ground that gives way by "
+            f"{1e3 * under.sinking:g} mm under its weight, friction {under.friction:g} (by default)"
+        )
+    if model.base == "fixed":
+        return "its base is fixed; `simulate` puts no ground under it"
+    shapes = len(model.shapes)
+    more = f"load_robot(..., contacts=\"feet\") takes them from its {shapes} collision shapes" if shapes else (
+        "it has no collision shapes to take them from; type them into its TOML"
+    )
+    return f"no contact points, so `simulate` lets it fall without ground: {more}"
+
+
+def _choice_table(model: Model, scene: CompiledScene) -> list[str]:
+    """What each kind of servo asks of an integrator, and which is taken where none is named."""
+    from ..build.scene import compile_scene
+
+    has_any = any(name in model.servos for name in model.joint_names)
+    kinds: tuple[ServoKind | None, ...] = (None, *SERVO_KINDS) if has_any else (None,)
+    usual = "mipsd" if has_any and model.base == "floating" else None
+    rows = []
+    for kind in kinds:
+        each = scene if kind == scene.servos else compile_scene(model, kind, scene.ground)
+        worst, largest = each.preflight.worst, each.preflight.largest_explicit_step
+        limit = f"{1e3 * largest:.3g} ms, {worst.joint}: {worst.cause}" if worst is not None else "any"
+        steps = "" if each.adaptive else f", {1e3 * each.timestep:g} ms"
+        rows.append(((kind or "none") + " *" * (kind == usual), limit, each.integrator + steps))
+    return [*table(("servos", "explicit steps up to", "integrator"), rows), "* where `simulate` is told nothing else"]
+
+
+def _filled(lines: Iterable[str]) -> list[str]:
+    return [textwrap.fill(line, LINE, subsequent_indent="  ", break_on_hyphens=False) for line in lines]
+
+
 def _preflight_lines(scene: CompiledScene) -> list[str]:
     check, servos = scene.preflight, f"{scene.servos} servos" if scene.servos else "no servos"
     worst, limited = check.worst, "nothing limits an explicit step"
@@ -136,8 +180,7 @@ def _preflight_lines(scene: CompiledScene) -> list[str]:
         alone = f"{worst.joint} alone {1e3 * worst.step:.3g} ms, by its {worst.cause}"
         limited = f"explicit steps up to {1e3 * check.largest_explicit_step:.3g} ms, all joints together ({alone})"
     where = "on the ground" if scene.ground else "without ground"
-    lines = f"with {servos}, {where}: {limited}", f"chosen: {choice(scene)}"
-    return [textwrap.fill(line, 79, subsequent_indent="  ", break_on_hyphens=False) for line in lines]
+    return [f"with {servos}, {where}: {limited}", f"chosen: {choice(scene)}"]
 
 
 def _numbers(values: Iterable[float]) -> str:
@@ -145,6 +188,27 @@ def _numbers(values: Iterable[float]) -> str:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """An empty line, the headings and the rows, in aligned columns."""
+    """An empty line, the headings and the rows, in aligned columns.
+
+    Columns that the terminal has no room for follow in tables of their own, behind the first column again.
+    """
+    room = shutil.get_terminal_size().columns - 1
     widths = [max(len(str(row[k])) for row in [head, *rows]) for k in range(len(head))]
-    return ["", *("  ".join(f"{cell:{width}}" for cell, width in zip(row, widths)).rstrip() for row in [head, *rows])]
+    lines: list[str] = []
+    left = [*range(1, len(head))]
+    while left or not lines:
+        shown = [0]
+        while left and (len(shown) == 1 or sum(widths[k] + 2 for k in shown) + widths[left[0]] <= room):
+            shown.append(left.pop(0))
+        lines.append("")
+        for row in [head, *rows]:
+            lines += _folded([str(row[k]) for k in shown], [widths[k] for k in shown], room)
+    return lines
+
+
+def _folded(cells: Sequence[str], widths: Sequence[int], room: int) -> list[str]:
+    """A row of a table; its last cell goes on in further lines where it is too long for one."""
+    *before, last = (f"{cell:{width}}" for cell, width in zip(cells, widths))
+    start = "".join(f"{cell}  " for cell in before)
+    parts = textwrap.wrap(last.rstrip(), max(room - len(start), 20), break_on_hyphens=False) or [""]
+    return [(start + parts[0]).rstrip(), *(" " * len(start) + part for part in parts[1:])]

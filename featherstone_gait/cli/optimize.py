@@ -5,9 +5,12 @@ from __future__ import annotations
 from argparse import Namespace
 
 from ..build.kinds import SERVO_KINDS
-from .arguments import Commands, add_command, announce, telling_extras
+from .arguments import Commands, add_command, telling_extras
 
-TAKES = "two and a half minutes on two cores, compiling included, and with --crosscheck a minute or two more"
+TAKES = (
+    "two and a half minutes on two cores, compiling included, with --crosscheck a minute or two more; with other "
+    "numbers of candidates and worlds in proportion, which is said before the search"
+)
 
 
 def add(commands: Commands) -> None:
@@ -19,8 +22,9 @@ def add(commands: Commands) -> None:
         "plan a biped's walk and search for a gait that takes less energy per distance; Ctrl-C keeps the best so far",
         "ROBOT_gait.json (measures before and after), _report.html (the same as a page), .npz (arrays), "
         "_animation.html, _convergence.png, _angles.png, "
-        "_angles.csv [deg], _goal_positions.csv (AX-12, every 40 ms), _history.jsonl and with --crosscheck "
-        "_crosscheck.json and .csv",
+        "_angles.csv [deg], _goal_positions.csv (AX-12, every 40 ms), _history.jsonl and _limits_history.jsonl (the "
+        "search, to go on from), with --feedback _feedback_history.jsonl, and with --crosscheck _crosscheck.json and "
+        ".csv",
         examples=(
             "featherstone-gait optimize",
             "featherstone-gait optimize --seed 3 --out third --crosscheck",
@@ -63,8 +67,7 @@ def run(args: Namespace) -> int:
     if args.nominal and (args.worlds is not None or args.states is not None):
         raise ValueError("--nominal says what --worlds and --states say; give one of them")
     with telling_extras():
-        announce(TAKES)
-        main_job(
+        report = main_job(
             args.robot,
             servos=args.servos,
             servo=args.servo,
@@ -83,4 +86,4 @@ def run(args: Namespace) -> int:
             fair=not args.no_fair,
             feedback=args.feedback,
         )
-    return 0
+    return 130 if report["search"]["message"].startswith("interrupted") else 0

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from argparse import Namespace
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 from ..files import complete
-from .arguments import Commands, add_command
+from .arguments import LINE, Commands, add_command
 from .info import table
 
 if TYPE_CHECKING:
@@ -86,17 +87,20 @@ def _listed(sheets: dict[str, ServoSheet], voltage: float | None) -> list[str]:
 def _shown(name: str, sheet: ServoSheet, voltage: float | None) -> list[str]:
     """A servo's figures at its voltage and at those of its manual, or at the one that is asked for."""
     told = {"product": sheet.product, "numbers": sheet.source, "quality": sheet.quality, "manual": sheet.manual_source}
-    lines = ["", name, *(f"  {what:8} {text}" for what, text in told.items() if text)]
+    lines = ["", name]
+    for what, text in told.items():
+        lines += [fill(f"  {what:8} {text}", LINE, subsequent_indent=" " * 11, break_long_words=False)] if text else []
     points = {point.voltage: point for point in sheet.manual}
     voltages = [_curve(name, voltage).voltage, *(() if voltage is not None else points)]
     rows = []
     for V in dict.fromkeys(voltages):
         curve = _curve(name, V)
         best = f"{1e2 * curve.peak_efficiency:.1f}"
-        rows.append((f"{V:.4g}", "simulated", *_cells(curve), best))
+        rows.append((f"{V:.4g} V simulated", *_cells(curve), best))
         if V in points:
-            rows += [("", "manual", *_cells(points[V]), ""), ("", "ratio", *_ratios(curve, points[V]), "")]
-    head = ("at [V]", "", *(label for label, _ in FIGURES.values()), "peak efficiency [%]")
+            rows.append((f"{V:.4g} V manual", *_cells(points[V]), "-"))
+            rows.append((f"{V:.4g} V ratio", *_ratios(curve, points[V]), "-"))
+    head = ("", *(label for label, _ in FIGURES.values()), "peak efficiency [%]")
     return [*lines, *table(head, rows)]
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..files import complete
-from .arguments import Commands, add_command, add_robot, choice, ground, output, servos_of
+from .arguments import LINE, Commands, add_command, add_robot, choice, ground, output, servos_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,7 +39,7 @@ def add(commands: Commands) -> None:
         ),
         takes="a second or two; the first time of a kind of robot up to half a minute, to compile",
     )
-    add_robot(parser)
+    add_robot(parser, ", but a fixed one swings without")
     parser.add_argument("--duration", type=float, metavar="S", help="[s] (default: 1, with servos or ground 2)")
     parser.add_argument("--integrator", metavar="NAME", help="by name (default: chosen; a wrong name lists them)")
     parser.add_argument("--timestep", type=float, metavar="S", help="[s] (default: chosen, and stated)")
@@ -73,7 +73,7 @@ def run(args: Namespace) -> int:
     _plot_simulation(scene, trajectory, text, output(args, "simulation.png"))
     measures["seconds_of_plotting"] = time.perf_counter() - plotting
     lines = [*_summary(scene, trajectory, duration), f"files       {path}.npz, .json, .png"]
-    print("\n".join(textwrap.fill(line, 79, subsequent_indent=" " * 12, break_long_words=False) for line in lines))
+    print("\n".join(textwrap.fill(line, LINE, subsequent_indent=" " * 12, break_long_words=False) for line in lines))
     return 0 if trajectory.ok else 1
 
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from ..trajectory import Trajectory
     from ..view.live import Live
 
+
 def add(commands: Commands) -> None:
     """Register the command."""
     parser = add_command(
@@ -54,7 +55,8 @@ def run(args: Namespace) -> int:
     else:
         for file in args.files:
             if not _saved(file).is_file():
-                raise ValueError(f"{file}: is no saved run; give files of trajectories (.npz), or one robot alone")
+                what = "is no saved run" if Path(file).exists() else "there is no such file"
+                raise ValueError(f"{file}: {what}; give files of trajectories (.npz), or one robot alone")
         runs = [Trajectory.load(file) for file in args.files]
         names, robot = [Path(file).stem for file in args.files], args.robot
         if args.keyframe is not None:

@@ -54,10 +54,10 @@ _ABOUT = ("product", "source", "quality")
 _FIGURES = tuple(f.name for f in fields(ManualPoint))
 
 
-def with_servo(model: Model, servo: FilePath) -> Model:
-    """The robot with one servo, named as of `load_servo`, in all joints that turn or have one."""
+def with_servo(model: Model, servo: FilePath, **overrides: Any) -> Model:
+    """The robot with one servo in all joints that turn or have one; servo, overrides: as of `load_servo`."""
     turning = [joint.name for joint in model.joints if joint.type in ("revolute", "continuous")]
-    return replace(model, servos=dict.fromkeys([*turning, *model.servos], load_servo(servo)))
+    return replace(model, servos=dict.fromkeys([*turning, *model.servos], load_servo(servo, **overrides)))
 
 
 def load_servo(name: str | os.PathLike, gearbox: str = "physical", **overrides: Any) -> Servo:

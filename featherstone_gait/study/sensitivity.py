@@ -19,12 +19,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..files import Format, complete, read_csv, write_csv
+from ..view.style import BLUE, look
 from .measures import COLUMNS
 from .settings import Study
 from .table import TABLE
 
 SENSITIVITY = Format("study sensitivity")
-BLUE, GREY = "#2a5d9c", "#9aa7b5"
+GREY = "0.7"
 
 
 class Index(NamedTuple):
@@ -80,6 +81,7 @@ def write_sensitivity(study: Study, table: Path) -> Path:
     return path
 
 
+@look()
 def _plot(study: Study, says: str, found: list[Index], path: Path) -> None:
     """Bars of the first measure, the parameter that makes the most of its variance on top."""
     from matplotlib.figure import Figure
@@ -93,7 +95,7 @@ def _plot(study: Study, says: str, found: list[Index], path: Path) -> None:
         axes.barh(places, lengths, 0.36, xerr=errors, color=colour, label=label, error_kw={"linewidth": 1})
     axes.set_yticks(range(len(order)), [study.setup.names[k] for k in order])
     axes.set_xlabel(f"share of the variance of: {says}")
-    axes.legend(fontsize=8, frameon=False, loc="lower right")
+    axes.legend(loc="lower right")
     figure.suptitle(f"{study.name}: {study.setup.model.name}, {study.setup.experiment}, {len(study)} runs", fontsize=11)
     with complete(path) as temporary:
         figure.savefig(temporary, dpi=130)
