@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import featherstone_gait
+from featherstone_gait import cli
 from featherstone_gait.core.step.state import CHANNELS
 
 ROOT = Path(__file__).parents[1]
@@ -118,6 +119,12 @@ def test_the_reference_has_an_example_of_every_public_name():
 
 def calls(code):
     return [n for n in ast.walk(ast.parse(code)) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
+
+
+def test_the_page_on_commands_lists_every_command():
+    names = [each.__name__.rpartition(".")[2].replace("_", "-") for each in cli.COMMANDS]
+    listed = re.findall(r"^\| `([a-z-]+)[` ]", (DOCS / "commands.md").read_text("utf-8"), re.MULTILINE)
+    assert listed == names
 
 
 def test_the_architecture_names_paths_that_exist():
