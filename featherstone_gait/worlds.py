@@ -31,6 +31,7 @@ from .model import Controller, Gearbox, Ground, Servo, Supply
 Law = Literal["uniform", "normal", "lognormal"]
 MOST_RUNS = 10**7
 WIDEST = 10.0  # relative spread
+LEAST_SHARE = 2.0**-53  # of a normal distribution, beyond which nothing is drawn
 FIELDS = {  # what may differ, by section
     "ground": tuple(f.name for f in dataclasses.fields(Ground) if f.name not in ("steps", "field")),
     "servos": tuple(
@@ -76,12 +77,28 @@ class Spread:
 
     def drawn(self, numbers: np.ndarray, runs: int, generator: np.random.Generator) -> np.ndarray:
         """Draws (runs, ...) about the numbers (parts, ...) of the scene."""
-        size = (runs, 1 if self.alike else len(numbers), *(numbers.shape[1:] if self.added else ()))
+        size = (runs, *self.shape(numbers))
         x = generator.uniform(-1.0, 1.0, size) if self.law == "uniform" else generator.standard_normal(size)
+        return self.applied(numbers, x)
+
+    def shape(self, numbers: np.ndarray) -> tuple[int, ...]:
+        """Of what is drawn for one run about the numbers (parts, ...) of the scene."""
+        return (1 if self.alike else len(numbers), *(numbers.shape[1:] if self.added else ()))
+
+    def at(self, shares: np.ndarray) -> np.ndarray:
+        """The draws, in widths, below which such shares in [0, 1) of all draws lie."""
+        if self.law == "uniform":
+            return 2.0 * shares - 1.0
+        from scipy.special import ndtri
+
+        return ndtri(np.clip(shares, LEAST_SHARE, 1.0 - LEAST_SHARE))
+
+    def applied(self, numbers: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """The numbers (runs, parts, ...) of draws x (runs, *shape), in widths."""
         if self.added:
             return numbers + self.width * x
         factors = exp(self.width * x) if self.law == "lognormal" else 1.0 + self.width * x
-        return numbers * factors.reshape(*size, *[1] * (numbers.ndim - 1))
+        return numbers * factors.reshape(*x.shape, *[1] * (numbers.ndim - 1))
 
 
 Values: TypeAlias = ArrayLike | Spread
@@ -174,16 +191,10 @@ class Worlds:
 
     def _columns(self, scene: CompiledScene) -> Iterator[_Column]:
         for section in FIELDS:
-            parts = _parts(scene, section)
             for key, value in getattr(self, section).items():
-                part, _, name = key.rpartition(".")
-                if part and part not in parts:
-                    raise ValueError(f"worlds: {section}: there is no {part!r}; use one of {', '.join(parts)}")
-                if not parts:
-                    raise ValueError(f"worlds: {section}: {key} is given, but the scene of {scene.model.name} has none")
-                chosen = {part: parts[part]} if part else parts
-                numbers = np.array([_number(owner, name) for owner in chosen.values()], dtype=float)
-                yield _Column(section, name, [*chosen], self._values(f"{section}.{key}", value, numbers))
+                parts, numbers = nominal(scene, section, key)
+                name = key.rpartition(".")[2]
+                yield _Column(section, name, parts, self._values(f"{section}.{key}", value, numbers))
 
     def _values(self, what: str, value: Values, numbers: np.ndarray) -> np.ndarray:
         """(runs, parts, ...) from what was given; numbers (parts, ...) those of the scene."""
@@ -197,6 +208,21 @@ class Worlds:
             one = f"({shape[0]},)" if numbers.ndim == 1 else f"({shape[0]}, 1, {shape[2]})"
             raise ValueError(f"worlds: {what} has the shape {array.shape}; give a number, or an array {one} or {shape}")
         return np.broadcast_to(array, shape)
+
+
+def nominal(scene: CompiledScene, section: str, key: str) -> tuple[list[str], np.ndarray]:
+    """Whose numbers a field stands for, and what they are in the scene, (parts, ...).
+
+    Raises ValueError for parts that the scene does not have.
+    """
+    parts = _parts(scene, section)
+    part, _, name = key.rpartition(".")
+    if part and part not in parts:
+        raise ValueError(f"worlds: {section}: there is no {part!r}; use one of {', '.join(parts)}")
+    if not parts:
+        raise ValueError(f"worlds: {section}: {key} is given, but the scene of {scene.model.name} has none")
+    chosen = {part: parts[part]} if part else parts
+    return [*chosen], np.array([_number(owner, name) for owner in chosen.values()], dtype=float)
 
 
 def _checked(section: str, names: Sequence[str], key: str, value: Values) -> Values:

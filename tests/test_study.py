@@ -20,18 +20,33 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-from featherstone_gait import Reference, compile_scene, initial_state, load_robot, simulate
+from featherstone_gait import (
+    Ground,
+    Reference,
+    Spread,
+    Worlds,
+    compile_scene,
+    initial_state,
+    load_robot,
+    load_servo,
+    simulate,
+    standing_state,
+)
 from featherstone_gait.model import Supply
-from featherstone_gait.robot_file import load_servo
 from featherstone_gait.study import read_study, run_study
 from featherstone_gait.study.measures import run_batch
 from featherstone_gait.study.settings import servos_with
+from featherstone_gait.walking.cost import RECORD, SAMPLE, measured
+from featherstone_gait.walking.motion import read_motion
 
 ROOT = Path(__file__).parents[1]
 ARM = 'robot = "ax12_arm"\nexperiment = "hold"\nduration = 0.5\n'
 GRID = ARM + "[vary]\nservo.Kp = [20.0, 61.0, 100.0]\nposture.tilt = {from = -0.1, to = 0.1, count = 5}\n"
 DRAWN = ARM + '[sampling]\nmethod = "{}"\ncount = {}\nseed = {}\n'
 DRAWN += '[vary]\nservo.Kp = {{from = 1.0, to = 100.0, scale = "log"}}\n'
+UNITS = ARM + "[sampling]\nmethod = 'random'\ncount = 9\n[worlds]\nlinks.mass = {law = 'uniform', width = 0.1}\n"
+UNITS += "servos.Kp = {law = 'normal', width = 0.1, alike = true}\nreference.offset = {law = 'uniform', width = 0.03}\n"
+WALK = 'robot = "humanoid"\nlocked = "simplified"\nexperiment = "walk"\nstrides = 1\nwarm_up = 1\n'
 LARGE = ARM.replace("0.5", "4.0") + "[vary]\nservo.Kp = {from = 20.0, to = 80.0, count = 100}\n"
 LARGE += "posture.tilt = {from = -0.2, to = 0.2, count = 40}\n"  # 4000 runs, some seconds
 
@@ -125,6 +140,17 @@ def test_random_runs_depend_on_the_seed_alone(tmp_path):
         (DRAWN.format("random", 5, -1), ["sampling.seed is -1", ">= 0"]),
         (DRAWN.format("random", 10**12, 1), ["sampling.count", "at most"]),
         (GRID.replace("count = 5", "count = 900000000"), ["at most"]),
+        (GRID + "[worlds]\nlinks.mass = {law = 'uniform', width = 0.1}\n", ["grid", "latin_hypercube"]),
+        (UNITS.replace("links.mass", "link.mass"), ["no section 'link'", "links"]),
+        (UNITS.replace("links.mass", "links.weight"), ["no number 'weight'", "mass"]),
+        (UNITS.replace("links.mass", "links.trunk.mass"), ["no 'trunk'", "use one of"]),
+        (UNITS.replace("links.mass", "ground.friction"), ["friction is given", "none"]),
+        (UNITS.replace("width = 0.1", "width = -0.1"), ["worlds.links.mass", "width is -0.1"]),
+        (UNITS.replace("width", "wide"), ["worlds.links.mass", "width = 0.1"]),
+        (UNITS.replace("{law = 'uniform', width = 0.1}", "0.1"), ["worlds.links.mass is 0.1", "law"]),
+        (UNITS.replace("reference.offset", "reference.delay"), ["worlds.reference.delay", "reference.offset"]),
+        (WALK + "[vary]\ngait.file = ['no.npz']\n", ["gait.file is 'no.npz'", "neither in"]),
+        (WALK + "[gait]\nfile = 'a.npz'\n[vary]\ngait.period = [0.5]\n", ["gait.file", "gait.period", "one of"]),
     ],
 )
 def test_what_is_wrong_is_said_with_file_key_value_and_remedy(tmp_path, text, words):
@@ -223,8 +249,7 @@ def test_a_stable_step_comes_to_rest_and_the_next_larger_one_does_not(tmp_path):
 
 
 def test_a_walk_has_the_cost_of_its_gait(tmp_path):
-    text = 'robot = "humanoid"\nlocked = "simplified"\nexperiment = "walk"\nstrides = 1\nwarm_up = 1\n'
-    text += "[gait]\nstep_length = 0.015\nperiod = 0.48\nlift = 0.015\n"
+    text = WALK + "[gait]\nstep_length = 0.015\nperiod = 0.48\nlift = 0.015\n"
     outcome = run_study(read(tmp_path, text + "[vary]\nground.friction = [0.95, 0.0]\n"), tmp_path)
     normal, ice = table(outcome.table)
     assert normal["status"] == "ok"
@@ -232,6 +257,59 @@ def test_a_walk_has_the_cost_of_its_gait(tmp_path):
     assert cost == pytest.approx(energy / distance, rel=1e-12)
     assert (ice["status"], ice["cost_J_m"]) == ("no cost", "")
     assert ice["message"]
+
+
+def test_a_unit_is_the_world_that_its_draws_make(tmp_path):
+    """Each run has the bits of its scene by `Worlds`, its servo sent what its encoder's zero is off by."""
+    study = read(tmp_path, UNITS)
+    assert study.names == ("worlds.links.mass", "worlds.servos.Kp", "worlds.reference.offset")
+    outcome = run_study(study, tmp_path)
+    drawn = [study.values(run) for run in range(len(study))]
+    mass, gain, offset = (np.array(each) for each in zip(*drawn))
+    model = load_robot("ax12_arm")
+    scene = compile_scene(model, "mipsd")
+    masses = np.array([link.mass for link in model.links]) * (1.0 + 0.1 * mass)
+    (servo,) = model.servos.values()
+    worlds = Worlds(links={"mass": masses}, servos={"Kp": servo.controller.Kp * (1.0 + 0.1 * gain)})
+    assert masses.std(axis=0).min() >= 0.0 < masses.std()
+    for run, (row, own) in enumerate(zip(table(outcome.table), worlds.scenes(scene))):
+        ran = simulate(
+            own, 0.5, initial_state(own, [0.01]), Reference([0.0], [0.03 * offset[run]]), estimate_error=False
+        )
+        q = np.degrees(ran["q"][len(ran["q"]) // 2 :])
+        assert float(row["offset_deg"]) == np.abs(q).max()
+        assert float(row["worlds.links.mass"]) == pytest.approx(mass[run].mean(), rel=1e-12)
+
+
+def test_of_normal_draws_so_many_lie_below():
+    shares = np.linspace(0.0, 1.0, 1001)
+    x = Spread("normal", 1.0).at(shares)
+    assert np.isfinite(x).all()
+    assert x[[159, 500, 841]] == pytest.approx([-0.99858, 0.0, 0.99858], abs=1e-5)
+    assert Spread("uniform", 1.0).at(shares) == pytest.approx(2.0 * shares - 1.0)
+
+
+def test_a_world_that_makes_no_scene_is_refused_alone(tmp_path):
+    """Masses drawn so wide that some are negative."""
+    outcome = run_study(read(tmp_path, UNITS.replace("'uniform', width = 0.1", "'normal', width = 0.9")), tmp_path)
+    rows = table(outcome.table)
+    assert {"ok", "refused"} <= {row["status"] for row in rows}
+    assert all("mass" in row["message"] for row in rows if row["status"] == "refused")
+
+
+@pytest.mark.long
+def test_a_gait_from_a_file_costs_what_it_costs_elsewhere_and_zeros_matter(tmp_path):
+    text = WALK.replace("strides = 1", "strides = 2") + "[scene]\nintegrator = 'midpoint'\ntimestep = 0.001\n"
+    given = text + "[gait]\nfile = 'optimized_gait.npz'\n[vary]\nground.friction = [0.95]\n"
+    (row,) = table(run_study(read(tmp_path, given), tmp_path).table)
+    model = load_robot("humanoid", locked="simplified")
+    motion = read_motion(Path(model.source).parent / "optimized_gait.npz", model.joint_names)
+    scene = compile_scene(model, "mipsd", Ground(friction=0.95), "midpoint", 1e-3)
+    signal = motion.reference(3)
+    state = standing_state(scene, signal.values[0], beyond_limits=True)
+    run = simulate(scene, motion.begin(3), state, signal, record=RECORD, sample=SAMPLE, estimate_error=False)
+    own = measured(scene, run, motion.begin(1), motion.begin(3), 2)
+    assert (float(row["cost_J_m"]), float(row["walks"])) == (own.cost, 1.0)
 
 
 @pytest.mark.parametrize("batch", [1, 3, 8, 100])

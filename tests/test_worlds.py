@@ -561,12 +561,24 @@ def ishigami(x):
 
 @pytest.mark.nojit
 def test_sobol_indices_of_ishigamis_function():
-    shares = _shares({"method": "saltelli", "count": 4096, "seed": 3}, 3)
+    shares = _shares({"method": "saltelli", "count": 4096, "seed": 3}, [1, 1, 1])
     found = indices(ishigami(math.pi * (2.0 * shares - 1.0)).reshape(-1, 5))
     for index, first, total in zip(found, (0.3139, 0.4424, 0.0), (0.5576, 0.4424, 0.2437)):
         assert index.first == pytest.approx(first, abs=0.02)
         assert index.total == pytest.approx(total, abs=0.02)
         assert abs(index.total - total) < 2.0 * index.total_error < 0.06
+
+
+@pytest.mark.nojit
+def test_sobol_indices_of_what_is_drawn_together():
+    """Of (x1 + x2 + x3) x4 + x5 with the first three in one group, against its variances."""
+    x = 2.0 * _shares({"method": "saltelli", "count": 4096, "seed": 5}, [3, 1, 1]) - 1.0
+    found = indices((x[:, :3].sum(axis=1) * (1.0 + x[:, 3]) + x[:, 4]).reshape(-1, 5))
+    parts = np.array([1.0, 0.0, 1.0 / 3.0, 1.0 / 3.0])  # of the group, x4, x5 alone, of the group with x4
+    first, total = parts[:3], parts[:3] + np.array([1.0, 1.0, 0.0]) / 3.0
+    for index, alone, together in zip(found, first / parts.sum(), total / parts.sum()):
+        assert index.first == pytest.approx(alone, abs=0.02)
+        assert index.total == pytest.approx(together, abs=0.02)
 
 
 @pytest.mark.nojit

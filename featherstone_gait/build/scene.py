@@ -222,6 +222,7 @@ def compile_scene(
         raise ValueError(f"{method.name} knows no friction that depends on load or speed; use another integrator")
     period, lag = controller_period(model, drive, h, NO_SERVO_TICK)
     fold_springs(drive, method, h, check.inertias)
+    other = method.drives or method.soft  # than the friction that limits steps
     constants = Scene(
         tree=tree.bodies,
         floating=True if tree.floating else None,
@@ -229,7 +230,7 @@ def compile_scene(
         actuator=drive.actuator,
         decay=build_decay(drive, h),
         armature=drive.armature,
-        friction=build_friction(model, drive, bool(method.drives), method.soft),
+        friction=rubbing if not other else build_friction(model, drive, bool(method.drives), method.soft),
         stops=build_stops(model, drive, check.inertias, g),
         contact=contact,
         push=None,

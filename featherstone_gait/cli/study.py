@@ -20,6 +20,7 @@ def add(commands: Commands) -> None:
         "FILE.csv (a row a run), .png (summary) and .jsonl (finished runs, to go on from)",
         examples=(
             "featherstone-gait study notebooks/stability_study.toml --out results",
+            "featherstone-gait study notebooks/unit_study.toml --out results",
             "featherstone-gait study FILE.toml --cluster tcp://HOST:8786 --batch 64",
         ),
         takes="as long as its bar says; Ctrl-C keeps what is finished.  The exit code is 1 if a row's status is not ok",
@@ -31,16 +32,23 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
     from ..study import read_study, run_study
+    from ..study.run import cores
 
     study = read_study(args.file)
     start = time.perf_counter()
     options = {"batch": args.batch, "progress": True, "parquet": args.parquet}
-    if args.cluster is None:
-        outcome = run_study(study, args.out, **options)
-    else:
+    if args.cluster is not None:
         with _cluster(args.cluster) as client:
             outcome = run_study(study, args.out, executor=client.get_executor(), **options)
+    elif study.setup.draws:  # a scene a run is made in Python: threads would wait for each other
+        with ProcessPoolExecutor(cores(), get_context("spawn")) as pool:
+            outcome = run_study(study, args.out, executor=pool, **options)
+    else:
+        outcome = run_study(study, args.out, **options)
     seconds = time.perf_counter() - start
     print(f"{study.name}: {len(study)} runs, {outcome.computed} of them now in {seconds:.3g} s")
     print("status: " + ", ".join(f"{status} {count}" for status, count in outcome.statuses.items()))

@@ -27,18 +27,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..build.coupling import followed
-from ..build.scene import CompiledScene, compile_scene
+from ..build.scene import CompiledScene
 from ..core.compile.lanes import WIDTH
 from ..core.effects.energies import METER
 from ..reference import Reference
 from ..run.simulate import initial_state, simulate_batch, standing_state
 from ..trajectory import Trajectory
 from .bisection import largest
-from .settings import ONLY, Setup, ground_with, servos_with
+from .draws import drawn_scenes, offset_of
+from .settings import ONLY, Setup, scene_of, servos_with
 
 if TYPE_CHECKING:
-    from ..walking import Gait
+    from ..run.program import CompiledController
     from ..walking.cost import Measures
+    from ..walking.motion import Motion
+    from .settings import Walk
 
 INLINE: Any = SimpleNamespace(map=map)  # in place of an executor: a worker is one of many and starts no threads
 TILT = 0.01  # default of posture.tilt [rad]
@@ -66,6 +69,7 @@ COLUMNS = {  # name of a column -> what its axis says; the first one is plotted
         "sideways_m": "distance sideways [m]",
         "energy_J": "electrical energy [J]",
         "slip_m": "slip of a contact point per stride [m]",
+        "walks": "walks to the end (1) or not (0) [-]",
     },
 }
 
@@ -80,21 +84,29 @@ class _Task(NamedTuple):
     record: tuple[str, ...]
     sample: float | None  # [s]
     row: Callable[[Trajectory], dict[str, Any]]
+    controller: CompiledController | None = None
 
 
 def run_batch(setup: Setup, points: list[tuple]) -> list[dict[str, Any]]:
-    """The rows of runs, each given by its varied parameters; runs whose scenes have one structure share lanes."""
+    """The rows of runs, each given by what varies; runs whose scenes have one structure share lanes."""
     setup = _known(setup)
     rows: dict[int, dict[str, Any]] = {}
     tasks: dict[float, dict[int, _Task]] = {}  # by their duration
-    for k, point in enumerate(points):
-        values = {**setup.fixed, **dict(zip(setup.names, point))}
+    count = len(setup.names)
+    each = [setup.fixed | dict(zip(setup.names, point)) for point in points]
+    scenes: list[CompiledScene | ValueError] = []
+    if setup.experiment != "stable_step":
+        scenes = _scenes(setup, each, [point[count:] for point in points])
+    for k, values in enumerate(each):
         try:
             if setup.experiment == "stable_step":
                 rows[k] = _stable_step(setup, values)
-            else:
-                task = _EXPERIMENTS[setup.experiment](setup, _scene(setup, _scene_values(values)), values)
-                tasks.setdefault(task.duration, {})[k] = task
+                continue
+            scene = scenes[k]
+            if isinstance(scene, ValueError):
+                raise scene
+            task = _EXPERIMENTS[setup.experiment](setup, scene, values, offset_of(setup.draws, points[k][count:]))
+            tasks.setdefault(task.duration, {})[k] = task
         except ValueError as error:
             rows[k] = _row(setup, "refused", str(error))
     for members in tasks.values():
@@ -102,13 +114,33 @@ def run_batch(setup: Setup, points: list[tuple]) -> list[dict[str, Any]]:
     return [rows[k] for k in range(len(points))]
 
 
+def _scenes(
+    setup: Setup, each: list[dict[str, Any]], drawn: list[tuple[np.ndarray, ...]]
+) -> list[CompiledScene | ValueError]:
+    """The scene of each run, or why there is none."""
+    found: list[CompiledScene | ValueError] = [ValueError()] * len(each)
+    alike: dict[tuple, list[int]] = {}  # runs by what their scene is drawn from
+    for k, values in enumerate(each):
+        alike.setdefault(_scene_values(values), []).append(k)
+    for items, runs in alike.items():
+        try:
+            scene = _scene(setup, items)
+        except ValueError as error:
+            own: list[CompiledScene | ValueError] = [error] * len(runs)
+        else:
+            own = drawn_scenes(scene, setup.draws, [drawn[k] for k in runs])
+        for k, one in zip(runs, own):
+            found[k] = one
+    return found
+
+
 def _simulated(setup: Setup, tasks: list[_Task]) -> list[dict[str, Any]]:
     """Rows of runs of one duration; of those that are refused, each by itself."""
-    scenes, _, states, references, *_ = zip(*tasks)
-    _, duration, _, _, record, sample, _ = tasks[0]
+    scenes, _, states, references, _, _, _, acts = zip(*tasks)
+    _, duration, _, _, record, sample, _, act = tasks[0]
     how: dict[str, Any] = dict(record=record, sample=sample, executor=INLINE, estimate_error=False)
     try:
-        runs = simulate_batch(scenes, duration, states, references, **how)
+        runs = simulate_batch(scenes, duration, states, references, controller=acts if act else None, **how)
     except ValueError as error:
         if len(tasks) == 1:
             return [_row(setup, "refused", str(error))]
@@ -134,25 +166,21 @@ def _row(setup: Setup, status: str, message: str, numbers: dict[str, float] | No
 
 @functools.lru_cache(maxsize=64)
 def _scene(setup: Setup, items: tuple) -> CompiledScene:
-    values = dict(items)
-    model = servos_with(setup.model, values)
-    given = {name[6:]: value for name, value in values.items() if name.startswith("scene.")}
-    servos, on_ground = given.pop("servos", "mipsd"), given.pop("ground", model.base == "floating")
-    ground = ground_with(values) if on_ground else None
-    return compile_scene(model, None if servos == "none" else servos, ground, **given)
+    return scene_of(setup.model, dict(items))
 
 
 # ---------------------------------------------------------------------------------------------- hold
 
 
-def _hold(setup: Setup, scene: CompiledScene, values: dict) -> _Task:
+def _hold(setup: Setup, scene: CompiledScene, values: dict, offset: np.ndarray | float) -> _Task:
     target = _target(scene)
     state = _resting(scene, target + values.get("posture.tilt", TILT))
 
     def row(run: Trajectory) -> dict[str, Any]:
         return _row(setup, run.status, run.message, _held(run, target))
 
-    return _Task(scene, setup.duration, state, Reference([0.0], target[None]), ("q", "energy"), None, row)
+    sent = Reference([0.0], (target + offset)[None])
+    return _Task(scene, setup.duration, state, sent, ("q", "energy"), None, row)
 
 
 def _target(scene: CompiledScene) -> np.ndarray:
@@ -238,20 +266,22 @@ def _mean_square(values: np.ndarray) -> float:
 # ---------------------------------------------------------------------------------------------- walk
 
 
-def _walk(setup: Setup, scene: CompiledScene, values: dict) -> _Task:
-    from ..walking.cost import RECORD, SAMPLE, WalkingCost
-    from ..walking.plan import downward
+def _walk(setup: Setup, scene: CompiledScene, values: dict, offset: np.ndarray | float) -> _Task:
+    from ..walking.cost import RECORD, SAMPLE, measured
+    from ..walking.feedback import BalancedWalk
 
-    wanted = tuple(sorted(item for item in values.items() if item[0].startswith("gait.")))
-    gait, start = _gait(setup, wanted, downward(scene.gravity))
-    cost = WalkingCost(scene, gait, start, warm_up=setup.warm_up, strides=setup.strides)
-    state, reference = cost.beginning(gait.to_vector())
-
+    walk = _gait(setup, scene, values)
+    mark, end = walk.begin(setup.warm_up), walk.begin(setup.warm_up + setup.strides)
+    sent = walk.reference(setup.warm_up + setup.strides)
+    if isinstance(offset, np.ndarray):
+        sent = Reference(sent.times, sent.values + offset, sent.kind)
+    state = standing_state(scene, sent.values[0], beyond_limits=True)
+    act = walk.controller(scene) if isinstance(walk, BalancedWalk) else None
 
     def row(run: Trajectory) -> dict[str, Any]:
-        return _walked(setup, cost.measured(run))
+        return _walked(setup, measured(scene, run, mark, end, setup.strides))
 
-    return _Task(scene, reference.times[-1], state, reference, RECORD, SAMPLE, row)
+    return _Task(scene, sent.times[-1], state, sent, RECORD, SAMPLE, row, act)
 
 
 def _walked(setup: Setup, found: Measures) -> dict[str, Any]:
@@ -264,23 +294,35 @@ def _walked(setup: Setup, found: Measures) -> dict[str, Any]:
         "sideways_m": found.sideways,
         "energy_J": found.energy,
         "slip_m": found.slip,
+        "walks": float(found.status == "ok"),
     }
     if found.status == "ok":
         return _row(setup, "ok", "", numbers)
     return _row(setup, "no cost", found.status, numbers)
 
 
+def _gait(setup: Setup, scene: CompiledScene, values: dict) -> Walk:
+    """The gait that `gait.file` names, or parameters `gait.*` plan under the scene's gravity."""
+    from ..walking.plan import downward
+
+    if "gait.file" in values:
+        return setup.walks[values["gait.file"]]
+    wanted = tuple(sorted(item for item in values.items() if item[0].startswith("gait.")))
+    return _planned(setup, wanted, downward(scene.gravity))
+
+
 @functools.lru_cache(maxsize=16)
-def _gait(setup: Setup, values: tuple, g: float) -> tuple[Gait, np.ndarray]:
-    """The gait that parameters `gait.*` plan under gravity g [m/s^2], and the start-up that leads to it."""
+def _planned(setup: Setup, values: tuple, g: float) -> Motion:
+    """The gait under gravity g [m/s^2], after the start-up that leads to it."""
     from ..walking import fit_gait, mirror_of, walking_plan
+    from ..walking.motion import motion_of
 
     walk = {name[5:]: value for name, value in values}
     if "period" in walk:
         walk["step_time"] = 0.5 * walk.pop("period")
     plan = walking_plan(setup.model, g=g, **walk)
     fit = fit_gait(plan.stride(), mirror=mirror_of(setup.model), fit_phase=True)
-    return fit.gait, plan.start_up(phase=fit.phase)
+    return motion_of(fit.gait, plan.start_up(phase=fit.phase))
 
 
 _EXPERIMENTS = {"hold": _hold, "walk": _walk}

@@ -58,10 +58,11 @@ def plot_study(study: Study, table: Path, path: Path) -> None:
 
 def _figure(study: Study, table: Path, make: type[Figure]) -> Figure:
     measure, says = next(iter(COLUMNS[study.setup.experiment].items()))
-    read = _read(table, (*study.setup.names, "status", measure))
+    read = _read(table, (*study.names, "status", measure))
     y = np.array([float(text) if text else np.nan for text in read[measure]])
     ok = np.array(read["status"]) == "ok"
     columns = [_column(name, axis, read[name]) for name, axis in zip(study.setup.names, study.axes)]
+    columns += [_drawn(draw.name, read[draw.name]) for draw in study.setup.draws]
     shape = [0 if column.axis.values is None else len(column.axis.values) for column in columns]
     several = len(columns) == 3 and len(y) == math.prod(shape) and min(shape) <= MAPS
     count = min(shape) if several else len(columns) if len(columns) > 2 else 1
@@ -102,6 +103,10 @@ def _column(name: str, axis: Axis, texts: list[str]) -> _Column:
         return _Column(name if unit == "-" else f"{name} [{unit}]", np.array(texts, dtype=float), None, axis)
     names = tuple(str(value) for value in axis.listed)
     return _Column(name, np.array([names.index(text) for text in texts], dtype=float), names, axis)
+
+
+def _drawn(name: str, texts: list[str]) -> _Column:
+    return _Column(f"{name}\nmean of the draws [widths]", np.array(texts, dtype=float), None, Axis(None, -1.0, 1.0))
 
 
 def _wide(values: np.ndarray) -> bool:

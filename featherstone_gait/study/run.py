@@ -27,7 +27,7 @@ from .table import check_parquet, write_parquet, write_table
 
 QUEUED = 256  # batches handed to the executor at a time: bounds memory, and is enough to keep a cluster busy
 SMALL, LARGE, MANY = 8, 64, 1024  # runs of a batch; the larger from this many runs on
-LOG = Format("study log")
+LOG = Format("study log", 3)
 REMEDY = "delete this line and all below, or the whole file to begin anew"
 LOST = ("KilledWorker", "FutureCancelledError")  # what dask raises when workers die again and again, and a scheduler
 _log = logging.getLogger(__name__)
@@ -73,7 +73,7 @@ def run_study(
             if executor is not None:
                 _evaluate(study, log, executor, batch, bar)
             elif computed:
-                with ThreadPoolExecutor(_cores()) as pool:
+                with ThreadPoolExecutor(cores()) as pool:
                     _evaluate(study, log, pool, batch, bar)
         statuses = write_table(table, study, log)
         if parquet:
@@ -84,7 +84,8 @@ def run_study(
     return Outcome(table, table.with_suffix(".png"), statuses, computed, sensitivity)
 
 
-def _cores() -> int:
+def cores() -> int:
+    """How many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -64,7 +64,7 @@ def _mean(x: np.ndarray) -> tuple[float, float]:
 def write_sensitivity(study: Study, table: Path) -> Path:
     """Write NAME_sensitivity.csv and .png beside the table of a study of the method "saltelli"; return the former."""
     path = table.with_name(f"{table.stem}_sensitivity.csv")
-    measures, names = COLUMNS[study.setup.experiment], study.setup.names
+    measures, names = COLUMNS[study.setup.experiment], study.names
     lines = read_csv(table, TABLE)
     _, header = next(lines)
     rows = [row for _, row in lines]
@@ -93,7 +93,7 @@ def _plot(study: Study, says: str, found: list[Index], path: Path) -> None:
         lengths, errors = ([found[k][kind + part] for k in order] for part in (0, 1))
         places = [place + shift for place in range(len(order))]
         axes.barh(places, lengths, 0.36, xerr=errors, color=colour, label=label, error_kw={"linewidth": 1})
-    axes.set_yticks(range(len(order)), [study.setup.names[k] for k in order])
+    axes.set_yticks(range(len(order)), [study.names[k] for k in order])
     axes.set_xlabel(f"share of the variance of: {says}")
     axes.legend(loc="lower right")
     figure.suptitle(f"{study.name}: {study.setup.model.name}, {study.setup.experiment}, {len(study)} runs", fontsize=11)

@@ -7,14 +7,18 @@
     [scene] [servo] [supply] [ground] [posture] [gait]    parameters of all runs
     [vary]                  the parameters that differ, by the same names, with a list of values or, for a number,
                             {from, to, scale = "linear" or "log"}, and for a grid its count
+    [worlds]                numbers that each run draws for itself (`draws`); not for a grid
     [sampling]              method = "grid" (default), "random", "latin_hypercube" or, for Sobol's indices
                             (`sensitivity`), "saltelli"; count, seed of the last three.  Of "saltelli" the count, a
-                            power of two, is that of base samples: of p parameters it makes count (p + 2) runs
+                            power of two, is that of base samples: of p parameters, those of [worlds] among them, it
+                            makes count (p + 2) runs
 
 `PARAMETERS` lists all names and units; values are SI.  `servo` changes all servos of the robot, `supply` its source, or
-gives it one.  Runs are numbered with
-the last parameter changing fastest; `posture` and `gait` come last: they leave the scene as it is, so that neighbours
-share it.
+gives it one.  `gait.file` is a gait as `walking.read_walk` takes it, beside the study or in the robot's folder, in
+place of one that is planned by the other `gait.*`.
+
+Runs are numbered with the last parameter changing fastest; `posture` and `gait` come last: they leave the scene as it
+is, so that neighbours share it.
 """
 
 from __future__ import annotations
@@ -26,18 +30,26 @@ import tomllib
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
 from .. import __version__
 from ..build.kinds import SERVO_KINDS
+from ..build.scene import CompiledScene, compile_scene
 from ..core.compile.jit import source_hash
 from ..core.integrate import INTEGRATORS
 from ..files import FilePath, is_number
 from ..model import SERVO_UNITS, Ground, Law, Model, Supply
 from ..robot_file import load_robot, load_servo
 from ..worlds import servo_with
+from .draws import Draw, read_draws
+
+if TYPE_CHECKING:
+    from ..walking.feedback import BalancedWalk
+    from ..walking.motion import Motion
+
+    Walk: TypeAlias = Motion | BalancedWalk
 
 MOST_RUNS = 20_000_000
 GROUND_UNITS = {"friction": "-", "sinking": "m", "damping_ratio": "-", "height": "m", "slope": "rad"}
@@ -65,6 +77,7 @@ PARAMETERS: dict[str, str | tuple | None] = {
     **{f"supply.{name}": unit for name, unit in SUPPLY_UNITS.items()},
     **{f"ground.{name}": unit for name, unit in GROUND_UNITS.items()},
     "posture.tilt": "rad",
+    "gait.file": None,
     **{f"gait.{name}": unit for name, unit in GAIT_UNITS.items()},
 }
 SECTIONS = tuple(dict.fromkeys(name.partition(".")[0] for name in PARAMETERS))
@@ -86,6 +99,8 @@ class Setup:
     warm_up: int = field(compare=False)
     fixed: dict[str, Any] = field(compare=False)  # parameters of all runs
     names: tuple[str, ...] = field(compare=False)  # of those that vary
+    draws: tuple[Draw, ...] = field(compare=False)  # beside them
+    walks: dict[str, Walk] = field(compare=False)  # by `gait.file`
 
 
 class Axis(NamedTuple):
@@ -118,19 +133,32 @@ class Study:
     name: str
     setup: Setup
     axes: tuple[Axis, ...]
-    shares: np.ndarray | None  # (runs, axes) in [0, 1); None for a grid
+    shares: np.ndarray | None  # (runs, axes and then draws) in [0, 1); None for a grid
     settings: dict[str, Any]  # all that results depend on, as JSON has it
 
     def __len__(self) -> int:
         """Number of runs."""
         return math.prod(len(axis.listed) for axis in self.axes) if self.shares is None else len(self.shares)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All that varies."""
+        return (*self.setup.names, *(draw.name for draw in self.setup.draws))
+
     def values(self, run: int) -> tuple:
-        """The varied parameters of a run, in the order of `setup.names`."""
+        """The varied parameters of a run, in the order of `names`; of draws arrays, in widths."""
         if self.shares is not None:
-            return tuple(axis.at(u) for axis, u in zip(self.axes, self.shares[run].tolist()))
-        places = np.unravel_index(run, [len(axis.listed) for axis in self.axes])
-        return tuple(axis.listed[k] for axis, k in zip(self.axes, places))
+            own = self.shares[run]
+            places = np.cumsum([len(self.axes), *(draw.numbers for draw in self.setup.draws)])
+            drawn = (d.spread.at(own[k : k + d.numbers]) for d, k in zip(self.setup.draws, places.tolist()))
+            return (*(axis.at(u) for axis, u in zip(self.axes, own.tolist())), *drawn)
+        listed = [axis.listed for axis in self.axes]
+        chosen = np.unravel_index(run, [len(values) for values in listed])
+        return tuple(values[k] for values, k in zip(listed, chosen))
+
+    def cells(self, run: int) -> tuple:
+        """The same as the table has them: of draws their mean, in widths."""
+        return tuple(math.fsum(x.tolist()) / x.size if isinstance(x, np.ndarray) else x for x in self.values(run))
 
 
 def read_study(path: FilePath) -> Study:
@@ -148,7 +176,7 @@ def read_study(path: FilePath) -> Study:
 
 
 def _study(path: Path, table: dict) -> Study:
-    own = ("robot", "locked", "base", "experiment", "duration", "strides", "warm_up", "sampling", "vary")
+    own = ("robot", "locked", "base", "experiment", "duration", "strides", "warm_up", "sampling", "vary", "worlds")
     _check_keys(table, (*own, *SECTIONS), "top level")
     experiment = _choice(table, "experiment", tuple(FOREIGN))
     for key in FOREIGN[experiment]:
@@ -156,13 +184,16 @@ def _study(path: Path, table: dict) -> Study:
             raise ValueError(f"{key} is no setting of experiment {experiment!r}: remove it")
     sampling = _sampling(_table(table, "sampling"))
     fixed = {name: _value(name, value) for name, value in _parameters(table, experiment)}
-    axes = _axes(_table(table, "vary"), experiment, sampling)
+    worlds = _table(table, "worlds")
+    axes = _axes(_table(table, "vary"), experiment, sampling, bool(worlds))
     for name in axes:
         if name in fixed:
             raise ValueError(f"{name} is both in [{name.partition('.')[0]}] and in [vary]; keep one of the two")
     model = _model(path, table)
     _check_values(model, fixed, axes)
-    shares = _shares(sampling, len(axes))
+    draws = _draws(worlds, model, fixed, axes, experiment, sampling)
+    walks = _walks(path, model, fixed, axes)
+    shares = _shares(sampling, [1] * len(axes) + [draw.numbers for draw in draws])
     settings = {
         "robot": _digest(repr(replace(model, notes=(), source=""))),
         "experiment": experiment,
@@ -172,6 +203,8 @@ def _study(path: Path, table: dict) -> Study:
         "fixed": fixed,
         "sampling": sampling,
         "vary": {name: list(axis) for name, axis in axes.items()},
+        "worlds": {draw.name: [*asdict(draw.spread).values(), draw.shape] for draw in draws},
+        "gaits": {name: walk.digest() for name, walk in walks.items()},
         "sample": None if shares is None else _digest(shares.tobytes()),
         "version": __version__,
         "kernels": source_hash(),
@@ -179,7 +212,7 @@ def _study(path: Path, table: dict) -> Study:
     settings = json.loads(json.dumps(settings))
     digest = _digest(json.dumps(settings))
     runs = {key: settings[key] for key in ("experiment", "duration", "strides", "warm_up")}
-    setup = Setup(digest, model, fixed=fixed, names=tuple(axes), **runs)
+    setup = Setup(digest, model, fixed=fixed, names=tuple(axes), draws=draws, walks=walks, **runs)
     study = Study(path.stem, setup, tuple(axes.values()), shares, settings)
     _few("the number of combinations", len(study))
     return study
@@ -194,6 +227,38 @@ def _model(path: Path, table: dict) -> Model:
     if not isinstance(locked, (str, list, dict, type(None))):
         raise ValueError(f"locked is {locked!r}; give a set of the robot, a list of joints or a table of positions")
     return load_robot(source, base, locked)
+
+
+def _draws(
+    worlds: dict, model: Model, fixed: dict, axes: dict[str, Axis], experiment: str, sampling: dict
+) -> tuple[Draw, ...]:
+    if not worlds:
+        return ()
+    if sampling["method"] == "grid":
+        raise ValueError('worlds are drawn, and a grid draws nothing; add [sampling] method = "latin_hypercube", count')
+    if experiment == "stable_step":
+        raise ValueError(f"worlds play no part in experiment {experiment!r}: remove them")
+    first = {name: axis.at(0.0) for name, axis in axes.items()}
+    return read_draws(worlds, scene_of(model, {**fixed, **first}))
+
+
+def _walks(path: Path, model: Model, fixed: dict, axes: dict[str, Axis]) -> dict[str, Walk]:
+    """The gaits that are read from files."""
+    files = axes["gait.file"].listed if "gait.file" in axes else [fixed[key] for key in ("gait.file",) if key in fixed]
+    planned = [name for name in (*fixed, *axes) if name.startswith("gait.") and name != "gait.file"]
+    if files and planned:
+        raise ValueError(f"gait.file is a whole gait and {planned[0]} plans another; keep one of the two")
+    if not files:
+        return {}
+    from ..walking.feedback import read_walk
+
+    folders, found = [path.parent, *([Path(model.source).parent] if model.source else [])], {}
+    for name in files:
+        places = [folder / name for folder in folders if (folder / name).is_file()]
+        if not places:
+            raise ValueError(f"gait.file is {name!r}, which is neither in {' nor in '.join(map(str, folders))}")
+        found[name] = read_walk(places[0], model.joint_names)
+    return found
 
 
 def _parameters(table: dict, experiment: str, where: str = "") -> Iterator[tuple[str, Any]]:
@@ -224,10 +289,10 @@ def _value(name: str, value: Any) -> Any:
     return value
 
 
-def _axes(vary: dict, experiment: str, sampling: dict) -> dict[str, Axis]:
+def _axes(vary: dict, experiment: str, sampling: dict, drawn: bool) -> dict[str, Axis]:
     _check_keys(vary, SECTIONS, "vary")
     found = {name: _axis(name, value, sampling) for name, value in _parameters(vary, experiment, "vary.")}
-    if not found:
+    if not found and not drawn:
         raise ValueError("vary is empty; name at least one parameter, for instance [vary] servo.Kp = [30.0, 60.0]")
     order = sorted(found, key=lambda name: name.partition(".")[0] in ONLY)
     return {name: found[name] for name in order}
@@ -281,28 +346,29 @@ def _few(what: str, count: int) -> int:
     return count
 
 
-def _shares(sampling: dict, width: int) -> np.ndarray | None:
-    """Where each run lies along each axis (runs, axes), in [0, 1); None for a grid."""
+def _shares(sampling: dict, widths: list[int]) -> np.ndarray | None:
+    """Where each run lies along each axis (runs, axes), in [0, 1), so many to each name; None for a grid."""
     if sampling["method"] == "grid":
         return None
-    generator = np.random.default_rng(sampling["seed"])
+    generator, width = np.random.default_rng(sampling["seed"]), sum(widths)
     if sampling["method"] == "random":
         return generator.random((sampling["count"], width))
     from scipy.stats import qmc
 
     if sampling["method"] == "saltelli":
+        if 2 * width > qmc.Sobol.MAXDIM:
+            raise ValueError(f"{width} numbers are drawn; 'saltelli' takes at most {qmc.Sobol.MAXDIM // 2}: use alike")
         drawn = qmc.Sobol(2 * width, seed=generator).random_base2(sampling["count"].bit_length() - 1)
-        shares = _crossed(drawn[:, :width], drawn[:, width:]).reshape(-1, width)
+        shares = _crossed(drawn[:, :width], drawn[:, width:], widths).reshape(-1, width)
     else:
         shares = qmc.LatinHypercube(width, seed=generator).random(sampling["count"])
     return np.minimum(shares, np.nextafter(1.0, 0.0))
 
 
-def _crossed(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Samples (n, width + 2, width): a, b, and a with each column in turn as in b."""
-    width = a.shape[1]
-    mixed = np.where(np.eye(width, dtype=bool), b[:, None], a[:, None])
-    return np.concatenate([a[:, None], b[:, None], mixed], axis=1)
+def _crossed(a: np.ndarray, b: np.ndarray, widths: list[int]) -> np.ndarray:
+    """Samples (n, names + 2, width): a, b, and a with the columns of each name in turn as in b."""
+    own = np.repeat(np.eye(len(widths), dtype=bool), widths, axis=1)
+    return np.concatenate([a[:, None], b[:, None], np.where(own, b[:, None], a[:, None])], axis=1)
 
 
 def servos_with(model: Model, values: dict[str, Any]) -> Model:
@@ -328,6 +394,15 @@ def _fed(model: Model, given: dict[str, float]) -> Model:
         raise ValueError(f"{model.name} has no supply to change; add supply.voltage")
     own = {} if model.supply is None else asdict(model.supply)
     return replace(model, supply=Supply(**{**own, **given}))
+
+
+def scene_of(model: Model, values: dict[str, Any]) -> CompiledScene:
+    """The scene that the parameters describe, but for what is drawn."""
+    model = servos_with(model, values)
+    given = {name[6:]: value for name, value in values.items() if name.startswith("scene.")}
+    servos, on_ground = given.pop("servos", "mipsd"), given.pop("ground", model.base == "floating")
+    ground = ground_with(values) if on_ground else None
+    return compile_scene(model, None if servos == "none" else servos, ground, **given)
 
 
 def ground_with(values: dict[str, Any]) -> Ground:

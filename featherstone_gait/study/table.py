@@ -21,8 +21,8 @@ TABLE = Format("study table")
 def write_table(path: Path, study: Study, log: Log) -> dict[str, int]:
     """Write CSV: run, varied parameters, status, measures, message; return how many runs have which status.
 
-    A comment over the header states the format.  Numbers have all their digits; where there is no value the cell is
-    empty.
+    Of what is drawn a cell has the mean, in widths.  A comment over the header states the format.  Numbers have all
+    their digits; where there is no value the cell is empty.
     """
     names = ["status", *COLUMNS[study.setup.experiment], "message"]
     statuses: Counter[str] = Counter()
@@ -30,9 +30,9 @@ def write_table(path: Path, study: Study, log: Log) -> dict[str, int]:
     def rows() -> Iterator[list[Any]]:
         for run, row in enumerate(log.rows()):
             statuses[row["status"]] += 1
-            yield [run, *study.values(run), *(row[name] for name in names)]
+            yield [run, *study.cells(run), *(row[name] for name in names)]
 
-    write_csv(path, TABLE, ["run", *study.setup.names, *names], rows(), end="\n")
+    write_csv(path, TABLE, ["run", *study.names, *names], rows(), end="\n")
     return dict(statuses.most_common())
 
 
