@@ -5,15 +5,19 @@
 from __future__ import annotations
 
 import csv
+import functools
 import json
 import math
 import re
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from featherstone_gait.files import FilePath, Format, read_csv
+
+if TYPE_CHECKING:
+    from featherstone_gait.walking import WalkingCost
 
 ROOT = Path(__file__).resolve().parents[1]
 GAIT = ROOT / "robots" / "humanoid" / "optimized_gait.json"
@@ -23,6 +27,7 @@ NOMINAL = KEPT / "gait_nominal.json"
 ENERGY_ONLY = {k: KEPT / f"gait_energy_only_{k}.json" for k in (0, 1, 2)}
 FROM_CHEAPEST = {k: KEPT / f"gait_from_cheapest_{k}.json" for k in (0, 1)}
 WORLDS_COST, OTHER_ROBOTS = KEPT / "worlds_cost.csv", KEPT / "other_robots.csv"
+UNITS = KEPT / "unit_study_sensitivity.csv"
 WALKS = "energy per distance, speed"
 
 
@@ -204,6 +209,31 @@ def worlds_cost() -> Iterable[Cells]:
         yield Cells("docs/optimize.md", name, tuple(cells))
 
 
+def units() -> Iterable[Cells | Words]:
+    """docs/tutorials/study.md tells which difference between units matters."""
+    from featherstone_gait.study.sensitivity import SENSITIVITY
+
+    names = {
+        "zeros of the joints, 0.03 rad": "reference.offset", "torque constant, 10 %": "servos.motor_constant",
+        "gain, 10 %": "servos.Kp", "resistance, 10 %": "servos.resistance",
+        "the floor's sinking, a factor 1.6": "ground.sinking", "mass of each link, 10 %": "links.mass",
+        "supply, 10 %": "servos.voltage_limit", "friction of the floor": "ground.friction",
+        "stiffness of the gears, 10 %": "servos.stiffness", "viscous friction, 10 %": "servos.viscous_friction",
+    }  # fmt: skip
+    found = {(row["measure"], row["parameter"]): row for row in _records(UNITS, SENSITIVITY)}
+    for what, name in names.items():
+        rows = [found[measure, f"worlds.{name}"] for measure in ("cost_J_m", "speed_m_s", "walks")]
+        cells = tuple(f"{float(row['first']):.2f}, {float(row['total']):.2f}".replace("-0.00", "0.00") for row in rows)
+        yield Cells("docs/tutorials/study.md", what, cells)
+    notes = [line[2:] for line in UNITS.read_text("utf-8").splitlines() if line.startswith("# ")]
+    spread = {note.partition(":")[0]: note for note in notes}
+    quantiles = re.findall(r"(?:below|median|above) (\S+?)(?:,|$)", spread["cost_J_m"])
+    low, middle, high = (float(text) for text in quantiles)
+    walks = 100.0 * float(re.findall(r"mean (\S+?),", spread["walks"])[0])
+    said = f"{walks:.1f} % walk to the end, at {middle:.1f} J/m in the median ({low:.1f} to {high:.1f}"
+    yield Words("docs/tutorials/study.md", "Of these units ", said, ", the 5th and 95th")
+
+
 def other_robots() -> Iterable[Cells]:
     """docs/crosscheck.md tells how other robots walk in MuJoCo."""
     from featherstone_gait.crosscheck import FLOORS
@@ -287,16 +317,22 @@ def walked_gait() -> Iterable[Cells]:
     yield Cells("README.md", f"{WALKS} on its own floor", (*energy, None, None))
 
 
-def first_gaits() -> Iterable[Cells | Words]:
-    """The table of plans in docs/walking.md, without its 200 worlds."""
+@functools.cache
+def _planned(states: str, plan: str) -> WalkingCost:
+    """What the gait of a plan costs."""
     from featherstone_gait import load_robot
     from featherstone_gait.optimize import walking_cost
+
+    return walking_cost(load_robot("humanoid", locked="simplified"), states=states, plan=plan)
+
+
+def first_gaits() -> Iterable[Cells | Words]:
+    """The table of plans in docs/walking.md, without its 200 worlds."""
     from featherstone_gait.walking.cost_in_worlds import in_worlds
 
-    robot = load_robot("humanoid", locked="simplified")
     for states in ("step", "stride"):
         for plan in ("plain", "cheapest"):
-            cost = walking_cost(robot, states=states, plan=plan)
+            cost = _planned(states, plan)
             x = cost.gait.to_vector()
             own, (eight, _) = cost.measure([x])[0], in_worlds(cost, 8)(x)
             cells = f"{eight:.1f} J/m", walks(own.as_dict()), None, None
@@ -310,14 +346,11 @@ def first_gaits() -> Iterable[Cells | Words]:
 
 def first_gaits_elsewhere() -> Iterable[Cells]:
     """The 200 worlds of that table."""
-    from featherstone_gait import load_robot
-    from featherstone_gait.optimize import walking_cost
     from featherstone_gait.walking.worth import UNSEEN, worth_elsewhere
 
-    robot = load_robot("humanoid", locked="simplified")
     for states in ("step", "stride"):
         for plan in ("plain", "cheapest"):
-            cost = walking_cost(robot, states=states, plan=plan)
+            cost = _planned(states, plan)
             (found,) = worth_elsewhere(cost, [cost.gait.to_vector()], UNSEEN, False)
             low, median, high = found["cost"]
             cells = None, None, f"{100 * found['walks']:.3g} %", f"{median:.1f}, {low:.1f} to {high:.1f} J/m"

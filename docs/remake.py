@@ -41,7 +41,7 @@ KEPT_IN = "docs/reproduction"
 QUICK = 5.0  # minutes of two cores, compiled before
 NOTEBOOKS = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "notebooks").glob("*.ipynb"))
 REPORT = tuple(f"experiments/{name}.py" for name in ("report", *EXPERIMENTS))
-COMMANDS = ("optimize", "crosscheck", "reproduce", "benchmark")  # of the package; others are Python's
+COMMANDS = ("optimize", "crosscheck", "reproduce", "benchmark", "study")  # of the package; others are Python's
 TOLD = ("settings", "search", "before", "after", "elsewhere", "crosscheck", "plausible")  # of a gait's report
 
 
@@ -67,6 +67,10 @@ PARTS: dict[str, Part] = {
     "other-robots-table": Part(
         "the tables of other robots in docs/crosscheck.md from their file", 0.0, cells=pages.other_robots,
         modules=("experiments/other_robots.py",),
+    ),
+    "units-table": Part(
+        "the table of units in docs/tutorials/study.md from its file", 0.0, cells=pages.units,
+        modules=("study/sensitivity.py",),
     ),
     "walked-gait": Part("the energy and speed of that gait, walked again", 0.1, cells=pages.walked_gait),
     "caption": Part("what stands under the picture of README and site", 0.1, cells=pages.caption),
@@ -149,6 +153,13 @@ PARTS: dict[str, Part] = {
         (("worlds_cost.csv", "docs/reproduction/worlds_cost.csv"), ("worlds_cost.png", "docs/images/worlds_cost.png")),
         modules=("experiments/what_worlds_cost.py",),
     ),
+    "units": Part(
+        "98 304 walks of units that differ, for docs/tutorials/study.md", 8,
+        ("study", "notebooks/unit_study.toml", "--out", "{out}"),
+        (("unit_study_sensitivity.csv", "docs/reproduction/unit_study_sensitivity.csv"),
+         ("unit_study_sensitivity.png", "docs/images/unit_study.png")),
+        modules=("study/sensitivity.py", "study/draws.py", "study/measures.py"),
+    ),
     "other-robots": Part(
         "other robots in MuJoCo, for docs/crosscheck.md", 12,
         ("-m", "featherstone_gait.experiments.other_robots", "{out}/other_robots.csv"),
@@ -207,7 +218,7 @@ def commanded(part: Part, out: Path) -> None:
     """Run a part's command, which writes into a folder or goes on there, and put its files in their places."""
     words = [word.format(out=out) for word in part.command]
     package = ["-m", "featherstone_gait"] if words[0] in COMMANDS else []
-    subprocess.run([sys.executable, *package, *words], cwd=ROOT, check=True)
+    subprocess.run([sys.executable, *package, *words], cwd=ROOT, check=words[0] != "study")  # 1: some robots fall
     for name, place in part.files:
         if name == "humanoid_gait.json":
             put_gait(out / name, ROOT / place, shown(part))

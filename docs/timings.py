@@ -10,12 +10,19 @@ from __future__ import annotations
 
 import argparse
 import functools
+import json
+import queue
+import shutil
 import statistics
+import subprocess
+import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterable
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
-from featherstone_gait import Ground, compile_scene, load_robot, simulate, simulate_batch
+from featherstone_gait import Ground, compile_scene, load_robot, simulate, simulate_batch, standing_state
 from featherstone_gait.benchmark.machine import machine
 from featherstone_gait.build.scene import CompiledScene
 from featherstone_gait.model import Model
@@ -52,7 +59,6 @@ def worlds() -> Iterable[str]:
 
 def feedback() -> Iterable[str]:
     """A walk with feedback by one without, alone and sixteen in lanes (docs/feedback.md)."""
-    from featherstone_gait.run.start import standing_state
     from featherstone_gait.walking import read_walk
 
     robot, scene = _humanoid()
@@ -113,7 +119,74 @@ def solver() -> Iterable[str]:
     yield f"200 walks: {_once(lambda: walk(FULL, planned, Setting(SERVOS[0], 1e-3), 200)):.3g} s"
 
 
-TIMINGS = {each.__name__: each for each in (worlds, feedback, candidates, plans, solver)}
+FRAMES = """<script>addEventListener("load", () => {
+  const gaps = [];
+  let last = 0;
+  viewer.view.span = 10;
+  if (!viewer.state.playing) document.getElementById("play").click();
+  const tick = now => {
+    if (last) gaps.push(now - last);
+    last = now;
+    if (gaps.length < 240) requestAnimationFrame(tick);
+    else fetch("told", { method: "POST", body: JSON.stringify([gaps, viewer.frames]) });
+  };
+  requestAnimationFrame(tick);
+});</script></body>"""
+
+
+def view() -> Iterable[str]:
+    """Frames of two humanoids at a span of 10 m, 1280 x 720, in a headless Chromium, by the clock (docs/viewer.md)."""
+    from featherstone_gait.view.animation import page_html
+    from featherstone_gait.view.recorded import Seen
+    from featherstone_gait.walking import read_walk
+
+    robot, scene = _humanoid()
+    reference = read_walk(Path(robot.source).parent / "optimized_gait.npz", scene.model.joint_names).reference(4)
+    channels = ("base_q", "q", "contact_force")
+    run = simulate(scene, 4.0, standing_state(scene, reference.values[0], beyond_limits=True), reference,
+                   record=channels, sample=0.01, estimate_error=False)  # fmt: skip
+    page = page_html({name: Seen(robot, run, scene.ground) for name in ("one", "other")}, "two")
+    gaps, drawn = _told_by_chromium(page.replace("</body>", FRAMES))
+    yield "from frame to frame: " + _told(gaps, 1.0)
+    yield "drawing one: " + _told(drawn, 1.0)
+
+
+def _told_by_chromium(page: str) -> list[list[float]]:
+    """What a page posts back."""
+    told: queue.Queue[list[list[float]]] = queue.Queue()
+
+    class Page(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html; charset=utf-8")
+            self.end_headers()
+            self.wfile.write(page.encode())
+
+        def do_POST(self) -> None:
+            told.put(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+            self.send_response(204)
+            self.end_headers()
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+    if browser is None:
+        raise SystemExit("view: no Chromium is installed; install one, or name other timings")
+    with ThreadingHTTPServer(("127.0.0.1", 0), Page) as server, tempfile.TemporaryDirectory() as profile:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--window-size=1280,720",
+                   f"--user-data-dir={profile}", f"http://127.0.0.1:{server.server_port}/"]  # fmt: skip
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            return told.get(timeout=120.0)
+        finally:
+            process.terminate()
+            process.wait()
+            server.shutdown()
+
+
+TIMINGS = {each.__name__: each for each in (worlds, feedback, candidates, plans, solver, view)}
 
 
 def main() -> None:

@@ -141,9 +141,13 @@ def momentum(model: Model, q: ArrayLike, qd: ArrayLike) -> np.ndarray:
 
 def forward_kinematics(model: Model, q: ArrayLike) -> Poses:
     """Pose of every link, in the order of `model.links`."""
+    return _link_poses(model, q, _names(model))
+
+
+def _link_poses(model: Model, q: ArrayLike, links: Sequence[str]) -> Poses:
     x, tree = _arguments(model, q=q), compile_tree(model)
     poses = _poses(tree, x["q"])
-    places = [tree.placements[link.name] for link in model.links]
+    places = [tree.placements[name] for name in links]
     E = poses[:, [place.row for place in places], :9].reshape(len(poses), -1, 3, 3)
     rotation = product(E, np.array([place.E for place in places]))
     position = poses[:, [place.row for place in places], 9:] + applied(E, np.array([place.r for place in places]))
@@ -164,8 +168,8 @@ def spring_vectors(model: Model, springs: Sequence[Spring], q: ArrayLike) -> np.
     check_model(model)
     check_springs(model.links, springs)
     poses = forward_kinematics(model, q)
-    b = _points(model, poses, [(spring.b, spring.point_b) for spring in springs])
-    return b - _points(model, poses, [(spring.a, spring.point_a) for spring in springs])
+    b = _points(_names(model), poses, [(spring.b, spring.point_b) for spring in springs])
+    return b - _points(_names(model), poses, [(spring.a, spring.point_a) for spring in springs])
 
 
 def contact_positions(model: Model, q: ArrayLike) -> np.ndarray:
@@ -173,7 +177,9 @@ def contact_positions(model: Model, q: ArrayLike) -> np.ndarray:
 
     Of spheres and discs it is the lowest point.
     """
-    return contact_positions_at(model, forward_kinematics(model, q))
+    links = [point.link for point in model.contacts]
+    links = list(dict.fromkeys(links)) or _names(model)
+    return deepest_points(model, _link_poses(model, q, links), (0.0, 0.0, 1.0), links)
 
 
 def contact_positions_at(model: Model, poses: Poses) -> np.ndarray:
@@ -181,12 +187,16 @@ def contact_positions_at(model: Model, poses: Poses) -> np.ndarray:
     return deepest_points(model, poses, (0.0, 0.0, 1.0))
 
 
-def deepest_points(model: Model, poses: Poses, normal: ArrayLike) -> np.ndarray:
-    """Where each contact reaches deepest against a normal, (3,) or one for each (..., points, 3): see core's touch."""
-    points = _points(model, poses, [(point.link, point.position) for point in model.contacts])
+def deepest_points(model: Model, poses: Poses, normal: ArrayLike, links: Sequence[str] | None = None) -> np.ndarray:
+    """Where each contact reaches deepest against a normal, (3,) or one for each (..., points, 3): see core's touch.
+
+    links: whose poses these are, in their order; all of the model if None.
+    """
+    links = _names(model) if links is None else links
+    points = _points(links, poses, [(point.link, point.position) for point in model.contacts])
     if not any(point.radius or point.rim for point in model.contacts):
         return points
-    rows = {link.name: k for k, link in enumerate(model.links)}
+    rows = {name: k for k, name in enumerate(links)}
     E = poses.rotation[..., [rows[point.link] for point in model.contacts], :, :]
     a = applied(E, np.array([point.axis for point in model.contacts]))
     radius, rim = np.array([(point.radius, point.rim) for point in model.contacts]).T[..., None]
@@ -198,9 +208,13 @@ def deepest_points(model: Model, poses: Poses, normal: ArrayLike) -> np.ndarray:
     return points - FLATNESS * rim * a - radius * n - rim / size * (level + thin * a)
 
 
-def _points(model: Model, poses: Poses, points: list[tuple[str, Sequence[float]]]) -> np.ndarray:
+def _names(model: Model) -> list[str]:
+    return [link.name for link in model.links]
+
+
+def _points(links: Sequence[str], poses: Poses, points: list[tuple[str, Sequence[float]]]) -> np.ndarray:
     """World positions (..., points, 3) of points that are given by their link and their position in its frame."""
-    rows = {link.name: k for k, link in enumerate(model.links)}
+    rows = {name: k for k, name in enumerate(links)}
     at = [rows[link] for link, _ in points]
     local = np.array([position for _, position in points], dtype=float).reshape(-1, 3)
     return poses.position[..., at, :] + applied(poses.rotation[..., at, :, :], local)

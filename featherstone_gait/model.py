@@ -937,7 +937,7 @@ def _number_flaw(what: str, name: str, value: float, rule: str, unit: str, remed
 
 
 def _fits(value: Any, rule: str) -> bool:
-    return is_real(value) and _RULES[rule](value)
+    return (type(value) is float or is_real(value)) and _RULES[rule](value)  # worlds have many, all floats
 
 
 def _vector_flaws(what: str, name: str, value: tuple[float, ...], size: int) -> Iterator[str]:

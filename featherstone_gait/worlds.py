@@ -13,6 +13,7 @@ Each run has the bits that it has in the scene of its world alone, `worlds.scene
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -270,7 +271,7 @@ def _scene_with(scene: CompiledScene, changed: dict[str, Any], gravity: np.ndarr
         if changed[section]:
             own = changed[section]
             parts[section] = tuple(
-                dataclasses.replace(part, **own[part.name]) if part.name in own else part
+                _with(part, own[part.name]) if part.name in own else part
                 for part in getattr(model, section)
             )
     if changed["supply"]:
@@ -290,5 +291,13 @@ def servo_with(servo: Servo, given: Mapping[str, Any]) -> Servo:
     for name, kind in (("controller", Controller), ("gearbox", Gearbox)):
         changed = {field: value for field, value in given.items() if _OWNER[field] is kind}
         if changed:
-            own[name] = dataclasses.replace(getattr(servo, name), **changed)
-    return dataclasses.replace(servo, **own) if own else servo
+            own[name] = _with(getattr(servo, name), changed)
+    return _with(servo, own) if own else servo
+
+
+def _with(record: Any, changed: Mapping[str, Any]) -> Any:
+    """`dataclasses.replace` in a third of its time, of records whose fields are all given to them."""
+    made = copy.copy(record)
+    made.__dict__.update(changed)
+    made.__post_init__()
+    return made

@@ -18,7 +18,7 @@ from featherstone_gait.walking import worth
 
 resource = pytest.importorskip("resource")
 
-ITERATIONS, KILLS = 60, 20
+ITERATIONS, KILLS = 60, 12
 SETTINGS = dict(amplitude=0.3, max_iterations=60, seed=7)
 
 
@@ -67,7 +67,7 @@ def test_a_search_killed_again_and_again_ends_in_the_same_files(tmp_path):
     writing = (torn / "humanoid_gait.partial").exists
     for k in range(KILLS):
         length = len(history(torn)) + rng.randrange(1000)  # a candidate takes some 1000 bytes
-        if k % 10 == 3:
+        if k % 6 == 3:
             deaths += killed(torn, lambda: True, rng.random())
         elif k >= KILLS - 2:
             deaths += killed(torn, writing, 0.2 * rng.random())

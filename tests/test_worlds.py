@@ -603,7 +603,9 @@ def test_a_study_tells_which_parameter_matters(tmp_path):
     assert len(study) == 128 * 4
     outcome = run_study(study, tmp_path)
     assert outcome.sensitivity.with_suffix(".png").stat().st_size > 1000
-    lines = [line.split(",") for line in outcome.sensitivity.read_text("utf-8").splitlines()[2:]]
+    told = outcome.sensitivity.read_text("utf-8").splitlines()
+    assert any(line.startswith("# offset_deg: 512 values, mean ") for line in told)
+    lines = [line.split(",") for line in told if not line.startswith("#")][1:]
     total = {(line[0], line[1]): float(line[4]) for line in lines if line[4]}
     assert total["offset_deg", "posture.tilt"] > 0.9
     assert total["offset_deg", "servo.inductance"] < 0.05

@@ -40,7 +40,7 @@ def compile_tree(model: Model) -> Tree:
     return _compiled(model.skeleton)
 
 
-@functools.lru_cache(maxsize=64)
+@functools.lru_cache(maxsize=256)  # more than a batch of worlds has
 def _compiled(model: Model) -> Tree:
     merged, placements = rigid_bodies(model)
     dof = {name: k for k, name in enumerate(model.joint_names)}

@@ -7,7 +7,8 @@ B, and for each parameter A with that one as in B.  Of a measure f of variance V
     with all that it acts with   T_i = mean((f_A - f_ABi)^2) / 2 V
 
 (A. Saltelli et al., Computer Physics Communications 181 (2010), 259-270, table 2, b and f).  Base samples with a run
-that has no value are left out.  Errors are standard errors of these means.
+that has no value are left out.  Errors are standard errors of these means.  Of `RATIOS` f is the logarithm: else a few
+runs that hardly move are all that their variance tells of.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ from .table import TABLE
 
 SENSITIVITY = Format("study sensitivity")
 GREY = "0.7"
+RATIOS = ("cost_J_m", "cost_of_transport")  # to a distance that may be next to nothing: of these the logarithm
+PLOTTED = {"walk": ("cost_J_m", "speed_m_s", "walks")}  # of other experiments the first measure
 
 
 class Index(NamedTuple):
@@ -68,34 +71,43 @@ def write_sensitivity(study: Study, table: Path) -> Path:
     lines = read_csv(table, TABLE)
     _, header = next(lines)
     rows = [row for _, row in lines]
-    found = {}
+    found, spread = {}, []
     for measure in measures:
         column = header.index(measure)
         values = np.array([float(row[column]) if row[column] else math.nan for row in rows])
+        known = values[np.isfinite(values)]
+        if len(known):
+            low, middle, high = np.quantile(known, (0.05, 0.5, 0.95)).tolist()
+            spread.append(f"{measure}: {len(known)} values, mean {known.mean():.6g}, 5 % below {low:.6g}, "
+                          f"median {middle:.6g}, 5 % above {high:.6g}")  # fmt: skip
+        values = np.log(values) if measure in RATIOS else values
         found[measure] = indices(values.reshape(-1, len(names) + 2))
     cells = ((m, name, *index) for m, each in found.items() for name, index in zip(names, each))
     shown = ([x if isinstance(x, str) or math.isfinite(x) else "" for x in row] for row in cells)
-    write_csv(path, SENSITIVITY, ["measure", "parameter", *Index._fields], shown, end="\n")
-    first = next(iter(measures))
-    _plot(study, f"{measures[first]}", found[first], path.with_suffix(".png"))
+    write_csv(path, SENSITIVITY, ["measure", "parameter", *Index._fields], shown, "\n".join(spread), end="\n")
+    shown_measures = PLOTTED.get(study.setup.experiment, tuple(measures)[:1])
+    _plot(study, {measures[name]: found[name] for name in shown_measures}, path.with_suffix(".png"))
     return path
 
 
 @look()
-def _plot(study: Study, says: str, found: list[Index], path: Path) -> None:
-    """Bars of the first measure, the parameter that makes the most of its variance on top."""
+def _plot(study: Study, found: dict[str, list[Index]], path: Path) -> None:
+    """Bars of some measures, by what they say; the parameter that makes the most of the first one's variance on top."""
     from matplotlib.figure import Figure
 
-    order = sorted(range(len(found)), key=lambda k: (math.isfinite(found[k].total), found[k].total))
-    figure = Figure(figsize=(7.0, 1.2 + 0.45 * len(found)), layout="constrained")
-    axes = figure.subplots()
-    for shift, colour, kind, label in ((0.2, BLUE, 0, "alone"), (-0.2, GREY, 2, "with all that it acts with")):
-        lengths, errors = ([found[k][kind + part] for k in order] for part in (0, 1))
-        places = [place + shift for place in range(len(order))]
-        axes.barh(places, lengths, 0.36, xerr=errors, color=colour, label=label, error_kw={"linewidth": 1})
-    axes.set_yticks(range(len(order)), [study.names[k] for k in order])
-    axes.set_xlabel(f"share of the variance of: {says}")
-    axes.legend(loc="lower right")
+    totals = [index.total for index in next(iter(found.values()))]
+    order = sorted(range(len(totals)), key=lambda k: (math.isfinite(totals[k]), totals[k]))
+    width = 3.5 + 3.5 * len(found)
+    figure = Figure(figsize=(min(width, 11.0), 1.4 + 0.45 * len(order)), layout="constrained")
+    panels = figure.subplots(1, len(found), sharey=True, squeeze=False).ravel()
+    for axes, (says, each) in zip(panels, found.items()):
+        for shift, colour, kind, label in ((0.2, BLUE, 0, "alone"), (-0.2, GREY, 2, "with all that it acts with")):
+            lengths, errors = ([each[k][kind + part] for k in order] for part in (0, 1))
+            places = [place + shift for place in range(len(order))]
+            axes.barh(places, lengths, 0.36, xerr=errors, color=colour, label=label, error_kw={"linewidth": 1})
+        axes.set_xlabel(f"share of the variance of\n{says}")
+    panels[0].set_yticks(range(len(order)), [study.names[k].removeprefix("worlds.") for k in order])
+    panels[-1].legend(loc="lower right")
     figure.suptitle(f"{study.name}: {study.setup.model.name}, {study.setup.experiment}, {len(study)} runs", fontsize=11)
     with complete(path) as temporary:
         figure.savefig(temporary, dpi=130)

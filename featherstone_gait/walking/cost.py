@@ -28,7 +28,7 @@ from featherstone_gait import renamed
 from featherstone_gait.arguments import instance, is_real, whole
 from featherstone_gait.build.scene import CompiledScene
 from featherstone_gait.core.effects.energies import METER
-from featherstone_gait.dynamics import contact_positions_at, forward_kinematics
+from featherstone_gait.dynamics import contact_positions
 from featherstone_gait.files import FilePath
 from featherstone_gait.model import Model
 from featherstone_gait.reference import Reference
@@ -232,7 +232,7 @@ def measured(
 
 def _slip(model: Model, run: Trajectory, window: slice, load: float) -> float:
     """Mean over the contact points of the path on the ground while both ends of a sample bear more than `load` [N]."""
-    poses = forward_kinematics(model, np.hstack([run["base_q"], run["q"]])[window])
-    step = np.linalg.norm(np.diff(contact_positions_at(model, poses)[..., :2], axis=0), axis=-1)
+    points = contact_positions(model, np.hstack([run["base_q"], run["q"]])[window])
+    step = np.linalg.norm(np.diff(points[..., :2], axis=0), axis=-1)
     bears = run["contact_force"][window, :, 0] > load
     return float((step * (bears[1:] & bears[:-1])).sum(axis=0).mean())
