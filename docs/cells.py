@@ -226,12 +226,14 @@ def units() -> Iterable[Cells | Words]:
         cells = tuple(f"{float(row['first']):.2f}, {float(row['total']):.2f}".replace("-0.00", "0.00") for row in rows)
         yield Cells("docs/tutorials/study.md", what, cells)
     notes = [line[2:] for line in UNITS.read_text("utf-8").splitlines() if line.startswith("# ")]
-    spread = {note.partition(":")[0]: note for note in notes}
+    spread = {note.partition(":")[0]: note for note in reversed(notes)}  # of two about one measure the first
     quantiles = re.findall(r"(?:below|median|above) (\S+?)(?:,|$)", spread["cost_J_m"])
     low, middle, high = (float(text) for text in quantiles)
     walks = 100.0 * float(re.findall(r"mean (\S+?),", spread["walks"])[0])
     said = f"{walks:.1f} % walk to the end, at {middle:.1f} J/m in the median ({low:.1f} to {high:.1f}"
     yield Words("docs/tutorials/study.md", "Of these units ", said, ", the 5th and 95th")
+    counts = [re.findall(r"indices of (\d+) base samples of (\d+)", note) for note in notes if "cost_J_m" in note]
+    yield Words("docs/tutorials/study.md", "are told of the ", " of ".join(counts[1][0]), " base samples")
 
 
 def other_robots() -> Iterable[Cells]:

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
@@ -27,7 +26,7 @@ from numpy.typing import ArrayLike
 from .arguments import floats, instance, one_of, real, shown, truth, whole
 from .build.scene import CompiledScene
 from .elementary import exp
-from .model import Controller, Gearbox, Ground, Servo, Supply
+from .model import LARGEST, Controller, Gearbox, Ground, Servo, Supply
 
 Law = Literal["uniform", "normal", "lognormal"]
 MOST_RUNS = 10**7
@@ -71,7 +70,7 @@ class Spread:
         one_of("spread: law", self.law, get_args(Law))
         truth("spread: added", self.added)
         truth("spread: alike", self.alike)
-        most = math.inf if self.added else WIDEST
+        most = LARGEST if self.added else WIDEST
         object.__setattr__(self, "width", real("spread: width", self.width, 0.0, most, "0.1 is a tenth"))
         if self.added and self.law == "lognormal":
             raise ValueError("spread: added is True and law 'lognormal', which is a factor; use 'normal' or 'uniform'")
@@ -221,7 +220,7 @@ def nominal(scene: CompiledScene, section: str, key: str) -> tuple[list[str], np
     if part and part not in parts:
         raise ValueError(f"worlds: {section}: there is no {part!r}; use one of {', '.join(parts)}")
     if not parts:
-        raise ValueError(f"worlds: {section}: {key} is given, but the scene of {scene.model.name} has none")
+        raise ValueError(f"worlds: {section}: {key} is given, but the scene of {scene.model.name} has none; remove it")
     chosen = {part: parts[part]} if part else parts
     return [*chosen], np.array([_number(owner, name) for owner in chosen.values()], dtype=float)
 

@@ -201,7 +201,7 @@ def test_a_slope_rough_ground_and_the_heading_over_a_hundred_strides(scene):
 @pytest.mark.long
 def test_larger_pushes_are_survived(scene):
     walk = read_walk(BALANCED, scene.model.joint_names)
-    with_it, without = (pushes_survived(scene, walk, 2, feedback=on) for on in (True, False))
+    with_it, without = (pushes_survived(scene, walk, 4, feedback=on) for on in (True, False))
     assert with_it.mean() > 0.58  # [N s], of 0.44 for a gait that walks without feedback
     assert with_it.mean() > 2.0 * without.mean()
 

@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import get_context
 from types import TracebackType
 from typing import Any
+
+from ..processes import process_pool
 
 
 class Worker:
@@ -29,7 +30,7 @@ class Worker:
     def call(self, function: Callable[..., Any], *args: Any) -> Any:
         """What the function returns, or None where it ended its process: see `at_most`."""
         if self._pool is None:
-            self._pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"))
+            self._pool = process_pool(1)
         try:
             return self._pool.submit(function, *args).result()
         except BrokenProcessPool:

@@ -32,9 +32,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
+    from ..processes import process_pool
     from ..study import read_study, run_study
     from ..study.run import cores
 
@@ -45,7 +43,7 @@ def run(args: Namespace) -> int:
         with _cluster(args.cluster) as client:
             outcome = run_study(study, args.out, executor=client.get_executor(), **options)
     elif study.setup.draws:  # a scene a run is made in Python: threads would wait for each other
-        with ProcessPoolExecutor(cores(), get_context("spawn")) as pool:
+        with process_pool(cores()) as pool:
             outcome = run_study(study, args.out, executor=pool, **options)
     else:
         outcome = run_study(study, args.out, **options)

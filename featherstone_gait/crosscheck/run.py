@@ -5,10 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, wait
 from dataclasses import dataclass
 from itertools import islice
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from ..arguments import instance, one_of, texts, whole
 from ..build.scene import ServoKind, compile_scene
 from ..files import FilePath, Format, complete, read_json, write_csv
 from ..model import Ground, Model
+from ..processes import process_pool
 from ..robot_file import load_robot
 from ..robot_file.servos import with_servo
 from ..walking.feedback import BalancedWalk
@@ -106,7 +106,7 @@ def _evaluated(tasks: list[_Task], processes: int) -> Iterator[dict]:
         yield from map(_row, tasks)
         return
     waiting = iter(tasks)
-    with ProcessPoolExecutor(min(processes, len(tasks)), mp_context=get_context("spawn")) as pool:
+    with process_pool(min(processes, len(tasks))) as pool:
         try:
             running = {pool.submit(_row, task) for task in islice(waiting, processes)}
             while running:

@@ -18,13 +18,17 @@ A study is a TOML file (`settings`) that names a robot, an experiment (`measures
     count = 1000
     seed = 1
 
+    [worlds]                                         # what each run draws for itself, see `draws`
+    links.mass = {law = "uniform", width = 0.1}
+
 ``featherstone-gait study FILE.toml``, or in Python ``run_study(read_study("FILE.toml"), "results")``, writes
 ``FILE.csv`` and ``FILE.png``.  Finished runs are kept in ``FILE.jsonl``: whatever ends a study, started again it goes
 on from there, to the same table to the last byte.
 
 Runs go through any `concurrent.futures.Executor`, and the table does not depend on which.  Kernels release the GIL, so
-that the default, a thread for each core, is also the fastest on one machine.  On several machines use dask.distributed
-(the extra `cluster`), here with two worker processes on this one::
+that the default, a thread for each core, is also the fastest on one machine; but not with [worlds], whose scenes are
+made in Python: there the command takes processes, of which `processes.process_pool` makes an executor.  On several
+machines use dask.distributed (the extra `cluster`), here with two worker processes on this one::
 
     from distributed import Client, LocalCluster
 

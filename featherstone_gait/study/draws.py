@@ -46,25 +46,51 @@ class Draw(NamedTuple):
 
 def read_draws(table: dict[str, Any], scene: CompiledScene) -> tuple[Draw, ...]:
     """The draws that a table [worlds] asks for in a scene.  Raises ValueError, naming the key."""
-    found = []
+    found: list[Draw] = []
     for section, key, given in _tables(table):
-        name = f"worlds.{section}.{key}"
-        if f"{section}.{key}" == OFFSET:
-            given = {**given, "added": True}
-        unknown = given.keys() - {"law", "width", "added", "alike"}
-        if unknown or not {"law", "width"} <= given.keys():
-            raise ValueError(f'{name} is {given!r}; give {{law = "uniform", width = 0.1}}, and if need be added, alike')
-        try:
-            spread = Spread(**given)
-        except (ValueError, TypeError) as error:
-            raise ValueError(f"{name}: {error}") from error
-        if f"{section}.{key}" == OFFSET:
+        offset = f"{section}.{key}" == OFFSET
+        spread = _spread(f"worlds.{section}.{key}", given, offset)
+        if offset:
             numbers = np.zeros(len(scene.model.joint_names))
         else:
             _worlds(1, {section: {key: spread}})
             numbers = nominal(scene, section, key)[1]
+            _check_spread(f"worlds.{section}.{key}", key, spread, numbers)
         found.append(Draw(section, key, spread, spread.shape(numbers)))
+    _check_apart(found)
     return tuple(found)
+
+
+def _spread(name: str, given: dict[str, Any], offset: bool) -> Spread:
+    allowed = ("law", "width", "alike") if offset else ("law", "width", "added", "alike")
+    if not {"law", "width"} <= given.keys() <= {*allowed}:
+        raise ValueError(f'{name} is {given!r}; give {{law = "uniform", width = 0.1}}, of {", ".join(allowed)}')
+    if offset and given["law"] == "lognormal":
+        raise ValueError(f"{name}: law is 'lognormal', which is a factor; use 'uniform' or 'normal'")
+    try:
+        spread = Spread(**(given | {"added": True} if offset else given))
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{name}: {error}") from error
+    if offset and spread.width > math.pi:
+        raise ValueError(f"{name}: width is {spread.width:g} rad; give 0 to pi: 0.03 is usual")
+    return spread
+
+
+def _check_spread(name: str, key: str, spread: Spread, numbers: np.ndarray) -> None:
+    if key.rpartition(".")[2] == "period":
+        raise ValueError(f"{name}: the step must divide periods, and what is drawn is no multiple; vary servo.period")
+    if not spread.added and not (np.isfinite(numbers) & (numbers != 0.0)).any():
+        value = float(numbers.ravel()[0])
+        raise ValueError(f"{name} is {value:g} here, of which no share can be drawn; add added = true, or set it first")
+
+
+def _check_apart(found: list[Draw]) -> None:
+    """Raise ValueError for numbers that are drawn twice."""
+    names = [draw.name for draw in found]
+    for draw in found:
+        whole = f"worlds.{draw.section}.{draw.key.rpartition('.')[2]}"
+        if names.count(draw.name) > 1 or (draw.name != whole and whole in names):
+            raise ValueError(f"{draw.name} is drawn twice, by {whole} too; keep one of the two")
 
 
 def _tables(table: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
@@ -73,50 +99,50 @@ def _tables(table: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
     for section, inner in table.items():
         if section not in sections:
             raise ValueError(f"worlds: there is no section {shown(section)}; use one of {', '.join(sections)}")
-        for key, given in _named("", inner, f"worlds.{section}"):
+        for key, given in _named("", inner, f"worlds.{section}", 2):
             if section == "reference" and key != "offset":
                 raise ValueError(f"worlds.reference.{key} is no number that can be drawn; use {OFFSET}")
             yield section, key, given
 
 
-def _named(prefix: str, table: object, what: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    if not isinstance(table, dict):
-        raise ValueError(f'{what} is {table!r}; give a table as {{law = "uniform", width = 0.1}}')
-    if prefix and not any(isinstance(value, dict) for value in table.values()):
+def _named(prefix: str, table: object, what: str, deeper: int) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Tables by their names, PART.name or name."""
+    if not isinstance(table, dict) or not table:
+        raise ValueError(f'{what} is {shown(table)}; give a table as {{law = "uniform", width = 0.1}}')
+    if prefix and (not deeper or not any(isinstance(value, dict) for value in table.values())):
         yield prefix, table
         return
     for key, inner in table.items():
-        yield from _named(f"{prefix}.{key}" if prefix else key, inner, f"{what}.{key}")
+        yield from _named(f"{prefix}.{key}" if prefix else key, inner, f"{what}.{key}", deeper - 1)
 
 
 def drawn_scenes(
     scene: CompiledScene, draws: tuple[Draw, ...], x: list[tuple[np.ndarray, ...]]
 ) -> list[CompiledScene | ValueError]:
     """The scene of each run, or why there is none; x: what each run has drawn, as `Study.values` has it."""
+    try:
+        return _all_scenes(scene, draws, x)
+    except ValueError as error:
+        if len(x) == 1:
+            return [ValueError(str(error).removeprefix("world 0: "))]
+    return [own for one in x for own in drawn_scenes(scene, draws, [one])]  # which of them fails each says by itself
+
+
+def _all_scenes(
+    scene: CompiledScene, draws: tuple[Draw, ...], x: list[tuple[np.ndarray, ...]]
+) -> list[CompiledScene | ValueError]:
     fields: dict[str, dict[str, np.ndarray]] = {}
     for k, draw in enumerate(draws):
         if draw.section in FIELDS:
             numbers = nominal(scene, draw.section, draw.key)[1]
-            values = draw.spread.applied(numbers, np.array([one[k].reshape(draw.shape) for one in x]))
+            with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused as such
+                values = draw.spread.applied(numbers, np.array([one[k].reshape(draw.shape) for one in x]))
             fields.setdefault(draw.section, {})[draw.key] = values
-    if not fields:
-        return [scene] * len(x)
-    worlds = _worlds(len(x), fields)
-    try:
-        return [*worlds.scenes(scene)]
-    except ValueError:  # one of them; which, each says by itself
-        return [_alone(worlds, scene, run) for run in range(len(x))]
+    return [*_worlds(len(x), fields).scenes(scene)] if fields else [scene] * len(x)
 
 
 def _worlds(runs: int, fields: dict[str, Any]) -> Worlds:
     return Worlds(runs=runs, **fields)
-
-
-def _alone(worlds: Worlds, scene: CompiledScene, run: int) -> CompiledScene | ValueError:
-    try:
-        return worlds.scenes(scene, [run])[0]
-    except ValueError as error:
-        return ValueError(str(error).partition(": ")[2])
 
 
 def offset_of(draws: tuple[Draw, ...], x: tuple[np.ndarray, ...]) -> np.ndarray | float:

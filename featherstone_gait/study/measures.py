@@ -69,7 +69,7 @@ COLUMNS = {  # name of a column -> what its axis says; the first one is plotted
         "sideways_m": "distance sideways [m]",
         "energy_J": "electrical energy [J]",
         "slip_m": "slip of a contact point per stride [m]",
-        "walks": "walks to the end (1) or not (0) [-]",
+        "walks": "walks forward to the end (1) or not (0) [-]",
     },
 }
 
@@ -137,10 +137,10 @@ def _scenes(
 def _simulated(setup: Setup, tasks: list[_Task]) -> list[dict[str, Any]]:
     """Rows of runs of one duration; of those that are refused, each by itself."""
     scenes, _, states, references, _, _, _, acts = zip(*tasks)
-    _, duration, _, _, record, sample, _, act = tasks[0]
+    _, duration, _, _, record, sample, _, _ = tasks[0]
     how: dict[str, Any] = dict(record=record, sample=sample, executor=INLINE, estimate_error=False)
     try:
-        runs = simulate_batch(scenes, duration, states, references, controller=acts if act else None, **how)
+        runs = simulate_batch(scenes, duration, states, references, controller=acts if any(acts) else None, **how)
     except ValueError as error:
         if len(tasks) == 1:
             return [_row(setup, "refused", str(error))]

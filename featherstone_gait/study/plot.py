@@ -7,7 +7,6 @@ edge of the panel where they have no value.
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -64,7 +63,7 @@ def _figure(study: Study, table: Path, make: type[Figure]) -> Figure:
     columns = [_column(name, axis, read[name]) for name, axis in zip(study.setup.names, study.axes)]
     columns += [_drawn(draw.name, read[draw.name]) for draw in study.setup.draws]
     shape = [0 if column.axis.values is None else len(column.axis.values) for column in columns]
-    several = len(columns) == 3 and len(y) == math.prod(shape) and min(shape) <= MAPS
+    several = len(columns) == 3 and study.shares is None and min(shape) <= MAPS
     count = min(shape) if several else len(columns) if len(columns) > 2 else 1
     width = min(count, 3)
     height = -(-count // width)
@@ -73,7 +72,7 @@ def _figure(study: Study, table: Path, make: type[Figure]) -> Figure:
     if several:
         _maps(figure, panels, columns, y, ok, says)
     elif len(columns) == 2:
-        _map(figure, panels[0], columns, y, ok, says)
+        _map(figure, panels[0], columns, y, ok, says, study.shares is None)
     else:
         for panel, column in zip(panels, columns):
             _marginal(panel, column, y, ok, line=len(columns) == 1)
@@ -210,12 +209,14 @@ def _cells(panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, n
     return image
 
 
-def _map(figure: Figure, panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str) -> None:
+def _map(
+    figure: Figure, panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str, grid: bool
+) -> None:
     """The measure as colour over two parameters: cells for a grid, points otherwise."""
     norm = _norm(y)
     across, up = columns[1], columns[0]
     shape = [0 if column.axis.values is None else len(column.axis.values) for column in columns]
-    if len(y) == math.prod(shape):
+    if grid:
         image = _cells(panel, columns, y.reshape(shape), ok.reshape(shape), norm)
     else:
         panel.set_facecolor("0.85")

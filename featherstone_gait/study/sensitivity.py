@@ -80,8 +80,10 @@ def write_sensitivity(study: Study, table: Path) -> Path:
             low, middle, high = np.quantile(known, (0.05, 0.5, 0.95)).tolist()
             spread.append(f"{measure}: {len(known)} values, mean {known.mean():.6g}, 5 % below {low:.6g}, "
                           f"median {middle:.6g}, 5 % above {high:.6g}")  # fmt: skip
-        values = np.log(values) if measure in RATIOS else values
-        found[measure] = indices(values.reshape(-1, len(names) + 2))
+        values = (np.log(values) if measure in RATIOS else values).reshape(-1, len(names) + 2)
+        whole = int(np.isfinite(values).all(axis=1).sum())
+        spread.append(f"{measure}: indices of {whole} base samples of {len(values)}, all of whose runs have it")
+        found[measure] = indices(values)
     cells = ((m, name, *index) for m, each in found.items() for name, index in zip(names, each))
     shown = ([x if isinstance(x, str) or math.isfinite(x) else "" for x in row] for row in cells)
     write_csv(path, SENSITIVITY, ["measure", "parameter", *Index._fields], shown, "\n".join(spread), end="\n")

@@ -43,7 +43,7 @@ from ..files import FilePath, is_number
 from ..model import SERVO_UNITS, Ground, Law, Model, Supply
 from ..robot_file import load_robot, load_servo
 from ..worlds import servo_with
-from .draws import Draw, read_draws
+from .draws import OFFSET, Draw, read_draws
 
 if TYPE_CHECKING:
     from ..walking.feedback import BalancedWalk
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
     Walk: TypeAlias = Motion | BalancedWalk
 
-MOST_RUNS = 20_000_000
+MOST_RUNS, MOST_NUMBERS = 20_000_000, 100_000_000
 GROUND_UNITS = {"friction": "-", "sinking": "m", "damping_ratio": "-", "height": "m", "slope": "rad"}
 SUPPLY_UNITS = {f.name: f.metadata["unit"] for f in fields(Supply)}
 GAIT_UNITS = {
@@ -193,6 +193,9 @@ def _study(path: Path, table: dict) -> Study:
     _check_values(model, fixed, axes)
     draws = _draws(worlds, model, fixed, axes, experiment, sampling)
     walks = _walks(path, model, fixed, axes)
+    for name, walk in walks.items():
+        if hasattr(walk, "feedback") and any(draw.section == "reference" for draw in draws):
+            raise ValueError(f"gait.file {name!r} has feedback, which makes its own references: remove {OFFSET}")
     shares = _shares(sampling, [1] * len(axes) + [draw.numbers for draw in draws])
     settings = {
         "robot": _digest(repr(replace(model, notes=(), source=""))),
@@ -254,7 +257,10 @@ def _walks(path: Path, model: Model, fixed: dict, axes: dict[str, Axis]) -> dict
 
     folders, found = [path.parent, *([Path(model.source).parent] if model.source else [])], {}
     for name in files:
-        places = [folder / name for folder in folders if (folder / name).is_file()]
+        try:
+            places = [folder / name for folder in folders if (folder / name).is_file()]
+        except (OSError, ValueError):  # no name of a file
+            places = []
         if not places:
             raise ValueError(f"gait.file is {name!r}, which is neither in {' nor in '.join(map(str, folders))}")
         found[name] = read_walk(places[0], model.joint_names)
@@ -351,6 +357,12 @@ def _shares(sampling: dict, widths: list[int]) -> np.ndarray | None:
     if sampling["method"] == "grid":
         return None
     generator, width = np.random.default_rng(sampling["seed"]), sum(widths)
+    numbers = sampling["count"] * width * (len(widths) + 2 if sampling["method"] == "saltelli" else 1)
+    if numbers > MOST_NUMBERS:
+        raise ValueError(
+            f"sampling.count {sampling['count']} draws {numbers} numbers; at most {MOST_NUMBERS} are allowed: take a "
+            "smaller count, or worlds that are alike"
+        )
     if sampling["method"] == "random":
         return generator.random((sampling["count"], width))
     from scipy.stats import qmc
