@@ -58,9 +58,13 @@ def _side(f, v):
     return clamp(x, -one, one), select(abs(x) < 1.0, f.steepness + 0.0 * v, 0.0 * v)
 
 
-@inline
+@by_type
 def friction_torque(friction, s, i, speed):
     """Torque on the joint at the speed that the step s solves for [N m] and its slope -dT/d speed."""
+
+
+@friction_torque.otherwise
+def _viscous_and_dry(friction, s, i, speed):
     if friction is None:
         return 0.0, 0.0
     f = friction[i]
@@ -68,9 +72,13 @@ def friction_torque(friction, s, i, speed):
     return -(f.viscous_friction * speed + f.coulomb_friction * x), f.viscous_friction + f.coulomb_friction * slope
 
 
-@inline
+@by_type
 def friction_branch(friction, i, speed):
     """Which way dry friction acts in full: 1, -1, or 0 where it sticks."""
+
+
+@friction_branch.otherwise
+def _side_of_rest(friction, i, speed):
     if friction is None:
         return 0.0
     f = friction[i]
