@@ -141,6 +141,7 @@ def momentum(model: Model, q: ArrayLike, qd: ArrayLike) -> np.ndarray:
 
 def forward_kinematics(model: Model, q: ArrayLike) -> Poses:
     """Pose of every link, in the order of `model.links`."""
+    check_model(model)
     return _link_poses(model, q, _names(model))
 
 
@@ -177,6 +178,7 @@ def contact_positions(model: Model, q: ArrayLike) -> np.ndarray:
 
     Of spheres and discs it is the lowest point.
     """
+    check_model(model)
     links = [point.link for point in model.contacts]
     links = list(dict.fromkeys(links)) or _names(model)
     return deepest_points(model, _link_poses(model, q, links), (0.0, 0.0, 1.0), links)

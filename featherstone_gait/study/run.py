@@ -27,7 +27,7 @@ from .table import check_parquet, write_parquet, write_table
 
 QUEUED = 256  # batches handed to the executor at a time: bounds memory, and is enough to keep a cluster busy
 SMALL, LARGE, MANY = 8, 64, 1024  # runs of a batch; the larger from this many runs on
-LOG = Format("study log", 3)
+LOG = Format("study log")
 REMEDY = "delete this line and all below, or the whole file to begin anew"
 LOST = ("KilledWorker", "FutureCancelledError")  # what dask raises when workers die again and again, and a scheduler
 _log = logging.getLogger(__name__)
