@@ -14,6 +14,7 @@ runs that hardly move are all that their variance tells of.
 from __future__ import annotations
 
 import math
+import textwrap
 from pathlib import Path
 from typing import NamedTuple
 
@@ -99,15 +100,15 @@ def _plot(study: Study, found: dict[str, list[Index]], path: Path) -> None:
 
     totals = [index.total for index in next(iter(found.values()))]
     order = sorted(range(len(totals)), key=lambda k: (math.isfinite(totals[k]), totals[k]))
-    width = 3.5 + 3.5 * len(found)
-    figure = Figure(figsize=(min(width, 11.0), 1.4 + 0.45 * len(order)), layout="constrained")
+    width = 7.0 if len(found) == 1 else 1.8 + 2.1 * len(found)  # readable in a column of text
+    figure = Figure(figsize=(width, 1.6 + 0.4 * len(order)), layout="constrained")
     panels = figure.subplots(1, len(found), sharey=True, squeeze=False).ravel()
     for axes, (says, each) in zip(panels, found.items()):
         for shift, colour, kind, label in ((0.2, BLUE, 0, "alone"), (-0.2, GREY, 2, "with all that it acts with")):
             lengths, errors = ([each[k][kind + part] for k in order] for part in (0, 1))
             places = [place + shift for place in range(len(order))]
             axes.barh(places, lengths, 0.36, xerr=errors, color=colour, label=label, error_kw={"linewidth": 1})
-        axes.set_xlabel(f"share of the variance of\n{says}")
+        axes.set_xlabel(textwrap.fill(f"share of the variance of {says}", 60 if len(found) == 1 else 26))
     panels[0].set_yticks(range(len(order)), [study.names[k].removeprefix("worlds.") for k in order])
     panels[-1].legend(loc="lower right")
     figure.suptitle(f"{study.name}: {study.setup.model.name}, {study.setup.experiment}, {len(study)} runs", fontsize=11)
