@@ -13,7 +13,6 @@ Each run has the bits that it has in the scene of its world alone, `worlds.scene
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -295,8 +294,8 @@ def servo_with(servo: Servo, given: Mapping[str, Any]) -> Servo:
 
 
 def _with(record: Any, changed: Mapping[str, Any]) -> Any:
-    """`dataclasses.replace` in a third of its time, of records whose fields are all given to them."""
-    made = copy.copy(record)
-    made.__dict__.update(changed)
+    """`dataclasses.replace` without its pass over all fields: half of its time for a gearbox; checked alike."""
+    made = object.__new__(type(record))
+    made.__dict__.update(record.__dict__, **changed)
     made.__post_init__()
     return made
