@@ -617,7 +617,7 @@ def test_a_flat_plate_meets_the_triangle_inequality(tmp_path):
 
 
 def test_what_plays_no_part_is_skipped_and_noted(tmp_path):
-    shape = '<geometry><mesh filename="package://x/../../../etc/passwd"/></geometry>'
+    shape = '<geometry><mesh filename="package://no_such_package/../../../etc/passwd"/></geometry>'
     text = swap(
         URDF,
         '<link name="base"/>',
