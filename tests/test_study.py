@@ -326,7 +326,7 @@ def test_gaits_with_feedback_and_without_keep_their_own_in_a_batch(tmp_path):
     refused(tmp_path, text + "[gait]\nfile = 'balanced_gait.npz'\n" + units, "feedback", "remove reference.offset")
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="a process group and its end are told by POSIX")
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="signal 0 asks for a process on POSIX, and ends it on Windows")
 def test_processes_of_a_pool_end_with_the_one_that_began_them(tmp_path):
     code = "import os, time\nfrom featherstone_gait.processes import process_pool\n"
     code += "if __name__ == '__main__':\n    pool = process_pool(1)\n"

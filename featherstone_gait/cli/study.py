@@ -52,7 +52,7 @@ def run(args: Namespace) -> int:
     print("status: " + ", ".join(f"{status} {count}" for status, count in outcome.statuses.items()))
     wrong = len(study) - outcome.statuses.get("ok", 0)
     if wrong:
-        print(f"{wrong} of {len(study)} rows are not ok: the table is whole, their numbers are not to be believed")
+        print(f"{wrong} of {len(study)} rows are not ok: the table is whole, their messages say what to believe")
     files = [outcome.table, outcome.picture, *([outcome.sensitivity] if outcome.sensitivity else [])]
     print("files: " + ", ".join(map(str, files)))
     return 1 if wrong else 0
