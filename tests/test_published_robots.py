@@ -18,9 +18,8 @@ pytestmark = pytest.mark.filterwarnings("ignore::featherstone_gait.robot_file.Ro
 
 REFUSED = {  # what has no meaning, and the reason
     "alex_psyonic_hands.urdf": "which is not there",  # <mimic> of joints that have other names
-    "biped2d_pybullet.urdf": "not well-formed XML",
+    "biped2d_pybullet.urdf": "lower 1.0, upper -1.0",
     "cube_no_rotation.urdf": "lower 1.0, upper -1.0",
-    "diff_ring.urdf": "not well-formed XML",
     "humanoid.urdf": "not well-formed XML",
     "husky.urdf": "$(optenv HUSKY_IMU_XYZ",
     "icub.urdf": "can move together without inertia",
@@ -34,6 +33,7 @@ MASSLESS_ROOT = (  # which one joint holds
     "ability_hand_right_floating.urdf",
     "cartpole.urdf",
     "cube_rotate.urdf",
+    "diff_ring.urdf",
     "fetch.urdf",
     "inspire_hand_left_floating.urdf",
     "inspire_hand_right_floating.urdf",
@@ -157,7 +157,7 @@ def test_what_is_refused_has_no_meaning(path):
         assert "line " in str(caught.value)
         return
     robot = load_robot(path)
-    joints = ElementTree.parse(path).getroot().findall("joint")
+    joints = ElementTree.fromstring(path.read_bytes().strip()).findall("joint")  # a declaration may come late
     followers = {j.get("name") for j in joints if j.find("mimic") is not None and j.get("type") != "fixed"}
     assert {coupling[0] for coupling in robot.couplings} | set(robot.locked) == followers
     leaders = {coupling[1] for coupling in robot.couplings}

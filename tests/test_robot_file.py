@@ -114,11 +114,34 @@ ROOTLESS = URDF.replace(
     "</robot>", '<joint name="back" type="fixed"><parent link="foot"/><child link="base"/></joint></robot>'
 )
 FLOATING = '<joint name="{0}" type="floating"><parent link="{1}"/><child link="{2}"/></joint></robot>'
+DECLARATION = '<?xml version="1.0"?>\n'
 LIMIT = '<limit lower="-1.5" upper="1.5" effort="2" velocity="6"/>'
 INERTIA = 'ixx="0.002" ixy="0" ixz="0" iyy="0.002" iyz="0" izz="0.001"'
 FOOT_BODY = (
     '<inertial><mass value="0.25"/><inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial>'
 )
+
+
+
+@pytest.mark.parametrize(
+    ("change", "doubt"),
+    [
+        (lambda text: "\n<!-- a robot -->\n" + DECLARATION + text, r"skipped <\?xml ...\?> below line 1"),
+        (lambda text: text.replace("</robot>", '<sensor:camera a="b" xacro:if="1"/></robot>'), "prefixes as declared"),
+        (lambda text: "\n" + DECLARATION + text.replace("</robot>", "<a:b/></robot>"), "below line 1; took prefixes"),
+    ],
+)
+def test_what_is_no_well_formed_xml_and_has_one_meaning_is_read(tmp_path, change, doubt):
+    path, plain = tmp_path / "bot.urdf", URDF.removeprefix(DECLARATION)
+    path.write_text(plain)
+    whole = load_robot(path)
+    path.write_text(change(plain))
+    with pytest.warns(RobotFileWarning, match=doubt):
+        model = load_robot(path)
+    assert (model.links, model.joints) == (whole.links, whole.joints)
+    with pytest.raises(RobotFileError, match=doubt.rpartition(";")[0] or doubt):
+        load_robot(path, strict=True)
+
 
 MALFORMED_URDF = [
     # not a URDF at all

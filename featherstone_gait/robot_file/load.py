@@ -69,6 +69,8 @@ def load_robot(
     with blamed_on(path):
         markup = read_markup(path)
         report = Report(markup.lines, strict)
+        for sentence in markup.doubts:
+            report.doubt(sentence)
         meshes = MeshFinder(path, package_dirs)
         foreign = _foreign(path, markup, base, report)
         robot = foreign or read_urdf(markup.root, path, meshes, report, repair_inertia)

@@ -12,6 +12,9 @@ motor
     F = u: the product of gear and control limit is the most it gives the joint; the sum over the joint's motors is its
     `effort`.
 
+An actuator of a fixed tendon whose joints all follow one, or are one, is an actuator of that joint: the tendon's length
+is g' q and a constant.
+
 Source: MuJoCo's XML reference and technical note on its dcmotor.
 """
 
@@ -25,11 +28,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...model import TORQUE_LAWS, Controller, Gearbox, Joint, Servo
-from .causes import listed
-from .names import actuator_count
+from .equalities import couplings, held_joints
+from .names import actuator_count, listed
+from .tendons import joints_of
 from .tree import Tree
 
-JOINT_TRANSMISSIONS = (0, 1)  # mjTRN_JOINT, mjTRN_JOINTINPARENT
+JOINT_TRANSMISSIONS, TENDON = (0, 1), 3  # mjTRN_JOINT, mjTRN_JOINTINPARENT, mjTRN_TENDON
 NO_DYNAMICS, DC_DYNAMICS, FILTERS = 0, 5, (2, 3)  # mjtDyn
 FIXED_GAIN, NO_BIAS, AFFINE_BIAS = 0, 0, 1  # mjtGain, mjtBias
 POSITION_INPUT = 1  # mjtCtrlInput
@@ -37,6 +41,7 @@ NO_CLAMP, NO_ACTUATION = 1 << 8, 1 << 11  # mjtDisableBit
 NO_LIMIT = 1e6  # voltage [V] of a motor that has none
 
 OWN_ANGLE = "took the joint's angle, u/gear, as the reference of actuators with a gear"
+SCALED = "took the joint's angle as the reference of actuators whose control is scaled"
 
 
 class Actuators(NamedTuple):
@@ -82,11 +87,12 @@ def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
     efforts: dict[str, float] = {}
     left: dict[str, list[str]] = {}
     for k in range(actuator_count(m)):
-        name = tree.joint_names[m.actuator_trnid[k, 0]] if m.actuator_trntype[k] in JOINT_TRANSMISSIONS else ""
+        joint, gear = _turned(m, k)
+        name = tree.joint_names[joint] if gear else ""
         if name not in by_name:
             left.setdefault("passed over actuators that are not on one joint", []).append(m.actuator(k).name or str(k))
             continue
-        row = _row(m, k)
+        row = _row(m, k, gear)
         by_name[name] = _burdened(by_name[name], row)
         servo, effort, reasons = _read(row, float(m.opt.timestep))
         if effort is not None:
@@ -101,6 +107,23 @@ def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
     return Actuators(servos, tuple(by_name[joint.name] for joint in joints), doubts, _mixed(servos))
 
 
+def _turned(m: Any, k: int) -> tuple[int, float]:
+    """The joint that an actuator turns, and by how much its length grows with it; 0 where it turns no or several."""
+    kind, target, gear = m.actuator_trntype[k], int(m.actuator_trnid[k, 0]), float(m.actuator_gear[k, 0])
+    if kind in JOINT_TRANSMISSIONS:
+        return target, gear
+    turned: dict[int, float] = {}
+    follow, held = couplings(m), held_joints(m)
+    for joint, c in joints_of(m, target).items() if kind == TENDON else ():
+        for _ in follow:  # to the end of a chain
+            if joint in follow and joint not in held:
+                joint, c = follow[joint].leader, c * follow[joint].b
+        if joint not in held:
+            turned[joint] = turned.get(joint, 0.0) + c
+    (joint, c), *others = turned.items() or [(-1, 0.0)]
+    return (-1, 0.0) if others else (joint, gear * c)
+
+
 def _mixed(servos: dict[str, Servo]) -> list[str]:
     """A remark on servos of both kinds, which a scene refuses."""
     torques = [name for name, servo in servos.items() if servo.controller.law in TORQUE_LAWS]
@@ -112,14 +135,14 @@ def _mixed(servos: dict[str, Servo]) -> list[str]:
     ]
 
 
-def _row(m: Any, k: int) -> _Row:
+def _row(m: Any, k: int, gear: float) -> _Row:
     control = int(m.actuator_ctrladr[k]) if hasattr(m, "actuator_ctrladr") else k
     limited = 0 <= control < m.nu and m.actuator_ctrllimited[control] and not m.opt.disableflags & NO_CLAMP
     controls = m.actuator_ctrlrange[control] if limited else (-math.inf, math.inf)
     forces = m.actuator_forcerange[k] if m.actuator_forcelimited[k] else (-math.inf, math.inf)
     return _Row(
         name=m.actuator(k).name or str(k),
-        gear=float(m.actuator_gear[k, 0]),
+        gear=gear,
         kind=(int(m.actuator_dyntype[k]), int(m.actuator_gaintype[k]), int(m.actuator_biastype[k])),
         dyn=m.actuator_dynprm[k].tolist(),
         gain=m.actuator_gainprm[k].tolist(),
@@ -167,7 +190,7 @@ def _read(row: _Row, timestep: float) -> _Read:
         return _Read(servo, reasons=(*(f"passed over actuators {reason}" for reason in reasons), *turned, *row.more))
     if row.kind == (NO_DYNAMICS, FIXED_GAIN, NO_BIAS):
         return _motor(row)
-    linear = row.kind[1:] == (FIXED_GAIN, AFFINE_BIAS) and row.gain[0] == -row.bias[1] > 0 and not row.bias[0]
+    linear = row.kind[1:] == (FIXED_GAIN, AFFINE_BIAS) and row.gain[0] > 0 and row.bias[1] < 0 and not row.bias[0]
     if not linear or not row.gear or row.kind[0] not in (NO_DYNAMICS, *FILTERS):
         return _Read(reasons=("passed over actuators of a kind that has no like here", *row.more))
     return _position(row)
@@ -184,10 +207,11 @@ def _motor(row: _Row) -> _Read:
 
 def _position(row: _Row) -> _Read:
     g = abs(row.gear)
-    law = Controller("pd_clamped", Kp=g * g * row.gain[0], Kd=-g * g * row.bias[2], torque_limit=g * row.force)
+    law = Controller("pd_clamped", Kp=-g * g * row.bias[1], Kd=-g * g * row.bias[2], torque_limit=g * row.force)
     found = {
         "took activations of actuators as being at once, though they are filtered": row.kind[0] != NO_DYNAMICS,
         OWN_ANGLE: row.gear != 1,
+        SCALED: row.gain[0] != -row.bias[1],
         "passed over the ctrlrange of actuators, for references have no limits here": row.control < math.inf,
         "took the larger end of forcerange of actuators either way": row.uneven[1],
     }

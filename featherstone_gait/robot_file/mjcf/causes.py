@@ -7,120 +7,27 @@ from typing import Any
 
 import numpy as np
 
-from .names import actuator_count
-from .tree import BALL, FREE, Tree
+from . import equalities
+from .names import listed
+from .tendons import effects, nonzero
+from .tree import BALL, FREE, Tree, moving_trees
 
 GRAVITY = (0.0, 0.0, -9.81)
-EQUALITY_KINDS = ("connect", "weld", "joint", "tendon", "flex", "flexvert", "flexstrain")
-JOINT_EQUALITY = 2  # mjEQ_JOINT
-TENDON = 3  # mjTRN_TENDON
 # mjtDisableBit, of <flag>
-NO_CONSTRAINTS, NO_EQUALITIES, NO_FRICTION, NO_LIMITS = 1 << 0, 1 << 1, 1 << 2, 1 << 3
+NO_CONSTRAINTS, NO_FRICTION, NO_LIMITS = 1 << 0, 1 << 2, 1 << 3
 NO_SPRINGS, NO_DAMPERS, NO_GRAVITY = 1 << 5, 1 << 6, 1 << 7
 
 
 def refusals(m: Any, names: Tree) -> list[str]:
     """Why a compiled file cannot be a Model, all reasons at once."""
-    equalities = [*_equalities(m), *_twice_led(m, names)]
-    return [*_joints(m, names), *_trees(m, names), *equalities, *_tendons(m), *_others(m)]
+    taken = [names.holds(m, b) for b in range(m.nbody)]
+    return [*_joints(m, names), *equalities.refusals(m, names.joint_names, taken), *_others(m)]
 
 
 def _joints(m: Any, names: Tree) -> Iterator[str]:
-    balls = [names.joint_names[j] for j in range(m.njnt) if m.jnt_type[j] == BALL]
+    balls = [names.joint_names[j] for j in range(m.njnt) if m.jnt_type[j] == BALL and names.holds(m, m.jnt_bodyid[j])]
     if balls:
         yield f"ball joints {listed(balls)} have no like here; replace each by three hinges"
-
-
-def _trees(m: Any, names: Tree) -> Iterator[str]:
-    moving = sorted({int(m.body_rootid[b]) for b in range(1, m.nbody) if m.body_dofnum[b]})
-    if len(moving) > 1:
-        yield (
-            f"{len(moving)} kinematic trees move, from bodies {listed([names.bodies[b] for b in moving])}; a robot is "
-            "one: remove the others"
-        )
-
-
-def _equalities(m: Any) -> Iterator[str]:
-    for k in _active(m):
-        kind = int(m.eq_type[k])
-        if kind != JOINT_EQUALITY:
-            what = EQUALITY_KINDS[kind] if kind < len(EQUALITY_KINDS) else f"of kind {kind}"
-            yield f"equality {_equality(m, k)} <{what}> closes a loop; remove it, or set active='false'"
-        elif not _linear(m, k):
-            yield (
-                f"equality {_equality(m, k)} <joint> is not linear: polycoef is {m.eq_data[k, :5].tolist()}; only the "
-                "first two numbers may differ from 0: change them, or set active='false'"
-            )
-
-
-def _twice_led(m: Any, names: Tree) -> Iterator[str]:
-    """Joints that two equalities lead."""
-    led: dict[int, list[str]] = {}
-    for k in _active(m):
-        if m.eq_type[k] == JOINT_EQUALITY:
-            led.setdefault(int(m.eq_obj1id[k]), []).append(_equality(m, k))
-    for j, equalities in led.items():
-        if len(equalities) > 1:
-            yield (
-                f"joint {names.joint_names[j]!r} is joint1 of equalities {', '.join(equalities)}; it can follow one "
-                "alone: remove the others, or set active='false'"
-            )
-
-
-def _active(m: Any) -> list[int]:
-    """The equalities that act."""
-    if m.opt.disableflags & (NO_CONSTRAINTS | NO_EQUALITIES):
-        return []
-    return [k for k in range(m.neq) if m.eq_active0[k]]
-
-
-def _equality(m: Any, k: int) -> str:
-    return repr(m.equality(k).name or k)
-
-
-def _linear(m: Any, k: int) -> bool:
-    """Whether a joint is held to a straight line of another, or at a place of its own."""
-    return m.eq_obj2id[k] < 0 or not m.eq_data[k, 2:5].any()
-
-
-def couplings(m: Any) -> dict[int, tuple[int, float, float]]:
-    """Leader, multiplier and offset by follower: MuJoCo's y - y0 = a + b (x - x0) of a <joint> equality."""
-    mimics = {}
-    for k in _active(m):
-        if m.eq_type[k] == JOINT_EQUALITY and m.eq_obj2id[k] >= 0 and _linear(m, k):
-            y, x = int(m.eq_obj1id[k]), int(m.eq_obj2id[k])
-            a, b = m.eq_data[k, :2].tolist()
-            mimics[y] = (x, b, _reference(m, y) + a - b * _reference(m, x))
-    return mimics
-
-
-def held_joints(m: Any) -> dict[int, float]:
-    """Joints that an equality without a second joint holds, and where: MuJoCo's y = y0 + a [rad or m]."""
-    alone = [k for k in _active(m) if m.eq_type[k] == JOINT_EQUALITY and m.eq_obj2id[k] < 0]
-    return {j: _reference(m, j) + float(m.eq_data[k, 0]) for k in alone for j in [int(m.eq_obj1id[k])]}
-
-
-def _reference(m: Any, j: int) -> float:
-    return float(m.qpos0[m.jnt_qposadr[j]])
-
-
-def _tendons(m: Any) -> Iterator[str]:
-    """One reason for each way in which tendons act."""
-    actuators = range(actuator_count(m))
-    driven = {int(m.actuator_trnid[k, 0]) for k in actuators if m.actuator_trntype[k] == TENDON}
-    acting: dict[str, list[str]] = {}
-    for k in range(m.ntendon):
-        acts = [what for what in ("stiffness", "damping", "frictionloss", "armature") if _nonzero(m, "tendon", what, k)]
-        for what in [*acts, *["limit"] * bool(m.tendon_limited[k]), *["actuator"] * (k in driven)]:
-            acting.setdefault(what, []).append(m.tendon(k).name or str(k))
-    for what, names in acting.items():
-        yield f"tendons act on the joints by their {what}: {listed(names)}; remove the tendons, or their {what}"
-
-
-def _nonzero(m: Any, kind: str, what: str, k: int) -> bool:
-    """Whether a number of an element, or of the powers that MuJoCo 4 adds to it, is not zero."""
-    powers = getattr(m, f"{kind}_{what}poly", None)
-    return bool(np.any(getattr(m, f"{kind}_{what}")[k]) or (powers is not None and np.any(powers[k])))
 
 
 def _others(m: Any) -> Iterator[str]:
@@ -132,7 +39,16 @@ def _others(m: Any) -> Iterator[str]:
 
 def doubts(m: Any, tree: Tree) -> Iterator[str]:
     """What changes the motion in MuJoCo and is passed over here."""
-    springs = [tree.joint_names[j] for j in range(m.njnt) if _nonzero(m, "jnt", "stiffness", j)]
+    if tree.left:
+        yield (
+            f"left out bodies {listed([tree.bodies[b] for b in tree.left])} with all that they carry: a Model has one "
+            f"floating base at most, and of several trees the one with most joints is taken, here {_taken(m, tree)}"
+        )
+    drawn = [equalities.title(m, k) for k in equalities.active(m) if equalities.follows_mocap(m, k)]
+    if drawn:
+        yield f"passed over equalities {', '.join(drawn)}, which draw a body after a mocap body: there are none here"
+    yield from effects(m)
+    springs = [tree.joint_names[j] for j in range(m.njnt) if nonzero(m, "jnt", "stiffness", j)]
     if springs and not m.opt.disableflags & NO_SPRINGS:
         yield f"passed over the springs (stiffness) of joints {listed(springs)}: joints have none here"
     poly = getattr(m, "dof_dampingpoly", np.zeros(m.nv))  # not of older versions
@@ -147,6 +63,13 @@ def doubts(m: Any, tree: Tree) -> Iterator[str]:
     if m.opt.density or m.opt.viscosity:
         yield f"passed over a fluid (density {m.opt.density:g}, viscosity {m.opt.viscosity:g}): there is none here"
     yield from _gravity(m, tree)
+
+
+def _taken(m: Any, tree: Tree) -> str:
+    """What is not left out, in words."""
+    if tree.root:
+        return repr(tree.bodies[tree.root])
+    return listed([tree.bodies[b] for b in moving_trees(m) if b not in tree.left])
 
 
 def _switched_off(m: Any) -> Iterator[str]:
@@ -184,26 +107,21 @@ def notes(m: Any, tree: Tree) -> Iterator[str]:
     """What is there and plays no part."""
     if tree.root and m.body_geomnum[0]:
         yield f"passed over {m.body_geomnum[0]} geoms of the world: ground is an argument of compile_scene"
-    fixed = [b for b in range(1, m.nbody) if tree.root and m.body_rootid[b] != tree.root]
+    fixed = [b for b in range(1, m.nbody) if not tree.holds(m, b) and m.body_rootid[b] not in tree.left]
     if fixed:
         yield f"passed over bodies {listed([tree.bodies[b] for b in fixed])}, which stand in the world"
     if m.ntendon:
-        yield f"skipped {m.ntendon} tendons that act on nothing"
+        yield f"skipped {m.ntendon} tendons"
     for count, what in ((m.nsensor, "sensors"), (m.nsite, "sites"), (m.ncam, "cameras"), (m.nlight, "lights")):
         if count:
             yield f"skipped {count} {what}"
     if m.nexclude or m.npair:
         yield "skipped <contact>: links touch the ground alone"
-    if couplings(m):
+    if equalities.couplings(m):
         yield "took the equalities of joints as exact; MuJoCo's give way"
-    if held_joints(m):
-        yield f"held joints {listed([tree.joint_names[j] for j in held_joints(m)])} where equalities put them"
-    off = m.neq - len(_active(m))
+    held = equalities.held_joints(m)
+    if held:
+        yield f"held joints {listed([tree.joint_names[j] for j in held])} where equalities put them"
+    off = m.neq - len(equalities.active(m))
     if off:
         yield f"skipped {off} equalities that are not active"
-
-
-def listed(names: list[str]) -> str:
-    """Names for a message, cut short after ten."""
-    shown = ", ".join(repr(name) for name in names[:10])
-    return shown + (f" and {len(names) - 10} more" if len(names) > 10 else "")

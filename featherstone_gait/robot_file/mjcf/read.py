@@ -14,7 +14,8 @@ from ...model import Base
 from ..report import Report
 from ..robot import Posture, Robot
 from .actuators import Actuators, read_actuators
-from .causes import couplings, doubts, held_joints, notes, refusals
+from .causes import doubts, notes, refusals
+from .equalities import couplings, held_joints
 from .shapes import read_shapes
 from .sizes import check_sizes
 from .tree import Tree, read_tree
@@ -45,7 +46,7 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     for sentence in (*notes(m, tree), *left, *actuators.remarks, *remarks):
         report.remark(sentence)
     joints, postures = actuators.joints, _postures(m, tree)
-    held = {tree.joint_names[j]: position for j, position in held_joints(m).items()}
+    held = {tree.joint_names[j]: place for j, place in held_joints(m).items() if tree.holds(m, m.jnt_bodyid[j])}
     return Robot(_name(m, path), tree.links, joints, shapes, tree.base, held, actuators.servos, postures)
 
 
@@ -95,8 +96,11 @@ def _postures(m: Any, tree: Tree) -> dict[str, Posture]:
 
 
 def _posture(m: Any, tree: Tree, q: np.ndarray) -> Posture:
-    single = [j for j in range(m.njnt) if tree.joint_names[j] in {joint.name for joint in tree.joints}]
+    own = {joint.name for joint in tree.joints}
+    single = [j for j in range(m.njnt) if tree.joint_names[j] in own]
     joints = {tree.joint_names[j]: float(q[m.jnt_qposadr[j]]) for j in single}
-    free = tree.root and m.body_jntnum[tree.root]
-    base = q[:7].tolist() if free else [*m.body_pos[tree.root].tolist(), *m.body_quat[tree.root].tolist()]
+    base = [*m.body_pos[tree.root].tolist(), *m.body_quat[tree.root].tolist()]
+    if tree.root and m.body_jntnum[tree.root]:
+        start = m.jnt_qposadr[m.body_jntadr[tree.root]]
+        base = q[start : start + 7].tolist()
     return Posture(tuple(base), joints)

@@ -21,7 +21,7 @@ def read_shapes(m: Any, tree: Tree) -> tuple[tuple[Shape, ...], list[str]]:
     names, floor = names_of(m, "geom", m.ngeom), _floor(m)
     shapes, left, silent = [], Counter[str](), 0
     for g in range(m.ngeom):
-        if not _in_tree(m, int(m.geom_bodyid[g]), tree):
+        if not tree.holds(m, int(m.geom_bodyid[g])):
             continue
         geometry = geometry_of(m, g)
         if not _touches(m, g, floor):
@@ -33,10 +33,6 @@ def read_shapes(m: Any, tree: Tree) -> tuple[tuple[Shape, ...], list[str]]:
     notes = [f"skipped {silent} geoms that touch no floor"] if silent else []
     notes += [f"passed over {count} geoms of type {kind}, which are no shapes here" for kind, count in left.items()]
     return tuple(shapes), notes
-
-
-def _in_tree(m: Any, body: int, tree: Tree) -> bool:
-    return tree.root == 0 or (body != 0 and m.body_rootid[body] == tree.root)
 
 
 def _floor(m: Any) -> tuple[int, int]:

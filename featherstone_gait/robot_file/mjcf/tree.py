@@ -10,6 +10,7 @@ import numpy as np
 from ...fixed_order import applied, product
 from ...model import Base, Joint, Link, Mimic, turned_inertia
 from ...rotation import rotation_about, rotation_from_quaternion, rpy_from_rotation
+from .equalities import Line
 from .names import names_of, unused
 
 WORLD = "world"
@@ -26,38 +27,71 @@ class Tree(NamedTuple):
     joints: tuple[Joint, ...]
     base: Base
     root: int  # body that is the root link, 0 for the world
+    left: tuple[int, ...]  # bodies that move in the world and are left out, with all that they carry
     bodies: list[str]  # link name of each body
     joint_names: list[str]  # of each MuJoCo joint
 
+    def holds(self, m: Any, b: int) -> bool:
+        """Whether a body is one of the links, or the world that carries them."""
+        return m.body_rootid[b] == self.root if self.root else m.body_rootid[b] not in self.left
 
-def read_tree(m: Any, base: Base | None, mimics: dict[int, tuple[int, float, float]]) -> Tree:
+
+def read_tree(m: Any, base: Base | None, mimics: dict[int, Line]) -> Tree:
     """Links and joints.
 
-    base : None is "floating" if the file has a free joint
-    mimics : by follower: leader, multiplier and offset
+    base : None is "floating" if what is taken has a free joint
+    mimics : by follower
     """
     bodies, names = names_of(m, "body", m.nbody), names_of(m, "joint", m.njnt)
-    base = base or ("floating" if FREE in m.jnt_type else "fixed")
-    root = _root(m, base)
+    base, left = _chosen(m, base)
+    root = _root(m, base, left)
+    tree = Tree((), (), base, root, left, bodies, names)
     links = [_link(m, root, bodies[root])]
     joints: list[Joint] = []
     for b in range(1, m.nbody):
-        if b != root and (root == 0 or m.body_rootid[b] == root):
+        if b != root and tree.holds(m, b):
             chain = _chain(m, b, bodies, names, [joint.name for joint in joints])
             links += [*(_frame(joint.child) for joint in chain[:-1]), _link(m, b, bodies[b])]
             joints += chain
-    return Tree(tuple(links), tuple(_coupled(joints, names, mimics)), base, root, bodies, names)
+    return tree._replace(links=tuple(links), joints=tuple(_coupled(joints, names, mimics)))
 
 
-def _root(m: Any, base: Base) -> int:
+def moving_trees(m: Any) -> list[int]:
+    """The bodies of the world from which trees that move begin."""
+    return sorted({int(m.body_rootid[b]) for b in range(1, m.nbody) if m.body_dofnum[b]})
+
+
+def _free(m: Any) -> list[int]:
+    """Those with a free joint."""
+    return [int(m.jnt_bodyid[j]) for j in range(m.njnt) if m.jnt_type[j] == FREE]
+
+
+def _chosen(m: Any, base: Base | None) -> tuple[Base, tuple[int, ...]]:
+    """The base, and the trees that are left out.
+
+    Trees that the world carries are branches of one, and so are free ones that are to be fixed.  Of these together and
+    each one that floats the one with most joints is taken: contacts between links are none here, so that trees that
+    nothing ties do not feel each other.
+    """
+    free, moving = _free(m), moving_trees(m)
+    if not free or base == "fixed":
+        return base or "fixed", ()
+    carried = [b for b in moving if b not in free]
+    choices = [[b] for b in free] if base else [carried, *([b] for b in free)]
+    roots = m.body_rootid[m.jnt_bodyid][m.jnt_type != FREE].tolist()
+    taken = max(choices, key=lambda trees: (sum(map(roots.count, trees)), trees != carried))
+    return "fixed" if taken == carried else "floating", tuple(b for b in moving if b not in taken)
+
+
+def _root(m: Any, base: Base, left: tuple[int, ...]) -> int:
     """The body that is the root link: that of the free joint, or one that sits in the world as if it were the root.
 
     A free body that is to be fixed elsewhere than at the world's frame stays where it is: 0, the world, is its root.
     """
-    free = [int(m.jnt_bodyid[j]) for j in range(m.njnt) if m.jnt_type[j] == FREE]
-    if free:
+    free = [b for b in _free(m) if b not in left]
+    if len(free) == 1 and moving_trees(m) == sorted([*free, *left]):
         return free[0] if base == "floating" or _at_origin(m, free[0]) else 0
-    top = [b for b in range(1, m.nbody) if m.body_parentid[b] == 0]
+    top = [b for b in range(1, m.nbody) if m.body_parentid[b] == 0 and b not in left]
     if len(top) != 1 or m.body_jntnum[top[0]]:
         return 0
     b = top[0]
@@ -142,9 +176,9 @@ def _joint(m: Any, j: int, name: str, parent: str, child: str, r: np.ndarray, E:
     )
 
 
-def _coupled(joints: list[Joint], names: list[str], mimics: dict[int, tuple[int, float, float]]) -> list[Joint]:
+def _coupled(joints: list[Joint], names: list[str], mimics: dict[int, Line]) -> list[Joint]:
     """The joints, with what the followers among them follow."""
-    follow = {names[j]: Mimic(names[leader], *line) for j, (leader, *line) in mimics.items()}
+    follow = {names[j]: Mimic(names[line.leader], line.b, line.offset) for j, line in mimics.items()}
     return [replace(joint, mimic=follow[joint.name]) if joint.name in follow else joint for joint in joints]
 
 

@@ -1,0 +1,138 @@
+"""Equalities of a compiled MJCF file: lines between joints, which become couplings, and what cannot be one.
+
+An equality of joints or of fixed tendons, whose lengths are sums c q of joints, says sum c (q - q0) = a, q0 of the
+posture in which the file is compiled.  Over two joints it is a coupling, over one it holds the joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from .tendons import joints_of
+
+CONNECT, WELD, JOINT, TENDON = range(4)  # mjtEq
+KINDS = ("connect", "weld", "joint", "tendon", "flex", "flexvert", "flexstrain")
+BODY, SITE = 1, 6  # mjtObj
+NO_CONSTRAINTS, NO_EQUALITIES = 1 << 0, 1 << 1  # mjtDisableBit, of <flag>
+
+
+class Line(NamedTuple):
+    """An equality of joints: y - y0 = a + b (x - x0)."""
+
+    follower: int
+    leader: int  # -1: none, y is held at y0 + a
+    b: float
+    offset: float  # of y = b x + offset [rad or m]
+
+
+def active(m: Any) -> list[int]:
+    """The equalities that act."""
+    if m.opt.disableflags & (NO_CONSTRAINTS | NO_EQUALITIES):
+        return []
+    return [k for k in range(m.neq) if m.eq_active0[k]]
+
+
+def lines(m: Any) -> dict[int, Line]:
+    """The equalities that are lines, by their number.
+
+    Of two joints of tendons the later one in the file follows, or the other where it does so already.
+    """
+    found: dict[int, Line] = {}
+    for k in sorted(active(m), key=lambda k: m.eq_type[k] != JOINT):
+        terms, a = _terms(m, k)
+        if 1 <= len(terms) <= 2:
+            led = {line.follower for line in found.values()}
+            order = list(terms) if m.eq_type[k] == JOINT else sorted(terms, key=lambda j: (j in led, -j))
+            found[k] = _line(m, terms, order, a)
+    return found
+
+
+def _terms(m: Any, k: int) -> tuple[dict[int, float], float]:
+    """The c by joint, and a; no joints where the equality is no such sum."""
+    one, two, data = int(m.eq_obj1id[k]), int(m.eq_obj2id[k]), m.eq_data[k]
+    if m.eq_type[k] not in (JOINT, TENDON) or (two >= 0 and data[2:5].any()):
+        return {}, 0.0
+    a, b = float(data[0]), float(data[1])
+    if m.eq_type[k] == JOINT:
+        return {one: 1.0} if two < 0 else {one: 1.0, two: -b}, a
+    sums = [joints_of(m, t) for t in (one, two) if t >= 0]
+    if not all(sums):  # a spatial tendon's length is no sum
+        return {}, 0.0
+    terms = dict(sums[0])
+    for j, c in sums[1].items() if two >= 0 else ():
+        terms[j] = terms.get(j, 0.0) - b * c
+    return {j: c for j, c in terms.items() if c}, a
+
+
+def _line(m: Any, terms: dict[int, float], order: list[int], a: float) -> Line:
+    y, *others = order
+    at_rest = _reference(m, y) + a / terms[y]
+    if not others:
+        return Line(y, -1, 0.0, at_rest)
+    (x,) = others
+    b = -terms[x] / terms[y]
+    return Line(y, x, b, at_rest - b * _reference(m, x))
+
+
+def _reference(m: Any, j: int) -> float:
+    return float(m.qpos0[m.jnt_qposadr[j]])
+
+
+def couplings(m: Any) -> dict[int, Line]:
+    """Lines between two joints, by follower."""
+    return {line.follower: line for line in lines(m).values() if line.leader >= 0}
+
+
+def held_joints(m: Any) -> dict[int, float]:
+    """Joints that an equality holds by themselves, and where [rad or m]."""
+    return {line.follower: line.offset for line in lines(m).values() if line.leader < 0}
+
+
+def refusals(m: Any, names: list[str], taken: list[bool]) -> Iterator[str]:
+    """Why equalities cannot be couplings.
+
+    names: of joints; taken: whether a body belongs to the robot
+    """
+    found = lines(m)
+    for k in active(m):
+        if k in found or not any(taken[b] for b in _bodies(m, k)) or follows_mocap(m, k):
+            continue
+        if m.eq_type[k] == JOINT:
+            yield (
+                f"equality {title(m, k)} <joint> is not linear: polycoef is {m.eq_data[k, :5].tolist()}; only the "
+                "first two numbers may differ from 0: change them, or set active='false'"
+            )
+        else:
+            kind = int(m.eq_type[k])
+            what = KINDS[kind] if kind < len(KINDS) else f"of kind {kind}"
+            yield f"equality {title(m, k)} <{what}> closes a loop; remove it, or set active='false'"
+    led: dict[int, list[str]] = {}
+    for k, line in found.items():
+        led.setdefault(line.follower, []).append(title(m, k))
+    for j, titles in led.items():
+        if len(titles) > 1:
+            yield (
+                f"joint {names[j]!r} is led by equalities {', '.join(titles)}; it can follow one alone: remove the "
+                "others, or set active='false'"
+            )
+
+
+def title(m: Any, k: int) -> str:
+    """How an equality is named in a message."""
+    return repr(m.equality(k).name or k)
+
+
+def _bodies(m: Any, k: int) -> list[int]:
+    """The bodies that an equality ties."""
+    objects = [int(x) for x in (m.eq_obj1id[k], m.eq_obj2id[k]) if x >= 0]
+    if m.eq_type[k] in (CONNECT, WELD):
+        return [int(m.site_bodyid[x]) if m.eq_objtype[k] == SITE else x for x in objects]
+    if m.eq_type[k] == JOINT:
+        return [int(m.jnt_bodyid[j]) for j in objects]
+    return list(range(m.nbody))
+
+
+def follows_mocap(m: Any, k: int) -> bool:
+    """Whether an equality draws a body after one that a program moves from outside."""
+    return m.eq_type[k] in (CONNECT, WELD) and any(m.body_mocapid[b] >= 0 for b in _bodies(m, k))
