@@ -231,6 +231,25 @@ def test_of_several_trees_the_one_with_most_joints_is_taken(write):
         assert load_robot(write(robot(whole.replace(arm, longer)))).nv == 3
 
 
+def test_meshes_are_found_by_a_relative_path_too(write, tmp_path, monkeypatch):
+    """An included file's own folder, then `<compiler meshdir="">`: from elsewhere MuJoCo looks in the wrong place."""
+    folder = tmp_path / "robots" / "arm"
+    (folder / "meshes").mkdir(parents=True)
+    (folder / "assets").mkdir()
+    corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
+    (folder / "meshes" / "tetrahedron.obj").write_text("\n".join(lines))
+    mesh = '<asset><mesh name="t" file="../meshes/tetrahedron.obj"/></asset>'
+    (folder / "assets" / "assets.xml").write_text(f"<mujocoinclude>{mesh}</mujocoinclude>")
+    body = '<body><joint/><geom type="mesh" mesh="t"/></body>'
+    included = '<include file="assets/assets.xml"/><compiler meshdir=""/>'
+    (folder / "arm.xml").write_text(f"<mujoco>{included}<worldbody>{body}</worldbody></mujoco>")
+    monkeypatch.chdir(tmp_path)
+    near, far = load_robot(folder / "arm.xml"), load_robot("robots/arm/arm.xml")
+    assert (near.links, near.shapes) == (far.links, far.shapes)
+
+
 def test_world_of_a_floating_robot_is_noted(write):
     model = load_robot(write(ODD))
     assert model.root == "trunk"

@@ -2,13 +2,16 @@
 
 import csv
 import functools
+from types import SimpleNamespace
 
 import published
 import pytest
 
 from featherstone_gait.experiments import other_robots as study
+from featherstone_gait.files import read_csv
 from featherstone_gait.optimize import walking_cost
 from featherstone_gait.robot_file import load_robot
+from featherstone_gait.walking.cost_in_worlds import in_worlds
 
 
 @pytest.fixture
@@ -24,12 +27,24 @@ def quick(monkeypatch):
 @pytest.mark.long
 def test_a_robot_s_gaits_are_kept_and_walk_on_the_floors(quick, tmp_path, monkeypatch):
     monkeypatch.setattr(study, "WORLDS", 1)
-    rows = study.rows_of("humanoid", tmp_path)
+    monkeypatch.setattr(study, "UNSEEN", 2)
+    walked = study.gaits("humanoid", tmp_path)
+    rows = study.rows_of("humanoid", tmp_path, *walked)
     assert [row[:2] for row in rows] == [["humanoid", "first"], ["humanoid", "2 candidates"]]
     own = quick.measure([quick.gait.to_vector()])[0]
     assert rows[0][2:5] == [own.cost, own.speed, "20ms_0.9"]
+    worlds = study.worth_of("humanoid", tmp_path, *walked)
+    assert [row[:3] for row in worlds] == [["humanoid", gait, row[2]] for gait, row in zip(walked[1], rows)]
+    assert worlds[0][5:7] == [in_worlds(quick, 1)(quick.gait.to_vector())[0], 1.0]
+    assert worlds[0][7] <= worlds[0][8] <= worlds[0][9]
     monkeypatch.setattr(study, "optimize_gait", None)
-    assert study.rows_of("humanoid", tmp_path) == rows
+    monkeypatch.setattr(study, "worth_elsewhere", None)
+    again = study.gaits("humanoid", tmp_path)
+    assert study.rows_of("humanoid", tmp_path, *again) == rows
+    assert study.worth_of("humanoid", tmp_path, *again) == worlds
+    study.write_worlds(tmp_path / "worlds.csv", worlds)
+    _, *found = read_csv(tmp_path / "worlds.csv", study.WORLDS_TABLE)
+    assert [float(cells[6]) for _, cells in found] == [row[6] for row in worlds]
     study.write_table(tmp_path / "table.csv", rows)
     lines = (tmp_path / "table.csv").read_text("utf-8").splitlines()
     table = [*csv.DictReader(line for line in lines if not line.startswith("#"))]
@@ -37,7 +52,7 @@ def test_a_robot_s_gaits_are_kept_and_walk_on_the_floors(quick, tmp_path, monkey
     other = walking_cost(load_robot("humanoid", locked="simplified"), states="step", step_length=0.03)
     monkeypatch.setattr(study, "ROBOTS", {"humanoid": study.Robot(lambda: other, 2)})
     with pytest.raises(ValueError, match=r"humanoid_2\.json: is of another first gait"):
-        study.rows_of("humanoid", tmp_path)
+        study.gaits("humanoid", tmp_path)
 
 
 @pytest.mark.long
@@ -49,3 +64,11 @@ def test_anymal_trots_with_its_file_s_feet_and_servos_scaled_to_it():
     found = cost.measure([cost.gait.to_vector()])[0]
     assert found.status == "ok"
     assert found.speed > 0.25
+
+
+def test_g1_has_the_twelve_joints_of_its_legs_and_the_feet_of_its_file(monkeypatch):
+    published.folder("example-robot-data")
+    monkeypatch.setattr(study, "cheapest_plan", lambda scene, states: SimpleNamespace(cost=scene))
+    model = study.g1().model
+    assert len(model.joint_names) == len(set(model.servos)) == 12
+    assert {point.link for point in model.contacts} == {"left_ankle_roll_link", "right_ankle_roll_link"}

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import re
+import textwrap
 import warnings
 from argparse import Namespace
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from .arguments import Commands, add_command
+from .arguments import LINE, Commands, add_command
 from .info import table
 
 if TYPE_CHECKING:
     from ..model import Model
 
 DURATION = 1.0  # [s]
-WIDTH = 70  # of a cause in the printed table
+PATH = 30  # characters of a file in the printed table, its last ones
 
 
 class Row(NamedTuple):
@@ -124,16 +125,22 @@ def _kind(cause: str) -> str:
 
 
 def _table(rows: list[Row]) -> list[str]:
-    head = ("file", "loads", "notes", "joints", "mass [kg]", "status", "error", "cause")
-    return table(head, [_cells(row) for row in rows])
+    """A line a robot, and below it why some do not load or run."""
+    head = ("file", "loads", "notes", "joints", "mass [kg]", "status", "error")
+    causes = [_wrapped(f"{row.file}: {row.cause}") for row in rows if row.cause]
+    return [*table(head, [_cells(row) for row in rows]), *([""] * bool(causes)), *causes]
 
 
 def _cells(row: Row) -> tuple[str, ...]:
+    file = row.file if len(row.file) <= PATH else "..." + row.file[3 - PATH :]
     if row.loads == "no":
-        return (row.file, row.loads, *[""] * 5, row.cause[:WIDTH])
+        return (file, row.loads, *[""] * 5)
     error = "" if row.error == "" else f"{row.error:.1e}"
-    mass = f"{row.mass:.5g}"
-    return (row.file, row.loads, str(row.notes), str(row.joints), mass, row.status, error, row.cause[:WIDTH])
+    return (file, row.loads, str(row.notes), str(row.joints), f"{row.mass:.5g}", row.status, error)
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, LINE, subsequent_indent="  ", break_on_hyphens=False)
 
 
 def _summary(rows: list[Row]) -> list[str]:

@@ -1,12 +1,14 @@
-"""Gaits of other robots than the paper's ten-joint humanoid, in MuJoCo: do they walk there too?
+"""Gaits of other robots than the paper's ten-joint humanoid: do they walk in other worlds, and in MuJoCo?
 
-The complete humanoid, whose 19 joints all take part, with its first gait and with one that is searched for energy alone
-in eight worlds; ANYmal B, which comes with `example-robot-data`, on its four point feet, with its first trot and an
-AX-12 scaled to it (`walking.with_generic_servos`).  They walk on the twelve floors of `featherstone_gait.crosscheck`.
+The complete humanoid, whose 19 joints all take part; ANYmal B on its four point feet, and the Unitree G1 with the
+twelve joints of its legs, which come with `example-robot-data`, with an AX-12 scaled to each
+(`walking.with_generic_servos`).  Each walks with its first gait, and with one that is searched for energy alone in
+eight worlds: in 200 worlds that the search has not seen, and on the twelve floors of `featherstone_gait.crosscheck`.
 
     python -m featherstone_gait.experiments.other_robots TABLE.csv
 
-writes a row a floor; started again it goes on with what is not in `TABLE_walks`.
+writes a row a floor, and into `TABLE_worlds.csv` a row a gait; started again it goes on with what is not in
+`TABLE_walks`.
 """
 
 from __future__ import annotations
@@ -28,12 +30,22 @@ from ..files import FilePath, Format, complete, parse_json, write_csv
 from ..model import Ground, Model
 from ..optimize import optimize_gait, walking_cost
 from ..robot_file import load_robot
-from ..walking import Pattern, WalkingCost, fit_gait, four_legged_stride, mirror_by_place, with_generic_servos
+from ..walking import (
+    Pattern,
+    WalkingCost,
+    cheapest_plan,
+    fit_gait,
+    four_legged_stride,
+    mirror_by_place,
+    with_generic_servos,
+)
 from ..walking.cost_in_worlds import in_worlds
+from ..walking.worth import UNSEEN, worth_elsewhere
 from .sources import digest
 
 WORLDS = 8
 TABLE, GAIT = Format("table of other robots"), Format("gait of another robot")
+WORLDS_TABLE, WORTH = Format("worlds of other robots"), Format("worth of another robot's gait")
 SIDES = {"mujoco": "mujoco", "own": "here"}
 
 
@@ -41,7 +53,7 @@ class Robot(NamedTuple):
     """A robot, how it first walks, and how long is searched for more."""
 
     first: Callable[[], WalkingCost]
-    candidates: int  # 0: the first walk alone
+    candidates: int
 
 
 def complete_humanoid() -> WalkingCost:
@@ -59,20 +71,33 @@ def anymal() -> WalkingCost:
     return WalkingCost(_scene(robot), gait, posture, blend_strides=2)
 
 
+def g1() -> WalkingCost:
+    """The cheapest of 73 plans, of a robot that holds all joints but those of its legs.
+
+    Its servos are twice as strong for its weight as a Bioloid's: with such as these none of 35 plans walks in eight
+    worlds.
+    """
+    urdf = "g1_description/urdf/g1_29dof_rev_1_0.urdf"
+    held = [name for name in _published(urdf).joint_names if not any(part in name for part in ("hip", "knee", "ankle"))]
+    robot = with_generic_servos(_published(urdf, held), leg=0.75, margin=2.0)
+    return cheapest_plan(_scene(robot), "step").cost
+
+
 ROBOTS = {
     "complete humanoid": Robot(complete_humanoid, 400),
-    "ANYmal B": Robot(anymal, 0),
+    "ANYmal B": Robot(anymal, 400),
+    "G1": Robot(g1, 400),
 }
 
 
-def _published(urdf: str) -> Model:
+def _published(urdf: str, locked: Sequence[str] = ()) -> Model:
     """Raises ImportError without the package."""
     path = next((folder / urdf for folder in folders() if (folder / urdf).is_file()), None)
     if path is None:
-        raise ImportError("ANYmal comes with a package; pip install example-robot-data")
+        raise ImportError(f"{Path(urdf).name} comes with a package; pip install example-robot-data")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what the file says in another way than it should
-        return load_robot(path, base="floating", contacts="feet")
+        return load_robot(path, base="floating", contacts="feet", locked=[*locked])
 
 
 def _scene(robot: Model) -> CompiledScene:
@@ -83,8 +108,6 @@ def gaits(name: str, folder: Path) -> tuple[WalkingCost, dict[str, np.ndarray]]:
     """Cost of a robot's first gait, and the vectors (D,) of that and of the one that is searched for [rad]."""
     robot, cost = ROBOTS[name], ROBOTS[name].first()
     path, first = folder / f"{name}_{robot.candidates}.json".replace(" ", "_"), cost.gait.to_vector()
-    if not robot.candidates:
-        return cost, {"first": first}
     if not path.exists():
         result = optimize_gait(in_worlds(cost, WORLDS), iterations=robot.candidates, no_progress=robot.candidates)
         if result.status == 2:
@@ -99,10 +122,29 @@ def gaits(name: str, folder: Path) -> tuple[WalkingCost, dict[str, np.ndarray]]:
     return cost, {"first": first, f"{robot.candidates} candidates": np.array(told["x"])}
 
 
-def rows_of(name: str, folder: Path) -> list[list]:
+def worth_of(name: str, folder: Path, cost: WalkingCost, vectors: dict[str, np.ndarray]) -> list[list]:
+    """A row a gait: what it costs on the own ground and in the worlds of the search, and what it does in others."""
+    path = folder / f"{name}_{ROBOTS[name].candidates}_worth.json".replace(" ", "_")
+    digits = [x.tolist() for x in vectors.values()]
+    if path.exists():
+        told = parse_json(path.read_text("utf-8"), str(path), "delete it")
+        WORTH.check(path, told["format"])
+        if told["gaits"] == digits:
+            return told["rows"]
+    x = [*vectors.values()]
+    each = zip(vectors, cost.measure(x), in_worlds(cost, WORLDS).costs(x), worth_elsewhere(cost, x, UNSEEN))
+    rows: list[list] = []
+    for gait, own, (searched, _), there in each:
+        costs = there["cost"] or [None] * 3
+        rows.append([name, gait, own.cost, own.cost_of_transport, own.speed, searched, there["walks"], *costs])
+    with complete(path) as temporary:
+        temporary.write_text(json.dumps({"format": str(WORTH), "gaits": digits, "rows": rows}), "utf-8")
+    return rows
+
+
+def rows_of(name: str, folder: Path, cost: WalkingCost, vectors: dict[str, np.ndarray]) -> list[list]:
     """A row a gait and floor, soles as spheres; what was walked before is not walked again."""
     rows = []
-    cost, vectors = gaits(name, folder)
     for k, (gait, x) in enumerate(vectors.items()):
         own = cost.measure([x])[0]
         motion = motion_of(cost.gait.from_vector(x), cost.start, cost.blend_strides)
@@ -122,16 +164,27 @@ def write_table(path: FilePath, rows: Sequence[Sequence]) -> None:
     write_csv(path, TABLE, columns, rows, f"sources {digest(Path(__file__))}")
 
 
+def write_worlds(path: FilePath, rows: Sequence[Sequence]) -> None:
+    """Rows of `worth_of` as CSV."""
+    columns = ["robot", "gait", "own_ground_J_per_m", "own_ground_cost_of_transport", "own_ground_m_per_s"]
+    columns += ["searched_worlds_J_per_m", "walks", *(f"p{share}_J_per_m" for share in (5, 50, 95))]
+    write_csv(path, WORLDS_TABLE, columns, rows, f"sources {digest(Path(__file__))}")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Walk one robot after the other, and write the table after each."""
+    """Walk one robot after the other, and write the tables after each."""
     parser = argparse.ArgumentParser(description="gaits of other robots in MuJoCo; interrupted to go on")
     parser.add_argument("table", type=Path, metavar="TABLE.csv")
     args = parser.parse_args(arguments)
     folder = Path(str(args.table.with_suffix("")) + "_walks")
     folder.mkdir(parents=True, exist_ok=True)
     rows: list[list] = []
+    worlds: list[list] = []
     for name in tqdm(ROBOTS, unit="robot"):
-        rows += rows_of(name, folder)
+        walked = gaits(name, folder)
+        worlds += worth_of(name, folder, *walked)
+        write_worlds(args.table.with_name(f"{args.table.stem}_worlds.csv"), worlds)
+        rows += rows_of(name, folder, *walked)
         write_table(args.table, rows)
     return 0
 

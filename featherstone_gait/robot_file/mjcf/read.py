@@ -61,7 +61,7 @@ def compiled(path: Path) -> tuple[Any, list[str]]:
     with warnings.catch_warnings(record=True) as caught, heard(mujoco, remarks):
         warnings.simplefilter("always")
         try:
-            m = mujoco.MjSpec.from_file(str(path)).compile()
+            m = mujoco.MjSpec.from_file(str(path.absolute())).compile()  # a relative one hides what includes add
         except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:
             raise ValueError(f"MuJoCo cannot read it: {_line(error)}; correct the file there") from error
     said = dict.fromkeys(_line(remark) for remark in [*remarks, *(warning.message for warning in caught)])
