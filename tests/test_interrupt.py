@@ -1,16 +1,19 @@
 """Ctrl-C ends a native run at once, and leaves nothing half done."""
 
 import os
+import signal
 import subprocess
 import sys
 import textwrap
 import threading
+import time
 from pathlib import Path
 
 import pytest
 from scenes import pendulum
 
 from featherstone_gait.build.scene import compile_scene
+from featherstone_gait.run import interrupt
 from featherstone_gait.run.prepared import prepare
 from featherstone_gait.run.simulate import simulate
 
@@ -92,3 +95,57 @@ def test_what_a_kernel_raises_is_raised():
 
     with pytest.raises(ValueError, match="no"):
         call_interruptibly(failing, *ready.arguments(ready.start()))
+
+
+@pytest.mark.nojit
+def test_one_thread_serves_all_runs():
+    scene = compile_scene(pendulum(), integrator="extrapolation")
+    simulate(scene, 0.02)
+    before = threading.active_count()
+    for _ in range(3):
+        simulate(scene, 0.02)
+    assert threading.active_count() == before
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+@pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
+def test_a_forked_program_simulates_too():
+    """It has not inherited the thread."""
+    scene = compile_scene(pendulum(), integrator="dop853")
+    simulate(scene, 0.02)
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            code = 0 if simulate(scene, 0.02).ok else 2
+        finally:
+            os._exit(code)
+    end = time.monotonic() + 60.0
+    done, status = 0, 0
+    while not done and time.monotonic() < end:
+        done, status = os.waitpid(child, os.WNOHANG)
+        time.sleep(0.01)
+    if not done:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+    assert done
+    assert status == 0
+
+
+@pytest.mark.nojit
+def test_what_comes_before_the_kernel_begins_leaves_no_wait(monkeypatch):
+    """Ctrl-C between two instructions may come before the thread has been given anything."""
+    scene = compile_scene(pendulum(), integrator="extrapolation")
+    simulate(scene, 0.02)
+
+    class Interrupted:
+        def put(self, job):
+            monkeypatch.undo()
+            raise KeyboardInterrupt
+
+    kept = interrupt._jobs[0]
+    monkeypatch.setattr(interrupt, "_jobs", [Interrupted()])
+    with pytest.raises(KeyboardInterrupt):
+        simulate(scene, 0.02)
+    assert interrupt._jobs == [kept]
+    assert simulate(scene, 0.02).ok

@@ -52,8 +52,7 @@ def companion(scene: CompiledScene, sample: float | None, rtol: float | None, at
     That is of "simtwo", which has no continuous limit, and of a scene with constants put in by hand.
     """
     if rtol is not None and atol is not None:
-        scene = replace(scene, method=scene.method._replace(companion=True))
-        return Companion(scene, min(1.0, COARSER * rtol), min(1.0, COARSER * atol), SHARE)
+        return Companion(_by_companion(scene), min(1.0, COARSER * rtol), min(1.0, COARSER * atol), SHARE)
     if scene.method.drives or scene.by_hand:
         return None
     every, tick, delay = steps_between_records(scene, sample), scene.tick_steps, scene.constants.firmware.delay
@@ -62,6 +61,12 @@ def companion(scene: CompiledScene, sample: float | None, rtol: float | None, at
         if not beyond_stability(coarse):
             return Companion(coarse, None, None, OF_TWICE.get(scene.method.order, OF_HIGHER), _with_step(scene, 0.5))
     return Companion(_with_step(scene, 0.5), None, None, OF_HALF)
+
+
+@functools.lru_cache(maxsize=16)
+def _by_companion(scene: CompiledScene) -> CompiledScene:
+    """The scene, with the companion's way to take its steps; one object, for it remembers its layout."""
+    return replace(scene, method=scene.method._replace(companion=True))
 
 
 @functools.lru_cache(maxsize=16)

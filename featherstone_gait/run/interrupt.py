@@ -1,11 +1,14 @@
 """Native runs that Ctrl-C ends.
 
 Python handles a signal in the main thread, between two of its own instructions: not before a kernel returns.  A kernel
-called from there runs in a thread of its own, which looks at `Run.stop`, while the main thread waits for it.
+called from there runs in a thread of its own, which looks at `Run.stop`, while the main thread waits for it.  One
+thread serves all calls: to start one takes as long as a short run.
 """
 
 from __future__ import annotations
 
+import os
+import queue
 import threading
 from collections.abc import Callable
 
@@ -17,13 +20,16 @@ Kernel = Callable[[Run, np.ndarray, np.ndarray], None]
 PATIENCE = 0.1  # [s] between looks at signals that were delivered to another thread
 
 
+_jobs: list[queue.SimpleQueue] = []  # of the thread, if it is there
+
+
 def call_interruptibly(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray) -> None:
     """Call the kernel; in the main thread, what is raised meanwhile (KeyboardInterrupt) ends it within a step."""
     if threading.current_thread() is not threading.main_thread():
         return kernel(run, y, out)
     _compile(kernel, run, y, out)  # here, where Ctrl-C ends that too
     failures: list[BaseException] = []
-    done = threading.Event()  # an interrupted join takes a thread for ended
+    done = threading.Event()
 
     def work() -> None:
         try:
@@ -33,21 +39,37 @@ def call_interruptibly(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray)
         finally:
             done.set()
 
-    thread = threading.Thread(target=work)
+    if not _jobs:
+        _begin()
     try:
-        thread.start()
+        _jobs[0].put(work)
         while not done.wait(PATIENCE):
             pass
     except BaseException:
         run.stop[0] = 1
-        done.wait()
+        ended = threading.Event()  # of what the thread has been given, the kernel or not
+        _jobs[0].put(ended.set)
+        ended.wait()
         run.stop[0] = 0
         raise
-    finally:
-        if done.is_set():
-            thread.join()
     if failures:
         raise failures[0]
+
+
+def _begin() -> None:
+    """Start the thread; it ends with the program, and has no like in a forked one."""
+    jobs: queue.SimpleQueue = queue.SimpleQueue()
+    threading.Thread(target=_work, args=(jobs,), name="featherstone_gait runs", daemon=True).start()
+    _jobs.append(jobs)
+
+
+def _work(jobs: queue.SimpleQueue) -> None:
+    while True:
+        jobs.get()()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_jobs.clear)
 
 
 def _compile(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray) -> None:

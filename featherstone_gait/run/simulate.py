@@ -199,6 +199,8 @@ def _simulated(
     executor: Executor | None,
 ) -> list[Trajectory]:
     """The runs, without their errors."""
+    if not batch.cases:
+        return []
     driven = any(tau is not None for tau in batch.taus)
     stop = np.zeros(1, np.int64)
 
