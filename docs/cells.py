@@ -27,6 +27,7 @@ NOMINAL = KEPT / "gait_nominal.json"
 ENERGY_ONLY = {k: KEPT / f"gait_energy_only_{k}.json" for k in (0, 1, 2)}
 FROM_CHEAPEST = {k: KEPT / f"gait_from_cheapest_{k}.json" for k in (0, 1)}
 WORLDS_COST, OTHER_ROBOTS = KEPT / "worlds_cost.csv", KEPT / "other_robots.csv"
+OTHER_WORLDS = KEPT / "other_robots_worlds.csv"
 UNITS = KEPT / "unit_study_sensitivity.csv"
 WALKS = "energy per distance, speed"
 
@@ -237,9 +238,9 @@ def units() -> Iterable[Cells | Words]:
 
 
 def other_robots() -> Iterable[Cells]:
-    """docs/crosscheck.md tells how other robots walk in MuJoCo."""
+    """docs/crosscheck.md tells how other robots walk in MuJoCo, docs/walking.md how in other worlds."""
     from featherstone_gait.crosscheck import FLOORS
-    from featherstone_gait.experiments.other_robots import ROBOTS, TABLE
+    from featherstone_gait.experiments.other_robots import ROBOTS, TABLE, WORLDS_TABLE
 
     rows = _records(OTHER_ROBOTS, TABLE)
     each: dict[tuple[str, str], list[dict[str, str]]] = {}
@@ -249,11 +250,18 @@ def other_robots() -> Iterable[Cells]:
     for (robot, gait), found in each.items():
         own = f"{float(found[0]['own_ground_J_per_m']):.1f} J/m, {1e3 * float(found[0]['own_ground_m_per_s']):.0f} mm/s"
         yield Cells(page, f"{robot}, {gait}", (own, *(_floors_told(found, side) for side in ("mujoco", "here"))))
-    unfinished = (None,) * (sum(1 + bool(robot.candidates) for robot in ROBOTS.values()) - len(each))
+    unfinished = (None,) * (2 * len(ROBOTS) - len(each))
     for name, (time_constant, friction) in FLOORS.items():
         on = [next(row for row in found if row["floor"] == name) for found in each.values()]
         walks = tuple(_walk_told(row, "mujoco") for row in on)
         yield Cells(page, f"{1e3 * time_constant:g} ms, {friction:g}", (*walks, *unfinished))
+    for row in _records(OTHER_WORLDS, WORLDS_TABLE):
+        x = {name: float(row[name]) for name in row if name not in ("robot", "gait")}
+        own = f"{x['own_ground_J_per_m']:.1f} J/m ({x['own_ground_cost_of_transport']:.2f}), " \
+              f"{1e3 * x['own_ground_m_per_s']:.0f} mm/s"  # fmt: skip
+        there = f"{x['p50_J_per_m']:.0f}, {x['p5_J_per_m']:.0f} to {x['p95_J_per_m']:.0f} J/m"
+        cells = (own, f"{x['searched_worlds_J_per_m']:.0f} J/m", f"{100 * x['walks']:g} %", there)
+        yield Cells("docs/walking.md", f"{row['robot']}, {row['gait']}", cells)
 
 
 def _floors_told(rows: Sequence[dict[str, str]], side: str) -> str:

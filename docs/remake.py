@@ -65,8 +65,8 @@ PARTS: dict[str, Part] = {
         modules=("experiments/what_worlds_cost.py",),
     ),
     "other-robots-table": Part(
-        "the tables of other robots in docs/crosscheck.md from their file", 0.0, cells=pages.other_robots,
-        modules=("experiments/other_robots.py",),
+        "the tables of other robots in docs/crosscheck.md and walking.md from their files", 0.0,
+        cells=pages.other_robots, modules=("experiments/other_robots.py",),
     ),
     "units-table": Part(
         "the table of units in docs/tutorials/study.md from its file", 0.0, cells=pages.units,
@@ -161,9 +161,11 @@ PARTS: dict[str, Part] = {
         modules=("study/sensitivity.py", "study/draws.py", "study/measures.py"),
     ),
     "other-robots": Part(
-        "other robots in MuJoCo, for docs/crosscheck.md", 12,
+        "other robots in MuJoCo and in unseen worlds, for docs/crosscheck.md and walking.md", 13,
         ("-m", "featherstone_gait.experiments.other_robots", "{out}/other_robots.csv"),
-        (("other_robots.csv", "docs/reproduction/other_robots.csv"),), modules=("experiments/other_robots.py",),
+        (("other_robots.csv", "docs/reproduction/other_robots.csv"),
+         ("other_robots_worlds.csv", "docs/reproduction/other_robots_worlds.csv")),
+        modules=("experiments/other_robots.py",),
     ),
     "reproduction": Part(
         "the paper at full size, for docs/paper.md", 58, ("reproduce", "--full", "--out", "{out}"),

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import pytest
 
-from featherstone_gait.core.compile import progress
+from featherstone_gait.core.compile import jit, progress
 from featherstone_gait.core.compile.jit import ENTRY, JIT, entry, inline, kernel
 
 pytestmark = pytest.mark.skipif(not JIT, reason="is about compiled code")
@@ -91,7 +91,9 @@ def test_garbage_is_collected_again_after_compiling(collects):
         (gc.enable if was else gc.disable)()
 
 
-def test_a_terminal_is_told_what_is_compiled(monkeypatch, capsys):
+def test_a_terminal_is_told_what_is_compiled(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(jit, "CACHE_FOLDER", str(tmp_path))  # an empty one: a kernel that is kept is compiled no more
+
     @entry
     def tell(x):
         return 3.0 * x

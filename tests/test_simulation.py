@@ -124,6 +124,16 @@ def test_channels_of_a_floating_robot_on_the_ground():
     }
 
 
+def test_where_no_channels_are_named_positions_and_velocities_are_recorded():
+    """Of a base that floats too, or nobody could show where the robot is; among others that do not, the joints'."""
+    arm, thing = arm_scene(), compile_scene(box())
+    recorded = [{*run.channels} - {"time"} for run in (simulate(arm, 0.02), simulate(thing, 0.02))]
+    assert recorded == [{"q", "qd"}, {"q", "qd", "base_q", "base_qd"}]
+    for run in simulate_batch([arm, thing], 0.02):
+        assert {*run.channels} == {"time", "q", "qd"}
+    assert all("base_q" in run for run in simulate_batch(thing, 0.02, [None, None]))
+
+
 def test_what_is_recorded_and_how_often_does_not_change_the_run():
     scene, state = arm_scene(), initial_state(arm_scene(), np.full(7, 0.2))
     reference = Reference([0.0], np.zeros((1, 7)))

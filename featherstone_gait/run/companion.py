@@ -76,12 +76,6 @@ def _with_step(scene: CompiledScene, factor: float) -> CompiledScene:
     return replace(other, tick_steps=round(scene.tick_steps / factor))
 
 
-def coordinates(scene: CompiledScene) -> tuple[str, ...]:
-    """The channels that are judged."""
-    base = ("base_q", "base_qd") if scene.model.base == "floating" else ()
-    return ("q", "qd", *base)
-
-
 def accounted(run: Trajectory, other: Trajectory, share: float, record: Sequence[str]) -> Trajectory:
     """The run with its error, a share of what is between it and the companion's; inaccurate if that is too large.
 

@@ -305,7 +305,7 @@ class Prepared:
 def prepare(
     scene: CompiledScene,
     duration: float,
-    record: Iterable[str] = ("q", "qd"),
+    record: Iterable[str] | None = None,
     sample: float | None = None,
     *,
     pushes: Sequence[Push] = (),
@@ -328,10 +328,22 @@ def prepare(
         atol = rtol if atol is None else atol
         plan = plan._replace(rtol=rtol, atol=atol, least_step=LEAST_STEP, integrated=integrated)
         plan = plan._replace(companion=scene.method.companion, budget=BUDGET + BUDGET_RATE * plan.steps * plan.h)
-    record = tuple(listed("record", record, "give a list of channels, such as ('q', 'qd')"))
+    record = recorded(scene, record)
     ready = Prepared(scene.pushed(pushes), plan, record, *_stored(scene, record), controller=controller)
     _check_size(ready)
     return ready
+
+
+def recorded(scene: CompiledScene, record: Iterable[str] | None) -> tuple[str, ...]:
+    """The channels to record, those of the coordinates if None; TypeError for no list."""
+    if record is None:
+        return coordinates(scene)
+    return tuple(listed("record", record, "give a list of channels, such as ('q', 'qd')"))
+
+
+def coordinates(scene: CompiledScene) -> tuple[str, ...]:
+    """The channels of positions and velocities, by which a run is judged."""
+    return ("q", "qd", *(("base_q", "base_qd") if scene.tree.floating else ()))
 
 
 def _check_size(ready: Prepared) -> None:

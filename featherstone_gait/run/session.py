@@ -35,9 +35,9 @@ from ..files import FilePath, Format, complete, read_arrays
 from ..reference import Reference
 from ..trajectory import Trajectory
 from ..worlds import Worlds
-from .companion import FIXED_LIMIT, LIMIT, SPEED_LIMIT, WHOLE, companion, coordinates
+from .companion import FIXED_LIMIT, LIMIT, SPEED_LIMIT, WHOLE, companion
 from .crowd import Crowd, Lot
-from .prepared import Prepared, Start, each_once, prepare, with_tolerance
+from .prepared import Prepared, Start, coordinates, each_once, prepare, with_tolerance
 from .program import CompiledController, open_loop
 from .start import check_scene
 from .verdict import STATUS, trajectory, verdict

@@ -29,9 +29,9 @@ from ..reference import Reference
 from ..trajectory import Trajectory, with_error
 from ..worlds import Worlds
 from .batch import drive_lanes, family, run_all, streams
-from .companion import OF_HALF, Companion, accounted, companion, coordinates, judged
+from .companion import OF_HALF, Companion, accounted, companion, judged
 from .lane_engine import Source
-from .prepared import Prepared, Start, each_once, prepare, with_tolerance
+from .prepared import Prepared, Start, coordinates, each_once, prepare, recorded, with_tolerance
 from .program import CompiledController
 from .start import check_scene, initial_state, restarted, standing_state
 from .verdict import trajectory
@@ -50,7 +50,7 @@ def simulate(
     reference: Reference | None = None,
     tau: Reference | ArrayLike | None = None,
     pushes: Sequence[Push] = (),
-    record: Iterable[str] = ("q", "qd"),
+    record: Iterable[str] | None = None,
     sample: float | None = None,
     *,
     noise: ArrayLike | None = None,
@@ -65,8 +65,9 @@ def simulate(
     references, torques and pushes are functions of the time since the first start, as if the run had not been cut
     (`restarted(scene, state)` begins at zero again); reference: joint angles for the servos,
     None holds those of `state`; tau: (joints,) constant torques or a `Reference` of torques [N m]; pushes: external
-    forces; record: channels, see below; sample: time between records [s], a multiple of the step (a tick if None);
-    noise: (ticks, joints, 2), added at each controller tick to the measured angle [rad] and to the voltage [V];
+    forces; record: channels, see below; None: "q" and "qd", and of a floating base "base_q" and "base_qd"; sample: time
+    between records [s], a multiple of the step (a tick if None); noise: (ticks, joints, 2), added at each controller
+    tick to the measured angle [rad] and to the voltage [V];
     rtol, atol: error allowed in a step, relative and absolute [rad, m, and their rates; A; J], of an integrator that
     chooses its steps (atol is rtol if None); given for a scene of fixed steps, they choose such an integrator for this
     run: "extrapolation" if it is stiff, else "dop853";
@@ -95,7 +96,7 @@ def simulate_batch(
     references: Sequence[Reference | None] | None = None,
     taus: Sequence[Reference | ArrayLike | None] | None = None,
     pushes: Sequence[Push] = (),
-    record: Iterable[str] = ("q", "qd"),
+    record: Iterable[str] | None = None,
     sample: float | None = None,
     *,
     worlds: Worlds | None = None,
@@ -129,7 +130,7 @@ def simulate_batch(
     if several is not None:
         cases = [case._replace(controller=one) for case, one in zip(cases, acts)]
     batch = Batch(cases, **runs)
-    record = tuple(listed("record", record, "give a list of channels, such as ('q', 'qd')"))
+    record = _recorded(scenes, record)
     simulated = functools.partial(_simulated, duration=duration, pushes=pushes, executor=executor)
     if estimate is False:
         return simulated(batch, record)
@@ -189,6 +190,13 @@ def _runs(scene: Any, worlds: Worlds | None, each: dict[str, Any]) -> dict[str, 
         lengths = [len(runs[name]) for name in names]
         raise ValueError(f"{', '.join(names)} have {lengths} entries; give as many of each, one a run")
     return runs if lists["scenes"] is not None else runs | {"scenes": [scene] * n}
+
+
+def _recorded(scenes: Sequence[CompiledScene], record: Iterable[str] | None) -> tuple[str, ...]:
+    """The channels that all runs record: where some robots float and others do not, those of the joints if None."""
+    each_once(check_scene, scenes)
+    fixed = [one for one in scenes if not one.tree.floating]
+    return recorded([*fixed, *scenes][0], record) if scenes else ()
 
 
 def _simulated(
@@ -305,7 +313,7 @@ def simulate_stream(
     source: Source,
     begin: Callable[[Any], tuple[np.ndarray, Reference] | tuple[np.ndarray, Reference, int]],
     end: Callable[[Trajectory], Any],
-    record: Iterable[str] = ("q", "qd"),
+    record: Iterable[str] | None = None,
     sample: float | None = None,
     threads: int | None = None,
 ) -> float:
