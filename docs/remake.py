@@ -95,7 +95,8 @@ PARTS: dict[str, Part] = {
         f"seed-{k}": Part(
             f"the gait of seed {k} in docs/optimize.md", 5,
             ("optimize", "--seed", f"{k}", "--crosscheck", "--no-fair", "--out", "{out}"),
-            (("humanoid_gait.json", f"{KEPT_IN}/gait_seed_{k}.json"),),
+            (("humanoid_gait.json", f"{KEPT_IN}/gait_seed_{k}.json"),
+             ("humanoid_gait.npz", f"{KEPT_IN}/gait_seed_{k}.npz")),
         )
         for k in (1, 2)
     },

@@ -395,5 +395,9 @@ def _sizes(result: Result) -> Figure:
 
 
 def _papers(axes: Axes) -> None:
+    """The paper's scatter of both models, at the left end of its line."""
     for servos, value in PAPER.items():
-        axes.axhline(100 * value, color=COLOURS[servos, EXPLICIT], linestyle=":", linewidth=1.2)
+        colour, text = COLOURS[servos, EXPLICIT], f"paper {100 * value:g} %"
+        axes.axhline(100 * value, color=colour, linestyle=":", linewidth=1.2)
+        axes.annotate(text, (0.01, 100 * value), xycoords=axes.get_yaxis_transform(), xytext=(0, 2),
+                      textcoords="offset points", color=colour, fontsize=7.5, va="bottom")  # fmt: skip

@@ -489,8 +489,14 @@ def _progress(result: Result) -> Figure:
             k = searches[0].at
             draw_band(axes, k, curves, COLOURS[condition], str(condition))
     first = result.of(MIPSD)[0]
-    for axes, value in zip(panels, (first.cost[0] * (1 + PAPER_COST), 1e3 * first.step[0] * (1 + PAPER_STEP))):
+    papers = {PAPER_COST: first.cost[0], PAPER_STEP: 1e3 * first.step[0]}
+    for axes, (change, planned), end in zip(panels, papers.items(), ("right", "left")):  # where no curve is near
+        value = planned * (1 + change)
         axes.axhline(value, color=COLOURS[MIPSD], linestyle=":", linewidth=1.2)
+        axes.annotate(
+            f"paper {100 * change:+.0f} %", (float(end == "right"), value), ha=end, color=COLOURS[MIPSD], fontsize=7.5,
+            xycoords=axes.get_yaxis_transform(), xytext=(0, 2), textcoords="offset points",
+        )  # fmt: skip
         axes.set(xlabel="iteration", xlim=(0, len(first.best) - 1))
         axes.grid(alpha=0.3)
     panels[0].set_ylabel("energy per distance [J/m]")
