@@ -27,7 +27,7 @@ NOMINAL = KEPT / "gait_nominal.json"
 ENERGY_ONLY = {k: KEPT / f"gait_energy_only_{k}.json" for k in (0, 1, 2)}
 FROM_CHEAPEST = {k: KEPT / f"gait_from_cheapest_{k}.json" for k in (0, 1)}
 WORLDS_COST, OTHER_ROBOTS = KEPT / "worlds_cost.csv", KEPT / "other_robots.csv"
-OTHER_WORLDS = KEPT / "other_robots_worlds.csv"
+OTHER_WORLDS, IN_BULLET = KEPT / "other_robots_worlds.csv", KEPT / "in_bullet.csv"
 UNITS = KEPT / "unit_study_sensitivity.csv"
 WALKS = "energy per distance, speed"
 
@@ -262,6 +262,22 @@ def other_robots() -> Iterable[Cells]:
         there = f"{x['p50_J_per_m']:.0f}, {x['p5_J_per_m']:.0f} to {x['p95_J_per_m']:.0f} J/m"
         cells = (own, f"{x['searched_worlds_J_per_m']:.0f} J/m", f"{100 * x['walks']:g} %", there)
         yield Cells("docs/walking.md", f"{row['robot']}, {row['gait']}", cells)
+
+
+def in_bullet() -> Iterable[Cells]:
+    """docs/crosscheck.md tells how gaits walk in Bullet."""
+    from featherstone_gait.experiments.in_bullet import FLOORS, FRICTIONS, GAITS, TABLE
+
+    rows = {(row["gait"], row["floor"], float(row["friction"])): row for row in _records(IN_BULLET, TABLE)}
+    for gait in GAITS:
+        on = [rows[gait, floor, friction] for floor in FLOORS for friction in FRICTIONS]
+        cells = tuple(
+            f"{float(row['cost_J_per_m']):.1f}, {1e3 * float(row['speed_m_per_s']):.0f}"
+            if row["walks"] == "True"
+            else f"falls, {float(row['end_s']):.1f} s"
+            for row in on
+        )
+        yield Cells("docs/crosscheck.md", f"{gait}, in Bullet", cells)
 
 
 def _floors_told(rows: Sequence[dict[str, str]], side: str) -> str:

@@ -68,6 +68,10 @@ PARTS: dict[str, Part] = {
         "the tables of other robots in docs/crosscheck.md and walking.md from their files", 0.0,
         cells=pages.other_robots, modules=("experiments/other_robots.py",),
     ),
+    "in-bullet-table": Part(
+        "the table of Bullet in docs/crosscheck.md from its file", 0.0, cells=pages.in_bullet,
+        modules=("experiments/in_bullet.py",),
+    ),
     "units-table": Part(
         "the table of units in docs/tutorials/study.md from its file", 0.0, cells=pages.units,
         modules=("study/sensitivity.py",),
@@ -167,6 +171,11 @@ PARTS: dict[str, Part] = {
         (("other_robots.csv", "docs/reproduction/other_robots.csv"),
          ("other_robots_worlds.csv", "docs/reproduction/other_robots_worlds.csv")),
         modules=("experiments/other_robots.py",),
+    ),
+    "in-bullet": Part(
+        "gaits in Bullet, for docs/crosscheck.md", 10,
+        ("-m", "featherstone_gait.experiments.in_bullet", "{out}/in_bullet.csv"),
+        (("in_bullet.csv", "docs/reproduction/in_bullet.csv"),), modules=("experiments/in_bullet.py",),
     ),
     "reproduction": Part(
         "the paper at full size, for docs/paper.md", 58, ("reproduce", "--full", "--out", "{out}"),
