@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WRONG, SILENT = 1e-3, 1e-2  # error that counts of the default, and of integrators named [rad or m]
+ROUNDING = 1e-12  # an error that is told of a robot that does not move [rad or m]
 PATIENCE = 30.0  # CPU seconds of a run
 ENOUGH, REPEATS = 0.5, 9  # CPU seconds and runs after which a time is believed
 NAMED = ("implicit_euler", "midpoint", "rk4", "dop853", "extrapolation", "ars343")
@@ -252,9 +253,9 @@ def _line(name: str, rows: Sequence[Row]) -> str:
     run = [row for row in rows if row.verdict != "dear"]
     told = [row for row in run if math.isfinite(row.estimate)]
     covered = share(sum(row.error < 10.0 * row.estimate for row in told), len(told))
-    sharp = share(sum(row.estimate < 100.0 * row.error for row in told), len(told))
-    error, ratio = (statistics.median(values or [math.nan])
-                    for values in ([row.error for row in run], [row.ratio for row in rows]))  # fmt: skip
+    sharp = share(sum(row.estimate < max(100.0 * row.error, ROUNDING) for row in told), len(told))
+    ratios = [row.ratio for row in rows if not math.isnan(row.ratio)]  # NaN: version 0.1's default came to no end
+    error, ratio = (statistics.median(values or [math.nan]) for values in ([row.error for row in run], ratios))
     return (
         f"{name:24}{len(rows):7}{ok / n:7.0%}{counts['held'] / n:7.0%}{counts['alarm'] / n:7.0%}"
         f"{counts['silent'] / n:8.0%}{counts['flagged'] / n:9.0%}{counts['dear'] / n:6.0%}{error:14.1e}"
