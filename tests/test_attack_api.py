@@ -40,6 +40,15 @@ def test_right_arguments_are_right(tmp_path, monkeypatch):
             assert _judged(call, call.arguments, []) is None, call.name
 
 
+@pytest.mark.long
+def test_right_arguments_of_what_takes_long_are_right(tmp_path, monkeypatch):
+    """The long attack calls them before it damages them, and would end there."""
+    monkeypatch.chdir(tmp_path)
+    for call in right_calls():
+        if call.dear:
+            call.function(**call.arguments)
+
+
 @pytest.mark.parametrize(
     ("function", "value", "fault"),
     [

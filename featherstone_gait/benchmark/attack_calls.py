@@ -330,7 +330,8 @@ def _walking() -> Iterator[Call]:
     scene = fg.compile_scene(robot, "mipsd", fg.Ground(), "midpoint", 1e-3)
     yield Call("first_gait", walking.first_gait, {"scene": scene, "plan": "plain", "states": "step"}, True)
     few = {"scene": scene, "states": "step", "box": None, "count": (1,), "searched": None, "seed": 0}
-    yield Call("cheapest_plan", walking.cheapest_plan, few, True)
+    known = {"step_length": 0.03, "step_time": 0.26, "lift": 0.014, "com_height": 0.206, "half_width": 0.0365}
+    yield Call("cheapest_plan", walking.cheapest_plan, few | known | {"double_support": 0.12}, True)
     yield Call("Constraints", walking.Constraints, _all_fields(walking.Constraints(1.0, 0.1, 0.1, 0.1, 0.1)))
 
 
