@@ -23,11 +23,12 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
+from types import NoneType
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
-from ..arguments import instance, one_of, shown, whole
+from ..arguments import instance, listed, one_of, shown, whole
 from ..build.scene import CompiledScene
 from ..build.tree import GRAVITY
 from ..model import Model
@@ -146,7 +147,14 @@ def cheapest_plan(
     """
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
     one_of("states", states, get_args(States))
-    counts = [whole("count", n, 1, "give how many plans to try", MOST_PLANS) for n in count]
+    instance("box", box, (Box, NoneType), "give Box(...), or None")
+    seed = whole("seed", seed, 0, "any number will do")
+    if searched is not None and not callable(searched):
+        raise TypeError(f"searched is {shown(searched)}; give a function of a WalkingCost, or None")
+    given = listed("count", count, "give a list of numbers of plans, the first of the whole box")
+    counts = [whole("count", n, 1, "give how many plans to try", MOST_PLANS) for n in given]
+    if not counts:
+        raise ValueError("count is empty; give how many plans to try in the whole box")
     if len(counts) > 1 + len(SMALLER):
         raise ValueError(f"count has {len(counts)} numbers; give one, and up to {len(SMALLER)} for smaller boxes")
     search = _Search(scene, states, box or Box(), searched or _in_worlds(scene), held)

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from os import cpu_count
+from types import NoneType
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from featherstone_gait.build.scene import CompiledScene
 from featherstone_gait.core.effects.energies import METER
 from featherstone_gait.model import Ground, HeightField
 from featherstone_gait.run.simulate import Push, simulate, simulate_batch, standing_state
+from featherstone_gait.run.start import check_scene
 from featherstone_gait.trajectory import Trajectory
 from featherstone_gait.walking.cost_in_worlds import MOST_WORLDS, variations
 from featherstone_gait.walking.feedback import BalancedWalk
@@ -77,7 +79,9 @@ def pushes_survived(
     which half fell.  Each is of four phases in each of the worlds, drawn as those of a search.  feedback: False plays
     the same gait without.
     """
+    check_scene(scene)
     instance("walk", walk, BalancedWalk, "give what balanced returns")
+    seed = whole("seed", seed, 0, "any number will do")
     drawn, offsets = variations(scene, whole("worlds", worlds, 1, "it is a number of worlds", MOST_WORLDS), seed)
     pushed = Pushed(walk, feedback, drawn.scenes(scene), offsets)
 
@@ -136,7 +140,11 @@ def walk_far(
     seed: int = 0,
 ) -> LongWalk:
     """Walk `strides` strides on another ground than the scene's, None for its own; seed: of the sensors' noise."""
+    check_scene(scene)
     instance("walk", walk, BalancedWalk, "give what balanced returns")
+    instance("ground", ground, (Ground, NoneType), "give Ground(...), or None for the scene's own")
+    strides = whole("strides", strides, 1, "it is a number of strides", 10**6)
+    seed = whole("seed", seed, 0, "any number will do")
     scene = scene if ground is None else scene.recompiled(ground=ground)
     motion, reference = walk.motion, walk.reference(strides)
     run = simulate(
