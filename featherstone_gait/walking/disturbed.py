@@ -16,7 +16,7 @@ from types import NoneType
 
 import numpy as np
 
-from featherstone_gait.arguments import instance, real, whole
+from featherstone_gait.arguments import instance, real, truth, whole
 from featherstone_gait.build.scene import CompiledScene
 from featherstone_gait.core.effects.energies import METER
 from featherstone_gait.model import Ground, HeightField
@@ -81,7 +81,7 @@ def pushes_survived(
     """
     check_scene(scene)
     instance("walk", walk, BalancedWalk, "give what balanced returns")
-    seed = whole("seed", seed, 0, "any number will do")
+    seed, feedback = whole("seed", seed, 0, "any number will do"), truth("feedback", feedback)
     drawn, offsets = variations(scene, whole("worlds", worlds, 1, "it is a number of worlds", MOST_WORLDS), seed)
     pushed = Pushed(walk, feedback, drawn.scenes(scene), offsets)
 
@@ -144,7 +144,7 @@ def walk_far(
     instance("walk", walk, BalancedWalk, "give what balanced returns")
     instance("ground", ground, (Ground, NoneType), "give Ground(...), or None for the scene's own")
     strides = whole("strides", strides, 1, "it is a number of strides", 10**6)
-    seed = whole("seed", seed, 0, "any number will do")
+    seed, feedback = whole("seed", seed, 0, "any number will do"), truth("feedback", feedback)
     scene = scene if ground is None else scene.recompiled(ground=ground)
     motion, reference = walk.motion, walk.reference(strides)
     run = simulate(
