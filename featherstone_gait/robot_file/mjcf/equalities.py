@@ -13,7 +13,7 @@ from .tendons import joints_of
 
 CONNECT, WELD, JOINT, TENDON = range(4)  # mjtEq
 KINDS = ("connect", "weld", "joint", "tendon", "flex", "flexvert", "flexstrain")
-BODY, SITE = 1, 6  # mjtObj
+SITE = 6  # mjtObj
 NO_CONSTRAINTS, NO_EQUALITIES = 1 << 0, 1 << 1  # mjtDisableBit, of <flag>
 
 
