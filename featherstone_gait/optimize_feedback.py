@@ -21,20 +21,17 @@ from .search import minimize
 from .walking.cost import WalkingCost
 from .walking.cost_in_worlds import CostInWorlds
 from .walking.disturbed import pushes_survived
-from .walking.feedback import NONE, SENSORS, BalancedWalk, Feedback, Imu
+from .walking.feedback import NONE, SENSORS, BalancedWalk, Feedback, Imu, generic_feedback
 from .walking.feedback_cost import FeedbackCost
 
 POSES = math.radians(0.3)  # amplitude of the poses, which a search without feedback has found before [rad]
 BATCH = 16
-FIRST = Feedback(  # gains that a search begins with: those of robots/humanoid/balanced_gait.npz, rounded
-    ankle=4.2, foot=2.0, hip_rate=0.05, hasten=10.0, wait=24.0, quiet=0.007, heading=0.775,
-)  # fmt: skip
 
 
 def search_feedback(
     cost: CostInWorlds,
     *,
-    first: Feedback = FIRST,
+    first: Feedback | None = None,
     imu: Imu = SENSORS,
     poses: bool = True,
     iterations: int = 400,
@@ -43,6 +40,7 @@ def search_feedback(
 ) -> OptimizeResult:
     """Search for gains, and with `poses` for poses too, from the gait of `cost` and the gains `first`.
 
+    first: by default those of `generic_feedback`.
     Where no feedback but that of the heading does better than `first`, it begins there.
 
     Returns the result of `search.minimize` by annealing, and in addition walk, the `BalancedWalk` that was found, and
@@ -51,6 +49,8 @@ def search_feedback(
     """
     instance("cost", cost, CostInWorlds, "give what in_worlds returns")
     iterations = whole("iterations", iterations, 0, "it is a number of candidates")
+    first = generic_feedback(cost.scene.model) if first is None else first
+    instance("first", first, Feedback, "give Feedback(...), or None")
     price = FeedbackCost(cost, imu, poses)
     begins = [price.vector(one) for one in (first, replace(NONE, heading=first.heading))]
     told = [one for one, _ in price.costs(begins)]

@@ -18,7 +18,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arguments import floats, instance, listed, real, shown, texts, vector, whole
+from .arguments import finite, floats, instance, listed, real, shown, texts, vector, whole
 from .core.compile.elementary import NEAR
 from .dynamics import Poses, check_model, forward_kinematics
 from .fixed_order import applied, product, solve, total
@@ -307,9 +307,7 @@ def _start(task: _Task, q0: ArrayLike | None) -> np.ndarray:
     if q0 is None:
         base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
         q0 = [*base, *map(_middle, model.moving_joints)]
-    q = np.array(floats(f"{model.name}: q0", q0))
-    if q.shape != (model.nq,):
-        raise ValueError(f"{model.name}: q0 has shape {q.shape}; it must be ({model.nq},): give all coordinates")
+    q = np.array(finite(f"{model.name}: q0", q0, (model.nq,)))
     forward_kinematics(model, q)  # checks the numbers
     if model.base == "floating":
         q[3:7] /= math.sqrt(total(q[3:7] * q[3:7]))

@@ -9,24 +9,28 @@ import pytest
 
 from featherstone_gait import Ground, Push, compile_scene, load_robot, simulate, simulate_batch
 from featherstone_gait.dynamics import center_of_mass, contact_positions
-from featherstone_gait.optimize_feedback import FIRST, search_feedback
+from featherstone_gait.optimize_feedback import search_feedback
 from featherstone_gait.run.program import State
 from featherstone_gait.run.start import standing_state
 from featherstone_gait.walking import feedback as law
 from featherstone_gait.walking.cost import WalkingCost
-from featherstone_gait.walking.cost_in_worlds import in_worlds
+from featherstone_gait.walking.cost_in_worlds import CostInWorlds, in_worlds
 from featherstone_gait.walking.disturbed import pushes_survived, rough_field, walk_far
 from featherstone_gait.walking.feedback import (
+    BIOLOID,
+    NONE,
     BalancedWalk,
     Feedback,
     Imu,
     add_feedback,
     balanced,
     feedback_of,
+    generic_feedback,
     read_walk,
+    size_of,
 )
 from featherstone_gait.walking.gait import Gait, mirror_of
-from featherstone_gait.walking.motion import Motion, read_motion
+from featherstone_gait.walking.motion import Motion, motion_of, read_motion
 
 BALANCED = Path(__file__).parents[1] / "robots" / "humanoid" / "balanced_gait.npz"
 STORED = Path(__file__).parents[1] / "robots" / "humanoid" / "optimized_gait.npz"
@@ -213,7 +217,7 @@ def test_a_search_finds_better_feedback_and_the_same_again(scene, walk):
     again = search_feedback(cost, first=Feedback(heading=1.0), poses=False, iterations=8, seed=1)
     assert found.fun < found.history["f"][0]
     assert found.x.tobytes() == again.x.tobytes()
-    both = search_feedback(cost, first=FIRST, iterations=2)
+    both = search_feedback(cost, iterations=2)
     assert both.x_poses.shape == cost.gait.to_vector().shape
     assert both.fun <= both.history["f"][0]
 
@@ -230,6 +234,44 @@ def test_a_file_keeps_the_feedback(walk, scene, tmp_path):
     other = replace(walk, motion=replace(walk.motion, stride=walk.motion.stride + 0.1))
     with pytest.raises(ValueError, match="its gait is another"):
         add_feedback(path, other)
+
+
+def test_gains_belong_to_lengths_and_times(scene):
+    big, length = SOME.scaled(4.0), 4.0
+    time = math.sqrt(length)
+    groups = [length, length, 1.0 / time, length, length, 1.0 / length, 1.0]  # by what a robot 4 times as large has
+    np.testing.assert_allclose(big.to_vector() * groups, SOME.to_vector(), rtol=1e-15)
+    np.testing.assert_allclose(generic_feedback(scene.model).to_vector(), BIOLOID.to_vector(), rtol=1e-3)
+    np.testing.assert_allclose(size_of(scene.model), 1.0, rtol=1e-3)
+    with pytest.raises(ValueError, match="length is 0"):
+        SOME.scaled(0.0)
+
+
+def test_the_same_pushes_are_as_hard_for_a_robot_twice_as_large(scene):
+    model, twice = scene.model, lambda place: tuple(2.0 * x for x in place)
+    large = replace(
+        model,
+        links=tuple(replace(x, mass=8.0 * x.mass, center_of_mass=twice(x.center_of_mass)) for x in model.links),
+        joints=tuple(replace(x, xyz=twice(x.xyz)) for x in model.joints),
+        contacts=tuple(replace(x, position=twice(x.position)) for x in model.contacts),
+        keyframes={},
+    )
+    ratio = np.array(size_of(large)) / size_of(replace(model, keyframes={}))
+    np.testing.assert_allclose(ratio, [2.0, 8.0 * math.sqrt(2.0)], rtol=1e-9)  # mass times a speed, sqrt(g l)
+
+
+def test_gains_of_nought_cost_what_the_gait_by_itself_does(scene):
+    cost = replace(WalkingCost(scene, *gait_of(scene)), strides=2)
+    motion = motion_of(cost.gait, cost.start, cost.blend_strides)
+    silent = balanced(scene, motion, NONE, mirror=mirror_of(scene.model))
+    here = CostInWorlds(cost, [scene], np.zeros((1, len(scene.model.joint_names))))
+    x = cost.gait.to_vector()
+    ((found,),), ((own,),) = here.measure([silent]), here.measure([x])
+    assert found.status == own.status == "ok"
+    found_of, own_of = ((one.energy, one.distance) for one in (found, own))
+    assert found_of == pytest.approx(own_of, rel=1e-9)  # the controller interpolates the references itself
+    with pytest.raises(ValueError, match="measure them apart"):
+        here.measure([x, silent])
 
 
 def test_bad_numbers_are_refused(walk, scene):

@@ -18,7 +18,7 @@ from featherstone_gait.walking.cost_in_worlds import in_worlds
 def quick(monkeypatch):
     """One robot that the kernels know, one floor, one stride."""
     cost = walking_cost(load_robot("humanoid", locked="simplified"), states="step")
-    monkeypatch.setattr(study, "ROBOTS", {"humanoid": study.Robot(lambda: cost, 2)})
+    monkeypatch.setattr(study, "ROBOTS", {"humanoid": study.Robot(lambda: cost, 2, feedback=True)})
     short = functools.partial(study.crosscheck, floors=["20ms_0.9"], strides=1, timestep=1e-3)
     monkeypatch.setattr(study, "crosscheck", short)
     return cost
@@ -30,7 +30,8 @@ def test_a_robot_s_gaits_are_kept_and_walk_on_the_floors(quick, tmp_path, monkey
     monkeypatch.setattr(study, "UNSEEN", 2)
     walked = study.gaits("humanoid", tmp_path)
     rows = study.rows_of("humanoid", tmp_path, *walked)
-    assert [row[:2] for row in rows] == [["humanoid", "first"], ["humanoid", "2 candidates"]]
+    gaits = ["first", "2 candidates", "first, feedback", "2 candidates, feedback"]
+    assert [row[:2] for row in rows] == [["humanoid", gait] for gait in gaits]
     own = quick.measure([quick.gait.to_vector()])[0]
     assert rows[0][2:5] == [own.cost, own.speed, "20ms_0.9"]
     worlds = study.worth_of("humanoid", tmp_path, *walked)

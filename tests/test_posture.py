@@ -294,7 +294,7 @@ def test_bad_input_is_refused_by_name():
         (dict(targets=Target("left_foot", (0, 0, 0), weight=0)), r"'left_foot' has no weight above 0; leave"),
         (dict(targets=there, joints=["tail"]), r"joints: 'tail' is no moving joint of humanoid; they are"),
         (dict(targets=there, joints=[], hold_base=True), r"nothing may move; name joints"),
-        (dict(targets=there, q0=[0.0]), r"q0 has shape \(1,\); it must be \(26,\)"),
+        (dict(targets=there, q0=[0.0]), r"q0 has the shape \(1,\).*of shape \(26\)"),
         (dict(targets=there, tolerance=0.0), r"tolerance is 0.0; expected a number"),
     ):
         with pytest.raises(ValueError, match=says):

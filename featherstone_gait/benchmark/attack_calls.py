@@ -389,6 +389,7 @@ def _balanced() -> Iterator[Call]:
     far = {"scene": scene, "walk": walk, "ground": None, "strides": 1, "feedback": True, "seed": 0}
     yield Call("walk_far", walking.walk_far, far, True)
     pushed = {"scene": scene, "walk": walk, "worlds": 1, "feedback": True, "seed": 0}
+    yield Call("generic_feedback", walking.generic_feedback, {"model": scene.model})
     yield Call("pushes_survived", walking.pushes_survived, pushed, True)
 
 

@@ -3,7 +3,8 @@
 The complete humanoid, whose 19 joints all take part; ANYmal B on its four point feet, and the Unitree G1 with the
 twelve joints of its legs, which come with `example-robot-data`, with an AX-12 scaled to each
 (`walking.with_generic_servos`).  Each walks with its first gait, and with one that is searched for energy alone in
-eight worlds: in 200 worlds that the search has not seen, and on the twelve floors of `featherstone_gait.crosscheck`.
+eight worlds, the G1 with a Bioloid's feedback scaled to it too (`walking.generic_feedback`): in 200 worlds that the
+search has not seen, and on the twelve floors of `featherstone_gait.crosscheck`.
 
     python -m featherstone_gait.experiments.other_robots TABLE.csv
 
@@ -31,15 +32,20 @@ from ..model import Ground, Model
 from ..optimize import optimize_gait, walking_cost
 from ..robot_file import load_robot
 from ..walking import (
+    BalancedWalk,
+    Motion,
     Pattern,
     WalkingCost,
+    balanced,
     cheapest_plan,
     fit_gait,
     four_legged_stride,
+    generic_feedback,
     mirror_by_place,
     with_generic_servos,
 )
-from ..walking.cost_in_worlds import in_worlds
+from ..walking.cost import Measures
+from ..walking.cost_in_worlds import CostInWorlds, in_worlds
 from ..walking.worth import UNSEEN, worth_elsewhere
 from .sources import digest
 
@@ -54,6 +60,7 @@ class Robot(NamedTuple):
 
     first: Callable[[], WalkingCost]
     candidates: int
+    feedback: bool = False  # whether each gait walks with `generic_feedback` too
 
 
 def complete_humanoid() -> WalkingCost:
@@ -86,7 +93,7 @@ def g1() -> WalkingCost:
 ROBOTS = {
     "complete humanoid": Robot(complete_humanoid, 400),
     "ANYmal B": Robot(anymal, 400),
-    "G1": Robot(g1, 400),
+    "G1": Robot(g1, 400, feedback=True),
 }
 
 
@@ -104,8 +111,11 @@ def _scene(robot: Model) -> CompiledScene:
     return compile_scene(robot, "mipsd", Ground(), "midpoint", 1e-3)
 
 
-def gaits(name: str, folder: Path) -> tuple[WalkingCost, dict[str, np.ndarray]]:
-    """Cost of a robot's first gait, and the vectors (D,) of that and of the one that is searched for [rad]."""
+Gaits = dict[str, np.ndarray | BalancedWalk]  # vectors (D,) [rad], or with feedback
+
+
+def gaits(name: str, folder: Path) -> tuple[WalkingCost, Gaits]:
+    """Cost of a robot's first gait, and that gait and the one that is searched for."""
     robot, cost = ROBOTS[name], ROBOTS[name].first()
     path, first = folder / f"{name}_{robot.candidates}.json".replace(" ", "_"), cost.gait.to_vector()
     if not path.exists():
@@ -119,35 +129,49 @@ def gaits(name: str, folder: Path) -> tuple[WalkingCost, dict[str, np.ndarray]]:
     GAIT.check(path, told["format"])
     if told["first"] != first.tolist():
         raise ValueError(f"{path}: is of another first gait, of other sources or another version; delete it")
-    return cost, {"first": first, f"{robot.candidates} candidates": np.array(told["x"])}
+    vectors = {"first": first, f"{robot.candidates} candidates": np.array(told["x"])}
+    found: Gaits = {**vectors}
+    if robot.feedback:
+        gains = generic_feedback(cost.scene.model)
+        for gait, x in vectors.items():
+            found[f"{gait}, feedback"] = balanced(cost.scene, _motion(cost, x), gains, mirror=cost.gait.mirror)
+    return cost, found
 
 
-def worth_of(name: str, folder: Path, cost: WalkingCost, vectors: dict[str, np.ndarray]) -> list[list]:
+def _motion(cost: WalkingCost, x: np.ndarray) -> Motion:
+    return motion_of(cost.gait.from_vector(x), cost.start, cost.blend_strides)
+
+
+def worth_of(name: str, folder: Path, cost: WalkingCost, found: Gaits) -> list[list]:
     """A row a gait: what it costs on the own ground and in the worlds of the search, and what it does in others."""
     path = folder / f"{name}_{ROBOTS[name].candidates}_worth.json".replace(" ", "_")
-    digits = [x.tolist() for x in vectors.values()]
+    digits = [x.feedback.to_vector().tolist() if isinstance(x, BalancedWalk) else x.tolist() for x in found.values()]
     if path.exists():
         told = parse_json(path.read_text("utf-8"), str(path), "delete it")
         WORTH.check(path, told["format"])
         if told["gaits"] == digits:
             return told["rows"]
-    x = [*vectors.values()]
-    each = zip(vectors, cost.measure(x), in_worlds(cost, WORLDS).costs(x), worth_elsewhere(cost, x, UNSEEN))
-    rows: list[list] = []
-    for gait, own, (searched, _), there in each:
-        costs = there["cost"] or [None] * 3
-        rows.append([name, gait, own.cost, own.cost_of_transport, own.speed, searched, there["walks"], *costs])
+    searched, rows = in_worlds(cost, WORLDS), list[list]()
+    for (gait, x), there in zip(found.items(), worth_elsewhere(cost, [*found.values()], UNSEEN)):
+        own, costs = on_own_ground(cost, x), there["cost"] or [None] * 3
+        in_eight = searched.costs([x])[0][0]
+        rows.append([name, gait, own.cost, own.cost_of_transport, own.speed, in_eight, there["walks"], *costs])
     with complete(path) as temporary:
         temporary.write_text(json.dumps({"format": str(WORTH), "gaits": digits, "rows": rows}), "utf-8")
     return rows
 
 
-def rows_of(name: str, folder: Path, cost: WalkingCost, vectors: dict[str, np.ndarray]) -> list[list]:
+def on_own_ground(cost: WalkingCost, gait: np.ndarray | BalancedWalk) -> Measures:
+    """What a gait does as it is searched from, in no other world."""
+    alone = CostInWorlds(cost, [cost.scene], np.zeros((1, len(cost.gait.joint_names))))
+    return alone.measure([gait])[0][0]
+
+
+def rows_of(name: str, folder: Path, cost: WalkingCost, found: Gaits) -> list[list]:
     """A row a gait and floor, soles as spheres; what was walked before is not walked again."""
     rows = []
-    for k, (gait, x) in enumerate(vectors.items()):
-        own = cost.measure([x])[0]
-        motion = motion_of(cost.gait.from_vector(x), cost.start, cost.blend_strides)
+    for k, (gait, x) in enumerate(found.items()):
+        own, motion = on_own_ground(cost, x), x if isinstance(x, BalancedWalk) else _motion(cost, x)
         out = folder / f"{name}_{k}_crosscheck".replace(" ", "_")
         report = crosscheck(motion, cost.scene.model, soles=["spheres"], out=out)
         for row in report["floors"]:

@@ -151,7 +151,10 @@ class Prepared:
             raise ValueError(f"{scene.model.name}: noise acts on sampled servos; this scene has none")
         noise, shape = np.array(floats("noise", noise)), (plan.steps // plan.per_tick, scene.tree.n, 2)
         if noise.shape != shape or not np.isfinite(noise).all():
-            raise ValueError(f"{scene.model.name}: noise must be {shape} finite numbers; its shape is {noise.shape}")
+            raise ValueError(
+                f"{scene.model.name}: noise must be {shape} finite numbers, a row for each tick of the duration, "
+                f"{plan.steps * plan.h:g} s; its shape is {noise.shape}"
+            )
         return noise
 
     def course(self, start: Start) -> Plan:

@@ -53,7 +53,7 @@ def plot_trajectory(
     with look():
         if axes is None:
             return _rows(trajectory, [_table(trajectory, name) for name in names])
-        panels = np.ravel(np.asarray(axes))
+        panels = np.ravel(np.asarray(axes, dtype=object))
         _check_axes(panels)
         if len(panels) != len(names):
             raise ValueError(f"{len(names)} channels and {len(panels)} axes; give one each")

@@ -4,7 +4,15 @@ from featherstone_gait.walking.cheapest_plan import cheapest_plan, first_gait
 from featherstone_gait.walking.constraints import ConstrainedCost, ConstraintReport, Constraints
 from featherstone_gait.walking.cost import Measures, WalkingCost, cost_of_motion
 from featherstone_gait.walking.disturbed import LongWalk, pushes_survived, rough_field, walk_far
-from featherstone_gait.walking.feedback import BalancedWalk, Feedback, Imu, add_feedback, balanced, read_walk
+from featherstone_gait.walking.feedback import (
+    BalancedWalk,
+    Feedback,
+    Imu,
+    add_feedback,
+    balanced,
+    generic_feedback,
+    read_walk,
+)
 from featherstone_gait.walking.four_legs import Pattern, four_legged_stride, mirror_by_place
 from featherstone_gait.walking.gait import Gait, bounds, fit_gait, mirror_of, references
 from featherstone_gait.walking.gait_file import read_angles, write_angles, write_goal_positions
@@ -39,6 +47,7 @@ __all__ = [
     "first_gait",
     "fit_gait",
     "four_legged_stride",
+    "generic_feedback",
     "mirror_by_place",
     "mirror_of",
     "motion_of",

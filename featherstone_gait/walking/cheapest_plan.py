@@ -120,6 +120,7 @@ def first_gait(
     a step, which the other leg mirrors.  Raises ValueError for a robot that is no biped, one that cannot take these
     steps, and for states of a step where left and right are no mirror images.
     """
+    instance("scene", scene, CompiledScene, "give what compile_scene returns")
     one_of("plan", plan, get_args(PlanKind))
     one_of("states", states, get_args(States))
     if plan == "cheapest":
@@ -168,7 +169,7 @@ def cheapest_plan(
     best = min(tried, key=lambda one: one.cost)
     trials = tuple(Trial(one.walk, one.cost, one.status) for one in tried)
     if not math.isfinite(best.cost):
-        raise ValueError(_none_walks(scene.model, trials))
+        raise ValueError(_none_walks(scene.model, trials, held))
     plan, fit, cost = search.planned(best.walk)
     return CheapestPlan(plan, fit, cost, best.cost, trials)
 
@@ -338,10 +339,12 @@ def _spread(count: int, dimension: int, seed: int) -> np.ndarray:
     return np.mod(first + np.arange(1, count + 1)[:, None] * root ** -np.arange(1.0, dimension + 1), 1.0)
 
 
-def _none_walks(model: Model, trials: Sequence[Trial]) -> str:
+def _none_walks(model: Model, trials: Sequence[Trial], held: dict[str, Any]) -> str:
     reasons = [trial.status for trial in trials]
+    given = ", ".join(f"{name} {shown(value)}" for name, value in held.items())
     common = max(dict.fromkeys(reasons), key=reasons.count)
     return (
-        f"{model.name}: none of {len(trials)} planned walks can be walked, {reasons.count(common)} of them for this: "
-        f"{common}; give stronger servos, more plans (count), another box, or numbers of a walk that is known to work"
+        f"{model.name}: none of {len(trials)} planned walks{f' with {given}' if given else ''} can be walked, "
+        f"{reasons.count(common)} of them for this: {common}; give stronger servos, more plans (count), another box, "
+        "or numbers of a walk that is known to work"
     )

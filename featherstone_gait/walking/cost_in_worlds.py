@@ -31,6 +31,7 @@ from ..run.simulate import simulate_batch, simulate_stream, standing_state
 from ..trajectory import Trajectory
 from ..worlds import Worlds
 from .cost import Measures, WalkingCost, measured
+from .feedback import BalancedWalk
 from .gait import TICK, Gait
 
 if TYPE_CHECKING:
@@ -84,18 +85,25 @@ class CostInWorlds:
         """Return cost [J/m] and status of one vector."""
         return self.costs([x])[0]
 
-    def costs(self, vectors: Iterable[ArrayLike]) -> list[tuple[float, str]]:
-        """Cost [J/m] and status of many vectors."""
-        return [self.told([one.cost for one in found]) for found in self.measure(vectors)]
+    def costs(self, gaits: Iterable[ArrayLike | BalancedWalk]) -> list[tuple[float, str]]:
+        """Cost [J/m] and status of many vectors, or of gaits with feedback."""
+        return [self.told([one.cost for one in found]) for found in self.measure(gaits)]
 
-    def measure(self, vectors: Iterable[ArrayLike]) -> list[list[Measures]]:
-        """What each gait does in each world."""
-        cost, n = self.cost, len(self.scenes)
-        signals = [cost.reference(x, cost.warm_up + cost.strides) for x in vectors]
+    def measure(self, gaits: Iterable[ArrayLike | BalancedWalk]) -> list[list[Measures]]:
+        """What each gait does in each world; all have feedback, whose sensors are drawn with the world's number."""
+        cost, n, given = self.cost, len(self.scenes), [*gaits]
+        strides = cost.warm_up + cost.strides
+        walks = [one for one in given if isinstance(one, BalancedWalk)]
+        if walks and len(walks) < len(given):
+            raise ValueError("gaits are some with feedback and some without; measure them apart")
+        signals = [
+            one.reference(strides) if isinstance(one, BalancedWalk) else cost.reference(one, strides) for one in given
+        ]
         states = [self.standing(signal.values[0], k) for signal in signals for k in range(n)]
+        acts = [walk.controller(scene, k) for walk in walks for k, scene in enumerate(self.scenes)]
         runs = simulate_batch(
             [*self.scenes] * len(signals), cost.end, states, [signal for signal in signals for _ in range(n)],
-            record=RECORD, sample=TICK, estimate_error=False,
+            record=RECORD, sample=TICK, estimate_error=False, controller=acts or None,
         )  # fmt: skip
         found = [self._measured(run, k % n) for k, run in enumerate(runs)]
         return [found[first : first + n] for first in range(0, len(found), n)]

@@ -31,7 +31,7 @@ BEFORE, AFTER = 1, 4  # strides before a push and from then on
 DIRECTIONS = 8
 PHASES = 4
 RATIO = 2.0**0.125  # of an impulse to the next
-LEAST, LEVELS = 0.05, 50  # the smallest impulse [N s], and how many there are
+LEAST, LEVELS = 0.05, 200  # the smallest impulse [N s], and how many there are
 SEED = 3 * 10**5  # of the worlds
 
 

@@ -33,6 +33,7 @@ import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,7 @@ from ..arguments import finite, instance, real, whole
 from ..arguments import path as path_of
 from ..build.contact import standing_posture
 from ..build.scene import CompiledScene
+from ..dynamics import check_model
 from ..files import FilePath, complete, read_arrays
 from ..jacobians import chains_of
 from ..model import Model
@@ -54,9 +56,10 @@ from .gait_file import ARRAYS
 from .inverse_kinematics import leg_joints
 from .kinematics import joint_axes, link_centers, link_index, link_poses
 from .motion import Motion, read_motion
+from .plan import soles_of
 
 ALONG = 0.9  # of an axis along x or y: the joint is one of roll or pitch
-LARGEST = 100.0  # gain
+LARGEST = 1e4  # gain
 MOST_DELAY = 0.2  # [s]
 NOMINAL_STRIDES = 8  # over which the undisturbed motion is averaged, after two
 
@@ -86,6 +89,12 @@ class Feedback:
     def to_vector(self) -> np.ndarray:
         """The gains (7,) in their order."""
         return np.array([getattr(self, one.name) for one in fields(self)])
+
+    def scaled(self, length: float) -> Feedback:
+        """The same for a robot that is alike but `length` times as large (dynamic similarity: times as its root)."""
+        length = real("length", length, 1e-3, 1e3, "it is a factor")
+        factor = {"rad/m": 1.0 / length, "1/m": 1.0 / length, "m": length, "s": math.sqrt(length), "1/rad": 1.0}
+        return Feedback(*(getattr(self, one.name) * factor[one.metadata["unit"]] for one in fields(self)))
 
 
 def feedback_of(gains: ArrayLike) -> Feedback:
@@ -118,6 +127,10 @@ class Imu:
 
 
 NONE, SENSORS = Feedback(), Imu()
+BIOLOID = Feedback(  # gains of robots/humanoid/balanced_gait.npz, rounded
+    ankle=4.2, foot=2.0, hip_rate=0.05, hasten=10.0, wait=24.0, quiet=0.007, heading=0.775,
+)  # fmt: skip
+BIOLOID_HEIGHT, BIOLOID_PUSH = 0.2226, 0.623  # of its centre of mass, standing [m], and see `size_of` [N s]
 
 # The controller's memory: gains, numbers, what it remembers, tables.
 GAINS = len(fields(Feedback))
@@ -435,6 +448,27 @@ def chains_of_legs(model: Model, columns: np.ndarray) -> np.ndarray:
     return np.concatenate([np.ravel(one) for one in found])
 
 
+def size_of(model: Model) -> tuple[float, float]:
+    """How high a robot's centre of mass is, standing, and how large a push is as hard, both of a Bioloid's.
+
+    A push that is just held by soles of half sizes a and b takes the capture point to their edge: it grows as mass
+    times sqrt(g / height) times sqrt(a b).
+    """
+    height, _ = standing_posture(model)
+    a, b = np.ptp(soles_of(model)[0].corners, axis=0) / 2.0
+    return height / BIOLOID_HEIGHT, model.mass * math.sqrt(9.81 / height * a * b) / BIOLOID_PUSH
+
+
+def generic_feedback(model: Model) -> Feedback:
+    """Gains for a biped whose own are not known: those of a Bioloid, scaled to the height of its centre of mass.
+
+    Raises ValueError for a robot that is no biped.
+    """
+    check_model(model)
+    legs_of(model)
+    return BIOLOID.scaled(size_of(model)[0])
+
+
 def balanced(
     scene: CompiledScene,
     motion: Motion,
@@ -449,7 +483,10 @@ def balanced(
     """
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
     instance("motion", motion, Motion, "give what motion_of or read_motion returns")
-    feedback = feedback if isinstance(feedback, Feedback) else feedback_of(feedback)
+    if not isinstance(feedback, Feedback):
+        feedback = feedback_of(finite("feedback", feedback, (len(fields(Feedback)),)))
+    instance("imu", imu, Imu, "give Imu(...)")
+    instance("mirror", mirror, (Mirror, NoneType), "give what mirror_of returns, or None")
     legs_of(scene.model)
     (table,) = undisturbed_of(scene, [motion], imu, mirror is not None)
     if table is None:

@@ -25,25 +25,25 @@ from ..run.simulate import Push, simulate_batch, standing_state
 from ..trajectory import Trajectory
 from .cost_in_worlds import NOT_EVERYWHERE, CostInWorlds
 from .disturbed import AFTER, BEFORE, DIRECTIONS, PHASES, PUSHED_FOR
-from .feedback import SENSORS, BalancedWalk, Feedback, Imu, feedback_of, undisturbed_of
+from .feedback import SENSORS, BalancedWalk, Feedback, Imu, feedback_of, size_of, undisturbed_of
 from .gait import bounds
 from .motion import motion_of
 
 WEIGHT = 2.0
-IMPULSES = (0.5, 0.7, 0.95)  # [N s]
+IMPULSES = (0.5, 0.7, 0.95)  # of a Bioloid, of others as hard [N s]
 SLOPES = (-math.radians(3.5), math.radians(3.5))  # [rad]
 SLOPE_STRIDES = 12
-WIDEST = 100.0  # bound of a gain
-MOST_QUIET = 0.05  # [m]
-STEPS = {"ankle": 1.0, "foot": 1.0, "hip_rate": 0.02, "hasten": 5.0, "wait": 5.0, "quiet": 0.003,
-         "heading": 0.02}  # of a search; of the heading ten strides tell little: it stays about there  # fmt: skip
+WIDEST = Feedback(100.0, 100.0, 100.0, 100.0, 100.0, 0.05, 100.0)  # gains of a Bioloid, as are
+STEPS = Feedback(  # those of a search; of the heading ten strides tell little: it stays about there
+    ankle=1.0, foot=1.0, hip_rate=0.02, hasten=5.0, wait=5.0, quiet=0.003, heading=0.02,
+)  # fmt: skip
 
 
 class Trial(NamedTuple):
     """A way to be disturbed."""
 
     world: int | None  # None: the own floor at `slope`
-    impulse: float  # [N s], 0: none
+    impulse: float  # of a Bioloid [N s], 0: none
     direction: float  # [rad]
     phase: float  # of the stride
     slope: float  # [rad]
@@ -75,13 +75,19 @@ class FeedbackCost:
 
     def amplitude(self, poses: float) -> np.ndarray:
         """Steps of a search (D,), those of the poses as given [rad]."""
-        return np.concatenate([np.full(len(self._bounds_of_poses), poses), steps()])
+        gains = STEPS.scaled(self._size[0]).to_vector()
+        return np.concatenate([np.full(len(self._bounds_of_poses), poses), gains])
 
     @property
     def bounds(self) -> np.ndarray:
         """(D, 2)."""
-        gains = np.array([(0.0, MOST_QUIET) if one.name == "quiet" else (-WIDEST, WIDEST) for one in fields(Feedback)])
-        return np.concatenate([self._bounds_of_poses, gains])
+        widest = WIDEST.scaled(self._size[0]).to_vector()
+        least = np.array([0.0 if one.name == "quiet" else -1.0 for one in fields(Feedback)])
+        return np.concatenate([self._bounds_of_poses, np.column_stack([least * widest, widest])])
+
+    @property
+    def _size(self) -> tuple[float, float]:
+        return size_of(self.cost.scene.model)
 
     @property
     def _bounds_of_poses(self) -> np.ndarray:
@@ -133,28 +139,7 @@ class FeedbackCost:
 
     def energies(self, walks: Sequence[BalancedWalk]) -> list[float]:
         """The cost of each in the worlds, undisturbed [J/m]; infinite where it falls in one."""
-        cost, n = self.cost, len(self.cost.scenes)
-        if not walks:
-            return []
-        strides = cost.cost.warm_up + cost.cost.strides
-        states, signals, acts = [], [], []
-        for walk in walks:
-            signal = walk.reference(strides)
-            for k, scene in enumerate(cost.scenes):
-                states.append(cost.standing(signal.values[0], k))
-                signals.append(signal)
-                acts.append(walk.controller(scene, k))
-        runs = simulate_batch(
-            [*cost.scenes] * len(walks), cost.cost.end, states, signals, record=("base_q", "energy"),
-            sample=walks[0].motion.tick, estimate_error=False, controller=acts,
-        )  # fmt: skip
-        found = [cost._measured(run, k % n).cost for k, run in enumerate(runs)]
-        told = []
-        for first in range(0, len(found), n):
-            mean = math.fsum(found[first : first + n]) / n
-            worst = max(found[first : first + n])
-            told.append(mean + cost.penalty * (worst - mean) if math.isfinite(worst) else math.inf)
-        return told
+        return [cost for cost, _ in self.cost.costs(walks)] if walks else []
 
     def lost(self, walks: Sequence[BalancedWalk]) -> np.ndarray:
         """What each lost of each trial (walks, trials), 0 to 1."""
@@ -173,7 +158,7 @@ class FeedbackCost:
             world = trial.world % len(cost.scenes)
             scene, off = cost.scenes[world], cost.offsets[world]
             begin = motion.begin(BEFORE) + round(trial.phase * len(motion.stride)) * motion.tick
-            force = trial.impulse / PUSHED_FOR
+            force = trial.impulse * self._size[1] / PUSHED_FOR
             along = (force * math.cos(trial.direction), force * math.sin(trial.direction), 0.0)
             pushes = [Push(scene.model.root, along, (0.0,) * 3, (0.0,) * 3, begin, begin + PUSHED_FOR)]
             end, strides = begin + AFTER * motion.period, BEFORE + AFTER + 1
@@ -191,8 +176,3 @@ def _lost(run: Trajectory, begin: float, end: float) -> float:
     if run.status in ("ok", "chatter"):
         return 0.0
     return 1.0 - 0.5 * min(max((run.end_time - begin) / (end - begin), 0.0), 1.0)
-
-
-def steps() -> np.ndarray:
-    """Of a search, of each gain (7,)."""
-    return np.array([STEPS[one.name] for one in fields(Feedback)])

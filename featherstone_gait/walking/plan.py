@@ -23,7 +23,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.arguments import finite, is_real, is_whole, listed, one_of, real, shown, whole
+from featherstone_gait.arguments import finite, is_real, is_whole, one_of, real, shown, texts, whole
 from featherstone_gait.build.tree import GRAVITY
 from featherstone_gait.dynamics import Poses, check_model, contact_positions_at
 from featherstone_gait.elementary import sincos
@@ -251,7 +251,7 @@ def soles_of(model: Model, feet: Sequence[str] | None = None) -> tuple[Sole, ...
     if feet is None:
         feet = sorted(placed, key=lambda link: placed[link][:, 2].min())[:2]
         feet.sort(key=lambda link: -placed[link][:, 1].mean())
-    feet = listed("feet", feet, "give the names of the left and the right foot")
+    feet = texts("feet", feet, "give the names of the left and the right foot")
     if len(feet) != 2 or not all(link in list(placed) for link in feet):
         raise ValueError(f"model {model.name!r}: a walk needs contact points on two feet, got {feet} of {list(placed)}")
     return tuple(_sole(model, link, placed[link], poses) for link in feet)

@@ -18,6 +18,7 @@ from ..core.effects.energies import METER
 from . import limits
 from .cost import SAMPLE, Measures, WalkingCost
 from .cost_in_worlds import in_worlds
+from .feedback import BalancedWalk
 from .limits import Watch
 
 PERTURBED, PERTURBATION = 63, math.radians(1.0)  # gaits that tell how safe one is, and how far theirs are off [rad]
@@ -51,17 +52,18 @@ def quality(cost: WalkingCost, x: np.ndarray) -> Quality:
 
 
 def worth_elsewhere(
-    cost: WalkingCost, vectors: Sequence[np.ndarray], count: int = UNSEEN, progress: bool = False
+    cost: WalkingCost, gaits: Sequence[np.ndarray | BalancedWalk], count: int = UNSEEN, progress: bool = False
 ) -> list[dict[str, Any]]:
-    """What each gait vector does in worlds that no search has seen, over 20 strides, at a quarter of the step.
+    """What each gait vector, or gait with feedback, does in worlds that no search has seen.
 
-    Of each a dict: "walks", the share of the worlds in which it gets through; "cost" [J/m] and "speed" [m/s], their
-    5th, 50th and 95th percentile where it walks; "sideways", the largest drift over the way [-], and "mean_sideways",
-    their mean with its sign; None: it walks nowhere.  "each": the cost in each world [J/m], None where it falls.
+    It walks 20 strides at a quarter of the step.  Of each a dict: "walks", the share of the worlds in which it gets
+    through; "cost" [J/m] and "speed" [m/s], their 5th, 50th and 95th percentile where it walks; "sideways", the largest
+    drift over the way [-], and "mean_sideways", their mean with its sign; None: it walks nowhere.  "each": the cost in
+    each world [J/m], None where it falls.
     """
     longer = replace(cost, strides=UNSEEN_STRIDES)
     others = in_worlds(longer, count, UNSEEN_SEED, timestep=FINER * cost.scene.timestep)
-    bar = tqdm(vectors, desc=f"{count} other worlds", unit="gait", disable=not progress)
+    bar = tqdm(gaits, desc=f"{count} other worlds", unit="gait", disable=not progress)
     return [_spread_of(others.measure([x])[0]) | {"worlds": count, "strides": UNSEEN_STRIDES} for x in bar]
 
 
