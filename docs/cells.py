@@ -250,18 +250,20 @@ def other_robots() -> Iterable[Cells]:
     for (robot, gait), found in each.items():
         own = f"{float(found[0]['own_ground_J_per_m']):.1f} J/m, {1e3 * float(found[0]['own_ground_m_per_s']):.0f} mm/s"
         yield Cells(page, f"{robot}, {gait}", (own, *(_floors_told(found, side) for side in ("mujoco", "here"))))
-    unfinished = (None,) * (2 * len(ROBOTS) - len(each))
+    unfinished = (None,) * (sum(2 + 2 * robot.feedback for robot in ROBOTS.values()) - len(each))
     for name, (time_constant, friction) in FLOORS.items():
         on = [next(row for row in found if row["floor"] == name) for found in each.values()]
         walks = tuple(_walk_told(row, "mujoco") for row in on)
         yield Cells(page, f"{1e3 * time_constant:g} ms, {friction:g}", (*walks, *unfinished))
     for row in _records(OTHER_WORLDS, WORLDS_TABLE):
-        x = {name: float(row[name]) for name in row if name not in ("robot", "gait")}
+        x = {name: float(row[name]) for name in row if name not in ("robot", "gait", "pushes_N_s")}
         own = f"{x['own_ground_J_per_m']:.1f} J/m ({x['own_ground_cost_of_transport']:.2f}), " \
               f"{1e3 * x['own_ground_m_per_s']:.0f} mm/s"  # fmt: skip
         there = f"{x['p50_J_per_m']:.0f}, {x['p5_J_per_m']:.0f} to {x['p95_J_per_m']:.0f} J/m"
         cells = (own, f"{x['searched_worlds_J_per_m']:.0f} J/m", f"{100 * x['walks']:g} %", there)
         yield Cells("docs/walking.md", f"{row['robot']}, {row['gait']}", cells)
+        if row["pushes_N_s"]:
+            yield Cells("docs/feedback.md", f"{row['robot']}, {row['gait']}", (f"{float(row['pushes_N_s']):.1f} N s",))
 
 
 def in_bullet() -> Iterable[Cells]:

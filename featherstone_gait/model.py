@@ -143,7 +143,7 @@ class Joint:
             yield from _text_flaws(what, name, getattr(self, name))
         if self.mimic is not None and not isinstance(self.mimic, Mimic):
             yield f"{what}: mimic is {shown(self.mimic)}; expected a Mimic or None: give Mimic(joint)"
-        if isinstance(self.parent, str) and self.parent == self.child:
+        if isinstance(self.parent, str) and isinstance(self.child, str) and self.parent == self.child:
             yield f"{what}: parent and child are both {self.child!r}; connect two different links"
         yield from _vector_flaws(what, "xyz", self.xyz, 3)
         turned = list(_vector_flaws(what, "rpy", self.rpy, 3))

@@ -100,7 +100,7 @@ def test_what_has_no_four_feet_or_no_mirror_image_is_refused(robot):
     with pytest.raises(ValueError, match=r"cannot reach|outside its limits"):
         four_legged_stride(robot, POSTURE, Pattern(step=0.6))
     lame = replace(robot, joints=tuple(replace(j, xyz=(0, 0, -0.1)) if j.name == "a_2" else j for j in robot.joints))
-    with pytest.raises(ValueError, match="'a_2' of 'table' has no partner"):
+    with pytest.raises(ValueError, match="table: joint 'a_2' in this posture has no partner"):
         mirror_by_place(lame)
     with pytest.raises(ValueError, match=r"period = 0.5 s must be a whole number of 0.08 s"):
         Pattern(period=0.5)

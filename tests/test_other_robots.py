@@ -4,6 +4,7 @@ import csv
 import functools
 from types import SimpleNamespace
 
+import numpy as np
 import published
 import pytest
 
@@ -28,6 +29,7 @@ def quick(monkeypatch):
 def test_a_robot_s_gaits_are_kept_and_walk_on_the_floors(quick, tmp_path, monkeypatch):
     monkeypatch.setattr(study, "WORLDS", 1)
     monkeypatch.setattr(study, "UNSEEN", 2)
+    monkeypatch.setattr(study, "pushes_survived", lambda *_, feedback: np.full(8, float(feedback)))
     walked = study.gaits("humanoid", tmp_path)
     rows = study.rows_of("humanoid", tmp_path, *walked)
     gaits = ["first", "2 candidates", "first, feedback", "2 candidates, feedback"]
@@ -38,6 +40,7 @@ def test_a_robot_s_gaits_are_kept_and_walk_on_the_floors(quick, tmp_path, monkey
     assert [row[:3] for row in worlds] == [["humanoid", gait, row[2]] for gait, row in zip(walked[1], rows)]
     assert worlds[0][5:7] == [in_worlds(quick, 1)(quick.gait.to_vector())[0], 1.0]
     assert worlds[0][7] <= worlds[0][8] <= worlds[0][9]
+    assert [row[10] for row in worlds] == [0.0, 0.0, 1.0, 1.0]
     monkeypatch.setattr(study, "optimize_gait", None)
     monkeypatch.setattr(study, "worth_elsewhere", None)
     again = study.gaits("humanoid", tmp_path)

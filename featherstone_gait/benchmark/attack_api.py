@@ -84,7 +84,7 @@ OTHER_WORDS = {  # by which messages call arguments
     "name_or_path": ("robot",),
     "choice": ("contacts",),
     "name": ("servo",),
-    "target": ("cannot reach",),
+    "target": ("cannot reach", "outside its limits"),
     "path": ("file",),
     "start": ("reference", "gait"),
     "state": ("q[3:7]",),
@@ -131,8 +131,10 @@ def _attack(rng: random.Random, call: Call) -> list[Row]:
     spoiled = rng.sample(sorted(call.arguments), min(wanted, len(call.arguments)))
     arguments = dict(call.arguments)
     for name in spoiled:
-        value = arguments[name]
+        value = arguments[name]  # a function in place of another is right, whatever it raises
         arguments[name] = rng.choice(POOL) if rng.random() < 0.6 else _spoiled(rng, value)
+        if callable(value) and callable(arguments[name]):
+            arguments[name] = None
     fault = _judged(call, arguments, spoiled)
     shown = ", ".join(f"{name}={_shown(arguments[name])}" for name in spoiled)
     return [Row(call.name, shown, *fault)] if fault else []

@@ -42,6 +42,7 @@ from ..walking import (
     four_legged_stride,
     generic_feedback,
     mirror_by_place,
+    pushes_survived,
     with_generic_servos,
 )
 from ..walking.cost import Measures
@@ -49,7 +50,7 @@ from ..walking.cost_in_worlds import CostInWorlds, in_worlds
 from ..walking.worth import UNSEEN, worth_elsewhere
 from .sources import digest
 
-WORLDS = 8
+WORLDS, PUSHED = 8, 4  # of the search, and to be pushed in
 TABLE, GAIT = Format("table of other robots"), Format("gait of another robot")
 WORLDS_TABLE, WORTH = Format("worlds of other robots"), Format("worth of another robot's gait")
 SIDES = {"mujoco": "mujoco", "own": "here"}
@@ -143,7 +144,10 @@ def _motion(cost: WalkingCost, x: np.ndarray) -> Motion:
 
 
 def worth_of(name: str, folder: Path, cost: WalkingCost, found: Gaits) -> list[list]:
-    """A row a gait: what it costs on the own ground and in the worlds of the search, and what it does in others."""
+    """A row a gait: what it costs on the own ground and in the worlds of the search, and what it does in others.
+
+    The last number is the impulse that half of the robots survive, mean of eight directions [N s], where it is asked.
+    """
     path = folder / f"{name}_{ROBOTS[name].candidates}_worth.json".replace(" ", "_")
     digits = [x.feedback.to_vector().tolist() if isinstance(x, BalancedWalk) else x.tolist() for x in found.values()]
     if path.exists():
@@ -154,8 +158,12 @@ def worth_of(name: str, folder: Path, cost: WalkingCost, found: Gaits) -> list[l
     searched, rows = in_worlds(cost, WORLDS), list[list]()
     for (gait, x), there in zip(found.items(), worth_elsewhere(cost, [*found.values()], UNSEEN)):
         own, costs = on_own_ground(cost, x), there["cost"] or [None] * 3
-        in_eight = searched.costs([x])[0][0]
-        rows.append([name, gait, own.cost, own.cost_of_transport, own.speed, in_eight, there["walks"], *costs])
+        cells = [own.cost, own.cost_of_transport, own.speed, searched.costs([x])[0][0], there["walks"], *costs]
+        walk = x if isinstance(x, BalancedWalk) else found.get(f"{gait}, feedback")
+        pushes = None
+        if isinstance(walk, BalancedWalk):
+            pushes = float(pushes_survived(cost.scene, walk, PUSHED, feedback=walk is x).mean())
+        rows.append([name, gait, *cells, pushes])
     with complete(path) as temporary:
         temporary.write_text(json.dumps({"format": str(WORTH), "gaits": digits, "rows": rows}), "utf-8")
     return rows
@@ -191,7 +199,7 @@ def write_table(path: FilePath, rows: Sequence[Sequence]) -> None:
 def write_worlds(path: FilePath, rows: Sequence[Sequence]) -> None:
     """Rows of `worth_of` as CSV."""
     columns = ["robot", "gait", "own_ground_J_per_m", "own_ground_cost_of_transport", "own_ground_m_per_s"]
-    columns += ["searched_worlds_J_per_m", "walks", *(f"p{share}_J_per_m" for share in (5, 50, 95))]
+    columns += ["searched_worlds_J_per_m", "walks", *(f"p{share}_J_per_m" for share in (5, 50, 95)), "pushes_N_s"]
     write_csv(path, WORLDS_TABLE, columns, rows, f"sources {digest(Path(__file__))}")
 
 

@@ -712,7 +712,7 @@ def _deviations(scene: CompiledScene, noise: Any) -> np.ndarray | None:
 def _check_sample(scene: CompiledScene, sample: float | None) -> None:
     if sample is None:
         return
-    steps = real("sample", sample, 0.0, math.inf, "give seconds") / scene.timestep
+    steps = real("sample", sample, 0.0, 1e9, "give seconds") / scene.timestep
     if round(steps) < 1 or abs(steps - round(steps)) > 1e-9 * steps or scene.tick_steps % round(steps):
         tick = scene.tick_steps * scene.timestep
         raise ValueError(f"sample is {sample!r} s; it must divide a tick of {tick:g} s in whole steps: leave it out")

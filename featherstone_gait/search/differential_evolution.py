@@ -26,6 +26,8 @@ def differential_evolution(
     number or (D,), and the bounds: of gaits drawn from all that the joints allow hardly one walks.  Raises ValueError
     for bounds that are not finite or do not hold x0, an amplitude that is not positive and a population below 5.
     """
+    if amplitude is None:
+        raise ValueError("amplitude is None; give how far from x0 the first are to be, a number or (D,)")
     x0, box = check_start(x0, bounds, amplitude)
     check_finite(box, "differential evolution")
     population = whole("population", population, 5, "there is too little to take differences of below", MOST)

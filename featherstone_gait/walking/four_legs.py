@@ -105,7 +105,9 @@ def mirror_by_place(model: Model, posture: ArrayLike | None = None) -> Mirror:
         cosines = total(axes * (axes[k] * (-1.0, 1.0, -1.0)))
         fits = np.flatnonzero((off < ALIKE) & (np.abs(np.abs(cosines) - 1.0) < PARALLEL))
         if len(fits) == 0:
-            raise ValueError(f"joint {name!r} of {model.name!r} has no partner with its mirror image's place and axis")
+            raise ValueError(
+                f"{model.name!r}: joint {name!r} in this posture has no partner with its mirror image's place and axis"
+            )
         index.append(int(fits[0]))
         sign.append(float(np.sign(cosines[fits[0]])))
     return Mirror(np.array(index), np.array(sign))

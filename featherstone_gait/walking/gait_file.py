@@ -39,8 +39,8 @@ def goal_positions(angles: ArrayLike, joint_names: Sequence[str]) -> np.ndarray:
 
     Raises ValueError, naming joint and row, for an angle that the servo cannot take.
     """
-    degrees = np.degrees(np.atleast_2d(floats("angles", angles)))
-    if degrees.ndim != 2 or degrees.shape[1] != len(texts("joint_names", joint_names)):
+    degrees, joint_names = np.degrees(np.atleast_2d(floats("angles", angles))), texts("joint_names", joint_names)
+    if degrees.ndim != 2 or degrees.shape[1] != len(joint_names):
         raise ValueError(f"angles have shape {degrees.shape}; give one column for each of the joint_names")
     counts = np.round(MIDDLE + degrees * LARGEST / RANGE)
     bad = ~((counts >= 0) & (counts <= LARGEST))

@@ -17,7 +17,7 @@ moves in its trunk by up to 1, 4 and 5 mm (ahead, sideways, up), which is what t
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -83,6 +83,9 @@ class Walk:
             raise ValueError(f"walk: step_length = {shown(self.step_length)} must be finite")
         one_of("walk: preview", self.preview, get_args(Preview))
         whole("walk: N", self.N, 1, "give the samples of preview", MOST_SAMPLES)
+        for one in fields(self):  # numbers of less precision would make times that miss the samples
+            if one.type == "float":
+                object.__setattr__(self, one.name, float(getattr(self, one.name)))
         if self.step_time / self.T > MOST_SAMPLES:
             raise ValueError(f"walk: step_time = {self.step_time} s is over {MOST_SAMPLES} samples T = {self.T} s")
         if abs(self.step_samples * self.T - self.step_time) > 1e-9:
