@@ -106,7 +106,7 @@ def mirror_by_place(model: Model, posture: ArrayLike | None = None) -> Mirror:
         fits = np.flatnonzero((off < ALIKE) & (np.abs(np.abs(cosines) - 1.0) < PARALLEL))
         if len(fits) == 0:
             raise ValueError(
-                f"{model.name!r}: joint {name!r} in this posture has no partner with its mirror image's place and axis"
+                f"{model.name}: joint {name!r} in this posture has no partner with its mirror image's place and axis"
             )
         index.append(int(fits[0]))
         sign.append(float(np.sign(cosines[fits[0]])))
