@@ -250,7 +250,7 @@ def other_robots() -> Iterable[Cells]:
     for (robot, gait), found in each.items():
         own = f"{float(found[0]['own_ground_J_per_m']):.1f} J/m, {1e3 * float(found[0]['own_ground_m_per_s']):.0f} mm/s"
         yield Cells(page, f"{robot}, {gait}", (own, *(_floors_told(found, side) for side in ("mujoco", "here"))))
-    unfinished = (None,) * (sum(2 + 2 * robot.feedback for robot in ROBOTS.values()) - len(each))
+    unfinished = (None,) * (sum(4 if robot.feedback else 2 for robot in ROBOTS.values()) - len(each))
     for name, (time_constant, friction) in FLOORS.items():
         on = [next(row for row in found if row["floor"] == name) for found in each.values()]
         walks = tuple(_walk_told(row, "mujoco") for row in on)

@@ -39,8 +39,8 @@ from .crosscheck.run import files as crosscheck_files
 from .files import FilePath, Format, claim, moving_up, parse_json
 from .model import Ground, Model
 from .optimize_feedback import feedback_history, search_feedback, told
-from .robot_file import load_robot, load_servo
-from .robot_file.servos import servo_names, with_servo
+from .robot_file import load_servo
+from .robot_file.servos import servo_names
 from .run.simulate import streams
 from .search import minimize
 from .search.annealing import REMEDY as HISTORY_REMEDY
@@ -56,6 +56,7 @@ from .walking.gait import bounds, mirror_of
 from .walking.gait_file import ARRAYS, write_angles, write_goal_positions
 from .walking.limits import LIMITS, Watch
 from .walking.motion import Motion
+from .walking.walker import GENERIC, driven, load_walker
 from .walking.worth import (
     STANDBY,
     UNSEEN,
@@ -193,11 +194,13 @@ def main_job(
     plan: PlanKind = "plain",
     fair: bool = True,
     feedback: bool = False,
+    legs_only: bool = False,
 ) -> dict:
     """Optimise a robot's gait and write all files into the folder `out`; return what the JSON file holds.
 
-    `robot`: a name or a .urdf file, as of `load_robot`; of "humanoid" the paper's simplified one.  `servo`: a name or a
-    .toml file, as of `load_servo`, of the servo in all joints that turn, in place of the robot's own, with which the
+    `robot`: a name or a .urdf file, as of `load_robot`; of "humanoid" the paper's simplified one; `legs_only`: hold all
+    joints but those of its legs.  `servo`: a name or a .toml file, as of `load_servo`, of the servo in all joints that
+    turn, or "generic", an AX-12 scaled to the robot (`walking.walker`); in place of the robot's own, with which the
     first gait is then measured too.  `resume` goes on from the history in `out`, if there is one.
 
     `states`: what the four poses are, as of `walking_cost`, None for those of a step where the legs mirror each other
@@ -222,8 +225,10 @@ def main_job(
     history, if possible before the search, ImportError if a crosscheck is asked for without MuJoCo.
     """
     began = time.perf_counter()
-    own = load_robot(robot, locked="simplified" if robot == "humanoid" else None)
-    model = own if servo is None else with_servo(own, servo)
+    own = load_walker(robot, legs_only=legs_only)
+    model = own if servo is None else driven(own, servo)
+    if not model.servos:
+        raise ValueError(f"{own.name} has no servos; name one (--servo): {GENERIC!r} is an AX-12 scaled to the robot")
     worlds = whole("worlds", worlds, 0, "0 is the robot's own ground alone", MOST_WORLDS)
     if feedback and not worlds:
         raise ValueError("feedback is searched in worlds, and worlds is 0; leave out --nominal and --worlds 0")
@@ -266,7 +271,8 @@ def main_job(
     searching = time.perf_counter() - searching
     if not np.isfinite(result.fun):
         why = status if first.status == "ok" else first.status
-        raise ValueError(f"{model.name}: none of {result.nit + 1} gaits walked; the first: {why}")
+        remedy = "stronger servos (--servo)" if plan == "cheapest" else "the cheapest plan that does (--plan cheapest)"
+        raise ValueError(f"{model.name}: none of {result.nit + 1} gaits walked; the first: {why}; try {remedy}")
     if result.status == 2:  # interrupted: who waits has waited enough
         unseen, crosscheck, fair = 0, 0, False
         if progress:
@@ -280,9 +286,9 @@ def main_job(
         found = search_feedback(begins, iterations=iterations // 2, history=feedback_history(history), **how)
         result.x, walk = found.x_poses, found.walk
     before, after = (quality(cost, x) for x in (x0, result.x))
-    elsewhere = worth_elsewhere(cost, [x0, result.x], unseen, progress) if unseen else None
+    elsewhere = worth_elsewhere(cost, [x0, walk or result.x], unseen, progress) if unseen else None
     motion = walk or motion_of(cost.gait.from_vector(result.x), cost.start, cost.blend_strides)
-    checked = _crosschecked(cost, motion, robot, servo, stem, crosscheck, progress) if crosscheck else None
+    checked = _crosschecked(cost, motion, own, servo, stem, crosscheck, progress) if crosscheck else None
     baselines = _baselines(cost, min(unseen, BASELINE_WORLDS), progress, judged and fair)
     if elsewhere:
         baselines[0]["elsewhere"] = elsewhere[0]
@@ -434,7 +440,7 @@ def _with_own_servos(own: Model, cost: WalkingCost) -> dict:
 def _crosschecked(
     cost: WalkingCost,
     motion: Motion | BalancedWalk,
-    robot: FilePath,
+    robot: Model,
     servo: FilePath | None,
     stem: Path,
     count: int,

@@ -20,9 +20,9 @@ from featherstone_gait.optimize import (
     optimize_gait,
     summary,
     walking_cost,
-    with_servo,
     worth_elsewhere,
 )
+from featherstone_gait.robot_file.servos import with_servo
 from featherstone_gait.search import minimize
 from featherstone_gait.view.gait_page import write_gait_page
 from featherstone_gait.walking import BIOLOID_WALK, bounds, read_angles

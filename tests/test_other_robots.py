@@ -19,7 +19,7 @@ from featherstone_gait.walking.cost_in_worlds import in_worlds
 def quick(monkeypatch):
     """One robot that the kernels know, one floor, one stride."""
     cost = walking_cost(load_robot("humanoid", locked="simplified"), states="step")
-    monkeypatch.setattr(study, "ROBOTS", {"humanoid": study.Robot(lambda: cost, 2, feedback=True)})
+    monkeypatch.setattr(study, "ROBOTS", {"humanoid": study.Robot(lambda: cost, 2, feedback=2)})
     short = functools.partial(study.crosscheck, floors=["20ms_0.9"], strides=1, timestep=1e-3)
     monkeypatch.setattr(study, "crosscheck", short)
     return cost

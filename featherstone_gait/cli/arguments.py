@@ -153,10 +153,15 @@ def add_gait(parser: argparse.ArgumentParser) -> None:
 
 def robot_of_gait(args: argparse.Namespace) -> Model:
     """The robot that `add_gait` asks for."""
-    from ..robot_file import load_robot
+    from ..robot_file import load_robot, robot_names
+    from ..walking.motion import read_motion
+    from ..walking.walker import load_walker
 
-    own = "simplified" if args.robot == "humanoid" else None
-    return load_robot(args.robot, locked={} if args.locked == "none" else args.locked or own)
+    if args.locked is not None:
+        return load_robot(args.robot, locked={} if args.locked == "none" else args.locked)
+    if args.robot in robot_names():
+        return load_walker(args.robot)
+    return load_walker(args.robot, joints=read_motion(args.gait, first=args.first).joint_names)
 
 
 def gait_stem(args: argparse.Namespace) -> str:

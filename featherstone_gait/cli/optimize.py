@@ -29,12 +29,14 @@ def add(commands: Commands) -> None:
             "featherstone-gait optimize",
             "featherstone-gait optimize --seed 3 --out third --crosscheck",
             "featherstone-gait optimize --robot my_biped.urdf --servo xl330",
+            "featherstone-gait optimize --robot g1.urdf --servo generic --legs-only",
         ),
         takes=TAKES,
     )
     parser.add_argument("--robot", default="humanoid", help="name or .urdf file (default: humanoid, simplified)")
     parser.add_argument("--servos", choices=SERVO_KINDS, default="mipsd", help="gearbox")
-    what = "of all joints that turn: a name that `featherstone-gait servos` lists, or a .toml file"
+    what = "of all joints that turn: a name that `featherstone-gait servos` lists, a .toml file, or generic, an AX-12"
+    what += " scaled to the robot"
     parser.add_argument("--servo", metavar="NAME", help=f"{what} (default: the robot's own, of the humanoid ax12)")
     parser.add_argument("--iterations", type=int, default=800, metavar="N", help="candidates (default: 800)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the search (default: 0)")
@@ -57,6 +59,8 @@ def add(commands: Commands) -> None:
     parser.add_argument("--no-fair", action="store_true", help=what)
     what = "then search feedback from an IMU, gains and poses together, in worlds and under pushes (docs/feedback.md)"
     parser.add_argument("--feedback", action="store_true", help=what)
+    what = "hold all joints but those of the legs, as of a robot with arms"
+    parser.add_argument("--legs-only", action="store_true", help=what)
     parser.add_argument("--resume", action="store_true", help="go on from the history in the folder")
     parser.add_argument("--crosscheck", action="store_true", help="also walk the gait in MuJoCo, on twelve floors")
 
@@ -85,5 +89,6 @@ def run(args: Namespace) -> int:
             plan=args.plan,
             fair=not args.no_fair,
             feedback=args.feedback,
+            legs_only=args.legs_only,
         )
     return 130 if report["search"]["message"].startswith("interrupted") else 0

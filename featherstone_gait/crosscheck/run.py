@@ -19,10 +19,9 @@ from ..build.scene import ServoKind, compile_scene
 from ..files import FilePath, Format, complete, read_json, write_csv
 from ..model import Ground, Model
 from ..processes import process_pool
-from ..robot_file import load_robot
-from ..robot_file.servos import with_servo
 from ..walking.feedback import BalancedWalk
 from ..walking.motion import Motion
+from ..walking.walker import driven, load_walker
 from .floors import FLOORS, STRIDES, WARM_UP, walk_on
 from .in_mujoco import SOLES, TIMESTEP, Floor, mujoco_version, soles_of
 
@@ -73,8 +72,7 @@ def crosscheck(
     stand and for a damaged file in `out`; OSError if a file cannot be written or a process is lost.
     """
     instance("motion", motion, (Motion, BalancedWalk), "give what read_motion, motion_of or balanced returns")
-    locked = "simplified" if robot == "humanoid" else None
-    model = robot if isinstance(robot, Model) else load_robot(robot, locked=locked)
+    model = robot if isinstance(robot, Model) else load_walker(robot)
     names = texts("floors", [*FLOORS] if floors is None else floors)
     kinds = texts("soles", soles_of(model) if soles is None else soles)
     for name in names:
@@ -90,7 +88,7 @@ def crosscheck(
     }  # fmt: skip
     asked = [(name, kind) for name in FLOORS if name in names for kind in SOLES if kind in kinds]
     rows = _kept(out, settings)
-    walked = model if servo is None else with_servo(model, servo)
+    walked = model if servo is None else driven(model, servo)
     tasks = [_Task(*key, motion, walked, servos, strides, timestep) for key in asked if key not in rows]
     with tqdm(total=len(asked), initial=len(asked) - len(tasks), disable=not progress, unit="floor") as bar:
         for row in _evaluated(tasks, processes):

@@ -3,8 +3,9 @@
 The complete humanoid, whose 19 joints all take part; ANYmal B on its four point feet, and the Unitree G1 with the
 twelve joints of its legs, which come with `example-robot-data`, with an AX-12 scaled to each
 (`walking.with_generic_servos`).  Each walks with its first gait, and with one that is searched for energy alone in
-eight worlds, the G1 with a Bioloid's feedback scaled to it too (`walking.generic_feedback`): in 200 worlds that the
-search has not seen, and on the twelve floors of `featherstone_gait.crosscheck`.
+eight worlds, the G1 also with a Bioloid's feedback scaled to it (`walking.generic_feedback`), and with poses and gains
+that are searched together: in 200 worlds that no search has seen, and on the twelve floors of
+`featherstone_gait.crosscheck`.
 
     python -m featherstone_gait.experiments.other_robots TABLE.csv
 
@@ -19,7 +20,7 @@ import json
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -30,6 +31,7 @@ from ..crosscheck import crosscheck, motion_of
 from ..files import FilePath, Format, complete, parse_json, write_csv
 from ..model import Ground, Model
 from ..optimize import optimize_gait, walking_cost
+from ..optimize_feedback import search_feedback
 from ..robot_file import load_robot
 from ..walking import (
     BalancedWalk,
@@ -61,7 +63,7 @@ class Robot(NamedTuple):
 
     first: Callable[[], WalkingCost]
     candidates: int
-    feedback: bool = False  # whether each gait walks with `generic_feedback` too
+    feedback: int = 0  # candidates of a search of poses and feedback from the first gait; 0: it has none
 
 
 def complete_humanoid() -> WalkingCost:
@@ -94,7 +96,7 @@ def g1() -> WalkingCost:
 ROBOTS = {
     "complete humanoid": Robot(complete_humanoid, 400),
     "ANYmal B": Robot(anymal, 400),
-    "G1": Robot(g1, 400, feedback=True),
+    "G1": Robot(g1, 400, feedback=200),
 }
 
 
@@ -116,27 +118,45 @@ Gaits = dict[str, np.ndarray | BalancedWalk]  # vectors (D,) [rad], or with feed
 
 
 def gaits(name: str, folder: Path) -> tuple[WalkingCost, Gaits]:
-    """Cost of a robot's first gait, and that gait and the one that is searched for."""
+    """Cost of a robot's first gait, that gait, the one that is searched for, and two with feedback if it has any."""
     robot, cost = ROBOTS[name], ROBOTS[name].first()
-    path, first = folder / f"{name}_{robot.candidates}.json".replace(" ", "_"), cost.gait.to_vector()
-    if not path.exists():
+    first = cost.gait.to_vector()
+
+    def searched() -> dict[str, list[float]]:
         result = optimize_gait(in_worlds(cost, WORLDS), iterations=robot.candidates, no_progress=robot.candidates)
         if result.status == 2:
             raise KeyboardInterrupt
+        return {"x": result.x.tolist()}
+
+    told = _kept(folder / f"{name}_{robot.candidates}.json".replace(" ", "_"), first, searched)
+    found: Gaits = {"first": first, f"{robot.candidates} candidates": np.array(told["x"])}
+    if robot.feedback:
+        model, mirror = cost.scene.model, cost.gait.mirror
+        found["first, feedback"] = balanced(cost.scene, _motion(cost, first), generic_feedback(model), mirror=mirror)
+
+        def with_feedback() -> dict[str, list[float]]:
+            result = search_feedback(in_worlds(cost, WORLDS), iterations=robot.feedback)
+            if result.status == 2:
+                raise KeyboardInterrupt
+            return {"x": result.x_poses.tolist(), "gains": result.walk.feedback.to_vector().tolist()}
+
+        told = _kept(folder / f"{name}_{robot.feedback}_feedback.json".replace(" ", "_"), first, with_feedback)
+        motion = _motion(cost, np.array(told["x"]))
+        found[f"{robot.feedback} candidates, feedback"] = balanced(cost.scene, motion, told["gains"], mirror=mirror)
+    return cost, found
+
+
+def _kept(path: Path, first: np.ndarray, search: Callable[[], dict[str, list[float]]]) -> dict[str, Any]:
+    """What a search found, from its file if it is there; raises ValueError for that of another first gait."""
+    if not path.exists():
+        found = {"format": str(GAIT), "first": first.tolist(), **search()}
         with complete(path) as temporary:
-            told = {"format": str(GAIT), "first": first.tolist(), "x": result.x.tolist()}
-            temporary.write_text(json.dumps(told), "utf-8")
+            temporary.write_text(json.dumps(found), "utf-8")
     told = parse_json(path.read_text("utf-8"), str(path), "delete it")
     GAIT.check(path, told["format"])
     if told["first"] != first.tolist():
         raise ValueError(f"{path}: is of another first gait, of other sources or another version; delete it")
-    vectors = {"first": first, f"{robot.candidates} candidates": np.array(told["x"])}
-    found: Gaits = {**vectors}
-    if robot.feedback:
-        gains = generic_feedback(cost.scene.model)
-        for gait, x in vectors.items():
-            found[f"{gait}, feedback"] = balanced(cost.scene, _motion(cost, x), gains, mirror=cost.gait.mirror)
-    return cost, found
+    return told
 
 
 def _motion(cost: WalkingCost, x: np.ndarray) -> Motion:
@@ -159,9 +179,9 @@ def worth_of(name: str, folder: Path, cost: WalkingCost, found: Gaits) -> list[l
     for (gait, x), there in zip(found.items(), worth_elsewhere(cost, [*found.values()], UNSEEN)):
         own, costs = on_own_ground(cost, x), there["cost"] or [None] * 3
         cells = [own.cost, own.cost_of_transport, own.speed, searched.costs([x])[0][0], there["walks"], *costs]
-        walk = x if isinstance(x, BalancedWalk) else found.get(f"{gait}, feedback")
         pushes = None
-        if isinstance(walk, BalancedWalk):
+        if ROBOTS[name].feedback:
+            walk = x if isinstance(x, BalancedWalk) else balanced(cost.scene, _motion(cost, x), mirror=cost.gait.mirror)
             pushes = float(pushes_survived(cost.scene, walk, PUSHED, feedback=walk is x).mean())
         rows.append([name, gait, *cells, pushes])
     with complete(path) as temporary:

@@ -21,7 +21,7 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from itertools import pairwise
 from types import NoneType
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
@@ -29,6 +29,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 import numpy as np
 
 from ..arguments import instance, listed, one_of, shown, whole
+from ..build.contact import standing_posture
 from ..build.scene import CompiledScene
 from ..build.tree import GRAVITY
 from ..model import Model
@@ -36,7 +37,7 @@ from ..servo_curve import torque_speed
 from .cost import WalkingCost
 from .cost_in_worlds import CostInWorlds, variations
 from .gait import TICK, Gait, GaitFit, fit_gait, mirror_of
-from .generic_servo import LEG
+from .generic_servo import HEIGHT, LEG
 from .inverse_kinematics import leg_joints, nearest
 from .kinematics import center_of_mass, link_index, link_poses
 from .plan import BIOLOID_WALK, Plan, Sole, Walk, default_posture, downward, first_base, soles_of, walking_plan
@@ -50,6 +51,7 @@ SMALLER = (0.4, 0.2, 0.1)  # these boxes, as shares of the whole one
 DRAWN = 4  # points for each plan that is wanted: most of a box no leg can reach
 WORLDS = 8
 PLAIN = (0.123, 2.225, 0.123, 0.0865, 1.219, 0.2)  # BIOLOID_WALK in the units of `Box`
+LIKE_BIOLOID = 0.1  # by how much a robot's height may differ, of which it takes the plain plan as it is
 FASTER = 1.0  # than without load no servo turns
 SAMPLE, PREVIEW, JERKS = 0.02, 1.2, 2.5e-8  # of the plans: T [s], preview [s] and R [s^6/m^2] of the Bioloid's
 STEPS, ACCURATE = 15, 1e-5  # how many are planned; by how much the centre of mass may miss its path [m]
@@ -115,8 +117,9 @@ def first_gait(
 ) -> WalkingCost:
     """The cost of a robot's first gait on `scene`, for `optimize_gait` and `in_worlds`.
 
-    plan: "plain" is ``BIOLOID_WALK | walk``, planned at 10 ms; "cheapest" what `cheapest_plan` finds, which takes
-    `searched` and `seed`, with the numbers in `walk` held.  states: whether the four poses are those of a stride, or of
+    plan: "plain" is ``BIOLOID_WALK | walk``, planned at 10 ms, and for a robot of another size the same walk by dynamic
+    similarity, at 20 ms; "cheapest" what `cheapest_plan` finds, which takes `searched` and `seed`, with the numbers in
+    `walk` held.  states: whether the four poses are those of a stride, or of
     a step, which the other leg mirrors.  Raises ValueError for a robot that is no biped, one that cannot take these
     steps, and for states of a step where left and right are no mirror images.
     """
@@ -125,8 +128,16 @@ def first_gait(
     one_of("states", states, get_args(States))
     if plan == "cheapest":
         return cheapest_plan(scene, states, searched=searched, seed=seed, **walk).cost
-    planned = walking_plan(scene.model, **(BIOLOID_WALK | {"g": downward(scene.gravity)} | walk))
+    planned = walking_plan(scene.model, **(_plain(scene) | walk))
     return _cost(scene, planned, fit_states(scene.model, planned, states))
+
+
+def _plain(scene: CompiledScene) -> dict[str, Any]:
+    """The numbers of the plain walk."""
+    model, g = scene.model, downward(scene.gravity)
+    if abs(standing_posture(model)[0] / HEIGHT - 1.0) < LIKE_BIOLOID:
+        return BIOLOID_WALK | {"g": g}
+    return asdict(_walk(PLAIN, _size(model, soles_of(model)[0]), g, {}))
 
 
 def cheapest_plan(
@@ -224,26 +235,9 @@ class _Search:
         return (np.array(numbers) - self.low) / np.where(self.high > self.low, self.high - self.low, 1.0)
 
     def walk(self, point: np.ndarray) -> Walk:
-        """The walk of a point of the unit box; strides are a whole number of ticks."""
-        step, time, lift, sinking, width, double = (self.low + point * (self.high - self.low)).tolist()
-        half = 0.5 * TICK
-        settings = {
-            "step_length": step * self.length,
-            "step_time": half * max(2, round(time * math.sqrt(self.length / self.g) / half)),
-            "lift": lift * self.length,
-            "com_height": self.height - sinking * self.length,
-            "half_width": width * self.width,
-            "double_support": double,
-        }
-        slower = math.sqrt(self.length / LEG * -GRAVITY[2] / self.g)  # than the Bioloid, by its size
-        preview = {
-            "T": SAMPLE,
-            "N": round(slower * PREVIEW / SAMPLE),
-            "R": float(f"{JERKS * slower**8:.2g}"),  # of rates of jerk, which go as lengths by the fourth power of time
-            "n_steps": STEPS,
-            "g": self.g,
-        }
-        return Walk(**({name: round(x, 6) for name, x in settings.items()} | preview | self.held))
+        """The walk of a point of the unit box."""
+        numbers = (self.low + point * (self.high - self.low)).tolist()
+        return _walk(numbers, (self.length, self.height, self.width), self.g, self.held)
 
     def within_reach(self, points: np.ndarray) -> np.ndarray:
         """Whether the legs reach (n,) what a plan asks of them at five moments of a step, the sway left out.
@@ -314,6 +308,30 @@ def _in_worlds(scene: CompiledScene, count: int = WORLDS) -> Searched:
     worlds, offsets = variations(scene, count)
     scenes = worlds.scenes(scene)
     return lambda cost: CostInWorlds(cost, scenes, offsets)
+
+
+def _walk(numbers: Sequence[float], size: tuple[float, float, float], g: float, held: dict[str, Any]) -> Walk:
+    """The walk of numbers in the units of `Box`, but for what is held; strides are a whole number of ticks."""
+    step, time, lift, sinking, width, double = numbers
+    length, height, half_width = size
+    half = 0.5 * TICK
+    settings = {
+        "step_length": step * length,
+        "step_time": half * max(2, round(time * math.sqrt(length / g) / half)),
+        "lift": lift * length,
+        "com_height": height - sinking * length,
+        "half_width": width * half_width,
+        "double_support": double,
+    }
+    slower = math.sqrt(length / LEG * -GRAVITY[2] / g)  # than the Bioloid, by its size
+    preview = {
+        "T": SAMPLE,
+        "N": round(slower * PREVIEW / SAMPLE),
+        "R": float(f"{JERKS * slower**8:.2g}"),  # of rates of jerk, which go as lengths by the fourth power of time
+        "n_steps": STEPS,
+        "g": g,
+    }
+    return Walk(**({name: round(x, 6) for name, x in settings.items()} | preview | held))
 
 
 def _size(model: Model, left: Sole) -> tuple[float, float, float]:

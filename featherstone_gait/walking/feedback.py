@@ -53,6 +53,7 @@ from ..run.simulate import simulate_batch, standing_state
 from ..trajectory import Trajectory
 from .gait import Mirror
 from .gait_file import ARRAYS
+from .generic_servo import HEIGHT
 from .inverse_kinematics import leg_joints
 from .kinematics import joint_axes, link_centers, link_index, link_poses
 from .motion import Motion, read_motion
@@ -130,7 +131,7 @@ NONE, SENSORS = Feedback(), Imu()
 BIOLOID = Feedback(  # gains of robots/humanoid/balanced_gait.npz, rounded
     ankle=4.2, foot=2.0, hip_rate=0.05, hasten=10.0, wait=24.0, quiet=0.007, heading=0.775,
 )  # fmt: skip
-BIOLOID_HEIGHT, BIOLOID_PUSH = 0.2226, 0.623  # of its centre of mass, standing [m], and see `size_of` [N s]
+BIOLOID_PUSH = 0.623  # see `size_of` [N s]
 
 # The controller's memory: gains, numbers, what it remembers, tables.
 GAINS = len(fields(Feedback))
@@ -456,7 +457,7 @@ def size_of(model: Model) -> tuple[float, float]:
     """
     height, _ = standing_posture(model)
     a, b = np.ptp(soles_of(model)[0].corners, axis=0) / 2.0
-    return height / BIOLOID_HEIGHT, model.mass * math.sqrt(9.81 / height * a * b) / BIOLOID_PUSH
+    return height / HEIGHT, model.mass * math.sqrt(9.81 / height * a * b) / BIOLOID_PUSH
 
 
 def generic_feedback(model: Model) -> Feedback:

@@ -19,6 +19,7 @@ from ..model import Model, Servo
 from ..robot_file.servos import load_servo
 
 MASS, LEG = 2.423, 0.203  # of the Bioloid, which AX-12 servos carry: `robots/humanoid` [kg, m]
+HEIGHT = 0.2226  # of its centre of mass, standing [m]
 
 
 def scaled_servo(servo: Servo, torque: float, speed: float) -> Servo:

@@ -1,0 +1,81 @@
+"""A robot that is to walk, from any file: what it stands on, what it holds still, and what drives it.
+
+    robot = driven(load_walker("g1.urdf", legs_only=True), "generic")
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..arguments import texts, truth
+from ..dynamics import contact_positions
+from ..files import FilePath
+from ..model import Model
+from ..robot_file import load_robot, robot_names
+from ..robot_file.servos import with_servo
+from .generic_servo import with_generic_servos
+from .inverse_kinematics import leg_joints
+from .kinematics import link_index, link_poses
+from .plan import soles_of
+
+GENERIC, MARGIN = "generic", 2.0  # torques of an AX-12 scaled to the robot: of four bipeds one walks with less
+
+
+def load_walker(robot: FilePath, *, legs_only: bool = False, joints: Sequence[str] | None = None) -> Model:
+    """Read a robot as of `load_robot`, of "humanoid" the simplified one, afloat and with its feet to stand on.
+
+    legs_only: hold all joints but those of its two legs, as near to zero as they may be; joints: hold all but these.
+    Of a robot of `robot_names()` base and contacts are its own, as are those of a file that has them.  Raises
+    ValueError for `legs_only` and a robot without two soles, for joints that there are not, and what `load_robot` does.
+    """
+    truth("legs_only", legs_only)
+    known: dict[str, Any] = {"locked": "simplified"} if robot == "humanoid" else {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what is to be said is said once, at the end
+        found = load_robot(robot, **known)
+        if robot not in robot_names():
+            known |= {} if found.base == "floating" else {"base": "floating"}
+            known |= {} if found.contacts else {"contacts": "feet"}
+            found = load_robot(robot, **known)
+    moving = found.joint_names
+    if legs_only:
+        moving = tuple(moving[k] for sole in soles_of(found) for k in leg_joints(found, sole.link))
+    if joints is not None:
+        moving = tuple(texts("joints", joints))
+        if unknown := [name for name in moving if name not in found.joint_names]:
+            raise ValueError(f"joints: {unknown[0]!r} is no moving joint of {found.name}; load it without holding it")
+    held = {one.name: min(max(0.0, one.lower), one.upper) for one in found.moving_joints if one.name not in moving}
+    return load_robot(robot, **known | ({"locked": held} if held else {}))
+
+
+def driven(model: Model, servo: FilePath) -> Model:
+    """The robot with one servo in all joints that turn: as of `load_servo`, or "generic".
+
+    That is an AX-12 scaled to the robot's mass and legs (`with_generic_servos`), twice as strong for its weight.
+    """
+    if servo == GENERIC and not Path(GENERIC).exists():
+        return with_generic_servos(model, leg_length(model), margin=MARGIN)
+    return with_servo(model, servo)
+
+
+def leg_length(model: Model) -> float:
+    """From the first joint of a leg to its foot, from joint to joint, at zero [m]: of the lowest contact point's link.
+
+    Raises ValueError for a robot without contact points, or whose lowest one no joint moves.
+    """
+    if not model.contacts:
+        raise ValueError(f"{model.name} has no contact points; load it with contacts='feet'")
+    zero = np.zeros(len(model.joint_names))
+    base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
+    points = contact_positions(model, [*base, *zero])
+    foot = model.contacts[int(np.argmin(points[:, 2]))].link
+    on_foot = points[[point.link == foot for point in model.contacts]].mean(axis=0)
+    children = {joint.name: joint.child for joint in model.joints}
+    poses = link_poses(model, zero)
+    leg = [poses.position[0, link_index(model, children[model.joint_names[k]])] for k in leg_joints(model, foot)]
+    return float(np.linalg.norm(np.diff([*leg, on_foot], axis=0), axis=1).sum())

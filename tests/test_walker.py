@@ -1,0 +1,66 @@
+"""Robots that are to walk, from a file that says nothing of base, contacts or servos."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from featherstone_gait import load_robot
+from featherstone_gait.optimize import main_job
+from featherstone_gait.walking.generic_servo import LEG, MASS
+from featherstone_gait.walking.walker import MARGIN, driven, leg_length, load_walker
+
+HUMANOID = Path(load_robot("humanoid").source)
+LEGS = ("hip", "knee", "ankle")
+
+
+@pytest.fixture
+def bare(tmp_path):
+    """The humanoid's URDF alone."""
+    path = tmp_path / "biped.urdf"
+    path.write_bytes(HUMANOID.read_bytes())
+    return path
+
+
+def test_a_bare_file_s_robot_floats_on_its_feet_and_may_hold_all_but_its_legs(bare):
+    whole, legs = load_walker(bare), load_walker(bare, legs_only=True)
+    own = load_robot("humanoid", locked={})
+    assert (whole.base, whole.joint_names) == ("floating", own.joint_names)
+    assert {point.link for point in whole.contacts} == {point.link for point in own.contacts}
+    assert not whole.servos
+    assert legs.joint_names == tuple(name for name in own.joint_names if any(part in name for part in LEGS))
+    assert legs.mass == pytest.approx(own.mass, rel=1e-12)
+    few = load_walker(bare, joints=legs.joint_names[:3])
+    assert few.joint_names == legs.joint_names[:3]
+    with pytest.raises(ValueError, match=r"joints: 'tail' is no moving joint of"):
+        load_walker(bare, joints=["tail"])
+
+
+def test_what_a_robot_s_own_files_say_is_kept():
+    found, own = load_walker("humanoid"), load_robot("humanoid", locked="simplified")
+    for what in ("base", "links", "joints", "contacts", "servos"):
+        assert getattr(found, what) == getattr(own, what)
+
+
+def test_generic_servos_are_as_strong_as_mass_and_legs_ask_for(bare):
+    robot = load_walker(bare, legs_only=True)
+    assert leg_length(robot) == pytest.approx(LEG, abs=0.05)
+    servo = driven(robot, "generic").servos[robot.joint_names[0]]
+    known = driven(robot, "ax12").servos[robot.joint_names[0]]
+    ratio = servo.motor_constant / servo.resistance / (known.motor_constant / known.resistance)
+    assert ratio == pytest.approx(MARGIN * robot.mass * leg_length(robot) / (MASS * LEG), rel=1e-12)
+    assert servo.motor_constant / known.motor_constant == pytest.approx(np.sqrt(leg_length(robot) / LEG), rel=1e-12)
+    assert set(driven(robot, "generic").servos) == set(robot.joint_names)
+
+
+def test_a_search_of_a_robot_without_servos_says_what_to_do(bare, tmp_path):
+    with pytest.raises(ValueError, match=r"humanoid has no servos; name one \(--servo\): 'generic' is"):
+        main_job(bare, out=tmp_path)
+
+
+@pytest.mark.long
+def test_a_bare_file_s_robot_walks_with_generic_servos(bare, tmp_path):
+    how = {"servo": "generic", "legs_only": True, "iterations": 2, "worlds": 0, "unseen": 0}
+    report = main_job(bare, **how, out=tmp_path, progress=False)
+    assert report["after"]["status"] == "ok"
+    assert report["after"]["speed"] > 0.05
