@@ -51,6 +51,11 @@ def test_generic_servos_are_as_strong_as_mass_and_legs_ask_for(bare):
     assert ratio == pytest.approx(MARGIN * robot.mass * leg_length(robot) / (MASS * LEG), rel=1e-12)
     assert servo.motor_constant / known.motor_constant == pytest.approx(np.sqrt(leg_length(robot) / LEG), rel=1e-12)
     assert set(driven(robot, "generic").servos) == set(robot.joint_names)
+    stronger = driven(robot, f"generic:{3.0 * MARGIN}").servos[robot.joint_names[0]]
+    assert servo.resistance / stronger.resistance == pytest.approx(3.0, rel=1e-12)
+    for wrong in ("generic:much", "generic:-1"):
+        with pytest.raises(ValueError, match=r"give generic, or how many times|margin is -1"):
+            driven(robot, wrong)
 
 
 def test_a_search_of_a_robot_without_servos_says_what_to_do(bare, tmp_path):

@@ -36,7 +36,7 @@ def add(commands: Commands) -> None:
     parser.add_argument("--robot", default="humanoid", help="name or .urdf file (default: humanoid, simplified)")
     parser.add_argument("--servos", choices=SERVO_KINDS, default="mipsd", help="gearbox")
     what = "of all joints that turn: a name that `featherstone-gait servos` lists, a .toml file, or generic, an AX-12"
-    what += " scaled to the robot"
+    what += " scaled to the robot and twice as strong (generic:4: four times)"
     parser.add_argument("--servo", metavar="NAME", help=f"{what} (default: the robot's own, of the humanoid ax12)")
     parser.add_argument("--iterations", type=int, default=800, metavar="N", help="candidates (default: 800)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the search (default: 0)")

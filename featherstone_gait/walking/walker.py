@@ -23,7 +23,7 @@ from .inverse_kinematics import leg_joints
 from .kinematics import link_index, link_poses
 from .plan import soles_of
 
-GENERIC, MARGIN = "generic", 2.0  # torques of an AX-12 scaled to the robot: of four bipeds one walks with less
+GENERIC, MARGIN = "generic", 2.0  # how much stronger than an AX-12 scaled to the robot; with 1 no plan of a G1 walks
 
 
 def load_walker(robot: FilePath, *, legs_only: bool = False, joints: Sequence[str] | None = None) -> Model:
@@ -56,11 +56,17 @@ def load_walker(robot: FilePath, *, legs_only: bool = False, joints: Sequence[st
 def driven(model: Model, servo: FilePath) -> Model:
     """The robot with one servo in all joints that turn: as of `load_servo`, or "generic".
 
-    That is an AX-12 scaled to the robot's mass and legs (`with_generic_servos`), twice as strong for its weight.
+    That is an AX-12 scaled to the robot's mass and legs (`with_generic_servos`), twice as strong for its weight;
+    "generic:4" is four times as strong.  Raises ValueError for a factor that is none.
     """
-    if servo == GENERIC and not Path(GENERIC).exists():
-        return with_generic_servos(model, leg_length(model), margin=MARGIN)
-    return with_servo(model, servo)
+    name, _, factor = str(servo).partition(":")
+    if name != GENERIC or Path(servo).exists():
+        return with_servo(model, servo)
+    try:
+        margin = float(factor) if factor else MARGIN
+    except ValueError:
+        raise ValueError(f"servo is {servo!r}; give generic, or how many times as strong: generic:4") from None
+    return with_generic_servos(model, leg_length(model), margin=margin)
 
 
 def leg_length(model: Model) -> float:
