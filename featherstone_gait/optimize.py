@@ -271,7 +271,7 @@ def main_job(
     searching = time.perf_counter() - searching
     if not np.isfinite(result.fun):
         why = status if first.status == "ok" else first.status
-        remedy = "stronger servos (as --servo generic:4)" if plan == "cheapest" else "the cheapest plan that does (--plan cheapest)"
+        remedy = "stronger servos (--servo generic:4)" if plan == "cheapest" else "the cheapest plan (--plan cheapest)"
         raise ValueError(f"{model.name}: none of {result.nit + 1} gaits walked; the first: {why}; try {remedy}")
     if result.status == 2:  # interrupted: who waits has waited enough
         unseen, crosscheck, fair = 0, 0, False
