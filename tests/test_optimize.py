@@ -4,7 +4,7 @@ import csv
 import json
 import math
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -25,7 +25,7 @@ from featherstone_gait.optimize import (
 from featherstone_gait.robot_file.servos import with_servo
 from featherstone_gait.search import minimize
 from featherstone_gait.view.gait_page import write_gait_page
-from featherstone_gait.walking import BIOLOID_WALK, bounds, read_angles
+from featherstone_gait.walking import BIOLOID_WALK, Feedback, bounds, read_angles
 from featherstone_gait.walking.cost import cost_of_motion
 from featherstone_gait.walking.gait_file import angles_of_goal_positions
 
@@ -147,6 +147,7 @@ def test_the_page_names_floors_falls_and_what_is_not_known(job, tmp_path):
         "search": report["search"] | {"with_limits_from": 2},
         "at_equal_speed": [{"baseline": "<plan>", "cost": 80.0, "speed": 0.1, "found": None, "gain": None}],
         "plausible": report["plausible"] | {"after": {"limits": [after], "current": None}},
+        "feedback": {"gains": asdict(Feedback(ankle=4.25)), "pushes": {"with": [0.75] * 8, "without": [0.5] * 8}},
     }  # fmt: skip
     write_gait_page(tmp_path / "page.html", changed, np.array([80.0, math.inf, 70.0]))
     page = (tmp_path / "page.html").read_text("utf-8")
@@ -156,6 +157,9 @@ def test_the_page_names_floors_falls_and_what_is_not_known(job, tmp_path):
     assert "none on the way" in page
     assert "Currents" not in page
     assert "keeps to limits" in page
+    space = "\N{NO-BREAK SPACE}"
+    assert f'<th scope="row">mean</th><td>0.50{space}N{space}s</td><td>0.75{space}N{space}s</td>' in page
+    assert "ankle of the leg that bears, by what is off ahead<small>rad/m</small></th><td>4.25</td>" in page
 
 
 def test_gains_are_told_at_equal_speed_and_with_standing_power_too(job):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
 from html import escape
 from pathlib import Path
 from string import Template
@@ -15,11 +16,13 @@ from typing import Any
 import numpy as np
 
 from ..files import FilePath, complete
+from ..walking.feedback import Feedback
 
 Report = Mapping[str, Any]
 WIDTH, HEIGHT, LEFT, RIGHT, FOOT = 420, 220, 40, 12, 32  # of a picture, and its margins [px]
 UNITS = {"m": ("mm", 1e3), "rad": ("°", math.degrees(1.0)), "-": ("%", 100.0)}  # of limits, as they are shown
 NONE = "–"
+TOWARDS = ("ahead", "ahead, left", "left", "behind, left", "behind", "behind, right", "right", "ahead, right")
 
 
 def write_gait_page(path: FilePath, report: Report, costs: np.ndarray) -> None:
@@ -36,6 +39,7 @@ def write_gait_page(path: FilePath, report: Report, costs: np.ndarray) -> None:
         ("Currents of the servos", _currents(report)),
         ("With what is drawn all the time", _standby(report)),
         ("At equal speed", _at_equal_speed(report)),
+        ("Pushes, and the feedback that answers them", _feedback(report)),
         ("In MuJoCo", _in_mujoco(report)),
         ("The search", _search(report, costs)),
     ]
@@ -203,6 +207,26 @@ def _at_equal_speed(report: Report) -> str:
         '<p class="soft">The cheapest gait that the search came by, within 5 % of that speed; of plans with its period '
         "equal speeds are equal steps. It was not searched for at that speed: the gain is at least this. In the first "
         "half of a search with limits it keeps to none.</p>"
+    )
+
+
+def _feedback(report: Report) -> str:
+    """What pushes are survived with the feedback that was searched for and without, and its gains."""
+    found = report.get("feedback")
+    if not found:
+        return ""
+    sides = [found["pushes"][side] for side in ("without", "with")]
+    pushes = [[name, *(_number(side[k], " N s", 1.0, 2) for side in sides)] for k, name in enumerate(TOWARDS)]
+    pushes.append(["mean", *(_number(math.fsum(side) / len(side), " N s", 1.0, 2) for side in sides)])
+    gains = [
+        [f"{escape(one.metadata['what'])}<small>{one.metadata['unit']}</small>", f"{found['gains'][one.name]:.3g}"]
+        for one in fields(Feedback)
+    ]
+    return (
+        "<p>The impulse on the trunk, in 0.1 s, at which half of the robots fall, in the worlds of the search at four "
+        "phases of the stride. What is told of other worlds and of MuJoCo is with feedback.</p>"
+        + _table(["towards", "without", "with feedback"], pushes)
+        + _table(["gain", ""], gains)
     )
 
 
