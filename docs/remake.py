@@ -166,7 +166,7 @@ PARTS: dict[str, Part] = {
         modules=("study/sensitivity.py", "study/draws.py", "study/measures.py"),
     ),
     "other-robots": Part(
-        "other robots in MuJoCo and in unseen worlds, for docs/crosscheck.md and walking.md", 13,
+        "other robots in MuJoCo and in unseen worlds, for docs/crosscheck.md, walking.md and feedback.md", 30,
         ("-m", "featherstone_gait.experiments.other_robots", "{out}/other_robots.csv"),
         (("other_robots.csv", "docs/reproduction/other_robots.csv"),
          ("other_robots_worlds.csv", "docs/reproduction/other_robots_worlds.csv")),
