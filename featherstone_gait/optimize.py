@@ -618,10 +618,22 @@ def summary(report: dict) -> str:
         f"{report['seconds']['all']:.1f} s: {search['message']}",
         f"{work['begun']} evaluations begun, {work['wasted']} of them wasted by speculation"
         + (f"; lanes {100.0 * lanes:.1f} % occupied" if lanes is not None else ""),
+        *_pushes_told(report.get("feedback")),
         f"crosscheck: {report.get('crosscheck') or NOT_CHECKED}",
         *(f"{kind:16} {path}" for kind, path in report["files"].items()),
     ]
     return "\n".join(lines)
+
+
+def _pushes_told(feedback: dict | None) -> list[str]:
+    """A line about what feedback is worth."""
+    if not feedback:
+        return []
+    with_it, without = (math.fsum(feedback["pushes"][side]) / 8 for side in ("with", "without"))
+    return [
+        f"pushes that half survive, mean of eight sides: {with_it:.3g} N s with feedback, {without:.3g} without; other "
+        "worlds and crosscheck are with it"
+    ]
 
 
 def _limits_told(plausible: dict) -> list[str]:

@@ -157,6 +157,7 @@ def test_the_page_names_floors_falls_and_what_is_not_known(job, tmp_path):
     assert "none on the way" in page
     assert "Currents" not in page
     assert "keeps to limits" in page
+    assert "0.75 N s with feedback, 0.5 without" in summary(changed | {"elsewhere": report["elsewhere"]})
     space = "\N{NO-BREAK SPACE}"
     assert f'<th scope="row">mean</th><td>0.50{space}N{space}s</td><td>0.75{space}N{space}s</td>' in page
     assert "ankle of the leg that bears, by what is off ahead<small>rad/m</small></th><td>4.25</td>" in page

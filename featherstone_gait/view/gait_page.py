@@ -351,7 +351,8 @@ def _convergence(costs: np.ndarray, since: int | None) -> str:
     parts += [f'<circle class="dot" cx="{x(k):.1f}" cy="{y(costs[k]):.1f}" r="1.6"/>' for k in shown]
     line = " ".join(f"{x(k):.1f},{y(f):.1f}" for k, f in enumerate(best) if math.isfinite(f) and f <= most)
     if since is not None:
-        parts.append(f'<text x="{x(since) + 4:.1f}" y="20">keeps to limits</text>')
+        aside, anchor = (4.0, "start") if x(since) < 0.6 * WIDTH else (-4.0, "end")
+        parts.append(f'<text x="{x(since) + aside:.1f}" y="20" text-anchor="{anchor}">keeps to limits</text>')
         parts.append(f'<line class="first" x1="{x(since):.1f}" x2="{x(since):.1f}" y1="8" y2="{HEIGHT - FOOT}"/>')
     parts.append(f'<polyline class="best" points="{line}"/>')
     return _picture(HEIGHT, parts, "What the search is told [J/m] of each candidate, and the least so far")
