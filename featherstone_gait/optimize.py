@@ -13,6 +13,7 @@ degree, with 2 degrees 64 %; those of 3 degrees wander off sideways, those of 5 
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import tempfile
@@ -22,7 +23,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 import numpy as np
 from scipy.optimize import OptimizeResult
@@ -191,7 +192,7 @@ def main_job(
     limits: bool = True,
     electronics: float | None = None,
     holding: float | None = None,
-    plan: PlanKind = "plain",
+    plan: PlanKind | None = None,
     fair: bool = True,
     feedback: bool = False,
     legs_only: bool = False,
@@ -213,7 +214,8 @@ def main_job(
     of the gaits that it tried that is taken which keeps most limits and does best in 16 more worlds
     (`walking.worth.chosen`); with `limits` False all candidates are for energy alone.  `electronics`, `holding`: what
     the electronics of all servos take, and what the locked ones take to hold still [W]; told beside the motors' energy.
-    `plan`: which gait the search begins with, as of `walking_cost`; `fair`: after a search in worlds, look for the
+    `plan`: which gait the search begins with, as of `walking_cost`, None for the plain one and, where that cannot be
+    planned or falls in a world, the cheapest; `fair`: after a search in worlds, look for the
     cheapest plan too and compare with that.
     `feedback`: after the search half as many candidates more, of poses and gains together, in worlds and under pushes
     (`optimize_feedback`); the .npz then holds the gait with its feedback.
@@ -247,20 +249,26 @@ def main_job(
     for name, power in (("electronics", electronics), ("holding", holding)):
         if power is not None:
             real(name, power, 0.0, 1e6, "it is a power [W]")
-    judged = plan == "plain" and fair and worlds > 0
+    judged = plan != "cheapest" and fair and worlds > 0
+    minutes = expected(iterations, worlds, unseen, crosscheck > 0, judged + (plan == "cheapest"), feedback)
     if progress:
-        minutes = expected(iterations, worlds, unseen, crosscheck > 0, judged + (plan == "cheapest"), feedback)
         compiling = "half a minute more to compile the first time"
         if robot == "humanoid":
             print(f"takes about {max(minutes, 1.0):.0f} min on two cores, and {compiling}")
         else:
             print(f"how long it takes is told after the first gait; {compiling}")
-    cost = walking_cost(model, servos, states=states or _states_of(model), plan=plan)
+    begin = functools.partial(_begun, model, servos, states or _states_of(model), worlds)
+    begun = begin(plan or "plain", hopeful=plan is None)
+    if plan is None and begun.status != "ok":
+        if progress:
+            print(f"plain plan: {begun.status}; looks for the cheapest that walks")
+        judged, plan = False, "cheapest"
+        begun = begin(plan)
+    plan, (cost, searched, first_cost, status) = plan or "plain", begun
+    assert cost is not None
     x0 = cost.gait.to_vector()
     first = cost.measure([x0])[0]
     watch = Watch(model, cost.start[0])
-    searched = in_worlds(cost, worlds) if worlds else cost
-    first_cost, status = searched(x0)
     _check_history(history, first_cost)
     if progress:
         print(f"first gait: {_described(first)}")
@@ -298,7 +306,7 @@ def main_job(
     elsewhere = worth_elsewhere(cost, [x0, walk or result.x], unseen, progress) if unseen else None
     motion = walk or motion_of(cost.gait.from_vector(result.x), cost.start, cost.blend_strides)
     checked = _crosschecked(cost, motion, own, servo, stem, crosscheck, progress) if crosscheck else None
-    baselines = _baselines(cost, min(unseen, BASELINE_WORLDS), progress, judged and fair)
+    baselines = _baselines(cost, plan, min(unseen, BASELINE_WORLDS), progress, judged and fair)
     if elsewhere:
         baselines[0]["elsewhere"] = elsewhere[0]
     with _alone_with(history), _appearing_together(stem) as folder:
@@ -349,6 +357,29 @@ def main_job(
     return json.loads(text)
 
 
+class _Begun(NamedTuple):
+    """A plan's gait: its cost, that which the search sees, what that is [J/m], and its status or why there is none."""
+
+    cost: WalkingCost | None
+    searched: Any
+    first: float
+    status: str
+
+
+def _begun(
+    model: Model, servos: ServoKind, states: States, worlds: int, plan: PlanKind, hopeful: bool = False
+) -> _Begun:
+    """The gait that a search begins with; hopeful: that it cannot be planned is a status, else a ValueError."""
+    try:
+        cost = walking_cost(model, servos, states=states, plan=plan)
+    except ValueError as error:
+        if not hopeful:
+            raise
+        return _Begun(None, None, math.inf, str(error))
+    searched = in_worlds(cost, worlds) if worlds else cost
+    return _Begun(cost, searched, *searched(cost.gait.to_vector()))
+
+
 def _folded(text: str) -> str:
     """Lines that go on below where a terminal has no room for them."""
     lines = (textwrap.wrap(line, 79, subsequent_indent="    ", break_long_words=False) for line in text.split("\n"))
@@ -363,25 +394,32 @@ def _states_of(model: Model) -> States:
     return "step"
 
 
-def _baselines(cost: WalkingCost, unseen: int, progress: bool, cheapest: bool) -> list[dict[str, Any]]:
-    """Each of `BASELINES`, measured as the gait that is found; of one that cannot be planned or falls the reason."""
+def _baselines(
+    cost: WalkingCost, plan: PlanKind, unseen: int, progress: bool, cheapest: bool
+) -> list[dict[str, Any]]:
+    """Each of `BASELINES`, measured as the gait that is found; of one that cannot be planned or falls the reason.
+
+    The first is that of `cost`, of `plan`.
+    """
     scene, found = cost.scene, []
     asked: dict[str, dict[str, Any]] = BASELINES | ({CHEAPEST: {"plan": "cheapest"}} if cheapest else {})
+    if plan == "cheapest":
+        asked = {CHEAPEST: {}} | {name: walk for name, walk in asked.items() if walk}
     for name, walk in tqdm(asked.items(), "baselines", disable=not progress or not unseen, unit="plan"):
         row: dict[str, Any] = {"name": name, "walk": walk, "status": "ok", "elsewhere": None}
         try:
             assert scene.servos is not None
             states: States = "stride" if cost.gait.mirror is None else "step"
-            plan = cost
+            one = cost
             if walk:
-                plan = walking_cost(scene.model, scene.servos, scene.ground, scene.gravity, states, **walk)
+                one = walking_cost(scene.model, scene.servos, scene.ground, scene.gravity, states, **walk)
         except ValueError as error:
             found.append(row | {"status": str(error)})
             continue
-        x = plan.gait.to_vector()
-        row |= plan.measure([x])[0].as_dict()
+        x = one.gait.to_vector()
+        row |= one.measure([x])[0].as_dict()
         if walk and unseen and row["status"] == "ok":  # of the first one it is known
-            (row["elsewhere"],) = worth_elsewhere(plan, [x], unseen, False)
+            (row["elsewhere"],) = worth_elsewhere(one, [x], unseen, False)
         found.append(row)
     return found
 

@@ -321,7 +321,7 @@ def test_every_candidate_keeps_to_the_joint_limits(cost):
 def test_a_job_in_which_nothing_walks_says_why(tmp_path, monkeypatch):
     monkeypatch.setitem(BIOLOID_WALK, "step_time", 0.24)
     with pytest.raises(ValueError, match=r"none of 1 gaits walked; the first: humanoid fell at"):
-        main_job(iterations=0, states="stride", worlds=1, unseen=0, out=tmp_path, progress=False)
+        main_job(plan="plain", iterations=0, states="stride", worlds=1, unseen=0, out=tmp_path, progress=False)
 
 
 def test_a_robot_without_two_soles_is_refused(tmp_path):

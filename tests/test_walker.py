@@ -1,12 +1,14 @@
 """Robots that are to walk, from a file that says nothing of base, contacts or servos."""
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from featherstone_gait import load_robot
+from featherstone_gait import load_robot, optimize
 from featherstone_gait.optimize import main_job
+from featherstone_gait.walking import BIOLOID_WALK
 from featherstone_gait.walking.generic_servo import LEG, MASS
 from featherstone_gait.walking.walker import MARGIN, driven, leg_length, load_walker
 
@@ -69,3 +71,25 @@ def test_a_bare_file_s_robot_walks_with_generic_servos(bare, tmp_path):
     report = main_job(bare, **how, out=tmp_path, progress=False)
     assert report["after"]["status"] == "ok"
     assert report["after"]["speed"] > 0.05
+
+
+def test_a_plain_plan_that_falls_gives_way_to_the_cheapest_and_says_so(bare, tmp_path, monkeypatch, capsys):
+    asked = []
+
+    def begun(*_, hopeful=False):
+        asked.append((_[-1], hopeful))
+        if hopeful:
+            return optimize._Begun(None, None, math.inf, "out of reach")
+        raise ValueError("no plan walks")
+
+    monkeypatch.setattr(optimize, "_begun", begun)
+    with pytest.raises(ValueError, match="no plan walks"):
+        main_job(bare, servo="generic", legs_only=True, out=tmp_path)
+    assert asked == [("plain", True), ("cheapest", False)]
+    assert "plain plan: out of reach; looks for the cheapest that walks" in capsys.readouterr().out
+
+
+def test_a_plan_that_is_named_is_not_replaced(bare, tmp_path, monkeypatch):
+    monkeypatch.setitem(BIOLOID_WALK, "com_height", 0.5)
+    with pytest.raises(ValueError, match="cannot reach"):
+        main_job(bare, servo="generic", legs_only=True, plan="plain", out=tmp_path, progress=False)

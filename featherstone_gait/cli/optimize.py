@@ -53,8 +53,9 @@ def add(commands: Commands) -> None:
     parser.add_argument("--electronics", type=float, metavar="W", help=f"power of {what}; told beside the motors'")
     what = "power that the locked servos take to hold still; told beside the motors' (default: 0)"
     parser.add_argument("--holding", type=float, metavar="W", help=what)
-    what = "that the search begins with: the plain one, or the cheapest of many (docs/walking.md; default: plain)"
-    parser.add_argument("--plan", choices=("plain", "cheapest"), default="plain", help=f"plan {what}")
+    what = "that the search begins with: the plain one, or the cheapest of many (docs/walking.md; default: plain, and "
+    what += "the cheapest where that falls)"
+    parser.add_argument("--plan", choices=("plain", "cheapest"), help=f"plan {what}")
     what = "do not look for the cheapest plan to compare with; it takes some 15 s"
     parser.add_argument("--no-fair", action="store_true", help=what)
     what = "then search feedback from an IMU, gains and poses together, in worlds and under pushes (docs/feedback.md)"
