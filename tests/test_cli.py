@@ -371,3 +371,15 @@ def test_a_benchmark_gets_its_folder_and_its_length(name, monkeypatch, tmp_path)
     assert cli.main(["benchmark", name, "--out", str(tmp_path)]) == 0
     assert cli.main(["benchmark", name, "--full", "--out", str(tmp_path)]) == 0
     assert calls == [(tmp_path, False), (tmp_path, True)]
+
+
+def test_doubts_about_a_file_are_told_without_a_line_of_this_package(tmp_path):
+    text = Path(load_robot("ax12_arm").source).read_text("utf-8")
+    path = tmp_path / "arm.urdf"
+    path.write_text(text.replace("<joint name=", '<joint colour="red" name=', 1), "utf-8")
+    command = [sys.executable, "-m", "featherstone_gait", "info", str(path)]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    told = " ".join(run.stderr.split())
+    assert told.startswith(f"warning: {path}: ")
+    assert "unknown attribute 'colour' of <joint>: passed over" in told
+    assert "load_robot(args" not in told

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout
+import textwrap
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -30,7 +32,7 @@ from . import (
     study,
     view,
 )
-from .arguments import Help, Parser
+from .arguments import LINE, Help, Parser
 
 COMMANDS = (
     info, check_robots, simulate, view, optimize, crosscheck, export, study, servos, identify, benchmark, reproduce,
@@ -59,7 +61,8 @@ def main(argv: list[str] | None = None) -> int:
     if args.run is None:
         parser.print_help()
         return 0
-    with redirect_stdout(_Output("standard output", sys.stdout)), redirect_stderr(_Output("errors", sys.stderr)):
+    outputs = _Output("standard output", sys.stdout), _Output("errors", sys.stderr)
+    with redirect_stdout(outputs[0]), redirect_stderr(outputs[1]), _plain_warnings():
         try:
             _make_folder(args.out)
             code = args.run(args)
@@ -71,6 +74,25 @@ def main(argv: list[str] | None = None) -> int:
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
             return 130
+
+
+@contextmanager
+def _plain_warnings() -> Iterator[None]:
+    """Doubts about a user's file are told without the line of this package that read it."""
+    usual = warnings.formatwarning
+
+    def plain(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> str:
+        from ..robot_file import RobotFileWarning
+
+        if issubclass(category, RobotFileWarning):
+            return textwrap.fill(f"warning: {message}", LINE, break_long_words=False, break_on_hyphens=False) + "\n"
+        return usual(message, category, *where, **more)
+
+    warnings.formatwarning = plain
+    try:
+        yield
+    finally:
+        warnings.formatwarning = usual
 
 
 def _said(error: ValueError | OSError) -> str:
