@@ -645,7 +645,7 @@ def summary(report: dict) -> str:
     where = f"{settings['worlds']} worlds" if settings["worlds"] else "one floor"
     lines = [f"servo {settings['servo']}, poses of a {settings['states']}, {where}"]
     own = report.get("with_own_servos")
-    if own is not None:
+    if own is not None and own["servo"] != "none":
         a, b = (
             f"{x['cost']:.1f} J/m at {1e3 * x['speed']:.0f} mm/s" if x["status"] == "ok" else x["status"]
             for x in (before, own)
