@@ -201,8 +201,8 @@ def main_job(
 
     `robot`: a name or a .urdf file, as of `load_robot`; of "humanoid" the paper's simplified one; `legs_only`: hold all
     joints but those of its legs.  `servo`: a name or a .toml file, as of `load_servo`, of the servo in all joints that
-    turn, or "generic", an AX-12 scaled to the robot (`walking.walker`); in place of the robot's own, with which the
-    first gait is then measured too.  `resume` goes on from the history in `out`, if there is one.
+    turn, or "generic", an AX-12 scaled to the robot (`walking.walker.driven`); in place of the robot's own, with which
+    the first gait is then measured too.  `resume` goes on from the history in `out`, if there is one.
 
     `states`: what the four poses are, as of `walking_cost`, None for those of a step where the legs mirror each other
     and of a stride elsewhere; `worlds`: in how many a candidate walks
@@ -215,8 +215,8 @@ def main_job(
     (`walking.worth.chosen`); with `limits` False all candidates are for energy alone.  `electronics`, `holding`: what
     the electronics of all servos take, and what the locked ones take to hold still [W]; told beside the motors' energy.
     `plan`: which gait the search begins with, as of `walking_cost`, None for the plain one and, where that cannot be
-    planned or falls in a world, the cheapest; `fair`: after a search in worlds, look for the
-    cheapest plan too and compare with that.
+    planned or falls in a world, the cheapest if there is one; `fair`: after a search in worlds, look for the cheapest
+    plan too and compare with that.
     `feedback`: after the search half as many candidates more, of poses and gains together, in worlds and under pushes
     (`optimize_feedback`); the .npz then holds the gait with its feedback.
 
@@ -262,8 +262,9 @@ def main_job(
     if plan is None and begun.status != "ok":
         if progress:
             print(f"plain plan: {begun.status}; looks for the cheapest that walks")
-        judged, plan = False, "cheapest"
-        begun = begin(plan)
+        cheapest = begin("cheapest", hopeful=begun.cost is not None)
+        if cheapest.cost is not None:  # else a search may still come from a gait that falls to one that does not
+            judged, plan, begun = False, "cheapest", cheapest
     plan, (cost, searched, first_cost, status) = plan or "plain", begun
     assert cost is not None
     x0 = cost.gait.to_vector()
