@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, fields, replace
@@ -358,11 +359,12 @@ def _spread(count: int, dimension: int, seed: int) -> np.ndarray:
 
 
 def _none_walks(model: Model, trials: Sequence[Trial], held: dict[str, Any]) -> str:
-    reasons = [trial.status for trial in trials]
+    kinds = [re.sub(r"\d+(\.\d+)?", "0", trial.status) for trial in trials]  # the same, but for numbers
+    most = max(dict.fromkeys(kinds), key=kinds.count)
+    common = trials[kinds.index(most)].status
     given = ", ".join(f"{name} {shown(value)}" for name, value in held.items())
-    common = max(dict.fromkeys(reasons), key=reasons.count)
     return (
         f"{model.name}: none of {len(trials)} planned walks{f' with {given}' if given else ''} can be walked, "
-        f"{reasons.count(common)} of them for this: {common}; give stronger servos, more plans (count), another box, "
+        f"{kinds.count(most)} of them for this: {common}; give stronger servos, more plans (count), another box, "
         "or numbers of a walk that is known to work"
     )
