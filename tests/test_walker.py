@@ -40,6 +40,8 @@ def test_a_bare_file_s_robot_floats_on_its_feet_and_may_hold_all_but_its_legs(ba
 
 def test_what_a_robot_s_own_files_say_is_kept():
     found, own = load_walker("humanoid"), load_robot("humanoid", locked="simplified")
+    few = load_walker("humanoid", joints=own.joint_names[:3])  # what is held already stays so
+    assert few.joint_names == own.joint_names[:3]
     for what in ("base", "links", "joints", "contacts", "servos"):
         assert getattr(found, what) == getattr(own, what)
 

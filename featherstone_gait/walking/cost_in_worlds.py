@@ -90,7 +90,7 @@ class CostInWorlds:
         return [self.told([one.cost for one in found]) for found in self.measure(gaits)]
 
     def measure(self, gaits: Iterable[ArrayLike | BalancedWalk]) -> list[list[Measures]]:
-        """What each gait does in each world; all have feedback, whose sensors are drawn with the world's number."""
+        """What each gait does in each world; all have feedback or none; its sensors' seed is the world's number."""
         cost, n, given = self.cost, len(self.scenes), [*gaits]
         strides = cost.warm_up + cost.strides
         walks = [one for one in given if isinstance(one, BalancedWalk)]
