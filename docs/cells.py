@@ -372,6 +372,34 @@ def first_gaits() -> Iterable[Cells | Words]:
                 yield Words("README.md", "what is found saves ", saved, ".")
 
 
+def previews() -> Iterable[Cells]:
+    """The table of preview controllers in docs/walking.md: two plans, each with either form."""
+    from dataclasses import asdict, replace
+
+    import numpy as np
+
+    from featherstone_gait.walking import BIOLOID_WALK, Walk, WalkingCost, walking_plan
+    from featherstone_gait.walking.cheapest_plan import cheapest_plan, fit_states
+    from featherstone_gait.walking.cost_in_worlds import in_worlds
+
+    scene = _planned("step", "plain").scene
+    cheapest = cheapest_plan(scene).plan.walk
+    plans = ("plain", Walk(**BIOLOID_WALK), (1e-7, 1e-5, 1e-4)), ("cheapest", cheapest, (1e-7, 1e-5))
+    for name, walk, weights in plans:
+        previewed = {f"{name}, 2003": replace(walk, preview="cart_table")}
+        previewed |= {
+            f"{name}, 2006, R = 1e{round(math.log10(R))}": replace(walk, preview="auxiliary_zmp", R=R) for R in weights
+        }
+        for row, one in previewed.items():
+            plan = walking_plan(scene.model, **asdict(one))
+            ahead, sideways = 1e3 * np.sqrt(np.mean((plan.zmp - plan.zmp_reference) ** 2, axis=0))
+            cost = WalkingCost(scene, fit_states(scene.model, plan, "step").gait, plan.start_up(1))
+            x = cost.gait.to_vector()
+            own, (eight, _) = cost.measure([x])[0], in_worlds(cost, 8)(x)
+            error, margin = f"{ahead:.1f}, {sideways:.1f} mm", f"{1e3 * plan.margin().min():.1f} mm"
+            yield Cells("docs/walking.md", row, (error, margin, f"{own.cost:.1f} J/m", f"{eight:.1f} J/m"))
+
+
 def first_gaits_elsewhere() -> Iterable[Cells]:
     """The 200 worlds of that table."""
     from featherstone_gait.walking.worth import UNSEEN, worth_elsewhere

@@ -80,6 +80,10 @@ PARTS: dict[str, Part] = {
     "caption": Part("what stands under the picture of README and site", 0.1, cells=pages.caption),
     "first-gaits": Part("the table of plans in docs/walking.md, without its 200 worlds", 1.0, cells=pages.first_gaits),
     "first-gaits-elsewhere": Part("its 200 worlds", 2.0, cells=pages.first_gaits_elsewhere),
+    "previews": Part(
+        "the table of preview controllers in docs/walking.md", 1.0, cells=pages.previews,
+        modules=("walking/plan.py", "walking/preview_control.py", "walking/auxiliary_zmp.py"),
+    ),
     "feedback-far": Part(
         "slopes and rough ground of docs/feedback.md", 0.2, cells=pages.feedback_far,
         modules=("walking/disturbed.py", "walking/feedback.py"),
