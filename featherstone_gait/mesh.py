@@ -1,13 +1,15 @@
-"""The points and the colours of mesh files: STL, OBJ and DAE.
+"""The points and the colours of mesh files: STL, OBJ, DAE and glTF.
 
 Lengths are as users of URDF see them in RViz: those of the file times the shape's scale, and of a DAE times its unit,
 which Pinocchio passes over.  The `up_axis` of a DAE is passed over by both: x, y, z of the file are those of the shape.
+So they are of a glTF, whose specification has y point up; its nodes are where it puts them.
 """
 
 from __future__ import annotations
 
 import functools
 import io
+import json
 import math
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,8 +21,10 @@ from .hull import Corners, corners_of, hull_indices
 from .shape import Mesh
 
 MAX_BYTES = 100_000_000  # of one file
-KINDS = (".stl", ".obj", ".dae")
+KINDS = (".stl", ".obj", ".dae", ".glb", ".gltf")
+WHITE = (255, 255, 255)
 COLOURS = ("library_images", "library_effects", "library_materials", "bind_material")  # of a DAE
+LOOKS = ("KHR_materials", "KHR_texture", "EXT_texture", "KHR_lights")  # extensions of a glTF that move no point
 TEXTURES = ("library_images", "newparam")  # and what of an effect refers to them
 
 Colour = tuple[int, int, int]
@@ -88,7 +92,7 @@ def mesh_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def mesh_parts(path: Path) -> list[Part]:
-    """The triangles of a mesh file by their colours; a texture of a DAE counts as white.  Raises as `mesh_hull`.
+    """The triangles of a mesh file by their colours; textures of DAE and glTF count as white.  Raises as `mesh_hull`.
 
     A DAE whose materials are broken comes without any.
     """
@@ -97,7 +101,7 @@ def mesh_parts(path: Path) -> list[Part]:
     if kind == "dae":
         found = _coloured(path, sum(len(part.triangles) for part in found)) or found
     elif kind == "obj":
-        found = _read(path, data, kind, _Materials(path))
+        found = _read(path, data, kind, _Beside(path, ".mtl"))
     alike: dict[Colour | None, list[Part]] = {}
     for part in found:
         alike.setdefault(part.colour, []).append(part)
@@ -113,16 +117,20 @@ def _contents(path: Path) -> tuple[str, bytes, float]:
     data, unit = path.read_bytes(), 1.0
     if kind == ".dae":
         data, unit = _without_colours(path, data)
+    elif kind in (".glb", ".gltf"):
+        _check_gltf(path, data)
     return kind[1:], data, unit
 
 
 def _read(path: Path, data: bytes, kind: str, resolver: Any = None) -> list[Part]:
     """The parts of a mesh, each where the file puts it, in the unit of the file."""
     trimesh = _reader(kind)
+    if kind == "gltf":
+        resolver = _Beside(path, ".bin")
     try:
         scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False, resolver=resolver)
         parts = [
-            Part(np.asarray(part.vertices, dtype=float).reshape(-1, 3), _faces(part), _colour(part))
+            Part(np.asarray(part.vertices, dtype=float).reshape(-1, 3), _faces(part), _colour(part, kind))
             for part in scene.dump()
         ]
     except Exception as error:  # a damaged file can make the reader fail in any way
@@ -148,26 +156,28 @@ def _coloured(path: Path, count: int) -> list[Part] | None:
     return found if sum(len(part.triangles) for part in found) == count else None
 
 
-class _Materials:
-    """Where an OBJ's material files are: beside it.  No other file is opened."""
+class _Beside:
+    """Files of one kind beside a mesh: the materials of an OBJ, the numbers of a glTF.  No other file is opened."""
 
-    def __init__(self, path: Path) -> None:
-        self.folder = path.parent
+    def __init__(self, path: Path, kind: str) -> None:
+        self.folder, self.kind = path.parent, kind
 
     def __getitem__(self, name: str) -> bytes:
-        """The contents of a file that the OBJ names."""
+        """The contents of a file that the mesh names."""
         file = self.folder / Path(name.strip()).name
-        if file.suffix.lower() != ".mtl" or not file.is_file() or file.stat().st_size > MAX_BYTES:
+        if file.suffix.lower() != self.kind or not file.is_file() or file.stat().st_size > MAX_BYTES:
             raise FileNotFoundError(name)  # the reader goes on without
         return file.read_bytes()
 
     get = __getitem__
 
 
-def _colour(part: Any) -> Colour | None:
+def _colour(part: Any, kind: str) -> Colour | None:
     """What the material of a part says."""
     material = getattr(getattr(part, "visual", None), "material", None)
-    stated = getattr(material, "baseColorFactor", None)  # of a DAE
+    stated = getattr(material, "baseColorFactor", None)  # of a DAE or glTF
+    if stated is None and material is not None and kind in ("glb", "gltf"):
+        return WHITE  # as its specification has it
     if stated is None and getattr(material, "kwargs", None):  # it was in a file of materials
         stated = getattr(material, "diffuse", None)
     if stated is None:
@@ -224,6 +234,21 @@ def _without_textures(data: bytes) -> bytes:
             if _tag(child) in TEXTURES or any(_tag(x) == "texture" for x in child):
                 element.remove(child)
     return tostring(root)
+
+
+def _check_gltf(path: Path, data: bytes) -> None:
+    """Raise ValueError for a glTF whose numbers are compressed, in place of which the reader takes zeros."""
+    binary = data[:4] == b"glTF"  # a header of 12 bytes, then the first chunk: length, "JSON", text
+    text = data[20 : 20 + int.from_bytes(data[12:16], "little")] if binary else data
+    try:
+        told = json.loads(text)
+        needed = [name for name in told.get("extensionsRequired", ()) if not name.startswith(LOOKS)]
+        without = sum("bufferView" not in accessor for accessor in told.get("accessors", ()))
+    except (ValueError, AttributeError, TypeError, RecursionError) as error:
+        raise ValueError(f"{path}: cannot be read as glTF: {error}; export the mesh again") from error
+    if needed or without:
+        why = f"needs {', '.join(map(str, needed))}" if needed else "has accessors without numbers"
+        raise ValueError(f"{path}: {why}, which is not read; export the mesh without compression")
 
 
 def _tag(element: Element) -> str:

@@ -64,7 +64,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Mesh:
-    """A file of triangles (STL, OBJ, DAE), of which the convex hull counts.  Opened when its points are asked for."""
+    """A file of triangles (STL, OBJ, DAE, glTF), whose convex hull counts.  Opened when its points are asked for."""
 
     file: str  # path
     scale: Vector = (1.0, 1.0, 1.0)

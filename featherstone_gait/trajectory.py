@@ -164,17 +164,19 @@ class Trajectory(Mapping[str, np.ndarray]):
         robot: Model | CompiledScene | str | os.PathLike[str] | None = None,
         *others: Trajectory,
         captions: Sequence[str] = (),
+        plots: Sequence[str] = (),
         ghosts: bool = False,
         port: int = 8080,
     ) -> Live:
         """The motion in a page that is served while the program runs, with the robot's meshes; see `view.live.Live`.
 
-        Arguments as in `show`; port: of this machine, or the first free one after it, 0 for any.
+        Arguments as in `show`, with plots in a panel beside the picture; port: of this machine, or the first free one
+        after it, 0 for any.
         Raises as `show`, and ImportError without viser (pip install featherstone-gait[viser]).
         """
         from .view.shown import show_live
 
-        return show_live(self, robot, *others, captions=captions, ghosts=ghosts, port=port)
+        return show_live(self, robot, *others, captions=captions, plots=plots, ghosts=ghosts, port=port)
 
     def save_gif(
         self,

@@ -147,6 +147,10 @@ def box_file(folder, kind, size=(0.2, 0.4, 0.6)):
     mesh.apply_translation((1.0, 2.0, 3.0))
     path = folder / f"box{kind}"
     data = mesh.export(file_type=kind[1:])
+    if kind == ".gltf":  # with its numbers in a file beside it
+        for name, content in data.items():
+            (folder / name).write_bytes(content)
+        data = data["model.gltf"]
     path.write_bytes(data if isinstance(data, bytes) else data.encode())
     return path
 
@@ -206,6 +210,12 @@ DAMAGED = [
     (".dae", b'<!DOCTYPE x [<!ENTITY e "e">]><COLLADA>&e;</COLLADA>'),
     (".dae", b'<COLLADA><asset><unit meter="0"/></asset></COLLADA>'),
     (".ply", b"ply\n"),
+    (".gltf", b'{"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": [0]}]}'),
+    (".gltf", b'{"accessors": [{"count": 1000000000, "componentType": 5126, "type": "VEC3"}]}'),  # 12 GB of nothing
+    (".gltf", b'{"extensionsRequired": ["KHR_draco_mesh_compression"]}'),
+    (".gltf", b"[" * 100_000),
+    (".gltf", b"[]"),
+    (".glb", b"glTF" + b"\xff" * 30),
 ]
 
 

@@ -1,5 +1,6 @@
 """What robots look like, from their files; and the page that viser serves."""
 
+import json
 import subprocess
 import sys
 import warnings
@@ -153,6 +154,39 @@ def dae(folder, first, second, name="b"):
     return {part.colour: len(part.triangles) for part in mesh_parts(file)}
 
 
+def test_parts_of_a_gltf_are_where_its_nodes_put_them_in_their_colours(tmp_path):
+    """Three primitives in one node: red, textured, and without a material."""
+    pytest.importorskip("trimesh")
+    points, corners = np.vstack([np.zeros(3), np.eye(3)]).astype("<f4"), np.array([0, 2, 1, 0, 1, 3], dtype="<u2")
+    (tmp_path / "numbers.bin").write_bytes(points.tobytes() + corners.tobytes())
+    primitive = {"attributes": {"POSITION": 0}, "indices": 1}
+    told = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
+        "nodes": [{"children": [1], "translation": [1, 2, 3]}, {"mesh": 0, "scale": [2, 2, 2]}],
+        "meshes": [{"primitives": [primitive | {"material": 0}, primitive | {"material": 1}, primitive]}],
+        "materials": [
+            {"pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1]}},
+            {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}},
+        ],
+        "textures": [{"source": 0}], "images": [{"uri": "../picture.png"}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"},
+        ],
+        "bufferViews": [{"buffer": 0, "byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 12}],
+        "buffers": [{"byteLength": 60, "uri": "numbers.bin"}],
+    }  # fmt: skip
+    (tmp_path / "mesh.gltf").write_text(json.dumps(told), "utf-8")
+    parts = mesh_parts(tmp_path / "mesh.gltf")
+    assert {part.colour: len(part.triangles) for part in parts} == {(255, 0, 0): 2, (255, 255, 255): 2, None: 2}
+    for part in parts:
+        assert sorted(map(tuple, part.points.tolist())) == [(1, 2, 3), (1, 2, 5), (1, 4, 3), (3, 2, 3)]
+    told["buffers"][0]["uri"] = "../numbers.txt"
+    (tmp_path / "mesh.gltf").write_text(json.dumps(told), "utf-8")
+    with pytest.raises(ValueError, match=r"mesh.gltf: cannot be read as GLTF"):
+        mesh_parts(tmp_path / "mesh.gltf")
+
+
 def test_parts_of_meshes_have_the_colours_of_their_materials(tmp_path):
     pytest.importorskip("collada")
     red, blue = PLAIN.format("1 0 0"), PLAIN.format("0 0 1")
@@ -282,6 +316,36 @@ def test_the_live_page_tells_which_run_fell_and_when(page):
     apart = np.abs(walks.place.position - falls.place.position)
     assert apart[1] > np.ptp(walks.box[0, :, 1])
     assert falls.meshes[0].opacity is None
+
+
+def test_plots_of_the_live_page_follow_the_time_and_whoever_looks_chooses_them(page):
+    model = humanoid()
+    run, short = walking(model), fallen(model)
+    live = page(model, run, short, captions=["walks", "falls"], plots=["q", "contact_force"])
+    angles, forces = live._charts.charts
+    assert [lines.handle.title for lines in forces.lines] == [
+        "walks: contact_force [N, normal]", "falls (fell): contact_force [N, normal]",
+    ]  # fmt: skip
+    for t in (0.0, 0.505, 2.0):
+        live.seek(t)
+        time, *columns, line = angles.lines[0].handle.data
+        (k,) = np.flatnonzero(line == line.max())
+        assert time[k] == t == live.time
+        assert (np.delete(line, k) < angles.lines[0].low).all()  # it is seen nowhere else
+        assert (np.diff(time) >= 0.0).all()
+        for column, values in zip(columns, run["q"].T):
+            fine = 1e-4 * np.abs(run["q"]).max()
+            assert column[k] == pytest.approx(np.interp(t, run["time"], values), abs=fine)
+            assert np.delete(column, [k - 1, k, k + 1]) == pytest.approx(values, abs=fine)
+        falls = angles.lines[1].handle.data
+        assert falls[0][np.argmax(falls[-1])] == min(t, 1.0)  # to its failure
+    angles.column.value = run.info["joints"][2]
+    (one,) = {len(lines.handle.data) for lines in angles.lines}
+    assert one == 3
+    angles.channel.value = "contact_force"
+    assert (angles.column.value, len(angles.lines[0].handle.data)) == ("all", 4)
+    with pytest.raises(ValueError, match=r"plots: there is no channel 'qd'; channels of the page: .*contact_force"):
+        page(model, run, plots=["qd"])
 
 
 def test_what_is_missing_is_told_once_by_name_and_its_collision_shape_is_drawn(page, tmp_path):

@@ -33,7 +33,7 @@ def add(commands: Commands) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help="of saved trajectories (.npz), or one robot")
     parser.add_argument("--robot", metavar="ROBOT", help="that made the runs (default: as they say)")
     parser.add_argument("--caption", action="append", default=[], metavar="TEXT", help="of a run, once for each")
-    parser.add_argument("--plot", action="append", default=[], metavar="CHANNEL", help="under the picture, repeatedly")
+    parser.add_argument("--plot", action="append", default=[], metavar="CHANNEL", help="beside the picture, repeatedly")
     parser.add_argument("--ghosts", action="store_true", help="all runs in one picture")
     parser.add_argument("--keyframe", metavar="NAME", help="of a robot: that posture instead of zero")
     parser.add_argument("--live", action="store_true", help="serve a page with all of the robot's meshes, until Ctrl-C")
@@ -65,11 +65,11 @@ def run(args: Namespace) -> int:
     if args.gif or args.png:
         return _pictures(args, runs[0], robot, stem)
     captions = args.caption or _different(names)
+    plots = args.plot or default_plots(runs[0])
     if args.live:
         with telling_extras():
-            page = live_of(runs, robot, captions, args.ghosts, args.port)
+            page = live_of(runs, robot, captions, plots, args.ghosts, args.port)
         return _served(page, args.open)
-    plots = args.plot or default_plots(runs[0]) * (len(runs[0]["time"]) > 1)
     html = page_of(runs, robot, captions, plots, args.ghosts)
     path = html.save(stem.with_name(stem.name + "_view.html"))
     for run, caption in zip(runs, captions):

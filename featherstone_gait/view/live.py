@@ -22,6 +22,7 @@ from ..dynamics import center_of_mass, contact_positions, forward_kinematics
 from ..model import Ground
 from ..robot_file.errors import RobotFileWarning
 from ..sensors import in_world
+from .live_plots import Charts, plotted
 from .plotting import FAILED, positions
 from .recorded import TOUCH, Seen, corners_of, quaternions, relief, sampled
 from .visuals import Piece, pieces
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 INSTALL = "a live page is served by viser: pip install featherstone-gait[viser]"
-RATE = 40.0  # frames a second at most
+RATE, PLOT_RATE = 40.0, 10.0  # frames a second at most, of the picture and of the plots
 TRIANGLES = 200_000  # of the meshes of all runs together
 CORNERS = 48  # of a circle
 GHOST = 0.35  # opacity of runs that are seen through the first
@@ -44,7 +45,9 @@ TOLD = 5  # of what could not be read
 HEIGHT = 620  # in a notebook [pixel]
 
 
-def serve(runs: Mapping[str, Seen], title: str, ghosts: bool = False, port: int = 8080) -> Live:
+def serve(
+    runs: Mapping[str, Seen], title: str, ghosts: bool = False, port: int = 8080, plots: Sequence[str] = ()
+) -> Live:
     """A page of runs by caption, at `port` of this machine or the first free one after it; 0: any that is free.
 
     Raises ImportError without viser, and ValueError as `recorded.page_data`.
@@ -65,7 +68,8 @@ def serve(runs: Mapping[str, Seen], title: str, ghosts: bool = False, port: int 
         text = f"{'; '.join(notes[:TOLD])}{rest}: collision shapes or boxes of the inertia are drawn instead"
         warnings.warn(text, RobotFileWarning, stacklevel=3)
     actors = [_Actor(caption, seen, looks[id(seen.model)]) for caption, seen in runs.items()]
-    return Live(viser.ViserServer("127.0.0.1", port, label=title, verbose=False), actors, ghosts)
+    charts = Charts([plotted(a.caption, runs[a.caption], a.last) for a in actors], plots)
+    return Live(viser.ViserServer("127.0.0.1", port, label=title, verbose=False), actors, ghosts, charts)
 
 
 class Live:
@@ -74,16 +78,17 @@ class Live:
     The page plays them, and so can the program.  As a context it stops at its end.
     """
 
-    def __init__(self, server: Any, actors: Sequence[_Actor], ghosts: bool) -> None:
+    def __init__(self, server: Any, actors: Sequence[_Actor], ghosts: bool, charts: Charts) -> None:
         self.server = server  # viser's, for what else is to be drawn
         self._actors, self._lock, self._stopped = actors, threading.RLock(), threading.Event()
         self.start = min(actor.start for actor in actors)  # [s]
         self.end = max(actor.end for actor in actors)  # [s]
         self._time, self._speed, self._playing = self.start, 1.0, self.end > self.start
-        self._stage = _Stage(server, actors, ghosts)
+        self._stage, self._charts, self._plotted = _Stage(server, actors, ghosts), charts, -math.inf
         self._controls: dict[str, Any] = {}
         with server.atomic():
             self._add_controls()
+            charts.enter(server.gui, self._lock)
             self._draw()
         self._thread = threading.Thread(target=self._play, name="live page", daemon=True)
         self._thread.start()
@@ -160,6 +165,9 @@ class Live:
     def _draw(self) -> None:
         with self._lock, self.server.atomic():
             self._stage.draw(self._time)
+            if not self._playing or time.perf_counter() - self._plotted > 1.0 / PLOT_RATE:
+                self._charts.draw(self._time)
+                self._plotted = time.perf_counter()
             if self._controls:
                 self._controls["time"].value = self._time
                 self._controls["play"].label = "Pause" if self._playing else "Play"

@@ -75,11 +75,17 @@ def page_data(runs: Mapping[str, Seen], plots: Sequence[str] = (), ghosts: bool 
         "ghosts": ghosts,
         "notes": list(dict.fromkeys(notes)),
     }
-    known = {name for run in data["runs"] for name in run["channels"]}
+    known_channels([run["channels"] for run in data["runs"]], plots)
+    return data
+
+
+def known_channels(runs: Sequence[Mapping[str, Any]], plots: Sequence[str]) -> list[str]:
+    """The names of the channels of some runs; raises ValueError for plots of others."""
+    known = sorted({name for channels in runs for name in channels})
     for name in plots:
         if name not in known:
-            raise ValueError(f"plots: there is no channel {name!r}; channels of the page: {', '.join(sorted(known))}")
-    return data
+            raise ValueError(f"plots: there is no channel {name!r}; channels of the page: {', '.join(known)}")
+    return known
 
 
 def _unit(length: float) -> float:
@@ -194,7 +200,7 @@ def _run(seen: Seen, caption: str, poses: FramePoses, found: list[Body], unit: f
         "middle": [float(f"{x:.4g}") for x in 0.5 * (corners[0].min(axis=0) + corners[0].max(axis=0))],
         "energy": _drawn(run, poses.rows),
         "load": _load(model, run, poses.rows),
-        "channels": _channels(model, run, poses.last, PLOTTED // several),
+        "channels": channels_of(model, run, poses.last, PLOTTED // several),
         **_touching(seen, poses, unit),
         "floor": {"real": seen.ground is not None, "height": float(f"{floor:.5g}"), **relief(seen.ground, corners)},
     }
@@ -365,7 +371,7 @@ def _stairs(ground: Ground, box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 # ---------------------------------------------------------------------------------------------- plots
 
 
-def _channels(model: Model, run: Trajectory, last: int, most: int) -> dict[str, Any]:
+def channels_of(model: Model, run: Trajectory, last: int, most: int = PLOTTED) -> dict[str, Any]:
     """Channels for plots: unit, names of columns, times and values, thinned so that peaks stay."""
     found: dict[str, tuple[str, list[str], np.ndarray]] = {}
     for name, values in run.items():

@@ -87,23 +87,30 @@ def show_live(
     robot: Robot = None,
     *others: Trajectory,
     captions: Sequence[str] = (),
+    plots: Sequence[str] = (),
     ghosts: bool = False,
     port: int = 8080,
 ) -> Live:
     """See `Trajectory.show_live`."""
     runs = [trajectory, *others]
     named = listed("captions", captions, "give a text for each run") or [_caption(run, k) for k, run in enumerate(runs)]
-    return live_of(runs, robot, named, ghosts, port)
+    channels = listed("plots", plots, "give a list of channels") or default_plots(trajectory)
+    return live_of(runs, robot, named, channels, ghosts, port)
 
 
 def live_of(
-    runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str], ghosts: bool = False, port: int = 8080
+    runs: Sequence[Trajectory],
+    robot: Robot,
+    captions: Sequence[str],
+    plots: Sequence[str],
+    ghosts: bool = False,
+    port: int = 8080,
 ) -> Live:
     """The live page of some runs.  Raises as `Trajectory.show_live`."""
     from .live import serve
 
     seen, title = _seen(runs, robot, captions)
-    return serve(seen, title, ghosts, port)
+    return serve(seen, title, ghosts, port, plots)
 
 
 def _seen(runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str]) -> tuple[dict[str, Seen], str]:
@@ -144,7 +151,9 @@ def in_posture(model: Model, keyframe: str | None = None) -> Trajectory:
 
 
 def default_plots(trajectory: Trajectory) -> list[str]:
-    """The one channel that tells most of those that were recorded."""
+    """The one channel that tells most of those that were recorded, of a run of some length."""
+    if len(trajectory["time"]) < 2:
+        return []
     telling = ("contact_force", "torque", "q")
     return next(([name] for name in telling if name in trajectory and trajectory[name].size), [])
 

@@ -1,0 +1,145 @@
+"""Plots beside a live page: a channel of each run, with a line at the time that is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .recorded import Seen, channels_of, known_channels
+from .style import BAD, COLOURS
+
+WIDTH, HEIGHT = 360, 200  # of the panel, of a plot in it [pixel]
+MARGIN = 0.06  # above and below the lines, of their height
+QUIET, LINES = "#8a8f98", "rgba(138, 143, 152, 0.2)"  # axes and grid, on light and dark ground
+SIDES = {"left": COLOURS[0], "right": COLOURS[1]}  # where there are more lines than colours
+ALL = "all"
+
+
+class Plotted(NamedTuple):
+    """The channels of a run up to its sample `last`, as `recorded.channels_of`."""
+
+    caption: str
+    status: str
+    channels: dict[str, Any]
+
+
+def plotted(caption: str, seen: Seen, last: int) -> Plotted:
+    """The channels of a run."""
+    return Plotted(caption, seen.trajectory.status, channels_of(seen.model, seen.trajectory, last))
+
+
+class Charts:
+    """A panel of plots, one for each channel in `wanted`; whoever looks chooses others.
+
+    Raises ValueError for a channel that no run has.
+    """
+
+    def __init__(self, runs: Sequence[Plotted], wanted: Sequence[str]) -> None:
+        self.runs, self.wanted = runs, wanted
+        self.names = known_channels([run.channels for run in runs], wanted)
+        self.charts: list[_Chart] = []
+
+    def enter(self, gui: Any, lock: Any) -> None:
+        """Add the panel to the page; who looks chooses while nobody else has the lock."""
+        if not self.wanted:
+            return
+        panel = gui.add_panel()
+        with panel.add_tab("Plots"):
+            self.charts = [_Chart(gui, lock, self.runs, self.names, name) for name in self.wanted]
+        panel.dock_left()
+        panel.set_width(WIDTH)
+
+    def draw(self, t: float) -> None:
+        """Put the lines at a time [s]."""
+        for chart in self.charts:
+            chart.draw(t)
+
+
+class _Chart:
+    """A channel of each run, one plot below the other."""
+
+    def __init__(self, gui: Any, lock: Any, runs: Sequence[Plotted], names: Sequence[str], name: str) -> None:
+        self.gui, self.lock, self.runs, self.t = gui, lock, runs, 0.0
+        self.channel = gui.add_dropdown("channel", tuple(names), initial_value=name)
+        self.column = gui.add_dropdown("of", self._columns(), initial_value=ALL)
+        self.place = gui.add_folder(None)
+        self.lines: list[_Lines] = []
+        self.channel.on_update(lambda _: self._choose())
+        self.column.on_update(lambda _: self._show())
+        self._show()
+
+    def draw(self, t: float) -> None:
+        """Put the line at a time [s]."""
+        self.t = t
+        for lines in self.lines:
+            lines.draw(t)
+
+    def _columns(self) -> tuple[str, ...]:
+        found = [run.channels[self.channel.value] for run in self.runs if self.channel.value in run.channels]
+        return (ALL, *dict.fromkeys(label for channel in found for label in channel["labels"]))
+
+    def _choose(self) -> None:
+        with self.lock:
+            self.column.options = self._columns()
+            self._show()
+
+    def _show(self) -> None:
+        """Plots of the chosen columns in place of those before."""
+        with self.lock, self.place:
+            for lines in self.lines:
+                lines.handle.remove()
+            self.lines = []
+            for run in self.runs:
+                if self.channel.value not in run.channels:
+                    continue
+                channel = run.channels[self.channel.value]
+                keep = [k for k, label in enumerate(channel["labels"]) if self.column.value in (ALL, label)]
+                if keep:
+                    failed = f" ({run.status})" * (run.status != "ok")
+                    title = f"{run.caption}{failed}: {self.channel.value}"
+                    self.lines.append(_Lines(self.gui, title, channel, keep, self.t))
+
+
+class _Lines:
+    """A plot.  The line at the time that is shown is one more series, which comes up from below the axes there only."""
+
+    def __init__(self, gui: Any, title: str, channel: dict[str, Any], keep: Sequence[int], t: float) -> None:
+        self.times = np.array(channel["times"])
+        self.values = channel["scale"] * np.array(channel["values"], dtype=float)[list(keep)]
+        low, high = float(self.values.min()), float(self.values.max())
+        margin = MARGIN * (high - low) or 1.0
+        self.low, self.high = low - margin, high + margin
+        labels = [channel["labels"][k] for k in keep]
+        many = len(labels) > len(COLOURS)
+        colours = [SIDES.get(channel["sides"][k], QUIET) for k in keep] if many else COLOURS
+        axis = {"stroke": QUIET, "grid": {"stroke": LINES, "width": 1}, "ticks": {"stroke": LINES, "width": 1}}
+        points = {"show": False}
+        series = [
+            {"label": label, "stroke": colour, "width": 1.3, "points": points}
+            for label, colour in zip(labels, colours)
+        ]  # fmt: skip
+        self.handle = gui.add_uplot(
+            self._data(t),
+            ({"label": "t [s]"}, *series, {"label": "shown", "stroke": BAD, "width": 1.0, "points": points}),
+            title=f"{title} [{channel['unit']}]" if channel["unit"] else title,
+            scales={"x": {"time": False}, "y": {"range": (self.low, self.high)}},
+            axes=(axis | {"size": 36}, axis | {"size": 52}),
+            legend={"show": not many},
+            height=HEIGHT,
+        )
+
+    def draw(self, t: float) -> None:
+        """Put the line at a time [s]."""
+        self.handle.data = self._data(t)
+
+    def _data(self, t: float) -> tuple[np.ndarray, ...]:
+        """Times, and columns with their values at `t` put in between, three times; and the line."""
+        t = min(max(t, self.times[0]), self.times[-1])
+        k = int(np.searchsorted(self.times, t))
+        now = [np.interp(t, self.times, column) for column in self.values]
+        line = np.full(len(self.times) + 3, 2.0 * self.low - self.high)
+        line[k + 1] = self.high
+        columns = (np.insert(column, k, [value] * 3) for column, value in zip(self.values, now))
+        return np.insert(self.times, k, [t] * 3), *columns, line
