@@ -18,6 +18,7 @@ from featherstone_gait.files import FilePath, Format, read_csv
 
 if TYPE_CHECKING:
     from featherstone_gait.walking import WalkingCost
+    from featherstone_gait.walking.cheapest_plan import CheapestPlan, States
 
 ROOT = Path(__file__).resolve().parents[1]
 GAIT = ROOT / "robots" / "humanoid" / "optimized_gait.json"
@@ -346,12 +347,21 @@ def walked_gait() -> Iterable[Cells]:
 
 
 @functools.cache
-def _planned(states: str, plan: str) -> WalkingCost:
+def _planned(states: States, plan: str) -> WalkingCost:
     """What the gait of a plan costs."""
     from featherstone_gait import load_robot
     from featherstone_gait.optimize import walking_cost
 
-    return walking_cost(load_robot("humanoid", locked="simplified"), states=states, plan=plan)
+    if plan == "cheapest":
+        return _cheapest(states).cost
+    return walking_cost(load_robot("humanoid", locked="simplified"), states=states)
+
+
+@functools.cache
+def _cheapest(states: States) -> CheapestPlan:
+    from featherstone_gait.walking import cheapest_plan
+
+    return cheapest_plan(_planned(states, "plain").scene, states)
 
 
 def first_gaits() -> Iterable[Cells | Words]:
@@ -379,11 +389,11 @@ def previews() -> Iterable[Cells]:
     import numpy as np
 
     from featherstone_gait.walking import BIOLOID_WALK, Walk, WalkingCost, walking_plan
-    from featherstone_gait.walking.cheapest_plan import cheapest_plan, fit_states
+    from featherstone_gait.walking.cheapest_plan import fit_states
     from featherstone_gait.walking.cost_in_worlds import in_worlds
 
     scene = _planned("step", "plain").scene
-    cheapest = cheapest_plan(scene).plan.walk
+    cheapest = _cheapest("step").plan.walk
     plans = ("plain", Walk(**BIOLOID_WALK), (1e-7, 1e-5, 1e-4)), ("cheapest", cheapest, (1e-7, 1e-5))
     for name, walk, weights in plans:
         previewed = {f"{name}, 2003": replace(walk, preview="cart_table")}
