@@ -31,6 +31,7 @@ INTEGRATORS = ("implicit_euler", "midpoint", "simtwo")
 ARM_STEPS = (1e-3, 5e-3, 1e-2)
 PD_STEPS = (1e-4, 1e-3, 5e-3, 1e-2, 2e-2, 5e-2, 1e-1)
 SETTLED = 1e-2  # rms joint speed in the last second [rad/s]
+APART = 1.5  # times the error before, of points that are labelled
 
 
 class ArmRow(NamedTuple):
@@ -132,6 +133,7 @@ def _plot(path: Path, arm: list[ArmRow], pd: list[PdRow]) -> None:
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import LogLocator
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.2), layout="constrained")
     for servos, marker in (("standard", "o"), ("rotor", "s"), ("mipsd", "^")):
@@ -153,13 +155,19 @@ def _plot(path: Path, arm: list[ArmRow], pd: list[PdRow]) -> None:
     left.set_xticks([1, 5, 10], ["1", "5", "10"])
     left.minorticks_off()
     left.set(xlabel="step [ms]", ylabel="variance of the lowest joint [deg²]", title="Holding the 7-joint arm upright")
-    for integrator, colour in zip(INTEGRATORS, ("C0", "C1")):
+    for integrator, colour, at, sides in zip(INTEGRATORS, ("C0", "C1"), ((4, 4), (-4, -4)), ("left", "right")):
         line = [r for r in pd if r.integrator == integrator]
         right.loglog([r.error for r in line], [r.cost for r in line], "o-", color=colour, label=integrator)
-        for r in line:
-            right.annotate(
-                f"{1e3 * r.step:g} ms", (r.error, r.cost), fontsize=7, xytext=(3, 4), textcoords="offset points"
-            )
+        for before, r in zip([None, *line], line):
+            if before is None or r.error > APART * before.error:
+                right.annotate(
+                    f"{1e3 * r.step:g} ms", (r.error, r.cost), xytext=at, textcoords="offset points", fontsize=7,
+                    color=colour, ha=sides, va="bottom" if at[1] > 0 else "top",
+                )  # fmt: skip
+    right.margins(x=0.12)
+    right.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    right.yaxis.set_major_formatter("{x:g}")
+    right.yaxis.set_minor_formatter("")
     right.set(
         xlabel="largest joint error after 0.5 s [rad]",
         ylabel="CPU time per simulated second [ms]",
