@@ -1,6 +1,10 @@
 """The benchmark of speed: what it times runs."""
 
-from featherstone_gait.benchmark import precision, speed
+import numpy as np
+import pytest
+
+from featherstone_gait import load_robot
+from featherstone_gait.benchmark import precision, speed, walk
 
 
 def test_a_batch_of_runs_is_timed_step_by_step():
@@ -9,3 +13,19 @@ def test_a_batch_of_runs_is_timed_step_by_step():
     wall, cpu = speed._batch_time(problem, run, 8, 1)
     assert wall > 0.0
     assert cpu > 0.0
+
+
+def test_mujoco_s_humanoid_stands_on_its_soles_and_nothing_else_of_it_touches():
+    mujoco = pytest.importorskip("mujoco")
+    model = load_robot("humanoid", locked="simplified")
+    m = walk.mujoco_model(model)
+    data = mujoco.MjData(m)
+    mujoco.mj_setState(m, data, walk.mujoco_state(m, data, np.zeros(m.nu)), mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    height = data.qpos[2]
+    m.opt.timestep = 1e-3
+    for _ in range(1000):
+        mujoco.mj_step(m, data)
+    assert data.ncon == len(model.contacts)
+    assert {int(contact.geom1) for contact in data.contact} == {0}  # the floor
+    assert data.qpos[2] == pytest.approx(height, abs=5e-3)
+    assert m.body_mass.sum() == pytest.approx(model.mass)

@@ -74,7 +74,8 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
     for robot in dict.fromkeys(r.robot for r in rows):
         ours, *theirs = (r for r in rows if r.robot == robot and r.threads == 1)
         for other in theirs:
-            print(f"{robot}: {ours.per_core / other.per_core:.1f} times the rate of {other.engine} per core")
+            fell = f", which falls in {1.0 - other.upright:.0%} of them" * (other.upright < 1.0)
+            print(f"{robot}: {ours.per_core / other.per_core:.1f} times the rate of {other.engine} per core{fell}")
     print(_search_line(800 if full else 100))
     write_table(Path(out_dir) / "walk.csv", Row._fields, rows, machine())
     _plot(Path(out_dir) / "walk.png", rows)
@@ -181,7 +182,7 @@ def _mujoco_rows(name: str, model: Model, times: np.ndarray, references: Sequenc
 
 
 def mujoco_model(model: Model) -> Any:
-    """The model as MuJoCo's, with a floor, spheres at the contact points and position servos."""
+    """The model as MuJoCo's, with a floor, spheres at the contact points, which alone collide, and position servos."""
     import tempfile
 
     import mujoco
@@ -189,7 +190,7 @@ def mujoco_model(model: Model) -> Any:
     free: dict[str, Any] = {"type": "fixed", "lower": -math.inf, "upper": math.inf}
     joints = tuple(replace(j, **free) if j.name in model.locked else j for j in model.joints)
     moving = {name: model.servos[name] for name in model.joint_names}
-    model = replace(model, joints=joints, locked={}, servos=moving)
+    model = replace(model, joints=joints, locked={}, servos=moving, shapes=())
     with tempfile.TemporaryDirectory() as folder:
         save_robot(model, Path(folder) / "robot.urdf")
         spec = mujoco.MjSpec.from_file(str(Path(folder) / "robot.urdf"))
@@ -240,15 +241,20 @@ def _plot(path: Path, rows: list[Row]) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
-    labels = [f"{r.robot}\n{r.engine.split(',')[0]}\n{r.threads} thread{'s' * (r.threads > 1)}" for r in rows]
-    bars = axes.bar(
-        range(len(rows)), [r.rate for r in rows], color=["C0" if "feather" in r.engine else "0.6" for r in rows]
-    )
-    axes.bar_label(bars, [f"{r.rate:.0f}\n±{1e3 * r.error:.1f} mm" for r in rows], fontsize=8)
-    axes.set_xticks(range(len(rows)), labels, fontsize=7)
-    axes.margins(y=0.15)
-    axes.set(ylabel=f"rollouts of {DURATION:g} s a second", title="Walking humanoid, step 1 ms")
+    figure, axes = plt.subplots(figsize=(7, 0.4 * len(rows) + 1.0), layout="constrained")
+    labels = [f"{r.robot}, {r.engine.split(',')[0]}, {r.threads} thread{'s' * (r.threads > 1)}" for r in rows]
+    colours = ["C0" if "feather" in r.engine else "0.6" for r in rows]
+    bars = axes.barh(range(len(rows)), [r.rate for r in rows], color=colours)
+    axes.bar_label(bars, [f"{r.rate:.0f}, {_told(r)}" for r in rows], padding=3, fontsize=8)
+    axes.set_yticks(range(len(rows)), labels, fontsize=8)
+    axes.invert_yaxis()
+    axes.margins(x=0.2)
+    axes.set(xlabel=f"rollouts of {DURATION:g} s a second", title=f"Walking humanoid, step {1e3 * STEP:g} ms; error")
     with complete(path) as temporary:
         figure.savefig(temporary, dpi=130)
     plt.close(figure)
+
+
+def _told(row: Row) -> str:
+    """Error of the rollouts, or how many of them ended upright."""
+    return f"±{1e3 * row.error:.2g} mm" if row.upright == 1.0 else f"{row.upright:.0%} upright"
