@@ -248,7 +248,7 @@ def _plot(path: Path, rows: list[Row]) -> None:
     axes.bar_label(bars, [f"{r.rate:.0f}, {_told(r)}" for r in rows], padding=3, fontsize=8)
     axes.set_yticks(range(len(rows)), labels, fontsize=8)
     axes.invert_yaxis()
-    axes.margins(x=0.2)
+    axes.margins(x=0.25)
     axes.set(xlabel=f"rollouts of {DURATION:g} s a second", title=f"Walking humanoid, step {1e3 * STEP:g} ms; error")
     with complete(path) as temporary:
         figure.savefig(temporary, dpi=130)
