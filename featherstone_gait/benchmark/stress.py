@@ -274,8 +274,8 @@ def plot(rows: list[Row], notes: str = "") -> Figure:
     axes.set_yticks(np.arange(len(names)) + 0.5, names, fontsize=9)
     axes.invert_yaxis()
     figure.legend(
-        handles=[Patch(color=colour, label=kind) for kind, colour in COLOURS.items() if kind],
-        loc="outside upper right", ncols=4,
+        handles=[Patch(facecolor=colour, edgecolor="0.8", label=kind or "not run") for kind, colour in COLOURS.items()],
+        loc="outside upper right", ncols=5,
     )  # fmt: skip
     figure.suptitle(notes, fontsize=7, x=0.01, ha="left")
     return figure
