@@ -14,6 +14,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from featherstone_gait.benchmark.table import TABLE
 from featherstone_gait.files import FilePath, Format, read_csv
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ FROM_CHEAPEST = {k: KEPT / f"gait_from_cheapest_{k}.json" for k in (0, 1)}
 WORLDS_COST, OTHER_ROBOTS = KEPT / "worlds_cost.csv", KEPT / "other_robots.csv"
 OTHER_WORLDS, IN_BULLET = KEPT / "other_robots_worlds.csv", KEPT / "in_bullet.csv"
 UNITS = KEPT / "unit_study_sensitivity.csv"
+BENCHMARKS = KEPT / "benchmarks"
 WALKS = "energy per distance, speed"
 
 
@@ -301,6 +303,124 @@ def _walk_told(row: dict[str, str], side: str) -> str:
 def _records(path: FilePath, form: Format) -> list[dict[str, str]]:
     (_, names), *rows = read_csv(path, form)
     return [dict(zip(names, cells)) for _, cells in rows]
+
+
+PRECISION = {  # row of docs/accuracy.md -> problem, integrator, step and tolerance of the benchmark
+    "free arm, 1 s, chaotic: `dop853`, tolerance 1e-6": ("arm, free", "dop853", "", "1e-06"),
+    "free arm: `extrapolation`, tolerance 1e-8": ("arm, free", "extrapolation", "", "1e-08"),
+    "free arm: `rk4`, 1 ms": ("arm, free", "rk4", "0.001", ""),
+    "stiff servos without rotor, 0.5 s: `implicit_euler`, 10 ms": ("arm, stiff servos", "implicit_euler", "0.01", ""),
+    "stiff servos: `midpoint`, 10 ms": ("arm, stiff servos", "midpoint", "0.01", ""),
+    "stiff servos: `extrapolation`, tolerance 1e-4": ("arm, stiff servos", "extrapolation", "", "0.0001"),
+    "geared servos (MIPSD), sampled: `midpoint`, 1 ms": ("arm, geared servos", "midpoint", "0.001", ""),
+    "humanoid standing on the ground: `midpoint`, 1 ms": ("humanoid, standing", "midpoint", "0.001", ""),
+    "humanoid walking, one stride: `midpoint`, 1 ms": ("humanoid, walking a stride", "midpoint", "0.001", ""),
+    "humanoid walking: `ars343`, tolerance 1e-2": ("humanoid, walking a stride", "ars343", "", "0.01"),
+    "flyball governor (IFToMM A05), 10 s: `dop853`, tolerance 1e-8": (
+        "IFToMM A05, flyball governor", "dop853", "", "1e-08",
+    ),
+}  # fmt: skip
+SESSION = {  # row of docs/session.md -> that of the benchmark
+    "rate of 64 robots in a session, over that of one call of `simulate_batch` for 1 s": (
+        "rate of 64 in a session, over that of simulate_batch"
+    ),
+    "the same by CPU time, on one core": "rate of 64 in a session, by CPU time, over that of simulate_batch",
+    "overhead of a step of one robot, CPU time beyond that of its kernel": "overhead of a tick of one robot",
+    "CPU time of one robot with a compiled controller, by that without": (
+        "CPU time of 1 with a compiled controller, by that without"
+    ),
+    "CPU time of 64, likewise": "CPU time of 64 with a compiled controller, by that without",
+    "actions a second of 64 in `StandVector`, over those of MuJoCo's threaded rollout of the same robot (5 turns)": (
+        "that rate, over MuJoCo's rollout's"
+    ),
+}
+
+
+def benchmarked() -> Iterable[Cells | Words]:
+    """Times on one machine, from what `featherstone-gait benchmark` left there."""
+    yield from _speeds()
+    timed = {tuple(row[k] for k in ("problem", "integrator", "step_s", "rtol")): row for row in _benchmark("precision")}
+    for name, key in PRECISION.items():
+        row = timed[key]
+        metres = f", {1e3 * float(row['error_m']):.1g} mm" if float(row["error_m"] or 0.0) > 1e-5 else ""
+        error = _short(float(row["error_rad"]))
+        yield Cells("docs/accuracy.md", name, (f"{_two(float(row['run_ms_per_s']))} ms", f"{error} rad{metres}"))
+    yield from _beside_peers()
+    measured = {row["what"]: row for row in _benchmark("session")}
+    for name, key in SESSION.items():
+        middle, low, high = (f"{float(measured[key][k]):.3g}" for k in ("value", "low", "high"))
+        unit = " µs" * (measured[key]["unit"] == "us")
+        yield Cells("docs/session.md", name, (f"{middle}{unit}", f"{low} to {high}{unit}"))
+    firsts = {row["kind"]: row for row in _benchmark("first")}
+    kinds = "free arm", "arm with rotors", "humanoid on the ground", "the same in lanes", "the same, rtol 1e-9"
+    free, rotors, humanoid, lanes, strict = (f"{float(firsts[kind]['cold']):.1f}" for kind in kinds)
+    page = "docs/architecture.md"
+    yield Words(page, "it is ", free, " CPU seconds for the free arm")
+    yield Words(page, "import included, ", rotors, " with rotors")
+    yield Words(page, "with rotors, ", humanoid, " for the humanoid on the ground")
+    yield Words(page, "the humanoid on the ground, ", lanes, " for it in lanes")
+    yield Words(page, "the strictest error control takes ", strict, ",")
+
+
+def _speeds() -> Iterable[Cells]:
+    """Forward dynamics of the complete humanoid."""
+    rows = {(r["algorithm"], r["width"]): r for r in _benchmark("speed") if r["robot"] == "humanoid"}
+    one, eight, theirs = (rows[key] for key in (("ABA", "float64"), ("ABA", "8 lanes"), ("mj_forward", "float64")))
+    time = {id(row): f"{float(row['time_us']):.2f} µs" for row in (one, eight, theirs)}
+    for name, row in (("ABA, one robot", one), ("ABA, eight robots at once, per robot", eight)):
+        yield Cells("docs/accuracy.md", name, (time[id(row)], _short(float(row["error"]))))
+    name = "MuJoCo's `mj_forward`, no contact, limits or friction, its clock switched off"
+    yield Cells("docs/accuracy.md", name, (time[id(theirs)], None))
+    here = f"{time[id(one)]}; of eight at once {time[id(eight)]} each"
+    yield Cells("README.md", "forward dynamics of a humanoid", (here, time[id(theirs)], None))
+
+
+def _beside_peers() -> Iterable[Cells | Words]:
+    """How many times as long the best peer takes at equal error."""
+    times = {row["line"]: row["measured"].removesuffix(" x") for row in _benchmark("peers_lines")}
+    free, stiff = "arm, free: less CPU time at error", "arm, stiff servos: less CPU time at error"
+    standing = "humanoid, standing: step {}, faster at no larger error"
+    for before, line, after in (
+        ("the free arm to 1e-6 takes 1/", f"{free} 1e-06", " and"),
+        ("and to 1e-8 1/", f"{free} 1e-08", " of MuJoCo RK4's"),
+        ("the stiff arm to 1e-6 1/", f"{stiff} 1e-06", " of the best peer's"),
+        ("over Pinocchio), to 1e-4 1/", f"{stiff} 1e-04", " of MuJoCo's"),
+        ("standing humanoid takes 1/", standing.format("float64"), " of MuJoCo's"),
+        ("of its error, in lanes 1/", standing.format("lanes"), " of it"),
+    ):
+        yield Words("docs/accuracy.md", before, times[line], after)
+    coarse, fine = times[f"{stiff} 1e-04"], times[f"{stiff} 1e-06"]
+    best = f"{fine} to 1e-6 rad (with SciPy's LSODA, the best peer there)"
+    yield Cells("README.md", "stiff servo arm, time at equal error", (None, f"{coarse} to 1e-4 rad", best))
+    coarse, fine = times[f"{free} 1e-06"], times[f"{free} 1e-08"]
+    theirs = f"{coarse} to 1e-6, {fine} to 1e-8 rad (RK4)"
+    yield Cells("README.md", "free arm, time at equal error", (None, theirs, None))
+    walks = [row for row in _benchmark("walk") if row["threads"] == "1"]
+    rates = {(row["robot"], row["engine"].split()[0]): float(row["per_core"]) for row in walks}
+    ten, nineteen = (rates[x, "featherstone_gait"] / rates[x, "mujoco"] for x in ("10 joints", "19 joints"))
+    ours = f"{rates['10 joints', 'featherstone_gait']:.0f}"
+    yield Words("docs/accuracy.md", "AVX-512): ", ours, " rollouts a second")
+    yield Words("docs/accuracy.md", "on one core, ", f"{ten:.0f}", " times (nineteen joints: ")
+    yield Words("docs/accuracy.md", " times (nineteen joints: ", f"{nineteen:.0f}", " times) what MuJoCo's")
+    found = [row["verdict"] for row in _benchmark("stress")]
+    counts = f"{len(found)} runs {found.count('held')} are right, {found.count('flagged')}"
+    yield Words("docs/accuracy.md", "says so: of ", counts, " wrong and say so")
+    if (found.count("alarm"), found.count("silent")) != (2, 2):
+        raise ValueError("docs/accuracy.md says which two runs are wrong and silent; correct that by hand")
+
+
+def _benchmark(name: str) -> list[dict[str, str]]:
+    return _records(BENCHMARKS / f"{name}.csv", TABLE)
+
+
+def _short(x: float) -> str:
+    """A digit and a power of ten."""
+    return f"{x:.0e}".replace("e-0", "e-")
+
+
+def _two(x: float) -> str:
+    """Two digits that mean something."""
+    return f"{x:.2g}"
 
 
 def crosschecked() -> Iterable[Cells]:

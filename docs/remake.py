@@ -76,6 +76,10 @@ PARTS: dict[str, Part] = {
         "the table of units in docs/tutorials/study.md from its file", 0.0, cells=pages.units,
         modules=("study/sensitivity.py",),
     ),
+    "benchmark-pages": Part(
+        "what benchmarks took, in README, docs/accuracy.md, session.md and architecture.md, from files", 0.0,
+        cells=pages.benchmarked, modules=("benchmark/table.py",),
+    ),
     "walked-gait": Part("the energy and speed of that gait, walked again", 0.1, cells=pages.walked_gait),
     "caption": Part("what stands under the picture of README and site", 0.1, cells=pages.caption),
     "first-gaits": Part("the table of plans in docs/walking.md, without its 200 worlds", 1.0, cells=pages.first_gaits),
@@ -191,12 +195,17 @@ PARTS: dict[str, Part] = {
         ("-m", "jupyter", "nbconvert", "--to", "notebook", "--execute", "--inplace", *NOTEBOOKS),
     ),
     **{
-        f"benchmark-{name}": Part(f"numbers of {page}, printed", minutes, ("benchmark", name, "--out", "{out}"))
-        for name, page, minutes in (
-            ("speed", "docs/accuracy.md", 3), ("precision", "docs/accuracy.md", 8), ("peers", "docs/accuracy.md", 8),
-            ("stress", "docs/accuracy.md", 5), ("walk", "docs/accuracy.md", 3), ("linearise", "docs/control.md", 2),
-            ("session", "docs/session.md", 2), ("skip", "docs/servos.md and docs/worlds.md", 5),
-            ("first", "docs/architecture.md", 5),
+        f"benchmark-{name}": Part(
+            f"numbers of {page}", minutes, ("benchmark", name, "--out", "{out}"),
+            tuple((f"{table}.csv", f"{KEPT_IN}/benchmarks/{table}.csv") for table in tables),
+            modules=(f"benchmark/{name}.py",),
+        )
+        for name, page, minutes, *tables in (
+            ("speed", "docs/accuracy.md", 3, "speed"), ("precision", "docs/accuracy.md", 8, "precision"),
+            ("peers", "docs/accuracy.md", 8, "peers_lines"), ("stress", "docs/accuracy.md", 5, "stress"),
+            ("walk", "docs/accuracy.md", 3, "walk"), ("linearise", "docs/control.md", 2, "linearise"),
+            ("session", "docs/session.md", 2, "session"), ("skip", "docs/servos.md and docs/worlds.md", 5, "skip"),
+            ("first", "docs/architecture.md", 5, "first"),
         )
     },
 }  # fmt: skip
