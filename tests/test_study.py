@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
@@ -418,6 +418,34 @@ def test_workers_that_die_are_an_error_that_says_what_is_kept(tmp_path):
         run_study(study, tmp_path, executor=pool, batch=4)
     assert not (tmp_path / "study.csv").exists()
     assert run_study(study, tmp_path).statuses == {"ok": 15}
+
+
+@pytest.mark.parametrize("how_often", [1, 2])
+def test_a_batch_whose_result_is_lost_is_computed_once_more(tmp_path, how_often):
+    class Losing(ThreadPoolExecutor):
+        """Loses what comes back of the second batch, some times."""
+
+        asked = None
+
+        def submit(self, function, setup, points):
+            future = super().submit(function, setup, points)
+            self.asked = [] if self.asked is None else [*self.asked, points]
+            if self.asked and points == self.asked[0] and self.asked.count(points) <= how_often:
+                future.result()
+                lost = Future()
+                lost.set_exception(ValueError("too many values to unpack"))
+                return lost
+            return future
+
+    study = read(tmp_path, GRID)
+    expected = run_study(study, tmp_path / "whole").table.read_bytes()
+    with Losing(1) as pool:
+        if how_often == 1:
+            assert run_study(study, tmp_path / "lost", executor=pool, batch=4).table.read_bytes() == expected
+        else:
+            with pytest.raises(ValueError, match="too many values"):
+                run_study(study, tmp_path / "lost", executor=pool, batch=4)
+            assert not (tmp_path / "lost" / "study.csv").exists()
 
 
 # ---------------------------------------------------------------------------------------------- going on

@@ -11,7 +11,15 @@ import json
 import logging
 import os
 from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -92,14 +100,25 @@ def cores() -> int:
 def _evaluate(study: Study, log: Log, executor: Executor, batch: int | None, bar: tqdm) -> None:
     """Hand all runs that are missing to the executor, and write down what comes back."""
     running: dict[Future, list[int]] = {}
+    again: set[int] = set()  # first runs of batches that were handed over twice
+
+    def submit(runs: list[int]) -> None:
+        running[executor.submit(run_batch, study.setup, [study.values(run) for run in runs])] = runs
+
+    def collect() -> None:
+        for runs, error in _collect(running, log, bar):
+            if runs[0] in again:
+                raise error
+            again.add(runs[0])
+            submit(runs)
+
     try:
         for runs in _batches(study, log, batch):
-            points = [study.values(run) for run in runs]
-            running[executor.submit(run_batch, study.setup, points)] = runs
+            submit(runs)
             if len(running) >= QUEUED:
-                _collect(running, log, bar)
+                collect()
         while running:
-            _collect(running, log, bar)
+            collect()
     except Exception as error:
         if not isinstance(error, BrokenExecutor) and type(error).__name__ not in LOST:
             raise
@@ -116,13 +135,22 @@ def _batches(study: Study, log: Log, batch: int | None) -> Iterator[list[int]]:
         yield missing[k : k + size].tolist()
 
 
-def _collect(running: dict[Future, list[int]], log: Log, bar: tqdm) -> None:
-    """Wait for a batch; write down what has succeeded before raising what has not."""
+def _collect(running: dict[Future, list[int]], log: Log, bar: tqdm) -> list[tuple[list[int], BaseException]]:
+    """Wait for a batch; write down what has succeeded and return what has not.
+
+    That is worth another try: Dask's executor ends a batch with an error of its own if the worker is lost while its
+    result is fetched.
+    """
     done, _ = wait(running, return_when=FIRST_COMPLETED)
-    batches = [(future, running.pop(future)) for future in done]
-    for future, runs in sorted(batches, key=lambda item: item[0].exception() is not None):
+    failed = []
+    for future in done:
+        runs, error = running.pop(future), CancelledError() if future.cancelled() else future.exception()
+        if error is not None:
+            failed.append((runs, error))
+            continue
         log.append(runs, future.result())
         bar.update(len(runs))
+    return failed
 
 
 class Log:
