@@ -335,6 +335,13 @@ SESSION = {  # row of docs/session.md -> that of the benchmark
     ),
 }
 
+LINEARISED = {  # row of docs/control.md -> scene and method of the benchmark
+    "falling under torques, 10 steps": ("falling", "linearise, 10 steps"),
+    "falling under torques, 1 step": ("falling", "linearise, 1 step"),
+    "standing, rigid servos, a controller period of 10 ms": ("standing", "linearise, rotor, implicit_euler"),
+    "standing, spring-damper servos, a controller period of 10 ms": ("standing", "linearise, mipsd, implicit_euler"),
+}
+
 
 def benchmarked() -> Iterable[Cells | Words]:
     """Times on one machine, from what `featherstone-gait benchmark` left there."""
@@ -351,6 +358,11 @@ def benchmarked() -> Iterable[Cells | Words]:
         middle, low, high = (f"{float(measured[key][k]):.3g}" for k in ("value", "low", "high"))
         unit = " µs" * (measured[key]["unit"] == "us")
         yield Cells("docs/session.md", name, (f"{middle}{unit}", f"{low} to {high}{unit}"))
+    columns = {(row["scene"], row["method"]): row for row in _benchmark("linearise")}
+    for name, (scene, method) in LINEARISED.items():
+        ours, theirs = columns[scene, method], columns[scene, "mjd_transitionFD, centred"]
+        errors = (f"{float(row['error']):.1e}".replace("e-0", "e-") for row in (ours, theirs))
+        yield Cells("docs/control.md", name, (f"{float(ours['ratio']):.2g}", *errors))
     firsts = {row["kind"]: row for row in _benchmark("first")}
     kinds = "free arm", "arm with rotors", "humanoid on the ground", "the same in lanes", "the same, rtol 1e-9"
     free, rotors, humanoid, lanes, strict = (f"{float(firsts[kind]['cold']):.1f}" for kind in kinds)

@@ -77,7 +77,7 @@ PARTS: dict[str, Part] = {
         modules=("study/sensitivity.py",),
     ),
     "benchmark-pages": Part(
-        "what benchmarks took, in README, docs/accuracy.md, session.md and architecture.md, from files", 0.0,
+        "what benchmarks took, in README, docs/accuracy.md, architecture.md, control.md, session.md, from files", 0.0,
         cells=pages.benchmarked, modules=("benchmark/table.py",),
     ),
     "walked-gait": Part("the energy and speed of that gait, walked again", 0.1, cells=pages.walked_gait),
