@@ -33,14 +33,16 @@ from .arguments import listed, one_of, vector, whole
 from .build.contact import by_body
 from .build.friction import sticks
 from .build.scene import CompiledScene
+from .core.compile.jit import direct
 from .core.compile.lanes import WIDTH, aligned
 from .core.integrate.rollout import OK, rollout_lanes
 from .core.step.context import Run
-from .core.step.signals import sample_ticks
+from .core.step.signals import Knots, Signals, sample_ticks
 from .core.step.state import BY_NAME, IN_STATE, RECORDABLE
 from .dynamics import coupling_matrix
 from .fixed_order import total
 from .reference import Reference
+from .run.interrupt import Kernel
 from .run.prepared import Prepared, prepare, with_steps, with_tolerance
 from .run.simulate import initial_state
 from .run.start import check_scene
@@ -62,6 +64,7 @@ FINER, ROUNDS = 8.0, 3  # each round's widths by the next one's
 ENOUGH = 1e-7  # error of an entry, of its value, at which no smaller width is tried ...
 SMALL = 1e-2  # ... or of so much of what is largest in its row, in units of the first widths
 KINK = 1e-3  # difference of left and right, of the larger of them, that is a kink
+BRIEF = 5e4  # steps of vectors by velocities: some 10 ms, for which no thread is started
 ROUNDING = 4.0 * np.finfo(float).eps  # of the numbers of a run
 
 
@@ -139,7 +142,7 @@ def linearise(
     remembered (integrals, last errors, the midpoint rule's accelerations) what the next state depends on;
     steps: None is a whole controller period, of a scene without controllers a single step;
     rtol: of an integrator that chooses its steps, 1e-12 if None; their choice is an error of some rtol by width;
-    threads: one a core if None; any number gives the same bits.
+    threads: if None as many as the work is worth, at most one a core; any number gives the same bits.
     Raises ValueError on what does not fit, and where a run falls or diverges within the period.
     """
     check_scene(scene)
@@ -147,7 +150,7 @@ def linearise(
     named = _inputs(scene, inputs)
     steps = whole("steps", _default_steps(scene) if steps is None else steps, 1, "give a number of steps", 10**6)
     outputs = tuple(listed("outputs", outputs, "give a list of channels, such as ('torque',)"))
-    threads = whole("threads", os.cpu_count() or 1 if threads is None else threads, 1, "one a core is usual")
+    threads = None if threads is None else whole("threads", threads, 1, "one a core is usual")
     duration = steps * scene.timestep
     driven = tau is not None or "torque" in named
     ready = prepare(scene, duration, _recorded(outputs), rtol=tolerance, driven=driven)
@@ -156,7 +159,9 @@ def linearise(
     channels = _channels(system, states, named)
     held = ("voltage",) if "voltage" in named else ()
     chart = chart_of(scene, tuple(channels), held)
-    return _differences(system, chart, outputs, duration)
+    found = _differences(system, chart, outputs, duration)
+    system.close()
+    return found
 
 
 def _inputs(scene: CompiledScene, inputs: Sequence[str] | None) -> tuple[str, ...]:
@@ -210,7 +215,7 @@ class Chart:
         self.names: list[str] = []
         self.widths: list[float] = []
         self.quaternion = scene.part("base_q")[0] + 3 if "base_q" in channels and scene.tree.floating else None
-        self.turns: list[int] = []
+        turns: list[int] = []
         reads: list[int] = []
         moves: list[tuple[int, int, float]] = []  # number of the state, deviation, factor
         self.states, sticky = 0, sticks(scene.constants.friction)
@@ -222,10 +227,11 @@ class Chart:
                 reads.append(at)
                 moves.extend((number, k, factor) for number, factor in moved)
                 if not moved:
-                    self.turns.append(k)
+                    turns.append(k)
             if name in channels:
                 self.states = len(self.names)
-        self._reads = np.array(reads, dtype=int)
+        self.turns = np.array(turns, dtype=int)  # deviations that are turns of the base
+        self.reads = np.array(reads[: self.states], dtype=int)  # number of the state that is a deviation's
         self._moves = [np.array(column) for column in zip(*moves)] if moves else [np.zeros(0, int)] * 3
 
     def moved(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -239,13 +245,35 @@ class Chart:
             Y[at] = _turned(y[at], x[self.turns])
         return Y
 
+    def move_each(self, Y: np.ndarray, y: np.ndarray, which: np.ndarray, steps: np.ndarray) -> None:
+        """Move the states Y (blocks, size, lanes), all of them y, each in one deviation, which (k,), by a step (k,)."""
+        numbers, columns, factors = self._moves
+        lanes = Y.shape[2]
+        move, run = _pairs(columns, which)
+        Y[run // lanes, numbers[move], run % lanes] += factors[move] * steps[run]
+        if self.quaternion is not None:
+            at = slice(self.quaternion, self.quaternion + 4)
+            turn, run = _pairs(self.turns, which)
+            x = np.where(turn == np.arange(3)[:, None], steps[run], 0.0)
+            Y[run // lanes, at, run % lanes] = _turned(y[at], x).T
+
     def difference(self, Y: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Deviations (all, k) of the states Y (size, k) from y (size,)."""
-        X = Y[self._reads] - y[self._reads, None]
+        """Deviations (states, ...) of the states Y (size, ...) from y (size,)."""
+        X = Y[self.reads] - _beside(y[self.reads], Y)
         if self.quaternion is not None:
             at = slice(self.quaternion, self.quaternion + 4)
             X[self.turns] = _turn_between(y[at], Y[at])
-        return X[: self.states]
+        return X
+
+
+def _pairs(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where numbers of a (k,) and of b (m,) are equal: places in a and in b."""
+    return np.divmod(np.flatnonzero(a[:, None] == b), len(b))
+
+
+def _beside(y: np.ndarray, Y: np.ndarray) -> np.ndarray:
+    """Numbers (size,) as they go with arrays (size, ...)."""
+    return y.reshape(-1, *[1] * (Y.ndim - 1))
 
 
 @functools.lru_cache(maxsize=128)
@@ -299,20 +327,20 @@ def _width(scene: CompiledScene, sticky: bool, name: str, label: str) -> float:
 
 def _turned(quaternion: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """Unit quaternions w x y z (4, k) after turns (3, k) in body axes: r / 2 is the tangent of half the angle."""
-    w, x, y, z = quaternion
-    a, b, c = 0.5 * turn
-    new = np.stack([w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b + z * a - x * c,
-                    z + w * c + x * b - y * a])  # fmt: skip
+    new = quaternion[:, None] + total(_after(quaternion)[:, 1:, None] * (0.5 * turn), axis=1)
     return new / np.sqrt(total(new * new, axis=0))
 
 
 def _turn_between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """The turns (3, k) in body axes from a quaternion (4,) to others (4, k); the inverse of `_turned`."""
-    w, x, y, z = start
-    a, b, c, d = end
-    real = w * a + x * b + y * c + z * d
-    return 2.0 * np.stack([w * b - x * a - y * d + z * c, w * c - y * a - z * b + x * d,
-                           w * d - z * a - x * c + y * b]) / real  # fmt: skip
+    """The turns (3, ...) in body axes from a quaternion (4,) to others (4, ...); the inverse of `_turned`."""
+    turn = total(_after(start).T.reshape(4, 4, *[1] * (end.ndim - 1)) * end, axis=1)
+    return 2.0 * turn[1:] / turn[0]
+
+
+def _after(quaternion: np.ndarray) -> np.ndarray:
+    """The matrix (4, 4) of its product with others, which it comes before; transposed, the inverse of that."""
+    w, x, y, z = quaternion.tolist()
+    return np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
 
 
 # ------------------------------------------------------------------------------------------------ runs
@@ -328,13 +356,16 @@ class _System:
         reference: Reference | None,
         tau: Reference | None,
         inputs: tuple[str, ...],
-        threads: int,
+        threads: int | None,
     ) -> None:
         self.ready, self.inputs, self.threads, self.scene = ready, inputs, threads, ready.scene
+        self.lanes = 1 if self.scene.adaptive else WIDTH
         self.start = ready.start(initial_state(ready.scene) if state is None else state, reference, tau)
         self.course = ready.course(self.start)
         self.y = self.start.y.copy()
-        self._maps: list[Callable[[np.ndarray, np.ndarray], np.ndarray]] = []  # one a thread
+        self._maps: list[Callable[[np.ndarray, np.ndarray], None]] = []  # one a thread
+        self._spare = _spare(self.scene, inputs, tau is not None)
+        self._taken: list[_Workspace] = []
         o = self.scene.layout
         self.y[o["end"]] = max(self.y[o["end"]], self.scene.timestep)  # it goes on: no first step
         if self.y[o["status"]] != OK:
@@ -345,68 +376,117 @@ class _System:
         joints = self.scene.model.joint_names
         return [f"{name} {joint}" for name in self.inputs if name != "voltage" for joint in joints]
 
-    def ends(self, Y: np.ndarray, U: np.ndarray) -> np.ndarray:
-        """States (size, k) at the end of runs from Y (size, k), signals beside their own by U (signals, k)."""
-        size, count = 1 if self.scene.adaptive else WIDTH, Y.shape[1]
-        blocks = -(-count // size)
-        states, signals = (_blocks(part, blocks, size) for part in (Y, U))
-        threads = min(self.threads, blocks)
+    def beginnings(self, count: int) -> np.ndarray:
+        """States (blocks, size, lanes) for so many runs, which nothing has moved yet."""
+        states = aligned((-(-count // self.lanes), len(self.y), self.lanes))
+        states[:] = self.y[:, None]
+        return states
+
+    def signals_for(self, states: np.ndarray) -> np.ndarray:
+        """What moves the signals of these (blocks, signals, lanes): nothing yet."""
+        return np.zeros((len(states), len(self.signals()), self.lanes))
+
+    def run(self, states: np.ndarray, signals: np.ndarray) -> None:
+        """Take states (blocks, size, lanes) to the end of the period; signals: what moves their own."""
+        blocks = len(states)
+        threads = min(self.threads or self._worthwhile(blocks), blocks)
         while len(self._maps) < threads:
-            self._maps.append(_one(self) if self.scene.adaptive else _eight(self))
+            self._maps.append(_map(self))
 
         def work(k: int) -> None:
             for block in range(k, blocks, threads):
-                states[block] = self._maps[k](states[block], signals[block])
+                self._maps[k](states[block], signals[block])
 
         if threads == 1:
             work(0)
         else:
             with ThreadPoolExecutor(threads) as pool:
                 list(pool.map(work, range(threads)))
-        F = states.transpose(1, 0, 2).reshape(len(Y), blocks * size)[:, :count]
-        self._check(F)
-        return F
+        self._check(states)
 
-    def _check(self, F: np.ndarray) -> None:
+    def _worthwhile(self, blocks: int) -> int:
+        """Threads for so many vectors."""
+        brief = blocks * self.course.steps * self.scene.model.nv < BRIEF and not self.scene.adaptive
+        return 1 if brief else os.cpu_count() or 1
+
+    def workspace(self) -> _Workspace:
+        """One that is spare, or a new one."""
+        try:
+            self._taken.append(self._spare.pop())
+        except IndexError:
+            self._taken.append(_workspace(self))
+        return self._taken[-1]
+
+    def close(self) -> None:
+        """Leave its workspaces to other calls."""
+        self._spare.extend(self._taken)
+
+    def _check(self, states: np.ndarray) -> None:
         """Raise ValueError where a run has ended."""
-        status = F[self.scene.layout["status"]]
+        status = states[:, self.scene.layout["status"]]
         if (status != OK).any():
             raise ValueError(
                 f"{self.scene.model.name}: within the period a run ends: {STATUS[int(status.max())]}; linearise about "
                 "a state farther from that"
             )
 
-    def split(self, U: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """What the references and the torques (joints, k) are moved by."""
-        n, given = self.scene.tree.n, [name for name in self.inputs if name != "voltage"]
-        parts = {name: U[k * n : (k + 1) * n] for k, name in enumerate(given)}
-        return parts.get("reference"), parts.get("torque")
+
+class _Workspace(NamedTuple):
+    """What eight runs overwrite, and the kernel for them: to make both takes as long as a hundred steps."""
+
+    run: Run  # of the call that made it
+    kernel: Kernel
 
 
-def _blocks(X: np.ndarray, blocks: int, size: int) -> np.ndarray:
-    """Columns (rows, k) in blocks (blocks, rows, size); the last one is repeated."""
-    columns = np.minimum(np.arange(blocks * size), X.shape[1] - 1)
-    return np.ascontiguousarray(X[:, columns].reshape(len(X), blocks, size).transpose(1, 0, 2))
+@functools.lru_cache(maxsize=32)
+def _spare(scene: CompiledScene, inputs: tuple[str, ...], driven: bool) -> list[_Workspace]:
+    """Those that are in no use; the arguments decide for which types the kernel is compiled."""
+    return []
 
 
-def _eight(system: _System) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """The map in lanes: of states (size, 8) and inputs (signals, 8)."""
-    ready = system.ready
-    run, y, out = ready.arguments_in_lanes([system.start])
-    run = run._replace(plan=system.course)
+def _map(system: _System) -> Callable[[np.ndarray, np.ndarray], None]:
+    """What takes states (size, lanes) to the end of the period, in place, their signals moved by (signals, lanes)."""
+    ready, adaptive = system.ready, system.scene.adaptive
+    if adaptive:
+        run, _, out = ready.arguments(system.start)
+        kernel: Kernel = ready.kernel
+    else:
+        run, kernel = system.workspace()
+        own = {"plan": system.course, "signals": _signals(system, run), "channels": ready.channels, "stop": ready.stop}
+        run, out = run._replace(**own), aligned((ready.samples, max(len(ready.channels), 1), WIDTH))
+    put = _setter(system, run)
+
+    def call(Y: np.ndarray, U: np.ndarray) -> None:
+        put(U)
+        ready.call(kernel, run, Y[:, 0] if adaptive else Y, out)
+
+    return call
+
+
+def _workspace(system: _System) -> _Workspace:
+    """A new one."""
+    run, y, out = system.ready.arguments_in_lanes([system.start])
     if "voltage" in system.inputs:
         run = run._replace(signals=run.signals._replace(reference=None))
     elif system.scene.sampled and run.signals.torques is None:  # the kernel of `simulate_batch`
         run = run._replace(signals=run.signals._replace(reference=None, samples=_ticks(system)))
-    put = _setter(run)
+    return _Workspace(run, direct(rollout_lanes, run, y, out))
 
-    def call(Y: np.ndarray, U: np.ndarray) -> np.ndarray:
-        put(*system.split(U))
-        y[:] = Y
-        ready.call(rollout_lanes, run, y, out)
-        return y
 
-    return call
+def _signals(system: _System, run: Run) -> Signals:
+    """Those of a run, as they are in this call."""
+    start, signals = system.start, run.signals
+    if signals.samples is not None:
+        return signals._replace(samples=_ticks(system))
+    reference = None if signals.reference is None else _in_all_lanes(start.reference)
+    torques = None if signals.torques is None else _in_all_lanes(start.torques)
+    return signals._replace(reference=reference, torques=torques)
+
+
+def _in_all_lanes(knots: Knots) -> Knots:
+    cubics = aligned((*knots.cubics.shape, WIDTH))
+    cubics[:] = knots.cubics[..., None]
+    return knots._replace(cubics=cubics)
 
 
 def _ticks(system: _System) -> np.ndarray:
@@ -420,85 +500,83 @@ def _ticks(system: _System) -> np.ndarray:
     return samples
 
 
-def _one(system: _System) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """The map of one run: of states (size, 1) and inputs (signals, 1)."""
-    ready = system.ready
-    run, y, out = ready.arguments(system.start)
-    put = _setter(run)
+def _setter(system: _System, run: Run) -> Callable[[np.ndarray], None]:
+    """What moves the signals of a run by so much (signals, lanes), for all of the period."""
+    signals, n = run.signals, system.scene.tree.n
+    moved: list[tuple[np.ndarray, np.ndarray, slice]] = []  # what kernels read, as it is, which signals move it
+    for k, name in enumerate(name for name in system.inputs if name != "voltage"):
+        if name == "torque":
+            read = signals.torques.cubics
+        else:
+            read = signals.reference.cubics if signals.samples is None else signals.samples
+        values = read[:, :, 0].reshape(len(read), n, system.lanes)
+        moved.append((values, values.copy(), slice(k * n, (k + 1) * n)))
 
-    def call(Y: np.ndarray, U: np.ndarray) -> np.ndarray:
-        put(*(None if part is None else part[:, 0] for part in system.split(U)))
-        y[:] = Y[:, 0]
-        ready.call(ready.kernel, run, y, out)
-        return y[:, None]
-
-    return call
-
-
-def _setter(run: Run) -> Callable[[np.ndarray | None, np.ndarray | None], None]:
-    """What moves the signals of a run by so much, for all of the period."""
-    signals, places = run.signals, []
-    if signals.samples is not None:
-        places.append((0, signals.samples, signals.samples[:, :, 0]))
-    elif signals.reference is not None:
-        places.append((0, signals.reference.cubics, signals.reference.cubics[:, :, 0]))
-    if signals.torques is not None:
-        places.append((1, signals.torques.cubics, signals.torques.cubics[:, :, 0]))
-    rest = [(which, part, part.copy()) for which, _, part in places]
-
-    def put(*moves: np.ndarray | None) -> None:
-        for which, part, own in rest:
-            by = moves[which]
-            if by is not None:
-                part[:] = own + by
+    def put(U: np.ndarray) -> None:
+        for values, own, which in moved:
+            np.add(own, U[which], out=values)
 
     return put
 
 
+@functools.lru_cache(maxsize=128)
+def _possible(scene: CompiledScene, inputs: tuple[str, ...]) -> tuple[list[str], list[str]]:
+    """Channels that always count, and those that do where the next state depends on them."""
+    there = [c for c in IN_STATE if c.name not in inputs and scene.part(c.name)[1] > scene.part(c.name)[0]]
+    return [c.name for c in there if c.kind in KINDS], [c.name for c in there if c.kind in MEMORY]
+
+
 def _channels(system: _System, states: Iterable[str] | None, inputs: tuple[str, ...]) -> list[str]:
     """The channels of the states: those given, or those on which the next state depends."""
-    scene = system.scene
-    there = [c for c in IN_STATE if scene.part(c.name)[1] > scene.part(c.name)[0]]
-    possible = [c for c in there if c.kind in (*KINDS, *MEMORY) and c.name not in inputs]
+    always, memory = _possible(system.scene, inputs)
     if states is not None:
-        known = [c.name for c in possible]
+        known = [c.name for c in IN_STATE if c.name in (*always, *memory)]
         chosen = listed("states", states, "give a list of channels, such as ('q', 'qd')")
         for name in chosen:
             one_of("states", name, known)
         return [name for name in known if name in chosen]
-    always = [c.name for c in possible if c.kind in KINDS]
-    return [*always, *_remembered(system, always, [c.name for c in possible if c.kind in MEMORY])]
+    return [*always, *_remembered(system, tuple(always), tuple(memory))]
 
 
-def _remembered(system: _System, always: list[str], memory: list[str]) -> list[str]:
+def _remembered(system: _System, always: tuple[str, ...], memory: tuple[str, ...]) -> list[str]:
     """Which channels of what is held or derived the next state depends on: a run with all of it moved tells."""
     if not memory:
         return []
-    scene, charts = system.scene, {name: chart_of(system.scene, (name,)) for name in memory}
-    Y = np.repeat(system.y[:, None], len(memory) + 1, axis=1)
-    for k, name in enumerate(memory, start=1):
-        chart = charts[name]
-        uneven = 1.0 + 0.3 * np.arange(len(chart.names)) / len(chart.names)
-        Y[:, k] = chart.moved(system.y, (np.array(chart.widths) * uneven)[:, None])[:, 0]
-    F = system.ends(Y, np.zeros((len(system.signals()), Y.shape[1])))
-    changed = F[:, 1:] != F[:, :1]
-
-    def touched(name: str, k: int) -> bool:
-        return bool(changed[slice(*scene.part(name)), k].any())
-
-    kept = [name for k, name in enumerate(memory) if any(touched(other, k) for other in always)]
+    scene, count = system.scene, len(memory) + 1
+    states = system.beginnings(count)
+    for block in range(len(states)):
+        states[block] += _uneven(scene, memory)[:, block * system.lanes :][:, : system.lanes]
+    system.run(states, system.signals_for(states))
+    ends = np.concatenate(list(states), axis=1)[:, :count]
+    changed = ends[:, 1:] != ends[:, :1]
+    touched = {name: changed[slice(*scene.part(name))].any(axis=0) for name in (*always, *memory)}
+    kept = [name for k, name in enumerate(memory) if any(touched[other][k] for other in always)]
     while True:
         more = [
             name
             for k, name in enumerate(memory)
-            if name not in kept and any(touched(other, k) for other in kept if other != name)
+            if name not in kept and any(touched[other][k] for other in kept if other != name)
         ]
         if not more:
             return [name for name in memory if name in kept]
         kept += more
 
 
+@functools.lru_cache(maxsize=128)
+def _uneven(scene: CompiledScene, memory: tuple[str, ...]) -> np.ndarray:
+    """What moves the states of runs: nothing in the first, then a channel each, and nothing in the last lanes."""
+    size, found = int(scene.layout["length"]), []
+    for name in memory:
+        chart = chart_of(scene, (name,))
+        x = np.array(chart.widths) * (1.0 + 0.3 * np.arange(len(chart.names)) / len(chart.names))
+        found.append(chart.moved(np.zeros(size), x[:, None]))
+    return np.concatenate([np.zeros((size, 1)), *found, np.zeros((size, WIDTH))], axis=1)
+
+
 # ------------------------------------------------------------------------------------------------ differences
+
+
+MOVES = (1.0, -1.0, 0.5, -0.5)  # of a column, in its widths
 
 
 class _Columns(NamedTuple):
@@ -518,73 +596,82 @@ def _kinked(found: _Columns, least: np.ndarray) -> np.ndarray:
     return found.jump > KINK * np.maximum(largest, least) + found.noise
 
 
+@functools.lru_cache(maxsize=128)
+def _named(scene: CompiledScene, chart: Chart, signals: tuple[str, ...]) -> tuple[tuple[str, ...], np.ndarray]:
+    """Names of all columns, and their first widths."""
+    sticky = sticks(scene.constants.friction)
+    widths = [*chart.widths, *(_width(scene, sticky, name.split()[0], "") for name in signals)]
+    return (*chart.names, *signals), np.array(widths)
+
+
 def _differences(system: _System, chart: Chart, outputs: tuple[str, ...], period: float) -> Linearisation:
     """All columns, each in widths as small as it takes."""
-    scene, signals = system.scene, system.signals()
-    names = [*chart.names, *signals]
-    sticky = sticks(scene.constants.friction)
-    first = np.array([*chart.widths, *(_width(scene, sticky, name.split()[0], "") for name in signals)])
-    end = system.ends(system.y[:, None], np.zeros((len(signals), 1)))[:, 0]
+    scene = system.scene
+    names, first = _named(scene, chart, tuple(system.signals()))
     read = system.ready.channels
-
-    def rows(F: np.ndarray) -> np.ndarray:
-        return np.concatenate([chart.difference(F, end), F[read] - end[read, None]])
-
-    size = np.abs(np.concatenate([end[chart._reads[: chart.states]], end[read]]))
-    found = _columns(system, chart, rows, np.arange(len(names)), first, size)
+    found, end = _columns(system, chart, np.arange(len(names)), first)
     least = SMALL * (np.abs(found.value) * first).max(axis=1, initial=0.0)[:, None] / first
+    kinked = _kinked(found, least)
     for k in range(1, ROUNDS):
         bad = found.error > ENOUGH * np.maximum(np.abs(found.value), least)
-        again = np.flatnonzero((bad | _kinked(found, least)).any(axis=0))
+        again = np.flatnonzero((bad | kinked).any(axis=0))
         if not len(again):
             break
-        found = _better(found, again, _columns(system, chart, rows, again, first[again] / FINER**k, size))
-    kinked = _kinked(found, least)
-    found = found._replace(error=np.where(kinked, 0.5 * np.abs(found.right - found.left), found.error))
+        found = _better(found, again, _columns(system, chart, again, first[again] / FINER**k)[0])
+        kinked = _kinked(found, least)
+    found.error[kinked] = 0.5 * np.abs(found.right - found.left)[kinked]
     n, labels = chart.states, (*chart.names[: chart.states], *_labels(scene, outputs, read))
     kinks = tuple(
         Kink(names[j], tuple(labels[i] for i in np.flatnonzero(column)), found.left[column, j], found.right[column, j])
-        for j, column in enumerate(kinked.T)
-        if column.any()
+        for j, column in ((j, kinked[:, j]) for j in np.flatnonzero(kinked.any(axis=0)))
     )
     value, error = found.value, found.error
     return Linearisation(
         A=value[:n, :n], B=value[:n, n:], C=value[n:, :n], D=value[n:, n:],
         A_error=error[:n, :n], B_error=error[:n, n:], C_error=error[n:, :n], D_error=error[n:, n:],
-        states=tuple(names[:n]), inputs=tuple(names[n:]), outputs=labels[n:], kinks=kinks,
-        change=chart.difference(end[:, None], system.y)[:, 0], period=period, state=system.y, chart=chart,
+        states=names[:n], inputs=names[n:], outputs=labels[n:], kinks=kinks,
+        change=chart.difference(end, system.y), period=period, state=system.y, chart=chart,
     )  # fmt: skip
 
 
-def _columns(
-    system: _System,
-    chart: Chart,
-    rows: Callable[[np.ndarray], np.ndarray],
-    which: np.ndarray,
-    widths: np.ndarray,
-    size: np.ndarray,
-) -> _Columns:
-    """Some columns, in a width each; rows: of states at the end; size: of the rows' numbers."""
-    k = len(which)
-    moves = np.zeros((len(chart.names) + len(system.signals()), 4, k))
-    for row, factor in enumerate((1.0, -1.0, 0.5, -0.5)):
-        moves[which, row, np.arange(k)] = factor * widths
-    states, signals = np.split(moves.reshape(len(moves), 4 * k), [len(chart.names)])
-    ends = system.ends(chart.moved(system.y, states), signals)
-    wide_right, wide_left, right, left = rows(ends).reshape(-1, 4, k).transpose(1, 0, 2)
-    half = 0.5 * widths
-    wide, narrow = (wide_right - wide_left) / (2.0 * widths), (right - left) / widths
-    rounding = ROUNDING * size[:, None] / half
-    to_right = 2.0 * right / half - wide_right / widths
-    to_left = wide_left / widths - 2.0 * left / half
-    return _Columns(
-        value=(4.0 * narrow - wide) / 3.0,
-        error=np.abs(narrow - wide) / 3.0 + rounding,
+def _columns(system: _System, chart: Chart, which: np.ndarray, widths: np.ndarray) -> tuple[_Columns, np.ndarray]:
+    """Some columns, in a width each, and the state (size,) at the end of the run that nothing moves."""
+    k, read = len(which), system.ready.channels
+    steps = np.multiply.outer(MOVES, widths)
+    states = system.beginnings(4 * k + 1)  # to the right, to the left, half of it; the last one stays
+    signals = system.signals_for(states)
+    _move(chart, system.y, states, signals, np.tile(which, 4), steps.ravel())
+    system.run(states, signals)
+    block, lane = divmod(4 * k, system.lanes)
+    F, end = states.swapaxes(0, 1), states[block, :, lane].copy()
+    moved = np.concatenate([chart.difference(F, end), F[read] - _beside(end[read], F)])
+    moved = moved.reshape(len(moved), -1)[:, : 4 * k].reshape(-1, 4, k)
+    wide_right, wide_left, right, left = (moved / steps).transpose(1, 0, 2)
+    wide, narrow = 0.5 * (wide_right + wide_left), 0.5 * (right + left)
+    size = np.abs(np.concatenate([end[chart.reads], end[read]]))
+    rounding = 2.0 * ROUNDING * size[:, None] / widths
+    to_right, to_left = 2.0 * right - wide_right, 2.0 * left - wide_left
+    correction = (narrow - wide) / 3.0
+    value = narrow + correction
+    found = _Columns(
+        value=value,
+        error=np.abs(correction) + rounding + ROUNDING * np.abs(value),
         left=to_left,
         right=to_right,
         jump=np.abs(to_right - to_left),
         noise=4.0 * rounding,
     )
+    return found, end
+
+
+def _move(
+    chart: Chart, y: np.ndarray, states: np.ndarray, signals: np.ndarray, which: np.ndarray, steps: np.ndarray
+) -> None:
+    """Move states y (blocks, size, lanes) or their signals, each run in one column, which (k,), by a step (k,)."""
+    chart.move_each(states, y, which, steps)
+    run = np.flatnonzero(which >= len(chart.names))
+    block, lane = np.divmod(run, states.shape[2])
+    signals[block, which[run] - len(chart.names), lane] = steps[run]
 
 
 def _better(found: _Columns, again: np.ndarray, new: _Columns) -> _Columns:

@@ -1,6 +1,7 @@
 """Matrices of a step or a controller period: closed forms, another engine's, and what the simulation itself does."""
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
 
@@ -11,6 +12,7 @@ from scipy.linalg import expm
 
 from featherstone_gait import Ground, Reference, compile_scene, initial_state, linearise, load_robot, simulate
 from featherstone_gait.benchmark.linearise import _falling
+from featherstone_gait.linearisation import _spare
 from featherstone_gait.model import Controller, Joint, Link, Mimic, Model, Servo, Spring
 
 G, LENGTH, MASS, DAMPING = 9.81, 0.5, 1.0, 0.05  # of `pendulum`
@@ -213,6 +215,48 @@ def test_threads_do_not_change_the_bits():
     one, three = (linearise(scene, threads=k, outputs=("torque",)) for k in (1, 3))
     for name in ("A", "B", "C", "D", "A_error", "change"):
         assert getattr(one, name).tobytes() == getattr(three, name).tobytes(), name
+
+
+@pytest.mark.long
+def test_calls_one_after_the_other_and_side_by_side_have_the_same_bits():
+    """What a call computes in is left to the next one: other states, other signals, one that is refused between."""
+    scene = arm_scene(load_robot("arm7"), integrator="midpoint")
+    first, second = initial_state(scene), initial_state(scene, 0.1 * np.arange(7))
+    moving = Reference([0.0, 0.3], np.array([np.zeros(7), np.full(7, 0.2)]), "linear")
+    torque, rising = 0.1 * np.ones(7), Reference([0.0, 1.0], np.array([np.zeros(7), np.ones(7)]), "linear")
+    given = [
+        ((scene, first, np.zeros(7)), {}),
+        ((scene, second, moving), {"outputs": ("torque", "current"), "steps": 25}),
+        ((scene, second), {"inputs": ("voltage",)}),
+        ((scene, first, np.zeros(7), torque), {"inputs": ("reference", "torque")}),
+        ((scene, first, np.zeros(7), rising), {"inputs": ("reference", "torque"), "steps": 3}),
+    ]
+
+    def called(which):
+        found = linearise(*given[which][0], **given[which][1])
+        return [getattr(found, name).tobytes() for name in ("A", "B", "C", "D", "A_error", "change")]
+
+    fresh = []
+    for which in range(len(given)):
+        _spare.cache_clear()
+        fresh.append(called(which))
+    order = [*range(len(given))] * 3
+    with pytest.raises(ValueError, match="diverged"):
+        linearise(scene, initial_state(scene, qd=np.full(7, 1e9)), np.zeros(7))
+    assert [called(which) for which in order] == [fresh[which] for which in order]
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(called, order)) == [fresh[which] for which in order]
+
+
+def test_an_error_is_no_less_than_what_rounding_makes_of_an_entry():
+    """Of a mass on a rail, which nothing holds, the matrices are [[1, h], [0, 1]] and [h^2 / m, h / m], at zero too."""
+    model, _ = sliders(1, 1.0, 0.7)
+    scene = compile_scene(model, integrator="implicit_euler", timestep=1e-3, gravity=(0.0, 0.0, 0.0))
+    for speed in (0.0, 0.3):
+        found = linearise(scene, initial_state(scene, [0.0], [speed]))
+        assert (np.abs(found.A - [[1.0, 1e-3], [0.0, 1.0]]) <= found.A_error).all()
+        assert (np.abs(found.B - [[1e-6 / 0.7], [1e-3 / 0.7]]) <= found.B_error).all()
+        assert found.A_error.max() < 1e-9
 
 
 @pytest.mark.long
