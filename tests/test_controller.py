@@ -45,6 +45,15 @@ def beyond(t, state, reference, command, memory):
         memory[3] = 1.0
 
 
+@controller(memory=1)
+def touchy(t, state, reference, command, memory):
+    """A sum of what it is given, which must not be large."""
+    memory[0] += reference[0, 0]
+    command[0, 0] = 0.5 * memory[0]
+    if reference[0, 0] > 0.5:
+        memory[3] = 1.0
+
+
 @controller
 def opaque(t, state, reference, command, memory):
     command[0, 0] = open("file").read()
@@ -126,6 +135,30 @@ def test_sessions_keep_its_memory():
     assert not np.array_equal(session.state[~late], alone.state[~late])
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("n", [1, 9])
+@pytest.mark.parametrize("at", [0, 3])
+def test_a_step_in_which_it_raises_does_nothing(n, at):
+    """Of no robot, in lanes or alone, nor to records, companions and noise: stepped again, all have the same bits."""
+    settings = {"controller": touchy, "record": ("q",), "estimate_error": True, "noise": (1e-3, 0.05)}
+    session, other = (Session(scene_of(), n, **settings) for _ in range(2))
+    actions = np.random.default_rng(2).uniform(-0.2, 0.2, size=(6, n, 1))
+    for k, action in enumerate(actions):
+        if k == at:
+            before, wrong = session.state, action.copy()
+            wrong[-1] = 0.7
+            with pytest.raises(ValueError, match="touchy failed"):
+                session.step(wrong, ticks=5)
+            assert np.array_equal(session.state, before)
+            assert session.trajectory(0)["time"][-1] == session.time[0]
+        for one in (session, other):
+            one.step(action, ticks=2)
+    assert session.state.tobytes() == other.state.tobytes()
+    assert session.error("q").tobytes() == other.error("q").tobytes()
+    for name in ("time", "q"):
+        assert np.array_equal(session.trajectory(n - 1)[name], other.trajectory(n - 1)[name])
+
+
 def test_the_error_is_told_with_it():
     run = simulate(scene_of(lag=0.0), 0.1, reference=moving(), controller=stairs)
     assert run.error is not None
@@ -143,7 +176,7 @@ def test_what_is_wrong_is_said():
     session.step(ticks=3)
     with pytest.raises(ValueError, match="beyond failed"):
         session.step()
-    assert session.time.tolist() == [0.04] * 9
+    assert session.time.tolist() == [0.03] * 9
     with pytest.raises(ValueError, match=r"takes t, state; it is called with t, state, reference, command, memory"):
         controller(lambda t, state: None)
     with pytest.raises(ValueError, match="memory is -1"):

@@ -336,6 +336,31 @@ def test_an_exception_between_or_within_steps_leaves_a_session_as_it_was():
 
 
 @pytest.mark.long
+def test_an_interrupt_comes_when_all_of_a_tick_is_done(monkeypatch):
+    """Ctrl-C while robots go on: records and companions are as far as they are."""
+    session, other = (Session(servo_arm(), 3, record=("q",), estimate_error=True) for _ in range(2))
+    actions = moves(3, 4)
+    tick = session._crowds[0].tick
+
+    def interrupted():
+        tick()
+        raise KeyboardInterrupt
+
+    for k, action in enumerate(actions):
+        if k == 2:
+            monkeypatch.setattr(session._crowds[0], "tick", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                session.step(action)
+            monkeypatch.undo()
+        else:
+            session.step(action)
+        other.step(action)
+    assert np.array_equal(session.state, other.state)
+    assert np.array_equal(session.error("q"), other.error("q"))
+    assert np.array_equal(session.trajectory(1)["q"], other.trajectory(1)["q"])
+
+
+@pytest.mark.long
 def test_misuse_is_refused():
     scene = servo_arm()
     bare = compile_scene(pendulum(), integrator="implicit_euler", timestep=1e-3)

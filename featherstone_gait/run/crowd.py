@@ -129,6 +129,19 @@ class Lot:
         u, lane = np.divmod(places, self.width)
         self.y[u, part, lane] = states[self.of[places], part]
 
+    def marked(self) -> list[np.ndarray]:
+        """Copies of all that a tick changes and a later one reads."""
+        return [x.copy() for x in self._changing()]
+
+    def back(self, marked: list[np.ndarray]) -> None:
+        """Be again as `marked` was told."""
+        for x, before in zip(self._changing(), marked):
+            x[...] = before
+
+    def _changing(self) -> list[np.ndarray]:
+        programs = [unit.run.signals.program for unit in self.units]
+        return [self._y, self.steps, *(x for one in programs if one is not None for x in (one.command, one.memory))]
+
     def writer(self, into: np.ndarray) -> Callable[[np.ndarray], None]:
         """What writes values (n, ...) of all robots into places (units, ..., width)."""
         target = np.moveaxis(into, -1, 1)

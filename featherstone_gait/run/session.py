@@ -77,6 +77,7 @@ DEFAULTS: Settings = {
     "worlds": None, "seed": 0, "pushes": (), "record": (), "sample": None, "noise": None, "rtol": None, "atol": None,
     "estimate_error": False, "controller": None, "threads": None, "pace": False,
 }  # fmt: skip
+CHANGING = ("_issued", "_ticks", "_fresh", "_any_fresh", "_inaccurate")  # of a session, by a step
 
 
 class Session:
@@ -227,12 +228,15 @@ class Session:
         with self._alone():
             ticks = 1 if ticks == 1 else whole("ticks", ticks, 1, "a step takes whole controller ticks")
             command = None if action is None else self._checked(action)
-            if self._any_fresh:
-                command = self._first(command)
-            elif command is None:
-                command = self._issued[self._ticks % len(self._issued)].copy()
-            for _ in range(ticks):
-                self._tick(command)
+            if self._given["controller"] is None:
+                self._go_on(command, ticks)
+            else:
+                before = self._marked()
+                try:
+                    self._go_on(command, ticks)
+                except Exception:
+                    self._back(before)
+                    raise
             if self._paced:
                 self._wait(ticks * self.tick)
             return self._observed()
@@ -249,6 +253,32 @@ class Session:
         if due > now:
             time.sleep(due - now)
 
+    def _go_on(self, command: np.ndarray | None, ticks: int) -> None:
+        if self._any_fresh:
+            command = self._first(command)
+        elif command is None:
+            command = self._issued[self._ticks % len(self._issued)].copy()
+        for _ in range(ticks):
+            self._tick(command)
+
+    def _marked(self) -> dict[str, Any]:
+        """What a step changes, to be undone where a controller raises an exception in it."""
+        return {
+            "own": {name: copy.copy(getattr(self, name)) for name in CHANGING},
+            "lots": [(lot, lot.marked()) for crowd in self._crowds for lot in crowd.lots],
+            "records": self._log.count,
+            "draws": [draw.bit_generator.state for draw in self._draws],
+        }
+
+    def _back(self, before: dict[str, Any]) -> None:
+        """Undo it."""
+        self.__dict__.update(before["own"])
+        for lot, marked in before["lots"]:
+            lot.back(marked)
+        self._log.count = before["records"]
+        for draw, state in zip(self._draws, before["draws"]):
+            draw.bit_generator.state = state
+
     def _tick(self, command: np.ndarray) -> None:
         self._ticks += 1
         depth = len(self._issued)
@@ -257,17 +287,22 @@ class Session:
             seen = self._issued[(self._ticks - self._one_lag) % depth]
         else:
             seen = self._issued[(self._ticks - self._lag) % depth, self._robots]
-        noise = self._drawn() if self._draws else self._issued
+        noise, stops = self._drawn() if self._draws else self._issued, []
         for crowd in self._crowds:
             for lot in crowd.lots:
                 lot.write_command(seen)
                 if lot.write_noise is not None:
                     lot.write_noise(noise)
-            crowd.tick()
+            try:
+                crowd.tick()
+            except KeyboardInterrupt as stop:  # once all are there: records and companions go with them
+                stops.append(stop)
         if self._log.record:
             self._log.take(self._crowds[0])
         if len(self._crowds) > 1:
             self._inaccurate |= self._beyond()
+        if stops:
+            raise stops[0]
 
     def _checked(self, action: ArrayLike) -> np.ndarray:
         """The action of each robot (n, joints)."""
@@ -601,39 +636,39 @@ class _Log:
     def __init__(self, worlds: list[Prepared], record: tuple[str, ...]) -> None:
         self.worlds, self.record = worlds, record
         self._rows = np.zeros((0, len(worlds), len(worlds[0].channels)))
-        self._count = 0
+        self.count = 0
         self._begun = np.zeros(len(worlds), int)
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"worlds": None, "_rows": self._rows[: self._count]}
+        return self.__dict__ | {"worlds": None, "_rows": self._rows[: self.count]}
 
     def copy(self) -> _Log:
         other = _Log(self.worlds, self.record)
-        other._rows, other._count, other._begun = self._rows[: self._count].copy(), self._count, self._begun.copy()
+        other._rows, other.count, other._begun = self._rows[: self.count].copy(), self.count, self._begun.copy()
         return other
 
     def restart(self, who: np.ndarray) -> None:
         """Forget what was before of these robots."""
-        self._begun[who] = self._count
+        self._begun[who] = self.count
         oldest = int(self._begun.min())
-        if oldest > self._count // 2:
-            self._rows = self._rows[oldest : self._count].copy()
-            self._count -= oldest
+        if oldest > self.count // 2:
+            self._rows = self._rows[oldest : self.count].copy()
+            self.count -= oldest
             self._begun -= oldest
 
     def take(self, crowd: Crowd) -> None:
         """Take the records of a tick, but for the last, with which the next begins."""
         more = self.worlds[0].samples - 1
-        if self._count + more > len(self._rows):
+        if self.count + more > len(self._rows):
             grown = np.zeros((2 * len(self._rows) + 64 * more, *self._rows.shape[1:]))
-            grown[: self._count] = self._rows[: self._count]
+            grown[: self.count] = self._rows[: self.count]
             self._rows = grown
-        part = self._rows[self._count : self._count + more]
+        part = self._rows[self.count : self.count + more]
         width = part.shape[2]
         for lot in crowd.lots:
             for k in range(more):
                 lot.reader(lot.out[:, k, :width], part[k])()
-        self._count += more
+        self.count += more
 
     def trajectory(self, robot: int, crowd: Crowd) -> Trajectory:
         """Of one robot."""
@@ -641,7 +676,7 @@ class _Log:
         lot = next(lot for lot in crowd.lots if robot in lot.robots)
         unit, lane = divmod(int(np.flatnonzero(lot.robots == robot)[0]), lot.width)
         y = lot.y[unit, :, lane].copy()
-        out = np.concatenate([self._rows[self._begun[robot] : self._count, robot], y[None, ready.channels]])
+        out = np.concatenate([self._rows[self._begun[robot] : self.count, robot], y[None, ready.channels]])
         steps = (len(out) - 1) * ready.plan.per_sample
         if int(y[ready.scene.layout["status"]]) == OK:
             steps = int(lot.steps[unit, lane] - lot.begun[unit, lane])
