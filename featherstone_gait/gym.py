@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arguments import real, shown, vector, whole
+from .arguments import finite, listed, real, shown, vector, whole
 from .build.scene import CompiledScene, compile_scene
 from .model import Ground, Model
 from .robot_file import load_robot
@@ -127,8 +127,8 @@ class _Robots:
 
     def reward(self, seen: dict[str, np.ndarray], actions: np.ndarray) -> np.ndarray:
         """1 for standing upright, and as much for walking at the speed asked for, less the effort."""
-        tilt = np.arccos(np.clip(_up(seen["base_q"])[:, 2], -1.0, 1.0))
-        reward = 1.0 - np.minimum(tilt / TILTED, 1.0) ** 2 - EFFORT * (actions**2).mean(axis=1)
+        tilt, done = np.arccos(np.clip(_up(seen["base_q"])[:, 2], -1.0, 1.0)), np.clip(actions, -1.0, 1.0)
+        reward = 1.0 - np.minimum(tilt / TILTED, 1.0) ** 2 - EFFORT * (done**2).mean(axis=1)
         if self.task.speed:
             reward = reward + np.clip(seen["base_qd"][:, 0] / self.task.speed, -1.0, 1.0)
         return reward
@@ -233,7 +233,7 @@ class RobotVectorEnv(VectorEnv):
         elif seed is None or isinstance(seed, (int, np.integer)):
             seeds = [None if seed is None else int(seed) + k for k in range(self.num_envs)]
         else:
-            seeds = list(seed)
+            seeds = listed("seed", seed, "give a whole number, or one each of the robots")
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed has {len(seeds)} entries; there are {self.num_envs} robots: give one each")
         old: Sequence[np.random.Generator | None] = self._draws or [None] * self.num_envs
@@ -259,7 +259,7 @@ class RobotVectorEnv(VectorEnv):
         if not self._draws:
             raise ValueError("step: no episode has begun; call reset first")
         robots, session, new = self._robots, self._session, self._ended.copy()
-        given = np.array(actions, float)
+        given = finite("actions", actions, (self.num_envs, len(robots.angles)), "from -1 to 1")
         robots.push(session, [_Idle() if idle else draw for idle, draw in zip(new, self._draws)])  # type: ignore[misc]
         seen = session.step(robots.reference(given), robots.ticks)
         if new.any():
@@ -325,6 +325,11 @@ def _scene(robot: Any, servos: Any) -> CompiledScene:
     scene = robot
     if not isinstance(robot, CompiledScene):
         model = robot if isinstance(robot, Model) else load_robot(robot)
+        if not model.servos:
+            raise ValueError(
+                f"{model.name}: it has no servos, which actions move; give it some: walking.with_generic_servos("
+                "load_robot(FILE, base='floating', contacts='feet'), leg=LENGTH)"
+            )
         scene = compile_scene(model, servos, Ground(), "midpoint", 1e-3)
     if scene.ground is None or not scene.tree.floating or scene.constants.actuator is None:
         raise ValueError(

@@ -6,6 +6,7 @@ import warnings
 
 import gymnasium
 import numpy as np
+import published
 import pytest
 from gymnasium.utils.env_checker import check_env
 
@@ -13,6 +14,7 @@ from featherstone_gait import gym
 from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.model import Ground
 from featherstone_gait.robot_file import load_robot
+from featherstone_gait.walking import with_generic_servos
 from featherstone_gait.worlds import Spread, Worlds
 
 
@@ -26,6 +28,28 @@ def test_gymnasium_finds_nothing_wrong(kind, robot):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*(infinity|spec|render).*")
         check_env(kind(robot, duration=0.2), skip_render_check=True)
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore::featherstone_gait.robot_file.errors.RobotFileWarning")
+@pytest.mark.parametrize("file", ["solo_description/robots/solo12.urdf", "bolt_description/robots/bolt.urdf"])
+def test_robots_of_others_are_environments_too(file):
+    """Four legs and two, from URDF files that have no servos: the same checks, and a vector's first robot alone."""
+    path = published.folder("example-robot-data") / file
+    with pytest.raises(ValueError, match=r"it has no servos.*with_generic_servos"):
+        gym.Stand(path)
+    robot = with_generic_servos(load_robot(path, base="floating", contacts="feet"), leg=0.3, margin=2.0)
+    for kind, many in ((gym.Stand, gym.StandVector), (gym.Walk, gym.WalkVector), (gym.Push, gym.PushVector)):
+        env, envs = kind(robot, duration=0.2), many(robot, 9, duration=0.2)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message=".*(infinity|spec|render).*")
+            check_env(env, skip_render_check=True)
+        assert np.array_equal(env.reset(seed=3)[0], envs.reset(seed=3)[0][0])
+        for _ in range(9):
+            one, every = env.step(np.zeros(env.action_space.shape)), envs.step(np.zeros(envs.action_space.shape))
+            assert np.array_equal(one[0], every[0][0])
+            assert one[1] > 0.9
+        assert not one[2]
 
 
 def actions_of(robot, count, seed=0):
@@ -126,6 +150,22 @@ def test_misuse_is_refused(robot):
     env.reset(seed=0)
     with pytest.raises(ValueError, match="action must be 10 finite numbers"):
         env.step(np.full(10, np.nan))
+
+
+def test_a_step_of_a_vector_that_is_refused_does_nothing(robot):
+    """No lot is drawn, nobody is pushed; actions beyond 1 are as 1, in the reward too."""
+    envs, others = gym.PushVector(robot, 3), gym.PushVector(robot, 3)
+    for one in (envs, others):
+        one._robots.task = gym.Task(push=0.2, every=0.02)
+        one.reset(seed=4)
+    for wrong in (None, "left", 0.0, np.zeros(10), np.zeros((2, 10)), np.full((3, 10), np.inf), np.zeros((3, 10)) * 1j):
+        with pytest.raises(ValueError, match="actions"):
+            envs.step(wrong)
+    with pytest.raises(ValueError, match=r"seed is 1\.5"):
+        envs.reset(seed=1.5)
+    (seen, reward, *_), (there, gain, *_) = envs.step(np.full((3, 10), 1e30)), others.step(np.ones((3, 10)))
+    assert np.array_equal(seen, there)
+    assert np.array_equal(reward, gain)
 
 
 def test_without_gymnasium_its_extra_is_named():
