@@ -38,6 +38,7 @@ OBSERVED = ("q", "qd", "base_q", "base_qd")
 SPREAD = 0.02  # of the joints at the start [rad or m]
 TILTED = 0.5  # at which standing is worth nothing any more [rad]
 EFFORT = 0.01  # what the mean square of an action costs
+KEPT = 64  # sessions of worlds that one environment has been in, of some 70 kB
 Step = tuple[Any, Any, Any, Any, dict[str, Any]]
 
 
@@ -172,6 +173,8 @@ class RobotEnv(gymnasium.Env):
             robots = self._robots
             scene = robots.scene if self._worlds is None else self._worlds.scenes(robots.scene, [world])[0]
             self._sessions[world] = Session(scene, 1, observe=OBSERVED)
+            if len(self._sessions) > KEPT:
+                self._sessions.pop(next(iter(self._sessions))).close()
         self._session = self._sessions[world]
         seen = self._session.reset(state=self._robots.begin(self.np_random))
         return self._robots.observation(seen)[0], self._info(seen)

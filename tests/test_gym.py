@@ -106,6 +106,20 @@ def test_an_episode_depends_on_its_seed(robot):
     assert found[0][0] != found[2][0]
 
 
+@pytest.mark.long
+def test_worlds_without_end_take_no_memory_without_end(robot, monkeypatch):
+    """An environment leaves worlds that it was in long ago; an episode in one is the same when it comes back."""
+    monkeypatch.setattr(gym, "KEPT", 2)
+    worlds = Worlds(runs=50, servos={"resistance": Spread("uniform", 0.2)})
+    env, found = gym.Stand(robot, worlds=worlds), {}
+    for seed in (*range(12), *range(12)):
+        env.reset(seed=seed)
+        last = [env.step(action[0])[0] for action in actions_of(robot, 3)][-1].tobytes()
+        assert found.setdefault(seed, last) == last
+        assert len(env._sessions) <= 2
+    assert len({*found.values()}) == 12
+
+
 def test_standing_is_worth_one_and_falling_ends_it(robot):
     env = gym.Stand(robot, scale=1.0)
     env.reset(seed=0)
