@@ -252,16 +252,16 @@ def main_job(
     judged = plan != "cheapest" and fair and worlds > 0
     minutes = expected(iterations, worlds, unseen, crosscheck > 0, judged + (plan == "cheapest"), feedback)
     if progress:
-        compiling = "half a minute more to compile the first time"
+        compiling = "the first time half a minute more, to compile"
         if robot == "humanoid":
-            print(f"takes about {max(minutes, 1.0):.0f} min on two cores, and {compiling}")
+            print(f"takes about {max(minutes, 1.0):.0f} min on two cores; {compiling}")
         else:
-            print(f"how long it takes is told after the first gait; {compiling}")
+            print(f"the first gait tells how long it takes; {compiling}")
     begin = functools.partial(_begun, model, servos, states or _states_of(model), worlds)
     begun = begin(plan or "plain", hopeful=plan is None)
     if plan is None and begun.status != "ok":
         if progress:
-            print(f"plain plan: {begun.status}; looks for the cheapest that walks")
+            print(_folded(f"plain plan: {begun.status}; looks for the cheapest that walks"))
         cheapest = begin("cheapest", hopeful=begun.cost is not None)
         if cheapest.cost is not None:  # else a search may still come from a gait that falls to one that does not
             judged, plan, begun = False, "cheapest", cheapest
@@ -687,7 +687,7 @@ def _pushes_told(feedback: dict | None) -> list[str]:
 def _limits_told(plausible: dict) -> list[str]:
     """What a real robot asks for, on the robot's own floor: a line a limit."""
     sides = [{one["name"]: one for one in plausible[side]["limits"] or []} for side in ("before", "after")]
-    lines = []
+    lines = ["limits of a real robot, worst values on its own floor (! beyond the limit)"] if any(sides) else []
     for limit in LIMITS:
         unit, scale = SHOWN_IN[limit.unit]
         cells, where = [], ""
@@ -697,7 +697,7 @@ def _limits_told(plausible: dict) -> list[str]:
             cells.append(f"{scale * one['value']:.1f}{'' if one['kept'] else '!'}" if one and known else "none")
             if one and known and one["time"] is not None:
                 where = f"{one['where']} at {one['time']:.2f} s"
-        if any(side for side in sides):
+        if any(sides):
             bound = f"{'at most' if limit.most else 'at least'} {scale * limit.bound:g} {unit}"
             lines.append(f"{limit.what:30} {cells[0]:>10} {cells[1]:>10} {bound}")
             lines += [f"    worst: {where}"] if where else []

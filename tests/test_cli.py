@@ -6,6 +6,7 @@ import math
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ import pytest
 from matplotlib import image
 
 from featherstone_gait import Ground, Trajectory, cli, compile_scene, load_robot, optimize
+from featherstone_gait.cli import arguments as cli_arguments
+from featherstone_gait.cli import simulate as simulate_command
 from featherstone_gait.optimize import _folded, expected
 from featherstone_gait.run import simulate as simulation
 
@@ -109,7 +112,7 @@ def test_info_says_what_carries_a_robot(capsys, tmp_path):
         ("optimise", "error: there is no command 'optimise' (did you mean optimize?); `featherstone-gait --help`"),
         ("dance", "error: there is no command 'dance'; `featherstone-gait --help`"),
         ("optimize --iters 3", "error: there is no option --iters (did you mean --iterations?); `feather"),
-        ("info arm7 arm8", "error: 'arm8' is too much; `featherstone-gait info --help`"),
+        ("info arm7 arm8", "error: 'arm8' was not expected; `featherstone-gait info --help`"),
         ("info", "error: the following arguments are required: ROBOT; `featherstone-gait info --help`"),
         ("benchmark spead", "error: argument NAME: 'spead' is none of speed, servo, "),
         ("simulate arm7 --servos mips", "error: argument --servos: 'mips' is none of mipsd, rotor, standard, none "),
@@ -383,3 +386,27 @@ def test_doubts_about_a_file_are_told_without_a_line_of_this_package(tmp_path):
     assert told.startswith(f"warning: {path}: ")
     assert "unknown attribute 'colour' of <joint>: passed over" in told
     assert "load_robot(args" not in told
+
+
+def test_a_servo_that_is_not_there_is_told_with_those_that_are(capsys):
+    assert cli.main(["servos", "ax13"]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("error: there is no servo 'ax13'; the package has ")
+    assert "ax12," in told
+    assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize(("terminal", "seconds", "says"), [(True, 0.0, True), (True, 60.0, False), (False, 0.0, False)])
+def test_a_terminal_is_told_of_compilation_that_lasts(terminal, seconds, says, capsys, monkeypatch):
+    monkeypatch.setattr(cli_arguments, "SILENT", seconds)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
+    with cli_arguments.telling_of_compilation():
+        for thread in threading.enumerate():
+            if isinstance(thread, threading.Timer) and seconds == 0.0:
+                thread.join()
+    assert ("compiling" in capsys.readouterr().err) == says
+
+
+def test_no_unit_is_parted_from_its_number():
+    line = "time        18.51 ms per simulated second; ready to run after 10.31 s, plot 1.47 s"
+    assert simulate_command._filled(line).splitlines() == [line[:-7].rstrip(), " " * 12 + "1.47 s"]

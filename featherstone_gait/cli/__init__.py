@@ -39,17 +39,17 @@ COMMANDS = (
 )  # fmt: skip
 
 
-ABOUT = "Simulate robots that are driven by hobby servos, and find them cheaper gaits."
+ABOUT = "Simulate robots driven by hobby servos, and search for gaits that take less energy."
 BEGIN = """where to start:
-  featherstone-gait simulate ax12_arm      a servo swings an arm: a picture, data
-  featherstone-gait optimize               a humanoid walks, then for less energy
-  featherstone-gait info my_robot.urdf     what there is in a robot file
-  featherstone-gait COMMAND --help         what a command takes and writes
+  featherstone-gait simulate humanoid      simulate a robot, plot and save the run
+  featherstone-gait optimize               find a humanoid a gait (2.5 minutes)
+  featherstone-gait info my_robot.urdf     check your robot file
+  featherstone-gait COMMAND --help         arguments, files written, duration
 
-Robots that come with the package go by their names: arm7, arm7_spatial, ax12_arm, ax12_whole_arm, humanoid.
+Robots that come with the package are called by name: arm7, arm7_spatial, ax12_arm, ax12_whole_arm, humanoid.
 
-Exit codes: 0 done, 1 a result is not to be believed or an experiment failed, 2 an argument or a file is wrong, \
-130 interrupted."""
+Exit codes: 0 done, 1 a simulation ended with a status other than ok or an experiment failed, 2 an argument or a file \
+is wrong, 130 interrupted."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -98,7 +98,7 @@ def _plain_warnings() -> Iterator[None]:
 def _said(error: ValueError | OSError) -> str:
     """What an error says, of one that the system raised with the file first."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
-        return f"{os.fspath(error.filename)}: {error.strerror}; correct the path, or make it one that can be used"
+        return f"{os.fspath(error.filename)}: {error.strerror}; check the path and its permissions"
     return str(error)
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import functools
 import sys
 import textwrap
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,7 +23,8 @@ if TYPE_CHECKING:
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 LINE = 79  # columns of what is printed
-SERVO_HELP = "gearbox of the servos (default: mipsd if the robot has any{})"
+SILENT = 2.0  # how long a terminal may be without a word [s]
+SERVO_HELP = "gearbox model of the servos (default: mipsd if the robot has servos{})"
 
 
 class Help(argparse.HelpFormatter):
@@ -37,15 +40,19 @@ class Help(argparse.HelpFormatter):
         needed = [action for action in actions if action.required or not action.option_strings]
         super().add_usage(usage, needed, [], prefix)
 
+    def _split_lines(self, text: str, width: int) -> list[str]:
+        return textwrap.wrap(" ".join(text.split()), width, break_on_hyphens=False)
+
     def _fill_text(self, text: str, width: int, indent: str) -> str:
-        return "\n".join(line if line.startswith("  ") else textwrap.fill(line, width) for line in text.split("\n"))
+        fill = functools.partial(textwrap.fill, width=width, break_on_hyphens=False)
+        return "\n".join(line if line.startswith("  ") else fill(line) for line in text.split("\n"))
 
 
 class Parser(argparse.ArgumentParser):
     """A parser that says in one line what is wrong, what may have been meant, and where to read on."""
 
     def error(self, message: str) -> NoReturn:
-        print(f"error: {message}; `{self.prog} --help` tells what there is", file=sys.stderr)
+        print(f"error: {message}; `{self.prog} --help` lists what there is", file=sys.stderr)
         raise SystemExit(2)
 
     def unknown(self, arguments: Sequence[str]) -> NoReturn:
@@ -54,7 +61,7 @@ class Parser(argparse.ArgumentParser):
         options = [each.partition("=")[0] for each in arguments if each.startswith("-")]
         if options:
             self.error(", ".join(f"there is no option {each}{_meant(each, known)}" for each in options))
-        self.error(f"{' '.join(arguments)!r} is too much")
+        self.error(f"{' '.join(arguments)!r} was not expected")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
@@ -89,7 +96,7 @@ def add_command(
     told = f"{does[0].upper()}{does[1:]}.\n\nWrites {writes}.{lasts}"
     shown = "\n".join(["examples:", *(f"  {line}" for line in examples)]) if examples else None
     parser = commands.add_parser(name, help=brief(does), description=told, epilog=shown, formatter_class=Help)
-    where = "folder for what is written (default: here)" if unasked else "folder; without it nothing is written"
+    where = "output folder (default: the current one)" if unasked else "output folder; without it nothing is written"
     parser.add_argument("--out", type=Path, default=Path() if unasked else None, metavar="DIR", help=where)
     parser.set_defaults(run=run, command=parser)
     return parser
@@ -107,8 +114,8 @@ def brief(does: str) -> str:
 
 def add_robot(parser: argparse.ArgumentParser, but: str = "") -> None:
     """What says which robot, in which form; but: for which robots the servos' default is another."""
-    parser.add_argument("robot", metavar="ROBOT", help="name of a robot that comes along, or a .urdf or .xml file")
-    parser.add_argument("--locked", metavar="SET", help="set of joints to hold, from the robot's TOML file")
+    parser.add_argument("robot", metavar="ROBOT", help="name of a robot of the package, or a .urdf or .xml file")
+    parser.add_argument("--locked", metavar="SET", help="set of joints to lock, named in the robot's TOML file")
     parser.add_argument("--servos", choices=(*SERVO_KINDS, "none"), help=SERVO_HELP.format(but))
 
 
@@ -145,9 +152,11 @@ def choice(scene: CompiledScene) -> str:
 def add_gait(parser: argparse.ArgumentParser) -> None:
     """What says which gait, of which robot."""
     parser.add_argument("gait", type=Path, metavar="GAIT", help="ROBOT_gait.npz, or joint angles as .csv")
-    parser.add_argument("--first", action="store_true", help="of a .npz the gait that the search began with")
-    parser.add_argument("--robot", default="humanoid", help="name or .urdf file (default: humanoid)")
-    what = "set of joints to hold, from the robot's TOML file, or none (default: of humanoid simplified)"
+    parser.add_argument(
+        "--first", action="store_true", help="take the gait that the search started from, instead of the one it found"
+    )
+    parser.add_argument("--robot", default="humanoid", help="name or robot file (default: humanoid)")
+    what = "set of joints to lock, named in the robot's TOML file, or none (default of the humanoid: simplified)"
     parser.add_argument("--locked", metavar="SET", help=what)
 
 
@@ -167,6 +176,20 @@ def robot_of_gait(args: argparse.Namespace) -> Model:
 def gait_stem(args: argparse.Namespace) -> str:
     """How the files of a command about a gait begin."""
     return args.gait.stem.removesuffix("_angles") + ("_first" if args.first else "")
+
+
+@contextmanager
+def telling_of_compilation() -> Iterator[None]:
+    """In a terminal, say after two seconds why nothing comes."""
+    what = "compiling for this kind of robot, up to half a minute; kept for later runs"
+    told = threading.Timer(SILENT, lambda: print(what, file=sys.stderr, flush=True))
+    told.daemon = True
+    if sys.stderr.isatty():
+        told.start()
+    try:
+        yield
+    finally:
+        told.cancel()
 
 
 @contextmanager

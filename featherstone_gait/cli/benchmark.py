@@ -17,7 +17,7 @@ class Benchmark(NamedTuple):
     minutes: float  # on two cores, compiled before
 
 
-TAKES = "what stands at its name, on two cores; with --full many times that"
+TAKES = "the time stated with its name, on two cores; with --full many times that"
 ALONE = "its times count only where nothing else runs"
 BENCHMARKS = {
     "speed": Benchmark("times of algorithms and steps, beside MuJoCo's", "speed.csv, speed_steps.csv, speed.png", 3),
@@ -43,10 +43,10 @@ BENCHMARKS = {
 def add(commands: Commands) -> None:
     """Register the command."""
     examples = ("featherstone-gait benchmark speed", "featherstone-gait benchmark precision --out results")
-    what = "tables and mostly a picture, named below"
+    what = "the tables, and for most a picture, that are listed with its name"
     parser = add_command(commands, "benchmark", run, "run a benchmark", what, examples=examples, takes=TAKES)
-    parser.add_argument("name", metavar="NAME", choices=BENCHMARKS, help="one of those below")
-    parser.add_argument("--full", action="store_true", help="repeat everything more often")
+    parser.add_argument("name", metavar="NAME", choices=BENCHMARKS, help="one of the benchmarks below")
+    parser.add_argument("--full", action="store_true", help="more repetitions")
     listed = [
         f"  {name:10} {each.what}, {each.minutes:g} min\n             {each.files}" for name, each in BENCHMARKS.items()
     ]

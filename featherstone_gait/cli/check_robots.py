@@ -35,18 +35,20 @@ class Row(NamedTuple):
 
 def add(commands: Commands) -> None:
     """Register the command."""
-    does = "load all robots below a folder, and simulate a second of each"
+    does = (
+        "load all robots below a folder, and simulate a second of each; their joints are limp, and they start at rest"
+    )
     examples = (
         "featherstone-gait check-robots my_robots",
         "featherstone-gait check-robots . --no-simulate --csv all.csv",
     )
-    what = "a table of a row a robot, if --csv names it"
-    takes = "a second a robot, and 5 to 20 s for each kind of joints and friction that is compiled first"
+    what = "a table with one row per robot, if --csv is given"
+    takes = "a second per robot, and 5 to 20 s to compile each new kind of robot"
     parser = add_command(commands, "check-robots", run, does, what, examples=examples, takes=takes)
     parser.add_argument(
-        "folder", type=Path, metavar="FOLDER", help="where .urdf files, and .xml files of MuJoCo or SimTwo, are"
+        "folder", type=Path, metavar="FOLDER", help="folder with .urdf files, or .xml files of MuJoCo or SimTwo"
     )
-    parser.add_argument("--csv", metavar="FILE", help="write the table as CSV, into --out")
+    parser.add_argument("--csv", metavar="FILE", help="also write the table to this CSV file, in the output folder")
     parser.add_argument("--no-simulate", action="store_true", help="only load the robots")
 
 

@@ -18,8 +18,8 @@ def add(commands: Commands) -> None:
         commands,
         "crosscheck",
         run,
-        "walk a gait in MuJoCo, with the same servos and its own contact, on twelve floors; started again it goes on",
-        "GAIT_crosscheck.json (a row a floor, in MuJoCo and here) and .csv",
+        "walk a gait in MuJoCo, with the same servos and its own contact, on twelve floors; if interrupted, it goes on",
+        "GAIT_crosscheck.json (one row per floor, in MuJoCo and here) and .csv",
         examples=(
             "featherstone-gait crosscheck humanoid_gait.npz",
             "featherstone-gait crosscheck humanoid_gait.npz --floors 2ms_0.9 --strides 5",
@@ -28,16 +28,22 @@ def add(commands: Commands) -> None:
         takes=TAKES,
     )
     add_gait(parser)
-    parser.add_argument("--no-feedback", action="store_true", help="leave out the feedback that a gait's file has")
-    parser.add_argument("--servos", choices=SERVO_KINDS, default="mipsd", help="gearbox")
-    parser.add_argument("--servo", metavar="NAME", help="of all joints, as of optimize (default: the robot's own)")
-    parser.add_argument("--floors", metavar="NAMES", help="with commas: 2ms_0.9,20ms_0.6 (default: all; a wrong name "
-                        "lists them)")  # fmt: skip
-    soles = "of spheres,boxes with commas (default: both, of feet that are points spheres)"
+    parser.add_argument("--no-feedback", action="store_true", help="walk without the feedback that the gait's file has")
+    parser.add_argument("--servos", choices=SERVO_KINDS, default="mipsd", help="gearbox model (default: mipsd)")
+    parser.add_argument(
+        "--servo", metavar="NAME", help="servo of all joints, as in optimize (default: the robot's own)"
+    )
+    floors = "names with commas, as in 2ms_0.9,20ms_0.6 (default: all; a wrong name lists them)"
+    parser.add_argument("--floors", metavar="NAMES", help=floors)
+    soles = "shapes of the soles, spheres, boxes or both with a comma (default: both; for feet made of points spheres)"
     parser.add_argument("--soles", metavar="KINDS", help=soles)
-    parser.add_argument("--strides", type=int, default=20, metavar="N", help="measured, after two (default: 20)")
-    parser.add_argument("--timestep", type=float, default=2.5e-4, metavar="S", help="of MuJoCo [s] (default: 0.00025)")
-    parser.add_argument("--processes", type=int, default=2, metavar="N", help="at a time (default: 2)")
+    parser.add_argument(
+        "--strides", type=int, default=20, metavar="N", help="strides to measure, after the first two (default: 20)"
+    )
+    parser.add_argument(
+        "--timestep", type=float, default=2.5e-4, metavar="S", help="MuJoCo's time step [s] (default: 0.00025)"
+    )
+    parser.add_argument("--processes", type=int, default=2, metavar="N", help="number of processes (default: 2)")
 
 
 def run(args: Namespace) -> int:

@@ -13,7 +13,7 @@ def add(commands: Commands) -> None:
         commands,
         "export",
         run,
-        "write a gait as files that others can play; all three, unless some are named",
+        "write a gait as files for a real robot or another simulator; all three, unless options name some",
         "GAIT_angles.csv [deg], GAIT_goal_positions.csv (AX-12, 0 to 1023 over 300 deg) and GAIT.xml (MJCF)",
         examples=(
             "featherstone-gait export humanoid_gait.npz",
@@ -21,10 +21,10 @@ def add(commands: Commands) -> None:
         ),
     )
     add_gait(parser)
-    parser.add_argument("--csv", action="store_true", help="joint angles over time [deg]")
-    parser.add_argument("--goal-positions", action="store_true", help="the same as counts of AX-12 servos")
-    parser.add_argument("--mjcf", action="store_true", help="the robot on a floor, its poses as keyframes")
-    parser.add_argument("--strides", type=int, default=12, metavar="N", help="of the tables (default: 12)")
+    parser.add_argument("--csv", action="store_true", help="joint angles over time [deg], as CSV")
+    parser.add_argument("--goal-positions", action="store_true", help="the same in counts of AX-12 servos")
+    parser.add_argument("--mjcf", action="store_true", help="the robot on a floor, with the gait's poses as keyframes")
+    parser.add_argument("--strides", type=int, default=12, metavar="N", help="strides in the tables (default: 12)")
 
 
 def run(args: Namespace) -> int:

@@ -28,9 +28,9 @@ def add(commands: Commands) -> None:
         commands,
         "identify",
         run,
-        "fit a servo with a friction model to recordings on a pendulum, or go on with a fit that was interrupted",
-        "identify.csv (parameters), identify_errors.csv (each recording), identify.png (angles and errors), "
-        "identify.jsonl (finished rounds, to go on from); with --effects identify_effects.csv alone",
+        "fit a servo with a friction model to recordings on a pendulum, or continue a fit that was interrupted",
+        "identify.csv (parameters), identify_errors.csv (error of each recording), identify.png (angles and errors), "
+        "identify.jsonl (finished rounds, to continue from); with --effects only identify_effects.csv",
         examples=(
             "cd robots/servos/recordings",
             "featherstone-gait identify xl330_*.csv --servo xl330 --out results",
@@ -38,21 +38,32 @@ def add(commands: Commands) -> None:
         ),
         takes=TAKES,
     )
-    columns = "time_s, angle_rad, goal_rad, supply_v, torque_on: help(featherstone_gait.servo_bench)"
+    columns = "recording with the columns time_s, angle_rad, goal_rad, supply_v and torque_on; see "
+    columns += "help(featherstone_gait.servo_bench)"
     parser.add_argument("files", type=Path, nargs="+", metavar="FILE.csv", help=columns)
-    parser.add_argument("--servo", choices=SERVOS, required=True, help="firmware, bench, and where the search starts")
-    what = "of friction (default: m4p, M4 and the product of the loads)"
-    parser.add_argument("--model", choices=FRICTIONS, default="m4p", help=what)
-    parser.add_argument("--mass", type=float, metavar="KG", help="of the weight (default: the bench's)")
-    parser.add_argument("--length", type=float, metavar="M", help="of the rod (default: the bench's)")
-    parser.add_argument("--gain", type=float, metavar="KP", help="of the firmware (default: from names with _kpNNN_)")
     parser.add_argument(
-        "--leave-out", choices=GROUPS, help="also fit without each gain or motion in turn, and predict it"
+        "--servo",
+        choices=SERVOS,
+        required=True,
+        help="servo whose firmware and bench are simulated, and whose parameters the fit starts from",
     )
-    what = "what each effect buys, in the error of each gain (or motion, see --leave-out) left out of the fit"
+    what = "friction model (default: m4p, which is M4 with the product of the loads)"
+    parser.add_argument("--model", choices=FRICTIONS, default="m4p", help=what)
+    parser.add_argument("--mass", type=float, metavar="KG", help="mass of the weight (default: the bench's)")
+    parser.add_argument("--length", type=float, metavar="M", help="length of the rod (default: the bench's)")
+    parser.add_argument(
+        "--gain", type=float, metavar="KP", help="gain of the firmware (default: from file names with _kpNNN_)"
+    )
+    parser.add_argument(
+        "--leave-out", choices=GROUPS, help="cross-validate: fit without each gain or motion in turn, and predict it"
+    )
+    what = "measure what each effect of the model contributes, by the error on each gain (or motion, see --leave-out) "
+    what += "that is left out of the fit"
     parser.add_argument("--effects", action="store_true", help=what)
-    parser.add_argument("--predict", type=Path, nargs="+", default=[], metavar="FILE.csv", help="to be predicted alone")
-    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="the picture (default: identify.png)")
+    parser.add_argument(
+        "--predict", type=Path, nargs="+", default=[], metavar="FILE.csv", help="recordings to predict, not to fit"
+    )
+    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="name of the picture (default: identify.png)")
 
 
 def run(args: Namespace) -> int:

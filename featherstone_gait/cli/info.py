@@ -30,8 +30,8 @@ GAINS = {  # of the laws that differ
 
 def add(commands: Commands) -> None:
     """Register the command."""
-    does = "print a robot's masses, joints, servos, contact points, and what is chosen to simulate it"
-    what = "ROBOT_info.txt, the same text, if --out names a folder"
+    does = "print a robot's masses, joints, servos and contact points, and which integrator simulates it"
+    what = "ROBOT_info.txt, the same text, if --out is given"
     examples = ("featherstone-gait info humanoid", "featherstone-gait info my_robot.urdf --out results")
     add_robot(add_command(commands, "info", run, does, what, examples=examples, unasked=False))
 

@@ -8,8 +8,8 @@ from ..build.kinds import SERVO_KINDS
 from .arguments import Commands, add_command, telling_extras
 
 TAKES = (
-    "two and a half minutes on two cores, compiling included, with --crosscheck a minute or two more; with other "
-    "numbers of candidates and worlds in proportion, which is said before the search"
+    "two and a half minutes on two cores, compiling included, and with --crosscheck a minute or two more; the time "
+    "grows in proportion to the numbers of candidates and worlds, and is printed before the search"
 )
 
 
@@ -19,11 +19,11 @@ def add(commands: Commands) -> None:
         commands,
         "optimize",
         run,
-        "plan a biped's walk and search for a gait that takes less energy per distance; Ctrl-C keeps the best so far",
+        "plan a biped's walk, and search for a gait that takes less energy per distance; Ctrl-C keeps the best so far",
         "ROBOT_gait.json (measures before and after), _report.html (the same as a page), .npz (arrays), "
         "_animation.html, _convergence.png, _angles.png, "
         "_angles.csv [deg], _goal_positions.csv (AX-12, every 40 ms), _history.jsonl and _limits_history.jsonl (the "
-        "search, to go on from), with --feedback _feedback_history.jsonl, and with --crosscheck _crosscheck.json and "
+        "search, for --resume), with --feedback _feedback_history.jsonl, and with --crosscheck _crosscheck.json and "
         ".csv",
         examples=(
             "featherstone-gait optimize",
@@ -33,36 +33,41 @@ def add(commands: Commands) -> None:
         ),
         takes=TAKES,
     )
-    parser.add_argument("--robot", default="humanoid", help="name or .urdf file (default: humanoid, simplified)")
-    parser.add_argument("--servos", choices=SERVO_KINDS, default="mipsd", help="gearbox")
-    what = "of all joints that turn: a name that `featherstone-gait servos` lists, a .toml file, or generic, an AX-12"
-    what += " scaled to the robot and twice as strong (generic:4: four times)"
-    parser.add_argument("--servo", metavar="NAME", help=f"{what} (default: the robot's own, of the humanoid ax12)")
-    parser.add_argument("--iterations", type=int, default=800, metavar="N", help="candidates (default: 800)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the search (default: 0)")
-    what = "that each candidate walks in: floors, servos and links that may be met"
+    parser.add_argument("--robot", default="humanoid", help="name or robot file (default: humanoid, ten leg joints)")
+    parser.add_argument("--servos", choices=SERVO_KINDS, default="mipsd", help="gearbox model (default: mipsd)")
+    what = "servo of all joints that turn: a name that `featherstone-gait servos` lists, a .toml file, or generic, an "
+    what += "AX-12 scaled to the robot's weight and twice as strong (generic:4: four times)"
+    parser.add_argument("--servo", metavar="NAME", help=f"{what} (default: as the robot's file says; humanoid: ax12)")
+    parser.add_argument("--iterations", type=int, default=800, metavar="N", help="number of candidates (default: 800)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the search (default: 0)")
+    what = "worlds that each candidate walks in, with floors, servos and links that differ"
     parser.add_argument("--worlds", type=int, metavar="N", help=f"{what} (default: 8)")
-    what = "the four poses are those of a step, which the other leg mirrors, or of a stride (default: step, if it can)"
+    what = "whether the four poses describe a step, mirrored for the other leg, or a whole stride (default: step, if "
+    what += "the robot is symmetric)"
     parser.add_argument("--states", choices=("step", "stride"), help=what)
-    what = "the paper's search on one floor, with the states of a stride: as --worlds 0 --states stride"
+    what = "search on one floor with the poses of a stride, as in the paper: the same as --worlds 0 --states stride"
     parser.add_argument("--nominal", action="store_true", help=what)
-    parser.add_argument("--unseen", type=int, metavar="N", help="other worlds to try both gaits in (default: 200)")
-    what = "search in worlds for energy alone, not for what a real robot asks for (docs/optimize.md)"
+    parser.add_argument("--unseen", type=int, metavar="N", help="other worlds to test both gaits in (default: 200)")
+    what = "minimise energy alone, without the limits of a real robot (docs/optimize.md)"
     parser.add_argument("--energy-only", action="store_true", help=what)
-    what = "the electronics of all servos (default: 0.05 A a servo, assumed)"
-    parser.add_argument("--electronics", type=float, metavar="W", help=f"power of {what}; told beside the motors'")
-    what = "power that the locked servos take to hold still; told beside the motors' (default: 0)"
+    what = "the electronics of all servos (default: assumed, 0.05 A per servo)"
+    parser.add_argument(
+        "--electronics", type=float, metavar="W", help=f"power [W] of {what}; reported apart from the motors'"
+    )
+    what = "power [W] of the locked servos, holding still; reported apart from the motors' (default: 0)"
     parser.add_argument("--holding", type=float, metavar="W", help=what)
-    what = "that the search begins with: the plain one, or the cheapest of many (docs/walking.md; default: plain, and "
-    what += "the cheapest where that falls)"
-    parser.add_argument("--plan", choices=("plain", "cheapest"), help=f"plan {what}")
-    what = "do not look for the cheapest plan to compare with; it takes some 15 s"
+    what = "plan that the search starts from: the plain one, or the cheapest of many (docs/walking.md; default: plain, "
+    what += "or cheapest if the plain one falls)"
+    parser.add_argument("--plan", choices=("plain", "cheapest"), help=what)
+    what = "do not compare with the cheapest plan; saves some 15 s"
     parser.add_argument("--no-fair", action="store_true", help=what)
-    what = "then search feedback from an IMU, gains and poses together, in worlds and under pushes (docs/feedback.md)"
+    what = "afterwards also search the gains of feedback from an IMU, with pushes (docs/feedback.md)"
     parser.add_argument("--feedback", action="store_true", help=what)
-    what = "hold all joints but those of the legs, as of a robot with arms"
+    what = "lock all joints but those of the legs"
     parser.add_argument("--legs-only", action="store_true", help=what)
-    parser.add_argument("--resume", action="store_true", help="go on from the history in the folder")
+    parser.add_argument(
+        "--resume", action="store_true", help="continue the search whose history is in the output folder"
+    )
     parser.add_argument("--crosscheck", action="store_true", help="also walk the gait in MuJoCo, on twelve floors")
 
 

@@ -16,15 +16,18 @@ def add(commands: Commands) -> None:
         commands,
         "reproduce",
         run,
-        "run the paper's experiments, or go on with them, and compare each claim with the paper",
-        "reproduction.html, .md and .csv, and reproduction_files (pictures, and finished experiments to go on from)",
+        "run the paper's experiments, or continue them, and compare each result with the paper",
+        "reproduction.html, .md and .csv, and the folder reproduction_files (pictures, and finished experiments to "
+        "continue from)",
         examples=("featherstone-gait reproduce servo_step arm_fall", "featherstone-gait reproduce --full --out paper"),
         takes=TAKES,
     )
     names = ", ".join(EXPERIMENTS)
     parser.add_argument("names", metavar="NAME", nargs="*", help=f"{names} (default: all)")
-    parser.add_argument("--full", action="store_true", help="more runs and finer steps; takes much longer")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers (default: 0)")
+    parser.add_argument(
+        "--full", action="store_true", help="more runs and finer steps, as for docs/reproduction; takes an hour or more"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all random numbers (default: 0)")
 
 
 def run(args: Namespace) -> int:

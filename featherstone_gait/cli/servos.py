@@ -26,17 +26,17 @@ FIGURES = {  # of a curve and of a manual: digits, and the unit
 
 def add(commands: Commands) -> None:
     """Register the command."""
-    does = "list servos, or show some of them: stall, no-load and efficiency against the manual"
+    does = "list servos, or compare some with their manuals: stall, no-load speed and efficiency"
     examples = (
         "featherstone-gait servos",
         "featherstone-gait servos ax12 ax12a --plot curves.png",
         "featherstone-gait servos my_servo.toml --voltage 11.1",
     )
-    what = "the picture that --plot names, and nothing else"
+    what = "nothing but the picture of --plot"
     parser = add_command(commands, "servos", run, does, what, examples=examples)
-    what = "name of a servo that comes with the package, or a .toml file (default: list all that come)"
+    what = "name of a servo of the package, or a .toml file (default: list all of the package)"
     parser.add_argument("names", nargs="*", metavar="NAME", help=what)
-    voltage = "at the motor [V] (default: each servo's own, and those that its manual has)"
+    voltage = "supply voltage [V] (default: each servo's own, and those of its manual)"
     parser.add_argument("--voltage", type=float, metavar="V", help=voltage)
     parser.add_argument(
         "--plot", type=Path, metavar="FILE.png", help="draw torque, current and efficiency against speed"
@@ -46,7 +46,10 @@ def add(commands: Commands) -> None:
 def run(args: Namespace) -> int:
     from ..robot_file.servos import servo_names, servo_sheet
 
-    names = args.names or servo_names()
+    names, known = args.names or servo_names(), servo_names()
+    for name in names:
+        if name.removesuffix(".toml") not in known and not name.endswith(".toml"):
+            raise ValueError(f"there is no servo {name!r}; the package has {', '.join(known)}; or give a .toml file")
     sheets = {name: servo_sheet(name) for name in names}
     lines = [line for name in names for line in _shown(name, sheets[name], args.voltage)] if args.names else None
     print("\n".join(lines or _listed(sheets, args.voltage)).strip())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import textwrap
 import time
 from argparse import Namespace
@@ -12,7 +13,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..files import complete
-from .arguments import LINE, Commands, add_command, add_robot, choice, ground, output, servos_of
+from .arguments import (
+    LINE,
+    Commands,
+    add_command,
+    add_robot,
+    choice,
+    ground,
+    output,
+    servos_of,
+    telling_of_compilation,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -31,18 +42,25 @@ def add(commands: Commands) -> None:
         commands,
         "simulate",
         run,
-        "simulate a robot: a fixed one swings, or with servos is pulled upright; a floating one stands on the ground",
-        "ROBOT_simulation.npz (channels), .json (status, settings, measures) and .png (motion and joints)",
+        "simulate a robot: one with a fixed base swings freely, or with --servos is pulled to zero; one with a "
+        "floating base stands on the ground",
+        "ROBOT_simulation.npz (recorded channels), .json (status, settings, measures) and .png (motion and plots)",
         examples=(
-            "featherstone-gait simulate ax12_arm --servos mipsd",
+            "featherstone-gait simulate arm7 --servos mipsd",
             "featherstone-gait simulate humanoid --duration 5 --out standing",
         ),
-        takes="a second or two; the first time of a kind of robot up to half a minute, to compile",
+        takes="a second or two, and the first time that a kind of robot is simulated up to half a minute to compile",
     )
-    add_robot(parser, ", but a fixed one swings without")
-    parser.add_argument("--duration", type=float, metavar="S", help="[s] (default: 1, with servos or ground 2)")
-    parser.add_argument("--integrator", metavar="NAME", help="by name (default: chosen; a wrong name lists them)")
-    parser.add_argument("--timestep", type=float, metavar="S", help="[s] (default: chosen, and stated)")
+    add_robot(parser, " and a floating base, else none")
+    parser.add_argument(
+        "--duration", type=float, metavar="S", help="simulated time [s] (default: 2; without servos and ground 1)"
+    )
+    parser.add_argument(
+        "--integrator",
+        metavar="NAME",
+        help="name of the integrator (default: chosen for the robot; a wrong name lists all)",
+    )
+    parser.add_argument("--timestep", type=float, metavar="S", help="time step [s] (default: chosen, and printed)")
 
 
 def run(args: Namespace) -> int:
@@ -56,7 +74,8 @@ def run(args: Namespace) -> int:
     scene = compile_scene(model, servos, ground(model), args.integrator, args.timestep)
     duration = args.duration if args.duration is not None else (1.0 if _is_free(scene) else 2.0)
     text, simulated = _experiment(scene)
-    simulated(scene, scene.timestep)  # compiles, or loads what an earlier process compiled
+    with telling_of_compilation():
+        simulated(scene, scene.timestep)  # compiles, or loads what an earlier process compiled
     ready = time.perf_counter()
     simulated(scene, duration)
     done = time.perf_counter()
@@ -73,8 +92,15 @@ def run(args: Namespace) -> int:
     _plot_simulation(scene, trajectory, text, output(args, "simulation.png"))
     measures["seconds_of_plotting"] = time.perf_counter() - plotting
     lines = [*_summary(scene, trajectory, duration), f"files       {path}.npz, .json, .png"]
-    print("\n".join(textwrap.fill(line, LINE, subsequent_indent=" " * 12, break_long_words=False) for line in lines))
+    print("\n".join(_filled(line) for line in lines))
     return 0 if trajectory.ok else 1
+
+
+def _filled(line: str) -> str:
+    """Lines of a terminal, in which no unit is parted from its number."""
+    kept = re.sub(r"(?<=\d) (?=(ms|mm|s|J|rad)\b)", "\N{NO-BREAK SPACE}", line)
+    text = textwrap.fill(kept, LINE, subsequent_indent=" " * 12, break_long_words=False)
+    return text.replace("\N{NO-BREAK SPACE}", " ")
 
 
 def _is_free(scene: CompiledScene) -> bool:

@@ -16,18 +16,27 @@ def add(commands: Commands) -> None:
         commands,
         "study",
         run,
-        "run a parameter study, or go on with one that was interrupted",
-        "FILE.csv (a row a run), .png (summary) and .jsonl (finished runs, to go on from)",
+        "run a parameter study, or continue one that was interrupted",
+        "FILE.csv (one row per run), .png (summary) and .jsonl (finished runs, to continue from)",
         examples=(
             "featherstone-gait study notebooks/stability_study.toml --out results",
             "featherstone-gait study notebooks/unit_study.toml --out results",
             "featherstone-gait study FILE.toml --cluster tcp://HOST:8786 --batch 64",
         ),
-        takes="as long as its bar says; Ctrl-C keeps what is finished.  The exit code is 1 if a row's status is not ok",
+        takes="as long as its progress bar says; Ctrl-C keeps finished runs.  Exit code 1 if a run's status is not ok",
     )
-    parser.add_argument("file", type=Path, metavar="FILE.toml", help="what to run: help(featherstone_gait.study)")
-    parser.add_argument("--batch", type=int, metavar="N", help="runs handed over at a time (default: 8; of many 64)")
-    parser.add_argument("--cluster", metavar="ADDRESS", help="of a dask scheduler, instead of this machine's cores")
+    parser.add_argument(
+        "file",
+        type=Path,
+        metavar="FILE.toml",
+        help="the study; help(featherstone_gait.study) in Python lists its settings",
+    )
+    parser.add_argument("--batch", type=int, metavar="N", help="runs per batch (default: 8, in large studies 64)")
+    parser.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help="run on the dask scheduler at this address (default: on this machine's cores)",
+    )
     parser.add_argument("--parquet", action="store_true", help="also write FILE.parquet (needs pandas and pyarrow)")
 
 

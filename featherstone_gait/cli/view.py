@@ -20,8 +20,8 @@ def add(commands: Commands) -> None:
         commands,
         "view",
         run,
-        "show saved runs side by side, or a robot in its zero posture",
-        "FILE_view.html, or with --gif FILE.gif, with --png a folder FILE_frames",
+        "show saved runs, or a robot, as a page for any browser",
+        "FILE_view.html; with --gif FILE.gif instead, with --png a folder FILE_frames, with --live nothing",
         examples=(
             "featherstone-gait view humanoid",
             "featherstone-gait view humanoid_simulation.npz",
@@ -30,18 +30,40 @@ def add(commands: Commands) -> None:
             "featherstone-gait view run.npz --gif --speed 0.1",
         ),
     )
-    parser.add_argument("files", nargs="+", metavar="FILE", help="of saved trajectories (.npz), or one robot")
-    parser.add_argument("--robot", metavar="ROBOT", help="that made the runs (default: as they say)")
-    parser.add_argument("--caption", action="append", default=[], metavar="TEXT", help="of a run, once for each")
-    parser.add_argument("--plot", action="append", default=[], metavar="CHANNEL", help="beside the picture, repeatedly")
-    parser.add_argument("--ghosts", action="store_true", help="all runs in one picture")
-    parser.add_argument("--keyframe", metavar="NAME", help="of a robot: that posture instead of zero")
-    parser.add_argument("--live", action="store_true", help="serve a page with all of the robot's meshes, until Ctrl-C")
-    parser.add_argument("--port", type=int, default=8080, metavar="N", help="of --live (default: %(default)s)")
-    parser.add_argument("--gif", action="store_true", help="a GIF of the first run instead of a page")
-    parser.add_argument("--png", action="store_true", help="a folder of PNG files instead of a page")
-    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="of GIF and PNG; 0.1: slow motion")
-    parser.add_argument("--fps", type=float, default=25.0, metavar="N", help="frames a second of GIF and PNG")
+    parser.add_argument(
+        "files", nargs="+", metavar="FILE", help="saved trajectories (.npz) of one robot, or a robot's name or file"
+    )
+    parser.add_argument("--robot", metavar="ROBOT", help="robot of the runs (default: the one that their files name)")
+    parser.add_argument(
+        "--caption", action="append", default=[], metavar="TEXT", help="caption of a run; give it once for each run"
+    )
+    parser.add_argument(
+        "--plot",
+        action="append",
+        default=[],
+        metavar="CHANNEL",
+        help="plot this channel below the picture; may be repeated",
+    )
+    parser.add_argument("--ghosts", action="store_true", help="draw all runs in one picture (default: side by side)")
+    parser.add_argument(
+        "--keyframe", metavar="NAME", help="show a robot in this posture (default: the one nearest to zero)"
+    )
+    parser.add_argument(
+        "--live", action="store_true", help="serve a page with the robot's full meshes until Ctrl-C (needs viser)"
+    )
+    parser.add_argument("--port", type=int, default=8080, metavar="N", help="port of --live (default: %(default)s)")
+    parser.add_argument("--gif", action="store_true", help="write a GIF of the first run instead of a page")
+    parser.add_argument("--png", action="store_true", help="write a folder of PNG files instead of a page")
+    parser.add_argument(
+        "--speed",
+        type=float,
+        default=1.0,
+        metavar="X",
+        help="playing speed of GIF and PNG; 0.1 is slow motion (default: 1)",
+    )
+    parser.add_argument(
+        "--fps", type=float, default=25.0, metavar="N", help="frames per second of GIF and PNG (default: 25)"
+    )
     parser.add_argument("--open", action="store_true", help="open the page in a browser")
 
 

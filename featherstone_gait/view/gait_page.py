@@ -92,15 +92,16 @@ def _compared(report: Report) -> str:
     finer, own = report["after"]["at_a_quarter_of_the_step"]["cost"], report["after"]["cost"]
     first = report["before"]["at_a_quarter_of_the_step"]["cost"]
     error = f"{100.0 * (own / finer - 1.0):+.2f} %" if finer and own else "it does not walk"
-    safe = f"{100.0 * report['after']['safe']:.0f} % ({100.0 * report['before']['safe']:.0f} % of the first gait)"
+    safe, first_safe = (100.0 * report[side]["safe"] for side in ("after", "before"))
     reasons = [
         f"<p><b>{escape(row['name'])}</b>: {escape(row['status'])}</p>" for row in rows if row["status"] != "ok"
     ]
     return (
         _table(["", *(escape(row["name"]) for row in rows)], body)
         + "".join(reasons)
-        + f"<p>Error of the step: {error} against a quarter of it, which gives {_number(finer)} J/m "
-        f"(first gait {_number(first)}). With all angles off by up to 1° {safe} walk.</p>"
+        + f"<p>Error of the time step: {error}; at a quarter of it the gait takes {_number(finer)} J/m (first gait "
+        f"{_number(first)}). Walks with all joint angles off by up to 1°: {safe:.0f} % "
+        f"(first gait {first_safe:.0f} %).</p>"
     )
 
 
@@ -121,12 +122,12 @@ def _elsewhere(report: Report) -> str:
     ]
     head = ["", "walks", "J/m<small>5 to 95 % of them</small>", "mm/s<small>5 to 95 % of them</small>"]
     return (
-        "<p>Floors, servos, links and starts that no search has seen, 20 strides at a quarter of the step.</p>"
+        "<p>Floors, servos, links and starts that the search has not seen; 20 strides at a quarter of the step.</p>"
         + _table(head, body)
         + _intervals([(name, there["cost"]) for name, there in rows if there["cost"]])
         + "".join(
-            f"<p>Drift sideways of {escape(name)}: {100.0 * there['mean_sideways']:+.1f} % of the way in the mean, "
-            f"{100.0 * there['sideways']:.0f} % at most.</p>"
+            f"<p>Sideways drift of {escape(name)}: mean {100.0 * there['mean_sideways']:+.1f} % of the distance, "
+            f"at most {100.0 * there['sideways']:.0f} %.</p>"
             for name, there in rows
             if there["sideways"] is not None
         )
@@ -162,16 +163,16 @@ def _currents(report: Report) -> str:
     if None in sides:
         return ""
     rows = (
-        ("largest of a motor", "peak", "A", 2), ("its root mean square", "rms", "A", 2),
-        ("all servos, mean", "drawn_mean", "A", 2), ("all servos, largest", "drawn_peak", "A", 2),
+        ("peak of the most loaded motor", "peak", "A", 2), ("root mean square of that motor", "rms", "A", 2),
+        ("all servos together, mean", "drawn_mean", "A", 2), ("all servos together, peak", "drawn_peak", "A", 2),
     )  # fmt: skip
     body = [[f"{name}<small>{unit}</small>", *(_number(side[key], "", 1.0, digits) for side in sides)]
             for name, key, unit, digits in rows]  # fmt: skip
     where = sides[1]
     servo = report["plausible"]["servo"]
     return _table(["", "first", "found"], body) + (
-        f"<p>Of the gait found the largest is {escape(where['where'].replace('_', ' '))}'s at {where['time']:.2f} s. "
-        f"{escape(servo)}</p>"
+        f"<p>The peak of the gait found is that of the {escape(where['where'].replace('_', ' '))} at "
+        f"{where['time']:.2f} s. {escape(servo)}</p>"
     )
 
 
@@ -183,8 +184,8 @@ def _standby(report: Report) -> str:
         for name, watts in standby["watts"].items()
         if watts
     ]
-    note = "Assumed: 0.05 A a servo at its supply." if standby["assumed"] else "Powers as they were given."
-    return _table(["J/m", "first", "found"], rows) + f'<p class="soft">{note} No part of what the search pays for.</p>'
+    note = "Assumed: 0.05 A per servo at its supply." if standby["assumed"] else "Powers as given."
+    return _table(["J/m", "first", "found"], rows) + f'<p class="soft">{note} The search does not count it.</p>'
 
 
 SIDES = ("before", "after")
@@ -203,10 +204,10 @@ def _at_equal_speed(report: Report) -> str:
         rows.append([escape(row["baseline"]), own, *cells, gain])
     if not rows:
         return ""
-    return _table(["", "it", "as fast", ""], rows) + (
-        '<p class="soft">The cheapest gait that the search came by, within 5 % of that speed; of plans with its period '
-        "equal speeds are equal steps. It was not searched for at that speed: the gain is at least this. In the first "
-        "half of a search with limits it keeps to none.</p>"
+    return _table(["", "the plan", "found at its speed", ""], rows) + (
+        '<p class="soft">The cheapest gait that the search tried within 5 % of the plan&#39;s speed; with equal '
+        "periods, equal speeds are equal steps. The search did not aim at this speed, so the gain is at least this. In "
+        "the first half of a search with limits, gaits need not keep them.</p>"
     )
 
 
@@ -223,8 +224,8 @@ def _feedback(report: Report) -> str:
         for one in fields(Feedback)
     ]
     return (
-        "<p>The impulse on the trunk, in 0.1 s, at which half of the robots fall, in the worlds of the search at four "
-        "phases of the stride. What is told of other worlds and of MuJoCo is with feedback.</p>"
+        "<p>The impulse on the trunk, within 0.1 s, at which half of the robots fall, in the worlds of the search, at "
+        "four phases of the stride. The figures for other worlds and for MuJoCo are with feedback.</p>"
         + _table(["towards", "without", "with feedback"], pushes)
         + _table(["gain", ""], gains)
     )
@@ -258,15 +259,14 @@ def _search(report: Report, costs: np.ndarray) -> str:
     ]  # fmt: skip
     table = _table(["", "searched, J/m", "limits kept", "walks", "there, J/m"], body) if body else ""
     why = (
-        "<p>Gaits that the descent tried, looked at again in worlds of their own; taken is, of those that "
-        "walk in all but one at most, the one that keeps most limits, then the one that walks in most, then the "
-        "cheapest.</p>"
+        "<p>Gaits of the descent, tested again in other worlds. Of those that walk in all worlds but one at most, the "
+        "gait that keeps most limits is taken; among equals the one that walks in most worlds, then the cheapest.</p>"
     )
     return (
         _convergence(costs, report["search"]["with_limits_from"])
         + (why + table if body else "")
-        + f'<p class="soft">{escape(report["search"]["message"])}. What differs from run to run, times and '
-        "evaluations, is in the JSON.</p>"
+        + f'<p class="soft">{escape(report["search"]["message"])}. Times and numbers of evaluations, '
+        "which differ from run to run, are in the JSON file.</p>"
     )
 
 
@@ -295,7 +295,7 @@ def _spread(values: Sequence[float] | None, scale: float) -> str:
 def _change(before: float | None, after: float | None, what: str) -> str:
     if before is None or after is None:
         return f"{what}: {_number(before)}"
-    return f"{100.0 * (after / before - 1.0):+.0f} % of the {what} gait"
+    return f"{100.0 * (after / before - 1.0):+.0f} % against the {what} gait"
 
 
 def _intervals(rows: Sequence[tuple[str, Sequence[float]]]) -> str:
@@ -355,7 +355,7 @@ def _convergence(costs: np.ndarray, since: int | None) -> str:
         parts.append(f'<text x="{x(since) + aside:.1f}" y="20" text-anchor="{anchor}">keeps to limits</text>')
         parts.append(f'<line class="first" x1="{x(since):.1f}" x2="{x(since):.1f}" y1="8" y2="{HEIGHT - FOOT}"/>')
     parts.append(f'<polyline class="best" points="{line}"/>')
-    return _picture(HEIGHT, parts, "What the search is told [J/m] of each candidate, and the least so far")
+    return _picture(HEIGHT, parts, "Cost of each candidate [J/m] as the search sees it, and the least so far")
 
 
 def _picture(height: float, parts: Iterable[str], what: str) -> str:
