@@ -105,7 +105,6 @@ def _resolve(app, page, source):
     text = re.sub(r"\]\((?:\.\./)+notebooks/", f"]({up}notebooks/", source[0])
     text = re.sub(r"\]\((?:\.\./)+CONTRIBUTING\.md", f"]({up}contributing.md", text)
     if page == "index":
-        text = "\n".join(line for line in map(_listed, text.splitlines()) if line is not None)
         listed = set(re.findall(r"^([\w/]+)$|<([\w/]+)>$", text, re.MULTILINE))
         named = {name for pair in listed for name in pair}
         others = sorted(path.stem for path in HERE.glob("*.md") if path.stem not in {*named, "index"})
@@ -133,14 +132,6 @@ def _helps():
     parser = featherstone_gait.cli._parser()
     (commands,) = (each.choices for each in parser._actions if isinstance(each.choices, dict))
     return "\n".join(f"## {name}\n\n```text\n{each.format_help()}```\n" for name, each in commands.items())
-
-
-def _listed(line):
-    """A line of a list of pages; `PAGE?` only where there is that page."""
-    found = re.search(r"([\w/]+)\?>?$", line)
-    if found is None:
-        return line
-    return line.replace("?", "") if (HERE / f"{found[1]}.md").exists() else None
 
 
 # ------------------------------------------------------------------------------------------------------- docstrings
