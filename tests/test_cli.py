@@ -6,7 +6,6 @@ import math
 import os
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ import pytest
 from matplotlib import image
 
 from featherstone_gait import Ground, Trajectory, cli, compile_scene, load_robot, optimize
-from featherstone_gait.cli import arguments as cli_arguments
 from featherstone_gait.cli import simulate as simulate_command
 from featherstone_gait.optimize import _folded, expected
 from featherstone_gait.run import simulate as simulation
@@ -394,17 +392,6 @@ def test_a_servo_that_is_not_there_is_told_with_those_that_are(capsys):
     assert told.startswith("error: there is no servo 'ax13'; the package has ")
     assert "ax12," in told
     assert told.count("\n") == 1
-
-
-@pytest.mark.parametrize(("terminal", "seconds", "says"), [(True, 0.0, True), (True, 60.0, False), (False, 0.0, False)])
-def test_a_terminal_is_told_of_compilation_that_lasts(terminal, seconds, says, capsys, monkeypatch):
-    monkeypatch.setattr(cli_arguments, "SILENT", seconds)
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
-    with cli_arguments.telling_of_compilation():
-        for thread in threading.enumerate():
-            if isinstance(thread, threading.Timer) and seconds == 0.0:
-                thread.join()
-    assert ("compiling" in capsys.readouterr().err) == says
 
 
 def test_no_unit_is_parted_from_its_number():

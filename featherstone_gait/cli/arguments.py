@@ -7,7 +7,6 @@ import difflib
 import functools
 import sys
 import textwrap
-import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 LINE = 79  # columns of what is printed
-SILENT = 2.0  # how long a terminal may be without a word [s]
 SERVO_HELP = "gearbox model of the servos (default: mipsd if the robot has servos{})"
 
 
@@ -176,20 +174,6 @@ def robot_of_gait(args: argparse.Namespace) -> Model:
 def gait_stem(args: argparse.Namespace) -> str:
     """How the files of a command about a gait begin."""
     return args.gait.stem.removesuffix("_angles") + ("_first" if args.first else "")
-
-
-@contextmanager
-def telling_of_compilation() -> Iterator[None]:
-    """In a terminal, say after two seconds why nothing comes."""
-    what = "compiling for this kind of robot, up to half a minute; kept for later runs"
-    told = threading.Timer(SILENT, lambda: print(what, file=sys.stderr, flush=True))
-    told.daemon = True
-    if sys.stderr.isatty():
-        told.start()
-    try:
-        yield
-    finally:
-        told.cancel()
 
 
 @contextmanager

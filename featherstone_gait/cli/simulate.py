@@ -13,17 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..files import complete
-from .arguments import (
-    LINE,
-    Commands,
-    add_command,
-    add_robot,
-    choice,
-    ground,
-    output,
-    servos_of,
-    telling_of_compilation,
-)
+from .arguments import LINE, Commands, add_command, add_robot, choice, ground, output, servos_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -74,8 +64,7 @@ def run(args: Namespace) -> int:
     scene = compile_scene(model, servos, ground(model), args.integrator, args.timestep)
     duration = args.duration if args.duration is not None else (1.0 if _is_free(scene) else 2.0)
     text, simulated = _experiment(scene)
-    with telling_of_compilation():
-        simulated(scene, scene.timestep)  # compiles, or loads what an earlier process compiled
+    simulated(scene, scene.timestep)  # compiles, or loads what an earlier process compiled
     ready = time.perf_counter()
     simulated(scene, duration)
     done = time.perf_counter()
