@@ -178,7 +178,7 @@ def _as_rst(lines):
 
 def _plain(line):
     """What is no markup stays as it is; `names` are code."""
-    parts = re.split(r"(`[^`]*`)", line)
+    parts = re.split(r"(``.*?``|`[^`]*`)", line)
     escaped = [p if p.startswith("`") else re.sub(r"([*|\\])|_(?=\W|$)", r"\\\g<0>", p) for p in parts]
     return "".join(escaped)
 

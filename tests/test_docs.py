@@ -1,6 +1,7 @@
 """The pages of `docs/`: their programs run, their links and paths lead somewhere, what they quote and list is so."""
 
 import ast
+import importlib
 import inspect
 import os
 import re
@@ -115,6 +116,25 @@ def test_the_reference_has_an_example_of_every_public_name():
         functions = {name for name in shown if inspect.isfunction(getattr(featherstone_gait, name))}
         assert functions - called == set()
         assert shown - used - {"RobotFileWarning"} == set()  # that one is shown where warnings are, in robots.md
+
+
+@pytest.mark.parametrize("part", ["walking", "search", "study", "sensors", "identification"])
+def test_the_reference_shows_all_of_a_part_and_calls_its_functions(part):
+    module = importlib.import_module(f"featherstone_gait.{part}")
+    kinds = (inspect.isfunction, inspect.isclass)
+    own = [name for name, thing in vars(module).items() if any(is_(thing) for is_ in kinds)
+           and thing.__module__ == module.__name__ and name[0] != "_"]  # fmt: skip
+    public = sorted(getattr(module, "__all__", own))
+    pages = [page.read_text("utf-8") for page in REFERENCE]
+    entry = re.compile(rf"^\.\. (?:auto\w+|py:data):: featherstone_gait\.{part}\.(\w+)$", re.MULTILINE)
+    shown = [entry.findall(page) for page in pages]
+    assert sorted(name for names in shown for name in names) == public
+    (text,) = (page for page, names in zip(pages, shown) if names)
+    code = "\n".join(block for _, block in blocks(text))
+    called = {call.func.id for call in calls(code)}
+    used = {node.id for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Name)}
+    assert {name for name in public if inspect.isfunction(getattr(module, name))} - called == set()
+    assert {*public} - used == set()
 
 
 def calls(code):

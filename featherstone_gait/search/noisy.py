@@ -64,7 +64,7 @@ def minimize_noisy(
     a miss; its best_x is the incumbent.  It must be one that only compares with the best so far.
 
     The result has x, fun (the believed cost), error (its standard error), nit, nfev, duels, success, status and message
-    (those of `minimize`) and history, the list of all `Belief`s.  KeyboardInterrupt ends the search with what was
+    (those of `minimize`) and history, a list of `Belief`.  KeyboardInterrupt ends the search with what was
     found.  Raises ValueError for fewer than 2 repeats, a batch below 1 and a search that has begun.
     """
     repeats = whole("repeats", repeats, 2, "a standard error needs two")
