@@ -30,6 +30,7 @@ from ..study.bisection import largest
 from ..study.linear_stability import growth, linearised
 from ..study.measures import LARGEST, SMALLEST
 from ..study.table import TABLE
+from ..view.style import COLOURS as LOOK_COLOURS
 from ..view.style import look
 from .machine import machine
 from .table import write_table
@@ -215,7 +216,7 @@ def _write(path: Path, found: dict[Point, Found], notes: str) -> None:
     write_table(path, columns, rows, notes)
 
 
-COLOURS = {"simtwo": "C3", "rk4": "C1", "midpoint": "C2", "implicit_euler": "C0"}
+COLOURS = dict(zip(("implicit_euler", "rk4", "midpoint", "simtwo"), LOOK_COLOURS))
 SWEPT = {"joints": "joints", "ratio": "gear ratio", "rotor_inertia": "rotor inertia [kg m²]", "Kp": "gain [V/rad]"}
 TITLES = {"standard": "standard: no rotor", "rotor": "rotor, rigid gearbox", "mipsd": "mipsd: rotor behind a spring"}
 
