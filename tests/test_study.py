@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib import image
+from matplotlib.figure import Figure
 
 from featherstone_gait import (
     Ground,
@@ -35,6 +36,7 @@ from featherstone_gait import (
 from featherstone_gait.model import Supply
 from featherstone_gait.study import read_study, run_study
 from featherstone_gait.study.measures import run_batch
+from featherstone_gait.study.plot import _figure
 from featherstone_gait.study.settings import servos_with
 from featherstone_gait.walking.cost import RECORD, SAMPLE, measured
 from featherstone_gait.walking.motion import read_motion
@@ -568,6 +570,15 @@ def without_privileges():
         os.seteuid(user)
 
 
+def test_what_takes_one_value_is_no_axis_of_the_picture(tmp_path):
+    """So that a grid of two parameters is a map, whatever else its file states."""
+    study = read(tmp_path, GRID + 'scene.servos = ["mipsd"]\nservo.Kd = [0.0]\n')
+    figure = _figure(study, run_study(study, tmp_path).table, Figure)
+    drawn, colours = figure.axes
+    assert {drawn.get_xlabel(), drawn.get_ylabel()} == {"posture.tilt [rad]", "servo.Kp [V/rad]"}
+    assert colours.get_ylabel().startswith("largest variance")
+
+
 def test_a_table_that_cannot_be_written_leaves_the_earlier_one(tmp_path, monkeypatch):
     study = read(tmp_path, GRID)
     before = run_study(study, tmp_path).table.read_bytes()
@@ -596,7 +607,8 @@ def test_parquet_without_its_libraries_is_refused_before_anything_runs(tmp_path,
         ('scene.servos = ["rotor", "none"]', 1),
         ("servo.Kp = [20.0, 61.0]\nposture.tilt = [0.0, 0.1]", 1),
         ('servo.Kp = [20.0, 61.0]\nposture.tilt = [0.0, 0.1]\nscene.servos = ["rotor", "none"]', 2),
-        ('servo.Kp = [20.0]\nposture.tilt = [0.0, 0.1]\nscene.servos = ["rotor"]\nscene.timestep = [0.001]', 3),
+        ('servo.Kp = [20.0]\nposture.tilt = [0.0, 0.1]\nscene.servos = ["rotor"]\nscene.timestep = [0.001]', 1),
+        ("servo.Kp = [20.0, 61.0]\nservo.Ki = [0.0, 1.0]\nservo.Kf = [0.0, 0.1]\nposture.tilt = [0.0, 0.1]", 3),
     ],
 )
 def test_a_picture_for_any_number_of_parameters(tmp_path, vary, panels):

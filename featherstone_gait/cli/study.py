@@ -62,7 +62,8 @@ def run(args: Namespace) -> int:
     wrong = len(study) - outcome.statuses.get("ok", 0)
     if wrong:
         print(f"{wrong} of {len(study)} rows are not ok: the table is whole, their messages say what to believe")
-    files = [outcome.table, outcome.picture, *([outcome.sensitivity] if outcome.sensitivity else [])]
+    files = [outcome.table, outcome.picture, outcome.table.with_suffix(".jsonl")]
+    files += [outcome.sensitivity] if outcome.sensitivity else []
     print("files: " + ", ".join(map(str, files)))
     return 1 if wrong else 0
 

@@ -1,8 +1,8 @@
 """The picture of a study: its first measure over what was varied.
 
 One parameter: a line.  Two: a map.  A grid of three: a map for each value of the one with the fewest.  More, and random
-ones: a panel for each, with all runs and the median of those that are "ok".  Runs of another status are crosses, at the
-edge of the panel where they have no value.
+ones: a panel for each, with all runs and the median of those that are "ok".  What takes a single value does not count.
+Runs of another status are crosses, at the edge of the panel where they have no value.
 """
 
 from __future__ import annotations
@@ -62,6 +62,7 @@ def _figure(study: Study, table: Path, make: type[Figure]) -> Figure:
     ok = np.array(read["status"]) == "ok"
     columns = [_column(name, axis, read[name]) for name, axis in zip(study.setup.names, study.axes)]
     columns += [_drawn(draw.name, read[draw.name]) for draw in study.setup.draws]
+    columns = [column for column in columns if column.axis.values is None or len(column.axis.values) > 1] or columns[:1]
     shape = [0 if column.axis.values is None else len(column.axis.values) for column in columns]
     several = len(columns) == 3 and study.shares is None and min(shape) <= MAPS
     count = min(shape) if several else len(columns) if len(columns) > 2 else 1
