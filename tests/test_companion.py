@@ -20,6 +20,7 @@ from featherstone_gait import (
 )
 from featherstone_gait.benchmark.default_scenes import AX12_LAW
 from featherstone_gait.benchmark.precision import unlimited
+from featherstone_gait.run.companion import accounted
 
 ARM = unlimited(load_robot("arm7_spatial"))
 
@@ -105,11 +106,23 @@ def test_noise_is_the_same_for_both():
 
 @pytest.mark.long
 def test_a_companion_that_ends_otherwise_makes_a_run_inaccurate(free):
-    from featherstone_gait.run.companion import accounted
-
     run = simulate(free, 0.1, thrown(free, 0.5), estimate_error=False)
     fell = replace(run, status="fell", end_time=0.05)
-    assert accounted(run, fell, 0.25, ("q",)).status == "inaccurate"
+    told = accounted(run, fell, 0.25, ("q",))
+    assert told.status == "inaccurate"
+    assert "a coarser run ended otherwise" in told.message
+
+
+@pytest.mark.long
+def test_a_fall_whose_course_is_uncertain_stays_one_and_says_so(free):
+    run = simulate(free, 0.1, thrown(free, 0.5), estimate_error=False)
+    fell = replace(run, status="fell", message="arm fell at 0.05 s", end_time=0.05)
+    off = replace(fell, channels=fell.channels | {"q": fell["q"] + 0.1})
+    told = accounted(fell, off, 0.25, ("q",))
+    assert told.status == "fell"
+    assert told.message.startswith("arm fell at 0.05 s; ")
+    assert "uncertain by 0.025 rad" in told.message
+    assert accounted(fell, fell, 0.25, ("q",)).message == "arm fell at 0.05 s"
 
 
 # --- fixed steps ---------------------------------------------------------------------------------------------------
@@ -253,3 +266,20 @@ def test_seven_servos_that_step_are_right_where_they_say_so():
         truth = simulate(scene, 1.0, reference=target, rtol=1e-7, estimate_error=False)
         assert run.ok
         assert np.abs(run["q"] - truth["q"]).max() < 1e-3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("integrator", ["dop853", "rk4"])
+def test_explicit_methods_tell_what_their_softer_dry_friction_does(integrator):
+    """A rod that its friction holds creeps under them: to twice as far with friction twice as wide about rest."""
+    rod = pendulum(friction=1.0)  # 2.45 N m hold it level
+    scene = compile_scene(rod, integrator=integrator, timestep=1e-4)
+    start = initial_state(scene, [0.3])
+    run = simulate(scene, 1.0, start, sample=0.1)
+    crept = abs(run["q"][-1, 0] - 0.3)
+    assert 1e-4 < crept < 1e-3
+    assert 0.9 * crept < run.error["q"][-1, 0] < 1.2 * crept
+    far = simulate(scene, 10.0, start, sample=0.1)
+    assert abs(far["q"][-1, 0] - 0.3) > 1e-3
+    assert far.status == ("inaccurate" if scene.adaptive else "ok")  # limits of 1e-3, and of 1e-2 at fixed steps
+    assert np.abs(simulate(compile_scene(rod), 10.0, start)["q"] - 0.3).max() < 1e-9

@@ -1,7 +1,7 @@
 """What `simulate(scene, duration)` gives where nothing else is named: error, estimate, status and cost, on many scenes.
 
 A run is judged up to where its reference is known (`truth.py`).  Its status is right if it is "fell" where the
-reference fell, and otherwise "ok":
+reference fell, and otherwise "ok"; of a run that fell and says that its course is uncertain it is neither:
 
     held      right (within 1e-3 rad or m, and 1e-2 of the largest speed, at least 1 rad/s or m/s), status right
     silent    not right, and nothing says so
@@ -166,7 +166,8 @@ def outcome_of(case: Case, scene: CompiledScene) -> Outcome:
     with at_most(PATIENCE):
         result, first = seconds(case, scene)
     times = [first] if first > ENOUGH else repeated(lambda: seconds(case, scene)[1])
-    return Outcome(positions(result), velocities(result), result.status, result.end_time, estimate_of(result),
+    status = f"{result.status}{', uncertain' if result.status == 'fell' and 'uncertain' in result.message else ''}"
+    return Outcome(positions(result), velocities(result), status, result.end_time, estimate_of(result),
                    1e3 * statistics.median(times) / case.duration)  # fmt: skip
 
 

@@ -48,6 +48,13 @@ def _width(joint: Joint, servo: Servo | None) -> float:
     return 0.0 if servo is None or joint.friction else servo.stick_speed
 
 
+def widened(rubbing: Friction, factor: float) -> Friction:
+    """The same, so many times as wide about rest."""
+    wide = (rubbing.table if isinstance(rubbing, GearFriction) else rubbing).copy()
+    wide.steepness /= factor
+    return GearFriction(wide) if isinstance(rubbing, GearFriction) else wide
+
+
 def sticks(rubbing: Friction | None) -> bool:
     """Whether a joint has dry friction, whose steep part about zero speed is a strong damper."""
     return isinstance(rubbing, GearFriction) or (rubbing is not None and bool(rubbing.coulomb_friction.any()))

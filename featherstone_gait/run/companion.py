@@ -6,20 +6,27 @@ less between them; hence a larger `SHARE` of it than a ninth is taken for the er
 steps before the tolerance does, `ars343` takes two of the companion's for one, and the difference is most of the error.
 
 At a fixed step h it takes steps of 2 h: of order p the difference is 2^p - 1 errors of the run.  Kinks leave less of
-an order above 1, so a third is taken of all these.  Where 2 h does not fit between ticks or records, or is no longer
-stable, it takes steps of h / 2, and the error is twice the difference at most; so does a second one, which a run that
-the first calls inaccurate is given before that is believed: on stiff stops errors grow faster than any power of h.
+any order: an error that falls with the root of h is 2.4 differences.  So of order 1 twice the difference is taken, of
+order 2 a half, of higher ones less, or what is smooth would look six times as wrong as it is.  Where 2 h does not fit
+between ticks or records, or is no longer stable, it takes steps of h / 2, and the error is twice the difference; so
+does a second one, which a run that the first calls inaccurate is given before that is believed: on stiff stops errors
+grow faster than any power of h.
+
+Explicit methods cannot have dry friction as steep as it is.  Their companion has it twice as wide about rest as they
+have: where that changes the run by as much as no width at all would, the difference is the error.
 """
 
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from ..build.friction import sticks, widened
 from ..build.scene import CompiledScene
 from ..trajectory import Trajectory, with_error
 from .prepared import steps_between_records
@@ -27,8 +34,8 @@ from .verdict import beyond_stability
 
 COARSER = 10.0  # tolerance of the companion, by the run's
 SHARE = 0.35  # of the difference, that is taken for the error
-OF_TWICE, OF_HALF = {1: 1.0}, 2.0  # of a step of 2 h, by order, others `OF_HIGHER`; of h / 2
-OF_HIGHER = 1.0 / 3.0
+OF_TWICE, OF_HALF = {1: 2.0, 2: 0.5}, 2.0  # of a step of 2 h, by order, others `OF_HIGHER`; of h / 2
+OF_HIGHER = 0.38
 ROUNDING = 1e-13  # of the values, below which no error is told
 LIMIT = 1e-3  # of angles [rad] and positions [m]: beyond it a run is inaccurate
 FIXED_LIMIT = 1e-2  # the same at fixed steps, which are chosen by name
@@ -52,28 +59,48 @@ def companion(scene: CompiledScene, sample: float | None, rtol: float | None, at
     That is of "simtwo", which has no continuous limit, and of a scene with constants put in by hand.
     """
     if rtol is not None and atol is not None:
-        return Companion(_by_companion(scene), min(1.0, COARSER * rtol), min(1.0, COARSER * atol), SHARE)
+        share = max(SHARE, _of_width(scene))
+        return Companion(_by_companion(scene), min(1.0, COARSER * rtol), min(1.0, COARSER * atol), share)
     if scene.method.drives or scene.by_hand:
         return None
     every, tick, delay = steps_between_records(scene, sample), scene.tick_steps, scene.constants.firmware.delay
     if every % 2 == 0 and tick % 2 == 0 and (delay is None or delay.shift % 2 == 0):
         coarse = _with_step(scene, 2.0)
         if not beyond_stability(coarse):
-            return Companion(coarse, None, None, OF_TWICE.get(scene.method.order, OF_HIGHER), _with_step(scene, 0.5))
+            share = max(OF_TWICE.get(scene.method.order, OF_HIGHER), _of_width(scene))
+            return Companion(coarse, None, None, share, _with_step(scene, 0.5))
     return Companion(_with_step(scene, 0.5), None, None, OF_HALF)
+
+
+def _softened(scene: CompiledScene) -> bool:
+    """Whether its dry friction is less steep than the robot's, for its method's sake."""
+    return scene.method.soft and sticks(scene.constants.friction)
+
+
+def _of_width(scene: CompiledScene) -> float:
+    """The least share of the difference that is taken for the error where the companion's friction is wider."""
+    return 1.0 if _softened(scene) else 0.0
+
+
+def _wider(scene: CompiledScene) -> CompiledScene:
+    """The scene, its dry friction twice as wide about rest if that is less steep than the robot's."""
+    if not _softened(scene):
+        return scene
+    constants = scene.constants._replace(friction=widened(scene.constants.friction, 2.0))
+    return replace(scene, constants=constants, compiled=constants)
 
 
 @functools.lru_cache(maxsize=16)
 def _by_companion(scene: CompiledScene) -> CompiledScene:
     """The scene, with the companion's way to take its steps; one object, for it remembers its layout."""
-    return replace(scene, method=scene.method._replace(companion=True))
+    return replace(_wider(scene), method=scene.method._replace(companion=True))
 
 
 @functools.lru_cache(maxsize=16)
 def _with_step(scene: CompiledScene, factor: float) -> CompiledScene:
     """The scene with so many times its step, and the same ticks."""
     other = scene.recompiled(timestep=factor * scene.timestep)
-    return replace(other, tick_steps=round(scene.tick_steps / factor))
+    return replace(_wider(other), tick_steps=round(scene.tick_steps / factor))
 
 
 def accounted(run: Trajectory, other: Trajectory, share: float, record: Sequence[str]) -> Trajectory:
@@ -95,13 +122,17 @@ def accounted(run: Trajectory, other: Trajectory, share: float, record: Sequence
 
 
 def judged(run: Trajectory) -> Trajectory:
-    """The run, inaccurate if the error of what it records of the coordinates is too large."""
-    wrong = _inaccurate(run, run.error or {}) if run.ok else None
-    return replace(run, status=wrong[0], message=wrong[1]) if wrong else run
+    """The run, inaccurate if the error of what it records of the coordinates is too large; of a fall it is said."""
+    wrong = _inaccurate(run, run.error or {}) if run.status in ("ok", "fell") else None
+    if wrong is None:
+        return run
+    if run.status == "fell":
+        return replace(run, message=f"{run.message}; {wrong}")
+    return replace(run, status="inaccurate", message=wrong)
 
 
-def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> tuple[str, str] | None:
-    """Status and message of a run whose error is beyond the limit, from the first record on where it is."""
+def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> str | None:
+    """What is wrong with a run whose error is beyond the limit, from the first record on where it is."""
     found = []
     largest = LIMIT if "rtol" in run.info else FIXED_LIMIT
     for name, unit in (("q", "rad or m"), ("base_q", "m or -"), ("qd", "rad/s or m/s"), ("base_qd", "m/s or rad/s")):
@@ -118,8 +149,9 @@ def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> tuple[str, str
     column = int(error[name][k].argmax())
     what = run.info["joints"][column] if name in ("q", "qd") else f"number {column} of {name}"
     finer = f"rtol than {run.info['rtol']:g}" if "rtol" in run.info else f"timestep than {run.info['timestep']:g} s"
-    return "inaccurate", (
-        f"{run.info['robot']}: from {run['time'][k]:.4g} s on {name} of {what} is uncertain by "
-        f"{error[name][k, column]:.2g} {unit} (limit {limit:.2g}): give a smaller {finer}; if "
-        "that does not help, the motion is chaotic and cannot be told so far ahead"
+    far = error[name][k, column]
+    told = f"by {far:.2g} {unit} (limit {limit:.2g})" if math.isfinite(far) else "(a coarser run ended otherwise)"
+    return (
+        f"{run.info['robot']}: from {run['time'][k]:.4g} s on {name} of {what} is uncertain {told}: give a smaller "
+        f"{finer}; if that does not help, the motion is chaotic and cannot be told so far ahead"
     )
