@@ -311,7 +311,7 @@ def main_job(
     if elsewhere:
         baselines[0]["elsewhere"] = elsewhere[0]
     with _alone_with(history), _appearing_together(stem) as folder:
-        files = write_results(folder / stem.name, cost, result)
+        files = write_results(folder / stem.name, cost, result, servo)
         if walk is not None:
             add_feedback(files["arrays"], walk)
         report = {
@@ -587,8 +587,13 @@ def _check_history(path: Path, first: float) -> None:
         )
 
 
-def write_results(stem: Path, cost: WalkingCost, result: OptimizeResult) -> dict[str, Path]:
-    """Write arrays, plots, animation and the motion for the real robot; return the files by kind, with the report's."""
+def write_results(
+    stem: Path, cost: WalkingCost, result: OptimizeResult, servo: FilePath | None = None
+) -> dict[str, Path]:
+    """Write arrays, plots, animation and the motion for the real robot; return the files by kind, with the report's.
+
+    servo: that took the place of the robot's own, as of `main_job`.
+    """
     endings = {
         "report": ".json", "arrays": ".npz", "convergence": "_convergence.png", "angles_plot": "_angles.png",
         "page": "_report.html", "animation": "_animation.html", "angles": "_angles.csv",
@@ -601,6 +606,7 @@ def write_results(stem: Path, cost: WalkingCost, result: OptimizeResult) -> dict
         files["arrays"], format=str(ARRAYS), x=result.x, first=first, period=cost.gait.period, joint_names=names,
         start=cost.start, poses=cost.gait.from_vector(result.x).poses, times=motion.times, angles=motion.values,
         costs=result.history["f"], visited=result.history["x"], first_poses=cost.gait.poses,
+        servo="" if servo is None else str(servo),
     )  # fmt: skip
     write_angles(files["angles"], motion.times, motion.values, names)
     write_goal_positions(files["goal_positions"], motion.times, motion.values, names)

@@ -5,6 +5,7 @@ import json
 import math
 import re
 from dataclasses import asdict, replace
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -28,6 +29,7 @@ from featherstone_gait.view.gait_page import write_gait_page
 from featherstone_gait.walking import BIOLOID_WALK, Feedback, bounds, read_angles
 from featherstone_gait.walking.cost import cost_of_motion
 from featherstone_gait.walking.gait_file import angles_of_goal_positions
+from featherstone_gait.walking.motion import servo_of
 
 ITERATIONS = 24
 
@@ -205,6 +207,24 @@ def test_another_servo_is_compared_with_the_robot_s_own(job, tmp_path, capsys):
     told = capsys.readouterr().out
     assert "servo ax12a, " in told
     assert f"with the robot's own, ax12: {own['cost']:.1f} J/m" in told
+
+
+def test_a_gait_s_file_names_the_servo_and_what_is_exported_has_it(tmp_path):
+    gait = tmp_path / "gait.npz"
+    with np.load(Path(load_robot("humanoid").source).with_name("optimized_gait.npz")) as data:
+        arrays = {name: data[name] for name in data.files if name != "servo"}
+    np.savez(gait, **arrays)
+    assert servo_of(gait) is None
+    assert cli.main(["export", str(gait), "--mjcf", "--out", str(tmp_path)]) == 0
+    own = (tmp_path / "gait.xml").read_text("utf-8")
+    np.savez(gait, **arrays, servo="ax12a")
+    assert servo_of(gait) == "ax12a"
+    assert servo_of(tmp_path / "gait_angles.csv") is None
+    assert cli.main(["export", str(gait), "--mjcf", "--out", str(tmp_path)]) == 0
+    found = (tmp_path / "gait.xml").read_text("utf-8")
+    assert found != own
+    assert cli.main(["export", str(gait), "--mjcf", "--servo", "ax12", "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "gait.xml").read_text("utf-8") == own
 
 
 def test_a_servo_goes_into_all_joints_that_turn(tmp_path):

@@ -30,9 +30,8 @@ def add(commands: Commands) -> None:
     add_gait(parser)
     parser.add_argument("--no-feedback", action="store_true", help="walk without the feedback that the gait's file has")
     parser.add_argument("--servos", choices=SERVO_KINDS, default="mipsd", help="gearbox model (default: mipsd)")
-    parser.add_argument(
-        "--servo", metavar="NAME", help="servo of all joints, as in optimize (default: the robot's own)"
-    )
+    what = "servo of all joints, as in optimize (default: the one that the .npz names, else the robot's own)"
+    parser.add_argument("--servo", metavar="NAME", help=what)
     floors = "names with commas, as in 2ms_0.9,20ms_0.6 (default: all; a wrong name lists them)"
     parser.add_argument("--floors", metavar="NAMES", help=floors)
     soles = "shapes of the soles, spheres, boxes or both with a comma (default: both; for feet made of points spheres)"
@@ -52,9 +51,10 @@ def run(args: Namespace) -> int:
     from ..crosscheck.in_mujoco import SOLES, soles_of
     from ..crosscheck.run import files
     from ..walking.feedback import read_walk
-    from ..walking.motion import read_motion
+    from ..walking.motion import read_motion, servo_of
 
     model = robot_of_gait(args)
+    servo = servo_of(args.gait) if args.servo is None else args.servo
     plain = args.first or args.no_feedback
     motion = read_motion(args.gait, model.joint_names, first=args.first) if plain else read_walk(
         args.gait, model.joint_names
@@ -69,7 +69,7 @@ def run(args: Namespace) -> int:
     with telling_extras():
         announce(f"about {max(minutes, 1.0):.0f} min, compiling aside; Ctrl-C keeps finished floors")
         report = crosscheck(
-            motion, model, servos=args.servos, servo=args.servo, floors=names, soles=soles, strides=args.strides,
+            motion, model, servos=args.servos, servo=servo, floors=names, soles=soles, strides=args.strides,
             timestep=args.timestep, out=out, processes=args.processes, progress=True,
         )  # fmt: skip
     *rows, said = summary(report).split("\n")

@@ -21,6 +21,8 @@ def add(commands: Commands) -> None:
         ),
     )
     add_gait(parser)
+    what = "servo of all joints, in the MJCF file (default: the one that the .npz names, else the robot's own)"
+    parser.add_argument("--servo", metavar="NAME", help=what)
     parser.add_argument("--csv", action="store_true", help="joint angles over time [deg], as CSV")
     parser.add_argument("--goal-positions", action="store_true", help="the same in counts of AX-12 servos")
     parser.add_argument("--mjcf", action="store_true", help="the robot on a floor, with the gait's poses as keyframes")
@@ -31,9 +33,12 @@ def run(args: Namespace) -> int:
     from ..model import Ground
     from ..robot_file import save_robot
     from ..walking.gait_file import write_angles, write_goal_positions
-    from ..walking.motion import read_motion, with_poses
+    from ..walking.motion import read_motion, servo_of, with_poses
+    from ..walking.walker import driven
 
     model = robot_of_gait(args)
+    servo = servo_of(args.gait) if args.servo is None else args.servo
+    model = model if servo is None else driven(model, servo)
     motion = read_motion(args.gait, model.joint_names, first=args.first)
     reference = motion.reference(args.strides)
     every = not (args.csv or args.goal_positions or args.mjcf)

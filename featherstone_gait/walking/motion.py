@@ -88,6 +88,16 @@ def read_motion(path: FilePath, joint_names: Sequence[str] | None = None, *, fir
     return Motion(names, angles[:end], stride, stride, float(np.round(gaps.mean(), 9)))
 
 
+def servo_of(path: FilePath) -> str | None:
+    """The servo of all joints that a gait was found with, as `optimize --servo` was told; None for the robot's own.
+
+    A CSV does not say, nor do files of version 0.1.  Raises ValueError, naming the file, for one that is damaged.
+    """
+    path = path_of("path", path)
+    arrays = read_arrays(path, ARRAYS) if path.suffix == ".npz" else {}
+    return str(arrays["servo"]) or None if "servo" in arrays else None
+
+
 def _period(path: Path, angles: np.ndarray) -> int:
     """The least number of rows after which the last ones repeat."""
     n = len(angles)
