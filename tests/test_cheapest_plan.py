@@ -71,12 +71,26 @@ def test_numbers_that_are_held_stay(scene):
 
 def test_where_no_plan_can_be_walked_the_most_common_reason_is_told(scene):
     never = lambda cost: lambda x: (math.inf, "fell")  # noqa: E731
-    with pytest.raises(ValueError, match=r"none of 2 planned walks can be walked.*give stronger servos"):
+    with pytest.raises(ValueError, match=r"none of 4 planned walks can be walked.*give stronger servos"):
         cheapest_plan(scene, count=(1,), searched=never)
+    with pytest.raises(ValueError, match=r"none of 2 planned walks"):
+        cheapest_plan(scene, count=(1,), searched=never, box=Box())
     with pytest.raises(ValueError, match="box: lift = "):
         Box(lift=(0.1, 0.05))
     with pytest.raises(ValueError, match="count has 5 numbers"):
         cheapest_plan(scene, count=(1, 1, 1, 1, 1))
+
+
+def test_where_nothing_in_the_usual_box_can_be_walked_slower_plans_are_tried(scene):
+    """As if the joints were too slow for the usual steps: none of these takes 0.36 s."""
+    def usual(cost):
+        return bent(cost) if cost.gait.period > 0.72 else lambda x: (math.inf, "no")
+
+    found = cheapest_plan(scene, count=(4,), searched=usual)
+    assert len(found.trials) == 10
+    assert all(trial.status != "ok" for trial in found.trials[:5])
+    assert found.plan.walk.step_time > 0.36
+    assert found.plan.walk.lift < 0.025
 
 
 def test_the_plain_plan_is_that_of_before(scene):

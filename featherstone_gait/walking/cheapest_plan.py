@@ -66,7 +66,7 @@ class Box:
 
     Lengths are in leg lengths l, from the first joint of a leg to its sole when straight; times in sqrt(l / g), g the
     strength of gravity: for robots that are alike but for their size the same numbers are the same walk.  They lie
-    about those of `BIOLOID_WALK`, the first plan that is tried: slower walks fall without feedback.
+    about those of `BIOLOID_WALK`, the first plan that is tried: slower walks mostly fall without feedback.
     """
 
     step_length: tuple[float, float] = (0.1, 0.25)
@@ -81,6 +81,9 @@ class Box:
             value = getattr(self, field.name)
             if not (isinstance(value, tuple) and len(value) == 2 and 0.0 < value[0] <= value[1] < math.inf):
                 raise ValueError(f"box: {field.name} = {shown(value)} must be two numbers > 0, the lower first")
+
+
+SLOW = Box(step_time=(2.2, 3.6), lift=(0.03, 0.1), half_width=(0.8, 1.2))  # for weak servos
 
 
 class Trial(NamedTuple):
@@ -153,9 +156,10 @@ def cheapest_plan(
 ) -> CheapestPlan:
     """Look for the plan whose gait walks most cheaply on `scene`, within joint and speed limits.
 
-    count: how many plans to try in the whole box, besides the plain one, and in each of the smaller ones around the
-    best; searched: makes of a `WalkingCost` the cost that a search sees, by default that in eight worlds of
-    `in_worlds`; held: settings of `Walk` that are not looked for.  The plans have samples of 20 ms.  Raises ValueError
+    box: where; None: `Box()` and, if nothing there walks, `SLOW`, of slower steps with less lift; count: how many plans
+    to try in the whole box, besides the plain one, and in each of the smaller ones around the best; searched: makes of
+    a `WalkingCost` the cost that a search sees, by default that in eight worlds of `in_worlds`; held: settings of
+    `Walk` that are not looked for.  The plans have samples of 20 ms.  Raises ValueError
     if none walks: the most common reason, and what to do.
     """
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
@@ -170,20 +174,16 @@ def cheapest_plan(
         raise ValueError("count is empty; give how many plans to try in the whole box")
     if len(counts) > 1 + len(SMALLER):
         raise ValueError(f"count has {len(counts)} numbers; give one, and up to {len(SMALLER)} for smaller boxes")
-    search = _Search(scene, states, box or Box(), searched or _in_worlds(scene), held)
-    points, middle = _spread(DRAWN * max(counts), len(PLAIN), seed), np.full(len(PLAIN), 0.5)
-    tried = [search.attempt(search.place(PLAIN))]
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        for n, share in zip(counts, (1.0, *SMALLER)):
-            where = np.clip(middle + share * (points - 0.5), 0.0, 1.0)
-            tried += pool.map(search.attempt, where[search.within_reach(where)][:n])
-            middle = min(tried, key=lambda one: one.cost).point
-    best = min(tried, key=lambda one: one.cost)
-    trials = tuple(Trial(one.walk, one.cost, one.status) for one in tried)
-    if not math.isfinite(best.cost):
-        raise ValueError(_none_walks(scene.model, trials, held))
-    plan, fit, cost = search.planned(best.walk)
-    return CheapestPlan(plan, fit, cost, best.cost, trials)
+    points, trials = _spread(DRAWN * max(counts), len(PLAIN), seed), []
+    for where in (Box(), SLOW) if box is None else (box,):
+        search = _Search(scene, states, where, searched or _in_worlds(scene), held)
+        tried = search.tried(points, counts)
+        trials += [Trial(one.walk, one.cost, one.status) for one in tried]
+        best = min(tried, key=lambda one: one.cost)
+        if math.isfinite(best.cost):
+            plan, fit, cost = search.planned(best.walk)
+            return CheapestPlan(plan, fit, cost, best.cost, tuple(trials))
+    raise ValueError(_none_walks(scene.model, trials, held))
 
 
 def fit_states(model: Model, plan: Plan, states: States) -> GaitFit:
@@ -239,6 +239,16 @@ class _Search:
         """The walk of a point of the unit box."""
         numbers = (self.low + point * (self.high - self.low)).tolist()
         return _walk(numbers, (self.length, self.height, self.width), self.g, self.held)
+
+    def tried(self, points: np.ndarray, counts: Sequence[int]) -> list[_Tried]:
+        """The plain plan, and plans at points (n, 6) of the unit box: so many of it, and of smaller ones in it."""
+        middle, tried = np.full(len(PLAIN), 0.5), [self.attempt(self.place(PLAIN))]
+        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+            for n, share in zip(counts, (1.0, *SMALLER)):
+                where = np.clip(middle + share * (points - 0.5), 0.0, 1.0)
+                tried += pool.map(self.attempt, where[self.within_reach(where)][:n])
+                middle = min(tried, key=lambda one: one.cost).point
+        return tried
 
     def within_reach(self, points: np.ndarray) -> np.ndarray:
         """Whether the legs reach (n,) what a plan asks of them at five moments of a step, the sway left out.
