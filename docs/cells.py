@@ -27,6 +27,7 @@ KEPT = ROOT / "docs" / "reproduction"
 SEEDS = {0: GAIT} | {k: KEPT / f"gait_seed_{k}.json" for k in (1, 2)}
 NOMINAL = KEPT / "gait_nominal.json"
 ENERGY_ONLY = {k: KEPT / f"gait_energy_only_{k}.json" for k in (0, 1, 2)}
+CORRECTED = {k: KEPT / f"gait_ax12a_{k}.json" for k in (0, 1, 2)}
 FROM_CHEAPEST = {k: KEPT / f"gait_from_cheapest_{k}.json" for k in (0, 1)}
 WORLDS_COST, OTHER_ROBOTS = KEPT / "worlds_cost.csv", KEPT / "other_robots.csv"
 OTHER_WORLDS, IN_BULLET = KEPT / "other_robots_worlds.csv", KEPT / "in_bullet.csv"
@@ -181,6 +182,12 @@ def seeds() -> Iterable[Cells | Words]:
             (walks(told["after"]), f"{sum(limit['kept'] for limit in limits)} of {len(limits)}",
              elsewhere(told["elsewhere"]["after"]), f"{found[1]}, {found[2]} J/m"),
         )  # fmt: skip
+    first, *found = [(kept(CORRECTED[0]), "before"), *((kept(path), "after") for path in CORRECTED.values())]
+    for name, (told, key) in {"first gait": first, **{f"seed {k}": one for k, one in enumerate(found)}}.items():
+        limits = told["plausible"][key]["limits"]
+        count = f"{sum(limit['kept'] for limit in limits)} of {len(limits)}"
+        cells = walks(told[key]), count, elsewhere(told["elsewhere"][key])
+        yield Cells("docs/servos.md", f"{name}, `ax12a`", cells)
     others = " and ".join(f"{kept(SEEDS[k])['after']['cost']:.1f}" for k in (1, 2))
     yield Words("README.md", "Seeds 1 and 2 find ", others, " J/m, within")
     drift, tilt, line = (_limit(kept(GAIT), name) for name in ("drift", "tilt", "line"))

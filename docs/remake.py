@@ -128,6 +128,14 @@ PARTS: dict[str, Part] = {
         )
         for k in (0, 1)
     },
+    **{
+        f"ax12a-{k}": Part(
+            f"the gait of seed {k} with the corrected AX-12 in docs/servos.md", 5,
+            ("optimize", "--servo", "ax12a", "--seed", f"{k}", "--no-fair", "--out", "{out}"),
+            (("humanoid_gait.json", f"{KEPT_IN}/gait_ax12a_{k}.json"),),
+        )
+        for k in (0, 1, 2)
+    },
     "nominal": Part(
         "the column `--nominal` of README, and its floors in docs/crosscheck.md", 2,
         ("optimize", "--nominal", "--crosscheck", "--no-fair", "--out", "{out}"),
