@@ -76,7 +76,7 @@ def draw(axes, scene, k):
     axes.add_collection(PolyCollection(sides, facecolors=shown, edgecolors="0.25", linewidths=0.3))
     way = q[k, 0] - q[0, 0]
     axes.text(0.01, 0.97, caption, transform=axes.transAxes, fontsize=11, weight="bold", va="top")
-    axes.text(0.99, 0.97, f"{k / RATE:.1f} s   {1e2 * way:3.0f} cm   {energy[k]:4.1f} J", transform=axes.transAxes,
+    axes.text(0.99, 0.97, f"{k / RATE:.1f} s   {round(1e2 * way):3d} cm   {energy[k]:4.1f} J", transform=axes.transAxes,
               fontsize=11, family="monospace", va="top", ha="right")  # fmt: skip
 
 
