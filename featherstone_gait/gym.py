@@ -128,8 +128,8 @@ class _Robots:
 
     def reward(self, seen: dict[str, np.ndarray], actions: np.ndarray) -> np.ndarray:
         """1 for standing upright, and as much for walking at the speed asked for, less the effort."""
-        tilt, done = np.arccos(np.clip(_up(seen["base_q"])[:, 2], -1.0, 1.0)), np.clip(actions, -1.0, 1.0)
-        reward = 1.0 - np.minimum(tilt / TILTED, 1.0) ** 2 - EFFORT * (done**2).mean(axis=1)
+        tilt, taken = np.arccos(np.clip(_up(seen["base_q"])[:, 2], -1.0, 1.0)), np.clip(actions, -1.0, 1.0)
+        reward = 1.0 - np.minimum(tilt / TILTED, 1.0) ** 2 - EFFORT * (taken**2).mean(axis=1)
         if self.task.speed:
             reward = reward + np.clip(seen["base_qd"][:, 0] / self.task.speed, -1.0, 1.0)
         return reward

@@ -62,6 +62,7 @@ OTHER = {"voltage": 100.0, "duty": 10.0, "bus": 100.0, "delayed": 100.0, "curren
 BRISTLE = 1e-6  # [m]
 FINER, ROUNDS = 8.0, 3  # each round's widths by the next one's
 ENOUGH = 1e-7  # error of an entry, of its value, at which no smaller width is tried ...
+KEPT = 2**17  # numbers of signals (1 MiB) up to which a workspace is left to later calls
 SMALL = 1e-2  # ... or of so much of what is largest in its row, in units of the first widths
 KINK = 1e-3  # difference of left and right, of the larger of them, that is a kink
 BRIEF = 5e4  # steps of vectors by velocities: some 10 ms, for which no thread is started
@@ -159,9 +160,10 @@ def linearise(
     channels = _channels(system, states, named)
     held = ("voltage",) if "voltage" in named else ()
     chart = chart_of(scene, tuple(channels), held)
-    found = _differences(system, chart, outputs, duration)
-    system.close()
-    return found
+    try:
+        return _differences(system, chart, outputs, duration)
+    finally:
+        system.close()
 
 
 def _inputs(scene: CompiledScene, inputs: Sequence[str] | None) -> tuple[str, ...]:
@@ -418,8 +420,8 @@ class _System:
         return self._taken[-1]
 
     def close(self) -> None:
-        """Leave its workspaces to other calls."""
-        self._spare.extend(self._taken)
+        """Leave its workspaces to other calls, but for those that hold the signals of a long period."""
+        self._spare.extend(one for one in self._taken if _numbers(one.run.signals) < KEPT)
 
     def _check(self, states: np.ndarray) -> None:
         """Raise ValueError where a run has ended."""
@@ -431,8 +433,13 @@ class _System:
             )
 
 
+def _numbers(signals: Signals) -> int:
+    """How many there are in what the ticks of a period are sent."""
+    return 0 if signals.samples is None else signals.samples.size
+
+
 class _Workspace(NamedTuple):
-    """What eight runs overwrite, and the kernel for them: to make both takes as long as a hundred steps."""
+    """What eight runs overwrite, and the kernel for them; making both takes as long as a hundred steps."""
 
     run: Run  # of the call that made it
     kernel: Kernel

@@ -311,7 +311,7 @@ def main_job(
     if elsewhere:
         baselines[0]["elsewhere"] = elsewhere[0]
     with _alone_with(history), _appearing_together(stem) as folder:
-        files = write_results(folder / stem.name, cost, result, servo)
+        files = write_results(folder / stem.name, cost, result, _kept_servo(servo))
         if walk is not None:
             add_feedback(files["arrays"], walk)
         report = {
@@ -477,6 +477,13 @@ def _servo_name(model: Model) -> str:
     return ", ".join(dict.fromkeys(known.get(servo, "as in its file") for servo in model.servos.values()))
 
 
+def _kept_servo(servo: FilePath | None) -> str:
+    """What a gait's file calls its servo: a name as it is, a file by its whole path, "" for the robot's own."""
+    if servo is None or str(servo).startswith(GENERIC) or str(servo) in servo_names():
+        return str(servo or "")
+    return str(Path(servo).resolve())
+
+
 def _with_own_servos(own: Model, cost: WalkingCost) -> dict:
     """The first gait of `cost` with the robot's own servos."""
     if not own.servos:
@@ -588,11 +595,11 @@ def _check_history(path: Path, first: float) -> None:
 
 
 def write_results(
-    stem: Path, cost: WalkingCost, result: OptimizeResult, servo: FilePath | None = None
+    stem: Path, cost: WalkingCost, result: OptimizeResult, servo: str = ""
 ) -> dict[str, Path]:
     """Write arrays, plots, animation and the motion for the real robot; return the files by kind, with the report's.
 
-    servo: that took the place of the robot's own, as of `main_job`.
+    servo: that took the place of the robot's own, as of `servo_of`.
     """
     endings = {
         "report": ".json", "arrays": ".npz", "convergence": "_convergence.png", "angles_plot": "_angles.png",
@@ -606,7 +613,7 @@ def write_results(
         files["arrays"], format=str(ARRAYS), x=result.x, first=first, period=cost.gait.period, joint_names=names,
         start=cost.start, poses=cost.gait.from_vector(result.x).poses, times=motion.times, angles=motion.values,
         costs=result.history["f"], visited=result.history["x"], first_poses=cost.gait.poses,
-        servo="" if servo is None else str(servo),
+        servo=servo,
     )  # fmt: skip
     write_angles(files["angles"], motion.times, motion.values, names)
     write_goal_positions(files["goal_positions"], motion.times, motion.values, names)

@@ -192,7 +192,8 @@ def test_the_worst_values_are_named_with_joint_and_time(cost, watch):
     assert told["torque"]["value"] < 1.0
     assert told["drift"]["time"] is None
     assert 0.0 < found["current"]["rms"] < found["current"]["peak"] <= 0.9  # the servo's limit [A]
-    lines = _limits_told({"before": found, "after": {"limits": None}})
+    heading, *lines = _limits_told({"before": found, "after": {"limits": None}})
+    assert heading.startswith("limits of a real robot")
     assert sum(line.startswith("    worst: ") for line in lines) == 5  # of drift there is no moment
     bounds = [line for line in lines if not line.startswith(" ")]
     assert len(bounds) == len(limits.LIMITS)

@@ -200,7 +200,8 @@ def test_another_servo_is_compared_with_the_robot_s_own(job, tmp_path, capsys):
     """The corrected AX-12 spends more than twice as much on the same gait, and still walks."""
     other = main_job(servo="ax12a", iterations=4, states="stride", worlds=0, unseen=0, out=tmp_path)
     own = other["with_own_servos"]
-    assert other["settings"]["servo"] == "ax12a"
+    assert other["settings"]["servo"] == servo_of(tmp_path / "humanoid_gait.npz") == "ax12a"
+    assert servo_of(job[0] / "humanoid_gait.npz") is None
     assert own["servo"] == "ax12"
     assert own["cost"] == job[1]["before"]["cost"]
     assert 2.0 * own["cost"] < other["before"]["cost"] < 4.0 * own["cost"]
@@ -225,6 +226,25 @@ def test_a_gait_s_file_names_the_servo_and_what_is_exported_has_it(tmp_path):
     assert found != own
     assert cli.main(["export", str(gait), "--mjcf", "--servo", "ax12", "--out", str(tmp_path)]) == 0
     assert (tmp_path / "gait.xml").read_text("utf-8") == own
+
+
+def test_a_servo_of_a_file_is_kept_by_its_place_and_one_that_is_gone_is_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert optimize._kept_servo("mine.toml") == str(tmp_path / "mine.toml")
+    assert [optimize._kept_servo(name) for name in (None, "ax12a", "generic:4")] == ["", "ax12a", "generic:4"]
+    with np.load(Path(load_robot("humanoid").source).with_name("optimized_gait.npz")) as data:
+        arrays = {name: data[name] for name in data.files if name != "servo"}
+    np.savez("gait.npz", **arrays, servo=str(tmp_path / "gone.toml"))
+    assert cli.main(["export", "gait.npz", "--csv", "--strides", "2"]) == 0
+    capsys.readouterr()
+    assert cli.main(["export", "gait.npz", "--mjcf"]) == 2
+    assert cli.main(["crosscheck", "gait.npz"]) == 2
+    told = capsys.readouterr().err
+    assert told.count("gait.npz was found with a servo that is not there") == 2
+    assert "--servo" in told
+    np.savez("gait.npz", **arrays, servo=np.array(["ax12", "ax12a"]))
+    with pytest.raises(ValueError, match=r"gait\.npz: servo is array"):
+        servo_of("gait.npz")
 
 
 def test_a_servo_goes_into_all_joints_that_turn(tmp_path):

@@ -15,6 +15,7 @@ from .records import fill, records
 
 Friction: TypeAlias = np.recarray | GearFriction
 LOADS = ("external_load_friction", "motor_load_friction", "stribeck_external_load", "stribeck_motor_load")
+BUDGETS = ("coulomb_friction", "stribeck_friction")
 QUADRATIC = ("load_product_friction", "quadratic_external_load", "quadratic_motor_load")
 
 
@@ -48,10 +49,22 @@ def _width(joint: Joint, servo: Servo | None) -> float:
     return 0.0 if servo is None or joint.friction else servo.stick_speed
 
 
-def widened(rubbing: Friction, factor: float) -> Friction:
-    """The same, so many times as wide about rest."""
-    wide = (rubbing.table if isinstance(rubbing, GearFriction) else rubbing).copy()
-    wide.steepness /= factor
+def widened(rubbing: Friction | None, model: Model, driven: bool, factor: float) -> Friction | None:
+    """The same, so many times as wide about rest in joints where explicit steps have it wider than the robot has.
+
+    driven: by the model's servos.  None where there is no such joint.
+    """
+    if rubbing is None:
+        return None
+    table = rubbing.table if isinstance(rubbing, GearFriction) else rubbing
+    servos = [model.servos.get(joint.name) if driven else None for joint in model.moving_joints]
+    own = np.array([_width(joint, servo) for joint, servo in zip(model.moving_joints, servos)])
+    dry = sum(table[name] for name in (*BUDGETS, *LOADS, *QUADRATIC) if name in (table.dtype.names or ()))
+    soft = (own < SOFT) & (np.asarray(dry) > 0.0)
+    if not soft.any():
+        return None
+    wide = table.copy()
+    wide.steepness[soft] /= factor
     return GearFriction(wide) if isinstance(rubbing, GearFriction) else wide
 
 

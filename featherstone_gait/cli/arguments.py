@@ -171,6 +171,24 @@ def robot_of_gait(args: argparse.Namespace) -> Model:
     return load_walker(args.robot, joints=read_motion(args.gait, first=args.first).joint_names)
 
 
+def servo_of_gait(args: argparse.Namespace) -> str | None:
+    """The servo that `--servo` names, else the one that the gait's file does; None for the robot's own."""
+    from ..robot_file import load_servo
+    from ..walking.motion import servo_of
+    from ..walking.walker import GENERIC
+
+    if args.servo is not None:
+        return str(args.servo)
+    servo = servo_of(args.gait)
+    if servo is not None and not servo.startswith(GENERIC):
+        try:
+            load_servo(servo)
+        except (ValueError, OSError) as error:
+            problem = f"{args.gait} was found with a servo that is not there ({error}); name it (--servo)"
+            raise ValueError(problem) from None
+    return servo
+
+
 def gait_stem(args: argparse.Namespace) -> str:
     """How the files of a command about a gait begin."""
     return args.gait.stem.removesuffix("_angles") + ("_first" if args.first else "")

@@ -6,7 +6,17 @@ import textwrap
 from argparse import Namespace
 
 from ..build.kinds import SERVO_KINDS
-from .arguments import LINE, Commands, add_command, add_gait, announce, gait_stem, robot_of_gait, telling_extras
+from .arguments import (
+    LINE,
+    Commands,
+    add_command,
+    add_gait,
+    announce,
+    gait_stem,
+    robot_of_gait,
+    servo_of_gait,
+    telling_extras,
+)
 
 TAKES = "a minute or two on two cores; Ctrl-C keeps finished floors"
 ROW = 4.0  # processor seconds of one core of an AMD EPYC, for 22 strides on a floor (docs/crosscheck.md)
@@ -51,10 +61,9 @@ def run(args: Namespace) -> int:
     from ..crosscheck.in_mujoco import SOLES, soles_of
     from ..crosscheck.run import files
     from ..walking.feedback import read_walk
-    from ..walking.motion import read_motion, servo_of
+    from ..walking.motion import read_motion
 
-    model = robot_of_gait(args)
-    servo = servo_of(args.gait) if args.servo is None else args.servo
+    model, servo = robot_of_gait(args), servo_of_gait(args)
     plain = args.first or args.no_feedback
     motion = read_motion(args.gait, model.joint_names, first=args.first) if plain else read_walk(
         args.gait, model.joint_names

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-from .arguments import Commands, add_command, add_gait, gait_stem, robot_of_gait
+from .arguments import Commands, add_command, add_gait, gait_stem, robot_of_gait, servo_of_gait
 
 
 def add(commands: Commands) -> None:
@@ -33,12 +33,10 @@ def run(args: Namespace) -> int:
     from ..model import Ground
     from ..robot_file import save_robot
     from ..walking.gait_file import write_angles, write_goal_positions
-    from ..walking.motion import read_motion, servo_of, with_poses
+    from ..walking.motion import read_motion, with_poses
     from ..walking.walker import driven
 
     model = robot_of_gait(args)
-    servo = servo_of(args.gait) if args.servo is None else args.servo
-    model = model if servo is None else driven(model, servo)
     motion = read_motion(args.gait, model.joint_names, first=args.first)
     reference = motion.reference(args.strides)
     every = not (args.csv or args.goal_positions or args.mjcf)
@@ -53,6 +51,8 @@ def run(args: Namespace) -> int:
             write(paths[kind], reference.times, reference.values, model.joint_names)
             written.append(paths[kind])
     if every or args.mjcf:
+        servo = servo_of_gait(args)
+        model = model if servo is None else driven(model, servo)
         save_robot(with_poses(model, motion), paths["mjcf"], Ground())
         written.append(paths["mjcf"])
     print("files:", *written)

@@ -48,7 +48,7 @@ def run(args: Namespace) -> int:
 
     names, known = args.names or servo_names(), servo_names()
     for name in names:
-        if name.removesuffix(".toml") not in known and not name.endswith(".toml"):
+        if name not in known and not name.endswith(".toml"):
             raise ValueError(f"there is no servo {name!r}; the package has {', '.join(known)}; or give a .toml file")
     sheets = {name: servo_sheet(name) for name in names}
     lines = [line for name in names for line in _shown(name, sheets[name], args.voltage)] if args.names else None

@@ -7,13 +7,13 @@ steps before the tolerance does, `ars343` takes two of the companion's for one, 
 
 At a fixed step h it takes steps of 2 h: of order p the difference is 2^p - 1 errors of the run.  Kinks leave less of
 any order: an error that falls with the root of h is 2.4 differences.  So of order 1 twice the difference is taken, of
-order 2 a half, of higher ones less, or what is smooth would look six times as wrong as it is.  Where 2 h does not fit
+order 2 a half, of order 4 0.38, with which a smooth run looks six times as wrong as it is.  Where 2 h does not fit
 between ticks or records, or is no longer stable, it takes steps of h / 2, and the error is twice the difference; so
 does a second one, which a run that the first calls inaccurate is given before that is believed: on stiff stops errors
 grow faster than any power of h.
 
-Explicit methods cannot have dry friction as steep as it is.  Their companion has it twice as wide about rest as they
-have: where that changes the run by as much as no width at all would, the difference is the error.
+`dop853` cannot have dry friction as steep as it is, and has it over some width about rest.  Its companion has it over
+twice that width: if the effect of the width is in proportion to it, the difference is all of that effect.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..build.friction import sticks, widened
+from ..build.friction import widened
 from ..build.scene import CompiledScene
 from ..trajectory import Trajectory, with_error
 from .prepared import steps_between_records
@@ -34,6 +34,7 @@ from .verdict import beyond_stability
 
 COARSER = 10.0  # tolerance of the companion, by the run's
 SHARE = 0.35  # of the difference, that is taken for the error
+WHOLE_OF_IT = 1.0  # where the companion has wider friction
 OF_TWICE, OF_HALF = {1: 2.0, 2: 0.5}, 2.0  # of a step of 2 h, by order, others `OF_HIGHER`; of h / 2
 OF_HIGHER = 0.38
 ROUNDING = 1e-13  # of the values, below which no error is told
@@ -59,48 +60,37 @@ def companion(scene: CompiledScene, sample: float | None, rtol: float | None, at
     That is of "simtwo", which has no continuous limit, and of a scene with constants put in by hand.
     """
     if rtol is not None and atol is not None:
-        share = max(SHARE, _of_width(scene))
-        return Companion(_by_companion(scene), min(1.0, COARSER * rtol), min(1.0, COARSER * atol), share)
+        other = _by_companion(scene)
+        softer = other.constants.friction is not scene.constants.friction
+        return Companion(other, min(1.0, COARSER * rtol), min(1.0, COARSER * atol), WHOLE_OF_IT if softer else SHARE)
     if scene.method.drives or scene.by_hand:
         return None
     every, tick, delay = steps_between_records(scene, sample), scene.tick_steps, scene.constants.firmware.delay
     if every % 2 == 0 and tick % 2 == 0 and (delay is None or delay.shift % 2 == 0):
         coarse = _with_step(scene, 2.0)
         if not beyond_stability(coarse):
-            share = max(OF_TWICE.get(scene.method.order, OF_HIGHER), _of_width(scene))
-            return Companion(coarse, None, None, share, _with_step(scene, 0.5))
+            return Companion(coarse, None, None, OF_TWICE.get(scene.method.order, OF_HIGHER), _with_step(scene, 0.5))
     return Companion(_with_step(scene, 0.5), None, None, OF_HALF)
-
-
-def _softened(scene: CompiledScene) -> bool:
-    """Whether its dry friction is less steep than the robot's, for its method's sake."""
-    return scene.method.soft and sticks(scene.constants.friction)
-
-
-def _of_width(scene: CompiledScene) -> float:
-    """The least share of the difference that is taken for the error where the companion's friction is wider."""
-    return 1.0 if _softened(scene) else 0.0
-
-
-def _wider(scene: CompiledScene) -> CompiledScene:
-    """The scene, its dry friction twice as wide about rest if that is less steep than the robot's."""
-    if not _softened(scene):
-        return scene
-    constants = scene.constants._replace(friction=widened(scene.constants.friction, 2.0))
-    return replace(scene, constants=constants, compiled=constants)
 
 
 @functools.lru_cache(maxsize=16)
 def _by_companion(scene: CompiledScene) -> CompiledScene:
     """The scene, with the companion's way to take its steps; one object, for it remembers its layout."""
-    return replace(_wider(scene), method=scene.method._replace(companion=True))
+    wide = None
+    if scene.method.soft:
+        wide = widened(scene.constants.friction, scene.model, scene.servos is not None, 2.0)
+    constants = scene.constants if wide is None else scene.constants._replace(friction=wide)
+    return replace(
+        scene, method=scene.method._replace(companion=True), constants=constants,
+        compiled=scene.compiled._replace(friction=constants.friction),
+    )  # fmt: skip
 
 
 @functools.lru_cache(maxsize=16)
 def _with_step(scene: CompiledScene, factor: float) -> CompiledScene:
     """The scene with so many times its step, and the same ticks."""
     other = scene.recompiled(timestep=factor * scene.timestep)
-    return replace(_wider(other), tick_steps=round(scene.tick_steps / factor))
+    return replace(other, tick_steps=round(scene.tick_steps / factor))
 
 
 def accounted(run: Trajectory, other: Trajectory, share: float, record: Sequence[str]) -> Trajectory:
@@ -150,7 +140,9 @@ def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> str | None:
     what = run.info["joints"][column] if name in ("q", "qd") else f"number {column} of {name}"
     finer = f"rtol than {run.info['rtol']:g}" if "rtol" in run.info else f"timestep than {run.info['timestep']:g} s"
     far = error[name][k, column]
-    told = f"by {far:.2g} {unit} (limit {limit:.2g})" if math.isfinite(far) else "(a coarser run ended otherwise)"
+    told = "(the same run in other steps ended otherwise)"
+    if math.isfinite(far):
+        told = f"by {far:.2g} {unit} (limit {limit:.2g})"
     return (
         f"{run.info['robot']}: from {run['time'][k]:.4g} s on {name} of {what} is uncertain {told}: give a smaller "
         f"{finer}; if that does not help, the motion is chaotic and cannot be told so far ahead"

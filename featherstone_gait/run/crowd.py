@@ -248,8 +248,8 @@ class Crowd:
         finally:
             for lot, those in zip(self.lots, alive):
                 lot.ticked(those)
-        if failures:
-            raise failures[0]
+            if failures:  # rather than an interrupt, for what has failed has to be undone
+                raise failures[0]
 
     def _tick_all(self, failures: list[BaseException]) -> None:
         todo = iter(self._work)

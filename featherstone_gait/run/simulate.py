@@ -257,7 +257,7 @@ def _accompanied(
     doubtful = [
         k
         for k, run in enumerate(told)
-        if run.status == "inaccurate" and others[k].surer is not None and begun[k] is batch.states[k]
+        if run.message != runs[k].message and others[k].surer is not None and begun[k] is batch.states[k]
     ]  # of those that go on from no companion, so that a finer one may begin where they do
     part, surer = batch.of(doubtful), [others[k] for k in doubtful]
     finer = simulated(part._replace(cases=_in_place(part.cases, surer, True)), more)

@@ -18,7 +18,7 @@ from featherstone_gait.walking.gait import Gait, bounds, fit_gait, mirror_of, re
 from featherstone_gait.walking.gait_file import read_angles, write_angles, write_goal_positions
 from featherstone_gait.walking.generic_servo import with_generic_servos
 from featherstone_gait.walking.inverse_kinematics import solve_leg
-from featherstone_gait.walking.motion import Motion, motion_of, read_motion
+from featherstone_gait.walking.motion import Motion, motion_of, read_motion, servo_of
 from featherstone_gait.walking.plan import BIOLOID_WALK, Plan, Walk, walking_plan
 from featherstone_gait.walking.preview_control import plan_com, preview_controller
 from featherstone_gait.walking.zero_moment_point import multibody_zmp
@@ -60,6 +60,7 @@ __all__ = [
     "read_walk",
     "references",
     "rough_field",
+    "servo_of",
     "solve_leg",
     "walk_far",
     "walking_plan",

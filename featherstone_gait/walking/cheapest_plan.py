@@ -175,9 +175,10 @@ def cheapest_plan(
     if len(counts) > 1 + len(SMALLER):
         raise ValueError(f"count has {len(counts)} numbers; give one, and up to {len(SMALLER)} for smaller boxes")
     points, trials = _spread(DRAWN * max(counts), len(PLAIN), seed), []
+    searched = searched or _in_worlds(scene)
     for where in (Box(), SLOW) if box is None else (box,):
-        search = _Search(scene, states, where, searched or _in_worlds(scene), held)
-        tried = search.tried(points, counts)
+        search = _Search(scene, states, where, searched, held)
+        tried = search.tried(points, counts, plain=where is not SLOW)
         trials += [Trial(one.walk, one.cost, one.status) for one in tried]
         best = min(tried, key=lambda one: one.cost)
         if math.isfinite(best.cost):
@@ -240,9 +241,9 @@ class _Search:
         numbers = (self.low + point * (self.high - self.low)).tolist()
         return _walk(numbers, (self.length, self.height, self.width), self.g, self.held)
 
-    def tried(self, points: np.ndarray, counts: Sequence[int]) -> list[_Tried]:
-        """The plain plan, and plans at points (n, 6) of the unit box: so many of it, and of smaller ones in it."""
-        middle, tried = np.full(len(PLAIN), 0.5), [self.attempt(self.place(PLAIN))]
+    def tried(self, points: np.ndarray, counts: Sequence[int], plain: bool) -> list[_Tried]:
+        """Plans at points (n, 6) of the unit box, so many of it and of smaller ones in it, after the plain one."""
+        middle, tried = np.full(len(PLAIN), 0.5), [self.attempt(self.place(PLAIN))] if plain else []
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
             for n, share in zip(counts, (1.0, *SMALLER)):
                 where = np.clip(middle + share * (points - 0.5), 0.0, 1.0)

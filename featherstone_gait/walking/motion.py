@@ -94,8 +94,12 @@ def servo_of(path: FilePath) -> str | None:
     A CSV does not say, nor do files of version 0.1.  Raises ValueError, naming the file, for one that is damaged.
     """
     path = path_of("path", path)
-    arrays = read_arrays(path, ARRAYS) if path.suffix == ".npz" else {}
-    return str(arrays["servo"]) or None if "servo" in arrays else None
+    found = read_arrays(path, ARRAYS).get("servo") if path.suffix == ".npz" else None
+    if found is None:
+        return None
+    if found.ndim or found.dtype.kind != "U":
+        raise ValueError(f"{path}: servo is {found!r}; expected a text: take an undamaged copy, or make it anew")
+    return str(found) or None
 
 
 def _period(path: Path, angles: np.ndarray) -> int:
