@@ -379,6 +379,7 @@ def _balanced() -> Iterator[Call]:
     file: dict[str, Any] = {"path": "walk.npz", "joint_names": names}
     yield Call("read_motion", walking.read_motion, file | {"first": False})
     yield Call("read_walk", walking.read_walk, file)
+    yield Call("servo_of", walking.servo_of, {"path": "walk.npz"})
     walk = walking.read_walk(**file)
     assert isinstance(walk, walking.BalancedWalk)
     yield Call("add_feedback", walking.add_feedback, {"path": "walk.npz", "walk": walk})
