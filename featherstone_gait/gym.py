@@ -26,6 +26,19 @@ from .run.session import Session
 from .run.simulate import standing_state
 from .worlds import Worlds
 
+__all__ = [
+    "Push",
+    "PushVector",
+    "RobotEnv",
+    "RobotVectorEnv",
+    "Settings",
+    "Stand",
+    "StandVector",
+    "Task",
+    "Walk",
+    "WalkVector",
+]
+
 try:
     import gymnasium
     from gymnasium import spaces
@@ -43,7 +56,7 @@ Step = tuple[Any, Any, Any, Any, dict[str, Any]]
 
 
 class Settings(TypedDict, total=False):
-    """What else an environment is given, by name: see `RobotEnv`."""
+    """What else an environment is given, by name: see `RobotEnv.__init__`, which has the defaults too."""
 
     worlds: Worlds | None
     angles: ArrayLike | None
@@ -141,7 +154,13 @@ class _Robots:
 
 
 class RobotEnv(gymnasium.Env):
-    """One robot; see `Stand`, `Walk` and `Push`."""
+    """One robot; see `Stand`, `Walk` and `Push`.
+
+    Actions are (n,), numbers from -1 to 1 for its n joints; what is beyond counts as -1 or 1.  Observations are
+    (2 n + 10,): the joints' angles from standing [rad or m] and their speeds, the direction of gravity (3,) and the
+    angular velocity [rad/s] in the base's axes, the base's velocity [m/s] and its height over that of standing [m].
+    Info has time [s], place along x [m] and tilt [rad] of the base.
+    """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
     task = Task()
@@ -155,8 +174,8 @@ class RobotEnv(gymnasium.Env):
 
         angles: of the joints, standing, zero if None; scale: what an action of 1 adds to these [rad or m], 0.3; ticks
         of the controller that an action stands for, 2; duration of an episode [s], 10; servos: "mipsd", "rotor" or
-        "standard", of a robot that is no scene.  Raises ValueError for robots that do not
-        stand and settings out of range.
+        "standard", of a robot that is no scene; render_mode: None, for nothing is drawn.  Raises ValueError for robots
+        that do not stand and settings out of range, TypeError for settings that are not known.
         """
         self.render_mode = None
         self._robots = _Robots(robot, self.task, settings)
@@ -166,7 +185,7 @@ class RobotEnv(gymnasium.Env):
         self._session: Session | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode; see Gymnasium."""
+        """Begin an episode; return what is observed (2 n + 10,), and info; see Gymnasium."""
         super().reset(seed=seed)
         world = 0 if self._worlds is None else int(self.np_random.integers(len(self._worlds)))
         if world not in self._sessions:
@@ -180,7 +199,10 @@ class RobotEnv(gymnasium.Env):
         return self._robots.observation(seen)[0], self._info(seen)
 
     def step(self, action: Any) -> Step:
-        """Go on under an action; see Gymnasium."""
+        """Go on under an action (n,); return what is observed, reward, terminated, truncated and info; see Gymnasium.
+
+        Raises ValueError before the first `reset`, and for an action of another shape or that is not finite.
+        """
         if self._session is None:
             raise ValueError("step: no episode has begun; call reset first")
         robots, session = self._robots, self._session
@@ -204,7 +226,11 @@ class RobotEnv(gymnasium.Env):
 
 
 class RobotVectorEnv(VectorEnv):
-    """Many robots at once; one whose episode has ended begins the next in the step after that."""
+    """Many robots at once; one whose episode has ended begins the next in the step after that.
+
+    Actions (num_envs, n), observations (num_envs, 2 n + 10), rewards (num_envs,) and arrays in info have a row or a
+    number for each robot, as `RobotEnv` has of one.
+    """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
     task = Task()
@@ -215,7 +241,10 @@ class RobotVectorEnv(VectorEnv):
         num_envs: int = 8,
         **settings: Unpack[Settings],
     ) -> None:
-        """num_envs robots, as in the environment of one; robot k is in world k."""
+        """num_envs robots, as in the environment of one; robot k is in world k.
+
+        Raises ValueError as that one, and for fewer worlds than robots.
+        """
         self._robots = _Robots(robot, self.task, settings)
         self.num_envs = whole("num_envs", num_envs, 1, "give the number of robots")
         self.single_observation_space = self._robots.observation_space
@@ -230,7 +259,10 @@ class RobotVectorEnv(VectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode of each robot, of robot k with the seed + k, or seed[k]; see Gymnasium."""
+        """Begin an episode of each robot, of robot k with the seed + k, or seed[k]; see Gymnasium.
+
+        Raises ValueError for a list of seeds that is not one for each robot.
+        """
         if seed is None and self._draws:
             seeds: list[int | None] = [None] * self.num_envs
         elif seed is None or isinstance(seed, (int, np.integer)):
@@ -258,7 +290,10 @@ class RobotVectorEnv(VectorEnv):
         return self._session.reset(who, np.array(firsts))
 
     def step(self, actions: Any) -> Step:
-        """Go on under actions (n, joints); see Gymnasium."""
+        """Go on under actions (num_envs, n); see Gymnasium.
+
+        Raises ValueError before the first `reset`, and for actions of another shape or that are not finite.
+        """
         if not self._draws:
             raise ValueError("step: no episode has begun; call reset first")
         robots, session, new = self._robots, self._session, self._ended.copy()

@@ -72,6 +72,19 @@ from .walking.worth import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+__all__ = [
+    "AMPLITUDE",
+    "BASELINES",
+    "main_job",
+    "optimize_gait",
+    "optimize_with_limits",
+    "plot_angles",
+    "plot_convergence",
+    "summary",
+    "walking_cost",
+    "write_results",
+]
+
 REPORT = Format("gait report")
 AMPLITUDE = math.radians(1.0)  # of the search [rad]; see above
 MAX_MISS = 20
@@ -124,11 +137,14 @@ def optimize_gait(
 ) -> OptimizeResult:
     """Search for a cheaper gait than that of `cost`, within the joints' limits; return the result of `search.minimize`.
 
-    `cost`: in one world, or in several at once (`walking.in_worlds`).
+    `cost`: in one world, or in several at once (`walking.in_worlds`); `iterations`: how many candidates are tried;
+    `amplitude`: of their perturbations [rad].  Of the result x (D,) is the best gait's vector [rad], for
+    `cost.gait.from_vector`, and fun its cost [J/m], infinite if no gait walks.
 
     `how`: its other arguments, history, resume, progress and callback among them.  The result depends on seed and
     settings alone, not on the machine's load or number of cores; but for nfev, wasted and what is added here:
-    occupancy, the share of the lane-steps that a candidate was in (nan with servos that are not sampled).
+    occupancy, the share of the lane-steps that a candidate was in (nan with servos that are not sampled).  Raises as
+    `search.minimize`.
     """
     occupancy = [math.nan]
     if streams(cost.scene):
@@ -148,7 +164,11 @@ def optimize_with_limits(
 
     The descent (`walking.descent`) begins with the cheapest candidate that walks where runs whose speeds ring are
     repeated.  The result is that of `optimize_gait` with the gaits that its steps end with in history; added are
-    limited, its own result, and since, the place of its first gait.  `how`: seed, resume and progress.
+    limited, its own result, and since, the place of its first gait.  Both are left out if the first half is
+    interrupted or finds nothing that walks, or `iterations` is 0.
+
+    `watch`: measures what the limits are of; `history`: a file of JSON lines, the second half's is beside it; `how`:
+    seed, resume and progress.  Raises as `optimize_gait`.
     """
     first = optimize_gait(cost, iterations=iterations // 2, history=history, **how)
     steps = (iterations - first.nit - 1) // WORK
@@ -599,7 +619,9 @@ def write_results(
 ) -> dict[str, Path]:
     """Write arrays, plots, animation and the motion for the real robot; return the files by kind, with the report's.
 
-    servo: that took the place of the robot's own, as of `servo_of`.
+    stem: path of the files without their endings, in a folder that exists; result: what `optimize_gait` returns; servo:
+    that took the place of the robot's own, as of `servo_of`.  The report and its page, of the kinds "report" and
+    "page", are named and not written: `main_job` does that.  Raises OSError if a file cannot be written.
     """
     endings = {
         "report": ".json", "arrays": ".npz", "convergence": "_convergence.png", "angles_plot": "_angles.png",
@@ -628,7 +650,10 @@ def write_results(
 
 
 def summary(report: dict) -> str:
-    """The report as a table to read."""
+    """The report as a table to read.
+
+    report: what `main_job` returns, or its JSON file holds.
+    """
     search, sides = report["search"], (report["before"], report["after"])
     before, after = (side | {"finer_cost": side["at_a_quarter_of_the_step"]["cost"]} for side in sides)
     elsewhere = report["elsewhere"]
@@ -760,7 +785,10 @@ def _settings(cost: WalkingCost, iterations: int, seed: int, worlds: int) -> dic
 
 @look()
 def plot_convergence(result: OptimizeResult) -> Figure:
-    """Cost of every candidate and the best so far; from where a search keeps to limits on, anew."""
+    """Cost of every candidate and the best so far [J/m]; from where a search keeps to limits on, anew.
+
+    result: of `optimize_gait` or `optimize_with_limits`, in which some gait walks.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.0, 4.0), layout="constrained")
@@ -779,7 +807,10 @@ def plot_convergence(result: OptimizeResult) -> Figure:
 
 @look()
 def plot_angles(cost: WalkingCost, first: np.ndarray, best: np.ndarray) -> Figure:
-    """The joint angles of a stride, before and after, with the poses."""
+    """The joint angles of a stride [deg], before and after, with the poses.
+
+    first, best: gait vectors (D,) [rad], as of `cost.gait.to_vector()`.
+    """
     from matplotlib.figure import Figure
 
     names, n = cost.gait.joint_names, len(cost.gait.joint_names)

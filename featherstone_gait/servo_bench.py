@@ -53,6 +53,21 @@ from .worlds import FIELDS, Worlds, servo_with
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+__all__ = [
+    "BENCHES",
+    "MODELS",
+    "STS3250",
+    "XL330",
+    "Bench",
+    "BenchRecording",
+    "Parameter",
+    "ServoFit",
+    "fit_servo",
+    "leave_out",
+    "plot_rollouts",
+    "read_bench",
+]
+
 FORMAT = Format("servo recording")
 COLUMNS = ("time_s", "angle_rad", "goal_rad", "supply_v", "torque_on")  # of a recording; others are passed over
 # Of simulation and firmware [s].  Steps of 1 and 0.5 ms change the error of a recording of the XL330 by at most 0.5 and
@@ -183,7 +198,8 @@ def read_bench(
     """Read a CSV with the columns time_s, angle_rad, goal_rad, supply_v and torque_on; others are passed over.
 
     gain: kp of the firmware; None takes it from a name like xl330_kp400_lift.csv.  mass [kg], length [m]: those of the
-    bench where not given.  Raises ValueError, naming file, line and column, on anything that is not such a table.
+    bench where not given.  Raises ValueError, naming file, line and column, on anything that is not such a table, and
+    OSError if the file cannot be read.
     """
     path = path_of("path", path)
     instance("bench", bench, Bench, f"give one of {', '.join(BENCHES)} in BENCHES")
@@ -260,7 +276,7 @@ class ServoFit:
         return servo_with(_SERVO, _numbers_of(self.bench, self.recordings[0], self.values | self.held).servos)
 
     def predict(self, recordings: Sequence[BenchRecording]) -> list[np.ndarray]:
-        """Simulated angles of other recordings, at their times [rad]."""
+        """Simulated angles (k,) of other recordings, at their times [rad]."""
         return _Rollouts(self.bench, recordings)([self.values | self.held])[0]
 
     def correlated(self, most: int = 3) -> list[tuple[str, str, float]]:
@@ -383,8 +399,9 @@ def leave_out(
 ) -> dict[object, tuple[ServoFit, list[np.ndarray], np.ndarray]]:
     """Of each group of recordings: the fit to all others, the angles it predicts, and their mean absolute errors [rad].
 
-    by: what tells the groups; their gain, or their motion.  options: those of `fit_servo`.  Raises ValueError where
-    there are less than two.
+    by: what tells the groups, by default their gain; their motion, for another.  options: those of `fit_servo`.  Of
+    each group, by what `by` gives, come the fit, a list of angles (k,) at the times of its recordings, and errors
+    (recordings,).  Raises ValueError where there are less than two groups, and as `fit_servo`.
     """
     recordings = _checked(recordings, bench)
     groups = sorted({by(r) for r in recordings}, key=str)
@@ -601,7 +618,10 @@ class _Residuals:
 
 @look()
 def plot_rollouts(recordings: Sequence[BenchRecording], angles: Sequence[np.ndarray]) -> Figure:
-    """Goal, recorded and simulated angle of each recording [deg], and below the simulated less the recorded one."""
+    """Goal, recorded and simulated angle of each recording [deg], and below the simulated less the recorded one.
+
+    angles: (k,) of each recording, at its times [rad], as in `ServoFit` and of its `predict`.
+    """
     from matplotlib.figure import Figure
 
     columns = min(4, len(recordings))

@@ -22,3 +22,17 @@ from .in_mujoco import standing as standing
 from .run import crosscheck as crosscheck
 from .run import summary as summary
 from .run import verdict as verdict
+
+__all__ = [  # the others are those of `featherstone_gait.walking`
+    "FLOORS",
+    "Floor",
+    "Outcome",
+    "Walk",
+    "crosscheck",
+    "replay",
+    "sinking",
+    "standing",
+    "summary",
+    "verdict",
+    "walk_on",
+]

@@ -145,7 +145,10 @@ class _Acting:
 
 
 def standing(scene: CompiledScene, angles: np.ndarray, sinking: float) -> np.ndarray:
-    """The robot (nq,) upright with joints at `angles` (n,) [rad], its lowest contact point so deep in the floor [m]."""
+    """The robot (nq,) upright with joints at `angles` (n,) [rad], its lowest contact point so deep in the floor [m].
+
+    First the base's place [m] and quaternion, then the angles [rad].  The scene has ground.
+    """
     assert scene.ground is not None
     q = standing_state(scene, angles, beyond_limits=True)[slice(*scene.part("base_q"))]
     q[2] += scene.ground.sinking - sinking
@@ -155,7 +158,8 @@ def standing(scene: CompiledScene, angles: np.ndarray, sinking: float) -> np.nda
 def sinking(scene: CompiledScene, angles: np.ndarray, floor: Floor, *, timestep: float = TIMESTEP) -> float:
     """How deep the robot's contact points are in MuJoCo's floor after a second of standing, in the mean [m].
 
-    Its servos hold `angles` (n,) [rad].  Raises ValueError for a robot that does not stand.
+    Its servos hold `angles` (n,) [rad]; timestep: MuJoCo's [s].  Raises as `replay`, and ValueError for a robot that
+    does not stand.
     """
     machine, chain = _machine(scene, floor, timestep), _chain(scene, timestep)
     _place(machine, chain, standing(scene, angles, 0.0))

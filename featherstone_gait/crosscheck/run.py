@@ -129,7 +129,7 @@ def _told(model: Model) -> str:
 
 
 def summary(report: dict[str, Any]) -> str:
-    """The rows as a table to read, and on how many floors the gait walks."""
+    """The rows as a table to read, and on how many floors the gait walks; report: what `crosscheck` returns."""
     rows = report["floors"]
     lines = [
         f"{'':10} {'':8} {'sinks':>7} | {'MuJoCo':>8} {'':>6} {'':>6} | {'here':>8} {'':>6} {'':>6}",
@@ -150,7 +150,7 @@ def _cells(walk: dict[str, Any]) -> str:
 
 
 def verdict(report: dict[str, Any]) -> str:
-    """One sentence: on how many floors, at which cost, in MuJoCo and here."""
+    """One sentence: on how many floors, at which cost, in MuJoCo and here; report: what `crosscheck` returns."""
     parts = []
     for engine, name in (("mujoco", "in MuJoCo"), ("own", "here, on ground that sinks alike,")):
         costs = [row[engine]["cost"] for row in report["floors"] if row[engine]["walks"]]

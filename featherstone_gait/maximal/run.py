@@ -179,7 +179,9 @@ def simulate(
     the shuffling of rows, which alone is random: the same seed gives the same bits; welded: joints that a constraint
     holds where they are, without servo.
     Of the energies supply, meter, copper, friction of the joints, gear and work are told.  A run that falls or diverges
-    says so in its status.  Raises ValueError for what this engine has not: see `assembled`.
+    says so in its status.  Raises ValueError for what this engine has not: joints that slide or follow others, rotors
+    on rigid gearboxes and armature, friction that depends on load, springs, pushes, a supply, and ground with steps, of
+    a height field or with rims.
     """
     return simulate_seeds(
         scene, duration, state, reference, seeds=[seed], engine=engine, record=record, sample=sample, welded=welded
@@ -198,7 +200,11 @@ def simulate_seeds(
     sample: float | None = None,
     welded: Sequence[str] = (),
 ) -> list[Trajectory]:
-    """`simulate` once for each of the seeds, over threads."""
+    """`simulate` once for each of the seeds, over threads; trajectories in the order of the seeds.
+
+    Each has the bits of `simulate` with its seed.  Raises as `simulate`, and ValueError for a seed that is no whole
+    number from 0 on.
+    """
     check_scene(scene)
     engine = Engine() if engine is None else engine
     instance("engine", engine, Engine, "give an Engine")
