@@ -192,5 +192,6 @@ def _fields(thing):
 
 
 def _signature(app, what, name, thing, options, signature, returned):
-    """Names of types as they are written."""
+    """Names of types as they are written; a default that is a lambda as `...`."""
+    signature = signature and signature.replace("<function <lambda>>", "...")
     return signature and (re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", signature), returned)

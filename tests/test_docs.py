@@ -118,7 +118,13 @@ def test_the_reference_has_an_example_of_every_public_name():
         assert shown - used - {"RobotFileWarning"} == set()  # that one is shown where warnings are, in robots.md
 
 
-@pytest.mark.parametrize("part", ["walking", "search", "study", "sensors", "identification"])
+@pytest.mark.parametrize(
+    "part",
+    [
+        "walking", "search", "study", "sensors", "identification",
+        "gym", "maximal", "optimize", "crosscheck", "servo_bench",
+    ],
+)  # fmt: skip
 def test_the_reference_shows_all_of_a_part_and_calls_its_functions(part):
     module = importlib.import_module(f"featherstone_gait.{part}")
     kinds = (inspect.isfunction, inspect.isclass)
