@@ -147,9 +147,10 @@ class _Acting:
 def standing(scene: CompiledScene, angles: np.ndarray, sinking: float) -> np.ndarray:
     """The robot (nq,) upright with joints at `angles` (n,) [rad], its lowest contact point so deep in the floor [m].
 
-    First the base's place [m] and quaternion, then the angles [rad].  The scene has ground.
+    First the base's place [m] and quaternion, then the angles [rad].  Raises ValueError for a scene without ground.
     """
-    assert scene.ground is not None
+    if scene.ground is None:
+        raise ValueError(f"{scene.model.name}: there is no ground to stand on; compile the scene with ground=Ground()")
     q = standing_state(scene, angles, beyond_limits=True)[slice(*scene.part("base_q"))]
     q[2] += scene.ground.sinking - sinking
     return np.concatenate([q, angles])

@@ -219,7 +219,7 @@ def simulate_seeds(
         ready.call(lambda *these: rollout_bodies(*these, world, work), run, y, out)
         return _told(ready, start, (y, out), work, seed)
 
-    with ThreadPoolExecutor(min(len(seeds), os.cpu_count() or 1)) as pool:
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         return list(pool.map(one, seeds)) if len(seeds) > 1 else [one(seed) for seed in seeds]
 
 
