@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -292,3 +293,15 @@ def test_friction_that_is_as_wide_as_the_robot_has_it_is_no_error():
         other = companion(scene, None, 1e-7, 1e-7)
         assert (other.scene.constants.friction is not scene.constants.friction) == softer
         assert other.share == (1.0 if softer else 0.35)
+
+
+def test_a_friction_law_from_elsewhere_is_left_as_it_is():
+    class Own(NamedTuple):
+        budget: float
+
+    scene = compile_scene(ARM, integrator="dop853")
+    scene = replace(scene, constants=scene.constants._replace(friction=Own(1.0)))
+    other = companion(scene, None, 1e-7, 1e-7)
+    assert other.scene.constants is scene.constants
+    assert other.scene.by_hand == ["friction"]
+    assert other.share == 0.35

@@ -52,9 +52,9 @@ def _width(joint: Joint, servo: Servo | None) -> float:
 def widened(rubbing: Friction | None, model: Model, driven: bool, factor: float) -> Friction | None:
     """The same, so many times as wide about rest in joints where explicit steps have it wider than the robot has.
 
-    driven: by the model's servos.  None where there is no such joint.
+    driven: by the model's servos.  None where there is no such joint, and of laws from elsewhere.
     """
-    if rubbing is None:
+    if not isinstance(rubbing, np.ndarray | GearFriction):
         return None
     table = rubbing.table if isinstance(rubbing, GearFriction) else rubbing
     servos = [model.servos.get(joint.name) if driven else None for joint in model.moving_joints]
@@ -64,7 +64,7 @@ def widened(rubbing: Friction | None, model: Model, driven: bool, factor: float)
     if not soft.any():
         return None
     wide = table.copy()
-    wide.steepness[soft] /= factor
+    wide["steepness"][soft] /= factor
     return GearFriction(wide) if isinstance(rubbing, GearFriction) else wide
 
 

@@ -76,14 +76,14 @@ def companion(scene: CompiledScene, sample: float | None, rtol: float | None, at
 @functools.lru_cache(maxsize=16)
 def _by_companion(scene: CompiledScene) -> CompiledScene:
     """The scene, with the companion's way to take its steps; one object, for it remembers its layout."""
+    other = replace(scene, method=scene.method._replace(companion=True))
     wide = None
     if scene.method.soft:
         wide = widened(scene.constants.friction, scene.model, scene.servos is not None, 2.0)
-    constants = scene.constants if wide is None else scene.constants._replace(friction=wide)
-    return replace(
-        scene, method=scene.method._replace(companion=True), constants=constants,
-        compiled=scene.compiled._replace(friction=constants.friction),
-    )  # fmt: skip
+    if wide is None:
+        return other
+    constants, compiled = (one._replace(friction=wide) for one in (scene.constants, scene.compiled))
+    return replace(other, constants=constants, compiled=compiled)
 
 
 @functools.lru_cache(maxsize=16)
