@@ -9,10 +9,13 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
-from scenes import pendulum
+from scenes import arm_scene, pendulum
 
+from featherstone_gait.build.external import Push
 from featherstone_gait.build.scene import compile_scene
+from featherstone_gait.reference import Reference
 from featherstone_gait.run import interrupt
 from featherstone_gait.run.prepared import prepare
 from featherstone_gait.run.simulate import simulate
@@ -81,6 +84,26 @@ def test_a_run_in_a_thread_of_its_own_has_the_same_bits():
     thread.start()
     thread.join()
     assert runs[0].final.tobytes() == runs[1].final.tobytes()
+
+
+@pytest.mark.parametrize("integrator", ["dop853", "ars343", "extrapolation"])
+@pytest.mark.parametrize("sampled", [True, False])
+def test_a_run_with_error_control_pauses_and_goes_on_to_the_same_bits(integrator, sampled):
+    """Pushed, on ticks and at knots, with records within the steps and at their ends."""
+    scene = arm_scene(integrator=integrator) if sampled else compile_scene(pendulum(), integrator=integrator)
+    signals = {"reference": Reference([0.0], [[0.5] * 7])} if sampled else {"tau": [0.3]}
+    pushes = [Push(scene.model.links[-1].name, (0.0, 0.1, 0.2), start=0.1, end=0.15)]
+    ready = prepare(scene, 0.3, sample=0.1, rtol=1e-5, pushes=pushes, driven=not sampled)
+    run, y, out = ready.arguments(ready.start(**signals))
+    whole = ready.kernel(run, y, out), y.copy(), out.copy()
+    run, y, out = ready.arguments(ready.start(**signals))
+    calls = 1
+    while not ready.kernel(run._replace(plan=run.plan._replace(pause=0.0)), y, out):  # after each step within a tick
+        calls += 1
+    assert whole[0]
+    assert calls > 2
+    np.testing.assert_array_equal(y, whole[1])
+    np.testing.assert_array_equal(out, whole[2])
 
 
 @pytest.mark.nojit

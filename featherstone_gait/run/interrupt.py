@@ -11,23 +11,33 @@ import os
 import queue
 import threading
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from ..core.step.context import Run
 
-Kernel = Callable[[Run, np.ndarray, np.ndarray], None]
+Kernel = Callable[[Run, np.ndarray, np.ndarray], Any]
 PATIENCE = 0.1  # [s] between looks at signals that were delivered to another thread
 
 
 _jobs: list[queue.SimpleQueue] = []  # of the thread, if it is there
 
 
+def compiled(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray) -> None:
+    """Call the kernel for no step at all, which costs less than to ask whether it has been compiled for these types.
+
+    In the main thread Ctrl-C ends its compiling too.
+    """
+    kept = y.copy()
+    kernel(run._replace(plan=run.plan._replace(steps=0)), y, out[:1])
+    y[...] = kept
+
+
 def call_interruptibly(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray) -> None:
-    """Call the kernel; in the main thread, what is raised meanwhile (KeyboardInterrupt) ends it within a step."""
+    """Call a compiled kernel; in the main thread what is raised meanwhile, by Ctrl-C, ends it within a step."""
     if threading.current_thread() is not threading.main_thread():
         return kernel(run, y, out)
-    _compile(kernel, run, y, out)  # here, where Ctrl-C ends that too
     failures: list[BaseException] = []
     done = threading.Event()
 
@@ -70,10 +80,3 @@ def _work(jobs: queue.SimpleQueue) -> None:
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_jobs.clear)
-
-
-def _compile(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray) -> None:
-    """Call the kernel for no step at all, which costs less than to ask whether it has been compiled for these types."""
-    kept = y.copy()
-    kernel(run._replace(plan=run.plan._replace(steps=0)), y, out[:1])
-    y[...] = kept

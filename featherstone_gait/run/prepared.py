@@ -31,14 +31,14 @@ from ..core.effects.controller import PID_SPEED
 from ..core.integrate.adaptive import rollout_adaptive
 from ..core.integrate.integrator import Sizes
 from ..core.integrate.rollout import DIVERGED, FELL, OK, TOO_COSTLY, TOO_SMALL, rollout_lanes, rollout_one
-from ..core.step import state
+from ..core.step import pace, state
 from ..core.step.context import Plan, Run, Scene
 from ..core.step.program import DONE, FIRST, OFFSET
 from ..core.step.signals import Knots, Signals
 from ..reference import Reference
 from ..trajectory import Trajectory
 from .differing import has_varying, of_own_lanes, put, structure, together
-from .interrupt import Kernel, call_interruptibly
+from .interrupt import Kernel, call_interruptibly, compiled
 from .program import CompiledController
 from .start import check_quaternion, check_scene, initial_state
 
@@ -47,6 +47,7 @@ Zeros = Callable[[int | tuple[int, ...]], np.ndarray]
 LEAST_STEP = 1e-9  # of error control [s]
 BUDGET, BUDGET_RATE = 2e6, 2e4  # of its steps, with those rejected: minutes of computing, and as many a second more
 INTERRUPTIBLE = 3e5  # steps by velocities: some 0.1 s of computing, from which on a run looks for Ctrl-C
+PAUSE = 3e4  # evaluations by velocities: some 10 ms, after which one with error control does
 MOST_STEPS = 10**9  # of a run: hours
 MOST_NUMBERS = 2**28  # that a run records: 2 GiB
 MOST_KNOTS = 1e8  # of a signal, at which steps of error control end
@@ -226,7 +227,11 @@ class Prepared:
 
     def call(self, kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray) -> None:
         """Call the kernel; KeyboardInterrupt where `stop` has ended the run, as Ctrl-C in the main thread does."""
-        if self.scene.adaptive or run.plan.steps * self.scene.model.nv > INTERRUPTIBLE:
+        if self.scene.adaptive:
+            if not kernel(self._pausing(run, y), y, out):
+                call_interruptibly(kernel, run, y, out)
+        elif run.plan.steps * self.scene.model.nv > INTERRUPTIBLE:
+            compiled(kernel, run, y, out)
             call_interruptibly(kernel, run, y, out)
         else:
             kernel(run, y, out)
@@ -234,6 +239,11 @@ class Prepared:
             raise KeyboardInterrupt
         if self.controller is not None:
             self.controller.check(run.signals.program)
+
+    def _pausing(self, run: Run, y: np.ndarray) -> Run:
+        """The run, up to where it pays to hand it to the thread that Ctrl-C ends."""
+        done = y[self.scene.part("pace")[0] + pace.EVALUATIONS]
+        return run._replace(plan=run.plan._replace(pause=float(done) + PAUSE / max(self.scene.model.nv, 1)))
 
     def _check_alike(self, starts: Sequence[Start]) -> None:
         name = self.scene.model.name

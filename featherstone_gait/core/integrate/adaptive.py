@@ -9,7 +9,7 @@ from ..compile.jit import entry, inline
 from ..compile.shared import read_now
 from ..effects.actuator import controller_of
 from ..effects.push import AHEAD, next_edge
-from ..step.pace import PACE, REJECTED, SINCE, STEPS, UNTIL
+from ..step.pace import EVALUATIONS, EVENT, GRID, INSIDE, NEXT, PACE, REJECTED, SINCE, STEPS, UNTIL
 from ..step.signals import next_knot, time_of
 from ..tree.coupling import follow
 from .integrator import begin_interval, begin_run, ends_on_records, record_within, take_adaptive_step
@@ -18,32 +18,47 @@ from .rollout import TOO_COSTLY, TOO_SMALL, between, inspect, record, tick
 
 @entry
 def rollout_adaptive(run, y, out):
-    """Run the scene; out (samples, channels) takes y[run.channels] every plan.per_sample grid steps of plan.h."""
+    """Run the scene; out (samples, channels) takes y[run.channels] every plan.per_sample grid steps of plan.h.
+
+    Returns whether the run has ended; one that has paused goes on, to the same bits, when called with the same again.
+    """
     plan, o, pace = run.plan, run.places[0], run.work.pace
-    for i in range(len(run.good)):
-        run.good[i] = y[i]
-    for i in range(PACE):
-        pace[i] = y[o.pace + i]
-    most = pace[STEPS] + pace[REJECTED] + plan.budget
-    begin_run(run.work, run)
-    k, dead = 0, inspect(run, time_of(plan, 0), y)
+    most = y[o.pace + STEPS] + y[o.pace + REJECTED] + plan.budget
+    k, dead, paused = int(pace[GRID]) - 1, False, pace[GRID] > 0.0
+    if not paused:
+        k, dead = 0, _begin(run, y)
     while True:
-        if k % plan.per_tick == 0 and k < plan.steps:
-            tick(controller_of(run.scene.actuator), run, k, time_of(plan, k), y)
-        elif k < plan.steps:
-            between(run.scene.firmware.delay, run, k, y)
-        if k % plan.per_sample == 0:
-            record(run, y, k // plan.per_sample, out)
-        if k == plan.steps or dead:
-            break
+        if not paused:
+            if k % plan.per_tick == 0 and k < plan.steps:
+                tick(controller_of(run.scene.actuator), run, k, time_of(plan, k), y)
+            elif k < plan.steps:
+                between(run.scene.firmware.delay, run, k, y)
+            if k % plan.per_sample == 0:
+                record(run, y, k // plan.per_sample, out)
+            if k == plan.steps or dead:
+                break
         end = _end(controller_of(run.scene.actuator), ends_on_records(run.work), plan, k)
         end = _end_of_delay(run.scene.firmware.delay, plan, k, end)
         dead = _cross(run, y, k, end, most, out)
-        k = end
+        if pace[GRID] > 0.0:
+            return False
+        k, paused = end, False
     for i in range(PACE):
         y[o.pace + i] = pace[i]
     for m in range(k // plan.per_sample + 1, len(out)):  # a run that ended early stays at its last state
         record(run, y, m, out)
+    return True
+
+
+@inline
+def _begin(run, y):
+    """Take up the state; return whether it is none to begin from."""
+    for i in range(len(run.good)):
+        run.good[i] = y[i]
+    for i in range(PACE):
+        run.work.pace[i] = y[run.places[0].pace + i]
+    begin_run(run.work, run)
+    return inspect(run, time_of(run.plan, 0), y)
 
 
 @inline
@@ -71,9 +86,12 @@ def _end_of_delay(delay, plan, k, end):
 def _cross(run, y, k, end, most, out):
     """Step from grid step k to `end`, but not beyond `most` steps; return whether the run has ended."""
     plan, pace = run.plan, run.work.pace
-    t, done, until = time_of(plan, k), 0.0, 0.0
+    t = time_of(plan, k)
     length = time_of(plan, end) - t
-    next_record = k // plan.per_sample + 1
+    done, until, next_record = 0.0, 0.0, k // plan.per_sample + 1
+    if pace[GRID] > 0.0:
+        done, until, next_record = pace[INSIDE], pace[EVENT], int(pace[NEXT])
+        pace[GRID] = 0.0
     while done < length:
         if done >= until:
             until = _next_event(run, t, done, length)
@@ -99,6 +117,9 @@ def _cross(run, y, k, end, most, out):
             return True
         if read_now(run.stop) != 0:
             return True
+        if pace[EVALUATIONS] >= plan.pause and done < length:
+            pace[GRID], pace[INSIDE], pace[EVENT], pace[NEXT] = k + 1.0, done, until, next_record
+            return False
     return False
 
 

@@ -53,6 +53,7 @@ class Plan(NamedTuple):
     least_step: float = 0.0  # [s]
     companion: bool = False  # to ten times the tolerance of another run, whose error it is to tell
     budget: float = math.inf  # steps, with those rejected, after which the run ends as too costly
+    pause: float = math.inf  # evaluations after which the kernel returns, to be called again
     integrated: int = 0  # how much of the state changes between ticks
     # Of a run that goes on: its grid step k is at the time offset + (first + k) h.
     first: int = 0  # steps taken before

@@ -14,7 +14,12 @@ PACE = 6  # of these a state keeps
 # The interval between two events, within which pushes and signals are smooth [s].
 SINCE = 6
 UNTIL = 7
-PACE_SCRATCH = 8
+# Of a run that has paused: where it goes on.
+GRID = 8  # grid step at which the interval began, plus 1; 0 of a run that has not paused
+INSIDE = 9  # time since [s]
+EVENT = 10  # at which the smooth part of the interval ends, by that clock [s]
+NEXT = 11  # record
+PACE_SCRATCH = 12
 
 
 @inline
