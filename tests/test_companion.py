@@ -46,6 +46,20 @@ def test_the_true_error_lies_near_the_one_that_is_told(free):
             assert told < 10.0 * true
 
 
+@pytest.mark.parametrize(("reach", "share"), [(0.005, 1.0), (3.0, 0.35)])
+def test_where_stops_decide_the_steps_the_whole_difference_is_told(reach, share):
+    """Between two stops that are near, and between those that it never meets."""
+    scene = compile_scene(pendulum(lower=-reach, upper=reach, damping=0.0), integrator="dop853")
+    run = simulate(scene, 1.0, initial_state(scene, [0.0], [5.0]))
+    other = companion(scene, None, run.info["rtol"], run.info["atol"])
+    coarse = simulate(
+        other.scene, 1.0, initial_state(scene, [0.0], [5.0]), rtol=other.rtol, atol=other.atol, estimate_error=False
+    )
+    difference = np.abs(run["q"] - coarse["q"])
+    assert difference.max() > 1e-9
+    np.testing.assert_allclose(run.error["q"], share * difference, atol=1e-12)
+
+
 @pytest.mark.long
 def test_a_run_beyond_prediction_says_so_and_since_when(free):
     run = simulate(free, 6.0, thrown(free, 1.5))

@@ -4,6 +4,8 @@ With error control it is to `COARSER` times the tolerance.  Where the tolerance 
 companion are so many times as large, and the difference of both is some nine errors of the run.  Kinks and chaos leave
 less between them; hence a larger `SHARE` of it than a ninth is taken for the error.  Where ticks or records end the
 steps before the tolerance does, `ars343` takes two of the companion's for one, and the difference is most of the error.
+Where kinks and not the tolerance decide the steps, so that many are rejected, errors fall by little from one tolerance
+to the next, and all of the difference is taken.
 
 At a fixed step h it takes steps of 2 h: of order p the difference is 2^p - 1 errors of the run.  Kinks leave less of
 any order: an error that falls with the root of h is 2.4 differences.  So of order 1 twice the difference is taken, of
@@ -34,7 +36,8 @@ from .verdict import beyond_stability
 
 COARSER = 10.0  # tolerance of the companion, by the run's
 SHARE = 0.35  # of the difference, that is taken for the error
-WHOLE_OF_IT = 1.0  # where the companion has wider friction
+WHOLE_OF_IT = 1.0  # where the companion has wider friction, or many steps are rejected
+MANY = 0.5  # of those taken; some 0.1 are of a smooth motion
 OF_TWICE, OF_HALF = {1: 2.0, 2: 0.5}, 2.0  # of a step of 2 h, by order, others `OF_HIGHER`; of h / 2
 OF_HIGHER = 0.38
 ROUNDING = 1e-13  # of the values, below which no error is told
@@ -100,6 +103,8 @@ def accounted(run: Trajectory, other: Trajectory, share: float, record: Sequence
     """
     if run.status in WHOLE and other.status in WHOLE:
         other = replace(other, status=run.status)
+    if run.info.get("rejected_steps", 0) > MANY * run.info.get("steps", 0):
+        share = max(share, WHOLE_OF_IT)
     told = with_error(run, other, share)
     error = {name: e + ROUNDING * np.abs(run[name]) for name, e in (told.error or {}).items()}
     run = judged(replace(run, error=error))
