@@ -1,6 +1,7 @@
 """The error that a companion tells of each run, and what is said of a run that it shows wrong."""
 
 import math
+import operator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -58,6 +59,19 @@ def test_where_stops_decide_the_steps_the_whole_difference_is_told(reach, share)
     difference = np.abs(run["q"] - coarse["q"])
     assert difference.max() > 1e-9
     np.testing.assert_allclose(run.error["q"], share * difference, atol=1e-12)
+
+
+def test_impacts_that_a_fixed_step_cuts_short_are_seldom_passed_as_right():
+    """A pendulum thrown between stops: a second opinion that is in order may overrule the first, another may not."""
+    model, speeds = pendulum(lower=-0.3, upper=0.5), np.linspace(0.5, 12.0, 47)
+    euler, exactly = (compile_scene(model, integrator=name) for name in ("implicit_euler", "dop853"))
+    runs = simulate_batch(euler, 1.0, [initial_state(euler, [0.0], [v]) for v in speeds])
+    exact = simulate_batch(exactly, 1.0, [initial_state(exactly, [0.0], [v]) for v in speeds], rtol=1e-11, sample=0.01)
+    wrong = [np.abs(run["qd"] - true["qd"]).max() > 0.1 * np.abs(true["qd"]).max() for run, true in zip(runs, exact)]
+    passed = [run.ok for run in runs]
+    assert sum(wrong) > 15
+    assert sum(passed) > 15
+    assert sum(map(operator.and_, wrong, passed)) <= 2
 
 
 @pytest.mark.long

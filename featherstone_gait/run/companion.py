@@ -8,11 +8,12 @@ Where kinks and not the tolerance decide the steps, so that many are rejected, e
 to the next, and all of the difference is taken.
 
 At a fixed step h it takes steps of 2 h: of order p the difference is 2^p - 1 errors of the run.  Kinks leave less of
-any order: an error that falls with the root of h is 2.4 differences.  So of order 1 twice the difference is taken, of
-order 2 a half, of order 4 0.38, with which a smooth run looks six times as wrong as it is.  Where 2 h does not fit
-between ticks or records, or is no longer stable, it takes steps of h / 2, and the error is twice the difference; so
-does a second one, which a run that the first calls inaccurate is given before that is believed: on stiff stops errors
-grow faster than any power of h.
+any order: an error that falls with the root of h is 2.4 differences, which are taken of order 1; of order 2 a half, of
+order 4 0.38, with which a smooth run looks six times as wrong as it is.  Where 2 h does not fit between ticks or
+records, or is no longer stable, it takes steps of h / 2, and the error is twice the difference; so does a second one,
+which a run that the first calls inaccurate is given before that is believed: on stiff stops errors grow faster than any
+power of h.  Where of order 1 its difference is not half of the first one's, kinks may hide in both, and the error is
+3.4 times the difference, as if it fell with the root of h.
 
 `dop853` cannot have dry friction as steep as it is, and has it over some width about rest.  Its companion has it over
 twice that width: if the effect of the width is in proportion to it, the difference is all of that effect.
@@ -22,7 +23,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -38,8 +39,10 @@ COARSER = 10.0  # tolerance of the companion, by the run's
 SHARE = 0.35  # of the difference, that is taken for the error
 WHOLE_OF_IT = 1.0  # where the companion has wider friction, or many steps are rejected
 MANY = 0.5  # of those taken; some 0.1 are of a smooth motion
-OF_TWICE, OF_HALF = {1: 2.0, 2: 0.5}, 2.0  # of a step of 2 h, by order, others `OF_HIGHER`; of h / 2
+OF_TWICE, OF_HALF = {1: 2.4, 2: 0.5}, 2.0  # of a step of 2 h, by order, others `OF_HIGHER`; of h / 2
 OF_HIGHER = 0.38
+OF_ROOT = 3.4  # of h / 2, where the error may fall with the root of h
+ORDERLY = 0.05  # by how much the share that halving the step leaves of a difference may be off a half
 ROUNDING = 1e-13  # of the values, below which no error is told
 LIMIT = 1e-3  # of angles [rad] and positions [m]: beyond it a run is inaccurate
 FIXED_LIMIT = 1e-2  # the same at fixed steps, which are chosen by name
@@ -126,18 +129,37 @@ def judged(run: Trajectory) -> Trajectory:
     return replace(run, status="inaccurate", message=wrong)
 
 
-def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> str | None:
-    """What is wrong with a run whose error is beyond the limit, from the first record on where it is."""
-    found = []
+def share_of_half(run: Trajectory, coarse: Trajectory, fine: Trajectory, order: int) -> float:
+    """Of the difference to the run in half the steps, that is the error; coarse: the run in twice the steps."""
+    if order != 1:
+        return OF_HALF
+    far, near = (_farthest(with_error(run, other, 1.0)) for other in (coarse, fine))
+    return OF_HALF if abs(near - 0.5 * far) < ORDERLY * far else OF_ROOT
+
+
+def _farthest(run: Trajectory) -> float:
+    """The largest error by its limit."""
+    return max(float(error.max()) / limit for _, error, limit, _ in _limited(run, run.error or {}))
+
+
+def _limited(run: Trajectory, errors: dict[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray, float, str]]:
+    """Of the coordinates that have any: name, error, its limit and unit."""
     largest = LIMIT if "rtol" in run.info else FIXED_LIMIT
     for name, unit in (("q", "rad or m"), ("base_q", "m or -"), ("qd", "rad/s or m/s"), ("base_qd", "m/s or rad/s")):
-        if name in error and error[name].size:
+        if name in errors and errors[name].size:
             limit = largest
             if name.endswith("qd"):
                 limit *= SPEED_LIMIT * max(float(np.abs(run[name]).max()), 1.0)
-            beyond = (error[name] > limit).any(axis=1)
-            if beyond.any():
-                found.append((int(beyond.argmax()), name, limit, unit))
+            yield name, errors[name], limit, unit
+
+
+def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> str | None:
+    """What is wrong with a run whose error is beyond the limit, from the first record on where it is."""
+    found = []
+    for name, errors, limit, unit in _limited(run, error):
+        beyond = (errors > limit).any(axis=1)
+        if beyond.any():
+            found.append((int(beyond.argmax()), name, limit, unit))
     if not found:
         return None
     k, name, limit, unit = min(found)

@@ -29,7 +29,7 @@ from ..reference import Reference
 from ..trajectory import Trajectory, with_error
 from ..worlds import Worlds
 from .batch import drive_lanes, family, run_all, streams
-from .companion import OF_HALF, Companion, accounted, companion, judged
+from .companion import Companion, accounted, companion, judged, share_of_half
 from .lane_engine import Source
 from .prepared import Prepared, Start, coordinates, each_once, prepare, recorded, with_tolerance
 from .program import CompiledController
@@ -262,7 +262,8 @@ def _accompanied(
     part, surer = batch.of(doubtful), [others[k] for k in doubtful]
     finer = simulated(part._replace(cases=_in_place(part.cases, surer, True)), more)
     for k, fine in zip(doubtful, finer):
-        told[k] = dataclasses.replace(accounted(runs[k], fine, OF_HALF, record), companion=told[k].companion)
+        share = share_of_half(runs[k], coarse[k], fine, batch.cases[k].scene.method.order)
+        told[k] = dataclasses.replace(accounted(runs[k], fine, share, record), companion=told[k].companion)
     return told
 
 
