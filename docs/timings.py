@@ -11,10 +11,12 @@ from __future__ import annotations
 import argparse
 import functools
 import json
+import os
 import queue
 import shutil
 import statistics
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -119,6 +121,80 @@ def solver() -> Iterable[str]:
     yield f"200 walks: {_once(lambda: walk(FULL, planned, Setting(SERVOS[0], 1e-3), 200)):.3g} s"
 
 
+FIRST_VERSION = "02eaa39"  # the last commit of version 0.1
+CALLS = """
+import json, math, statistics, sys, time, warnings
+from dataclasses import replace
+from featherstone_gait import Ground, Reference, compile_scene, initial_state, load_robot, simulate
+
+def free(joint):
+    kind = "continuous" if joint.type == "revolute" else joint.type
+    return joint if joint.type == "fixed" else replace(joint, type=kind, lower=-math.inf, upper=math.inf)
+
+warnings.simplefilter("ignore")
+told = []
+for robot, locked, servos, ground, stops, q, target in json.load(sys.stdin):
+    try:
+        model = load_robot(robot, locked=locked)
+        model = model if stops else replace(model, joints=tuple(map(free, model.joints)))
+        scene = compile_scene(model, servos, Ground() if ground else None)
+        state = initial_state(scene, q)
+    except Exception:  # another version's errors
+        told.append(None)
+        continue
+    reference = None if target is None else Reference([0.0], [target])
+    simulate(scene, 1.0, state, reference)
+    times = []
+    while len(times) < 9 and sum(times) < 0.5:
+        start = time.process_time()
+        simulate(scene, 1.0, state, reference)
+        times.append(time.process_time() - start)
+    told.append(statistics.median(times))
+print(json.dumps(told))
+"""
+
+
+def first_version() -> Iterable[str]:
+    """Calls that name nothing, by those of version 0.1, which told no error; of what both read (docs/accuracy.md)."""
+    import numpy as np
+
+    from featherstone_gait.benchmark.default_scenes import posture
+    from featherstone_gait.benchmark.robots import folders, published
+
+    published_robots: list[tuple] = []
+    for _, model in published(folders(), []):
+        try:
+            q = posture(compile_scene(model), model.name).tolist()
+        except ValueError:
+            continue
+        base = [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
+        published_robots += [(str(model.source), None, None, False, stops, base + q, None) for stops in (True, False)]
+    rng = np.random.default_rng(0)
+    servos: list[tuple] = [("humanoid", "simplified", "mipsd", True, True, None, None)]
+    for kind in ("mipsd", "rotor", "standard"):
+        for robot, n in (("ax12_arm", 1), ("arm7", 7)):
+            targets = rng.uniform(-0.8, 0.8, (4, n)).tolist()
+            servos += [(robot, None, kind, False, True, [0.0] * n, target) for target in targets]
+    root = Path(__file__).parents[1]
+    with tempfile.TemporaryDirectory() as old:
+        archive = subprocess.run(["git", "archive", FIRST_VERSION], cwd=root, capture_output=True)
+        if archive.returncode:
+            raise SystemExit(f"first_version: {root} has no commit {FIRST_VERSION}; clone the repository whole")
+        subprocess.run(["tar", "-x", "-C", old], input=archive.stdout, check=True)
+        for name, calls in (("published robots", published_robots), ("servos and the humanoid standing", servos)):
+            before, now = (_timed_calls(calls, path) for path in (Path(old), root))
+            ratios = [b / a for a, b in zip(before, now) if a and b]
+            yield f"{name}: " + _told(ratios, 1.0, "times")
+
+
+def _timed_calls(calls: list[tuple], package: Path) -> list[float | None]:
+    """Of each call in a process of its own version [s]; None where it does not read the robot."""
+    environment = os.environ | {"PYTHONPATH": str(package)}
+    run = subprocess.run([sys.executable, "-c", CALLS], input=json.dumps(calls), env=environment, cwd=package,
+                         capture_output=True, text=True, check=True)  # fmt: skip
+    return json.loads(run.stdout)
+
+
 FRAMES = """<script>addEventListener("load", () => {
   const gaps = [];
   let last = 0;
@@ -186,7 +262,7 @@ def _told_by_chromium(page: str) -> list[list[float]]:
             server.shutdown()
 
 
-TIMINGS = {each.__name__: each for each in (worlds, feedback, candidates, plans, solver, view)}
+TIMINGS = {each.__name__: each for each in (worlds, feedback, candidates, plans, solver, view, first_version)}
 
 
 def main() -> None:
