@@ -46,6 +46,14 @@ def test_a_box_that_starts_deep_in_the_ground_flies_no_higher_than_its_springs_c
         assert run["base_q"][-1, 2] > 0.035  # it comes up, slowly: the ground is damped
 
 
+@pytest.mark.parametrize("full", [False, True])
+def test_all_steps_of_a_case_meet_at_its_records(full):
+    for case in stress.cases(full):
+        counts = np.array([case.sample / step for step in case.steps])
+        np.testing.assert_allclose(counts, np.round(counts), rtol=1e-9)
+        assert 2.0 * case.sample <= case.duration
+
+
 def test_the_picture_has_a_cell_for_each_run(cases):
     row = stress.Row("case", "midpoint", 1e-3, "held", "ok", 1e-6, 1e-6, 1.0)
     figure = stress.plot([row, row._replace(integrator="dop853", step=math.nan, verdict="silent")])

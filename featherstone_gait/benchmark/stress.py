@@ -60,6 +60,11 @@ class Case(NamedTuple):
     base: tuple = ()  # position and quaternion of a floating base, then its velocity
     pushes: tuple[Push, ...] = ()
 
+    @property
+    def sample(self) -> float:
+        """Between records [s]: a whole number of each step."""
+        return 1e-4 * math.lcm(*(round(1e4 * step) for step in self.steps))
+
     def run(self, integrator: str, step: float, **how: Any) -> Trajectory:
         scene = compile_scene(self.model, integrator=integrator, timestep=step, **self.arguments)
         n = scene.tree.n
@@ -109,8 +114,7 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
 
 def judged(case: Case) -> list[Row]:
     """Rows of a case."""
-    sample = max(case.steps)
-    truth, other = (case.run("extrapolation", 1e-3, sample=sample, rtol=rtol) for rtol in (1e-9, 1e-8))
+    truth, other = (case.run("extrapolation", 1e-3, sample=case.sample, rtol=rtol) for rtol in (1e-9, 1e-8))
     exact = positions(truth)
     apart = np.abs(exact - positions(other)).max(axis=1) > AGREED
     ended = truth["time"] > min(truth.end_time, other.end_time) + 1e-9
@@ -118,7 +122,7 @@ def judged(case: Case) -> list[Row]:
     rows = []
     for integrator in case.integrators:
         for step in (math.nan,) if INTEGRATORS[integrator].adaptive else case.steps:
-            run = case.run(integrator, 1e-3 if math.isnan(step) else step, sample=sample)
+            run = case.run(integrator, 1e-3 if math.isnan(step) else step, sample=case.sample)
             error = float(np.abs(positions(run) - exact)[:known].max(initial=0.0))
             told = [values[:known].max(initial=0.0) for values in (run.error or {}).values()]
             estimate = float(max(told, default=math.nan))
