@@ -180,8 +180,8 @@ def cheapest_plan(
         search = _Search(scene, states, where, searched, held)
         tried = search.tried(points, counts, plain=where is not SLOW)
         trials += [Trial(one.walk, one.cost, one.status) for one in tried]
-        best = min(tried, key=lambda one: one.cost)
-        if math.isfinite(best.cost):
+        best = min(tried, key=lambda one: one.cost, default=None)
+        if best is not None and math.isfinite(best.cost):
             plan, fit, cost = search.planned(best.walk)
             return CheapestPlan(plan, fit, cost, best.cost, tuple(trials))
     raise ValueError(_none_walks(scene.model, trials, held))
@@ -248,6 +248,8 @@ class _Search:
             for n, share in zip(counts, (1.0, *SMALLER)):
                 where = np.clip(middle + share * (points - 0.5), 0.0, 1.0)
                 tried += pool.map(self.attempt, where[self.within_reach(where)][:n])
+                if not tried:  # nothing is within reach
+                    break
                 middle = min(tried, key=lambda one: one.cost).point
         return tried
 
