@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from processors import PROCESSORS
-from scenes import arm_scene, box_on, thrown
+from scenes import arm_scene, box_on, pendulum, thrown
 
 from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.dynamics import energy, momentum
@@ -128,6 +128,15 @@ def test_a_robot_that_falls_beside_others_that_stand():
     assert sum(run.status == "fell" for run in runs) < 8
     for run, state, reference in zip(runs, states, references):
         assert bits(run) == bits(simulate(scene, 1.0, state, reference, record=("base_q", "contact_force")))
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_runs_with_error_control_of_robots_with_other_joints_in_one_batch(order):
+    models = [pendulum(), load_robot("arm7_spatial")][::order]
+    scenes = [compile_scene(model, integrator="dop853") for model in models]
+    together = simulate_batch(scenes, 0.1)
+    for run, scene in zip(together, scenes):
+        np.testing.assert_array_equal(run["q"], simulate(scene, 0.1)["q"])
 
 
 def test_an_empty_batch():

@@ -217,8 +217,9 @@ class Prepared:
         noise for all or none.
         """
         if len(starts) == 1:
-            run, y, out = starts[0].world.arguments(starts[0])
-            self.call(self.kernel, run, y, out)
+            world = starts[0].world
+            run, y, out = world.arguments(starts[0])
+            world.call(world.kernel, run, y, out)
             return [(y, out)]
         self._check_alike(starts)
         run, y, out = self.arguments_in_lanes(starts)
