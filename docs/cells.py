@@ -31,6 +31,7 @@ CORRECTED = {k: KEPT / f"gait_ax12a_{k}.json" for k in (0, 1, 2)}
 FROM_CHEAPEST = {k: KEPT / f"gait_from_cheapest_{k}.json" for k in (0, 1)}
 WORLDS_COST, OTHER_ROBOTS = KEPT / "worlds_cost.csv", KEPT / "other_robots.csv"
 OTHER_WORLDS, IN_BULLET = KEPT / "other_robots_worlds.csv", KEPT / "in_bullet.csv"
+SEARCHES = KEPT / "searches.csv"
 UNITS = KEPT / "unit_study_sensitivity.csv"
 BENCHMARKS = KEPT / "benchmarks"
 WALKS = "energy per distance, speed"
@@ -218,6 +219,24 @@ def worlds_cost() -> Iterable[Cells]:
             for column in ("cost_50", "own"):
                 cells.append(", ".join(f"{float(row[column]):.1f}" for row in own) + " J/m")
         yield Cells("docs/optimize.md", name, tuple(cells))
+
+
+def searches() -> Iterable[Cells]:
+    """docs/paper.md tells where searches stop, a number a seed."""
+    from featherstone_gait.experiments.what_stops import CONDITIONS, TABLE
+
+    percent = lambda text: f"{100.0 * float(text):+.0f} %"  # noqa: E731
+    told = (
+        lambda row: f"{float(row['first']):.1f} to {float(row['best']):.1f}",
+        lambda row: percent(row["cost"]) + (f" ({row['fell']} fall)" if int(row["fell"]) else ""),
+        lambda row: percent(row["longer"]),
+        lambda row: f"{row['passed']}, {percent(row['longer_then'])}" if int(row["passed"]) >= 0 else "never",
+    )
+    kept = _records(SEARCHES, TABLE)
+    kinds = {name: type(getattr(CONDITIONS[0], name)) for name in CONDITIONS[0].__dataclass_fields__}
+    for condition in CONDITIONS:
+        rows = [row for row in kept if all(kind(row[name]) == getattr(condition, name) for name, kind in kinds.items())]
+        yield Cells("docs/paper.md", str(condition), tuple("; ".join(map(each, rows)) for each in told))
 
 
 def units() -> Iterable[Cells | Words]:
@@ -423,9 +442,9 @@ def _beside_peers() -> Iterable[Cells | Words]:
     yield Words("docs/accuracy.md", " times (nineteen joints: ", f"{nineteen:.0f}", " times) what MuJoCo's")
     found = [row["verdict"] for row in _benchmark("stress")]
     counts = f"{len(found)} runs {found.count('held')} are right, {found.count('flagged')}"
-    yield Words("docs/accuracy.md", "says so: of ", counts, " wrong and say so")
-    if (found.count("alarm"), found.count("silent")) != (2, 2):
-        raise ValueError("docs/accuracy.md says which two runs are wrong and silent; correct that by hand")
+    yield Words("docs/accuracy.md", "says so: of ", counts, " wrong, or not known to the end, and say so")
+    if (found.count("alarm"), found.count("silent")) != (1, 2):
+        raise ValueError("docs/accuracy.md says which runs are wrong and silent, or called wrong; correct that by hand")
 
 
 def _benchmark(name: str) -> list[dict[str, str]]:

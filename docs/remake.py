@@ -64,6 +64,9 @@ PARTS: dict[str, Part] = {
         "the table of worlds in docs/optimize.md from its file", 0.0, cells=pages.worlds_cost,
         modules=("experiments/what_worlds_cost.py",),
     ),
+    "searches-table": Part(
+        "the table of docs/paper.md from its file", 0.0, cells=pages.searches, modules=("experiments/what_stops.py",),
+    ),
     "other-robots-table": Part(
         "the tables of other robots in docs/crosscheck.md and walking.md from their files", 0.0,
         cells=pages.other_robots, modules=("experiments/other_robots.py",),
@@ -165,7 +168,7 @@ PARTS: dict[str, Part] = {
     ),
     "searches": Part(
         "where searches stop, for docs/paper.md", 100,
-        ("-m", "featherstone_gait.experiments.what_stops", "{out}/searches.csv"),
+        ("-m", "featherstone_gait.experiments.what_stops", "{out}/searches.csv", "--searches", "2"),
         (("searches.csv", "docs/reproduction/searches.csv"),), modules=("experiments/what_stops.py",),
     ),
     "worlds-cost": Part(

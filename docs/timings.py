@@ -143,7 +143,9 @@ for robot, locked, servos, ground, stops, q, target in json.load(sys.stdin):
         told.append(None)
         continue
     reference = None if target is None else Reference([0.0], [target])
-    simulate(scene, 1.0, state, reference)
+    if not simulate(scene, 1.0, state, reference).ok:
+        told.append(None)
+        continue
     times = []
     while len(times) < 9 and sum(times) < 0.5:
         start = time.process_time()

@@ -11,7 +11,7 @@ from featherstone_gait import Ground, load_robot
 from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.optimize import walking_cost
 from featherstone_gait.robot_file import load_servo
-from featherstone_gait.walking.cheapest_plan import Box, cheapest_plan, first_gait, speed_limits
+from featherstone_gait.walking.cheapest_plan import SLOW, Box, cheapest_plan, first_gait, speed_limits
 from featherstone_gait.walking.cost_in_worlds import in_worlds
 from featherstone_gait.walking.gait import TICK
 from featherstone_gait.walking.generic_servo import LEG, MASS, scaled_servo, with_generic_servos
@@ -84,7 +84,7 @@ def test_where_no_plan_can_be_walked_the_most_common_reason_is_told(scene):
 @pytest.mark.parametrize("held", [{"step_length": 3.0}, {"com_height": 3.0}, {"half_width": 1.0}])
 def test_what_no_leg_reaches_is_told_as_the_reason(scene, held):
     with pytest.raises(ValueError, match=rf"none of 1 planned walks with {next(iter(held))} .* cannot reach"):
-        cheapest_plan(scene, count=(2, 1), searched=bent, **held)
+        cheapest_plan(scene, count=(2, 1), searched=bent, box=SLOW, **held)
 
 
 def test_where_nothing_in_the_usual_box_can_be_walked_slower_plans_are_tried(scene):

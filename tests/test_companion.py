@@ -62,9 +62,9 @@ def test_where_stops_decide_the_steps_the_whole_difference_is_told(reach, share)
 
 
 def test_impacts_that_a_fixed_step_cuts_short_are_seldom_passed_as_right():
-    """A pendulum thrown between stops: a second opinion that is in order may overrule the first, another may not."""
+    """A pendulum thrown between stops: a second opinion that is not in order counts more."""
     model, speeds = pendulum(lower=-0.3, upper=0.5), np.linspace(0.5, 12.0, 47)
-    euler, exactly = (compile_scene(model, integrator=name) for name in ("implicit_euler", "dop853"))
+    euler, exactly = (compile_scene(model, integrator=name, timestep=1e-3) for name in ("implicit_euler", "dop853"))
     runs = simulate_batch(euler, 1.0, [initial_state(euler, [0.0], [v]) for v in speeds])
     exact = simulate_batch(exactly, 1.0, [initial_state(exactly, [0.0], [v]) for v in speeds], rtol=1e-11, sample=0.01)
     wrong = [np.abs(run["qd"] - true["qd"]).max() > 0.1 * np.abs(true["qd"]).max() for run, true in zip(runs, exact)]

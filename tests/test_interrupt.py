@@ -16,7 +16,7 @@ from scenes import arm_scene, pendulum
 from featherstone_gait.build.external import Push
 from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.reference import Reference
-from featherstone_gait.run import interrupt
+from featherstone_gait.run import interrupt, prepared
 from featherstone_gait.run.prepared import prepare
 from featherstone_gait.run.simulate import simulate
 
@@ -48,6 +48,7 @@ PROGRAM = """
 CALLS = {
     "one, fixed steps": ("midpoint", "lambda T: simulate(free, T, start, sample=T)", 4e5),
     "one, error control": ("dop853", "lambda T: simulate(free, T, start, rtol=1e-13, sample=T)", 4e5),
+    "one, a step a tick": ("ars343", "lambda T: simulate(free, T, start, sample=1e-3)", 4e4),
     "a batch in lanes": ("rk4", "lambda T: simulate_batch(free, T, [start] * 20, sample=T)", 4e5),
     "a batch that is refilled": ("rk4", "lambda T: simulate_batch(sampled, T, [None] * 20, record=())", 5e3),
 }
@@ -74,10 +75,16 @@ def test_another_thread_can_end_a_run(integrator):
         ready.run([ready.start()])
 
 
+@pytest.fixture
+def handed_over(monkeypatch):
+    """Runs with error control go to the thread after their first step."""
+    monkeypatch.setattr(prepared, "PAUSE", 0.0)
+
+
 @pytest.mark.long
 @pytest.mark.nojit
-def test_a_run_in_a_thread_of_its_own_has_the_same_bits():
-    """Long runs and those with error control of the main thread are; runs of other threads are not."""
+def test_a_run_in_a_thread_of_its_own_has_the_same_bits(handed_over):
+    """Long runs of the main thread are; runs of other threads are not."""
     scene, runs = compile_scene(pendulum(), integrator="extrapolation"), []
     runs.append(simulate(scene, 0.05))
     thread = threading.Thread(target=lambda: runs.append(simulate(scene, 0.05)))
@@ -91,14 +98,15 @@ def test_a_run_in_a_thread_of_its_own_has_the_same_bits():
 def test_a_run_with_error_control_pauses_and_goes_on_to_the_same_bits(integrator, sampled):
     """Pushed, on ticks and at knots, with records within the steps and at their ends."""
     scene = arm_scene(integrator=integrator) if sampled else compile_scene(pendulum(), integrator=integrator)
-    signals = {"reference": Reference([0.0], [[0.5] * 7])} if sampled else {"tau": [0.3]}
+    torque = Reference([0.0, 0.12, 0.3], [[0.3], [0.0], [0.1]])
+    signals = {"reference": Reference([0.0], [[0.5] * 7])} if sampled else {"tau": torque}
     pushes = [Push(scene.model.links[-1].name, (0.0, 0.1, 0.2), start=0.1, end=0.15)]
     ready = prepare(scene, 0.3, sample=0.1, rtol=1e-5, pushes=pushes, driven=not sampled)
     run, y, out = ready.arguments(ready.start(**signals))
     whole = ready.kernel(run, y, out), y.copy(), out.copy()
     run, y, out = ready.arguments(ready.start(**signals))
     calls = 1
-    while not ready.kernel(run._replace(plan=run.plan._replace(pause=0.0)), y, out):  # after each step within a tick
+    while not ready.kernel(run._replace(plan=run.plan._replace(pause=0.0)), y, out):  # after each step
         calls += 1
     assert whole[0]
     assert calls > 2
@@ -121,9 +129,10 @@ def test_what_a_kernel_raises_is_raised():
 
 
 @pytest.mark.nojit
-def test_one_thread_serves_all_runs():
+def test_one_thread_serves_all_runs(handed_over):
     scene = compile_scene(pendulum(), integrator="extrapolation")
     simulate(scene, 0.02)
+    assert interrupt._jobs
     before = threading.active_count()
     for _ in range(3):
         simulate(scene, 0.02)
@@ -132,7 +141,7 @@ def test_one_thread_serves_all_runs():
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
 @pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
-def test_a_forked_program_simulates_too():
+def test_a_forked_program_simulates_too(handed_over):
     """It has not inherited the thread."""
     scene = compile_scene(pendulum(), integrator="dop853")
     simulate(scene, 0.02)
@@ -156,18 +165,18 @@ def test_a_forked_program_simulates_too():
 
 
 @pytest.mark.nojit
-def test_what_comes_before_the_kernel_begins_leaves_no_wait(monkeypatch):
+def test_what_comes_before_the_kernel_begins_leaves_no_wait(handed_over):
     """Ctrl-C between two instructions may come before the thread has been given anything."""
     scene = compile_scene(pendulum(), integrator="extrapolation")
     simulate(scene, 0.02)
 
     class Interrupted:
         def put(self, job):
-            monkeypatch.undo()
+            interrupt._jobs[:] = [kept]
             raise KeyboardInterrupt
 
     kept = interrupt._jobs[0]
-    monkeypatch.setattr(interrupt, "_jobs", [Interrupted()])
+    interrupt._jobs[:] = [Interrupted()]
     with pytest.raises(KeyboardInterrupt):
         simulate(scene, 0.02)
     assert interrupt._jobs == [kept]

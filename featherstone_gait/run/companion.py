@@ -11,9 +11,9 @@ At a fixed step h it takes steps of 2 h: of order p the difference is 2^p - 1 er
 any order: an error that falls with the root of h is 2.4 differences, which are taken of order 1; of order 2 a half, of
 order 4 0.38, with which a smooth run looks six times as wrong as it is.  Where 2 h does not fit between ticks or
 records, or is no longer stable, it takes steps of h / 2, and the error is twice the difference; so does a second one,
-which a run that the first calls inaccurate is given before that is believed: on stiff stops errors grow faster than any
-power of h.  Where of order 1 its difference is not half of the first one's, kinks may hide in both, and the error is
-3.4 times the difference, as if it fell with the root of h.
+which a run that the first calls inaccurate is given, and believed: on stiff stops errors grow faster than any power of
+h.  Where of order 1 its difference is not half of the first one's, kinks may hide in both, and the error is 3.4 times
+the difference, as if it fell with the root of h.
 
 `dop853` cannot have dry friction as steep as it is, and has it over some width about rest.  Its companion has it over
 twice that width: if the effect of the width is in proportion to it, the difference is all of that effect.
@@ -31,6 +31,7 @@ import numpy as np
 
 from ..build.friction import widened
 from ..build.scene import CompiledScene
+from ..core.step import pace
 from ..trajectory import Trajectory, with_error
 from .prepared import steps_between_records
 from .verdict import beyond_stability
@@ -104,11 +105,7 @@ def accounted(run: Trajectory, other: Trajectory, share: float, record: Sequence
 
     Only what is to be recorded is kept.
     """
-    if run.status in WHOLE and other.status in WHOLE:
-        other = replace(other, status=run.status)
-    if run.info.get("rejected_steps", 0) > MANY * run.info.get("steps", 0):
-        share = max(share, WHOLE_OF_IT)
-    told = with_error(run, other, share)
+    told = with_error(run, _alike(run, other), share)
     error = {name: e + ROUNDING * np.abs(run[name]) for name, e in (told.error or {}).items()}
     run = judged(replace(run, error=error))
     return replace(
@@ -133,8 +130,23 @@ def share_of_half(run: Trajectory, coarse: Trajectory, fine: Trajectory, order: 
     """Of the difference to the run in half the steps, that is the error; coarse: the run in twice the steps."""
     if order != 1:
         return OF_HALF
-    far, near = (_farthest(with_error(run, other, 1.0)) for other in (coarse, fine))
+    far, near = (_farthest(with_error(run, _alike(run, other), 1.0)) for other in (coarse, fine))
     return OF_HALF if abs(near - 0.5 * far) < ORDERLY * far else OF_ROOT
+
+
+def share_of_kinks(run: Trajectory, begun: np.ndarray | None, share: float) -> float:
+    """The share, or all of it where kinks decide the steps; begun: the state (size,) that the run began from."""
+    if "steps" not in run.info or run.parts is None:
+        return share
+    first = run.parts["pace"][0]
+    counts = first + np.array([pace.STEPS, pace.REJECTED])
+    taken, rejected = run.final[counts] - (0.0 if begun is None else np.asarray(begun)[counts])
+    return max(share, WHOLE_OF_IT) if rejected > MANY * taken else share
+
+
+def _alike(run: Trajectory, other: Trajectory) -> Trajectory:
+    """The other run with the status of this one, if both came to their end."""
+    return replace(other, status=run.status) if run.status in WHOLE and other.status in WHOLE else other
 
 
 def _farthest(run: Trajectory) -> float:

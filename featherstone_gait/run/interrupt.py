@@ -2,7 +2,8 @@
 
 Python handles a signal in the main thread, between two of its own instructions: not before a kernel returns.  A kernel
 called from there runs in a thread of its own, which looks at `Run.stop`, while the main thread waits for it.  One
-thread serves all calls: to start one takes as long as a short run.
+thread serves all calls: to start one takes as long as a short run.  To hand a run over takes as long as a shorter one,
+so that those with error control, whose length nobody knows, begin where they are called.
 """
 
 from __future__ import annotations

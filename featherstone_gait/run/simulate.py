@@ -29,7 +29,7 @@ from ..reference import Reference
 from ..trajectory import Trajectory, with_error
 from ..worlds import Worlds
 from .batch import drive_lanes, family, run_all, streams
-from .companion import Companion, accounted, companion, judged, share_of_half
+from .companion import Companion, accounted, companion, judged, share_of_half, share_of_kinks
 from .lane_engine import Source
 from .prepared import Prepared, Start, coordinates, each_once, prepare, recorded, with_tolerance
 from .program import CompiledController
@@ -73,8 +73,8 @@ def simulate(
     run: "extrapolation" if it is stiff, else "dop853";
     estimate_error: for `Trajectory.error`; None: simulate again to ten times the tolerances, or at twice the fixed
     step, and call a run `inaccurate` whose error is beyond 1e-3 rad or m, or 1e-2 of the largest speed (1 at least),
-    ten times as much at a fixed step; True: simulate again with half the step, or a tenth of the tolerances; False:
-    tell no error;
+    ten times as much at a fixed step, if a run in half the steps says so too; True: simulate again with half the step,
+    or a tenth of the tolerances; False: tell no error;
     controller: a function of `controller` that makes of the reference what the servos follow; its memory is zero at the
     start of each run, of one that goes on too: a `Session` keeps it.
     Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
@@ -253,7 +253,11 @@ def _accompanied(
     runs = simulated(batch, more)
     begun = [_companion_of(state) for state in batch.states]
     coarse = simulated(batch._replace(states=begun, cases=_in_place(batch.cases, others)), more)
-    told = [accounted(run, less, other.share, record) for run, less, other in zip(runs, coarse, others)]
+    shares = [
+        share_of_kinks(run, state.final if isinstance(state, Trajectory) else state, other.share)
+        for run, state, other in zip(runs, batch.states, others)
+    ]
+    told = [accounted(run, less, share, record) for run, less, share in zip(runs, coarse, shares)]
     doubtful = [
         k
         for k, run in enumerate(told)

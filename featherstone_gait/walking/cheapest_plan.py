@@ -178,7 +178,7 @@ def cheapest_plan(
     searched = searched or _in_worlds(scene)
     for where in (Box(), SLOW) if box is None else (box,):
         search = _Search(scene, states, where, searched, held)
-        tried = search.tried(points, counts, plain=where is not SLOW)
+        tried = search.tried(points, counts, plain=box is not None or where is not SLOW)
         trials += [Trial(one.walk, one.cost, one.status) for one in tried]
         best = min(tried, key=lambda one: one.cost, default=None)
         if best is not None and math.isfinite(best.cost):

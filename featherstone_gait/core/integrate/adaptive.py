@@ -27,6 +27,8 @@ def rollout_adaptive(run, y, out):
     k, dead, paused = int(pace[GRID]) - 1, False, pace[GRID] > 0.0
     if not paused:
         k, dead = 0, _begin(run, y)
+    elif pace[INSIDE] < 0.0:  # between two intervals
+        paused, pace[GRID] = False, 0.0
     while True:
         if not paused:
             if k % plan.per_tick == 0 and k < plan.steps:
@@ -43,6 +45,9 @@ def rollout_adaptive(run, y, out):
         if pace[GRID] > 0.0:
             return False
         k, paused = end, False
+        if pace[EVALUATIONS] >= plan.pause and k < plan.steps and not dead:
+            pace[GRID], pace[INSIDE] = k + 1.0, -1.0
+            return False
     for i in range(PACE):
         y[o.pace + i] = pace[i]
     for m in range(k // plan.per_sample + 1, len(out)):  # a run that ended early stays at its last state

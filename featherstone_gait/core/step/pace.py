@@ -16,7 +16,7 @@ SINCE = 6
 UNTIL = 7
 # Of a run that has paused: where it goes on.
 GRID = 8  # grid step at which the interval began, plus 1; 0 of a run that has not paused
-INSIDE = 9  # time since [s]
+INSIDE = 9  # time since [s], -1 of an interval that is still to begin
 EVENT = 10  # at which the smooth part of the interval ends, by that clock [s]
 NEXT = 11  # record
 PACE_SCRATCH = 12
