@@ -167,7 +167,7 @@ PARTS: dict[str, Part] = {
         (("solver_map.csv", "docs/reproduction/solver_map.csv"),), modules=("experiments/solver_scatter.py",),
     ),
     "searches": Part(
-        "where searches stop, for docs/paper.md", 100,
+        "where searches stop, for docs/paper.md", 60,
         ("-m", "featherstone_gait.experiments.what_stops", "{out}/searches.csv", "--searches", "2"),
         (("searches.csv", "docs/reproduction/searches.csv"),), modules=("experiments/what_stops.py",),
     ),
