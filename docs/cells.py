@@ -11,6 +11,7 @@ import math
 import re
 import sys
 from collections.abc import Iterable, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -233,7 +234,7 @@ def searches() -> Iterable[Cells]:
         lambda row: f"{row['passed']}, {percent(row['longer_then'])}" if int(row["passed"]) >= 0 else "never",
     )
     kept = _records(SEARCHES, TABLE)
-    kinds = {name: type(getattr(CONDITIONS[0], name)) for name in CONDITIONS[0].__dataclass_fields__}
+    kinds = {field.name: type(getattr(CONDITIONS[0], field.name)) for field in fields(CONDITIONS[0])}
     for condition in CONDITIONS:
         rows = [row for row in kept if all(kind(row[name]) == getattr(condition, name) for name, kind in kinds.items())]
         yield Cells("docs/paper.md", str(condition), tuple("; ".join(map(each, rows)) for each in told))

@@ -136,10 +136,9 @@ def share_of_half(run: Trajectory, coarse: Trajectory, fine: Trajectory, order: 
 
 def share_of_kinks(run: Trajectory, begun: np.ndarray | None, share: float) -> float:
     """The share, or all of it where kinks decide the steps; begun: the state (size,) that the run began from."""
-    if "steps" not in run.info or run.parts is None:
+    if "steps" not in run.info or run.parts is None:  # fixed steps
         return share
-    first = run.parts["pace"][0]
-    counts = first + np.array([pace.STEPS, pace.REJECTED])
+    counts = run.parts["pace"][0] + np.array([pace.STEPS, pace.REJECTED])
     taken, rejected = run.final[counts] - (0.0 if begun is None else np.asarray(begun)[counts])
     return max(share, WHOLE_OF_IT) if rejected > MANY * taken else share
 
