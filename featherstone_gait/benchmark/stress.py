@@ -275,7 +275,7 @@ def plot(rows: list[Row], notes: str = "") -> Figure:
     axes.pcolormesh(cells, cmap=ListedColormap(list(COLOURS.values())), vmin=-0.5, vmax=len(kinds) - 0.5,
                     edgecolors="white", linewidth=1.5)  # fmt: skip
     labels = [name if math.isnan(step) else f"{name}\n{1e3 * step:g} ms" for _, name, step in columns]
-    axes.set_xticks(np.arange(len(columns)) + 0.5, labels, rotation=40, ha="right", fontsize=8)
+    axes.set_xticks(np.arange(len(columns)) + 0.5, labels, rotation=90, fontsize=8)
     axes.set_yticks(np.arange(len(names)) + 0.5, names, fontsize=9)
     axes.invert_yaxis()
     figure.legend(
