@@ -15,8 +15,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from featherstone_gait.base.files import FilePath, Format, read_csv
 from featherstone_gait.benchmark.table import TABLE
-from featherstone_gait.files import FilePath, Format, read_csv
 
 if TYPE_CHECKING:
     from featherstone_gait.walking import WalkingCost
@@ -208,7 +208,7 @@ def seeds() -> Iterable[Cells | Words]:
 
 def worlds_cost() -> Iterable[Cells]:
     """docs/optimize.md tells what it costs to walk in other worlds, a number a seed."""
-    from featherstone_gait.experiments.what_worlds_cost import METHODS, TABLE
+    from featherstone_gait.reproduction.what_worlds_cost import METHODS, TABLE
 
     names = {"0": "the own floor", "1": "one world", "2": "two", "4": "four", "8": "eight"}
     rows = _records(WORLDS_COST, TABLE)
@@ -224,7 +224,7 @@ def worlds_cost() -> Iterable[Cells]:
 
 def searches() -> Iterable[Cells]:
     """docs/paper.md tells where searches stop, a number a seed."""
-    from featherstone_gait.experiments.what_stops import CONDITIONS, TABLE
+    from featherstone_gait.reproduction.what_stops import CONDITIONS, TABLE
 
     percent = lambda text: f"{100.0 * float(text):+.0f} %"  # noqa: E731
     told = (
@@ -270,7 +270,7 @@ def units() -> Iterable[Cells | Words]:
 def other_robots() -> Iterable[Cells]:
     """docs/crosscheck.md tells how other robots walk in MuJoCo, docs/walking.md how in other worlds."""
     from featherstone_gait.crosscheck import FLOORS
-    from featherstone_gait.experiments.other_robots import ROBOTS, TABLE, WORLDS_TABLE
+    from featherstone_gait.reproduction.other_robots import ROBOTS, TABLE, WORLDS_TABLE
 
     rows = _records(OTHER_ROBOTS, TABLE)
     each: dict[tuple[str, str], list[dict[str, str]]] = {}
@@ -298,7 +298,7 @@ def other_robots() -> Iterable[Cells]:
 
 def in_bullet() -> Iterable[Cells]:
     """docs/crosscheck.md tells how gaits walk in Bullet."""
-    from featherstone_gait.experiments.in_bullet import FLOORS, FRICTIONS, GAITS, TABLE
+    from featherstone_gait.reproduction.in_bullet import FLOORS, FRICTIONS, GAITS, TABLE
 
     rows = {(row["gait"], row["floor"], float(row["friction"])): row for row in _records(IN_BULLET, TABLE)}
     for gait in GAITS:
@@ -363,10 +363,10 @@ SESSION = {  # row of docs/session.md -> that of the benchmark
 }
 
 LINEARISED = {  # row of docs/control.md -> scene and method of the benchmark
-    "falling under torques, 10 steps": ("falling", "linearise, 10 steps"),
-    "falling under torques, 1 step": ("falling", "linearise, 1 step"),
-    "standing, rigid servos, a controller period of 10 ms": ("standing", "linearise, rotor, implicit_euler"),
-    "standing, spring-damper servos, a controller period of 10 ms": ("standing", "linearise, mipsd, implicit_euler"),
+    "falling under torques, 10 steps": ("falling", "linearize, 10 steps"),
+    "falling under torques, 1 step": ("falling", "linearize, 1 step"),
+    "standing, rigid servos, a controller period of 10 ms": ("standing", "linearize, rotor, implicit_euler"),
+    "standing, spring-damper servos, a controller period of 10 ms": ("standing", "linearize, mipsd, implicit_euler"),
 }
 
 
@@ -376,18 +376,18 @@ def benchmarked() -> Iterable[Cells | Words]:
     timed = {tuple(row[k] for k in ("problem", "integrator", "step_s", "rtol")): row for row in _benchmark("precision")}
     for name, key in PRECISION.items():
         row = timed[key]
-        metres = f", {1e3 * float(row['error_m']):.1g} mm" if float(row["error_m"] or 0.0) > 1e-5 else ""
+        meters = f", {1e3 * float(row['error_m']):.1g} mm" if float(row["error_m"] or 0.0) > 1e-5 else ""
         error = _short(float(row["error_rad"]))
-        yield Cells("docs/accuracy.md", name, (f"{_two(float(row['run_ms_per_s']))} ms", f"{error} rad{metres}"))
+        yield Cells("docs/accuracy.md", name, (f"{_two(float(row['run_ms_per_s']))} ms", f"{error} rad{meters}"))
     yield from _beside_peers()
     measured = {row["what"]: row for row in _benchmark("session")}
     for name, key in SESSION.items():
         middle, low, high = (f"{float(measured[key][k]):.3g}" for k in ("value", "low", "high"))
         unit = " µs" * (measured[key]["unit"] == "us")
         yield Cells("docs/session.md", name, (f"{middle}{unit}", f"{low} to {high}{unit}"))
-    columns = {(row["scene"], row["method"]): row for row in _benchmark("linearise")}
+    columns = {(row["scene"], row["method"]): row for row in _benchmark("linearize")}
     for name, (scene, method) in LINEARISED.items():
-        ours, theirs = columns[scene, method], columns[scene, "mjd_transitionFD, centred"]
+        ours, theirs = columns[scene, method], columns[scene, "mjd_transitionFD, centered"]
         errors = (f"{float(row['error']):.1e}".replace("e-0", "e-") for row in (ours, theirs))
         yield Cells("docs/control.md", name, (f"{float(ours['ratio']):.2g}", *errors))
     firsts = {row["kind"]: row for row in _benchmark("first")}
@@ -592,7 +592,7 @@ def caption() -> Iterable[Words]:
     )
     said = f"{walk.DURATION:g} s: {far:.0f} and {far_found:.0f} cm for {spent:.0f} and {spent_found:.0f} J"
     for page in ("README.md", "docs/index.md"):
-        yield Words(page, "The planned gait and the optimised one over ", said, "](")
+        yield Words(page, "The planned gait and the optimized one over ", said, "](")
 
 
 def feedback_far() -> Iterable[Cells]:
@@ -656,8 +656,8 @@ def _balanced() -> tuple[Any, Any]:
 def scatter() -> Iterable[Cells]:
     """The walks of docs/maximal.md in the paper's kind of program."""
     from featherstone_gait import load_robot
-    from featherstone_gait.experiments.solver_scatter import FULL, SERVOS, Setting, nudge, walk
     from featherstone_gait.optimize import walking_cost
+    from featherstone_gait.reproduction.solver_scatter import FULL, SERVOS, Setting, nudge, walk
 
     planned = walking_cost(load_robot("humanoid", locked="simplified"))
     found = {h: [walk(FULL, planned, Setting(s, h), FULL.runs)[1] for s in SERVOS] for h in (1e-3, 2e-3)}
@@ -675,7 +675,7 @@ def scatter() -> Iterable[Cells]:
 
 def held() -> Iterable[Cells]:
     """The arm and the standing humanoid of docs/maximal.md."""
-    from featherstone_gait.experiments.solver_scatter import FULL, hold_arm, hold_posture
+    from featherstone_gait.reproduction.solver_scatter import FULL, hold_arm, hold_posture
 
     def arm(servos: str, sweeps: int, link: tuple[float, float]) -> float:
         return float(hold_arm(FULL, servos, sweeps, link, 0).typical)

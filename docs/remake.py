@@ -30,9 +30,9 @@ import numpy as np
 from cells import Cells, Words
 
 from featherstone_gait import __version__
-from featherstone_gait.experiments import EXPERIMENTS
-from featherstone_gait.experiments.sources import PACKAGE, digest
-from featherstone_gait.files import Format, complete, parse_json
+from featherstone_gait.base.files import Format, complete, parse_json
+from featherstone_gait.reproduction import EXPERIMENTS
+from featherstone_gait.reproduction.sources import PACKAGE, digest
 
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "docs" / "reproduction" / "remade.json"
@@ -40,7 +40,7 @@ FORMAT = Format("remade parts")
 KEPT_IN = "docs/reproduction"
 QUICK = 5.0  # minutes of two cores, compiled before
 NOTEBOOKS = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "notebooks").glob("*.ipynb"))
-REPORT = tuple(f"experiments/{name}.py" for name in ("report", *EXPERIMENTS))
+REPORT = tuple(f"reproduction/{name}.py" for name in ("report", *EXPERIMENTS))
 COMMANDS = ("optimize", "crosscheck", "reproduce", "benchmark", "study")  # of the package; others are Python's
 TOLD = ("settings", "search", "before", "after", "elsewhere", "crosscheck", "plausible")  # of a gait's report
 
@@ -53,7 +53,7 @@ class Part(NamedTuple):
     command: tuple[str, ...] = ()  # of the package, with "{out}" for a folder of its own
     files: tuple[tuple[str, str], ...] = ()  # of these there: name, and where it goes; "" for the whole folder
     cells: Callable[[], Iterable[Cells | Words]] | None = None  # what is worked out here
-    modules: tuple[str, ...] = ("optimize.py",)  # of the package, on which it depends
+    modules: tuple[str, ...] = ("optimize/job.py",)  # of the package, on which it depends
 
 
 PARTS: dict[str, Part] = {
@@ -62,18 +62,18 @@ PARTS: dict[str, Part] = {
     "floors": Part("tables by floor of docs/crosscheck.md and feedback.md, from files", 0.0, cells=pages.crosschecked),
     "worlds-cost-table": Part(
         "the table of worlds in docs/optimize.md from its file", 0.0, cells=pages.worlds_cost,
-        modules=("experiments/what_worlds_cost.py",),
+        modules=("reproduction/what_worlds_cost.py",),
     ),
     "searches-table": Part(
-        "the table of docs/paper.md from its file", 0.0, cells=pages.searches, modules=("experiments/what_stops.py",),
+        "the table of docs/paper.md from its file", 0.0, cells=pages.searches, modules=("reproduction/what_stops.py",),
     ),
     "other-robots-table": Part(
         "the tables of other robots in docs/crosscheck.md and walking.md from their files", 0.0,
-        cells=pages.other_robots, modules=("experiments/other_robots.py",),
+        cells=pages.other_robots, modules=("reproduction/other_robots.py",),
     ),
     "in-bullet-table": Part(
         "the table of Bullet in docs/crosscheck.md from its file", 0.0, cells=pages.in_bullet,
-        modules=("experiments/in_bullet.py",),
+        modules=("reproduction/in_bullet.py",),
     ),
     "units-table": Part(
         "the table of units in docs/tutorials/study.md from its file", 0.0, cells=pages.units,
@@ -99,8 +99,8 @@ PARTS: dict[str, Part] = {
         "pushes of docs/feedback.md", 2.0, cells=pages.feedback_pushes,
         modules=("walking/disturbed.py", "walking/feedback.py"),
     ),
-    "scatter": Part("walks of docs/maximal.md", 1.0, cells=pages.scatter, modules=("experiments/solver_scatter.py",)),
-    "held": Part("arm, posture of docs/maximal.md", 3.0, cells=pages.held, modules=("experiments/solver_scatter.py",)),
+    "scatter": Part("walks of docs/maximal.md", 1.0, cells=pages.scatter, modules=("reproduction/solver_scatter.py",)),
+    "held": Part("arm, posture of docs/maximal.md", 3.0, cells=pages.held, modules=("reproduction/solver_scatter.py",)),
     "gait": Part(
         "the gait of the README", 6, ("optimize", "--crosscheck", "--out", "{out}"),
         (("humanoid_gait.npz", "robots/humanoid/optimized_gait.npz"),
@@ -163,19 +163,20 @@ PARTS: dict[str, Part] = {
         (("walk.gif", "docs/images/walk.gif"),),
     ),
     "solver-map": Part(
-        "the map of docs/maximal.md", 5, ("-m", "featherstone_gait.experiments.solver_scatter", "{out}/solver_map.csv"),
-        (("solver_map.csv", "docs/reproduction/solver_map.csv"),), modules=("experiments/solver_scatter.py",),
+        "the map of docs/maximal.md", 5,
+        ("-m", "featherstone_gait.reproduction.solver_scatter", "{out}/solver_map.csv"),
+        (("solver_map.csv", "docs/reproduction/solver_map.csv"),), modules=("reproduction/solver_scatter.py",),
     ),
     "searches": Part(
         "where searches stop, for docs/paper.md", 60,
-        ("-m", "featherstone_gait.experiments.what_stops", "{out}/searches.csv", "--searches", "2"),
-        (("searches.csv", "docs/reproduction/searches.csv"),), modules=("experiments/what_stops.py",),
+        ("-m", "featherstone_gait.reproduction.what_stops", "{out}/searches.csv", "--searches", "2"),
+        (("searches.csv", "docs/reproduction/searches.csv"),), modules=("reproduction/what_stops.py",),
     ),
     "worlds-cost": Part(
         "what it costs to walk in other worlds, for docs/optimize.md", 15,
-        ("-m", "featherstone_gait.experiments.what_worlds_cost", "{out}/worlds_cost.csv", "{out}/worlds_cost.png"),
+        ("-m", "featherstone_gait.reproduction.what_worlds_cost", "{out}/worlds_cost.csv", "{out}/worlds_cost.png"),
         (("worlds_cost.csv", "docs/reproduction/worlds_cost.csv"), ("worlds_cost.png", "docs/images/worlds_cost.png")),
-        modules=("experiments/what_worlds_cost.py",),
+        modules=("reproduction/what_worlds_cost.py",),
     ),
     "units": Part(
         "98 304 walks of units that differ, for docs/tutorials/study.md", 8,
@@ -186,15 +187,15 @@ PARTS: dict[str, Part] = {
     ),
     "other-robots": Part(
         "other robots in MuJoCo and in unseen worlds, for docs/crosscheck.md, walking.md and feedback.md", 30,
-        ("-m", "featherstone_gait.experiments.other_robots", "{out}/other_robots.csv"),
+        ("-m", "featherstone_gait.reproduction.other_robots", "{out}/other_robots.csv"),
         (("other_robots.csv", "docs/reproduction/other_robots.csv"),
          ("other_robots_worlds.csv", "docs/reproduction/other_robots_worlds.csv")),
-        modules=("experiments/other_robots.py",),
+        modules=("reproduction/other_robots.py",),
     ),
     "in-bullet": Part(
         "gaits in Bullet, for docs/crosscheck.md", 10,
-        ("-m", "featherstone_gait.experiments.in_bullet", "{out}/in_bullet.csv"),
-        (("in_bullet.csv", "docs/reproduction/in_bullet.csv"),), modules=("experiments/in_bullet.py",),
+        ("-m", "featherstone_gait.reproduction.in_bullet", "{out}/in_bullet.csv"),
+        (("in_bullet.csv", "docs/reproduction/in_bullet.csv"),), modules=("reproduction/in_bullet.py",),
     ),
     "reproduction": Part(
         "the paper at full size, for docs/paper.md", 58, ("reproduce", "--full", "--out", "{out}"),
@@ -214,7 +215,7 @@ PARTS: dict[str, Part] = {
         for name, page, minutes, *tables in (
             ("speed", "docs/accuracy.md", 3, "speed"), ("precision", "docs/accuracy.md", 8, "precision"),
             ("peers", "docs/accuracy.md", 8, "peers_lines"), ("stress", "docs/accuracy.md", 5, "stress"),
-            ("walk", "docs/accuracy.md", 3, "walk"), ("linearise", "docs/control.md", 2, "linearise"),
+            ("walk", "docs/accuracy.md", 3, "walk"), ("linearize", "docs/control.md", 2, "linearize"),
             ("session", "docs/session.md", 2, "session"), ("skip", "docs/servos.md and docs/worlds.md", 5, "skip"),
             ("first", "docs/architecture.md", 5, "first"),
         )

@@ -26,8 +26,8 @@ from pathlib import Path
 
 from featherstone_gait import Ground, compile_scene, load_robot, simulate, simulate_batch, standing_state
 from featherstone_gait.benchmark.machine import machine
-from featherstone_gait.build.scene import CompiledScene
 from featherstone_gait.model import Model
+from featherstone_gait.scene.compile import CompiledScene
 
 
 def _humanoid() -> tuple[Model, CompiledScene]:
@@ -113,8 +113,8 @@ def plans() -> Iterable[str]:
 
 def solver() -> Iterable[str]:
     """Two hundred walks in the paper's kind of program (docs/maximal.md)."""
-    from featherstone_gait.experiments.solver_scatter import FULL, SERVOS, Setting, walk
     from featherstone_gait.optimize import walking_cost
+    from featherstone_gait.reproduction.solver_scatter import FULL, SERVOS, Setting, walk
 
     planned = walking_cost(load_robot("humanoid", locked="simplified"))
     walk(FULL, planned, Setting(SERVOS[0], 1e-3), 2)

@@ -1,22 +1,20 @@
-"""Articulated-body simulation of servo-driven robots, and gait optimisation on top of it.
+"""Articulated-body simulation of servo-driven robots, and gait optimization on top of it.
 
 The public names are loaded when they are first used, so that importing the package costs nothing.  Walking patterns
-are in `featherstone_gait.walking`, optimisers in `featherstone_gait.search`.
+are in `featherstone_gait.walking`, optimizers in `featherstone_gait.search`.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from . import renamed
+from .base.deprecated import renamed
 
 if TYPE_CHECKING:  # what `__getattr__` finds
-    from .build.scene import CompiledScene as CompiledScene
-    from .build.scene import compile_scene as compile_scene
-    from .channels import channel_table as channel_table
-    from .collision import Clearance as Clearance
-    from .collision import clearance as clearance
-    from .contact_choice import contact_points as contact_points
-    from .contact_choice import with_contacts as with_contacts
+    from .analysis.equilibrium import Trim as Trim
+    from .analysis.equilibrium import trim as trim
+    from .analysis.linearization import Kink as Kink
+    from .analysis.linearization import Linearization as Linearization
+    from .analysis.linearization import linearize as linearize
     from .dynamics import Coupling as Coupling
     from .dynamics import Poses as Poses
     from .dynamics import center_of_mass as center_of_mass
@@ -29,13 +27,15 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .dynamics import mass_matrix as mass_matrix
     from .dynamics import momentum as momentum
     from .dynamics import spring_energy as spring_energy
-    from .equilibrium import Trim as Trim
-    from .equilibrium import trim as trim
-    from .jacobians import center_of_mass_jacobian as center_of_mass_jacobian
-    from .jacobians import jacobian as jacobian
-    from .linearisation import Kink as Kink
-    from .linearisation import Linearisation as Linearisation
-    from .linearisation import linearise as linearise
+    from .dynamics.inverse_kinematics import Posture as Posture
+    from .dynamics.inverse_kinematics import Target as Target
+    from .dynamics.inverse_kinematics import inverse_kinematics as inverse_kinematics
+    from .dynamics.jacobians import center_of_mass_jacobian as center_of_mass_jacobian
+    from .dynamics.jacobians import jacobian as jacobian
+    from .geometry.contact_choice import contact_points as contact_points
+    from .geometry.contact_choice import with_contacts as with_contacts
+    from .geometry.distance import Clearance as Clearance
+    from .geometry.distance import clearance as clearance
     from .model import ContactPoint as ContactPoint
     from .model import Controller as Controller
     from .model import Gearbox as Gearbox
@@ -49,11 +49,14 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .model import Spring as Spring
     from .model import Supply as Supply
     from .model import stairs as stairs
-    from .posture import Posture as Posture
-    from .posture import Target as Target
-    from .posture import inverse_kinematics as inverse_kinematics
-    from .reference import Reference as Reference
-    from .rest import nearest_posture as nearest_posture
+    from .model.rest_posture import nearest_posture as nearest_posture
+    from .model.shapes import Box as Box
+    from .model.shapes import Capsule as Capsule
+    from .model.shapes import Cylinder as Cylinder
+    from .model.shapes import Hull as Hull
+    from .model.shapes import Mesh as Mesh
+    from .model.shapes import Shape as Shape
+    from .model.shapes import Sphere as Sphere
     from .robot_file import RobotFileError as RobotFileError
     from .robot_file import RobotFileNotFoundError as RobotFileNotFoundError
     from .robot_file import RobotFileWarning as RobotFileWarning
@@ -62,7 +65,9 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .robot_file import load_servo as load_servo
     from .robot_file import robot_names as robot_names
     from .robot_file import save_robot as save_robot
+    from .run.channels import channel_table as channel_table
     from .run.program import controller as controller
+    from .run.reference import Reference as Reference
     from .run.session import Session as Session
     from .run.simulate import Push as Push
     from .run.simulate import initial_state as initial_state
@@ -70,25 +75,20 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .run.simulate import simulate as simulate
     from .run.simulate import simulate_batch as simulate_batch
     from .run.simulate import standing_state as standing_state
-    from .shape import Box as Box
-    from .shape import Capsule as Capsule
-    from .shape import Cylinder as Cylinder
-    from .shape import Hull as Hull
-    from .shape import Mesh as Mesh
-    from .shape import Shape as Shape
-    from .shape import Sphere as Sphere
-    from .trajectory import Trajectory as Trajectory
+    from .run.trajectory import Trajectory as Trajectory
+    from .run.worlds import Spread as Spread
+    from .run.worlds import Worlds as Worlds
+    from .scene.compile import CompiledScene as CompiledScene
+    from .scene.compile import compile_scene as compile_scene
     from .view.plotting import plot_motion as plot_motion
     from .view.plotting import plot_trajectory as plot_trajectory
-    from .worlds import Spread as Spread
-    from .worlds import Worlds as Worlds
 
 __version__ = "0.2.0.dev0"
 
 _MODULES = {
-    "channels": ("channel_table",),
-    "collision": ("Clearance", "clearance"),
-    "contact_choice": ("contact_points", "with_contacts"),
+    "run.channels": ("channel_table",),
+    "geometry.distance": ("Clearance", "clearance"),
+    "geometry.contact_choice": ("contact_points", "with_contacts"),
     "dynamics": (
         "Coupling",
         "Poses",
@@ -103,9 +103,9 @@ _MODULES = {
         "momentum",
         "spring_energy",
     ),
-    "equilibrium": ("Trim", "trim"),
-    "jacobians": ("center_of_mass_jacobian", "jacobian"),
-    "linearisation": ("Kink", "Linearisation", "linearise"),
+    "analysis.equilibrium": ("Trim", "trim"),
+    "dynamics.jacobians": ("center_of_mass_jacobian", "jacobian"),
+    "analysis.linearization": ("Kink", "Linearization", "linearize"),
     "model": (
         "ContactPoint",
         "Controller",
@@ -122,9 +122,9 @@ _MODULES = {
         "stairs",
     ),
     "view.plotting": ("plot_motion", "plot_trajectory"),
-    "posture": ("Posture", "Target", "inverse_kinematics"),
-    "reference": ("Reference",),
-    "rest": ("nearest_posture",),
+    "dynamics.inverse_kinematics": ("Posture", "Target", "inverse_kinematics"),
+    "run.reference": ("Reference",),
+    "model.rest_posture": ("nearest_posture",),
     "robot_file": (
         "RobotFileError",
         "RobotFileNotFoundError",
@@ -135,18 +135,25 @@ _MODULES = {
         "robot_names",
         "save_robot",
     ),
-    "build.scene": ("CompiledScene", "compile_scene"),
+    "scene.compile": ("CompiledScene", "compile_scene"),
     "run.program": ("controller",),
     "run.session": ("Session",),
     "run.simulate": ("Push", "initial_state", "restarted", "simulate", "simulate_batch", "standing_state"),
-    "shape": ("Box", "Capsule", "Cylinder", "Hull", "Mesh", "Shape", "Sphere"),
-    "trajectory": ("Trajectory",),
-    "worlds": ("Spread", "Worlds"),
+    "model.shapes": ("Box", "Capsule", "Cylinder", "Hull", "Mesh", "Shape", "Sphere"),
+    "run.trajectory": ("Trajectory",),
+    "run.worlds": ("Spread", "Worlds"),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
+_renamed = renamed(
+    __name__,
+    {
+        "Linearisation": "featherstone_gait.analysis.linearization:Linearization",
+        "linearise": "featherstone_gait.analysis.linearization:linearize",
+    },
+)
+
 __all__ = sorted(_HOME)
-renamed.install()
 
 
 def __getattr__(name: str) -> Any:
@@ -154,7 +161,7 @@ def __getattr__(name: str) -> Any:
     if name in _HOME:
         value = getattr(import_module(f".{_HOME[name]}", __name__), name)
     else:
-        value = renamed.lookup(__name__, name)
+        return _renamed(name)
     globals()[name] = value
     return value
 

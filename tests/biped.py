@@ -1,7 +1,7 @@
 """A biped of the size of a Bioloid for the walking tests: trunk and two legs of six joints, hip rotation locked.
 
 Anchors, masses and boxes are those of the scene bioloid2.xml of the SimTwo repository (P33a/SimTwo at 659c8cd),
-mirrored from the left side; arms and head are lumped into the trunk, the sole is centred 10 mm outside the ankle.
+mirrored from the left side; arms and head are lumped into the trunk, the sole is centered 10 mm outside the ankle.
 """
 
 from dataclasses import replace

@@ -9,8 +9,8 @@ import math
 import mujoco
 import numpy as np
 
-from featherstone_gait.build.tree import GRAVITY
 from featherstone_gait.model import Model
+from featherstone_gait.scene.tree import GRAVITY
 
 FLAGS = mujoco.mjtDisableBit
 DISABLED = FLAGS.mjDSBL_CONTACT | FLAGS.mjDSBL_CONSTRAINT | FLAGS.mjDSBL_LIMIT | FLAGS.mjDSBL_FRICTIONLOSS
@@ -82,7 +82,7 @@ class Oracle:
         """Apply [moment; force] at the origin of a link's frame, world axes, from now on."""
         mujoco.mj_kinematics(self.m, self.d)
         body = self.m.body(link).id
-        arm = self.d.xpos[body] - self.d.xipos[body]  # MuJoCo's acts at the centre of mass
+        arm = self.d.xpos[body] - self.d.xipos[body]  # MuJoCo's acts at the center of mass
         self.d.xfrc_applied[body, :3] = wrench[3:]
         self.d.xfrc_applied[body, 3:] = wrench[:3] + np.cross(arm, wrench[3:])
 
@@ -94,7 +94,7 @@ class Oracle:
         return H[np.ix_(self.dofs, self.dofs)]
 
     def measures(self, q, qd):
-        """Energies (2,), centre of mass (3,), and momentum (6,) as angular about the centre of mass, then linear."""
+        """Energies (2,), center of mass (3,), and momentum (6,) as angular about the center of mass, then linear."""
         self.set(q, qd)
         mujoco.mj_forward(self.m, self.d)
         mujoco.mj_subtreeVel(self.m, self.d)

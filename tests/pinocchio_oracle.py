@@ -3,7 +3,7 @@
 import numpy as np
 
 from featherstone_gait.dynamics import forward_kinematics
-from featherstone_gait.jacobians import link_index
+from featherstone_gait.dynamics.jacobians import link_index
 from featherstone_gait.model import depth_first
 
 

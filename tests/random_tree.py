@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 
+from featherstone_gait.base.rotation import rotation_from_rpy
 from featherstone_gait.model import Joint, Link, Model
-from featherstone_gait.rotation import rotation_from_rpy
 
 DENSITY = 1000.0  # [kg/m^3]
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.dynamics import energy
 from featherstone_gait.model import ContactPoint, Ground, Joint, Link, Model
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.simulate import initial_state, simulate
+from featherstone_gait.scene.compile import compile_scene
 
 G = 9.81  # [m/s^2]
 NEVER_FALLEN = {"fall_height": -1e6, "fall_tilt": math.pi}

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.model import Joint, Link, Model
-from featherstone_gait.reference import Reference
+from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import initial_state, simulate_batch
+from featherstone_gait.scene.compile import compile_scene
 
 STILL = (0.0, 0.0, 0.0)
 FAR = 1e6  # rad, a goal that asks for all the voltage there is

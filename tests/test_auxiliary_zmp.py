@@ -21,7 +21,7 @@ def test_the_pendulum_over_a_sample_is_that_of_its_differential_equation(paramet
 
 
 @pytest.mark.parametrize("parameters", [SMALL, LARGE, {**SMALL, "R": 1e-9}, {**SMALL, "R": 1e-2, "g": 1.62}])
-def test_gains_solve_the_riccati_equation_and_hold_the_centre_of_mass(parameters, monkeypatch):
+def test_gains_solve_the_riccati_equation_and_hold_the_center_of_mass(parameters, monkeypatch):
     monkeypatch.setattr("featherstone_gait.walking.preview_control.GAIN_DIGITS", 15)
     c = auxiliary_zmp_controller(**parameters)
     R = parameters["R"]
@@ -56,8 +56,8 @@ def test_the_motion_begins_and_ends_at_rest_over_the_reference_wherever_that_is(
     assert plan.acceleration == pytest.approx(9.81 / 0.21 * (plan.position - plan.zmp), abs=1e-12)
 
 
-def test_a_zmp_that_nobody_foresaw_pushes_the_centre_of_mass_away_and_back():
-    """The mean of the ZMP is that of the centre of mass, as all that is pushed comes to rest again."""
+def test_a_zmp_that_nobody_foresaw_pushes_the_center_of_mass_away_and_back():
+    """The mean of the ZMP is that of the center of mass, as all that is pushed comes to rest again."""
     pushed = np.zeros(500)
     pushed[100:110] = 0.01
     plan = plan_com_auxiliary(np.zeros(500), 0.01, 0.21, R=1e-5, auxiliary=pushed)
@@ -65,7 +65,7 @@ def test_a_zmp_that_nobody_foresaw_pushes_the_centre_of_mass_away_and_back():
     assert np.abs(plan.position).max() > 5e-4
     assert np.abs(plan.position[-1]) < 1e-9
     corrected = plan.zmp - pushed
-    assert corrected.min() < -1e-3  # first to the other side of the push: under the centre of mass that flees from it
+    assert corrected.min() < -1e-3  # first to the other side of the push: under the center of mass that flees from it
     assert plan.zmp.sum() == pytest.approx(plan.position.sum(), rel=0.01)
 
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from featherstone_gait.benchmark.stability import IDEAL, PERIOD, Point, arm, linear_step
-from featherstone_gait.build.preflight import coupled_limit
 from featherstone_gait.dynamics import mass_matrix
 from featherstone_gait.robot_file import load_servo, save_robot
+from featherstone_gait.scene.preflight import coupled_limit
 from featherstone_gait.study import read_study
 from featherstone_gait.study.bisection import largest
-from featherstone_gait.study.linear_stability import growth, linearised
+from featherstone_gait.study.linear_stability import growth, linearized
 from featherstone_gait.study.measures import run_batch
 
 
@@ -75,7 +75,7 @@ def test_simulation_and_linear_theory_break_at_the_same_step(tmp_path, joints, s
 @pytest.mark.parametrize("joints", [1, 3, 7])
 def test_linear_theory_of_a_rigid_gearbox_is_that_of_coupled_dampers(joints):
     model, servo = arm(joints), load_servo("ax12", **IDEAL)
-    linear = linearised(model, servo, "standard")
+    linear = linearized(model, servo, "standard")
     mobility = np.linalg.inv(mass_matrix(model, np.zeros(joints)))
     limit = coupled_limit(mobility, np.full(joints, damper(model, servo)), np.zeros(joints))
     assert growth("simtwo", linear, 1e-3, 0.998 * limit, PERIOD) < 1.0
@@ -86,7 +86,7 @@ def test_linear_theory_of_a_rigid_gearbox_is_that_of_coupled_dampers(joints):
 @pytest.mark.parametrize("kind", ["standard", "rotor", "mipsd"])
 def test_all_integrators_approach_the_same_decay(integrator, kind):
     """Growth over 10 ms by steps of 10 us; first-order methods are wrong by some h times the fastest rate, squared."""
-    linear = linearised(arm(1), load_servo("ax12", **IDEAL), kind)
+    linear = linearized(arm(1), load_servo("ax12", **IDEAL), kind)
     fine = growth("rk4", linear, 61.0, 1e-5, PERIOD)
     assert growth(integrator, linear, 61.0, 1e-5, PERIOD) == pytest.approx(fine, abs=3e-3)
 
@@ -96,7 +96,7 @@ def test_too_high_a_gain_leaves_no_stable_step():
     servo = load_servo("ax12", **IDEAL, viscous_friction=0.0)
     torque = servo.gearbox.ratio * servo.motor_constant
     slow = replace(arm(1))
-    linear = linearised(slow, servo, "rotor")
+    linear = linearized(slow, servo, "rotor")
     heavy = linear._replace(M=1e3 * linear.M)  # so that motion is slow by the period, as the formula needs
     critical = 2.0 * torque / PERIOD
     assert growth("rk4", heavy, 0.9 * critical, 1e-3, PERIOD) < 1.0

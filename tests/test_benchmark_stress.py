@@ -22,7 +22,7 @@ def test_no_run_of_a_stiff_arm_is_silently_wrong(cases):
 
 
 @pytest.mark.long
-def test_a_box_dropped_from_two_metres_meets_the_ground_at_its_own_time(cases):
+def test_a_box_dropped_from_two_meters_meets_the_ground_at_its_own_time(cases):
     """The lowest corner, 2 m less what the tilt takes, touches after sqrt(2 h / g); until then the fall is free."""
     run = cases["box dropped from 2 m"].run("extrapolation", 1e-3, sample=1e-3, rtol=1e-8)
     z, t = run["base_q"][:, 2], run["time"]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from featherstone_gait import load_robot
-from featherstone_gait.experiments import complete_humanoid, method_comparison, robustness
 from featherstone_gait.optimize import walking_cost
+from featherstone_gait.reproduction import complete_humanoid, method_comparison, robustness
 from featherstone_gait.search import AdaptiveSimulatedAnnealing, run
 from featherstone_gait.walking import WalkingCost
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scenes import box_on, pendulum, thrown
 
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.model import Ground
 from featherstone_gait.run import prepared
 from featherstone_gait.run.prepared import prepare
 from featherstone_gait.run.simulate import initial_state, simulate
 from featherstone_gait.run.verdict import trajectory
+from featherstone_gait.scene.compile import compile_scene
 
 pytestmark = pytest.mark.nojit
 

@@ -8,9 +8,9 @@ import pytest
 from biped import biped
 
 from featherstone_gait import Ground, load_robot
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.optimize import walking_cost
 from featherstone_gait.robot_file import load_servo
+from featherstone_gait.scene.compile import compile_scene
 from featherstone_gait.walking.cheapest_plan import SLOW, Box, cheapest_plan, first_gait, speed_limits
 from featherstone_gait.walking.cost_in_worlds import in_worlds
 from featherstone_gait.walking.gait import TICK

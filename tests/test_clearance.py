@@ -24,11 +24,11 @@ from featherstone_gait import (
     initial_state,
     simulate,
 )
-from featherstone_gait.collision import meeting_shapes, shape_distances
-from featherstone_gait.rotation import rotation_from_rpy
+from featherstone_gait.base.rotation import rotation_from_rpy
+from featherstone_gait.geometry.distance import meeting_shapes, shape_distances
 from featherstone_gait.walking import Constraints
 
-BODY = (1.0, (0.0, 0.0, 0.0), (1e-2, 0.0, 0.0, 1e-2, 0.0, 1e-2))  # mass, centre, inertia
+BODY = (1.0, (0.0, 0.0, 0.0), (1e-2, 0.0, 0.0, 1e-2, 0.0, 1e-2))  # mass, center, inertia
 KINDS = {
     "sphere": lambda size: Sphere(size()),
     "capsule": lambda size: Capsule(size() / 3.0, size()),
@@ -236,7 +236,7 @@ def at(link, x, name=""):
     return Shape(link, Sphere(0.1), (x, 0.0, 0.0), name=name)
 
 
-def test_neighbours_and_what_is_attached_to_them_are_left_out():
+def test_neighbors_and_what_is_attached_to_them_are_left_out():
     robot = chain(at("w", 0.0), at("x", 1.0), at("y", 2.0), at("z", 3.0))
     assert meeting_shapes(robot).pairs.tolist() == [[0, 2], [0, 3], [1, 3]]
     welded = chain(*robot.shapes, fixed="y")

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-from featherstone_gait import Ground, Trajectory, cli, compile_scene, load_robot, optimize
+from featherstone_gait import Ground, Trajectory, cli, compile_scene, load_robot
 from featherstone_gait.cli import simulate as simulate_command
-from featherstone_gait.optimize import _folded, expected
+from featherstone_gait.optimize import job as optimize
+from featherstone_gait.optimize.job import _folded, expected
 from featherstone_gait.run import simulate as simulation
 
 SLIDER = """<robot name="slider">
@@ -377,12 +378,12 @@ def test_a_benchmark_gets_its_folder_and_its_length(name, monkeypatch, tmp_path)
 def test_doubts_about_a_file_are_told_without_a_line_of_this_package(tmp_path):
     text = Path(load_robot("ax12_arm").source).read_text("utf-8")
     path = tmp_path / "arm.urdf"
-    path.write_text(text.replace("<joint name=", '<joint colour="red" name=', 1), "utf-8")
+    path.write_text(text.replace("<joint name=", '<joint color="red" name=', 1), "utf-8")
     command = [sys.executable, "-m", "featherstone_gait", "info", str(path)]
     run = subprocess.run(command, capture_output=True, text=True, check=True)
     told = " ".join(run.stderr.split())
     assert told.startswith(f"warning: {path}: ")
-    assert "unknown attribute 'colour' of <joint>: passed over" in told
+    assert "unknown attribute 'color' of <joint>: passed over" in told
     assert "load_robot(args" not in told
 
 

@@ -94,7 +94,7 @@ def test_a_push_on_the_base_changes_momentum_by_its_force_and_moment():
     np.testing.assert_allclose(change[:3], moment + np.cross(arm, tau[:3]), rtol=0, atol=1e-11 * scale)
 
 
-def test_linear_momentum_is_mass_by_the_velocity_of_the_centre_of_mass(model):
+def test_linear_momentum_is_mass_by_the_velocity_of_the_center_of_mass(model):
     q, qd, _ = gentle_state(model, 5)
     velocity = rate(model, lambda q, qd: center_of_mass(model, q), q, qd, 0 * qd)
     p = momentum(model, q, qd)[3:]

@@ -57,7 +57,7 @@ def standing_box(forces):
     return Model("box", (box,), (), "floating", contacts=corners), Trajectory(channels, "ok", "", 1.0, np.zeros(0))
 
 
-def test_the_zmp_is_the_centre_of_pressure_and_its_margin_is_to_the_nearest_edge():
+def test_the_zmp_is_the_center_of_pressure_and_its_margin_is_to_the_nearest_edge():
     even, right, edge, air = [2.0] * 4, [1.0, 3.0, 1.0, 3.0], [0.0, 4.0, 0.0, 4.0], [0.0] * 4
     margins = zmp_margins(*standing_box([even, right, edge, air]))
     assert margins == pytest.approx([0.05, 0.025, 0.0, 0.0], abs=1e-12)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scenes import NEVER_FALLEN, arm_scene, box, pendulum, thrown, with_controller
 
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.model import Ground
-from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.prepared import prepare
+from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import PARTS, Push, initial_state, restarted, simulate, simulate_batch
+from featherstone_gait.scene.compile import compile_scene
 
 END = (0.0, 0.0, -0.5)  # of the rod [m]
 RECORD = tuple(part for part in PARTS if part != "clearance")

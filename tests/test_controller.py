@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scenes import with_controller
 
-from featherstone_gait.build.scene import compile_scene
-from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.program import controller
+from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.session import Session
 from featherstone_gait.run.simulate import initial_state, simulate, simulate_batch
+from featherstone_gait.scene.compile import compile_scene
 
 KP, KD = 40.0, 0.3
 

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from featherstone_gait import cli, optimize
+from featherstone_gait import cli
+from featherstone_gait.optimize import job as optimize
 from featherstone_gait.search import minimize
 from featherstone_gait.walking import worth
 

@@ -23,7 +23,7 @@ from featherstone_gait import (
     standing_state,
 )
 from featherstone_gait.core.effects.energies import METER
-from featherstone_gait.crosscheck import (
+from featherstone_gait.crosscheck import (  # fmt: skip
     FLOORS,
     Floor,
     Motion,
@@ -34,7 +34,7 @@ from featherstone_gait.crosscheck import (
     sinking,
     standing,
     walk_on,
-)  # fmt: skip
+)
 from featherstone_gait.crosscheck.servo_chain import ServoChain
 from featherstone_gait.model import ContactPoint, Controller, Gearbox, Joint, Link, Model, Servo, Supply
 from featherstone_gait.optimize import walking_cost
@@ -304,7 +304,7 @@ def test_who_leans_too_far_falls_in_mujoco(cost, motion):
 
 
 def test_boxes_stand_where_round_contact_points_do(cost):
-    """Soles whose corners are spheres of 5 mm: a box with its underside 5 mm below their centres does not drop."""
+    """Soles whose corners are spheres of 5 mm: a box with its underside 5 mm below their centers does not drop."""
     points = [
         replace(point, position=(*point.position[:2], point.position[2] + 5e-3), radius=5e-3)
         for point in cost.scene.model.contacts

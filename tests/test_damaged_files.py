@@ -11,10 +11,11 @@ from concurrent.futures import Future
 import numpy as np
 import pytest
 
-from featherstone_gait import Trajectory, cli, optimize
+from featherstone_gait import Trajectory, cli
+from featherstone_gait.base.files import claim, number
 from featherstone_gait.benchmark import precision
-from featherstone_gait.files import claim, number
 from featherstone_gait.identification import read_recording
+from featherstone_gait.optimize import job as optimize
 from featherstone_gait.search import AdaptiveSimulatedAnnealing, minimize
 from featherstone_gait.study import read_study, run_study
 from featherstone_gait.study.run import Log
@@ -25,7 +26,7 @@ STUDY = 'robot = "ax12_arm"\nexperiment = "hold"\nduration = 0.1\n[vary]\nservo.
 RUN = Trajectory({"time": np.zeros(2), "q": np.ones((2, 3))}, "ok", "", 0.5, np.zeros(3), parts={"q": (0, 3)})
 HOLDER = """
 import os, sys, time
-from featherstone_gait.files import claim
+from featherstone_gait.base.files import claim
 file = open(sys.argv[1], "a+b", buffering=0)
 claim(file, sys.argv[1])
 if not hasattr(os, "fork"):

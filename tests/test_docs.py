@@ -121,8 +121,8 @@ def test_the_reference_has_an_example_of_every_public_name():
 @pytest.mark.parametrize(
     "part",
     [
-        "walking", "search", "study", "sensors", "identification",
-        "gym", "maximal", "optimize", "crosscheck", "servo_bench",
+        "walking", "search", "study", "run.sensors", "identification",
+        "envs", "reproduction.maximal", "optimize", "crosscheck", "identification.bench",
     ],
 )  # fmt: skip
 def test_the_reference_shows_all_of_a_part_and_calls_its_functions(part):

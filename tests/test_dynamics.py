@@ -9,7 +9,7 @@ import pytest
 from mujoco_oracle import Oracle
 from random_tree import numbers, random_states, random_tree
 
-from featherstone_gait.build.tree import compile_tree
+from featherstone_gait.base.rotation import rotation_from_rpy
 from featherstone_gait.dynamics import (
     center_of_mass,
     contact_positions,
@@ -22,7 +22,7 @@ from featherstone_gait.dynamics import (
 )
 from featherstone_gait.model import ContactPoint, Joint, Link, Model, inertia_matrix
 from featherstone_gait.robot_file import load_robot, robot_names
-from featherstone_gait.rotation import rotation_from_rpy
+from featherstone_gait.scene.tree import compile_tree
 
 SHAPES = [(1, 1.0), (2, 1.0), (3, 2.0), (7, 1.3), (20, 1.0), (20, 1.5), (50, 1.0), (50, 1.2), (50, 4.0)]
 
@@ -114,7 +114,7 @@ def test_mass_matrix_of_a_tree_is_mujocos(base):
 @pytest.mark.nojit
 @pytest.mark.parametrize("base", ["fixed", "floating"])
 @pytest.mark.parametrize("shape", [(1, 1.0), (7, 1.3), (50, 1.2)], ids=str)
-def test_energy_centre_of_mass_and_momentum_are_mujocos(shape, base):
+def test_energy_center_of_mass_and_momentum_are_mujocos(shape, base):
     model = tree_of(shape, base)
     oracle = Oracle(model)
     q, qd, _ = random_states(model, 20, seed=5)
@@ -317,7 +317,7 @@ def test_pendulum_on_a_cart():
 
 
 def bar(name, mass, center, I):
-    """A bar that hangs along -z, with inertia I about y through its centre of mass."""
+    """A bar that hangs along -z, with inertia I about y through its center of mass."""
     return Link(name, mass, (0.0, 0.0, -center), (I, 0.0, 0.0, I, 0.0, 0.1 * I))
 
 
@@ -395,7 +395,7 @@ def test_the_order_of_joints_in_the_file_only_orders_the_results(base):
 @pytest.mark.nojit
 @pytest.mark.parametrize("base", ["fixed", "floating"])
 def test_splitting_a_link_changes_nothing(base):
-    """A link cut into two that a fixed joint holds together, their centres apart and one frame turned, moves as one."""
+    """A link cut into two that a fixed joint holds together, their centers apart and one frame turned, moves as one."""
     model = tree_of((7, 1.3), base)
     whole = model.links[4]
     apart, shift, E = np.array([1e-3, -2e-3, 1e-3]), np.array([0.1, 0.2, -0.3]), turn((0.0, 0.0, 1.0), math.pi / 2)

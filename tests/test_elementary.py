@@ -11,7 +11,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from featherstone_gait import elementary
+from featherstone_gait.base import portable_math as elementary
 from featherstone_gait.core.compile.elementary import NEAR, SINCOS_LIMIT, exp, log, sincos
 from featherstone_gait.core.compile.jit import entry, kernel
 from featherstone_gait.core.compile.lanes import WIDTH, aligned, as_lanes, select

@@ -68,8 +68,8 @@ def test_on_one_foot_the_other_is_in_the_air():
     names = list(model.joint_names)
     q[7 + names.index("right_hip_front")], q[7 + names.index("right_knee")] = 0.4, 0.4
     found = trim(scene, q, contacts=["left_foot"])
-    assert found.status == "tips"  # its centre of mass is between the feet
-    assert "centre of mass" in found.message
+    assert found.status == "tips"  # its center of mass is between the feet
+    assert "center of mass" in found.message
     with pytest.raises(ValueError, match="link 'neck' has no contact points; those with: left_foot, right_foot"):
         trim(scene, q, contacts=["neck"])
 

@@ -1,4 +1,4 @@
-"""A robot has fallen by its centre of mass and its posture, whichever link is its root and however that is turned."""
+"""A robot has fallen by its center of mass and its posture, whichever link is its root and however that is turned."""
 
 import math
 from dataclasses import replace
@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from featherstone_gait.build.contact import standing_posture
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.model import ContactPoint, Ground, Joint, Link, Model
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.simulate import initial_state, simulate, simulate_batch
+from featherstone_gait.scene.compile import compile_scene
+from featherstone_gait.scene.contact import standing_posture
 
 pytestmark = pytest.mark.nojit
 
@@ -41,7 +41,7 @@ def fallen(scene, slide, tilt=0.0):
 
 @pytest.mark.long
 @pytest.mark.parametrize("root", ["foot", "load"])
-def test_the_centre_of_mass_tells_and_not_the_root(root):
+def test_the_center_of_mass_tells_and_not_the_root(root):
     """It stands at 0.75 x 0.8 m, and is at 60 % of that when the load has come down by 0.32 m."""
     scene = compile_scene(lift(root), ground=Ground())
     assert scene.fall_height == pytest.approx(0.6 * 0.75 * TALL, rel=1e-12)

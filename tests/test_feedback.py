@@ -9,7 +9,7 @@ import pytest
 
 from featherstone_gait import Ground, Push, compile_scene, load_robot, simulate, simulate_batch
 from featherstone_gait.dynamics import center_of_mass, contact_positions
-from featherstone_gait.optimize_feedback import search_feedback
+from featherstone_gait.optimize.feedback import search_feedback
 from featherstone_gait.run.program import State
 from featherstone_gait.run.start import standing_state
 from featherstone_gait.walking import feedback as law
@@ -91,7 +91,7 @@ def test_a_trunk_at_rest_is_seen_to_lean_as_it_does(walk, scene, roll, pitch):
 
 
 @pytest.mark.parametrize(("roll", "pitch"), [(0.0, 0.0), (0.15, -0.2)])
-def test_the_centre_of_mass_and_its_speed_are_seen_from_both_soles(walk, scene, roll, pitch):
+def test_the_center_of_mass_and_its_speed_are_seen_from_both_soles(walk, scene, roll, pitch):
     """As the dynamics have them, with other angles in each joint; a second later the rate has settled to 1e-9."""
     rng = np.random.default_rng(5)
     q, qd = rng.uniform(-0.4, 0.4, (2, scene.tree.n))
@@ -100,7 +100,7 @@ def test_the_centre_of_mass_and_its_speed_are_seen_from_both_soles(walk, scene, 
     base = [0.0, 0.0, 0.0, c * a, c * b, d * a, -d * b]
 
     def seen(t):
-        """Centre of mass less sole (2, 2) [m]: heights and the axis ahead as for a trunk whose x axis points ahead."""
+        """Center of mass less sole (2, 2) [m]: heights and the axis ahead as for a trunk whose x axis points ahead."""
         state = np.concatenate([base, q + 0.01 * t * qd])
         points = contact_positions(scene.model, state).reshape(2, 4, 3)
         return (center_of_mass(scene.model, state) - points.mean(axis=1))[:, :2]

@@ -5,7 +5,7 @@ import errno
 import pytest
 
 from featherstone_gait import load_robot, save_robot
-from featherstone_gait.files import Format, complete, complete_together, moving_up, write_csv
+from featherstone_gait.base.files import Format, complete, complete_together, moving_up, write_csv
 
 
 def contents(folder):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from featherstone_gait.fixed_order import applied, product, solve, total
+from featherstone_gait.base.fixed_order import applied, product, solve, total
 
 
 def test_a_sum_goes_from_first_to_last():

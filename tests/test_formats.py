@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from featherstone_gait import Trajectory, __version__
+from featherstone_gait.base.files import Format, read_csv, write_csv
 from featherstone_gait.benchmark import precision
-from featherstone_gait.files import Format, read_csv, write_csv
 from featherstone_gait.identification import Recording, read_recording, write_recording
 from featherstone_gait.search import minimize
 from featherstone_gait.study import read_study, run_study

@@ -8,9 +8,9 @@ import published
 import pytest
 
 from featherstone_gait import Ground, load_robot
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.dynamics import contact_positions_at
 from featherstone_gait.model import ContactPoint, Joint, Link, Model
+from featherstone_gait.scene.compile import compile_scene
 from featherstone_gait.walking.cost import WalkingCost
 from featherstone_gait.walking.cost_in_worlds import in_worlds
 from featherstone_gait.walking.four_legs import Pattern, four_legged_stride, mirror_by_place

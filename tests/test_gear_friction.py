@@ -13,13 +13,13 @@ import pytest
 from friction_reference import budget, course
 from random_tree import random_tree
 
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.core.compile.jit import entry
 from featherstone_gait.core.effects.gear_friction import GEAR_FRICTION, gear_friction
 from featherstone_gait.model import Controller, Gearbox, Joint, Link, Model, Servo
-from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_servo
+from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import initial_state, simulate, simulate_batch
+from featherstone_gait.scene.compile import compile_scene
 
 ROOT = Path(__file__).parents[1]
 STILL = (0.0, 0.0, 0.0)

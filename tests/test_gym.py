@@ -10,12 +10,12 @@ import published
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from featherstone_gait import gym
-from featherstone_gait.build.scene import compile_scene
+from featherstone_gait.envs import environment as gym
 from featherstone_gait.model import Ground
 from featherstone_gait.robot_file import load_robot
+from featherstone_gait.run.worlds import Spread, Worlds
+from featherstone_gait.scene.compile import compile_scene
 from featherstone_gait.walking import with_generic_servos
-from featherstone_gait.worlds import Spread, Worlds
 
 
 @pytest.fixture(scope="module")
@@ -183,6 +183,6 @@ def test_a_step_of_a_vector_that_is_refused_does_nothing(robot):
 
 
 def test_without_gymnasium_its_extra_is_named():
-    program = "import sys; sys.modules['gymnasium'] = None\nimport featherstone_gait.gym"
+    program = "import sys; sys.modules['gymnasium'] = None\nimport featherstone_gait.envs"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert "pip install featherstone-gait[gym]" in run.stderr

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.model import Ground
-from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
+from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import simulate
+from featherstone_gait.scene.compile import compile_scene
 
 
 def with_cross(mass):

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from featherstone_gait.experiments import identification as experiment
 from featherstone_gait.identification import (
     MOTOR_OFF,
     Recording,
@@ -17,6 +16,7 @@ from featherstone_gait.identification import (
     read_recording,
     write_recording,
 )
+from featherstone_gait.reproduction import identification as experiment
 from featherstone_gait.robot_file import load_robot
 
 COUNT = experiment.COUNT

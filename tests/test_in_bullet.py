@@ -9,13 +9,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from featherstone_gait import Reference, compile_scene, initial_state, load_robot, simulate, standing_state
+from featherstone_gait.base.files import read_csv
 from featherstone_gait.core.effects.energies import METER
 from featherstone_gait.core.effects.push import AHEAD
 from featherstone_gait.crosscheck import read_motion
 from featherstone_gait.crosscheck.in_mujoco import evaluated
-from featherstone_gait.experiments import in_bullet as study
-from featherstone_gait.experiments.in_bullet import FLOORS, Machine, Walked
-from featherstone_gait.files import read_csv
+from featherstone_gait.reproduction import in_bullet as study
+from featherstone_gait.reproduction.in_bullet import FLOORS, Machine, Walked
 
 pybullet = pytest.importorskip("pybullet")
 

@@ -9,13 +9,13 @@ from mpmath import mp
 from scenes import NEVER_FALLEN, box, box_on, pendulum, resting, thrown, with_controller
 from scipy.special import ellipj, ellipk
 
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.core.effects import energies
 from featherstone_gait.model import Ground, Joint, Link, Model
-from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot, load_servo
+from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import Push, initial_state, simulate, simulate_batch
-from featherstone_gait.trajectory import Trajectory
+from featherstone_gait.run.trajectory import Trajectory
+from featherstone_gait.scene.compile import compile_scene
 
 UNCLIPPED = {"coulomb_friction": 0.0, "current_limit": 1e3, "current_slew": 1e9, "voltage_limit": 1e3}
 ORDERS = {"implicit_euler": 1, "midpoint": 2, "rk4": 4, "dop853": 8}

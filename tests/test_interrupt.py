@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from scenes import arm_scene, pendulum
 
-from featherstone_gait.build.external import Push
-from featherstone_gait.build.scene import compile_scene
-from featherstone_gait.reference import Reference
 from featherstone_gait.run import interrupt, prepared
 from featherstone_gait.run.prepared import prepare
+from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import simulate
+from featherstone_gait.scene.compile import compile_scene
+from featherstone_gait.scene.external import Push
 
 ROOT = Path(__file__).parents[1]
 
@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[1]
 PROGRAM = """
     import os, signal, threading
     from scenes import arm_scene, pendulum
-    from featherstone_gait.build.scene import compile_scene
+    from featherstone_gait.scene.compile import compile_scene
     from featherstone_gait.run.simulate import initial_state, simulate, simulate_batch
 
     signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell's background jobs ignore

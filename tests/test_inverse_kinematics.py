@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from biped import biped
 
-from featherstone_gait.model import Joint, Link, Model, rotation_from_rpy
+from featherstone_gait.base.rotation import rotation_from_rpy
+from featherstone_gait.model import Joint, Link, Model
 from featherstone_gait.walking.inverse_kinematics import leg_joints, mid_range, solve_leg
 from featherstone_gait.walking.kinematics import center_of_mass, joint_axes, link_index, link_poses
 

@@ -9,7 +9,7 @@ from random_tree import random_states, random_tree
 
 from featherstone_gait import load_robot
 from featherstone_gait.dynamics import center_of_mass, forward_kinematics, momentum
-from featherstone_gait.jacobians import center_of_mass_jacobian, jacobian, link_index
+from featherstone_gait.dynamics.jacobians import center_of_mass_jacobian, jacobian, link_index
 from featherstone_gait.model import Link, Mimic, Model
 
 POINT = (0.03, -0.02, 0.05)
@@ -63,7 +63,7 @@ def test_a_jacobian_is_the_derivative_of_the_pose(robot):
 @pytest.mark.bounds
 @pytest.mark.nojit
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_the_jacobian_of_the_centre_of_mass_is_its_derivative(robot):
+def test_the_jacobian_of_the_center_of_mass_is_its_derivative(robot):
     model = ROBOTS[robot]
     q = random_states(model, 1, 5)[0][0]
     J = center_of_mass_jacobian(model, q)
@@ -72,7 +72,7 @@ def test_the_jacobian_of_the_centre_of_mass_is_its_derivative(robot):
 
 
 @pytest.mark.parametrize("robot", ["floating", "humanoid"])
-def test_mass_times_velocity_of_the_centre_is_the_momentum(robot):
+def test_mass_times_velocity_of_the_center_is_the_momentum(robot):
     model = ROBOTS[robot]
     q, qd, _ = random_states(model, 5, 6)
     velocity = (center_of_mass_jacobian(model, q) @ qd[..., None])[..., 0]

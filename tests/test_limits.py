@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from featherstone_gait import ContactPoint, Link, Model, Trajectory, clearance, load_robot, load_servo
-from featherstone_gait.collision import meeting_shapes
-from featherstone_gait.optimize import (
+from featherstone_gait.geometry.distance import meeting_shapes
+from featherstone_gait.identification.curve import torque_speed
+from featherstone_gait.optimize.job import (
     _limits_told,
     optimize_gait,
     optimize_with_limits,
     walking_cost,
 )
-from featherstone_gait.servo_curve import torque_speed
 from featherstone_gait.walking import descent, limits, worth
 from featherstone_gait.walking.cost_in_worlds import in_worlds
 from featherstone_gait.walking.descent import descend
@@ -213,7 +213,7 @@ def test_of_the_best_candidates_that_is_taken_which_walks_elsewhere(cost, watch,
     assert [row["kept"] for row in rows] == [kept, 0]
 
 
-def test_power_that_is_always_drawn_is_paid_by_the_time_that_a_metre_takes():
+def test_power_that_is_always_drawn_is_paid_by_the_time_that_a_meter_takes():
     told = worth.with_standby({"cost": 20.0, "speed": 0.1}, {"electronics": 2.0, "held": 1.0})
     assert told == {"motors": 20.0, "electronics": pytest.approx(40.0), "held": pytest.approx(50.0)}
     assert worth.with_standby({"cost": None, "speed": None}, {"held": 1.0}) == {"motors": None, "held": None}

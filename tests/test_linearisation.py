@@ -10,9 +10,9 @@ import pytest
 from scenes import arm_scene, box_on, pendulum, resting
 from scipy.linalg import expm
 
-from featherstone_gait import Ground, Reference, compile_scene, initial_state, linearise, load_robot, simulate
-from featherstone_gait.benchmark.linearise import _falling
-from featherstone_gait.linearisation import _spare
+from featherstone_gait import Ground, Reference, compile_scene, initial_state, linearize, load_robot, simulate
+from featherstone_gait.analysis.linearization import _spare
+from featherstone_gait.benchmark.linearize import _falling
 from featherstone_gait.model import Controller, Joint, Link, Mimic, Model, Servo, Spring
 
 G, LENGTH, MASS, DAMPING = 9.81, 0.5, 1.0, 0.05  # of `pendulum`
@@ -41,7 +41,7 @@ def test_a_pendulum_on_a_pd_servo_has_the_matrix_exponential_of_its_equation(ang
     """At rest under the reference that holds it; error control integrates to 1e-12."""
     scene = compile_scene(driven_pendulum(), "standard", integrator="dop853")
     reference = [angle + MASS * G * LENGTH / 2 * math.sin(angle) / KP]
-    found = linearise(scene, initial_state(scene, [angle]), reference, steps=scene.tick_steps)
+    found = linearize(scene, initial_state(scene, [angle]), reference, steps=scene.tick_steps)
     A, B = exact(found.period, angle)
     assert found.states == ("q hinge", "qd hinge")
     assert found.inputs == ("reference hinge",)
@@ -61,7 +61,7 @@ def test_of_the_midpoint_rule_they_approach_it_as_the_square_of_the_step():
     errors = []
     for h in (2e-3, 1e-3):
         scene = compile_scene(pendulum(), integrator="midpoint", timestep=h)
-        found = linearise(scene, steps=round(0.01 / h))
+        found = linearize(scene, steps=round(0.01 / h))
         assert found.states == ("q hinge", "qd hinge", "qdd hinge")
         values = sorted(np.linalg.eigvals(found.A), key=abs)
         assert abs(values[0]) < 0.01
@@ -71,7 +71,7 @@ def test_of_the_midpoint_rule_they_approach_it_as_the_square_of_the_step():
     state = initial_state(scene, [0.5])
     later = state.copy()
     later[scene.layout["end"]] = 1.0  # where no run begins by Euler's step
-    assert linearise(scene, state, steps=3).A.tobytes() == linearise(scene, later, steps=3).A.tobytes()
+    assert linearize(scene, state, steps=3).A.tobytes() == linearize(scene, later, steps=3).A.tobytes()
 
 
 def sliders(count, stiffness, mass):
@@ -92,7 +92,7 @@ def test_a_chain_of_springs_has_the_matrix_exponential_of_its_equation():
     n, k, m = 3, 40.0, 0.5
     model, springs = sliders(n, k, m)
     scene = compile_scene(model, integrator="dop853", springs=springs, gravity=(0.0, 0.0, 0.0))
-    found = linearise(scene, steps=20)
+    found = linearize(scene, steps=20)
     K = k * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
     K[-1, -1] = k
     F = np.block([[np.zeros((n, n)), np.eye(n), np.zeros((n, n))], [-K / m, np.zeros((n, n)), np.eye(n) / m]])
@@ -106,8 +106,8 @@ def test_two_periods_are_the_square_of_one_at_an_equilibrium():
     """Of the arm that its servos hold: all that is remembered from tick to tick is among the states."""
     scene = arm_scene(integrator="midpoint")
     state = simulate(scene, 30.0, reference=Reference([0.0], np.zeros((1, 7))), estimate_error=False).final
-    one = linearise(scene, state, np.zeros(7))
-    two = linearise(scene, state, np.zeros(7), steps=2 * scene.tick_steps)
+    one = linearize(scene, state, np.zeros(7))
+    two = linearize(scene, state, np.zeros(7), steps=2 * scene.tick_steps)
     assert two.states == one.states
     assert np.abs(one.change[one.of("q", "qd")]).max() < 1e-9
     scale = np.abs(two.A).max(axis=1, keepdims=True)
@@ -124,7 +124,7 @@ def test_small_deviations_go_where_the_matrices_take_them():
     n = scene.tree.n
     q = np.concatenate([[0.0, 0.0, 1.0, 0.8, 0.1, -0.5, 0.3], 0.3 * rng.normal(size=n)])
     state, tau = initial_state(scene, q, rng.normal(size=n + 6), beyond_limits=True), 0.1 * rng.normal(size=n)
-    found = linearise(scene, state, tau=tau, steps=10, outputs=("qdd",))
+    found = linearize(scene, state, tau=tau, steps=10, outputs=("qdd",))
     x, u = rng.normal(size=len(found.states)), rng.normal(size=n)
     missed = []
     for size in (2e-3, 1e-3):
@@ -145,7 +145,7 @@ def test_small_deviations_go_where_the_matrices_take_them():
 @pytest.mark.nojit
 def test_moved_and_deviation_are_inverse():
     scene = box_on(Ground())
-    found = linearise(scene, resting(scene))
+    found = linearize(scene, resting(scene))
     x = 0.1 * np.random.default_rng(0).normal(size=len(found.states))
     np.testing.assert_allclose(found.deviation(found.moved(x)), x, rtol=1e-12, atol=1e-15)
 
@@ -154,11 +154,11 @@ def test_moved_and_deviation_are_inverse():
 def test_a_resting_box_has_no_kinks_and_one_that_touches_has_one_that_is_named():
     """A point on the surface pushes when it is lower, and not when it is higher: k h / m of its speed in a step."""
     scene = box_on(Ground())
-    assert linearise(scene, resting(scene)).kinks == ()
+    assert linearize(scene, resting(scene)).kinks == ()
     ground = scene.ground
     q = np.array([0.0, 0.0, 0.05, 1.0, 0.0, 0.0, 0.0])
     quick = compile_scene(scene.model, ground=ground, integrator="rk4", timestep=1e-5)
-    found = linearise(quick, initial_state(quick, q))
+    found = linearize(quick, initial_state(quick, q))
     height = next(kink for kink in found.kinks if kink.column == "base_q z")
     row = height.rows.index("base_qd vz")
     k, m = scene.constants.contact.points.stiffness.sum(), scene.model.mass
@@ -177,7 +177,7 @@ def test_a_voltage_at_its_limit_is_a_kink():
     limit = controller.voltage_limit[0] / controller.Kp[0]
     reference = np.zeros(7)
     reference[0] = limit
-    found = linearise(arm, initial_state(arm), reference)
+    found = linearize(arm, initial_state(arm), reference)
     kink = next(kink for kink in found.kinks if kink.column == "reference joint1")
     row = kink.rows.index("current joint1")
     assert kink.right[row] == 0.0
@@ -188,7 +188,7 @@ def test_a_voltage_at_its_limit_is_a_kink():
 def test_held_voltages_are_inputs_too():
     """The reference acts by way of the voltage alone, Kp volts by radian."""
     arm = arm_scene(load_robot("arm7"))
-    by_reference, by_voltage = linearise(arm, None, np.zeros(7)), linearise(arm, inputs=("voltage",))
+    by_reference, by_voltage = linearize(arm, None, np.zeros(7)), linearize(arm, inputs=("voltage",))
     Kp = arm.constants.actuator.controller.Kp
     assert by_voltage.inputs == tuple(f"voltage {name}" for name in arm.model.joint_names)
     rows = [by_reference.states.index(name) for name in by_voltage.states]
@@ -202,7 +202,7 @@ def test_followers_are_no_states():
     joints = [j if j.name != "joint3" else replace(j, mimic=Mimic("joint2", 0.5)) for j in free.joints]
     model = replace(free, joints=tuple(joints))
     scene = compile_scene(model, integrator="implicit_euler", timestep=1e-3)
-    found = linearise(scene)
+    found = linearize(scene)
     assert "q joint3" not in found.states
     state = found.moved(0.01 * np.ones(len(found.states)))
     first = scene.part("q")[0]
@@ -212,7 +212,7 @@ def test_followers_are_no_states():
 @pytest.mark.long
 def test_threads_do_not_change_the_bits():
     scene = arm_scene(load_robot("arm7"), integrator="midpoint")
-    one, three = (linearise(scene, threads=k, outputs=("torque",)) for k in (1, 3))
+    one, three = (linearize(scene, threads=k, outputs=("torque",)) for k in (1, 3))
     for name in ("A", "B", "C", "D", "A_error", "change"):
         assert getattr(one, name).tobytes() == getattr(three, name).tobytes(), name
 
@@ -233,7 +233,7 @@ def test_calls_one_after_the_other_and_side_by_side_have_the_same_bits():
     ]
 
     def called(which):
-        found = linearise(*given[which][0], **given[which][1])
+        found = linearize(*given[which][0], **given[which][1])
         return [getattr(found, name).tobytes() for name in ("A", "B", "C", "D", "A_error", "change")]
 
     fresh = []
@@ -242,7 +242,7 @@ def test_calls_one_after_the_other_and_side_by_side_have_the_same_bits():
         fresh.append(called(which))
     order = [*range(len(given))] * 3
     with pytest.raises(ValueError, match="diverged"):
-        linearise(scene, initial_state(scene, qd=np.full(7, 1e9)), np.zeros(7))
+        linearize(scene, initial_state(scene, qd=np.full(7, 1e9)), np.zeros(7))
     assert [called(which) for which in order] == [fresh[which] for which in order]
     with ThreadPoolExecutor(4) as pool:
         assert list(pool.map(called, order)) == [fresh[which] for which in order]
@@ -253,7 +253,7 @@ def test_an_error_is_no_less_than_what_rounding_makes_of_an_entry():
     model, _ = sliders(1, 1.0, 0.7)
     scene = compile_scene(model, integrator="implicit_euler", timestep=1e-3, gravity=(0.0, 0.0, 0.0))
     for speed in (0.0, 0.3):
-        found = linearise(scene, initial_state(scene, [0.0], [speed]))
+        found = linearize(scene, initial_state(scene, [0.0], [speed]))
         assert (np.abs(found.A - [[1.0, 1e-3], [0.0, 1.0]]) <= found.A_error).all()
         assert (np.abs(found.B - [[1e-6 / 0.7], [1e-3 / 0.7]]) <= found.B_error).all()
         assert found.A_error.max() < 1e-9
@@ -275,7 +275,7 @@ def test_mujoco_has_the_same_matrices():
     A, B = np.zeros((14, 14)), np.zeros((14, m.nu))
     mujoco.mjd_transitionFD(m, d, 1e-6, True, A, B, None, None)
     scene = compile_scene(model, integrator="implicit_euler", timestep=1e-3)
-    found = linearise(scene, initial_state(scene, q, qd, beyond_limits=True), tau=tau)
+    found = linearize(scene, initial_state(scene, q, qd, beyond_limits=True), tau=tau)
     order = [*oracle.dofs, *(7 + oracle.dofs)]
     theirs = A[np.ix_(order, order)]
     np.testing.assert_allclose(found.A, theirs, atol=2e-8 * np.abs(theirs).max())
@@ -307,7 +307,7 @@ def test_the_benchmark_compares_what_is_comparable():
 def test_what_does_not_fit_is_named(given, what):
     scene = compile_scene(pendulum(), integrator="implicit_euler", timestep=1e-3)
     with pytest.raises(ValueError, match=what):
-        linearise(scene, **given)
+        linearize(scene, **given)
 
 
 @pytest.mark.long
@@ -315,4 +315,4 @@ def test_a_robot_that_falls_within_the_period_is_named():
     scene = compile_scene(load_robot("humanoid"), ground=Ground(), integrator="implicit_euler", timestep=1e-3)
     lying = initial_state(scene, [0.0, 0.0, 0.3, 0.6, 0.0, 0.8, 0.0, *np.zeros(scene.tree.n)])
     with pytest.raises(ValueError, match="fell"):
-        linearise(scene, lying)
+        linearize(scene, lying)

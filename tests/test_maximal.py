@@ -9,14 +9,15 @@ import pytest
 from scenes import G, box, box_on, pendulum, resting, rotations
 from scipy.special import ellipk
 
-from featherstone_gait import compile_scene, initial_state, load_robot, maximal, simulate
+from featherstone_gait import compile_scene, initial_state, load_robot, simulate
 from featherstone_gait.dynamics import energy
-from featherstone_gait.maximal import EXACT, Engine
-from featherstone_gait.maximal.layout import AXIS, BODY, DRIVE, JOINT, LAMBDA, PLACE, POINT, SPEED
-from featherstone_gait.maximal.run import advance
-from featherstone_gait.maximal.world import assembled, work_of
 from featherstone_gait.model import Ground, Joint, Link, Model
-from featherstone_gait.reference import Reference
+from featherstone_gait.reproduction import maximal
+from featherstone_gait.reproduction.maximal import EXACT, Engine
+from featherstone_gait.reproduction.maximal.layout import AXIS, BODY, DRIVE, JOINT, LAMBDA, PLACE, POINT, SPEED
+from featherstone_gait.reproduction.maximal.run import advance
+from featherstone_gait.reproduction.maximal.world import assembled, work_of
+from featherstone_gait.run.reference import Reference
 
 SOFT = replace(EXACT, cfm=1e-5, soft_cfm=1e-5)
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from featherstone_gait.experiments import solver_scatter
-from featherstone_gait.experiments.solver_scatter import QUICK, Scatter, Setting
 from featherstone_gait.optimize import walking_cost
+from featherstone_gait.reproduction import solver_scatter
+from featherstone_gait.reproduction.solver_scatter import QUICK, Scatter, Setting
 from featherstone_gait.robot_file import load_robot
 
 SMALL = replace(QUICK, runs=3, map_runs=2, steps=(2e-3,), iterations=(10,), masses=(1.0,), strides=1)

@@ -33,11 +33,11 @@ from featherstone_gait import (
     save_robot,
     simulate,
 )
-from featherstone_gait.build.actuator import build_drive
+from featherstone_gait.base.rotation import rotation_about, rotation_from_rpy, rpy_from_rotation
 from featherstone_gait.model import Mimic
+from featherstone_gait.model.shapes import Box, Capsule, Cylinder, Hull, Sphere
 from featherstone_gait.robot_file.mjcf.names import names_of
-from featherstone_gait.rotation import rotation_about, rotation_from_rpy, rpy_from_rotation
-from featherstone_gait.shape import Box, Capsule, Cylinder, Hull, Sphere
+from featherstone_gait.scene.actuator import build_drive
 
 OFF = mujoco.mjtDisableBit
 PASSIVE = OFF.mjDSBL_CONTACT | OFF.mjDSBL_CONSTRAINT | OFF.mjDSBL_SPRING | OFF.mjDSBL_DAMPER | OFF.mjDSBL_ACTUATION

@@ -13,9 +13,10 @@ import pytest
 from matplotlib import image
 from pages import data_of
 
-from featherstone_gait import cli, load_robot, load_servo, optimize
+from featherstone_gait import cli, load_robot, load_servo
 from featherstone_gait.crosscheck import FLOORS
-from featherstone_gait.optimize import (
+from featherstone_gait.optimize import job as optimize
+from featherstone_gait.optimize.job import (
     _states_of,
     main_job,
     optimize_gait,
@@ -111,7 +112,7 @@ def test_the_animation_needs_nothing_from_the_network_and_moves(job):
     assert len(page) < 3e6
     assert re.findall(r"https?:|//[a-z]|<link|@import|src=", page) == []
     data = data_of(page)
-    assert [run["caption"].split(":")[0] for run in data["runs"]] == ["first gait", "optimised gait"]
+    assert [run["caption"].split(":")[0] for run in data["runs"]] == ["first gait", "optimized gait"]
     run = data["runs"][0]
     first, last = (data["unit"] * frame[7 * run["root"]] for frame in (run["frames"][0], run["frames"][-1]))
     assert last - first > 10 * report["before"]["stride_length"]

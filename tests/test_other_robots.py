@@ -8,9 +8,9 @@ import numpy as np
 import published
 import pytest
 
-from featherstone_gait.experiments import other_robots as study
-from featherstone_gait.files import read_csv
+from featherstone_gait.base.files import read_csv
 from featherstone_gait.optimize import walking_cost
+from featherstone_gait.reproduction import other_robots as study
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.walking.cost_in_worlds import in_worlds
 

@@ -48,7 +48,7 @@ def distributions(tmp_path_factory):
     return folder
 
 
-def test_the_wheel_holds_package_robots_and_licence(distributions):
+def test_the_wheel_holds_package_robots_and_license(distributions):
     (path,) = distributions.glob("*.whl")
     with zipfile.ZipFile(path) as wheel:
         names = set(wheel.namelist())
@@ -128,7 +128,7 @@ def test_the_readme_has_a_picture_that_moves_and_is_small():
     assert len(data) < 1_500_000
 
 
-def test_the_citation_has_version_licence_and_paper():
+def test_the_citation_has_version_license_and_paper():
     text = (ROOT / "CITATION.cff").read_text("utf-8")
     assert f"\nversion: {featherstone_gait.__version__}\n" in text
     assert "\nlicense: MIT\n" in text

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from featherstone_gait import load_robot
-from featherstone_gait.experiments.energy_repeatability import (
+from featherstone_gait.optimize import walking_cost
+from featherstone_gait.reproduction.energy_repeatability import (
     ALL,
     EXPLICIT,
     IMPLICIT,
@@ -19,7 +20,6 @@ from featherstone_gait.experiments.energy_repeatability import (
     plot,
     run,
 )
-from featherstone_gait.optimize import walking_cost
 
 pytestmark = pytest.mark.long
 

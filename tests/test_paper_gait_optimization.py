@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from featherstone_gait import load_robot
-from featherstone_gait.experiments import gait_optimization
-from featherstone_gait.experiments.gait_optimization import (
+from featherstone_gait.optimize import optimize_gait, walking_cost
+from featherstone_gait.reproduction import gait_optimization
+from featherstone_gait.reproduction.gait_optimization import (
     CHATTER,
     CONDITIONS,
     DEFINITIONS,
@@ -23,7 +24,6 @@ from featherstone_gait.experiments.gait_optimization import (
     plot,
     run,
 )
-from featherstone_gait.optimize import optimize_gait, walking_cost
 
 pytestmark = pytest.mark.long
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from featherstone_gait import inverse_dynamics, load_robot
-from featherstone_gait.experiments.posture import (
+from featherstone_gait.reproduction.posture import (
     BASES,
     EXPLICIT,
     IMPLICIT,
@@ -55,7 +55,7 @@ def test_the_proportional_law_droops_by_the_static_torque(result):
     assert np.abs(REFERENCE - found).max() > 0.4
 
 
-def test_integral_action_centres_the_angles(result):
+def test_integral_action_centers_the_angles(result):
     """Its rest after 7 of its time constants is e^-7 of 0.5 deg; the standing sway is another 0.001 deg."""
     for base in BASES:
         assert np.abs(result.of(servos="mipsd", base=base).mean - REFERENCE).max() < 5e-3
@@ -104,7 +104,7 @@ def test_verdicts(result):
         "reproduced in direction",  # standard: 0.1 deg instead of 0.8
         "reproduced",  # MIPSD
         "reproduced in direction",  # less in all joints
-        "reproduced",  # centred
+        "reproduced",  # centered
         "reproduced in direction",  # order of joints
         "not reproduced",  # the gearbox is not what it takes
     ]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from featherstone_gait.experiments import arm_fall, servo_step, servo_terms
+from featherstone_gait.reproduction import arm_fall, servo_step, servo_terms
 from featherstone_gait.robot_file import load_servo
 
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from featherstone_gait.experiments import seven_joint_arm
-from featherstone_gait.experiments.seven_joint_arm import (
+from featherstone_gait.reproduction import seven_joint_arm
+from featherstone_gait.reproduction.seven_joint_arm import (
     ALONE,
     DEG2,
     EXPLICIT,

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from featherstone_gait.experiments import what_stops
-from featherstone_gait.experiments.what_stops import CONDITIONS, FULL, PAPERS, QUICK, Condition, Result, Row, Search
-from featherstone_gait.files import read_csv
+from featherstone_gait.base.files import read_csv
+from featherstone_gait.reproduction import what_stops
+from featherstone_gait.reproduction.what_stops import CONDITIONS, FULL, PAPERS, QUICK, Condition, Result, Row, Search
 
 PLAIN, FAIR = Condition(), Condition(plan="cheapest")
 

@@ -18,11 +18,11 @@ from scenes import (
     total_energy,
 )
 
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.model import Ground
 from featherstone_gait.robot_file import load_robot
+from featherstone_gait.run.sensors import contact_positions
 from featherstone_gait.run.simulate import Push, initial_state, simulate
-from featherstone_gait.sensors import contact_positions
+from featherstone_gait.scene.compile import compile_scene
 
 INTEGRATORS = ("implicit_euler", "midpoint", "rk4")
 LINEARLY_IMPLICIT = ("implicit_euler", "midpoint")
@@ -250,7 +250,7 @@ def test_steps_in_the_ground_carry_at_their_heights(integrator):
 
 
 @pytest.mark.nojit
-def test_a_box_on_the_edge_of_a_step_tips_towards_the_low_side():
+def test_a_box_on_the_edge_of_a_step_tips_toward_the_low_side():
     scene = box_on(Ground(steps=((0.1, 0.03),)))
     state = initial_state(scene, [0.0, 0.0, 0.081, 1.0, 0.0, 0.0, 0.0])  # the corners at x = 0.2 are over the step
     run = simulate(scene, 0.06, state, record=CHANNELS)

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.core.effects import energies
 from featherstone_gait.core.effects.mipsd_servo import MipsdServo
 from featherstone_gait.dynamics import energy
-from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import gearbox_presets, load_robot, load_servo
+from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import initial_state, simulate
+from featherstone_gait.scene.compile import compile_scene
 
 GK = 254 * 0.00681  # [N m/A]
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scenes import NEVER_FALLEN, G, box, rotations
 
-from featherstone_gait.build.contact import ground_under, standing_height
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.dynamics import contact_positions, energy
 from featherstone_gait.model import ContactPoint, Ground, HeightField, Link, Model, stairs
+from featherstone_gait.run.sensors import sole_forces
 from featherstone_gait.run.simulate import initial_state, simulate, simulate_batch
-from featherstone_gait.sensors import sole_forces
+from featherstone_gait.scene.compile import compile_scene
+from featherstone_gait.scene.contact import ground_under, standing_height
 
 RADIUS = 0.1
 CHANNELS = ("base_q", "base_qd", "bristle", "contact_force", "contact_work")
@@ -83,7 +83,7 @@ def test_what_is_round_rolls_down_a_slope_without_slip(integrator, model, share,
     assert v @ along == pytest.approx(share * G * math.sin(slope) * duration, rel=1e-4)
     assert np.linalg.norm(w) * RADIUS == pytest.approx(np.linalg.norm(v), rel=1e-6)
     kinetic, potential = energy(model, run["base_q"][[0, -1]], run["base_qd"][[0, -1]]).T
-    # But for what springs of half a millimetre hold, all that it has lost in height is in its motion.
+    # But for what springs of half a millimeter hold, all that it has lost in height is in its motion.
     assert kinetic[1] == pytest.approx(potential[0] - potential[1], abs=0.1 * G * scene.ground.sinking)
 
 

@@ -1,4 +1,4 @@
-"""The planned walk: feet, centre of mass and zero-moment point are where a walk needs them."""
+"""The planned walk: feet, center of mass and zero-moment point are where a walk needs them."""
 
 from dataclasses import replace
 
@@ -38,7 +38,7 @@ def test_preview_by_the_zmps_speed_misses_the_reference_by_half(plan):
 
 
 def test_a_plan_of_less_accuracy_is_as_close_as_was_asked_for(plan):
-    """The centre of mass by 10 um, so the joints of legs of 0.2 m by some 1e-4 rad."""
+    """The center of mass by 10 um, so the joints of legs of 0.2 m by some 1e-4 rad."""
     other = walking_plan(biped(), followed=1e-5)
     assert np.abs(center_of_mass(biped(), other.angles, other.base_position) - other.com).max() < 1e-5
     assert 0.0 < np.abs(other.angles - plan.angles).max() < 5e-4
@@ -67,7 +67,7 @@ def test_standing_soles_lie_flat_and_still_and_no_sole_is_below_ground(plan):
     assert corners[..., 2].max() == pytest.approx(plan.walk.lift, rel=0.01)
 
 
-def test_the_models_centre_of_mass_follows_its_path_at_constant_height(plan):
+def test_the_models_center_of_mass_follows_its_path_at_constant_height(plan):
     center = center_of_mass(biped(), plan.angles, plan.base_position)
     assert np.abs(center - plan.com).max() < 3e-9
     assert np.ptp(plan.com[:, 2]) == 0.0
@@ -126,7 +126,7 @@ def test_a_model_that_cannot_stand_is_refused():
 @pytest.mark.parametrize(
     ("walk", "message"),
     [
-        (dict(com_height=0.3), r"cannot reach .* at t = .* lower centre of mass"),
+        (dict(com_height=0.3), r"cannot reach .* at t = .* lower center of mass"),
         (dict(step_length=0.2), r"cannot reach .* shorter step"),
         (dict(lift=0.1), r"joint 'left_\w+' needs .* outside its limits"),
         (dict(n_steps=3), "n_steps = 3"),
@@ -171,7 +171,7 @@ def test_free_arms_hang_and_free_hips_do_not_turn():
 
 
 def wheel_on_a_post(I):
-    """A wheel on a frictionless pivot at 0.5 m, its centre of mass on the axis y."""
+    """A wheel on a frictionless pivot at 0.5 m, its center of mass on the axis y."""
     links = (Link("post", 1.0, (0, 0, 0), (1, 0, 0, 1, 0, 1)), Link("wheel", 2.0, (0, 0, 0), (I, 0, 0, I, 0, 2 * I)))
     return Model("wheel", links, (Joint("pivot", "revolute", "post", "wheel", xyz=(0, 0, 0.5), axis=(0, 1, 0)),))
 
@@ -194,7 +194,7 @@ def test_a_body_moved_without_turning_has_the_zmp_of_a_cart_table(g):
 
 
 @pytest.mark.parametrize("g", [9.81, 1.62])
-def test_a_robot_that_stands_has_its_zmp_under_its_centre_of_mass(plan, g):
+def test_a_robot_that_stands_has_its_zmp_under_its_center_of_mass(plan, g):
     still, base = np.tile(plan.angles[150], (6, 1)), np.tile(plan.base_position[150], (6, 1))
     zmp = multibody_zmp(biped(), still, base, 0.01, g)
     assert zmp == pytest.approx(np.tile(plan.com[150, :2], (6, 1)), abs=1e-8)

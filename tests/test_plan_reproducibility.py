@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from processors import PROCESSORS
 
+from featherstone_gait.dynamics.inverse_kinematics import Target, inverse_kinematics
 from featherstone_gait.optimize import walking_cost
-from featherstone_gait.posture import Target, inverse_kinematics
-from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
+from featherstone_gait.run.reference import Reference
 from featherstone_gait.walking import BIOLOID_WALK, walking_plan
 
 ROOT = Path(__file__).parents[1]
@@ -33,7 +33,7 @@ def planned():
     stride = np.vstack([cost.gait.poses, cost.gait.poses[:1]])
     return {
         "root": plan.base_position,
-        "centre of mass": plan.com,
+        "center of mass": plan.com,
         "angles": plan.angles,
         "gait": cost.gait.poses,
         "start": cost.start,

@@ -10,10 +10,10 @@ from pinocchio_oracle import coordinates, pinocchio_model
 from random_tree import random_states, random_tree
 
 from featherstone_gait import Target, inverse_kinematics, load_robot
+from featherstone_gait.base.rotation import rotation_from_rpy
 from featherstone_gait.dynamics import center_of_mass, forward_kinematics
-from featherstone_gait.jacobians import link_index
+from featherstone_gait.dynamics.jacobians import link_index
 from featherstone_gait.model import Joint, Link, Mimic, Model
-from featherstone_gait.rotation import rotation_from_rpy
 
 INERTIA = (0.01, 0.0, 0.0, 0.01, 0.0, 0.01)
 UPPER, LOWER = 0.5, 0.3  # [m]
@@ -285,8 +285,8 @@ def test_bad_input_is_refused_by_name():
         (dict(targets=["left_foot"]), r"targets holds 'left_foot'; give Target\(link, position\) or a list of them"),
         (dict(targets=Target("tail", (0.0, 0.0, 0.0))), r"no link 'tail'; its links are"),
         (dict(targets=Target("left_foot")), r"link 'left_foot' has no position and no rotation; give one"),
-        (dict(targets=Target(None)), r"centre of mass has no position; give one"),
-        (dict(targets=Target(None, (0, 0, 0), (0, 0, 0))), r"centre of mass has a rotation, which a point has not"),
+        (dict(targets=Target(None)), r"center of mass has no position; give one"),
+        (dict(targets=Target(None, (0, 0, 0), (0, 0, 0))), r"center of mass has a rotation, which a point has not"),
         (dict(targets=Target("left_foot", (0.0, math.nan, 0.0))), r"position must be 3 finite numbers.*nan"),
         (dict(targets=Target("left_foot", rotation=np.ones((3, 3)))), r"orthogonal and of determinant 1, or "),
         (dict(targets=Target("left_foot", rotation=np.diag([1.0, 1.0, -1.0]))), r"of determinant 1"),

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scenes import pendulum
 
-from featherstone_gait.build.preflight import coupled_limit, joint_limit
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.model import Controller, Gearbox, Servo
-from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot, load_servo
+from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import initial_state, simulate
+from featherstone_gait.scene.compile import compile_scene
+from featherstone_gait.scene.preflight import coupled_limit, joint_limit
 
 
 def amplification(mobility, dampings, springs, h):

@@ -7,11 +7,11 @@ import pytest
 from scenes import arm_scene
 
 from featherstone_gait.benchmark.precision import unlimited
-from featherstone_gait.build.scene import compile_scene
-from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.prepared import prepare
+from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import simulate
+from featherstone_gait.scene.compile import compile_scene
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,8 @@ from featherstone_gait import (
     load_robot,
     nearest_posture,
 )
-from featherstone_gait.collision import meeting_shapes
-from featherstone_gait.contact_choice import lowest_levels
+from featherstone_gait.geometry.contact_choice import lowest_levels
+from featherstone_gait.geometry.distance import meeting_shapes
 from featherstone_gait.robot_file.source import robots_folder
 from featherstone_gait.walking.zero_moment_point import polygon_margin, support_polygon
 
@@ -36,7 +36,7 @@ STAND = [  # file, what the names of the feet end in, how many they are, whether
 
 
 def margin(robot):
-    """How far inside the lowest points the centre of mass lies at rest [m]."""
+    """How far inside the lowest points the center of mass lies at rest [m]."""
     q = nearest_posture(robot)
     levels = lowest_levels(robot, robot.contacts, forward_kinematics(robot, q))
     low = contact_positions(robot, q)[levels < levels.min() + 1e-3, :2]
@@ -44,7 +44,7 @@ def margin(robot):
 
 
 @pytest.mark.parametrize(("name", "ending", "count", "meshes"), STAND, ids=[row[0] for row in STAND])
-def test_a_published_robot_has_its_centre_of_mass_over_its_feet(name, ending, count, meshes):
+def test_a_published_robot_has_its_center_of_mass_over_its_feet(name, ending, count, meshes):
     path = published.folder("example-robot-data" if "_description" in name else "pybullet_data") / name
     if meshes:
         pytest.importorskip("trimesh")

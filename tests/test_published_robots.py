@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from featherstone_gait import RobotFileError, RobotFileWarning, forward_dynamics, load_robot
-from featherstone_gait.rotation import rotation_from_rpy
+from featherstone_gait.base.rotation import rotation_from_rpy
 
 pinocchio = pytest.importorskip("pinocchio")
 pytestmark = pytest.mark.filterwarnings("ignore::featherstone_gait.robot_file.RobotFileWarning")

@@ -7,8 +7,8 @@ from scenes import arm_scene, with_controller
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 from featherstone_gait.core.step.signals import evaluate
-from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
+from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import simulate
 
 TIMES = np.array([-0.3, 0.0, 0.25, 1.0, 1.1, 2.0])

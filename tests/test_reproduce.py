@@ -13,10 +13,10 @@ import pytest
 from matplotlib.figure import Figure
 
 from featherstone_gait import cli
-from featherstone_gait.experiments import EXPERIMENTS, Claim, report, sources
-from featherstone_gait.experiments.claim import judged, plus_minus
-from featherstone_gait.experiments.items import ITEMS
-from featherstone_gait.experiments.narrow import WIDTH, stack
+from featherstone_gait.reproduction import EXPERIMENTS, Claim, report, sources
+from featherstone_gait.reproduction.claim import judged, plus_minus
+from featherstone_gait.reproduction.items import ITEMS
+from featherstone_gait.reproduction.narrow import WIDTH, stack
 
 NASTY = 'a <b> & "c" | *d* _e_ `f`'
 
@@ -29,7 +29,7 @@ class Settings:
 
 def stand_in(name, calls, fails=None):
     """An experiment that notes its calls."""
-    module = ModuleType(f"featherstone_gait.experiments.{name}", f"Title of {name}.\n\nMore.")
+    module = ModuleType(f"featherstone_gait.reproduction.{name}", f"Title of {name}.\n\nMore.")
     module.QUICK, module.FULL = Settings(), Settings(duration=20.0)
 
     def run(settings, seed, progress):
@@ -58,12 +58,12 @@ def calls(monkeypatch):
     made = []
     monkeypatch.setattr(report, "EXPERIMENTS", ("first", "last"))
     for name in ("first", "last"):
-        monkeypatch.setitem(sys.modules, f"featherstone_gait.experiments.{name}", stand_in(name, made))
+        monkeypatch.setitem(sys.modules, f"featherstone_gait.reproduction.{name}", stand_in(name, made))
     return made
 
 
 def fail(monkeypatch, calls, name, error):
-    monkeypatch.setitem(sys.modules, f"featherstone_gait.experiments.{name}", stand_in(name, calls, error))
+    monkeypatch.setitem(sys.modules, f"featherstone_gait.reproduction.{name}", stand_in(name, calls, error))
 
 
 class Tags(HTMLParser):
@@ -176,7 +176,7 @@ def test_what_is_finished_stays_so_while_others_run(calls, monkeypatch, tmp_path
     )
     with pytest.raises(KeyboardInterrupt):
         report.reproduce(out=tmp_path)
-    monkeypatch.setitem(sys.modules, "featherstone_gait.experiments.first", stand_in("first", calls))
+    monkeypatch.setitem(sys.modules, "featherstone_gait.reproduction.first", stand_in("first", calls))
     report.reproduce(out=tmp_path)
     assert written == [[True, True], [True, True]]
 
@@ -186,7 +186,7 @@ def test_after_an_interruption_the_same_call_goes_on(calls, monkeypatch, tmp_pat
     with pytest.raises(KeyboardInterrupt):
         report.reproduce(out=tmp_path)
     assert "Not run yet: last" in (tmp_path / "reproduction.md").read_text("utf-8")
-    monkeypatch.setitem(sys.modules, "featherstone_gait.experiments.last", stand_in("last", calls))
+    monkeypatch.setitem(sys.modules, "featherstone_gait.reproduction.last", stand_in("last", calls))
     report.reproduce(out=tmp_path)
     assert [name for name, *_ in calls] == ["first", "last", "last"]
 
@@ -203,7 +203,7 @@ def test_a_failed_experiment_is_reported_and_the_others_run(calls, monkeypatch, 
 
 
 def test_an_experiment_that_cannot_be_loaded_is_a_failed_one(calls, monkeypatch, tmp_path):
-    monkeypatch.delitem(sys.modules, "featherstone_gait.experiments.first")
+    monkeypatch.delitem(sys.modules, "featherstone_gait.reproduction.first")
     first, last = report.reproduce(out=tmp_path)
     assert "ModuleNotFoundError" in first.failure
     assert last.finished
@@ -212,7 +212,7 @@ def test_an_experiment_that_cannot_be_loaded_is_a_failed_one(calls, monkeypatch,
 def test_an_experiment_gets_of_seed_and_progress_what_it_knows(calls, monkeypatch, tmp_path):
     module = stand_in("last", calls)
     module.run = lambda settings, progress: calls.append(("last", progress)) or ""
-    monkeypatch.setitem(sys.modules, "featherstone_gait.experiments.last", module)
+    monkeypatch.setitem(sys.modules, "featherstone_gait.reproduction.last", module)
     report.reproduce(out=tmp_path, seed=5)
     assert calls == [("first", 2.0, 5), ("last", False)]
 
@@ -253,13 +253,13 @@ def test_every_item_of_the_paper_is_answered(key):
         file, _, function = item.test.partition("::")
         assert not item.test or f"def {function}(" in (ROOT / file).read_text("utf-8")
     else:
-        sources = [(ROOT / f"featherstone_gait/experiments/{name}.py").read_text("utf-8") for name in EXPERIMENTS]
+        sources = [(ROOT / f"featherstone_gait/reproduction/{name}.py").read_text("utf-8") for name in EXPERIMENTS]
         assert [source for source in sources if f'"{key}"' in source]
 
 
 def test_claims_name_items_of_the_paper_and_no_others():
     for name in EXPERIMENTS:
-        source = (ROOT / f"featherstone_gait/experiments/{name}.py").read_text("utf-8")
+        source = (ROOT / f"featherstone_gait/reproduction/{name}.py").read_text("utf-8")
         assert set(re.findall(r'"((?:Fig\.|Table|Eq\.|Section) \d+)"', source)) <= set(ITEMS)
 
 
@@ -280,20 +280,20 @@ def test_every_experiment_states_how_long_it_takes():
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_every_experiment_explains_its_settings(name):
-    module = __import__(f"featherstone_gait.experiments.{name}", fromlist=["QUICK"])
+    module = __import__(f"featherstone_gait.reproduction.{name}", fromlist=["QUICK"])
     assert [row for row in report._settings(module.QUICK) if not row[2]] == []
     assert module.QUICK != module.FULL
 
 
 def test_results_belong_to_the_sources_that_their_experiment_loads(tmp_path):
     """All that Python loads with an experiment is counted, and what it never loads is not."""
-    code = "import sys; import featherstone_gait.experiments.method_comparison; print(*filter(None, (getattr(m, "
+    code = "import sys; import featherstone_gait.reproduction.method_comparison; print(*filter(None, (getattr(m, "
     code += "'__file__', None) for n, m in sys.modules.items() if n.startswith('featherstone_gait'))), sep='\\n')"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    counted = sources.reached(sources.PACKAGE / "experiments" / "method_comparison.py")
+    counted = sources.reached(sources.PACKAGE / "reproduction" / "method_comparison.py")
     assert {Path(path) for path in loaded} <= counted
     inside = {path.relative_to(sources.PACKAGE).as_posix() for path in counted}
     assert "search/cma_es.py" in inside  # imported by a package's __init__
     assert "view/style.py" in inside
     assert not any(path.startswith(("cli/", "benchmark/")) for path in inside)
-    assert "experiments/posture.py" not in inside
+    assert "reproduction/posture.py" not in inside

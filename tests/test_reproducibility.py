@@ -1,4 +1,4 @@
-"""The same bits: alone or in a batch, in any lane, beside any neighbour, on any thread, compiled or not."""
+"""The same bits: alone or in a batch, in any lane, beside any neighbor, on any thread, compiled or not."""
 
 import hashlib
 import os
@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from random_tree import random_states
 
-from featherstone_gait.build.tree import GRAVITY, compile_tree
 from featherstone_gait.core.compile.lanes import WIDTH, aligned
 from featherstone_gait.core.tree.batch import aba_lanes, rnea_lanes
 from featherstone_gait.core.tree.layout import Motion, Robot
 from featherstone_gait.dynamics import forward_dynamics, inverse_dynamics
 from featherstone_gait.model import Joint, Link, Model
 from featherstone_gait.robot_file import load_robot
+from featherstone_gait.scene.tree import GRAVITY, compile_tree
 
 FUNCTIONS = [forward_dynamics, inverse_dynamics]
 COUNT = 64

@@ -5,8 +5,8 @@ import pytest
 from random_tree import random_tree
 
 from featherstone_gait import load_robot
-from featherstone_gait.build.rest import rest_center, rest_mass_matrix, rest_poses
 from featherstone_gait.dynamics import center_of_mass, forward_kinematics, mass_matrix
+from featherstone_gait.scene.rest_pose import rest_center, rest_mass_matrix, rest_poses
 
 
 def robots():

@@ -21,6 +21,7 @@ from featherstone_gait.model import (
     Servo,
     inertia_matrix,
 )
+from featherstone_gait.model.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from featherstone_gait.robot_file import (
     RobotFileError,
     RobotFileNotFoundError,
@@ -31,7 +32,6 @@ from featherstone_gait.robot_file import (
     save_robot,
 )
 from featherstone_gait.robot_file.source import MAX_BYTES
-from featherstone_gait.shape import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 
 URDF = """<?xml version="1.0"?>
 <robot name="bot">
@@ -178,7 +178,7 @@ MALFORMED_URDF = [
     bad(
         "unknown_tag", '<mass value="0.5"/>', '<mas value="0.5"/>', says=["'thigh'", "<inertial>", "<mas>", "spelling"]
     ),
-    bad("misspelt_attribute", 'upper="1.5"', 'uper="1.5"', says=["joint 'hip'", "'uper'", "upper", "spelling"]),
+    bad("misspelled_attribute", 'upper="1.5"', 'uper="1.5"', says=["joint 'hip'", "'uper'", "upper", "spelling"]),
     bad(
         "quaternion", 'xyz="0 0 1" rpy="0 0 0.5"', 'quat_xyzw="0 0 0 1"', says=["'hip'", "'quat_xyzw'", "rpy", "remove"]
     ),
@@ -1189,7 +1189,7 @@ def random_robot(seed):
     links, joints = [Link("root", 1.0, tuple(rng.normal(size=3)), (1.0, 0.1, 0.0, 1.0, 0.0, 1.0))], []
     for k in range(12):
         A = rng.normal(size=(3, 8))
-        I = np.trace(A @ A.T) * np.eye(3) - A @ A.T  # of eight point masses: realisable
+        I = np.trace(A @ A.T) * np.eye(3) - A @ A.T  # of eight point masses: realizable
         links.append(Link(f'b & "{k}"', rng.uniform(0.1, 2), tuple(rng.normal(size=3)), tuple(I[np.triu_indices(3)])))
         kind = ("revolute", "continuous", "prismatic", "fixed")[k % 4]
         axis = rng.normal(size=3)

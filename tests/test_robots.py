@@ -14,7 +14,7 @@ LEG = ("hip_rotation", "hip_lateral", "hip_front", "knee", "ankle_front", "ankle
 ARM = ("front_shoulder", "lateral_shoulder", "elbow")
 TURNED_BY_MIRRORING = ("hip_rotation", "hip_lateral", "ankle_lateral", "lateral_shoulder", "elbow")
 
-# The scene that the humanoid comes from (SimTwo, bioloid2.xml): mass, centre (left or middle), size of each box.
+# The scene that the humanoid comes from (SimTwo, bioloid2.xml): mass, center (left or middle), size of each box.
 BOXES = {
     "trunk": (0.635, (-0.040, 0.000, 0.010), (0.082, 0.102, 0.137)),
     "left_hip_bracket": (0.143, (-0.035, 0.033, -0.085), (0.070, 0.038, 0.049)),
@@ -107,8 +107,8 @@ def test_arm7_is_seven_upright_links_on_parallel_axes():
         assert centers(robot)[link.name] == pytest.approx((0, 0, 0.1 * k + 0.05), abs=1e-12)
 
 
-def test_arm7_needs_2_4_newton_metres_per_radian_to_stand():
-    """An inverted pendulum stands if the stiffness of its base exceeds m g z of its centre of mass."""
+def test_arm7_needs_2_4_newton_meters_per_radian_to_stand():
+    """An inverted pendulum stands if the stiffness of its base exceeds m g z of its center of mass."""
     assert about_first_joint(load_robot("arm7"))[1] == pytest.approx(-2.40, abs=0.005)
 
 
@@ -172,7 +172,7 @@ def test_the_humanoids_legs_have_the_lengths_of_its_source(humanoid):
         assert {abs(r[1]) for r in at.values()} == {0.032}  # half the spacing of the hips, 0.064 m
 
 
-def test_the_humanoids_soles_are_rectangles_centred_sideways_under_the_ankle(humanoid):
+def test_the_humanoids_soles_are_rectangles_centered_sideways_under_the_ankle(humanoid):
     for side in ("left", "right"):
         corners = np.array([point.position for point in humanoid.contacts if point.link == f"{side}_foot"])
         assert len(np.unique(corners, axis=0)) == 4

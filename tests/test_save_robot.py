@@ -26,7 +26,7 @@ from featherstone_gait import (
     save_robot,
 )
 from featherstone_gait.model import Mimic
-from featherstone_gait.shape import Box, Mesh, Shape, Sphere
+from featherstone_gait.model.shapes import Box, Mesh, Shape, Sphere
 
 BODY = (0.02, 0.001, 0.0, 0.03, -0.002, 0.025)  # an inertia [kg m^2]
 POINT, FLAT = (0.0,) * 6, (0.01, 0.0, 0.0, 0.02, 0.0, 0.03)

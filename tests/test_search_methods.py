@@ -280,7 +280,7 @@ def once(x):
     yield [x]
 
 
-def test_what_a_minimiser_raises_is_raised_to_who_asks():
+def test_what_a_minimizer_raises_is_raised_to_who_asks():
     def broken(evaluate):
         evaluate([np.zeros(1)])
         raise ValueError("broken")
@@ -297,7 +297,7 @@ def test_a_search_that_is_dropped_leaves_no_thread():
     for search in searches:
         run(search, sphere, evaluations=60)
     threads = [thread for thread in threading.enumerate() if thread not in before]
-    assert [thread.name for thread in threads] == ["minimiser", "minimiser"]
+    assert [thread.name for thread in threads] == ["minimizer", "minimizer"]
     del search, searches
     gc.collect()
     for thread in threads:

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scenes import G, arm_scene, box_on, resting, rotations, standing_humanoid, thrown
 
-from featherstone_gait import sensors
 from featherstone_gait.dynamics import center_of_mass
 from featherstone_gait.model import Ground
 from featherstone_gait.robot_file import load_robot
+from featherstone_gait.run import sensors
 from featherstone_gait.run.simulate import Push, initial_state, simulate
-from featherstone_gait.trajectory import Trajectory
+from featherstone_gait.run.trajectory import Trajectory
 
 CHANNELS = ("q", "base_q", "base_qd", "base_qdd", "contact_force")
 
@@ -38,7 +38,7 @@ def test_the_soles_carry_the_weight_and_each_half_of_it(standing):
     assert left[1] == pytest.approx(-right[1], abs=1e-6)
 
 
-def test_the_centre_of_pressure_of_a_robot_at_rest_is_under_its_centre_of_mass(standing):
+def test_the_center_of_pressure_of_a_robot_at_rest_is_under_its_center_of_mass(standing):
     scene, run, _ = standing
     pressure = sensors.center_of_pressure(scene, run)[-1]
     mass = center_of_mass(scene.model, np.concatenate([run["base_q"][-1], run["q"][-1]]))
@@ -50,7 +50,7 @@ def test_the_centre_of_pressure_of_a_robot_at_rest_is_under_its_centre_of_mass(s
 
 
 @pytest.mark.nojit
-def test_in_free_fall_an_accelerometer_in_the_centre_of_mass_reads_nothing():
+def test_in_free_fall_an_accelerometer_in_the_center_of_mass_reads_nothing():
     scene = box_on(Ground(height=-10.0))
     run = simulate(scene, 0.1, initial_state(scene, np.eye(7)[3], [0.1, 0.2, 0.3, 3.0, -2.0, 1.0]), record=CHANNELS)
     np.testing.assert_allclose(sensors.accelerometer(scene, run)[1:], 0.0, rtol=0, atol=1e-12)
@@ -89,7 +89,7 @@ def test_on_a_slope_the_ground_carries_a_box_straight_up():
 
 
 @pytest.mark.long
-def test_a_push_moves_the_centre_of_pressure_by_its_moment_over_the_weight():
+def test_a_push_moves_the_center_of_pressure_by_its_moment_over_the_weight():
     scene = box_on(Ground())
     push = Push("box", (0.5, 0.0, 0.0), point=(0.0, 0.0, 0.05))
     run = simulate(scene, 3.0, resting(scene), pushes=[push], record=CHANNELS)
@@ -99,7 +99,7 @@ def test_a_push_moves_the_centre_of_pressure_by_its_moment_over_the_weight():
 
 
 @pytest.mark.nojit
-def test_in_the_air_there_is_no_centre_of_pressure():
+def test_in_the_air_there_is_no_center_of_pressure():
     scene = box_on(Ground())
     run = simulate(scene, 0.05, thrown(scene, 0.1), record=CHANNELS)
     assert np.isnan(sensors.center_of_pressure(scene, run)).all()

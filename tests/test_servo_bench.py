@@ -9,10 +9,11 @@ import pytest
 from scenes import pendulum
 from scipy.stats import binom
 
-from featherstone_gait import Reference, compile_scene, load_servo, servo_bench, servo_effects, simulate
+from featherstone_gait import Reference, compile_scene, load_servo, simulate
 from featherstone_gait.cli import main
-from featherstone_gait.fit_log import FitLog
-from featherstone_gait.servo_bench import (
+from featherstone_gait.identification import bench as servo_bench
+from featherstone_gait.identification import effects as servo_effects
+from featherstone_gait.identification.bench import (
     BASE,
     MODELS,
     STS3250,
@@ -23,7 +24,8 @@ from featherstone_gait.servo_bench import (
     leave_out,
     read_bench,
 )
-from featherstone_gait.servo_effects import COUNT
+from featherstone_gait.identification.effects import COUNT
+from featherstone_gait.identification.log import FitLog
 
 FOLDER = Path(__file__).parents[1] / "robots" / "servos" / "recordings"
 

@@ -8,7 +8,7 @@ from servo_wheel import driven
 from test_gear_friction import MODELS, OWN
 
 from featherstone_gait import Controller, Gearbox, Servo, load_servo
-from featherstone_gait.servo_curve import plot_curves, torque_speed
+from featherstone_gait.identification.curve import plot_curves, torque_speed
 
 
 def servo(name, **more):

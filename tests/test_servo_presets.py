@@ -9,8 +9,8 @@ import pytest
 from servo_wheel import driven
 
 from featherstone_gait import RobotFileError, cli, load_servo
+from featherstone_gait.identification.curve import torque_speed
 from featherstone_gait.robot_file.servos import servo_names, servo_sheet
-from featherstone_gait.servo_curve import torque_speed
 
 NAMES = servo_names()
 SERVOS = Path(__file__).parents[1] / "robots" / "servos"

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from scenes import G, pendulum, with_controller
 
-from featherstone_gait import sensors
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.model import Ground
-from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
+from featherstone_gait.run import sensors
+from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.session import Session
 from featherstone_gait.run.simulate import Push, initial_state, restarted, simulate, simulate_batch
-from featherstone_gait.worlds import Spread, Worlds
+from featherstone_gait.run.worlds import Spread, Worlds
+from featherstone_gait.scene.compile import compile_scene
 
 LAW = {"law": "pid_position", "Kp": 40.0, "Ki": 20.0, "Kd": 0.3, "lag": 0.013, "delay": 0.003}
 RECORD = ("q", "qd", "voltage", "current", "energy")

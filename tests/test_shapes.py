@@ -31,16 +31,16 @@ from featherstone_gait import (
     nearest_posture,
     with_contacts,
 )
-from featherstone_gait import mesh as mesh_files
-from featherstone_gait.contact_choice import corner_error, lowest_levels
-from featherstone_gait.hull import MOST, corners_of, sides
+from featherstone_gait.base.rotation import rotation_from_rpy
+from featherstone_gait.geometry import mesh as mesh_files
+from featherstone_gait.geometry.contact_choice import corner_error, lowest_levels
+from featherstone_gait.geometry.hull import MOST, corners_of, sides
 from featherstone_gait.model import Mimic, check_locked
-from featherstone_gait.rest import nearest_positions
+from featherstone_gait.model.rest_posture import nearest_positions
 from featherstone_gait.robot_file.source import robots_folder
-from featherstone_gait.rotation import rotation_from_rpy
 from featherstone_gait.walking.zero_moment_point import polygon_margin, support_polygon
 
-BODY = (1.0, (0.0, 0.0, 0.0), (1e-2, 0.0, 0.0, 1e-2, 0.0, 1e-2))  # mass, centre, inertia
+BODY = (1.0, (0.0, 0.0, 0.0), (1e-2, 0.0, 0.0, 1e-2, 0.0, 1e-2))  # mass, center, inertia
 CUBE = [(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
 
 
@@ -62,7 +62,7 @@ def ball(n, radius=0.02):
     return radius * x / np.linalg.norm(x, axis=1)[:, None]
 
 
-# How far each shape reaches along a direction u in its frame, from its centre: its support function.
+# How far each shape reaches along a direction u in its frame, from its center: its support function.
 REACH = [
     (Sphere(0.3), lambda u: 0.3 * math.hypot(*u)),
     (Capsule(0.1, 0.5), lambda u: 0.1 * math.hypot(*u) + 0.25 * abs(u[2])),
@@ -139,7 +139,7 @@ def test_thinning_does_not_depend_on_the_order_of_the_points():
 
 
 def box_file(folder, kind, size=(0.2, 0.4, 0.6)):
-    """A box as a mesh file, its centre at (1, 2, 3)."""
+    """A box as a mesh file, its center at (1, 2, 3)."""
     trimesh = pytest.importorskip("trimesh")
     if kind == ".dae":
         pytest.importorskip("collada")

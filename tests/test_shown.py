@@ -29,7 +29,7 @@ def test_the_tree_has_a_line_for_every_link_under_its_parent():
     assert "left_elbow (revolute, -90 to 90 deg, locked at 0 deg, servo state" in model.show_tree()
 
 
-def test_the_tree_tells_couplings_and_metres():
+def test_the_tree_tells_couplings_and_meters():
     model = load_robot("arm7")
     first, second = model.joints[:2]
     sliding = replace(second, type="prismatic", lower=-0.1, upper=0.25, mimic=Mimic(first.name, 2.0, -0.5))

@@ -11,7 +11,7 @@ from random_tree import random_states
 from test_fuzz_mjcf import COUNT, SEED, mutated, read
 
 from featherstone_gait import RobotFileError, RobotFileWarning, forward_dynamics, forward_kinematics, load_robot
-from featherstone_gait.shape import Box, Cylinder, Sphere
+from featherstone_gait.model.shapes import Box, Cylinder, Sphere
 
 SCENE = """<?xml version="1.0"?>
 <scene>

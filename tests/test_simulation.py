@@ -10,16 +10,16 @@ from scenes import NEVER_FALLEN, G, arm_scene, box, box_on, pendulum, resting, t
 from scipy.integrate import solve_ivp
 from scipy.special import lambertw
 
-from featherstone_gait.build.scene import compile_scene
-from featherstone_gait.build.stop import CRITICAL_DEPTH
 from featherstone_gait.core.effects import energies
 from featherstone_gait.core.effects.stop import STOP_DEPTH
 from featherstone_gait.dynamics import energy, mass_matrix
 from featherstone_gait.model import Ground
-from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
+from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import PARTS, Push, initial_state, simulate, simulate_batch
-from featherstone_gait.trajectory import Trajectory
+from featherstone_gait.run.trajectory import Trajectory
+from featherstone_gait.scene.compile import compile_scene
+from featherstone_gait.scene.stop import CRITICAL_DEPTH
 
 NOWHERE = Ground(height=-100.0)
 ZERO = (0.0,)
@@ -307,7 +307,7 @@ def test_a_push_changes_momentum_by_force_times_time(integrator):
 
 
 @pytest.mark.long
-def test_a_force_beside_the_centre_turns_like_its_moment():
+def test_a_force_beside_the_center_turns_like_its_moment():
     scene, model = box_on(NOWHERE), box()
     state = initial_state(scene, np.eye(7)[3])
     beside = simulate(
@@ -409,7 +409,7 @@ def test_a_box_sinks_in_on_the_moon_as_deep_as_asked_for():
 
 
 @pytest.mark.parametrize(("gravity", "weight"), [((0.0, 0.0, -MOON), MOON), ((0.0, 0.6, -0.8), 1.0), (ZERO * 3, G)])
-def test_stops_of_joints_that_nothing_drives_carry_the_robot_at_a_tenth_of_a_metre(gravity, weight):
+def test_stops_of_joints_that_nothing_drives_carry_the_robot_at_a_tenth_of_a_meter(gravity, weight):
     """Without weight they are those of Earth."""
     model = pendulum(lower=-0.4, upper=0.4, effort=math.inf)
     stop = compile_scene(model, gravity=gravity).constants.stops[0]

@@ -14,12 +14,12 @@ import pytest
 from processors import PROCESSORS
 from scenes import arm_scene, box_on, pendulum, thrown
 
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.dynamics import energy, momentum
 from featherstone_gait.model import Ground, Spring
-from featherstone_gait.reference import Reference
 from featherstone_gait.robot_file import load_robot
+from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import Push, initial_state, simulate, simulate_batch
+from featherstone_gait.scene.compile import compile_scene
 
 COUNT = 11
 RECORD = ("q", "qd", "energy", "voltage")

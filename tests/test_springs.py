@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from random_tree import random_states, random_tree
 
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.dynamics import energy, momentum, spring_energy, spring_vectors
 from featherstone_gait.model import Joint, Link, Model, Spring
 from featherstone_gait.run.simulate import Push, initial_state, simulate, simulate_batch
+from featherstone_gait.scene.compile import compile_scene
 
 ROOT = Path(__file__).parents[1]
 BALL = (0.01, 0.0, 0.0, 0.01, 0.0, 0.01)  # [kg m^2]

@@ -77,7 +77,7 @@ def refused(folder, text, *words):
 # ---------------------------------------------------------------------------------------------- reading
 
 
-def test_a_grid_has_every_combination_once_and_neighbours_share_a_scene(tmp_path):
+def test_a_grid_has_every_combination_once_and_neighbors_share_a_scene(tmp_path):
     text = ARM + "[vary]\nposture.tilt = [0.0, 0.1]\nservo.Kp = [20.0, 61.0]\nscene.timestep = [0.001, 0.002]\n"
     study = read(tmp_path, text)
     assert study.setup.names[-1] == "posture.tilt"
@@ -330,7 +330,7 @@ def test_gaits_with_feedback_and_without_keep_their_own_in_a_batch(tmp_path):
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="signal 0 asks for a process on POSIX, and ends it on Windows")
 def test_processes_of_a_pool_end_with_the_one_that_began_them(tmp_path):
-    code = "import os, time\nfrom featherstone_gait.processes import process_pool\n"
+    code = "import os, time\nfrom featherstone_gait.base.processes import process_pool\n"
     code += "if __name__ == '__main__':\n    pool = process_pool(1)\n"
     code += "    print(pool.submit(os.getpid).result(), flush=True)\n"
     script = tmp_path / "main.py"
@@ -574,9 +574,9 @@ def test_what_takes_one_value_is_no_axis_of_the_picture(tmp_path):
     """So that a grid of two parameters is a map, whatever else its file states."""
     study = read(tmp_path, GRID + 'scene.servos = ["mipsd"]\nservo.Kd = [0.0]\n')
     figure = _figure(study, run_study(study, tmp_path).table, Figure)
-    drawn, colours = figure.axes
+    drawn, colors = figure.axes
     assert {drawn.get_xlabel(), drawn.get_ylabel()} == {"posture.tilt [rad]", "servo.Kp [V/rad]"}
-    assert colours.get_ylabel().startswith("largest variance")
+    assert colors.get_ylabel().startswith("largest variance")
 
 
 def test_a_table_that_cannot_be_written_leaves_the_earlier_one(tmp_path, monkeypatch):

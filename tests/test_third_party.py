@@ -5,15 +5,15 @@ import pytest
 from mujoco_oracle import Oracle
 from random_tree import random_states
 
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.core.effects import energies
 from featherstone_gait.dynamics import energy, forward_dynamics
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.simulate import initial_state, simulate
+from featherstone_gait.scene.compile import compile_scene
 
 URDF = """<?xml version="1.0"?>
 <robot name="pan_tilt" xmlns:xacro="http://www.ros.org/wiki/xacro">
-  <material name="grey"><color rgba="0.5 0.5 0.5 1"/></material>
+  <material name="gray"><color rgba="0.5 0.5 0.5 1"/></material>
   <link name="world"/>
   <joint name="mount" type="fixed"><parent link="world"/><child link="base"/><origin xyz="0 0 0.1"/></joint>
   <link name="base">

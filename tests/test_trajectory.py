@@ -9,7 +9,7 @@ from scenes import box_on, resting
 
 from featherstone_gait.model import Ground
 from featherstone_gait.run.simulate import simulate
-from featherstone_gait.trajectory import Trajectory
+from featherstone_gait.run.trajectory import Trajectory
 
 matplotlib.use("Agg")
 

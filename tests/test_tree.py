@@ -15,18 +15,18 @@ from processors import PROCESSORS
 from random_tree import random_tree
 
 import featherstone_gait
-from featherstone_gait.build.tree import compile_tree
+from featherstone_gait.base.fixed_order import applied, product
+from featherstone_gait.base.portable_math import sincos
+from featherstone_gait.base.rotation import rotation_about, rotation_from_rpy, rotation_z_to
 from featherstone_gait.core.compile.elementary import SINCOS_LIMIT
-from featherstone_gait.elementary import sincos
-from featherstone_gait.fixed_order import applied, product
 from featherstone_gait.model import Joint, Model, depth_first, rigid_bodies
 from featherstone_gait.robot_file import load_robot, robot_names, save_robot
-from featherstone_gait.rotation import rotation_about, rotation_from_rpy, rotation_z_to
+from featherstone_gait.scene.tree import compile_tree
 
 PROGRAM = """
 import hashlib, sys
 import numpy as np
-from featherstone_gait.build.tree import compile_tree
+from featherstone_gait.scene.tree import compile_tree
 from featherstone_gait.dynamics import forward_kinematics
 from featherstone_gait.robot_file import load_robot
 
@@ -83,7 +83,7 @@ def test_what_builds_for_kernels_asks_no_library_for_sums_and_sines():
     """`@`, np.linalg, einsum and libm round differently on another processor."""
     package = Path(featherstone_gait.__file__).parent
     names = {"dot", "matmul", "einsum", "linalg", "sin", "cos", "tan", "exp", "hypot"}
-    for path in [package / "rotation.py", *sorted((package / "build").glob("*.py"))]:
+    for path in [package / "base" / "rotation.py", *sorted((package / "scene").glob("*.py"))]:
         nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
         used = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
         if path.name == "preflight.py":

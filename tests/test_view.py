@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 
 import featherstone_gait
 from featherstone_gait import Ground, HeightField, Trajectory, contact_positions, forward_kinematics, load_robot, stairs
-from featherstone_gait.build.contact import ground_under
 from featherstone_gait.cli import main
+from featherstone_gait.scene.contact import ground_under
 from featherstone_gait.view import recorded, shown
 from featherstone_gait.view.animation import MOST_BYTES, page_html, write_animation
 from featherstone_gait.view.recorded import Seen, page_data, thinned_samples
@@ -114,12 +114,12 @@ def seen_in(folder, *geometries):
         ('<capsule radius="1" length="2"/>', (4.0 / 3.0 + 2.0) * np.pi, 0.1),
     ],
 )
-def test_visual_shapes_have_their_volume_place_and_colour(tmp_path, geometry, exact, missing):
+def test_visual_shapes_have_their_volume_place_and_color(tmp_path, geometry, exact, missing):
     (body,), notes = seen_in(tmp_path, geometry)
     assert notes == []
     assert (1.0 - missing) * exact - 1e-9 <= volume(body.points, body.faces) <= exact + 1e-9
     assert 0.5 * (body.points.min(axis=0) + body.points.max(axis=0)) == pytest.approx([0, 0, 1], abs=1e-9)
-    assert set(body.colours) == {(255, 0, 0)}
+    assert set(body.colors) == {(255, 0, 0)}
 
 
 def ball(n):
@@ -380,10 +380,10 @@ def test_every_control_has_a_name():
 
 
 def contrast(a, b):
-    """Of two colours by WCAG 2, from 1 to 21."""
+    """Of two colors by WCAG 2, from 1 to 21."""
 
-    def luminance(colour):
-        c = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+    def luminance(color):
+        c = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
         return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
 
     high, low = sorted((luminance(a), luminance(b)), reverse=True)
@@ -394,11 +394,11 @@ def contrast(a, b):
 def test_text_stands_out_from_its_ground(scheme):
     style = (VIEW / "page.css").read_text("utf-8")
     part = style.partition("prefers-color-scheme: dark")[0 if scheme == "light" else 2]
-    colours = dict(re.findall(r"--(\w+): (#\w{6})", part))
+    colors = dict(re.findall(r"--(\w+): (#\w{6})", part))
     for text, ground in (("text", "page"), ("soft", "page"), ("soft", "panel"), ("bad", "badpage"), ("good", "panel")):
-        assert contrast(colours[text], colours[ground]) >= 4.5, (text, ground)
+        assert contrast(colors[text], colors[ground]) >= 4.5, (text, ground)
     for mark, ground in (("force", "ground"), ("left", "page"), ("right", "page"), ("mid", "page")):
-        assert contrast(colours[mark], colours[ground]) >= 3.0, (mark, ground)
+        assert contrast(colors[mark], colors[ground]) >= 3.0, (mark, ground)
 
 
 # ---------------------------------------------------------------------------------------------- show, view, GIF

@@ -156,9 +156,9 @@ def test_picture_and_controls_are_in_sight(seen, size):
     assert look["play"] > 1000
     assert look["names"] == 0
     assert len(look["picture"]) == 2
-    for height, colours, in_sight in look["picture"]:
+    for height, colors, in_sight in look["picture"]:
         assert height >= 110
-        assert colours > 20
+        assert colors > 20
         assert in_sight
 
 
@@ -215,6 +215,6 @@ def test_nothing_moves_by_itself_for_those_who_do_not_want_it(page, tmp_path, fl
 
 
 def test_a_dark_desktop_gets_a_dark_page(page, tmp_path):
-    script = "viewer.show(); return getComputedStyle(document.body).backgroundColor + colours.sky;"
+    script = "viewer.show(); return getComputedStyle(document.body).backgroundColor + colors.sky;"
     (told,), _ = found_in(page, script, tmp_path, "--force-dark-mode")
     assert told == "rgb(20, 24, 28)#1b232c"

@@ -7,7 +7,7 @@ from matplotlib.colors import to_rgb
 from pages import fallen, humanoid, walking
 
 from featherstone_gait import Trajectory, load_robot
-from featherstone_gait.experiments.claim import plus_minus
+from featherstone_gait.reproduction.claim import plus_minus
 from featherstone_gait.view.style import COLOURS, spread
 
 matplotlib.use("Agg")
@@ -24,7 +24,7 @@ def lines(axes):
     return {line.get_label(): line for line in axes.lines if not line.get_label().startswith("_")}
 
 
-def test_many_joints_are_drawn_left_beside_right_with_partners_in_one_colour():
+def test_many_joints_are_drawn_left_beside_right_with_partners_in_one_color():
     run = walking(load_robot("humanoid"))
     left, right, others = run.plot("q").axes
     assert [axes.get_title() for axes in (left, right, others)] == ["left", "right", "others"]
@@ -69,9 +69,9 @@ def test_a_failed_run_is_drawn_to_its_failure_which_is_told():
     assert max(line.get_xdata().max() for line in lines(axes).values()) == 2.0
 
 
-def dichromat(colour):
-    """A colour as those see it who lack the red or the green cones, in linear RGB (F. Vienot et al., 1999)."""
-    linear = np.array([x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in to_rgb(colour)])
+def dichromat(color):
+    """A color as those see it who lack the red or the green cones, in linear RGB (F. Vienot et al., 1999)."""
+    linear = np.array([x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in to_rgb(color)])
     lms = np.array([[17.8824, 43.5161, 4.11935], [3.45565, 27.1554, 3.86714], [0.0299566, 0.184309, 1.46709]])
     seen = lms @ linear
     without_red = np.array([2.02344 * seen[1] - 2.52581 * seen[2], seen[1], seen[2]])
@@ -79,9 +79,9 @@ def dichromat(colour):
     return [np.linalg.solve(lms, x) for x in (without_red, without_green)]
 
 
-def test_colours_differ_for_those_who_lack_red_or_green_cones():
+def test_colors_differ_for_those_who_lack_red_or_green_cones():
     for k in range(2):
-        seen = np.array([dichromat(colour)[k] for colour in COLOURS])
+        seen = np.array([dichromat(color)[k] for color in COLOURS])
         apart = np.linalg.norm(seen[:, None] - seen[None], axis=2) + np.eye(len(seen))
         assert apart.min() > 0.04
     assert np.linalg.norm(np.subtract(*[dichromat(c)[1] for c in ("#d62728", "#2ca02c")])) < 0.3  # red and green

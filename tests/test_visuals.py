@@ -13,10 +13,10 @@ from pages import fallen, humanoid, walking
 
 from featherstone_gait import Ground, RobotFileWarning, forward_kinematics, load_robot
 from featherstone_gait.cli import main
-from featherstone_gait.mesh import mesh_parts, mesh_triangles
+from featherstone_gait.geometry.mesh import mesh_parts, mesh_triangles
+from featherstone_gait.model.shapes import Box, Sphere
 from featherstone_gait.robot_file.mjcf.visuals import Triangles
 from featherstone_gait.robot_file.visuals import read_visuals
-from featherstone_gait.shape import Box, Sphere
 from featherstone_gait.view.visuals import bodies, creased, fans, pieces
 
 INERTIA = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
@@ -103,13 +103,13 @@ MJCF = """<mujoco><asset><material name="blue" rgba="0 0 1 0.5"/>
 <geom type="ellipsoid" size="1 2 3" mass="0"/></body></worldbody></mujoco>"""
 
 
-def test_mjcf_gives_the_geoms_that_its_viewer_shows_with_their_colours(tmp_path):
+def test_mjcf_gives_the_geoms_that_its_viewer_shows_with_their_colors(tmp_path):
     pytest.importorskip("mujoco")
     (tmp_path / "robot.xml").write_text(MJCF, "utf-8")
     model = load_robot(tmp_path / "robot.xml")
     box, wedge, egg = read_visuals(model).of["base"]
-    assert (box.geometry, box.colour, box.opacity) == (Box((2.0, 4.0, 6.0)), (0, 0, 255), 0.5)
-    assert (wedge.colour, wedge.opacity, egg.colour) == ((255, 0, 0), 1.0, None)
+    assert (box.geometry, box.color, box.opacity) == (Box((2.0, 4.0, 6.0)), (0, 0, 255), 0.5)
+    assert (wedge.color, wedge.opacity, egg.color) == ((255, 0, 0), 1.0, None)
     assert isinstance(wedge.geometry, Triangles)
     corners = wedge.geometry.points @ wedge.rotation.T + wedge.position
     assert np.sort(corners, axis=0)[[0, -1]] == pytest.approx(np.array([[0, 0, 0], [1, 2, 3]]), abs=1e-6)
@@ -118,7 +118,7 @@ def test_mjcf_gives_the_geoms_that_its_viewer_shows_with_their_colours(tmp_path)
     assert reach == pytest.approx([1.0, 2.0, 3.0], rel=2e-3)
     (body,), notes = bodies(model)
     assert notes == []
-    assert {(0, 0, 255), (255, 0, 0)} < set(body.colours)
+    assert {(0, 0, 255), (255, 0, 0)} < set(body.colors)
 
 
 # ---------------------------------------------------------------------------------------------- meshes
@@ -151,10 +151,10 @@ def dae(folder, first, second, name="b"):
     file = folder / "mesh.dae"
     effects = EFFECT.format("a", first) + EFFECT.format(name, second)
     file.write_text(DAE.format(effects=effects), "utf-8")
-    return {part.colour: len(part.triangles) for part in mesh_parts(file)}
+    return {part.color: len(part.triangles) for part in mesh_parts(file)}
 
 
-def test_parts_of_a_gltf_are_where_its_nodes_put_them_in_their_colours(tmp_path):
+def test_parts_of_a_gltf_are_where_its_nodes_put_them_in_their_colors(tmp_path):
     """Three primitives in one node: red, textured, and without a material."""
     pytest.importorskip("trimesh")
     points, corners = np.vstack([np.zeros(3), np.eye(3)]).astype("<f4"), np.array([0, 2, 1, 0, 1, 3], dtype="<u2")
@@ -178,7 +178,7 @@ def test_parts_of_a_gltf_are_where_its_nodes_put_them_in_their_colours(tmp_path)
     }  # fmt: skip
     (tmp_path / "mesh.gltf").write_text(json.dumps(told), "utf-8")
     parts = mesh_parts(tmp_path / "mesh.gltf")
-    assert {part.colour: len(part.triangles) for part in parts} == {(255, 0, 0): 2, (255, 255, 255): 2, None: 2}
+    assert {part.color: len(part.triangles) for part in parts} == {(255, 0, 0): 2, (255, 255, 255): 2, None: 2}
     for part in parts:
         assert sorted(map(tuple, part.points.tolist())) == [(1, 2, 3), (1, 2, 5), (1, 4, 3), (3, 2, 3)]
     told["buffers"][0]["uri"] = "../numbers.txt"
@@ -187,28 +187,28 @@ def test_parts_of_a_gltf_are_where_its_nodes_put_them_in_their_colours(tmp_path)
         mesh_parts(tmp_path / "mesh.gltf")
 
 
-def test_parts_of_meshes_have_the_colours_of_their_materials(tmp_path):
+def test_parts_of_meshes_have_the_colors_of_their_materials(tmp_path):
     pytest.importorskip("collada")
     red, blue = PLAIN.format("1 0 0"), PLAIN.format("0 0 1")
     assert dae(tmp_path, red, blue) == {(255, 0, 0): 4, (0, 0, 255): 2}
     assert dae(tmp_path, red, PICTURE) == {(255, 0, 0): 4, (255, 255, 255): 2}
     assert dae(tmp_path, red, blue, name="other") == {None: 6}  # a material leads nowhere
     (tmp_path / "mesh.obj").write_text(OBJ, "utf-8")
-    assert {part.colour for part in mesh_parts(tmp_path / "mesh.obj")} == {None}
+    assert {part.color for part in mesh_parts(tmp_path / "mesh.obj")} == {None}
     (tmp_path / "paint.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\nmap_Kd ../picture.png\n", "utf-8")
-    parts = {part.colour: len(part.triangles) for part in mesh_parts(tmp_path / "mesh.obj")}
+    parts = {part.color: len(part.triangles) for part in mesh_parts(tmp_path / "mesh.obj")}
     assert parts == {(255, 0, 0): 1, (0, 0, 255): 2}
     assert len(mesh_triangles(tmp_path / "mesh.obj")[1]) == 3
 
 
-def test_a_mesh_keeps_its_own_colours_and_takes_the_urdf_s_where_it_has_none(tmp_path):
+def test_a_mesh_keeps_its_own_colors_and_takes_the_urdf_s_where_it_has_none(tmp_path):
     (tmp_path / "mesh.obj").write_text(OBJ, "utf-8")
     material = '<material name=""><color rgba="0 1 0 0.25"/></material>'
     model = load_robot(robot(tmp_path, f'<visual><geometry><mesh filename="mesh.obj"/></geometry>{material}</visual>'))
     (piece,), notes = pieces(model, 1000, 48)
-    assert (piece.colour, piece.opacity, len(piece.triangles), notes) == ((0, 255, 0), 0.25, 3, [])
+    assert (piece.color, piece.opacity, len(piece.triangles), notes) == ((0, 255, 0), 0.25, 3, [])
     (tmp_path / "paint.mtl").write_text("newmtl red\nKd 1 0 0\n", "utf-8")
-    assert {piece.colour for piece in pieces(model, 1000, 48)[0]} == {(255, 0, 0), (0, 255, 0)}
+    assert {piece.color for piece in pieces(model, 1000, 48)[0]} == {(255, 0, 0), (0, 255, 0)}
 
 
 def test_meshes_of_packages_are_found_where_those_of_the_loading_were(tmp_path):
@@ -366,7 +366,7 @@ def test_what_is_missing_is_told_once_by_name_and_its_collision_shape_is_drawn(p
 
 @pytest.mark.parametrize("ground", [Ground(slope=0.2, heading=0.4, height=0.1), Ground(height=0.1)])
 def test_the_ground_of_the_live_page_is_where_the_run_s_is(ground):
-    from featherstone_gait.build.contact import ground_under
+    from featherstone_gait.scene.contact import ground_under
     from featherstone_gait.view.live import _floor
 
     class Scene:

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from featherstone_gait import load_robot, optimize
+from featherstone_gait import load_robot
+from featherstone_gait.optimize import job as optimize
 from featherstone_gait.optimize import main_job
 from featherstone_gait.walking import BIOLOID_WALK
 from featherstone_gait.walking.generic_servo import LEG, MASS

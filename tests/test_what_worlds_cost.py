@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from featherstone_gait.experiments import what_worlds_cost as study
-from featherstone_gait.experiments.what_worlds_cost import CMA, FIRST, PAPERS, Row
-from featherstone_gait.files import read_csv
+from featherstone_gait.base.files import read_csv
 from featherstone_gait.optimize import optimize_gait
+from featherstone_gait.reproduction import what_worlds_cost as study
+from featherstone_gait.reproduction.what_worlds_cost import CMA, FIRST, PAPERS, Row
 from featherstone_gait.walking.cost_in_worlds import in_worlds
 
 

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from featherstone_gait.build.scene import compile_scene
 from featherstone_gait.core.compile.elementary import NEAR
 from featherstone_gait.model import Joint, Link, Model
 from featherstone_gait.run.simulate import initial_state, simulate, simulate_batch
+from featherstone_gait.scene.compile import compile_scene
 
 pytestmark = pytest.mark.nojit
 
@@ -16,7 +16,7 @@ STILL = (0.0, 0.0, 0.0)
 
 
 def wheel(offset=0.0):
-    """A disc of 1 kg that turns without end about y, its centre of mass off the axis [m]."""
+    """A disc of 1 kg that turns without end about y, its center of mass off the axis [m]."""
     disc = Link("disc", 1.0, (0.0, 0.0, -offset), (0.01, 0.0, 0.0, 0.01, 0.0, 0.01))
     hub = Link("hub", 0.0, STILL, (0.0,) * 6)
     return Model("wheel", (hub, disc), (Joint("axle", "continuous", "hub", "disc", axis=(0.0, 1.0, 0.0)),))

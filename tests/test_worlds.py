@@ -349,7 +349,7 @@ def test_boxes_slide_as_their_own_slope_and_friction_ask():
 
 @pytest.mark.long
 def test_a_pendulum_swings_by_its_own_gravity_and_length():
-    """T = 2 pi sqrt(J / (m g l)) of small swings: the time of a whole one by its gravity and centre of mass."""
+    """T = 2 pi sqrt(J / (m g l)) of small swings: the time of a whole one by its gravity and center of mass."""
     scene = compile_scene(pendulum(damping=0.0), integrator="midpoint", timestep=1e-3)
     g, l = np.linspace(1.6, 25.0, 8), np.linspace(0.2, 0.3, 8)
     centers = np.stack([0.0 * l, 0.0 * l, -l], axis=-1)[:, None]

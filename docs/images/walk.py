@@ -12,9 +12,9 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from featherstone_gait import forward_kinematics, load_robot
+from featherstone_gait.base.rotation import rotation_from_rpy
+from featherstone_gait.model.shapes import Box
 from featherstone_gait.optimize import walking_cost
-from featherstone_gait.rotation import rotation_from_rpy
-from featherstone_gait.shape import Box
 
 RATE, DURATION = 15, 5.3  # frames a second, [s]
 SIDES = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])
@@ -34,7 +34,7 @@ def walked(path):
 
 
 def faces(robot, q):
-    """Corners (n, faces, 4, 3) of all boxes, their normals and colours."""
+    """Corners (n, faces, 4, 3) of all boxes, their normals and colors."""
     poses, rows = forward_kinematics(robot, q), {link.name: k for k, link in enumerate(robot.links)}
     corners, normals, colors = [], [], []
     for shape in robot.shapes:
@@ -85,7 +85,7 @@ def main(source, target):
     panels = figure.subplots(2)
     figure.subplots_adjust(0, 0, 1, 1, 0, 0)
     scenes = [
-        (caption, run, faces(*run[:2])) for caption, run in zip(("planned gait", "optimised gait"), walked(source))
+        (caption, run, faces(*run[:2])) for caption, run in zip(("planned gait", "optimized gait"), walked(source))
     ]
     writer = PillowWriter(fps=RATE)
     with writer.saving(figure, target, dpi=100):

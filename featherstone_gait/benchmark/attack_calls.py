@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import featherstone_gait as fg
-from featherstone_gait import identification, search, sensors, walking
+from featherstone_gait import identification, search, walking
+from featherstone_gait.run import sensors
 
 # What is made by other functions and only read, and what is no function.
 NO_CALLS = {
@@ -22,7 +23,7 @@ NO_CALLS = {
         "Poses",
         "Posture",
         "Kink",
-        "Linearisation",
+        "Linearization",
         "RobotFileError",
         "RobotFileNotFoundError",
         "RobotFileWarning",
@@ -198,8 +199,8 @@ def _scenes() -> Iterator[Call]:
     yield Call("controller", lambda **how: fg.controller(_follow, **how), {"memory": 1, "period": 0.01})
     held = {"state": start, "reference": [0.1, 0.1], "tau": None, "inputs": ("reference",), "outputs": ("torque",)}
     counts = {"states": ("q", "qd"), "steps": 3, "rtol": None, "threads": 1}
-    yield Call("linearise", fg.linearise, {"scene": driven} | held | counts, True)
-    yield Call("linearise", fg.linearise, {"scene": over, "state": falling, "tau": [0.0], "inputs": ("torque",)}, True)
+    yield Call("linearize", fg.linearize, {"scene": driven} | held | counts, True)
+    yield Call("linearize", fg.linearize, {"scene": over, "state": falling, "tau": [0.0], "inputs": ("torque",)}, True)
     yield Call("trim", fg.trim, {"scene": driven, "q": [0.1, 0.1]}, True)
     yield Call("trim", fg.trim, {"scene": over, "q": [0.0, 0, 1, 1, 0, 0, 0, 0], "contacts": ["box"]}, True)
     yield Call(

@@ -28,13 +28,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.compile.sealed import SealedFiles
-from ..identification import Recording, read_recording, write_recording
+from ..identification.fit import Recording, read_recording, write_recording
 from ..robot_file import load_robot, load_servo, save_robot
 from ..robot_file.source import robots_folder
+from ..run.trajectory import Trajectory
 from ..search import minimize
 from ..study import read_study
 from ..study.run import Log
-from ..trajectory import Trajectory
 from ..walking import read_angles, write_angles
 from . import precision
 from .time_limit import TooLong, time_limit

@@ -26,10 +26,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ..build.scene import CompiledScene
-from ..files import complete
+from ..base.files import complete
 from ..run.companion import SPEED_LIMIT
-from ..trajectory import Trajectory
+from ..run.trajectory import Trajectory
+from ..scene.compile import CompiledScene
 from ..view.plotting import positions
 from ..view.style import BLUE, COLOURS, ORANGE, look
 from .default_scenes import cases
@@ -303,8 +303,8 @@ def plot(rows: Sequence[Row], notes: str = "") -> Figure:
 
 
 def _scatter(axes: Axes, rows: Sequence[Row], name: str) -> None:
-    for verdict, colour in VERDICTS.items():
+    for verdict, color in VERDICTS.items():
         of = [row for row in rows if row.verdict == verdict]
         x, y = [getattr(row, name) for row in of], [max(row.error, 1e-13) for row in of]
-        axes.loglog(x, y, "o", color=colour, markersize=4, alpha=0.7, label=f"{verdict}: {len(of)}")
+        axes.loglog(x, y, "o", color=color, markersize=4, alpha=0.7, label=f"{verdict}: {len(of)}")
     axes.axhline(WRONG, color="0.7", linewidth=0.8)

@@ -11,16 +11,16 @@ from typing import Any, get_args
 
 import numpy as np
 
-from ..build.actuator import ServoKind
-from ..build.coupling import followed
-from ..build.scene import CompiledScene, compile_scene
-from ..build.tree import GRAVITY
-from ..contact_choice import with_contacts
+from ..geometry.contact_choice import with_contacts
 from ..model import ContactPoint, Ground, Joint, Link, Model, Supply
-from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..robot_file.servos import with_servo
+from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate, standing_state
+from ..scene.actuator import ServoKind
+from ..scene.compile import CompiledScene, compile_scene
+from ..scene.coupling import followed
+from ..scene.tree import GRAVITY
 from . import precision, stress
 from .robots import folders, published
 from .truth import Case
@@ -250,7 +250,7 @@ def wheel() -> Model:
 
 def humanoid_cases(full: bool) -> Iterator[Case]:
     """It stands and walks (of `precision`), walks for 4 s, and falls over with fall detection and without."""
-    from ..optimize import walking_cost
+    from ..optimize.job import walking_cost
 
     for problem in precision.humanoids():
         yield from_problem(problem, "humanoid")

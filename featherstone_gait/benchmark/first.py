@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from tqdm import tqdm
 
-from ..files import FilePath
+from ..base.files import FilePath
 from .machine import machine
 from .table import write_table
 
@@ -54,7 +54,8 @@ scene = compile_scene(robot, servos="mipsd", ground=Ground(), integrator="midpoi
 walk = read_walk(Path(scene.model.source).parent / "balanced_gait.npz")
 simulate(scene, 0.1, reference=walk.reference(1), controller=walk.controller(scene))
 """
-SIMTWO = HUMANOID.format(', integrator="simtwo", timestep=1e-3') + "from featherstone_gait import maximal\n"
+MAXIMAL = "from featherstone_gait.reproduction import maximal\n"
+SIMTWO = HUMANOID.format(', integrator="simtwo", timestep=1e-3') + MAXIMAL
 KINDS = {  # first results
     "free arm": 'simulate(compile_scene(load_robot("arm7")), 0.1)',
     "arm with rotors": 'simulate(compile_scene(load_robot("arm7"), servos="rotor"), 0.1)',
@@ -66,7 +67,7 @@ KINDS = {  # first results
     "a session of eight": BY_DEFAULT + SESSION,
     "a controller of one's own": MIDPOINT + CONTROLLER,
     "a walk with feedback": FEEDBACK,
-    "matrices of a tick": MIDPOINT + "from featherstone_gait import linearise\nlinearise(scene)",
+    "matrices of a tick": MIDPOINT + "from featherstone_gait import linearize\nlinearize(scene)",
     "constraints and sweeps": SIMTWO + "maximal.simulate(scene, 0.1)",
 }
 PROGRAMS = {kind: TIMED.format(code) for kind, code in KINDS.items()}

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Any
 
-from ..processes import process_pool
+from ..base.processes import process_pool
 
 
 class Worker:

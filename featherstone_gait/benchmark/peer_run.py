@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..build.scene import CompiledScene
 from ..robot_file import save_robot
+from ..scene.compile import CompiledScene
 from .limited import at_most
 from .mujoco_clock import quick_mujoco
 from .truth import Case, Truth, distances

@@ -12,7 +12,7 @@ is switched off here.
 Trajectories: the three scenes of the arm in `benchmark.precision`, errors at the end of the run, counted from the same
 reference.  MuJoCo does all its steps in one call of `mj_step`, without contact and limits; its servo is a position
 actuator (clamped torque), the same with the damping at the joint (out of the clamp), or a DC motor.  SciPy's solvers
-call Pinocchio's `aba`.  Cost at an error is interpolated between neighbouring settings of one method on logarithmic
+call Pinocchio's `aba`.  Cost at an error is interpolated between neighboring settings of one method on logarithmic
 scales, but not across a jump of more than a factor 1000, which is where a step becomes stable.
 
 Humanoid: planned walk, a stride, simplified robot on servos; MuJoCo has position servos of the same stiffness, damping
@@ -36,12 +36,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
+from ..base.files import complete
 from ..core.compile.lanes import WIDTH
 from ..core.integrate.rollout import rollout_lanes
-from ..files import complete
 from ..model import Model
-from ..reference import Reference
 from ..robot_file import load_robot, save_robot
+from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate
 from ..view.plotting import positions
 from ..view.style import look
@@ -671,10 +671,10 @@ LABELS = {"float64": "ours, float64", "lanes": "ours, lanes"}
 
 
 def _dynamics_panel(panel: Axes, rows: list[Speed]) -> None:
-    for engine, colour in zip(dict.fromkeys(r.engine for r in rows), ("0.5", "C3", "C0", "C2")):
+    for engine, color in zip(dict.fromkeys(r.engine for r in rows), ("0.5", "C3", "C0", "C2")):
         line = [r for r in rows if r.engine == engine]
         label = LABELS.get(engine, engine)
-        panel.loglog([r.joints for r in line], [r.time for r in line], "o-", color=colour, label=label)
+        panel.loglog([r.joints for r in line], [r.time for r in line], "o-", color=color, label=label)
     panel.set(xlabel="links", ylabel="CPU time per robot [us]", title="Forward dynamics of chains")
     panel.set_xticks(LENGTHS, map(str, LENGTHS))
     panel.minorticks_off()

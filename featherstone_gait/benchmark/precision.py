@@ -26,16 +26,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ..build.scene import CompiledScene, compile_scene
+from ..base.files import complete, number, read_csv
 from ..core.integrate import INTEGRATORS
-from ..files import complete, number, read_csv
 from ..model import ContactPoint, Ground, HeightField, Joint, Link, Model, Spring
-from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..run.prepared import prepare, with_tolerance
+from ..run.reference import Reference
 from ..run.simulate import initial_state, restarted, simulate, standing_state
+from ..run.trajectory import Trajectory
 from ..run.verdict import trajectory
-from ..trajectory import Trajectory
+from ..scene.compile import CompiledScene, compile_scene
 from ..view.plotting import positions
 from ..view.style import look
 from .machine import machine
@@ -291,7 +291,7 @@ def flying() -> Problem:
 
 def humanoids() -> list[Problem]:
     """The humanoid on its soles, with the whole servo chain: it stands for half a second, and it walks a stride."""
-    from ..optimize import walking_cost
+    from ..optimize.job import walking_cost
 
     cost = walking_cost(load_robot("humanoid", locked="simplified"))
     how = {"implicit_euler": 2e-5, "midpoint": 2e-5, "simtwo": 2e-5, "extrapolation": 1e-8, "ars343": 1e-4}
@@ -389,13 +389,13 @@ def governor() -> Problem:
     bar, cube = DENSITY * ROD * THICK**2, DENSITY * CUBE**3
     long, thin = bar * (ROD**2 + THICK**2) / 12.0, bar * THICK**2 / 6.0
     mass = bar + BALL
-    centre = (0.5 * bar + BALL) * ROD / mass  # of a rod with its ball, from the hinge [m]
-    swing = long + bar * (centre - 0.5 * ROD) ** 2 + BALL * (ROD - centre) ** 2
+    center = (0.5 * bar + BALL) * ROD / mass  # of a rod with its ball, from the hinge [m]
+    swing = long + bar * (center - 0.5 * ROD) ** 2 + BALL * (ROD - center) ** 2
     links = (
         Link("ground", 0.0, (0.0, 0.0, 0.0), (0.0,) * 6),
         Link("shaft", bar, (0.0, 0.0, 0.5 * ROD), (long, 0.0, 0.0, long, 0.0, thin)),
         Link("slider", cube, (0.0, 0.0, 0.0), tuple(cube * CUBE**2 / 6.0 * x for x in (1, 0, 0, 1, 0, 1))),
-        *(Link(name, mass, (0.0, 0.0, -centre), (swing, 0.0, 0.0, swing, 0.0, thin)) for name in ("right", "left")),
+        *(Link(name, mass, (0.0, 0.0, -center), (swing, 0.0, 0.0, swing, 0.0, thin)) for name in ("right", "left")),
     )
     up, half, tilt = (0.0, 0.0, 1.0), 0.5 * CUBE, 0.5 * math.pi - RISE
     joints = [

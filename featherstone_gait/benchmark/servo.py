@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..build.scene import CompiledScene, ServoKind, compile_scene
-from ..files import complete
-from ..reference import Reference
+from ..base.files import complete
 from ..robot_file import load_robot, load_servo
+from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate
-from ..trajectory import Trajectory
+from ..run.trajectory import Trajectory
+from ..scene.compile import CompiledScene, ServoKind, compile_scene
 from ..view.style import look
 from .machine import machine
 from .table import write_table
@@ -31,7 +31,7 @@ INTEGRATORS = ("implicit_euler", "midpoint", "simtwo")
 ARM_STEPS = (1e-3, 5e-3, 1e-2)
 PD_STEPS = (1e-4, 1e-3, 5e-3, 1e-2, 2e-2, 5e-2, 1e-1)
 SETTLED = 1e-2  # rms joint speed in the last second [rad/s]
-APART = 1.5  # times the error before, of points that are labelled
+APART = 1.5  # times the error before, of points that are labeled
 
 
 class ArmRow(NamedTuple):
@@ -137,10 +137,10 @@ def _plot(path: Path, arm: list[ArmRow], pd: list[PdRow]) -> None:
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.2), layout="constrained")
     for servos, marker in (("standard", "o"), ("rotor", "s"), ("mipsd", "^")):
-        for integrator, colour in zip(INTEGRATORS, ("C0", "C1", "C3")):
+        for integrator, color in zip(INTEGRATORS, ("C0", "C1", "C3")):
             rows = [r for r in arm if (r.servos, r.integrator) == (servos, integrator) and r.variance > 0]
             steps = [1e3 * r.step for r in rows]
-            left.loglog(steps, [r.variance for r in rows], marker=marker, color=colour)
+            left.loglog(steps, [r.variance for r in rows], marker=marker, color=color)
     left.legend(
         [plt.Line2D([], [], color=c) for c in ("C0", "C1", "C3")]
         + [plt.Line2D([], [], color="0.3", marker=m, linestyle="") for m in "os^"],
@@ -155,14 +155,14 @@ def _plot(path: Path, arm: list[ArmRow], pd: list[PdRow]) -> None:
     left.set_xticks([1, 5, 10], ["1", "5", "10"])
     left.minorticks_off()
     left.set(xlabel="step [ms]", ylabel="variance of the lowest joint [deg²]", title="Holding the 7-joint arm upright")
-    for integrator, colour, at, sides in zip(INTEGRATORS, ("C0", "C1"), ((4, 4), (-4, -4)), ("left", "right")):
+    for integrator, color, at, sides in zip(INTEGRATORS, ("C0", "C1"), ((4, 4), (-4, -4)), ("left", "right")):
         line = [r for r in pd if r.integrator == integrator]
-        right.loglog([r.error for r in line], [r.cost for r in line], "o-", color=colour, label=integrator)
+        right.loglog([r.error for r in line], [r.cost for r in line], "o-", color=color, label=integrator)
         for before, r in zip([None, *line], line):
             if before is None or r.error > APART * before.error:
                 right.annotate(
                     f"{1e3 * r.step:g} ms", (r.error, r.cost), xytext=at, textcoords="offset points", fontsize=7,
-                    color=colour, ha=sides, va="bottom" if at[1] > 0 else "top",
+                    color=color, ha=sides, va="bottom" if at[1] > 0 else "top",
                 )  # fmt: skip
     right.margins(x=0.12)
     right.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

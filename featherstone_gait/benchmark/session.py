@@ -22,13 +22,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..build.scene import CompiledScene, compile_scene
 from ..model import Ground
-from ..reference import Reference
 from ..robot_file import load_robot
 from ..run.program import controller
+from ..run.reference import Reference
 from ..run.session import Session
 from ..run.simulate import simulate_batch
+from ..scene.compile import CompiledScene, compile_scene
 from .machine import machine
 from .mujoco_clock import quick_mujoco
 from .table import write_table
@@ -141,7 +141,7 @@ def _environments(scene: CompiledScene, turns: int) -> list[Row]:
     if not importlib.util.find_spec("gymnasium"):
         print("no Gymnasium: install it with pip install featherstone-gait[gym]")
         return []
-    from ..gym import StandVector
+    from ..envs.environment import StandVector
 
     envs = StandVector(scene, num_envs=ROBOTS)
     actions = np.random.default_rng(0).uniform(-0.1, 0.1, (ACTIONS, ROBOTS, scene.tree.n))

@@ -27,8 +27,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..build.external import Push
-from ..build.scene import CompiledScene, ServoKind, compile_scene
 from ..core.compile.jit import entry
 from ..core.compile.lanes import clamp
 from ..core.effects.gearbox import gear_torque
@@ -40,14 +38,16 @@ from ..core.step.newton import solve_step
 from ..core.tree.aba import aba
 from ..core.tree.layout import Motion, Robot
 from ..model import Ground, HeightField, Joint, Mimic, Model, Supply
-from ..reference import Reference
 from ..robot_file import load_robot, load_servo
 from ..run.prepared import prepare, with_steps
 from ..run.program import CompiledController
+from ..run.reference import Reference
 from ..run.simulate import PARTS, initial_state, simulate, simulate_batch, standing_state
-from ..trajectory import Trajectory
+from ..run.trajectory import Trajectory
+from ..run.worlds import Spread, Worlds
+from ..scene.compile import CompiledScene, ServoKind, compile_scene
+from ..scene.external import Push
 from ..walking.feedback import BalancedWalk, read_walk
-from ..worlds import Spread, Worlds
 from .machine import machine
 from .session import upright
 from .table import write_table
@@ -574,7 +574,7 @@ def unskipped(rows: list[Row]) -> Iterator[tuple[str, str]]:
         yield name, f"not skipped where it is zero: costs at most {_count(extra)} instructions, {share}"
 
 
-EVALUATIONS = 4  # of the law of a joint in a step without clipping: linearised, compared, energies, motor or gear
+EVALUATIONS = 4  # of the law of a joint in a step without clipping: linearized, compared, energies, motor or gear
 
 
 def handed_over(repeats: int) -> str:

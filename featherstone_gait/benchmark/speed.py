@@ -28,15 +28,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..build.tree import GRAVITY, compile_tree
+from ..base.files import FilePath, complete
 from ..core.compile.lanes import WIDTH, aligned
 from ..core.tree import timing
 from ..core.tree.layout import Motion, Robot
 from ..dynamics import inverse_dynamics, mass_matrix
-from ..files import FilePath, complete
 from ..model import Joint, Link, Model
 from ..robot_file import load_robot, save_robot
 from ..run.simulate import simulate_batch
+from ..scene.tree import GRAVITY, compile_tree
 from ..view.plotting import positions
 from ..view.style import look
 from .machine import machine

@@ -21,13 +21,13 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ..base.files import complete, read_csv
 from ..core.compile.jit import source_hash
-from ..files import complete, read_csv
 from ..model import Model
 from ..robot_file import load_robot, load_servo, save_robot
 from ..study import read_study, run_study
 from ..study.bisection import largest
-from ..study.linear_stability import growth, linearised
+from ..study.linear_stability import growth, linearized
 from ..study.measures import LARGEST, SMALLEST
 from ..study.table import TABLE
 from ..view.style import COLOURS as LOOK_COLOURS
@@ -160,7 +160,7 @@ def linear_step(point: Point) -> float:
 @functools.cache
 def _linear_step(point: Point) -> float:
     servo = load_servo("ax12", **IDEAL, ratio=point.ratio, rotor_inertia=point.rotor_inertia)
-    linear = linearised(arm(point.joints), servo, point.servos)
+    linear = linearized(arm(point.joints), servo, point.servos)
     return largest(
         lambda h: growth(point.integrator, linear, point.Kp, h, PERIOD) < 1.0, SMALLEST, LARGEST, width=1.001
     )[0]
@@ -256,11 +256,11 @@ def _panel(panel: Axes, found: dict[Point, Found], servos: str, swept: str) -> N
             for p, f in found.items()
             if (p.servos, p.integrator, p.tilt) == (servos, integrator, tilt) and all(p[k] == through[k] for k in rest)
         )
-        x, colour = [value for value, _ in line], COLOURS[integrator]
+        x, color = [value for value, _ in line], COLOURS[integrator]
         if tilt == TILTS[0]:
-            panel.plot(x, [1e3 * f.linear for _, f in line], "-", color=colour, linewidth=1.2)
+            panel.plot(x, [1e3 * f.linear for _, f in line], "-", color=color, linewidth=1.2)
         measured = [1e3 * math.sqrt(f.stable * f.unstable) if f.stable < LARGEST else math.nan for _, f in line]
-        hollow: dict[str, Any] = {"markerfacecolor": "none" if tilt == TILTS[1] else colour, "markeredgecolor": colour}
+        hollow: dict[str, Any] = {"markerfacecolor": "none" if tilt == TILTS[1] else color, "markeredgecolor": color}
         size = {0.05: 3.0, 0.5: 6.5}[tilt]
         panel.plot(x, measured, "o", markersize=size, linestyle="", **hollow)
         beyond = [value for value, f in line if f.stable >= LARGEST]
@@ -281,14 +281,14 @@ def _legend(panel: Axes) -> None:
     from matplotlib.lines import Line2D
 
     panel.set_axis_off()
-    grey: dict[str, Any] = {"color": "0.35", "linestyle": ""}
+    gray: dict[str, Any] = {"color": "0.35", "linestyle": ""}
     handles = [Line2D([], [], color=COLOURS[name], label=name) for name in INTEGRATORS]
     handles += [
         Line2D([], [], color="0.35", label="linear theory"),
-        Line2D([], [], marker="o", markersize=3, label="from 0.05 rad", **grey),
-        Line2D([], [], marker="o", markersize=6.5, markerfacecolor="none", label="from 0.5 rad, clipped", **grey),
-        Line2D([], [], marker="^", label="stable up to 100 ms", **grey),
-        Line2D([], [], marker="x", label="no stable step", **grey),
+        Line2D([], [], marker="o", markersize=3, label="from 0.05 rad", **gray),
+        Line2D([], [], marker="o", markersize=6.5, markerfacecolor="none", label="from 0.5 rad, clipped", **gray),
+        Line2D([], [], marker="^", label="stable up to 100 ms", **gray),
+        Line2D([], [], marker="x", label="no stable step", **gray),
         Line2D([], [], color="0.6", linestyle=":", label="controllers' period"),
     ]
     panel.legend(handles=handles, loc="center", fontsize=8.5).set_in_layout(False)

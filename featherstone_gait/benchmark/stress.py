@@ -23,14 +23,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ..build.scene import compile_scene
+from ..base.files import complete
 from ..core.integrate import INTEGRATORS
-from ..files import complete
 from ..model import ContactPoint, Ground, Joint, Link, Model, Spring
-from ..reference import Reference
 from ..robot_file import load_robot, load_servo
+from ..run.reference import Reference
 from ..run.simulate import Push, initial_state, simulate
-from ..trajectory import Trajectory
+from ..run.trajectory import Trajectory
+from ..scene.compile import compile_scene
 from ..view.plotting import positions
 from ..view.style import look
 from .machine import machine
@@ -279,7 +279,7 @@ def plot(rows: list[Row], notes: str = "") -> Figure:
     axes.set_yticks(np.arange(len(names)) + 0.5, names, fontsize=9)
     axes.invert_yaxis()
     figure.legend(
-        handles=[Patch(facecolor=colour, edgecolor="0.8", label=kind or "not run") for kind, colour in COLOURS.items()],
+        handles=[Patch(facecolor=color, edgecolor="0.8", label=kind or "not run") for kind, color in COLOURS.items()],
         loc="outside upper right", ncols=5,
     )  # fmt: skip
     figure.suptitle(notes, fontsize=7, x=0.01, ha="left")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from ..files import Format, write_csv
+from ..base.files import Format, write_csv
 
 TABLE = Format("benchmark table")
 

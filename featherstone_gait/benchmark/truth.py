@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .. import __version__
-from ..build.scene import CompiledScene
-from ..files import complete
-from ..reference import Reference
+from ..base.files import complete
+from ..run.reference import Reference
 from ..run.simulate import simulate
-from ..trajectory import Trajectory
+from ..run.trajectory import Trajectory
+from ..scene.compile import CompiledScene
 from ..view.plotting import positions
 from .limited import Worker, at_most
 

@@ -23,13 +23,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..build.scene import compile_scene
-from ..files import complete
+from ..base.files import complete
 from ..model import Ground, Model
-from ..reference import Reference
 from ..robot_file import load_robot, save_robot
 from ..run.lane_engine import Queue
+from ..run.reference import Reference
 from ..run.simulate import simulate_stream, standing_state
+from ..scene.compile import compile_scene
 from ..view.style import look
 from .machine import machine
 from .mujoco_clock import quick_mujoco
@@ -84,7 +84,7 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
 
 def _search_line(iterations: int) -> str:
     """What a gait search does with its lanes."""
-    from ..optimize import optimize_gait, walking_cost
+    from ..optimize.job import optimize_gait, walking_cost
 
     result = optimize_gait(walking_cost(load_robot("humanoid", locked="simplified")), iterations=iterations)
     failed = np.mean(~np.isfinite(result.history["f"]))
@@ -243,8 +243,8 @@ def _plot(path: Path, rows: list[Row]) -> None:
 
     figure, axes = plt.subplots(figsize=(7, 0.4 * len(rows) + 1.0), layout="constrained")
     labels = [f"{r.robot}, {r.engine.split(',')[0]}, {r.threads} thread{'s' * (r.threads > 1)}" for r in rows]
-    colours = ["C0" if "feather" in r.engine else "0.6" for r in rows]
-    bars = axes.barh(range(len(rows)), [r.rate for r in rows], color=colours)
+    colors = ["C0" if "feather" in r.engine else "0.6" for r in rows]
+    bars = axes.barh(range(len(rows)), [r.rate for r in rows], color=colors)
     axes.bar_label(bars, [f"{r.rate:.0f}, {_told(r)}" for r in rows], padding=3, fontsize=8)
     axes.set_yticks(range(len(rows)), labels, fontsize=8)
     axes.invert_yaxis()

@@ -12,12 +12,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
-from ..build.kinds import SERVO_KINDS
+from ..scene.gearbox_kinds import SERVO_KINDS
 
 if TYPE_CHECKING:
-    from ..build.actuator import ServoKind
-    from ..build.scene import CompiledScene
     from ..model import Ground, Model
+    from ..scene.actuator import ServoKind
+    from ..scene.compile import CompiledScene
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 

@@ -35,7 +35,7 @@ BENCHMARKS = {
     "attack": Benchmark("damaged files and wrong arguments", "attack_files.csv, attack_api.csv", 1),
     "skip": Benchmark("instructions that a missing feature saves (Linux)", "skip.csv", 5),
     "session": Benchmark("robots stepped tick by tick, beside one call", "session.csv", 2),
-    "linearise": Benchmark("columns of a linear model, beside MuJoCo's", "linearise.csv", 2),
+    "linearize": Benchmark("columns of a linear model, beside MuJoCo's", "linearize.csv", 2),
     "first": Benchmark("CPU time to a first result", "first.csv", 5),
 }
 

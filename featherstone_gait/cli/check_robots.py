@@ -55,7 +55,7 @@ def add(commands: Commands) -> None:
 def run(args: Namespace) -> int:
     from tqdm import tqdm
 
-    from ..files import Format, write_csv
+    from ..base.files import Format, write_csv
 
     if not args.folder.is_dir():
         raise ValueError(f"{args.folder}: there is no such folder; give one that has .urdf files below it")
@@ -101,9 +101,9 @@ def _row(path: Path, args: Namespace) -> Row:
 
 def _simulated(row: Row, model: Model) -> Row:
     """The robot falls or swings for a second, all joints limp, from rest at the posture nearest to zero."""
-    from ..build.scene import compile_scene
-    from ..rest import nearest_posture
+    from ..model.rest_posture import nearest_posture
     from ..run.simulate import initial_state, simulate
+    from ..scene.compile import compile_scene
 
     try:
         scene = compile_scene(model)

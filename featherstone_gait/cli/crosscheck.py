@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from argparse import Namespace
 
-from ..build.kinds import SERVO_KINDS
+from ..scene.gearbox_kinds import SERVO_KINDS
 from .arguments import (
     LINE,
     Commands,
@@ -56,7 +56,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
-    from ..arguments import one_of
+    from ..base.arguments import one_of
     from ..crosscheck import FLOORS, crosscheck, summary
     from ..crosscheck.in_mujoco import SOLES, soles_of
     from ..crosscheck.run import files

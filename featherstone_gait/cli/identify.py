@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from .arguments import Commands, add_command, announce
 
 if TYPE_CHECKING:
-    from ..fit_log import FitLog
-    from ..servo_bench import Bench, BenchRecording, ServoFit
+    from ..identification.bench import Bench, BenchRecording, ServoFit
+    from ..identification.log import FitLog
 
 FRICTIONS = ("m1", "m2", "m3", "m4", "m4p", "m5", "m6")
 SERVOS = ("xl330", "sts3250")
@@ -39,7 +39,7 @@ def add(commands: Commands) -> None:
         takes=TAKES,
     )
     columns = "recording with the columns time_s, angle_rad, goal_rad, supply_v and torque_on; see "
-    columns += "help(featherstone_gait.servo_bench)"
+    columns += "help(featherstone_gait.identification.bench)"
     parser.add_argument("files", type=Path, nargs="+", metavar="FILE.csv", help=columns)
     parser.add_argument(
         "--servo",
@@ -67,8 +67,8 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
-    from ..fit_log import FitLog
-    from ..servo_bench import BENCHES, read_bench
+    from ..identification.bench import BENCHES, read_bench
+    from ..identification.log import FitLog
 
     bench = BENCHES[args.servo]
     own = {"gain": args.gain, "mass": args.mass, "length": args.length}
@@ -83,8 +83,8 @@ def _fit(
 ) -> int:
     import numpy as np
 
-    from ..files import complete
-    from ..servo_bench import fit_servo, leave_out, plot_rollouts
+    from ..base.files import complete
+    from ..identification.bench import fit_servo, leave_out, plot_rollouts
 
     fit = fit_servo(recordings, bench, args.model, log=log, progress=True)
     print(fit.summary())
@@ -115,8 +115,8 @@ def _fit(
 def _effects(
     args: Namespace, bench: Bench, recordings: list[BenchRecording], others: list[BenchRecording], log: FitLog
 ) -> int:
-    from ..files import Format, write_csv
-    from ..servo_effects import effects
+    from ..base.files import Format, write_csv
+    from ..identification.effects import effects
 
     if others:
         raise ValueError("--effects predicts what it leaves out of the fit; omit --predict")
@@ -137,7 +137,7 @@ def _effects(
 
 def _write(folder: Path, fit: ServoFit, rows: list[tuple[str, str, float]]) -> None:
     """The tables, whole or not at all."""
-    from ..files import Format, write_csv
+    from ..base.files import Format, write_csv
 
     form = Format("servo identification")
     units = fit.bench.parameters()

@@ -10,15 +10,15 @@ from argparse import Namespace
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from ..build.kinds import SERVO_KINDS
-from ..files import complete
+from ..base.files import complete
+from ..scene.gearbox_kinds import SERVO_KINDS
 from .arguments import LINE, Commands, add_command, add_robot, choice, ground, output, servos_of
 
 if TYPE_CHECKING:
-    from ..build.actuator import ServoKind
-    from ..build.preflight import Limit, Preflight
-    from ..build.scene import CompiledScene
     from ..model import Controller, Gearbox, Joint, Model, Servo
+    from ..scene.actuator import ServoKind
+    from ..scene.compile import CompiledScene
+    from ..scene.preflight import Limit, Preflight
 
 TORQUE_GAINS = {"Kp": "N m/rad", "Kd": "N m s/rad"}
 GAINS = {  # of the laws that differ
@@ -37,8 +37,8 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
-    from ..build.scene import compile_scene
     from ..robot_file import load_robot
+    from ..scene.compile import compile_scene
 
     model = load_robot(args.robot, locked=args.locked)
     has_any = any(name in model.servos for name in model.joint_names)
@@ -67,7 +67,7 @@ def run(args: Namespace) -> int:
 
 
 def _link_table(model: Model) -> list[str]:
-    head = ("link", "mass [kg]", "centre of mass [m]", "ixx, iyy, izz [kg m^2]")
+    head = ("link", "mass [kg]", "center of mass [m]", "ixx, iyy, izz [kg m^2]")
     rows = [
         (link.name, f"{link.mass:.5g}", _numbers(link.center_of_mass), _numbers(link.inertia[k] for k in (0, 3, 5)))
         for link in model.links
@@ -154,7 +154,7 @@ def _ground_line(model: Model) -> str:
 
 def _choice_table(model: Model, scene: CompiledScene) -> list[str]:
     """What each kind of servo asks of an integrator, and which is taken where none is named."""
-    from ..build.scene import compile_scene
+    from ..scene.compile import compile_scene
 
     has_any = any(name in model.servos for name in model.joint_names)
     kinds: tuple[ServoKind | None, ...] = (None, *SERVO_KINDS) if has_any else (None,)

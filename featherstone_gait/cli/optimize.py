@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-from ..build.kinds import SERVO_KINDS
+from ..scene.gearbox_kinds import SERVO_KINDS
 from .arguments import Commands, add_command, telling_extras
 
 TAKES = (
@@ -48,7 +48,7 @@ def add(commands: Commands) -> None:
     what = "search on one floor with the poses of a stride, as in the paper: the same as --worlds 0 --states stride"
     parser.add_argument("--nominal", action="store_true", help=what)
     parser.add_argument("--unseen", type=int, metavar="N", help="other worlds to test both gaits in (default: 200)")
-    what = "minimise energy alone, without the limits of a real robot (docs/optimize.md)"
+    what = "minimize energy alone, without the limits of a real robot (docs/optimize.md)"
     parser.add_argument("--energy-only", action="store_true", help=what)
     what = "the electronics of all servos (default: assumed, 0.05 A per servo)"
     parser.add_argument(
@@ -72,7 +72,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
-    from ..optimize import UNSEEN, WORLDS, main_job
+    from ..optimize.job import UNSEEN, WORLDS, main_job
 
     if args.nominal and (args.worlds is not None or args.states is not None):
         raise ValueError("--nominal says what --worlds and --states say; give one of them")

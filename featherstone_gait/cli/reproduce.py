@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-from ..experiments import EXPERIMENTS
+from ..reproduction import EXPERIMENTS
 from .arguments import Commands, add_command, announce
 
 TAKES = "some five minutes on two cores; Ctrl-C keeps finished experiments"
@@ -31,7 +31,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
-    from ..experiments.report import expected, reproduce
+    from ..reproduction.report import expected, reproduce
 
     minutes, size = max(expected(args.names, args.full), 1), "full" if args.full else "quick"
     announce(f"about {minutes:.0f} min at {size} size on two cores, with finished experiments kept")

@@ -8,13 +8,13 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
 
-from ..files import complete
+from ..base.files import complete
 from .arguments import LINE, Commands, add_command
 from .info import table
 
 if TYPE_CHECKING:
+    from ..identification.curve import TorqueSpeed
     from ..robot_file.servos import ManualPoint, ServoSheet
-    from ..servo_curve import TorqueSpeed
 
 FIGURES = {  # of a curve and of a manual: digits, and the unit
     "stall_torque": ("stall torque [N m]", 4),
@@ -61,8 +61,8 @@ def run(args: Namespace) -> int:
 
 
 def _curve(name: str, voltage: float | None) -> TorqueSpeed:
+    from ..identification.curve import torque_speed
     from ..robot_file import load_servo
-    from ..servo_curve import torque_speed
 
     return torque_speed(load_servo(name, **_preset(name)), voltage)
 
@@ -120,7 +120,7 @@ def _ratios(curve: TorqueSpeed, point: ManualPoint) -> list[str]:
 
 def _plot(sheets: dict[str, ServoSheet], voltage: float | None, path: Path) -> None:
     """Each servo under the voltage that is asked for, or that one of its manual's which is nearest to its own."""
-    from ..servo_curve import plot_curves
+    from ..identification.curve import plot_curves
 
     curves, points = {}, {}
     for name, sheet in sheets.items():

@@ -12,15 +12,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..files import complete
+from ..base.files import complete
 from .arguments import LINE, Commands, add_command, add_robot, choice, ground, output, servos_of
 
 if TYPE_CHECKING:
     import numpy as np
     from matplotlib.figure import Figure
 
-    from ..build.scene import CompiledScene
-    from ..trajectory import Trajectory
+    from ..run.trajectory import Trajectory
+    from ..scene.compile import CompiledScene
 
 SWING, PULL = 0.5 * math.pi, 0.1  # where the first joint starts, without and with servos [rad]
 SAMPLE = 2e-3  # time between records, in whole steps [s]
@@ -55,8 +55,8 @@ def add(commands: Commands) -> None:
 
 def run(args: Namespace) -> int:
     start = time.perf_counter()
-    from ..build.scene import compile_scene
     from ..robot_file import load_robot
+    from ..scene.compile import compile_scene
 
     model = load_robot(args.robot, locked=args.locked)
     driven = model.base == "floating" and bool(model.servos)
@@ -101,7 +101,7 @@ def _experiment(scene: CompiledScene) -> tuple[str, Callable[..., Trajectory]]:
     """What happens, in words, and the function that simulates it: run(scene, duration)."""
     import numpy as np
 
-    from ..reference import Reference
+    from ..run.reference import Reference
     from ..run.simulate import initial_state, simulate
 
     model, state, reference = scene.model, None, None
@@ -127,7 +127,7 @@ def _experiment(scene: CompiledScene) -> tuple[str, Callable[..., Trajectory]]:
 
 def _start(scene: CompiledScene, home: np.ndarray, angle: float) -> tuple[list[float] | np.ndarray, str]:
     """Positions at the start: the first joint, if it turns, at `angle` or as far as it goes, the others at home."""
-    from ..build.coupling import followed
+    from ..scene.coupling import followed
 
     model, q, posture = scene.model, home.copy(), "all joints at zero"
     if model.moving_joints and model.moving_joints[0].type != "prismatic":

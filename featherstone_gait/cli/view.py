@@ -10,7 +10,7 @@ from .arguments import Commands, add_command, telling_extras
 
 if TYPE_CHECKING:
     from ..model import Model
-    from ..trajectory import Trajectory
+    from ..run.trajectory import Trajectory
     from ..view.live import Live
 
 
@@ -68,7 +68,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
-    from ..trajectory import Trajectory
+    from ..run.trajectory import Trajectory
     from ..view.shown import default_plots, in_posture, live_of, page_of
 
     if len(args.files) == 1 and not _is_run(args.files[0]):

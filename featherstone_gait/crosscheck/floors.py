@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 
-from ..build.scene import CompiledScene
 from ..model import Ground
 from ..run.simulate import simulate, standing_state
-from ..trajectory import Trajectory
+from ..run.trajectory import Trajectory
+from ..scene.compile import CompiledScene
 from ..walking.cost import SAMPLE, Measures, measured
 from ..walking.feedback import BalancedWalk
 from ..walking.motion import Motion

@@ -17,18 +17,18 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from ..arguments import instance, one_of, real
-from ..build.scene import CompiledScene
+from ..base.arguments import instance, one_of, real
 from ..core.effects.energies import ENERGIES, METER
 from ..core.effects.push import AHEAD
 from ..model import TORQUE_LAWS, ContactPoint, Link, Model, Servo, depends_on_load_or_speed
-from ..reference import Reference
 from ..robot_file.mjcf.element import element, number, numbers
 from ..robot_file.mjcf.read import heard
 from ..robot_file.mjcf.write import mjcf_text
 from ..run.program import SEEN, CompiledController, State
+from ..run.reference import Reference
 from ..run.start import standing_state
-from ..trajectory import Trajectory
+from ..run.trajectory import Trajectory
+from ..scene.compile import CompiledScene
 from .servo_chain import ServoChain, is_gentle
 
 Soles = Literal["spheres", "boxes"]
@@ -280,7 +280,7 @@ def _row(scene: CompiledScene, machine: _Machine, chain: ServoChain) -> dict[str
 
 
 def _fell(scene: CompiledScene, machine: _Machine) -> bool:
-    """Whether the centre of mass is too low or the base tilted too far, as in `core/integrate/rollout.py`."""
+    """Whether the center of mass is too low or the base tilted too far, as in `core/integrate/rollout.py`."""
     d = machine.d
     tilt = np.zeros(9)
     _mujoco().mju_quat2Mat(tilt, d.qpos[3:7])
@@ -449,7 +449,7 @@ def _plane(points: Sequence[ContactPoint]) -> np.ndarray | None:
 
 
 def _box(link: Link, contacts: Sequence[ContactPoint]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Half sizes (3,) and centre (3,) [m] and orientation (4,) of a box on whose underside contact points touch.
+    """Half sizes (3,) and center (3,) [m] and orientation (4,) of a box on whose underside contact points touch.
 
     Its other sides are along the link's axes, as far as the underside lets them.
     """

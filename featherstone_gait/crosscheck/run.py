@@ -14,11 +14,11 @@ from typing import Any
 from tqdm import tqdm
 
 from .. import __version__
-from ..arguments import instance, one_of, texts, whole
-from ..build.scene import ServoKind, compile_scene
-from ..files import FilePath, Format, complete, read_json, write_csv
+from ..base.arguments import instance, one_of, texts, whole
+from ..base.files import FilePath, Format, complete, read_json, write_csv
+from ..base.processes import process_pool
 from ..model import Ground, Model
-from ..processes import process_pool
+from ..scene.compile import ServoKind, compile_scene
 from ..walking.feedback import BalancedWalk
 from ..walking.motion import Motion
 from ..walking.walker import driven, load_walker

@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.optimize import brentq
 
-from ..build.actuator import TOOTH_LOAD, stall_torque
 from ..model import Servo, Supply, depends_on_load_or_speed
+from ..scene.actuator import TOOTH_LOAD, stall_torque
 
 BLEND = 0.5  # of |t_e| + |t_m|, within which the quadratic terms change over
 AT_REST = 1e-3  # [rad/s]: the engine's joints creep where they stick

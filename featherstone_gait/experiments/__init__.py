@@ -1,28 +1,6 @@
-"""The paper's figures and tables as experiments.
+"""Moved to `featherstone_gait.reproduction`; this path works until version 0.4."""
 
-Each module has `QUICK` and `FULL` (its `Settings`), `run(settings, seed, progress) -> Result` (without a seed where
-nothing is random, without progress where nothing takes long), `check(result) -> list[Claim]` and `plot(result) ->
-dict[caption, Figure]`; `featherstone-gait reproduce` runs them.  The paper is J. Lima et al., "Humanoid gait
-optimization resorting to an improved simulation model", Int. J. Advanced Robotic Systems 10 (2013), doi
-10.5772/54766.
-"""
+from featherstone_gait.base.deprecated import moved
+from featherstone_gait.reproduction import __path__ as __path__
 
-from .claim import Claim, Verdict, listed
-
-EXPERIMENTS = (  # modules, in the paper's order; the last three go beyond it
-    "servo_step",
-    "arm_fall",
-    "servo_terms",
-    "identification",
-    "seven_joint_arm",
-    "energy_repeatability",
-    "posture",
-    "solver_scatter",
-    "gait_optimization",
-    "what_stops",
-    "method_comparison",
-    "robustness",
-    "complete_humanoid",
-)
-
-__all__ = ["EXPERIMENTS", "Claim", "Verdict", "listed"]
+__getattr__ = moved(__name__, "featherstone_gait.reproduction")

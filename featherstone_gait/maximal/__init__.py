@@ -1,9 +1,5 @@
-"""The paper's own simulator: free bodies held together by constraints, solved by sweeps in random order.
+"""Moved to `featherstone_gait.reproduction.maximal`; this path works until version 0.4."""
 
-`simulate` takes the scenes of `compile_scene` and gives trajectories; see docs/maximal.md.
-"""
+from featherstone_gait.base.deprecated import moved
 
-from .engine import EXACT, Engine
-from .run import simulate, simulate_seeds
-
-__all__ = ["EXACT", "Engine", "simulate", "simulate_seeds"]
+__getattr__ = moved(__name__, "featherstone_gait.reproduction.maximal")

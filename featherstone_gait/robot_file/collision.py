@@ -9,7 +9,7 @@ from urllib.parse import unquote
 from xml.etree.ElementTree import Element
 
 from ..model import check_angles
-from ..shape import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
+from ..model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
 from .grammar import label
 from .numerals import number, vector
 from .report import Report

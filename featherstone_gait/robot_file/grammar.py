@@ -1,7 +1,7 @@
 """What a URDF may hold (https://wiki.ros.org/urdf/XML), and what becomes of the rest.
 
 An element or attribute that URDF does not know is passed over, as urdfdom, Pinocchio and MuJoCo do, unless it seems to
-mean something: an unexpanded xacro, a rotation by quaternion, a misspelt name, a link or joint in the wrong place.
+mean something: an unexpanded xacro, a rotation by quaternion, a misspelled name, a link or joint in the wrong place.
 Of an element that stands twice the first counts, as with urdfdom.
 """
 
@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element, tostring
 
 from .report import Report
 
-SIMILAR = 0.8  # from here on a name is taken for a misspelt one (difflib's ratio)
+SIMILAR = 0.8  # from here on a name is taken for a misspelled one (difflib's ratio)
 
 
 class _Grammar(NamedTuple):
@@ -44,7 +44,7 @@ _URDF = {
 }
 _SKIPPED = {
     "robot": {
-        "material": "colours play no part",
+        "material": "colors play no part",
         "transmission": "servos and gearboxes come from the TOML file",
         "gazebo": "another simulator's settings",
         "mujoco": "another simulator's settings",

@@ -30,7 +30,7 @@ def note_inertia(link: Link, element: Element, report: Report) -> None:
         found = f"principal moments of inertia {A:.6g}, {B:.6g}, {C:.6g} kg m^2 break the triangle inequality"
         remedy = (
             f"no body has one above the sum of the others (relative tolerance {TRIANGLE_TOLERANCE:g}): "
-            "compute the inertia about the centre of mass again, or load with repair_inertia=True"
+            "compute the inertia about the center of mass again, or load with repair_inertia=True"
         )
         report.assume(element, what, found, "taken as stated", remedy)
 

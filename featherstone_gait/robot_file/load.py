@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..arguments import instance, listed, real, texts, truth
-from ..contact_choice import Choice, with_contacts
+from ..base.arguments import instance, listed, real, texts, truth
+from ..geometry.contact_choice import Choice, with_contacts
 from ..model import LARGEST, Base, Joint, Model, check_locked
-from ..rest import nearest_positions
+from ..model.rest_posture import nearest_positions
 from .collision import MeshFinder
 from .coupling import MimicMode, resolve_couplings
 from .errors import RobotFileError, blamed_on

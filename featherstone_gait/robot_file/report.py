@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
-from ..flaws import FlawError
+from ..base.flaws import FlawError
 from .errors import RobotFileWarning, refusal
 
 SHOWN_IN_WARNING = 5

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from ..model import Base, Joint, Link, Servo
-from ..shape import Shape
+from ..model.shapes import Shape
 
 
 class Posture(NamedTuple):

@@ -9,10 +9,10 @@ from dataclasses import Field, fields
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from ..arguments import instance
-from ..files import complete_together
+from ..base.arguments import instance
+from ..base.files import complete_together
 from ..model import Ground, Joint, Link, Model
-from ..shape import Box, Capsule, Cylinder, Hull, Mesh, Shape, Sphere
+from ..model.shapes import Box, Capsule, Cylinder, Hull, Mesh, Shape, Sphere
 from .mjcf.write import mjcf_text
 from .servos import PARTS
 from .toml import written

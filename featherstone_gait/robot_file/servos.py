@@ -10,8 +10,8 @@ from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from ..arguments import instance
-from ..files import FilePath
+from ..base.arguments import instance
+from ..base.files import FilePath
 from ..model import SERVO_UNITS, TORQUE_LAWS, Controller, Gearbox, Joint, Model, Servo, check_servos
 from .errors import RobotFileError, blamed_on
 from .source import robots_folder

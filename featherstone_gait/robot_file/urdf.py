@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
 
+from ..base.rotation import dot, rotation_from_rpy
 from ..model import Joint, Link, Mimic, check_angles, turned_inertia
-from ..rotation import dot, rotation_from_rpy
 from .collision import MeshFinder, read_shapes
 from .grammar import label, tidy
 from .inertia import note_inertia, repaired

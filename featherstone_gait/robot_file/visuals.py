@@ -13,10 +13,10 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..mesh import Colour
+from ..base.rotation import rotation_from_quaternion, rotation_from_rpy
+from ..geometry.mesh import Color
 from ..model import Model
-from ..rotation import rotation_from_quaternion, rotation_from_rpy
-from ..shape import Geometry
+from ..model.shapes import Geometry
 from .collision import MeshFinder, shape_of
 from .grammar import label
 from .markup import Markup, read_markup
@@ -31,7 +31,7 @@ class Visual:
     geometry: Geometry | Triangles | Ellipsoid
     rotation: np.ndarray  # (3, 3) from its axes to the link's
     position: np.ndarray  # (3,) of its origin, in the link's frame [m]
-    colour: Colour | None = None  # None where the file gives none
+    color: Color | None = None  # None where the file gives none
     opacity: float = 1.0
 
 
@@ -65,7 +65,7 @@ def _of_mjcf(path: Path, model: Model) -> Visuals:
     for geom in read_geoms(path):
         if geom.link in links:
             placed = (rotation_from_quaternion(geom.quaternion), geom.position)
-            seen.setdefault(geom.link, []).append(Visual(geom.geometry, *placed, geom.colour, geom.opacity))
+            seen.setdefault(geom.link, []).append(Visual(geom.geometry, *placed, geom.color, geom.opacity))
     return Visuals(seen, [])
 
 
@@ -83,20 +83,20 @@ def _of_urdf(path: Path, markup: Markup, model: Model) -> Visuals:
             except ValueError as error:
                 notes.append(str(error))
                 continue
-            colour, opacity = _material(visual, named) or (None, 1.0)
+            color, opacity = _material(visual, named) or (None, 1.0)
             placed = (rotation_from_rpy(shape.rpy), np.array(shape.xyz))
-            seen.setdefault(name, []).append(Visual(shape.geometry, *placed, colour, opacity))
+            seen.setdefault(name, []).append(Visual(shape.geometry, *placed, color, opacity))
     return Visuals(seen, notes)
 
 
-def _material(visual: Element, named: Mapping[str, Any]) -> tuple[Colour, float] | None:
+def _material(visual: Element, named: Mapping[str, Any]) -> tuple[Color, float] | None:
     material = visual.find("material")
     if material is None:
         return None
     return _rgba(material) or named.get(material.get("name", ""))
 
 
-def _rgba(material: Element) -> tuple[Colour, float] | None:
+def _rgba(material: Element) -> tuple[Color, float] | None:
     color = material.find("color")
     try:
         r, g, b, *rest = (float(x) for x in color.get("rgba", "").split())  # type: ignore[union-attr]

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..build.scene import CompiledScene
 from ..core.compile.lanes import WIDTH
+from ..scene.compile import CompiledScene
 from .differing import course, structure
 from .lane_engine import Queue, Source, run_lanes
 from .prepared import Prepared, Start

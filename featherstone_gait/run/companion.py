@@ -29,11 +29,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..build.friction import widened
-from ..build.scene import CompiledScene
 from ..core.step import pace
-from ..trajectory import Trajectory, with_error
+from ..scene.compile import CompiledScene
+from ..scene.friction import widened
 from .prepared import steps_between_records
+from .trajectory import Trajectory, with_error
 from .verdict import beyond_stability
 
 COARSER = 10.0  # tolerance of the companion, by the run's

@@ -21,9 +21,9 @@ from ..core.step import pace
 from ..core.step.context import Run
 from ..core.step.program import DONE, FIRST, OFFSET, Program
 from ..core.step.signals import Knots, Signals
-from ..reference import LATEST
 from .batch import family
 from .prepared import BUDGET, BUDGET_RATE, Prepared, Start, lane_zeros
+from .reference import LATEST
 
 Input = Literal["samples", "reference", "torques"]  # what a command is to the kernels
 ALONE = 2  # robots left over that are not worth a vector

@@ -3,7 +3,7 @@
 A vector runs for a segment of some ticks, then lanes whose run fell, diverged, reached its end or is no longer wanted
 are handed over.  A run brings the numbers in which its scene differs from others into its lane.  What sampled
 controllers see is worked out beforehand for each tick, so that lanes may be at different times of different references.
-A run's bits do not depend on its lane, its neighbours or the segments it is cut into.
+A run's bits do not depend on its lane, its neighbors or the segments it is cut into.
 """
 
 from __future__ import annotations

@@ -18,12 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import floats, instance, is_real, listed, real, shown, vector
-from ..build.contact import by_body
-from ..build.coupling import check_followers
-from ..build.external import Push
-from ..build.scene import CompiledScene
-from ..collision import clearance_channel
+from ..base.arguments import floats, instance, is_real, listed, real, shown, vector
 from ..core.compile.lanes import WIDTH, aligned
 from ..core.compile.varying import Varying
 from ..core.effects.actuator import controller_of
@@ -35,12 +30,17 @@ from ..core.step import pace, state
 from ..core.step.context import Plan, Run, Scene
 from ..core.step.program import DONE, FIRST, OFFSET
 from ..core.step.signals import Knots, Signals
-from ..reference import Reference
-from ..trajectory import Trajectory
+from ..geometry.distance import clearance_channel
+from ..scene.compile import CompiledScene
+from ..scene.contact import by_body
+from ..scene.coupling import check_followers
+from ..scene.external import Push
 from .differing import has_varying, of_own_lanes, put, structure, together
 from .interrupt import Kernel, call_interruptibly, compiled
 from .program import CompiledController
+from .reference import Reference
 from .start import check_quaternion, check_scene, initial_state
+from .trajectory import Trajectory
 
 Zeros = Callable[[int | tuple[int, ...]], np.ndarray]
 

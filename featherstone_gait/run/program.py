@@ -22,12 +22,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import finite, functions, instance, one_of, real, whole
-from ..build.scene import CompiledScene
+from ..base.arguments import finite, functions, instance, one_of, real, whole
 from ..core.compile.jit import JIT, CompilationError, carray, outside
 from ..core.step import program as core
 from ..core.step.state import IN_STATE
 from ..model import Controller
+from ..scene.compile import CompiledScene
 
 Writes = Literal["reference", "voltage"]
 SEEN = tuple(channel.name for channel in IN_STATE if channel.kind != "run")

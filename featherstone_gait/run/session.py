@@ -24,23 +24,23 @@ from typing import Any, Literal, TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import sensors
-from ..arguments import floats, instance, listed, one_of, real, shown, truth, whole
-from ..build.external import Push
-from ..build.scene import CompiledScene
+from ..base.arguments import floats, instance, listed, one_of, real, shown, truth, whole
+from ..base.files import FilePath, Format, complete, read_arrays
 from ..core.effects.push import AHEAD
 from ..core.integrate.rollout import OK
 from ..core.step.state import BY_NAME, RECORDABLE, shaped
-from ..files import FilePath, Format, complete, read_arrays
-from ..reference import Reference
-from ..trajectory import Trajectory
-from ..worlds import Worlds
+from ..scene.compile import CompiledScene
+from ..scene.external import Push
+from . import sensors
 from .companion import FIXED_LIMIT, LIMIT, SPEED_LIMIT, WHOLE, companion
 from .crowd import Crowd, Lot
 from .prepared import Prepared, Start, coordinates, each_once, prepare, with_tolerance
 from .program import CompiledController, open_loop
+from .reference import Reference
 from .start import check_scene
+from .trajectory import Trajectory
 from .verdict import STATUS, trajectory, verdict
+from .worlds import Worlds
 
 Action = Literal["reference", "voltage", "pwm", "torque"]
 ACTIONS = ("reference", "voltage", "pwm", "torque")

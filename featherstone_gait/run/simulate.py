@@ -19,22 +19,21 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import renamed
-from ..arguments import instance, listed, shown, truth
-from ..build.external import Push
-from ..build.scene import CompiledScene
-from ..channels import channel_table
+from ..base.arguments import instance, listed, shown, truth
 from ..core.step.state import RECORDABLE
-from ..reference import Reference
-from ..trajectory import Trajectory, with_error
-from ..worlds import Worlds
+from ..scene.compile import CompiledScene
+from ..scene.external import Push
 from .batch import drive_lanes, family, run_all, streams
+from .channels import channel_table
 from .companion import Companion, accounted, companion, judged, share_of_half, share_of_kinks
 from .lane_engine import Source
 from .prepared import Prepared, Start, coordinates, each_once, prepare, recorded, with_tolerance
 from .program import CompiledController
+from .reference import Reference
 from .start import check_scene, initial_state, restarted, standing_state
+from .trajectory import Trajectory, with_error
 from .verdict import trajectory
+from .worlds import Worlds
 
 __all__ = [
     "PARTS", "Push", "initial_state", "restarted", "simulate", "simulate_batch", "simulate_stream", "standing_state"
@@ -355,7 +354,3 @@ def simulate_stream(
         return end(trajectory(start.world, y, out))
 
     return drive_lanes(ready[0].among(ready), source, begin_run, end_run, threads or os.cpu_count() or 1)
-
-
-def __getattr__(name: str) -> Any:
-    return renamed.lookup(__name__, name)

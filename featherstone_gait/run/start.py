@@ -7,12 +7,12 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import instance, truth, vector
-from ..build.contact import standing_height
-from ..build.coupling import check_followers, followed
-from ..build.scene import CompiledScene
+from ..base.arguments import instance, truth, vector
+from ..base.fixed_order import total
 from ..core.step import pace
-from ..fixed_order import total
+from ..scene.compile import CompiledScene
+from ..scene.contact import standing_height
+from ..scene.coupling import check_followers, followed
 
 FIRST_STEP, FIRST_COLUMNS = 1e-3, 5  # where error control begins [s]
 OVERSHOOT = 1e-2  # beyond a limit, as far as a joint presses into its stop [rad or m]

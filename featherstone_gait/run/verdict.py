@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..build.scene import CompiledScene
 from ..core.effects.energies import ENERGIES, STOPS
 from ..core.effects.spring import CAUSES as SPRING_CAUSES
 from ..core.effects.stop import explicit_limit
 from ..core.integrate import rollout
 from ..core.step import pace
 from ..core.step.context import Plan
-from ..trajectory import Trajectory
+from ..scene.compile import CompiledScene
 from .prepared import LEAST_STEP, Prepared
+from .trajectory import Trajectory
 
 STATUS = {
     rollout.OK: "ok",

@@ -8,9 +8,9 @@ temperature, and nothing worse is ever accepted.
 Reference: J. Lima et al., "Humanoid gait optimization resorting to an improved simulation model", Int. J. Advanced
 Robotic Systems 10 (2013), figure 14.  What the printed pseudo-code leaves open or has wrong, and how it is mended:
 
-- ``neighbour(s) / miss`` would shrink the state itself: only the perturbation is divided;
+- ``neighbor(s) / miss`` would shrink the state itself: only the perturbation is divided;
 - ``s`` is never updated: candidates are drawn around the best state;
-- the best cost is never initialised: the initial state is evaluated first, as iteration 0;
+- the best cost is never initialized: the initial state is evaluated first, as iteration 0;
 - ``miss = MAXMISS`` is tested for equality, which 0.1, 1.1, 2.1, ... never meet, so that re-heating happens once:
   ``>=`` is used;
 - ``MISS`` and ``miss`` are the same variable;
@@ -40,8 +40,8 @@ from numpy.typing import ArrayLike
 from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
-from featherstone_gait.arguments import floats, functions, is_whole, path, shown, truth, whole
-from featherstone_gait.files import claim, is_number, parse_json
+from featherstone_gait.base.arguments import floats, functions, is_whole, path, shown, truth, whole
+from featherstone_gait.base.files import claim, is_number, parse_json
 from featherstone_gait.search.ask_tell import Cost, Map, check_map
 from featherstone_gait.search.speculation import Speculation
 
@@ -237,7 +237,7 @@ def minimize(
     resume: bool = False,
     progress: bool = False,
 ) -> OptimizeResult:
-    """Minimise `fun` by adaptive simulated annealing and return a `scipy.optimize.OptimizeResult`.
+    """Minimize `fun` by adaptive simulated annealing and return a `scipy.optimize.OptimizeResult`.
 
     `fun(x)` returns the cost, or (cost, status) with a short text for the history; a cost that is not finite is a miss.
     The states visited depend on the settings of `AdaptiveSimulatedAnnealing` and not on how they are evaluated: `batch`

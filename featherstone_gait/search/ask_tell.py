@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from featherstone_gait.arguments import shown
+from featherstone_gait.base.arguments import shown
 
 Answer = float | tuple[float, str]  # a cost, or cost and status
 Cost = Callable[[np.ndarray], Answer]  # of a candidate (D,)

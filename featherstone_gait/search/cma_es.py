@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.arguments import whole
+from featherstone_gait.base.arguments import whole
 from featherstone_gait.search.generations import MOST, Generations, Method, check_start
 
 # pycma's tests for the end are off, so that methods can be compared at equal numbers of evaluations.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize
 
-from featherstone_gait.arguments import whole
+from featherstone_gait.base.arguments import whole
 from featherstone_gait.search.generations import MOST, Generations, check_finite, check_start
 from featherstone_gait.search.inverted import Evaluate, inverted
 

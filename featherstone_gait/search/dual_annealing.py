@@ -1,4 +1,4 @@
-"""SciPy's dual annealing by ask and tell: generalised simulated annealing over the whole box of the bounds.
+"""SciPy's dual annealing by ask and tell: generalized simulated annealing over the whole box of the bounds.
 
 Reference: Y. Xiang et al., "Generalized simulated annealing algorithm and its application to the Thomson model",
 Physics Letters A 233 (1997).  It asks for one candidate at a time, each depending on the cost of the last; several
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize
 
-from featherstone_gait.arguments import real, truth, whole
+from featherstone_gait.base.arguments import real, truth, whole
 from featherstone_gait.search.generations import Generations, check_finite, check_start
 from featherstone_gait.search.inverted import Evaluate, inverted
 

@@ -17,7 +17,7 @@ from collections.abc import Generator, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.arguments import floats
+from featherstone_gait.base.arguments import floats
 
 Method = Generator[Sequence[np.ndarray], list[float]]
 

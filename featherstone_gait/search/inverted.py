@@ -1,6 +1,6 @@
-"""A minimiser that calls its cost function, turned inside out: a generator that is told the costs.
+"""A minimizer that calls its cost function, turned inside out: a generator that is told the costs.
 
-The minimiser runs in a thread of its own, which waits whenever we go on and the other way round: never do both run, so
+The minimizer runs in a thread of its own, which waits whenever we go on and the other way round: never do both run, so
 that nothing depends on the threads' timing.
 """
 
@@ -22,12 +22,12 @@ Answers = SimpleQueue[list[float] | None]
 def inverted(minimize: Callable[[Evaluate], None]) -> Method:
     """Yield what ``minimize(evaluate)`` evaluates; send the costs.
 
-    `evaluate` takes a list of candidates and returns a list of costs.  What the minimiser raises is raised here.  When
-    the generator is closed, or no longer referred to, the minimiser ends at its next evaluation.
+    `evaluate` takes a list of candidates and returns a list of costs.  What the minimizer raises is raised here.  When
+    the generator is closed, or no longer referred to, the minimizer ends at its next evaluation.
     """
     questions: Questions = SimpleQueue()
     answers: Answers = SimpleQueue()
-    Thread(target=_work, args=(minimize, questions, answers), name="minimiser", daemon=True).start()
+    Thread(target=_work, args=(minimize, questions, answers), name="minimizer", daemon=True).start()
     try:
         while (question := questions.get()) is not None:
             if isinstance(question, BaseException):
@@ -42,7 +42,7 @@ def _work(minimize: Callable[[Evaluate], None], questions: Questions, answers: A
         questions.put(candidates)
         costs = answers.get()
         if costs is None:
-            raise SystemExit  # ends the minimiser
+            raise SystemExit  # ends the minimizer
         return costs
 
     try:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
-from featherstone_gait.arguments import functions, listed, truth, whole
+from featherstone_gait.base.arguments import functions, listed, truth, whole
 from featherstone_gait.search.ask_tell import Answer, Cost, Map, Search, check_map, check_search
 
 MESSAGES = {

@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arguments import shown
-from ..build.scene import CompiledScene
-from ..worlds import FIELDS, Spread, Worlds, nominal
+from ..base.arguments import shown
+from ..run.worlds import FIELDS, Spread, Worlds, nominal
+from ..scene.compile import CompiledScene
 
 OFFSET = "reference.offset"
 

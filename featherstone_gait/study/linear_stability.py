@@ -33,7 +33,7 @@ class Linear(NamedTuple):
     B: np.ndarray  # (N, n) [N m/V]
 
 
-def linearised(model: Model, servo: Servo, kind: str) -> Linear:
+def linearized(model: Model, servo: Servo, kind: str) -> Linear:
     """A robot on a fixed base whose joints all have the servo; kind "standard", "rotor" or "mipsd".
 
     Raises ValueError for a robot with joints that follow others: they have no motion of their own.

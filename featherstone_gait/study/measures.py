@@ -26,13 +26,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..build.coupling import followed
-from ..build.scene import CompiledScene
 from ..core.compile.lanes import WIDTH
 from ..core.effects.energies import METER
-from ..reference import Reference
+from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch, standing_state
-from ..trajectory import Trajectory
+from ..run.trajectory import Trajectory
+from ..scene.compile import CompiledScene
+from ..scene.coupling import followed
 from .bisection import largest
 from .draws import drawn_scenes, offset_of
 from .settings import ONLY, Setup, scene_of, servos_with

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..files import complete, read_csv
+from ..base.files import complete, read_csv
 from ..view.style import BAD, BLUE, look
 from .measures import COLUMNS
 from .settings import PARAMETERS, Axis, Study
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 SHOWN = 20_000  # runs drawn as points
 BINS, FEW = 12, 50  # of the median along a parameter that takes more than a few values
 DECADES = 30.0  # largest by smallest value from which an axis is logarithmic
-SPAN = 1e-16  # smallest by largest value of an axis or colour
+SPAN = 1e-16  # smallest by largest value of an axis or color
 LABELS = 9  # of an axis of a map
 MAPS = 9  # maps side by side
 RED = BAD
@@ -166,7 +166,7 @@ def _median(column: _Column, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _norm(y: np.ndarray) -> Any:
-    """The scale of colours for values."""
+    """The scale of colors for values."""
     from matplotlib.colors import LogNorm, Normalize
 
     known = y[np.isfinite(y)]
@@ -176,7 +176,7 @@ def _norm(y: np.ndarray) -> Any:
 def _maps(
     figure: Figure, panels: np.ndarray, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str
 ) -> None:
-    """A map for each value of the parameter that has the fewest, all to one scale of colours."""
+    """A map for each value of the parameter that has the fewest, all to one scale of colors."""
     shape = [len(column.axis.listed) for column in columns]
     apart = int(np.argmin(shape))
     values, sound = (np.moveaxis(x.reshape(shape), apart, 0) for x in (y, ok))
@@ -194,7 +194,7 @@ def _maps(
 
 
 def _cells(panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, norm: Any) -> ScalarMappable:
-    """A cell a run (rows, columns); crosses for those that are not ok, grey for those without a value."""
+    """A cell a run (rows, columns); crosses for those that are not ok, gray for those without a value."""
     up, across = columns
     panel.set_facecolor("0.85")
     panel.grid(False)
@@ -213,7 +213,7 @@ def _cells(panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, n
 def _map(
     figure: Figure, panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str, grid: bool
 ) -> None:
-    """The measure as colour over two parameters: cells for a grid, points otherwise."""
+    """The measure as color over two parameters: cells for a grid, points otherwise."""
     norm = _norm(y)
     across, up = columns[1], columns[0]
     shape = [0 if column.axis.values is None else len(column.axis.values) for column in columns]

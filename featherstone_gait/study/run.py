@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ..files import FilePath, Format, claim, is_number, parse_json
+from ..base.files import FilePath, Format, claim, is_number, parse_json
 from .measures import COLUMNS, run_batch
 from .plot import plot_study
 from .sensitivity import write_sensitivity

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..files import Format, complete, read_csv, write_csv
+from ..base.files import Format, complete, read_csv, write_csv
 from ..view.style import BLUE, look
 from .measures import COLUMNS
 from .settings import Study
@@ -104,10 +104,10 @@ def _plot(study: Study, found: dict[str, list[Index]], path: Path) -> None:
     figure = Figure(figsize=(width, 1.6 + 0.4 * len(order)), layout="constrained")
     panels = figure.subplots(1, len(found), sharey=True, squeeze=False).ravel()
     for axes, (says, each) in zip(panels, found.items()):
-        for shift, colour, kind, label in ((0.2, BLUE, 0, "alone"), (-0.2, GREY, 2, "with all that it acts with")):
+        for shift, color, kind, label in ((0.2, BLUE, 0, "alone"), (-0.2, GREY, 2, "with all that it acts with")):
             lengths, errors = ([each[k][kind + part] for k in order] for part in (0, 1))
             places = [place + shift for place in range(len(order))]
-            axes.barh(places, lengths, 0.36, xerr=errors, color=colour, label=label, error_kw={"linewidth": 1})
+            axes.barh(places, lengths, 0.36, xerr=errors, color=color, label=label, error_kw={"linewidth": 1})
         axes.set_xlabel(textwrap.fill(f"share of the variance of {says}", 60 if len(found) == 1 else 26))
     panels[0].set_yticks(range(len(order)), [study.names[k].removeprefix("worlds.") for k in order])
     panels[-1].legend(loc="lower right")

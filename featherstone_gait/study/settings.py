@@ -18,7 +18,7 @@ gives it one.  `gait.file` is a gait as `walking.read_walk` takes it, beside the
 place of one that is planned by the other `gait.*`.
 
 Runs are numbered with the last parameter changing fastest; `posture` and `gait` come last: they leave the scene as it
-is, so that neighbours share it.
+is, so that neighbors share it.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, get_args
 import numpy as np
 
 from .. import __version__
-from ..build.kinds import SERVO_KINDS
-from ..build.scene import CompiledScene, compile_scene
+from ..base.files import FilePath, is_number
 from ..core.compile.jit import source_hash
 from ..core.integrate import INTEGRATORS
-from ..files import FilePath, is_number
 from ..model import SERVO_UNITS, Ground, Law, Model, Supply
 from ..robot_file import load_robot, load_servo
-from ..worlds import servo_with
+from ..run.worlds import servo_with
+from ..scene.compile import CompiledScene, compile_scene
+from ..scene.gearbox_kinds import SERVO_KINDS
 from .draws import OFFSET, Draw, read_draws
 
 if TYPE_CHECKING:

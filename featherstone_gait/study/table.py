@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..files import Format, complete, write_csv
+from ..base.files import Format, complete, write_csv
 from .measures import COLUMNS
 from .settings import Study
 

@@ -11,13 +11,13 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..arguments import instance
-from ..files import FilePath, complete
+from ..base.arguments import instance
+from ..base.files import FilePath, complete
 from ..model import Ground, Model
 from .recorded import Seen, page_data
 
 if TYPE_CHECKING:
-    from ..trajectory import Trajectory
+    from ..run.trajectory import Trajectory
 
 MOST_BYTES = 5_000_000  # of a page
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..files import FilePath, complete
+from ..base.files import FilePath, complete
 from ..walking.feedback import Feedback
 
 Report = Mapping[str, Any]
@@ -226,7 +226,7 @@ def _feedback(report: Report) -> str:
     return (
         "<p>The impulse on the trunk, within 0.1 s, at which half of the robots fall, in the worlds of the search, at "
         "four phases of the stride. The figures for other worlds and for MuJoCo are with feedback.</p>"
-        + _table(["towards", "without", "with feedback"], pushes)
+        + _table(["toward", "without", "with feedback"], pushes)
         + _table(["gain", ""], gains)
     )
 

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arguments import real, whole
-from ..build.contact import ground_under, plane_axes
+from ..base.arguments import real, whole
 from ..dynamics import center_of_mass, contact_positions, forward_kinematics
 from ..model import Ground
 from ..robot_file.errors import RobotFileWarning
-from ..sensors import in_world
+from ..run.sensors import in_world
+from ..scene.contact import ground_under, plane_axes
 from .live_plots import Charts, plotted
 from .plotting import FAILED, positions
 from .recorded import TOUCH, Seen, corners_of, quaternions, relief, sampled
@@ -182,7 +182,7 @@ class Live:
         view = gui.add_button_group("view", tuple(VIEWS))
         view.on_click(lambda event: stage.look(event.client.camera, event.target.value) if event.client else None)
         switches = [("follow", any(actor.moves for actor in self._actors))]
-        switches += [("forces", any(actor.force is not None for actor in self._actors)), ("centre of mass", True)]
+        switches += [("forces", any(actor.force is not None for actor in self._actors)), ("center of mass", True)]
         switches += [("ghosts", len(self._actors) > 1)]
         for name, needed in switches:
             if needed:
@@ -246,8 +246,8 @@ class _Actor:
         else:
             when = f" at {run.end_time:.4g} s" if self.failed else ""
             text = f"<b>{escape(self.caption)}: {escape(run.status)}{when}</b><br>{escape(run.message)}"
-        colour = "" if run.status == "ok" else f"color:{BAD};"
-        return f'<div style="{colour}margin:0.2em 1em">{text}</div>'
+        color = "" if run.status == "ok" else f"color:{BAD};"
+        return f'<div style="{color}margin:0.2em 1em">{text}</div>'
 
     def row(self, t: float) -> int:
         """The last sample up to a time [s] that is to be shown."""
@@ -270,14 +270,14 @@ class _Actor:
         }
         self.meshes = [
             scene.add_mesh_simple(
-                f"{self.links[piece.link].name}/{k}", piece.points, piece.triangles, color=piece.colour,
+                f"{self.links[piece.link].name}/{k}", piece.points, piece.triangles, color=piece.color,
                 opacity=_opacity(piece.opacity), side="double",
             )
             for k, piece in enumerate(self.found)
         ]  # fmt: skip
         r = 0.012 * self.size
         self.label = scene.add_label(f"{name}/label", self.caption, anchor="bottom-center")
-        self.mass = scene.add_icosphere(f"{name}/centre_of_mass", 2.0 * r, color=MASS)
+        self.mass = scene.add_icosphere(f"{name}/center_of_mass", 2.0 * r, color=MASS)
         self.under = scene.add_cylinder(f"{name}/under_it", 2.0 * r, 0.2 * r, color=MASS)
         self.arrows = scene.add_arrows(
             f"{name}/forces", np.zeros((1, 2, 3)), FORCE, shaft_radius=r, head_radius=2.0 * r, head_length=4.0 * r
@@ -306,7 +306,7 @@ class _Actor:
             doubtful = f": {self.run.status}" * (self.run.status not in ("ok", *FAILED))
             self.label.text = self.caption + (when if over else doubtful)
             for mesh, piece in zip(self.meshes, self.found):
-                mesh.color = FAILURE if over else piece.colour
+                mesh.color = FAILURE if over else piece.color
 
     def _draw_forces(self, q: np.ndarray, row: int, wanted: bool) -> None:
         if self.force is None or self.ground is None:
@@ -336,7 +336,7 @@ class _Stage:
 
     def __init__(self, server: Any, actors: Sequence[_Actor], ghosts: bool) -> None:
         self.actors = actors
-        self.shown = {"follow": True, "forces": True, "centre of mass": True, "ghosts": ghosts and len(actors) > 1}
+        self.shown = {"follow": True, "forces": True, "center of mass": True, "ghosts": ghosts and len(actors) > 1}
         scene, grounds = server.scene, [actor.ground for actor in actors]
         self.world = scene.add_frame("/world", show_axes=False)
         for k, actor in enumerate(actors):
@@ -371,8 +371,8 @@ class _Stage:
         for k, (actor, offset) in enumerate(zip(self.actors, self._offsets())):
             actor.place.position = np.zeros(3) if ghosts else offset
             actor.look(ghosts and k > 0)
-            actor.mass.visible = self.shown["centre of mass"]
-            actor.under.visible = self.shown["centre of mass"] and actor.ground is not None
+            actor.mass.visible = self.shown["center of mass"]
+            actor.under.visible = self.shown["center of mass"] and actor.ground is not None
             for mesh in self.floors[k] if self.floors else ():
                 mesh.visible = k == 0 or not ghosts
 
@@ -407,10 +407,10 @@ def _floor(scene: Any, name: str, ground: Ground | None, box: np.ndarray) -> lis
         quads, shade = np.array(told["quads"]).reshape(-1, 4, 3), np.array(told["shade"])
         return [
             scene.add_mesh_simple(
-                f"{name}/{k}", quads[shade == k].reshape(-1, 3), _halves(int((shade == k).sum())), color=colour,
+                f"{name}/{k}", quads[shade == k].reshape(-1, 3), _halves(int((shade == k).sum())), color=color,
                 flat_shading=True, side="double", cast_shadow=False,
             )
-            for k, colour in enumerate((FLOOR, SQUARE, RISE)) if (shade == k).any()
+            for k, color in enumerate((FLOOR, SQUARE, RISE)) if (shade == k).any()
         ]  # fmt: skip
     corners = box.reshape(-1, 3)
     low, high = corners.min(axis=0), corners.max(axis=0)

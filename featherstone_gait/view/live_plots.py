@@ -13,7 +13,7 @@ from .style import BAD, COLOURS
 WIDTH, HEIGHT = 360, 200  # of the panel, of a plot in it [pixel]
 MARGIN = 0.06  # above and below the lines, of their height
 QUIET, LINES = "#8a8f98", "rgba(138, 143, 152, 0.2)"  # axes and grid, on light and dark ground
-SIDES = {"left": COLOURS[0], "right": COLOURS[1]}  # where there are more lines than colours
+SIDES = {"left": COLOURS[0], "right": COLOURS[1]}  # where there are more lines than colors
 ALL = "all"
 
 
@@ -113,12 +113,12 @@ class _Lines:
         self.low, self.high = low - margin, high + margin
         labels = [channel["labels"][k] for k in keep]
         many = len(labels) > len(COLOURS)
-        colours = [SIDES.get(channel["sides"][k], QUIET) for k in keep] if many else COLOURS
+        colors = [SIDES.get(channel["sides"][k], QUIET) for k in keep] if many else COLOURS
         axis = {"stroke": QUIET, "grid": {"stroke": LINES, "width": 1}, "ticks": {"stroke": LINES, "width": 1}}
         points = {"show": False}
         series = [
-            {"label": label, "stroke": colour, "width": 1.3, "points": points}
-            for label, colour in zip(labels, colours)
+            {"label": label, "stroke": color, "width": 1.3, "points": points}
+            for label, color in zip(labels, colors)
         ]  # fmt: skip
         self.handle = gui.add_uplot(
             self._data(t),

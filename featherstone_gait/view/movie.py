@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arguments import listed, real, whole
+from ..base.arguments import listed, real, whole
+from ..base.files import FilePath, complete
 from ..dynamics import forward_kinematics
-from ..files import FilePath, complete
 from .plotting import FAILED, positions
 from .shown import Robot, robot_of
 from .visuals import Body, bodies
 
 if TYPE_CHECKING:
     from ..model import Model
-    from ..trajectory import Trajectory
+    from ..run.trajectory import Trajectory
 
 MOST_FRAMES = 3000
 DOTS = 100  # per inch
@@ -102,9 +102,9 @@ def _drawn(
         figure.set_facecolor(GROUND if floor is not None else SKY)
         if floor is not None:
             axes.add_collection(PolyCollection(list(camera.squares(floor)), facecolor=SQUARE, linewidth=0))
-        polygons, colours, smooth = camera.faces(found, poses.rotation[k, places], poses.position[k, places])
-        edges = [colour if soft else (0.0, 0.0, 0.0, 0.4) for colour, soft in zip(colours, smooth)]
-        axes.add_collection(PolyCollection(polygons, facecolor=colours, edgecolor=edges, linewidth=0.5))
+        polygons, colors, smooth = camera.faces(found, poses.rotation[k, places], poses.position[k, places])
+        edges = [color if soft else (0.0, 0.0, 0.0, 0.4) for color, soft in zip(colors, smooth)]
+        axes.add_collection(PolyCollection(polygons, facecolor=colors, edgecolor=edges, linewidth=0.5))
         ended = trajectory.status in FAILED and bool(time >= trajectory.end_time - 1e-9)
         told = ended or trajectory.status not in (*FAILED, "ok")
         label = f"{time:.2f} s" + f": {trajectory.status}" * told
@@ -127,7 +127,7 @@ class _Camera:
         self.eye = center + self.distance * self.axes[2]
 
     def see(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Right and up (..., 2) [m, at the distance of the centre], and depth (...) [m]."""
+        """Right and up (..., 2) [m, at the distance of the center], and depth (...) [m]."""
         seen = (points - self.eye) @ self.axes.T
         depth = -seen[..., 2]
         return seen[..., :2] * (self.distance / np.maximum(depth, 0.05 * self.distance))[..., None], depth
@@ -145,18 +145,18 @@ class _Camera:
         return quads[(depth > 0.1 * self.distance).all(axis=1)]
 
     def faces(self, found: list[Body], rotation: np.ndarray, position: np.ndarray) -> tuple[list, list, list]:
-        """Polygons that look at the eye from far to near, their colours, and whether each is of a mesh."""
+        """Polygons that look at the eye from far to near, their colors, and whether each is of a mesh."""
         drawn = []
         for body, R, p in zip(found, rotation, position):
             world = body.points @ R.T + p
             seen, depth = self.see(world)
-            for face, colour in zip(body.faces, body.colours):
+            for face, color in zip(body.faces, body.colors):
                 corner = world[list(face)]
                 normal = np.cross(corner[1] - corner[0], corner[2] - corner[0])
                 length = float(np.sqrt(normal @ normal))
                 if length > 0.0 and normal @ (self.eye - corner[0]) > 0.0:
                     light = 0.42 + 0.31 * (1.0 + float(normal @ LIGHT) / length)
-                    shade = tuple(min(1.0, light * x / 255.0) for x in colour)
+                    shade = tuple(min(1.0, light * x / 255.0) for x in color)
                     drawn.append((float(depth[list(face)].mean()), seen[list(face)], shade, body.smooth))
         drawn.sort(key=lambda item: -item[0])
         return [d[1] for d in drawn], [d[2] for d in drawn], [d[3] for d in drawn]

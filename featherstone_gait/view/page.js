@@ -14,21 +14,21 @@ const view = { yaw: -1.1, pitch: 0.3, span: data.span, pan: [0, 0, 0] };
 const shown = { follow: true, forces: true, prints: true, load: false, ghosts: data.ghosts && data.runs.length > 1 };
 const state = { time: start, playing: !still && end > start, dirty: true };
 const frames = [];          // how long each of the last frames took to draw [ms]
-let colours = {};
+let colors = {};
 
-function readColours() {
+function readColors() {
   const style = getComputedStyle(document.documentElement);
   for (const name of ["page", "text", "soft", "line", "sky", "ground", "square", "shadow", "edge", "force", "pressure",
-    "support", "grid", "bad", "badpage", "left", "right", "mid"]) colours[name] = style.getPropertyValue("--" + name).trim();
-  colours.clear = colours.ground + "00";  // #rrggbb, transparent
-  colours.lines = style.getPropertyValue("--lines").trim().split(/\s+/);
+    "support", "grid", "bad", "badpage", "left", "right", "mid"]) colors[name] = style.getPropertyValue("--" + name).trim();
+  colors.clear = colors.ground + "00";  // #rrggbb, transparent
+  colors.lines = style.getPropertyValue("--lines").trim().split(/\s+/);
 }
 
 // ------------------------------------------------------------------------------------------- robots
 
-const grey = colour => {
-  const x = 0.3 * colour[0] + 0.59 * colour[1] + 0.11 * colour[2];
-  return colour.map(c => Math.round(0.7 * x + 0.3 * c));
+const gray = color => {
+  const x = 0.3 * color[0] + 0.59 * color[1] + 0.11 * color[2];
+  return color.map(c => Math.round(0.7 * x + 0.3 * c));
 };
 
 const models = data.models.map(model => ({
@@ -48,8 +48,8 @@ const models = data.models.map(model => ({
       const length = Math.hypot(...n) || 1;
       for (let i = 0; i < 3; i++) normals[3 * k + i] = n[i] / length;
     });
-    const colour = body.faces.map((_, k) => body.palette[body.colours.length ? body.colours[k] : 0]);
-    return { ...body, points, normals, colour, pale: colour.map(grey), low, high, screen: new Float64Array(points.length) };
+    const color = body.faces.map((_, k) => body.palette[body.colors.length ? body.colors[k] : 0]);
+    return { ...body, points, normals, color, pale: color.map(gray), low, high, screen: new Float64Array(points.length) };
   }),
 }));
 
@@ -124,7 +124,7 @@ function ground(g, cam, floor) {
   if (cam.eye[2] <= z) return;  // from below
   const field = (x0, x1, y0, y1) => cam.clipped([[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]]);
   const horizon = Math.max(0, cam.h / 2 - cam.focus * Math.tan(Math.min(view.pitch, 1.5)));
-  g.fillStyle = colours.ground;
+  g.fillStyle = colors.ground;
   g.fillRect(0, horizon, cam.w, cam.h - horizon);
   const n = Math.ceil(2.4 * view.span / s), i0 = 2 * Math.round(cx / s / 2), j0 = 2 * Math.round(cy / s / 2);
   const [x0, x1, y0, y1] = [(i0 - n) * s, (i0 + n) * s, (j0 - n) * s, (j0 + n) * s];
@@ -134,7 +134,7 @@ function ground(g, cam, floor) {
       trace(g, field((i0 + k) * s, (i0 + k + 1) * s, y0, y1));
       trace(g, field(x0, x1, (j0 + k) * s, (j0 + k + 1) * s));
     }
-    g.fillStyle = colours.square;
+    g.fillStyle = colors.square;
     g.fill("evenodd");
     haze(g, cam);
   } else {
@@ -142,18 +142,18 @@ function ground(g, cam, floor) {
       trace(g, field((i0 + k) * s, (i0 + k) * s, y0, y1));
       trace(g, field(x0, x1, (j0 + k) * s, (j0 + k) * s));
     }
-    g.strokeStyle = colours.square;
+    g.strokeStyle = colors.square;
     g.lineWidth = 1;
     g.stroke();
   }
 }
 
-function haze(g, cam) {  // squares too far away to be told apart go over into one colour
+function haze(g, cam) {  // squares too far away to be told apart go over into one color
   const horizon = cam.h / 2 - cam.focus * Math.tan(Math.min(view.pitch, 1.5)), low = horizon + 0.45 * cam.h;
   if (low < 0) return;
   const fade = g.createLinearGradient(0, horizon, 0, low);
-  fade.addColorStop(0, colours.ground);
-  fade.addColorStop(1, colours.clear);
+  fade.addColorStop(0, colors.ground);
+  fade.addColorStop(1, colors.clear);
   g.fillStyle = fade;
   g.fillRect(0, Math.max(0, horizon), cam.w, Math.max(0, low - Math.max(0, horizon)));
 }
@@ -167,7 +167,7 @@ function relief(g, cam, floor) {
   for (const { x, k } of order) {
     g.beginPath();
     trace(g, cam.clipped(x));
-    g.fillStyle = g.strokeStyle = [colours.ground, colours.square, colours.shadow][floor.shade[k]];
+    g.fillStyle = g.strokeStyle = [colors.ground, colors.square, colors.shadow][floor.shade[k]];
     g.fill();
     g.stroke();
   }
@@ -186,25 +186,25 @@ function shadow(g, cam, bodies, at, floor) {  // of a lamp straight above; upper
     }
     SIDES.forEach((side, k) => { if (p[9 + NORMAL[k][0]] * NORMAL[k][1] > 0) trace(g, cam.clipped(side.map(i => corner[i]))); });
   });
-  g.fillStyle = colours.shadow;
+  g.fillStyle = colors.shadow;
   g.fill("nonzero");
 }
 
 // ------------------------------------------------------------------------------------------- bodies
 
 const fills = new Map();
-function fill(colour, light) {
-  const key = (colour[0] << 21) | (colour[1] << 13) | (colour[2] << 5) | light;
+function fill(color, light) {
+  const key = (color[0] << 21) | (color[1] << 13) | (color[2] << 5) | light;
   let text = fills.get(key);
   if (!text) {
     const f = 0.42 + 0.62 * light / 31;
-    text = "rgb(" + colour.map(x => Math.min(255, Math.round(x * f))) + ")";
+    text = "rgb(" + color.map(x => Math.min(255, Math.round(x * f))) + ")";
     fills.set(key, text);
   }
   return text;
 }
 
-function loadColour(percent) {  // pale to dark, through yellow and red: its lightness falls all the way
+function loadColor(percent) {  // pale to dark, through yellow and red: its lightness falls all the way
   const stops = [[236, 236, 230], [250, 214, 110], [238, 130, 50], [190, 40, 40], [90, 10, 50]];
   const x = Math.min(3.999, Math.max(0, percent / 25)), k = Math.floor(x), f = x - k;
   return stops[k].map((a, i) => Math.round((a + f * (stops[k + 1][i] - a)) / 8) * 8);
@@ -225,7 +225,7 @@ function robot(g, cam, model, at, { tint, pale, ratio }) {
       s[i + 1] = cam.h / 2 - scale * (u[0] * dx + u[1] * dy + u[2] * dz);
       s[i + 2] = depth;
     }
-    const colour = tint && tint(b);
+    const color = tint && tint(b);
     for (let k = 0; k < body.faces.length; k++) {
       const face = body.faces[k], a = 3 * face[0], m = 3 * k;
       if (n[m] * (e[0] - x[a]) + n[m + 1] * (e[1] - x[a + 1]) + n[m + 2] * (e[2] - x[a + 2]) <= 0) continue;
@@ -233,7 +233,7 @@ function robot(g, cam, model, at, { tint, pale, ratio }) {
       for (const i of face) { depth += s[3 * i + 2]; least = Math.min(least, s[3 * i + 2]); }
       if (least < cam.near) continue;
       const bright = n[m] * l[0] + n[m + 1] * l[1] + n[m + 2] * l[2];
-      faces.push({ body, face, depth: depth / face.length, style: fill(colour || (pale ? body.pale[k] : body.colour[k]), Math.round(15.5 + 15.5 * bright)) });
+      faces.push({ body, face, depth: depth / face.length, style: fill(color || (pale ? body.pale[k] : body.color[k]), Math.round(15.5 + 15.5 * bright)) });
     }
   });
   faces.sort((a, b) => b.depth - a.depth);
@@ -247,7 +247,7 @@ function robot(g, cam, model, at, { tint, pale, ratio }) {
     g.fillStyle = style;
     g.fill();
     g.lineWidth = (body.smooth ? 0.6 : 0.8) * ratio;
-    g.strokeStyle = body.smooth ? style : colours.edge;
+    g.strokeStyle = body.smooth ? style : colors.edge;
     g.stroke();
   }
 }
@@ -291,14 +291,14 @@ function contacts(run, t) {  // [{at, force [weights], touches}]
 
 function prints(g, cam, run, t, ratio) {
   g.lineWidth = 1.2 * ratio;
-  for (const { at, colour, outline: o } of run.prints) {
+  for (const { at, color, outline: o } of run.prints) {
     if (at > t) break;
     const points = [];
     for (let i = 0; i < o.length; i += 3) points.push([o[i] * data.unit, o[i + 1] * data.unit, o[i + 2] * data.unit]);
     g.beginPath();
     trace(g, cam.clipped(points));
-    g.fillStyle = "rgba(" + colour + ",0.25)";
-    g.strokeStyle = "rgb(" + colour + ")";
+    g.fillStyle = "rgba(" + color + ",0.25)";
+    g.strokeStyle = "rgb(" + color + ")";
     g.fill();
     g.stroke();
   }
@@ -307,13 +307,13 @@ function prints(g, cam, run, t, ratio) {
 function support(g, cam, touching) {
   g.beginPath();
   trace(g, cam.clipped(outline(touching.map(c => c.at))));
-  g.fillStyle = colours.support;
+  g.fillStyle = colors.support;
   g.fill();
 }
 
 function arrows(g, cam, touching, ratio) {
   g.lineWidth = 2 * ratio;
-  g.strokeStyle = g.fillStyle = colours.force;
+  g.strokeStyle = g.fillStyle = colors.force;
   const total = [0, 0, 0, 0];
   for (const { at, force } of touching) {
     if (!force) continue;
@@ -333,17 +333,17 @@ function arrows(g, cam, touching, ratio) {
     trace(g, [b, [b[0] - head * ux + 0.4 * head * uy, b[1] - head * uy - 0.4 * head * ux], [b[0] - head * ux - 0.4 * head * uy, b[1] - head * uy + 0.4 * head * ux]]);
     g.fill();
   }
-  if (total[3] > 0.01) {  // centre of pressure
+  if (total[3] > 0.01) {  // center of pressure
     const c = cam.see([0, 1, 2].map(k => total[k] / total[3]));
     g.beginPath();
     g.arc(c[0], c[1], 5 * ratio, 0, 2 * Math.PI);
-    g.fillStyle = colours.page;
+    g.fillStyle = colors.page;
     g.fill();
-    g.strokeStyle = colours.pressure;
+    g.strokeStyle = colors.pressure;
     g.stroke();
     g.beginPath();
     g.arc(c[0], c[1], 2 * ratio, 0, 2 * Math.PI);
-    g.fillStyle = colours.pressure;
+    g.fillStyle = colors.pressure;
     g.fill();
   }
 }
@@ -416,7 +416,7 @@ function drawPanel({ runs, canvas, now }) {
   if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
   const g = canvas.getContext("2d", { alpha: false }), t = state.time, [main] = runs;
   const at = runs.map(run => poses(run, Math.min(t, run.end))), cam = camera(w, h, center(main, at[0]));
-  g.fillStyle = colours.sky;
+  g.fillStyle = colors.sky;
   g.fillRect(0, 0, w, h);
   ground(g, cam, main.floor);
   runs.forEach((run, k) => {
@@ -441,15 +441,15 @@ function drawPanel({ runs, canvas, now }) {
 function loads(run, model, t) {
   const [k] = place(run, Math.min(t, run.end)), percent = run.load.percent[k], of = {};
   model.joints.forEach((joint, j) => { if (joint.body >= 0) of[joint.body] = Math.max(of[joint.body] || 0, percent[j]); });
-  return body => loadColour(of[body] || 0);
+  return body => loadColor(of[body] || 0);
 }
 
 function stamp(g, words, w, ratio) {
   g.font = "600 " + 15 * ratio + "px system-ui, sans-serif";
   const width = Math.min(w - 8 * ratio, g.measureText(words).width + 20 * ratio);
-  g.fillStyle = colours.badpage;
+  g.fillStyle = colors.badpage;
   g.fillRect((w - width) / 2, 8 * ratio, width, 26 * ratio);
-  g.fillStyle = colours.bad;
+  g.fillStyle = colors.bad;
   g.textAlign = "center";
   g.fillText(words, w / 2, 26 * ratio, width - 8 * ratio);
   g.textAlign = "left";
@@ -458,11 +458,11 @@ function stamp(g, words, w, ratio) {
 function legend(g, w, h, ratio, of) {
   const n = 40, width = Math.min(160 * ratio, 0.4 * w), x = 10 * ratio, y = h - 16 * ratio;
   for (let k = 0; k < n; k++) {
-    g.fillStyle = "rgb(" + loadColour(100 * k / n) + ")";
+    g.fillStyle = "rgb(" + loadColor(100 * k / n) + ")";
     g.fillRect(x + k * width / n, y, width / n + 1, 8 * ratio);
   }
   g.font = 12 * ratio + "px system-ui, sans-serif";
-  g.fillStyle = colours.text;
+  g.fillStyle = colors.text;
   g.fillText("torque, 0 to 100 % of " + of, x, y - 5 * ratio);
 }
 
@@ -518,9 +518,9 @@ function addPlot(name) {
 
 function plotLayers() { plots.forEach(layer); }
 
-function lineColour(channel, k, several) {
-  if (channel.labels.length <= 8 || several) return colours.lines[k % colours.lines.length];
-  return colours[channel.sides[k] || "mid"];
+function lineColor(channel, k, several) {
+  if (channel.labels.length <= 8 || several) return colors.lines[k % colors.lines.length];
+  return colors[channel.sides[k] || "mid"];
 }
 
 function ticks(low, high, most) {
@@ -543,7 +543,7 @@ function layer(plot) {  // all that does not move
     const c = run.channels[plot.name];
     if (c) c.labels.forEach((label, k) => {
       if (plot.column < 0 || plot.column === k) lines.push({ run, r, c, k, label: plot.column < 0 || alone ? label : run.caption.split(":")[0],
-        colour: lineColour(c, plot.column < 0 ? k : r, plot.column >= 0), range: 0 });
+        color: lineColor(c, plot.column < 0 ? k : r, plot.column >= 0), range: 0 });
     });
   });
   let low = Infinity, high = -Infinity;
@@ -560,9 +560,9 @@ function layer(plot) {  // all that does not move
   const X = t => box.x + box.w * (t - start) / (end - start || 1), Y = v => box.y + box.h * (high - v) / (high - low);
   Object.assign(plot, { box, lines, X, Y });
   const [vertical, digits] = ticks(low, high, 4), [across, places] = ticks(start, end > start ? end : start + 1, Math.max(2, box.w / 70));
-  g.strokeStyle = colours.grid;
+  g.strokeStyle = colors.grid;
   g.lineWidth = 1;
-  g.fillStyle = colours.soft;
+  g.fillStyle = colors.soft;
   g.textAlign = "right";
   for (const v of vertical) {
     g.beginPath(); g.moveTo(box.x, Y(v)); g.lineTo(box.x + box.w, Y(v)); g.stroke();
@@ -577,8 +577,8 @@ function layer(plot) {  // all that does not move
   g.fillText("time [s]", box.x + box.w + 18, box.y + box.h + 13);
   g.fillText((lines[0] ? plot.name + " [" + lines[0].c.unit + "]" : ""), box.x, 11);
   for (const run of data.runs) if (run.failed) {
-    g.fillStyle = colours.bad;
-    g.setLineDash([3, 3]); g.strokeStyle = colours.bad;
+    g.fillStyle = colors.bad;
+    g.setLineDash([3, 3]); g.strokeStyle = colors.bad;
     g.beginPath(); g.moveTo(X(run.end), box.y); g.lineTo(X(run.end), box.y + box.h); g.stroke();
     g.setLineDash([]);
     const late = X(run.end) > box.x + 0.6 * box.w;
@@ -589,10 +589,10 @@ function layer(plot) {  // all that does not move
   g.lineWidth = lines.length > 8 ? 1 : 1.5;
   g.save();
   g.beginPath(); g.rect(box.x, box.y - 2, box.w, box.h + 4); g.clip();
-  for (const { r, c, k, colour } of lines) {
+  for (const { r, c, k, color } of lines) {
     g.beginPath();
     c.values[k].forEach((v, i) => i ? g.lineTo(X(c.times[i]), Y(v * c.scale)) : g.moveTo(X(c.times[i]), Y(v * c.scale)));
-    g.strokeStyle = colour;
+    g.strokeStyle = color;
     g.setLineDash(r && plot.column < 0 ? [5, 3] : []);
     g.stroke();
   }
@@ -611,7 +611,7 @@ function drawPlot(plot) {
   g.clearRect(0, 0, plot.canvas.width, plot.canvas.height);
   if (plot.layer.width) g.drawImage(plot.layer, 0, 0);
   g.scale(ratio, ratio);
-  g.strokeStyle = colours.text;
+  g.strokeStyle = colors.text;
   g.lineWidth = 1;
   g.beginPath(); g.moveTo(X(state.time), box.y); g.lineTo(X(state.time), box.y + box.h); g.stroke();
   const fits = Math.floor((box.h + 14) / 12), most = [...plot.lines].sort((a, b) => b.range - a.range).slice(0, fits);
@@ -621,7 +621,7 @@ function drawPlot(plot) {
   for (let k = labels.length - 1, last = bottom; k >= 0; k--) { labels[k].at = Math.min(labels[k].at, last); last = labels[k].at - 12; }
   g.font = "11px system-ui, sans-serif";
   for (const { line, value, y, at } of labels) {
-    g.fillStyle = line.colour;
+    g.fillStyle = line.color;
     g.beginPath(); g.arc(X(Math.min(state.time, line.run.end)), y, 2.5, 0, 2 * Math.PI); g.fill();
     const dashed = line.r && plot.column < 0 ? "- " : "";
     g.fillText(dashed + line.label.replaceAll("_", " ") + " " + short(value), box.x + box.w + 6, at + 3, 145);
@@ -759,7 +759,7 @@ if (offered.length) {
 }
 if (end === start) for (const element of document.querySelectorAll("#controls .row:first-child, #rate")) element.hidden = true;
 $("notes").textContent = data.notes.join("; ");
-readColours();
+readColors();
 const asked = new URLSearchParams(location.hash.slice(1));  // page.html#t=1.5&view=side stops there and looks so
 preset(asked.get("view"));
 if (asked.has("t") && Number.isFinite(Number(asked.get("t")))) go(Number(asked.get("t")));
@@ -767,6 +767,6 @@ arrange();
 data.plots.forEach(addPlot);
 fit();
 window.addEventListener("resize", fit);
-media("(prefers-color-scheme: dark)").addEventListener("change", () => { readColours(); plotLayers(); state.dirty = true; });
+media("(prefers-color-scheme: dark)").addEventListener("change", () => { readColors(); plotLayers(); state.dirty = true; });
 window.viewer = { data, view, shown, state, frames, plots, show, go, preset };
 requestAnimationFrame(tick);

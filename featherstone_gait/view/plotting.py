@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..arguments import instance, listed, shown, whole
+from ..base.arguments import instance, listed, shown, whole
 from ..core.step.state import BY_NAME, UNITS
 from ..dynamics import check_model, forward_kinematics
 from ..model import Model
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ..trajectory import Trajectory
+    from ..run.trajectory import Trajectory
 
 MOST_FIGURES = 10**4
 MANY = 8  # lines in one panel, beyond which joints are drawn side by side, left and right
@@ -39,7 +39,7 @@ def plot_trajectory(
     """Draw channels against time [s], a row each, or one panel each in `axes` if given; return the figure.
 
     Labels stand at the ends of their lines.  More than 8 joints are drawn side by side, those of the left and those of
-    the right by their names, partners in one colour and to one scale; in given axes the right ones are dashed.  A run
+    the right by their names, partners in one color and to one scale; in given axes the right ones are dashed.  A run
     that failed is drawn to its failure, which is told.
     Raises ValueError on an unknown channel and on another number of axes than of names.
     """
@@ -115,7 +115,7 @@ def _sides(labels: list[str]) -> list[tuple[str, list[int]]]:
 
 
 def _styles(labels: list[str]) -> list[tuple[str, str]]:
-    """Colour and stroke of each line; partners left and right have one colour, and the right one is dashed."""
+    """Color and stroke of each line; partners left and right have one color, and the right one is dashed."""
     if len(labels) <= MANY and len({_partner(label) for label in labels}) == len(labels):
         return [(COLOURS[k % len(COLOURS)], "-") for k in range(len(labels))]
     kinds = {kind: k for k, kind in enumerate(dict.fromkeys(_partner(label) for label in labels))}
@@ -128,7 +128,7 @@ def _styles(labels: list[str]) -> list[tuple[str, str]]:
 
 
 def _solid(styles: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    return [(colour, "-" if stroke == "--" else stroke) for colour, stroke in styles]
+    return [(color, "-" if stroke == "--" else stroke) for color, stroke in styles]
 
 
 def _partner(label: str) -> str:
@@ -149,12 +149,12 @@ def _draw(
     last = max(1, int(np.searchsorted(time, trajectory.end_time + 1e-9, side="right"))) if failed else len(time)
     ends = []
     for k in lines:
-        colour, stroke = styles[k]
+        color, stroke = styles[k]
         label = _partner(table.labels[k]) if side in ("left", "right") else table.labels[k]
         column = table.values[:last, k]
-        axes.plot(time[:last], column, stroke, color=colour, label=table.labels[k])
+        axes.plot(time[:last], column, stroke, color=color, label=table.labels[k])
         if np.isfinite(column[-1]):
-            ends.append((float(column[-1]), label.replace("_", " "), colour))
+            ends.append((float(column[-1]), label.replace("_", " "), color))
     axes.margins(x=0.0)
     axes.set_xlim(float(time[0]), float(time[-1]) if len(time) > 1 else None)
     if len(table.labels) > 1:
@@ -186,7 +186,7 @@ def plot_motion(
 ) -> Figure:
     """Draw the robot as a stick figure at `count` instants from the start (dark) to the end (light); return the figure.
 
-    Each link is a line from its joint to those of its children, a last link one to its centre of mass, a sole one to
+    Each link is a line from its joint to those of its children, a last link one to its center of mass, a sole one to
     each contact point.  view: the world axes to the right and up.  The trajectory needs the channel q, and base_q of a
     floating base.
     """

@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arguments import instance
-from ..build.contact import ground_under, plane_axes
-from ..channels import column_of
+from ..base.arguments import instance
 from ..core.effects.energies import METER, SUPPLY
 from ..core.step.state import BY_NAME, UNITS
 from ..dynamics import deepest_points, forward_kinematics
 from ..model import TORQUE_LAWS, Ground, Model, Servo
-from ..sensors import in_world
+from ..run.channels import column_of
+from ..run.sensors import in_world
+from ..scene.contact import ground_under, plane_axes
 from .plotting import FAILED, positions
 from .visuals import FACES, Body, Piece, bodies, side_of, sided
 
 if TYPE_CHECKING:
-    from ..trajectory import Trajectory
+    from ..run.trajectory import Trajectory
 
 FRAME = 0.04  # [s] at least; the page draws straight lines between frames
 POSES, PLOTTED = 400_000, 120_000  # numbers of all runs together, so that a page stays below 5 MB
@@ -107,16 +107,16 @@ def _described(model: Model, found: list[Body]) -> dict[str, Any]:
 
 
 def _packed(described: dict[str, Any], found: list[Body], unit: float) -> dict[str, Any]:
-    """The bodies with whole numbers; equal colours are written once."""
+    """The bodies with whole numbers; equal colors are written once."""
     bodies = []
     for body in found:
-        palette = list(dict.fromkeys(body.colours))
+        palette = list(dict.fromkeys(body.colors))
         bodies.append(
             {
                 "points": np.round(body.points / unit).astype(int).reshape(-1).tolist(),
                 "faces": [list(face) for face in body.faces],
-                "palette": [list(colour) for colour in palette],
-                "colours": [palette.index(colour) for colour in body.colours] if len(palette) > 1 else [],
+                "palette": [list(color) for color in palette],
+                "colors": [palette.index(color) for color in body.colors] if len(palette) > 1 else [],
                 "smooth": body.smooth,
             }
         )
@@ -302,7 +302,7 @@ def _prints(model: Model, time: np.ndarray, points: np.ndarray, touch: np.ndarra
             prints.append(
                 {
                     "at": float(f"{time[begin]:.5g}"),
-                    "colour": list(sided(link)),
+                    "color": list(sided(link)),
                     "outline": np.round(outline / unit).astype(int).reshape(-1).tolist(),
                 }
             )

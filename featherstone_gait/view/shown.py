@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arguments import instance, listed, shown
-from ..build.scene import CompiledScene
-from ..files import FilePath, complete
+from ..base.arguments import instance, listed, shown
+from ..base.files import FilePath, complete
 from ..model import Ground, Model
-from ..rest import nearest_posture
+from ..model.rest_posture import nearest_posture
+from ..scene.compile import CompiledScene
 from .animation import page_html
 from .recorded import Seen
 
 if TYPE_CHECKING:
-    from ..trajectory import Trajectory
+    from ..run.trajectory import Trajectory
     from .live import Live
 
 HEIGHT = 620  # of a page in a notebook [pixel]
@@ -131,8 +131,8 @@ def _seen(runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str]) -> 
 
 def in_posture(model: Model, keyframe: str | None = None) -> Trajectory:
     """A robot at rest, as a run of one sample: a posture of its file, or the one nearest to zero, on level ground."""
-    from ..build.contact import standing_height
-    from ..trajectory import Trajectory
+    from ..run.trajectory import Trajectory
+    from ..scene.contact import standing_height
 
     if keyframe is None:
         q = nearest_posture(model)

@@ -1,6 +1,6 @@
-"""One look for all figures: colours that the colour-blind tell apart, quiet axes, labels at the ends of lines.
+"""One look for all figures: colors that the color-blind tell apart, quiet axes, labels at the ends of lines.
 
-Colours are those of M. Okabe and K. Ito (2008), of which the yellow is left out: it is too pale for a line.
+Colors are those of M. Okabe and K. Ito (2008), of which the yellow is left out: it is too pale for a line.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def look(grid: bool = True) -> Iterator[None]:
 def label_ends(
     axes: Axes, ends: Sequence[tuple[float, str, Any]], x: float | None = None, size: float = 7.5
 ) -> None:
-    """Write a label beside the end of each line, at (y, text, colour), moved apart where they would collide.
+    """Write a label beside the end of each line, at (y, text, color), moved apart where they would collide.
 
     x: where the lines end, None for the right edge of the axes.
     """
@@ -54,9 +54,9 @@ def label_ends(
     order = sorted(range(len(ends)), key=lambda k: ends[k][0])
     wanted = np.array([(ends[k][0] - low) / ((high - low) or 1.0) for k in order])
     for k, place in zip(order, spread(wanted, gap)):
-        _, text, colour = ends[k]
+        _, text, color = ends[k]
         axes.annotate(
-            text, (1.0 if x is None else x, place), xytext=(4, 0), textcoords="offset points", color=colour,
+            text, (1.0 if x is None else x, place), xytext=(4, 0), textcoords="offset points", color=color,
             xycoords="axes fraction" if x is None else axes.get_xaxis_transform(), fontsize=size, va="center",
             annotation_clip=False,
         )  # fmt: skip

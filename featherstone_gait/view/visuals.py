@@ -14,18 +14,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..mesh import Colour, mesh_parts
-from ..mesh import Part as MeshPart
+from ..base.rotation import rotation_from_rpy
+from ..geometry.mesh import Color, mesh_parts
+from ..geometry.mesh import Part as MeshPart
 from ..model import Link, Model, inertia_matrix
+from ..model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Sphere
 from ..robot_file.mjcf.visuals import Ellipsoid, Triangles
 from ..robot_file.visuals import Visual, read_visuals
-from ..rotation import rotation_from_rpy
-from ..shape import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Sphere
 
 FACES = 5000  # of the meshes of a robot
 LEAST = 40  # faces that a mesh may always have
 ROUND = 16  # corners of a circle
-LEFT, RIGHT, MIDDLE = (74, 144, 226), (240, 140, 60), (158, 166, 176)  # colours of links that have none, by name
+LEFT, RIGHT, MIDDLE = (74, 144, 226), (240, 140, 60), (158, 166, 176)  # colors of links that have none, by name
 SIDES_OF = {"left": {"l", "lf", "lh", "fl", "rl", "hl"}, "right": {"r", "rf", "rh", "fr", "rr", "hr"}}
 EXACT = 4096  # cells along the longest side that leave a mesh as it is
 SMOOTH = (Mesh, Triangles, Ellipsoid, Hull, Sphere, Capsule)  # whose edges are not drawn
@@ -38,17 +38,17 @@ class Body(NamedTuple):
     link: str
     points: np.ndarray  # (n, 3) [m], link axes
     faces: tuple[tuple[int, ...], ...]  # corners of each, counterclockwise seen from outside
-    colours: tuple[Colour, ...]  # of each face
+    colors: tuple[Color, ...]  # of each face
     smooth: bool  # a mesh: edges are not drawn
 
 
 class Piece(NamedTuple):
-    """Triangles of one colour on a link."""
+    """Triangles of one color on a link."""
 
     link: str
     points: np.ndarray  # (n, 3) [m], link axes
     triangles: np.ndarray  # (m, 3), counterclockwise seen from outside
-    colour: Colour
+    color: Color
     opacity: float
 
 
@@ -72,7 +72,7 @@ def pieces(model: Model, most: int, corners: int) -> tuple[list[Piece], list[str
     faceted, notes = _Facets(most, corners), list[str]()
     found = list(_looks(model, faceted, notes))
     made = [
-        Piece(name, *creased(part.points, fans(part.faces)), part.colour, part.opacity)
+        Piece(name, *creased(part.points, fans(part.faces)), part.color, part.opacity)
         for name, parts in found
         for part in faceted.thinned(parts)
     ]
@@ -103,8 +103,8 @@ def _looks(model: Model, faceted: _Facets, notes: list[str]) -> Iterator[tuple[s
         raise ValueError(f"{model.name}: no link has a shape or an inertia; there is nothing to draw")
 
 
-def sided(name: str) -> Colour:
-    """The colour of a link by the side that its name tells."""
+def sided(name: str) -> Color:
+    """The color of a link by the side that its name tells."""
     return {"left": LEFT, "right": RIGHT, "": MIDDLE}[side_of(name)]
 
 
@@ -120,7 +120,7 @@ class _Part(NamedTuple):
 
     points: np.ndarray  # (n, 3) [m]
     faces: list[tuple[int, ...]] | np.ndarray  # an array (m, 3) of a mesh
-    colour: Colour
+    color: Color
     smooth: bool
     opacity: float = 1.0
 
@@ -146,7 +146,7 @@ class _Facets:
                 if isinstance(faces, np.ndarray):
                     self.size += _size(points)
                 points = points @ visual.rotation.T + visual.position
-                found.append(_Part(points, faces, own or visual.colour or sided(link), smooth, visual.opacity))
+                found.append(_Part(points, faces, own or visual.color or sided(link), smooth, visual.opacity))
         return found
 
     def thinned(self, parts: list[_Part]) -> list[_Part]:
@@ -170,8 +170,8 @@ def _joined(link: str, parts: list[_Part]) -> Body:
     points = np.concatenate([part.points for part in parts])
     first = np.cumsum([0, *(len(part.points) for part in parts[:-1])])
     faces = [tuple(int(i + k) for i in face) for part, k in zip(parts, first) for face in part.faces]
-    colours = [part.colour for part in parts for _ in part.faces]
-    return Body(link, points, tuple(faces), tuple(colours), any(part.smooth for part in parts))
+    colors = [part.color for part in parts for _ in part.faces]
+    return Body(link, points, tuple(faces), tuple(colors), any(part.smooth for part in parts))
 
 
 # ---------------------------------------------------------------------------------------------- shapes as faces
@@ -194,10 +194,10 @@ def _box(link: Link) -> Faceted:
 
 def _faceted(
     geometry: Geometry | Triangles | Ellipsoid, corners: int, read: dict[str, list[MeshPart]]
-) -> Iterator[tuple[np.ndarray, list[tuple[int, ...]] | np.ndarray, Colour | None]]:
-    """Corners and faces, of a mesh all triangles (n, 3), and the colour if it has its own."""
+) -> Iterator[tuple[np.ndarray, list[tuple[int, ...]] | np.ndarray, Color | None]]:
+    """Corners and faces, of a mesh all triangles (n, 3), and the color if it has its own."""
     if isinstance(geometry, Mesh):
-        yield from _coloured(geometry, read)
+        yield from _colored(geometry, read)
     elif isinstance(geometry, Triangles):
         yield geometry.points, geometry.triangles, None
     elif isinstance(geometry, Ellipsoid):
@@ -215,8 +215,8 @@ def _faceted(
         yield *_hull(np.array(geometry.points)), None
 
 
-def _coloured(mesh: Mesh, read: dict[str, list[MeshPart]]) -> Iterator[tuple[np.ndarray, np.ndarray, Colour | None]]:
-    """The parts of a mesh file by their colours."""
+def _colored(mesh: Mesh, read: dict[str, list[MeshPart]]) -> Iterator[tuple[np.ndarray, np.ndarray, Color | None]]:
+    """The parts of a mesh file by their colors."""
     path, scale = Path(mesh.file), np.array(mesh.scale)
     if not path.is_file():
         raise ValueError(f"mesh {mesh.file!r} is not there")
@@ -225,7 +225,7 @@ def _coloured(mesh: Mesh, read: dict[str, list[MeshPart]]) -> Iterator[tuple[np.
     if not len(points) or not np.isfinite(points).all() or not _size(points * scale) > 0.0:
         raise ValueError(f"{path}: has no triangles of finite size; export the mesh again")
     for part in parts:
-        yield part.points * scale, part.triangles[:, ::-1] if scale.prod() < 0 else part.triangles, part.colour
+        yield part.points * scale, part.triangles[:, ::-1] if scale.prod() < 0 else part.triangles, part.color
 
 
 def _cylinder(radius: float, length: float, corners: int) -> Faceted:
@@ -240,16 +240,16 @@ def _circle(corners: int) -> np.ndarray:
     return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def _turned(radius: float, centres: list[float], corners: int) -> Faceted:
-    """A sphere, or a capsule with the centres of its ends along z."""
+def _turned(radius: float, centers: list[float], corners: int) -> Faceted:
+    """A sphere, or a capsule with the centers of its ends along z."""
     up = [90.0 * k / (3 * corners // ROUND) for k in range(3 * corners // ROUND)]
-    rings = [(-a, centres[0]) for a in reversed(up)] + [(a, centres[1]) for a in up]
+    rings = [(-a, centers[0]) for a in reversed(up)] + [(a, centers[1]) for a in up]
     rings = list(dict.fromkeys((a + 0.0, z) for a, z in rings))
-    points = [np.array([[0.0, 0.0, centres[0] - radius]])]
+    points = [np.array([[0.0, 0.0, centers[0] - radius]])]
     for latitude, z in rings:
         s, c = math.sin(math.radians(latitude)), math.cos(math.radians(latitude))
         points.append(np.column_stack([radius * c * _circle(corners), np.full(corners, z + radius * s)]))
-    points.append(np.array([[0.0, 0.0, centres[1] + radius]]))
+    points.append(np.array([[0.0, 0.0, centers[1] + radius]]))
     last, n = 1 + corners * len(rings), corners
     faces: list[tuple[int, ...]] = []
     for k in range(n):

@@ -1,12 +1,12 @@
 """Preview control whose state holds the zero-moment point (ZMP) and whose input is its speed, open to an auxiliary ZMP.
 
-An inverted pendulum of height ``z_c``, ``w^2 = g / z_c``, whose centre of mass ``c`` the ZMP drives away from itself:
+An inverted pendulum of height ``z_c``, ``w^2 = g / z_c``, whose center of mass ``c`` the ZMP drives away from itself:
 
     c'' = w^2 (c - p - p_a),    p' = u,
 
 with the planned ZMP ``p``, its speed ``u``, held over a sample of length ``T``, and an auxiliary ZMP ``p_a`` that is
-asked for on top and not foreseen.  The controller minimises ``sum Q (p - p_ref)^2 + R u^2`` among the motions in which
-the centre of mass stays near the feet, and is
+asked for on top and not foreseen.  The controller minimizes ``sum Q (p - p_ref)^2 + R u^2`` among the motions in which
+the center of mass stays near the feet, and is
 
     u_k = -K (p, c, c')_k + sum_(j=1..N) f(j) p_ref_(k+j),
     K = s^-1 b' P A,   f(j) = s^-1 b' ((A - b K)')^(j-1) (Q, 0, 0),   s = R + b' P b.
@@ -15,9 +15,9 @@ This is the form of S. Kajita et al., "Biped walking pattern generator allowing 
 A and b are exact for a ZMP that moves evenly over a sample, where a forward difference would do for small T.  What the
 preview does not reach is taken to stay where its last sample is: ``f(N)`` has the gains of all later ones.
 
-Unlike in the form of 2003 (`preview_control`) the cost does not see the centre of mass, which the ZMP alone pushes
+Unlike in the form of 2003 (`preview_control`) the cost does not see the center of mass, which the ZMP alone pushes
 about: of the solutions of the Riccati equation the one wanted is that which holds it, the largest.  Going back in time
-from a future in which the centre of mass costs something too leads there (D. Bertsekas, "Dynamic Programming and
+from a future in which the center of mass costs something too leads there (D. Bertsekas, "Dynamic Programming and
 Optimal Control", vol. I, 3rd ed., section 4.1).
 """
 
@@ -28,10 +28,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.arguments import finite, floats, is_real, shown, whole
-from featherstone_gait.build.tree import GRAVITY
-from featherstone_gait.elementary import exp
-from featherstone_gait.fixed_order import applied, total
+from featherstone_gait.base.arguments import finite, floats, is_real, shown, whole
+from featherstone_gait.base.fixed_order import applied, total
+from featherstone_gait.base.portable_math import exp
+from featherstone_gait.scene.tree import GRAVITY
 from featherstone_gait.walking.preview_control import (
     HORIZON,
     MOST_SAMPLES,
@@ -48,7 +48,7 @@ class AuxiliaryZmpController:
     """The gains of a preview controller with the ZMP's speed as its input."""
 
     T: float  # sample time [s]
-    A: np.ndarray  # (3, 3) of the state (ZMP [m], centre of mass [m], its velocity [m/s]) over a sample
+    A: np.ndarray  # (3, 3) of the state (ZMP [m], center of mass [m], its velocity [m/s]) over a sample
     b: np.ndarray  # (3,) [s, s, -]
     state_gain: np.ndarray  # K (3,) [1/s, 1/s, -]
     preview_gain: np.ndarray  # f (N,) [1/s]; entry j-1 weighs the reference j samples ahead
@@ -91,7 +91,7 @@ def plan_com_auxiliary(
     R: float = 1e-7,
     g: float = -GRAVITY[2],
 ) -> ComPlan:
-    """Plan the motion of the centre of mass whose ZMP follows `zmp_ref`; arguments and result as of `plan_com`.
+    """Plan the motion of the center of mass whose ZMP follows `zmp_ref`; arguments and result as of `plan_com`.
 
     auxiliary: ZMP (n,) or (n, axes) [m] that is added without being foreseen; `ComPlan.zmp` holds it too.
     """

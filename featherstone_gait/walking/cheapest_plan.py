@@ -3,7 +3,7 @@
     cost = first_gait(compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "midpoint", 1e-3))
     result = optimize_gait(in_worlds(cost, 8))
 
-A plan has six numbers besides its timing (`Box`): step length and time, lift of the sole, height of the centre of mass,
+A plan has six numbers besides its timing (`Box`): step length and time, lift of the sole, height of the center of mass,
 distance of the feet, share of double support.  `cheapest_plan` spreads plans evenly over a box of them, goes on around
 the best in smaller boxes, and measures each by its gait as a search measures its candidates: in several worlds at
 once, the mean and half of what the worst is above it.  A plan that falls in one of them has no cost.  Nor has one that
@@ -29,12 +29,12 @@ from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
-from ..arguments import instance, listed, one_of, shown, whole
-from ..build.contact import standing_posture
-from ..build.scene import CompiledScene
-from ..build.tree import GRAVITY
+from ..base.arguments import instance, listed, one_of, shown, whole
+from ..identification.curve import torque_speed
 from ..model import Model
-from ..servo_curve import torque_speed
+from ..scene.compile import CompiledScene
+from ..scene.contact import standing_posture
+from ..scene.tree import GRAVITY
 from .cost import WalkingCost
 from .cost_in_worlds import CostInWorlds, variations
 from .gait import TICK, Gait, GaitFit, fit_gait, mirror_of
@@ -55,7 +55,7 @@ PLAIN = (0.123, 2.225, 0.123, 0.0865, 1.219, 0.2)  # BIOLOID_WALK in the units o
 LIKE_BIOLOID = 0.1  # by how much a robot's height may differ, of which it takes the plain plan as it is
 FASTER = 1.0  # than without load no servo turns
 SAMPLE, PREVIEW, JERKS = 0.02, 1.2, 2.5e-8  # of the plans: T [s], preview [s] and R [s^6/m^2] of the Bioloid's
-STEPS, ACCURATE = 15, 1e-5  # how many are planned; by how much the centre of mass may miss its path [m]
+STEPS, ACCURATE = 15, 1e-5  # how many are planned; by how much the center of mass may miss its path [m]
 ROUNDS, NEAR = 6, 2e-3  # to place the trunk; by how much a sole may miss its place [m and rad]
 MOST_PLANS = 10**5
 
@@ -72,7 +72,7 @@ class Box:
     step_length: tuple[float, float] = (0.1, 0.25)
     step_time: tuple[float, float] = (1.5, 2.4)
     lift: tuple[float, float] = (0.05, 0.14)
-    sinking: tuple[float, float] = (0.05, 0.13)  # of the centre of mass from where it is with all joints at zero
+    sinking: tuple[float, float] = (0.05, 0.13)  # of the center of mass from where it is with all joints at zero
     half_width: tuple[float, float] = (1.0, 1.35)  # in those of the feet with all joints at zero
     double_support: tuple[float, float] = (0.1, 0.4)  # share of a step
 
@@ -272,7 +272,7 @@ class _Search:
         return np.asarray(reached.all(axis=1))
 
     def _reached(self, feet: np.ndarray, com: np.ndarray) -> np.ndarray:
-        """Whether the robot can stand (m,) with its soles at `feet` (m, 2, 3), its centre of mass at `com` (m, 3)."""
+        """Whether the robot can stand (m,) with its soles at `feet` (m, 2, 3), its center of mass at `com` (m, 3)."""
         model = self.scene.model
         angles = np.tile(default_posture(model, self.soles), (len(com), 1))
         base = first_base(model, self.soles, angles[0], com)
@@ -349,7 +349,7 @@ def _walk(numbers: Sequence[float], size: tuple[float, float, float], g: float, 
 
 
 def _size(model: Model, left: Sole) -> tuple[float, float, float]:
-    """Length of a leg, height of the centre of mass above the soles, and of the feet from the middle, at zero [m]."""
+    """Length of a leg, height of the center of mass above the soles, and of the feet from the middle, at zero [m]."""
     posture = np.zeros(len(model.joint_names))
     poses = link_poses(model, posture)
     by_name = {joint.name: joint for joint in model.joints}

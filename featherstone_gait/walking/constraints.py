@@ -21,14 +21,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait import renamed
-from featherstone_gait.arguments import instance, is_real, shown
-from featherstone_gait.build.tree import GRAVITY
-from featherstone_gait.collision import clearance
+from featherstone_gait.base.arguments import instance, is_real, shown
 from featherstone_gait.dynamics import contact_positions_at, forward_kinematics
+from featherstone_gait.geometry.distance import clearance
 from featherstone_gait.model import Model
 from featherstone_gait.run.simulate import simulate_batch, standing_state
-from featherstone_gait.trajectory import Trajectory
+from featherstone_gait.run.trajectory import Trajectory
+from featherstone_gait.scene.tree import GRAVITY
 from featherstone_gait.walking.cost import LOADED, RECORD, SAMPLE, Measures, WalkingCost, measured
 
 Channels = Mapping[str, np.ndarray]  # a `Trajectory`, or as much of one as is needed
@@ -137,11 +136,6 @@ class ConstrainedCost:
         """Evaluate many vectors at once; for the searches ``map=ConstrainedCost.costs``."""
         return [(report.total, report.measures.status) for report in self.reports(vectors)]
 
-    def map(self, fun: object, vectors: Iterable[ArrayLike]) -> list[tuple[float, str]]:
-        """The name of `costs` in version 0.1, whose `fun` was ignored."""
-        renamed.warn("featherstone_gait.walking.constraints.ConstrainedCost.map")
-        return self.costs(vectors)
-
     def report(self, x: ArrayLike) -> ConstraintReport:
         """Return cost, penalties and violations of one vector."""
         return self.reports([x])[0]
@@ -176,7 +170,7 @@ def zmp_margins(
 ) -> np.ndarray:
     """How far inside the support polygon the ZMP lies (n,) [m], of a trajectory with base_q, q and contact_force.
 
-    The ZMP is the centre of pressure of the contact points, with which it coincides on level ground (M. Vukobratovic,
+    The ZMP is the center of pressure of the contact points, with which it coincides on level ground (M. Vukobratovic,
     B. Borovac, Int. J. Humanoid Robotics 1 (2004), section 2).  A simulation knows it exactly; `multibody_zmp`, which
     takes the trunk as upright and differentiates twice, misses it by 8 mm on the humanoid's first gait.  The polygon is
     that of all contact points of the links that bear more than `LOADED` of the weight in `gravity` (3,) [m/s^2]: on

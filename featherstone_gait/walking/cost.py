@@ -24,16 +24,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait import renamed
-from featherstone_gait.arguments import instance, is_real, whole
-from featherstone_gait.build.scene import CompiledScene
+from featherstone_gait.base.arguments import instance, is_real, whole
+from featherstone_gait.base.files import FilePath
 from featherstone_gait.core.effects.energies import METER
 from featherstone_gait.dynamics import contact_positions
-from featherstone_gait.files import FilePath
 from featherstone_gait.model import Model
-from featherstone_gait.reference import Reference
+from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import simulate_batch, simulate_stream, standing_state
-from featherstone_gait.trajectory import Trajectory
+from featherstone_gait.run.trajectory import Trajectory
+from featherstone_gait.scene.compile import CompiledScene
 from featherstone_gait.walking.gait import MOST_STRIDES, TICK, Gait, check_names, references
 from featherstone_gait.walking.gait_file import read_angles
 
@@ -116,11 +115,6 @@ class WalkingCost:
     def costs(self, vectors: Iterable[ArrayLike]) -> list[tuple[float, str]]:
         """Evaluate many vectors at once; for the searches ``map=WalkingCost.costs``."""
         return [(measures.cost, measures.status) for measures in self.measure(vectors)]
-
-    def map(self, fun: object, vectors: Iterable[ArrayLike]) -> list[tuple[float, str]]:
-        """The name of `costs` in version 0.1, whose `fun` was ignored."""
-        renamed.warn("featherstone_gait.walking.cost.WalkingCost.map")
-        return self.costs(vectors)
 
     def evaluate(self, candidates: Speculation) -> float:
         """Work off the candidates of a `search.Speculation`, so that this can be the `evaluate` of `search.minimize`.

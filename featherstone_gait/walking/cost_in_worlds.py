@@ -24,12 +24,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import floats, instance, listed, real, whole
-from ..build.scene import CompiledScene
-from ..reference import Reference
+from ..base.arguments import floats, instance, listed, real, whole
+from ..run.reference import Reference
 from ..run.simulate import simulate_batch, simulate_stream, standing_state
-from ..trajectory import Trajectory
-from ..worlds import Worlds
+from ..run.trajectory import Trajectory
+from ..run.worlds import Worlds
+from ..scene.compile import CompiledScene
 from .cost import Measures, WalkingCost, measured
 from .feedback import BalancedWalk
 from .gait import TICK, Gait

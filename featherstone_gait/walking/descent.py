@@ -33,12 +33,12 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
-from ..arguments import instance, whole
-from ..build.scene import CompiledScene
-from ..files import claim, parse_json
-from ..fixed_order import applied, product, solve, total
+from ..base.arguments import instance, whole
+from ..base.files import claim, parse_json
+from ..base.fixed_order import applied, product, solve, total
 from ..run.simulate import simulate_batch, standing_state
-from ..trajectory import Trajectory
+from ..run.trajectory import Trajectory
+from ..scene.compile import CompiledScene
 from . import limits
 from .cost import Measures, WalkingCost, measured
 from .cost_in_worlds import CostInWorlds
@@ -190,14 +190,14 @@ class _Descent:
         vectors = np.clip(x + WIDTH * signs, *self.box.T)
         worlds = [int(k) % n for k in generator.permutation(len(vectors))]
         runs = self.simulate(self.short, [*vectors], worlds)
-        centres = [self.walked(run, self.short, k) for k, run in enumerate(point.runs)]
+        centers = [self.walked(run, self.short, k) for k, run in enumerate(point.runs)]
         A, Y = [], []
         for vector, k, run in zip(vectors, worlds, runs):
-            found, centre = self.walked(run, self.short, k), centres[k]
-            if found is not None and centre is not None:
+            found, center = self.walked(run, self.short, k), centers[k]
+            if found is not None and center is not None:
                 A.append(np.append(vector - x, WIDTH))
-                there, here = _typical(found.beyond), _typical(centre.beyond)
-                Y.append(np.concatenate([[found.cost - centre.cost, found.drift - centre.drift], there - here]))
+                there, here = _typical(found.beyond), _typical(center.beyond)
+                Y.append(np.concatenate([[found.cost - center.cost, found.drift - center.drift], there - here]))
         M = np.array(A).reshape(-1, D + 1)
         normal = product(M.T, M) + 1e-9 * WIDTH * WIDTH * np.eye(D + 1)
         fit = solve(normal, product(M.T, np.array(Y).reshape(len(M), -1)))[:D] if len(M) else np.zeros((D, 2))
@@ -358,7 +358,7 @@ def _hadamard(least: int) -> np.ndarray:
 
 
 def _best(slope: np.ndarray, slopes: np.ndarray, beyond: np.ndarray, price: float, radius: float) -> np.ndarray:
-    """Minimise slope d + price |max(0, beyond + slopes' d)|^2 + damping |d|^2, damped so that no |d_i| > radius."""
+    """Minimize slope d + price |max(0, beyond + slopes' d)|^2 + damping |d|^2, damped so that no |d_i| > radius."""
     d, damping = np.zeros(len(slope)), 1e-3
     for _ in range(40):
         for _ in range(25):

@@ -16,13 +16,13 @@ from types import NoneType
 
 import numpy as np
 
-from featherstone_gait.arguments import instance, real, truth, whole
-from featherstone_gait.build.scene import CompiledScene
+from featherstone_gait.base.arguments import instance, real, truth, whole
 from featherstone_gait.core.effects.energies import METER
 from featherstone_gait.model import Ground, HeightField
 from featherstone_gait.run.simulate import Push, simulate, simulate_batch, standing_state
 from featherstone_gait.run.start import check_scene
-from featherstone_gait.trajectory import Trajectory
+from featherstone_gait.run.trajectory import Trajectory
+from featherstone_gait.scene.compile import CompiledScene
 from featherstone_gait.walking.cost_in_worlds import MOST_WORLDS, variations
 from featherstone_gait.walking.feedback import BalancedWalk
 
@@ -50,7 +50,7 @@ class Pushed:
         return [standing_state(one, first + off, beyond_limits=True) for one, off in zip(self.scenes, self.offsets)]
 
     def runs(self, impulse: float, direction: float, phase: float) -> list[Trajectory]:
-        """A run a world; impulse [N s] towards `direction` [rad] from x, at `phase` of the stride (0 to 1)."""
+        """A run a world; impulse [N s] toward `direction` [rad] from x, at `phase` of the stride (0 to 1)."""
         motion, scene = self.walk.motion, self.scenes[0]
         tick = scene.tick_steps * scene.timestep
         begin = motion.begin(BEFORE) + round(phase * motion.period / tick) * tick
@@ -103,11 +103,11 @@ def rough_field(
 ) -> HeightField:
     """Ground whose nodes lie by chance, evenly, between 0 and `height` [m], `spacing` [m] apart; seed: of the draws.
 
-    Its `length` along x begins a metre behind the origin, its `width` lies about it [m]; beyond them it is level.
+    Its `length` along x begins a meter behind the origin, its `width` lies about it [m]; beyond them it is level.
     """
     height = real("height", height, 0.0, 10.0, "0.003 is 3 mm")
     spacing = real("spacing", spacing, 1e-3, 10.0, "0.05 is half of a small robot's foot")
-    nodes = [round(real(name, value, spacing, 1e4 * spacing, "give metres") / spacing) + 1
+    nodes = [round(real(name, value, spacing, 1e4 * spacing, "give meters") / spacing) + 1
              for name, value in (("length", length), ("width", width))]  # fmt: skip
     draws = np.random.default_rng([whole("seed", seed, 0, "it is the seed of the heights"), *nodes])
     return HeightField(draws.uniform(0.0, height, nodes), (spacing, spacing), (-1.0, -0.5 * spacing * (nodes[1] - 1)))

@@ -5,7 +5,7 @@
 
 Where the robot falls to is told by its capture point x + v / w, w = sqrt(g / h): where it would come to rest as an
 inverted pendulum of its height h (J. Pratt et al., "Capture point: a step toward humanoid push recovery", Humanoids
-2006).  It is seen from the sole of the leg that bears: angles and the direction up give where the centre of mass is
+2006).  It is seen from the sole of the leg that bears: angles and the direction up give where the center of mass is
 from each sole, and the rate of that how fast it moves, as a sole that bears does not.  The lower sole bears.  What
 differs from the gait at this phase where nothing disturbs it, ahead (> 0) and aside (> 0: left), is what is off; so is
 the rate of the trunk's lean ahead.  They move the servos' references, so that feedback costs nothing on the flat:
@@ -13,9 +13,9 @@ the rate of the trunk's lean ahead.  They move the servos' references, so that f
     ankle of the leg that bears    + P off ahead     presses the sole down where the robot falls to
     hip of the leg that swings     - P off ahead     puts the foot where the robot falls to, its sole level
     hip of the leg that bears      + D lean's rate   holds the trunk
-    time                           runs faster where it is off towards the leg that swings, slower away from it
+    time                           runs faster where it is off toward the leg that swings, slower away from it
 
-Of what is off the first `quiet` metres count for nothing: gains can be large that would disturb the walk if they acted
+Of what is off the first `quiet` meters count for nothing: gains can be large that would disturb the walk if they acted
 all the time.  These are the strategies of ankle, hip and step of F. Horak, L. Nashner, "Central programming of postural
 movements", J. Neurophysiology 55 (1986); time as of M. Khadiv et al., "Walking control based on step timing
 adaptation", IEEE Trans. Robotics 36 (2020).  A heading that is off makes one leg sweep farther than the other.  How
@@ -39,18 +39,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import finite, instance, real, whole
-from ..arguments import path as path_of
-from ..build.contact import standing_posture
-from ..build.scene import CompiledScene
+from ..base.arguments import finite, instance, real, whole
+from ..base.arguments import path as path_of
+from ..base.files import FilePath, complete, read_arrays
 from ..dynamics import check_model
-from ..files import FilePath, complete, read_arrays
-from ..jacobians import chains_of
+from ..dynamics.jacobians import chains_of
 from ..model import Model
-from ..reference import Reference
 from ..run.program import SEEN, CompiledController, State, controller
+from ..run.reference import Reference
 from ..run.simulate import simulate_batch, standing_state
-from ..trajectory import Trajectory
+from ..run.trajectory import Trajectory
+from ..scene.compile import CompiledScene
+from ..scene.contact import standing_posture
 from .gait import Mirror
 from .gait_file import ARRAYS
 from .generic_servo import HEIGHT
@@ -76,7 +76,7 @@ class Feedback:
     ankle: float = _gain("ankle of the leg that bears, by what is off ahead", "rad/m")
     foot: float = _gain("hip of the leg that swings, by what is off ahead", "rad/m")
     hip_rate: float = _gain("hip of the leg that bears, by the rate of the trunk's lean ahead", "s")
-    hasten: float = _gain("how much faster time runs, by what is off towards the leg that swings", "1/m")
+    hasten: float = _gain("how much faster time runs, by what is off toward the leg that swings", "1/m")
     wait: float = _gain("how much slower, by what is off away from it", "1/m")
     quiet: float = _gain("what is off counts from here on", "m")
     heading: float = _gain("how much farther one leg sweeps, by what heading is off", "1/rad")
@@ -142,15 +142,15 @@ GAINS = len(fields(Feedback))
 ROLES = 5  # joints of a leg: roll and pitch of the hip, knee, pitch and roll of the ankle
 SIGNS = LEGS + 2 * ROLES  # whether they turn about +x or +y, 1 or -1
 MEANS = SIGNS + 2 * ROLES  # of the hips' pitch over a stride [rad]
-BODY = MEANS + 2  # of the trunk and all that it carries: mass times centre [kg m]
-CHAIN = BODY + 3  # of a leg at zero angles: axes, origins, centres of mass (5, 3), masses, the sole's centre, half size
+BODY = MEANS + 2  # of the trunk and all that it carries: mass times center [kg m]
+CHAIN = BODY + 3  # of a leg at zero angles: axes, origins, centers of mass (5, 3), masses, the sole's center, half size
 CHAIN_LENGTH = 10 * ROLES + 5
 OFFSETS = CHAIN + 2 * CHAIN_LENGTH  # of the sensors in this run
 UP = OFFSETS + 6
 FILTERED = UP + 3
 TURNED, AHEAD, BEGUN, COUNT = range(FILTERED + 3, FILTERED + 7)
 FEET = COUNT + 1  # of left and right sole as the sensors say, upright axes, from the trunk (2, 3) [m]
-FROM = FEET + 6  # where the centre of mass is, from each sole ahead and aside (2, 2) [m]
+FROM = FEET + 6  # where the center of mass is, from each sole ahead and aside (2, 2) [m]
 SPEED = FROM + 4  # its rate, filtered (2, 2) [m/s]
 LOWEST = SPEED + 4  # height of the lowest corner of each sole (2,) [m]
 LINE = LOWEST + 2  # what the sensors read, as long as it is under way
@@ -250,7 +250,7 @@ def balance(t: float, state: Any, reference: np.ndarray, command: np.ndarray, me
                     center[i] += mass * shift[i]
                     for k in range(3):
                         center[i] += mass * R[i, k] * memory[middle + k]
-            end = chain + 10 * ROLES  # the sole's centre and half size
+            end = chain + 10 * ROLES  # the sole's center and half size
             for i in range(3):
                 sole[i] = shift[i] + R[i, 0] * memory[end] + R[i, 1] * memory[end + 1] + R[i, 2] * memory[end + 2]
             for i in range(3):
@@ -259,7 +259,7 @@ def balance(t: float, state: Any, reference: np.ndarray, command: np.ndarray, me
             for k in range(2):
                 tilt = L[2, 0] * R[0, k] + L[2, 1] * R[1, k] + L[2, 2] * R[2, k]
                 memory[LOWEST + leg] -= abs(tilt) * memory[end + 3 + k]
-        # The centre of mass and its rate, seen from each sole.
+        # The center of mass and its rate, seen from each sole.
         for leg in range(2):
             for i in range(2):
                 k = 2 * leg + i
@@ -310,8 +310,8 @@ def balance(t: float, state: Any, reference: np.ndarray, command: np.ndarray, me
         command[below, 0] += memory[sign + 3] * (bears * ankle - swings * foot - sweep)
     if phase < first:
         return
-    towards = (1.0 - 2.0 * left) * aside  # > 0: to where the leg is that swings
-    rate = 1.0 + memory[3] * max(towards, 0.0) + memory[4] * min(towards, 0.0)
+    toward = (1.0 - 2.0 * left) * aside  # > 0: to where the leg is that swings
+    rate = 1.0 + memory[3] * max(toward, 0.0) + memory[4] * min(toward, 0.0)
     memory[AHEAD] += tick * (min(max(rate, SLOWEST), FASTEST) - 1.0)
 
 
@@ -450,7 +450,7 @@ def chains_of_legs(model: Model, columns: np.ndarray) -> np.ndarray:
 
 
 def size_of(model: Model) -> tuple[float, float]:
-    """How high a robot's centre of mass is, standing, and how large a push is as hard, both of a Bioloid's.
+    """How high a robot's center of mass is, standing, and how large a push is as hard, both of a Bioloid's.
 
     A push that is just held by soles of half sizes a and b takes the capture point to their edge: it grows as mass
     times sqrt(g / height) times sqrt(a b).
@@ -461,7 +461,7 @@ def size_of(model: Model) -> tuple[float, float]:
 
 
 def generic_feedback(model: Model) -> Feedback:
-    """Gains for a biped whose own are not known: those of a Bioloid, scaled to the height of its centre of mass.
+    """Gains for a biped whose own are not known: those of a Bioloid, scaled to the height of its center of mass.
 
     Raises ValueError for a robot that is no biped.
     """

@@ -20,9 +20,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import finite
+from ..base.arguments import finite
 from ..run.simulate import Push, simulate_batch, standing_state
-from ..trajectory import Trajectory
+from ..run.trajectory import Trajectory
 from .cost_in_worlds import NOT_EVERYWHERE, CostInWorlds
 from .disturbed import AFTER, BEFORE, DIRECTIONS, PHASES, PUSHED_FOR
 from .feedback import SENSORS, BalancedWalk, Feedback, Imu, feedback_of, size_of, undisturbed_of

@@ -21,10 +21,10 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import finite, is_real, listed, one_of, shown
+from ..base.arguments import finite, is_real, listed, one_of, shown
+from ..base.fixed_order import applied, total
+from ..base.portable_math import sincos
 from ..dynamics import check_model, contact_positions_at
-from ..elementary import sincos
-from ..fixed_order import applied, total
 from ..model import Model
 from .gait import TICK, Mirror
 from .inverse_kinematics import check_limits, reach

@@ -1,4 +1,4 @@
-"""Key poses of one stride: what an optimiser changes and a robot plays back.
+"""Key poses of one stride: what an optimizer changes and a robot plays back.
 
 A gait holds ``n_poses`` postures, evenly spaced over one stride (two steps); between them the joint angles follow the
 periodic cubic spline, so that positions, speeds and accelerations are continuous from stride to stride.  Four states of
@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.arguments import finite, floats, instance, is_real, real, shown, texts, truth, whole
+from featherstone_gait.base.arguments import finite, floats, instance, is_real, real, shown, texts, truth, whole
+from featherstone_gait.base.fixed_order import product, solve, total
 from featherstone_gait.dynamics import check_model
-from featherstone_gait.fixed_order import product, solve, total
 from featherstone_gait.model import Model
 from featherstone_gait.walking.kinematics import joint_axes, link_poses
 from featherstone_gait.walking.plan import Stride

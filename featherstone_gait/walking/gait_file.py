@@ -14,9 +14,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.arguments import finite, floats, texts
-from featherstone_gait.arguments import path as path_of
-from featherstone_gait.files import FilePath, Format, number, read_csv, write_csv
+from featherstone_gait.base.arguments import finite, floats, texts
+from featherstone_gait.base.arguments import path as path_of
+from featherstone_gait.base.files import FilePath, Format, number, read_csv, write_csv
 
 MIDDLE, LARGEST, RANGE = 512, 1023, 300.0  # of an AX-12 [counts, counts, deg]
 TIME_COLUMN = "time_s"

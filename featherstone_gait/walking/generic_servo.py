@@ -13,13 +13,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from ..arguments import instance, real
+from ..base.arguments import instance, real
 from ..dynamics import check_model
 from ..model import Model, Servo
 from ..robot_file.servos import load_servo
 
 MASS, LEG = 2.423, 0.203  # of the Bioloid, which AX-12 servos carry: `robots/humanoid` [kg, m]
-HEIGHT = 0.2226  # of its centre of mass, standing [m]
+HEIGHT = 0.2226  # of its center of mass, standing [m]
 
 
 def scaled_servo(servo: Servo, torque: float, speed: float) -> Servo:

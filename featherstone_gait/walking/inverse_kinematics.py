@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.arguments import finite, floats, instance
+from featherstone_gait.base.arguments import finite, floats, instance
+from featherstone_gait.base.fixed_order import product, solve, total
 from featherstone_gait.dynamics import check_model
-from featherstone_gait.fixed_order import product, solve, total
-from featherstone_gait.jacobians import jacobian_at, point_at
+from featherstone_gait.dynamics.jacobians import jacobian_at, point_at
 from featherstone_gait.model import Model
 from featherstone_gait.walking.kinematics import link_index, link_poses
 
@@ -92,7 +92,7 @@ def reach(
     raise ValueError(
         f"link {foot!r} of {model.name!r} cannot reach ({x:.4f}, {y:.4f}, {z:.4f}) m from the root link with the sole "
         f"as asked {_when(k, times)}: the nearest posture misses by {size[k]:.2e} (m and rad); take a "
-        "shorter step (step_length) or a lower centre of mass (com_height)"
+        "shorter step (step_length) or a lower center of mass (com_height)"
     )
 
 
@@ -148,7 +148,7 @@ def check_limits(model: Model, angles: np.ndarray, times: np.ndarray | None = No
     low, high, angle = np.degrees([lower[i], upper[i], angles[k, i]])
     raise ValueError(
         f"joint {model.joint_names[i]!r} needs {angle:.2f} deg {_when(k, times)}, outside its limits "
-        f"{low:.2f}..{high:.2f} deg; take a shorter step, a lower lift or another height of the centre of mass"
+        f"{low:.2f}..{high:.2f} deg; take a shorter step, a lower lift or another height of the center of mass"
     )
 
 

@@ -6,17 +6,15 @@ A trajectory of joint angles is ``(n, nj)`` in the order of ``Model.joint_names`
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait import dynamics, renamed
-from featherstone_gait.arguments import floats
+from featherstone_gait import dynamics
+from featherstone_gait.base.arguments import floats
 from featherstone_gait.dynamics import Poses
-from featherstone_gait.jacobians import joint_axes as joint_axes
-from featherstone_gait.jacobians import link_centers as link_centers
-from featherstone_gait.jacobians import link_index as link_index
+from featherstone_gait.dynamics.jacobians import joint_axes as joint_axes
+from featherstone_gait.dynamics.jacobians import link_centers as link_centers
+from featherstone_gait.dynamics.jacobians import link_index as link_index
 from featherstone_gait.model import Model
 
 
@@ -31,7 +29,7 @@ def link_poses(model: Model, angles: ArrayLike, base_position: ArrayLike = 0.0) 
 
 
 def center_of_mass(model: Model, angles: ArrayLike, base_position: ArrayLike = 0.0) -> np.ndarray:
-    """Return the whole model's centre of mass (n, 3) [m]; arguments as of `link_poses`."""
+    """Return the whole model's center of mass (n, 3) [m]; arguments as of `link_poses`."""
     return dynamics.center_of_mass(model, _upright(model, angles)) + _shift(base_position)
 
 
@@ -50,7 +48,3 @@ def _shift(base_position: ArrayLike) -> np.ndarray:
     if shift.ndim != 2 or shift.shape[1] not in (1, 3) or not np.isfinite(shift).all():
         raise ValueError(f"base_position has shape {shift.shape}; give finite numbers (3,) or (n, 3) [m]")
     return shift
-
-
-def __getattr__(name: str) -> Any:
-    return renamed.lookup(__name__, name)

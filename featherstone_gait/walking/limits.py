@@ -31,14 +31,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arguments import instance
-from ..build.scene import CompiledScene
-from ..collision import clearance, meeting_shapes, shape_distances
+from ..base.arguments import instance
+from ..base.fixed_order import total
 from ..dynamics import contact_positions_at, forward_kinematics
-from ..fixed_order import total
+from ..geometry.distance import clearance, meeting_shapes, shape_distances
+from ..identification.curve import torque_speed
 from ..model import TORQUE_LAWS, Model, Servo
-from ..servo_curve import torque_speed
-from ..trajectory import Trajectory
+from ..run.trajectory import Trajectory
+from ..scene.compile import CompiledScene
 
 RECORD = ("base_q", "q", "qd", "torque", "current", "contact_force", "energy")
 FAST = 0.5  # of its largest speed: a foot that swings

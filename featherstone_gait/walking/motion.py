@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.arguments import floats, texts, truth, whole
-from featherstone_gait.arguments import path as path_of
-from featherstone_gait.build.contact import standing_height
-from featherstone_gait.files import FilePath, read_arrays
+from featherstone_gait.base.arguments import floats, texts, truth, whole
+from featherstone_gait.base.arguments import path as path_of
+from featherstone_gait.base.files import FilePath, read_arrays
 from featherstone_gait.model import Ground, Model
-from featherstone_gait.reference import Reference
+from featherstone_gait.run.reference import Reference
+from featherstone_gait.scene.contact import standing_height
 from featherstone_gait.walking.gait import MOST_STRIDES, TICK, Gait, references
 from featherstone_gait.walking.gait_file import ARRAYS, read_angles
 

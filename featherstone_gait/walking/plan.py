@@ -1,16 +1,16 @@
-"""A straight walk planned with the zero-moment point: footsteps, centre of mass, feet, joint angles.
+"""A straight walk planned with the zero-moment point: footsteps, center of mass, feet, joint angles.
 
 The ZMP reference rests on the standing foot's sole and moves over to the other in double support.  Preview control of
-a cart-table turns it into a motion of the centre of mass; the trunk, upright and level, is placed so that the whole
-model's centre of mass follows it; the swing foot goes through the air with its sole level; leg inverse kinematics gives
+a cart-table turns it into a motion of the center of mass; the trunk, upright and level, is placed so that the whole
+model's center of mass follows it; the swing foot goes through the air with its sole level; leg inverse kinematics gives
 the joint angles.
 
 A first plan treats the robot as a cart-table and misses what the legs' own swinging does to the ZMP.  As in
 S. Kajita et al., "Biped walking pattern generation by using preview control of zero-moment point", ICRA 2003,
 section 5, the error of the multibody ZMP goes through the preview controller once more and corrects the motion of the
-centre of mass.  Once is enough: on a robot of 0.43 m it takes the ZMP's rms error from 6 and 5 mm (ahead, sideways) to
+center of mass.  Once is enough: on a robot of 0.43 m it takes the ZMP's rms error from 6 and 5 mm (ahead, sideways) to
 3 and 2 mm; what remains comes from the swing foot's lift-off and touch-down, and each further pass looks another
-preview ahead, for which there would have to be as much more standing before the walk.  That robot's centre of mass
+preview ahead, for which there would have to be as much more standing before the walk.  That robot's center of mass
 moves in its trunk by up to 1, 4 and 5 mm (ahead, sideways, up), which is what taking it as fixed there would miss.
 """
 
@@ -23,12 +23,12 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.arguments import finite, is_real, is_whole, one_of, real, shown, texts, whole
-from featherstone_gait.build.tree import GRAVITY
+from featherstone_gait.base.arguments import finite, is_real, is_whole, one_of, real, shown, texts, whole
+from featherstone_gait.base.fixed_order import applied, total
+from featherstone_gait.base.portable_math import sincos
 from featherstone_gait.dynamics import Poses, check_model, contact_positions_at
-from featherstone_gait.elementary import sincos
-from featherstone_gait.fixed_order import applied, total
 from featherstone_gait.model import Model
+from featherstone_gait.scene.tree import GRAVITY
 from featherstone_gait.walking.auxiliary_zmp import plan_com_auxiliary
 from featherstone_gait.walking.inverse_kinematics import check_limits, leg_joints, mid_range, reach
 from featherstone_gait.walking.kinematics import center_of_mass, link_index, link_poses
@@ -36,7 +36,7 @@ from featherstone_gait.walking.preview_control import plan_com
 from featherstone_gait.walking.zero_moment_point import multibody_zmp, polygon_margin, support_polygon
 
 Preview: TypeAlias = Literal["cart_table", "auxiliary_zmp"]
-FOLLOWED = 1e-9  # by how much the model's centre of mass may miss the planned one [m]
+FOLLOWED = 1e-9  # by how much the model's center of mass may miss the planned one [m]
 SOLE_THICKNESS = 1e-3  # contact points this close to a foot's lowest one belong to its sole [m]
 TINY, HUGE = 1e-12, 1e12  # settings of a walk [SI]
 MOST_STEPS, MOST_SAMPLES = 10**4, 10**5  # of a walk; of a step, and of preview
@@ -57,7 +57,7 @@ class Walk:
     step_length: float = 0.025  # [m]; a swinging foot travels two
     step_time: float = 0.32  # [s]
     n_steps: int = 16
-    com_height: float = 0.215  # of the model's centre of mass above the ground [m]
+    com_height: float = 0.215  # of the model's center of mass above the ground [m]
     half_width: float = 0.036  # from the walking line to a sole's middle [m]
     lift: float = 0.025  # of the swinging sole [m]
     double_support: float = 0.2  # share of a step [-]
@@ -206,7 +206,7 @@ def walking_plan(
 
     `feet` names the left and right foot links, by default the two that carry the lowest contact points; `posture`
     (nj,) [rad] is held by the joints outside the legs and decides how the knees bend, by default the middle of the
-    leg joints' ranges, 0 elsewhere; `followed`: by how much the centre of mass may miss its path [m]: with 1e-5 a plan
+    leg joints' ranges, 0 elsewhere; `followed`: by how much the center of mass may miss its path [m]: with 1e-5 a plan
     takes half the time.  Raises ValueError if the model has no two soles or a posture is out of reach.
     """
     check_model(model)
@@ -356,7 +356,7 @@ def _lifted(position: np.ndarray, height: float) -> np.ndarray:
 
 
 def first_base(model: Model, soles: Sequence[Sole], posture: np.ndarray, com: np.ndarray) -> np.ndarray:
-    """Guess root positions (n, 3) [m]: the centre of mass above its path, the height at which `posture` stands."""
+    """Guess root positions (n, 3) [m]: the center of mass above its path, the height at which `posture` stands."""
     poses = link_poses(model, posture)
     base = com - center_of_mass(model, posture)
     i = link_index(model, soles[0].link)
@@ -374,9 +374,9 @@ def _follow(
     times: np.ndarray,
     followed: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find joint angles and root positions with the soles on `feet_path` and the centre of mass on `com`.
+    """Find joint angles and root positions with the soles on `feet_path` and the center of mass on `com`.
 
-    A fixed-point iteration from `angles` and `base`: the root moves by what the centre of mass misses, the legs follow.
+    A fixed-point iteration from `angles` and `base`: the root moves by what the center of mass misses, the legs follow.
     Joint limits are the caller's to check: on the way there they may be passed.
     """
     how: dict[str, Any]
@@ -389,7 +389,7 @@ def _follow(
         if np.abs(missed).max() < followed:
             return angles, base
         base = base + missed
-    raise ValueError(f"the centre of mass of {model.name!r} still misses its path by {np.abs(missed).max():.1e} m")
+    raise ValueError(f"the center of mass of {model.name!r} still misses its path by {np.abs(missed).max():.1e} m")
 
 
 def _support(soles: Sequence[Sole], feet_path: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, ...]:

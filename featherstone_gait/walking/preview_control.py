@@ -1,7 +1,7 @@
-"""Preview control of the zero-moment point (ZMP) of a cart-table, giving the motion of the centre of mass.
+"""Preview control of the zero-moment point (ZMP) of a cart-table, giving the motion of the center of mass.
 
-The cart-table of height ``z_c``: state ``x = (c, c', c'')`` of the centre of mass, input ``u = c'''`` held over a
-sample of length ``T``, output the ZMP ``p = c - (z_c / g) c''``.  In error-augmented form the controller minimises
+The cart-table of height ``z_c``: state ``x = (c, c', c'')`` of the center of mass, input ``u = c'''`` held over a
+sample of length ``T``, output the ZMP ``p = c - (z_c / g) c''``.  In error-augmented form the controller minimizes
 ``sum Q (p - p_ref)^2 + R (u_k - u_(k-1))^2`` and is
 
     u_k = -G_i sum_(i<=k) (p_i - p_ref_i) - G_x x_k - sum_(j=1..N) G_d(j) p_ref_(k+j).
@@ -23,9 +23,9 @@ from decimal import Decimal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.arguments import floats, is_real, shown, whole
-from featherstone_gait.build.tree import GRAVITY
-from featherstone_gait.fixed_order import applied, product, total
+from featherstone_gait.base.arguments import floats, is_real, shown, whole
+from featherstone_gait.base.fixed_order import applied, product, total
+from featherstone_gait.scene.tree import GRAVITY
 
 # Of the gains.  Against a 50-digit solution of the Riccati equation ours is off by up to 1e-13, SciPy's by 8e-11: with
 # seven digits practically all gains are those that any solver gives.  The ZMP of a 0.3 m step moves by 2e-7 m.
@@ -40,7 +40,7 @@ class PreviewController:
     """The gains of the preview controller of a cart-table."""
 
     T: float  # sample time [s]
-    z_c: float  # height of the centre of mass [m]
+    z_c: float  # height of the center of mass [m]
     g: float  # [m/s^2]
     integral_gain: float  # G_i [1/s^3]
     state_gain: np.ndarray  # G_x (3,) [1/s^3, 1/s^2, 1/s]
@@ -49,7 +49,7 @@ class PreviewController:
 
 @dataclass(frozen=True, eq=False)
 class ComPlan:
-    """Motion of the centre of mass and its cart-table ZMP, each of the reference's shape."""
+    """Motion of the center of mass and its cart-table ZMP, each of the reference's shape."""
 
     position: np.ndarray  # [m]
     velocity: np.ndarray  # [m/s]
@@ -86,7 +86,7 @@ def preview_controller(
 def plan_com(
     zmp_ref: ArrayLike, T: float, z_c: float, *, N: int = 120, Q: float = 1.0, R: float = 1e-7, g: float = -GRAVITY[2]
 ) -> ComPlan:
-    """Plan the motion of the centre of mass whose ZMP follows `zmp_ref`.
+    """Plan the motion of the center of mass whose ZMP follows `zmp_ref`.
 
     `zmp_ref` is (n,) or (n, axes) [m], one row every `T` [s]; the axes are independent.  The motion starts at rest
     over ``zmp_ref[0]``, and the reference is taken to stay at its last row.  Returns a `ComPlan`.

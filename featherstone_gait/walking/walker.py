@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import texts, truth
+from ..base.arguments import texts, truth
+from ..base.files import FilePath
 from ..dynamics import contact_positions
-from ..files import FilePath
 from ..model import Model
 from ..robot_file import load_robot, robot_names
 from ..robot_file.servos import with_servo

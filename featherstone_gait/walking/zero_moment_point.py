@@ -1,7 +1,7 @@
 """The zero-moment point of a moving robot, link by link, and how far inside the support polygon it lies.
 
 The ZMP is the point of the ground plane ``z = 0`` about which gravity and inertia have no horizontal moment.  With
-the links' masses ``m``, centres ``c``, angular momenta ``L`` about them and ``F = m (c'' + g)``:
+the links' masses ``m``, centers ``c``, angular momenta ``L`` about them and ``F = m (c'' + g)``:
 
     p_x = sum(c_x F_z - c_z F_x - L'_y) / sum F_z,    p_y = sum(c_y F_z - c_z F_y + L'_x) / sum F_z.
 
@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull
 
-from featherstone_gait.arguments import finite, real
-from featherstone_gait.build.tree import GRAVITY
+from featherstone_gait.base.arguments import finite, real
+from featherstone_gait.base.fixed_order import applied, total
 from featherstone_gait.dynamics import check_model
-from featherstone_gait.fixed_order import applied, total
 from featherstone_gait.model import Model, inertia_matrix
+from featherstone_gait.scene.tree import GRAVITY
 from featherstone_gait.walking.kinematics import link_centers, link_poses
 
 LEAST = 5  # samples of a motion
@@ -31,7 +31,7 @@ def multibody_zmp(
     """Compute the ZMP (n, 2) [m] of a motion sampled every `T` [s], the root link upright.
 
     `angles` is (n, nj) [rad], `base_position` (n, 3) [m].  Velocities and accelerations are central differences, so
-    that the error is O(T^2); the first and last two samples repeat their neighbour's value.
+    that the error is O(T^2); the first and last two samples repeat their neighbor's value.
     """
     T = real("T", T, 1e-9, 1e9, "give the time between samples [s]")
     g = real("g", g, 1e-9, 1e9, "give the strength of gravity [m/s^2]")
@@ -67,7 +67,7 @@ def polygon_margin(point: np.ndarray, polygon: np.ndarray) -> float:
 
 
 def _angular_momentum(model: Model, rotation: np.ndarray, T: float) -> np.ndarray:
-    """Return the links' angular momenta (n - 2, links, 3) about their centres of mass, world axes [kg m^2/s]."""
+    """Return the links' angular momenta (n - 2, links, 3) about their centers of mass, world axes [kg m^2/s]."""
     I = np.array([inertia_matrix(link.inertia) for link in model.links])
     here, rate = rotation[1:-1], _central_difference(rotation, T)
     omega = 0.5 * total(np.cross(here, rate, axis=-2))  # of axes e that turn, the sum of e x e' is twice omega

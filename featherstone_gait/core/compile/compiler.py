@@ -2,7 +2,7 @@
 
 - References are not counted.  Kernels make no arrays, and those that they are given outlive the call.  (A function that
   Numba compiles as usual may call a kernel, but none that returns an array: it would give back what nobody took.)
-- A function that only kernels call is no program: it is optimised where it is linked into an entry, with all the rest,
+- A function that only kernels call is no program: it is optimized where it is linked into an entry, with all the rest,
   and no machine code is made of it alone.
 - A kernel that is called with 0 and with 3 is one kernel, of an integer.
 - Python's garbage is not collected meanwhile: there is little, among all that a compiler keeps.
@@ -32,7 +32,7 @@ from .structure import never_written, size_of
 
 
 class _Library(JITCodeLibrary):
-    """Of functions that are optimised where they are linked, not one by one: what calls them stays what it was."""
+    """Of functions that are optimized where they are linked, not one by one: what calls them stays what it was."""
 
     def add_ir_module(self, ir_module):
         never_written(ir_module, self.codegen.target_data)
@@ -81,7 +81,7 @@ class Whole(_Library):
     """The code of a function that Python calls."""
 
     def finalize(self):
-        """Link all parts, then optimise and make the machine code."""
+        """Link all parts, then optimize and make the machine code."""
         self._linking_libraries = _link(self._linking_libraries, self._final_module, set())
         super().finalize()
 

@@ -53,7 +53,7 @@ class Contact(NamedTuple):
 XP = 0  # 3: position in the common frame [m]
 DEPTH = 3  # penetration at the start of the substep [m]
 U0 = 4  # 3: predicted velocity, ground's axes [m/s]
-UK = 7  # 3: velocity about which the forces are linearised
+UK = 7  # 3: velocity about which the forces are linearized
 FK = 10  # 3: forces there [N]
 CN = 13  # slope -df_n/du_n [N s/m]
 C1 = 14  # slopes -df_t/du_t, symmetric 2 x 2: 11, 12, 22
@@ -61,7 +61,7 @@ C2 = 15
 C3 = 16
 FL = 17  # 3: forces of the linear model at the velocities that its solution gave
 UN = 20  # 3: those velocities
-RHO = 23  # 3: generalised inertial forces at UK (see step/newton.py)
+RHO = 23  # 3: generalized inertial forces at UK (see step/newton.py)
 LIMIT = 26  # largest friction force of the step [N]
 SCRATCH = AXES + 9  # AXES, 9: of a height field normal, first and second tangent under the point
 
@@ -79,7 +79,7 @@ def above_ground(contact, x):
 def place_points(contact, s, base_q, ahead):
     """Fill position, penetration and predicted velocity of every point.
 
-    Base and W lie `ahead` of the step's start [s]: what the points have travelled since is taken back from the
+    Base and W lie `ahead` of the step's start [s]: what the points have traveled since is taken back from the
     penetration, along the normal where they are now.
     """
     W, C = s.W, s.C
@@ -188,7 +188,7 @@ def friction_limits(contact, s):
 
 
 @kernel
-def _linearise(contact, s):
+def _linearize(contact, s):
     C = s.C
     for c in range(len(contact.points)):
         p, u = contact.points[c], load3(C, c, UK)
@@ -200,10 +200,10 @@ def _linearise(contact, s):
 
 
 @inline
-def linearise_contacts(contact, s):
+def linearize_contacts(contact, s):
     """Fill the forces and slopes at the velocities UK."""
     if contact is not None:
-        _linearise(contact, s)
+        _linearize(contact, s)
 
 
 @inline

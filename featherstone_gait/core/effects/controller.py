@@ -40,7 +40,7 @@ CONTROLLER = np.dtype(
 
 
 @inline
-def quantised(angle, resolution):
+def quantized(angle, resolution):
     """The angle as an encoder of that resolution reads it: the nearest count [rad]."""
     if_exact = resolution <= 0.0
     counts = (angle / select(if_exact, 1.0 + 0.0 * resolution, resolution) + ROUND) - ROUND
@@ -57,7 +57,7 @@ def control_tick(controller, scene, o, reference, noise, y, period):
     apply_delayed(firmware.delay, scene, o, y, 0)
     for i in range(len(controller)):
         c = controller[i]
-        angle = quantised(_plus(y[o.q + i], noise, i, 0), c.encoder_resolution)
+        angle = quantized(_plus(y[o.q + i], noise, i, 0), c.encoder_resolution)
         goal, rate = goal_and_rate(firmware.profile, o, reference, y, i, period)
         e = goal - angle
         de = rate - select(c.speed_filter > 0.0, y[o.filtered + i], y[o.qd + i])

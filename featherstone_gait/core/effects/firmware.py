@@ -6,7 +6,7 @@ The law is a voltage u at the nominal supply, `voltage_limit`; the duty cycle is
   Ki = Kd = Kf = 0 that is the law of the AX-12 (ROBOTIS, Dynamixel AX-12 user's manual, control table 0x1A to 0x1D and
   0x30): nothing within the compliance margin, the punch at its edge, from there a slope Kp up to the full output.
 - Duty cycle: limited, then rounded to the nearest of the counts that a full one has.
-- Profile: the goal that the law sees goes towards the reference by at most profile_speed * period a tick.
+- Profile: the goal that the law sees goes toward the reference by at most profile_speed * period a tick.
 - Delay: voltages wait in the state; `slots` of them are under way just before the oldest is applied.
 
 Each is None where no servo has it, and costs nothing then.

@@ -152,7 +152,7 @@ def _point_on_facet(bulge, ground, c, i, center, base_q, W):
 
 @_on_facet.otherwise
 def _bulge_on_facet(bulge, ground, c, i, center, base_q, W):
-    """The ground under the point that is deepest as seen from the centre has the tangent plane that counts."""
+    """The ground under the point that is deepest as seen from the center has the tangent plane that counts."""
     n, _, _ = _facet(ground, _in_world(base_q, center))
     guess = deepest_point(bulge, c, i, center, n, W)
     n, t, over = _facet(ground, _in_world(base_q, guess))
@@ -189,7 +189,7 @@ def surface(field, x, y):
 
 @inline
 def _stencil(u, nodes):
-    """The nearest node, the weights of it and its neighbours, and their derivatives by u [cells]."""
+    """The nearest node, the weights of it and its neighbors, and their derivatives by u [cells]."""
     last = nodes + 0.25
     u = select(u > 0.75, select(u < last, u, last), 0.75)  # NaN is not greater either
     i = (u + _ROUND) - _ROUND

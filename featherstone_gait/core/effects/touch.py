@@ -1,7 +1,7 @@
 """What of a body touches: a point, or the deepest point of a sphere or of a disc.
 
 Against a plane of normal n the deepest point of a convex body is that of its support in the direction -n.  Of a sphere
-of radius r about the centre it lies r n below.  A disc is an ellipsoid of semi-axes R, R, e R about its axis a, widened
+of radius r about the center it lies r n below.  A disc is an ellipsoid of semi-axes R, R, e R about its axis a, widened
 by r: below by
 
     r n + R (n - (1 - e^2) (n.a) a) / sqrt(|n - (n.a) a|^2 + e^2 (n.a)^2).
@@ -47,7 +47,7 @@ class Discs(NamedTuple):
 
 @by_type
 def deepest_point(bulge, c, i, center, n, W):
-    """Where the body i's contact c about the centre [m] reaches deepest against the normal n [m]."""
+    """Where the body i's contact c about the center [m] reaches deepest against the normal n [m]."""
 
 
 @deepest_point.of(NoneType)
@@ -74,7 +74,7 @@ def _disc(bulge, c, i, center, n, W):
 
 @by_type
 def reach(bulge, c):
-    """How far from its centre the contact c can touch [m]."""
+    """How far from its center the contact c can touch [m]."""
 
 
 @reach.of(NoneType)

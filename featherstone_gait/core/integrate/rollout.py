@@ -132,7 +132,7 @@ def inspect(run, t, y):
 
 @inline
 def _fell(frames, run, o, y):
-    """Whether the centre of mass is too low over the ground or the base tilted too far; False where none falls."""
+    """Whether the center of mass is too low over the ground or the base tilted too far; False where none falls."""
     fell = y[o.status] != y[o.status]
     if frames is not None:
         plan, scene = run.plan, run.scene

@@ -44,7 +44,7 @@ class Plan(NamedTuple):
     per_tick: int  # steps of a controller tick
     per_sample: int  # steps between records
     lag: float  # from a reference to its effect [s]
-    min_height: float  # of the centre of mass over the ground, along its normal [m]; below it the robot has fallen
+    min_height: float  # of the center of mass over the ground, along its normal [m]; below it the robot has fallen
     min_upright: float  # cosine of the base's tilt; below it the robot has fallen
     upright: tuple[float, float, float] = (0.0, 0.0, 1.0)  # what points up in the frame of a base that is not tilted
     # Of integrators with error control, for which h is only the grid on which ticks and records lie:

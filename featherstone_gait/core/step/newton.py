@@ -6,7 +6,7 @@ The velocity at the end of the substep h' = theta h (theta = 1: Euler, 1/2: midp
 
 where T collects servo, friction, stops and contacts.  Each of them is the gradient of a convex function of v with
 the sign reversed (a force that never rises with speed), so the solution is the minimum of a convex function, found by
-a semi-smooth Newton iteration: linearise T about the iterate, solve
+a semi-smooth Newton iteration: linearize T about the iterate, solve
 
     (M + h' C) a = T(v_k) + C (v_k - v_p) - bias(v_p),    v = v_p + h' a,    C = -dT/dv,
 
@@ -32,7 +32,7 @@ from ..effects.contact import (
     compare_contacts,
     contact_slope,
     fold_contacts,
-    linearise_contacts,
+    linearize_contacts,
     place_contacts,
     shift_contacts,
     solved_contacts,
@@ -53,7 +53,7 @@ ROUNDING = 1e-15  # of the linear model, which is the difference of large number
 
 # Rows of the scratch `Z`, one column a joint.
 VP = 0  # velocity for which the bias is taken
-VK = 1  # velocity about which the forces are linearised
+VK = 1  # velocity about which the forces are linearized
 VN = 2  # velocity of the solution
 WK = 3  # rotor speeds, likewise
 WN = 4
@@ -81,7 +81,7 @@ SCRATCH = 22
 def solve_step(s):
     """Find the solution of the step s: accelerations in its y, velocities VN, WN, UN in its scratch; W is filled.
 
-    A lane that has converged repeats its last pass to the same bits while its neighbours go on.
+    A lane that has converged repeats its last pass to the same bits while its neighbors go on.
     """
     predict(s.predicted, rotor_of(s.actuator), s)
     place_contacts(s.scene.contact, s, _ahead(s.predicted, s.sub))
@@ -105,8 +105,8 @@ def _find_velocities(forces, rotor, contact, s):
     y, o, Z = s.y, s.o, s.Z
     active = Z[VP, 0] == Z[VP, 0]  # false for a lane that is not finite
     for k in range(MAX_PASSES):
-        _linearise(rotor, s)
-        linearise_contacts(contact, s)
+        _linearize(rotor, s)
+        linearize_contacts(contact, s)
         _solve_linear(s.scene.armature, s.predicted, rotor, s)
         wrong, rising = _compare(rotor, contact, s)
         y[o.passes] = select(active, y[o.passes] + 1.0, y[o.passes])
@@ -293,7 +293,7 @@ def _articulated(diagonal, contact, s):
 
 
 @kernel
-def _linearise(rotor, s):
+def _linearize(rotor, s):
     """Forces and slopes about VK, WK; the rotor eliminated: T = T0 - CJ v."""
     Z = s.Z
     for i in range(len(s.scene.tree) - 1):

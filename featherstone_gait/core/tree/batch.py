@@ -70,7 +70,7 @@ def crba_rows(robot, motion, W, H):
 
 @entry
 def measures_rows(robot, motion, W, energies, centers, momenta):
-    """Energy (n, 2), centre of mass and its velocity (n, 6) and momentum (n, 6) of each state."""
+    """Energy (n, 2), center of mass and its velocity (n, 6) and momentum (n, 6) of each state."""
     for i in range(len(energies)):
         at = _row(motion, i)
         motion_pass(robot.tree, robot.gravity, at, W[0])

@@ -7,7 +7,7 @@ Automation 4 (1988).  The nearest point of its simplex is sought among the faces
 than taking the simplex apart by signs, but there is no flat simplex that it takes the wrong way.
 
 Where cores overlap, the depth is the least overlap along candidates of the direction in which they part: face normals,
-products of edges, and the line of centres with its parts across the axes.  Of polytopes, segments and points the first
+products of edges, and the line of centers with its parts across the axes.  Of polytopes, segments and points the first
 two are all that can be least (C. Ericson, "Real-Time Collision Detection", Elsevier 2005, section 5.2.1); of cylinders
 the depth so found is at least the true one.
 """
@@ -31,11 +31,11 @@ SHAPE = np.dtype(
         ("first_edge", np.int64),  # of the directions of its edges, likewise
         ("edges", np.int64),
         ("E", np.float64, (9,)),  # rotation shape -> link, row by row
-        ("r", np.float64, (3,)),  # centre in the link's frame [m]
+        ("r", np.float64, (3,)),  # center in the link's frame [m]
         ("half", np.float64, (3,)),  # half edges of the box in the core [m]
         ("disc", np.float64),  # radius of the disc about z in the core [m]
         ("radius", np.float64),  # of the ball [m]
-        ("bound", np.float64),  # radius of a sphere about the centre that holds all of the shape [m]
+        ("bound", np.float64),  # radius of a sphere about the center that holds all of the shape [m]
     ],
     align=True,
 )
@@ -46,7 +46,7 @@ class Shapes(NamedTuple):
     """The shapes of a robot."""
 
     table: np.ndarray  # (shapes,) SHAPE
-    corners: np.ndarray  # (all, 3) of the hulls, about the centre of each, in its axes [m]
+    corners: np.ndarray  # (all, 3) of the hulls, about the center of each, in its axes [m]
     normals: np.ndarray  # (all, 3) of the faces of the hulls
     edges: np.ndarray  # (all, 3) directions of the edges of the hulls
 
@@ -56,7 +56,7 @@ class Room(NamedTuple):
     """What is overwritten."""
 
     E: np.ndarray  # (shapes, 9) rotations shape -> world
-    r: np.ndarray  # (shapes, 3) centres in the world [m]
+    r: np.ndarray  # (shapes, 3) centers in the world [m]
     simplex: np.ndarray  # (4, 3) [m]
 
 
@@ -94,7 +94,7 @@ def _farthest_corner(shape, corners, u):
 
 @kernel
 def _difference(a, b, Ea, Eb, c, corners, u):
-    """The farthest point of core a less core b in the direction u; c from the centre of a to that of b, world axes."""
+    """The farthest point of core a less core b in the direction u; c from the center of a to that of b, world axes."""
     pa = rotate(Ea, support(a, corners, rotate_back(Ea, u)))
     pb = rotate(Eb, support(b, corners, rotate_back(Eb, scale(u, -1.0))))
     return sub(sub(pa, pb), c)
@@ -189,7 +189,7 @@ def _kept(S, used):
 def core_distance(a, b, Ea, Eb, c, corners, S):
     """Distance of two cores [m], 0 where they overlap; S (4, 3) is overwritten.
 
-    Ea, Eb: rotations shape -> world; c: from the centre of a to that of b, world axes [m].
+    Ea, Eb: rotations shape -> world; c: from the center of a to that of b, world axes [m].
     """
     size = a.bound + b.bound
     v = _difference(a, b, Ea, Eb, c, corners, c)

@@ -1,4 +1,4 @@
-"""Energy, momentum and centre of mass from the poses and velocities that `motion_pass` left in the workspace."""
+"""Energy, momentum and center of mass from the poses and velocities that `motion_pass` left in the workspace."""
 
 from ..compile.jit import inline, kernel
 from .joint import joint_pose
@@ -38,7 +38,7 @@ def energy(tree, base_q, qd, armature, gravity, W, out):
 
 @kernel
 def center_of_mass(tree, base_q, W, out):
-    """Fill out (6,): position [m] and velocity [m/s] of the centre of mass, world frame; return the mass [kg]."""
+    """Fill out (6,): position [m] and velocity [m/s] of the center of mass, world frame; return the mass [kg]."""
     mass = 0.0
     x = (0.0, 0.0, 0.0)
     v = (0.0, 0.0, 0.0)
@@ -58,7 +58,7 @@ def center_of_mass(tree, base_q, W, out):
 
 @kernel
 def center_of_floating(tree, base_q, q, W):
-    """Centre of mass [m] of a floating robot by its positions alone; fills R and P of every row."""
+    """Center of mass [m] of a floating robot by its positions alone; fills R and P of every row."""
     store3(W, 0, P, (0.0, 0.0, 0.0))
     store9(W, 0, R, quaternion_matrix(base_q))
     mass, x = tree[0].m, scale(point_position(0, tree[0].c, W), tree[0].m)
@@ -72,7 +72,7 @@ def center_of_floating(tree, base_q, q, W):
 
 @kernel
 def momentum(tree, base_q, W, out):
-    """Fill out (6,): angular momentum about the centre of mass [kg m^2/s] and linear momentum [kg m/s], world axes."""
+    """Fill out (6,): angular momentum about the center of mass [kg m^2/s] and linear momentum [kg m/s], world axes."""
     mass = center_of_mass(tree, base_q, W, out)
     com = sub((out[0], out[1], out[2]), _base_position(base_q))
     p = scale((out[3], out[4], out[5]), mass)

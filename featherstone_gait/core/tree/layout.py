@@ -28,8 +28,8 @@ BODY = np.dtype(
         ("E", np.float64, (9,)),  # rotation body -> parent frame at zero, row by row
         ("r", np.float64, (3,)),  # origin of the body frame in the parent frame at zero [m]
         ("m", np.float64),  # mass [kg]
-        ("c", np.float64, (3,)),  # centre of mass, body frame [m]
-        ("J", np.float64, (6,)),  # inertia xx xy xz yy yz zz about the centre of mass, body frame [kg m^2]
+        ("c", np.float64, (3,)),  # center of mass, body frame [m]
+        ("J", np.float64, (6,)),  # inertia xx xy xz yy yz zz about the center of mass, body frame [kg m^2]
     ],
     align=True,
 )

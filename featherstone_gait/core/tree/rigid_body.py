@@ -7,7 +7,7 @@ from .spatial import add, congruence, cross, load3, load9, rotate, scale, symmet
 
 @inline
 def mass_center(b, i, W):
-    """Centre of mass [m] and inertia about it [kg m^2], world axes."""
+    """Center of mass [m] and inertia about it [kg m^2], world axes."""
     E = load9(W, i, R)
     return add(rotate(E, b.c), load3(W, i, P)), congruence(E, b.J)
 

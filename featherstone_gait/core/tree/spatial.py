@@ -143,7 +143,7 @@ def congruence(E, J):
 
 @inline
 def about_origin(J, m, c):
-    """Inertia J about the centre of mass c, moved to the origin: J + m (c'c 1 - c c')."""
+    """Inertia J about the center of mass c, moved to the origin: J + m (c'c 1 - c c')."""
     x, y, z = c[0] * m, c[1] * m, c[2] * m
     xx, yy, zz = x * c[0], y * c[1], z * c[2]
     return (

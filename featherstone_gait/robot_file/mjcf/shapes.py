@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ...rotation import rotation_from_quaternion, rpy_from_rotation
-from ...shape import Box, Capsule, Cylinder, Geometry, Hull, Shape, Sphere
+from ...base.rotation import rotation_from_quaternion, rpy_from_rotation
+from ...model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Shape, Sphere
 from .names import names_of
 from .tree import Tree, vector
 

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...fixed_order import applied, product
+from ...base.fixed_order import applied, product
+from ...base.rotation import rotation_about, rotation_from_quaternion, rpy_from_rotation
 from ...model import Base, Joint, Link, Mimic, turned_inertia
-from ...rotation import rotation_about, rotation_from_quaternion, rpy_from_rotation
 from .equalities import Line
 from .names import names_of, unused
 

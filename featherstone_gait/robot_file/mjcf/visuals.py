@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...mesh import Colour
-from ...shape import Geometry
+from ...geometry.mesh import Color
+from ...model.shapes import Geometry
 from .names import names_of
 from .read import compiled
 from .shapes import ELLIPSOID, MESH, geometry_of
@@ -37,7 +37,7 @@ class Geom(NamedTuple):
     geometry: Geometry | Triangles | Ellipsoid
     position: np.ndarray  # (3,) in the link's frame [m]
     quaternion: np.ndarray  # (4,) w x y z
-    colour: Colour | None  # None where the file gives none
+    color: Color | None  # None where the file gives none
     opacity: float
 
 
@@ -46,10 +46,10 @@ def read_geoms(path: Path) -> list[Geom]:
     m, _ = compiled(path)
     bodies, found = names_of(m, "body", m.nbody), []
     for g in np.flatnonzero(m.geom_group < SHOWN):
-        geometry, (colour, opacity) = _geometry(m, int(g)), _colour(m, int(g))
+        geometry, (color, opacity) = _geometry(m, int(g)), _color(m, int(g))
         if geometry is not None and opacity > 0.0:
             placed = (m.geom_pos[g].copy(), m.geom_quat[g].copy())
-            found.append(Geom(bodies[m.geom_bodyid[g]], geometry, *placed, colour, opacity))
+            found.append(Geom(bodies[m.geom_bodyid[g]], geometry, *placed, color, opacity))
     return found
 
 
@@ -61,8 +61,8 @@ def _geometry(m: Any, g: int) -> Geometry | Triangles | Ellipsoid | None:
     return Ellipsoid(m.geom_size[g].copy()) if m.geom_type[g] == ELLIPSOID else geometry_of(m, g)
 
 
-def _colour(m: Any, g: int) -> tuple[Colour | None, float]:
-    """Colour and opacity: the geom's own where they differ from the default, else those of its material."""
+def _color(m: Any, g: int) -> tuple[Color | None, float]:
+    """Color and opacity: the geom's own where they differ from the default, else those of its material."""
     rgba = m.geom_rgba[g].tolist()
     if np.allclose(rgba, GREY):
         if m.geom_matid[g] < 0:

@@ -9,9 +9,9 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from ...fixed_order import applied, product
+from ...base.fixed_order import applied, product
+from ...base.rotation import rotation_about, rotation_from_rpy, rpy_from_rotation
 from ...model import Ground, Joint, Model, rigid_bodies
-from ...rotation import rotation_about, rotation_from_rpy, rpy_from_rotation
 from .element import comment, element, number, numbers
 from .names import unused
 from .tree import NO_STOP, WORLD

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from ...model import ContactPoint, Model
-from ...shape import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Shape, Sphere
+from ...model.shapes import Box, Capsule, Cylinder, Geometry, Hull, Mesh, Shape, Sphere
 from .element import comment, element, number, numbers
 from .names import unused
 

@@ -83,7 +83,7 @@ def _softness(model: Model) -> float:
 
 
 def _inverse_inertia(model: Model, link: Link) -> float:
-    """Mean over the axes of the inverse inertia [1/kg] that a link's centre of mass offers to a force, at zero.
+    """Mean over the axes of the inverse inertia [1/kg] that a link's center of mass offers to a force, at zero.
 
     A unit impulse e gives the velocities M^-1 J' e, and twice their kinetic energy is e' J M^-1 J' e.
     """

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...fixed_order import applied, product
+from ...base.fixed_order import applied, product
+from ...base.rotation import rpy_from_rotation
 from ...model import Link, Model, Placement, RigidBody, inertia_matrix, rigid_bodies
-from ...rotation import rpy_from_rotation
 from ..inertia import TRIANGLE_TOLERANCE
 from .element import element, number, numbers
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
+from ...base.rotation import rotation_from_rpy
 from ...model import Base, Joint, Link, Servo, turned_inertia
-from ...rotation import rotation_from_rpy
-from ...shape import Box, Cylinder, Geometry, Shape, Sphere
+from ...model.shapes import Box, Cylinder, Geometry, Shape, Sphere
 from ..markup import Markup, read_markup
 from ..report import Report
 from ..robot import Posture, Robot
@@ -28,7 +28,7 @@ NOTHING = (0.0, 0.0, 0.0)
 class Solid(NamedTuple):
     """A rigid body, in the robot's frame."""
 
-    link: Link  # in axes through its centre, parallel to the robot's
+    link: Link  # in axes through its center, parallel to the robot's
     position: tuple[float, float, float]
     rpy: tuple[float, float, float]
     geometry: Geometry
@@ -68,7 +68,7 @@ def read_simtwo(path: Path, root: Element, base: Base | None, report: Report) ->
     for sentence in _doubts(body, numbers, report):
         report.doubt(sentence)
     report.raise_problems(scene.file)
-    report.remark("skipped colours, shells, sensors, surfaces and drag of the scene")
+    report.remark("skipped colors, shells, sensors, surfaces and drag of the scene")
     fixed = any(WORLD in (axis.parent, axis.child) for axis in axes)
     return _robot(scene, solids, axes, joints, base or ("fixed" if fixed else "floating"))
 

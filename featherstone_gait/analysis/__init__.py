@@ -1,0 +1,1 @@
+"""Equilibria and linear models of a robot under its servos."""

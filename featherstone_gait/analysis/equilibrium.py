@@ -1,0 +1,434 @@
+"""Equilibria: a robot at rest in a posture, what carries it, and the references or torques that hold it there.
+
+A fixed base hangs in its joints: their torques are those of gravity and springs.  A floating base lies on its contacts:
+with Q(p) the forces that rest takes (RNEA) at a base pose p, J the contacts' Jacobian, N(p) = k depth their normal
+forces and f those along the ground, as long as each point sticks,
+
+    tau = Q(p) - J' (N(p), f),    minimal |tau|^2 + |r f|^2  with the base's six components of tau zero,
+
+r = 1 cm.  Newton's method on p, height and tilt alone; f and what is left of p by least squares.  Of feet that could
+squeeze the ground between them the one solution is taken that asks least of joints and friction.  Servos are then asked
+backwards: torque, current, voltage, reference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.arguments import texts, vector
+from ..base.rotation import rotation_from_quaternion
+from ..core.effects.actuator import controller_of, motor_of
+from ..core.effects.controller import PID_SPEED
+from ..core.effects.mipsd_servo import MipsdServo
+from ..core.effects.pd_servo import PDServo
+from ..dynamics import Poses, coupling_matrix, deepest_points, forward_dynamics, forward_kinematics, inverse_dynamics
+from ..dynamics.jacobians import jacobian_at, link_index
+from ..model import Spring
+from ..model.rest_posture import nearest_posture
+from ..run.reference import Reference
+from ..run.simulate import initial_state, simulate
+from ..run.start import check_scene
+from ..scene.compile import CompiledScene
+from ..scene.contact import by_body, ground_under
+from .linearization import Chart, chart_of
+
+Status = Literal["ok", "tips", "slips", "touches", "too weak", "moves"]
+
+PASSES, LAYING = 100, 5  # of Newton's method; of that by which feet are laid on the ground
+BALANCED = 1e-13  # of the weight: force on the base that is left
+LONGEST, LARGEST = 20.0, 0.05  # step of Newton's method, by the ground's sinking and of the tilt [rad]
+LEVER = 0.1  # by which turns count as ways [m]
+NUDGE = 1e-3  # of the sinking, for derivatives by the pose
+SQUEEZE = 0.01  # r: torque by which friction counts [m]
+RANK = 1e-9  # singular values by the largest, below which they are none
+ROUNDING = 1e-12  # of the weight
+STILL = 1e-8  # motion in a controller period [rad, m, and by the second]
+
+
+@dataclass(frozen=True, eq=False)
+class Trim:
+    """An equilibrium, or the nearest to one that was found."""
+
+    q: np.ndarray  # (nq,) [m, -, rad]
+    torque: np.ndarray  # (joints,) that holds each joint [N m or N]
+    contact_force: np.ndarray  # (points, 3) normal, along the slope, across [N]; (0, 3) without ground
+    reference: np.ndarray | None  # (joints,) for the servos [rad or m]; None without servos
+    tau: np.ndarray | None  # (joints,) from outside, for `simulate(tau=...)`; None where servos hold
+    state: np.ndarray  # (size,) at rest, to begin with
+    residual: float  # largest acceleration that is left by forward dynamics [rad/s^2 or m/s^2]
+    change: float  # largest motion in a simulated controller period [rad, m, rad/s, m/s]
+    status: Status
+    message: str  # what is wrong, empty if nothing is
+
+    @property
+    def ok(self) -> bool:
+        return self.status == "ok"
+
+
+Fault: TypeAlias = "tuple[Status, str] | None"
+
+
+class _Loads(NamedTuple):
+    """What acts on a robot at rest in k poses."""
+
+    force: np.ndarray  # (k, nv) that rest takes, without contacts
+    springs: np.ndarray  # (k, nv) that the springs give
+    J: np.ndarray  # (k, points, 3, nv) velocities of the contacts in the ground's axes
+    depth: np.ndarray  # (k, points) [m]
+    axes: np.ndarray  # (k, points, 3, 3) normal and tangents in rows
+
+
+def trim(scene: CompiledScene, q: ArrayLike | None = None, contacts: Iterable[str] | None = None) -> Trim:
+    """Rest in the posture q (nq,), by default `nearest_posture`: what carries it and what holds it.
+
+    The joints stay as they are in q, and so do the place and the heading of a floating base; its height and tilt are
+    found.  contacts: names of the links that it stands on, whose points are laid on the ground together; None: those
+    that are lowest in q, and what touches besides.
+    The status is "ok"; "tips", if the contacts cannot carry it there; "slips", if one needs more friction than there
+    is; "touches", if one of another link is in the ground; "too weak", if a servo cannot hold its joint; or "moves",
+    if the simulation does not stay, as where voltages come in counts.
+    Raises ValueError for a floating base without ground, and links without contacts.
+    """
+    check_scene(scene)
+    model = scene.model
+    given = nearest_posture(model) if q is None else vector("q", q, model.nq)
+    at = initial_state(scene, given)[_places(scene)]  # checked, its quaternion of length 1
+    if model.base != "floating":
+        return _held(scene, at, np.zeros((len(model.contacts) if scene.ground else 0, 3)), None)
+    if scene.ground is None:
+        raise ValueError(f"{model.name}: a floating base without ground falls; compile the scene with ground=Ground()")
+    used = _used(scene, contacts)
+    at, force, wrong = _balanced(scene, _laid(scene, at, used, LAYING if contacts is not None else 0), used)
+    return _held(scene, at, force, wrong or _contact_fault(scene, at, used, force))
+
+
+def _places(scene: CompiledScene) -> np.ndarray:
+    """Where q lies in the state."""
+    return np.r_[slice(*scene.part("base_q")), slice(*scene.part("q"))]
+
+
+def _used(scene: CompiledScene, contacts: Iterable[str] | None) -> np.ndarray:
+    """Which points may carry (points,)."""
+    links = [point.link for point in scene.model.contacts]
+    if contacts is None:
+        return np.ones(len(links), dtype=bool)
+    chosen = texts("contacts", contacts)
+    if not chosen:
+        raise ValueError(f"{scene.model.name}: contacts is empty; give links to stand on, or None for what touches")
+    for name in chosen:
+        if name not in links:
+            known = ", ".join(dict.fromkeys(links))
+            raise ValueError(f"{scene.model.name}: contacts: link {name!r} has no contact points; those with: {known}")
+    return np.array([link in chosen for link in links])
+
+
+# ------------------------------------------------------------------------------------------------ forces
+
+
+def _loads(scene: CompiledScene, q: np.ndarray) -> _Loads:
+    """At rest in the postures q (k, nq)."""
+    model, still = scene.model, np.zeros((len(q), scene.model.nv))
+    poses = forward_kinematics(model, q)
+    springs = sum((_spring_force(scene, poses, spring) for spring in scene.springs), np.zeros_like(still))
+    force = inverse_dynamics(model, q, still, still, gravity=scene.gravity) - springs
+    if scene.ground is None:
+        empty = np.zeros((len(q), 0))
+        return _Loads(force, springs, empty.reshape(len(q), 0, 3, model.nv), empty, empty.reshape(len(q), 0, 3, 3))
+    x = deepest_points(model, poses, (0.0, 0.0, 1.0))
+    for _ in range(2):  # a bulge's deepest point depends on the normal under it
+        under = ground_under(scene.ground, x.reshape(-1, 3)).reshape(*x.shape[:2], 7)
+        x = deepest_points(model, poses, under[..., :3])
+    under = ground_under(scene.ground, x.reshape(-1, 3)).reshape(*x.shape[:2], 7)
+    normal, first = under[..., :3], under[..., 3:6]
+    axes = np.stack([normal, first, np.cross(normal, first)], axis=-2)
+    columns = [_velocity(scene, poses, point.link, x[:, k]) for k, point in enumerate(model.contacts)]
+    return _Loads(force, springs, axes @ np.stack(columns, axis=1), -under[..., 6] * normal[..., 2], axes)
+
+
+def _velocity(scene: CompiledScene, poses: Poses, link: str, x: np.ndarray) -> np.ndarray:
+    """Velocity (k, 3, nv) of the point of a link that is at x (k, 3) in the world."""
+    J = jacobian_at(scene.model, poses, link)
+    arm = x - poses.position[:, link_index(scene.model, link)]
+    return J[:, 3:] + np.cross(J[:, :3], arm[:, :, None], axis=1)
+
+
+def _spring_force(scene: CompiledScene, poses: Poses, spring: Spring) -> np.ndarray:
+    """Generalized force (k, nv) of a spring."""
+    model, ends = scene.model, []
+    for link, point in ((spring.a, spring.point_a), (spring.b, spring.point_b)):
+        row = link_index(model, link)
+        ends.append(poses.position[:, row] + poses.rotation[:, row] @ np.array(point))
+    way = ends[1] - ends[0]
+    length = np.linalg.norm(way, axis=1, keepdims=True)
+    pull = spring.stiffness * (length - spring.length) * way / length
+    J = _velocity(scene, poses, spring.a, ends[0]) - _velocity(scene, poses, spring.b, ends[1])
+    return np.einsum("ki,kij->kj", pull, J)
+
+
+def _stiffness(scene: CompiledScene, name: str = "stiffness") -> np.ndarray:
+    """Of the contact points, in the order of the model."""
+    assert scene.constants.contact is not None
+    found = np.zeros(len(scene.model.contacts))
+    found[by_body(scene.model, scene.tree)] = scene.constants.contact.points[name]
+    return found
+
+
+def _balanced(scene: CompiledScene, q: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, Fault]:
+    """Posture (nq,) and contact forces (points, 3) at which the base is in balance; or what is in the way."""
+    model, ground = scene.model, scene.ground
+    assert ground is not None
+    stiffness, chart = _stiffness(scene), chart_of(scene, ("base_q",))
+    weight = model.mass * float(np.linalg.norm(scene.gravity))
+    count = int(used.sum())
+    f = np.zeros((count, 2))
+    scale, loads = _scale(scene), _loads(scene, q[None])
+    reduced = coupling_matrix(model).matrix
+    for _ in range(PASSES):
+        ways = _ways(q, loads, used) * scale[:, None]
+        loads = _loads(scene, _posed(scene, chart, q, _nudged(ways)))
+        normal = np.where(used, stiffness * np.maximum(loads.depth, 0.0), 0.0)[:, used]
+        J, on = loads.J[:, used], normal[0] > 0.0
+        f[~on] = 0.0  # what is in the air has no friction
+        total = loads.force - np.einsum("km,kmj->kj", normal, J[:, :, 0]) - np.einsum("mi,kmij->kj", f, J[:, :, 1:])
+        total = total @ reduced
+        by_pose = (total[1:4] - total[4:]).T / (2.0 * NUDGE)
+        by_friction = -((J[0, :, 1:] * on[:, None, None]).reshape(-1, model.nv) @ reduced).T
+        columns = np.concatenate([by_pose, by_friction], axis=1)
+        columns = np.concatenate([columns, SQUEEZE * np.eye(3 + f.size)[3:]])
+        step = _least(columns, np.concatenate([total[0], SQUEEZE * f.ravel()]))
+        left = float(np.abs(total[0, :6]).max())
+        f = f + step[3:].reshape(-1, 2)
+        way = step[:3] / max(1.0, abs(step[0]) / LONGEST, np.abs(step[1:3]).max() * scale[1] / LARGEST)
+        q = _posed(scene, chart, q, (ways.T @ way)[:, None])[0]
+        if left <= BALANCED * weight and np.abs(way).max() < 1e-6:
+            break
+    loads = _loads(scene, q[None])
+    force = np.zeros((len(used), 3))
+    force[used, 0] = stiffness[used] * np.maximum(loads.depth[0, used], 0.0)
+    force[used, 1:] = f
+    rest = (loads.force[0] - np.einsum("mi,mij->j", force, loads.J[0]))[:6]
+    if np.abs(rest).max() <= 1e-9 * weight:
+        return q, force, None
+    what = f"{float(np.abs(rest).max()):.3g} N or N m of the base are not in balance"
+    return q, force, ("tips", f"{what}: the center of mass is not over what carries; give another posture or contacts")
+
+
+def _laid(scene: CompiledScene, q: np.ndarray, used: np.ndarray, passes: int) -> np.ndarray:
+    """The posture with its lowest point in the ground by the ground's sinking, and its points as level as they can be.
+
+    passes: of Gauss's and Newton's method by which the depths of all points become alike.
+    """
+    assert scene.ground is not None
+    chart, scale, loads = chart_of(scene, ("base_q",)), _scale(scene), _loads(scene, q[None])
+    for _ in range(passes):
+        ways = _ways(q, loads, used) * scale[:, None]
+        loads = _loads(scene, _posed(scene, chart, q, _nudged(ways)))
+        depth = loads.depth[:, used]
+        slopes = (depth[1:4] - depth[4:]).T / (2.0 * NUDGE)
+        way = np.linalg.lstsq(slopes, scene.ground.sinking - depth[0], rcond=RANK)[0]
+        q = _posed(scene, chart, q, (ways.T @ way)[:, None])[0]
+        loads = _loads(scene, q[None])
+    up = loads.axes[0, used, 0].mean(axis=0) * (float(loads.depth[0, used].max()) - scene.ground.sinking)
+    return np.concatenate([q[:3] + up, q[3:]])
+
+
+def _scale(scene: CompiledScene) -> np.ndarray:
+    """Of the three ways of a base: of the order of the sinking [m, rad, rad]."""
+    assert scene.ground is not None
+    return scene.ground.sinking * np.array([1.0, 1.0 / LEVER, 1.0 / LEVER])
+
+
+def _nudged(ways: np.ndarray) -> np.ndarray:
+    """Deviations of the base (6, 7): none, a little along each of the ways (3, 6), and against each."""
+    return np.concatenate([np.zeros((6, 1)), NUDGE * ways.T, -NUDGE * ways.T], axis=1)
+
+
+def _ways(q: np.ndarray, loads: _Loads, used: np.ndarray) -> np.ndarray:
+    """Deviations (3, 6) of the base: up along the normal, and turns about the two tangents through it."""
+    normal, first, second = loads.axes[0, used].mean(axis=0)
+    back = rotation_from_quaternion(q[3:7]).T
+    none = np.zeros(3)
+    return np.stack([np.r_[normal, none], np.r_[none, back @ first], np.r_[none, back @ second]])
+
+
+def _posed(scene: CompiledScene, chart: Chart, q: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Postures (k, nq) with the base moved by x (6, k)."""
+    y = np.zeros(int(scene.layout["length"]))
+    places = _places(scene)
+    y[places] = q
+    return chart.moved(y, x)[places].T.copy()
+
+
+def _least(columns: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """x with `force + columns x` zero in its first six components, as nearly as can be, and least in the others."""
+    B, T = columns[:6], columns[6:]
+    U, s, V = np.linalg.svd(B)
+    rank = int((s > RANK * s.max(initial=0.0)).sum())
+    x = -V[:rank].T @ ((U[:, :rank].T @ force[:6]) / s[:rank])
+    Z = V[rank:].T
+    if not Z.size:
+        return x
+    return x - Z @ np.linalg.lstsq(T @ Z, force[6:] + T @ x, rcond=RANK)[0]
+
+
+def _contact_fault(scene: CompiledScene, q: np.ndarray, used: np.ndarray, force: np.ndarray) -> Fault:
+    """Status and message of contacts that slip, or touch and should not."""
+    depth = _loads(scene, q[None]).depth[0]
+    for k, point in enumerate(scene.model.contacts):
+        if not used[k] and depth[k] > 0.0:
+            return "touches", f"contact {k} of {point.link} is {depth[k]:.3g} m in the ground; name it, or lift it"
+        along, most = float(np.hypot(*force[k, 1:])), float(_stiffness(scene, "friction")[k] * force[k, 0])
+        if along > most + ROUNDING * float(force[:, 0].sum()):
+            what = f"contact {k} of {point.link} needs {along:.3g} N of friction; there are {most:.3g} N"
+            return "slips", f"{what}: give more friction, or another posture"
+    return None
+
+
+# ------------------------------------------------------------------------------------------------ servos
+
+
+def _held(scene: CompiledScene, q: np.ndarray, force: np.ndarray, fault: Fault) -> Trim:
+    """The equilibrium with what holds it, tried in a run of one period."""
+    model, n, loads = scene.model, scene.tree.n, _loads(scene, q[None])
+    carried = np.einsum("mi,mij->j", force, loads.J[0])
+    torque, G = np.zeros(model.nv), coupling_matrix(model).matrix
+    torque[_leaders(G)] = G.T @ (loads.force[0] - carried)
+    torque[: model.nv - n] = 0.0
+    pulls = torque + carried + loads.springs[0]
+    residual = forward_dynamics(model, q, np.zeros(model.nv), pulls, gravity=scene.gravity)
+    state, torque = initial_state(scene, q, beyond_limits=True), torque[model.nv - n :]
+    _put_contacts(scene, state, force)
+    weak = _put_servos(scene, state, q[len(q) - n :], torque)
+    reference = weak.reference
+    tau = torque if reference is None else None
+    change = _change(scene, state, reference, tau)
+    fault = fault or weak.fault
+    if fault is None and not change <= STILL:
+        fault = "moves", f"in a controller period it moves by {change:.3g} rad or m, or by as much a second"
+    status, message = fault or ("ok", "")
+    largest = float(np.abs(residual).max())
+    return Trim(q, torque, force, reference, tau, state, largest, change, status, message)
+
+
+def _leaders(G: np.ndarray) -> list[int]:
+    """The rows of a coupling matrix that are independent coordinates."""
+    return [int(np.flatnonzero(column == 1.0)[0]) for column in G.T]
+
+
+def _put_contacts(scene: CompiledScene, state: np.ndarray, force: np.ndarray) -> None:
+    """Bristles that bear the forces (points, 3), as the ground's first step finds them."""
+    contact = scene.constants.contact
+    if contact is None:
+        return
+    force = force[by_body(scene.model, scene.tree)]
+    state[slice(*scene.part("contact_force"))] = force.ravel()
+    state[slice(*scene.part("bristle"))] = (-force[:, 1:] / contact.points.tangential_stiffness[:, None]).ravel()
+
+
+class _Driven(NamedTuple):
+    reference: np.ndarray | None
+    fault: Fault
+
+
+def _put_servos(scene: CompiledScene, state: np.ndarray, angles: np.ndarray, torque: np.ndarray) -> _Driven:
+    """What servos that hold these torques [N m] have in their state, and their references."""
+    actuator, names = scene.constants.actuator, scene.model.joint_names
+    if actuator is None:
+        return _Driven(None, None)
+    state[slice(*scene.part("torque"))] = torque
+    if isinstance(actuator, PDServo):
+        pd = actuator.pd
+        free = pd.Kp > 0.0
+        reference = angles + np.divide(torque, pd.Kp, out=np.zeros_like(angles), where=free)
+        weak = (np.abs(torque) > pd.torque_limit) | (~free & (torque != 0.0))
+        return _Driven(reference, _weak(names, weak, torque, "N m"))
+    motor, controller = motor_of(actuator), controller_of(actuator)
+    driven = motor.torque_constant > 0.0
+    current = np.divide(torque, motor.torque_constant, out=np.zeros_like(angles), where=driven)
+    voltage = motor.resistance * current
+    if isinstance(actuator, MipsdServo):
+        gear = actuator.gear
+        wound = np.divide(torque, gear.stiffness, out=np.zeros_like(angles), where=gear.stiffness > 0.0)
+        state[slice(*scene.part("rotor"))] = angles + wound + np.sign(torque) * gear.gap
+    asked = _asked(scene, state, voltage, current)
+    reference, integral, error, unreachable = _references(scene, angles, asked)
+    goals = {"current": current, "voltage": voltage, "integral": integral, "last_error": error, "goal": reference}
+    for name, values in goals.items():
+        first, end = scene.part(name)
+        if end > first:
+            state[first:end] = values
+    delay = scene.constants.firmware.delay
+    if delay is not None:
+        state[slice(*scene.part("delayed"))] = np.tile(asked, delay.slots)
+    pwm = scene.constants.firmware.pwm
+    most = controller.voltage_limit * (1.0 if pwm is None else pwm.duty_limit)
+    weak = (np.abs(asked) > most) | (np.abs(current) > motor.current_limit) | unreachable | (~driven & (torque != 0.0))
+    return _Driven(reference, _weak(names, weak, torque, "N m"))
+
+
+def _weak(names: Iterable[str], weak: np.ndarray, torque: np.ndarray, unit: str) -> Fault:
+    """The fault of servos that cannot hold their joints."""
+    found = [f"{name} {value:.3g} {unit}" for name, bad, value in zip(names, weak, torque) if bad]
+    return ("too weak", f"servos cannot hold {', '.join(found)}: give another posture") if found else None
+
+
+def _asked(scene: CompiledScene, state: np.ndarray, voltage: np.ndarray, current: np.ndarray) -> np.ndarray:
+    """What controllers must ask for (joints,) [V], at the nominal supply, for motors to get these voltages.
+
+    Of a source with a resistance the bus has V = V0 - R P / V, P what the motors draw.
+    """
+    if scene.constants.supply is None:
+        return voltage
+    source, controller = scene.constants.supply[0], controller_of(scene.constants.actuator)
+    drawn = 4.0 * source.resistance * float(voltage @ current)
+    bus = 0.5 * (source.voltage + np.sqrt(max(source.voltage**2 - drawn, 0.0)))
+    state[slice(*scene.part("bus"))] = bus
+    state[slice(*scene.part("duty"))] = voltage / bus
+    return controller.voltage_limit * voltage / bus
+
+
+def _references(
+    scene: CompiledScene, angles: np.ndarray, voltage: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """References, integrals and errors (joints,) at which controllers ask for these voltages; and which never do."""
+    controller, band = controller_of(scene.constants.actuator), scene.constants.firmware.band
+    reference, integral, error = angles.copy(), np.zeros_like(angles), np.zeros_like(angles)
+    unreachable = np.zeros(len(angles), dtype=bool)
+    for i, c in enumerate(controller):
+        angle = float(_read(float(angles[i]), float(c.encoder_resolution)))
+        margin, punch = (0.0, 0.0) if band is None else (band[i].compliance_margin, band[i].punch)
+        speed = c.law == PID_SPEED
+        reference[i] = angle
+        rest = float(voltage[i]) - c.Kf * angle
+        if c.Ki != 0.0:
+            integral[i] = rest / c.Ki
+        elif rest != 0.0:
+            side = np.sign(rest)
+            slope = c.Kf if speed else c.Kp + c.Kf
+            beyond = 0.0 if speed else c.Kp * margin - punch
+            by = (rest + side * beyond) / slope if slope else 0.0
+            reference[i] += by
+            unreachable[i] = slope == 0.0 or (not speed and by * side < margin)
+            error[i] = 0.0 if speed else by - side * margin
+    return reference, integral, error, unreachable
+
+
+def _read(angle: float, resolution: float) -> float:
+    """The angle as an encoder of that resolution reads it [rad]; 0: exact."""
+    return angle if resolution <= 0.0 else float(np.round(angle / resolution) * resolution)
+
+
+def _change(scene: CompiledScene, state: np.ndarray, reference: np.ndarray | None, tau: np.ndarray | None) -> float:
+    """Largest motion of base and joints in a simulated controller period; infinite if it fails."""
+    period = scene.tick_steps * scene.timestep
+    follow = None if reference is None else Reference([0.0], reference[None])
+    run = simulate(scene, period, state, follow, tau, record=(), estimate_error=False)
+    if run.status not in ("ok", "chatter"):
+        return np.inf
+    moving = tuple(name for name in ("base_q", "q", "base_qd", "qd") if scene.part(name)[1] > scene.part(name)[0])
+    return float(np.abs(chart_of(scene, moving).difference(run.final[:, None], state)).max())

@@ -1,0 +1,707 @@
+"""A scene about a state as matrices: what a step or a controller period makes of small deviations.
+
+    x[k+1] = A x[k] + B u[k],    y[k+1] = C x[k] + D u[k]
+
+x are deviations from the state given, u those of references or torques, y those of recorded channels, all at the end of
+the period.  Everything that a step does is in them: servos with their ticks, friction, contact and its bristles.
+
+A floating base's quaternion has one number too many: its deviation is a rotation vector r [rad] in body axes, to first
+order; of joints that follow others the leaders alone count.  Deviations are differences of whole runs, eight runs to a
+vector: of each column the central differences D(w) and D(w/2), whose errors are as w^2, give
+
+    D = (4 D(w/2) - D(w)) / 3,    error <= |D(w/2) - D(w)| / 3 + rounding,
+
+the error being that of D(w/2) (L. F. Richardson, Phil. Trans. A 210 (1911)).  Columns in which that does not suffice
+are taken again in smaller widths, and each entry is kept from where its error is least.  At a kink, such as a contact
+that is just made or a voltage at its limit, the differences to the left and to the right disagree however small the
+width: both are kept, as a `Kink`.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.arguments import listed, one_of, vector, whole
+from ..base.fixed_order import total
+from ..core.compile.jit import direct
+from ..core.compile.lanes import WIDTH, aligned
+from ..core.integrate.rollout import OK, rollout_lanes
+from ..core.step.context import Run
+from ..core.step.signals import Knots, Signals, sample_ticks
+from ..core.step.state import BY_NAME, IN_STATE, RECORDABLE
+from ..dynamics import coupling_matrix
+from ..run.interrupt import Kernel
+from ..run.prepared import Prepared, prepare, with_steps, with_tolerance
+from ..run.reference import Reference
+from ..run.simulate import initial_state
+from ..run.start import check_scene
+from ..run.trajectory import Trajectory
+from ..run.verdict import STATUS
+from ..scene.compile import CompiledScene
+from ..scene.contact import by_body
+from ..scene.friction import sticks
+
+INPUTS = ("reference", "torque", "voltage")
+KINDS = ("coordinates", "controlled")  # of channels that always count
+MEMORY = ("held", "derived")  # of those that count where the next state depends on them
+BASE = {"base_q": ("x", "y", "z", "rx", "ry", "rz"), "base_qd": ("vx", "vy", "vz", "wx", "wy", "wz")}
+RTOL = 1e-12  # of an integrator with error control, whose errors differ from run to run
+
+# The first width of a column: where nothing sticks, where joints do, and on the ground, by how much it moves a point.
+SMOOTH, STICKING = 1e-4, 2e-6  # [rad, m, rad/s, m/s]
+OF_SINKING, LEVER = 0.04, 0.2  # [-], [m]
+OTHER = {"voltage": 100.0, "duty": 10.0, "bus": 100.0, "delayed": 100.0, "current": 10.0}  # [V, -, V, V, A] by these
+BRISTLE = 1e-6  # [m]
+FINER, ROUNDS = 8.0, 3  # each round's widths by the next one's
+ENOUGH = 1e-7  # error of an entry, of its value, at which no smaller width is tried ...
+KEPT = 2**17  # numbers of signals (1 MiB) up to which a workspace is left to later calls
+SMALL = 1e-2  # ... or of so much of what is largest in its row, in units of the first widths
+KINK = 1e-3  # difference of left and right, of the larger of them, that is a kink
+BRIEF = 5e4  # steps of vectors by velocities: some 10 ms, for which no thread is started
+ROUNDING = 4.0 * np.finfo(float).eps  # of the numbers of a run
+
+
+class Kink(NamedTuple):
+    """A column in which the derivatives to the left and to the right differ."""
+
+    column: str  # state or input
+    rows: tuple[str, ...]  # states and outputs that have the kink
+    left: np.ndarray  # (rows,) derivatives
+    right: np.ndarray  # (rows,)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearization:
+    """What `linearize` found; n states, m inputs, p outputs, all named.
+
+    An error is the largest that an entry may have; at a kink it is half of what left and right differ by.
+    """
+
+    A: np.ndarray  # (n, n)
+    B: np.ndarray  # (n, m)
+    C: np.ndarray  # (p, n)
+    D: np.ndarray  # (p, m)
+    A_error: np.ndarray  # of the entries
+    B_error: np.ndarray
+    C_error: np.ndarray
+    D_error: np.ndarray
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    kinks: tuple[Kink, ...]
+    change: np.ndarray  # (n,) what the period does to the state itself; zero at an equilibrium
+    period: float  # [s]
+    state: np.ndarray  # (size,) that deviations are counted from
+    chart: Chart
+
+    def deviation(self, state: ArrayLike | Trajectory) -> np.ndarray:
+        """x (n,) of a state (size,), or of the end of a trajectory."""
+        y = state.final if isinstance(state, Trajectory) else vector("state", state, len(self.state))
+        return self.chart.difference(y[:, None], self.state)[:, 0]
+
+    def moved(self, x: ArrayLike) -> np.ndarray:
+        """The state (size,) at the deviations x (n,)."""
+        return self.chart.moved(self.state, vector("x", x, len(self.states))[:, None])[:, 0]
+
+    def of(self, *channels: str) -> np.ndarray:
+        """Which states are those of some channels, such as "q": their indices.  ValueError for others."""
+        for name in channels:
+            one_of("channel", name, dict.fromkeys(state.split()[0] for state in self.states))
+        return np.array([k for k, state in enumerate(self.states) if state.split()[0] in channels], dtype=int)
+
+
+def linearize(
+    scene: CompiledScene,
+    state: ArrayLike | Trajectory | None = None,
+    reference: ArrayLike | Reference | None = None,
+    tau: ArrayLike | Reference | None = None,
+    *,
+    inputs: Sequence[str] | None = None,
+    outputs: Iterable[str] = (),
+    states: Iterable[str] | None = None,
+    steps: int | None = None,
+    rtol: float | None = None,
+    threads: int | None = None,
+) -> Linearization:
+    """The matrices of one controller period, or of so many steps, about a state.
+
+    state, reference, tau: as `simulate`, a reference may be (joints,) angles too; the run is taken to go on from there,
+    so that the midpoint rule does not begin with Euler's step;
+    inputs: some of "reference" (what the controllers see at the tick with which the period begins, or a continuous
+    servo throughout), "torque" from outside, and "voltage" (held, and no controller acts); None is the first where
+    there are servos, else the second;
+    outputs: channels of `simulate`, as they are at the end of the period;
+    states: channels of the state; None: coordinates, currents, rotors, filters and bristles, and of what else is
+    remembered (integrals, last errors, the midpoint rule's accelerations) what the next state depends on;
+    steps: None is a whole controller period, of a scene without controllers a single step;
+    rtol: of an integrator that chooses its steps, 1e-12 if None; their choice is an error of some rtol by width;
+    threads: if None as many as the work is worth, at most one a core; any number gives the same bits.
+    Raises ValueError on what does not fit, and where a run falls or diverges within the period.
+    """
+    check_scene(scene)
+    scene, tolerance, _ = with_tolerance(scene, RTOL if rtol is None and scene.adaptive else rtol, None)
+    named = _inputs(scene, inputs)
+    steps = whole("steps", _default_steps(scene) if steps is None else steps, 1, "give a number of steps", 10**6)
+    outputs = tuple(listed("outputs", outputs, "give a list of channels, such as ('torque',)"))
+    threads = None if threads is None else whole("threads", threads, 1, "one a core is usual")
+    duration = steps * scene.timestep
+    driven = tau is not None or "torque" in named
+    ready = prepare(scene, duration, _recorded(outputs), rtol=tolerance, driven=driven)
+    ready = with_steps(ready, steps, steps)
+    system = _System(ready, state, _signal(scene, "reference", reference), _torques(scene, tau, driven), named, threads)
+    channels = _channels(system, states, named)
+    held = ("voltage",) if "voltage" in named else ()
+    chart = chart_of(scene, tuple(channels), held)
+    try:
+        return _differences(system, chart, outputs, duration)
+    finally:
+        system.close()
+
+
+def _inputs(scene: CompiledScene, inputs: Sequence[str] | None) -> tuple[str, ...]:
+    """The kinds of inputs, checked against what the scene has."""
+    actuated = scene.constants.actuator is not None
+    if inputs is None:
+        return ("reference",) if actuated else ("torque",)
+    named = tuple(listed("inputs", inputs, f"give some of {', '.join(INPUTS)}"))
+    for name in named:
+        one_of("inputs", name, INPUTS)
+    name = scene.model.name
+    if "reference" in named and not actuated:
+        raise ValueError(f"{name}: inputs: a reference needs servos; compile the scene with servos, or take 'torque'")
+    if "voltage" in named and (not scene.sampled or "reference" in named or scene.adaptive):
+        raise ValueError(
+            f"{name}: inputs: voltages stand where sampled servos have no references; take 'voltage' without "
+            "'reference', in a scene of sampled servos with fixed steps"
+        )
+    return named
+
+
+def _default_steps(scene: CompiledScene) -> int:
+    return scene.tick_steps if scene.sampled else 1
+
+
+def _recorded(outputs: tuple[str, ...]) -> tuple[str, ...]:
+    for name in outputs:
+        one_of("outputs", name, [known for known in RECORDABLE if BY_NAME[known].kind != "computed"])
+    return outputs
+
+
+def _signal(scene: CompiledScene, name: str, value: ArrayLike | Reference | None) -> Reference | None:
+    if value is None or isinstance(value, Reference):
+        return value
+    return Reference([0.0], vector(name, value, scene.tree.n, "one a joint, or a Reference")[None])
+
+
+def _torques(scene: CompiledScene, tau: ArrayLike | Reference | None, driven: bool) -> Reference | None:
+    return _signal(scene, "tau", np.zeros(scene.tree.n) if tau is None and driven else tau)
+
+
+# ------------------------------------------------------------------------------------------------ states as vectors
+
+
+class Chart:
+    """Deviations of a state: which numbers of it they move, and how they are read off again."""
+
+    def __init__(self, scene: CompiledScene, channels: Sequence[str], held: Sequence[str] = ()) -> None:
+        """channels: of the states; held: of what follows them, moved but no states."""
+        self.channels = (*channels, *held)
+        self.names: list[str] = []
+        self.widths: list[float] = []
+        self.quaternion = scene.part("base_q")[0] + 3 if "base_q" in channels and scene.tree.floating else None
+        turns: list[int] = []
+        reads: list[int] = []
+        moves: list[tuple[int, int, float]] = []  # number of the state, deviation, factor
+        self.states, sticky = 0, sticks(scene.constants.friction)
+        for name in self.channels:
+            for label, at, moved in _coordinates(scene, name):
+                k = len(self.names)
+                self.names.append(f"{name} {label}".strip())
+                self.widths.append(_width(scene, sticky, name, label))
+                reads.append(at)
+                moves.extend((number, k, factor) for number, factor in moved)
+                if not moved:
+                    turns.append(k)
+            if name in channels:
+                self.states = len(self.names)
+        self.turns = np.array(turns, dtype=int)  # deviations that are turns of the base
+        self.reads = np.array(reads[: self.states], dtype=int)  # number of the state that is a deviation's
+        self._moves = [np.array(column) for column in zip(*moves)] if moves else [np.zeros(0, int)] * 3
+
+    def moved(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """States (size, k) at the deviations x (states, k) from y (size,)."""
+        Y = np.repeat(y[:, None], x.shape[1], axis=1)
+        numbers, columns, factors = self._moves
+        kept = columns < len(x)
+        Y[numbers[kept]] += factors[kept, None] * x[columns[kept]]
+        if self.quaternion is not None:
+            at = slice(self.quaternion, self.quaternion + 4)
+            Y[at] = _turned(y[at], x[self.turns])
+        return Y
+
+    def move_each(self, Y: np.ndarray, y: np.ndarray, which: np.ndarray, steps: np.ndarray) -> None:
+        """Move the states Y (blocks, size, lanes), all of them y, each in one deviation, which (k,), by a step (k,)."""
+        numbers, columns, factors = self._moves
+        lanes = Y.shape[2]
+        move, run = _pairs(columns, which)
+        Y[run // lanes, numbers[move], run % lanes] += factors[move] * steps[run]
+        if self.quaternion is not None:
+            at = slice(self.quaternion, self.quaternion + 4)
+            turn, run = _pairs(self.turns, which)
+            x = np.where(turn == np.arange(3)[:, None], steps[run], 0.0)
+            Y[run // lanes, at, run % lanes] = _turned(y[at], x).T
+
+    def difference(self, Y: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Deviations (states, ...) of the states Y (size, ...) from y (size,)."""
+        X = Y[self.reads] - _beside(y[self.reads], Y)
+        if self.quaternion is not None:
+            at = slice(self.quaternion, self.quaternion + 4)
+            X[self.turns] = _turn_between(y[at], Y[at])
+        return X
+
+
+def _pairs(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where numbers of a (k,) and of b (m,) are equal: places in a and in b."""
+    return np.divmod(np.flatnonzero(a[:, None] == b), len(b))
+
+
+def _beside(y: np.ndarray, Y: np.ndarray) -> np.ndarray:
+    """Numbers (size,) as they go with arrays (size, ...)."""
+    return y.reshape(-1, *[1] * (Y.ndim - 1))
+
+
+@functools.lru_cache(maxsize=128)
+def chart_of(scene: CompiledScene, channels: tuple[str, ...], held: tuple[str, ...] = ()) -> Chart:
+    """The `Chart` of a scene's channels."""
+    return Chart(scene, channels, held)
+
+
+def _coordinates(scene: CompiledScene, name: str) -> list[tuple[str, int, list[tuple[int, float]]]]:
+    """Of each deviation of a channel its label, the number that reads it, and those that it moves, with factors.
+
+    A turn of the base moves none: see `_turned`.
+    """
+    first, end = scene.part(name)
+    joints = scene.model.joint_names
+    if name in BASE and end > first:
+        turn = (3, 4, 5) if name == "base_q" else ()
+        return [(label, first + k, [] if k in turn else [(first + k, 1.0)]) for k, label in enumerate(BASE[name])]
+    if name in ("q", "qd", "qdd"):
+        G = coupling_matrix(scene.model).matrix[scene.model.nv - len(joints) :, scene.model.nv - len(joints) :]
+        leading = []
+        for column in G.T:
+            moved = [(first + int(k), float(column[k])) for k in np.flatnonzero(column)]
+            leader = next(number for number, factor in moved if factor == 1.0)
+            leading.append((joints[leader - first], leader, moved))
+        return leading
+    channel, width = BY_NAME[name], BY_NAME[name].width
+    labels: list[str] = [str(k) for k in range((end - first) // width)]
+    if len(labels) == len(joints) and channel.of != "point":
+        labels = list(joints)
+    if channel.of == "point":
+        order = by_body(scene.model, scene.tree)
+        labels = [f"{scene.model.contacts[k].link} {k}" for k in order]
+    if channel.of in ("run", "source"):
+        labels = [""] * len(labels)
+    parts = channel.labels if width > 1 else ("",)
+    found = [f"{label} {part}".strip() for label in labels for part in parts]
+    return [(label, first + k, [(first + k, 1.0)]) for k, label in enumerate(found)]
+
+
+def _width(scene: CompiledScene, sticky: bool, name: str, label: str) -> float:
+    """The first width of a deviation: what sticks must go on to do so, and contacts must stay as they are."""
+    if name == "bristle":
+        return BRISTLE
+    width = STICKING if sticky else SMOOTH
+    if scene.ground is not None:
+        slip = OF_SINKING * scene.ground.sinking
+        width = min(width, slip if label in ("x", "y", "z") else slip / LEVER)
+    return width * OTHER.get(name, 1.0)
+
+
+def _turned(quaternion: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """Unit quaternions w x y z (4, k) after turns (3, k) in body axes: r / 2 is the tangent of half the angle."""
+    new = quaternion[:, None] + total(_after(quaternion)[:, 1:, None] * (0.5 * turn), axis=1)
+    return new / np.sqrt(total(new * new, axis=0))
+
+
+def _turn_between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The turns (3, ...) in body axes from a quaternion (4,) to others (4, ...); the inverse of `_turned`."""
+    turn = total(_after(start).T.reshape(4, 4, *[1] * (end.ndim - 1)) * end, axis=1)
+    return 2.0 * turn[1:] / turn[0]
+
+
+def _after(quaternion: np.ndarray) -> np.ndarray:
+    """The matrix (4, 4) of its product with others, which it comes before; transposed, the inverse of that."""
+    w, x, y, z = quaternion.tolist()
+    return np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
+
+
+# ------------------------------------------------------------------------------------------------ runs
+
+
+class _System:
+    """The map from states and inputs to states at the end of the period."""
+
+    def __init__(
+        self,
+        ready: Prepared,
+        state: ArrayLike | Trajectory | None,
+        reference: Reference | None,
+        tau: Reference | None,
+        inputs: tuple[str, ...],
+        threads: int | None,
+    ) -> None:
+        self.ready, self.inputs, self.threads, self.scene = ready, inputs, threads, ready.scene
+        self.lanes = 1 if self.scene.adaptive else WIDTH
+        self.start = ready.start(initial_state(ready.scene) if state is None else state, reference, tau)
+        self.course = ready.course(self.start)
+        self.y = self.start.y.copy()
+        self._maps: list[Callable[[np.ndarray, np.ndarray], None]] = []  # one a thread
+        self._spare = _spare(self.scene, inputs, tau is not None)
+        self._taken: list[_Workspace] = []
+        o = self.scene.layout
+        self.y[o["end"]] = max(self.y[o["end"]], self.scene.timestep)  # it goes on: no first step
+        if self.y[o["status"]] != OK:
+            raise ValueError(f"{self.scene.model.name}: state: that run has ended; give the state of a sound one")
+
+    def signals(self) -> list[str]:
+        """Of each input that is a signal its name."""
+        joints = self.scene.model.joint_names
+        return [f"{name} {joint}" for name in self.inputs if name != "voltage" for joint in joints]
+
+    def beginnings(self, count: int) -> np.ndarray:
+        """States (blocks, size, lanes) for so many runs, which nothing has moved yet."""
+        states = aligned((-(-count // self.lanes), len(self.y), self.lanes))
+        states[:] = self.y[:, None]
+        return states
+
+    def signals_for(self, states: np.ndarray) -> np.ndarray:
+        """What moves the signals of these (blocks, signals, lanes): nothing yet."""
+        return np.zeros((len(states), len(self.signals()), self.lanes))
+
+    def run(self, states: np.ndarray, signals: np.ndarray) -> None:
+        """Take states (blocks, size, lanes) to the end of the period; signals: what moves their own."""
+        blocks = len(states)
+        threads = min(self.threads or self._worthwhile(blocks), blocks)
+        while len(self._maps) < threads:
+            self._maps.append(_map(self))
+
+        def work(k: int) -> None:
+            for block in range(k, blocks, threads):
+                self._maps[k](states[block], signals[block])
+
+        if threads == 1:
+            work(0)
+        else:
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(work, range(threads)))
+        self._check(states)
+
+    def _worthwhile(self, blocks: int) -> int:
+        """Threads for so many vectors."""
+        brief = blocks * self.course.steps * self.scene.model.nv < BRIEF and not self.scene.adaptive
+        return 1 if brief else os.cpu_count() or 1
+
+    def workspace(self) -> _Workspace:
+        """One that is spare, or a new one."""
+        try:
+            self._taken.append(self._spare.pop())
+        except IndexError:
+            self._taken.append(_workspace(self))
+        return self._taken[-1]
+
+    def close(self) -> None:
+        """Leave its workspaces to other calls, but for those that hold the signals of a long period."""
+        self._spare.extend(one for one in self._taken if _numbers(one.run.signals) < KEPT)
+
+    def _check(self, states: np.ndarray) -> None:
+        """Raise ValueError where a run has ended."""
+        status = states[:, self.scene.layout["status"]]
+        if (status != OK).any():
+            raise ValueError(
+                f"{self.scene.model.name}: within the period a run ends: {STATUS[int(status.max())]}; linearize about "
+                "a state farther from that"
+            )
+
+
+def _numbers(signals: Signals) -> int:
+    """How many there are in what the ticks of a period are sent."""
+    return 0 if signals.samples is None else signals.samples.size
+
+
+class _Workspace(NamedTuple):
+    """What eight runs overwrite, and the kernel for them; making both takes as long as a hundred steps."""
+
+    run: Run  # of the call that made it
+    kernel: Kernel
+
+
+@functools.lru_cache(maxsize=32)
+def _spare(scene: CompiledScene, inputs: tuple[str, ...], driven: bool) -> list[_Workspace]:
+    """Those that are in no use; the arguments decide for which types the kernel is compiled."""
+    return []
+
+
+def _map(system: _System) -> Callable[[np.ndarray, np.ndarray], None]:
+    """What takes states (size, lanes) to the end of the period, in place, their signals moved by (signals, lanes)."""
+    ready, adaptive = system.ready, system.scene.adaptive
+    if adaptive:
+        run, _, out = ready.arguments(system.start)
+        kernel: Kernel = ready.kernel
+    else:
+        run, kernel = system.workspace()
+        own = {"plan": system.course, "signals": _signals(system, run), "channels": ready.channels, "stop": ready.stop}
+        run, out = run._replace(**own), aligned((ready.samples, max(len(ready.channels), 1), WIDTH))
+    put = _setter(system, run)
+
+    def call(Y: np.ndarray, U: np.ndarray) -> None:
+        put(U)
+        ready.call(kernel, run, Y[:, 0] if adaptive else Y, out)
+
+    return call
+
+
+def _workspace(system: _System) -> _Workspace:
+    """A new one."""
+    run, y, out = system.ready.arguments_in_lanes([system.start])
+    if "voltage" in system.inputs:
+        run = run._replace(signals=run.signals._replace(reference=None))
+    elif system.scene.sampled and run.signals.torques is None:  # the kernel of `simulate_batch`
+        run = run._replace(signals=run.signals._replace(reference=None, samples=_ticks(system)))
+    return _Workspace(run, direct(rollout_lanes, run, y, out))
+
+
+def _signals(system: _System, run: Run) -> Signals:
+    """Those of a run, as they are in this call."""
+    start, signals = system.start, run.signals
+    if signals.samples is not None:
+        return signals._replace(samples=_ticks(system))
+    reference = None if signals.reference is None else _in_all_lanes(start.reference)
+    torques = None if signals.torques is None else _in_all_lanes(start.torques)
+    return signals._replace(reference=reference, torques=torques)
+
+
+def _in_all_lanes(knots: Knots) -> Knots:
+    cubics = aligned((*knots.cubics.shape, WIDTH))
+    cubics[:] = knots.cubics[..., None]
+    return knots._replace(cubics=cubics)
+
+
+def _ticks(system: _System) -> np.ndarray:
+    """What the controllers see at each tick (ticks, joints, 2, lanes)."""
+    plan = system.course
+    ticks = -(-plan.steps // plan.per_tick)
+    values = np.zeros((ticks, system.scene.tree.n, 2))
+    sample_ticks(system.start.reference, plan, 0, values)
+    samples = aligned((*values.shape, WIDTH))
+    samples[:] = values[..., None]
+    return samples
+
+
+def _setter(system: _System, run: Run) -> Callable[[np.ndarray], None]:
+    """What moves the signals of a run by so much (signals, lanes), for all of the period."""
+    signals, n = run.signals, system.scene.tree.n
+    moved: list[tuple[np.ndarray, np.ndarray, slice]] = []  # what kernels read, as it is, which signals move it
+    for k, name in enumerate(name for name in system.inputs if name != "voltage"):
+        if name == "torque":
+            read = signals.torques.cubics
+        else:
+            read = signals.reference.cubics if signals.samples is None else signals.samples
+        values = read[:, :, 0].reshape(len(read), n, system.lanes)
+        moved.append((values, values.copy(), slice(k * n, (k + 1) * n)))
+
+    def put(U: np.ndarray) -> None:
+        for values, own, which in moved:
+            np.add(own, U[which], out=values)
+
+    return put
+
+
+@functools.lru_cache(maxsize=128)
+def _possible(scene: CompiledScene, inputs: tuple[str, ...]) -> tuple[list[str], list[str]]:
+    """Channels that always count, and those that do where the next state depends on them."""
+    there = [c for c in IN_STATE if c.name not in inputs and scene.part(c.name)[1] > scene.part(c.name)[0]]
+    return [c.name for c in there if c.kind in KINDS], [c.name for c in there if c.kind in MEMORY]
+
+
+def _channels(system: _System, states: Iterable[str] | None, inputs: tuple[str, ...]) -> list[str]:
+    """The channels of the states: those given, or those on which the next state depends."""
+    always, memory = _possible(system.scene, inputs)
+    if states is not None:
+        known = [c.name for c in IN_STATE if c.name in (*always, *memory)]
+        chosen = listed("states", states, "give a list of channels, such as ('q', 'qd')")
+        for name in chosen:
+            one_of("states", name, known)
+        return [name for name in known if name in chosen]
+    return [*always, *_remembered(system, tuple(always), tuple(memory))]
+
+
+def _remembered(system: _System, always: tuple[str, ...], memory: tuple[str, ...]) -> list[str]:
+    """Which channels of what is held or derived the next state depends on: a run with all of it moved tells."""
+    if not memory:
+        return []
+    scene, count = system.scene, len(memory) + 1
+    states = system.beginnings(count)
+    for block in range(len(states)):
+        states[block] += _uneven(scene, memory)[:, block * system.lanes :][:, : system.lanes]
+    system.run(states, system.signals_for(states))
+    ends = np.concatenate(list(states), axis=1)[:, :count]
+    changed = ends[:, 1:] != ends[:, :1]
+    touched = {name: changed[slice(*scene.part(name))].any(axis=0) for name in (*always, *memory)}
+    kept = [name for k, name in enumerate(memory) if any(touched[other][k] for other in always)]
+    while True:
+        more = [
+            name
+            for k, name in enumerate(memory)
+            if name not in kept and any(touched[other][k] for other in kept if other != name)
+        ]
+        if not more:
+            return [name for name in memory if name in kept]
+        kept += more
+
+
+@functools.lru_cache(maxsize=128)
+def _uneven(scene: CompiledScene, memory: tuple[str, ...]) -> np.ndarray:
+    """What moves the states of runs: nothing in the first, then a channel each, and nothing in the last lanes."""
+    size, found = int(scene.layout["length"]), []
+    for name in memory:
+        chart = chart_of(scene, (name,))
+        x = np.array(chart.widths) * (1.0 + 0.3 * np.arange(len(chart.names)) / len(chart.names))
+        found.append(chart.moved(np.zeros(size), x[:, None]))
+    return np.concatenate([np.zeros((size, 1)), *found, np.zeros((size, WIDTH))], axis=1)
+
+
+# ------------------------------------------------------------------------------------------------ differences
+
+
+MOVES = (1.0, -1.0, 0.5, -0.5)  # of a column, in its widths
+
+
+class _Columns(NamedTuple):
+    """Derivatives (rows, columns), and what is known of them."""
+
+    value: np.ndarray
+    error: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+    jump: np.ndarray  # from left to right, the least of all widths
+    noise: np.ndarray  # of left and right, by rounding
+
+
+def _kinked(found: _Columns, least: np.ndarray) -> np.ndarray:
+    """Where left and right differ (rows, columns), in all widths alike; least: what counts."""
+    largest = np.maximum(np.abs(found.left), np.abs(found.right))
+    return found.jump > KINK * np.maximum(largest, least) + found.noise
+
+
+@functools.lru_cache(maxsize=128)
+def _named(scene: CompiledScene, chart: Chart, signals: tuple[str, ...]) -> tuple[tuple[str, ...], np.ndarray]:
+    """Names of all columns, and their first widths."""
+    sticky = sticks(scene.constants.friction)
+    widths = [*chart.widths, *(_width(scene, sticky, name.split()[0], "") for name in signals)]
+    return (*chart.names, *signals), np.array(widths)
+
+
+def _differences(system: _System, chart: Chart, outputs: tuple[str, ...], period: float) -> Linearization:
+    """All columns, each in widths as small as it takes."""
+    scene = system.scene
+    names, first = _named(scene, chart, tuple(system.signals()))
+    read = system.ready.channels
+    found, end = _columns(system, chart, np.arange(len(names)), first)
+    least = SMALL * (np.abs(found.value) * first).max(axis=1, initial=0.0)[:, None] / first
+    kinked = _kinked(found, least)
+    for k in range(1, ROUNDS):
+        bad = found.error > ENOUGH * np.maximum(np.abs(found.value), least)
+        again = np.flatnonzero((bad | kinked).any(axis=0))
+        if not len(again):
+            break
+        found = _better(found, again, _columns(system, chart, again, first[again] / FINER**k)[0])
+        kinked = _kinked(found, least)
+    found.error[kinked] = 0.5 * np.abs(found.right - found.left)[kinked]
+    n, labels = chart.states, (*chart.names[: chart.states], *_labels(scene, outputs, read))
+    kinks = tuple(
+        Kink(names[j], tuple(labels[i] for i in np.flatnonzero(column)), found.left[column, j], found.right[column, j])
+        for j, column in ((j, kinked[:, j]) for j in np.flatnonzero(kinked.any(axis=0)))
+    )
+    value, error = found.value, found.error
+    return Linearization(
+        A=value[:n, :n], B=value[:n, n:], C=value[n:, :n], D=value[n:, n:],
+        A_error=error[:n, :n], B_error=error[:n, n:], C_error=error[n:, :n], D_error=error[n:, n:],
+        states=names[:n], inputs=names[n:], outputs=labels[n:], kinks=kinks,
+        change=chart.difference(end, system.y), period=period, state=system.y, chart=chart,
+    )  # fmt: skip
+
+
+def _columns(system: _System, chart: Chart, which: np.ndarray, widths: np.ndarray) -> tuple[_Columns, np.ndarray]:
+    """Some columns, in a width each, and the state (size,) at the end of the run that nothing moves."""
+    k, read = len(which), system.ready.channels
+    steps = np.multiply.outer(MOVES, widths)
+    states = system.beginnings(4 * k + 1)  # to the right, to the left, half of it; the last one stays
+    signals = system.signals_for(states)
+    _move(chart, system.y, states, signals, np.tile(which, 4), steps.ravel())
+    system.run(states, signals)
+    block, lane = divmod(4 * k, system.lanes)
+    F, end = states.swapaxes(0, 1), states[block, :, lane].copy()
+    moved = np.concatenate([chart.difference(F, end), F[read] - _beside(end[read], F)])
+    moved = moved.reshape(len(moved), -1)[:, : 4 * k].reshape(-1, 4, k)
+    wide_right, wide_left, right, left = (moved / steps).transpose(1, 0, 2)
+    wide, narrow = 0.5 * (wide_right + wide_left), 0.5 * (right + left)
+    size = np.abs(np.concatenate([end[chart.reads], end[read]]))
+    rounding = 2.0 * ROUNDING * size[:, None] / widths
+    to_right, to_left = 2.0 * right - wide_right, 2.0 * left - wide_left
+    correction = (narrow - wide) / 3.0
+    value = narrow + correction
+    found = _Columns(
+        value=value,
+        error=np.abs(correction) + rounding + ROUNDING * np.abs(value),
+        left=to_left,
+        right=to_right,
+        jump=np.abs(to_right - to_left),
+        noise=4.0 * rounding,
+    )
+    return found, end
+
+
+def _move(
+    chart: Chart, y: np.ndarray, states: np.ndarray, signals: np.ndarray, which: np.ndarray, steps: np.ndarray
+) -> None:
+    """Move states y (blocks, size, lanes) or their signals, each run in one column, which (k,), by a step (k,)."""
+    chart.move_each(states, y, which, steps)
+    run = np.flatnonzero(which >= len(chart.names))
+    block, lane = np.divmod(run, states.shape[2])
+    signals[block, which[run] - len(chart.names), lane] = steps[run]
+
+
+def _better(found: _Columns, again: np.ndarray, new: _Columns) -> _Columns:
+    """The columns, of those taken again each entry from where its error is least, left and right from the last."""
+    better = new.error < found.error[:, again]
+    for old, now in zip(found[:2], new[:2]):
+        old[:, again] = np.where(better, now, old[:, again])
+    new = new._replace(jump=np.minimum(new.jump, found.jump[:, again]))
+    for old, now in zip(found[2:], new[2:]):
+        old[:, again] = now
+    return found
+
+
+def _labels(scene: CompiledScene, outputs: tuple[str, ...], read: np.ndarray) -> tuple[str, ...]:
+    """Names of the recorded numbers."""
+    by_place = {}
+    for name in outputs:
+        first, end = scene.part(name)
+        if name == "base_q":
+            labels = BY_NAME[name].labels
+        elif name in ("q", "qd", "qdd"):
+            labels = scene.model.joint_names
+        else:
+            labels = tuple(label for label, _, _ in _coordinates(scene, name))
+        by_place.update({first + k: f"{name} {label}".strip() for k, label in enumerate(labels[: end - first])})
+    return tuple(by_place[place] for place in read.tolist())

@@ -1,0 +1,44 @@
+"""Old names that still work, with a DeprecationWarning, until version 0.4."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from pkgutil import resolve_name
+from typing import Any
+
+UNTIL = "0.4"
+
+
+def moved(module: str, target: str) -> Callable[[str], Any]:
+    """Make the `__getattr__` of a module whose names are all found in `target` now."""
+
+    def __getattr__(name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(f"module {module!r} has no attribute {name!r}")
+        try:
+            value = resolve_name(f"{target}:{name}")
+        except AttributeError:
+            raise AttributeError(f"module {module!r} has no attribute {name!r}") from None
+        warn(f"{module}.{name}", f"{target}.{name}")
+        return value
+
+    return __getattr__
+
+
+def renamed(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:
+    """Make the `__getattr__` of a module some of whose names have changed: old name -> "module:new name"."""
+
+    def __getattr__(name: str) -> Any:
+        if name not in names:
+            raise AttributeError(f"module {module!r} has no attribute {name!r}")
+        value = resolve_name(names[name])
+        warn(f"{module}.{name}", names[name].replace(":", "."))
+        return value
+
+    return __getattr__
+
+
+def warn(old: str, new: str, level: int = 3) -> None:
+    """Warn that `old` is called `new` now."""
+    warnings.warn(f"{old} is now {new}; the old name works until version {UNTIL}", DeprecationWarning, stacklevel=level)

@@ -1,0 +1,206 @@
+"""Files that appear whole or not at all, and that say what they are.
+
+A file that the package writes for itself to read states its format: its kind, a number that rises when what is in it
+changes, and the version that wrote it.  JSON and arrays (.npz) have it as "format", CSV in a comment over the header.
+Files of version 0.1 state none; their number is 1.
+"""
+
+from __future__ import annotations
+
+import csv
+import errno
+import json
+import math
+import os
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import chain
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
+
+from .. import __version__
+from ..core.compile.lock import lock
+
+if TYPE_CHECKING:
+    import numpy as np
+
+FilePath = str | os.PathLike[str]
+
+
+@contextmanager
+def complete(path: FilePath) -> Iterator[Path]:
+    """A path to write to, in place of `path`, which it takes when everything went well.  Raises OSError."""
+    with complete_together(path) as (temporary,):
+        yield temporary
+
+
+@contextmanager
+def complete_together(*paths: FilePath) -> Iterator[list[Path]]:
+    """Paths to write to, in place of files of one folder, of which all appear or none.  Raises OSError."""
+    targets, temporary = [Path(path) for path in paths], []
+    try:
+        with moving_up(targets[0].parent) as folder:
+            temporary.append(folder)
+            yield [folder / target.name for target in targets]
+    except OSError as error:
+        if error.filename is not None and Path(error.filename).parent not in (targets[0].parent, *temporary):
+            raise  # of another file, which was to be read, say
+        named = ", ".join(map(str, targets))
+        raise OSError(f"{named}: cannot be written ({error.strerror or error}); what was there is unchanged") from error
+
+
+@contextmanager
+def moving_up(parent: Path, name: str | None = None) -> Iterator[Path]:
+    """A new folder in `parent`, whose files move up into it when all are complete and on the disk, or none does.
+
+    name: of the new folder; what a process that was killed left under that name is removed.  None: a unique one.
+    """
+    folder = parent / name if name else Path(tempfile.mkdtemp(prefix=".partial_", dir=parent))
+    try:
+        if name:
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir()
+        yield folder
+        paths = sorted(folder.iterdir())
+        for path in paths:
+            _settle(path, parent / path.name)
+        for path in paths:
+            os.replace(path, parent / path.name)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _settle(path: Path, target: Path) -> None:
+    """Wait until a file is on the disk; raise OSError if it cannot take its place."""
+    if target.is_dir():
+        raise IsADirectoryError(errno.EISDIR, f"{target} is a folder")
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
+
+
+def claim(file: IO, path: FilePath) -> None:
+    """Lock an open file until it is closed or the process ends.  Raises OSError if another one works with it."""
+    if not lock(file):
+        remedy = "wait until that has ended, or take another folder"
+        raise OSError(f"{path}: another process is at work with this file; {remedy}")
+
+
+# ---------------------------------------------------------------------------------------------- formats
+
+
+class Format(NamedTuple):
+    """A kind of files, and the largest number of its formats that this version reads; it writes that one."""
+
+    kind: str
+    number: int = 2
+
+    def __str__(self) -> str:
+        return f"featherstone_gait {self.kind} {self.number}, written by version {__version__}"
+
+    def check(self, path: FilePath, stated: str | None) -> None:
+        """Raise ValueError if a file states another kind, or a number that this version does not read."""
+        if stated is None:
+            return
+        found = re.fullmatch(r"featherstone_gait (.+) ([0-9]{1,9}), written by version (\S+)", str(stated))
+        if found is None or found[1] != self.kind:
+            expected = f"expected featherstone_gait {self.kind}: give such a file"
+            raise ValueError(f"{path}: its format is {str(stated)[:100]!r}; {expected}")
+        if int(found[2]) > self.number:
+            raise ValueError(
+                f"{path}: its format is {self.kind} {found[2]}; version {__version__} of featherstone_gait reads "
+                f"{self.kind} 1 to {self.number}: read it with version {found[3]}, which wrote it, or a later one"
+            )
+
+
+def write_csv(
+    path: FilePath, form: Format, columns: Sequence[str], rows: Iterable[Sequence], notes: str = "", end: str = "\r\n"
+) -> None:
+    """Write a table whole or not at all: format and notes as comments, the names of the columns, the rows."""
+    with complete(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        file.writelines(f"# {line}\n" for line in [str(form), *notes.splitlines()])
+        writer = csv.writer(file, lineterminator=end)
+        writer.writerow(columns)
+        writer.writerows(rows)
+
+
+def read_csv(path: FilePath, form: Format) -> Iterator[tuple[int, list[str]]]:
+    """Number and cells of each line of a table but the comments over it; the first has the names of the columns.
+
+    Raises ValueError on what is no CSV or of a format that is not known.
+    """
+    try:
+        with Path(path).open(newline="", encoding="utf-8-sig") as file:
+            comments, line = 0, file.readline()
+            while line.startswith("#"):
+                _check_comment(path, form, line)
+                comments, line = comments + 1, file.readline()
+            rows = csv.reader(chain([line] if line else [], file))
+            for row in rows:
+                yield comments + rows.line_num, row
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: is not UTF-8 text; save it as CSV") from error
+    except csv.Error as error:
+        raise ValueError(f"{path}: is not CSV ({error}); save it as CSV") from error
+
+
+def _check_comment(path: FilePath, form: Format, line: str) -> None:
+    text = line[1:].strip(" ,\r\n")  # a spreadsheet appends commas
+    if text.startswith("featherstone_gait "):
+        form.check(path, text)
+
+
+_NUMERAL = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
+
+
+def number(text: str) -> float:
+    """The number in a cell, NaN if there is none; float() alone would take 1_0 and Arabic digits too."""
+    text = text.strip()
+    return float(text) if _NUMERAL.fullmatch(text) else math.nan
+
+
+# ---------------------------------------------------------------------------------------------- JSON and arrays
+
+
+def parse_json(text: str | bytes, what: str, remedy: str) -> dict[str, Any]:
+    """The JSON object in a text.  Raises ValueError, with `what` it is and a remedy, if there is none."""
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{what}: damaged; {remedy} ({error})") from error
+    if not isinstance(content, dict):
+        raise ValueError(f"{what}: damaged; {remedy} (expected a JSON object, got {str(content)[:40]!r})")
+    return content
+
+
+def is_number(value: object) -> bool:
+    """Whether a value of a JSON file is a finite number."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+
+
+def read_json(path: FilePath, form: Format) -> dict[str, Any]:
+    """The object in a JSON file but its format.  Raises ValueError if it is damaged or its format is not known."""
+    content = parse_json(Path(path).read_bytes(), str(path), "take an undamaged copy, or make it again")
+    form.check(path, content.pop("format", None))
+    return content
+
+
+def read_arrays(path: FilePath, form: Format) -> dict[str, np.ndarray]:
+    """The arrays of a .npz file but its format.  Raises as `read_json`."""
+    import numpy as np
+
+    with Path(path).open("rb") as file:
+        try:
+            with np.load(file) as data:
+                arrays = {name: data[name] for name in data.files}
+            foreign = [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]
+            if foreign:
+                raise ValueError(f"{foreign[0][:40]!r} is no array")
+        except Exception as error:  # a damaged file can make the reader fail in any way
+            why = f"damaged, or no .npz file ({type(error).__name__}: {error})"
+            raise ValueError(f"{path}: {why}; take an undamaged copy, or make it again") from error
+    form.check(path, arrays.pop("format", None))
+    return arrays

@@ -1,0 +1,25 @@
+"""Sine, cosine and exponential with the bits of the kernels': what these read must come from no libm, which differs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..core.compile import elementary
+
+# With the JIT on a kernel cannot be called from Python, but its source can: on arrays it is NumPy, number by number.
+_sincos, _exp = (getattr(f, "py_func", f) for f in (elementary.sincos, elementary.exp))
+
+
+def sincos(x: float | np.ndarray) -> tuple[Any, Any]:
+    """Sine and cosine of an angle or of angles of any shape [rad]; NaN beyond SINCOS_LIMIT, some 1.7e9 rad."""
+    if np.ndim(x) == 0:
+        return _sincos(float(x))
+    sine, cosine = _sincos(np.asarray(x, dtype=float))
+    return np.asarray(sine), np.asarray(cosine)
+
+
+def exp(x: np.ndarray) -> np.ndarray:
+    """Exponential of an array."""
+    return np.asarray(_exp(x))

@@ -1,0 +1,218 @@
+"""Time and error of `linearize` beside MuJoCo's `mjd_transitionFD`, by column and simulated millisecond.
+
+The humanoid goes to MuJoCo as MJCF (`robot_file.mjcf`).  Falling freely under torques, without friction, both make the
+same steps of semi-implicit Euler: the matrices are compared with what MuJoCo's differences in two larger widths
+extrapolate to, which both must meet.  Standing, each stands on its own ground, by its own servos; the error is then
+that to the engine's own extrapolation, and of ours the one that it states.  An error is that of an entry by the largest
+in its row, where columns count by the radian, meter, newton meter, and their rates; of all entries the worst.
+
+All is timed in turn in one process, on one thread, everything that a call of `linearize` does included: medians of CPU
+time, which a busy machine slows for all alike.  `mjd_transitionFD` is called as it is best, centered (one-sided it
+takes half the time and is wrong by the width) with its usual 1e-6, and without the Python package's clock.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..analysis.equilibrium import trim
+from ..analysis.linearization import Linearization, linearize
+from ..base.files import FilePath
+from ..model import Ground, Model
+from ..robot_file import load_robot
+from ..robot_file.mjcf.write import mjcf_text
+from ..run.simulate import initial_state
+from ..scene.compile import compile_scene
+from .machine import machine
+from .mujoco_clock import quick_mujoco
+from .table import write_table
+
+REPEATS, REPEATS_FULL = 11, 41
+STEP = 1e-3  # [s]
+USUAL, WIDE = 1e-6, 2e-4  # widths of MuJoCo's differences, as usual and of the larger one that is extrapolated from
+STIFF_WIDE = 2e-6  # the same on the ground
+SETTLING = 3000  # steps in which MuJoCo's robot comes to rest
+WITHOUT = "no MuJoCo: install it with pip install featherstone-gait[mjcf]"
+
+
+class Row(NamedTuple):
+    """One line of the table."""
+
+    scene: str
+    method: str
+    columns: int  # states and inputs
+    period: float  # [ms]
+    time: float  # of a column and simulated millisecond, median [us]
+    spread: float  # from the first to the third quartile, relative to the median
+    error: float
+    ratio: float  # time by that of MuJoCo, NaN without
+
+
+class _Timer(NamedTuple):
+    scene: str
+    method: str
+    columns: int
+    period: float
+    call: Callable[[], object]
+    error: float
+
+
+def run(out_dir: FilePath, full: bool = False) -> list[Row]:
+    """Time everything, print the table, write linearize.csv; `full` repeats more."""
+    out_dir = Path(out_dir)
+    out_dir.mkdir(parents=True, exist_ok=True)
+    host, rows = machine(), []
+    print(host)
+    if not importlib.util.find_spec("mujoco"):
+        print(WITHOUT)
+    print(f"{'scene':12}{'method':34}{'columns':>8}{'ms':>5}{'us':>9}{'spread':>8}{'error':>10}{'ratio':>7}")
+    model = load_robot("humanoid")
+    for timers in (_falling(model), _standing(model)):
+        for row in _timed(timers, REPEATS_FULL if full else REPEATS):
+            rows.append(row)
+            print(
+                f"{row.scene:12}{row.method:34}{row.columns:8}{row.period:5.0f}{row.time:9.2f}{row.spread:8.0%}"
+                f"{row.error:10.1e}{row.ratio:7.2f}"
+            )
+    write_table(out_dir / "linearize.csv", Row._fields, rows, host)
+    return rows
+
+
+def _falling(model: Model) -> list[_Timer]:
+    """In the air, bent and moving, under torques."""
+    free = tuple(replace(joint, damping=0.0, friction=0.0) for joint in model.joints)
+    model = replace(model, joints=free, servos={}, contacts=())
+    scene = compile_scene(model, integrator="implicit_euler", timestep=STEP)
+    rng, n = np.random.default_rng(0), scene.tree.n
+    lower, upper = np.array([(joint.lower, joint.upper) for joint in model.moving_joints]).T
+    margin = 0.1 * (upper - lower)  # no stop is met
+    bent = np.clip(0.3 * rng.normal(size=n), lower + margin, upper - margin)
+    q = np.concatenate([[0.1, 0.2, 0.3, 0.9, 0.1, 0.3, -0.2], bent])
+    q[3:7] /= np.linalg.norm(q[3:7])
+    qd, tau = rng.normal(size=n + 6), 0.1 * rng.normal(size=n)
+    state = initial_state(scene, q, qd)
+
+    def own(steps: int) -> Linearization:
+        return linearize(scene, state, tau=tau, steps=steps, threads=1)
+
+    timers, exact = [], None
+    if importlib.util.find_spec("mujoco"):
+        m, d = _mujoco(model, None)
+        _smooth(m)
+        d.qpos[:], d.qvel[:], d.qfrc_applied[6:] = q, qd, tau
+        timer, exact = _mujoco_timer("falling", m, d, WIDE)
+        timers.append(timer)
+    for steps in (1, 10):
+        found = own(steps)
+        error = _stated(found) if exact is None or steps > 1 else _error(found.A, exact)
+        columns = len(found.states) + len(found.inputs)
+        method = f"linearize, {steps} step{'s' * (steps > 1)}"
+        timers.append(_Timer("falling", method, columns, 1e3 * found.period, functools.partial(own, steps), error))
+    return timers
+
+
+def _standing(model: Model) -> list[_Timer]:
+    """On both soles, held by servos; ours with spring-damper gearboxes, motors, bristles and ticks."""
+    timers = []
+    if importlib.util.find_spec("mujoco"):
+        import mujoco
+
+        m, d = _mujoco(model, Ground())
+        m.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        d.qpos[2] = trim(compile_scene(model, "mipsd", Ground(), "midpoint", STEP)).q[2]
+        for _ in range(SETTLING):
+            mujoco.mj_step(m, d)
+        timers.append(_mujoco_timer("standing", m, d, STIFF_WIDE)[0])
+    for servos in ("rotor", "mipsd"):
+        for integrator in ("implicit_euler", "midpoint"):
+            scene = compile_scene(model, servos, Ground(), integrator, STEP)
+            rest = trim(scene)
+
+            def own(scene: Any = scene, rest: Any = rest) -> Linearization:
+                return linearize(scene, rest.state, rest.reference, threads=1)
+
+            found = own()
+            columns, name = len(found.states) + len(found.inputs), f"linearize, {servos}, {integrator}"
+            timers.append(_Timer("standing", name, columns, 1e3 * found.period, own, _stated(found)))
+    return timers
+
+
+def _mujoco(model: Model, ground: Ground | None) -> tuple[Any, Any]:
+    import mujoco
+
+    m = mujoco.MjModel.from_xml_string(mjcf_text(model, ground))
+    m.opt.timestep = STEP
+    order = tuple(m.joint(k).name for k in range(m.njnt))[-len(model.joint_names) :]
+    if order != model.joint_names:
+        raise RuntimeError(f"{model.name}: MuJoCo has its joints in another order; the comparison would be void")
+    return m, mujoco.MjData(m)
+
+
+def _smooth(m: Any) -> None:
+    """Without contact, limits, damping and friction, by semi-implicit Euler."""
+    import mujoco
+
+    m.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    flags = mujoco.mjtDisableBit
+    for flag in (flags.mjDSBL_CONTACT, flags.mjDSBL_CONSTRAINT, flags.mjDSBL_DAMPER, flags.mjDSBL_ACTUATION):
+        m.opt.disableflags |= flag
+
+
+def _mujoco_timer(scene: str, m: Any, d: Any, wide: float) -> tuple[_Timer, np.ndarray]:
+    """`mjd_transitionFD`, and what it extrapolates to from two larger widths."""
+    import mujoco
+
+    size = 2 * m.nv + m.na
+    A, B = np.zeros((size, size)), np.zeros((size, m.nu))
+
+    def call(width: float = USUAL) -> np.ndarray:
+        mujoco.mjd_transitionFD(m, d, width, True, A, B, None, None)
+        return A.copy()
+
+    coarse, fine = call(wide), call(0.5 * wide)
+    exact = (4.0 * fine - coarse) / 3.0
+    timer = _Timer(scene, "mjd_transitionFD, centered", size + m.nu, 1e3 * STEP, call, _error(call(), exact))
+    return timer, exact
+
+
+def _error(A: np.ndarray, exact: np.ndarray) -> float:
+    """The worst entry, by the largest in its row."""
+    return float((np.abs(A - exact) / np.abs(exact).max(axis=1, keepdims=True)).max())
+
+
+def _stated(found: Linearization) -> float:
+    return float((found.A_error / np.abs(found.A).max(axis=1, keepdims=True)).max())
+
+
+def _timed(timers: list[_Timer], repeats: int) -> list[Row]:
+    """All in turn."""
+    times = np.zeros((len(timers), repeats))
+    theirs = any("mjd" in timer.method for timer in timers)
+    if theirs:
+        with quick_mujoco():
+            _fill(timers, times)
+    else:
+        _fill(timers, times)
+    medians = np.median(times, axis=1)
+    low, high = np.percentile(times, [25, 75], axis=1)
+    peer = medians[0] if theirs else np.nan
+    return [
+        Row(t.scene, t.method, t.columns, t.period, float(a), float((c - b) / a), t.error, float(a / peer))
+        for t, a, b, c in zip(timers, medians, low, high)
+    ]
+
+
+def _fill(timers: list[_Timer], times: np.ndarray) -> None:
+    for k in range(times.shape[1]):
+        for timer, row in zip(timers, times):
+            start = time.process_time()
+            timer.call()
+            row[k] = (time.process_time() - start) * 1e6 / (timer.columns * timer.period)

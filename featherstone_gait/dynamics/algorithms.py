@@ -1,0 +1,390 @@
+"""The dynamics algorithms as functions of a model, for one state or many.
+
+Coordinates are those of `model/robot.py`: of a fixed base the joints in file order; of a floating base
+``q = [x y z, qw qx qy qz, joints]`` and ``qd = [velocity (world axes), angular velocity (body axes), joint rates]``.
+Every argument may have a leading axis of states, ``(n, nv)``; eight states then go through the kernels at once, with
+the same bits as one by one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.arguments import HUGE, floats, instance, listed, shown, vector
+from ..base.fixed_order import applied, product
+from ..core.compile.elementary import SINCOS_LIMIT
+from ..core.compile.lanes import WIDTH, aligned
+from ..core.effects.touch import FLATNESS
+from ..core.tree import batch
+from ..core.tree.layout import Motion, Robot
+from ..model import Model, Spring, check_springs, leader_of
+from ..scene.tree import GRAVITY, Tree, compile_tree, joint_armature
+
+Wrench = Mapping[str, ArrayLike]  # by link: see `forward_dynamics`
+
+
+class Poses(NamedTuple):
+    """Frames of all links in the world."""
+
+    rotation: np.ndarray  # (links, 3, 3) or (n, links, 3, 3), link -> world
+    position: np.ndarray  # (links, 3) or (n, links, 3) [m]
+
+
+def forward_dynamics(
+    model: Model,
+    q: ArrayLike,
+    qd: ArrayLike,
+    tau: ArrayLike,
+    *,
+    wrench: Wrench | None = None,
+    armature: ArrayLike | None = None,
+    gravity: ArrayLike = GRAVITY,
+) -> np.ndarray:
+    """Accelerations that forces cause (ABA, RBDA section 7.3).
+
+    Those of joints that follow others (`Joint.mimic`) are multiplier times their leaders': G (G' M G)^-1 G' (tau - c),
+    G of `coupling_matrix`, c the bias forces at the q and qd given, whether these agree with the couplings or not.
+
+    Parameters
+    ----------
+    q : (nq,) or (n, nq) positions [rad, m]
+    qd : (nv,) or (n, nv) velocities [rad/s, m/s]
+    tau : (nv,) or (n, nv) generalized forces [N m, N]; of a floating base the first six are the force (world axes)
+        and the moment (body axes) on the base
+    wrench : {link name: (6,) or (n, 6)} external [moment; force] at the link's origin, world axes [N m; N]
+    armature : (joints,) inertia added to each joint, of what turns with it, as G^2 J of a rotor [kg m^2 or kg]; None is
+        what the model's joints state
+    gravity : (3,) [m/s^2]
+
+    Returns qdd (nv,) or (n, nv) [rad/s^2, m/s^2].  Raises ValueError on wrong shapes and non-finite values.
+    """
+    x = _arguments(model, q=q, qd=qd, tau=tau)
+    robot = _robot(model, armature, gravity)._replace(coupling=compile_tree(model).coupling)
+    out = _solve(model, batch.aba_rows, batch.aba_lanes, x, wrench, robot)
+    return _shaped(out, q, qd, tau)
+
+
+def inverse_dynamics(
+    model: Model,
+    q: ArrayLike,
+    qd: ArrayLike,
+    qdd: ArrayLike,
+    *,
+    wrench: Wrench | None = None,
+    armature: ArrayLike | None = None,
+    gravity: ArrayLike = GRAVITY,
+) -> np.ndarray:
+    """Generalized forces (nv,) or (n, nv) that a motion takes (RNEA, RBDA Table 5.1); arguments as above.
+
+    They are those of the joints without couplings: what drives the independent ones is G' tau, G of `coupling_matrix`.
+    """
+    x = _arguments(model, q=q, qd=qd, qdd=qdd)
+    out = _solve(model, batch.rnea_rows, batch.rnea_lanes, x, wrench, _robot(model, armature, gravity))
+    return _shaped(out, q, qd, qdd)
+
+
+def mass_matrix(model: Model, q: ArrayLike, *, armature: ArrayLike | None = None) -> np.ndarray:
+    """Joint-space inertia matrix (nv, nv) or (n, nv, nv) [kg m^2, kg m, kg] (CRBA, RBDA Table 6.2).
+
+    It is that of the joints without couplings: of the independent ones it is G' M G, G of `coupling_matrix`.
+    """
+    x, tree = _arguments(model, q=q), compile_tree(model)
+    H = np.zeros((len(x["q"]), model.nv, model.nv))
+    batch.crba_rows(_robot(model, armature, np.zeros(3)), _still(tree, x["q"]), _work(tree), H)
+    return _shaped(H, q)
+
+
+class Coupling(NamedTuple):
+    """How all joints follow from the independent ones, those that follow no other."""
+
+    matrix: np.ndarray  # (nv, m): velocities qd = matrix @ (of the base and of the independent joints, in file order)
+    offset: np.ndarray  # (joints,) positions = matrix of the joints @ (those of the independent ones) + offset [rad, m]
+
+
+def coupling_matrix(model: Model) -> Coupling:
+    """Matrix G (nv, m) and offset (joints,) of the joints that follow others; of a robot without any G is the identity.
+
+    G' M G and G' c are mass matrix and bias forces of the motion that is left.
+    """
+    check_model(model)
+    joints, base = model.moving_joints, model.nv - len(model.moving_joints)
+    leaders = [leader_of(model, joint) for joint in joints]
+    free = [joint for joint, leader in zip(joints, leaders) if leader.joint is joint]
+    G = np.zeros((model.nv, base + len(free)))
+    G[:base, :base] = np.eye(base)
+    for k, leader in enumerate(leaders):
+        G[base + k, base + free.index(leader.joint)] = leader.multiplier
+    return Coupling(G, np.array([leader.offset for leader in leaders]))
+
+
+def energy(
+    model: Model, q: ArrayLike, qd: ArrayLike, *, armature: ArrayLike | None = None, gravity: ArrayLike = GRAVITY
+) -> np.ndarray:
+    """Kinetic and potential energy (2,) or (n, 2) [J]; heights count from the world's origin."""
+    return _shaped(_measures(model, q, qd, armature, gravity)[0], q, qd)
+
+
+def center_of_mass(model: Model, q: ArrayLike) -> np.ndarray:
+    """Center of mass (3,) or (n, 3) in the world [m], a fixed base included."""
+    check_model(model)
+    return _shaped(_measures(model, q, np.zeros(model.nv), None, GRAVITY)[1][:, :3], q)
+
+
+def momentum(model: Model, q: ArrayLike, qd: ArrayLike) -> np.ndarray:
+    """Angular momentum about the center of mass and linear momentum (6,) or (n, 6) [kg m^2/s; kg m/s], world axes."""
+    return _shaped(_measures(model, q, qd, None, GRAVITY)[2], q, qd)
+
+
+def forward_kinematics(model: Model, q: ArrayLike) -> Poses:
+    """Pose of every link, in the order of `model.links`."""
+    check_model(model)
+    return _link_poses(model, q, _names(model))
+
+
+def _link_poses(model: Model, q: ArrayLike, links: Sequence[str]) -> Poses:
+    x, tree = _arguments(model, q=q), compile_tree(model)
+    poses = _poses(tree, x["q"])
+    places = [tree.placements[name] for name in links]
+    E = poses[:, [place.row for place in places], :9].reshape(len(poses), -1, 3, 3)
+    rotation = product(E, np.array([place.E for place in places]))
+    position = poses[:, [place.row for place in places], 9:] + applied(E, np.array([place.r for place in places]))
+    if tree.floating:
+        position = position + x["q"][:, None, :3]
+    return Poses(_shaped(rotation, q), _shaped(position, q))
+
+
+def spring_energy(model: Model, springs: Sequence[Spring], q: ArrayLike) -> np.ndarray:
+    """Energy stored in each spring, (springs,) or (n, springs) [J]."""
+    springs = listed("springs", springs, "give a list of Spring")
+    stretch = np.linalg.norm(spring_vectors(model, springs, q), axis=-1) - [spring.length for spring in springs]
+    return 0.5 * np.array([spring.stiffness for spring in springs]) * stretch**2
+
+
+def spring_vectors(model: Model, springs: Sequence[Spring], q: ArrayLike) -> np.ndarray:
+    """From point a to point b of each spring, (springs, 3) or (n, springs, 3) in world axes [m]."""
+    check_model(model)
+    check_springs(model.links, springs)
+    poses = forward_kinematics(model, q)
+    b = _points(_names(model), poses, [(spring.b, spring.point_b) for spring in springs])
+    return b - _points(_names(model), poses, [(spring.a, spring.point_a) for spring in springs])
+
+
+def contact_positions(model: Model, q: ArrayLike) -> np.ndarray:
+    """Contact points in the world, (points, 3) or (n, points, 3) [m], in the order of `model.contacts`.
+
+    Of spheres and discs it is the lowest point.
+    """
+    check_model(model)
+    links = [point.link for point in model.contacts]
+    links = list(dict.fromkeys(links)) or _names(model)
+    return deepest_points(model, _link_poses(model, q, links), (0.0, 0.0, 1.0), links)
+
+
+def contact_positions_at(model: Model, poses: Poses) -> np.ndarray:
+    """The same of poses that are known."""
+    return deepest_points(model, poses, (0.0, 0.0, 1.0))
+
+
+def deepest_points(model: Model, poses: Poses, normal: ArrayLike, links: Sequence[str] | None = None) -> np.ndarray:
+    """Where each contact reaches deepest against a normal, (3,) or one for each (..., points, 3): see core's touch.
+
+    links: whose poses these are, in their order; all of the model if None.
+    """
+    links = _names(model) if links is None else links
+    points = _points(links, poses, [(point.link, point.position) for point in model.contacts])
+    if not any(point.radius or point.rim for point in model.contacts):
+        return points
+    rows = {name: k for k, name in enumerate(links)}
+    E = poses.rotation[..., [rows[point.link] for point in model.contacts], :, :]
+    a = applied(E, np.array([point.axis for point in model.contacts]))
+    radius, rim = np.array([(point.radius, point.rim) for point in model.contacts]).T[..., None]
+    n = np.broadcast_to(np.asarray(normal, dtype=float), a.shape)
+    across = (a * n).sum(axis=-1, keepdims=True)
+    level = n - across * a
+    thin = FLATNESS**2 * across
+    size = np.sqrt((level * level).sum(axis=-1, keepdims=True) + thin * across)
+    return points - FLATNESS * rim * a - radius * n - rim / size * (level + thin * a)
+
+
+def _names(model: Model) -> list[str]:
+    return [link.name for link in model.links]
+
+
+def _points(links: Sequence[str], poses: Poses, points: list[tuple[str, Sequence[float]]]) -> np.ndarray:
+    """World positions (..., points, 3) of points that are given by their link and their position in its frame."""
+    rows = {name: k for k, name in enumerate(links)}
+    at = [rows[link] for link, _ in points]
+    local = np.array([position for _, position in points], dtype=float).reshape(-1, 3)
+    return poses.position[..., at, :] + applied(poses.rotation[..., at, :, :], local)
+
+
+def _arguments(model: Model, **arrays: ArrayLike) -> dict[str, np.ndarray]:
+    """The arguments as rows (n, width), checked."""
+    check_model(model)
+    rows = {}
+    for name, value in arrays.items():
+        width = model.nq if name == "q" else model.nv
+        a = floats(name, value)
+        if a.ndim not in (1, 2) or a.shape[-1] != width:
+            raise ValueError(f"{model.name}: {name} has shape {a.shape}; it must be ({width},) or (n, {width})")
+        if not (np.abs(a) <= HUGE).all():
+            wrong = a[~(np.abs(a) <= HUGE)][0]
+            text = "is beyond 1e50: correct it" if np.isfinite(wrong) else "is not finite"
+            raise ValueError(f"{model.name}: {name} has a value that {text}: {wrong}")
+        rows[name] = np.atleast_2d(a)
+    n = max(len(a) for a in rows.values())
+    for name, a in rows.items():
+        if len(a) not in (1, n):
+            raise ValueError(f"{model.name}: {name} has {len(a)} rows where another argument has {n}; give 1 or {n}")
+    _check_positions(model, rows["q"])
+    return {name: np.broadcast_to(a, (n, a.shape[-1])) for name, a in rows.items()}
+
+
+def check_model(model: Model) -> Model:
+    """The model.  Raises TypeError unless it is one."""
+    instance("model", model, Model, "give what load_robot returns")
+    return model
+
+
+def _check_positions(model: Model, q: np.ndarray) -> None:
+    """Refuse angles too large to be reduced exactly and quaternions without a direction."""
+    if model.base == "floating":
+        largest = np.abs(q[:, 3:7]).max(axis=1)
+        if not ((largest > 5e-7) & (largest < 1e6)).all():
+            raise ValueError(
+                f"{model.name}: the base's quaternion q[3:7] is zero or beyond 1e6; [1, 0, 0, 0] is no rotation"
+            )
+    for k, joint in enumerate(model.moving_joints, start=model.nq - len(model.moving_joints)):
+        if joint.type != "prismatic" and (np.abs(q[:, k]) > SINCOS_LIMIT).any():
+            raise ValueError(
+                f"{model.name}: q: angle of {joint.name} is {q[np.abs(q[:, k]).argmax(), k]:g} rad; "
+                f"at most {SINCOS_LIMIT:.0f} rad: subtract whole turns"
+            )
+
+
+def _vector(name: str, value: ArrayLike | None, width: int) -> np.ndarray | None:
+    """None, or a checked vector of `width` finite numbers."""
+    if value is None:
+        return None
+    return vector(name, value, width)
+
+
+def _shaped(out: np.ndarray, *arguments: ArrayLike) -> np.ndarray:
+    """One state in, one state out; rows in, rows out."""
+    return out[0] if all(np.ndim(a) == 1 for a in arguments) else out
+
+
+def _split(tree: Tree, a: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
+    """The base's and the joints' columns, copied (a read-only array is another type to compile for); base or None."""
+    k = a.shape[1] - tree.n
+    return (np.array(a[:, :k], order="C") if k else None), np.array(a[:, k:], order="C")
+
+
+def _robot(model: Model, armature: ArrayLike | None, gravity: ArrayLike) -> Robot:
+    tree = compile_tree(model)
+    added = joint_armature(model) if armature is None else _vector("armature", armature, tree.n)
+    return Robot(tree.bodies, added, vector("gravity", gravity, 3, "[m/s^2]"))
+
+
+def _still(tree: Tree, q: np.ndarray) -> Motion:
+    """States at rest."""
+    base_q, joints = _split(tree, q)
+    base_qd = None if base_q is None else np.zeros((len(q), 6))
+    return Motion(base_q, base_qd, None, joints, np.zeros(joints.shape), None)
+
+
+def _motion(tree: Tree, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray | None = None) -> Motion:
+    (base_q, joints), (base_qd, rates) = _split(tree, q), _split(tree, qd)
+    base_qdd, accelerations = (None, None) if qdd is None else _split(tree, qdd)
+    return Motion(base_q, base_qd, base_qdd, joints, rates, accelerations)
+
+
+def _solve(
+    model: Model, rows: Callable, lanes: Callable, x: dict[str, np.ndarray], wrench: Wrench | None, robot: Robot
+) -> np.ndarray:
+    """Run a kernel over all states: in lanes where there are enough to fill them."""
+    tree, n = compile_tree(model), len(x["q"])
+    given: list[Motion | np.ndarray | None] = [_motion(tree, x["q"], x["qd"], x.get("qdd"))]
+    if "tau" in x:
+        given.extend(_split(tree, x["tau"]))
+    given.append(_wrench(model, tree, x["q"], wrench))
+    outs = [np.zeros((n, 6)) if tree.floating else None, np.zeros((n, tree.n))]
+    if n < WIDTH:
+        rows(robot, *given, _work(tree), *outs)
+    else:
+        work = aligned((1, *tree.workspace_shape(), WIDTH))
+        packed = [_to_lanes(a) for a in outs]
+        lanes(robot, *(_to_lanes(a) for a in given), work, *packed)
+        outs = [_from_lanes(a, n) for a in packed]
+    return np.concatenate([a for a in outs if a is not None], axis=1)
+
+
+def _to_lanes(a: Motion | np.ndarray | None) -> Any:
+    """Rows (n, ...) as (ceil(n / WIDTH), ..., WIDTH), aligned; the last row fills up the last block."""
+    if a is None:
+        return None
+    if isinstance(a, Motion):
+        return Motion(*map(_to_lanes, a))
+    blocks = -(-len(a) // WIDTH)
+    filled = np.concatenate([a, np.repeat(a[-1:], blocks * WIDTH - len(a), axis=0)])
+    out = aligned((blocks, *a.shape[1:], WIDTH))
+    out[:] = np.moveaxis(filled.reshape(blocks, WIDTH, *a.shape[1:]), 1, -1)
+    return out
+
+
+def _from_lanes(a: np.ndarray | None, n: int) -> np.ndarray | None:
+    """The inverse of `_to_lanes`."""
+    if a is None:
+        return None
+    return np.moveaxis(a, -1, 1).reshape(-1, *a.shape[1:-1])[:n]
+
+
+def _wrench(model: Model, tree: Tree, q: np.ndarray, wrench: Wrench | None) -> np.ndarray | None:
+    """External forces (n, bodies, 6) about the common origin, None where there are none."""
+    if wrench is None:
+        return None
+    instance("wrench", wrench, Mapping, "give {link: [moment; force]}")
+    if not wrench:
+        return None
+    poses = _poses(tree, q)
+    out = np.zeros((len(q), tree.n + 1, 6))
+    for name, value in wrench.items():
+        if name not in tree.placements:
+            raise ValueError(f"{model.name}: wrench: no link {name!r} to push; links: {', '.join(tree.placements)}")
+        f = floats(f"wrench on {name}", value)
+        if f.shape not in ((6,), (len(q), 6)) or not np.isfinite(f).all():
+            raise ValueError(
+                f"{model.name}: wrench on {name} must be (6,) or ({len(q)}, 6) finite numbers: {shown(value)}"
+            )
+        place = tree.placements[name]
+        p = poses[:, place.row, 9:] + applied(poses[:, place.row, :9].reshape(-1, 3, 3), place.r)
+        f = np.broadcast_to(f, (len(q), 6))
+        out[:, place.row, :3] += f[:, :3] + np.cross(p, f[:, 3:])
+        out[:, place.row, 3:] += f[:, 3:]
+    return out
+
+
+def _poses(tree: Tree, q: np.ndarray) -> np.ndarray:
+    """(n, bodies, 12): rotation and position from the base's origin."""
+    out = np.zeros((len(q), tree.n + 1, 12))
+    batch.poses_rows(Robot(tree.bodies, None, np.zeros(3)), _still(tree, q), _work(tree), out)
+    return out
+
+
+def _work(tree: Tree) -> np.ndarray:
+    return np.zeros((1, *tree.workspace_shape()))
+
+
+def _measures(
+    model: Model, q: ArrayLike, qd: ArrayLike, armature: ArrayLike | None, gravity: ArrayLike
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Energies (n, 2), center of mass (n, 6) and momentum (n, 6)."""
+    x, tree = _arguments(model, q=q, qd=qd), compile_tree(model)
+    n = len(x["q"])
+    outs = np.zeros((n, 2)), np.zeros((n, 6)), np.zeros((n, 6))
+    batch.measures_rows(_robot(model, armature, gravity), _motion(tree, x["q"], x["qd"]), _work(tree), *outs)
+    return outs

@@ -1,0 +1,443 @@
+"""A posture that puts points of links, or the center of mass, where they are wanted.
+
+Damped least squares (C. W. Wampler, IEEE Trans. SMC 16 (1986); Y. Nakamura and H. Hanafusa, J. Dyn. Sys. Meas. Control
+108 (1986)): with the error ``e`` of all targets and its Jacobian ``J`` a step is ``J' (J J' + lambda 1)^-1 e``.  The
+damping ``lambda = mu |e|^2`` dies with the error, so that convergence stays superlinear (T. Sugihara, IEEE T-RO 27
+(2011)); mu follows the gain of each step, and a step that gains nothing is taken back (J. Fan, J. Comput. Math. 21
+(2003)).  Joints that are pushed against their limits stand still, the others stop at theirs (D. P. Bertsekas, SIAM J.
+Control Optim. 20 (1982)).  A posture has settled where the error is orthogonal to all columns that may move
+(J. J. More, Lecture Notes in Mathematics 630 (1978)).  A posture has the same bits on any processor.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.arguments import finite, floats, instance, listed, real, shown, texts, vector, whole
+from ..base.fixed_order import applied, product, solve, total
+from ..base.rotation import cross, dot, rotation_from_rpy
+from ..core.compile.elementary import NEAR
+from ..model import Joint, Model
+from .algorithms import Poses, check_model, forward_kinematics
+from .jacobians import center_of_mass_at, center_of_mass_jacobian_at, jacobian_at, link_index, point_at
+
+Status = Literal["ok", "limits", "out of reach", "not converged"]
+
+MOST = 10**9  # iterations, and starts
+HEAVIEST = 1e20  # weight, whose square is still far below the largest number
+TIGHTEST = 1e-300  # tolerance, whose square is still above zero
+SETTLED = 1e-6  # largest cosine between the error and a column of its Jacobian
+LEAST_DAMPING = 1e-12  # of the mean of J J' over its diagonal: targets may depend on each other
+LEAST_GAIN = 1e-4  # of what a step promises
+ROUNDING = 1e-15  # of the squared error: a step that promises less gains nothing
+LARGEST_TURN = 1.0  # of a joint or the base in one step [rad]
+NUDGE = 0.01  # [rad or m] off a posture that has settled: a stretched arm sees no way inwards
+ORTHOGONAL = 1e-6  # how far a rotation matrix may be from one
+
+
+class Target(NamedTuple):
+    """Where a point of a link shall be and how the link shall be turned, or one of the two.
+
+    Weights are numbers, or one for each of the world's axes; what has the weight 0 is left as it falls.
+    """
+
+    link: str | None  # None: the robot's center of mass
+    position: ArrayLike | None = None  # (3,) of the point [m], world
+    rotation: ArrayLike | None = None  # (3, 3) link -> world, or roll, pitch and yaw (3,) [rad] about fixed axes
+    point: ArrayLike = (0.0, 0.0, 0.0)  # (3,) [m], frame of the link
+    weight: ArrayLike = 1.0  # of the position
+    turn_weight: ArrayLike = 1.0  # of the rotation
+
+
+class Posture(NamedTuple):
+    """What `inverse_kinematics` found."""
+
+    q: np.ndarray  # (nq,) positions, within the limits
+    status: Status
+    error: float  # that is left: root of the sum of squares of all weighted errors [m and rad]
+    iterations: int
+
+    @property
+    def ok(self) -> bool:
+        return self.status == "ok"
+
+
+def inverse_kinematics(
+    model: Model,
+    targets: Target | Sequence[Target],
+    q0: ArrayLike | None = None,
+    *,
+    joints: Iterable[str] | None = None,
+    hold_base: bool = False,
+    restarts: int = 0,
+    seed: int = 0,
+    tolerance: float = 1e-9,
+    max_iterations: int = 200,
+) -> Posture:
+    """The posture near q0 that meets all targets, or the one that misses them by the least.
+
+    Parameters
+    ----------
+    q0 : (nq,) positions to start from [rad, m]; None is the middle of the joint ranges, 0 where there is none, and a
+        floating base at the origin.  Joints beyond their limits start at them
+    joints : names of those that may move; None is all.  A coupled joint (`Joint.mimic`) follows its leader exactly
+    hold_base : whether a floating base stays as it is in q0
+    restarts : how many random postures within the limits to start from, one after the other, until one succeeds
+    seed : of these
+    tolerance : error at which the targets are met [m and rad, weighted]
+
+    The status is "ok"; "limits", if the targets are met only beyond the limits of joints; "out of reach", if not even
+    there; or "not converged" within max_iterations of one start.  All but "ok" speak of what is near the start: other
+    starts may do better.  Raises ValueError for links and joints that there are not, and for numbers that are none.
+    """
+    check_model(model)
+    instance("hold_base", hold_base, (bool, np.bool_), "give True or False")
+    goals = [_goal(model, target) for target in _listed(targets)]
+    if not goals:
+        raise ValueError(f"{model.name}: there is no target; give at least one Target(link, position)")
+    real("tolerance", tolerance, TIGHTEST, math.inf, "1e-9 is usual")
+    restarts = whole("restarts", restarts, 0, "it is how many other starts are tried", MOST)
+    max_iterations = whole("max_iterations", max_iterations, 0, "200 is usual", MOST)
+    seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
+    task = _Task(model, goals, _freedom(model, joints, hold_base), tolerance, max_iterations)
+    rng, start = np.random.default_rng(seed), _start(task, q0)
+    best = _attempt(task, start, rng)
+    for _ in range(restarts):
+        if best.error < tolerance:
+            break
+        found = _attempt(task, _anywhere(task, start, rng), rng)
+        better = found if found.error < best.error else best
+        best = better._replace(iterations=best.iterations + found.iterations)
+    return Posture(best.q, _status(task, best, rng), best.error, best.iterations)
+
+
+class _Goal(NamedTuple):
+    """A target, checked."""
+
+    link: str | None
+    point: np.ndarray  # (3,)
+    position: np.ndarray | None  # (3,)
+    rotation: np.ndarray | None  # (3, 3)
+    weight: np.ndarray  # (3,)
+    turn_weight: np.ndarray  # (3,)
+
+
+class _Coupling(NamedTuple):
+    """A joint that follows another, by their columns: position = multiplier * that of the leader + offset."""
+
+    follower: int
+    leader: int
+    multiplier: float
+    offset: float  # [rad or m]
+
+
+class _Freedom(NamedTuple):
+    """The velocity coordinates that may move, and what follows them."""
+
+    columns: np.ndarray  # (k,) of the velocity coordinates
+    joint: np.ndarray  # (k,) whether it is a joint's; the base's six come first
+    lower: np.ndarray  # (k,) limits, those of followers included; of the base infinite [rad or m]
+    upper: np.ndarray  # (k,)
+    turns: np.ndarray  # (k,) whether it is an angle
+    followers: list[_Coupling]
+    shift: int  # from a joint's column to its place in q
+
+
+class _Task(NamedTuple):
+    model: Model
+    goals: list[_Goal]
+    free: _Freedom
+    tolerance: float
+    max_iterations: int
+
+
+class _Found(NamedTuple):
+    """Where a descent ended."""
+
+    q: np.ndarray
+    error: float
+    iterations: int
+    settled: bool
+
+
+def _attempt(task: _Task, q: np.ndarray, rng: np.random.Generator) -> _Found:
+    """Descend; where that ends on a saddle, such as a stretched arm, once more from beside it."""
+    found = _descend(task, q)
+    if not found.settled or found.error < task.tolerance:
+        return found
+    step = NUDGE * rng.uniform(-1.0, 1.0, len(task.free.columns))
+    again = _descend(task, _moved(task, found.q, step)[0])
+    better = again if again.error < found.error * (1.0 - SETTLED) else found
+    return better._replace(iterations=found.iterations + again.iterations)
+
+
+def _descend(task: _Task, q: np.ndarray) -> _Found:
+    """Iterate from q until the targets are met or nothing improves."""
+    mu, (e, J) = 1.0, _errors(task, q)
+    for iteration in range(task.max_iterations):
+        size, active = total(e * e), J * _may_move(task, q, total(J * e[:, None], axis=0))
+        if math.sqrt(size) < task.tolerance or _has_settled(active, e):
+            return _Found(q, math.sqrt(size), iteration, True)
+        new, step = _moved(task, q, _damped_step(active, e, mu * float(size), task.free.turns))
+        left, (e_new, J_new) = e - applied(J, step), _errors(task, new)
+        gain, promised = size - total(e_new * e_new), size - total(left * left)
+        if abs(promised) < ROUNDING * size:
+            return _Found(q, math.sqrt(size), iteration, True)
+        if gain > LEAST_GAIN * promised > 0.0:
+            q, e, J = new, e_new, J_new
+        mu *= _damping_change(float(gain), float(promised))
+    return _Found(q, math.sqrt(total(e * e)), task.max_iterations, False)
+
+
+def _damping_change(gain: float, promised: float) -> float:
+    """What the damping is multiplied by after a step that promised to lower the squared error, and did, by so much."""
+    if promised <= 0.0 or gain < 0.25 * promised:  # its clipped part may promise nothing
+        return 4.0
+    return 0.25 if gain > 0.75 * promised else 1.0
+
+
+def _damped_step(J: np.ndarray, e: np.ndarray, damping: float, turns: np.ndarray) -> np.ndarray:
+    """J' (J J' + damping)^-1 e, shortened as a whole where an angle would turn too far."""
+    A = product(J, J.T)
+    diagonal = total(np.diag(A)) / len(A)
+    A[np.diag_indices(len(A))] += max(damping, LEAST_DAMPING * diagonal)
+    step = applied(J.T, solve(A, e[:, None])[:, 0])
+    return step / max(1.0, np.abs(step[turns]).max(initial=0.0) / LARGEST_TURN)
+
+
+def _has_settled(J: np.ndarray, e: np.ndarray) -> bool:
+    """Whether the error is orthogonal to all columns."""
+    lengths = np.sqrt(total(J * J, axis=0) * total(e * e))
+    return bool((np.abs(total(J * e[:, None], axis=0)) <= SETTLED * lengths).all())
+
+
+def _may_move(task: _Task, q: np.ndarray, downhill: np.ndarray) -> np.ndarray:
+    """1 for what may go the way that is downhill, 0 for what is at a limit there."""
+    z = _coordinates(task, q)
+    return np.where(downhill > 0.0, z < task.free.upper, z > task.free.lower).astype(float)
+
+
+def _moved(task: _Task, q: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The positions after a step (k,) that ends at the limits, all followers included, and the step that it was."""
+    free, shift, new = task.free, task.free.shift, q.copy()
+    z = _coordinates(task, q)
+    end = np.clip(z + step, free.lower, free.upper)
+    new[free.columns[free.joint] + shift] = end[free.joint]
+    if not free.joint.all():
+        new[:3], new[3:7] = q[:3] + step[:3], _turned(q[3:7], step[3:6])
+    for c in free.followers:
+        new[c.follower + shift] = c.multiplier * new[c.leader + shift] + c.offset
+    return new, end - z
+
+
+def _coordinates(task: _Task, q: np.ndarray) -> np.ndarray:
+    """Positions (k,) of the joints that may move; those of the base, which has no limits, count from where it is."""
+    return np.where(task.free.joint, q[task.free.columns + task.free.shift], 0.0)
+
+
+def _turned(quaternion: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """The unit quaternion w x y z after a turn (3,) [rad] in body axes: about its axis, by 2 atan(|turn| / 2)."""
+    w, x, y, z = quaternion
+    a, b, c = 0.5 * turn
+    new = np.array([w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b + z * a - x * c,
+                    z + w * c + x * b - y * a])  # fmt: skip
+    return new / math.sqrt(total(new * new))
+
+
+def _errors(task: _Task, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted error (m,) of all targets, and what of it the coordinates that may move take away (m, k)."""
+    model, free = task.model, task.free
+    poses = forward_kinematics(model, q)
+    parts = [part for goal in task.goals for part in _goal_errors(model, poses, goal)]
+    weight = np.concatenate([w for w, _, _ in parts])
+    e, J = np.concatenate([e for _, e, _ in parts]), np.concatenate([J for _, _, J in parts])
+    for c in free.followers:
+        J[:, c.leader] += c.multiplier * J[:, c.follower]
+    kept = weight > 0.0
+    return (weight * e)[kept], (weight[:, None] * J[:, free.columns])[kept]
+
+
+def _goal_errors(model: Model, poses: Poses, goal: _Goal) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Weights (3,), error (3,) and its Jacobian (3, nv) of position and rotation."""
+    if goal.link is None:
+        yield goal.weight, goal.position - center_of_mass_at(model, poses), center_of_mass_jacobian_at(model, poses)
+        return
+    J, row = jacobian_at(model, poses, goal.link, goal.point), link_index(model, goal.link)
+    if goal.position is not None:
+        yield goal.weight, goal.position - point_at(poses, row, goal.point), J[3:]
+    if goal.rotation is not None:
+        w, v = _quaternion(product(goal.rotation, poses.rotation[row].T))
+        x, y, z = v
+        yield goal.turn_weight, 2.0 * v, product(np.array([[w, -z, y], [z, w, -x], [-y, x, w]]), J[:3])
+
+
+def _quaternion(R: np.ndarray) -> tuple[float, np.ndarray]:
+    """The unit quaternion w >= 0, (x, y, z) of a rotation: the best row of 4 q q' (S. W. Shepperd, JGCD 1 (1978))."""
+    (a, b, c), (d, e, f), (g, h, i) = R
+    rows = np.array([
+        [1.0 + a + e + i, h - f, c - g, d - b],
+        [h - f, 1.0 + a - e - i, b + d, c + g],
+        [c - g, b + d, 1.0 - a + e - i, f + h],
+        [d - b, c + g, f + h, 1.0 - a - e + i],
+    ])  # fmt: skip
+    best = int(np.diag(rows).argmax())
+    q = rows[best] / (2.0 * math.sqrt(rows[best, best]))
+    return (float(q[0]), q[1:]) if q[0] >= 0.0 else (float(-q[0]), -q[1:])
+
+
+def _status(task: _Task, best: _Found, rng: np.random.Generator) -> Status:
+    """How the search has ended; whether limits are in the way is tried without them."""
+    if best.error < task.tolerance:
+        return "ok"
+    if not best.settled:
+        return "not converged"
+    without = np.full(len(task.free.columns), math.inf)
+    beyond = _attempt(task._replace(free=task.free._replace(lower=-without, upper=without)), best.q, rng)
+    return "limits" if beyond.error < task.tolerance else "out of reach"
+
+
+def _start(task: _Task, q0: ArrayLike | None) -> np.ndarray:
+    """Positions (nq,) to start from, within the limits, a base's quaternion of length 1."""
+    model = task.model
+    if q0 is None:
+        base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
+        q0 = [*base, *map(_middle, model.moving_joints)]
+    q = np.array(finite(f"{model.name}: q0", q0, (model.nq,)))
+    forward_kinematics(model, q)  # checks the numbers
+    if model.base == "floating":
+        q[3:7] /= math.sqrt(total(q[3:7] * q[3:7]))
+    return _moved(task, q, np.zeros(len(task.free.columns)))[0]
+
+
+def _middle(joint: Joint) -> float:
+    """The middle of a joint's range, 0 or the limit next to it where it is unbounded."""
+    bounded = math.isfinite(joint.lower) and math.isfinite(joint.upper)
+    return 0.5 * (joint.lower + joint.upper) if bounded else min(max(0.0, joint.lower), joint.upper)
+
+
+def _anywhere(task: _Task, start: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A random posture within the limits, of a joint without any within half a turn or 1 m; the base stays."""
+    free, z = task.free, _coordinates(task, start)
+    reach = np.where(free.turns, math.pi, 1.0)
+    lower = np.where(np.isfinite(free.lower), free.lower, z - reach)
+    upper = np.where(np.isfinite(free.upper), free.upper, z + reach)
+    return _moved(task, start, np.where(free.joint, rng.uniform(lower, upper) - z, 0.0))[0]
+
+
+def _freedom(model: Model, joints: Iterable[str] | None, hold_base: bool) -> _Freedom:
+    """What may move.  Raises ValueError for a joint that has no coordinate."""
+    names, couplings = model.joint_names, _couplings(model)
+    given = names if joints is None else texts("joints", joints, "expected a list of names: write [name]")
+    for name in [name for name in given if name not in names]:
+        raise ValueError(f"joints: {name!r} is no moving joint of {model.name}; they are {', '.join(names)}: use these")
+    wanted = set(given)
+    followers = {c.follower for c in couplings}
+    free = [k for k, name in enumerate(names) if name in wanted and k not in followers]
+    first = model.nv - len(names)
+    base = [] if hold_base else list(range(first))
+    if not base and not free:
+        raise ValueError(f"{model.name}: nothing may move; name joints that may, or let the base")
+    ranges = [_range(model, k, couplings) for k in free]
+    return _Freedom(
+        columns=np.array([*base, *(first + k for k in free)], dtype=int),
+        joint=np.array([False] * len(base) + [True] * len(free), dtype=bool),
+        lower=np.array([-math.inf] * len(base) + [lower for lower, _ in ranges]),
+        upper=np.array([math.inf] * len(base) + [upper for _, upper in ranges]),
+        turns=np.array([k >= 3 for k in base] + [model.moving_joints[k].type != "prismatic" for k in free], dtype=bool),
+        followers=[c._replace(follower=first + c.follower, leader=first + c.leader) for c in couplings],
+        shift=model.nq - model.nv,
+    )
+
+
+def _couplings(model: Model) -> list[_Coupling]:
+    """The joints that follow others, each with the joint at the head of its chain."""
+    by_name = {joint.name: joint for joint in model.joints}
+    columns = {name: k for k, name in enumerate(model.joint_names)}
+    found = []
+    for joint in model.moving_joints:
+        leader, multiplier, offset = joint, 1.0, 0.0
+        while leader.mimic is not None and leader.name not in model.locked:
+            multiplier, offset = multiplier * leader.mimic.multiplier, multiplier * leader.mimic.offset + offset
+            leader = by_name[leader.mimic.joint]
+        if leader.name not in columns:  # it does not move: neither does what follows it
+            position = multiplier * model.locked.get(leader.name, 0.0) + offset
+            found.append(_Coupling(columns[joint.name], columns[joint.name], 0.0, position))
+        elif leader is not joint:
+            found.append(_Coupling(columns[joint.name], columns[leader.name], multiplier, offset))
+    return found
+
+
+def _range(model: Model, leader: int, couplings: list[_Coupling]) -> tuple[float, float]:
+    """The range of a joint in which all that follow it are within theirs."""
+    joints = model.moving_joints
+    lower, upper = joints[leader].lower, joints[leader].upper
+    for c in couplings:
+        if c.leader == leader and c.multiplier != 0.0:
+            ends = [(end - c.offset) / c.multiplier for end in (joints[c.follower].lower, joints[c.follower].upper)]
+            lower, upper = max(lower, min(ends)), min(upper, max(ends))
+    if lower > upper:
+        raise ValueError(
+            f"{model.name}: joint {joints[leader].name!r} has no position at which all that follow it are within their "
+            "limits; correct the limits, or the multipliers and offsets"
+        )
+    return lower, upper
+
+
+def _listed(targets: Target | Sequence[Target]) -> Sequence[Target]:
+    remedy = "give Target(link, position) or a list of them"
+    found = [targets] if isinstance(targets, Target) else listed("targets", targets, remedy)
+    for target in found:
+        if not isinstance(target, Target):
+            raise ValueError(f"targets holds {shown(target)}; {remedy}")
+    return found
+
+
+def _goal(model: Model, target: Target) -> _Goal:
+    """A target, its numbers as arrays.  Raises ValueError on what is none."""
+    what = f"{model.name}: target of " + ("the center of mass" if target.link is None else f"link {target.link!r}")
+    if target.link is not None:
+        link_index(model, target.link)
+    if target.position is None and (target.link is None or target.rotation is None):
+        raise ValueError(f"{what} has no position" + (" and no rotation; give one" if target.link else "; give one"))
+    if target.link is None and target.rotation is not None:
+        raise ValueError(f"{what} has a rotation, which a point has not; leave it out, or name a link")
+    goal = _Goal(
+        target.link,
+        vector(f"{what}: point", target.point, 3),
+        None if target.position is None else vector(f"{what}: position", target.position, 3),
+        None if target.rotation is None else _rotation(what, target.rotation),
+        _weight(what, "weight", target.weight),
+        _weight(what, "turn_weight", target.turn_weight),
+    )
+    given = ((goal.position, goal.weight), (goal.rotation, goal.turn_weight))
+    if not any(weight.any() for value, weight in given if value is not None):
+        raise ValueError(f"{what} has no weight above 0; leave the target out, or give it one")
+    return goal
+
+
+def _weight(what: str, name: str, value: ArrayLike) -> np.ndarray:
+    a = floats(f"{what}: {name}", value, "give one number >= 0, or three")
+    if a.shape not in ((), (3,)) or not ((a >= 0.0) & (a <= HEAVIEST)).all():
+        raise ValueError(f"{what}: {name} is {value!r}; give one number >= 0, or three, one for each axis of the world")
+    return np.broadcast_to(a, 3)
+
+
+def _rotation(what: str, value: ArrayLike) -> np.ndarray:
+    """A rotation matrix (3, 3), given as such or as roll, pitch and yaw (3,) [rad]."""
+    R = floats(f"{what}: rotation", value, "give a rotation matrix (3, 3) or roll, pitch and yaw (3,) [rad]")
+    if R.shape == (3,) and np.isfinite(R).all():
+        if not (np.abs(R) <= NEAR).all():
+            raise ValueError(f"{what}: rotation is {R.tolist()}; give angles of at most {NEAR:.0f} rad")
+        return rotation_from_rpy(R)
+    good = R.shape == (3, 3) and np.isfinite(R).all()
+    if not good or np.abs(product(R, R.T) - np.eye(3)).max() > ORTHOGONAL or dot(R[0], cross(R[1], R[2])) < 0.0:
+        raise ValueError(
+            f"{what}: rotation is {R.tolist()}; give a rotation matrix (3, 3), orthogonal and of determinant 1, or "
+            "roll, pitch and yaw (3,) [rad]"
+        )
+    return R

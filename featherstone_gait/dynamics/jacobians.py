@@ -1,0 +1,165 @@
+"""Jacobians of points of links and of the center of mass, for one state or many.
+
+Columns are the velocity coordinates of `model/robot.py`: of a floating base first its velocity in world axes, then its
+angular velocity in body axes, then the joints' rates in file order.  Joints that are coupled (`Joint.mimic`) keep a
+column each.  A column is the joint's axis, moved to the point (Featherstone, *Rigid Body Dynamics Algorithms* (2008),
+section 4.5).
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.arguments import one_of, shown, vector
+from ..base.fixed_order import applied, product, total
+from ..base.rotation import cross
+from ..model import Model, depth_first
+from .algorithms import Poses, forward_kinematics
+
+Frame = Literal["world", "body"]
+
+
+class Chains(NamedTuple):
+    """Which joint moves which link, and how."""
+
+    children: list[int]  # of each moving joint: the row of its child link, whose frame sits at the joint
+    axes: np.ndarray  # (n, 3) in the child's frame
+    slides: np.ndarray  # (n, 1) whether the joint is prismatic
+    moves: np.ndarray  # (links, n) 1 where the joint moves the link, else 0
+    root: int | None  # row of the floating base's link; None where the base is fixed
+    share: np.ndarray  # (links,) of the robot's mass
+
+
+def jacobian(
+    model: Model, q: ArrayLike, link: str, point: ArrayLike = (0.0, 0.0, 0.0), frame: Frame = "world"
+) -> np.ndarray:
+    """Velocity of a point of a link by velocity coordinates (6, nv) or (n, 6, nv).
+
+    Rows are the angular velocity of the link [rad/s] and the velocity of the point [m/s], in world axes, or for the
+    frame "body" in those of the link.
+
+    Parameters
+    ----------
+    q : (nq,) or (n, nq) positions [rad, m]
+    point : (3,) [m], frame of the link
+
+    Raises ValueError on wrong shapes, and for a link or a frame that there is not.
+    """
+    one_of("frame", frame, ("world", "body"))
+    poses, row = forward_kinematics(model, q), link_index(model, link)
+    J = jacobian_at(model, poses, link, point)
+    if frame == "world":
+        return J
+    inverse = np.swapaxes(poses.rotation[..., row, :, :], -1, -2)
+    return np.concatenate([product(inverse, J[..., :3, :]), product(inverse, J[..., 3:, :])], axis=-2)
+
+
+def center_of_mass_jacobian(model: Model, q: ArrayLike) -> np.ndarray:
+    """Velocity of the center of mass [m/s], world axes, by velocity coordinates (3, nv) or (n, 3, nv).
+
+    q: (nq,) or (n, nq) positions [rad, m].  A fixed base counts as in `center_of_mass`.  Raises ValueError on wrong
+    shapes.
+    """
+    return center_of_mass_jacobian_at(model, forward_kinematics(model, q))
+
+
+def jacobian_at(model: Model, poses: Poses, link: str, point: ArrayLike = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """`jacobian` (..., 6, nv) in world axes, of poses that are known."""
+    chains, row = chains_of(model), link_index(model, link)
+    where, axes = point_at(poses, row, point), joint_axes(model, poses)
+    lever = where[..., None, :] - poses.position[..., chains.children, :]
+    turn = np.where(chains.slides, 0.0, axes)
+    move = np.where(chains.slides, axes, _cross(axes, lever))
+    columns = np.concatenate([turn, move], axis=-1) * chains.moves[row][:, None]
+    if chains.root is not None:
+        columns = np.concatenate([_base_columns(poses, chains.root, where), columns], axis=-2)
+    return np.swapaxes(columns, -1, -2)
+
+
+def center_of_mass_jacobian_at(model: Model, poses: Poses) -> np.ndarray:
+    """`center_of_mass_jacobian` (..., 3, nv) of poses that are known."""
+    chains, centers, axes = chains_of(model), link_centers(model, poses), joint_axes(model, poses)
+    behind = (chains.moves * chains.share[:, None]).T  # (n, links) of the mass that a joint moves
+    lever = product(behind, centers) - total(behind)[:, None] * poses.position[..., chains.children, :]
+    columns = np.where(chains.slides, axes * total(behind)[:, None], _cross(axes, lever))
+    if chains.root is not None:
+        center = center_of_mass_at(model, poses)
+        columns = np.concatenate([_base_columns(poses, chains.root, center)[..., 3:], columns], axis=-2)
+    return np.swapaxes(columns, -1, -2)
+
+
+def center_of_mass_at(model: Model, poses: Poses) -> np.ndarray:
+    """`center_of_mass` (..., 3) [m] of poses that are known."""
+    return total(chains_of(model).share[:, None] * link_centers(model, poses), axis=-2)
+
+
+def point_at(poses: Poses, row: int, point: ArrayLike) -> np.ndarray:
+    """Where a point of a link is (..., 3) [m]; row: of the link, point: (3,) in its frame."""
+    local = vector("point", point, 3, "[m] in the frame of the link")
+    return poses.position[..., row, :] + applied(poses.rotation[..., row, :, :], local)
+
+
+@functools.lru_cache(maxsize=64)
+def chains_of(model: Model) -> Chains:
+    """What of a model its Jacobians take."""
+    joints = model.moving_joints
+    mass = np.array([link.mass for link in model.links])
+    return Chains(
+        children=[link_index(model, joint.child) for joint in joints],
+        axes=np.reshape([joint.axis for joint in joints], (-1, 3)),
+        slides=np.array([[joint.type == "prismatic"] for joint in joints], dtype=bool).reshape(-1, 1),
+        moves=_moves(model),
+        root=link_index(model, model.root) if model.base == "floating" else None,
+        share=mass / (total(mass) or 1.0),  # frames alone have none
+    )
+
+
+def _moves(model: Model) -> np.ndarray:
+    """(links, n) 1 where the moving joint lies between root and link, else 0."""
+    rows = {link.name: k for k, link in enumerate(model.links)}
+    columns = {name: k for k, name in enumerate(model.joint_names)}
+    moves = np.zeros((len(rows), len(columns)))
+    for joint in depth_first(model):
+        moves[rows[joint.child]] = moves[rows[joint.parent]]
+        if joint.name in columns:
+            moves[rows[joint.child], columns[joint.name]] = 1.0
+    return moves
+
+
+def _base_columns(poses: Poses, root: int, where: np.ndarray) -> np.ndarray:
+    """Angular velocity and velocity at a point (..., 3), a row (..., 6, 6) for each velocity coordinate of the base."""
+    axes = np.swapaxes(poses.rotation[..., root, :, :], -1, -2)  # of the base, a row each
+    move = _cross(axes, (where - poses.position[..., root, :])[..., None, :])
+    along = np.broadcast_to(np.eye(3), axes.shape)
+    return np.concatenate(
+        [np.concatenate([0.0 * along, along], axis=-1), np.concatenate([axes, move], axis=-1)], axis=-2
+    )
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Vector products (..., 3) of as many axes; np.cross takes several times as long."""
+    return cross(a.T, b.T).T
+
+
+def link_index(model: Model, name: str) -> int:
+    """Return the position of the link `name` in ``model.links``.  Raises ValueError if there is none."""
+    for i, link in enumerate(model.links):
+        if isinstance(name, str) and link.name == name:
+            return i
+    known = ", ".join(link.name for link in model.links)
+    raise ValueError(f"model {model.name!r} has no link {shown(name)}; its links are {known}")
+
+
+def link_centers(model: Model, poses: Poses) -> np.ndarray:
+    """Return the links' centers of mass (..., links, 3) [m]."""
+    return poses.position + applied(poses.rotation, np.array([link.center_of_mass for link in model.links]))
+
+
+def joint_axes(model: Model, poses: Poses) -> np.ndarray:
+    """Return the moving joints' axes in the world (..., n, 3): a link turns about its joint's axis, which stays."""
+    chains = chains_of(model)
+    return applied(poses.rotation[..., chains.children, :, :], chains.axes)

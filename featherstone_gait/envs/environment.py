@@ -1,0 +1,391 @@
+"""Robots as environments of Gymnasium, one or many in lanes; `pip install featherstone-gait[gym]`.
+
+    env = Stand("humanoid")                     # gymnasium.Env
+    envs = WalkVector("humanoid", num_envs=64)  # gymnasium.vector.VectorEnv
+    env = gymnasium.make("featherstone_gait/Push-v0", robot="humanoid")
+
+Any robot with a floating base that stands on its contact points will do.  An action in [-1, 1] for each joint moves the
+reference of its servo about the standing posture.  Worlds are the domain randomization: the vector's robot k lives in
+world k, a single robot draws one for each episode.  An episode depends on its seed alone: robot k of a vector that is
+reset with the seed s has the bits of a single robot reset with s + k.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple, TypedDict, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.arguments import finite, listed, real, shown, vector, whole
+from ..model import Ground, Model
+from ..robot_file import load_robot
+from ..run.session import Session
+from ..run.simulate import standing_state
+from ..run.worlds import Worlds
+from ..scene.compile import CompiledScene, compile_scene
+
+__all__ = [
+    "Push",
+    "PushVector",
+    "RobotEnv",
+    "RobotVectorEnv",
+    "Settings",
+    "Stand",
+    "StandVector",
+    "Task",
+    "Walk",
+    "WalkVector",
+]
+
+try:
+    import gymnasium
+    from gymnasium import spaces
+    from gymnasium.vector import AutoresetMode, VectorEnv
+    from gymnasium.vector.utils import batch_space
+except ImportError as error:
+    raise ImportError("environments need Gymnasium: pip install featherstone-gait[gym]") from error
+
+OBSERVED = ("q", "qd", "base_q", "base_qd")
+SPREAD = 0.02  # of the joints at the start [rad or m]
+TILTED = 0.5  # at which standing is worth nothing any more [rad]
+EFFORT = 0.01  # what the mean square of an action costs
+KEPT = 64  # sessions of worlds that one environment has been in, of some 70 kB
+Step = tuple[Any, Any, Any, Any, dict[str, Any]]
+
+
+class Settings(TypedDict, total=False):
+    """What else an environment is given, by name: see `RobotEnv.__init__`, which has the defaults too."""
+
+    worlds: Worlds | None
+    angles: ArrayLike | None
+    scale: float
+    ticks: int
+    duration: float
+    servos: str | None
+    render_mode: str | None
+
+
+DEFAULTS: Settings = {
+    "worlds": None, "angles": None, "scale": 0.3, "ticks": 2, "duration": 10.0, "servos": "mipsd", "render_mode": None
+}  # fmt: skip
+
+
+class Task(NamedTuple):
+    """What robots are to do."""
+
+    speed: float = 0.0  # forwards, along the base's first axis at the start [m/s]
+    push: float = 0.0  # impulse by the robot's weight and a second [m/s]: how fast a push makes it, from any side
+    every: float = 2.0  # mean time between pushes [s]
+
+
+class _Robots:
+    """What environments of one and of many robots have in common: rows are robots."""
+
+    def __init__(self, robot: Any, task: Task, given: Settings) -> None:
+        if given.keys() - DEFAULTS.keys():
+            unknown = ", ".join(sorted(given.keys() - DEFAULTS.keys()))
+            raise TypeError(f"environment: {unknown} is unknown; its settings are {', '.join(DEFAULTS)}")
+        settings: Settings = {**DEFAULTS, **given}
+        if settings["render_mode"] is not None:
+            raise ValueError(f"render_mode is {shown(settings['render_mode'])}; nothing is drawn here: give None")
+        self.task, self.worlds = task, settings["worlds"]
+        self.scene = _scene(robot, settings["servos"])
+        model, n = self.scene.model, self.scene.tree.n
+        angles = np.zeros(n) if settings["angles"] is None else settings["angles"]
+        self.angles = vector("angles", angles, n, "[rad or m], of a standing robot")
+        self.scale = real("scale", settings["scale"], 0.0, 10.0, "it is what an action of 1 moves a reference by")
+        self.ticks = whole("ticks", settings["ticks"], 1, "an action stands for so many controller ticks")
+        self.duration = real("duration", settings["duration"], 1e-3, 1e6, "give the longest episode [s]")
+        self.lower = np.array([joint.lower for joint in model.moving_joints])
+        self.upper = np.array([joint.upper for joint in model.moving_joints])
+        self.angles = np.clip(self.angles, self.lower, self.upper)
+        self.height = float(standing_state(self.scene, self.angles)[self.scene.part("base_q")[0] + 2])
+        size = 2 * n + 3 + 3 + 3 + 1
+        self.observation_space = spaces.Box(-np.inf, np.inf, (size,), np.float64)
+        self.action_space = spaces.Box(-1.0, 1.0, (n,), np.float64)
+
+    def begin(self, draw: np.random.Generator) -> np.ndarray:
+        """The first state of an episode."""
+        angles = self.angles + draw.uniform(-SPREAD, SPREAD, self.angles.shape)
+        return standing_state(self.scene, np.clip(angles, self.lower, self.upper))
+
+    def reference(self, actions: np.ndarray) -> np.ndarray:
+        """What the servos are given (n, joints)."""
+        return np.clip(self.angles + self.scale * np.clip(actions, -1.0, 1.0), self.lower, self.upper)
+
+    def push(self, session: Session, draws: Sequence[np.random.Generator]) -> None:
+        """Push some of the robots, each by its own lot."""
+        if not self.task.push:
+            return
+        kicks = np.zeros((session.n, 2))
+        for robot, draw in enumerate(draws):
+            lot = draw.random()
+            angle = draw.uniform(-np.pi, np.pi)
+            if lot < self.ticks * session.tick / self.task.every:
+                kicks[robot] = self.task.push * np.array([np.cos(angle), np.sin(angle)])
+        who = kicks.any(axis=1)
+        if who.any():
+            speeds = session.observe()["base_qd"].copy()
+            speeds[:, :2] += kicks
+            session.change("base_qd", speeds, who)
+
+    def observation(self, seen: dict[str, np.ndarray]) -> np.ndarray:
+        """Joints from standing, their speeds, gravity and turning in the base's axes, its velocity and height."""
+        up = _up(seen["base_q"])
+        height = seen["base_q"][:, 2:3] - self.height
+        return np.hstack(
+            [seen["q"] - self.angles, seen["qd"], -up, seen["base_qd"][:, 3:], seen["base_qd"][:, :3], height]
+        )
+
+    def reward(self, seen: dict[str, np.ndarray], actions: np.ndarray) -> np.ndarray:
+        """1 for standing upright, and as much for walking at the speed asked for, less the effort."""
+        tilt, taken = np.arccos(np.clip(_up(seen["base_q"])[:, 2], -1.0, 1.0)), np.clip(actions, -1.0, 1.0)
+        reward = 1.0 - np.minimum(tilt / TILTED, 1.0) ** 2 - EFFORT * (taken**2).mean(axis=1)
+        if self.task.speed:
+            reward = reward + np.clip(seen["base_qd"][:, 0] / self.task.speed, -1.0, 1.0)
+        return reward
+
+    def info(self, session: Session, seen: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Time [s], place [m] and tilt [rad] of the base."""
+        tilt = np.arccos(np.clip(_up(seen["base_q"])[:, 2], -1.0, 1.0))
+        return {"time": session.time, "x": seen["base_q"][:, 0].copy(), "tilt": tilt}
+
+
+class RobotEnv(gymnasium.Env):
+    """One robot; see `Stand`, `Walk` and `Push`.
+
+    Actions are (n,), numbers from -1 to 1 for its n joints; what is beyond counts as -1 or 1.  Observations are
+    (2 n + 10,): the joints' angles from standing [rad or m] and their speeds, the direction of gravity (3,) and the
+    angular velocity [rad/s] in the base's axes, the base's velocity [m/s] and its height over that of standing [m].
+    Info has time [s], place along x [m] and tilt [rad] of the base.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
+    task = Task()
+
+    def __init__(
+        self,
+        robot: str | Model | CompiledScene = "humanoid",
+        **settings: Unpack[Settings],
+    ) -> None:
+        """Robot: its name or file, a model, or a scene with ground; worlds: one is drawn for each episode.
+
+        angles: of the joints, standing, zero if None; scale: what an action of 1 adds to these [rad or m], 0.3; ticks
+        of the controller that an action stands for, 2; duration of an episode [s], 10; servos: "mipsd", "rotor" or
+        "standard", of a robot that is no scene; render_mode: None, for nothing is drawn.  Raises ValueError for robots
+        that do not stand and settings out of range, TypeError for settings that are not known.
+        """
+        self.render_mode = None
+        self._robots = _Robots(robot, self.task, settings)
+        self._worlds = self._robots.worlds
+        self.observation_space, self.action_space = self._robots.observation_space, self._robots.action_space
+        self._sessions: dict[int, Session] = {}
+        self._session: Session | None = None
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode; return what is observed (2 n + 10,), and info; see Gymnasium."""
+        super().reset(seed=seed)
+        world = 0 if self._worlds is None else int(self.np_random.integers(len(self._worlds)))
+        if world not in self._sessions:
+            robots = self._robots
+            scene = robots.scene if self._worlds is None else self._worlds.scenes(robots.scene, [world])[0]
+            self._sessions[world] = Session(scene, 1, observe=OBSERVED)
+            if len(self._sessions) > KEPT:
+                self._sessions.pop(next(iter(self._sessions))).close()
+        self._session = self._sessions[world]
+        seen = self._session.reset(state=self._robots.begin(self.np_random))
+        return self._robots.observation(seen)[0], self._info(seen)
+
+    def step(self, action: Any) -> Step:
+        """Go on under an action (n,); return what is observed, reward, terminated, truncated and info; see Gymnasium.
+
+        Raises ValueError before the first `reset`, and for an action of another shape or that is not finite.
+        """
+        if self._session is None:
+            raise ValueError("step: no episode has begun; call reset first")
+        robots, session = self._robots, self._session
+        actions = vector("action", action, len(robots.angles), "numbers from -1 to 1")[None]
+        robots.push(session, [self.np_random])
+        seen = session.step(robots.reference(actions), robots.ticks)
+        ended, late = not session.running[0], bool(session.time[0] >= robots.duration - 1e-9)
+        reward = float(robots.reward(seen, actions)[0])
+        return robots.observation(seen)[0], reward, ended, late and not ended, self._info(seen)
+
+    def _info(self, seen: dict[str, np.ndarray]) -> dict[str, Any]:
+        assert self._session is not None
+        found = self._robots.info(self._session, seen)
+        return {name: float(values[0]) for name, values in found.items()}
+
+    def close(self) -> None:
+        """End the sessions."""
+        for session in self._sessions.values():
+            session.close()
+        self._sessions, self._session = {}, None
+
+
+class RobotVectorEnv(VectorEnv):
+    """Many robots at once; one whose episode has ended begins the next in the step after that.
+
+    Actions (num_envs, n), observations (num_envs, 2 n + 10), rewards (num_envs,) and arrays in info have a row or a
+    number for each robot, as `RobotEnv` has of one.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    task = Task()
+
+    def __init__(
+        self,
+        robot: str | Model | CompiledScene = "humanoid",
+        num_envs: int = 8,
+        **settings: Unpack[Settings],
+    ) -> None:
+        """num_envs robots, as in the environment of one; robot k is in world k.
+
+        Raises ValueError as that one, and for fewer worlds than robots.
+        """
+        self._robots = _Robots(robot, self.task, settings)
+        self.num_envs = whole("num_envs", num_envs, 1, "give the number of robots")
+        self.single_observation_space = self._robots.observation_space
+        self.single_action_space = self._robots.action_space
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._worlds = self._robots.worlds
+        self._session = Session(self._robots.scene, self.num_envs, observe=OBSERVED, worlds=self._worlds)
+        self._draws: list[np.random.Generator] = []
+        self._ended = np.zeros(self.num_envs, bool)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode of each robot, of robot k with the seed + k, or seed[k]; see Gymnasium.
+
+        Raises ValueError for a list of seeds that is not one for each robot.
+        """
+        if seed is None and self._draws:
+            seeds: list[int | None] = [None] * self.num_envs
+        elif seed is None or isinstance(seed, (int, np.integer)):
+            seeds = [None if seed is None else int(seed) + k for k in range(self.num_envs)]
+        else:
+            seeds = listed("seed", seed, "give a whole number, or one each of the robots")
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed has {len(seeds)} entries; there are {self.num_envs} robots: give one each")
+        old: Sequence[np.random.Generator | None] = self._draws or [None] * self.num_envs
+        self._draws = [
+            draw if one is None and draw is not None else gymnasium.utils.seeding.np_random(one)[0]
+            for one, draw in zip(seeds, old)
+        ]
+        seen = self._begin(np.ones(self.num_envs, bool))
+        self._ended[:] = False
+        return self._robots.observation(seen), self._info(seen)
+
+    def _begin(self, who: np.ndarray) -> dict[str, np.ndarray]:
+        """New episodes of some robots, whose worlds stay."""
+        firsts = []
+        for robot in np.flatnonzero(who).tolist():
+            if self._worlds is not None:
+                self._draws[robot].integers(len(self._worlds))  # what a single robot draws its world by
+            firsts.append(self._robots.begin(self._draws[robot]))
+        return self._session.reset(who, np.array(firsts))
+
+    def step(self, actions: Any) -> Step:
+        """Go on under actions (num_envs, n); see Gymnasium.
+
+        Raises ValueError before the first `reset`, and for actions of another shape or that are not finite.
+        """
+        if not self._draws:
+            raise ValueError("step: no episode has begun; call reset first")
+        robots, session, new = self._robots, self._session, self._ended.copy()
+        given = finite("actions", actions, (self.num_envs, len(robots.angles)), "from -1 to 1")
+        robots.push(session, [_Idle() if idle else draw for idle, draw in zip(new, self._draws)])  # type: ignore[misc]
+        seen = session.step(robots.reference(given), robots.ticks)
+        if new.any():
+            seen = self._begin(new)
+        ended = ~session.running & ~new
+        late = (session.time >= robots.duration - 1e-9) & ~ended & ~new
+        rewards = np.where(new, 0.0, robots.reward(seen, given))
+        self._ended = ended | late
+        return robots.observation(seen), rewards, ended, late, self._info(seen)
+
+    def _info(self, seen: dict[str, np.ndarray]) -> dict[str, Any]:
+        return dict(self._robots.info(self._session, seen))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the session."""
+        self._session.close()
+
+
+class _Idle:
+    """The lots of a robot that begins anew: none are drawn."""
+
+    def random(self) -> float:
+        return 1e9
+
+    def uniform(self, low: float, high: float) -> float:
+        return 0.0
+
+
+class Stand(RobotEnv):
+    """Stand upright."""
+
+
+class Walk(RobotEnv):
+    """Walk forwards, at 0.2 m/s."""
+
+    task = Task(speed=0.2)
+
+
+class Push(RobotEnv):
+    """Stand though something pushes, about every two seconds, from any side."""
+
+    task = Task(push=0.15)
+
+
+class StandVector(RobotVectorEnv):
+    """Robots that stand."""
+
+
+class WalkVector(RobotVectorEnv):
+    """Robots that walk forwards, at 0.2 m/s."""
+
+    task = Walk.task
+
+
+class PushVector(RobotVectorEnv):
+    """Robots that stand though something pushes them."""
+
+    task = Push.task
+
+
+def _scene(robot: Any, servos: Any) -> CompiledScene:
+    """The scene of a robot that can stand."""
+    scene = robot
+    if not isinstance(robot, CompiledScene):
+        model = robot if isinstance(robot, Model) else load_robot(robot)
+        if not model.servos:
+            raise ValueError(
+                f"{model.name}: it has no servos, which actions move; give it some: walking.with_generic_servos("
+                "load_robot(FILE, base='floating', contacts='feet'), leg=LENGTH)"
+            )
+        scene = compile_scene(model, servos, Ground(), "midpoint", 1e-3)
+    if scene.ground is None or not scene.tree.floating or scene.constants.actuator is None:
+        raise ValueError(
+            f"{scene.model.name}: environments are of robots with a floating base, on the ground, with servos: load it "
+            "with base='floating', and compile its scene with ground=Ground() and servos"
+        )
+    return scene
+
+
+def _up(base_q: np.ndarray) -> np.ndarray:
+    """The world's vertical (n, 3) in the axes of bases at base_q (n, 7)."""
+    w, x, y, z = base_q[:, 3:].T
+    return np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], axis=1)
+
+
+for _name in ("Stand", "Walk", "Push"):
+    gymnasium.register(
+        f"featherstone_gait/{_name}-v0",
+        entry_point=f"{__name__}:{_name}",
+        vector_entry_point=f"{__name__}:{_name}Vector",
+    )

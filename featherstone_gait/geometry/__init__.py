@@ -1,0 +1,1 @@
+"""Meshes, convex hulls, contact points of collision shapes, and distances between shapes."""

@@ -1,0 +1,254 @@
+"""From collision shapes to the points that can touch the ground, and the choice of those that shall.
+
+The feet of a robot are its lowest links at rest: in the admissible posture nearest to zero, with the base upright, the
+links that have shapes on bodies beyond which no other body has any, and whose lowest shape comes within `FOOT` of the
+robot's height to the lowest of all; and any whose shape is as low as that, as a foot with a toe before it.  Of links
+that are fixed to each other the lowest counts.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+
+from ..base.arguments import instance, listed, texts
+from ..base.fixed_order import applied, product
+from ..base.rotation import rotation_from_rpy
+from ..dynamics import Poses, forward_kinematics
+from ..model import ContactPoint, Model, depth_first
+from ..model.rest_posture import nearest_posture
+from ..model.shapes import Box, Capsule, Cylinder, Hull, Mesh, Shape, Sphere
+from .hull import Corners, corners_of, hull_indices
+from .mesh import mesh_corners, mesh_hull
+
+Choice: TypeAlias = str | Sequence[str]  # "all", "feet" or names of links
+
+FOOT = 0.1  # of the robot's height
+LEVEL = 1e-3  # of the robot's height, within which of the lowest contact point others carry the robot too
+SOLE = 0.5  # of a foot's shape: the lower part whose corners are kept
+
+
+def with_contacts(model: Model, choice: Choice) -> Model:
+    """The robot with the contact points of some of its shapes in place of those it has.
+
+    choice: "all" shapes; those of the "feet", without the corners of their upper halves; or those of links by name.
+    Raises ValueError for a link that is not there or has no shape, where there is nothing to choose from, and for
+    meshes that cannot be read; ImportError for meshes without their reader.
+    """
+    instance("model", model, Model, "give what load_robot returns")
+    return replace(model, contacts=chosen_points(model, choice))
+
+
+def chosen_points(model: Model, choice: Choice) -> tuple[ContactPoint, ...]:
+    """The contact points that `with_contacts` gives."""
+    if not model.shapes:
+        raise ValueError(
+            f"{model.name}: contacts={choice!r}, but no link has a collision shape: add <collision> elements to its "
+            "links, or type contact points into its TOML"
+        )
+    if isinstance(choice, str):
+        if choice not in ("all", "feet"):
+            raise ValueError(f"contacts is {choice!r}; expected 'all', 'feet' or a list of links: write [{choice!r}]")
+        return _carrying(model, contact_points(model.shapes) if choice == "all" else _sole_points(model))
+    choice = texts("contacts", choice, "expected 'all', 'feet' or a list of links")
+    _check_links(model, choice)
+    return _carrying(model, contact_points(shape for shape in model.shapes if shape.link in choice))
+
+
+def contact_points(shapes: Iterable[Shape]) -> tuple[ContactPoint, ...]:
+    """What of shapes can touch the ground: of a sphere itself, of a capsule the spheres at its ends, of a cylinder its
+    two rims, of a box its corners, of a hull or mesh at most 32 corners.
+
+    Raises ValueError for a mesh that cannot be read, ImportError for one without its reader.
+    """
+    found = listed("shapes", shapes, "give a list of Shape")
+    for shape in found:
+        instance("shapes", shape, Shape, "give a list of Shape")
+    return tuple(point for shape in found for point in _points(shape))
+
+
+def corner_error(shape: Shape) -> float:
+    """How far the hull of a shape reaches beyond the corners that stand for it, at most [m]; 0 but for large hulls."""
+    return _thinned(shape.geometry).error if isinstance(shape.geometry, Hull | Mesh) else 0.0
+
+
+def _points(shape: Shape) -> list[ContactPoint]:
+    """The contact points of one shape."""
+    match shape.geometry:
+        case Sphere(radius):
+            return _placed(shape, np.zeros((1, 3)), radius=radius)
+        case Capsule(radius, length):
+            return _placed(shape, _ends(length), radius=radius)
+        case Cylinder(radius, length):
+            outward = rotation_from_rpy(shape.rpy)[:, 2:].T * [[-1.0], [1.0]]
+            ends = zip(_ends(length), outward.tolist())
+            return [point for end, axis in ends for point in _placed(shape, end[None], rim=radius, axis=tuple(axis))]
+    return _placed(shape, local_corners(shape))
+
+
+def local_corners(shape: Shape) -> np.ndarray:
+    """Corners (n, 3) of a box, or at most 32 of a hull or a mesh, in the shape's frame [m]."""
+    return _thinned(shape.geometry).points if isinstance(shape.geometry, Hull | Mesh) else _every_corner(shape)
+
+
+def _thinned(geometry: Hull | Mesh) -> Corners:
+    return mesh_corners(geometry) if isinstance(geometry, Mesh) else _thinned_hull(geometry)
+
+
+@functools.lru_cache(maxsize=256)
+def _thinned_hull(hull: Hull) -> Corners:
+    return corners_of(hull.points)
+
+
+def _every_corner(shape: Shape) -> np.ndarray:
+    """All corners (n, 3) of a box, a hull or a mesh, in the shape's frame [m]."""
+    match shape.geometry:
+        case Box(size):
+            signs = np.array([(x, y, z) for x in (1, -1) for y in (1, -1) for z in (1, -1)])
+            return 0.5 * np.array(size) * signs
+        case Mesh():
+            return mesh_hull(shape.geometry)
+        case Hull(points):
+            return np.array(points)[hull_indices(np.array(points))]
+    raise ValueError(f"link {shape.link!r}: a {type(shape.geometry).__name__} has no corners; give a box or a hull")
+
+
+def _ends(length: float) -> np.ndarray:
+    return np.array([(0.0, 0.0, -0.5 * length), (0.0, 0.0, 0.5 * length)])
+
+
+def _placed(
+    shape: Shape,
+    points: np.ndarray,
+    radius: float = 0.0,
+    rim: float = 0.0,
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0),
+) -> list[ContactPoint]:
+    """Contact points at points (n, 3) of a shape's frame."""
+    at = np.array(shape.xyz) + applied(rotation_from_rpy(shape.rpy), points)
+    return [ContactPoint(shape.link, (x, y, z), radius, rim, axis) for x, y, z in at.tolist()]
+
+
+def _carrying(model: Model, points: Sequence[ContactPoint]) -> tuple[ContactPoint, ...]:
+    """The points, of which those carry the robot that are lowest at rest."""
+    poses = forward_kinematics(model, nearest_posture(model))
+    height = lowest_levels(model, points, poses)
+    level = height.min() + LEVEL * (poses.position[:, 2].max() - height.min())
+    return tuple(replace(point, carries=bool(z <= level)) for point, z in zip(points, height))
+
+
+def lowest_levels(model: Model, points: Sequence[ContactPoint], poses: Poses) -> np.ndarray:
+    """Height of the lowest point of each contact point, (points,) or (n, points) [m]; poses are those of all links."""
+    rows = {link.name: k for k, link in enumerate(model.links)}
+    at = [rows[point.link] for point in points]
+    local = np.array([point.position for point in points]).reshape(-1, 3)
+    axes = np.array([point.axis for point in points]).reshape(-1, 3)
+    up = poses.rotation[..., at, 2, :]
+    height = poses.position[..., at, 2] + (up * local).sum(axis=-1)
+    tilt = np.sqrt(np.maximum(0.0, 1.0 - (up * axes).sum(axis=-1) ** 2))
+    rims, radii = np.array([(point.rim, point.radius) for point in points]).reshape(-1, 2).T
+    return height - radii - rims * tilt
+
+
+def _sole_points(model: Model) -> tuple[ContactPoint, ...]:
+    """The contact points of the feet."""
+    poses = forward_kinematics(model, nearest_posture(model))
+    spans = [_span(model, shape, poses) for shape in model.shapes]
+    lowest = min(bottom for bottom, _ in spans)
+    reach = lowest + FOOT * (max(top for _, top in spans) - lowest)
+    _check_nothing_below(model, poses, lowest, reach)
+    links = _feet(model, spans, reach, LEVEL * (reach - lowest) / FOOT)
+    soles = [shape for shape, (bottom, _) in zip(model.shapes, spans) if shape.link in links and bottom <= reach]
+    if not soles:
+        raise ValueError(
+            f"{model.name}: contacts='feet', but no link at an end of the robot comes within {FOOT:.0%} of its height "
+            "to the ground at rest: name the links that shall touch it"
+        )
+    return tuple(point for shape in soles for point in _lower_half(model, shape, poses))
+
+
+def _span(model: Model, shape: Shape, poses: Poses) -> tuple[float, float]:
+    """Heights of the lowest and the highest point of a shape [m]."""
+    cornered = isinstance(shape.geometry, Box | Hull | Mesh)
+    points = _placed(shape, _every_corner(shape)) if cornered else _points(shape)
+    bottoms = lowest_levels(model, points, poses)
+    centers = lowest_levels(model, [replace(point, radius=0.0, rim=0.0) for point in points], poses)
+    return float(bottoms.min()), float((2.0 * centers - bottoms).max())
+
+
+def _lower_half(model: Model, shape: Shape, poses: Poses) -> list[ContactPoint]:
+    """The contact points of a shape; of corners those of its lower half at rest, chosen along the axes of the world."""
+    if isinstance(shape.geometry, Sphere | Capsule | Cylinder):
+        return _points(shape)
+    E = product(poses.rotation[[link.name for link in model.links].index(shape.link)], rotation_from_rpy(shape.rpy))
+    corners = _every_corner(shape)
+    upright = applied(E, corners)
+    heights = upright[:, 2]
+    lower = upright[heights <= heights.min() + SOLE * np.ptp(heights)]
+    kept = corners_of(lower).points
+    return _placed(shape, np.array([corners[np.abs(upright - x).max(axis=1).argmin()] for x in kept]))
+
+
+def _check_nothing_below(model: Model, poses: Poses, lowest: float, reach: float) -> None:
+    """Raise ValueError where links without shapes lie well below the lowest shape: the feet are among them."""
+    k = int(poses.position[:, 2].argmin())
+    if poses.position[k, 2] < 2.0 * lowest - reach:
+        depth = lowest - poses.position[k, 2]
+        raise ValueError(
+            f"{model.name}: contacts='feet', but link {model.links[k].name!r} lies {depth:.3g} m below the lowest "
+            "collision shape at rest and has none: add <collision> to its feet, or type contact points"
+        )
+
+
+def _feet(model: Model, spans: Sequence[tuple[float, float]], reach: float, level: float) -> set[str]:
+    """The links of feet: the lowest ones of the bodies that are low and at an end, or as low as the lowest.
+
+    spans: lowest and highest point of each shape [m]; reach: how high a foot's lowest point may be [m]; level: how much
+    higher than another what is as low as it may be [m].
+    """
+    body, ends = _bodies(model)
+    lows = [min(low for (low, _), s in zip(spans, model.shapes) if body[s.link] == body[t.link]) for t in model.shapes]
+    lowest = min(lows, default=0.0)
+    return {
+        shape.link
+        for shape, (bottom, _), low in zip(model.shapes, spans, lows)
+        if bottom <= low + level
+        and (low <= reach if body[shape.link] in ends else body[shape.link] > 0 and low <= lowest + level)
+    }
+
+
+def _bodies(model: Model) -> tuple[dict[str, int], set[int]]:
+    """The body of each link, where fixed joints make links one body, and the bodies with shapes beyond which no other
+    body has any; the root's is 0."""
+    body = {model.root: 0}
+    parent = [0]
+    for joint in depth_first(model):
+        body[joint.child] = body[joint.parent]
+        if joint.type != "fixed":
+            body[joint.child] = len(parent)
+            parent.append(body[joint.parent])
+    shaped = {body[shape.link] for shape in model.shapes}
+    carries: set[int] = set()  # bodies with shapes further out
+    for k in range(len(parent) - 1, 0, -1):
+        if k in shaped or k in carries:
+            carries.add(parent[k])
+    return body, shaped - carries
+
+
+def _check_links(model: Model, names: Sequence[str]) -> None:
+    """Raise ValueError unless every link is there and has a shape."""
+    shaped = list(dict.fromkeys(shape.link for shape in model.shapes))
+    if not names:
+        raise ValueError(f"{model.name}: contacts names no link; use some of {', '.join(shaped)}")
+    for name in names:
+        if name not in {link.name for link in model.links}:
+            raise ValueError(f"{model.name}: contacts: there is no link {name!r}; use some of {', '.join(shaped)}")
+        if name not in shaped:
+            raise ValueError(
+                f"{model.name}: contacts: link {name!r} has no collision shape; use some of {', '.join(shaped)}, or "
+                "add a <collision> to it"
+            )

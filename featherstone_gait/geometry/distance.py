@@ -1,0 +1,161 @@
+"""How far a robot's links are from each other: signed distances of their collision shapes.
+
+Two shapes can meet if something moves between them.  Left out are shapes of links that are rigidly attached to each
+other, of a link and its parent (with all that is rigidly attached to them), and those that overlap in the admissible
+posture nearest to zero already: `meeting_shapes` says which.
+
+Spheres, capsules, boxes and cylinders are taken as they are; hulls and meshes by at most 32 corners, rounded by as much
+as the hull reaches beyond them, so that the true distance is never less.  Distances of shapes apart are exact to 1e-9 m
+or better.  Where shapes overlap, minus the distance is how far they must move to part: exactly so but for
+cylinders, of which it is at most so.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.fixed_order import applied
+from ..base.rotation import rotation_from_rpy
+from ..core.compile.elementary import SINCOS_LIMIT
+from ..core.tree.distance import SHAPE, Room, Shapes, least_distances, pair_distances
+from ..dynamics import Poses, check_model, forward_kinematics
+from ..model import Model, rigid_bodies
+from ..model.rest_posture import nearest_posture
+from ..model.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from ..scene.records import records
+from .contact_choice import corner_error, local_corners
+from .hull import Sides, sides
+
+
+class Clearance(NamedTuple):
+    """The least distance of shapes that can meet."""
+
+    distance: np.ndarray  # () or (n,) [m], negative: they overlap
+    shapes: np.ndarray  # (2,) or (n, 2): the two that are closest, indices into `model.shapes`
+
+
+class Meeting(NamedTuple):
+    """Which shapes can meet."""
+
+    pairs: np.ndarray  # (pairs, 2) indices into `model.shapes`
+    notes: tuple[str, ...]  # one sentence for each two links that overlap from the start
+
+
+def clearance(model: Model, q: ArrayLike, pairs: np.ndarray | None = None) -> Clearance:
+    """Least signed distance of shapes that can meet, at positions q (nq,) or (n, nq) [rad, m].
+
+    pairs (pairs, 2): indices of the shapes that are looked at, by default all that `meeting_shapes` names.
+
+    Raises ValueError where no two shapes can meet, and for meshes that cannot be read; ImportError for meshes without
+    their reader.
+    """
+    check_model(model)
+    pairs = meeting_shapes(model).pairs if pairs is None else pairs
+    if not len(pairs):
+        raise ValueError(
+            f"{model.name}: no two shapes that could meet, of {len(model.shapes)}; give links that are not neighbors "
+            "collision shapes"
+        )
+    shapes, poses = _laid(model), _rows(forward_kinematics(model, q))
+    distance, closest = np.empty(len(poses.position)), np.zeros(len(poses.position), np.int64)
+    least_distances(shapes, _room(shapes), pairs, *poses, distance, closest)
+    found = Clearance(distance, pairs[closest])
+    return found if np.ndim(q) > 1 else Clearance(found.distance[0], found.shapes[0])
+
+
+def clearance_channel(model: Model, base_q: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """The recorded channel (samples, 1) [m]; (samples, 0) where no two shapes can meet.
+
+    Not a number where a run has turned its joints so far before it diverged that their sines are lost.
+    """
+    if not len(meeting_shapes(model).pairs):
+        return np.zeros((len(q), 0))
+    known = (np.abs(q) <= SINCOS_LIMIT).all(axis=1)
+    distance = np.full((len(q), 1), np.nan)
+    distance[known, 0] = clearance(model, np.hstack([base_q, q])[known]).distance
+    return distance
+
+
+@functools.lru_cache(maxsize=64)
+def meeting_shapes(model: Model) -> Meeting:
+    """The pairs of shapes whose distance can change, but those of neighbors and those that overlap at rest."""
+    apart = np.array(_apart(model), dtype=np.int64).reshape(-1, 2)
+    distance = shape_distances(model, nearest_posture(model), apart)
+    links = [shape.link for shape in model.shapes]
+    overlapping = dict.fromkeys((links[a], links[b]) for a, b in apart[distance < 0.0])
+    notes = tuple(f"links {a!r} and {b!r} overlap at rest: not checked" for a, b in overlapping)
+    return Meeting(apart[distance >= 0.0], notes)
+
+
+def shape_distances(model: Model, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """Signed distance (pairs,) [m] of each of some pairs (pairs, 2) of shapes at one posture q (nq,) [rad, m]."""
+    shapes, poses, out = _laid(model), _rows(forward_kinematics(model, q)), np.zeros(len(pairs))
+    rotation, position = poses.rotation[0], poses.position[0]
+    pair_distances(shapes, _room(shapes), np.array(pairs, np.int64).reshape(-1, 2), rotation, position, out)
+    return out
+
+
+def _apart(model: Model) -> list[tuple[int, int]]:
+    """Pairs of shapes whose bodies are neither the same nor neighbors."""
+    bodies, placements = rigid_bodies(model)
+    rows = [placements[shape.link].row for shape in model.shapes]
+    near = {(row, row) for row in range(len(bodies))} | {(body.frame.parent, k) for k, body in enumerate(bodies)}
+    every = ((a, b) for b in range(len(rows)) for a in range(b))
+    return [(a, b) for a, b in every if not {(rows[a], rows[b]), (rows[b], rows[a])} & near]
+
+
+def _rows(poses: Poses) -> Poses:
+    """Poses of many states; of one as many of one."""
+    rotation, position = (np.ascontiguousarray(part) for part in poses)
+    return Poses(rotation, position) if position.ndim == 3 else Poses(rotation[None], position[None])
+
+
+def _room(shapes: Shapes) -> Room:
+    n = len(shapes.table)
+    return Room(np.zeros((n, 9)), np.zeros((n, 3)), np.zeros((4, 3)))
+
+
+@functools.lru_cache(maxsize=64)
+def _laid(model: Model) -> Shapes:
+    """The shapes of a robot for the kernels."""
+    rows = {link.name: k for k, link in enumerate(model.links)}
+    table = records(len(model.shapes), SHAPE)
+    corners, normals, edges = ([np.zeros((0, 3))] for _ in range(3))
+    row: Any
+    for row, shape in zip(table, model.shapes):
+        row.link, row.E = rows[shape.link], rotation_from_rpy(shape.rpy).ravel()
+        row.first, row.first_normal, row.first_edge = (sum(map(len, part)) for part in (corners, normals, edges))
+        more = _fill(row, shape)
+        hull = sides(more) if len(more) else Sides(more, more)
+        row.corners, row.normals, row.edges = len(more), len(hull.normals), len(hull.edges)
+        corners.append(more)
+        normals.append(hull.normals)
+        edges.append(hull.edges)
+    return Shapes(table, *(np.concatenate(part) for part in (corners, normals, edges)))
+
+
+def _fill(row: Any, shape: Shape) -> np.ndarray:
+    """Write a shape's sizes and place; return its corners (n, 3) about its center, none unless it is a hull [m]."""
+    corners, center = np.zeros((0, 3)), np.zeros(3)
+    match shape.geometry:
+        case Sphere(radius):
+            row.radius = radius
+        case Capsule(radius, length):
+            row.radius, row.half = radius, (0.0, 0.0, 0.5 * length)
+        case Cylinder(radius, length):
+            row.disc, row.half = radius, (0.0, 0.0, 0.5 * length)
+        case Box(size):
+            row.half = 0.5 * np.array(size)
+        case _:
+            corners, row.radius = local_corners(shape), corner_error(shape)
+            center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+            corners = corners - center
+    row.r = np.array(shape.xyz) + applied(rotation_from_rpy(shape.rpy), center)
+    x, y, z = row.half
+    core = np.sqrt(x * x + y * y + (z * z + row.disc * row.disc))
+    row.bound = row.radius + max(core, float(np.sqrt((corners**2).sum(axis=1)).max(initial=0.0)))
+    return corners

@@ -1,0 +1,255 @@
+"""The points and the colors of mesh files: STL, OBJ, DAE and glTF.
+
+Lengths are as users of URDF see them in RViz: those of the file times the shape's scale, and of a DAE times its unit,
+which Pinocchio passes over.  The `up_axis` of a DAE is passed over by both: x, y, z of the file are those of the shape.
+So they are of a glTF, whose specification has y point up; its nodes are where it puts them.
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+import json
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from ..model.shapes import Mesh
+from .hull import Corners, corners_of, hull_indices
+
+MAX_BYTES = 100_000_000  # of one file
+KINDS = (".stl", ".obj", ".dae", ".glb", ".gltf")
+WHITE = (255, 255, 255)
+COLOURS = ("library_images", "library_effects", "library_materials", "bind_material")  # of a DAE
+LOOKS = ("KHR_materials", "KHR_texture", "EXT_texture", "KHR_lights")  # extensions of a glTF that move no point
+TEXTURES = ("library_images", "newparam")  # and what of an effect refers to them
+
+Color = tuple[int, int, int]
+
+
+class Part(NamedTuple):
+    """Triangles of one color."""
+
+    points: np.ndarray  # (n, 3) [m]
+    triangles: np.ndarray  # (m, 3)
+    color: Color | None  # red, green, blue, 0 to 255; None where the file says none
+
+
+def mesh_corners(mesh: Mesh) -> Corners:
+    """A few corners of the convex hull of a mesh, and how far it reaches beyond them [m]; raises as `mesh_hull`."""
+    return _corners(*_version(mesh))
+
+
+def mesh_hull(mesh: Mesh) -> np.ndarray:
+    """All corners (n, 3) of the convex hull of a mesh [m]; a file is read once while it stays the same.
+
+    Raises ValueError, which names the file, for one that is missing, damaged, too large or of another kind, and
+    ImportError without the reader.
+    """
+    return _hull(*_version(mesh))
+
+
+def _version(mesh: Mesh) -> tuple[Path, tuple[float, float, float], int, int]:
+    """File and scale of a mesh, when the file was changed, and its size."""
+    path = Path(mesh.file)
+    if not path.is_file():
+        raise ValueError(f"{mesh.file}: there is no such mesh; correct the path, or say where its package is")
+    about = path.stat()
+    if about.st_size > MAX_BYTES:
+        raise ValueError(f"{path}: has {about.st_size} bytes; at most {MAX_BYTES} are read: simplify the mesh")
+    return path, mesh.scale, about.st_mtime_ns, about.st_size
+
+
+@functools.lru_cache(maxsize=1024)
+def _corners(*version: Any) -> Corners:
+    return corners_of(_hull(*version))
+
+
+@functools.lru_cache(maxsize=1024)
+def _hull(path: Path, scale: tuple[float, float, float], *changed: int) -> np.ndarray:
+    """The hull of a version of a file; nobody may write into it."""
+    points = mesh_points(path) * np.array(scale)
+    if not np.isfinite(points).all():
+        raise ValueError(f"{path}: has points that are not finite, with scale {scale!r}; export the mesh again")
+    hull = points[hull_indices(points)]
+    hull.flags.writeable = False
+    return hull
+
+
+def mesh_points(path: Path) -> np.ndarray:
+    """The vertices (n, 3) of all parts of a mesh file, in meters.  Raises as `mesh_hull`."""
+    return mesh_triangles(path)[0]
+
+
+def mesh_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """The vertices (n, 3) of all parts of a mesh file [m], and triangles (m, 3) of their indices; raises likewise."""
+    kind, data, unit = _contents(path)
+    vertices, triangles = _joined(_read(path, data, kind))
+    return unit * vertices, triangles
+
+
+def mesh_parts(path: Path) -> list[Part]:
+    """The triangles of a mesh file by their colors; textures of DAE and glTF count as white.  Raises as `mesh_hull`.
+
+    A DAE whose materials are broken comes without any.
+    """
+    kind, data, unit = _contents(path)
+    found = _read(path, data, kind)
+    if kind == "dae":
+        found = _colored(path, sum(len(part.triangles) for part in found)) or found
+    elif kind == "obj":
+        found = _read(path, data, kind, _Beside(path, ".mtl"))
+    alike: dict[Color | None, list[Part]] = {}
+    for part in found:
+        alike.setdefault(part.color, []).append(part)
+    whole = [Part(*_joined(parts), color) for color, parts in alike.items()]
+    return [part._replace(points=unit * part.points) for part in whole if len(part.triangles)]
+
+
+def _contents(path: Path) -> tuple[str, bytes, float]:
+    """Kind of a mesh file, its bytes, and meters per unit."""
+    kind = path.suffix.lower()
+    if kind not in KINDS:
+        raise ValueError(f"{path}: is no mesh that can be read; expected one of {', '.join(KINDS)}: convert it")
+    data, unit = path.read_bytes(), 1.0
+    if kind == ".dae":
+        data, unit = _without_colors(path, data)
+    elif kind in (".glb", ".gltf"):
+        _check_gltf(path, data)
+    return kind[1:], data, unit
+
+
+def _read(path: Path, data: bytes, kind: str, resolver: Any = None) -> list[Part]:
+    """The parts of a mesh, each where the file puts it, in the unit of the file."""
+    trimesh = _reader(kind)
+    if kind == "gltf":
+        resolver = _Beside(path, ".bin")
+    try:
+        scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False, resolver=resolver)
+        parts = [
+            Part(np.asarray(part.vertices, dtype=float).reshape(-1, 3), _faces(part), _color(part, kind))
+            for part in scene.dump()
+        ]
+    except Exception as error:  # a damaged file can make the reader fail in any way
+        raise ValueError(f"{path}: cannot be read as {kind.upper()}: {error!r}; export the mesh again") from error
+    if not sum(len(part.points) for part in parts):
+        raise ValueError(f"{path}: has no triangles; export the mesh again")
+    return parts
+
+
+def _joined(parts: list[Part]) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (n, 3) and triangles (m, 3) of some parts together."""
+    first = np.cumsum([0, *(len(part.points) for part in parts[:-1])])
+    triangles = [part.triangles + k for part, k in zip(parts, first)]
+    return np.concatenate([part.points for part in parts]), np.concatenate(triangles)
+
+
+def _colored(path: Path, count: int) -> list[Part] | None:
+    """The parts of a DAE with its materials; None if these make the reader drop some of the triangles."""
+    try:
+        found = _read(path, _without_textures(path.read_bytes()), "dae")
+    except ValueError:
+        return None
+    return found if sum(len(part.triangles) for part in found) == count else None
+
+
+class _Beside:
+    """Files of one kind beside a mesh: the materials of an OBJ, the numbers of a glTF.  No other file is opened."""
+
+    def __init__(self, path: Path, kind: str) -> None:
+        self.folder, self.kind = path.parent, kind
+
+    def __getitem__(self, name: str) -> bytes:
+        """The contents of a file that the mesh names."""
+        file = self.folder / Path(name.strip()).name
+        if file.suffix.lower() != self.kind or not file.is_file() or file.stat().st_size > MAX_BYTES:
+            raise FileNotFoundError(name)  # the reader goes on without
+        return file.read_bytes()
+
+    get = __getitem__
+
+
+def _color(part: Any, kind: str) -> Color | None:
+    """What the material of a part says."""
+    material = getattr(getattr(part, "visual", None), "material", None)
+    stated = getattr(material, "baseColorFactor", None)  # of a DAE or glTF
+    if stated is None and material is not None and kind in ("glb", "gltf"):
+        return WHITE  # as its specification has it
+    if stated is None and getattr(material, "kwargs", None):  # it was in a file of materials
+        stated = getattr(material, "diffuse", None)
+    if stated is None:
+        return None
+    r, g, b, *_ = (int(x) for x in stated)
+    return r, g, b
+
+
+def _faces(part: Any) -> np.ndarray:
+    """Triangles (m, 3) of a part, none of one that is points or lines only."""
+    return np.asarray(getattr(part, "faces", ()), dtype=int).reshape(-1, 3)
+
+
+def _reader(kind: str) -> Any:
+    try:
+        if kind == "dae":
+            import collada  # noqa: F401
+        import trimesh
+    except ImportError as error:
+        raise ImportError(f"meshes are read by {error.name}: pip install featherstone-gait[mesh]") from error
+    return trimesh
+
+
+def _without_colors(path: Path, data: bytes) -> tuple[bytes, float]:
+    """A DAE without its materials, of which a broken one makes the reader drop the triangles; and meters per unit."""
+    from xml.etree.ElementTree import ParseError, tostring
+
+    from defusedxml.common import DefusedXmlException
+    from defusedxml.ElementTree import fromstring
+
+    try:
+        root = fromstring(data, forbid_dtd=True)
+        stated = root.find("{*}asset/{*}unit")
+        unit = 1.0 if stated is None else float(stated.get("meter", 1.0))
+    except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
+        raise ValueError(f"{path}: cannot be read as DAE: {error}; export the mesh again") from error
+    if not 0.0 < unit < math.inf:
+        raise ValueError(f"{path}: a unit of {unit!r} m; expected > 0: correct <unit meter=...>")
+    for element in list(root.iter()):
+        for child in [child for child in element if _tag(child) in COLOURS]:
+            element.remove(child)
+    return tostring(root), unit
+
+
+def _without_textures(data: bytes) -> bytes:
+    """A DAE whose materials are plain colors.  It has been read before: `_without_colors` has looked at it."""
+    from xml.etree.ElementTree import tostring
+
+    from defusedxml.ElementTree import fromstring
+
+    root = fromstring(data, forbid_dtd=True)
+    for element in list(root.iter()):
+        for child in list(element):
+            if _tag(child) in TEXTURES or any(_tag(x) == "texture" for x in child):
+                element.remove(child)
+    return tostring(root)
+
+
+def _check_gltf(path: Path, data: bytes) -> None:
+    """Raise ValueError for a glTF whose numbers are compressed, in place of which the reader takes zeros."""
+    binary = data[:4] == b"glTF"  # a header of 12 bytes, then the first chunk: length, "JSON", text
+    text = data[20 : 20 + int.from_bytes(data[12:16], "little")] if binary else data
+    try:
+        told = json.loads(text)
+        needed = [name for name in told.get("extensionsRequired", ()) if not name.startswith(LOOKS)]
+        without = sum("bufferView" not in accessor for accessor in told.get("accessors", ()))
+    except (ValueError, AttributeError, TypeError, RecursionError) as error:
+        raise ValueError(f"{path}: cannot be read as glTF: {error}; export the mesh again") from error
+    if needed or without:
+        why = f"needs {', '.join(map(str, needed))}" if needed else "has accessors without numbers"
+        raise ValueError(f"{path}: {why}, which is not read; export the mesh without compression")
+
+
+def _tag(element: Element) -> str:
+    return element.tag.rpartition("}")[2]

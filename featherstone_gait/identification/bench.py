@@ -1,0 +1,651 @@
+"""Servos identified from recordings of a real one that swings a weight: friction models M1 to M6, motor and firmware.
+
+    recordings = [read_bench(path, XL330) for path in paths]
+    fit = fit_servo(recordings, XL330, "m4p", progress=True)
+    print(fit.summary())
+
+The bench is that of Rhoban's BAM project (https://github.com/Rhoban/bam; arXiv 2410.08650): the servo's axis is
+horizontal and carries a rod with a weight at its end; zero hangs down.  The servo follows its goal by its own firmware,
+duty = gain kp (goal - angle), and may let go.  Simulated is the whole rollout, from the first sample on and with no
+correction on the way: a rod on a `Servo` with rotor and `Gearbox` friction, its controller at 500 Hz.
+
+The simulated angle is brought to the recorded one in the mean absolute sense (a soft absolute value, `SOFT`), each
+recording counting alike.  Some combinations of parameters hardly show in such recordings; a weak prior keeps them near
+the figures that are published for servos of the kind, as wide as those differ (`Parameter`).  It counts as much as
+1 / `PRIOR`^2 independent samples, however well the model fits.  The supply is what the servo measures at rest: its
+column under load is a beat of its converter with the bridge's switching.
+
+The search goes in rounds, each a new start of the method where the last one came to; a `FitLog` keeps them, and a fit
+that was interrupted goes on with the next round, to the same bits.
+
+Intervals are those of identification.py, with what the prior knows, of a model that has the servo's physics; the error
+on recordings left out (`leave_out`) tells how far it has.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from ..base.arguments import instance, listed, one_of, real
+from ..base.arguments import path as path_of
+from ..base.files import FilePath, Format, number, read_csv
+from ..model import Controller, Gearbox, Joint, Link, Model, Servo
+from ..run.reference import Reference
+from ..run.simulate import initial_state, simulate_batch
+from ..run.trajectory import Trajectory
+from ..run.worlds import FIELDS, Worlds, servo_with
+from ..scene.compile import CompiledScene, ServoKind, compile_scene
+from ..view.style import BLUE, ORANGE, look
+from .covariance import covariances, quantile
+from .log import FitLog, Row
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "BENCHES",
+    "MODELS",
+    "STS3250",
+    "XL330",
+    "Bench",
+    "BenchRecording",
+    "Parameter",
+    "ServoFit",
+    "fit_servo",
+    "leave_out",
+    "plot_rollouts",
+    "read_bench",
+]
+
+FORMAT = Format("servo recording")
+COLUMNS = ("time_s", "angle_rad", "goal_rad", "supply_v", "torque_on")  # of a recording; others are passed over
+# Of simulation and firmware [s].  Steps of 1 and 0.5 ms change the error of a recording of the XL330 by at most 0.5 and
+# 0.8 mrad, and the mean of the twelve by 0.05; a firmware at 1 kHz by 0.9 and 0.02 (model m4p, fitted to all).
+STEP = 2e-3
+SOFT = 0.02  # [rad], above which an error counts by its size
+PRIOR = 0.04  # of the residuals' root mean square, that a parameter off by its width counts
+OPEN = 1e-9  # current limit of a bridge that has let go [A]
+SLOPE_STEP = 1e-3  # of the widths, of forward differences
+ALIKE = 0.05  # change of the residuals' scale in a round, below which the prior needs no other
+ROUND = 6  # evaluations of a round
+MOST_ROUNDS = 6
+RESTING = 30.0  # duty in units of the servo, below which it measures its supply at rest
+EARLY = 1e-7  # a goal that comes with a tick counts for it, whatever the rounding of times [s]
+
+
+class Parameter(NamedTuple):
+    """What is searched: where from, within which bounds, and how wide the prior is about the start."""
+
+    start: float
+    low: float
+    high: float
+    width: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A kind of servo on a bench: its firmware, the weight, and where the search starts."""
+
+    name: str
+    mass: float  # at the end of the rod [kg]
+    length: float  # of the rod [m]
+    supply: float  # nominal [V]
+    duty: float  # per rad and unit of gain
+    largest_duty: float
+    goal_lead: float  # from a goal's effect to its time stamp [s]
+    torque_constant: float  # published, of this servo or of one like it [N m/A]
+    resistance: float  # [Ohm]
+    armature: float  # [kg m^2]
+    coulomb_friction: float  # [N m]
+    viscous_friction: float  # [N m s/rad]
+
+    def parameters(self) -> dict[str, Parameter]:
+        """All that may be searched, by name."""
+        k, g, A = self.torque_constant, self.torque_constant / self.resistance, self.armature
+        stall = 7.0 * g  # [N m], to which frictions go
+        return {
+            "torque_constant": Parameter(k, 0.25 * k, 4.0 * k, 0.05 * k, "N m/A"),
+            "torque_per_volt": Parameter(g, 0.2 * g, 5.0 * g, 0.35 * g, "N m/V"),
+            "armature": Parameter(A, 0.1 * A, 10.0 * A, 0.3 * A, "kg m^2"),
+            "rod_mass": Parameter(0.02, 0.0, 0.06, 0.015, "kg"),
+            "zero": Parameter(0.0, -0.1, 0.1, 0.02, "rad"),
+            "coulomb_friction": Parameter(self.coulomb_friction, 0.0, 0.3 * stall, 0.01 * stall, "N m"),
+            "viscous_friction": Parameter(self.viscous_friction, 0.0, 0.2 * stall, 0.006 * stall, "N m s/rad"),
+            "load_friction": Parameter(0.05, 0.0, 0.6, 0.05, "-"),
+            "external_load_friction": Parameter(0.05, 0.0, 0.6, 0.1, "-"),
+            "motor_load_friction": Parameter(0.05, 0.0, 0.6, 0.1, "-"),
+            "load_product_friction": Parameter(0.3 / stall, 0.0, 3.0 / stall, 0.4 / stall, "1/(N m)"),
+            "stribeck_speed": Parameter(2.0, 0.01, 10.0, 1.0, "rad/s"),
+            "stribeck_exponent": Parameter(1.0, 0.3, 8.0, 0.5, "-"),
+            "stribeck_friction": Parameter(0.005 * stall, 0.0, 0.3 * stall, 0.01 * stall, "N m"),
+            "stribeck_load": Parameter(0.1, 0.0, 0.6, 0.1, "-"),
+            "stribeck_external_load": Parameter(0.1, 0.0, 0.6, 0.1, "-"),
+            "stribeck_motor_load": Parameter(0.1, 0.0, 0.6, 0.1, "-"),
+            "quadratic_external_load": Parameter(0.02, 0.0, 0.5, 0.05, "1/(N m)"),
+            "quadratic_motor_load": Parameter(0.02, 0.0, 0.5, 0.05, "1/(N m)"),
+            "angle_age": Parameter(self.goal_lead, -0.02, 0.03, 0.003, "s"),
+            "stiffness": Parameter(25.0 * stall, 2.0 * stall, 1000.0 * stall, 25.0 * stall, "N m/rad"),
+            "damping": Parameter(0.06 * stall, 0.001 * stall, 1.0 * stall, 0.06 * stall, "N m s/rad"),
+            "backlash": Parameter(0.005, 0.0, 0.05, 0.005, "rad"),
+        }
+
+
+# Weights, gains, firmware and times: the bench's own notes and columns; motors: published fits (arXiv 2410.08650 and
+# BAM's documentation), of the STS3250 its data sheet (4.9 N m and 75 rpm at 12 V).
+_DUTY = 4096 / (2 * math.pi) / (256 * 885)
+XL330 = Bench("xl330", 0.49, 0.1, 7.4, _DUTY, 1.0, 0.0035, 0.3862, 3.403, 0.0019, 0.0088, 0.0046)
+STS3250 = Bench("sts3250", 1.13, 0.12, 12.0, 0.166, 0.97, 0.0135, 1.5, 2.0, 0.015, 0.03, 0.03)
+BENCHES = {bench.name: bench for bench in (XL330, STS3250)}
+BASE = ("torque_constant", "torque_per_volt", "armature", "rod_mass", "zero", "coulomb_friction", "viscous_friction")
+TIMES = ("angle_age",)
+FALLS = ("stribeck_speed", "stribeck_exponent", "stribeck_friction")
+M5 = ("external_load_friction", "motor_load_friction", *FALLS, "stribeck_external_load", "stribeck_motor_load")
+MODELS = {  # what each adds; m4p: the product of loads besides
+    "m1": (),
+    "m2": FALLS,
+    "m3": ("load_friction",),
+    "m4": ("load_friction", *FALLS, "stribeck_load"),
+    "m4p": ("load_friction", *FALLS, "stribeck_load", "load_product_friction"),
+    "m5": M5,
+    "m6": (*M5, "quadratic_external_load", "quadratic_motor_load"),
+}
+SHARED = {  # numbers of M3 and M4 that are two of `Gearbox`
+    "load_friction": ("external_load_friction", "motor_load_friction"),
+    "stribeck_load": ("stribeck_external_load", "stribeck_motor_load"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class BenchRecording:
+    """One trajectory: time (k,) rising [s]; angle (k,) and goal (k,) [rad], each goal held until the next."""
+
+    name: str
+    time: np.ndarray
+    angle: np.ndarray
+    goal: np.ndarray
+    release: float  # when the servo lets go [s]; infinite if it never does
+    supply: float  # [V] at rest
+    gain: float  # kp, in the firmware's units
+    mass: float  # [kg]
+    length: float  # [m]
+
+    @property
+    def motion(self) -> str:
+        """The name without servo and gain."""
+        return re.sub(r"^.*_kp\d+_", "", self.name)
+
+
+def read_bench(
+    path: FilePath,
+    bench: Bench,
+    *,
+    gain: float | None = None,
+    mass: float | None = None,
+    length: float | None = None,
+) -> BenchRecording:
+    """Read a CSV with the columns time_s, angle_rad, goal_rad, supply_v and torque_on; others are passed over.
+
+    gain: kp of the firmware; None takes it from a name like xl330_kp400_lift.csv.  mass [kg], length [m]: those of the
+    bench where not given.  Raises ValueError, naming file, line and column, on anything that is not such a table, and
+    OSError if the file cannot be read.
+    """
+    path = path_of("path", path)
+    instance("bench", bench, Bench, f"give one of {', '.join(BENCHES)} in BENCHES")
+    lines = list(read_csv(path, FORMAT)) or [(1, [])]
+    names = [name.strip() for name in lines[0][1]]
+    for column in COLUMNS:
+        if names.count(column) != 1:
+            raise ValueError(f"{path}: column {column} is there {names.count(column)} times; give {', '.join(COLUMNS)}")
+    rows = [_numbers(path, line, names, cells) for line, cells in lines[1:]]
+    if len(rows) < 20:
+        raise ValueError(f"{path}: has {len(rows)} samples; record 20 or more")
+    table = dict(zip(names, np.array(rows).T))
+    time, on = table["time_s"], table["torque_on"] > 0.5
+    wrong = np.flatnonzero(np.diff(time) <= 0.0)
+    if wrong.size:
+        raise ValueError(f"{path}, line {lines[wrong[0] + 2][0]}: the time does not rise; sort the samples")
+    off = np.flatnonzero(~on)
+    if off.size and on[off[0] :].any():
+        raise ValueError(f"{path}, line {lines[off[0] + 1][0]}: it lets go and takes hold again; cut the file there")
+    if gain is None:
+        found = re.search(r"_kp(\d+(?:\.\d+)?)_", path.name)
+        if found is None:
+            raise ValueError(f"{path}: the name has no _kpNNN_; give gain (on the command line --gain)")
+        gain = float(found[1])
+    resting = np.abs(table["pwm"]) < RESTING if "pwm" in table else np.ones(len(time), bool)
+    supply = table["supply_v"][resting if resting.any() else slice(None)]
+    return BenchRecording(
+        name=path.stem,
+        time=time,
+        angle=table["angle_rad"],
+        goal=table["goal_rad"],
+        release=float(time[off[0]]) if off.size else math.inf,
+        supply=float(np.median(supply)),
+        gain=real("gain", gain, 1e-6, 1e6, "it is kp in the firmware's units"),
+        mass=real("mass", bench.mass if mass is None else mass, 0.0, 1e3, "give kg"),
+        length=real("length", bench.length if length is None else length, 1e-4, 10.0, "give meters"),
+    )
+
+
+def _numbers(path: Path, line: int, names: Sequence[str], cells: list[str]) -> list[float]:
+    if len(cells) != len(names):
+        raise ValueError(f"{path}, line {line}: has {len(cells)} values, expected {len(names)}; complete or delete it")
+    values = [number(cell) for cell in cells]
+    for name, value, cell in zip(names, values, cells):
+        if name in COLUMNS and not math.isfinite(value):
+            raise ValueError(f"{path}, line {line}, column {name!r}: {cell[:40]!r} is no finite number; delete it")
+    return values
+
+
+@dataclass(frozen=True, eq=False)
+class ServoFit:
+    """What `fit_servo` found."""
+
+    bench: Bench
+    friction: str  # which of MODELS
+    values: dict[str, float]  # of what was searched, see `Bench.parameters`
+    held: dict[str, float]  # what was given
+    intervals: dict[str, tuple[float, float]]  # of 95 %
+    correlation: np.ndarray  # (parameters, parameters)
+    recordings: tuple[BenchRecording, ...]
+    angles: tuple[np.ndarray, ...]  # simulated, at the times of each recording [rad]
+    simulations: int  # of this process
+    seconds: float  # of all rounds
+    message: str
+
+    @cached_property
+    def errors(self) -> np.ndarray:
+        """Mean absolute error of each recording [rad]."""
+        return np.array([np.abs(a - r.angle).mean() for a, r in zip(self.angles, self.recordings)])
+
+    @property
+    def servo(self) -> Servo:
+        """The servo as it is simulated, at the supply and gain of the first recording."""
+        return servo_with(_SERVO, _numbers_of(self.bench, self.recordings[0], self.values | self.held).servos)
+
+    def predict(self, recordings: Sequence[BenchRecording]) -> list[np.ndarray]:
+        """Simulated angles (k,) of other recordings, at their times [rad]."""
+        return _Rollouts(self.bench, recordings)([self.values | self.held])[0]
+
+    def correlated(self, most: int = 3) -> list[tuple[str, str, float]]:
+        """The pairs of parameters that the recordings tell apart least, and their correlations."""
+        names = list(self.values)
+        pairs = [(a, b, float(self.correlation[i, j])) for j, b in enumerate(names) for i, a in enumerate(names[:j])]
+        return sorted(pairs, key=lambda pair: -abs(pair[2]))[:most]
+
+    def summary(self) -> str:
+        """A table of the parameters, and the errors."""
+        units = self.bench.parameters()
+        lines = [f"{'parameter':24} {'value':>10} {'95 % interval':>24}  unit"]
+        for name, value in self.values.items():
+            low, high = self.intervals[name]
+            lines.append(f"{name:24} {value:10.4g} {f'{low:.4g} to {high:.4g}':>24}  {units[name].unit}")
+        lines += [f"correlation of {a} and {b}: {rho:.2f}" for a, b, rho in self.correlated()]
+        lines += [f"{r.name}: {1e3 * e:.1f} mrad" for r, e in zip(self.recordings, self.errors)]
+        lines.append(f"mean of the recordings {1e3 * self.errors.mean():.1f} mrad ({self.simulations} simulations)")
+        return "\n".join(lines)
+
+    def plot(self) -> Figure:
+        """Goal, recorded and simulated angle of each recording, and the error below."""
+        return plot_rollouts(self.recordings, self.angles)
+
+
+def fit_servo(
+    recordings: Sequence[BenchRecording],
+    bench: Bench,
+    friction: str = "m4p",
+    *,
+    more: Sequence[str] = (),
+    held: Mapping[str, float] | None = None,
+    log: FitLog | None = None,
+    progress: bool = False,
+) -> ServoFit:
+    """Fit a servo with a friction model to recordings.
+
+    friction: "m1" to "m6", or "m4p", M4 with losses that grow with the product of the loads.  more: further parameters
+    of `Bench.parameters` to be searched, such as "stiffness", "damping" and "backlash" of the gearbox.  held: numbers
+    that are given, those of `Bench.parameters` or of a servo: {"rod_mass": 0.0}, {"encoder_resolution": 2 * pi / 4096}.
+    log: where rounds are kept, and taken from.  Raises ValueError for other names and for no recordings.
+    """
+    recordings = _checked(recordings, bench)
+    one_of("friction", friction, MODELS)
+    every, held = bench.parameters(), {} if held is None else dict(held)
+    for name in more:
+        one_of("more", name, every)
+    for name in held:
+        one_of("held", name, (*every, *FIELDS["servos"]))
+    names = tuple(name for name in (*BASE, *MODELS[friction], *TIMES, *more) if name not in held)
+    key = _key(bench, recordings, names, held)
+    with tqdm(disable=not progress, desc=f"identify {bench.name} {friction}", unit="evaluation") as bar:
+        work = _Residuals(_Rollouts(bench, recordings), [every[name] for name in names], names, held, bar.update)
+        row = _searched(work, key, log)
+        x = np.array(row["x"])
+        work.scale = work.spread(x)
+        J, e = work.jacobian(x), work.residuals(x)
+    lengths = [len(r.time) for r in recordings]
+    _, robust, independent = covariances(J[: sum(lengths)], e[: sum(lengths)], lengths)
+    known = np.linalg.inv(np.linalg.pinv(robust, hermitian=True) + np.eye(len(x)))  # with a prior of width one
+    spread = np.sqrt(np.diag(known))
+    reach = spread * quantile(0.95, independent - len(x)) * work.width
+    values = work.values(x)
+    return ServoFit(
+        bench=bench,
+        friction=friction,
+        values=values,
+        held=held,
+        intervals={n: _within(every[n], values[n] - r, values[n] + r) for n, r in zip(names, reach)},
+        correlation=known / np.outer(spread, spread),
+        recordings=tuple(recordings),
+        angles=tuple(work.rollouts([values | held])[0]),
+        simulations=work.rollouts.count,
+        seconds=row["seconds"],
+        message=row["message"],
+    )
+
+
+def _within(parameter: Parameter, low: float, high: float) -> tuple[float, float]:
+    return max(low, parameter.low), min(high, parameter.high)
+
+
+def _searched(work: _Residuals, key: str, log: FitLog | None) -> Row:
+    """The last round of the search, all that are missing done."""
+    from scipy.optimize import least_squares
+
+    row = None if log is None else log.last(key)
+    if row is None:
+        row = Row(round=0, x=(work.start / work.width).tolist(), seconds=0.0, message="")
+    while not row["message"]:
+        begun, x = time.perf_counter(), np.array(row["x"])
+        work.scale = work.spread(x)
+        found = least_squares(
+            work.residuals, x, work.jacobian, work.bounds, max_nfev=ROUND, x_scale=1.0, xtol=1e-5, ftol=1e-4
+        )
+        k, better = row["round"] + 1, abs(work.spread(found.x) / work.scale - 1.0)
+        message = "" if k < MOST_ROUNDS else f"stopped after round {k}"
+        if found.status > 0 and better < ALIKE:
+            message = f"converged in round {k}"
+        seconds = row["seconds"] + time.perf_counter() - begun
+        row = Row(round=k, x=found.x.tolist(), seconds=seconds, message=message)
+        if log is not None:
+            log.append(key, row)
+    return row
+
+
+def _key(bench: Bench, recordings: Sequence[BenchRecording], names: Sequence[str], held: Mapping[str, float]) -> str:
+    """What a fit depends on, as a number: bench, recordings, what is searched and what is given."""
+    told = (bench, names, sorted(held.items()), [replace(r, time=0, angle=0, goal=0) for r in recordings])  # type: ignore[arg-type]
+    data = [column.tobytes() for r in recordings for column in (r.time, r.angle, r.goal)]
+    return sha256(b"".join([repr(told).encode(), *data])).hexdigest()[:16]
+
+
+def leave_out(
+    recordings: Sequence[BenchRecording],
+    bench: Bench,
+    friction: str = "m4p",
+    by: Callable[[BenchRecording], object] = lambda r: r.gain,
+    **options: Any,
+) -> dict[object, tuple[ServoFit, list[np.ndarray], np.ndarray]]:
+    """Of each group of recordings: the fit to all others, the angles it predicts, and their mean absolute errors [rad].
+
+    by: what tells the groups, by default their gain; their motion, for another.  options: those of `fit_servo`.  Of
+    each group, by what `by` gives, come the fit, a list of angles (k,) at the times of its recordings, and errors
+    (recordings,).  Raises ValueError where there are less than two groups, and as `fit_servo`.
+    """
+    recordings = _checked(recordings, bench)
+    groups = sorted({by(r) for r in recordings}, key=str)
+    if len(groups) < 2:
+        raise ValueError(f"there is one group, {groups[0]}; give recordings of two or more")
+    results: dict[object, tuple[ServoFit, list[np.ndarray], np.ndarray]] = {}
+    for group in groups:
+        fit = fit_servo([r for r in recordings if by(r) != group], bench, friction, **options)
+        rest = [r for r in recordings if by(r) == group]
+        angles = fit.predict(rest)
+        results[group] = fit, angles, np.array([np.abs(a - r.angle).mean() for a, r in zip(angles, rest)])
+    return results
+
+
+def _checked(recordings: Sequence[BenchRecording], bench: Bench) -> list[BenchRecording]:
+    instance("bench", bench, Bench, f"give one of {', '.join(BENCHES)} in BENCHES")
+    found = listed("recordings", recordings, "give a list of BenchRecording")
+    for recording in found:
+        instance("recordings", recording, BenchRecording, "give a list of what read_bench returns")
+    if not found:
+        raise ValueError("recordings: there is none; give one or more, see read_bench")
+    return found
+
+
+# ---------------------------------------------------------------------------------------------- rollouts
+
+
+class _World(NamedTuple):
+    """Numbers of one simulation, by the names of `Worlds`."""
+
+    servos: dict[str, float]
+    mass: float  # of the rod with its weight [kg]
+    center: float  # below the axis [m]
+    inertia: float  # about its center of mass [kg m^2]
+
+
+def _numbers_of(bench: Bench, recording: BenchRecording, values: dict[str, float]) -> _World:
+    k, g = values["torque_constant"], values["torque_per_volt"]
+    own = {name: x for name, x in values.items() if name not in (*BASE, *TIMES)}
+    for name, both in SHARED.items():
+        if name in own:
+            own |= dict.fromkeys(both, own.pop(name))
+    servos = {
+        "motor_constant": k,
+        "resistance": k / g,
+        "voltage_limit": bench.largest_duty * recording.supply,
+        "Kp": bench.duty * recording.gain * recording.supply,
+        "rotor_inertia": values["armature"],
+        "coulomb_friction": values["coulomb_friction"],
+        "viscous_friction": values["viscous_friction"],
+        **own,
+    }
+    rod, m, l = values["rod_mass"], recording.mass, recording.length
+    mass = m + rod
+    center = (m * l + 0.5 * rod * l) / mass
+    return _World(servos, mass, center, m * l * l + rod * l * l / 3.0 - mass * center * center)
+
+
+_SERVO = Servo(
+    Controller("state", period=STEP, lag=0.0), Gearbox(1.0), resistance=1.0, motor_constant=1.0, voltage_limit=1.0
+)  # what a world's numbers go into
+
+
+def _scene(bench: Bench, world: _World) -> CompiledScene:
+    """The bench: a rod on the servo, which hangs down at zero."""
+    servo, J = servo_with(_SERVO, world.servos), world.inertia
+    links = (
+        Link("stand", 1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),
+        Link("rod", world.mass, (0.0, 0.0, -world.center), (J, 0.0, 0.0, J, 0.0, J)),
+    )
+    joint = Joint("turn", "continuous", "stand", "rod", axis=(0.0, -1.0, 0.0))
+    model = Model(f"{bench.name}_bench", links, (joint,), servos={"turn": servo})
+    kind: ServoKind = "rotor" if servo.gearbox.stiffness == math.inf else "mipsd"
+    return compile_scene(model, kind, integrator="implicit_euler", timestep=STEP)
+
+
+class _Rollouts:
+    """All recordings with several sets of values at once, eight simulations to a vector."""
+
+    def __init__(self, bench: Bench, recordings: Sequence[BenchRecording]) -> None:
+        self.bench, self.recordings, self.count = bench, list(recordings), 0
+
+    def __call__(self, sets: Sequence[dict[str, float]]) -> list[list[np.ndarray]]:
+        """Angles of each recording at its times [rad], for each set of values."""
+        pairs = [(values, r) for values in sets for r in self.recordings]
+        self.count += len(pairs)
+        worlds = [_numbers_of(self.bench, r, values) for values, r in pairs]
+        worlds.append(_another(worlds[0]))  # in every batch the same numbers differ, for which one kernel is compiled
+        scene = _scene(self.bench, worlds[0])
+        scenes, released = _scenes(scene, worlds, math.inf), None
+        alike: dict[tuple[int, int], list[int]] = {}
+        for k, (_, r) in enumerate(pairs):
+            alike.setdefault(_steps(r), []).append(k)
+        angles: list[np.ndarray] = [np.empty(0)] * len(pairs)
+        for (held, free), members in alike.items():
+            starts, goals = zip(*(self._given(scene, *pairs[k]) for k in members))
+            paths = _run(scenes, members, held, starts, goals)
+            if free:
+                released = released or _scenes(scene, worlds, OPEN)
+                rest = _run(released, members, free, paths, goals)
+            for i, k in enumerate(members):
+                values, r = pairs[k]
+                path = paths[i]["q"][:, 0]
+                if free:
+                    path = np.concatenate([path, rest[i]["q"][1:, 0]])
+                time = r.time - values["angle_age"] - r.time[0]
+                angles[k] = np.interp(time, STEP * np.arange(len(path)), path) + values["zero"]
+        n = len(self.recordings)
+        return [angles[k * n : (k + 1) * n] for k in range(len(sets))]
+
+    def _given(self, scene: CompiledScene, values: dict[str, float], r: BenchRecording) -> tuple[Any, Reference]:
+        """State at the start and goals."""
+        times = r.time - r.time[0] - self.bench.goal_lead - EARLY
+        goals = Reference(times, r.goal[:, None] - values["zero"], "hold")
+        return initial_state(scene, [r.angle[0] - values["zero"]]), goals
+
+
+def _steps(r: BenchRecording) -> tuple[int, int]:
+    """Steps of a recording until the servo lets go, and from then on."""
+    length = math.ceil((r.time[-1] - r.time[0]) / STEP) + 40  # beyond the end: the angle's age may be negative
+    held = length if r.release == math.inf else round((r.release - r.time[0]) / STEP)
+    return held, length - held
+
+
+def _another(world: _World) -> _World:
+    """A world all numbers of which are others."""
+    servos = {name: 1.01 * x + 1e-6 for name, x in world.servos.items()}
+    return _World(servos, 1.01 * world.mass, 1.01 * world.center, world.inertia + 1e-6)
+
+
+def _scenes(scene: CompiledScene, worlds: list[_World], limit: float) -> list[CompiledScene]:
+    """The scene of each world, one for those that are alike: of one gain, often."""
+    keys = [(*world.servos.values(), *world[1:]) for world in worlds]
+    places = {key: k for k, key in enumerate(dict.fromkeys(keys))}
+    others = list(dict(zip(keys, worlds)).values())
+    limits = np.full(len(others), limit)
+    limits[-1] = 1.0
+    zero, J = np.zeros(len(others)), np.array([world.inertia for world in others])
+    links = {
+        "rod.mass": np.array([world.mass for world in others]),
+        "rod.center_of_mass": np.column_stack([zero, zero, [-world.center for world in others]])[:, None, :],
+        "rod.inertia": np.column_stack([J, zero, zero, J, zero, J])[:, None, :],
+    }
+    servos = {name: np.array([world.servos[name] for world in others]) for name in others[0].servos}
+    made = Worlds(servos=servos | {"current_limit": limits}, links=links).scenes(scene)
+    return [made[places[key]] for key in keys]
+
+
+def _run(
+    scenes: list[CompiledScene], members: list[int], steps: int, starts: Sequence, goals: Sequence[Reference]
+) -> list[Trajectory]:
+    """Some of the scenes; the last one runs besides, and what it gives is dropped."""
+    chosen = [scenes[k] for k in (*members, -1)]
+    states = [getattr(state, "final", state) for state in (*starts, starts[0])]
+    return simulate_batch(
+        chosen, steps * STEP, states, [*goals, goals[0]], record=("q",), sample=STEP, estimate_error=False
+    )[:-1]
+
+
+class _Residuals:
+    """Softened errors of all recordings and the prior's, with their slopes, over values in units of their widths."""
+
+    def __init__(
+        self,
+        rollouts: _Rollouts,
+        parameters: Sequence[Parameter],
+        names: Sequence[str],
+        held: Mapping[str, float],
+        progress: Callable[[], object],
+    ) -> None:
+        self.rollouts, self.names, self.held, self.progress = rollouts, names, held, progress
+        self.start, low, high, self.width = (np.array([each[k] for each in parameters]) for k in range(4))
+        self.bounds = low / self.width, high / self.width
+        self.scale = 1.0  # of the residuals, which the prior is measured by
+        self.known: dict[bytes, np.ndarray] = {}  # softened errors at the last points
+
+    def values(self, x: np.ndarray) -> dict[str, float]:
+        """The values at a point, by name."""
+        return dict(zip(self.names, (x * self.width).tolist()))
+
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        return np.concatenate([self._errors(x), PRIOR * self.scale * (x - self.start / self.width)])
+
+    def spread(self, x: np.ndarray) -> float:
+        """Root mean square of the softened errors."""
+        return float(np.linalg.norm(self._errors(x)))
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        here = self._errors(x)
+        steps = np.where(x + SLOPE_STEP > self.bounds[1], -SLOPE_STEP, SLOPE_STEP)
+        beside = self._simulated([x + step * unit for step, unit in zip(steps, np.eye(len(x)))])
+        slopes = np.column_stack([(errors - here) / step for errors, step in zip(beside, steps)])
+        return np.concatenate([slopes, PRIOR * self.scale * np.eye(len(x))])
+
+    def _errors(self, x: np.ndarray) -> np.ndarray:
+        key = x.tobytes()
+        if key not in self.known:
+            (errors,) = self._simulated([x])
+            self.known = dict(list(self.known.items())[-2:]) | {key: errors}
+            self.progress()
+        return self.known[key]
+
+    def _simulated(self, points: Sequence[np.ndarray]) -> list[np.ndarray]:
+        return [self._softened(angles) for angles in self.rollouts([{**self.values(x), **self.held} for x in points])]
+
+    def _softened(self, angles: list[np.ndarray]) -> np.ndarray:
+        parts = []
+        for angle, r in zip(angles, self.rollouts.recordings):
+            e = np.nan_to_num((angle - r.angle) / SOFT, nan=1e3, posinf=1e3, neginf=-1e3)
+            rho = np.sqrt(2.0 * (np.sqrt(1.0 + e * e) - 1.0))
+            parts.append(np.copysign(rho, e) / math.sqrt(len(angle) * len(self.rollouts.recordings)))
+        return np.concatenate(parts)
+
+
+@look()
+def plot_rollouts(recordings: Sequence[BenchRecording], angles: Sequence[np.ndarray]) -> Figure:
+    """Goal, recorded and simulated angle of each recording [deg], and below the simulated less the recorded one.
+
+    angles: (k,) of each recording, at its times [rad], as in `ServoFit` and of its `predict`.
+    """
+    from matplotlib.figure import Figure
+
+    columns = min(4, len(recordings))
+    rows = -(-len(recordings) // columns)
+    figure = Figure(figsize=(3.4 * columns, 2.9 * rows), layout="constrained")
+    grid = figure.add_gridspec(2 * rows, columns, height_ratios=[2.0, 1.0] * rows)
+    above = below = None
+    for k, (r, angle) in enumerate(zip(recordings, angles)):
+        row, column = divmod(k, columns)
+        above = figure.add_subplot(grid[2 * row, column])
+        below = figure.add_subplot(grid[2 * row + 1, column], sharex=above)
+        held = np.where(r.time < r.release, r.goal, np.nan)
+        above.plot(r.time, np.degrees(held), color="0.7", linewidth=1.0, label="goal")
+        above.plot(r.time, np.degrees(r.angle), color=BLUE, linewidth=2.4, label="recorded")
+        above.plot(r.time, np.degrees(angle), color=ORANGE, linewidth=1.0, label="simulated")
+        below.plot(r.time, np.degrees(angle - r.angle), color="0.3", linewidth=0.7)
+        above.set_title(f"{r.name}\n{1e3 * np.abs(angle - r.angle).mean():.1f} mrad", fontsize=8)
+        above.tick_params(labelbottom=False, labelsize=7)
+        below.tick_params(labelsize=7)
+        if column == 0:
+            above.set_ylabel("angle [deg]", fontsize=8)
+            below.set_ylabel("error [deg]", fontsize=8)
+        if row == rows - 1:
+            below.set_xlabel("time [s]", fontsize=8)
+    if above is not None:
+        figure.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return figure

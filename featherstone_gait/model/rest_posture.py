@@ -1,0 +1,59 @@
+"""The posture in which a robot is looked at where none is given: joints at zero, or as near to it as they may be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from ..base.arguments import instance
+from .robot import Joint, Model
+
+ROUNDING = 1e-12  # of a position [rad or m]
+
+
+def nearest_posture(model: Model) -> np.ndarray:
+    """The admissible posture nearest to zero, q (nq,) [rad or m]; a floating base is at the origin and upright.
+
+    Joints without a limit in between are at 0, the others at the limit that is nearer to it, and followers where their
+    leaders put them.  A leader keeps its followers within their limits too, where that can be.
+    """
+    instance("model", model, Model, "give what load_robot returns")
+    at = nearest_positions(model.joints, model.locked)
+    base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
+    return np.array([*base, *(at[name] for name in model.joint_names)])
+
+
+def nearest_positions(joints: Iterable[Joint], locked: Mapping[str, float] | None = None) -> dict[str, float]:
+    """The same by joint name, of all joints that are not fixed; those that are locked [rad or m] stay."""
+    by_name = {joint.name: joint for joint in joints}
+    held = {name: 0.0 for name, joint in by_name.items() if joint.type == "fixed"} | dict(locked or {})
+    ranges = {name: (joint.lower, joint.upper) for name, joint in by_name.items()}
+    laws = {name: _law(by_name, joint) for name, joint in by_name.items()}
+    for name, (leader, multiplier, offset) in laws.items():
+        if leader != name and multiplier != 0.0:
+            ends = [(limit - offset) / multiplier for limit in ranges[name]]
+            lower, upper = max(min(ends), ranges[leader][0]), min(max(ends), ranges[leader][1])
+            ranges[leader] = (lower, upper) if lower <= upper else ranges[leader]
+    leaders = {name: held.get(name, min(max(0.0, ranges[name][0]), ranges[name][1])) for name in by_name}
+    at = {name: multiplier * leaders[leader] + offset for name, (leader, multiplier, offset) in laws.items()}
+    moving = [joint for joint in by_name.values() if joint.type != "fixed"]
+    return {joint.name: held.get(joint.name, _without_rounding(joint, at[joint.name])) for joint in moving}
+
+
+def _without_rounding(joint: Joint, position: float) -> float:
+    """A position that rounding has put beyond a limit, at the limit; others as they are."""
+    within = min(max(position, joint.lower), joint.upper)
+    return within if math.isclose(within, position, rel_tol=ROUNDING, abs_tol=ROUNDING) else position
+
+
+def _law(by_name: Mapping[str, Joint], joint: Joint) -> tuple[str, float, float]:
+    """The joint that leads in the end, and the multiplier and offset of its position [-, rad or m]."""
+    name, multiplier, offset = joint.name, 1.0, 0.0
+    for _ in by_name:  # no longer than a chain can be
+        mimic = by_name[name].mimic
+        if mimic is None:
+            break
+        name, multiplier, offset = mimic.joint, multiplier * mimic.multiplier, offset + multiplier * mimic.offset
+    return name, multiplier, offset

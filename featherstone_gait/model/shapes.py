@@ -1,0 +1,123 @@
+"""Collision shapes of links, as URDF and MJCF state them.
+
+A shape's frame has its origin at the center of the geometry; capsules and cylinders lie along its z axis.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from ..base.arguments import floats, instance, is_real, shown, vector
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball about the origin of the shape."""
+
+    radius: float  # [m]
+
+    def __post_init__(self) -> None:
+        _check_length("sphere", "radius", self.radius)
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A cylinder with half a sphere on either end."""
+
+    radius: float  # [m]
+    length: float  # between the centers of the half spheres [m]
+
+    def __post_init__(self) -> None:
+        _check_length("capsule", "radius", self.radius)
+        _check_length("capsule", "length", self.length)
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A cylinder about the z axis, its middle at the origin of the shape."""
+
+    radius: float  # [m]
+    length: float  # [m]
+
+    def __post_init__(self) -> None:
+        _check_length("cylinder", "radius", self.radius)
+        _check_length("cylinder", "length", self.length)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box about the origin of the shape."""
+
+    size: Vector  # edges [m]
+
+    def __post_init__(self) -> None:
+        _freeze(self, "box", "size")
+        for edge in self.size:
+            _check_length("box", "size", edge)
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A file of triangles (STL, OBJ, DAE, glTF), whose convex hull counts.  Opened when its points are asked for."""
+
+    file: str  # path
+    scale: Vector = (1.0, 1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        instance("mesh: file", self.file, str, "give its path")
+        _freeze(self, "mesh", "scale")
+
+
+@dataclass(frozen=True)
+class Hull:
+    """The convex hull of points."""
+
+    points: tuple[Vector, ...]  # [m]
+
+    def __post_init__(self) -> None:
+        points = floats("hull: points", self.points)
+        if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points).all():
+            raise ValueError(f"hull: points have the shape {points.shape}; expected finite numbers (n, 3) [m]")
+        if type(self.points) is not tuple:
+            object.__setattr__(self, "points", tuple(map(tuple, points.tolist())))
+
+
+Geometry: TypeAlias = Sphere | Capsule | Cylinder | Box | Mesh | Hull
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A collision shape of a link."""
+
+    link: str
+    geometry: Geometry
+    xyz: Vector = (0.0, 0.0, 0.0)  # center in the link's frame [m]
+    rpy: Vector = (0.0, 0.0, 0.0)  # fixed-axis roll, pitch, yaw [rad]
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        instance("shape: link", self.link, str, "give the name of its link")
+        what = f"shape on link {self.link!r}"
+        kinds = (Sphere, Capsule, Cylinder, Box, Mesh, Hull)
+        instance(f"{what}: geometry", self.geometry, kinds, "give a Sphere, Capsule, Cylinder, Box, Mesh or Hull")
+        instance(f"{what}: name", self.name, str, "give a text")
+        _freeze(self, what, "xyz", "rpy")
+
+
+def _freeze(record: Mesh | Box | Shape, what: str, *names: str) -> None:
+    """Check vectors, and keep them as tuples, which nobody can change."""
+    for name in names:
+        values = vector(f"{what}: {name}", getattr(record, name), 3)
+        if type(getattr(record, name)) is not tuple:
+            object.__setattr__(record, name, tuple(values.tolist()))
+
+
+def _check_length(what: str, name: str, value: float) -> None:
+    if not is_real(value) or not 0 <= value < math.inf:
+        raise ValueError(f"{what}: {name} is {shown(value)} m; expected a finite length >= 0: correct it")

@@ -1,0 +1,91 @@
+"""What a maximal-coordinate engine is set to, and a step of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...base.arguments import real, truth, whole
+from ...core.compile.jit import kernel
+from ...scene.records import records
+from .bodies import apply_torques, load, move, refresh
+from .contact import contact_rows
+from .direct import solve
+from .layout import ENGINE
+from .psor import relax
+from .rows import finish_rows, joint_rows
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Settings; the defaults are those of SimTwo in 2012, at which it runs ODE's QuickStep.
+
+    iterations: sweeps of the projected successive over-relaxation, 0: the same problem solved directly, as ODE's
+    dWorldStep does; shuffle_every: sweeps between two shufflings of the rows, the first of a step included, 0: never;
+    single: places, velocities and forces of constraints are rounded to single precision.
+    Raises ValueError for a number out of its range.
+    """
+
+    iterations: int = 10
+    shuffle_every: int = 8
+    relaxation: float = 1.3  # 1: Gauss and Seidel's
+    erp: float = 0.4  # share of an error of place that a step mends
+    cfm: float = 1e-5  # speed at which a constraint gives way to a force [m/(s N) or rad/(s N m)]
+    soft_cfm: float = 1e-5  # of contacts, along the normal
+    bounce: float = 0.6  # share of the speed with which a contact comes in
+    bounce_speed: float = 1e-3  # from which on a contact bounces [m/s]
+    linear_damping: float = 1e-5  # share of a velocity that a step takes
+    angular_damping: float = 1e-3
+    damping_threshold: float = 0.01  # speed from which on it does [m/s and rad/s]
+    single: bool = True
+    gyroscopic: bool = True
+    # Of the servos
+    per_step: bool = True  # slew and filter are of a step as at 1 ms; False: of a second
+    hardening: float = 1.0  # of a gearbox's spring, K (1 + hardening |e|) e [1/rad]
+    damper_share: float = 0.2  # of a gearbox's damper: the rotor's speed that it may change in a step [rad/s]
+
+    def __post_init__(self) -> None:
+        for name in ("iterations", "shuffle_every"):
+            whole(name, getattr(self, name), 0, "it is a number of sweeps", 10**6)
+        for name in ("single", "gyroscopic", "per_step"):
+            truth(name, getattr(self, name))
+        real("relaxation", self.relaxation, 1e-3, 1.999, "1 is Gauss and Seidel's, 1.3 ODE's")
+        for name in ("erp", "bounce", "linear_damping", "angular_damping"):
+            real(name, getattr(self, name), 0.0, 1.0, "it is a share")
+        for name in ("cfm", "soft_cfm", "bounce_speed", "damping_threshold", "hardening", "damper_share"):
+            real(name, getattr(self, name), 0.0, 1e9, "it cannot be negative")
+
+    def record(self) -> np.recarray:
+        """(1,) ENGINE."""
+        made = records(1, ENGINE)
+        for name in ENGINE.names or ():
+            made[0][name] = getattr(self, name)
+        return made
+
+
+EXACT = Engine(
+    iterations=0, cfm=1e-10, soft_cfm=1e-10, bounce=0.0, linear_damping=0.0, angular_damping=0.0, single=False,
+    per_step=False, hardening=0.0, damper_share=1e9,
+)  # fmt: skip
+"""Rigid constraints, solved: what the equations of motion are in the limit of small steps."""
+
+
+@kernel
+def step(w: Any, x: Any, gravity: np.ndarray, h: float) -> int:
+    """One step of all bodies, with the torques of the axes; where the rows of contacts begin."""
+    load(w, x, gravity)
+    apply_torques(w, x)
+    contacts = joint_rows(w, x, h)
+    rows = contact_rows(w, x, h, contacts)
+    finish_rows(w, x, rows, h)
+    if w.engine[0].iterations > 0:
+        relax(w, x, rows)
+    else:
+        solve(w, x, rows)
+    move(w, x, h)
+    refresh(w, x)
+    x.counts[0] = rows
+    x.counts[3] += 1
+    return contacts

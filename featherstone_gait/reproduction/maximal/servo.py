@@ -1,0 +1,102 @@
+"""SimTwo's chain of a servo in its order of updates, a torque that stands over a step.
+
+Filter of the speed, controller at its ticks (that of the rest of the package), back-EMF with the speed of the step's
+start, current with the exact exponential, limits of its slew and size, energy, gearbox, torque.  Slew and filter are of
+a step, whatever its length, as they were in that program: at 1 ms they are those of the servo's data.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...core.compile.by_type import NoneType, by_type
+from ...core.compile.jit import inline
+from ...core.compile.lanes import clamp
+from ...core.effects.decay import MOTOR_DECAY
+from ...core.effects.energies import COPPER, ENERGIES, FRICTION, GEAR, METER, SUPPLY, WORK
+from ...core.effects.gearbox import wind_up
+from ...core.effects.mipsd_servo import MipsdServo
+from ...core.effects.rigid_servo import RigidServo
+
+
+@by_type
+def filter_speeds(actuator: Any, run: Any, w: Any, y: Any) -> None:
+    """Move the filtered speeds on."""
+
+
+@filter_speeds.of(NoneType)
+def _nothing_filtered(actuator: Any, run: Any, w: Any, y: Any) -> None:
+    pass
+
+
+@filter_speeds.otherwise
+def _filter_speeds(actuator: Any, run: Any, w: Any, y: Any) -> None:
+    o = run.places[0]
+    for i in range(len(w.drive)):
+        v = y[o.qd + i]
+        y[o.filtered + i] = v + w.drive[i].filter_left * (y[o.filtered + i] - v)
+
+
+@by_type
+def servo_torque(actuator: Any, run: Any, w: Any, y: Any, i: int) -> Any:
+    """Torque of servo i on its joint over the coming step [N m]; motor and rotor move on."""
+
+
+@servo_torque.of(NoneType)
+def _none(actuator: Any, run: Any, w: Any, y: Any, i: int) -> float:
+    return 0.0
+
+
+@servo_torque.of(RigidServo)
+def _rigid(actuator: Any, run: Any, w: Any, y: Any, i: int) -> float:
+    m, d, o = actuator.motor[i], w.drive[i], run.places[0]
+    emf = clamp(m.torque_constant * y[o.qd + i], -d.voltage_limit, d.voltage_limit)
+    I = _current(m, d, run, y, (i, emf))
+    return m.torque_constant * I - d.viscous * y[o.filtered + i]
+
+
+@servo_torque.of(MipsdServo)
+def _geared(actuator: Any, run: Any, w: Any, y: Any, i: int) -> float:
+    m, g, d, o, h = actuator.motor[i], actuator.gear[i], w.drive[i], run.places[0], run.plan.h
+    speed = y[o.rotor_speed + i]
+    I = _current(m, d, run, y, (i, m.torque_constant * speed))
+    e = wind_up(g, y[o.rotor + i] - y[o.q + i])
+    slip = speed - y[o.filtered + i]
+    damper = clamp(g.damping * slip, -d.damper_limit, d.damper_limit)
+    T = g.stiffness * (1.0 + d.hardening * abs(e)) * e + damper
+    speed += h * (m.torque_constant * I - g.rotor_damping * speed - T) / g.inertia
+    y[o.rotor_speed + i] = speed
+    y[o.rotor + i] += h * speed
+    y[o.energy + ENERGIES * i + GEAR] += h * (damper * slip)
+    return T - d.viscous * y[o.filtered + i]
+
+
+@inline
+def _current(m: Any, d: Any, run: Any, y: Any, what: Any) -> float:
+    """Current at the end of the step [A], with the electrical energies; what: joint and back-EMF [V]."""
+    i, emf = what
+    o, h = run.places[0], run.plan.h
+    E, V, last, left = o.energy + ENERGIES * i, y[o.voltage + i], y[o.current + i], run.scene.decay[i, MOTOR_DECAY]
+    I = left * last + (1.0 - left) * ((V - emf) / m.resistance)
+    I = clamp(clamp(I, last - d.slew, last + d.slew), -m.current_limit, m.current_limit)
+    y[o.current + i] = I
+    y[E + SUPPLY] += h * (V * I)
+    y[E + METER] += h * max(V * I, 0.0)
+    y[E + COPPER] += h * (m.resistance * (I * I))
+    return I
+
+
+@inline
+def drive_joints(actuator: Any, run: Any, w: Any, x: Any, y: Any) -> None:
+    """Torques of all axes: servos and what damps the joints; with their energies."""
+    o, h = run.places[0], run.plan.h
+    for k in range(len(w.axes)):
+        i = w.axes[k].dof
+        v, T = y[o.qd + i], 0.0
+        if w.drive[i].on:
+            T = servo_torque(actuator, run, w, y, i)
+            y[o.energy + ENERGIES * i + WORK] += h * (T * v)
+        damped = w.axes[k].damping * v
+        y[o.energy + ENERGIES * i + FRICTION] += h * (damped * v)
+        y[o.torque + i] = T
+        x.angles[k, 2] = T - damped

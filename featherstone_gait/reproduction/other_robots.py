@@ -1,0 +1,245 @@
+"""Gaits of other robots than the paper's ten-joint humanoid: do they walk in other worlds, and in MuJoCo?
+
+The complete humanoid, whose 19 joints all take part; ANYmal B on its four point feet, and the Unitree G1 with the
+twelve joints of its legs, which come with `example-robot-data`, with an AX-12 scaled to each
+(`walking.with_generic_servos`).  Each walks with its first gait, and with one that is searched for energy alone in
+eight worlds, the G1 also with a Bioloid's feedback scaled to it (`walking.generic_feedback`), and with poses and gains
+that are searched together: in 200 worlds that no search has seen, and on the twelve floors of
+`featherstone_gait.crosscheck`.
+
+    python -m featherstone_gait.reproduction.other_robots TABLE.csv
+
+writes a row a floor, and into `TABLE_worlds.csv` a row a gait; started again it goes on with what is not in
+`TABLE_walks`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from ..base.files import FilePath, Format, complete, parse_json, write_csv
+from ..benchmark.robots import folders
+from ..crosscheck import crosscheck, motion_of
+from ..model import Ground, Model
+from ..optimize.feedback import search_feedback
+from ..optimize.job import optimize_gait, walking_cost
+from ..robot_file import load_robot
+from ..scene.compile import CompiledScene, compile_scene
+from ..walking import (
+    BalancedWalk,
+    Motion,
+    Pattern,
+    WalkingCost,
+    balanced,
+    cheapest_plan,
+    fit_gait,
+    four_legged_stride,
+    generic_feedback,
+    mirror_by_place,
+    pushes_survived,
+    with_generic_servos,
+)
+from ..walking.cost import Measures
+from ..walking.cost_in_worlds import CostInWorlds, in_worlds
+from ..walking.worth import UNSEEN, worth_elsewhere
+from .sources import digest
+
+WORLDS, PUSHED = 8, 4  # of the search, and to be pushed in
+TABLE, GAIT = Format("table of other robots"), Format("gait of another robot")
+WORLDS_TABLE, WORTH = Format("worlds of other robots"), Format("worth of another robot's gait")
+SIDES = {"mujoco": "mujoco", "own": "here"}
+
+
+class Robot(NamedTuple):
+    """A robot, how it first walks, and how long is searched for more."""
+
+    first: Callable[[], WalkingCost]
+    candidates: int
+    feedback: int = 0  # candidates of a search of poses and feedback from the first gait; 0: it has none
+
+
+def complete_humanoid() -> WalkingCost:
+    """The walk that `optimize` begins with, of the robot with all its joints."""
+    return walking_cost(load_robot("humanoid"), states="step")
+
+
+def anymal() -> WalkingCost:
+    """A trot of 120 mm in 0.48 s."""
+    robot = with_generic_servos(_published("anymal_b_simple_description/robots/anymal.urdf"), leg=0.55)
+    bend = {"HAA": 0.0, "HFE": 0.4, "KFE": -0.8}  # [rad], of the hind legs the other way
+    posture = np.array([bend[name[3:]] * (1.0 if name[1] == "F" else -1.0) for name in robot.joint_names])
+    stride = four_legged_stride(robot, posture, Pattern(period=0.48, step=0.12, lift=0.06))
+    gait = fit_gait(stride, 8, mirror=mirror_by_place(robot, posture)).gait
+    return WalkingCost(_scene(robot), gait, posture, blend_strides=2)
+
+
+def g1() -> WalkingCost:
+    """The cheapest of 73 plans, of a robot that holds all joints but those of its legs.
+
+    Its servos are twice as strong for its weight as a Bioloid's: with such as these none of 35 plans walks in eight
+    worlds.
+    """
+    urdf = "g1_description/urdf/g1_29dof_rev_1_0.urdf"
+    held = [name for name in _published(urdf).joint_names if not any(part in name for part in ("hip", "knee", "ankle"))]
+    robot = with_generic_servos(_published(urdf, held), leg=0.75, margin=2.0)
+    return cheapest_plan(_scene(robot), "step").cost
+
+
+ROBOTS = {
+    "complete humanoid": Robot(complete_humanoid, 400),
+    "ANYmal B": Robot(anymal, 400),
+    "G1": Robot(g1, 400, feedback=200),
+}
+
+
+def _published(urdf: str, locked: Sequence[str] = ()) -> Model:
+    """Raises ImportError without the package."""
+    path = next((folder / urdf for folder in folders() if (folder / urdf).is_file()), None)
+    if path is None:
+        raise ImportError(f"{Path(urdf).name} comes with a package; pip install example-robot-data")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what the file says in another way than it should
+        return load_robot(path, base="floating", contacts="feet", locked=[*locked])
+
+
+def _scene(robot: Model) -> CompiledScene:
+    return compile_scene(robot, "mipsd", Ground(), "midpoint", 1e-3)
+
+
+Gaits = dict[str, np.ndarray | BalancedWalk]  # vectors (D,) [rad], or with feedback
+
+
+def gaits(name: str, folder: Path) -> tuple[WalkingCost, Gaits]:
+    """Cost of a robot's first gait, that gait, the one that is searched for, and two with feedback if it has any."""
+    robot, cost = ROBOTS[name], ROBOTS[name].first()
+    first = cost.gait.to_vector()
+
+    def searched() -> dict[str, list[float]]:
+        result = optimize_gait(in_worlds(cost, WORLDS), iterations=robot.candidates, no_progress=robot.candidates)
+        if result.status == 2:
+            raise KeyboardInterrupt
+        return {"x": result.x.tolist()}
+
+    told = _kept(folder / f"{name}_{robot.candidates}.json".replace(" ", "_"), first, searched)
+    found: Gaits = {"first": first, f"{robot.candidates} candidates": np.array(told["x"])}
+    if robot.feedback:
+        model, mirror = cost.scene.model, cost.gait.mirror
+        found["first, feedback"] = balanced(cost.scene, _motion(cost, first), generic_feedback(model), mirror=mirror)
+
+        def with_feedback() -> dict[str, list[float]]:
+            result = search_feedback(in_worlds(cost, WORLDS), iterations=robot.feedback)
+            if result.status == 2:
+                raise KeyboardInterrupt
+            return {"x": result.x_poses.tolist(), "gains": result.walk.feedback.to_vector().tolist()}
+
+        told = _kept(folder / f"{name}_{robot.feedback}_feedback.json".replace(" ", "_"), first, with_feedback)
+        motion = _motion(cost, np.array(told["x"]))
+        found[f"{robot.feedback} candidates, feedback"] = balanced(cost.scene, motion, told["gains"], mirror=mirror)
+    return cost, found
+
+
+def _kept(path: Path, first: np.ndarray, search: Callable[[], dict[str, list[float]]]) -> dict[str, Any]:
+    """What a search found, from its file if it is there; raises ValueError for that of another first gait."""
+    if not path.exists():
+        found = {"format": str(GAIT), "first": first.tolist(), **search()}
+        with complete(path) as temporary:
+            temporary.write_text(json.dumps(found), "utf-8")
+    told = parse_json(path.read_text("utf-8"), str(path), "delete it")
+    GAIT.check(path, told["format"])
+    if told["first"] != first.tolist():
+        raise ValueError(f"{path}: is of another first gait, of other sources or another version; delete it")
+    return told
+
+
+def _motion(cost: WalkingCost, x: np.ndarray) -> Motion:
+    return motion_of(cost.gait.from_vector(x), cost.start, cost.blend_strides)
+
+
+def worth_of(name: str, folder: Path, cost: WalkingCost, found: Gaits) -> list[list]:
+    """A row a gait: what it costs on the own ground and in the worlds of the search, and what it does in others.
+
+    The last number is the impulse that half of the robots survive, mean of eight directions [N s], where it is asked.
+    """
+    path = folder / f"{name}_{ROBOTS[name].candidates}_worth.json".replace(" ", "_")
+    digits = [x.feedback.to_vector().tolist() if isinstance(x, BalancedWalk) else x.tolist() for x in found.values()]
+    if path.exists():
+        told = parse_json(path.read_text("utf-8"), str(path), "delete it")
+        WORTH.check(path, told["format"])
+        if told["gaits"] == digits:
+            return told["rows"]
+    searched, rows = in_worlds(cost, WORLDS), list[list]()
+    for (gait, x), there in zip(found.items(), worth_elsewhere(cost, [*found.values()], UNSEEN)):
+        own, costs = on_own_ground(cost, x), there["cost"] or [None] * 3
+        cells = [own.cost, own.cost_of_transport, own.speed, searched.costs([x])[0][0], there["walks"], *costs]
+        pushes = None
+        if ROBOTS[name].feedback:
+            walk = x if isinstance(x, BalancedWalk) else balanced(cost.scene, _motion(cost, x), mirror=cost.gait.mirror)
+            pushes = float(pushes_survived(cost.scene, walk, PUSHED, feedback=walk is x).mean())
+        rows.append([name, gait, *cells, pushes])
+    with complete(path) as temporary:
+        temporary.write_text(json.dumps({"format": str(WORTH), "gaits": digits, "rows": rows}), "utf-8")
+    return rows
+
+
+def on_own_ground(cost: WalkingCost, gait: np.ndarray | BalancedWalk) -> Measures:
+    """What a gait does as it is searched from, in no other world."""
+    alone = CostInWorlds(cost, [cost.scene], np.zeros((1, len(cost.gait.joint_names))))
+    return alone.measure([gait])[0][0]
+
+
+def rows_of(name: str, folder: Path, cost: WalkingCost, found: Gaits) -> list[list]:
+    """A row a gait and floor, soles as spheres; what was walked before is not walked again."""
+    rows = []
+    for k, (gait, x) in enumerate(found.items()):
+        own, motion = on_own_ground(cost, x), x if isinstance(x, BalancedWalk) else _motion(cost, x)
+        out = folder / f"{name}_{k}_crosscheck".replace(" ", "_")
+        report = crosscheck(motion, cost.scene.model, soles=["spheres"], out=out)
+        for row in report["floors"]:
+            walked = [row[side][key] for side in SIDES for key in ("walks", "end", "cost", "speed")]
+            rows.append([name, gait, own.cost, own.speed, row["floor"], row["sinking"], *walked])
+    return rows
+
+
+def write_table(path: FilePath, rows: Sequence[Sequence]) -> None:
+    """Rows of `rows_of` as CSV."""
+    columns = ["robot", "gait", "own_ground_J_per_m", "own_ground_m_per_s", "floor", "sinking_m"]
+    measures = ("walks", "end_s", "cost_J_per_m", "speed_m_per_s")
+    columns += [f"{side}_{name}" for side in SIDES.values() for name in measures]
+    write_csv(path, TABLE, columns, rows, f"sources {digest(Path(__file__))}")
+
+
+def write_worlds(path: FilePath, rows: Sequence[Sequence]) -> None:
+    """Rows of `worth_of` as CSV."""
+    columns = ["robot", "gait", "own_ground_J_per_m", "own_ground_cost_of_transport", "own_ground_m_per_s"]
+    columns += ["searched_worlds_J_per_m", "walks", *(f"p{share}_J_per_m" for share in (5, 50, 95)), "pushes_N_s"]
+    write_csv(path, WORLDS_TABLE, columns, rows, f"sources {digest(Path(__file__))}")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Walk one robot after the other, and write the tables after each."""
+    parser = argparse.ArgumentParser(description="gaits of other robots in MuJoCo; interrupted to go on")
+    parser.add_argument("table", type=Path, metavar="TABLE.csv")
+    args = parser.parse_args(arguments)
+    folder = Path(str(args.table.with_suffix("")) + "_walks")
+    folder.mkdir(parents=True, exist_ok=True)
+    rows: list[list] = []
+    worlds: list[list] = []
+    for name in tqdm(ROBOTS, unit="robot"):
+        walked = gaits(name, folder)
+        worlds += worth_of(name, folder, *walked)
+        write_worlds(args.table.with_name(f"{args.table.stem}_worlds.csv"), worlds)
+        rows += rows_of(name, folder, *walked)
+        write_table(args.table, rows)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

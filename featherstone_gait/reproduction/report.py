@@ -1,0 +1,527 @@
+"""One report of the experiments: the paper item by item, our own questions, then each experiment.
+
+`reproduce` runs what is not finished yet and writes, in one folder, reproduction.html (one file, opens anywhere),
+reproduction.md with its pictures, reproduction.csv with all claims, and for each finished experiment a file of its
+results, from which the next start goes on if name, settings, seed and the sources that it can load are the same.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import hashlib
+import html
+import inspect
+import io
+import json
+import math
+import os
+import platform
+import re
+import time
+from collections import Counter
+from collections.abc import Sequence
+from importlib import import_module, metadata
+from pathlib import Path
+from traceback import extract_tb
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+
+from tqdm import tqdm
+
+from .. import __version__
+from ..base.files import FilePath, Format, complete, write_csv
+from . import EXPERIMENTS
+from .claim import Claim, Verdict
+from .items import ITEMS
+from .narrow import stack
+from .sources import digest
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PAPER = (
+    'J. Lima, J. Gonçalves, P. Costa, A. Moreira: "Humanoid Gait Optimization Resorting to an Improved Simulation '
+    'Model", International Journal of Advanced Robotic Systems 10 (2013), doi 10.5772/54766'
+)
+FORMAT = Format("experiment", 3)
+TABLE = Format("reproduction")
+TABLE_COLUMNS = ("experiment", "item", "claim", "paper", "here", "factor", "verdict")
+IMPLEMENTED = "implemented"  # what is said of an item that states no result
+LABELLED = ("paper", "here", "factor")
+PAPER_ONLY = ("item", "paper", "factor")
+COLUMNS = ("Item", "Statement", "Paper", "Here", "Factor", "Verdict", "Why and where")
+OWN_COLUMNS = ("Question", "Here", "Answer", "Why and where")
+DOTS_PER_INCH = 150  # of pictures
+SHOWN_PER_INCH = 105  # CSS pixels, on a page that is wide enough
+MINUTES = {  # that an experiment takes on two cores, compiled before: quick, full; from processor seconds
+    "servo_step": (0.1, 0.1), "arm_fall": (0.1, 0.2), "servo_terms": (0.1, 0.1), "identification": (0.3, 4),
+    "seven_joint_arm": (0.4, 5), "energy_repeatability": (0.4, 3), "posture": (0.3, 2), "solver_scatter": (0.9, 6),
+    "gait_optimization": (0.4, 18), "what_stops": (0.3, 9), "method_comparison": (0.3, 5), "robustness": (0.3, 3),
+    "complete_humanoid": (0.4, 3),
+}  # fmt: skip
+
+
+class Entry(NamedTuple):
+    """What the report says of one experiment."""
+
+    name: str
+    title: str
+    claims: tuple[Claim, ...] = ()
+    figures: tuple[tuple[str, str, str], ...] = ()  # caption, file, and file of the same for narrow pages, "" if none
+    motions: tuple[tuple[str, str], ...] = ()  # caption, page that plays it
+    settings: tuple[tuple[str, str, str], ...] = ()  # name, value, unit and reason
+    seconds: float = 0.0
+    failure: str = ""  # what it raised
+    finished: bool = False
+
+
+def reproduce(
+    names: Sequence[str] = (), out: FilePath = ".", full: bool = False, seed: int = 0, progress: bool = False
+) -> list[Entry]:
+    """Run the named experiments, all if none is named, and write the report into the folder `out`.
+
+    An experiment that raises is reported as failed, and the others still run.  The report is written after each of
+    them.  Raises ValueError for an unknown name.
+    """
+    _known(names)
+    folder = Path(out)
+    files = folder / "reproduction_files"
+    files.mkdir(parents=True, exist_ok=True)
+    chosen = [name for name in EXPERIMENTS if not names or name in names]
+    entries = {name: _finished(files, name, full, seed) or Entry(name, name) for name in chosen}
+    with tqdm(entries, disable=not progress, unit="experiment") as bar:
+        for name in bar:
+            bar.set_description(name)
+            if not entries[name].finished:
+                entries[name] = _entry(files, name, full, seed, progress)
+            write_report(folder, list(entries.values()), full, seed)
+    return list(entries.values())
+
+
+def expected(names: Sequence[str] = (), full: bool = False) -> float:
+    """How long the named experiments take on two cores [min]; all if none is named.  Compiling comes on top.
+
+    Raises ValueError for an unknown name.
+    """
+    _known(names)
+    return sum(MINUTES.get(name, (0.0, 0.0))[full] for name in EXPERIMENTS if not names or name in names)
+
+
+def _known(names: Sequence[str]) -> None:
+    for name in names:
+        if name not in EXPERIMENTS:
+            raise ValueError(f"there is no experiment {name!r}; experiments: {', '.join(EXPERIMENTS)}")
+
+
+def _key(name: str, full: bool, seed: int) -> tuple[Any, Any, str]:
+    """Module, settings, and what results are filed under."""
+    module = import_module(f".{name}", __package__)
+    settings = module.FULL if full else module.QUICK
+    program = _program(module)
+    return module, settings, hashlib.sha256(f"{name}\n{settings!r}\n{seed}\n{program}".encode()).hexdigest()
+
+
+def _finished(files: Path, name: str, full: bool, seed: int) -> Entry | None:
+    """From the file of its results, if it is of the same settings, seed and program."""
+    try:
+        return _stored(files / f"{name}.json", _key(name, full, seed)[2])
+    except Exception:  # what is wrong with it is told when it runs
+        return None
+
+
+def _entry(files: Path, name: str, full: bool, seed: int, progress: bool) -> Entry:
+    """Run an experiment and keep its results."""
+    try:
+        module, settings, key = _key(name, full, seed)
+        entry, made = _run(name, module, settings, seed, progress)
+    except Exception as error:  # whatever goes wrong in one experiment, the others are reported
+        return Entry(name, name, failure=_failure(error))
+    for file, data in made.items():
+        _write(files / file, data)
+    text = json.dumps({"format": str(FORMAT), "key": key} | _plain(entry), indent=1)
+    _write(files / f"{name}.json", text.encode())
+    return entry
+
+
+def _run(name: str, module: Any, settings: Any, seed: int, progress: bool) -> tuple[Entry, dict[str, bytes]]:
+    """What an experiment found, and its files by name."""
+    start = time.perf_counter()
+    known = inspect.signature(module.run).parameters
+    how = {"seed": seed, "progress": progress}
+    result = module.run(settings, **{name: value for name, value in how.items() if name in known})
+    claims = tuple(module.check(result))
+    made: dict[str, bytes] = {}
+    figures, motions = [], []
+    for k, (caption, figure) in enumerate(module.plot(result).items(), start=1):
+        wide, narrow = f"{name}_{k}.png", f"{name}_{k}_narrow.png"
+        made[wide] = _png(figure)
+        if stack(figure):
+            made[narrow] = _png(figure)
+        figures.append((caption, wide, narrow if narrow in made else ""))
+    if hasattr(module, "animate"):
+        for k, (caption, page) in enumerate(module.animate(result).items(), start=1):
+            made[f"{name}_{k}.html"] = page.encode()
+            motions.append((caption, f"{name}_{k}.html"))
+    seconds = time.perf_counter() - start
+    rest = (tuple(figures), tuple(motions), _settings(settings), seconds, "", True)
+    return Entry(name, _title(module), claims, *rest), made
+
+
+def _png(figure: Figure) -> bytes:
+    """The picture; sixteen million colors are reduced to 256, which lines and bars do not need."""
+    from PIL import Image
+
+    buffer, small = io.BytesIO(), io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=DOTS_PER_INCH)
+    Image.open(buffer).convert("RGB").quantize(256, dither=Image.Dither.NONE).save(small, "png", optimize=True)
+    return small.getvalue()
+
+
+def _plain(entry: Entry) -> dict:
+    return entry._asdict() | {"claims": [dataclasses.asdict(claim) for claim in entry.claims]}
+
+
+def _stored(path: Path, key: str) -> Entry | None:
+    """The results of an earlier run, None unless all of them are there and of this key."""
+    try:
+        content = json.loads(path.read_text("utf-8"))
+        FORMAT.check(path, content.pop("format", None))
+        if content.pop("key") != key:
+            return None
+        content["claims"] = tuple(Claim(**claim) for claim in content["claims"])
+        for name in ("figures", "motions", "settings"):
+            content[name] = tuple(map(tuple, content[name]))
+        entry = Entry(**content)
+        needed = [file for _, *files in (*entry.figures, *entry.motions) for file in files if file]
+        return entry if all((path.parent / file).is_file() for file in needed) else None
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        return None
+
+
+def _program(module: Any) -> str:
+    """Version and a digest of all that an experiment's results depend on here, so that a changed program runs again."""
+    file = getattr(module, "__file__", None)
+    return f"{__version__} {digest(Path(file)) if file else ''}"
+
+
+def _failure(error: Exception) -> str:
+    """The error and where it was raised."""
+    frame = extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({Path(frame.filename).name}, line {frame.lineno})"
+
+
+def _title(module: Any) -> str:
+    return (module.__doc__ or module.__name__).strip().splitlines()[0].rstrip(".")
+
+
+def _settings(settings: Any) -> tuple[tuple[str, str, str], ...]:
+    """Name and value of each setting, with the comment beside it in the source: unit and reason."""
+    try:
+        source = inspect.getsource(type(settings))
+    except OSError:
+        source = ""
+    comments = dict(re.findall(r"^ {4}(\w+): .*?  # (.*)$", source, re.MULTILINE))
+    return tuple(
+        (field.name, _shown(getattr(settings, field.name)), comments.get(field.name, ""))
+        for field in dataclasses.fields(settings)
+    )
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, tuple | list):
+        return ", ".join(map(_shown, value))
+    return str(value)
+
+
+def write_report(folder: Path, entries: Sequence[Entry], full: bool, seed: int) -> None:
+    """Write reproduction.html, reproduction.md and reproduction.csv."""
+    facts = _facts(entries, full, seed)
+    files = folder / "reproduction_files"
+    _write(folder / "reproduction.html", _html(entries, facts, files).encode())
+    write_csv(folder / "reproduction.csv", TABLE, TABLE_COLUMNS, _table(entries), _note(facts))
+    _write(folder / "reproduction.md", _markdown(entries, facts, files.name).encode())
+
+
+def _table(entries: Sequence[Entry]) -> list[tuple[str, ...]]:
+    """Each claim, as plain text."""
+    return [
+        (entry.name, claim.item, claim.claim, claim.paper, claim.ours, _factor(claim), claim.word)
+        for entry in entries
+        for claim in entry.claims
+    ]
+
+
+def _factor(claim: Claim) -> str:
+    return "" if claim.factor is None else f"{claim.factor:.2g}"
+
+
+def _note(facts: list[tuple[str, str]]) -> str:
+    """What the table is of; nothing that depends on time or machine."""
+    return "\n".join(f"{name}: {text}" for name, text in facts if name in ("Size and seed", "Program"))
+
+
+def _facts(entries: Sequence[Entry], full: bool, seed: int) -> list[tuple[str, str]]:
+    """What the report states about itself."""
+    claims = [claim for entry in entries for claim in entry.claims]
+    verdicts = Counter(claim.verdict for claim in claims if claim.item)
+    counts = [f"{count} {verdict}" for verdict in get_args(Verdict) if (count := verdicts[verdict])]
+    own = Counter(claim.word for claim in claims if not claim.item)
+    failed = [entry.name for entry in entries if entry.failure]
+    waiting = [entry.name for entry in entries if not (entry.finished or entry.failure)]
+    packages = ", ".join(f"{name} {metadata.version(name)}" for name in ("numpy", "numba", "scipy"))
+    machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+    size = "full" if full else "quick"
+    facts = [
+        ("The paper", ", ".join(counts) or "nothing yet"),
+        ("Own questions", ", ".join(f"{count} {word}" for word, count in own.items()) or "none yet"),
+        ("Size and seed", f"{size}, seed {seed}"),
+        ("Program", f"featherstone-gait {__version__}, Python {platform.python_version()}, {packages}"),
+        ("Machine", machine),
+        ("Time", f"{sum(entry.seconds for entry in entries):.0f} s in {sum(e.finished for e in entries)} experiments"),
+    ]
+    facts += [("Failed", ", ".join(failed))] if failed else []
+    return facts + ([("Not run yet", ", ".join(waiting))] if waiting else [])
+
+
+class Row(NamedTuple):
+    """One line of the table of the paper, or of that of our own questions (`item` and what only the paper has: "")."""
+
+    item: str
+    statement: str
+    paper: str
+    here: str
+    factor: str
+    verdict: str
+    why: str
+    where: str  # experiment, or file
+
+
+def _paper_rows(entries: Sequence[Entry]) -> list[Row]:
+    """Each item in the paper's order, and after those of an experiment that failed, that it did."""
+    rows = []
+    for key, item in ITEMS.items():
+        claims = [(entry.name, claim) for entry in entries for claim in entry.claims if claim.item == key]
+        if item.here:
+            rows.append(Row(key, item.title, "", item.here, "", IMPLEMENTED, item.test, item.module))
+        elif not claims:
+            rows.append(Row(key, item.title, "", "", "", "not run yet", "", ""))
+        for name, claim in claims:
+            statement = f"{item.title}. {claim.claim}"
+            rows.append(Row(key, statement, claim.paper, claim.ours, _factor(claim), claim.word, claim.why, name))
+    return rows + [Row("", e.title, "", "", "", "failed", e.failure, e.name) for e in entries if e.failure]
+
+
+def _own_rows(entries: Sequence[Entry]) -> list[Row]:
+    """What was asked besides, and whether it is so."""
+    return [
+        Row("", claim.claim, "", claim.ours, "", claim.word, claim.why, entry.name)
+        for entry in entries
+        for claim in entry.claims
+        if not claim.item
+    ]
+
+
+# ---------------------------------------------------------------------------------------------- HTML
+
+STYLE = """
+:root { color-scheme: light dark; --ink: #1f2328; --soft: #59636e; --line: #d1d9e0; --back: #f6f8fa; --page: #fff;
+  --yes: #1a7f37; --part: #9a6700; --no: #b42318; --link: #0969da; --bad: #fff1f0; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e6edf3; --soft: #9da7b1; --line: #3d444d; --back: #151b23;
+  --page: #0d1117; --yes: #57ab5a; --part: #d4a72c; --no: #f47067; --link: #6cb6ff; --bad: #331c1a; }
+  figure img { background: #fff; border-radius: 4px; } }
+* { box-sizing: border-box; }
+body { font: 15px/1.5 system-ui, "DejaVu Sans", sans-serif; color: var(--ink); background: var(--back); margin: 0; }
+main { max-width: 1180px; margin: 0 auto; padding: 24px 32px 64px; background: var(--page); }
+h1 { font-size: 26px; margin: 8px 0 4px; line-height: 1.25; }
+h2 { font-size: 20px; margin: 40px 0 8px; padding-top: 16px; border-top: 1px solid var(--line); line-height: 1.3; }
+h3 { font-size: 15px; margin: 20px 0 6px; }
+p.source { color: var(--soft); margin: 0 0 16px; }
+table { border-collapse: collapse; width: 100%; font-size: 13px; line-height: 1.4; }
+th { text-align: left; background: var(--back); }
+th, td { border: 1px solid var(--line); padding: 6px 9px; vertical-align: top; overflow-wrap: anywhere; }
+table.facts { width: auto; margin-bottom: 20px; } table.facts th { width: 9em; }
+table.settings { width: auto; }
+td.name, td.item { font-weight: 600; white-space: nowrap; }
+code { font: 11.5px/1.35 ui-monospace, "DejaVu Sans Mono", monospace; }
+td.statement { width: 21%; } td.paper { width: 15%; } td.here { width: 22%; } td.why { width: 25%; }
+.own td.statement { width: 30%; } .own td.here { width: 42%; } .own td.why { width: 18%; }
+td.verdict { font-weight: 600; min-width: 7.5em; overflow-wrap: normal; }
+td.factor, tr.head th { overflow-wrap: normal; } td.factor { text-align: right; white-space: nowrap; }
+.yes { color: var(--yes); } .part { color: var(--part); } .no { color: var(--no); } .soft { color: var(--soft); }
+a { color: var(--link); text-decoration: none; } a:hover { text-decoration: underline; }
+figure { margin: 16px 0 24px; } figure img { max-width: 100%; height: auto; display: block; }
+figcaption { color: var(--soft); font-size: 13px; margin-top: 4px; max-width: 75em; }
+p.failure { border-left: 4px solid var(--no); padding: 8px 12px; background: var(--bad); }
+p.time { color: var(--soft); font-size: 13px; }
+details summary { cursor: pointer; color: var(--link); }
+.gauge { display: block; position: relative; width: 64px; height: 9px; margin: 5px 0 0 auto; border-radius: 2px;
+  background: linear-gradient(90deg, transparent 31px, var(--soft) 31px 33px, transparent 33px), var(--line); }
+.gauge i { position: absolute; top: -1px; width: 11px; height: 11px; margin-left: -6px; border-radius: 50%;
+  background: var(--link); border: 2px solid var(--page); }
+iframe { width: 100%; height: 560px; border: 1px solid var(--line); border-radius: 6px; }
+@media (max-width: 600px) { figure.wide picture { display: block; overflow-x: auto; } iframe { height: 620px; }
+  figure.wide img { max-width: none; width: 900px; } }
+@media (max-width: 800px) {
+  .gauge { display: inline-block; margin: 0 0 0 8px; vertical-align: middle; }
+  main { padding: 16px 14px 48px; }
+  table.claims, table.claims tbody, table.claims tr, table.claims td { display: block; width: auto; }
+  table.claims tr.head { display: none; }
+  table.claims tr { border: 1px solid var(--line); border-radius: 6px; margin: 0 0 12px; padding: 6px 10px; }
+  table.claims td { border: 0; padding: 2px 0; text-align: left; min-width: 0; }
+  table.claims td:empty { display: none; }
+  table.claims td[data-label]::before { content: attr(data-label) ": "; color: var(--soft); font-weight: 400; }
+  table.facts, table.settings { display: block; } table.facts th { width: 7em; }
+}
+@media print { body { background: #fff; } main { padding: 0; max-width: none; } tr, figure { break-inside: avoid; }
+  figure.motion { display: none; } }
+"""
+SCRIPT = 'addEventListener("beforeprint", () => document.querySelectorAll("details").forEach(d => d.open = true));'
+SHADES = {"reproduced": "yes", "yes": "yes", IMPLEMENTED: "soft", "reproduced in direction": "part", "in part": "part",
+          "undecided": "soft", "not run yet": "soft"}  # fmt: skip
+
+
+def _html(entries: Sequence[Entry], facts: list[tuple[str, str]], files: Path) -> str:
+    e = html.escape
+    body = "".join(_html_section(entry, files) for entry in entries if entry.finished or entry.failure)
+    about = "".join(f"<tr><th>{e(name)}</th><td>{e(text)}</td></tr>" for name, text in facts)
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1"><title>The paper, reproduced</title>'
+        f"<style>{STYLE}</style></head>\n<body><main><h1>The paper, reproduced</h1>"
+        f'<p class="source">{e(PAPER)}</p><table class="facts">{about}</table>\n'
+        f"<h2>The paper, item by item</h2>{_html_table(COLUMNS, _paper_rows(entries))}"
+        f"<h2>What was asked besides</h2>{_html_table(OWN_COLUMNS, _own_rows(entries))}\n{body}"
+        f"</main><script>{SCRIPT}</script></body></html>\n"
+    )
+
+
+def _html_table(columns: Sequence[str], rows: Sequence[Row]) -> str:
+    head = "".join(f"<th>{name}</th>" for name in columns)
+    return (
+        f'<table class="claims{" own" * (columns != COLUMNS)}"><tbody><tr class="head">{head}</tr>\n'
+        f"{''.join(_html_row(row, columns) for row in rows)}</tbody></table>"
+    )
+
+
+def _html_row(row: Row, columns: Sequence[str]) -> str:
+    e = html.escape
+    if row.verdict == IMPLEMENTED:
+        breaks = (re.sub("([_/])", r"\1<wbr>", e(text)) for text in (row.where, row.why) if text)
+        why = "<br>".join(f"<code>{text}</code>" for text in breaks)
+    else:
+        link = f'<a href="#{e(row.where)}">{e(row.where)}</a>' if row.where else ""
+        why = (f"<details><summary>why</summary>{e(row.why)}</details>" if row.why else "") + link
+    cells = {
+        "item": e(row.item), "statement": e(row.statement), "paper": e(row.paper), "here": e(row.here),
+        "factor": _gauge(row.factor),
+        "verdict": f'<span class="{SHADES.get(row.verdict, "no")}">{e(row.verdict)}</span>',
+        "why": why,
+    }  # fmt: skip
+    shown = cells if columns == COLUMNS else {name: cells[name] for name in cells if name not in PAPER_ONLY}
+    labels = dict(zip(shown, columns))  # shown where the page is narrow
+    tags = (f'<td class="{name}"' + f' data-label="{labels[name]}">' * (name in LABELLED) + ">" * (name not in LABELLED)
+            for name in shown)  # fmt: skip
+    return f"<tr>{''.join(f'{tag}{x}</td>' for tag, x in zip(tags, shown.values()))}</tr>\n"
+
+
+def _gauge(factor: str) -> str:
+    """The factor, and where it lies on a logarithmic scale from 1/100 to 100; the line is the paper's."""
+    if not factor or float(factor) <= 0.0:
+        return factor
+    place = 50.0 + 25.0 * min(2.0, max(-2.0, math.log10(float(factor))))
+    return f'{factor}<span class="gauge" aria-hidden="true"><i style="left: {place:.0f}%"></i></span>'
+
+
+def _html_section(entry: Entry, files: Path) -> str:
+    e = html.escape
+    parts = [f'<h2 id="{e(entry.name)}">{e(entry.title)}</h2>']
+    if entry.failure:
+        parts.append(f'<p class="failure">Failed: {e(entry.failure)}</p>')
+    for caption, page in entry.motions:
+        source = e((files / page).read_text("utf-8"))
+        parts.append(
+            f'<figure class="motion"><iframe title="{e(caption)}" loading="lazy" srcdoc="{source}"></iframe>'
+            f"<figcaption>{e(caption)}</figcaption></figure>"
+        )
+    for caption, wide, narrow in entry.figures:
+        kind = "" if narrow else ' class="wide"'
+        other = f'<source media="(max-width: 600px)" srcset="{_inline(files / narrow)}">' if narrow else ""
+        parts.append(
+            f"<figure{kind}><picture>{other}"
+            f'<img alt="{e(caption)}" width="{_width(files / wide)}" src="{_inline(files / wide)}"></picture>'
+            f"<figcaption>{e(caption)}</figcaption></figure>"
+        )
+    cells = "".join(
+        f'<tr><td class="name">{e(name)}</td><td>{e(value)}</td><td>{e(comment)}</td></tr>'
+        for name, value, comment in entry.settings
+    )
+    parts.append(
+        '<details><summary>Settings</summary><table class="settings"><tr><th>Name</th><th>Value</th>'
+        f"<th>Unit, reason</th></tr>{cells}</table></details>"
+    )
+    if entry.finished:
+        parts.append(f'<p class="time">{e(entry.name)}: {entry.seconds:.1f} s</p>')
+    return "".join(parts) + "\n"
+
+
+def _width(file: Path) -> int:
+    """At which a picture is shown, so that all have type of one size."""
+    pixels = int.from_bytes(file.read_bytes()[16:20], "big")  # the PNG's header
+    return round(pixels * SHOWN_PER_INCH / DOTS_PER_INCH)
+
+
+def _inline(file: Path) -> str:
+    return f"data:image/png;base64,{base64.b64encode(file.read_bytes()).decode()}"
+
+
+# ---------------------------------------------------------------------------------------------- Markdown
+
+
+def _markdown(entries: Sequence[Entry], facts: list[tuple[str, str]], files: str) -> str:
+    lines = ["# The paper, reproduced", "", _plain_text(PAPER), ""]
+    lines += [f"- {name}: {_plain_text(text)}" for name, text in facts]
+    lines += [
+        "",
+        "## The paper, item by item",
+        "",
+        *_markdown_table(COLUMNS, [_with_place(row) for row in _paper_rows(entries)]),
+    ]
+    own = [[row.statement, row.here, row.verdict, _with_place(row)[-1]] for row in _own_rows(entries)]
+    lines += ["", "## What was asked besides", "", *_markdown_table(OWN_COLUMNS, own)]
+    for entry in entries:
+        if entry.finished or entry.failure:
+            lines += _markdown_section(entry, files)
+    return "\n".join(lines) + "\n"
+
+
+def _with_place(row: Row) -> tuple[str, ...]:
+    return (*row[:-2], f"{row.why} ({row.where})" if row.where else row.why)
+
+
+def _markdown_section(entry: Entry, files: str) -> list[str]:
+    lines = ["", f"## {_plain_text(entry.title)}", ""]
+    if entry.failure:
+        lines += [f"**Failed:** {_plain_text(entry.failure)}", ""]
+    for caption, page in entry.motions:
+        lines += [f"[{_plain_text(caption)}]({files}/{page})", ""]
+    for caption, picture, _ in entry.figures:
+        lines += [f"![{entry.name}]({files}/{picture})", "", _plain_text(caption), ""]
+    lines += ["Settings", "", *_markdown_table(("Name", "Value", "Unit, reason"), entry.settings)]
+    return [*lines, "", f"{entry.name}: {entry.seconds:.1f} s"] if entry.finished else lines
+
+
+def _markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    lines = [f"| {' | '.join(head)} |", f"|{' --- |' * len(head)}"]
+    return lines + [f"| {' | '.join(map(_plain_text, row))} |" for row in rows]
+
+
+def _plain_text(text: str) -> str:
+    """The text with nothing in it that Markdown or HTML would take for markup, in one line."""
+    return re.sub(r"([\\`*_{}\[\]<>|#~])", r"\\\1", " ".join(text.split()))
+
+
+def _write(path: Path, data: bytes) -> None:
+    with complete(path) as temporary:
+        temporary.write_bytes(data)

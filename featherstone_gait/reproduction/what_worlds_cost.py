@@ -1,0 +1,212 @@
+"""What it costs that a gait walks elsewhere: energy per distance against the share of worlds that it gets through.
+
+A gait is searched on the robot's own floor, as the paper's, and in one, two, four and eight worlds at once
+(`walking.in_worlds`), with the paper's search and with CMA-ES; all searches begin with the plain plan, with the poses
+of a step, ask for energy alone, and see as many candidates.  So they have tried as much, not worked as long: a
+candidate in eight worlds is eight walks.  At equal walks a search in one world would have eight times the candidates,
+and be ahead by these too.  What each found then walks in 200 worlds that none of them has seen, over 20 strides at a
+quarter of the step (`walking.worth`).  The seed of a search also draws its worlds.
+
+    python -m featherstone_gait.reproduction.what_worlds_cost TABLE.csv PICTURE.png
+
+writes table and picture after each search; started again it goes on with those that are not in `TABLE_searches`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from tqdm import tqdm
+
+from ..base.files import FilePath, Format, complete, parse_json, write_csv
+from ..optimize.job import AMPLITUDE, optimize_gait, walking_cost
+from ..robot_file import load_robot
+from ..search import cma_es
+from ..search import run as run_search
+from ..view.style import BLUE, GREY, ORANGE, look
+from ..walking.cost import WalkingCost
+from ..walking.cost_in_worlds import CostInWorlds, in_worlds
+from ..walking.gait import bounds
+from ..walking.worth import UNSEEN, worth_elsewhere
+from .common import grid_of_panels
+from .sources import PACKAGE, digest
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FIRST, PAPERS, CMA = "first gait", "annealing", "CMA-ES"
+METHODS = {PAPERS: BLUE, CMA: ORANGE}
+WORLDS = (0, 1, 2, 4, 8)  # 0: the robot's own floor
+CANDIDATES, SEARCHES = 800, 1  # of each search; of each method and number of worlds
+TABLE, SEARCH = Format("worlds table"), Format("search in worlds")
+SEARCHED_WITH = ("walking/worth.py", "search/annealing.py", "search/cma_es.py")
+
+
+@dataclass(frozen=True)
+class Row:
+    """A search and what its gait is worth; nan where it falls."""
+
+    method: str
+    worlds: int  # that it searched in; 0: the robot's own floor
+    seed: int
+    candidates: int
+    searched: float  # cost as the search saw it [J/m]
+    own: float  # on the robot's own floor [J/m]
+    own_speed: float  # [m/s]
+    unseen: int  # worlds that tell what it is worth
+    walks: float  # share of these that it gets through [-]
+    cost_5: float  # percentiles of its cost where it does [J/m]
+    cost_50: float
+    cost_95: float
+
+
+@cache
+def planned() -> WalkingCost:
+    """The first gait of all searches."""
+    return walking_cost(load_robot("humanoid", locked="simplified"), states="step")
+
+
+def search(method: str, worlds: int, seed: int, candidates: int = CANDIDATES) -> tuple[np.ndarray, float]:
+    """The gait vector (D,) that a search finds [rad], and its cost as the search saw it [J/m]."""
+    first = planned()
+    cost: WalkingCost | CostInWorlds = in_worlds(first, worlds, seed) if worlds else first
+    if method == PAPERS:
+        result = optimize_gait(cost, iterations=candidates - 1, seed=seed, no_progress=candidates)
+    else:
+        x0, limits = first.gait.to_vector(), bounds(first.scene.model, first.gait)
+        asks = cma_es(x0, amplitude=AMPLITUDE, bounds=limits, seed=seed)
+        result = run_search(asks, cost, evaluations=candidates, map=type(cost).costs, batch=candidates)
+    if result.status == 2:
+        raise KeyboardInterrupt
+    return result.x, float(result.fun)
+
+
+def worth(method: str, worlds: int, seed: int, candidates: int, found: tuple[np.ndarray, float], unseen: int) -> Row:
+    """What a gait that was found is worth in as many worlds."""
+    x, searched = found
+    own = planned().measure([x])[0]
+    (there,) = worth_elsewhere(planned(), [x], unseen)
+    return Row(
+        method, worlds, seed, candidates, searched, own.cost, own.speed, unseen, there["walks"],
+        *(there["cost"] or [math.nan] * 3),
+    )  # fmt: skip
+
+
+# ---------------------------------------------------------------------------------------------- the study
+
+
+def study(
+    folder: Path, searches: int = SEARCHES, candidates: int = CANDIDATES, unseen: int = UNSEEN
+) -> Iterable[list[Row]]:
+    """All rows so far, after each; a row's search and worth are kept in the folder, and not done again."""
+    folder.mkdir(parents=True, exist_ok=True)
+    todo = [(FIRST, 0, 0), *((method, worlds, seed) for seed, worlds, method in
+                             product(range(searches), WORLDS, METHODS))]  # fmt: skip
+    program, rows = digest(*(PACKAGE / file for file in SEARCHED_WITH)), []
+    for what in tqdm(todo, unit="search"):
+        key = hashlib.sha256(f"{what} {candidates} {unseen} {AMPLITUDE} {program}".encode()).hexdigest()[:12]
+        name = "_".join(map(str, what)).replace(" ", "_")
+        rows.append(_kept(folder / f"{name}_{key}.json", what, candidates, unseen))
+        yield rows
+
+
+def _kept(path: Path, what: tuple[str, int, int], candidates: int, unseen: int) -> Row:
+    if not path.exists():
+        n = 1 if what[0] == FIRST else candidates
+        found = (planned().gait.to_vector(), math.nan) if what[0] == FIRST else search(*what, n)
+        row = worth(*what, n, found, unseen)
+        told: dict[str, Any] = {"format": str(SEARCH), "x": found[0].tolist()} | {
+            field.name: getattr(row, field.name) for field in fields(Row)
+        }
+        with complete(path) as temporary:
+            temporary.write_text(json.dumps(told), "utf-8")
+    told = parse_json(path.read_text("utf-8"), str(path), "delete it")
+    SEARCH.check(path, told["format"])
+    return Row(**{field.name: told[field.name] for field in fields(Row)})
+
+
+def write_table(path: FilePath, rows: Iterable[Row]) -> None:
+    """The rows as CSV, by the names of `Row`."""
+    names = [field.name for field in fields(Row)]
+    table = ([getattr(row, name) for name in names] for row in rows)
+    write_csv(path, TABLE, names, table, f"sources {digest(Path(__file__))}")
+
+
+# ---------------------------------------------------------------------------------------------- the picture
+
+
+@look()
+def plot(rows: Sequence[Row]) -> Figure:
+    """Energy per distance of a gait where it walks, against the share of unseen worlds that it walks in.
+
+    A mark a search, with the number of its worlds in it, and the means of each number joined.
+    """
+    figure, axes = grid_of_panels(6.5, 4.4)
+    panel, searched = axes[0, 0], [row for row in rows if row.method != FIRST]
+    for method, color in METHODS.items():
+        own = [row for row in searched if row.method == method]
+        for row in own:
+            _mark(panel, row, color)
+        _join(panel, [[row for row in own if row.worlds == worlds] for worlds in WORLDS[1:]], color)
+    low, high = (f([row.cost_50 for row in searched]) for f in (np.nanmin, np.nanmax))
+    left = min(row.walks for row in searched)
+    panel.set(
+        xlabel=f"share of {rows[0].unseen} unseen worlds in which the gait walks [%]", xlim=(100.0 * left - 4.0, 102.5),
+        ylabel="median energy per distance there [J/m]", ylim=(0.93 * low, 1.1 * high),
+    )  # fmt: skip
+    _legend(panel, next(row for row in rows if row.method == FIRST))
+    return figure
+
+
+def _mark(panel: Axes, row: Row, color: str) -> None:
+    """The number of worlds in a disc; hollow for the robot's own floor."""
+    face, text = (color, "white") if row.worlds else ("white", color)
+    x, y = 100.0 * row.walks, row.cost_50
+    panel.plot(x, y, "o", ms=11, color=face, markeredgecolor=color, markeredgewidth=1.2, zorder=3)
+    name = str(row.worlds) if row.worlds else "f"
+    panel.text(x, y, name, color=text, ha="center", va="center_baseline", fontsize=7.5, zorder=4)
+
+
+def _join(panel: Axes, each: Sequence[Sequence[Row]], color: str) -> None:
+    means = np.array([[np.mean([100.0 * r.walks for r in rows]), np.nanmean([r.cost_50 for r in rows])]
+                      for rows in each if rows])  # fmt: skip
+    panel.plot(*means.T, color=color, alpha=0.45, linewidth=2.5, zorder=1)
+
+
+def _legend(panel: Axes, first: Row) -> None:
+    """What the marks say, where searches leave room: few worlds are cheap, and many survived are dear."""
+    lines = [(f"{method}, in as many worlds", color) for method, color in METHODS.items()]
+    lines += [("f: on the robot's own floor", GREY), ("lines: means of each number of worlds", GREY),
+              (f"first gait: {first.cost_50:.0f} J/m, {100.0 * first.walks:.1f} %", GREY)]  # fmt: skip
+    for k, (text, color) in enumerate(lines):
+        panel.annotate(text, (0.02, 0.98), xycoords="axes fraction", xytext=(0, -12 * k), textcoords="offset points",
+                       color=color, fontsize=8.5, va="top")  # fmt: skip
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Make the searches one after the other; write table and picture after each."""
+    parser = argparse.ArgumentParser(description="what it costs to walk elsewhere; interrupted to go on")
+    parser.add_argument("table", type=Path, metavar="TABLE.csv")
+    parser.add_argument("picture", type=Path, metavar="PICTURE.png")
+    parser.add_argument("--searches", type=int, default=SEARCHES, help="of each kind (default: %(default)s)")
+    args = parser.parse_args(arguments)
+    for rows in study(Path(str(args.table.with_suffix("")) + "_searches"), args.searches):
+        write_table(args.table, rows)
+        if len(rows) > 1:
+            plot(rows).savefig(args.picture, dpi=130)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

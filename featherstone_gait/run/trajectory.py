@@ -1,0 +1,270 @@
+"""The result of a simulation: recorded channels, how the run ended, and where its energy went."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..base.files import FilePath, Format, complete_together, is_number, read_arrays, read_json
+from .channels import column_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from ..model import Model
+    from ..scene.compile import CompiledScene
+    from ..view.live import Live
+    from ..view.shown import Page
+
+FORMAT = Format("trajectory")
+STATUSES = ("ok", "fell", "diverged", "chatter", "step too small", "not converged", "inaccurate", "too costly")
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory(Mapping[str, np.ndarray]):
+    """Channels by name, arrays (samples, ...); `time` (samples,) [s] is one of them.
+
+    status is "ok", "fell" or "diverged" (the run ended there, at `end_time`; later samples repeat the last sound
+    state), "chatter" (velocities alternated from step to step: the step is too large for the integrator and the
+    result is wrong, however bounded), "step too small" (error control asked for less than it may take, and the run
+    ended there), "too costly" (error control has taken as many steps as it may, and the run ended there),
+    "inaccurate" (its estimated error is beyond 1e-3: see `simulate`) or "not converged" (an implicit step missed its
+    tolerance, the step is beyond what the method or springs between bodies allow, or rk4 went into a stop that it does
+    not resolve at that step).
+    """
+
+    channels: dict[str, np.ndarray]
+    status: str
+    message: str
+    end_time: float  # [s]
+    final: np.ndarray  # the whole state at the end; to go on from it give `simulate` the trajectory, or this array
+    info: dict[str, Any] = field(default_factory=dict)
+    error: dict[str, np.ndarray] | None = None  # estimate for each channel, in its unit and shape
+    parts: dict[str, tuple[int, int]] | None = None  # of `final`: where each begins and ends; None: not known
+    companion: np.ndarray | None = None  # final state of the coarser run that told the error, to go on from likewise
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.channels[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.channels)
+
+    def __len__(self) -> int:
+        return len(self.channels)
+
+    def __repr__(self) -> str:
+        named = ", ".join(f"{name} {values.shape[1:]}" for name, values in self.items() if name != "time")
+        samples = max((len(values) for values in self.values()), default=0)
+        return f"<trajectory: {self.status} to {self.end_time:g} s, {samples} samples of {named or 'nothing'}>"
+
+    @property
+    def ok(self) -> bool:
+        return self.status == "ok"
+
+    def column(self, name: str, label: str) -> np.ndarray:
+        """One number of a channel by its label, of each joint or contact point (samples, ...).
+
+        `column("energy", "meter")` is the energy that each servo has drawn [J], `column("contact_force", "normal")` the
+        normal force on each contact point [N]; `channel_table()` lists the labels.  Raises ValueError for a label that
+        there is not, or there is twice, and for a channel that was not recorded.
+        """
+        column = column_of(name, label)
+        if name not in self:
+            known = ", ".join(self)
+            raise ValueError(f"channel {name!r} is not recorded, {known} are: name it in simulate(record=...)")
+        return self[name][..., column]
+
+    def save(self, path: FilePath) -> None:
+        """Write PATH.npz (channels and final state) and PATH.json (status and settings), whole or not at all."""
+        described = {"format": str(FORMAT), "status": self.status, "message": self.message, "end_time": self.end_time}
+        described |= {"info": self.info, "parts": self.parts}
+        arrays: dict[str, Any] = {f"channel_{k}": v for k, v in self.channels.items()}
+        arrays |= {f"error_{k}": v for k, v in (self.error or {}).items()}
+        arrays |= {} if self.companion is None else {"companion": self.companion}
+        with complete_together(*_files(path)) as (data, text):
+            with data.open("xb") as file:
+                np.savez_compressed(file, format=str(FORMAT), final=self.final, **arrays)
+            text.write_text(json.dumps(described, indent=2, default=float), encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: FilePath) -> Trajectory:
+        """Read what `save` wrote.
+
+        Raises ValueError, naming the file, for one that is damaged, holds something else or is of a format that this
+        version does not read, OSError for one that cannot be opened.
+        """
+        data, text = _files(path)
+        described, arrays = read_json(text, FORMAT), read_arrays(data, FORMAT)
+        _check_arrays(data, arrays)
+        final, companion = arrays.pop("final"), arrays.pop("companion", None)
+        parts = described.pop("parts", None)
+        _check_described(text, described)
+        channels, error = (
+            {name.removeprefix(kind): values for name, values in arrays.items() if name.startswith(kind)}
+            for kind in ("channel_", "error_")
+        )
+        parts = None if parts is None else _parts(text, parts, len(final))
+        return cls(channels, final=final, error=error or None, parts=parts, companion=companion, **described)
+
+    def to_pandas(self) -> Any:
+        """A pandas.DataFrame over time [s], a column a number; see `tables`.  Raises ImportError without pandas."""
+        from .tables import to_pandas
+
+        return to_pandas(self)
+
+    def to_xarray(self) -> Any:
+        """An xarray.Dataset, a variable a channel; see `tables`.  Raises ImportError without xarray."""
+        from .tables import to_xarray
+
+        return to_xarray(self)
+
+    def to_parquet(self, path: FilePath) -> None:
+        """Write the table of `to_pandas` to PATH, whole or not at all.  Raises ImportError without pyarrow."""
+        from .tables import to_parquet
+
+        to_parquet(self, path)
+
+    def plot(self, *names: str, axes: Axes | Sequence[Axes] | np.ndarray | None = None) -> Figure:
+        """Draw channels against time, one panel each; return the figure."""
+        from ..view.plotting import plot_trajectory
+
+        return plot_trajectory(self, names or tuple(k for k in self if k != "time"), axes)
+
+    def show(
+        self,
+        robot: Model | CompiledScene | str | os.PathLike[str] | None = None,
+        *others: Trajectory,
+        captions: Sequence[str] = (),
+        plots: Sequence[str] = (),
+        ghosts: bool = False,
+        path: FilePath | None = None,
+    ) -> Page:
+        """The motion as a page to play: in a notebook inline, else the HTML file `path`, which opens without network.
+
+        robot: the model or scene that made the run (a scene tells its ground too), or its file; None: as the run says,
+        which knows robots that come with the package.  others: more runs of it, beside this one or, with `ghosts`, seen
+        through it.  captions: a text for each run; plots: channels drawn under the picture (the page offers the others
+        too); path: of the file (ROBOT_view.html here, if None and this is no notebook).
+        Raises ValueError where robot and run do not fit, or channels are missing that tell where it is (`q`, `base_q`).
+        """
+        from ..view.shown import show
+
+        return show(self, robot, *others, captions=captions, plots=plots, ghosts=ghosts, path=path)
+
+    def show_live(
+        self,
+        robot: Model | CompiledScene | str | os.PathLike[str] | None = None,
+        *others: Trajectory,
+        captions: Sequence[str] = (),
+        plots: Sequence[str] = (),
+        ghosts: bool = False,
+        port: int = 8080,
+    ) -> Live:
+        """The motion in a page that is served while the program runs, with the robot's meshes; see `view.live.Live`.
+
+        Arguments as in `show`, with plots in a panel beside the picture; port: of this machine, or the first free one
+        after it, 0 for any.
+        Raises as `show`, and ImportError without viser (pip install featherstone-gait[viser]).
+        """
+        from ..view.shown import show_live
+
+        return show_live(self, robot, *others, captions=captions, plots=plots, ghosts=ghosts, port=port)
+
+    def save_gif(
+        self,
+        path: FilePath,
+        robot: Model | CompiledScene | str | os.PathLike[str] | None = None,
+        *,
+        fps: float = 25.0,
+        speed: float = 1.0,
+        size: tuple[int, int] = (640, 480),
+    ) -> int:
+        """Draw the motion with Matplotlib: a .gif, or `path` as a folder of PNG files; return how many frames.
+
+        robot as in `show`; fps: frames a second; speed: 0.1 is slow motion; size: width and height [pixel].
+        Raises as `show`, and ValueError for more frames or pixels than a file should have.
+        """
+        from ..view.movie import save_movie
+
+        return save_movie(self, path, robot, fps, speed, size)
+
+
+def with_error(run: Trajectory, finer: Trajectory, factor: float) -> Trajectory:
+    """`run` with the difference to a finer run, times `factor`, as its error (step doubling).
+
+    With half the step a method of order p leaves 1 / (1 - 2**-p) of the difference: 2 holds from order 1 on, and where
+    kinks cost a higher method its order.  A tenth of the tolerance leaves a tenth of the error: 1.1.  Where the finer
+    run ended otherwise, or the run failed, the error is infinite.
+    """
+    failed = run.status in ("diverged", "step too small", "too costly")
+    same = not failed and run.status == finer.status and abs(run.end_time - finer.end_time) <= 0.02 * run.end_time
+    error = {
+        name: factor * np.abs(values - finer[name]) if same else np.full(values.shape, np.inf)
+        for name, values in run.channels.items()
+        if name != "time"
+    }
+    return replace(run, error=error)
+
+
+def _files(path: FilePath) -> tuple[Path, Path]:
+    """PATH.npz and PATH.json, of a path with or without one of these endings; other dots belong to the name."""
+    path = Path(path)
+    path = path.with_suffix("") if path.suffix in (".npz", ".json") else path
+    return path.with_name(path.name + ".npz"), path.with_name(path.name + ".json")
+
+
+def _check_described(path: Path, content: dict[str, Any]) -> None:
+    """Raise ValueError unless the JSON file says how the run ended, and nothing that is unknown."""
+    expected = {
+        "status": (content.get("status") in STATUSES, f"one of {', '.join(STATUSES)}"),
+        "message": (isinstance(content.get("message"), str), "a text"),
+        "end_time": (is_number(content.get("end_time")), "a finite number [s]"),
+        "info": (isinstance(content.get("info"), dict), "an object"),
+    }
+    for name, (right, what) in expected.items():
+        if not right:
+            found = "missing" if name not in content else repr(content[name])[:100]
+            raise ValueError(f"{path}: {name} is {found}; expected {what}: take an undamaged copy, or simulate again")
+    for name in content.keys() - expected:
+        known = ", ".join([*expected, "parts"])
+        raise ValueError(f"{path}: {name!r} is unknown; expected {known}: take an undamaged copy, or simulate again")
+
+
+def _check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Raise ValueError unless there are the final state, channels of as many samples, and errors of their shapes."""
+    if "final" not in arrays or arrays["final"].ndim != 1:
+        raise ValueError(f"{path}: the array 'final' is missing or no list of numbers; simulate again")
+    states = ("final", "companion")
+    if arrays.get("companion", arrays["final"]).shape != arrays["final"].shape:
+        raise ValueError(f"{path}: the array 'companion' is no state like 'final'; simulate again")
+    samples = {len(values) for name, values in arrays.items() if name not in states and values.ndim}
+    for name, values in arrays.items():
+        kind, _, channel = name.partition("_")
+        alike = arrays.get(f"channel_{channel}") if kind in ("channel", "error") else None
+        of_channel = alike is not None and alike.shape == values.shape and values.ndim > 0 and len(samples) == 1
+        known = name in states or of_channel
+        if not known or values.dtype.kind not in "iuf":
+            raise ValueError(
+                f"{path}: the array {name!r} of {values.dtype} has shape {values.shape}; expected channels and errors "
+                "of numbers, all with as many samples: take an undamaged copy, or simulate again"
+            )
+
+
+def _parts(path: Path, parts: Any, length: int) -> dict[str, tuple[int, int]]:
+    """Where the parts of a final state of that length lie.  Raises ValueError if they cannot lie there."""
+    if isinstance(parts, dict) and all(_is_part(part, length) for part in parts.values()):
+        return {name: (start, stop) for name, (start, stop) in parts.items()}
+    expected = f"for each name where it begins and ends in the {length} numbers of the final state"
+    raise ValueError(f"{path}: parts is {repr(parts)[:100]}; expected {expected}: simulate again")
+
+
+def _is_part(part: Any, length: int) -> bool:
+    whole = isinstance(part, list) and len(part) == 2 and all(type(place) is int for place in part)
+    return whole and 0 <= part[0] <= part[1] <= length

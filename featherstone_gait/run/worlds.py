@@ -1,0 +1,301 @@
+"""Worlds: the physical numbers in which the runs of a batch differ.
+
+    worlds = Worlds(
+        runs=1000,
+        ground={"friction": Spread("uniform", 0.2), "slope": np.linspace(0.0, 0.1, 1000)},
+        servos={"resistance": Spread("normal", 0.1), "voltage_limit": Spread("uniform", 0.05, alike=True)},
+        links={"mass": Spread("lognormal", 0.1)},
+    )
+    trajectories = simulate_batch(scene, 4.0, references=[gait] * 1000, worlds=worlds)
+
+Each run has the bits that it has in the scene of its world alone, `worlds.scenes(scene)[k]`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.arguments import floats, instance, one_of, real, shown, truth, whole
+from ..base.portable_math import exp
+from ..model import LARGEST, Controller, Gearbox, Ground, Servo, Supply
+from ..scene.compile import CompiledScene
+
+Law = Literal["uniform", "normal", "lognormal"]
+MOST_RUNS = 10**7
+WIDEST = 10.0  # relative spread
+LEAST_SHARE = 2.0**-53  # of a normal distribution, beyond which nothing is drawn
+FIELDS = {  # what may differ, by section
+    "ground": tuple(f.name for f in dataclasses.fields(Ground) if f.name not in ("steps", "field")),
+    "servos": tuple(
+        f.name
+        for part in (Servo, Gearbox, Controller)
+        for f in dataclasses.fields(part)
+        if f.name not in ("controller", "gearbox", "law")
+    ),
+    "links": ("mass", "center_of_mass", "inertia"),
+    "joints": ("damping", "friction", "armature", "effort", "lower", "upper"),
+    "supply": tuple(f.name for f in dataclasses.fields(Supply)),
+}
+WHOLE = ("ground", "supply")  # of which a scene has one
+
+INFINITE = (  # may be
+    "stiffness", "current_limit", "current_slew", "torque_limit", "profile_speed", "effort", "lower", "upper"
+)  # fmt: skip
+_OWNER = {f.name: part for part in (Controller, Gearbox, Servo) for f in dataclasses.fields(part)}
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A number that is drawn for each run, about the one that the scene has.
+
+    law "uniform": the scene's number times 1 + width u, u in [-1, 1); "normal": times 1 + width n, n of standard normal
+    distribution; "lognormal": times exp(width n).  added: the scene's number plus width u or width n instead, width in
+    its own unit; alike: one draw for all servos, links or joints of a run, not one for each.
+    """
+
+    law: Law
+    width: float
+    added: bool = False
+    alike: bool = False
+
+    def __post_init__(self) -> None:
+        one_of("spread: law", self.law, get_args(Law))
+        truth("spread: added", self.added)
+        truth("spread: alike", self.alike)
+        most = LARGEST if self.added else WIDEST
+        object.__setattr__(self, "width", real("spread: width", self.width, 0.0, most, "0.1 is a tenth"))
+        if self.added and self.law == "lognormal":
+            raise ValueError("spread: added is True and law 'lognormal', which is a factor; use 'normal' or 'uniform'")
+
+    def drawn(self, numbers: np.ndarray, runs: int, generator: np.random.Generator) -> np.ndarray:
+        """Draws (runs, ...) about the numbers (parts, ...) of the scene."""
+        size = (runs, *self.shape(numbers))
+        x = generator.uniform(-1.0, 1.0, size) if self.law == "uniform" else generator.standard_normal(size)
+        return self.applied(numbers, x)
+
+    def shape(self, numbers: np.ndarray) -> tuple[int, ...]:
+        """Of what is drawn for one run about the numbers (parts, ...) of the scene."""
+        return (1 if self.alike else len(numbers), *(numbers.shape[1:] if self.added else ()))
+
+    def at(self, shares: np.ndarray) -> np.ndarray:
+        """The draws, in widths, below which such shares in [0, 1) of all draws lie."""
+        if self.law == "uniform":
+            return 2.0 * shares - 1.0
+        from scipy.special import ndtri
+
+        return ndtri(np.clip(shares, LEAST_SHARE, 1.0 - LEAST_SHARE))
+
+    def applied(self, numbers: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """The numbers (runs, parts, ...) of draws x (runs, *shape), in widths."""
+        if self.added:
+            return numbers + self.width * x
+        factors = exp(self.width * x) if self.law == "lognormal" else 1.0 + self.width * x
+        return numbers * factors.reshape(*x.shape, *[1] * (numbers.ndim - 1))
+
+
+Values: TypeAlias = ArrayLike | Spread
+
+
+class _Column(NamedTuple):
+    """One field of some parts in all runs."""
+
+    section: str
+    name: str
+    parts: list[str]
+    values: np.ndarray  # (runs, parts) or (runs, parts, numbers)
+
+
+@dataclass(frozen=True, eq=False)
+class Worlds:
+    """The numbers in which runs differ; what is not named is that of the scene.
+
+    ground, servos, links, joints, supply: by the names that `Ground`, `Servo` with its `Gearbox` and `Controller`,
+    `Link`, `Joint` and `Supply` have, in their units.  A name stands for all servos, links or joints of the robot,
+    "PART.name" for that of one joint or link.  A value is a number, an array with one entry a run, one (runs, parts)
+    with an entry for each of them in the order of the model (servos in that of its moving joints; centers of mass and
+    inertias have a last axis of 3 and 6 numbers), or a `Spread`, which draws.
+    gravity: (3,) or (runs, 3) [m/s^2].
+    runs: how many, where no array says it.  seed: of the draws; those of a field do not depend on the other fields, nor
+    those of a run on how many runs there are.
+
+    Raises ValueError on unknown names and on arrays that do not fit; `scenes` on numbers that make no scene.
+    """
+
+    runs: int | None = None
+    ground: Mapping[str, Values] = field(default_factory=dict)
+    servos: Mapping[str, Values] = field(default_factory=dict)
+    links: Mapping[str, Values] = field(default_factory=dict)
+    joints: Mapping[str, Values] = field(default_factory=dict)
+    gravity: ArrayLike | None = None
+    seed: int = 0
+    supply: Mapping[str, Values] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        whole("worlds: seed", self.seed, 0, "it is the seed of the draws")
+        sizes = {} if self.runs is None else {"runs": whole("worlds: runs", self.runs, 0, "give a number", MOST_RUNS)}
+        for section, names in FIELDS.items():
+            given = getattr(self, section)
+            instance(f"worlds: {section}", given, Mapping, "give a dictionary, by name")
+            checked = {name: _checked(section, names, name, value) for name, value in given.items()}
+            object.__setattr__(self, section, checked)
+            for name, value in checked.items():
+                if isinstance(value, np.ndarray) and value.ndim > 0:
+                    sizes[f"{section} {name}"] = len(value)
+        if self.gravity is not None:
+            gravity = floats("worlds: gravity", self.gravity, "give (3,) or (runs, 3) [m/s^2]")
+            if gravity.ndim not in (1, 2) or gravity.shape[-1] != 3:
+                raise ValueError(f"worlds: gravity has the shape {gravity.shape}; give (3,) or (runs, 3) [m/s^2]")
+            object.__setattr__(self, "gravity", gravity)
+            sizes |= {"gravity": len(gravity)} if gravity.ndim == 2 else {}
+        if len(set(sizes.values())) != 1:
+            found = ", ".join(f"{name} {size}" for name, size in sizes.items()) or "no runs and no array"
+            raise ValueError(f"worlds: the number of runs is not clear: {found}; give arrays of one length, or runs")
+        object.__setattr__(self, "runs", next(iter(sizes.values())))
+
+    def __len__(self) -> int:
+        """Number of runs."""
+        assert self.runs is not None
+        return self.runs
+
+    def scenes(self, scene: CompiledScene, runs: Iterable[int] | None = None) -> list[CompiledScene]:
+        """The scene of each world, with integrator and step of the scene; runs: which, all if None.
+
+        Raises ValueError for numbers of parts that the scene does not have, and for those that make no scene.
+        """
+        columns = [*self._columns(scene)]
+        return [self._scene(scene, columns, run) for run in (range(len(self)) if runs is None else runs)]
+
+    def _scene(self, scene: CompiledScene, columns: list[_Column], run: int) -> CompiledScene:
+        changed: dict[str, dict[str, dict[str, Any]]] = {section: {} for section in FIELDS}
+        for column in columns:
+            for part, value in zip(column.parts, column.values[run].tolist()):
+                changed[column.section].setdefault(part, {})[column.name] = value
+        try:
+            return _scene_with(scene, changed, self._gravity(run))
+        except ValueError as error:
+            raise ValueError(f"world {run}: {error}") from error
+
+    def _gravity(self, run: int) -> np.ndarray | None:
+        if self.gravity is None:
+            return None
+        gravity = np.asarray(self.gravity)
+        return gravity if gravity.ndim == 1 else gravity[run]
+
+    def _columns(self, scene: CompiledScene) -> Iterator[_Column]:
+        for section in FIELDS:
+            for key, value in getattr(self, section).items():
+                parts, numbers = nominal(scene, section, key)
+                name = key.rpartition(".")[2]
+                yield _Column(section, name, parts, self._values(f"{section}.{key}", value, numbers))
+
+    def _values(self, what: str, value: Values, numbers: np.ndarray) -> np.ndarray:
+        """(runs, parts, ...) from what was given; numbers (parts, ...) those of the scene."""
+        if isinstance(value, Spread):
+            return value.drawn(numbers, len(self), np.random.default_rng([self.seed, crc32(what.encode())]))
+        array, shape = np.asarray(value), (len(self), *numbers.shape)
+        if array.ndim == 1 and numbers.ndim == 1:  # an entry a run, for all parts
+            return np.broadcast_to(array[:, None], shape)
+        fits = array.ndim == 0 or (array.ndim == len(shape) and array.shape[1] in (1, shape[1]))
+        if not fits or array.shape[2:] != shape[2 : array.ndim]:
+            one = f"({shape[0]},)" if numbers.ndim == 1 else f"({shape[0]}, 1, {shape[2]})"
+            raise ValueError(f"worlds: {what} has the shape {array.shape}; give a number, or an array {one} or {shape}")
+        return np.broadcast_to(array, shape)
+
+
+def nominal(scene: CompiledScene, section: str, key: str) -> tuple[list[str], np.ndarray]:
+    """Whose numbers a field stands for, and what they are in the scene, (parts, ...).
+
+    Raises ValueError for parts that the scene does not have.
+    """
+    parts = _parts(scene, section)
+    part, _, name = key.rpartition(".")
+    if part and part not in parts:
+        raise ValueError(f"worlds: {section}: there is no {part!r}; use one of {', '.join(parts)}")
+    if not parts:
+        raise ValueError(f"worlds: {section}: {key} is given, but the scene of {scene.model.name} has none; remove it")
+    chosen = {part: parts[part]} if part else parts
+    return [*chosen], np.array([_number(owner, name) for owner in chosen.values()], dtype=float)
+
+
+def _checked(section: str, names: Sequence[str], key: str, value: Values) -> Values:
+    if not isinstance(key, str) or key.rpartition(".")[2] not in names or (section in WHOLE and "." in key):
+        raise ValueError(f"worlds: {section}: there is no number {shown(key)}; use one of {', '.join(names)}")
+    if isinstance(value, Spread):
+        return value
+    array = floats(f"worlds: {section}: {key}", value, "give a number, an array with an entry a run, or a Spread")
+    if not np.isfinite(array).all() and key.rpartition(".")[2] not in INFINITE:
+        raise ValueError(f"worlds: {section}: {key} has numbers that are not finite; correct them")
+    return array
+
+
+def _parts(scene: CompiledScene, section: str) -> dict[str, Any]:
+    """What has the numbers of a section, by name."""
+    model = scene.model
+    if section == "ground":
+        return {} if scene.ground is None else {"": scene.ground}
+    if section == "supply":
+        return {} if scene.constants.supply is None else {"": model.supply}
+    if section == "servos":
+        return {name: model.servos[name] for name in model.joint_names if scene.servos and name in model.servos}
+    if section == "links":
+        return {link.name: link for link in model.links}
+    return {joint.name: joint for joint in model.joints if joint.type != "fixed"}
+
+
+def _number(owner: Any, name: str) -> Any:
+    for part in (owner, getattr(owner, "gearbox", None), getattr(owner, "controller", None)):
+        if hasattr(part, name):
+            return getattr(part, name)
+    raise AssertionError(name)
+
+
+def _scene_with(scene: CompiledScene, changed: dict[str, Any], gravity: np.ndarray | None) -> CompiledScene:
+    """The scene compiled with other numbers, by section and part."""
+    model = scene.model
+    given: dict[str, Any] = {} if gravity is None else {"gravity": gravity}
+    parts: dict[str, Any] = {}
+    if changed["servos"]:
+        parts["servos"] = {
+            name: servo_with(servo, changed["servos"].get(name, {})) for name, servo in model.servos.items()
+        }
+    for section in ("links", "joints"):
+        if changed[section]:
+            own = changed[section]
+            parts[section] = tuple(
+                _with(part, own[part.name]) if part.name in own else part
+                for part in getattr(model, section)
+            )
+    if changed["supply"]:
+        assert model.supply is not None
+        parts["supply"] = dataclasses.replace(model.supply, **changed["supply"][""])
+    if parts:
+        model = model.with_numbers(**parts)
+    if changed["ground"]:
+        assert scene.ground is not None
+        given["ground"] = dataclasses.replace(scene.ground, **changed["ground"][""])
+    return scene.recompiled(model, **given)
+
+
+def servo_with(servo: Servo, given: Mapping[str, Any]) -> Servo:
+    """The servo with other numbers of its own, its gearbox and its controller, by name."""
+    own = {name: value for name, value in given.items() if _OWNER[name] is Servo}
+    for name, kind in (("controller", Controller), ("gearbox", Gearbox)):
+        changed = {field: value for field, value in given.items() if _OWNER[field] is kind}
+        if changed:
+            own[name] = _with(getattr(servo, name), changed)
+    return _with(servo, own) if own else servo
+
+
+def _with(record: Any, changed: Mapping[str, Any]) -> Any:
+    """`dataclasses.replace` without its pass over all fields: half of its time for a gearbox; checked alike."""
+    made = object.__new__(type(record))
+    made.__dict__.update(record.__dict__, **changed)
+    made.__post_init__()
+    return made

@@ -1,0 +1,164 @@
+"""The servos of a model as one of the actuators of `core/effects`."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.arguments import shown
+from ..core.effects.actuator import controller_of, motor_of
+from ..core.effects.controller import CONTROLLER, PID_POSITION, PID_SPEED, STATE_FEEDBACK
+from ..core.effects.decay import DECAYS, fill_decay
+from ..core.effects.gearbox import GEAR
+from ..core.effects.mipsd_servo import MipsdServo
+from ..core.effects.motor import MOTOR
+from ..core.effects.pd_servo import PD, PDServo
+from ..core.effects.rigid_servo import RigidServo
+from ..core.integrate.integrator import Integrator
+from ..model import TORQUE_LAWS, Model, Servo
+from .gearbox_kinds import SERVO_KINDS, ServoKind
+from .records import fill, records
+from .tree import joint_armature
+
+Actuator: TypeAlias = PDServo | MipsdServo | RigidServo
+LAWS = {"state": STATE_FEEDBACK, "pid_position": PID_POSITION, "pid_speed": PID_SPEED}
+TOOTH_LOAD = 0.1  # of the stall torque, at which teeth that meet across a gap are damped as the gearbox is
+
+
+class Drive(NamedTuple):
+    """What drives the joints of a scene."""
+
+    kind: ServoKind | None
+    servos: list[Servo | None]  # of each moving joint; None where there is none
+    actuator: Actuator | None
+    armature: np.ndarray | None  # (n,) of the joints, with G^2 J of the rotors of rigid gearboxes [kg m^2 or kg]
+
+    @property
+    def sampled(self) -> bool:
+        """Whether controllers act at ticks."""
+        return self.actuator is not None and "servo" in self.actuator.PARTS
+
+
+def build_drive(model: Model, kind: ServoKind | None) -> Drive:
+    """Raises ValueError on kinds and laws that do not fit the model."""
+    joints = model.joint_names
+    if kind is None:
+        return Drive(None, [None] * len(joints), None, joint_armature(model))
+    if not isinstance(kind, str) or kind not in SERVO_KINDS:
+        raise ValueError(f"servos is {shown(kind)}; use {', '.join(map(repr, SERVO_KINDS))} or None")
+    servos = [model.servos.get(name) for name in joints]
+    if not any(servos):
+        raise ValueError(f"{model.name} has no servos; name them in the [servos] table of its TOML, or use servos=None")
+    continuous = {servo.controller.law in TORQUE_LAWS for servo in servos if servo}
+    if len(continuous) > 1:
+        raise ValueError(f"{model.name} mixes pd servos with sampled ones; give all joints one kind of law")
+    armature = joint_armature(model)
+    if kind == "rotor":
+        rotors = np.array([s.gearbox.ratio**2 * s.gearbox.rotor_inertia if s else 0.0 for s in servos])
+        armature = rotors if armature is None else armature + rotors
+    return Drive(kind, servos, _actuator(model, servos, kind, continuous.pop()), armature)
+
+
+def _actuator(model: Model, servos: list[Servo | None], kind: ServoKind, continuous: bool) -> Actuator:
+    if continuous and kind == "mipsd":
+        raise ValueError(f"{model.name}: a pd servo has no motor to drive a spring-damper gearbox; use servos='rotor'")
+    if continuous:
+        return PDServo(_pds(servos))
+    if kind == "mipsd":
+        return MipsdServo(_motors(servos), _controllers(servos), _gears(model, servos))
+    return RigidServo(_motors(servos), _controllers(servos))
+
+
+def _motors(servos: list[Servo | None]) -> np.recarray:
+    table = records(len(servos), MOTOR)
+    table.resistance = 1.0  # a joint without a servo: no torque, no current
+    for row, servo in zip(table, servos):
+        if servo is not None:
+            fill(row, servo)
+            row.torque_constant = servo.gearbox.ratio * servo.motor_constant
+    return table
+
+
+def _controllers(servos: list[Servo | None]) -> np.recarray:
+    table = records(len(servos), CONTROLLER)
+    for row, servo in zip(table, servos):
+        if servo is not None:
+            fill(row, servo.controller, servo)
+            row.law = LAWS[servo.controller.law]
+    return table
+
+
+def _gears(model: Model, servos: list[Servo | None]) -> np.recarray:
+    table = records(len(servos), GEAR)
+    table.inertia = table.ratio = 1.0
+    for row, servo, name in zip(table, servos, model.joint_names):
+        if servo is None:
+            continue
+        g = servo.gearbox
+        if not (g.stiffness < math.inf and g.rotor_inertia > 0):
+            raise ValueError(
+                f"{model.name}: joint {name}: mipsd needs a finite stiffness and a rotor inertia > 0; they are "
+                f"{g.stiffness} N m/rad and {g.rotor_inertia} kg m^2: choose another gearbox, or servos='rotor'"
+            )
+        fill(row, g)
+        row.gap = 0.5 * g.backlash
+        row.inertia = g.ratio**2 * g.rotor_inertia
+        row.rotor_damping = g.ratio**2 * g.rotor_damping
+        row.tooth_damping = g.damping / (TOOTH_LOAD * stall_torque(servo))
+    return table
+
+
+def _pds(servos: list[Servo | None]) -> np.recarray:
+    table = records(len(servos), PD)
+    for row, servo in zip(table, servos):
+        if servo is not None:
+            c = servo.controller
+            row.Kp, row.Kd, row.free_damping = c.Kp, c.Kd, c.law == "pd"
+            row.torque_limit = min(c.torque_limit, 1e300)
+    return table
+
+
+def fold_springs(drive: Drive, integrator: Integrator, h: float, inertias: ArrayLike) -> None:
+    """Fold the spring of a continuous servo into the step h [s] only where its own period needs it.
+
+    Euler is more accurate with it at the start of the step.  inertias: that the joints feel [kg m^2 or kg].
+    """
+    if isinstance(drive.actuator, PDServo):
+        pd, inertia = drive.actuator.pd, np.asarray(inertias)
+        driven = np.array([servo is not None for servo in drive.servos])
+        pd.fold = driven & (integrator.folds_spring | (h * h * pd.Kp > inertia + h * pd.Kd))
+
+
+def build_decay(drive: Drive, h: float) -> np.ndarray | None:
+    """What a step h [s] leaves of currents and filtered speeds (n, DECAYS); None without motors."""
+    if drive.actuator is None or not drive.sampled:
+        return None
+    decay = np.zeros((len(drive.servos), DECAYS))
+    fill_decay(motor_of(drive.actuator), controller_of(drive.actuator), h, decay)
+    return decay
+
+
+def controller_period(model: Model, drive: Drive, h: float, without: float) -> tuple[float, float]:
+    """Tick and lag of the controllers [s], one for all joints; `without` controllers a tick of about that."""
+    if not drive.sampled:
+        return max(1, round(without / h)) * h, 0.0
+    settings = {(s.controller.period, s.controller.lag) for s in drive.servos if s}
+    if len(settings) > 1:
+        raise ValueError(f"{model.name}: controllers differ in period or lag: {sorted(settings)}; give them the same")
+    period, lag = settings.pop()
+    if round(period / h) < 1 or abs(round(period / h) * h - period) > 1e-9 * period:
+        raise ValueError(
+            f"timestep {h:g} s does not divide the controllers' period of {period:g} s; steps end on ticks"
+        )
+    return period, lag
+
+
+def stall_torque(servo: Servo) -> float:
+    """The most that a servo gives at rest [N m]; infinite for a torque law without a limit and a motor."""
+    if servo.controller.torque_limit < math.inf or servo.resistance == 0.0:
+        return servo.controller.torque_limit
+    current = min(servo.current_limit, servo.voltage_limit / servo.resistance)
+    return servo.gearbox.ratio * servo.motor_constant * current

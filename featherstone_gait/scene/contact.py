@@ -1,0 +1,199 @@
+"""Contact points and ground."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.fixed_order import applied
+from ..base.portable_math import sincos
+from ..base.rotation import dot, rotation_from_quaternion
+from ..core.effects.contact import POINT, Contact
+from ..core.effects.ground import GRID, PLANE, RISE, Field, Plane, facets
+from ..core.effects.touch import DISC, FLATNESS, Discs, Spheres
+from ..dynamics import deepest_points
+from ..model import ContactPoint, Ground, HeightField, Model
+from .records import fill, records
+from .rest_pose import rest_center, rest_poses
+from .tree import Tree
+
+CONTACTS = "add contacts to its TOML, or load it with contacts='feet' to take its collision shapes"
+
+
+def build_contact(model: Model, tree: Tree, ground: Ground | None, gravity: np.ndarray) -> Contact | None:
+    """What can touch what under gravity (3,) [m/s^2], None without ground; ValueError where it has no meaning."""
+    if ground is None:
+        return None
+    if not model.contacts:
+        raise ValueError(f"{model.name}: ground without contact points; {CONTACTS}, or ground=None")
+    g = math.sqrt(dot(gravity, gravity))
+    if not dot(_normal(ground), gravity) < 0:
+        raise ValueError(
+            f"{model.name}: ground under gravity {tuple(gravity.tolist())} m/s^2, which presses nothing on it: its "
+            "stiffness follows from the robot's weight; give a gravity that points into the ground, or ground=None"
+        )
+    under = _plane(ground) if ground.field is None else _field(ground.field, ground.height)
+    return Contact(_points(model, tree, ground, g), under, _bulge(model, tree))
+
+
+def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:
+    """Stiffness and damping from sinking and damping ratio: k = m g / (N sinking), and for small motions about rest
+    c = 2 zeta sqrt(k m / N), which Hunt and Crossley's law has at its static depth for d = 2 zeta / sqrt(g sinking)."""
+    contacts = [model.contacts[k] for k in by_body(model, tree)]
+    share = model.mass / (sum(point.carries for point in contacts) or len(contacts))
+    k = share * g / ground.sinking
+    table, places = records(len(contacts), POINT), [tree.placements[point.link] for point in contacts]
+    E, r = np.array([place.E for place in places]), np.array([place.r for place in places])
+    table.position = r + applied(E, np.array([_center(point) for point in contacts]))
+    table.body, table.friction = [place.row for place in places], ground.friction
+    table.stiffness, table.damping = k, 2.0 * ground.damping_ratio / math.sqrt(g * ground.sinking)
+    table.tangential_stiffness = k
+    table.tangential_damping = 2.0 * max(ground.damping_ratio, 0.1) * math.sqrt(k * share)
+    return table
+
+
+def by_body(model: Model, tree: Tree) -> list[int]:
+    """Indices of the contact points, those of one body together."""
+    rows = [tree.placements[point.link].row for point in model.contacts]
+    return sorted(range(len(rows)), key=rows.__getitem__)
+
+
+def _center(point: ContactPoint) -> np.ndarray:
+    """Center in the link's frame [m]: a disc lies within the end of its cylinder, half its thickness deep."""
+    return np.array(point.position) - FLATNESS * point.rim * np.array(point.axis)
+
+
+def _bulge(model: Model, tree: Tree) -> Spheres | Discs | None:
+    """What the contacts are besides points, in the order of the table."""
+    contacts = [model.contacts[k] for k in by_body(model, tree)]
+    if any(point.rim for point in contacts):
+        table = records(len(contacts), DISC)
+        for row, point in zip(table, contacts):
+            fill(row, point)
+            row.axis = applied(tree.placements[point.link].E, np.array(point.axis))
+        return Discs(table)
+    if any(point.radius for point in contacts):
+        return Spheres(np.array([point.radius for point in contacts], dtype=float))
+    return None
+
+
+def _normal(ground: Ground) -> tuple[float, float, float]:
+    s, c = sincos(ground.slope)
+    sine, cosine = sincos(ground.heading)
+    return (-s * cosine + 0.0, -s * sine + 0.0, c)  # + 0.0: no negative zeros
+
+
+def _plane(ground: Ground) -> Plane:
+    s, c = sincos(ground.slope)
+    sine, cosine = sincos(ground.heading)
+    plane = records(1, PLANE)
+    plane[0].normal = _normal(ground)
+    plane[0].first, plane[0].second = (c * cosine, c * sine, s), (-sine + 0.0, cosine, 0.0)
+    plane[0].height = ground.height * c
+    rises = records(len(ground.steps), RISE)
+    for row, (start, rise) in zip(rises, ground.steps):
+        row.start, row.rise = start, rise
+    return Plane(plane, rises)
+
+
+def _field(field: HeightField, height: float) -> Field:
+    """The field over the ground's height, its edge repeated once so that no look-up leaves it."""
+    grid, heights = records(1, GRID), np.pad(field.heights + height, 1, mode="edge")
+    grid[0].origin = np.array(field.origin) - field.spacing
+    grid[0].cells = 1.0 / np.array(field.spacing)
+    grid[0].nodes = field.heights.shape
+    grid[0].top = heights.max()
+    grid[0].margin = min(field.spacing)
+    return Field(grid, np.ascontiguousarray(heights).ravel())
+
+
+def ground_under(ground: Ground, points: np.ndarray) -> np.ndarray:
+    """(k, 7) normal, first tangent, and how far each of the points (k, 3) is over the ground, straight up [m]."""
+    points = np.ascontiguousarray(points, dtype=float)
+    out = np.empty((len(points), 7))
+    if ground.field is not None:
+        facets(_field(ground.field, ground.height), points, out)
+        return out
+    plane = _plane(ground)
+    axes = plane.plane[0]
+    out[:, :3], out[:, 3:6] = axes.normal, axes.first
+    for row, x in zip(out, points):
+        rises = sum(step.rise for step in plane.steps if dot(axes.first, x) > step.start)
+        row[6] = (dot(axes.normal, x) - axes.height - rises) / axes.normal[2]
+    return out
+
+
+def plane_axes(ground: Ground) -> np.ndarray:
+    """(3, 3) normal, first and second tangent of ground that is a plane, in rows."""
+    plane = _plane(ground).plane[0]
+    return np.stack([plane.normal, plane.first, plane.second])
+
+
+def standing_height(model: Model, ground: Ground, q: np.ndarray) -> float:
+    """Height of the base [m] at which the lowest contact point in the posture q has sunk in by the ground's sinking."""
+    if ground.field is not None:
+        return _height_on_field(model, ground, q)
+    clearances = []
+    s, c = sincos(ground.slope)
+    sine, cosine = sincos(ground.heading)
+    for x in deepest_points(model, rest_poses(model, q), _normal(ground)):
+        ahead = cosine * x[0] + sine * x[1] if ground.heading else x[0]
+        surface = ground.height + s / c * ahead
+        along = c * ahead + s * surface
+        rises = sum(rise for start, rise in ground.steps if along > start)
+        clearances.append(x[2] - surface - rises / c)
+    return -min(clearances) - ground.sinking / c
+
+
+def _height_on_field(model: Model, ground: Ground, q: np.ndarray) -> float:
+    """The same on a field, under which a bulge's normal changes as it is let down: three steps of Newton's method."""
+    q, up = np.array(q, dtype=float), np.array([0.0, 0.0, 1.0])
+    for _ in range(3):
+        poses = rest_poses(model, q)
+        normals = ground_under(ground, deepest_points(model, poses, up))[:, :3]
+        under = ground_under(ground, deepest_points(model, poses, normals))
+        lowest = under[:, 6].argmin()
+        q[2] -= under[lowest, 6] + ground.sinking / under[lowest, 2]
+    return float(q[2])
+
+
+STANDING = ("stand", "standing", "home")  # keyframes in which a robot stands
+
+
+def standing_posture(model: Model) -> tuple[float, tuple[float, float, float]]:
+    """Height of the center of mass over the lowest contact [m], and what points up in the root's frame (3,).
+
+    Of the keyframe "stand", "standing" or "home", else of the zero posture.  There the root's z points up, unless
+    contacts are as high along it as the center of mass, and another axis of the root has all of them below.
+    """
+    return _standing(model.skeleton)
+
+
+@functools.lru_cache(maxsize=8)
+def _standing(model: Model) -> tuple[float, tuple[float, float, float]]:
+    for name in STANDING:
+        if name in model.keyframes:
+            q = np.array(model.keyframes[name])
+            up = rotation_from_quaternion(q[3:7])[2]
+            q[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
+            return _heights_along(model, q, [up])[0][0], (float(up[0]), float(up[1]), float(up[2]))
+    q = np.zeros(model.nq)
+    q[3] = 1.0
+    axes = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, -1.0, 0.0), (-1.0, 0.0, 0.0))
+    over = _heights_along(model, q, axes)
+    under = [axis for axis, (_, highest) in zip(axes, over) if highest > 0.0]
+    up = axes[0] if axes[0] in under or len(under) != 1 else under[0]
+    return over[axes.index(up)][0], up
+
+
+def _heights_along(model: Model, q: np.ndarray, axes: Sequence[ArrayLike]) -> list[tuple[float, float]]:
+    """How far the center of mass is over the lowest contact, and over the highest one, along each of the axes [m]."""
+    center, poses, heights = rest_center(model, q), rest_poses(model, q), []
+    for up in map(np.asarray, axes):
+        contacts = [dot(up, x) for x in deepest_points(model, poses, up)]
+        heights.append((dot(up, center) - min(contacts), dot(up, center) - max(contacts)))
+    return heights

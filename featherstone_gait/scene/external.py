@@ -1,0 +1,62 @@
+"""Pushes and springs: external forces on the bodies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..base.arguments import instance, is_real, listed, shown, vector
+from ..base.fixed_order import applied
+from ..core.effects.push import PUSH
+from ..core.effects.spring import SPRING
+from ..model import Spring
+from .records import fill, records
+from .tree import Tree
+
+
+class Push(NamedTuple):
+    """An external force on a link from `start` to `end`."""
+
+    link: str
+    force: tuple[float, float, float] = (0.0, 0.0, 0.0)  # world axes [N]
+    moment: tuple[float, float, float] = (0.0, 0.0, 0.0)  # world axes [N m]
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)  # where it acts, link frame [m]
+    start: float = 0.0  # [s]
+    end: float = math.inf  # [s]
+
+
+def build_pushes(tree: Tree, pushes: Sequence[Push]) -> np.recarray | None:
+    """PUSH of each, None without pushes; ValueError on unknown links and numbers that are not finite."""
+    pushes = listed("pushes", pushes, "give a list of Push")
+    if not pushes:
+        return None
+    table = records(len(pushes), PUSH)
+    for row, push in zip(table, pushes):
+        instance("pushes: push", push, Push, "give Push(link, force=(x, y, z))")
+        if not isinstance(push.link, str) or push.link not in tree.placements:
+            raise ValueError(f"push: no link {shown(push.link)}; links: {', '.join(tree.placements)}")
+        for name in ("force", "moment", "point"):
+            vector(f"push on {push.link}: {name}", getattr(push, name), 3)
+        if not (is_real(push.start) and is_real(push.end) and -math.inf < push.start <= push.end):
+            raise ValueError(f"push on {push.link}: give finite numbers, and a start before the end: {push}")
+        place = tree.placements[push.link]
+        fill(row, push)
+        row.body, row.point = place.row, place.r + applied(place.E, np.array(push.point))
+    return table
+
+
+def build_springs(tree: Tree, springs: Sequence[Spring]) -> np.recarray | None:
+    """SPRING of each, the ends in the frames of the bodies that carry the links; None without springs."""
+    if not springs:
+        return None
+    table = records(len(springs), SPRING)
+    for row, spring in zip(table, springs):
+        a, b = tree.placements[spring.a], tree.placements[spring.b]
+        fill(row, spring)
+        row.a, row.b = a.row, b.row
+        row.point_a = a.r + applied(a.E, np.array(spring.point_a))
+        row.point_b = b.r + applied(b.E, np.array(spring.point_b))
+    return table

@@ -1,0 +1,95 @@
+"""From rigid bodies to the rows that kernels read, and the accumulators of each."""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.tree.layout import BODY, COLUMNS
+from ..model import Model, Placement, RigidBody, rigid_bodies
+from .coupling import build_coupling
+from .records import fill
+
+GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2]
+
+
+class Tree(NamedTuple):
+    """A model laid out for the kernels."""
+
+    bodies: np.recarray  # (n + 1,) BODY
+    floating: bool
+    names: tuple[str, ...]  # of the rows: the root link, then each joint's child
+    placements: dict[str, Placement]  # of every link
+    rows: int  # of the workspace: bodies, slots, contact rows, couplings
+    coupling: np.recarray | None  # (couplings,) COUPLING
+
+    @property
+    def n(self) -> int:
+        """Number of moving joints."""
+        return len(self.bodies) - 1
+
+    def workspace_shape(self) -> tuple[int, int]:
+        return (self.rows, COLUMNS + (0 if self.coupling is None else len(self.coupling)))
+
+
+def compile_tree(model: Model) -> Tree:
+    """Lay the rigid bodies out in rows, parents before children, and give them their accumulators."""
+    return _compiled(model.skeleton)
+
+
+@functools.lru_cache(maxsize=256)  # more than a batch of worlds has
+def _compiled(model: Model) -> Tree:
+    merged, placements = rigid_bodies(model)
+    dof = {name: k for k, name in enumerate(model.joint_names)}
+    bodies = np.zeros(len(merged), BODY)
+    for row, body in zip(bodies, merged):
+        _fill(row, body, dof)
+    rows = len(bodies) + _assign_slots(bodies)
+    for row in sorted({placements[point.link].row for point in model.contacts}):
+        bodies[row]["contact"] = rows
+        rows += 1
+    moved = {body.frame.joint.name: k for k, body in enumerate(merged) if body.frame.joint is not None}
+    coupling = build_coupling(model, moved, rows)
+    rows += 0 if coupling is None else len(coupling)
+    names = tuple(body.links[0] for body in merged)
+    return Tree(bodies.view(np.recarray), model.base == "floating", names, placements, rows, coupling)
+
+
+def joint_armature(model: Model) -> np.ndarray | None:
+    """Armature of the moving joints (n,) [kg m^2 or kg]; None where no joint has any, which then costs nothing."""
+    armature = np.array([joint.armature for joint in model.moving_joints])
+    return armature if armature.any() else None
+
+
+def _fill(row: np.void, body: RigidBody, dof: dict[str, int]) -> None:
+    """Write a body's frame and mass into its row."""
+    joint, row["parent"], E, row["r"] = body.frame
+    row["E"] = E.ravel()
+    if joint is not None:
+        fill(row, joint)
+        row["dof"], row["prismatic"] = dof[joint.name], joint.type == "prismatic"
+    row["m"], row["c"] = body.mass, body.center
+    row["J"] = body.inertia[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+
+
+def _assign_slots(bodies: np.ndarray) -> int:
+    """Give each parent an accumulator row, reusing rows whose parent has been passed; return how many are needed."""
+    n = len(bodies)
+    slot = [-1] * n
+    free: list[int] = []
+    used = 0
+    for i in range(n - 1, -1, -1):
+        bodies[i]["leaf"] = slot[i] < 0
+        if slot[i] >= 0:
+            free.append(slot[i])
+        parent = bodies[i]["parent"]
+        if i > 0 and slot[parent] < 0:
+            bodies[i]["last"] = 1
+            if not free:
+                free.append(used)
+                used += 1
+            slot[parent] = free.pop()
+    bodies["slot"] = [n + max(s, 0) for s in slot]
+    return used

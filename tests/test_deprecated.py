@@ -1,0 +1,42 @@
+"""Old names and paths still work and name the new ones in a DeprecationWarning."""
+
+import importlib
+
+import pytest
+
+import featherstone_gait
+
+PATHS = {  # old module, a name in it -> where the name is now
+    ("gym", "RobotEnv"): "envs",
+    ("sensors", "encoders"): "run.sensors",
+    ("servo_bench", "ServoFit"): "identification.bench",
+    ("servo_curve", "torque_speed"): "identification.curve",
+    ("fit_log", "FitLog"): "identification.log",
+    ("collision", "meeting_shapes"): "geometry.distance",
+    ("maximal", "Engine"): "reproduction.maximal",
+    ("experiments", "EXPERIMENTS"): "reproduction",
+}
+NAMES = {"linearise": "linearize", "Linearisation": "Linearization"}
+
+
+@pytest.mark.parametrize(("old", "name"), PATHS)
+def test_an_old_path_leads_to_the_same_object(old, name):
+    new = PATHS[old, name]
+    module = importlib.import_module(f"featherstone_gait.{old}")
+    said = rf"^featherstone_gait\.{old}\.{name} is now featherstone_gait\.{new}\.{name};.* until version 0\.4$"
+    with pytest.warns(DeprecationWarning, match=said):
+        found = getattr(module, name)
+    assert found is getattr(importlib.import_module(f"featherstone_gait.{new}"), name)
+
+
+@pytest.mark.parametrize("old", NAMES)
+def test_an_old_name_is_the_new_object(old):
+    with pytest.warns(DeprecationWarning, match=rf"^featherstone_gait\.{old} is now .*{NAMES[old]};"):
+        found = getattr(featherstone_gait, old)
+    assert found is getattr(featherstone_gait, NAMES[old])
+
+
+@pytest.mark.parametrize("module", ["gym", "maximal"])
+def test_a_name_that_never_was_is_an_attribute_error(module):
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = importlib.import_module(f"featherstone_gait.{module}").nothing
