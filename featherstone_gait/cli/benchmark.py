@@ -32,7 +32,6 @@ BENCHMARKS = {
     ),
     "stability": Benchmark("the largest stable step, against linear theory", "stability.csv, stability.png", 2),
     "stress": Benchmark("whether a run that is wrong says so", "stress.csv, stress.png", 5),
-    "attack": Benchmark("damaged files and wrong arguments", "attack_files.csv, attack_api.csv", 1),
     "skip": Benchmark("instructions that a missing feature saves (Linux)", "skip.csv", 5),
     "session": Benchmark("robots stepped tick by tick, beside one call", "session.csv", 2),
     "linearize": Benchmark("columns of a linear model, beside MuJoCo's", "linearize.csv", 2),

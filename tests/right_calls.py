@@ -1,4 +1,4 @@
-"""Public functions with right arguments, for `attack_api` to spoil."""
+"""Public functions with right arguments, which test_fuzz_calls.py spoils."""
 
 from __future__ import annotations
 
@@ -48,16 +48,7 @@ class Call(NamedTuple):
     name: str
     function: Callable[..., Any]
     arguments: dict[str, Any]
-    dear: bool = False  # compiles a simulation or takes long
-
-
-def right_calls() -> list[Call]:
-    """All of them."""
-    parts = (
-        _models, _parts, _dynamics, _scenes, _files, _postures, _walking, _gaits, _balanced, _searches, _recordings,
-        _sensors,
-    )  # fmt: skip
-    return [call for part in parts for call in part()]
+    slow: bool = False  # compiles a simulation or takes long
 
 
 def arm() -> fg.Model:
@@ -490,3 +481,12 @@ def _sensors() -> Iterator[Call]:
         yield Call(f"sensors.{name}", getattr(sensors, name), seen)
     yield Call("sensors.accelerometer", sensors.accelerometer, seen | {"position": (0.1, 0.0, 0.0)})
     yield Call("sensors.center_of_pressure", sensors.center_of_pressure, seen | {"link": "box"})
+
+
+PARTS: dict[str, Callable[[], Iterator[Call]]] = {
+    part.__name__.removeprefix("_"): part
+    for part in (
+        _models, _parts, _dynamics, _scenes, _files, _postures, _walking, _gaits, _balanced, _searches, _recordings,
+        _sensors,
+    )
+}  # fmt: skip

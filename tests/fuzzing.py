@@ -1,0 +1,69 @@
+"""What the fuzz tests share: how many examples, a limit on time, and what counts as a proper refusal.
+
+Each property runs quickly in the quick suite, with the same examples every time, and as `long` with
+FEATHERSTONE_GAIT_FUZZ random examples (5000 if it is not set), which Hypothesis shrinks and lets repeat.
+"""
+
+import contextlib
+import linecache
+import os
+import signal
+import threading
+import time
+import traceback
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+import featherstone_gait
+
+PACKAGE = str(Path(featherstone_gait.__file__).parent)
+REFUSALS = (ValueError, TypeError, OSError, ImportError, RuntimeError)
+COMMON = settings(deadline=None, database=None, suppress_health_check=list(HealthCheck), print_blob=True)
+LONG = int(os.environ.get("FEATHERSTONE_GAIT_FUZZ", "5000"))
+
+
+def profiles(quick):
+    """Give a test the argument `profile`: settings with so many examples, and those of the long run."""
+    few = pytest.param(settings(COMMON, max_examples=quick, derandomize=True), id="quick")
+    many = pytest.param(settings(COMMON, max_examples=LONG), id="many", marks=pytest.mark.long)
+    return pytest.mark.parametrize("profile", [few, many])
+
+
+class _TooLong(BaseException):
+    """Not an Exception, so that nothing catches it on the way."""
+
+
+@contextlib.contextmanager
+def time_limit(seconds):
+    """Fail if the block takes longer; Python code is interrupted, compiled code is noticed afterwards."""
+    interrupts = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer")
+
+    def stop(*_):
+        raise _TooLong
+
+    start = time.perf_counter()
+    try:
+        if interrupts:
+            before = signal.signal(signal.SIGALRM, stop)
+            signal.setitimer(signal.ITIMER_REAL, seconds)
+        yield
+    except _TooLong:
+        raise AssertionError(f"takes more than {seconds:g} s") from None
+    finally:
+        if interrupts:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, before)
+    assert time.perf_counter() - start < seconds, f"takes more than {seconds:g} s"
+
+
+def check_refusal(error, words):
+    """Fail unless the package itself raised the error, on purpose, and its message has one of the words."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    line = linecache.getline(last.filename, last.lineno or 0).strip()
+    assert last.filename.startswith(PACKAGE), f"{error!r} comes from {last.filename}:{last.lineno}"
+    assert line.startswith("raise"), f"{error!r} is not raised on purpose: {last.filename}:{last.lineno}: {line}"
+    assert any(word.lower() in str(error).lower() for word in words), f"{error!r} names none of {words}"
