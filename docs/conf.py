@@ -13,9 +13,11 @@ from pathlib import Path
 
 from docutils.utils.math.latex2mathml import tex2mathml
 
-ROOT = Path(__file__).parents[1]
-NOTEBOOKS = Path(__file__).parent / "notebooks"
-sys.path.insert(0, str(ROOT))
+HERE = Path(__file__).parent
+ROOT, NOTEBOOKS = HERE.parent, HERE / "notebooks"
+sys.path[:0] = [str(ROOT), str(HERE)]
+
+import tables  # noqa: E402
 
 import featherstone_gait  # noqa: E402
 import featherstone_gait.cli  # noqa: E402
@@ -23,11 +25,13 @@ import featherstone_gait.cli  # noqa: E402
 project, author = "featherstone_gait", "the authors of featherstone_gait"
 copyright = "2026, " + author
 version = release = featherstone_gait.__version__
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx_copybutton"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
+napoleon_google_docstring = False
+napoleon_use_ivar = True
 nb_execution_mode = "off"
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 4
-exclude_patterns = ["build", "**/.ipynb_checkpoints"]
+exclude_patterns = ["build", "reproduction", "**/.ipynb_checkpoints"]
 html_theme = "furo"
 html_title = f"featherstone_gait {version}"
 html_static_path = ["static"]
@@ -47,7 +51,7 @@ def setup(app):
     app.connect("source-read", _resolve)
     app.connect("build-finished", _remove_notebooks)
     app.connect("doctree-read", _keep_units)
-    app.connect("autodoc-process-docstring", _docstring)
+    app.connect("autodoc-process-docstring", _docstring, priority=400)  # before napoleon
     app.connect("autodoc-process-signature", _signature)
     return {"parallel_read_safe": True}
 
@@ -96,11 +100,9 @@ def _remove_notebooks(app, exception):
 
 # ----------------------------------------------------------------------------------------------------------- pages
 
-HERE = Path(__file__).parent
-
 
 def _resolve(app, page, source):
-    """Links out of this folder, which are right in the repository, become those of the site; lists become complete."""
+    """Fill in tables, lists and help texts; turn links out of this folder, as in the repository, into the site's."""
     up = "../" * page.count("/")
     text = re.sub(r"\]\((?:\.\./)+notebooks/", f"]({up}notebooks/", source[0])
     text = re.sub(r"\]\((?:\.\./)+CONTRIBUTING\.md", f"]({up}contributing.md", text)
@@ -111,7 +113,7 @@ def _resolve(app, page, source):
         text = text.replace("@others", "\n".join(others))
     if page == "commands":
         text = text.replace("```{help}\n```", _helps())
-    source[0] = text
+    source[0] = tables.resolved(text)
 
 
 NUMBER = re.compile(r"(?<=\d) (?=(?:[kmµn]?[gmsJNVAW]|rad|mm|ms|mrad|min|%|J/m|N m|mm/s|rad/s)(?![\w/]))")
@@ -137,43 +139,19 @@ def _helps():
 # ------------------------------------------------------------------------------------------------------- docstrings
 
 FIELD = re.compile(r"^    (\w+): [^#\n]*?(?:#\s*(.*))?$", re.MULTILINE)
-ENTRY = re.compile(r"^(\w+(?:, \w+)*) ?: (.*)$")  # of a list of parameters
 
 
 def _docstring(app, what, name, thing, options, lines):
-    """Plain text as reStructuredText, with lists of parameters, and of a class its fields with their comments."""
-    text = _as_rst(lines)
-    if what == "class":
-        text += _fields(thing)
-    lines[:] = text
-
-
-def _as_rst(lines):
-    text, in_parameters, literal = [], False, False
-    for line, following in zip(lines, [*lines[1:], ""]):
-        if set(following.strip()) == {"-"} and len(following.strip()) > 3:
-            in_parameters = True
-            continue
-        if set(line.strip()) == {"-"} and len(line.strip()) > 3:
-            text.append("")
-            continue
-        if literal:
-            literal = line.startswith("    ") or not line.strip()
-        if literal:
-            text.append(line)
-            continue
-        entry = ENTRY.match(line) if in_parameters else None
-        if in_parameters and line and not line[0].isspace() and entry is None:
-            in_parameters = False
-            text.append("")
-        if entry:
-            text += [f"``{entry[1]}``", f"    {_plain(entry[2])}"]
-        else:
-            text.append(_plain(line))
-        if line.endswith(":") and not following.strip():
-            text[-1] += ":"
-            literal = True
-    return text
+    """Turn plain text into reStructuredText; a class that lists no attributes gets its fields with their comments."""
+    literal = False
+    for k, (line, following) in enumerate(zip([*lines], [*lines[1:], ""])):
+        literal = literal and (line.startswith("    ") or not line.strip())
+        if not literal:
+            lines[k] = _plain(line)
+            if line.endswith(":") and not following.strip():
+                lines[k], literal = lines[k] + ":", True
+    if what == "class" and "Attributes" not in lines:
+        lines += _fields(thing)
 
 
 def _plain(line):

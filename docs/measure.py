@@ -1,0 +1,207 @@
+"""Measure what the pages quote and no command of the package writes; keep the reports of searches.
+
+    python docs/measure.py                          all tables, some ten minutes of two cores
+    python docs/measure.py plans pushes             by name
+    python docs/measure.py keep humanoid_gait.json docs/reproduction/gait_seed_1.json
+
+Tables are written to `docs/reproduction/`, where `docs/tables.py` reads them for the pages.  They are the same on every
+machine.  `keep` stores a gait's report, or its arrays (`.npz`), without what depends on the machine.
+"""
+
+from __future__ import annotations
+
+import csv
+import functools
+import json
+import math
+import shutil
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from featherstone_gait import Ground, compile_scene, load_robot
+from featherstone_gait.base.files import Format, complete, write_csv
+from featherstone_gait.optimize import walking_cost
+from featherstone_gait.reproduction import solver_scatter
+from featherstone_gait.walking import BIOLOID_WALK, Walk, WalkingCost, cheapest_plan, read_walk, walking_plan
+from featherstone_gait.walking.cheapest_plan import CheapestPlan, States, fit_states
+from featherstone_gait.walking.cost_in_worlds import in_worlds
+from featherstone_gait.walking.disturbed import pushes_survived, rough_field, walk_far
+from featherstone_gait.walking.worth import UNSEEN, worth_elsewhere
+
+ROOT = Path(__file__).resolve().parents[1]
+STORED = ROOT / "docs" / "reproduction"
+FORMAT = Format("measured table")
+KEPT = ("settings", "search", "before", "after", "elsewhere", "crosscheck", "plausible")  # of a gait's report
+FEEDBACK = {False: "without", True: "with"}
+Row = dict[str, Any]
+
+
+@functools.cache
+def _plain(states: States) -> WalkingCost:
+    return walking_cost(load_robot("humanoid", locked="simplified"), states=states)
+
+
+@functools.cache
+def _cheapest(states: States) -> CheapestPlan:
+    return cheapest_plan(_plain(states).scene, states)
+
+
+def _cost_of_start(cost: WalkingCost) -> Row:
+    """Cost and speed of a gait on its own ground, and its cost in the eight worlds of a search."""
+    x = cost.gait.to_vector()
+    own, (eight, _) = cost.measure([x])[0], in_worlds(cost, 8)(x)
+    return {"own_J_per_m": own.cost, "own_m_per_s": own.speed, "worlds_J_per_m": eight}
+
+
+def plans() -> Iterable[Row]:
+    """Measure the plain and the cheapest plan on their own ground, in eight worlds and in 200 others."""
+    for states in ("step", "stride"):
+        for plan in ("plain", "cheapest"):
+            cost = _plain(states) if plan == "plain" else _cheapest(states).cost
+            (found,) = worth_elsewhere(cost, [cost.gait.to_vector()], UNSEEN, False)
+            low, median, high = found["cost"]
+            others = {"walks": found["walks"], "p5_J_per_m": low, "p50_J_per_m": median, "p95_J_per_m": high}
+            yield {"plan": plan, "states": states, **_cost_of_start(cost), **others}
+
+
+def previews() -> Iterable[Row]:
+    """Measure two plans with either form of the preview controller."""
+    scene = _plain("step").scene
+    cheapest = _cheapest("step").plan.walk
+    for name, walk, weights in (
+        ("plain", Walk(**BIOLOID_WALK), (1e-7, 1e-5, 1e-4)),
+        ("cheapest", cheapest, (1e-7, 1e-5)),
+    ):
+        auxiliary = [replace(walk, preview="auxiliary_zmp", R=R) for R in weights]
+        for each in (replace(walk, preview="cart_table"), *auxiliary):
+            plan = walking_plan(scene.model, **asdict(each))
+            ahead, sideways = np.sqrt(np.mean((plan.zmp - plan.zmp_reference) ** 2, axis=0))
+            cost = WalkingCost(scene, fit_states(scene.model, plan, "step").gait, plan.start_up(1))
+            yield {
+                "plan": name, "preview": each.preview, "R": each.R if each in auxiliary else "",
+                "error_ahead_m": ahead, "error_sideways_m": sideways, "margin_m": plan.margin().min(),
+                **_cost_of_start(cost),
+            }  # fmt: skip
+
+
+@functools.cache
+def _balanced() -> tuple[Any, Any]:
+    """Scene and gait of the walk with feedback."""
+    scene = compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "midpoint", 1e-3)
+    return scene, read_walk(ROOT / "robots" / "humanoid" / "balanced_gait.npz", scene.model.joint_names)
+
+
+def grounds() -> Iterable[Row]:
+    """Walk a hundred strides on slopes and rough ground, without feedback and with four seeds of the sensors."""
+    scene, walk = _balanced()
+    slope, right = math.radians(3.0), -0.5 * math.pi
+    for name, ground in {
+        "level": None, "down 3°": Ground(slope=-slope), "up 3°": Ground(slope=slope),
+        "3° down to the left": Ground(slope=slope, heading=right),
+        "3° down to the right": Ground(slope=-slope, heading=right),
+        "3 mm rough": Ground(field=rough_field(3e-3)), "3 mm rough, seed 1": Ground(field=rough_field(3e-3, 1)),
+        "6 mm rough": Ground(field=rough_field(6e-3)),
+    }.items():  # fmt: skip
+        for feedback in (False, True):
+            for seed in range(4 if feedback else 1):
+                far = walk_far(scene, walk, ground, feedback=feedback, seed=seed)
+                where = {"ground": name, "feedback": FEEDBACK[feedback], "seed": seed, "fell_at_stride": ""}
+                steady = {"strides": far.strides, "heading_deg": math.degrees(far.heading) if far.strides > 10 else ""}
+                end = {"J_per_m": far.energy} if far.walked else {"J_per_m": "", "fell_at_stride": far.strides}
+                yield where | steady | end
+
+
+def pushes() -> Iterable[Row]:
+    """Find the impulses that the walk survives, without and with feedback."""
+    directions = ("ahead", "45°", "left", "135°", "behind", "225°", "right", "315°")
+    for feedback in (False, True):
+        found = pushes_survived(*_balanced(), 16, feedback=feedback)
+        yield {"feedback": FEEDBACK[feedback], **dict(zip(directions, found)), "mean": found.mean()}
+
+
+def solver() -> Iterable[Row]:
+    """Measure the scatter of energy in the paper's kind of simulator."""
+    full, planned = solver_scatter.FULL, _plain("stride")
+    for servos in solver_scatter.SERVOS:
+        for step, sweeps, runs in ((1e-3, 10, full.runs), (2e-3, 10, full.runs), (1e-3, 0, 2)):
+            _, found = solver_scatter.walk(full, planned, solver_scatter.Setting(servos, step, iterations=sweeps), runs)
+            scatter = {"fell": found.fell, "cycle": found.cycle, "repeat": found.repeat, "run": found.run}
+            yield {"servos": servos, "step_s": step, "sweeps": sweeps, "precision": "single", "runs": runs, **scatter}
+        nudged = {"fell": "", "cycle": "", "repeat": solver_scatter.nudge(full, planned, servos), "run": ""}
+        yield {"servos": servos, "step_s": 1e-3, "sweeps": 0, "precision": "double", "runs": full.nudged, **nudged}
+
+
+def arm() -> Iterable[Row]:
+    """Measure how still the arm of seven joints stands in that simulator."""
+    full = solver_scatter.FULL
+    for link in full.links:
+        for sweeps in (10, 20, 0):
+            variance = solver_scatter.hold_arm(full, "standard", sweeps, link, 0).typical
+            yield {"link_kg": link[0], "link_m": link[1], "sweeps": sweeps, "variance_deg2": float(variance)}
+
+
+def posture() -> Iterable[Row]:
+    """Measure how still the humanoid of Table 3 stands in that simulator."""
+    for sweeps, mass in ((10, 1.0), (20, 1.0), (50, 1.0), (10, 0.8)):
+        for servos in ("standard", "mipsd"):
+            found = solver_scatter.hold_posture(solver_scatter.FULL, servos, sweeps, mass, 0).typical
+            names = ("left_lateral_deg", "right_front_deg", "right_lateral_deg", "elbow_deg")
+            yield {"servos": servos, "sweeps": sweeps, "mass": mass, **dict(zip(names, found))}
+
+
+TABLES: dict[str, Callable[[], Iterable[Row]]] = {
+    each.__name__: each for each in (plans, previews, grounds, pushes, solver, arm, posture)
+}
+
+
+def stored(name: str) -> Path:
+    return STORED / f"measured_{name}.csv"
+
+
+def measured(name: str) -> list[list[str]]:
+    """Return the header and the cells of a table."""
+    rows = [*TABLES[name]()]
+    cells = [[f"{x:.10g}" if isinstance(x, float) else str(x) for x in row.values()] for row in rows]
+    return [[*rows[0]], *cells]
+
+
+def read(name: str) -> list[list[str]]:
+    """Return the header and the cells of a table as they are stored."""
+    with stored(name).open(encoding="utf-8", newline="") as file:
+        return [row for row in csv.reader(file) if not row[0].startswith("#")]
+
+
+def keep(source: Path, target: Path) -> None:
+    """Store a gait's report without what depends on the machine, or its arrays without the candidates of the search."""
+    if source.suffix == ".npz":
+        with np.load(source) as found, complete(target) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, **{key: found[key] for key in found.files if key not in ("costs", "visited")})
+    elif source.suffix == ".json":
+        report = json.loads(source.read_text("utf-8"))
+        kept = {key: report[key] for key in ("format", "version", *KEPT)}
+        with complete(target) as temporary:
+            temporary.write_text(json.dumps(kept) + "\n", "utf-8")
+    else:
+        shutil.copyfile(source, target)
+
+
+def main(arguments: list[str]) -> None:
+    if arguments[:1] == ["keep"]:
+        keep(*map(Path, arguments[1:]))
+        return
+    unknown = [name for name in arguments if name not in TABLES]
+    if unknown:
+        raise SystemExit(f"measure.py: no table {unknown[0]!r}; tables: {', '.join(TABLES)}")
+    for name in arguments or TABLES:
+        print(f"{name}: {TABLES[name].__doc__}", flush=True)
+        columns, *rows = measured(name)
+        write_csv(stored(name), FORMAT, columns, rows, end="\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
