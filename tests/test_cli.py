@@ -6,6 +6,7 @@ import math
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,9 @@ from matplotlib import image
 from featherstone_gait import Ground, Trajectory, cli, compile_scene, load_robot
 from featherstone_gait.cli import simulate as simulate_command
 from featherstone_gait.optimize import job as optimize
-from featherstone_gait.optimize.job import _folded, expected
+from featherstone_gait.optimize.options import OptimizeOptions
+from featherstone_gait.optimize.preparation import estimated_minutes
+from featherstone_gait.optimize.preparation import folded as folded_text
 from featherstone_gait.run import simulate as simulation
 
 SLIDER = """<robot name="slider">
@@ -149,7 +152,7 @@ def test_what_is_wrong_is_said_before_how_long_it_takes_and_nothing_is_written(c
 
 def test_the_summary_of_a_search_fits_a_terminal():
     text = "short\n" + "word " * 40 + "\n\n    kept   apart"
-    folded = _folded(text)
+    folded = folded_text(text)
     assert max(map(len, folded.splitlines())) < 80
     assert folded.split() == text.split()
     assert folded.endswith("\n    kept   apart")
@@ -157,10 +160,11 @@ def test_the_summary_of_a_search_fits_a_terminal():
 
 def test_a_search_says_how_long_it_takes_in_proportion():
     """Processor time of docs/optimize.md over two cores: candidates 110 s, report 60 s, crosscheck 95 s."""
-    whole = expected(800, 8, 200, True, 1, False)
+    options = OptimizeOptions(crosscheck=2)
+    whole = estimated_minutes(options)
     assert whole == pytest.approx((112 + 60 + 95 + 27) / 120)
-    assert expected(8000, 8, 200, True, 1, False) == pytest.approx(whole + 9 * 112 / 120)
-    assert expected(800, 0, 0, False, 0, False) == pytest.approx(112 / 8 / 120)
+    assert estimated_minutes(replace(options, iterations=8000)) == pytest.approx(whole + 9 * 112 / 120)
+    assert estimated_minutes(OptimizeOptions(worlds=0, test_worlds=0)) == pytest.approx(112 / 8 / 120)
 
 
 def test_a_free_swing_keeps_its_energy(tmp_path):

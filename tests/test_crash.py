@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from featherstone_gait import cli
-from featherstone_gait.optimize import job as optimize
+from featherstone_gait.optimize import OptimizeOptions, main_job, planning, preparation, quality, report
 from featherstone_gait.search import minimize
-from featherstone_gait.walking import worth
 
 resource = pytest.importorskip("resource")
 
@@ -24,7 +23,7 @@ SETTINGS = dict(amplitude=0.3, max_iterations=60, seed=7)
 
 
 def start(folder):
-    command = [sys.executable, "-m", "featherstone_gait", "optimize", "--resume", "--nominal", "--unseen", "0"]
+    command = [sys.executable, "-m", "featherstone_gait", "optimize", "--resume", "--one-world", "--test-worlds", "0"]
     command += ["--iterations", str(ITERATIONS), "--out", str(folder)]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
     return subprocess.Popen(command, cwd=Path(__file__).parents[1], **quiet)
@@ -121,10 +120,10 @@ def test_a_full_disk_leaves_no_half_written_results(tmp_path, monkeypatch, capsy
         Path(path).write_text("<html>")
         raise full
 
-    command = ["optimize", "--nominal", "--unseen", "0", "--iterations", "2", "--out", str(tmp_path)]
-    monkeypatch.setattr(worth, "PERTURBED", 1)
+    command = ["optimize", "--one-world", "--test-worlds", "0", "--iterations", "2", "--out", str(tmp_path)]
+    monkeypatch.setattr(quality, "PERTURBED", 1)
     with monkeypatch.context() as disk:
-        disk.setattr(optimize, "write_animation", half)
+        disk.setattr(report, "write_animation", half)
         assert cli.main(command) == 2
     error = capsys.readouterr().err.splitlines()[-1]
     assert error.startswith(f"error: {tmp_path}: the results cannot be written (No space left on device)")
@@ -137,10 +136,10 @@ def test_a_folder_that_takes_no_files_is_named_before_the_search(tmp_path, monke
     def refused(**_):
         raise PermissionError(errno.EACCES, "Permission denied")
 
-    monkeypatch.setattr(optimize.tempfile, "TemporaryFile", refused)
-    monkeypatch.setattr(optimize, "walking_cost", None)  # nothing has been computed yet
+    monkeypatch.setattr(preparation.tempfile, "TemporaryFile", refused)
+    monkeypatch.setattr(planning, "walking_cost", None)  # nothing has been computed yet
     with pytest.raises(OSError, match=r"no file can be written here \(Permission denied\); give another folder"):
-        optimize.main_job(out=tmp_path)
+        main_job(options=OptimizeOptions(out=tmp_path))
     (tmp_path / "file").touch()
     with pytest.raises(OSError, match=r"file: no file can be written here \(File exists\)"):
-        optimize.main_job(out=tmp_path / "file")
+        main_job(options=OptimizeOptions(out=tmp_path / "file"))

@@ -15,7 +15,7 @@ from featherstone_gait import Trajectory, cli
 from featherstone_gait.base.files import claim, number
 from featherstone_gait.benchmark import precision
 from featherstone_gait.identification import read_recording
-from featherstone_gait.optimize import job as optimize
+from featherstone_gait.optimize import OptimizeOptions, main_job, planning
 from featherstone_gait.search import AdaptiveSimulatedAnnealing, minimize
 from featherstone_gait.study import read_study, run_study
 from featherstone_gait.study.run import Log
@@ -115,10 +115,10 @@ def test_of_two_searches_with_a_history_one_works_and_the_other_says_so(tmp_path
 
 
 def test_of_two_gait_searches_in_a_folder_the_second_says_so_at_once(tmp_path, claimed, monkeypatch):
-    monkeypatch.setattr(optimize, "walking_cost", None)  # nothing has been computed yet
+    monkeypatch.setattr(planning, "walking_cost", None)  # nothing has been computed yet
     claimed(tmp_path / "humanoid_gait_history.jsonl")
     with pytest.raises(OSError, match=r"humanoid_gait_history\.jsonl: another process is at work"):
-        optimize.main_job(out=tmp_path, resume=True)
+        main_job(options=OptimizeOptions(out=tmp_path, resume=True))
 
 
 # ---------------------------------------------------------------------------------------------- damaged files

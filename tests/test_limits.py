@@ -9,13 +9,9 @@ import pytest
 from featherstone_gait import ContactPoint, Link, Model, Trajectory, clearance, load_robot, load_servo
 from featherstone_gait.geometry.distance import meeting_shapes
 from featherstone_gait.identification.curve import torque_speed
-from featherstone_gait.optimize.job import (
-    _limits_told,
-    optimize_gait,
-    optimize_with_limits,
-    walking_cost,
-)
-from featherstone_gait.walking import descent, limits, worth
+from featherstone_gait.optimize import optimize_gait, optimize_with_limits, quality, selection, walking_cost
+from featherstone_gait.optimize.summary_table import _limits
+from featherstone_gait.walking import descent, limits
 from featherstone_gait.walking.cost_in_worlds import in_worlds
 from featherstone_gait.walking.descent import descend
 from featherstone_gait.walking.limits import BY_NAME, FADES, Quantity, Watch, Worst, of_servos
@@ -184,7 +180,7 @@ def test_a_search_with_limits_begins_where_the_one_for_energy_ends(cost, watch, 
 
 
 def test_the_worst_values_are_named_with_joint_and_time(cost, watch):
-    found = worth.plausible(cost, cost.gait.to_vector(), watch)
+    found = quality.measure_limits(cost, cost.gait.to_vector(), watch)
     told = {one["name"]: one for one in found["limits"]}
     assert [*told] == [limit.name for limit in limits.LIMITS]
     assert "knee" in told["line"]["where"]
@@ -192,7 +188,7 @@ def test_the_worst_values_are_named_with_joint_and_time(cost, watch):
     assert told["torque"]["value"] < 1.0
     assert told["drift"]["time"] is None
     assert 0.0 < found["current"]["rms"] < found["current"]["peak"] <= 0.9  # the servo's limit [A]
-    heading, *lines = _limits_told({"before": found, "after": {"limits": None}})
+    heading, *lines = _limits({"before": found, "after": {"limits": None}})
     assert heading.startswith("limits of a real robot")
     assert sum(line.startswith("    worst: ") for line in lines) == 5  # of drift there is no moment
     bounds = [line for line in lines if not line.startswith(" ")]
@@ -202,18 +198,18 @@ def test_the_worst_values_are_named_with_joint_and_time(cost, watch):
 
 
 def test_of_the_best_candidates_that_is_taken_which_walks_elsewhere(cost, watch, monkeypatch):
-    monkeypatch.setattr(worth, "CHECKED", 2)
-    monkeypatch.setattr(worth, "UNSEEN_STRIDES", 1)
+    monkeypatch.setattr(selection, "WORLDS", 2)
+    monkeypatch.setattr(selection, "TEST_STRIDES", 1)
     first, falls = cost.gait.to_vector(), _falling(cost)
     history = {"x": np.array([first, falls, falls]), "f": np.array([80.0, 20.0, math.inf])}
-    x, rows = worth.chosen(cost, watch, history)
+    x, rows = selection.choose_gait(cost, watch, history)
     assert np.array_equal(x, first)
     assert [(row["candidate"], row["walks"]) for row in rows] == [(0, 1.0), (1, 0.0)]
-    kept = sum(one["kept"] for one in worth.plausible(cost, first, watch)["limits"])
+    kept = sum(one["kept"] for one in quality.measure_limits(cost, first, watch)["limits"])
     assert [row["kept"] for row in rows] == [kept, 0]
 
 
 def test_power_that_is_always_drawn_is_paid_by_the_time_that_a_meter_takes():
-    told = worth.with_standby({"cost": 20.0, "speed": 0.1}, {"electronics": 2.0, "held": 1.0})
+    told = quality.with_standby({"cost": 20.0, "speed": 0.1}, {"electronics": 2.0, "held": 1.0})
     assert told == {"motors": 20.0, "electronics": pytest.approx(40.0), "held": pytest.approx(50.0)}
-    assert worth.with_standby({"cost": None, "speed": None}, {"held": 1.0}) == {"motors": None, "held": None}
+    assert quality.with_standby({"cost": None, "speed": None}, {"held": 1.0}) == {"motors": None, "held": None}

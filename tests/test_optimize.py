@@ -15,15 +15,16 @@ from pages import data_of
 
 from featherstone_gait import cli, load_robot, load_servo
 from featherstone_gait.crosscheck import FLOORS
-from featherstone_gait.optimize import job as optimize
-from featherstone_gait.optimize.job import (
-    _states_of,
+from featherstone_gait.optimize import (
+    OptimizeOptions,
     main_job,
+    measure,
     optimize_gait,
     summary,
     walking_cost,
-    worth_elsewhere,
 )
+from featherstone_gait.optimize.planning import default_states
+from featherstone_gait.optimize.quality import measure_in_test_worlds
 from featherstone_gait.robot_file.servos import with_servo
 from featherstone_gait.search import minimize
 from featherstone_gait.view.gait_page import write_gait_page
@@ -43,7 +44,11 @@ def cost():
 @pytest.fixture(scope="module")
 def job(tmp_path_factory):
     folder = tmp_path_factory.mktemp("job")
-    return folder, main_job(iterations=ITERATIONS, states="stride", worlds=0, unseen=4, out=folder, progress=False)
+    return folder, main_job(
+        options=OptimizeOptions(
+            iterations=ITERATIONS, states="stride", worlds=0, test_worlds=4, out=folder, progress=False
+        )
+    )
 
 
 def test_the_job_finds_a_cheaper_gait_and_reports_both(job):
@@ -184,7 +189,7 @@ def test_gains_are_told_at_equal_speed_and_with_standing_power_too(job):
 
 
 def test_power_below_zero_is_refused_before_the_search(capsys, tmp_path):
-    assert cli.main(["optimize", "--electronics", "-1", "--out", str(tmp_path)]) == 2
+    assert cli.main(["optimize", "--electronics-power", "-1", "--out", str(tmp_path)]) == 2
     assert "electronics" in capsys.readouterr().err
     assert [*tmp_path.iterdir()] == []
 
@@ -199,7 +204,9 @@ def test_the_servo_is_told_and_the_paper_s_by_default(job):
 @pytest.mark.long
 def test_another_servo_is_compared_with_the_robot_s_own(job, tmp_path, capsys):
     """The corrected AX-12 spends more than twice as much on the same gait, and still walks."""
-    other = main_job(servo="ax12a", iterations=4, states="stride", worlds=0, unseen=0, out=tmp_path)
+    other = main_job(
+        options=OptimizeOptions(servo="ax12a", iterations=4, states="stride", worlds=0, test_worlds=0, out=tmp_path)
+    )
     own = other["with_own_servos"]
     assert other["settings"]["servo"] == servo_of(tmp_path / "humanoid_gait.npz") == "ax12a"
     assert servo_of(job[0] / "humanoid_gait.npz") is None
@@ -231,8 +238,8 @@ def test_a_gait_s_file_names_the_servo_and_what_is_exported_has_it(tmp_path):
 
 def test_a_servo_of_a_file_is_kept_by_its_place_and_one_that_is_gone_is_told(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert optimize._kept_servo("mine.toml") == str(tmp_path / "mine.toml")
-    assert [optimize._kept_servo(name) for name in (None, "ax12a", "generic:4")] == ["", "ax12a", "generic:4"]
+    assert measure.servo_in_file("mine.toml") == str(tmp_path / "mine.toml")
+    assert [measure.servo_in_file(name) for name in (None, "ax12a", "generic:4")] == ["", "ax12a", "generic:4"]
     with np.load(Path(load_robot("humanoid").source).with_name("optimized_gait.npz")) as data:
         arrays = {name: data[name] for name in data.files if name != "servo"}
     np.savez("gait.npz", **arrays, servo=str(tmp_path / "gone.toml"))
@@ -261,12 +268,18 @@ def test_a_servo_goes_into_all_joints_that_turn(tmp_path):
 @pytest.mark.long
 def test_an_interrupted_job_resumes_to_the_same_gait(job, tmp_path):
     folder, report = job
-    main_job(iterations=ITERATIONS // 2, states="stride", worlds=0, unseen=4, out=tmp_path, progress=False)
+    main_job(
+        options=OptimizeOptions(
+            iterations=ITERATIONS // 2, states="stride", worlds=0, test_worlds=4, out=tmp_path, progress=False
+        )
+    )
     history = tmp_path / "humanoid_gait_history.jsonl"
     with history.open("a", encoding="utf-8") as file:
         file.write('{"iteration": 13, "x": [0.1')  # cut off while writing
     resumed = main_job(
-        iterations=ITERATIONS, states="stride", worlds=0, unseen=4, out=tmp_path, resume=True, progress=False
+        options=OptimizeOptions(
+            iterations=ITERATIONS, states="stride", worlds=0, test_worlds=4, out=tmp_path, resume=True, progress=False
+        )
     )
     assert resumed["after"] == report["after"]
     angles = "humanoid_gait_angles.csv"
@@ -278,21 +291,21 @@ def test_what_is_found_is_tried_in_worlds_that_no_search_has_seen(job, cost):
     told = report["elsewhere"]["after"]
     assert (told["worlds"], told["strides"]) == (4, 20)
     assert told["walks"] in (0.0, 0.25, 0.5, 0.75, 1.0)
-    again = worth_elsewhere(cost, [cost.gait.to_vector()], 4)[0]
+    again = measure_in_test_worlds(cost, [cost.gait.to_vector()], 4)[0]
     assert again == report["elsewhere"]["before"]
     assert again["cost"] == sorted(again["cost"])
 
 
 def test_the_poses_are_those_of_a_step_where_the_legs_mirror_each_other():
     model = load_robot("humanoid", locked="simplified")
-    assert _states_of(model) == "step"
+    assert default_states(model) == "step"
     joints = tuple(replace(j, name="knee" if j.name == "left_knee" else j.name) for j in model.joints)
     servos = {"knee" if name == "left_knee" else name: servo for name, servo in model.servos.items()}
-    assert _states_of(replace(model, joints=joints, servos=servos, keyframes={})) == "stride"
+    assert default_states(replace(model, joints=joints, servos=servos, keyframes={})) == "stride"
 
 
 def test_one_floor_or_several_is_not_both(capsys, tmp_path):
-    assert cli.main(["optimize", "--nominal", "--worlds", "3", "--out", str(tmp_path)]) == 2
+    assert cli.main(["optimize", "--one-world", "--worlds", "3", "--out", str(tmp_path)]) == 2
     assert "give one of them" in capsys.readouterr().err
 
 
@@ -310,13 +323,13 @@ def test_a_history_in_which_the_first_gait_costs_something_else_is_not_continued
     cost = repr(report["before"]["cost"])
     assert history.count(cost) == 1
     (tmp_path / "humanoid_gait_history.jsonl").write_text(history.replace(cost, "12.5"), "utf-8")
-    assert cli.main(["optimize", "--nominal", "--iterations", "30", "--resume", "--out", str(tmp_path)]) == 2
+    assert cli.main(["optimize", "--one-world", "--iterations", "30", "--resume", "--out", str(tmp_path)]) == 2
     assert "line 2: the first gait cost 12.5 J/m" in capsys.readouterr().err
 
 
 @pytest.mark.long
 def test_the_command_shows_progress_and_a_table(tmp_path, capsys):
-    options = ["--iterations", "2", "--worlds", "2", "--unseen", "3", "--no-fair", "--out", str(tmp_path)]
+    options = ["--iterations", "2", "--worlds", "2", "--test-worlds", "3", "--no-baselines", "--out", str(tmp_path)]
     assert cli.main(["optimize", *options]) == 0
     shown = capsys.readouterr()
     assert "2/2" in shown.err  # for energy alone; then the best of these with limits
@@ -362,12 +375,16 @@ def test_every_candidate_keeps_to_the_joint_limits(cost):
 def test_a_job_in_which_nothing_walks_says_why(tmp_path, monkeypatch):
     monkeypatch.setitem(BIOLOID_WALK, "step_time", 0.24)
     with pytest.raises(ValueError, match=r"none of 1 gaits walked; the first: humanoid fell at"):
-        main_job(plan="plain", iterations=0, states="stride", worlds=1, unseen=0, out=tmp_path, progress=False)
+        main_job(
+            options=OptimizeOptions(
+                plan="plain", iterations=0, states="stride", worlds=1, test_worlds=0, out=tmp_path, progress=False
+            )
+        )
 
 
 def test_a_robot_without_two_soles_is_refused(tmp_path):
     with pytest.raises(ValueError, match="ground without contact points"):
-        main_job("arm7", out=tmp_path, progress=False)
+        main_job("arm7", OptimizeOptions(out=tmp_path, progress=False))
 
 
 @pytest.mark.long
@@ -376,7 +393,9 @@ def test_the_job_walks_its_gait_in_mujoco_if_asked(tmp_path, monkeypatch, capsys
     for name in [*FLOORS]:
         if name not in ("10ms_0.9", "20ms_0.9"):
             monkeypatch.delitem(FLOORS, name)
-    report = main_job(iterations=0, states="stride", worlds=0, unseen=0, out=tmp_path, crosscheck=1)
+    report = main_job(
+        options=OptimizeOptions(iterations=0, states="stride", worlds=0, test_worlds=0, out=tmp_path, crosscheck=1)
+    )
     assert report["crosscheck"].startswith("in MuJoCo it walks 20 strides on 4 of 4 floors")
     assert f"crosscheck: {report['crosscheck']}" in " ".join(capsys.readouterr().out.split())
     assert sorted(report["files"].values()) == sorted(str(path) for path in tmp_path.iterdir())
@@ -390,8 +409,8 @@ def test_a_crosscheck_that_fails_does_not_cost_the_search(tmp_path, monkeypatch,
     def fail(*_, **__):
         raise error
 
-    monkeypatch.setattr(optimize, "walk_elsewhere", fail)
-    few = dict(iterations=0, states="stride", worlds=0, unseen=0)
-    report = main_job(**few, out=tmp_path, progress=False, crosscheck=1)
+    monkeypatch.setattr(measure, "crosscheck", fail)
+    few = dict(iterations=0, states="stride", worlds=0, test_worlds=0)
+    report = main_job(options=OptimizeOptions(**few, out=tmp_path, progress=False, crosscheck=1))
     assert report["crosscheck"].startswith(said)
     assert (tmp_path / "humanoid_gait.npz").exists()

@@ -11,10 +11,10 @@ import pytest
 
 from featherstone_gait import load_robot
 from featherstone_gait.optimize import walking_cost
+from featherstone_gait.optimize.quality import FINER, TEST_SEED, TEST_STRIDES, TEST_WORLDS, measure_limits
 from featherstone_gait.walking.cost_in_worlds import CostInWorlds, in_worlds
 from featherstone_gait.walking.limits import Watch
 from featherstone_gait.walking.motion import read_motion
-from featherstone_gait.walking.worth import FINER, UNSEEN, UNSEEN_SEED, UNSEEN_STRIDES, plausible
 
 ROOT = Path(__file__).parents[1]
 STORED = ROOT / "robots" / "humanoid" / "optimized_gait.npz"
@@ -63,11 +63,11 @@ def test_the_readme_s_share_and_costs_hold_in_some_of_the_unseen_worlds(cost, x)
     each = np.array([math.inf if one is None else one for one in told])
     walks = np.isfinite(each)
     low, high = np.percentile(each[walks], (5, 95))
-    assert len(each) == UNSEEN
+    assert len(each) == TEST_WORLDS
     assert figures("walks 20 strides in 200 other worlds") == [100.0 * walks.mean(), round(low, 1), round(high, 1)]
     assert walks.mean() >= 0.95
-    longer = replace(cost, strides=UNSEEN_STRIDES)
-    every = in_worlds(longer, UNSEEN, UNSEEN_SEED, timestep=FINER * cost.scene.timestep)
+    longer = replace(cost, strides=TEST_STRIDES)
+    every = in_worlds(longer, TEST_WORLDS, TEST_SEED, timestep=FINER * cost.scene.timestep)
     some = CostInWorlds(longer, every.scenes[:SUBSET], every.offsets[:SUBSET], strict=True)
     costs = np.array([one.cost for one in some.measure([x])[0]])
     assert costs == pytest.approx(each[:SUBSET], rel=1e-12)
@@ -75,6 +75,6 @@ def test_the_readme_s_share_and_costs_hold_in_some_of_the_unseen_worlds(cost, x)
 
 @pytest.mark.long
 def test_the_readme_s_limits_are_those_of_the_stored_gait(cost, x):
-    found = plausible(cost, x, Watch(cost.scene.model, cost.start[0]))["limits"]
+    found = measure_limits(cost, x, Watch(cost.scene.model, cost.start[0]))["limits"]
     kept = sum(one["kept"] for one in found)
     assert figures("keeps to what a real robot asks for")[0] == kept

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from featherstone_gait import load_robot
-from featherstone_gait.optimize import job as optimize
-from featherstone_gait.optimize import main_job
+from featherstone_gait.optimize import OptimizeOptions, main_job, planning
 from featherstone_gait.walking import BIOLOID_WALK
 from featherstone_gait.walking.generic_servo import LEG, MASS
 from featherstone_gait.walking.walker import MARGIN, driven, leg_length, load_walker
@@ -65,13 +64,13 @@ def test_generic_servos_are_as_strong_as_mass_and_legs_ask_for(bare):
 
 def test_a_search_of_a_robot_without_servos_says_what_to_do(bare, tmp_path):
     with pytest.raises(ValueError, match=r"humanoid has no servos; name one \(--servo\): 'generic' is"):
-        main_job(bare, out=tmp_path)
+        main_job(bare, OptimizeOptions(out=tmp_path))
 
 
 @pytest.mark.long
 def test_a_bare_file_s_robot_walks_with_generic_servos(bare, tmp_path):
-    how = {"servo": "generic", "legs_only": True, "iterations": 2, "worlds": 0, "unseen": 0}
-    report = main_job(bare, **how, out=tmp_path, progress=False)
+    how = {"servo": "generic", "legs_only": True, "iterations": 2, "worlds": 0, "test_worlds": 0}
+    report = main_job(bare, OptimizeOptions(**how, out=tmp_path, progress=False))
     assert report["after"]["status"] == "ok"
     assert report["after"]["speed"] > 0.05
 
@@ -79,20 +78,21 @@ def test_a_bare_file_s_robot_walks_with_generic_servos(bare, tmp_path):
 def test_a_plain_plan_that_falls_gives_way_to_the_cheapest_and_says_so(bare, tmp_path, monkeypatch, capsys):
     asked = []
 
-    def begun(*_, hopeful=False):
-        asked.append((_[-1], hopeful))
-        if hopeful:
-            return optimize._Begun(None, None, math.inf, "out of reach")
+    def plan_first_gait(_, plan, *, optional):
+        asked.append((plan, optional))
+        if optional:
+            return planning.FirstGait(plan, None, None, math.inf, "out of reach")
         raise ValueError("no plan walks")
 
-    monkeypatch.setattr(optimize, "_begun", begun)
+    monkeypatch.setattr(planning, "plan_first_gait", plan_first_gait)
     with pytest.raises(ValueError, match="no plan walks"):
-        main_job(bare, servo="generic", legs_only=True, out=tmp_path)
+        main_job(bare, OptimizeOptions(servo="generic", legs_only=True, out=tmp_path))
     assert asked == [("plain", True), ("cheapest", False)]
-    assert "plain plan: out of reach; looks for the cheapest that walks" in capsys.readouterr().out
+    assert "plain plan: out of reach; searching for the cheapest plan that walks" in capsys.readouterr().out
 
 
 def test_a_plan_that_is_named_is_not_replaced(bare, tmp_path, monkeypatch):
     monkeypatch.setitem(BIOLOID_WALK, "com_height", 0.5)
+    options = OptimizeOptions(servo="generic", legs_only=True, plan="plain", out=tmp_path, progress=False)
     with pytest.raises(ValueError, match="cannot reach"):
-        main_job(bare, servo="generic", legs_only=True, plan="plain", out=tmp_path, progress=False)
+        main_job(bare, options)

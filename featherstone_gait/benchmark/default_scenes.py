@@ -250,7 +250,7 @@ def wheel() -> Model:
 
 def humanoid_cases(full: bool) -> Iterator[Case]:
     """It stands and walks (of `precision`), walks for 4 s, and falls over with fall detection and without."""
-    from ..optimize.job import walking_cost
+    from ..optimize.planning import walking_cost
 
     for problem in precision.humanoids():
         yield from_problem(problem, "humanoid")

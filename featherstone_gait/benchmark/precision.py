@@ -291,7 +291,7 @@ def flying() -> Problem:
 
 def humanoids() -> list[Problem]:
     """The humanoid on its soles, with the whole servo chain: it stands for half a second, and it walks a stride."""
-    from ..optimize.job import walking_cost
+    from ..optimize.planning import walking_cost
 
     cost = walking_cost(load_robot("humanoid", locked="simplified"))
     how = {"implicit_euler": 2e-5, "midpoint": 2e-5, "simtwo": 2e-5, "extrapolation": 1e-8, "ars343": 1e-4}

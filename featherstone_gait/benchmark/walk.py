@@ -84,7 +84,8 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
 
 def _search_line(iterations: int) -> str:
     """What a gait search does with its lanes."""
-    from ..optimize.job import optimize_gait, walking_cost
+    from ..optimize.planning import walking_cost
+    from ..optimize.search import optimize_gait
 
     result = optimize_gait(walking_cost(load_robot("humanoid", locked="simplified")), iterations=iterations)
     failed = np.mean(~np.isfinite(result.history["f"]))

@@ -100,6 +100,31 @@ def add_command(
     return parser
 
 
+def add_option(parser: argparse.ArgumentParser, flag: str, *, old: str | None = None, **how: Any) -> None:
+    """Add an option, and its old name, which is hidden and warns until version 0.4; `how`: of `add_argument`."""
+    action = parser.add_argument(flag, **how)
+    if old is not None:
+        parser.add_argument(old, action=_Renamed, now=action)
+
+
+class _Renamed(argparse.Action):
+    """An option by its old name."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, now: Any) -> None:
+        super().__init__(
+            option_strings, now.dest, nargs=now.nargs, default=argparse.SUPPRESS, type=now.type, choices=now.choices,
+            help=argparse.SUPPRESS,
+        )  # fmt: skip
+        self.now = now
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        name = self.now.option_strings[0]
+        print(f"warning: {option} is now {name}; the old name works until version 0.4", file=sys.stderr)
+        self.now(parser, namespace, values, name)
+
+
 def announce(takes: str) -> None:
     """Say how long work takes: before it, and after what may be wrong about the arguments."""
     print(textwrap.fill(f"takes {takes}", LINE), flush=True)

@@ -1,27 +1,42 @@
-"""The gait optimizer: search, selection, measurement and report."""
+"""The gait optimizer: `main_job` and its stages (planning, search, selection, measurement, report).
 
-from .job import (
-    AMPLITUDE,
-    BASELINES,
-    main_job,
-    optimize_gait,
-    optimize_with_limits,
-    plot_angles,
-    plot_convergence,
-    summary,
-    walking_cost,
-    write_results,
-)
+The names are loaded when they are first used, so that the command line can read `OptimizeOptions` at no cost.
+"""
 
-__all__ = [
-    "AMPLITUDE",
-    "BASELINES",
-    "main_job",
-    "optimize_gait",
-    "optimize_with_limits",
-    "plot_angles",
-    "plot_convergence",
-    "summary",
-    "walking_cost",
-    "write_results",
-]
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # what `__getattr__` finds
+    from .job import main_job as main_job
+    from .measure import BASELINES as BASELINES
+    from .options import OptimizeOptions as OptimizeOptions
+    from .planning import walking_cost as walking_cost
+    from .plots import plot_angles as plot_angles
+    from .plots import plot_convergence as plot_convergence
+    from .report import write_results as write_results
+    from .search import AMPLITUDE as AMPLITUDE
+    from .search import optimize_gait as optimize_gait
+    from .search import optimize_with_limits as optimize_with_limits
+    from .summary_table import summary as summary
+
+_HOME = {
+    "AMPLITUDE": "search",
+    "BASELINES": "measure",
+    "OptimizeOptions": "options",
+    "main_job": "job",
+    "optimize_gait": "search",
+    "optimize_with_limits": "search",
+    "plot_angles": "plots",
+    "plot_convergence": "plots",
+    "summary": "summary_table",
+    "walking_cost": "planning",
+    "write_results": "report",
+}
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from its module (PEP 562)."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_HOME[name]}", __name__), name)

@@ -1,10 +1,10 @@
-"""Feedback for a gait: gains, and poses with them, searched in worlds and under pushes.
+"""Search for the feedback of a gait: its gains, and its poses with them, in worlds and under pushes.
 
     found = search_feedback(in_worlds(cost, 8), iterations=400)
     scene, walk = cost.scene, found.walk
     simulate(scene, walk.begin(20), reference=walk.reference(20), controller=walk.controller(scene))
 
-`walking/feedback.py` has the law, `walking/feedback_cost.py` the price.
+`walking/feedback.py` has the control law, `walking/feedback_cost.py` the cost.
 """
 
 from __future__ import annotations
@@ -38,24 +38,46 @@ def search_feedback(
     seed: int = 0,
     **how: Any,
 ) -> OptimizeResult:
-    """Search for gains, and with `poses` for poses too, from the gait of `cost` and the gains `first`.
+    """Search for feedback gains, and with `poses` for key poses too, by annealing.
 
-    first: by default those of `generic_feedback`.
-    Where no feedback but that of the heading does better than `first`, it begins there.
+    Parameters
+    ----------
+    cost : CostInWorlds
+        The cost of the gait that the search starts from.
+    first : Feedback, optional
+        Gains that the search starts from; by default those of `generic_feedback`.  Where no feedback but that of the
+        heading does better, it starts there.
+    imu : Imu
+        The sensors.
+    poses : bool
+        Whether the key poses are searched too.
+    iterations : int
+        Number of candidates.
+    seed : int
+        Seed of the search.
+    **how
+        Further arguments of `search.minimize`: history, resume, progress.
 
-    Returns the result of `search.minimize` by annealing, and in addition walk, the `BalancedWalk` that was found, and
-    x_poses (D,), its poses as a gait vector [rad].  how: history, resume, progress.  Raises ValueError if neither the
-    gait with `first` nor a candidate walks in all worlds.
+    Returns
+    -------
+    scipy.optimize.OptimizeResult
+        Of `search.minimize`; added are walk, the `BalancedWalk` that was found, and x_poses (D,), its poses as a gait
+        vector [rad].
+
+    Raises
+    ------
+    ValueError
+        If neither the gait with `first` nor a candidate walks in all worlds.
     """
     instance("cost", cost, CostInWorlds, "give what in_worlds returns")
     iterations = whole("iterations", iterations, 0, "it is a number of candidates")
     first = generic_feedback(cost.scene.model) if first is None else first
     instance("first", first, Feedback, "give Feedback(...), or None")
     price = FeedbackCost(cost, imu, poses)
-    begins = [price.vector(one) for one in (first, replace(NONE, heading=first.heading))]
-    told = [one for one, _ in price.costs(begins)]
+    starts = [price.vector(one) for one in (first, replace(NONE, heading=first.heading))]
+    costs = [value for value, _ in price.costs(starts)]
     result = minimize(
-        price, begins[told.index(min(told))], amplitude=price.amplitude(POSES), max_iterations=iterations, seed=seed,
+        price, starts[costs.index(min(costs))], amplitude=price.amplitude(POSES), max_iterations=iterations, seed=seed,
         bounds=price.bounds, map=FeedbackCost.costs, batch=BATCH, **how,
     )  # fmt: skip
     (walk,) = price.walks([result.x])
@@ -67,12 +89,12 @@ def search_feedback(
 
 
 def feedback_history(history: Path) -> Path:
-    """The file of this search beside that of the gait's."""
+    """Return the file of this search, beside that of the gait's search."""
     return history.with_name(history.name.replace("_history", "_feedback_history"))
 
 
-def told(cost: WalkingCost, walk: BalancedWalk, worlds: int) -> dict[str, Any]:
-    """For the report: gains, what sensors were assumed, and which pushes are survived with feedback and without."""
+def report_feedback(cost: WalkingCost, walk: BalancedWalk, worlds: int) -> dict[str, Any]:
+    """Report the gains, the sensors, and the pushes that the gait survives with feedback and without [N s]."""
     with_it, without = (pushes_survived(cost.scene, walk, worlds, feedback=on) for on in (True, False))
     return {
         "gains": asdict(walk.feedback), "imu": asdict(walk.imu),

@@ -15,7 +15,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from ..optimize.job import Quality, optimize_gait, quality, walking_cost
+from ..optimize.planning import walking_cost
+from ..optimize.quality import Quality, measure_quality
+from ..optimize.search import optimize_gait
 from ..robot_file import load_robot
 from ..view.style import BLUE, ORANGE, look
 from .claim import Claim, judged, span
@@ -85,7 +87,7 @@ def _walk(settings: Settings, locked: str | None, seed: int, bar: tqdm) -> Walk:
         bar.update()
     best = np.array([np.minimum.accumulate(result.history["f"]) for result in results])
     poses = np.array([cost.gait.from_vector(result.x).poses for result in results])
-    first, *found = (quality(cost, x) for x in (cost.gait.to_vector(), *(result.x for result in results)))
+    first, *found = (measure_quality(cost, x) for x in (cost.gait.to_vector(), *(result.x for result in results)))
     legs = np.isin(model.joint_names, load_robot("humanoid", locked="simplified").joint_names)
     as_planned = np.where(legs, poses, cost.gait.poses)
     _, _, *without = cost.measure([cost.gait.to_vector()] * 2 + [each.ravel() for each in as_planned])

@@ -29,7 +29,7 @@ from tqdm import tqdm
 
 from ..core.effects.energies import METER
 from ..model import Ground
-from ..optimize.job import walking_cost
+from ..optimize.planning import walking_cost
 from ..robot_file import load_robot
 from ..run.simulate import standing_state
 from ..scene.compile import ServoKind, compile_scene

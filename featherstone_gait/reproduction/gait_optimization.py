@@ -36,7 +36,8 @@ from tqdm import tqdm
 from ..core.compile.jit import source_hash
 from ..core.effects.energies import METER
 from ..model import Ground, Model
-from ..optimize.job import AMPLITUDE, MAX_MISS, walking_cost
+from ..optimize.planning import walking_cost
+from ..optimize.search import AMPLITUDE, MAX_MISS
 from ..robot_file import load_robot
 from ..run.reference import Reference
 from ..run.simulate import Push, simulate_stream, standing_state

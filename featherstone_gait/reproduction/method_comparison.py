@@ -17,7 +17,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import mannwhitneyu
 
-from ..optimize.job import AMPLITUDE, MAX_MISS, walking_cost
+from ..optimize.planning import walking_cost
+from ..optimize.search import AMPLITUDE, MAX_MISS
 from ..robot_file import load_robot
 from ..search import AdaptiveSimulatedAnnealing, cma_es, differential_evolution, dual_annealing, run_together
 from ..search.ask_tell import Search

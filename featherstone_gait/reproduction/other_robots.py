@@ -30,7 +30,9 @@ from ..benchmark.robots import folders
 from ..crosscheck import crosscheck, motion_of
 from ..model import Ground, Model
 from ..optimize.feedback import search_feedback
-from ..optimize.job import optimize_gait, walking_cost
+from ..optimize.planning import walking_cost
+from ..optimize.quality import TEST_WORLDS, measure_in_test_worlds
+from ..optimize.search import optimize_gait
 from ..robot_file import load_robot
 from ..scene.compile import CompiledScene, compile_scene
 from ..walking import (
@@ -49,7 +51,6 @@ from ..walking import (
 )
 from ..walking.cost import Measures
 from ..walking.cost_in_worlds import CostInWorlds, in_worlds
-from ..walking.worth import UNSEEN, worth_elsewhere
 from .sources import digest
 
 WORLDS, PUSHED = 8, 4  # of the search, and to be pushed in
@@ -176,7 +177,7 @@ def worth_of(name: str, folder: Path, cost: WalkingCost, found: Gaits) -> list[l
         if told["gaits"] == digits:
             return told["rows"]
     searched, rows = in_worlds(cost, WORLDS), list[list]()
-    for (gait, x), there in zip(found.items(), worth_elsewhere(cost, [*found.values()], UNSEEN)):
+    for (gait, x), there in zip(found.items(), measure_in_test_worlds(cost, [*found.values()], TEST_WORLDS)):
         own, costs = on_own_ground(cost, x), there["cost"] or [None] * 3
         cells = [own.cost, own.cost_of_transport, own.speed, searched.costs([x])[0][0], there["walks"], *costs]
         pushes = None

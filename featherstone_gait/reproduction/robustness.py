@@ -22,7 +22,8 @@ from tqdm import tqdm
 
 from ..identification.fit import changed
 from ..model import Ground, Model
-from ..optimize.job import optimize_gait, walking_cost
+from ..optimize.planning import walking_cost
+from ..optimize.search import optimize_gait
 from ..robot_file import load_robot
 from ..run.simulate import Push
 from ..scene.compile import compile_scene

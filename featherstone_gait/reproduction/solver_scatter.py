@@ -30,7 +30,7 @@ from tqdm import tqdm
 from ..base.files import FilePath, Format, read_csv, write_csv
 from ..core.effects.energies import METER
 from ..model import Ground
-from ..optimize.job import walking_cost
+from ..optimize.planning import walking_cost
 from ..robot_file import load_robot
 from ..run.reference import Reference
 from ..run.simulate import initial_state, standing_state

@@ -35,7 +35,8 @@ from tqdm import tqdm
 
 from ..base.files import FilePath, Format, write_csv
 from ..model import Ground
-from ..optimize.job import AMPLITUDE, MAX_MISS, optimize_gait, walking_cost
+from ..optimize.planning import walking_cost
+from ..optimize.search import AMPLITUDE, MAX_MISS, optimize_gait
 from ..robot_file import load_robot
 from ..scene.compile import ServoKind, compile_scene
 from ..search import minimize
@@ -248,7 +249,7 @@ def _history(settings: Settings, condition: Condition, seed: int) -> dict[str, A
     """Where a search is kept; another program has other files."""
     if not settings.folder:
         return {}
-    program = [digest(PACKAGE / file) for file in ("optimize/job.py", "reproduction/maximal/__init__.py")]
+    program = [digest(PACKAGE / file) for file in ("optimize/search.py", "reproduction/maximal/__init__.py")]
     key = hashlib.sha256(f"{condition!r}\n{program}".encode()).hexdigest()[:12]
     folder = Path(settings.folder)
     folder.mkdir(parents=True, exist_ok=True)

@@ -5,7 +5,7 @@ A gait is searched on the robot's own floor, as the paper's, and in one, two, fo
 of a step, ask for energy alone, and see as many candidates.  So they have tried as much, not worked as long: a
 candidate in eight worlds is eight walks.  At equal walks a search in one world would have eight times the candidates,
 and be ahead by these too.  What each found then walks in 200 worlds that none of them has seen, over 20 strides at a
-quarter of the step (`walking.worth`).  The seed of a search also draws its worlds.
+quarter of the step (`optimize.quality`).  The seed of a search also draws its worlds.
 
     python -m featherstone_gait.reproduction.what_worlds_cost TABLE.csv PICTURE.png
 
@@ -29,7 +29,9 @@ import numpy as np
 from tqdm import tqdm
 
 from ..base.files import FilePath, Format, complete, parse_json, write_csv
-from ..optimize.job import AMPLITUDE, optimize_gait, walking_cost
+from ..optimize.planning import walking_cost
+from ..optimize.quality import TEST_WORLDS, measure_in_test_worlds
+from ..optimize.search import AMPLITUDE, optimize_gait
 from ..robot_file import load_robot
 from ..search import cma_es
 from ..search import run as run_search
@@ -37,7 +39,6 @@ from ..view.style import BLUE, GREY, ORANGE, look
 from ..walking.cost import WalkingCost
 from ..walking.cost_in_worlds import CostInWorlds, in_worlds
 from ..walking.gait import bounds
-from ..walking.worth import UNSEEN, worth_elsewhere
 from .common import grid_of_panels
 from .sources import PACKAGE, digest
 
@@ -50,7 +51,7 @@ METHODS = {PAPERS: BLUE, CMA: ORANGE}
 WORLDS = (0, 1, 2, 4, 8)  # 0: the robot's own floor
 CANDIDATES, SEARCHES = 800, 1  # of each search; of each method and number of worlds
 TABLE, SEARCH = Format("worlds table"), Format("search in worlds")
-SEARCHED_WITH = ("walking/worth.py", "search/annealing.py", "search/cma_es.py")
+SEARCHED_WITH = ("optimize/quality.py", "search/annealing.py", "search/cma_es.py")
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def worth(method: str, worlds: int, seed: int, candidates: int, found: tuple[np.
     """What a gait that was found is worth in as many worlds."""
     x, searched = found
     own = planned().measure([x])[0]
-    (there,) = worth_elsewhere(planned(), [x], unseen)
+    (there,) = measure_in_test_worlds(planned(), [x], unseen)
     return Row(
         method, worlds, seed, candidates, searched, own.cost, own.speed, unseen, there["walks"],
         *(there["cost"] or [math.nan] * 3),
@@ -107,7 +108,7 @@ def worth(method: str, worlds: int, seed: int, candidates: int, found: tuple[np.
 
 
 def study(
-    folder: Path, searches: int = SEARCHES, candidates: int = CANDIDATES, unseen: int = UNSEEN
+    folder: Path, searches: int = SEARCHES, candidates: int = CANDIDATES, unseen: int = TEST_WORLDS
 ) -> Iterable[list[Row]]:
     """All rows so far, after each; a row's search and worth are kept in the folder, and not done again."""
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,195 @@
+"""Measurement of the first and the optimized gait: quality, test worlds, MuJoCo, baselines, standby power."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import OptimizeResult
+from tqdm import tqdm
+
+from ..base.files import FilePath, parse_json
+from ..crosscheck import crosscheck, motion_of, verdict
+from ..crosscheck.run import files as crosscheck_files
+from ..model import Model
+from ..robot_file import load_servo
+from ..robot_file.servos import servo_names
+from ..view.gait_page import least_so_far, parts_of
+from ..walking.cheapest_plan import PlanKind, States
+from ..walking.cost import WalkingCost
+from ..walking.walker import GENERIC
+from .planning import Start, walking_cost
+from .preparation import Job
+from .quality import Quality, measure_in_test_worlds, measure_quality, with_standby
+from .selection import Selected
+
+BASELINES: dict[str, dict[str, Any]] = {  # plans that the gait is compared with, by what they change of the walk
+    "plain plan": {},
+    "plan of 35 mm": {"step_length": 0.035},
+}
+CHEAPEST = "cheapest plan"  # that which `walking.cheapest_plan` finds
+BASELINE_WORLDS = 50  # of plans that are not the first gait, which walks in all
+SPEED_TOLERANCE = 0.05  # by how much speeds may differ that are called equal [-]
+STANDBY = 0.05  # current of a servo's electronics, of an AX-12 [A]
+
+
+class Measured(NamedTuple):
+    """What was measured of the first gait and of the optimized one."""
+
+    before: Quality
+    after: Quality
+    test_worlds: list[dict[str, Any]] | None  # of both gaits
+    crosscheck: str | None
+    baselines: list[dict[str, Any]]
+    at_equal_speed: list[dict[str, Any]]
+
+
+def measure(job: Job, start: Start, result: OptimizeResult, found: Selected) -> Measured:
+    """Measure both gaits; after an interrupted search on the robot's own ground alone."""
+    options, cost, x0 = job.options, start.cost, start.cost.gait.to_vector()
+    if result.status == 2:
+        options = replace(options, test_worlds=0, crosscheck=0, baselines=False)
+    before, after = (measure_quality(cost, x) for x in (x0, found.x))
+    worlds = None
+    if options.test_worlds:
+        worlds = measure_in_test_worlds(cost, [x0, found.walk or found.x], options.test_worlds, options.progress)
+    checked = _walk_in_mujoco(job, cost, found) if options.crosscheck else None
+    cheapest = start.plan != "cheapest" and options.baselines and options.worlds > 0
+    count = min(options.test_worlds, BASELINE_WORLDS)
+    baselines = _baselines(cost, start.plan, count, options.progress, cheapest)
+    if worlds:
+        baselines[0]["elsewhere"] = worlds[0]
+    return Measured(before, after, worlds, checked, baselines, _at_equal_speed(cost, result, baselines))
+
+
+def measure_with_own_servos(own: Model, cost: WalkingCost) -> dict:
+    """Measure the first gait of `cost` with the robot's own servos."""
+    if not own.servos:
+        return {"servo": "none", "status": "it has none"}
+    with_own = replace(cost, scene=cost.scene.recompiled(own))
+    return {"servo": servo_name(own)} | with_own.measure([cost.gait.to_vector()])[0].as_dict()
+
+
+def servo_name(model: Model) -> str:
+    """Name a robot's servos, as far as they come with the package."""
+    known = {load_servo(name): name for name in servo_names()}
+    return ", ".join(dict.fromkeys(known.get(servo, "as in its file") for servo in model.servos.values()))
+
+
+def servo_in_file(servo: FilePath | None) -> str:
+    """Return the servo as a gait's file names it: a name, the absolute path of a file, "" for the robot's own."""
+    if servo is None or str(servo).startswith(GENERIC) or str(servo) in servo_names():
+        return str(servo or "")
+    return str(Path(servo).resolve())
+
+
+def standby_costs(job: Job, measured: Measured) -> dict[str, Any]:
+    """Compute the power drawn all the time [W] and the energy per distance with it [J/m].
+
+    By default the electronics of each servo take `STANDBY` amperes, and locked servos no more than that.
+    """
+    own, electronics = job.own, job.options.electronics_power
+    moving = {joint.name for joint in own.moving_joints}
+    watts = {"walking": 0.0, "locked": 0.0}
+    for name, servo in own.servos.items():
+        if servo.voltage_limit < math.inf:
+            watts["walking" if name in moving else "locked"] += STANDBY * servo.voltage_limit
+    if electronics is not None:
+        share = sum(name in moving for name in own.servos) / max(len(own.servos), 1)
+        watts = {"walking": share * electronics, "locked": (1.0 - share) * electronics}
+    watts = {
+        "electronics of the servos that walk": watts["walking"],
+        "electronics of the locked servos": watts["locked"],
+        "locked servos that hold": job.options.holding_power or 0.0,
+    }
+    sides = {side: with_standby(getattr(measured, side).measures.as_dict(), watts) for side in ("before", "after")}
+    return {"watts": watts, "assumed": electronics is None} | sides
+
+
+def crosscheck_stem(stem: Path) -> Path:
+    """Return the path of the crosscheck's files without their endings."""
+    return stem.with_name(stem.name + "_crosscheck")
+
+
+def floors_of_crosscheck(stem: Path) -> list[dict[str, Any]]:
+    """Read the energy per distance [J/m] on each floor, in MuJoCo and here; None where the gait falls."""
+    path = crosscheck_files(crosscheck_stem(stem))[0]
+    rows = parse_json(path.read_bytes(), str(path), "delete it")["floors"] if path.exists() else []
+    return [
+        {"floor": row["floor"], "soles": row["soles"]} | {side: row[side]["cost"] for side in ("mujoco", "own")}
+        for row in rows
+    ]
+
+
+def _walk_in_mujoco(job: Job, cost: WalkingCost, found: Selected) -> str:
+    """Crosscheck a gait in MuJoCo; return the verdict, or why there is none: a failure must not lose the search."""
+    options, gearbox = job.options, cost.scene.servos
+    assert gearbox is not None
+    motion = found.walk or motion_of(cost.gait.from_vector(found.x), cost.start, cost.blend_strides)
+    try:
+        return verdict(
+            crosscheck(
+                motion, job.own, servos=gearbox, servo=options.servo, out=crosscheck_stem(job.stem),
+                processes=options.crosscheck, progress=options.progress,
+            )
+        )  # fmt: skip
+    except (ValueError, OSError) as error:
+        return f"not run: {error}"
+    except KeyboardInterrupt:
+        return "interrupted; featherstone-gait crosscheck continues it"
+
+
+def _baselines(
+    cost: WalkingCost, plan: PlanKind, test_worlds: int, progress: bool, cheapest: bool
+) -> list[dict[str, Any]]:
+    """Measure each of `BASELINES` like the optimized gait; of one that cannot be planned or falls, give the reason.
+
+    The first row is the first gait, that of `plan`; cheapest: search for the cheapest plan too.
+    """
+    scene, found = cost.scene, []
+    asked: dict[str, dict[str, Any]] = BASELINES | ({CHEAPEST: {"plan": "cheapest"}} if cheapest else {})
+    if plan == "cheapest":
+        asked = {CHEAPEST: {}} | {name: walk for name, walk in asked.items() if walk}
+    for name, walk in tqdm(asked.items(), "baselines", disable=not progress or not test_worlds, unit="plan"):
+        row: dict[str, Any] = {"name": name, "walk": walk, "status": "ok", "elsewhere": None}
+        try:
+            assert scene.servos is not None
+            states: States = "stride" if cost.gait.mirror is None else "step"
+            one = cost
+            if walk:
+                one = walking_cost(scene.model, scene.servos, scene.ground, scene.gravity, states, **walk)
+        except ValueError as error:
+            found.append(row | {"status": str(error)})
+            continue
+        x = one.gait.to_vector()
+        row |= one.measure([x])[0].as_dict()
+        if walk and test_worlds and row["status"] == "ok":  # those of the first gait are known
+            (row["elsewhere"],) = measure_in_test_worlds(one, [x], test_worlds, False)
+        found.append(row)
+    return found
+
+
+def _at_equal_speed(cost: WalkingCost, result: OptimizeResult, baselines: Sequence[dict]) -> list[dict[str, Any]]:
+    """Find the cheapest gait on the search's path that is as fast as each baseline that walks.
+
+    Where a plan has the period of the gait, equal speeds are equal steps.  The search did not aim at that speed: the
+    gain there is at least the one reported.
+    """
+    best = np.concatenate([least_so_far(part) for part in parts_of(result.history["f"], result.get("since"))])
+    improving = np.flatnonzero((best < np.concatenate([[np.inf], best[:-1]])) & np.isfinite(best))
+    path = cost.measure(result.history["x"][improving]) if len(improving) else []
+    found = []
+    for row in baselines:
+        if row["status"] == "ok":
+            equal = [x for x in path if x.status == "ok" and abs(x.speed / row["speed"] - 1.0) <= SPEED_TOLERANCE]
+            cheapest = min(equal, key=lambda one: one.cost, default=None)
+            found.append({
+                "baseline": row["name"], "cost": row["cost"], "speed": row["speed"],
+                "found": cheapest and cheapest.as_dict(),
+                "gain": cheapest and 1.0 - cheapest.cost / row["cost"],
+            })  # fmt: skip
+    return found

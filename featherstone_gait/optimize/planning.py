@@ -1,0 +1,136 @@
+"""The first gait of a search: a planned walk, the four-pose gait fitted to it, and their costs."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from typing import Any, NamedTuple, get_args
+
+import numpy as np
+
+from ..base.arguments import one_of
+from ..model import Ground, Model
+from ..scene.compile import ServoKind, compile_scene
+from ..scene.tree import GRAVITY
+from ..walking.cheapest_plan import PlanKind, States, first_gait
+from ..walking.cost import WalkingCost
+from ..walking.cost_in_worlds import CostInWorlds, in_worlds
+from ..walking.gait import mirror_of
+from ..walking.limits import Watch
+from .preparation import SECONDS, Job, check_history, estimated_minutes
+from .quality import describe
+
+
+def walking_cost(
+    model: Model,
+    servos: ServoKind = "mipsd",
+    ground: Ground | None = None,
+    gravity: Sequence[float] | np.ndarray = GRAVITY,
+    states: States = "stride",
+    plan: PlanKind = "plain",
+    **walk: Any,
+) -> WalkingCost:
+    """Plan a walk of a biped, fit the four-pose gait to it and return its cost on flat ground.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    servos : {"mipsd", "rotor", "standard"}
+        Gearbox model.
+    ground : Ground, optional
+        Flat ground; by default `Ground()`.
+    gravity : array_like, shape (3,)
+        Acceleration of gravity [m/s^2]; it points straight down.
+    states : {"stride", "step"}
+        Whether the four poses are those of a stride, or of a step that the other leg mirrors.  The paper's words allow
+        both ("a complete and symmetrical step can be composed of 4 states").
+    plan : {"plain", "cheapest"}
+        The plain plan, or a search for the cheapest one (`walking.first_gait`).
+    **walk
+        Settings of `walking.Walk` that differ from `BIOLOID_WALK`.
+
+    Returns
+    -------
+    WalkingCost
+        The cost of gait vectors, with the first gait.
+
+    Raises
+    ------
+    ValueError
+        For a robot that is no biped or cannot take these steps, and for states of a step where left and right are no
+        mirror images.
+    """
+    one_of("states", states, get_args(States))
+    return first_gait(compile_scene(model, servos, ground or Ground(), "midpoint", 1e-3, gravity), plan, states, **walk)
+
+
+class FirstGait(NamedTuple):
+    """The gait that a search starts from."""
+
+    plan: PlanKind
+    cost: WalkingCost | None  # None: it cannot be planned
+    searched: Any  # the cost that the search minimizes, in worlds or on the robot's own ground
+    value: float  # what that is for the first gait [J/m]; infinite if it does not walk
+    status: str  # "ok", or why it does not walk
+
+
+class Start(NamedTuple):
+    """The start of a search."""
+
+    plan: PlanKind
+    cost: WalkingCost
+    searched: WalkingCost | CostInWorlds
+    value: float  # [J/m]
+    failure: str  # why the first gait does not walk, or "ok"
+    watch: Watch
+
+
+def plan_start(job: Job) -> Start:
+    """Plan the gait that the search starts from; print its measures and how long the search takes."""
+    options = job.options
+    first = plan_first_gait(job, options.plan or "plain", optional=options.plan is None)
+    if options.plan is None and first.status != "ok":
+        job.print(f"plain plan: {first.status}; searching for the cheapest plan that walks")
+        cheapest = plan_first_gait(job, "cheapest", optional=first.cost is not None)
+        if cheapest.cost is not None:  # else the search starts from a gait that falls and may find one that walks
+            first = cheapest
+    assert first.cost is not None
+    check_history(job.history, first.value)
+    x = first.cost.gait.to_vector()
+    measures, worlds = first.cost.measure([x])[0], options.worlds
+    job.print(f"first gait: {describe(measures)}")
+    if worlds:
+        job.print(f"in {worlds} worlds: {f'{first.value:.1f} J/m' if first.status == 'ok' else first.status}")
+    if options.progress and job.robot != "humanoid":
+        began = time.process_time()  # evaluated again: the first time may have compiled
+        first.searched(x)
+        slower = (time.process_time() - began) / (SECONDS["candidate in a world"] * max(worlds, 1))
+        job.print(f"duration: about {max(slower * estimated_minutes(options), 1.0):.0f} min on two cores")
+    failure = first.status if measures.status == "ok" else measures.status
+    watch = Watch(job.model, first.cost.start[0])
+    return Start(first.plan, first.cost, first.searched, first.value, failure, watch)
+
+
+def plan_first_gait(job: Job, plan: PlanKind, *, optional: bool) -> FirstGait:
+    """Plan a first gait; if it is optional, a plan that fails is a status, else a ValueError."""
+    options = job.options
+    try:
+        states = options.states or default_states(job.model)
+        cost = walking_cost(job.model, options.gearbox, states=states, plan=plan)
+    except ValueError as error:
+        if not optional:
+            raise
+        return FirstGait(plan, None, None, math.inf, str(error))
+    searched = in_worlds(cost, options.worlds) if options.worlds else cost
+    return FirstGait(plan, cost, searched, *searched(cost.gait.to_vector()))
+
+
+def default_states(model: Model) -> States:
+    """Return "step" for a robot whose legs are mirror images, else "stride"."""
+    try:
+        mirror_of(model)
+    except ValueError:
+        return "stride"
+    return "step"

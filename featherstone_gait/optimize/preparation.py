@@ -1,0 +1,131 @@
+"""Preparation of a gait search: the robot, the output folder, and checks of what can fail before the search."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..base.arguments import real, whole
+from ..base.files import FilePath, claim, parse_json
+from ..crosscheck.in_mujoco import mujoco_version
+from ..model import Model
+from ..search.annealing import REMEDY as HISTORY_REMEDY
+from ..walking.cost_in_worlds import MOST_WORLDS
+from ..walking.walker import GENERIC, driven, load_walker
+from .options import OptimizeOptions
+from .quality import TEST_WORLDS
+
+# Processor seconds of one core of an AMD EPYC, compiled before (docs/optimize.md, docs/walking.md, docs/feedback.md):
+SECONDS = {"candidate in a world": 0.0175, "report": 60.0, "crosscheck": 95.0, "plans": 27.0, "feedback": 0.4}
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A gait search that was asked for."""
+
+    options: OptimizeOptions
+    robot: FilePath
+    own: Model  # the robot with its own servos
+    model: Model  # the same with the servos of the options
+    stem: Path  # of the output files, without their endings
+
+    @property
+    def history(self) -> Path:
+        """The file of the search's history."""
+        return self.stem.with_name(self.stem.name + "_history.jsonl")
+
+    def print(self, text: str) -> None:
+        """Print a message, if progress is shown."""
+        if self.options.progress:
+            print(folded(text))
+
+
+def prepare(robot: FilePath, options: OptimizeOptions) -> Job:
+    """Load the robot and check all that can be checked before the search; print how long it takes."""
+    own = load_walker(robot, legs_only=options.legs_only)
+    model = own if options.servo is None else driven(own, options.servo)
+    if not model.servos:
+        raise ValueError(f"{own.name} has no servos; name one (--servo): {GENERIC!r} is an AX-12 scaled to the robot")
+    job = Job(options, robot, own, model, Path(options.out) / f"{Path(robot).stem}_gait")
+    _check_options(options)
+    _check_folder(job.stem.parent)
+    if job.history.exists():
+        if not options.resume:
+            raise FileExistsError(
+                f"{job.history} exists; resume (--resume) to continue it, or give another folder (--out)"
+            )
+        with claimed(job.history):  # another process at work there is reported before the first gait is planned
+            pass
+    if robot == "humanoid":
+        duration = f"about {max(estimated_minutes(options), 1.0):.0f} min on two cores"
+    else:
+        duration = "how long is estimated from the first gait"
+    job.print(f"duration: {duration}; the first run takes half a minute more, to compile")
+    return job
+
+
+def estimated_minutes(options: OptimizeOptions) -> float:
+    """Estimate how long `main_job` takes on two cores, without compiling [min]."""
+    searches_of_plans = options.plan == "cheapest" or (options.baselines and options.worlds > 0)
+    seconds = SECONDS["candidate in a world"] * options.iterations * max(options.worlds, 1)
+    seconds += SECONDS["report"] * options.test_worlds / TEST_WORLDS
+    seconds += SECONDS["crosscheck"] * (options.crosscheck > 0) + SECONDS["plans"] * searches_of_plans
+    return (seconds + SECONDS["feedback"] * (options.iterations // 2) * options.feedback) / 120.0
+
+
+def check_history(path: Path, first: float) -> None:
+    """Raise ValueError if the first gait of a history had another cost [J/m]; the search compares the rest."""
+    lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []
+    if len(lines) < 2:
+        return
+    cost = parse_json(lines[1], f"{path}, line 2", HISTORY_REMEDY).get("f")
+    if (math.inf if cost is None else cost) != first:
+        raise ValueError(
+            f"{path}, line 2: the first gait cost {cost} J/m, but costs {first} now; the history is of another robot, "
+            "other servos or another version: give another folder, or delete it"
+        )
+
+
+@contextmanager
+def claimed(history: Path) -> Iterator[None]:
+    """Keep other processes from a history and the files beside it; raise OSError if one is at work there."""
+    with history.open("r+b") as file:
+        claim(file, history)
+        yield
+
+
+def folded(text: str) -> str:
+    """Fold lines that are too long for a terminal; continued lines are indented."""
+    lines = (textwrap.wrap(line, 79, subsequent_indent="    ", break_long_words=False) for line in text.split("\n"))
+    return "\n".join(part for line in lines for part in line)
+
+
+def _check_options(options: OptimizeOptions) -> None:
+    whole("worlds", options.worlds, 0, "0 is the robot's own ground alone", MOST_WORLDS)
+    whole("test_worlds", options.test_worlds, 0, "0 tests in none", MOST_WORLDS)
+    whole("iterations", options.iterations, 0, "0 measures the first gait alone")
+    if options.feedback and not options.worlds:
+        raise ValueError(
+            "feedback is searched in worlds, and worlds is 0; leave out feedback, or --one-world and --worlds 0"
+        )
+    if options.crosscheck:
+        mujoco_version()
+    for name in ("electronics_power", "holding_power"):
+        if (power := getattr(options, name)) is not None:
+            real(name, power, 0.0, 1e6, "it is a power [W]")
+
+
+def _check_folder(folder: Path) -> None:
+    """Make the folder and a file in it; raise OSError unless that works."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"0")
+    except OSError as error:
+        why = f"{folder}: no file can be written here ({error.strerror}); give another folder (--out)"
+        raise OSError(why) from error
