@@ -26,12 +26,12 @@ import numpy as np
 from featherstone_gait import Ground, compile_scene, load_robot
 from featherstone_gait.base.files import Format, complete, write_csv
 from featherstone_gait.optimize import walking_cost
+from featherstone_gait.optimize.quality import TEST_WORLDS, measure_in_test_worlds
 from featherstone_gait.reproduction import solver_scatter
 from featherstone_gait.walking import BIOLOID_WALK, Walk, WalkingCost, cheapest_plan, read_walk, walking_plan
 from featherstone_gait.walking.cheapest_plan import CheapestPlan, States, fit_states
 from featherstone_gait.walking.cost_in_worlds import in_worlds
 from featherstone_gait.walking.disturbed import pushes_survived, rough_field, walk_far
-from featherstone_gait.walking.worth import UNSEEN, worth_elsewhere
 
 ROOT = Path(__file__).resolve().parents[1]
 STORED = ROOT / "docs" / "reproduction"
@@ -63,7 +63,7 @@ def plans() -> Iterable[Row]:
     for states in ("step", "stride"):
         for plan in ("plain", "cheapest"):
             cost = _plain(states) if plan == "plain" else _cheapest(states).cost
-            (found,) = worth_elsewhere(cost, [cost.gait.to_vector()], UNSEEN, False)
+            (found,) = measure_in_test_worlds(cost, [cost.gait.to_vector()], TEST_WORLDS, False)
             low, median, high = found["cost"]
             others = {"walks": found["walks"], "p5_J_per_m": low, "p50_J_per_m": median, "p95_J_per_m": high}
             yield {"plan": plan, "states": states, **_cost_of_start(cost), **others}

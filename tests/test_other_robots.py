@@ -42,7 +42,7 @@ def test_a_robot_s_gaits_are_kept_and_walk_on_the_floors(quick, tmp_path, monkey
     assert worlds[0][7] <= worlds[0][8] <= worlds[0][9]
     assert [row[10] for row in worlds] == [0.0, 0.0, 1.0, 1.0]
     monkeypatch.setattr(study, "optimize_gait", None)
-    monkeypatch.setattr(study, "worth_elsewhere", None)
+    monkeypatch.setattr(study, "measure_in_test_worlds", None)
     again = study.gaits("humanoid", tmp_path)
     assert study.rows_of("humanoid", tmp_path, *again) == rows
     assert study.worth_of("humanoid", tmp_path, *again) == worlds
