@@ -235,7 +235,7 @@ def variations(scene: CompiledScene, count: int, seed: int = 0) -> tuple[Worlds,
     names = [name for name in model.joint_names if name in model.servos]
     if scene.ground is None or not scene.sampled or not names:
         raise ValueError(
-            f"{model.name}: worlds to walk in need ground and servos that drive motors; search without them (--one-world)"
+            f"{model.name}: worlds need ground and servos that drive motors; search without worlds (--one-world)"
         )
     servos = [model.servos[name] for name in names]
     stall = [s.gearbox.ratio * s.motor_constant * s.voltage_limit / s.resistance for s in servos]
