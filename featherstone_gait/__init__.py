@@ -82,6 +82,7 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .scene.compile import compile_scene as compile_scene
     from .view.plotting import plot_motion as plot_motion
     from .view.plotting import plot_trajectory as plot_trajectory
+    from .view.tree import tree_text as tree_text
 
 __version__ = "0.2.0.dev0"
 
@@ -122,6 +123,7 @@ _MODULES = {
         "stairs",
     ),
     "view.plotting": ("plot_motion", "plot_trajectory"),
+    "view.tree": ("tree_text",),
     "dynamics.inverse_kinematics": ("Posture", "Target", "inverse_kinematics"),
     "run.reference": ("Reference",),
     "model.rest_posture": ("nearest_posture",),

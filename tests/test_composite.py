@@ -11,8 +11,8 @@ from random_tree import random_tree
 from featherstone_gait.base.flaws import FlawError
 from featherstone_gait.dynamics import mass_matrix as compiled_mass_matrix
 from featherstone_gait.model import Joint, Link, Model, rigid_bodies
+from featherstone_gait.model.composite import TOLERANCE, idle, loosest, mass_matrix
 from featherstone_gait.model.mass_checks import rows_of
-from featherstone_gait.model.rigid_bodies import TOLERANCE, idle, loosest, mass_matrix
 
 
 @pytest.mark.bounds

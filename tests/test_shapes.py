@@ -35,8 +35,9 @@ from featherstone_gait.base.rotation import rotation_from_rpy
 from featherstone_gait.geometry import mesh as mesh_files
 from featherstone_gait.geometry.contact_choice import corner_error, lowest_levels
 from featherstone_gait.geometry.hull import MOST, corners_of, sides
-from featherstone_gait.model import Mimic, check_locked
+from featherstone_gait.model import Mimic
 from featherstone_gait.model.rest_posture import nearest_positions
+from featherstone_gait.model.tree_checks import check_locked
 from featherstone_gait.robot_file.source import robots_folder
 from featherstone_gait.walking.zero_moment_point import polygon_margin, support_polygon
 

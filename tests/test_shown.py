@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pages import data_of
 
-from featherstone_gait import Ground, Trajectory, channel_table, compile_scene, load_robot, simulate
+from featherstone_gait import Ground, Trajectory, channel_table, compile_scene, load_robot, simulate, tree_text
 from featherstone_gait.core.effects import energies
 from featherstone_gait.core.step.state import CHANNELS, RECORDABLE
 from featherstone_gait.model import Mimic
@@ -17,7 +17,7 @@ from featherstone_gait.view.plotting import plot_motion
 
 def test_the_tree_has_a_line_for_every_link_under_its_parent():
     model = load_robot("humanoid", locked="simplified")
-    first, *lines = model.show_tree().splitlines()
+    first, *lines = tree_text(model).splitlines()
     assert first == "humanoid: floating base, 10 moving joints, 2.423 kg"
     assert len(lines) == len(model.links)
     depth = {line.split(": ")[-1].split(", ")[0].strip("│├└─ "): len(re.match("[│├└─ ]*", line)[0]) for line in lines}
@@ -26,7 +26,7 @@ def test_the_tree_has_a_line_for_every_link_under_its_parent():
         assert depth[joint.child] == depth[joint.parent] + 3
     (knee,) = (line for line in lines if "left_knee" in line)
     assert knee.endswith("└─ left_knee (revolute, -98 to 32 deg, servo state, 254 : 1): left_shank, 0.082 kg")
-    assert "left_elbow (revolute, -90 to 90 deg, locked at 0 deg, servo state" in model.show_tree()
+    assert "left_elbow (revolute, -90 to 90 deg, locked at 0 deg, servo state" in tree_text(model)
 
 
 def test_the_tree_tells_couplings_and_meters():
@@ -34,7 +34,7 @@ def test_the_tree_tells_couplings_and_meters():
     first, second = model.joints[:2]
     sliding = replace(second, type="prismatic", lower=-0.1, upper=0.25, mimic=Mimic(first.name, 2.0, -0.5))
     model = replace(model, joints=(first, sliding, *model.joints[2:]), servos={})
-    assert f"{second.name} (prismatic, -0.1 to 0.25 m, follows {first.name}: 2 times, -0.5)" in model.show_tree()
+    assert f"{second.name} (prismatic, -0.1 to 0.25 m, follows {first.name}: 2 times, -0.5)" in tree_text(model)
 
 
 def test_a_scene_prints_as_one_line():

@@ -24,7 +24,7 @@ class FlawError(ValueError):
         return "; ".join(flaw.text for flaw in self.flaws)
 
 
-def listed(items: Iterable[object]) -> str:
-    """The items for a message, cut short after ten."""
+def quoted(items: Iterable[object]) -> str:
+    """Join the items for a message, cut short after ten."""
     shown = [repr(item) for item in items]
     return ", ".join(shown[:10]) + (f" and {len(shown) - 10} more" if len(shown) > 10 else "")

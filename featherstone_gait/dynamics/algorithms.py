@@ -21,17 +21,12 @@ from ..core.compile.lanes import WIDTH, aligned
 from ..core.effects.touch import FLATNESS
 from ..core.tree import batch
 from ..core.tree.layout import Motion, Robot
-from ..model import Model, Spring, check_springs, leader_of
+from ..model import Model, Spring
+from ..model.numpy_dynamics import Poses
+from ..model.tree_checks import check_springs
 from ..scene.tree import GRAVITY, Tree, compile_tree, joint_armature
 
 Wrench = Mapping[str, ArrayLike]  # by link: see `forward_dynamics`
-
-
-class Poses(NamedTuple):
-    """Frames of all links in the world."""
-
-    rotation: np.ndarray  # (links, 3, 3) or (n, links, 3, 3), link -> world
-    position: np.ndarray  # (links, 3) or (n, links, 3) [m]
 
 
 def forward_dynamics(
@@ -111,14 +106,13 @@ def coupling_matrix(model: Model) -> Coupling:
     G' M G and G' c are mass matrix and bias forces of the motion that is left.
     """
     check_model(model)
-    joints, base = model.moving_joints, model.nv - len(model.moving_joints)
-    leaders = [leader_of(model, joint) for joint in joints]
-    free = [joint for joint, leader in zip(joints, leaders) if leader.joint is joint]
-    G = np.zeros((model.nv, base + len(free)))
-    G[:base, :base] = np.eye(base)
-    for k, leader in enumerate(leaders):
-        G[base + k, base + free.index(leader.joint)] = leader.multiplier
-    return Coupling(G, np.array([leader.offset for leader in leaders]))
+    G, offset, followers = np.eye(model.nv), np.zeros(len(model.joint_names)), []
+    for name, leader, multiplier, at_zero in model.couplings:
+        row = model.qd_index(name)
+        G[row], G[row, model.qd_index(leader)] = 0.0, multiplier
+        offset[model.joint_rows[name]] = at_zero
+        followers.append(row)
+    return Coupling(np.delete(G, followers, axis=1), offset)
 
 
 def energy(

@@ -24,7 +24,7 @@ from ..base.rotation import cross, dot, rotation_from_rpy
 from ..core.compile.elementary import NEAR
 from ..model import Joint, Model
 from .algorithms import Poses, check_model, forward_kinematics
-from .jacobians import center_of_mass_at, center_of_mass_jacobian_at, jacobian_at, link_index, point_at
+from .jacobians import center_of_mass_at, center_of_mass_jacobian_at, jacobian_at, point_at
 
 Status = Literal["ok", "limits", "out of reach", "not converged"]
 
@@ -267,7 +267,7 @@ def _goal_errors(model: Model, poses: Poses, goal: _Goal) -> Iterator[tuple[np.n
     if goal.link is None:
         yield goal.weight, goal.position - center_of_mass_at(model, poses), center_of_mass_jacobian_at(model, poses)
         return
-    J, row = jacobian_at(model, poses, goal.link, goal.point), link_index(model, goal.link)
+    J, row = jacobian_at(model, poses, goal.link, goal.point), model.link_index(goal.link)
     if goal.position is not None:
         yield goal.weight, goal.position - point_at(poses, row, goal.point), J[3:]
     if goal.rotation is not None:
@@ -331,7 +331,8 @@ def _anywhere(task: _Task, start: np.ndarray, rng: np.random.Generator) -> np.nd
 
 def _freedom(model: Model, joints: Iterable[str] | None, hold_base: bool) -> _Freedom:
     """What may move.  Raises ValueError for a joint that has no coordinate."""
-    names, couplings = model.joint_names, _couplings(model)
+    names, rows = model.joint_names, model.joint_rows
+    couplings = [_Coupling(rows[follower], rows[leader], *law) for follower, leader, *law in model.couplings]
     given = names if joints is None else texts("joints", joints, "expected a list of names: write [name]")
     for name in [name for name in given if name not in names]:
         raise ValueError(f"joints: {name!r} is no moving joint of {model.name}; they are {', '.join(names)}: use these")
@@ -352,24 +353,6 @@ def _freedom(model: Model, joints: Iterable[str] | None, hold_base: bool) -> _Fr
         followers=[c._replace(follower=first + c.follower, leader=first + c.leader) for c in couplings],
         shift=model.nq - model.nv,
     )
-
-
-def _couplings(model: Model) -> list[_Coupling]:
-    """The joints that follow others, each with the joint at the head of its chain."""
-    by_name = {joint.name: joint for joint in model.joints}
-    columns = {name: k for k, name in enumerate(model.joint_names)}
-    found = []
-    for joint in model.moving_joints:
-        leader, multiplier, offset = joint, 1.0, 0.0
-        while leader.mimic is not None and leader.name not in model.locked:
-            multiplier, offset = multiplier * leader.mimic.multiplier, multiplier * leader.mimic.offset + offset
-            leader = by_name[leader.mimic.joint]
-        if leader.name not in columns:  # it does not move: neither does what follows it
-            position = multiplier * model.locked.get(leader.name, 0.0) + offset
-            found.append(_Coupling(columns[joint.name], columns[joint.name], 0.0, position))
-        elif leader is not joint:
-            found.append(_Coupling(columns[joint.name], columns[leader.name], multiplier, offset))
-    return found
 
 
 def _range(model: Model, leader: int, couplings: list[_Coupling]) -> tuple[float, float]:
@@ -401,7 +384,7 @@ def _goal(model: Model, target: Target) -> _Goal:
     """A target, its numbers as arrays.  Raises ValueError on what is none."""
     what = f"{model.name}: target of " + ("the center of mass" if target.link is None else f"link {target.link!r}")
     if target.link is not None:
-        link_index(model, target.link)
+        model.link_index(target.link)
     if target.position is None and (target.link is None or target.rotation is None):
         raise ValueError(f"{what} has no position" + (" and no rotation; give one" if target.link else "; give one"))
     if target.link is None and target.rotation is not None:

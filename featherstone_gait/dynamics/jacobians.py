@@ -14,13 +14,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import one_of, shown, vector
+from ..base.arguments import one_of, vector
 from ..base.fixed_order import applied, product, total
 from ..base.rotation import cross
 from ..model import Model, depth_first
 from .algorithms import Poses, forward_kinematics
 
 Frame = Literal["world", "body"]
+link_index = Model.link_index
 
 
 class Chains(NamedTuple):
@@ -50,7 +51,7 @@ def jacobian(
     Raises ValueError on wrong shapes, and for a link or a frame that there is not.
     """
     one_of("frame", frame, ("world", "body"))
-    poses, row = forward_kinematics(model, q), link_index(model, link)
+    poses, row = forward_kinematics(model, q), model.link_index(link)
     J = jacobian_at(model, poses, link, point)
     if frame == "world":
         return J
@@ -69,7 +70,7 @@ def center_of_mass_jacobian(model: Model, q: ArrayLike) -> np.ndarray:
 
 def jacobian_at(model: Model, poses: Poses, link: str, point: ArrayLike = (0.0, 0.0, 0.0)) -> np.ndarray:
     """`jacobian` (..., 6, nv) in world axes, of poses that are known."""
-    chains, row = chains_of(model), link_index(model, link)
+    chains, row = chains_of(model), model.link_index(link)
     where, axes = point_at(poses, row, point), joint_axes(model, poses)
     lever = where[..., None, :] - poses.position[..., chains.children, :]
     turn = np.where(chains.slides, 0.0, axes)
@@ -109,19 +110,18 @@ def chains_of(model: Model) -> Chains:
     joints = model.moving_joints
     mass = np.array([link.mass for link in model.links])
     return Chains(
-        children=[link_index(model, joint.child) for joint in joints],
+        children=[model.link_index(joint.child) for joint in joints],
         axes=np.reshape([joint.axis for joint in joints], (-1, 3)),
         slides=np.array([[joint.type == "prismatic"] for joint in joints], dtype=bool).reshape(-1, 1),
         moves=_moves(model),
-        root=link_index(model, model.root) if model.base == "floating" else None,
+        root=model.link_index(model.root) if model.base == "floating" else None,
         share=mass / (total(mass) or 1.0),  # frames alone have none
     )
 
 
 def _moves(model: Model) -> np.ndarray:
     """(links, n) 1 where the moving joint lies between root and link, else 0."""
-    rows = {link.name: k for k, link in enumerate(model.links)}
-    columns = {name: k for k, name in enumerate(model.joint_names)}
+    rows, columns = model.link_rows, model.joint_rows
     moves = np.zeros((len(rows), len(columns)))
     for joint in depth_first(model):
         moves[rows[joint.child]] = moves[rows[joint.parent]]
@@ -143,15 +143,6 @@ def _base_columns(poses: Poses, root: int, where: np.ndarray) -> np.ndarray:
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Vector products (..., 3) of as many axes; np.cross takes several times as long."""
     return cross(a.T, b.T).T
-
-
-def link_index(model: Model, name: str) -> int:
-    """Return the position of the link `name` in ``model.links``.  Raises ValueError if there is none."""
-    for i, link in enumerate(model.links):
-        if isinstance(name, str) and link.name == name:
-            return i
-    known = ", ".join(link.name for link in model.links)
-    raise ValueError(f"model {model.name!r} has no link {shown(name)}; its links are {known}")
 
 
 def link_centers(model: Model, poses: Poses) -> np.ndarray:

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from ..base.arguments import instance
-from .robot import Joint, Model
+from .links import Joint, leader_of
+from .robot import Model
 
 ROUNDING = 1e-12  # of a position [rad or m]
 
@@ -30,14 +31,14 @@ def nearest_positions(joints: Iterable[Joint], locked: Mapping[str, float] | Non
     by_name = {joint.name: joint for joint in joints}
     held = {name: 0.0 for name, joint in by_name.items() if joint.type == "fixed"} | dict(locked or {})
     ranges = {name: (joint.lower, joint.upper) for name, joint in by_name.items()}
-    laws = {name: _law(by_name, joint) for name, joint in by_name.items()}
+    laws = {name: leader_of(joint, by_name) for name, joint in by_name.items()}
     for name, (leader, multiplier, offset) in laws.items():
-        if leader != name and multiplier != 0.0:
+        if leader.name != name and multiplier != 0.0:
             ends = [(limit - offset) / multiplier for limit in ranges[name]]
-            lower, upper = max(min(ends), ranges[leader][0]), min(max(ends), ranges[leader][1])
-            ranges[leader] = (lower, upper) if lower <= upper else ranges[leader]
+            lower, upper = max(min(ends), ranges[leader.name][0]), min(max(ends), ranges[leader.name][1])
+            ranges[leader.name] = (lower, upper) if lower <= upper else ranges[leader.name]
     leaders = {name: held.get(name, min(max(0.0, ranges[name][0]), ranges[name][1])) for name in by_name}
-    at = {name: multiplier * leaders[leader] + offset for name, (leader, multiplier, offset) in laws.items()}
+    at = {name: multiplier * leaders[leader.name] + offset for name, (leader, multiplier, offset) in laws.items()}
     moving = [joint for joint in by_name.values() if joint.type != "fixed"]
     return {joint.name: held.get(joint.name, _without_rounding(joint, at[joint.name])) for joint in moving}
 
@@ -46,14 +47,3 @@ def _without_rounding(joint: Joint, position: float) -> float:
     """A position that rounding has put beyond a limit, at the limit; others as they are."""
     within = min(max(position, joint.lower), joint.upper)
     return within if math.isclose(within, position, rel_tol=ROUNDING, abs_tol=ROUNDING) else position
-
-
-def _law(by_name: Mapping[str, Joint], joint: Joint) -> tuple[str, float, float]:
-    """The joint that leads in the end, and the multiplier and offset of its position [-, rad or m]."""
-    name, multiplier, offset = joint.name, 1.0, 0.0
-    for _ in by_name:  # no longer than a chain can be
-        mimic = by_name[name].mimic
-        if mimic is None:
-            break
-        name, multiplier, offset = mimic.joint, multiplier * mimic.multiplier, offset + multiplier * mimic.offset
-    return name, multiplier, offset

@@ -1,143 +1,142 @@
-"""Frames, center of mass and mass matrix in plain NumPy, for what is asked once of a model: nothing to compile.
+"""Links that fixed and held joints connect, merged to rigid bodies.
 
-Composite rigid bodies (R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.2) in world axes: each joint
-feels the mass, the center of mass and the inertia of all that it carries.  Some of it ends in what kernels read: sums
-are taken in a fixed order.
+The numbers end up in what kernels read: sums are taken in a fixed order.
 """
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ..base.fixed_order import applied, product, total
-from ..base.rotation import cross, dot, rotation_about
-
-TOLERANCE = 1e-13  # of what is to be above zero, relative; rounding makes some 1e-15
-
-
-class Bodies(NamedTuple):
-    """Rigid bodies of a tree in rows, parents before children; row 0 is the base, each other one has a joint."""
-
-    parent: list[int]
-    E: np.ndarray  # (rows, 3, 3) rotation body -> parent, the joint at zero; its axis is the body's z
-    r: np.ndarray  # (rows, 3) origin in the parent [m]
-    prismatic: list[bool]
-    armature: np.ndarray  # (rows,) [kg m^2 or kg]
-    mass: np.ndarray  # (rows,) [kg]
-    center: np.ndarray  # (rows, 3) center of mass [m]
-    inertia: np.ndarray  # (rows, 3, 3) about the center of mass [kg m^2]
+from ..base.fixed_order import applied, product
+from ..base.rotation import rotation_about, rotation_from_rpy, rotation_z_to
+from .links import Joint, Link
 
 
-def carried_mass(bodies: Bodies) -> np.ndarray:
-    """Mass (rows,) of each body with all that it carries [kg]."""
-    mass = bodies.mass.copy()
-    for k in range(len(mass) - 1, 0, -1):
-        mass[bodies.parent[k]] += mass[k]
-    return mass
+class Placement(NamedTuple):
+    """Where a link sits: the body that carries it and the link's frame in that body's frame."""
+
+    row: int  # of the body; 0 is the world or the floating base
+    E: np.ndarray  # (3, 3) rotation link -> body frame
+    r: np.ndarray  # (3,) origin of the link frame in the body frame [m]
 
 
-def mass_matrix(
-    bodies: Bodies, q: np.ndarray, known: tuple[np.ndarray, ...] | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mass matrix (rows + 5, rows + 5) of a floating tree, and the size (rows + 5,) of what each coordinate moves.
+class Frame(NamedTuple):
+    """Frame of a body in that of its parent, with the joint at zero: origin at the joint, z along the joint's axis."""
 
-    q: (rows,) joint positions [rad or m], the first unused; known: `frames` and `composites` there, if they are.
-    Coordinates are the base's velocity and angular velocity, in world axes, and the joints in the order of the rows.
-    The size has the unit of the matrix's diagonal and is above zero wherever any mass or inertia is carried.
+    joint: Joint | None  # that moves the body; None for the root's
+    parent: int  # row of the body that the joint hangs on
+    E: np.ndarray  # (3, 3) rotation body -> parent
+    r: np.ndarray  # (3,) origin in the parent [m]
+
+
+class RigidBody(NamedTuple):
+    """Links that move as one, and their mass properties together, in the body's frame."""
+
+    frame: Frame
+    links: tuple[str, ...]  # the joint's child first
+    mass: float  # [kg]
+    center: np.ndarray  # (3,) center of mass [m]
+    inertia: np.ndarray  # (3, 3) about the center of mass [kg m^2]
+
+
+def depth_first_joints(root: str, joints: Sequence[Joint]) -> list[Joint]:
+    """Order joints depth first: a parent's before its children's, each chain in one piece, children in file order."""
+    children: dict[str, list[Joint]] = {}
+    for joint in joints:
+        children.setdefault(joint.parent, []).append(joint)
+    order, stack = [], children.get(root, [])[::-1]
+    while stack:
+        joint = stack.pop()
+        order.append(joint)
+        stack.extend(children.get(joint.child, [])[::-1])
+    return order
+
+
+def lay_out(
+    root: str, joints: Sequence[Joint], moving: Collection[str], held: Mapping[str, float]
+) -> tuple[list[Frame], dict[str, Placement]]:
+    """Compute the frame of each body, and where each link sits.
+
+    moving: names of the joints that have a coordinate; held: positions of others that are not fixed [rad or m].
     """
-    if known is None:
-        E, o = frames(bodies, q)
-        known = E, o, *composites(bodies, E, o)
-    E, o, m, c, J = known
-    n = len(bodies.parent)
-    H, size = np.zeros((n + 5, n + 5)), np.zeros(n + 5)
-    H[:6, :6], size[:6] = _base_block(m[0], c[0] - o[0], J[0])
-    slides = np.array(bodies.prismatic)
-    for k in range(1, n):
-        arm = c[k] - o[k]
-        force, moment, size[k + 5] = _effort(bodies.prismatic[k], E[k][:, 2], m[k], arm, J[k])
-        H[k + 5, :3] = force
-        H[k + 5, 3:6] = moment + cross(o[k] - o[0], force)
-        path = _path(bodies.parent, k)
-        about = moment + cross((o[k] - o[path]).T, force).T
-        H[k + 5, np.array(path) + 5] = total(E[path][:, :, 2] * np.where(slides[path, None], force, about))
-        H[: k + 5, k + 5] = H[k + 5, : k + 5]
-        H[k + 5, k + 5] += bodies.armature[k]
-        size[k + 5] += bodies.armature[k]
-    return H, size
-
-
-def _path(parent: list[int], k: int) -> list[int]:
-    """From row k to the base, without it."""
-    path = []
-    while k > 0:
-        path.append(k)
-        k = parent[k]
-    return path
-
-
-def idle(H: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Coordinates (k,) that alone move no inertia, to rounding."""
-    return np.flatnonzero(~(np.diag(H) > TOLERANCE * size))
-
-
-def loosest(H: np.ndarray) -> tuple[float, np.ndarray]:
-    """Smallest eigenvalue of the matrix scaled to a unit diagonal, and the share (n,) of each coordinate in it.
-
-    The diagonal must be above zero.  A value up to TOLERANCE means that the matrix is not positive definite.
-    """
-    scale = 1.0 / np.sqrt(np.diag(H))
-    values, vectors = np.linalg.eigh(H * scale * scale[:, None])
-    return float(values[0]), np.abs(vectors[:, 0])
-
-
-def frames(bodies: Bodies, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation (rows, 3, 3) to the world and origin (rows, 3) [m] of each body; the base stands at the origin."""
-    E, o = bodies.E.copy(), bodies.r.copy()
-    for k in range(1, len(o)):
-        parent = bodies.parent[k]
-        o[k] = o[parent] + applied(E[parent], bodies.r[k])
-        E[k] = product(E[parent], bodies.E[k])
-        if bodies.prismatic[k]:
-            o[k] += E[k][:, 2] * q[k]
+    frames = [Frame(None, 0, np.eye(3), np.zeros(3))]
+    placements = {root: Placement(0, np.eye(3), np.zeros(3))}
+    for joint in depth_first_joints(root, joints):
+        row, E, r = placements[joint.parent]
+        E, r = product(E, rotation_from_rpy(joint.rpy)), r + applied(E, np.array(joint.xyz))
+        if joint.name in moving:
+            Q = rotation_z_to(joint.axis)
+            placements[joint.child] = Placement(len(frames), Q.T, np.zeros(3))
+            frames.append(Frame(joint, row, product(E, Q), r))
         else:
-            E[k] = product(E[k], rotation_about((0.0, 0.0, 1.0), math.remainder(q[k], math.tau)))
-    return E, o
+            placements[joint.child] = Placement(row, *held_frame(joint, held.get(joint.name, 0.0), E, r))
+    return frames, placements
 
 
-def composites(bodies: Bodies, E: np.ndarray, o: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mass, center and inertia about it, in world axes, of each body with all that it carries; E, o: the `frames`."""
-    m, c = bodies.mass.copy(), o + applied(E, bodies.center)
-    J = product(product(E, bodies.inertia), E.transpose(0, 2, 1))
-    for k in range(len(m) - 1, 0, -1):
-        p = bodies.parent[k]
-        together, d = m[p] + m[k], c[k] - c[p]
-        if together > 0:
-            J[p] += m[p] / together * m[k] * (dot(d, d) * np.eye(3) - np.outer(d, d))
-            c[p] += m[k] / together * d
-        J[p] += J[k]
-        m[p] = together
-    return m, c, J
+def held_frame(joint: Joint, position: float, E: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Move the child frame of a joint (rotation E, origin r at zero) to a position [rad or m]."""
+    if position == 0.0:
+        return E, r
+    if joint.type == "prismatic":
+        return E, r + applied(E, position * np.array(joint.axis))
+    return product(E, rotation_about(joint.axis, position)), r
 
 
-def _base_block(m: float, arm: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inertia (6, 6) of a body about a point `arm` before its center, and its size (6,)."""
-    x, y, z = arm
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    about = J + m * (dot(arm, arm) * np.eye(3) - np.outer(arm, arm))
-    whole = np.empty((6, 6))  # np.block takes ten times as long
-    whole[:3, :3], whole[:3, 3:], whole[3:, :3], whole[3:, 3:] = m * np.eye(3), -m * K, m * K, about
-    return whole, np.repeat([m, np.abs(about).sum()], 3)
+def merge(
+    links: Sequence[Link], joints: Sequence[Joint], frames: list[Frame], placements: dict[str, Placement]
+) -> tuple[list[RigidBody], dict[str, Placement]]:
+    """Merge the links that `lay_out` puts on one body; the frames take the joints given, of the same names."""
+    by_name, joint_of = {link.name: link for link in links}, {joint.name: joint for joint in joints}
+    groups: list[list[tuple[Link, Placement]]] = [[] for _ in frames]
+    for name, place in placements.items():
+        groups[place.row].append((by_name[name], place))
+    frames = [frame._replace(joint=frame.joint and joint_of[frame.joint.name]) for frame in frames]
+    names = [tuple(link.name for link, _ in group) for group in groups]
+    return [RigidBody(*body) for body in zip(frames, names, *_mass_properties(groups))], placements
 
 
-def _effort(
-    prismatic: bool, axis: np.ndarray, m: float, arm: np.ndarray, J: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Force (3,) and moment (3,) about the joint that a unit acceleration of it takes, and its size."""
-    if prismatic:
-        return m * axis, cross(arm, m * axis), m
-    force = m * cross(axis, arm)
-    return force, applied(J, axis) + cross(arm, force), np.abs(J).sum() + m * dot(arm, arm)
+def _mass_properties(
+    groups: list[list[tuple[Link, Placement]]],
+) -> tuple[list[float], list[np.ndarray], list[np.ndarray]]:
+    """Sum up mass, center of mass and inertia about it of the links of each body, in the body's frame."""
+    links = [link for group in groups for link, _ in group]
+    places = [place for group in groups for _, place in group]
+    E, mass = np.array([place.E for place in places]), np.array([link.mass for link in links])
+    centers = np.array([place.r for place in places]) + applied(E, np.array([link.center_of_mass for link in links]))
+    inertias = turned(E, np.array([inertia_matrix(link.inertia) for link in links]))
+    ends = np.cumsum([len(group) for group in groups]).tolist()
+    parts = [slice(end - len(group), end) for group, end in zip(groups, ends)]
+    masses = [math.fsum(link.mass for link, _ in group) for group in groups]
+    weighted = mass[:, None] * centers
+    means = [functools.reduce(np.add, weighted[part], np.zeros(3)) for part in parts]
+    means = [c / m if m > 0 else c for m, c in zip(masses, means)]
+    d = centers - np.repeat(means, [len(group) for group in groups], axis=0)
+    square = (d[:, 0] * d[:, 0] + d[:, 1] * d[:, 1] + d[:, 2] * d[:, 2])[:, None, None]
+    about = inertias + mass[:, None, None] * (square * np.eye(3) - d[:, :, None] * d[:, None, :])
+    return masses, means, [functools.reduce(np.add, about[part], np.zeros((3, 3))) for part in parts]
+
+
+def turned_inertia(E: np.ndarray, inertia: tuple[float, ...]) -> np.ndarray:
+    """Turn an inertia ixx ixy ixz iyy iyz izz [kg m^2] by the rotation E: E I E' (3, 3)."""
+    return turned(E, inertia_matrix(inertia))
+
+
+def turned(E: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """Turn matrices (..., 3, 3): E I E'."""
+    return product(product(E, inertia), E.swapaxes(-1, -2))
+
+
+def inertia_matrix(inertia: tuple[float, ...]) -> np.ndarray:
+    """Return the symmetric matrix (3, 3) of ixx ixy ixz iyy iyz izz [kg m^2]."""
+    xx, xy, xz, yy, yz, zz = inertia
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def inertia_tuple(matrix: np.ndarray) -> tuple[float, ...]:
+    """Return ixx ixy ixz iyy iyz izz of a matrix (3, 3), made symmetric."""
+    return tuple(((matrix + matrix.T) / 2)[(0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)].tolist())

@@ -8,7 +8,7 @@ from pathlib import Path
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element
 
-from ..model import check_angles
+from ..model.checks import check_angles
 from ..model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
 from .grammar import label
 from .numerals import number, vector

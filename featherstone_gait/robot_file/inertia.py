@@ -7,7 +7,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..model import DEFINITE_TOLERANCE, Link, inertia_matrix
+from ..model import Link, inertia_matrix
+from ..model.mass_checks import DEFINITE_TOLERANCE
 from .report import Report
 
 TRIANGLE_TOLERANCE = 1e-6  # relative; a flat plate meets A + B = C exactly, and files round to about seven digits

@@ -10,8 +10,9 @@ from typing import Any
 
 from ..base.arguments import instance, listed, real, texts, truth
 from ..geometry.contact_choice import Choice, with_contacts
-from ..model import LARGEST, Base, Joint, Model, check_locked
+from ..model import LARGEST, Base, Joint, Model
 from ..model.rest_posture import nearest_positions
+from ..model.tree_checks import check_locked
 from .collision import MeshFinder
 from .coupling import MimicMode, resolve_couplings
 from .errors import RobotFileError, blamed_on

@@ -8,7 +8,8 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..model import Base, ContactPoint, Joint, Link, Servo, Supply, check_contacts, check_locked
+from ..model import Base, ContactPoint, Joint, Link, Servo, Supply
+from ..model.tree_checks import check_links, check_locked
 from .robot import Posture
 from .servos import read_servos
 from .toml import READ, check_keys, number, read_toml, real, string, table_of
@@ -100,7 +101,7 @@ def _contacts(rows: Any, links: tuple[Link, ...]) -> tuple[ContactPoint, ...]:
             "[{link = '...', position = [x, y, z]}, ...]"
         )
     points = tuple(_contact(row, f"contacts[{k}]") for k, row in enumerate(rows))
-    check_contacts(links, points)
+    check_links("contacts", links, (point.link for point in points))
     return points
 
 

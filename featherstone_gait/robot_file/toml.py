@@ -81,7 +81,7 @@ def truth(table: Mapping[str, Any], key: str, what: str) -> bool:
 
 # How to read a field of a dataclass, by its type as `fields` gives it.
 Reader = Callable[[Mapping[str, Any], str, str], Any]
-READ: dict[str, Reader] = {"str": string, "bool": truth, "float": number, "tuple[float, float, float]": vector}
+READ: dict[str, Reader] = {"str": string, "bool": truth, "float": number, "Vector": vector}
 
 
 def written(value: str | float | tuple[float, ...]) -> str:

@@ -9,7 +9,9 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from ..base.rotation import dot, rotation_from_rpy
-from ..model import Joint, Link, Mimic, check_angles, turned_inertia
+from ..model import Joint, Link, Mimic
+from ..model.checks import check_angles
+from ..model.rigid_bodies import inertia_tuple, turned_inertia
 from .collision import MeshFinder, read_shapes
 from .grammar import label, tidy
 from .inertia import note_inertia, repaired
@@ -94,7 +96,8 @@ def _body(name: str, inertial: Element | None, what: str, report: Report) -> Lin
     with report.blaming(inertial):
         check_angles(f"{what}: <origin>", "rpy", rpy)
         link = Link(name, mass, center, inertia)
-        return replace(link, inertia=_turned(inertia, rpy)) if any(rpy) else link
+        turned = inertia_tuple(turned_inertia(rotation_from_rpy(rpy), inertia))
+        return replace(link, inertia=turned) if any(rpy) else link
     return Link(name, 0.0, (0.0, 0.0, 0.0), (0.0,) * 6)
 
 
@@ -108,12 +111,6 @@ def _with_products(inertial: Element, what: str, report: Report) -> Element | No
         for name in left_out:
             inertia.set(name, "0")
     return inertia
-
-
-def _turned(inertia: tuple[float, ...], rpy: tuple[float, ...]) -> tuple[float, ...]:
-    """The inertia in link axes, given in axes turned by rpy."""
-    I = turned_inertia(rotation_from_rpy(rpy), inertia)
-    return tuple(((I + I.T) / 2)[(0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)].tolist())
 
 
 def _joint(element: Element, held: dict[str, float], report: Report) -> Joint:

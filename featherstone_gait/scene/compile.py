@@ -18,7 +18,8 @@ from ..core.integrate import INTEGRATORS
 from ..core.integrate.integrator import Integrator
 from ..core.step import state
 from ..core.step.context import Scene
-from ..model import Controller, Ground, Model, Spring, check_springs
+from ..model import Controller, Ground, Model, Spring
+from ..model.tree_checks import check_springs
 from .actuator import Drive, ServoKind, build_decay, build_drive, controller_period, fold_springs
 from .contact import build_contact, standing_posture
 from .external import Push, build_pushes, build_springs

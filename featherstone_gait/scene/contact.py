@@ -17,8 +17,8 @@ from ..core.effects.ground import GRID, PLANE, RISE, Field, Plane, facets
 from ..core.effects.touch import DISC, FLATNESS, Discs, Spheres
 from ..dynamics import deepest_points
 from ..model import ContactPoint, Ground, HeightField, Model
+from ..model.numpy_dynamics import link_poses, mass_center
 from .records import fill, records
-from .rest_pose import rest_center, rest_poses
 from .tree import Tree
 
 CONTACTS = "add contacts to its TOML, or load it with contacts='feet' to take its collision shapes"
@@ -140,7 +140,7 @@ def standing_height(model: Model, ground: Ground, q: np.ndarray) -> float:
     clearances = []
     s, c = sincos(ground.slope)
     sine, cosine = sincos(ground.heading)
-    for x in deepest_points(model, rest_poses(model, q), _normal(ground)):
+    for x in deepest_points(model, link_poses(model, q), _normal(ground)):
         ahead = cosine * x[0] + sine * x[1] if ground.heading else x[0]
         surface = ground.height + s / c * ahead
         along = c * ahead + s * surface
@@ -153,7 +153,7 @@ def _height_on_field(model: Model, ground: Ground, q: np.ndarray) -> float:
     """The same on a field, under which a bulge's normal changes as it is let down: three steps of Newton's method."""
     q, up = np.array(q, dtype=float), np.array([0.0, 0.0, 1.0])
     for _ in range(3):
-        poses = rest_poses(model, q)
+        poses = link_poses(model, q)
         normals = ground_under(ground, deepest_points(model, poses, up))[:, :3]
         under = ground_under(ground, deepest_points(model, poses, normals))
         lowest = under[:, 6].argmin()
@@ -192,7 +192,7 @@ def _standing(model: Model) -> tuple[float, tuple[float, float, float]]:
 
 def _heights_along(model: Model, q: np.ndarray, axes: Sequence[ArrayLike]) -> list[tuple[float, float]]:
     """How far the center of mass is over the lowest contact, and over the highest one, along each of the axes [m]."""
-    center, poses, heights = rest_center(model, q), rest_poses(model, q), []
+    center, poses, heights = mass_center(model, q), link_poses(model, q), []
     for up in map(np.asarray, axes):
         contacts = [dot(up, x) for x in deepest_points(model, poses, up)]
         heights.append((dot(up, center) - min(contacts), dot(up, center) - max(contacts)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..core.tree.coupling import COUPLING
-from ..model import Model, leader_of
+from ..model import Model
 from .records import records
 
 AGREEMENT = 1e-9  # how far a follower may be from where its leader wants it [rad or m; rad/s or m/s]
@@ -16,15 +16,12 @@ def build_coupling(model: Model, rows: dict[str, int], first: int) -> np.recarra
 
     rows: of the bodies, by the joints that move them; first: row of the workspace that is the first coupling's.
     """
-    dof = {name: k for k, name in enumerate(model.joint_names)}
-    followers = [joint for joint in model.moving_joints if joint.mimic is not None]
-    table = records(len(followers), COUPLING)
-    for k, (row, joint) in enumerate(zip(table, followers)):
-        leader = leader_of(model, joint)
-        row.body, row.dof = rows[joint.name], dof[joint.name]
-        row.leader, row.leader_dof = rows[leader.joint.name], dof[leader.joint.name]
-        row.row, row.multiplier, row.offset = first + k, leader.multiplier, leader.offset
-    return table if followers else None
+    dof, table = model.joint_rows, records(len(model.couplings), COUPLING)
+    for k, (row, (follower, leader, multiplier, offset)) in enumerate(zip(table, model.couplings)):
+        row.body, row.dof = rows[follower], dof[follower]
+        row.leader, row.leader_dof = rows[leader], dof[leader]
+        row.row, row.multiplier, row.offset = first + k, multiplier, offset
+    return table if len(table) else None
 
 
 def followed(coupling: np.recarray | None, joints: np.ndarray) -> np.ndarray:

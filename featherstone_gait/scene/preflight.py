@@ -28,9 +28,9 @@ from ..core.effects.friction import DRY
 from ..core.integrate import INTEGRATORS
 from ..dynamics import coupling_matrix, forward_kinematics, inverse_dynamics, spring_vectors
 from ..model import Ground, Model, Spring
+from ..model.numpy_dynamics import mass_matrix_at_zero
 from .actuator import Drive
 from .friction import Friction, explicit_limits, sticks
-from .rest_pose import rest_mass_matrix
 
 STIFF = 5e-3  # [s]; explicit limit below which a scene is for implicit steps
 RESOLVED = 0.25  # share of the springs' limit that a chosen step takes: 12 steps a period
@@ -258,7 +258,7 @@ def _mobility(model: Model, rotors: bytes | None, springs: tuple[Spring, ...]) -
     J[:n, model.nv - n :] = np.eye(n)
     if springs:
         J[n:] = _lengthening(model, springs, q)
-    M, G = rest_mass_matrix(model, armature), coupling_matrix(model).matrix
+    M, G = mass_matrix_at_zero(model, armature), coupling_matrix(model).matrix
     if len(G) > len(G.T):
         M, J = product(product(G.T, M), G), product(J, G)
     return product(J, solve(M, J.T))

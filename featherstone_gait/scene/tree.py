@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -42,10 +43,9 @@ def compile_tree(model: Model) -> Tree:
 @functools.lru_cache(maxsize=256)  # more than a batch of worlds has
 def _compiled(model: Model) -> Tree:
     merged, placements = rigid_bodies(model)
-    dof = {name: k for k, name in enumerate(model.joint_names)}
     bodies = np.zeros(len(merged), BODY)
     for row, body in zip(bodies, merged):
-        _fill(row, body, dof)
+        _fill(row, body, model.joint_rows)
     rows = len(bodies) + _assign_slots(bodies)
     for row in sorted({placements[point.link].row for point in model.contacts}):
         bodies[row]["contact"] = rows
@@ -63,7 +63,7 @@ def joint_armature(model: Model) -> np.ndarray | None:
     return armature if armature.any() else None
 
 
-def _fill(row: np.void, body: RigidBody, dof: dict[str, int]) -> None:
+def _fill(row: np.void, body: RigidBody, dof: Mapping[str, int]) -> None:
     """Write a body's frame and mass into its row."""
     joint, row["parent"], E, row["r"] = body.frame
     row["E"] = E.ravel()

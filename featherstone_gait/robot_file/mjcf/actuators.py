@@ -27,9 +27,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...base.flaws import quoted
 from ...model import TORQUE_LAWS, Controller, Gearbox, Joint, Servo
 from .equalities import couplings, held_joints
-from .names import actuator_count, listed
+from .names import actuator_count
 from .tendons import joints_of
 from .tree import Tree
 
@@ -103,7 +104,7 @@ def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
             left.setdefault(reason, []).append(row.name)
     for name, effort in efforts.items():
         by_name[name] = replace(by_name[name], effort=min(by_name[name].effort, effort))
-    doubts = [f"{reason}: {listed(names)}" for reason, names in left.items()]
+    doubts = [f"{reason}: {quoted(names)}" for reason, names in left.items()]
     return Actuators(servos, tuple(by_name[joint.name] for joint in joints), doubts, _mixed(servos))
 
 
@@ -130,7 +131,7 @@ def _mixed(servos: dict[str, Servo]) -> list[str]:
     if len(torques) in (0, len(servos)):
         return []
     return [
-        f"servos of joints {listed(torques)} have a torque law, the others are sampled; compile_scene takes one kind: "
+        f"servos of joints {quoted(torques)} have a torque law, the others are sampled; compile_scene takes one kind: "
         "give all joints one kind of law, or servos=None"
     ]
 

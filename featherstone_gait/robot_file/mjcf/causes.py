@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ...base.flaws import quoted
 from . import equalities
-from .names import listed
 from .tendons import effects, nonzero
 from .tree import BALL, FREE, Tree, moving_trees
 
@@ -27,7 +27,7 @@ def refusals(m: Any, names: Tree) -> list[str]:
 def _joints(m: Any, names: Tree) -> Iterator[str]:
     balls = [names.joint_names[j] for j in range(m.njnt) if m.jnt_type[j] == BALL and names.holds(m, m.jnt_bodyid[j])]
     if balls:
-        yield f"ball joints {listed(balls)} have no like here; replace each by three hinges"
+        yield f"ball joints {quoted(balls)} have no like here; replace each by three hinges"
 
 
 def _others(m: Any) -> Iterator[str]:
@@ -41,7 +41,7 @@ def doubts(m: Any, tree: Tree) -> Iterator[str]:
     """What changes the motion in MuJoCo and is passed over here."""
     if tree.left:
         yield (
-            f"left out bodies {listed([tree.bodies[b] for b in tree.left])} with all that they carry: a Model has one "
+            f"left out bodies {quoted([tree.bodies[b] for b in tree.left])} with all that they carry: a Model has one "
             f"floating base at most, and of several trees the one with most joints is taken, here {_taken(m, tree)}"
         )
     drawn = [equalities.title(m, k) for k in equalities.active(m) if equalities.follows_mocap(m, k)]
@@ -50,16 +50,16 @@ def doubts(m: Any, tree: Tree) -> Iterator[str]:
     yield from effects(m)
     springs = [tree.joint_names[j] for j in range(m.njnt) if nonzero(m, "jnt", "stiffness", j)]
     if springs and not m.opt.disableflags & NO_SPRINGS:
-        yield f"passed over the springs (stiffness) of joints {listed(springs)}: joints have none here"
+        yield f"passed over the springs (stiffness) of joints {quoted(springs)}: joints have none here"
     poly = getattr(m, "dof_dampingpoly", np.zeros(m.nv))  # not of older versions
     bent = [tree.joint_names[m.dof_jntid[k]] for k in range(m.nv) if np.any(poly[k])]
     if bent:
-        yield f"passed over the nonlinear damping of joints {listed(bent)}: it is linear here"
+        yield f"passed over the nonlinear damping of joints {quoted(bent)}: it is linear here"
     yield from _free_joint(m)
     yield from _switched_off(m)
     uneven = [tree.joint_names[j] for j in range(m.njnt) if m.jnt_actfrclimited[j] and m.jnt_actfrcrange[j].sum()]
     if uneven:
-        yield f"took the larger end of actuatorfrcrange of joints {listed(uneven)} either way: effort has one number"
+        yield f"took the larger end of actuatorfrcrange of joints {quoted(uneven)} either way: effort has one number"
     if m.opt.density or m.opt.viscosity:
         yield f"passed over a fluid (density {m.opt.density:g}, viscosity {m.opt.viscosity:g}): there is none here"
     yield from _gravity(m, tree)
@@ -69,7 +69,7 @@ def _taken(m: Any, tree: Tree) -> str:
     """What is not left out, in words."""
     if tree.root:
         return repr(tree.bodies[tree.root])
-    return listed([tree.bodies[b] for b in moving_trees(m) if b not in tree.left])
+    return quoted([tree.bodies[b] for b in moving_trees(m) if b not in tree.left])
 
 
 def _switched_off(m: Any) -> Iterator[str]:
@@ -90,7 +90,7 @@ def _gravity(m: Any, tree: Tree) -> Iterator[str]:
         return
     if np.any(m.body_gravcomp):
         held = [tree.bodies[b] for b in np.flatnonzero(m.body_gravcomp)]
-        yield f"passed over gravcomp of bodies {listed(held)}: gravity acts on all alike"
+        yield f"passed over gravcomp of bodies {quoted(held)}: gravity acts on all alike"
     if tuple(m.opt.gravity) != GRAVITY:
         yield f"gravity of the file is {tuple(m.opt.gravity.tolist())} m/s^2: give it to compile_scene"
 
@@ -109,7 +109,7 @@ def notes(m: Any, tree: Tree) -> Iterator[str]:
         yield f"passed over {m.body_geomnum[0]} geoms of the world: ground is an argument of compile_scene"
     fixed = [b for b in range(1, m.nbody) if not tree.holds(m, b) and m.body_rootid[b] not in tree.left]
     if fixed:
-        yield f"passed over bodies {listed([tree.bodies[b] for b in fixed])}, which stand in the world"
+        yield f"passed over bodies {quoted([tree.bodies[b] for b in fixed])}, which stand in the world"
     if m.ntendon:
         yield f"skipped {m.ntendon} tendons"
     for count, what in ((m.nsensor, "sensors"), (m.nsite, "sites"), (m.ncam, "cameras"), (m.nlight, "lights")):
@@ -121,7 +121,7 @@ def notes(m: Any, tree: Tree) -> Iterator[str]:
         yield "took the equalities of joints as exact; MuJoCo's give way"
     held = equalities.held_joints(m)
     if held:
-        yield f"held joints {listed([tree.joint_names[j] for j in held])} where equalities put them"
+        yield f"held joints {quoted([tree.joint_names[j] for j in held])} where equalities put them"
     off = m.neq - len(equalities.active(m))
     if off:
         yield f"skipped {off} equalities that are not active"

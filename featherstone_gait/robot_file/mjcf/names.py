@@ -23,9 +23,3 @@ def unused(name: str, taken: Iterable[str]) -> str:
 def actuator_count(m: Any) -> int:
     """Number of actuators; since MuJoCo 4 one may have several controls, or none."""
     return int(getattr(m, "nactuator", m.nu))
-
-
-def listed(names: list[str]) -> str:
-    """Names for a message, cut short after ten."""
-    shown = ", ".join(repr(name) for name in names[:10])
-    return shown + (f" and {len(names) - 10} more" if len(names) > 10 else "")

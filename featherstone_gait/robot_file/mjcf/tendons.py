@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .names import listed
+from ...base.flaws import quoted
 
 JOINT = 1  # mjWRAP_JOINT
 
@@ -31,7 +31,7 @@ def effects(m: Any) -> Iterator[str]:
         for what in [*acts, *["limit"] * bool(m.tendon_limited[t])]:
             acting.setdefault(what, []).append(m.tendon(t).name or str(t))
     for what, names in acting.items():
-        yield f"passed over the {what} of tendons {listed(names)}: tendons have no place here"
+        yield f"passed over the {what} of tendons {quoted(names)}: tendons have no place here"
 
 
 def nonzero(m: Any, kind: str, what: str, k: int) -> bool:

@@ -9,7 +9,8 @@ import numpy as np
 
 from ...base.fixed_order import applied, product
 from ...base.rotation import rotation_about, rotation_from_quaternion, rpy_from_rotation
-from ...model import Base, Joint, Link, Mimic, turned_inertia
+from ...model import Base, Joint, Link, Mimic
+from ...model.rigid_bodies import inertia_tuple, turned_inertia
 from .equalities import Line
 from .names import names_of, unused
 
@@ -109,8 +110,7 @@ def _link(m: Any, b: int, name: str) -> Link:
     if b == 0 or mass == 0:
         return Link(name, **STILL)
     I = turned_inertia(rotation_from_quaternion(m.body_iquat[b]), principal(m.body_inertia[b]))
-    inertia = ((I + I.T) / 2)[(0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)]
-    return Link(name, mass, vector(m.body_ipos[b]), tuple(inertia.tolist()))
+    return Link(name, mass, vector(m.body_ipos[b]), inertia_tuple(I))
 
 
 def principal(moments: np.ndarray) -> tuple[float, ...]:

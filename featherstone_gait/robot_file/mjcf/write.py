@@ -10,8 +10,9 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from ...base.fixed_order import applied, product
-from ...base.rotation import rotation_about, rotation_from_rpy, rpy_from_rotation
-from ...model import Ground, Joint, Model, rigid_bodies
+from ...base.rotation import rotation_from_rpy, rpy_from_rotation
+from ...model import Ground, Joint, Model, depth_first, rigid_bodies
+from ...model.rigid_bodies import held_frame
 from .element import comment, element, number, numbers
 from .names import unused
 from .tree import NO_STOP, WORLD
@@ -170,11 +171,7 @@ def _poses(model: Model, chain: list[Joint]) -> list[tuple[np.ndarray, np.ndarra
     E, r, poses = np.eye(3), np.zeros(3), []
     for joint in chain:
         E, r = product(E, rotation_from_rpy(joint.rpy)), r + applied(E, np.array(joint.xyz))
-        position = model.held.get(joint.name, 0.0)
-        if position and joint.type == "prismatic":
-            r = r + applied(E, position * np.array(joint.axis))
-        elif position:
-            E = product(E, rotation_about(joint.axis, position))
+        E, r = held_frame(joint, model.held.get(joint.name, 0.0), E, r)
         poses.append((E, r))
     return poses
 
@@ -224,16 +221,7 @@ def _line(offset: float, multiplier: float) -> str:
 def _key_lines(model: Model) -> list[str]:
     """The keyframes; MuJoCo counts joints depth first."""
     first = model.nq - len(model.joint_names)
-    rows = {name: first + k for k, name in enumerate(model.joint_names)}
-    order = [*range(first), *(rows[name] for name in _depth_first(model, model.root) if name in rows)]
+    order = [*range(first), *(model.q_index(j.name) for j in depth_first(model) if j.name in model.joint_rows)]
     return [
         element("key", {"name": name, "qpos": numbers([q[k] for k in order])}) for name, q in model.keyframes.items()
     ]
-
-
-def _depth_first(model: Model, parent: str) -> list[str]:
-    names: list[str] = []
-    for joint in model.joints:
-        if joint.parent == parent:
-            names += [joint.name, *_depth_first(model, joint.child)]
-    return names

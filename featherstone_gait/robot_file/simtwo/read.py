@@ -10,7 +10,8 @@ from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 from ...base.rotation import rotation_from_rpy
-from ...model import Base, Joint, Link, Servo, turned_inertia
+from ...model import Base, Joint, Link, Servo
+from ...model.rigid_bodies import inertia_tuple, turned_inertia
 from ...model.shapes import Box, Cylinder, Geometry, Shape, Sphere
 from ..markup import Markup, read_markup
 from ..report import Report
@@ -140,8 +141,7 @@ def _solid(element: Element, numbers: Numbers) -> Solid:
     else:
         principal = (mass * moments[0], 0.0, 0.0, mass * moments[1], 0.0, mass * moments[2])
     I = turned_inertia(rotation_from_rpy((x, y, z)), principal)
-    inertia = tuple(((I + I.T) / 2)[(0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)].tolist())
-    link = Link(name, mass, NOTHING, inertia)
+    link = Link(name, mass, NOTHING, inertia_tuple(I))
     return Solid(link, numbers.xyz(element.find("pos"), f"{what} <pos>"), (x, y, z), geometry)
 
 

@@ -1,0 +1,188 @@
+"""The ground, and the points of a robot that can touch it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..base.arguments import floats, instance, is_real, listed, whole
+from .checks import (
+    LARGEST,
+    angle_flaws,
+    check,
+    freeze,
+    name_flaws,
+    number_flaws,
+    quantity,
+    quantity_flaws,
+    vector_flaws,
+)
+from .links import AXIS_TOLERANCE, Vector
+
+MOST_STAIRS = 10**6
+
+
+@dataclass(frozen=True)
+class ContactPoint:
+    """What of a link can touch the ground: a point, or the lowest point of a sphere or of a circle.
+
+    A capsule is two spheres, a cylinder two circles; boxes and hulls are their corners.
+
+    Attributes
+    ----------
+    link : str
+        Name of the link.
+    position : tuple of float
+        The point, or the center of the sphere or circle, in the link's frame [m].
+    radius : float
+        Radius of the sphere; 0 for a point [m].
+    rim : float
+        Radius of the circle; 0 for a point [m].
+    axis : tuple of float
+        Axis of the circle, out of the cylinder, of unit length, in the link's frame.
+    carries : bool
+        Whether the point carries weight at rest; the stiffness of the ground follows from the weight on those that do.
+    """
+
+    link: str
+    position: Vector
+    radius: float = quantity(">= 0", "m", 0.0, "it is the radius of a sphere")
+    rim: float = quantity(">= 0", "m", 0.0, "it is the radius of a circle about the axis")
+    axis: Vector = (0.0, 0.0, 1.0)
+    carries: bool = True
+
+    def __post_init__(self) -> None:
+        what = f"contact point on link {self.link!r}"
+        check(name_flaws("link", self.link))
+        check(vector_flaws(what, "position", self.position, 3), vector_flaws(what, "axis", self.axis, 3))
+        instance(f"{what}: carries", self.carries, (bool, np.bool_), "give True or False")
+        freeze(self, "position", "axis")
+        check(quantity_flaws(what, self))
+        if self.rim > 0 and abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
+            raise ValueError(f"{what}: axis {self.axis!r} is not of unit length; divide it by its length")
+
+
+@dataclass(frozen=True, eq=False)
+class HeightField:
+    """Heights over a grid: bilinear between the nodes, level beyond the edge.
+
+    Attributes
+    ----------
+    heights : numpy.ndarray
+        Heights (nx, ny) at x = origin[0] + i spacing[0], y = origin[1] + j spacing[1] [m].
+    spacing : tuple of float
+        Distance of the nodes along x and y [m].
+    origin : tuple of float
+        Place of heights[0, 0] in world axes [m].
+    """
+
+    heights: np.ndarray
+    spacing: tuple[float, float]
+    origin: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        heights = np.array(floats("height field: heights", self.heights, "give an array (nx, ny) [m]"))
+        if heights.ndim != 2 or min(heights.shape) < 2 or not (np.abs(heights) <= LARGEST).all():
+            raise ValueError(
+                f"height field: heights have shape {heights.shape}; expected finite ones of 2 x 2 nodes or more: "
+                "give an array (nx, ny) [m]"
+            )
+        heights.setflags(write=False)
+        object.__setattr__(self, "heights", heights)
+        for name in ("spacing", "origin"):
+            check(vector_flaws("height field", name, getattr(self, name), 2))
+            freeze(self, name)
+        if not min(self.spacing) > 0:
+            raise ValueError(f"height field: spacing is {self.spacing!r} m; expected > 0: give the distance of nodes")
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Ground under the contact points, described by quantities that can be measured.
+
+    `compile_scene` derives stiffness and damping from them.  The ground is a plane that may be tilted and have steps,
+    or a height field.  Steps are vertical rises that begin at a given distance along the slope, in the direction
+    `heading`; their faces exert no force.
+
+    Attributes
+    ----------
+    friction : float
+        Coefficient of friction [-]; the default is SimTwo's.
+    sinking : float
+        Depth to which a robot that stands on all its load-bearing contact points sinks in [m].
+    damping_ratio : float
+        Damping ratio of small motions about rest; 1 is critical [-].
+    height : float
+        Height at the world's origin [m].
+    slope : float
+        Angle at which the ground rises along `heading` [rad].
+    steps : tuple of (float, float)
+        Distance along the slope and rise of each step [m].
+    heading : float
+        Direction of slope and steps, about z from x [rad].
+    field : HeightField or None
+        Heights above a level plane without steps.
+
+    Raises
+    ------
+    ValueError
+        For numbers out of range, and for a height field together with slope, steps or heading.
+    """
+
+    friction: float = quantity(">= 0", "-", 0.95, "0 is ice, 1 is rubber")
+    sinking: float = quantity("> 0", "m", 5e-4, "0.0005 suits a small robot")
+    damping_ratio: float = quantity(">= 0", "-", 0.7, "0.7 hardly bounces")
+    height: float = quantity("finite", "m", 0.0, "0 is the world's origin")
+    slope: float = 0.0
+    steps: tuple[tuple[float, float], ...] = ()
+    heading: float = quantity("finite", "rad", 0.0, "0 is along x")
+    field: HeightField | None = None
+
+    def __post_init__(self) -> None:
+        check(quantity_flaws("ground", self))
+        if not (is_real(self.slope) and abs(self.slope) < 0.5 * math.pi):
+            raise ValueError(
+                f"ground: slope {self.slope!r} rad; it must lie between -pi/2 and pi/2: give it in radians"
+            )
+        check(angle_flaws("ground", "heading", (self.heading,)))
+        steps = listed("ground: steps", self.steps, "give (distance, rise) of each [m]")
+        check(*(vector_flaws("ground", "step", step, 2) for step in steps))
+        object.__setattr__(self, "steps", tuple(tuple(float(x) for x in step) for step in steps))
+        if self.field is not None and not isinstance(self.field, HeightField):
+            raise ValueError(
+                f"ground: field is {type(self.field).__name__}; expected a HeightField: make one of the array"
+            )
+        if self.field is not None and (self.slope or self.steps or self.heading):
+            raise ValueError("ground: a height field has no slope, steps or heading besides; put them into its heights")
+
+
+def stairs(count: int, depth: float, rise: float, start: float = 0.0) -> tuple[tuple[float, float], ...]:
+    """Return the steps of a `Ground` that make stairs.
+
+    Parameters
+    ----------
+    count : int
+        Number of steps.
+    depth : float
+        Distance between two rises [m].
+    rise : float
+        Height of each step [m].
+    start : float, optional
+        Distance at which the first step rises [m].
+
+    Returns
+    -------
+    tuple of (float, float)
+        Distance and rise of each step, for ``Ground(steps=...)``.
+
+    Raises
+    ------
+    ValueError
+        For a negative count, a depth that is not above zero and numbers that are not finite.
+    """
+    count = whole("stairs: count", count, 0, "give the number of steps", MOST_STAIRS)
+    check(number_flaws("stairs", "depth", depth, "> 0", "m", "give the distance of two rises"))
+    check(*(number_flaws("stairs", *item, "finite", "m", "correct it") for item in (("rise", rise), ("start", start))))
+    return tuple((start + k * depth, rise) for k in range(count))

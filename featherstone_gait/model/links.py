@@ -1,0 +1,235 @@
+"""Links, joints and springs of a robot, as its file states them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple, get_args
+
+from ..base.arguments import is_real, shown
+from .checks import (
+    allowed,
+    angle_flaws,
+    check,
+    choice_flaws,
+    freeze,
+    name_flaws,
+    quantity,
+    quantity_flaws,
+    refuse,
+    vector_flaws,
+)
+
+JointType = Literal["revolute", "continuous", "prismatic", "fixed"]
+Vector = tuple[float, float, float]
+
+AXIS_TOLERANCE = 1e-9  # how far from 1 the length of a joint axis may be
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid body of a robot.
+
+    An inertia that no rigid body can have is accepted: a `Model` only requires a positive definite mass matrix.
+
+    Attributes
+    ----------
+    name : str
+        Name, unique among the links of a robot.
+    mass : float
+        Mass [kg]; 0 for a frame without mass.
+    center_of_mass : tuple of float
+        Center of mass (3,) in the link's frame [m].
+    inertia : tuple of float
+        Inertia about the center of mass, in link axes: ixx, ixy, ixz, iyy, iyz, izz [kg m^2].
+
+    Raises
+    ------
+    ValueError
+        For a mass, vector or name out of range; all problems of the link are listed.
+    """
+
+    name: str
+    mass: float = field(metadata=allowed(">= 0", "kg", "a link without mass is one without <inertial>"))
+    center_of_mass: Vector
+    inertia: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        refuse(f"link {self.name!r}", self._flaws(f"link {self.name!r}"))
+        freeze(self, "center_of_mass", "inertia")
+
+    def _flaws(self, what: str) -> Iterator[str]:
+        yield from name_flaws("link", self.name)
+        yield from quantity_flaws(what, self)
+        yield from vector_flaws(what, "center_of_mass", self.center_of_mass, 3)
+        yield from vector_flaws(what, "inertia", self.inertia, 6)
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A coupling of a joint to another one: position = multiplier * (position of the other joint) + offset.
+
+    The coupled joint keeps its coordinate, and its own stops, friction and servo act on both joints.  A locked joint
+    ignores its coupling.
+
+    Attributes
+    ----------
+    joint : str
+        Name of the joint that is followed.
+    multiplier : float
+        Ratio of the two velocities [-, m/rad or rad/m].
+    offset : float
+        Position of the coupled joint where the other one is at zero [rad or m].
+    """
+
+    joint: str
+    multiplier: float = quantity("finite", "-", 1.0)
+    offset: float = quantity("finite", "rad or m", 0.0)
+
+    def __post_init__(self) -> None:
+        check(name_flaws("joint", self.joint), quantity_flaws(f"mimic of joint {self.joint!r}", self))
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint from a parent link to a child link, whose frame sits at the joint.
+
+    Attributes
+    ----------
+    name : str
+        Name, unique among the joints of a robot.
+    type : {"revolute", "continuous", "prismatic", "fixed"}
+        Kind of motion.
+    parent, child : str
+        Names of the links.
+    xyz : tuple of float
+        Origin of the child frame in the parent frame, with the joint at zero [m].
+    rpy : tuple of float
+        Orientation of the child frame there: roll, pitch and yaw about fixed axes [rad].
+    axis : tuple of float
+        Axis of motion in the child frame, of unit length unless the joint is fixed.
+    lower, upper : float
+        Limits of the position [rad or m].
+    effort, velocity : float
+        Limits of the torque or force [N m or N] and of the velocity [rad/s or m/s].
+    damping, friction : float
+        Viscous damping [N m s/rad or N s/m] and Coulomb friction [N m or N].
+    armature : float
+        Inertia of what turns with the joint alone, such as a rotor [kg m^2 or kg].
+    mimic : Mimic or None
+        Coupling to another joint.
+
+    Raises
+    ------
+    ValueError
+        For values out of range; all problems of the joint are listed.
+    """
+
+    name: str
+    type: JointType
+    parent: str
+    child: str
+    xyz: Vector = (0.0, 0.0, 0.0)
+    rpy: Vector = (0.0, 0.0, 0.0)
+    axis: Vector = (1.0, 0.0, 0.0)
+    lower: float = -math.inf
+    upper: float = math.inf
+    effort: float = quantity(">= 0 or inf", "SI", math.inf, "correct the value")
+    velocity: float = quantity(">= 0 or inf", "SI", math.inf, "correct the value")
+    damping: float = quantity(">= 0", "SI", 0.0, "correct the value")
+    friction: float = quantity(">= 0", "SI", 0.0, "correct the value")
+    armature: float = quantity(">= 0", "SI", 0.0, "correct the value")
+    mimic: Mimic | None = None
+
+    def __post_init__(self) -> None:
+        refuse(f"joint {self.name!r}", self._flaws(f"joint {self.name!r}"))
+        freeze(self, "xyz", "rpy", "axis")
+
+    def _flaws(self, what: str) -> Iterator[str]:
+        yield from name_flaws("joint", self.name)
+        yield from choice_flaws(what, "type", self.type, get_args(JointType))
+        for name in ("parent", "child"):
+            if not isinstance(getattr(self, name), str):
+                given = shown(getattr(self, name))
+                yield f"{what}: {name} is {given}; expected the name of a link: write it in quotes"
+        if self.mimic is not None and not isinstance(self.mimic, Mimic):
+            yield f"{what}: mimic is {shown(self.mimic)}; expected a Mimic or None: give Mimic(joint)"
+        if isinstance(self.parent, str) and isinstance(self.child, str) and self.parent == self.child:
+            yield f"{what}: parent and child are both {self.child!r}; connect two different links"
+        yield from vector_flaws(what, "xyz", self.xyz, 3)
+        turned = list(vector_flaws(what, "rpy", self.rpy, 3))
+        yield from turned or angle_flaws(what, "rpy", self.rpy)
+        yield from vector_flaws(what, "axis", self.axis, 3)
+        if isinstance(self.type, str) and self.type != "fixed":
+            yield from self._motion_flaws(what)
+
+    def _motion_flaws(self, what: str) -> Iterator[str]:
+        if not any(vector_flaws(what, "axis", self.axis, 3)) and abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
+            yield f"{what}: axis {self.axis!r} is not of unit length; divide it by its length"
+        if not (is_real(self.lower) and is_real(self.upper)):
+            yield f"{what}: limits lower {shown(self.lower)}, upper {shown(self.upper)}; expected numbers: correct them"
+        elif not self.lower <= self.upper or self.lower == math.inf or self.upper == -math.inf:
+            yield f"{what}: limits lower {self.lower!r}, upper {self.upper!r}; lower must be below upper: swap them"
+        if self.type == "continuous" and (self.lower, self.upper) != (-math.inf, math.inf):
+            yield f"{what}: type 'continuous' has limits {self.lower!r} to {self.upper!r}; use type 'revolute'"
+        yield from quantity_flaws(what, self)
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A spring with a damper between points of two links: it pulls them together with K (l - l0) + C dl/dt.
+
+    One of the links may be the root of a robot with a fixed base.  The simulator takes its force at the start of a
+    step or stage, so a stiff spring needs small steps, best chosen by error control.
+
+    Attributes
+    ----------
+    a, b : str
+        Names of the links.
+    point_a, point_b : tuple of float
+        Where the spring is attached, in the frames of the links [m].
+    stiffness : float
+        Stiffness K [N/m].
+    damping : float
+        Damping C [N s/m].
+    length : float
+        Length l0 at which the spring is slack [m].
+    """
+
+    a: str
+    b: str
+    point_a: Vector = (0.0, 0.0, 0.0)
+    point_b: Vector = (0.0, 0.0, 0.0)
+    stiffness: float = quantity(">= 0", "N/m", 0.0, "0 is a damper alone")
+    damping: float = quantity(">= 0", "N s/m", 0.0, "0 is a spring alone")
+    length: float = quantity(">= 0", "m", 0.0, "it is the distance at which the spring is slack")
+
+    def __post_init__(self) -> None:
+        what = f"spring from link {self.a!r} to {self.b!r}"
+        check(name_flaws("link", self.a), name_flaws("link", self.b))
+        if self.a == self.b:
+            raise ValueError(f"{what}: both points are on one link, which does not stretch; give two links")
+        check(vector_flaws(what, "point_a", self.point_a, 3), vector_flaws(what, "point_b", self.point_b, 3))
+        check(quantity_flaws(what, self))
+        freeze(self, "point_a", "point_b")
+
+
+class Leader(NamedTuple):
+    """The joint that a coupled joint follows in the end: position = multiplier * (that of the leader) + offset."""
+
+    joint: Joint
+    multiplier: float  # [-, m/rad or rad/m]
+    offset: float  # [rad or m]
+
+
+def leader_of(joint: Joint, joints: Mapping[str, Joint], locked: Container[str] = ()) -> Leader:
+    """Follow a chain of couplings to a joint that is free, fixed or locked; it may be the joint itself."""
+    k, offset = 1.0, 0.0
+    for _ in joints:  # no longer than a chain can be, even where it is a circle
+        if joint.mimic is None or joint.type == "fixed" or joint.name in locked:
+            break
+        offset += k * joint.mimic.offset
+        k *= joint.mimic.multiplier
+        joint = joints[joint.mimic.joint]
+    return Leader(joint, k, offset)

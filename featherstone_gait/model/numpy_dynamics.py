@@ -1,0 +1,107 @@
+"""Poses, center of mass and mass matrix of one posture in plain NumPy: preparing a scene does not wait for compiling.
+
+`dynamics` computes them for many postures with compiled kernels, whose last bits differ.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+
+from ..base.fixed_order import applied, product
+from ..base.rotation import rotation_from_quaternion
+from .composite import Bodies, composites, frames, mass_matrix
+from .mass_checks import rows_of
+from .robot import Model, rigid_bodies
+
+
+class Poses(NamedTuple):
+    """Frames of all links in the world.
+
+    Attributes
+    ----------
+    rotation : numpy.ndarray
+        Rotations link -> world, (links, 3, 3) or (n, links, 3, 3).
+    position : numpy.ndarray
+        Origins of the links' frames, (links, 3) or (n, links, 3) [m].
+    """
+
+    rotation: np.ndarray
+    position: np.ndarray
+
+
+def link_poses(model: Model, q: np.ndarray) -> Poses:
+    """Compute the pose of every link, in the order of `model.links`; q: (nq,)."""
+    placements = rigid_bodies(model)[1]
+    E, o = _frames(_bodies(model), _positions(model, q))
+    places = [placements[link.name] for link in model.links]
+    at = [place.row for place in places]
+    rotation = product(E[at], np.array([place.E for place in places]))
+    position = o[at] + applied(E[at], np.array([place.r for place in places]))
+    if model.base == "floating":
+        base = rotation_from_quaternion(q[3:7])
+        rotation, position = product(base, rotation), np.array(q[:3]) + applied(base, position)
+    return Poses(rotation, position)
+
+
+def mass_center(model: Model, q: np.ndarray) -> np.ndarray:
+    """Compute the center of mass (3,) in the world [m], a fixed base included; q: (nq,)."""
+    center = _composites(model.skeleton, _positions(model, q).tobytes())[3][0]
+    if model.base == "fixed":
+        return center
+    return np.array(q[:3]) + applied(rotation_from_quaternion(q[3:7]), center)
+
+
+def mass_matrix_at_zero(model: Model, armature: np.ndarray | None) -> np.ndarray:
+    """Compute the mass matrix (nv, nv) at zero; armature: (joints,) [kg m^2 or kg] or None."""
+    bodies, order = _bodies(model), _coordinates(model)
+    rotors = np.zeros(len(bodies.parent))
+    if armature is not None:
+        rotors[1:] = armature[order]
+    q = np.zeros(len(rotors))
+    H = mass_matrix(bodies._replace(armature=rotors), q, _composites(model.skeleton, q.tobytes()))[0]
+    base = list(range(6)) if model.base == "floating" else []
+    rows = base + [6 + int(row) for row in np.argsort(order, kind="stable")]
+    return H[np.ix_(rows, rows)]
+
+
+@functools.lru_cache(maxsize=8)
+def _composites(model: Model, q: bytes) -> tuple[np.ndarray, ...]:
+    """Cache `frames` and `composites` of a posture; not to be changed."""
+    bodies = _bodies(model)
+    E, o = _frames(bodies, np.frombuffer(q))
+    return E, o, *composites(bodies, E, o)
+
+
+def _frames(bodies: Bodies, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compute `frames` once for robots that differ in their masses alone; not to be changed."""
+    places = tuple(bodies.parent), tuple(bodies.prismatic), bodies.E.tobytes(), bodies.r.tobytes()
+    return _known_frames(*places, q.tobytes())
+
+
+@functools.lru_cache(maxsize=8)
+def _known_frames(
+    parent: tuple[int, ...], slides: tuple[bool, ...], E: bytes, r: bytes, q: bytes
+) -> tuple[np.ndarray, np.ndarray]:
+    n, none = len(parent), np.zeros(0)
+    rotation, origin = np.frombuffer(E).reshape(n, 3, 3), np.frombuffer(r).reshape(n, 3)
+    bodies = Bodies(list(parent), rotation, origin, list(slides), none, none, none, none)
+    return frames(bodies, np.frombuffer(q))
+
+
+def _bodies(model: Model) -> Bodies:
+    return rows_of(rigid_bodies(model)[0])
+
+
+def _coordinates(model: Model) -> list[int]:
+    """Return the joint's position in `joint_names` for each body but the root's."""
+    return [model.joint_rows[body.frame.joint.name] for body in rigid_bodies(model)[0] if body.frame.joint]
+
+
+def _positions(model: Model, q: np.ndarray) -> np.ndarray:
+    """Return the joint position of each body, 0 for the root's."""
+    n = len(model.joint_names)
+    joints = np.asarray(q, dtype=float)[-n:] if n else np.zeros(0)
+    return np.concatenate([[0.0], joints[_coordinates(model)]])
