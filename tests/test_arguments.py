@@ -28,7 +28,7 @@ from featherstone_gait import (
     standing_state,
 )
 from featherstone_gait.run.prepared import prepare
-from featherstone_gait.search.annealing import minimize
+from featherstone_gait.search import minimize
 from featherstone_gait.walking.gait_file import write_angles
 from featherstone_gait.walking.plan import Walk
 from featherstone_gait.walking.zero_moment_point import multibody_zmp

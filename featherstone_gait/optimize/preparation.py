@@ -14,7 +14,7 @@ from ..base.arguments import real, whole
 from ..base.files import FilePath, claim, parse_json
 from ..crosscheck.in_mujoco import mujoco_version
 from ..model import Model
-from ..search.annealing import REMEDY as HISTORY_REMEDY
+from ..search.history import REMEDY as HISTORY_REMEDY
 from ..walking.cost_in_worlds import MOST_WORLDS
 from ..walking.walker import GENERIC, driven, load_walker
 from .options import OptimizeOptions

@@ -20,7 +20,7 @@ from scipy.stats import mannwhitneyu
 from ..optimize.planning import walking_cost
 from ..optimize.search import AMPLITUDE, MAX_MISS
 from ..robot_file import load_robot
-from ..search import AdaptiveSimulatedAnnealing, cma_es, differential_evolution, dual_annealing, run_together
+from ..search import AdaptiveSimulatedAnnealing, cma_es, run_together
 from ..search.ask_tell import Search
 from ..view.style import COLOURS as STYLE
 from ..view.style import look
@@ -28,6 +28,7 @@ from ..walking.cost import WalkingCost
 from ..walking.gait import bounds
 from .claim import Claim, judged
 from .common import draw_band, draw_marks
+from .search_methods import differential_evolution, dual_annealing
 
 PAPERS = "adaptive simulated annealing"
 METHODS = (PAPERS, "CMA-ES", "dual annealing", "differential evolution")

@@ -13,20 +13,26 @@ and depend on seed and costs alone, not on the size of the batches.  `run` evalu
 several, restarts above all.  A cost that is not finite is worse than any other.
 """
 
-from featherstone_gait.search.annealing import AdaptiveSimulatedAnnealing, minimize
+from featherstone_gait.base.deprecated import renamed
+from featherstone_gait.search.annealing import AdaptiveSimulatedAnnealing
 from featherstone_gait.search.cma_es import cma_es
-from featherstone_gait.search.differential_evolution import differential_evolution
-from featherstone_gait.search.dual_annealing import dual_annealing
+from featherstone_gait.search.minimization import minimize
 from featherstone_gait.search.noisy import minimize_noisy
 from featherstone_gait.search.run import run, run_together
 
 __all__ = [
     "AdaptiveSimulatedAnnealing",
     "cma_es",
-    "differential_evolution",
-    "dual_annealing",
     "minimize",
     "minimize_noisy",
     "run",
     "run_together",
 ]
+
+__getattr__ = renamed(
+    __name__,
+    {
+        name: f"featherstone_gait.reproduction.search_methods:{name}"
+        for name in ("differential_evolution", "dual_annealing")
+    },
+)

@@ -20,30 +20,19 @@ Robotic Systems 10 (2013), figure 14.  What the printed pseudo-code leaves open 
 
 The noise ``u_k`` is a function of (seed, k) alone and ``miss`` of the history of misses.  Hence the candidates that may
 come are known in advance and can be evaluated at once, in batches that assume that all miss or as `speculation` orders
-them, and the sequence of states visited does not depend on which are.  The cost is taken to be deterministic: one lucky
+them, and the sequence of visited states does not depend on which are.  The cost is taken to be deterministic: one lucky
 noisy value would stay the best for ever.
 """
 
 from __future__ import annotations
 
-import json
-import logging
-import os
-import time
-from collections.abc import Callable, Generator, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import IO, Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import OptimizeResult
-from tqdm import tqdm
 
-from featherstone_gait.base.arguments import floats, functions, is_whole, path, shown, truth, whole
-from featherstone_gait.base.files import claim, is_number, parse_json
-from featherstone_gait.search.ask_tell import Cost, Map, check_map
-from featherstone_gait.search.speculation import Speculation
+from featherstone_gait.base.arguments import floats, is_whole, shown
 
 SEEDS = 2**128  # of Philox
 REHEATED = 0.1  # miss count after max_miss misses (figure 14)
@@ -53,9 +42,6 @@ MESSAGES = {
     2: "interrupted; the best so far is returned",
     3: "stopped by the callback",
 }
-SYNCED = 1.0  # between moments at which the history is known to be on the disk, at least [s]
-REMEDY = "delete this line and all below to resume before it"
-_log = logging.getLogger(__name__)
 
 
 class Visit(NamedTuple):
@@ -217,258 +203,3 @@ def _reflect(x: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         turn = np.mod(x[outside] - a, 2.0 * width, where=width > 0.0, out=np.zeros_like(a))
         x[outside] = a + np.minimum(turn, 2.0 * width - turn)
     return np.clip(x, lower, upper)  # against the last bit
-
-
-def minimize(
-    fun: Cost | None,
-    x0: ArrayLike,
-    *,
-    amplitude: ArrayLike,
-    max_miss: int = 20,
-    max_iterations: int = 3000,
-    no_progress: int = 500,
-    bounds: ArrayLike | None = None,
-    seed: int = 0,
-    map: Map = map,
-    batch: int = 1,
-    evaluate: Callable[[Speculation], object] | None = None,
-    callback: Callable[[OptimizeResult], bool | None] | None = None,
-    history: str | os.PathLike[str] | None = None,
-    resume: bool = False,
-    progress: bool = False,
-) -> OptimizeResult:
-    """Minimize `fun` by adaptive simulated annealing and return a `scipy.optimize.OptimizeResult`.
-
-    `fun(x)` returns the cost, or (cost, status) with a short text for the history; a cost that is not finite is a miss.
-    The states visited depend on the settings of `AdaptiveSimulatedAnnealing` and not on how they are evaluated: `batch`
-    candidates at a time through ``map(fun, candidates)``, for which any executor's ``map`` will do, or without waiting
-    for one another by ``evaluate(candidates)``, which works off a `Speculation` and returns when that is over.
-
-    `callback(result)` is called at every improvement and stops the search by returning True.  `history` names a file
-    of JSON lines, each written before the next candidate is visited and holding nothing that depends on the time; with
-    `resume` the search goes on from it (from `x0` if there is none), to the same states and the same file as if never
-    interrupted; only max_iterations and no_progress may differ.  `progress` shows a bar.
-
-    The result has x, fun, nit (candidates after x0), nfev (evaluations begun, wasted ones included), wasted (not
-    visited; of these two a history knows nothing), success, status (a key of `MESSAGES`), message, and history: arrays
-    x (nit + 1, D), f, miss and accepted.  KeyboardInterrupt ends the search with what was found.  Raises
-    FileExistsError for a `history` that would be overwritten, ValueError for one of another search or a damaged one,
-    OSError for one that cannot be written, whose lines so far are kept, or with which another process is at work.
-    """
-    search = AdaptiveSimulatedAnnealing(
-        x0, amplitude=amplitude, max_miss=max_miss, max_iterations=max_iterations, no_progress=no_progress,
-        bounds=bounds, seed=seed,
-    )  # fmt: skip
-    batch = whole("batch", batch, 1, "it is how many candidates are evaluated at once")
-    functions(fun=fun, map=map, evaluate=evaluate, callback=callback)
-    if evaluate is None:
-        check_map(fun, map)
-    progress = truth("progress", progress)
-    resume = truth("resume", resume)
-    history = None if history is None else path("history", history)
-    log = None if history is None else _History(Path(history), search, resume)
-    status = None
-    bar = tqdm(total=max_iterations + 1, initial=search.iteration, disable=not progress, unit="candidate")
-    steps = _in_batches(search, fun, map, batch) if evaluate is None else _speculating(search, evaluate)
-    try:
-        for texts in steps:
-            visits = search.visited[-len(texts) :]
-            if log is not None:
-                log.write(visits, texts)
-            bar.update(search.iteration - bar.n)
-            improved = any(visit.accepted for visit in visits)
-            if improved:
-                bar.set_postfix(best=search.best_f)
-            if improved and callback is not None and callback(_result(search, None)):
-                status = 3
-                break
-    except KeyboardInterrupt:
-        status = 2
-    finally:
-        steps.close()
-        bar.close()
-        if log is not None:
-            log.close()
-    return _result(search, search.status if status is None else status)
-
-
-def _in_batches(search: AdaptiveSimulatedAnnealing, fun: Cost | None, map: Map, batch: int) -> Generator[list[str]]:
-    """Evaluate batch after batch; yield the statuses of the candidates visited."""
-    while search.status is None:
-        candidates = search.ask_batch(batch)
-        answers = [answer if isinstance(answer, tuple) else (answer, "") for answer in map(fun, candidates)]
-        taken = search.tell_batch([f for f, _ in answers])
-        yield [text for _, text in answers[:taken]]
-
-
-def _speculating(search: AdaptiveSimulatedAnnealing, evaluate: Callable[[Speculation], object]) -> Generator[list[str]]:
-    """Let `evaluate` run in a thread of its own; yield the status of each candidate visited."""
-    candidates, before = Speculation(search), search.wasted - len(search.visited)
-    with ThreadPoolExecutor(1) as pool:
-        done = pool.submit(evaluate, candidates)
-        done.add_done_callback(lambda _: candidates.close())
-        try:
-            while visits := candidates.visits():
-                for _, (f, text) in visits:
-                    search.tell(search.ask(), f)
-                    search.wasted = before + candidates.begun - len(search.visited)
-                    yield [text]
-        finally:
-            candidates.close()
-    done.result()  # raises what it raised
-    if search.status is None:
-        raise RuntimeError("evaluate returned before the search was over")
-
-
-def _result(search: AdaptiveSimulatedAnnealing, status: int | None) -> OptimizeResult:
-    visited = search.visited
-    arrays = {
-        "x": np.array([visit.x for visit in visited]).reshape(-1, len(search.x0)),
-        "f": np.array([visit.f for visit in visited]),
-        "miss": np.array([visit.miss for visit in visited]),
-        "accepted": np.array([visit.accepted for visit in visited], dtype=bool),
-    }
-    found = bool(np.isfinite(search.best_f))
-    message = ("running" if status is None else MESSAGES[status]) if found else "no candidate had a finite cost"
-    return OptimizeResult(
-        x=search.best_x.copy(), fun=search.best_f, nit=max(0, len(visited) - 1), nfev=len(visited) + search.wasted,
-        wasted=search.wasted, success=found and status in (0, 1), status=status, message=message, history=arrays,
-    )  # fmt: skip
-
-
-class _History:
-    """The visits of a search as JSON lines: a header with the settings, then one line a visit."""
-
-    def __init__(self, path: Path, search: AdaptiveSimulatedAnnealing, resume: bool) -> None:
-        self.path, header, self.synced = path, _header(search), time.monotonic()
-        self.file = _opened(path, resume)
-        try:
-            claim(self.file, path)
-            lines = self._complete_lines()
-            if lines:
-                _check_header(path, lines[0], header)
-            for number, line in enumerate(lines[1:], start=2):
-                _replay(path, number, line, search)
-            if not lines:
-                self._write_line(header)
-        except BaseException:
-            self.file.close()
-            raise
-
-    def write(self, visits: Iterable[Visit], texts: Iterable[str]) -> None:
-        """Write visits down, and from time to time wait until they are on the disk."""
-        for visit, text in zip(visits, texts):
-            self._write_line(_content(visit, text))
-        if time.monotonic() - self.synced > SYNCED:
-            self._sync()
-            self.synced = time.monotonic()
-
-    def close(self) -> None:
-        with self.file:
-            self._sync()
-
-    def _sync(self) -> None:
-        try:
-            os.fsync(self.file.fileno())
-        except OSError:  # not a file on a disk
-            pass
-
-    def _write_line(self, content: dict[str, Any]) -> None:
-        """Hand a line to the system, which keeps it whatever becomes of this process; all of it or nothing."""
-        line, complete = (json.dumps(content) + "\n").encode(), self.file.seek(0, os.SEEK_END)
-        try:
-            while line:
-                line = line[self.file.write(line) :]
-        except OSError as error:
-            self.file.truncate(complete)
-            raise OSError(
-                f"{self.path} cannot be written ({error.strerror}); it holds all candidates so far: make room, resume"
-            ) from error
-
-    def _complete_lines(self) -> list[bytes]:
-        """Return the lines of the file, cutting off a last one that was not written to its end."""
-        self.file.seek(0)
-        data = self.file.read()
-        *lines, rest = data.split(b"\n")
-        if rest and not rest.startswith(b"{"):
-            raise ValueError(f"{self.path}, line {len(lines) + 1}: damaged; {REMEDY}")
-        if rest:
-            _log.warning("%s: dropped the last line, which was cut off", self.path)
-            self.file.truncate(len(data) - len(rest))
-        return lines
-
-
-def _opened(path: Path, resume: bool) -> IO[bytes]:
-    try:
-        return path.open("a+b" if resume else "x+b", buffering=0)
-    except FileExistsError as error:
-        remedy = "pass resume=True to go on from it, or another file name"
-        raise FileExistsError(f"{path} exists; {remedy}") from error
-
-
-def _content(visit: Visit, text: str) -> dict[str, Any]:
-    """A visit as JSON will give it back."""
-    finite = bool(np.isfinite(visit.f))
-    return {
-        "iteration": visit.iteration,
-        "x": visit.x.tolist(),
-        "f": visit.f if finite else None,
-        "status": text or ("ok" if finite else "not finite"),
-        "accepted": visit.accepted,
-        "miss": visit.miss,
-    }
-
-
-def _header(search: AdaptiveSimulatedAnnealing) -> dict[str, Any]:
-    """Return the settings as JSON will give them back; infinite bounds as text, for which JSON has no number."""
-    bounds = None if search.bounds is None else [[_number(b) for b in pair] for pair in search.bounds.tolist()]
-    return {
-        "search": "adaptive simulated annealing",
-        "version": 1,
-        "seed": int(search.seed),
-        "max_miss": int(search.max_miss),
-        "max_iterations": int(search.max_iterations),
-        "no_progress": int(search.no_progress),
-        "amplitude": search.amplitude.tolist(),
-        "bounds": bounds,
-        "x0": search.x0.tolist(),
-    }
-
-
-def _number(value: float) -> float | str:
-    return value if np.isfinite(value) else str(value)
-
-
-def _check_header(path: Path, line: bytes, expected: dict[str, Any]) -> None:
-    found = parse_json(line, f"{path}, line 1", REMEDY)
-    if is_number(found.get("version")) and found["version"] > expected["version"]:
-        raise ValueError(
-            f"{path}, line 1: the history's format is {found['version']}, of a newer version, and this one reads 1 to "
-            f"{expected['version']}; resume with the version that began it, or take another file name"
-        )
-    for key in expected:
-        if key not in ("max_iterations", "no_progress") and found.get(key) != expected[key]:
-            raise ValueError(
-                f"{path}, line 1: the history's {key} is {found.get(key)}, but this search has {expected[key]}; "
-                "resume with the settings it was begun with, or take another file name"
-            )
-
-
-def _replay(path: Path, number: int, line: bytes, search: AdaptiveSimulatedAnnealing) -> None:
-    """Repeat a visit of the history, which must be the search's own next one."""
-    content = parse_json(line, f"{path}, line {number}", REMEDY)
-    if search.status is not None:
-        raise ValueError(
-            f"{path}, line {number}: the history is longer than this search may be ({MESSAGES[search.status]}); "
-            "raise that setting, or take another file name"
-        )
-    x, f, text = search.ask(), content.get("f"), content.get("status")
-    if content.get("iteration") != search.iteration or content.get("x") != x.tolist():
-        what = f"not iteration {search.iteration} of this search; lines are missing or changed"
-        raise ValueError(f"{path}, line {number}: {what}; {REMEDY}")
-    if not (f is None or is_number(f)) or not isinstance(text, str) or not text:
-        what = f"f is {f!r}, status {text!r}; expected a finite number or null, and a text"
-        raise ValueError(f"{path}, line {number}: {what}; {REMEDY}")
-    search.tell(x, np.inf if f is None else f)
-    if content != _content(search.visited[-1], text):
-        raise ValueError(f"{path}, line {number}: not what this search makes of a cost of {f}; {REMEDY}")

@@ -21,7 +21,6 @@ speeds ring in a world is repeated there at a quarter of the step before it coun
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Sequence
@@ -34,11 +33,12 @@ from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
 from ..base.arguments import instance, whole
-from ..base.files import claim, parse_json
+from ..base.files import parse_json
 from ..base.fixed_order import applied, product, solve, total
 from ..run.simulate import simulate_batch, standing_state
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
+from ..search.history import LineFile
 from . import limits
 from .cost import Measures, WalkingCost, measured
 from .cost_in_worlds import CostInWorlds
@@ -234,7 +234,7 @@ def descend(
     steps = whole("steps", steps, 0, "it is a number of steps", 10**6)
     descent = _Descent(cost, watch)
     starts = [cost.gait.to_vector()] if starts is None else list(starts)
-    log = _Log(history, {"search": HISTORY, "version": 1, "seed": seed, "x0": starts[0].tolist()}, resume)
+    log = _History(history, {"search": HISTORY, "version": 1, "seed": seed, "x0": starts[0].tolist()}, resume)
     status, message, path, tried, radius = 0, "all steps made", [], [], RADIUS
     bar = tqdm(total=steps, disable=not progress, unit="step", desc="within limits")
     try:
@@ -295,51 +295,42 @@ def _stepped(
     return trials, point, 0.0
 
 
-class _Log:
-    """The steps as JSON lines: a header, then a line for the start and each step."""
+class _History:
+    """The steps as JSON lines: a header, then a line for the start and each step; without a path nothing is kept."""
 
-    def __init__(self, history: str | os.PathLike[str] | None, header: dict[str, Any], resume: bool) -> None:
-        self.lines: list[dict[str, Any]] = []
-        self.path = None if history is None else Path(history)
-        if self.path is None:
+    def __init__(self, path: str | os.PathLike[str] | None, header: dict[str, Any], resume: bool) -> None:
+        self.lines: list[dict[str, Any]] = []  # of the start and the steps that were made before
+        self._file = None if path is None else LineFile(Path(path), resume)
+        if self._file is None:
             return
+        remedy = "resume with the settings it was begun with, or delete it"
         try:
-            self.file = self.path.open("a+b" if resume else "x+b", buffering=0)
-        except FileExistsError as error:
-            raise FileExistsError(f"{self.path} exists; resume, or take another file name") from error
-        try:
-            claim(self.file, self.path)
-            self.file.seek(0)
-            *complete, rest = self.file.read().split(b"\n")
-            self.file.truncate(self.file.seek(0, os.SEEK_END) - len(rest))
-            remedy = "resume with the settings it was begun with, or delete it"
-            found = [parse_json(line, f"{self.path}, line {k + 1}", remedy) for k, line in enumerate(complete)]
+            found = [parse_json(line, f"{path}, line {k}", remedy) for k, line in enumerate(self._file.lines, start=1)]
             if found and found[0] != header:
-                raise ValueError(f"{self.path}, line 1: the history is of another search; {remedy}")
+                raise ValueError(f"{path}, line 1: the history is of another search; {remedy}")
             self.lines = found[1:]
             if not found:
-                self._write(header)
+                self._file.write(header)
         except BaseException:
-            self.file.close()
+            self._file.close()
             raise
 
     def x(self, k: int) -> np.ndarray:
-        """The gait that step k ended with."""
+        """Return the gait that step k ended with."""
         return np.array(self.lines[k]["x"], dtype=float)
 
     def write(self, point: _Point, radius: float, trials: Sequence[_Point]) -> None:
-        number = lambda value: value if math.isfinite(value) else None  # noqa: E731
-        each = [{"x": one.x.tolist(), "f": number(one.cost)} for one in trials]
-        f, broken = number(point.cost), number(point.broken)
-        self._write({"x": point.x.tolist(), "f": f, "broken": broken, "radius": radius, "trials": each})
-
-    def _write(self, content: dict[str, Any]) -> None:
-        if self.path is not None:
-            self.file.write((json.dumps(content) + "\n").encode())
+        """Write a step."""
+        if self._file is not None:
+            number = lambda value: value if math.isfinite(value) else None  # noqa: E731
+            each = [{"x": one.x.tolist(), "f": number(one.cost)} for one in trials]
+            f, broken = number(point.cost), number(point.broken)
+            self._file.write({"x": point.x.tolist(), "f": f, "broken": broken, "radius": radius, "trials": each})
 
     def close(self) -> None:
-        if self.path is not None:
-            self.file.close()
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
 
 
 def _typical(beyond: np.ndarray) -> np.ndarray:

@@ -1,0 +1,117 @@
+"""Search methods of SciPy by ask and tell, with which the paper's search is compared.
+
+References: R. Storn, K. Price, "Differential evolution - a simple and efficient heuristic for global optimization over
+continuous spaces", J. Global Optimization 11 (1997); the strategy is SciPy's default, best/1/bin.  Y. Xiang et al.,
+"Generalized simulated annealing algorithm and its application to the Thomson model", Physics Letters A 233 (1997).
+
+A minimizer that calls its cost function runs in a thread of its own (`inverted`), which waits while the caller runs and
+the other way round: the two never run at once, so that nothing depends on the threads' timing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from queue import SimpleQueue
+from threading import Thread
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import optimize
+
+from ..base.arguments import real, truth, whole
+from ..search.generations import MOST, Generations, Method, check_finite, check_start
+
+POPULATION = 50  # SciPy's 15 D are 600 evaluations a generation for a gait of forty angles
+Evaluate = Callable[[Sequence[np.ndarray]], list[float]]
+Questions = SimpleQueue[Sequence[np.ndarray] | BaseException | None]
+Answers = SimpleQueue[list[float] | None]
+
+
+def differential_evolution(
+    x0: ArrayLike, *, amplitude: ArrayLike, bounds: ArrayLike, seed: int = 0, population: int = POPULATION
+) -> Generations:
+    """Return the search, which has no end, within finite `bounds` (D, 2).
+
+    The first of the population is `x0` (D,), but for its last bit; the others are uniform within `amplitude` of it, a
+    number or (D,), and the bounds: of gaits drawn from all that the joints allow hardly one walks.  Raises ValueError
+    for bounds that are not finite or do not hold x0, an amplitude that is not positive and a population below 5.
+    """
+    if amplitude is None:
+        raise ValueError("amplitude is None; give how far from x0 the first are to be, a number or (D,)")
+    x0, box = check_start(x0, bounds, amplitude)
+    check_finite(box, "differential evolution")
+    population = whole("population", population, 5, "there is too little to take differences of below", MOST)
+    seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
+    rng = np.random.Generator(np.random.PCG64(seed))
+    first = x0 + np.asarray(amplitude) * rng.uniform(-1.0, 1.0, (population, len(x0)))
+    first[0] = x0
+    lower, upper = box.T
+    first = np.clip(first, lower, upper)
+
+    def minimize(evaluate: Evaluate) -> None:
+        optimize.differential_evolution(
+            lambda x: np.array(evaluate(list(np.clip(x.T, lower, upper)))), box, init=first, rng=rng,
+            maxiter=2**62, tol=0.0, atol=-np.inf, polish=False, updating="deferred", vectorized=True,
+        )  # fmt: skip
+
+    return Generations(inverted(minimize), x0)
+
+
+def dual_annealing(
+    x0: ArrayLike, *, bounds: ArrayLike, seed: int = 0, initial_temp: float = 5230.0, local_search: bool = False
+) -> Generations:
+    """Return the search, from `x0` (D,) within finite `bounds` (D, 2); it has no end.
+
+    `initial_temp` is SciPy's; SciPy's visiting steps scale with it, not with the box.  `local_search` turns L-BFGS-B
+    with differences over 1e-8 on, as is SciPy's default: for costs that are smooth on that scale, which a gait's with
+    its impacts is not.  A start whose cost is not finite is left by wandering until one is.  Raises ValueError for
+    bounds that are not finite or do not hold x0.
+    """
+    x0, box = check_start(x0, bounds)
+    check_finite(box, "dual annealing")
+    seed = whole("seed", seed, 0, "any will do", 2**128 - 1)
+    initial_temp = real("initial_temp", initial_temp, 0.01, 5e4, "SciPy's range; 5230 is usual")
+    local_search = truth("local_search", local_search)
+
+    def minimize(evaluate: Evaluate) -> None:
+        optimize.dual_annealing(
+            lambda x: evaluate([x])[0], box, x0=x0, rng=np.random.Generator(np.random.PCG64(seed)),
+            initial_temp=initial_temp, maxiter=2**62, maxfun=np.inf, no_local_search=not local_search,
+        )  # fmt: skip
+
+    return Generations(inverted(minimize), x0)
+
+
+def inverted(minimize: Callable[[Evaluate], None]) -> Method:
+    """Yield what ``minimize(evaluate)`` evaluates; send the costs.
+
+    `evaluate` takes a list of candidates and returns a list of costs.  What the minimizer raises is raised here.  When
+    the generator is closed, or no longer referred to, the minimizer ends at its next evaluation.
+    """
+    questions: Questions = SimpleQueue()
+    answers: Answers = SimpleQueue()
+    Thread(target=_work, args=(minimize, questions, answers), name="minimizer", daemon=True).start()
+    try:
+        while (question := questions.get()) is not None:
+            if isinstance(question, BaseException):
+                raise question
+            answers.put((yield question))
+    finally:
+        answers.put(None)
+
+
+def _work(minimize: Callable[[Evaluate], None], questions: Questions, answers: Answers) -> None:
+    def evaluate(candidates: Sequence[np.ndarray]) -> list[float]:
+        questions.put(candidates)
+        costs = answers.get()
+        if costs is None:
+            raise SystemExit  # ends the minimizer
+        return costs
+
+    try:
+        minimize(evaluate)
+        questions.put(None)
+    except SystemExit:
+        return
+    except Exception as error:
+        questions.put(error)

@@ -1,0 +1,172 @@
+"""Histories of searches as files of JSON lines, from which an interrupted search resumes."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from featherstone_gait.base.files import claim, is_number, parse_json
+from featherstone_gait.search.annealing import MESSAGES, AdaptiveSimulatedAnnealing, Visit
+
+SYNC_INTERVAL = 1.0  # between moments at which the history is known to be on the disk, at least [s]
+REMEDY = "delete this line and all below to resume before it"
+_log = logging.getLogger(__name__)
+
+
+class LineFile:
+    """A file of JSON lines, which one process at a time writes: a line is written whole or not at all.
+
+    `lines` holds those that were complete when it was opened; a last one that was cut off is dropped.
+    """
+
+    def __init__(self, path: Path, resume: bool) -> None:
+        self.path = path
+        try:
+            self._file = path.open("a+b" if resume else "x+b", buffering=0)
+        except FileExistsError as error:
+            remedy = "pass resume=True to continue it, or another file name"
+            raise FileExistsError(f"{path} exists; {remedy}") from error
+        try:
+            claim(self._file, path)
+            self.lines = self._complete_lines()
+        except BaseException:
+            self._file.close()
+            raise
+
+    def write(self, content: dict[str, Any]) -> None:
+        """Hand a line to the system, which keeps it whatever becomes of this process."""
+        line, complete = (json.dumps(content) + "\n").encode(), self._file.seek(0, os.SEEK_END)
+        try:
+            while line:
+                line = line[self._file.write(line) :]
+        except OSError as error:
+            self._file.truncate(complete)
+            raise OSError(
+                f"{self.path} cannot be written ({error.strerror}); it holds all candidates so far: make room, resume"
+            ) from error
+
+    def sync(self) -> None:
+        """Wait until all lines are on the disk."""
+        try:
+            os.fsync(self._file.fileno())
+        except OSError:  # not a file on a disk
+            pass
+
+    def close(self) -> None:
+        """Sync and close."""
+        with self._file:
+            self.sync()
+
+    def _complete_lines(self) -> list[bytes]:
+        self._file.seek(0)
+        data = self._file.read()
+        *lines, rest = data.split(b"\n")
+        if rest and not rest.startswith(b"{"):
+            raise ValueError(f"{self.path}, line {len(lines) + 1}: damaged; {REMEDY}")
+        if rest:
+            _log.warning("%s: dropped the last line, which was cut off", self.path)
+            self._file.truncate(len(data) - len(rest))
+        return lines
+
+
+class AnnealingHistory:
+    """The visits of an annealing search as JSON lines: a header with the settings, then a line a visit."""
+
+    def __init__(self, path: Path, search: AdaptiveSimulatedAnnealing, resume: bool) -> None:
+        header, self._synced = _header(search), time.monotonic()
+        self._file = LineFile(path, resume)
+        try:
+            lines = self._file.lines
+            if lines:
+                _check_header(path, lines[0], header)
+            for number, line in enumerate(lines[1:], start=2):
+                _replay(path, number, line, search)
+            if not lines:
+                self._file.write(header)
+        except BaseException:
+            self._file.close()
+            raise
+        self.close = self._file.close
+
+    def write(self, visits: Iterable[Visit], statuses: Iterable[str]) -> None:
+        """Write visits, and from time to time wait until they are on the disk."""
+        for visit, status in zip(visits, statuses):
+            self._file.write(_content(visit, status))
+        if time.monotonic() - self._synced > SYNC_INTERVAL:
+            self._file.sync()
+            self._synced = time.monotonic()
+
+
+def _content(visit: Visit, text: str) -> dict[str, Any]:
+    """A visit as JSON will give it back."""
+    finite = bool(np.isfinite(visit.f))
+    return {
+        "iteration": visit.iteration,
+        "x": visit.x.tolist(),
+        "f": visit.f if finite else None,
+        "status": text or ("ok" if finite else "not finite"),
+        "accepted": visit.accepted,
+        "miss": visit.miss,
+    }
+
+
+def _header(search: AdaptiveSimulatedAnnealing) -> dict[str, Any]:
+    """Return the settings as JSON will give them back; infinite bounds as text, for which JSON has no number."""
+    bounds = None if search.bounds is None else [[_number(b) for b in pair] for pair in search.bounds.tolist()]
+    return {
+        "search": "adaptive simulated annealing",
+        "version": 1,
+        "seed": int(search.seed),
+        "max_miss": int(search.max_miss),
+        "max_iterations": int(search.max_iterations),
+        "no_progress": int(search.no_progress),
+        "amplitude": search.amplitude.tolist(),
+        "bounds": bounds,
+        "x0": search.x0.tolist(),
+    }
+
+
+def _number(value: float) -> float | str:
+    return value if np.isfinite(value) else str(value)
+
+
+def _check_header(path: Path, line: bytes, expected: dict[str, Any]) -> None:
+    found = parse_json(line, f"{path}, line 1", REMEDY)
+    if is_number(found.get("version")) and found["version"] > expected["version"]:
+        raise ValueError(
+            f"{path}, line 1: the history's format is {found['version']}, of a newer version, and this one reads 1 to "
+            f"{expected['version']}; resume with the version that began it, or take another file name"
+        )
+    for key in expected:
+        if key not in ("max_iterations", "no_progress") and found.get(key) != expected[key]:
+            raise ValueError(
+                f"{path}, line 1: the history's {key} is {found.get(key)}, but this search has {expected[key]}; "
+                "resume with the settings it was begun with, or take another file name"
+            )
+
+
+def _replay(path: Path, number: int, line: bytes, search: AdaptiveSimulatedAnnealing) -> None:
+    """Repeat a visit of the history, which must be the search's own next one."""
+    content = parse_json(line, f"{path}, line {number}", REMEDY)
+    if search.status is not None:
+        raise ValueError(
+            f"{path}, line {number}: the history is longer than this search may be ({MESSAGES[search.status]}); "
+            "raise that setting, or take another file name"
+        )
+    x, f, text = search.ask(), content.get("f"), content.get("status")
+    if content.get("iteration") != search.iteration or content.get("x") != x.tolist():
+        what = f"not iteration {search.iteration} of this search; lines are missing or changed"
+        raise ValueError(f"{path}, line {number}: {what}; {REMEDY}")
+    if not (f is None or is_number(f)) or not isinstance(text, str) or not text:
+        what = f"f is {f!r}, status {text!r}; expected a finite number or null, and a text"
+        raise ValueError(f"{path}, line {number}: {what}; {REMEDY}")
+    search.tell(x, np.inf if f is None else f)
+    if content != _content(search.visited[-1], text):
+        raise ValueError(f"{path}, line {number}: not what this search makes of a cost of {f}; {REMEDY}")

@@ -1,0 +1,171 @@
+"""Minimization by adaptive simulated annealing: evaluation in batches or speculatively, history, callback."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Generator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import OptimizeResult
+from tqdm import tqdm
+
+from featherstone_gait.base.arguments import functions, path, truth, whole
+from featherstone_gait.search.annealing import MESSAGES, AdaptiveSimulatedAnnealing
+from featherstone_gait.search.ask_tell import Cost, Map, check_map
+from featherstone_gait.search.history import AnnealingHistory
+from featherstone_gait.search.speculation import Speculation
+
+
+def minimize(
+    fun: Cost | None,
+    x0: ArrayLike,
+    *,
+    amplitude: ArrayLike,
+    max_miss: int = 20,
+    max_iterations: int = 3000,
+    no_progress: int = 500,
+    bounds: ArrayLike | None = None,
+    seed: int = 0,
+    map: Map = map,
+    batch: int = 1,
+    evaluate: Callable[[Speculation], object] | None = None,
+    callback: Callable[[OptimizeResult], bool | None] | None = None,
+    history: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: bool = False,
+) -> OptimizeResult:
+    """Minimize a function by adaptive simulated annealing.
+
+    The states visited depend on the settings of `AdaptiveSimulatedAnnealing` alone, not on how they are evaluated.
+
+    Parameters
+    ----------
+    fun : callable
+        ``fun(x)`` returns the cost, or (cost, status) with a short text for the history.  A cost that is not finite is
+        a miss.
+    x0, amplitude, max_miss, max_iterations, no_progress, bounds, seed
+        As of `AdaptiveSimulatedAnnealing`.
+    map : callable
+        ``map(fun, candidates)`` evaluates a batch, as the built-in or that of an executor.
+    batch : int
+        Number of candidates evaluated at once.
+    evaluate : callable, optional
+        In place of `map`: ``evaluate(candidates)`` works off a `Speculation` and returns when that is over, so that
+        candidates need not wait for one another.
+    callback : callable, optional
+        ``callback(result)`` is called at every improvement and stops the search by returning True.
+    history : path, optional
+        File of JSON lines, each written before the next candidate is visited.
+    resume : bool
+        Whether to continue the search of `history`, if there is one, to the same states and the same file as if it had
+        not been interrupted.  Only max_iterations and no_progress may differ.
+    progress : bool
+        Whether to show a progress bar.
+
+    Returns
+    -------
+    scipy.optimize.OptimizeResult
+        x, fun, nit (candidates after x0), nfev (evaluations begun), wasted (those that were not visited), success,
+        status (a key of `annealing.MESSAGES`), message, and history: arrays x (nit + 1, D), f, miss and accepted.  A
+        KeyboardInterrupt ends the search with what was found.
+
+    Raises
+    ------
+    FileExistsError
+        If `history` would be overwritten.
+    ValueError
+        If it is damaged or of another search.
+    OSError
+        If it cannot be written, or another process is at work with it; the lines so far are kept.
+    """
+    search = AdaptiveSimulatedAnnealing(
+        x0, amplitude=amplitude, max_miss=max_miss, max_iterations=max_iterations, no_progress=no_progress,
+        bounds=bounds, seed=seed,
+    )  # fmt: skip
+    batch = whole("batch", batch, 1, "it is how many candidates are evaluated at once")
+    functions(fun=fun, map=map, evaluate=evaluate, callback=callback)
+    if evaluate is None:
+        check_map(fun, map)
+    progress, resume = truth("progress", progress), truth("resume", resume)
+    history = None if history is None else path("history", history)
+    log = None if history is None else AnnealingHistory(Path(history), search, resume)
+    steps = _in_batches(search, fun, map, batch) if evaluate is None else _speculating(search, evaluate)
+    bar = tqdm(total=max_iterations + 1, initial=search.iteration, disable=not progress, unit="candidate")
+    status = None
+    try:
+        status = _visit_all(search, steps, log, callback, bar)
+    except KeyboardInterrupt:
+        status = 2
+    finally:
+        steps.close()
+        bar.close()
+        if log is not None:
+            log.close()
+    return _result(search, search.status if status is None else status)
+
+
+def _visit_all(
+    search: AdaptiveSimulatedAnnealing,
+    steps: Generator[list[str]],
+    log: AnnealingHistory | None,
+    callback: Callable[[OptimizeResult], bool | None] | None,
+    bar: tqdm,
+) -> int | None:
+    """Take the steps to the end of the search; return the status 3 if the callback stops it."""
+    for statuses in steps:
+        visits = search.visited[-len(statuses) :]
+        if log is not None:
+            log.write(visits, statuses)
+        bar.update(search.iteration - bar.n)
+        if any(visit.accepted for visit in visits):
+            bar.set_postfix(best=search.best_f)
+            if callback is not None and callback(_result(search, None)):
+                return 3
+    return None
+
+
+def _in_batches(search: AdaptiveSimulatedAnnealing, fun: Cost | None, map: Map, batch: int) -> Generator[list[str]]:
+    """Evaluate batch after batch; yield the statuses of the visited candidates."""
+    while search.status is None:
+        candidates = search.ask_batch(batch)
+        answers = [answer if isinstance(answer, tuple) else (answer, "") for answer in map(fun, candidates)]
+        taken = search.tell_batch([f for f, _ in answers])
+        yield [text for _, text in answers[:taken]]
+
+
+def _speculating(search: AdaptiveSimulatedAnnealing, evaluate: Callable[[Speculation], object]) -> Generator[list[str]]:
+    """Let `evaluate` run in a thread of its own; yield the status of each visited candidate."""
+    candidates, before = Speculation(search), search.wasted - len(search.visited)
+    with ThreadPoolExecutor(1) as pool:
+        done = pool.submit(evaluate, candidates)
+        done.add_done_callback(lambda _: candidates.close())
+        try:
+            while visits := candidates.visits():
+                for _, (f, text) in visits:
+                    search.tell(search.ask(), f)
+                    search.wasted = before + candidates.begun - len(search.visited)
+                    yield [text]
+        finally:
+            candidates.close()
+    done.result()  # raises what it raised
+    if search.status is None:
+        raise RuntimeError("evaluate returned before the search was over")
+
+
+def _result(search: AdaptiveSimulatedAnnealing, status: int | None) -> OptimizeResult:
+    visited = search.visited
+    arrays = {
+        "x": np.array([visit.x for visit in visited]).reshape(-1, len(search.x0)),
+        "f": np.array([visit.f for visit in visited]),
+        "miss": np.array([visit.miss for visit in visited]),
+        "accepted": np.array([visit.accepted for visit in visited], dtype=bool),
+    }
+    found = bool(np.isfinite(search.best_f))
+    message = ("running" if status is None else MESSAGES[status]) if found else "no candidate had a finite cost"
+    return OptimizeResult(
+        x=search.best_x.copy(), fun=search.best_f, nit=max(0, len(visited) - 1), nfev=len(visited) + search.wasted,
+        wasted=search.wasted, success=found and status in (0, 1), status=status, message=message, history=arrays,
+    )  # fmt: skip
