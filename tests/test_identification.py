@@ -17,9 +17,9 @@ from featherstone_gait.identification import (
     write_recording,
 )
 from featherstone_gait.reproduction import identification as experiment
+from featherstone_gait.reproduction.common import ENCODER_STEP as COUNT
 from featherstone_gait.robot_file import load_robot
 
-COUNT = experiment.COUNT
 TRUTH = {"motor_constant": 0.0072, "viscous_friction": 0.02, "rotor_inertia": 1.5e-7}
 STEP = 1e-3  # of simulation here, for data and fit alike: this is about statistics
 

@@ -11,6 +11,7 @@ import pytest
 from featherstone_gait.base.files import read_csv
 from featherstone_gait.optimize import walking_cost
 from featherstone_gait.reproduction import other_robots as study
+from featherstone_gait.reproduction.tables import write_rows
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.walking.cost_in_worlds import in_worlds
 
@@ -46,16 +47,16 @@ def test_a_robot_s_gaits_are_kept_and_walk_on_the_floors(quick, tmp_path, monkey
     again = study.gaits("humanoid", tmp_path)
     assert study.rows_of("humanoid", tmp_path, *again) == rows
     assert study.worth_of("humanoid", tmp_path, *again) == worlds
-    study.write_worlds(tmp_path / "worlds.csv", worlds)
+    write_rows(tmp_path / "worlds.csv", study.WORLDS_TABLE, worlds, study.__file__, study.WORLDS_COLUMNS)
     _, *found = read_csv(tmp_path / "worlds.csv", study.WORLDS_TABLE)
     assert [float(cells[6]) for _, cells in found] == [row[6] for row in worlds]
-    study.write_table(tmp_path / "table.csv", rows)
+    write_rows(tmp_path / "table.csv", study.TABLE, rows, study.__file__, study.COLUMNS)
     lines = (tmp_path / "table.csv").read_text("utf-8").splitlines()
     table = [*csv.DictReader(line for line in lines if not line.startswith("#"))]
     assert [(row["mujoco_walks"], float(row["here_speed_m_per_s"])) for row in table] == [("True", r[13]) for r in rows]
     other = walking_cost(load_robot("humanoid", locked="simplified"), states="step", step_length=0.03)
     monkeypatch.setattr(study, "ROBOTS", {"humanoid": study.Robot(lambda: other, 2)})
-    with pytest.raises(ValueError, match=r"humanoid_2\.json: is of another first gait"):
+    with pytest.raises(ValueError, match=r"humanoid_2\.json: belongs to another first gait"):
         study.gaits("humanoid", tmp_path)
 
 

@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from featherstone_gait.reproduction import arm_fall, servo_step, servo_terms
+from featherstone_gait.reproduction.common import ENCODER_STEP
 from featherstone_gait.robot_file import load_servo
 
 
@@ -96,8 +97,8 @@ def test_the_forearm_creeps_and_the_whole_arm_swings_once(fall):
 @pytest.mark.long
 def test_no_encoder_sees_the_printed_static_friction(fall):
     none, printed, at_rotor, _ = (one.angles for one in fall.frictions.values())
-    assert 0.0 < np.abs(printed - none).max() < 0.2 * arm_fall.COUNT
-    assert np.abs(at_rotor - none).max() > 10 * arm_fall.COUNT
+    assert 0.0 < np.abs(printed - none).max() < 0.2 * ENCODER_STEP
+    assert np.abs(at_rotor - none).max() > 10 * ENCODER_STEP
 
 
 @pytest.mark.long
@@ -115,7 +116,7 @@ def test_a_rotors_damper_brakes_g_squared_as_strongly():
     output, rotor, printed = (
         result.falls[name] for name in (servo_terms.OUTPUT, servo_terms.ROTOR, servo_terms.PRINTED)
     )
-    assert 0.0 < np.abs(rotor - output).max() < servo_terms.COUNT
+    assert 0.0 < np.abs(rotor - output).max() < ENCODER_STEP
     assert output.min() < 0.0
     assert math.degrees(np.ptp(printed)) < 0.2
     speeds = list(result.no_load.values())
@@ -131,7 +132,7 @@ def test_the_speed_error_damps_until_filter_and_ticks_let_it_rattle():
     assert overshoots[1] < 0.2 * overshoots[0]
     rms = [result.rms[Kd] for Kd in (0.0, 0.5, 1.0, 2.0, 4.0)]
     assert rms == sorted(rms, reverse=True)
-    assert result.rattle(8.0) > servo_terms.COUNT > result.rattle(4.0)
+    assert result.rattle(8.0) > ENCODER_STEP > result.rattle(4.0)
 
 
 @pytest.mark.long

@@ -8,6 +8,7 @@ import pytest
 
 from featherstone_gait.base.files import read_csv
 from featherstone_gait.reproduction import what_stops
+from featherstone_gait.reproduction.tables import write_rows
 from featherstone_gait.reproduction.what_stops import CONDITIONS, FULL, PAPERS, QUICK, Condition, Result, Row, Search
 
 PLAIN, FAIR = Condition(), Condition(plan="cheapest")
@@ -64,7 +65,7 @@ def test_every_condition_is_named_and_drawn(tmp_path):
     for figure in what_stops.plot(Result(FULL, searches)).values():
         figure.draw_without_rendering()
     path = tmp_path / "searches.csv"
-    what_stops.write_table(path, [one.row for one in searches])
+    write_rows(path, what_stops.TABLE, [one.row for one in searches], what_stops.__file__)
     lines = [cells for _, cells in read_csv(path, what_stops.TABLE)]
     assert len(lines) == 13
     assert lines[1][:4] == ["reduced coordinates", "mipsd", "0.001", "plain"]

@@ -8,6 +8,7 @@ import pytest
 from featherstone_gait.base.files import read_csv
 from featherstone_gait.optimize import optimize_gait
 from featherstone_gait.reproduction import what_worlds_cost as study
+from featherstone_gait.reproduction.tables import write_rows
 from featherstone_gait.reproduction.what_worlds_cost import CMA, FIRST, PAPERS, Row
 from featherstone_gait.walking.cost_in_worlds import in_worlds
 
@@ -53,6 +54,6 @@ def test_rows_are_drawn_and_written(tmp_path):
     assert said.count("f") == said.count("1") == said.count("8") == 2
     assert any("first gait: 99 J/m, 100.0 %" in text for text in said)
     path = tmp_path / "table.csv"
-    study.write_table(path, rows)
+    write_rows(path, study.TABLE, rows, study.__file__)
     (_, names), *cells = read_csv(path, study.TABLE)
     assert [float(values[names.index("walks")]) for _, values in cells] == [r.walks for r in rows]

@@ -344,9 +344,7 @@ def predict(
     for settings, members in alike.items():
         scene = compile_scene(changed(model, **dict(settings)), servos, integrator="midpoint", timestep=timestep)
         states = [initial_state(scene, [starts[k]], beyond_limits=True) for k in members]
-        references = [
-            Reference(recordings[k].time - EARLY, recordings[k].reference[:, None], "hold") for k in members
-        ]
+        references = [Reference(recordings[k].time - EARLY, recordings[k].reference[:, None], "hold") for k in members]
         longest = max(recordings[k].time[-1] for k in members)
         sample = max(1, round(RECORD / timestep)) * timestep
         runs = simulate_batch(

@@ -9,6 +9,7 @@ such a fall shows the printed constants at all, and whether they hold for the im
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,10 +24,9 @@ from ..run.simulate import initial_state, simulate_batch
 from ..scene.compile import ServoKind, compile_scene
 from ..view.style import COLOURS as CYCLE
 from ..view.style import look
-from .claim import Claim, Verdict, plus_minus
-from .common import SERVO_COLOURS
+from .claim import Claim, Verdict, judged, plus_minus
+from .common import ENCODER_STEP, SERVO_COLOURS, subplots
 
-COUNT = math.radians(300.0 / 1023.0)  # encoder step of the AX-12 [rad], ROBOTIS e-manual
 HANGING = math.radians(5.0)  # an arm within this of the vertical hangs [rad]
 ARMS = {"ax12_arm": "forearm", "ax12_whole_arm": "whole arm"}
 SAMPLE = 0.01  # [s] between readings: the servo's controller period
@@ -129,11 +129,17 @@ def _fall(settings: Settings, model: Model, kind: ServoKind, label: str) -> Fall
 
 
 def _falls(settings: Settings, model: Model, kind: ServoKind, label: str, timestep: float) -> Fall:
+    return Fall(label, *released(model, kind, settings.starts, settings.duration, timestep))
+
+
+def released(
+    model: Model, kind: ServoKind, starts: Sequence[float], duration: float, timestep: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Let an arm fall with the motor off from each start [rad]; return times (k,) [s] and angles (starts, k) [rad]."""
     scene = compile_scene(changed(model, **MOTOR_OFF), kind, integrator="implicit_euler", timestep=timestep)
-    states = [initial_state(scene, [angle]) for angle in settings.starts]
-    still = [Reference([0.0], [[0.0]])] * len(states)
-    runs = simulate_batch(scene, settings.duration, states, still, record=("q",), sample=SAMPLE, estimate_error=False)
-    return Fall(label, runs[0]["time"], np.array([run["q"][:, 0] for run in runs]))
+    states, still = [initial_state(scene, [angle]) for angle in starts], [Reference([0.0], [[0.0]])] * len(starts)
+    runs = simulate_batch(scene, duration, states, still, record=("q",), sample=SAMPLE, estimate_error=False)
+    return runs[0]["time"], np.array([run["q"][:, 0] for run in runs])
 
 
 def _recordings(settings: Settings, fall: Fall) -> list[Recording]:
@@ -189,13 +195,13 @@ def _coulomb_claim(result: Result) -> Claim:
     none, printed, at_rotor, _ = result.frictions.values()
     seen, seen_at_rotor = (math.degrees(_apart(fall, none)) for fall in (printed, at_rotor))
     finer, finer_at_rotor = (math.degrees(_apart(fall.half, none.half)) for fall in (printed, at_rotor))
-    count = math.degrees(COUNT)
+    count = math.degrees(ENCODER_STEP)
     return Claim(
         claim="The static friction constant F_c was computed from recordings of falls and steps",
         item="Table 2",
         paper="F_c = 0.0000171 N m",
         ours=f"it changes the forearm's fall by at most {plus_minus(seen, finer, '.3f')} deg",
-        verdict="reproduced" if seen > count else "not reproduced",
+        verdict=judged(seen > count),
         why=f"the encoder's count is {count:.2f} deg: a fall cannot tell F_c at the output from none. "
         "Meant at the rotor, 254 times more at the output, it changes the fall by "
         f"{plus_minus(seen_at_rotor, finer_at_rotor, '.2f')} deg: the likelier meaning. The step response hardly shows "
@@ -211,7 +217,7 @@ def _gearbox_claim(result: Result) -> Claim:
     apart, finer = (_apart(*falls) for falls in (kinds.values(), [fall.half for fall in kinds.values()]))
     changed_by = plus_minus(math.degrees(apart), math.degrees(finer), ".1f")
     rms = {J: float(np.sqrt(np.mean(fit.rms**2))) for J, fit in result.refits.items()}
-    verdict: Verdict = "reproduced in direction" if max(rms.values()) < COUNT else "not reproduced"
+    verdict: Verdict = "reproduced in direction" if max(rms.values()) < ENCODER_STEP else "not reproduced"
     refits = "; ".join(
         f"J = {J:g} kg m²: B_v {fit.values['viscous_friction']:.4f} ({_interval(fit)}) N m s/rad, rms "
         f"{math.degrees(rms[J]):.1f} deg, whole arm {math.degrees(result.transfers[J]):.1f} deg"
@@ -223,7 +229,7 @@ def _gearbox_claim(result: Result) -> Claim:
         paper="servomotor model unchanged",
         ours=f"with J = 1e-7 kg m² and Table 2's B_v the forearm's fall differs by up to {changed_by} deg and "
         f"swings {_overshoot(kinds['mipsd'])} deg beyond the vertical",
-        verdict="reproduced" if apart < COUNT else verdict,
+        verdict="reproduced" if apart < ENCODER_STEP else verdict,
         why="the reflected rotor inertia (6.5e-3 kg m² for J = 1e-7) is 23 times the forearm's: friction identified "
         f"without it does not carry over. B_v fitted again to the same fall (95 % interval): {refits}. No B_v replaces "
         "the inertia",
@@ -244,7 +250,7 @@ def _interval(fit: Identification) -> str:
     return f"{low:.4f} to {high:.4f}"
 
 
-@look(grid=False)
+@look()
 def plot(result: Result) -> dict[str, Figure]:
     """The fall as in Fig. 5, and what it depends on."""
     return {
@@ -256,22 +262,19 @@ def plot(result: Result) -> dict[str, Figure]:
 
 
 def _main(result: Result) -> Figure:
-    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
-    panels = figure.subplots(1, 2, sharey=True)
+    figure, panels = subplots(9.0, 3.4, 1, 2, sharey=True)
     for axes, (arm, kinds) in zip(panels, result.gearboxes.items()):
         for kind, fall in kinds.items():
             axes.plot(fall.time, np.degrees(fall.angles[0]), color=SERVO_COLOURS[kind], linewidth=1.6, label=kind)
         axes.axhline(0.0, color="0.4", linestyle=":", linewidth=1.0)
         axes.set(xlabel="time [s]", title=arm)
-        axes.grid(alpha=0.3)
     panels[0].set_ylabel("angle [deg]")
     panels[0].legend(frameon=False)
     return figure
 
 
 def _dependence(result: Result) -> Figure:
-    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
-    left, middle, right = panels = figure.subplots(1, 3, sharey=True)
+    figure, (left, middle, right) = subplots(9.0, 3.4, 1, 3, sharey=True)
     for axes, falls in ((left, result.inertias), (middle, result.frictions)):
         for fall, style, color in zip(falls.values(), ("-", "--", ":", "-."), CYCLE):
             axes.plot(fall.time, np.degrees(fall.angles[0]), style, color=color, label=fall.label)
@@ -282,10 +285,9 @@ def _dependence(result: Result) -> Figure:
     for k, (J, fit) in enumerate(result.refits.items()):
         right.plot(standard.time, np.degrees(fit.angles[0]), "--", color=CYCLE[k], label=f"J = {J:g} kg m²")
     right.set_title("viscous friction fitted again")
-    for axes in panels:
+    for axes in (left, middle, right):
         axes.set_xlabel("time [s]")
         axes.axhline(0.0, color="0.4", linestyle=":", linewidth=1.0)
-        axes.legend(frameon=False, fontsize=8)
-        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8)
     left.set_ylabel("angle [deg]")
     return figure

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from textwrap import fill
 from typing import Literal
 
+import numpy as np
+
 Verdict = Literal["reproduced", "reproduced in direction", "not reproduced", "undecided"]
 ANSWERS: dict[Verdict, str] = {  # of a finding of our own, which no one has to reproduce
     "reproduced": "yes",
@@ -35,6 +37,11 @@ class Claim:
         return self.verdict if self.item else ANSWERS[self.verdict]
 
 
+def question(claim: str, ours: str, verdict: Verdict, why: str) -> Claim:
+    """Return a claim of our own, on which the paper says nothing."""
+    return Claim(claim, "", ours, verdict, why)
+
+
 def listed(claims: Iterable[Claim]) -> str:
     """Claims as text to read, each with the paper's figure, ours, the verdict and what it rests on."""
     return "\n\n".join(map(_text, claims))
@@ -49,7 +56,7 @@ def _text(claim: Claim) -> str:
     return "\n".join([*lines, fill(claim.why, 110, initial_indent="  ", subsequent_indent="  ")])
 
 
-def judged(same: bool, alike: bool = False, enough: bool = True) -> Verdict:
+def judged(same: bool | np.bool, alike: bool | np.bool = False, enough: bool = True) -> Verdict:
     """The verdict: the same figure, at least the same direction, or neither; none where there are not `enough` runs."""
     if not enough:
         return "undecided"

@@ -1,13 +1,17 @@
-"""What several experiments do to robots and to figures."""
+"""What several experiments share: constants, heavier robots, cases in threads, figures."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
+from tqdm import tqdm
 
 from ..model import Model
 from ..view.style import BLUE, COLOURS, ORANGE
@@ -16,11 +20,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+T = TypeVar("T")
+R = TypeVar("R")
+
+ENCODER_STEP = math.radians(300.0 / 1023.0)  # of the AX-12 [rad], ROBOTIS e-manual
+EXPLICIT, IMPLICIT = "simtwo", "implicit_euler"  # integrators: the paper's program of 2012, and the linearly implicit
 SERVO_COLOURS = {"standard": ORANGE, "mipsd": BLUE, "rotor": COLOURS[2]}  # the same in all figures
+LINE_STYLES = {EXPLICIT: "-", IMPLICIT: "--"}
+INTEGRATOR_NAMES = {EXPLICIT: "explicit (simtwo)", IMPLICIT: "implicit_euler"}
 
 
 def heavier(model: Model, times: ArrayLike) -> Model:
-    """The masses and inertias of the links this many times their own; times: a number, or one a link."""
+    """Scale the masses and inertias of the links; times: a factor, or one for each link."""
     links = [
         replace(x, mass=float(m) * x.mass, inertia=tuple(float(m) * i for i in x.inertia))
         for x, m in zip(model.links, np.broadcast_to(times, len(model.links)))
@@ -28,24 +39,31 @@ def heavier(model: Model, times: ArrayLike) -> Model:
     return replace(model, links=tuple(links))
 
 
-def grid_of_panels(
-    width: float, height: float, rows: int = 1, columns: int = 1, **shared: Any
-) -> tuple[Figure, np.ndarray]:
-    """A figure [inch] and its axes (rows, columns)."""
+def in_threads(
+    function: Callable[[T], R], items: Iterable[T], label: str = "", progress: bool = False, unit: str = "case"
+) -> list[R]:
+    """Apply a function to each item, one thread for each core; return the results in the order of the items."""
+    todo = list(items)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(tqdm(pool.map(function, todo), label, len(todo), disable=not progress, unit=unit))
+
+
+def subplots(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
+    """Make a figure [inch] and its axes, as `matplotlib.pyplot.subplots` does."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
-    return figure, figure.subplots(rows, columns, squeeze=False, **shared)
+    return figure, figure.subplots(rows, columns, **options)
 
 
 def draw_band(axes: Axes, x: ArrayLike, curves: Sequence[np.ndarray] | np.ndarray, color: str, label: str) -> None:
-    """Median and range of curves (n, len(x))."""
+    """Draw median and range of curves (n, len(x))."""
     axes.fill_between(x, np.min(curves, axis=0), np.max(curves, axis=0), color=color, alpha=0.15)
     axes.plot(x, np.median(curves, axis=0), color=color, label=label)
 
 
 def draw_marks(axes: Axes, place: float, values: Sequence[float] | np.ndarray, color: str, half_width: float) -> None:
-    """A mark a value, side by side, and the line of their median."""
+    """Draw a mark for each value, side by side, and the line of their median."""
     spread = np.linspace(-0.5, 0.5, len(values)) * half_width * (len(values) > 1)
     axes.plot(place + spread, values, "o", ms=5, color=color, alpha=0.6)
     axes.plot([place - half_width, place + half_width], [np.median(values)] * 2, color=color, linewidth=2)

@@ -20,7 +20,9 @@ from ..optimize.quality import Quality, measure_quality
 from ..optimize.search import optimize_gait
 from ..robot_file import load_robot
 from ..view.style import BLUE, ORANGE, look
-from .claim import Claim, judged, span
+from .claim import Claim, judged, question, span
+from .common import subplots
+from .walks import finished
 
 ROBOTS = {"simplified": "simplified", "complete": None}  # name -> what is locked
 
@@ -81,9 +83,7 @@ def _walk(settings: Settings, locked: str | None, seed: int, bar: tqdm) -> Walk:
     cost = walking_cost(model)
     n, results = settings.iterations, []
     for k in range(settings.searches):
-        results.append(optimize_gait(cost, iterations=n, seed=seed + k, no_progress=n))
-        if results[-1].status == 2:
-            raise KeyboardInterrupt
+        results.append(finished(optimize_gait(cost, iterations=n, seed=seed + k, no_progress=n)))
         bar.update()
     best = np.array([np.minimum.accumulate(result.history["f"]) for result in results])
     poses = np.array([cost.gait.from_vector(result.x).poses for result in results])
@@ -117,7 +117,7 @@ def _walks(result: Result) -> Claim:
         ours=f"{len(walk.joints)} joints, {walk.poses[0].size} angles: {walk.best[0, 0]:.1f} J/m as planned, "
         f"{span(walk.costs, '.1f')} J/m after {result.settings.iterations} iterations "
         f"({span(walk.gains, '+.0%')})",
-        verdict="reproduced" if walks and (walk.gains < 0.0).all() else "not reproduced",
+        verdict=judged(walks and (walk.gains < 0.0).all()),
         why="Rule: the planned gait and all gaits found walk, also at a quarter of the step, and all are cheaper. A "
         f"quarter of the step changes the cost by {span(fine, '+.1%')}",
     )
@@ -130,11 +130,10 @@ def _cheaper(result: Result) -> Claim:
     lower = np.median(complete.costs) < np.median(simple.costs)
     joints = len(complete.joints) - len(simple.joints)
     fine = [q.finer.cost / q.measures.cost - 1.0 for walk in (simple, complete) for q in walk.found]
-    return Claim(
+    return question(
         claim="The complete humanoid walks more cheaply than the simplified after equally many iterations",
-        paper="",
         ours=f"complete {span(complete.costs, '.1f')} J/m, simplified {span(simple.costs, '.1f')} J/m",
-        verdict="reproduced" if apart else "reproduced in direction" if lower else "not reproduced",
+        verdict=judged(apart, lower),
         why=f"Rule: every search below every one; in direction if the median is lower; {len(simple.costs)} searches "
         f"each. {joints} servos more that hold arms and neck and {complete.poses[0].size} angles in place of "
         f"{simple.poses[0].size} stand against what the arms can give; before the search the complete robot costs "
@@ -149,9 +148,8 @@ def _arms(result: Result) -> Claim:
     legs = np.isin(walk.joints, result.walks["simplified"].joints)
     change = np.degrees(walk.changes)
     dearer = walk.without / walk.costs - 1.0
-    return Claim(
+    return question(
         claim="The search makes use of arms, hip yaw and neck",
-        paper="",
         ours=f"with these put back as planned the gaits found cost {span(dearer, '+.1%')}",
         verdict=judged(dearer.min() > 0.01, np.median(dearer) > 0),
         why="Rule: every gait gets dearer by more than 1 %; in direction if dearer in the median; a fall is infinite. "
@@ -164,11 +162,10 @@ def _safe(result: Result) -> Claim:
     """Reproduced if the median share of safe gaits differs by less than a tenth, in either direction."""
     shares = {name: [q.safe for q in walk.found] for name, walk in result.walks.items()}
     simple, complete = (float(np.median(shares[name])) for name in ROBOTS)
-    return Claim(
+    return question(
         claim="The complete humanoid's gaits are as safe: they walk with all angles off by up to 1 deg",
-        paper="",
         ours=f"complete {span(shares['complete'], '.0%')}, simplified {span(shares['simplified'], '.0%')}",
-        verdict="reproduced" if abs(simple - complete) < 0.1 else "not reproduced",
+        verdict=judged(abs(simple - complete) < 0.1),
         why="Rule: medians differ by less than 10 points. Each share is of 63 gaits, good to 6 points; as planned "
         f"{result.walks['complete'].first.safe:.0%} and {result.walks['simplified'].first.safe:.0%}",
     )
@@ -179,7 +176,7 @@ def _safe(result: Result) -> Claim:
 COLOURS = {"simplified": BLUE, "complete": ORANGE}
 
 
-@look(grid=False)
+@look()
 def plot(result: Result) -> dict[str, Figure]:
     """The searches, and what moved."""
     return {
@@ -191,16 +188,14 @@ def plot(result: Result) -> dict[str, Figure]:
 
 
 def _progress(result: Result) -> Figure:
-    figure = Figure(figsize=(7.0, 4.0), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = subplots(7.0, 4.0)
     for name, walk in result.walks.items():
         axes.plot(walk.best.T, color=COLOURS[name], linewidth=0.7, alpha=0.6)
         label = f"{name}, {len(walk.joints)} joints"
         axes.plot(np.median(walk.best, axis=0), color=COLOURS[name], linewidth=2.2, label=label)
     axes.set(xlabel="iteration", ylabel="energy per distance [J/m]", xlim=(0, result.settings.iterations))
     axes.set_ylim(bottom=0.0)
-    axes.grid(alpha=0.3)
-    axes.legend(frameon=False, loc="lower left")
+    axes.legend(loc="lower left")
     return figure
 
 
@@ -208,8 +203,7 @@ def _changes(result: Result) -> Figure:
     walk = result.walks["complete"]
     legs = result.walks["simplified"].joints
     order = np.argsort(walk.changes)
-    figure = Figure(figsize=(7.0, 5.0), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = subplots(7.0, 5.0)
     for k, joint in enumerate(order):
         color = COLOURS["simplified" if walk.joints[joint] in legs else "complete"]
         axes.barh(k, math.degrees(walk.changes[joint]), color=color)
@@ -217,6 +211,5 @@ def _changes(result: Result) -> Figure:
     axes.set_xlabel("largest change of a pose from the plan [deg]")
     for name, label in (("simplified", "joint of the simplified robot too"), ("complete", "locked in the simplified")):
         axes.barh(0, 0.0, color=COLOURS[name], label=label)
-    axes.legend(frameon=False, loc="lower right")
-    axes.grid(alpha=0.3, axis="x")
+    axes.legend(loc="lower right")
     return figure

@@ -27,24 +27,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from ..core.effects.energies import METER
-from ..model import Ground
-from ..optimize.planning import walking_cost
-from ..robot_file import load_robot
 from ..run.simulate import standing_state
-from ..scene.compile import ServoKind, compile_scene
+from ..scene.compile import ServoKind
 from ..view.style import BLUE, ORANGE, look
 from ..view.style import COLOURS as STYLE
 from ..walking.cost import WalkingCost
 from ..walking.gait import TICK
-from .claim import Claim
-from .common import heavier
+from .claim import Claim, judged, question
+from .common import ENCODER_STEP, EXPLICIT, IMPLICIT, heavier, subplots
+from .walks import cycle_energies, planned_walk, recompiled
 
 Servos = tuple[ServoKind, str]  # with the integrator
 Source = str | tuple[str, float]
 
 PAPER: dict[ServoKind, float] = {"standard": 0.1462, "mipsd": 0.039}  # standard deviation over mean
-EXPLICIT, IMPLICIT = "simtwo", "implicit_euler"
 MODELS: tuple[Servos, ...] = tuple(product(("standard", "mipsd"), (EXPLICIT, IMPLICIT)))
 SOURCES = ("initial posture", "round-off", "contacts", "encoder and supply")
 ALL = "all together"
@@ -61,7 +57,7 @@ class Settings:
     round_off: float = 2.0**-24  # relative, half of single precision's last place; angles to 1 rad
     contact_rest: float = 0.01  # of the weight; ten sweeps reduce a rest to per cents
     foot: float = 0.05  # [m] half of a sole's length
-    encoder: float = math.radians(300.0 / 1023.0)  # [rad] step of the AX-12's encoder; noise within half of it
+    encoder: float = ENCODER_STEP  # [rad] step of the AX-12's encoder; noise within half of it
     ripple: float = 0.1  # [V] largest, of all servos alike; 1 % of the 10 V supply
     scales: tuple[float, ...] = (0.1, 10.0)  # all sources together, this much larger
     masses: tuple[float, ...] = (0.6, 0.8)  # of all links, times ours; the paper gives none
@@ -132,7 +128,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     sources = [*SOURCES, ALL, *((ALL, scale) for scale in settings.scales)]
     unsaid = [*(("mass", x) for x in settings.masses), *(("step", h) for h in settings.steps)]
     cases = [(model, source) for model in MODELS for source in sources + unsaid * (model[1] == EXPLICIT)]
-    planned = walking_cost(load_robot("humanoid", locked="simplified"))
+    planned = planned_walk()
     for model, source in tqdm(cases, "energy", disable=not progress, unit="case"):
         what, size = source if isinstance(source, tuple) else (source, 1.0)
         changed = {"mass": {"mass": size}, "step": {"timestep": size}}.get(what, {})
@@ -157,9 +153,9 @@ def gait_cost(
     mass: float = 1.0,
 ) -> WalkingCost:
     """The planned walk with other servos, integrator, step and this many times the masses."""
-    model, gravity = heavier(planned.scene.model, mass), planned.scene.gravity
-    scene = compile_scene(model, servos, Ground(), integrator, timestep, gravity)
-    return replace(planned, scene=scene, warm_up=settings.warm_up, strides=settings.strides)
+    model, how = heavier(planned.scene.model, mass), {"integrator": integrator, "timestep": timestep}
+    cost = recompiled(planned, model, servos=servos, **how)
+    return replace(cost, warm_up=settings.warm_up, strides=settings.strides)
 
 
 def _undisturbed(settings: Settings, planned: WalkingCost, servos: ServoKind) -> float:
@@ -202,10 +198,7 @@ def _energies(cost: WalkingCost, states: list, noises: np.ndarray) -> tuple[np.n
     """Energy of each measured stride (runs, strides) [J], and the runs' statuses; chatter does not make it invalid."""
     vectors = [cost.gait.to_vector()] * len(states)
     runs = cost.simulate(vectors, sample=TICK, record=("energy",), states=states, noises=list(noises))
-    marks = np.round((cost.mark + np.arange(cost.strides + 1) * cost.gait.period) / TICK).astype(int)
-    energies = np.stack([np.diff(run["energy"][marks, :, METER].sum(axis=1)) for run in runs])
-    energies[[run.status in ("fell", "diverged") for run in runs]] = np.nan
-    return energies, [run.status for run in runs]
+    return cycle_energies(cost, runs), [run.status for run in runs]
 
 
 # ---------------------------------------------------------------------------------------------- claims
@@ -232,7 +225,7 @@ def _size(result: Result, servos: ServoKind) -> Claim:
         factor=ours.value / paper,
         paper=f"{paper:.2%} over 200 runs",
         ours=f"{ours} over {result.settings.runs - fell} runs; {fell} fell and are left out",
-        verdict="reproduced" if near else "reproduced in direction" if side else "not reproduced",
+        verdict=judged(near, side),
         why=f"Rule: within a factor {FACTOR:g}; in direction if on the same side of {middle:.1%}, the two figures' "
         "geometric mean. Explicit order, as in the paper's program, with all sources; alone: "
         + ", ".join(f"{source} {result.scatter(model, source)}" for source in SOURCES)
@@ -258,7 +251,7 @@ def _lower(result: Result) -> Claim:
         factor=ratio / paper,
         paper=f"{paper:.2f} times",
         ours=f"{ratio:.2g} times ({standard} against {mipsd})",
-        verdict="reproduced" if apart and near else "reproduced in direction" if apart else "not reproduced",
+        verdict=judged(apart and near, apart),
         why=f"Rule: 95 % intervals apart, and the ratio within a factor {FACTOR:g}; in direction if apart. By source: "
         + ", ".join(f"{source} {x:.2g} times" for source, x in ratios.items())
         + f". {result.chatters['standard', EXPLICIT]} of {result.settings.runs} runs of the standard model chatter, "
@@ -277,11 +270,10 @@ def _cause(result: Result) -> Claim:
     apart = standard.low > mipsd.high
     explicit = result.scatter(("standard", EXPLICIT))
     gain = _percent(abs(result.off["standard", EXPLICIT]))
-    return Claim(
+    return question(
         claim="It is the servo model that makes the energy scatter",
-        paper="",
         ours=f"integrated implicitly: standard {standard}, MIPSD {mipsd}, {ratio:.2g} times",
-        verdict="reproduced" if apart else "not reproduced",
+        verdict=judged(apart),
         why="Rule: 95 % intervals of standard and MIPSD apart also where both are integrated implicitly. The same "
         f"standard model scatters by {explicit} in the explicit order, where its energy is off by {gain} from that of "
         f"a quarter of the step integrated implicitly (implicit, 1 ms: {result.off['standard', IMPLICIT]:+.1%}; MIPSD: "
@@ -298,11 +290,10 @@ def _source(result: Result) -> Claim:
         f"{_name(model)} " + ", ".join(f"{source} {share:.1%}" for source, share in zip(SOURCES, result.shares(model)))
         for model in MODELS
     )
-    return Claim(
+    return question(
         claim="Round-off alone makes the energy of the standard model scatter: its chatter is chaotic",
-        paper="",
         ours=", ".join(f"{_name(model)} {x}" for model, x in ours.items()),
-        verdict="reproduced" if chaotic else "not reproduced",
+        verdict=judged(chaotic),
         why="Rule: in the explicit order round-off alone gives at least half the scatter of all sources together. "
         f"Variance of each source alone, of the sum of all four: {shares}",
     )
@@ -323,7 +314,7 @@ def _percent(x: float) -> str:
 COLOURS = dict(zip(MODELS, (ORANGE, STYLE[5], BLUE, STYLE[4])))
 
 
-@look(grid=False)
+@look()
 def plot(result: Result) -> dict[str, Figure]:
     """Fig. 11, the shares of the sources, and the dependence on their size."""
     return {
@@ -336,8 +327,7 @@ def plot(result: Result) -> dict[str, Figure]:
 
 
 def _runs(result: Result) -> Figure:
-    figure = Figure(figsize=(10.0, 5.0), layout="constrained")
-    panels = figure.subplots(2, 2, sharey="row", sharex="col", width_ratios=(3, 1))
+    figure, panels = subplots(10.0, 5.0, 2, 2, sharey="row", sharex="col", width_ratios=(3, 1))
     for row, integrator in zip(panels, (EXPLICIT, IMPLICIT)):
         for servos in PAPER:
             model = (servos, integrator)
@@ -349,17 +339,14 @@ def _runs(result: Result) -> Figure:
             row[0].plot(np.arange(1, len(off) + 1), off, marker, ms=3, label=label, **style)
             row[1].hist(off[np.isfinite(off)], bins=15, orientation="horizontal", alpha=0.6, **style)
         row[0].set_ylabel("energy less mean [%]")
-        row[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False, borderaxespad=0.2)
-        for axes in row:
-            axes.grid(alpha=0.3)
+        row[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
     panels[1, 0].set_xlabel("run")
     panels[1, 1].set_xlabel("number of runs")
     return figure
 
 
 def _sources(result: Result) -> Figure:
-    figure = Figure(figsize=(9.0, 3.8), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = subplots(9.0, 3.8)
     names = [*SOURCES, ALL]
     for k, model in enumerate(MODELS):
         scatters = [result.scatter(model, name) for name in names]
@@ -371,14 +358,12 @@ def _sources(result: Result) -> Figure:
     _papers(axes)
     axes.set_xticks(range(len(names)), names)
     axes.set(ylabel="standard deviation of the energy [%]", yscale="log")
-    axes.grid(alpha=0.3, axis="y")
-    figure.legend(loc="outside upper center", ncols=4, frameon=False)
+    figure.legend(loc="outside upper center", ncols=4)
     return figure
 
 
 def _sizes(result: Result) -> Figure:
-    figure = Figure(figsize=(7.0, 4.0), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = subplots(7.0, 4.0)
     scales = sorted((*result.settings.scales, 1.0))
     for model in MODELS:
         scatters = [result.scatter(model, ALL if scale == 1.0 else (ALL, scale)) for scale in scales]
@@ -389,8 +374,7 @@ def _sizes(result: Result) -> Figure:
     _papers(axes)
     axes.set(xlabel="size of the sources [times the settings]", ylabel="standard deviation of the energy [%]")
     axes.set(xscale="log", yscale="log")
-    axes.grid(alpha=0.3)
-    figure.legend(loc="outside upper center", ncols=4, frameon=False, fontsize=8)
+    figure.legend(loc="outside upper center", ncols=4, fontsize=8)
     return figure
 
 

@@ -26,7 +26,6 @@ import hashlib
 import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,13 +35,11 @@ from tqdm import tqdm
 from ..core.compile.jit import source_hash
 from ..core.effects.energies import METER
 from ..model import Ground, Model
-from ..optimize.planning import walking_cost
 from ..optimize.search import AMPLITUDE, MAX_MISS
-from ..robot_file import load_robot
 from ..run.reference import Reference
 from ..run.simulate import Push, simulate_stream, standing_state
 from ..run.trajectory import Trajectory
-from ..scene.compile import ServoKind, compile_scene
+from ..scene.compile import ServoKind
 from ..search import minimize
 from ..search.speculation import Candidate, Speculation
 from ..view.animation import page_html
@@ -52,10 +49,11 @@ from ..view.style import BLUE, ORANGE, look
 from ..view.style import COLOURS as STYLE
 from ..walking.cost import LEAST_SPEED, WalkingCost
 from ..walking.gait import TICK, bounds
-from .claim import Claim, judged
-from .common import draw_band, draw_marks
+from .claim import Claim, judged, question
+from .common import EXPLICIT, draw_band, draw_marks, subplots
+from .tables import search_history
+from .walks import finished, planned_walk, recompiled
 
-EXPLICIT, IMPLICIT = "simtwo", "midpoint"
 PAPER_CONVERGED, PAPER_OLD, PAPER_COST, PAPER_STEP = 800, 2600, -0.14, 0.13
 SHOWN = 3  # strides that are played
 FACTOR, POINTS = 1.5, 0.05  # within which iterations and changes count as the same
@@ -67,7 +65,7 @@ class Condition:
     """A cost to be searched."""
 
     servos: ServoKind = "mipsd"
-    integrator: str = IMPLICIT
+    integrator: str = "midpoint"
     noise: float = 0.0  # standard deviation over the cost
 
     def __str__(self) -> str:
@@ -170,7 +168,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     counts = [settings.searches if c in (MIPSD, STANDARD) else settings.noisy_searches for c in CONDITIONS]
     todo = [(condition, seed + k) for condition, count in zip(CONDITIONS, counts) for k in range(count)]
     bar = tqdm(todo, "searches", disable=not progress, unit="search")
-    planned = walking_cost(load_robot("humanoid", locked="simplified"))
+    planned = planned_walk()
     searches = tuple(_search(settings, planned, condition, each) for condition, each in bar)
     first, found = {}, {}
     for name, (condition, reference) in EVALUATIONS.items():
@@ -198,9 +196,7 @@ def _rows(run: Trajectory, rows: Any) -> Trajectory:
 
 def cost_of(planned: WalkingCost, condition: Condition, timestep: float = 1e-3) -> WalkingCost:
     """The cost of a gait under a condition, without the noise."""
-    model, gravity = planned.scene.model, planned.scene.gravity
-    scene = compile_scene(model, condition.servos, Ground(), condition.integrator, timestep, gravity)
-    return replace(planned, scene=scene)
+    return recompiled(planned, servos=condition.servos, integrator=condition.integrator, timestep=timestep)
 
 
 def measure(
@@ -227,13 +223,11 @@ def measured(cost: WalkingCost, run: Trajectory) -> tuple[float, float]:
 def _search(settings: Settings, planned: WalkingCost, condition: Condition, seed: int) -> Search:
     cost = cost_of(planned, condition)
     n = settings.iterations
-    result = minimize(
+    result = finished(minimize(
         None, cost.gait.to_vector(), amplitude=settings.amplitude, max_miss=MAX_MISS, max_iterations=n, no_progress=n,
         bounds=bounds(cost.scene.model, cost.gait), seed=seed, **_history(settings, cost, condition, seed),
         evaluate=lambda candidates: _evaluate(cost, condition.noise, candidates),
-    )  # fmt: skip
-    if result.status == 2:
-        raise KeyboardInterrupt
+    ))  # fmt: skip
     accepted = np.flatnonzero(result.history["accepted"])
     latest = accepted[np.cumsum(result.history["accepted"]) - 1]
     at = np.unique(np.linspace(0, n, settings.points).round().astype(int))
@@ -259,14 +253,9 @@ def _evaluate(cost: WalkingCost, noise: float, candidates: Speculation) -> float
 
 def _history(settings: Settings, cost: WalkingCost, condition: Condition, seed: int) -> dict:
     """Where the search is kept; another program or robot has other files."""
-    if not settings.folder:
-        return {}
     model = replace(cost.scene.model, notes=(), source="")
     what = f"{model!r}\n{condition!r}\n{settings.amplitude}\n{cost.mark} {cost.strides}\n{source_hash()}"
-    key = hashlib.sha256(what.encode()).hexdigest()[:12]
-    folder = Path(settings.folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    return {"history": folder / f"{condition.servos}_{key}_{seed}.jsonl", "resume": True}
+    return search_history(settings.folder, what, seed)
 
 
 # ---------------------------------------------------------------------------------------------- claims
@@ -336,11 +325,10 @@ def _noise(result: Result) -> Claim:
         )
         if condition != MIPSD_NOISY:
             worse.append(min(result.gains(condition, "standard")) > max(clean))
-    return Claim(
+    return question(
         claim="A noisy cost is what makes the older model's search slow or poor",
-        paper="",
         ours="; ".join(lines),
-        verdict="reproduced" if all(worse) else "reproduced in direction" if any(worse) else "not reproduced",
+        verdict=judged(all(worse), any(worse)),
         why="Rule: every gait found with chatter, and with the noise of the paper's 14.62 %, is worse under the "
         f"noise-free standard model than every one found without noise ({min(clean):+.0%} to {max(clean):+.0%}); in "
         "direction if one kind is. The search keeps the luckiest cost as its best, against which everything later has "
@@ -364,7 +352,7 @@ def _cost(result: Result) -> Claim:
         paper=f"{PAPER_COST:.0%}",
         ours=f"{_percents(gains)} over {len(gains)} searches, from {result.first['mipsd']:.1f} to "
         f"{min(costs):.1f} ... {max(costs):.1f} J/m; standard {_percents([s.gain for s in result.of(STANDARD)])}",
-        verdict="reproduced" if near else "reproduced in direction" if falls else "not reproduced",
+        verdict=judged(near, falls),
         why=f"Rule: median within {100 * POINTS:g} points; in direction if every search gains. The paper's 14 % are "
         f"reached after {_median(reached)} iterations. What is there to gain depends on the first gait, of which the "
         "paper says no more than that it comes from a pattern generator. Error of the costs: the reference gives "
@@ -384,7 +372,7 @@ def _step(result: Result) -> Claim:
         paper=f"{PAPER_STEP:+.0%}",
         ours=f"{_percents(longer)}, from {steps[0, 0]:.1f} to {steps[:, 1].min():.1f} ... {steps[:, 1].max():.1f} mm; "
         f"standard {_percents([s.longer for s in result.of(STANDARD)])}",
-        verdict="reproduced" if near else "reproduced in direction" if grows else "not reproduced",
+        verdict=judged(near, grows),
         why=f"Rule: median within {100 * POINTS:g} points; in direction if it grows in every search",
     )
 
@@ -400,11 +388,10 @@ def _survives(result: Result) -> Claim:
             gains = result.gains(condition, evaluation)
             kept += list(gains <= 0.5 * own)
             lines.append(f"found with {condition} ({_percents(own)}), under {evaluation}: {_percents(gains)}")
-    return Claim(
+    return question(
         claim="What is gained under one model is gained under the other and more accurately",
-        paper="",
         ours=f"{sum(kept)} of {len(kept)} evaluations keep half the gain",
-        verdict="reproduced" if all(kept) else "reproduced in direction" if np.mean(kept) > 0.5 else "not reproduced",
+        verdict=judged(all(kept), np.mean(kept) > 0.5),
         why="Rule: all keep half; in direction if most do. " + "; ".join(lines) + f". Reference: {accuracy}",
     )
 
@@ -442,7 +429,7 @@ def _percents(values: Collection[float]) -> str:
 COLOURS = dict(zip(CONDITIONS, (BLUE, ORANGE, STYLE[3], STYLE[4], STYLE[5])))
 
 
-@look(grid=False)
+@look()
 def plot(result: Result) -> dict[str, Figure]:
     """Figs. 15 and 16 with their spread, convergence by definition, and what is left under other models."""
     return {
@@ -470,8 +457,7 @@ def animate(result: Result) -> dict[str, str]:
 
 
 def _snapshots(result: Result) -> Figure:
-    figure = Figure(figsize=(9.0, 4.6), layout="constrained")
-    panels = figure.subplots(1, 2)
+    figure, panels = subplots(9.0, 4.6, 1, 2)
     for axes, run, name in zip(panels, result.strides, ("planned", "found")):
         stride = _rows(run, slice(len(run["time"]) // SHOWN + 1))
         from_start = stride["base_q"] - np.eye(7)[0] * stride["base_q"][0, 0]
@@ -482,8 +468,7 @@ def _snapshots(result: Result) -> Figure:
 
 
 def _progress(result: Result) -> Figure:
-    figure = Figure(figsize=(10.0, 4.2), layout="constrained")
-    panels = figure.subplots(1, 2)
+    figure, panels = subplots(10.0, 4.2, 1, 2)
     for condition in CONDITIONS:
         searches = result.of(condition)
         for axes, curves in zip(panels, ([s.cost for s in searches], [1e3 * s.step for s in searches])):
@@ -499,17 +484,15 @@ def _progress(result: Result) -> Figure:
             xycoords=axes.get_yaxis_transform(), xytext=(0, 2), textcoords="offset points",
         )  # fmt: skip
         axes.set(xlabel="iteration", xlim=(0, len(first.best) - 1))
-        axes.grid(alpha=0.3)
     panels[0].set_ylabel("energy per distance [J/m]")
     panels[0].set_ylim(bottom=0.0)
     panels[1].set_ylabel("distance per step [mm]")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=5, frameon=False)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
     return figure
 
 
 def _convergence(result: Result) -> Figure:
-    figure = Figure(figsize=(9.0, 4.0), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = subplots(9.0, 4.0)
     for k, condition in enumerate(CONDITIONS):
         for j, name in enumerate(DEFINITIONS):
             draw_marks(axes, j + 0.15 * (k - 2), result.converged(condition, name), COLOURS[condition], 0.06)
@@ -519,14 +502,12 @@ def _convergence(result: Result) -> Figure:
             axes.axhline(value, color="0.4", linestyle=":")
     axes.set_xticks(range(len(DEFINITIONS)), DEFINITIONS)
     axes.set(ylabel="iterations", ylim=(0, 1.03 * result.settings.iterations))
-    axes.grid(alpha=0.3, axis="y")
-    figure.legend(loc="outside upper center", ncols=5, frameon=False)
+    figure.legend(loc="outside upper center", ncols=5)
     return figure
 
 
 def _cross(result: Result) -> Figure:
-    figure = Figure(figsize=(9.0, 4.0), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = subplots(9.0, 4.0)
     for k, condition in enumerate(CONDITIONS):
         for j, name in enumerate(EVALUATIONS):
             gains = 1.0 + result.gains(condition, name)
@@ -536,6 +517,5 @@ def _cross(result: Result) -> Figure:
     axes.axhline(1.0, color="0.4", linewidth=1.0)
     axes.set_xticks(range(len(EVALUATIONS)), [name.replace(", ", ",\n") for name in EVALUATIONS])
     axes.set(ylabel="energy per distance over that\nof the planned gait", ylim=(0.0, 1.2), xlabel="evaluated under")
-    axes.grid(alpha=0.3, axis="y")
-    figure.legend(loc="outside upper center", ncols=5, frameon=False)
+    figure.legend(loc="outside upper center", ncols=5)
     return figure

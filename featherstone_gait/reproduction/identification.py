@@ -26,9 +26,9 @@ from ..run.simulate import initial_state, simulate_batch
 from ..scene.compile import ServoKind, compile_scene
 from ..view.style import COLOURS as CYCLE
 from ..view.style import look
-from .claim import Claim
+from .claim import Claim, judged, question
+from .common import ENCODER_STEP, subplots
 
-COUNT = math.radians(300.0 / 1023.0)  # encoder step of the AX-12 [rad], ROBOTIS e-manual
 SAMPLE = 0.01  # [s] between readings: the servo's controller period
 MOTIONS = {  # reference [rad] over time [s]; from rest at zero
     "chirp": lambda t: 0.9 * sincos(t * t)[0],  # up to full speed and voltage
@@ -99,7 +99,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
         held_out={
             name: math.sqrt(np.mean(prediction_error(model, test, kind) ** 2)) for name, (model, kind) in models.items()
         },
-        floor=math.sqrt(settings.noise**2 + COUNT**2 / 12.0),
+        floor=math.sqrt(settings.noise**2 + ENCODER_STEP**2 / 12.0),
         scores=np.array([[math.log(f.values[n] / v) for n, v in truth.items()] / f.standard_errors for f in fits]),
         inside=np.array([[f.intervals[n][0] <= v <= f.intervals[n][1] for n, v in truth.items()] for f in fits]),
     )
@@ -108,7 +108,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
 def _fit(
     model: Model, recordings: list[Recording], parameters: Iterable[str], servos: ServoKind = "mipsd"
 ) -> Identification:
-    return identify(model, recordings, list(parameters), servos, start_range=2.0 * COUNT)
+    return identify(model, recordings, list(parameters), servos, start_range=2.0 * ENCODER_STEP)
 
 
 def record(settings: Settings, model: Model, gains: tuple[float, ...], seed: np.random.SeedSequence) -> list[Recording]:
@@ -141,7 +141,7 @@ def _recorded(
     own: dict[str, float],
     random: np.random.Generator,
 ) -> list[Recording]:
-    read = changed(model, encoder_resolution=COUNT, **own)
+    read = changed(model, encoder_resolution=ENCODER_STEP, **own)
     scene = compile_scene(read, "mipsd", integrator="midpoint", timestep=0.5 * STEP)
     noises = [random.normal(0.0, 1.0, (len(time), 1, 2)) * (settings.noise, 0.0) for _ in labels]
     runs = simulate_batch(
@@ -156,7 +156,7 @@ def _recorded(
     )
     recordings = []
     for label, values, noise, run in zip(labels, references, noises, runs):
-        angle = np.rint((run["q"][:-1, 0] + noise[:, 0, 0]) / COUNT) * COUNT + 0.0  # no -0.0
+        angle = np.rint((run["q"][:-1, 0] + noise[:, 0, 0]) / ENCODER_STEP) * ENCODER_STEP + 0.0  # no -0.0
         recordings.append(Recording(label, time, values, angle, run["voltage"][:-1, 0], own))
     return recordings
 
@@ -177,7 +177,7 @@ def _parameters_claim(result: Result) -> Claim:
         item="Table 2",
         paper="Table 2, without uncertainty",
         ours=", ".join(f"{name} {error:+.2%}" for name, error in result.errors.items()),
-        verdict="reproduced" if found else "not reproduced",
+        verdict=judged(found),
         why=f"within {GOOD:.0%} of the known servo ({len(result.fit.recordings)} recordings; the largest error is that "
         f"of {worst}); {share:.0%} of the 95 % intervals hold the truth over {count} seeds. They need the rotor: left "
         f"out of the model, its inertia goes into the others ({bias})",
@@ -188,12 +188,11 @@ def _validation_claim(result: Result) -> Claim:
     """Reproduced if the gain held out is predicted to 1.5 times what noise and encoder allow."""
     errors = {name: math.degrees(error) for name, error in result.held_out.items()}
     good = result.held_out["fitted"] < 1.5 * result.floor
-    return Claim(
+    return question(
         claim="Constants computed so predict a gain that was not recorded",
-        paper="",
         ours=f"rms error at a gain held out {errors['fitted']:.2f} deg; before the fit {errors['Table 2']:.2f} deg, "
         f"fitted without rotor {errors['without rotor']:.2f} deg",
-        verdict="reproduced" if good else "not reproduced",
+        verdict=judged(good),
         why=f"noise and encoder alone make {math.degrees(result.floor):.2f} deg. This shows that the method works, on "
         "a servo that has the model's physics; recordings of the real one are not published",
     )
@@ -204,18 +203,17 @@ def _coulomb_claim(result: Result) -> Claim:
     k = list(dict(result.settings.truth)).index("coulomb_friction")
     true = 1.71e-5
     width = 2.0 * result.paper.standard_errors[k] * result.paper.values["coulomb_friction"]
-    return Claim(
+    return question(
         claim="Such recordings tell as small an F_c as the paper's from none",
-        paper="",
         ours=f"such recordings tell F_c to +-{width:.1g} N m",
-        verdict="reproduced" if width < true else "not reproduced",
+        verdict=judged(width < true),
         why="from recordings of a servo that has Table 2's constants, F_c comes out with two standard errors of "
         f"{width:.1g} N m, {width / true:.0f} times its value: digits of an optimizer, or a value at the rotor "
         "(4.3e-3 N m at the output)",
     )
 
 
-@look(grid=False)
+@look()
 def plot(result: Result) -> dict[str, Figure]:
     """Recordings and fit, and the parameters with their intervals."""
     return {
@@ -232,8 +230,7 @@ def _fit_figure(result: Result) -> Figure:
     """Every motion at the highest gain, and every fall."""
     recordings, fit = result.fit.recordings, result.fit
     shown = range(len(recordings) - len(result.settings.falls) - len(MOTIONS), len(recordings))
-    figure = Figure(figsize=(11.0, 4.2), layout="constrained")
-    panels = figure.subplots(2, len(shown), sharex="col", sharey="row", height_ratios=(2, 1))
+    figure, panels = subplots(11.0, 4.2, 2, len(shown), sharex="col", sharey="row", height_ratios=(2, 1))
     for (above, below), k in zip(panels.T, shown):
         time = recordings[k].time
         above.plot(time, np.degrees(recordings[k].angle), color=CYCLE[0], linewidth=2.6, label="recorded")
@@ -241,18 +238,15 @@ def _fit_figure(result: Result) -> Figure:
         below.plot(time, np.degrees(fit.residuals[k]), color="0.3", linewidth=0.5)
         above.set_title(recordings[k].name, fontsize=9)
         below.set_xlabel("time [s]")
-        for axes in (above, below):
-            axes.grid(alpha=0.3)
     panels[0, 0].set_ylabel("angle [deg]")
     panels[1, 0].set_ylabel("simulated\n- recorded [deg]")
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
 def _errors(result: Result) -> Figure:
     names = [name for name, _ in result.settings.truth]
-    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1.6, 1.0))
+    figure, (left, right) = subplots(9.0, 3.6, 1, 2, width_ratios=(1.6, 1.0))
     error = result.fit.standard_errors
     for k, scores in enumerate(result.scores):
         place = np.arange(len(names)) + 0.5 * (k / max(len(result.scores) - 1, 1) - 0.5)
@@ -265,6 +259,4 @@ def _errors(result: Result) -> Figure:
     right.bar(list(result.held_out), np.degrees(list(result.held_out.values())), color=("0.7", CYCLE[1], CYCLE[4]))
     right.axhline(math.degrees(result.floor), color="0.2", linestyle="--", linewidth=1.0)
     right.set_ylabel("rms error, gain held out [deg]")
-    for axes in (left, right):
-        axes.grid(alpha=0.3, axis="y")
     return figure

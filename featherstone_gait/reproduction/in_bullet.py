@@ -16,7 +16,6 @@ writes a row a gait and floor, after each; started again it goes on with those t
 
 from __future__ import annotations
 
-import argparse
 import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
@@ -44,6 +43,7 @@ from ..scene.compile import CompiledScene, compile_scene
 from ..walking.cost import LEAST_SPEED
 from ..walking.motion import Motion, read_motion
 from .sources import PACKAGE, digest, digest_of
+from .tables import table_arguments
 
 ITERATIONS = 200  # of Bullet's solver in each step
 OWN_DAMPING = 0.1  # of the robot's own in each contact [N s/m], Bullet's default, which it adds to the floor's
@@ -329,9 +329,7 @@ def study(path: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Walk what is not in the table yet."""
-    parser = argparse.ArgumentParser(description="gaits of the humanoid in Bullet; interrupted to go on")
-    parser.add_argument("table", type=Path, metavar="TABLE.csv")
-    study(parser.parse_args(arguments).table)
+    study(table_arguments("walk gaits of the humanoid in Bullet", arguments).table)
     return 0
 
 

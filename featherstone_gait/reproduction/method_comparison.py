@@ -11,24 +11,24 @@ for of gaits drawn from all that the joints allow hardly one walks.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import mannwhitneyu
 
-from ..optimize.planning import walking_cost
 from ..optimize.search import AMPLITUDE, MAX_MISS
-from ..robot_file import load_robot
 from ..search import AdaptiveSimulatedAnnealing, cma_es, run_together
 from ..search.ask_tell import Search
 from ..view.style import COLOURS as STYLE
 from ..view.style import look
 from ..walking.cost import WalkingCost
 from ..walking.gait import bounds
-from .claim import Claim, judged
-from .common import draw_band, draw_marks
+from .claim import Claim, judged, question
+from .common import draw_band, draw_marks, subplots
 from .search_methods import differential_evolution, dual_annealing
+from .walks import finished, planned_walk, recompiled
 
 PAPERS = "adaptive simulated annealing"
 METHODS = (PAPERS, "CMA-ES", "dual annealing", "differential evolution")
@@ -64,7 +64,7 @@ class Result:
 
 def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
     """Run all searches side by side, seeded by `seed` and those that follow."""
-    cost = walking_cost(load_robot("humanoid", locked="simplified"))
+    cost = planned_walk()
     searches, missing = {}, []
     for method in METHODS:
         try:
@@ -73,13 +73,9 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
             missing.append(method)
     every = [search for each in searches.values() for search in each]
     batch = max(BATCH, 2 * len(every))
-    together = run_together(
-        every, cost, evaluations=settings.evaluations, map=WalkingCost.costs, batch=batch, progress=progress
-    )
-    if together.status == 2:
-        raise KeyboardInterrupt
-    scene = cost.scene.recompiled(timestep=0.25 * cost.scene.timestep)
-    fine = replace(cost, scene=scene).measure([result.x for result in together.results])
+    how: Any = {"evaluations": settings.evaluations, "map": WalkingCost.costs, "batch": batch, "progress": progress}
+    together = finished(run_together(every, cost, **how))
+    fine = recompiled(cost, timestep=0.25 * cost.scene.timestep).measure([result.x for result in together.results])
     best = np.array([_padded(result.history["best"], settings.evaluations) for result in together.results])
     finer = np.array([measures.cost for measures in fine])
     names = [method for method, each in searches.items() for _ in each]
@@ -128,9 +124,8 @@ def _best(result: Result) -> Claim:
     p = _p(result, PAPERS, order[1]) if least else 1.0
     verdict = judged(least and p < SIGNIFICANT, least)
     start = result.best[PAPERS][0, 0]
-    return Claim(
+    return question(
         claim="Of these methods the paper's finds the cheapest gait",
-        paper="",
         ours=", ".join(f"{method} {_range(result.costs(method))}" for method in order)
         + f" J/m after {result.settings.evaluations} evaluations, from {start:.1f} J/m",
         verdict=verdict,
@@ -154,7 +149,7 @@ def _against(result: Result, method: str) -> Claim:
     claim = f"The paper's search beats {method} at equal numbers of evaluations"
     if method in result.missing:
         why = "CMA-ES needs the package cma: pip install 'featherstone-gait[search]'"
-        return Claim(claim, "", f"{method} was not run: its package is not installed", "not reproduced", why)
+        return question(claim, f"{method} was not run: its package is not installed", "not reproduced", why)
     ours, other = (float(np.median(result.costs(name))) for name in (PAPERS, method))
     p, reverse = _p(result, PAPERS, method), _p(result, method, PAPERS)
     verdict = judged(p < SIGNIFICANT, ours < other)
@@ -162,9 +157,8 @@ def _against(result: Result, method: str) -> Claim:
     enough = f"; {len(reached)} of its searches reach {method}'s median" + (
         f", after {np.median(reached):.0f} evaluations" if reached else ""
     )
-    return Claim(
+    return question(
         claim=claim,
-        paper="",
         ours=f"{ours:.1f} J/m against {other:.1f} J/m ({ours / other - 1.0:+.0%})",
         verdict=verdict,
         why=f"Rule: p < {SIGNIFICANT:g} (one-sided rank sum test, p = {p:.2g}, the other way round {reverse:.2g}); in "
@@ -176,11 +170,10 @@ def _against(result: Result, method: str) -> Claim:
 def _sound(result: Result) -> Claim:
     """Reproduced if no cost changes by 5 % or more."""
     changes = np.concatenate([result.finer[method] / result.costs(method) - 1.0 for method in result.best])
-    return Claim(
+    return question(
         claim="What the searches found is no artifact of the step",
-        paper="",
         ours=f"costs change by {_percent(changes.min())} to {_percent(changes.max())} at a quarter of the step",
-        verdict="reproduced" if np.abs(changes).max() < 0.05 else "not reproduced",
+        verdict=judged(np.abs(changes).max() < 0.05),
         why="Rule: all by less than 5 %; a fall is an infinite cost",
     )
 
@@ -202,7 +195,7 @@ def _percent(x: float) -> str:
 COLOURS = dict(zip(METHODS, STYLE))
 
 
-@look(grid=False)
+@look()
 def plot(result: Result) -> dict[str, Figure]:
     """The searches over evaluations, and what each found."""
     return {
@@ -212,8 +205,7 @@ def plot(result: Result) -> dict[str, Figure]:
 
 
 def _progress(result: Result) -> Figure:
-    figure = Figure(figsize=(10.0, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
+    figure, (left, right) = subplots(10.0, 4.2, 1, 2, sharey=True, width_ratios=(3, 1))
     for k, (method, best) in enumerate(result.best.items()):
         n = np.arange(1, best.shape[1] + 1)
         draw_band(left, n, best, COLOURS[method], method)
@@ -221,7 +213,5 @@ def _progress(result: Result) -> Figure:
     left.set(xlabel="evaluations", ylabel="energy per distance [J/m]", xlim=(1, result.settings.evaluations))
     left.set_ylim(bottom=0.0)
     right.set(xticks=[], xlim=(-0.6, len(result.best) - 0.4), xlabel="gaits found")
-    for axes in (left, right):
-        axes.grid(alpha=0.3)
-    figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
+    figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=4)
     return figure

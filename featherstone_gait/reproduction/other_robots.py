@@ -15,8 +15,6 @@ writes a row a floor, and into `TABLE_worlds.csv` a row a gait; started again it
 
 from __future__ import annotations
 
-import argparse
-import json
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -25,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ..base.files import FilePath, Format, complete, parse_json, write_csv
+from ..base.files import Format, read_json
 from ..benchmark.robots import folders
 from ..crosscheck import crosscheck, motion_of
 from ..model import Ground, Model
@@ -51,12 +49,20 @@ from ..walking import (
 )
 from ..walking.cost import Measures
 from ..walking.cost_in_worlds import CostInWorlds, in_worlds
-from .sources import digest
+from .tables import kept, table_arguments, write_rows
+from .walks import finished
 
 WORLDS, PUSHED = 8, 4  # of the search, and to be pushed in
 TABLE, GAIT = Format("table of other robots"), Format("gait of another robot")
 WORLDS_TABLE, WORTH = Format("worlds of other robots"), Format("worth of another robot's gait")
 SIDES = {"mujoco": "mujoco", "own": "here"}
+COLUMNS = ["robot", "gait", "own_ground_J_per_m", "own_ground_m_per_s", "floor", "sinking_m", *(
+    f"{side}_{name}" for side in SIDES.values() for name in ("walks", "end_s", "cost_J_per_m", "speed_m_per_s")
+)]  # fmt: skip
+WORLDS_COLUMNS = [
+    "robot", "gait", "own_ground_J_per_m", "own_ground_cost_of_transport", "own_ground_m_per_s",
+    "searched_worlds_J_per_m", "walks", *(f"p{share}_J_per_m" for share in (5, 50, 95)), "pushes_N_s",
+]  # fmt: skip
 
 
 class Robot(NamedTuple):
@@ -124,40 +130,31 @@ def gaits(name: str, folder: Path) -> tuple[WalkingCost, Gaits]:
     first = cost.gait.to_vector()
 
     def searched() -> dict[str, list[float]]:
-        result = optimize_gait(in_worlds(cost, WORLDS), iterations=robot.candidates, no_progress=robot.candidates)
-        if result.status == 2:
-            raise KeyboardInterrupt
-        return {"x": result.x.tolist()}
+        n = robot.candidates
+        return {"x": finished(optimize_gait(in_worlds(cost, WORLDS), iterations=n, no_progress=n)).x.tolist()}
 
-    told = _kept(folder / f"{name}_{robot.candidates}.json".replace(" ", "_"), first, searched)
-    found: Gaits = {"first": first, f"{robot.candidates} candidates": np.array(told["x"])}
+    content = _kept(folder / f"{name}_{robot.candidates}.json".replace(" ", "_"), first, searched)
+    found: Gaits = {"first": first, f"{robot.candidates} candidates": np.array(content["x"])}
     if robot.feedback:
         model, mirror = cost.scene.model, cost.gait.mirror
         found["first, feedback"] = balanced(cost.scene, _motion(cost, first), generic_feedback(model), mirror=mirror)
 
         def with_feedback() -> dict[str, list[float]]:
-            result = search_feedback(in_worlds(cost, WORLDS), iterations=robot.feedback)
-            if result.status == 2:
-                raise KeyboardInterrupt
+            result = finished(search_feedback(in_worlds(cost, WORLDS), iterations=robot.feedback))
             return {"x": result.x_poses.tolist(), "gains": result.walk.feedback.to_vector().tolist()}
 
-        told = _kept(folder / f"{name}_{robot.feedback}_feedback.json".replace(" ", "_"), first, with_feedback)
-        motion = _motion(cost, np.array(told["x"]))
-        found[f"{robot.feedback} candidates, feedback"] = balanced(cost.scene, motion, told["gains"], mirror=mirror)
+        content = _kept(folder / f"{name}_{robot.feedback}_feedback.json".replace(" ", "_"), first, with_feedback)
+        motion = _motion(cost, np.array(content["x"]))
+        found[f"{robot.feedback} candidates, feedback"] = balanced(cost.scene, motion, content["gains"], mirror=mirror)
     return cost, found
 
 
 def _kept(path: Path, first: np.ndarray, search: Callable[[], dict[str, list[float]]]) -> dict[str, Any]:
     """What a search found, from its file if it is there; raises ValueError for that of another first gait."""
-    if not path.exists():
-        found = {"format": str(GAIT), "first": first.tolist(), **search()}
-        with complete(path) as temporary:
-            temporary.write_text(json.dumps(found), "utf-8")
-    told = parse_json(path.read_text("utf-8"), str(path), "delete it")
-    GAIT.check(path, told["format"])
-    if told["first"] != first.tolist():
-        raise ValueError(f"{path}: is of another first gait, of other sources or another version; delete it")
-    return told
+    content = kept(path, GAIT, lambda: {"first": first.tolist(), **search()})
+    if content["first"] != first.tolist():
+        raise ValueError(f"{path}: belongs to another first gait, of other sources or another version; delete it")
+    return content
 
 
 def _motion(cost: WalkingCost, x: np.ndarray) -> Motion:
@@ -171,11 +168,12 @@ def worth_of(name: str, folder: Path, cost: WalkingCost, found: Gaits) -> list[l
     """
     path = folder / f"{name}_{ROBOTS[name].candidates}_worth.json".replace(" ", "_")
     digits = [x.feedback.to_vector().tolist() if isinstance(x, BalancedWalk) else x.tolist() for x in found.values()]
-    if path.exists():
-        told = parse_json(path.read_text("utf-8"), str(path), "delete it")
-        WORTH.check(path, told["format"])
-        if told["gaits"] == digits:
-            return told["rows"]
+    if path.exists() and read_json(path, WORTH)["gaits"] != digits:
+        path.unlink()
+    return kept(path, WORTH, lambda: {"gaits": digits, "rows": _worths(name, cost, found)})["rows"]
+
+
+def _worths(name: str, cost: WalkingCost, found: Gaits) -> list[list]:
     searched, rows = in_worlds(cost, WORLDS), list[list]()
     for (gait, x), there in zip(found.items(), measure_in_test_worlds(cost, [*found.values()], TEST_WORLDS)):
         own, costs = on_own_ground(cost, x), there["cost"] or [None] * 3
@@ -185,8 +183,6 @@ def worth_of(name: str, folder: Path, cost: WalkingCost, found: Gaits) -> list[l
             walk = x if isinstance(x, BalancedWalk) else balanced(cost.scene, _motion(cost, x), mirror=cost.gait.mirror)
             pushes = float(pushes_survived(cost.scene, walk, PUSHED, feedback=walk is x).mean())
         rows.append([name, gait, *cells, pushes])
-    with complete(path) as temporary:
-        temporary.write_text(json.dumps({"format": str(WORTH), "gaits": digits, "rows": rows}), "utf-8")
     return rows
 
 
@@ -209,26 +205,9 @@ def rows_of(name: str, folder: Path, cost: WalkingCost, found: Gaits) -> list[li
     return rows
 
 
-def write_table(path: FilePath, rows: Sequence[Sequence]) -> None:
-    """Rows of `rows_of` as CSV."""
-    columns = ["robot", "gait", "own_ground_J_per_m", "own_ground_m_per_s", "floor", "sinking_m"]
-    measures = ("walks", "end_s", "cost_J_per_m", "speed_m_per_s")
-    columns += [f"{side}_{name}" for side in SIDES.values() for name in measures]
-    write_csv(path, TABLE, columns, rows, f"sources {digest(Path(__file__))}")
-
-
-def write_worlds(path: FilePath, rows: Sequence[Sequence]) -> None:
-    """Rows of `worth_of` as CSV."""
-    columns = ["robot", "gait", "own_ground_J_per_m", "own_ground_cost_of_transport", "own_ground_m_per_s"]
-    columns += ["searched_worlds_J_per_m", "walks", *(f"p{share}_J_per_m" for share in (5, 50, 95)), "pushes_N_s"]
-    write_csv(path, WORLDS_TABLE, columns, rows, f"sources {digest(Path(__file__))}")
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Walk one robot after the other, and write the tables after each."""
-    parser = argparse.ArgumentParser(description="gaits of other robots in MuJoCo; interrupted to go on")
-    parser.add_argument("table", type=Path, metavar="TABLE.csv")
-    args = parser.parse_args(arguments)
+    args = table_arguments("walk the gaits of other robots in MuJoCo", arguments)
     folder = Path(str(args.table.with_suffix("")) + "_walks")
     folder.mkdir(parents=True, exist_ok=True)
     rows: list[list] = []
@@ -236,9 +215,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in tqdm(ROBOTS, unit="robot"):
         walked = gaits(name, folder)
         worlds += worth_of(name, folder, *walked)
-        write_worlds(args.table.with_name(f"{args.table.stem}_worlds.csv"), worlds)
+        own_table = args.table.with_name(f"{args.table.stem}_worlds.csv")
+        write_rows(own_table, WORLDS_TABLE, worlds, __file__, WORLDS_COLUMNS)
         rows += rows_of(name, folder, *walked)
-        write_table(args.table, rows)
+        write_rows(args.table, TABLE, rows, __file__, COLUMNS)
     return 0
 
 

@@ -14,15 +14,12 @@ Base: the program puts a robot on the ground unless told otherwise; both are run
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Collection, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from tqdm import tqdm
 
 from ..model import Base, Ground, Model
 from ..robot_file import load_robot
@@ -30,8 +27,18 @@ from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch, standing_state
 from ..scene.compile import CompiledScene, ServoKind, compile_scene
 from ..view.style import BLUE, ORANGE, look
-from .claim import Claim, Verdict, judged
-from .common import SERVO_COLOURS, grid_of_panels, heavier
+from .claim import Claim, Verdict, judged, question
+from .common import (
+    ENCODER_STEP,
+    EXPLICIT,
+    IMPLICIT,
+    INTEGRATOR_NAMES,
+    LINE_STYLES,
+    SERVO_COLOURS,
+    heavier,
+    in_threads,
+    subplots,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,8 +53,7 @@ TABLE_3 = {
 }
 JOINTS = tuple(TABLE_3)
 SERVOS: tuple[ServoKind, ...] = ("standard", "mipsd")
-INTEGRATORS = ("simtwo", "implicit_euler")
-EXPLICIT, IMPLICIT = INTEGRATORS
+INTEGRATORS = (EXPLICIT, IMPLICIT)
 BASES: tuple[Base, ...] = ("floating", "fixed")
 P = math.inf  # integral time of the proportional law [s]
 INTEGRAL_TIME = 1.0  # [s]; with a third of it the standing robot sways ever more and falls, with every model
@@ -79,7 +85,7 @@ class Settings:
     tilt: float = math.radians(0.1)  # [rad] their standard deviation from the references, in all joints
     duration: float = 20.0  # [s]
     dropped: float = 10.0  # [s] of the start, not measured: integral action takes some integral times
-    resolution: float = math.radians(300.0 / 1023.0)  # [rad] what the AX-12's encoder resolves
+    resolution: float = ENCODER_STEP  # [rad] what the AX-12's encoder resolves
 
     def __post_init__(self) -> None:
         if not 0 <= self.dropped < self.duration < math.inf:
@@ -136,9 +142,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     cases = all_cases(settings)
     model = load_robot("humanoid")
     noise = settings.tilt * np.random.default_rng(seed).standard_normal((settings.disturbances, model.nv - 6))
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        done = pool.map(lambda case: hold(case, settings, noise), cases)
-        outcomes = list(tqdm(done, "posture", len(cases), unit="case", disable=not progress))
+    outcomes = in_threads(lambda case: hold(case, settings, noise), cases, "posture", progress)
     felt = np.array(scene_of(Case(base="fixed")).preflight.inertias)
     return Result(settings, felt[_places(model)], dict(zip(cases, outcomes)))
 
@@ -329,7 +333,7 @@ def _cause(result: Result) -> Claim:
     )
     verdict: Verdict = "not reproduced" if still else "reproduced"
     ours = "the standard model does, integrated implicitly" if still else "yes"
-    return Claim("It takes the MIPSD gearbox to hold still", "", ours, verdict, why)
+    return question("It takes the MIPSD gearbox to hold still", ours, verdict, why)
 
 
 BASE = {"floating": "standing", "fixed": "trunk fixed"}
@@ -363,13 +367,10 @@ def _title(joint: str) -> str:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = SERVO_COLOURS
-STYLES = {EXPLICIT: "-", IMPLICIT: "--"}
-NAMES = {EXPLICIT: "explicit (simtwo)", IMPLICIT: "implicit_euler"}
 FLOOR = 1e-6  # of what is shown of a deviation [deg]
 
 
-@look(grid=False)
+@look()
 def plot(result: Result) -> dict[str, Figure]:
     """The figures, by caption."""
     return {
@@ -380,16 +381,15 @@ def plot(result: Result) -> dict[str, Figure]:
 
 
 def _elbow(result: Result) -> Figure:
-    figure, axes = grid_of_panels(11.0, 3.6, 1, 3, sharey=True)
+    figure, axes = subplots(11.0, 3.6, 1, 3, sharey=True)
     models = (("standard", EXPLICIT), ("mipsd", EXPLICIT), ("standard", IMPLICIT))
-    for panel, (servos, integrator) in zip(axes[0], models):
+    for panel, (servos, integrator) in zip(axes, models):
         for base, color in (("floating", ORANGE), ("fixed", BLUE)):
             o = result.of(servos=servos, integrator=integrator, base=base)
             panel.plot(o.time, o.angle[:, JOINTS.index("left_elbow")], color=color, linewidth=0.7, label=BASE[base])
-        panel.set(xlabel="time [s]", title=f"{servos}, {NAMES[integrator]}")
-        panel.grid(alpha=0.3)
-    axes[0, 0].set_ylabel("left elbow [deg]")
-    lines, names = axes[0, 0].get_legend_handles_labels()
+        panel.set(xlabel="time [s]", title=f"{servos}, {INTEGRATOR_NAMES[integrator]}")
+    axes[0].set_ylabel("left elbow [deg]")
+    lines, names = axes[0].get_legend_handles_labels()
     for line in figure.legend(lines, names, loc="outside lower center", ncols=2).get_lines():
         line.set_linewidth(2.0)
     return figure
@@ -397,14 +397,14 @@ def _elbow(result: Result) -> Figure:
 
 def _ranges(result: Result) -> Figure:
     """Thin: smallest to largest angle over all disturbances; thick: mean (the paper's: middle) ± deviation."""
-    figure, axes = grid_of_panels(13.0, 4.2, 1, 4, sharey=True)
+    figure, axes = subplots(13.0, 4.2, 1, 4, sharey=True)
     rows: list[tuple] = []
     for servos in SERVOS:
         rows.append((servos, None, "", 0.0))
         rows += [(servos, i, base, Ti) for i, base, Ti in product(INTEGRATORS, BASES, (INTEGRAL_TIME, P))]
-    for j, (panel, joint) in enumerate(zip(axes[0], JOINTS)):
+    for j, (panel, joint) in enumerate(zip(axes, JOINTS)):
         for k, (servos, integrator, base, Ti) in enumerate(rows):
-            color = COLOURS[servos]
+            color = SERVO_COLOURS[servos]
             if integrator is None:
                 high, low, deviation = TABLE_3[joint][1][servos]
                 middle, color = 0.5 * (high + low), "0.3"
@@ -420,41 +420,39 @@ def _ranges(result: Result) -> Figure:
         panel.set_title(_title(joint), fontsize=10)
         panel.set_xscale("symlog", linthresh=0.1)
         panel.set_xticks([-1.0, -0.1, 0.0, 0.1, 1.0], ["-1", "-0.1", "0", "0.1", "1"])
-        panel.grid(alpha=0.3)
     names = [
         f"paper, {servos}" if i is None else f"{servos}, {i}, {BASE[base]}, {'P' if Ti == P else 'PI'}"
         for servos, i, base, Ti in rows
     ]
-    axes[0, 0].set_yticks(range(len(rows)), names, fontsize=8)
-    axes[0, 0].invert_yaxis()
+    axes[0].set_yticks(range(len(rows)), names, fontsize=8)
+    axes[0].invert_yaxis()
     figure.supxlabel("angle less reference [deg]", fontsize=10)
     return figure
 
 
 def _dependence(result: Result) -> Figure:
-    figure, axes = grid_of_panels(12.0, 4.0, 1, 3, sharey=True)
+    figure, axes = subplots(12.0, 4.0, 1, 3, sharey=True)
     settings, paper = result.settings, _paper("standard")[:, 2].max()
     sweeps: tuple[tuple[str, float, list[dict[str, Any]]], ...] = (
         ("step [ms]", 1e3, [{"base": "fixed", "step": h} for h in settings.steps]),
         ("gain [V/rad]", 1.0, [{"base": "fixed", "Kp": Kp} for Kp in settings.gains]),
         ("masses [times ours]", 1.0, [{"mass": m} for m in (*settings.masses, 1.0)]),
     )
-    for panel, (label, scale, changes) in zip(axes[0], sweeps):
+    for panel, (label, scale, changes) in zip(axes, sweeps):
         places = [scale * list(change.values())[-1] for change in changes]
         for servos, integrator in product(SERVOS, INTEGRATORS):
             found = [result.of(servos=servos, integrator=integrator, **change) for change in changes]
             values = [max(o.typical.max(), FLOOR) if not o.fell else math.nan for o in found]
-            style = {"color": COLOURS[servos], "linestyle": STYLES[integrator], "marker": "."}
-            panel.plot(places, values, label=f"{servos}, {NAMES[integrator]}", **style)
+            style = {"color": SERVO_COLOURS[servos], "linestyle": LINE_STYLES[integrator], "marker": "."}
+            panel.plot(places, values, label=f"{servos}, {INTEGRATOR_NAMES[integrator]}", **style)
             bad = [k for k, o in enumerate(found) if "chatter" in o.statuses]
             panel.plot([places[k] for k in bad], [values[k] for k in bad], "x", color="black", markersize=7)
         panel.axhline(paper, color="0.4", linestyle=":", linewidth=1.0)
         panel.set(xlabel=label, yscale="log")
         panel.set_title(BASE[changes[0].get("base", Case.base)], fontsize=10)
-        panel.grid(alpha=0.3)
-    axes[0, 0].set_ylabel("largest deviation of a joint [deg]")
-    axes[0, 0].annotate(f"paper {paper:g}", (0.02, paper), xycoords=("axes fraction", "data"), fontsize=7, va="bottom")
-    lines, names = axes[0, 0].get_legend_handles_labels()
-    crosses = axes[0, 0].plot([], [], "x", color="black")
+    axes[0].set_ylabel("largest deviation of a joint [deg]")
+    axes[0].annotate(f"paper {paper:g}", (0.02, paper), xycoords=("axes fraction", "data"), fontsize=7, va="bottom")
+    lines, names = axes[0].get_legend_handles_labels()
+    crosses = axes[0].plot([], [], "x", color="black")
     figure.legend([*lines, *crosses], [*names, "chatter"], loc="outside lower center", ncols=5, fontsize=8)
     return figure

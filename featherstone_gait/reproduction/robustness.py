@@ -10,10 +10,8 @@ For backlash a gait is also searched with it, to tell what a search that knew of
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -21,17 +19,15 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from ..identification.fit import changed
-from ..model import Ground, Model
-from ..optimize.planning import walking_cost
+from ..model import Ground
 from ..optimize.search import optimize_gait
-from ..robot_file import load_robot
 from ..run.simulate import Push
-from ..scene.compile import compile_scene
 from ..view.style import BLUE, ORANGE, look
 from ..walking.cost import WalkingCost
-from .claim import Claim, span
-from .common import draw_marks, heavier
+from .claim import Claim, judged, question, span
+from .common import draw_marks, heavier, in_threads, subplots
 from .gait_optimization import measure
+from .walks import finished, planned_walk, recompiled
 
 PLANNED = "planned"
 KINDS = {  # of disturbance -> what its axis says
@@ -98,29 +94,22 @@ class Result:
 
 def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
     """Search, seeded by `seed` and those that follow, then disturb; `seed` also draws the uncertain masses."""
-    planned = walking_cost(load_robot("humanoid", locked="simplified"))
+    planned = planned_walk()
     loose = _with(planned, "backlash", settings.known_backlash)
     gaits, vectors = [PLANNED], [planned.gait.to_vector()]
     total = 2 * settings.searches
     with tqdm(total=total, disable=not progress, unit="search") as bar:
         for (name, cost), k in product((("found", planned), ("knew", loose)), range(settings.searches)):
-            result = optimize_gait(cost, iterations=settings.iterations, seed=seed + k, no_progress=settings.iterations)
-            if result.status == 2:
-                raise KeyboardInterrupt
+            n = settings.iterations
             gaits.append(f"{name} {k + 1}")
-            vectors.append(result.x)
+            vectors.append(finished(optimize_gait(cost, iterations=n, seed=seed + k, no_progress=n)).x)
             bar.update()
     keys = [(kind, value) for kind in KINDS for value in getattr(settings, kind)]
     keys += [(UNCERTAIN, k) for k in range(settings.robots)]
     keys += [(PUSHED, each) for each in product(DIRECTIONS, settings.push)]
-
-    def disturbed(key: tuple) -> np.ndarray:
-        return _costs(settings, planned, vectors, key, seed)
-
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        costs = list(tqdm(pool.map(disturbed, keys), "disturbances", len(keys), disable=not progress))
-    fine = planned.scene.recompiled(timestep=0.25 * planned.scene.timestep)
-    nominal, finer = (measure(cost, vectors)[:, 0] for cost in (planned, replace(planned, scene=fine)))
+    costs = in_threads(lambda key: _costs(settings, planned, vectors, key, seed), keys, "disturbances", progress)
+    fine = recompiled(planned, timestep=0.25 * planned.scene.timestep)
+    nominal, finer = (measure(cost, vectors)[:, 0] for cost in (planned, fine))
     return Result(settings, tuple(gaits), np.array(vectors), nominal, finer, dict(zip(keys, costs)))
 
 
@@ -138,7 +127,7 @@ def _costs(
     if kind == UNCERTAIN:
         links = len(planned.scene.model.links)
         times = 1.0 + settings.uncertainty * np.random.default_rng((seed, value)).uniform(-1.0, 1.0, links)
-        return measure(_of(planned, heavier(planned.scene.model, times)), vectors)[:, 0]
+        return measure(recompiled(planned, heavier(planned.scene.model, times)), vectors)[:, 0]
     return measure(_with(planned, kind, value), vectors)[:, 0]
 
 
@@ -157,12 +146,7 @@ def _with(planned: WalkingCost, kind: str, value: float) -> WalkingCost:
         model = changed(model, voltage_limit=value, Kp=Kp)
     else:
         model = changed(model, backlash=math.radians(value))
-    return _of(planned, model, ground)
-
-
-def _of(planned: WalkingCost, model: Model, ground: Ground | None = None) -> WalkingCost:
-    arguments = planned.scene.arguments | {"ground": ground or Ground()}
-    return replace(planned, scene=compile_scene(model, **arguments))
+    return recompiled(planned, model, ground=ground)
 
 
 # ---------------------------------------------------------------------------------------------- claims
@@ -178,15 +162,11 @@ def _walks(result: Result) -> Claim:
     every = np.array([cost for (kind, _), cost in result.costs.items() if kind != PUSHED])
     shares = np.isfinite(every).mean(axis=0)
     found, planned = shares[result.found], shares[0]
-    falls = {
-        kind: 1.0 - np.isfinite(result.of(kind)[:, result.found]).mean()
-        for kind in (*KINDS, UNCERTAIN)
-    }  # fmt: skip
-    return Claim(
+    falls = {kind: 1.0 - np.isfinite(result.of(kind)[:, result.found]).mean() for kind in (*KINDS, UNCERTAIN)}
+    return question(
         claim="An optimized gait walks under as many disturbances as the planned one",
-        paper="",
         ours=f"found {span(found, '.0%')}, planned {planned:.0%} of {len(every)} floors, slopes and robots",
-        verdict="reproduced" if np.median(found) >= planned else "not reproduced",
+        verdict=judged(np.median(found) >= planned),
         why=f"Rule: the median of {len(found)} gaits walks under at least as many, without falling and faster than "
         "5 mm/s. Share of failures by kind: " + ", ".join(f"{kind} {x:.0%}" for kind, x in falls.items()),
     )
@@ -199,12 +179,11 @@ def _cheaper(result: Result) -> Claim:
     share = float((ratios < 1.0).mean())
     gain = result.nominal[result.found] / result.nominal[0] - 1.0
     finer = result.finer / result.nominal - 1.0
-    return Claim(
+    return question(
         claim="The gain survives: an optimized gait is cheaper than the planned one under disturbances too",
-        paper="",
         ours=f"cheaper in {share:.0%} of {len(ratios)} cases in which both walk; change "
         f"{span(ratios - 1.0, '+.0%')}, undisturbed {span(gain, '+.0%')}",
-        verdict="reproduced" if share == 1.0 else "reproduced in direction" if share >= 0.9 else "not reproduced",
+        verdict=judged(share == 1.0, share >= 0.9),
         why="Rule: in all; in direction if in 90 %. Median change by kind: "
         + ", ".join(f"{kind} {_median_change(result, kind)}" for kind in (*KINDS, UNCERTAIN))
         + f". At a quarter of the step all gaits' undisturbed costs change by {span(finer, '+.1%')}",
@@ -232,11 +211,10 @@ def _pushed(result: Result) -> Claim:
         f"{direction} {np.median(each[result.found]):g} N (planned {each[0]:g} N)"
         for direction, each in largest.items()
     )
-    return Claim(
+    return question(
         claim="An optimized gait withstands as many pushes as the planned one",
-        paper="",
         ours=f"found {span(counts[result.found], 'd')}, planned {counts[0]} of {len(stood)}",
-        verdict="reproduced" if np.median(counts[result.found]) >= counts[0] else "not reproduced",
+        verdict=judged(np.median(counts[result.found]) >= counts[0]),
         why=f"Rule: median at least as many. Pushes of {result.settings.pushed_for:g} s on the trunk; withstood if it "
         f"walks to the end of the strides. Largest of all that it withstands, and each weaker one, median: {lines}",
     )
@@ -255,11 +233,10 @@ def _backlash(result: Result) -> Claim:
     change = costs / result.nominal[result.found] - 1.0
     sizes = result.settings.backlash
     by_size = ", ".join(f"{size:g} deg {span(each, '+.0%')}" for size, each in zip(sizes, change))
-    return Claim(
+    return question(
         claim=f"An optimum found without backlash holds up to {max(sizes):g} deg of it",
-        paper="",
         ours=f"{np.isfinite(costs).sum()} of {costs.size} walk; change of the cost {by_size}",
-        verdict="reproduced" if np.max(change) < 0.1 else "not reproduced",
+        verdict=judged(np.max(change) < 0.1),
         why="Rule: all walk and none costs 10 % more. The planned gait: "
         + ", ".join(
             f"{size:g} deg {span(each, '+.0%')}"
@@ -271,22 +248,18 @@ def _backlash(result: Result) -> Claim:
 def _known(result: Result) -> Claim:
     """Reproduced if a search with backlash finds gaits of lower median cost for it than one without."""
     size = result.settings.known_backlash
-    cost = {name: result.costs["backlash", size][rows] for name, rows in _two(result).items()}
-    clean = {name: result.nominal[rows] for name, rows in _two(result).items()}
+    both = {"found": result.found, "knowing": result.knowing}
+    cost = {name: result.costs["backlash", size][rows] for name, rows in both.items()}
+    clean = {name: result.nominal[rows] for name, rows in both.items()}
     distance = np.degrees(np.abs(result.vectors[result.knowing] - result.vectors[result.found])).mean()
-    return Claim(
+    return question(
         claim=f"A search that knows of {size:g} deg of backlash finds better gaits for it",
-        paper="",
         ours=f"with backlash {span(cost['knowing'], '.1f')} J/m against {span(cost['found'], '.1f')} J/m",
-        verdict="reproduced" if np.median(cost["knowing"]) < np.median(cost["found"]) else "not reproduced",
+        verdict=judged(np.median(cost["knowing"]) < np.median(cost["found"])),
         why=f"Rule: lower median; a fall is infinite. Without backlash they cost {span(clean['knowing'], '.1f')} and "
         f"{span(clean['found'], '.1f')} J/m. With the same seeds the gaits found with and without it are "
         f"{distance:.1f} deg apart in the mean of their angles",
     )
-
-
-def _two(result: Result) -> dict[str, np.ndarray]:
-    return {"found": result.found, "knowing": result.knowing}
 
 
 # ---------------------------------------------------------------------------------------------- figures
@@ -294,7 +267,7 @@ def _two(result: Result) -> dict[str, np.ndarray]:
 COLOURS = {PLANNED: "0.35", "found": BLUE, "knew": ORANGE}
 
 
-@look(grid=False)
+@look()
 def plot(result: Result) -> dict[str, Figure]:
     """Costs by disturbance, and the pushes that were withstood."""
     return {
@@ -306,11 +279,10 @@ def plot(result: Result) -> dict[str, Figure]:
 
 
 def _curves(result: Result) -> Figure:
-    figure = Figure(figsize=(11.0, 6.0), layout="constrained")
-    panels = figure.subplots(2, 3, sharey=True).ravel()
+    figure, panels = subplots(11.0, 6.0, 2, 3, sharey=True)
     finite = [x for cost in result.costs.values() for x in cost if math.isfinite(x)]
     top = 1.1 * max(finite)
-    for axes, kind in zip(panels, (*KINDS, UNCERTAIN)):
+    for axes, kind in zip(panels.flat, (*KINDS, UNCERTAIN)):
         costs = result.of(kind)
         places = np.array(getattr(result.settings, kind) if kind in KINDS else np.arange(1, len(costs) + 1))
         for k, name in enumerate(result.gaits):
@@ -320,18 +292,16 @@ def _curves(result: Result) -> Figure:
             shift = 0.012 * (k - len(result.gaits) / 2) * np.ptp(places)
             axes.plot(places[~walks] + shift, np.full(np.sum(~walks), top), "x", ms=5, color=color)
         axes.set(xlabel=KINDS.get(kind, "robot"), ylim=(0.0, 1.05 * top))
-        axes.grid(alpha=0.3)
-    for axes in panels[::3]:
+    for axes in panels[:, 0]:
         axes.set_ylabel("energy per distance [J/m]")
     for name, label in zip(COLOURS, ("planned gait", "found without backlash", "found with backlash")):
-        panels[0].plot([], [], "o-", ms=3, color=COLOURS[name], label=label)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3, frameon=False)
+        panels[0, 0].plot([], [], "o-", ms=3, color=COLOURS[name], label=label)
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 
 def _pushes(result: Result) -> Figure:
-    figure = Figure(figsize=(7.5, 3.8), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = subplots(7.5, 3.8)
     groups = {PLANNED: np.array([0]), "found": result.found, "knew": result.knowing}
     for j, direction in enumerate(DIRECTIONS):
         largest = _largest(result, direction)
@@ -342,6 +312,5 @@ def _pushes(result: Result) -> Figure:
     axes.set_xticks(range(len(DIRECTIONS)), DIRECTIONS)
     axes.set(ylabel=f"push for {result.settings.pushed_for:g} s [N]")
     axes.set_ylim(bottom=0.0)
-    axes.grid(alpha=0.3, axis="y")
-    figure.legend(loc="outside upper center", ncols=3, frameon=False)
+    figure.legend(loc="outside upper center", ncols=3)
     return figure

@@ -24,16 +24,16 @@ from ..model import Model
 from ..robot_file import load_robot
 from ..run.reference import Reference
 from ..run.simulate import simulate
+from ..run.trajectory import Trajectory
 from ..scene.compile import ServoKind, compile_scene
 from ..scene.tree import GRAVITY
 from ..view.style import COLOURS as CYCLE
 from ..view.style import look
 from .claim import Claim, judged, plus_minus
-from .common import SERVO_COLOURS
+from .common import ENCODER_STEP, SERVO_COLOURS, subplots
 
-COUNT = math.radians(300.0 / 1023.0)  # encoder step [rad], [manual]
-MARGIN = 1 * COUNT  # compliance margin: no output within it [rad], [manual]
-SLOPE = 32 * COUNT  # compliance slope: error over which the output rises to full [rad], [manual]
+MARGIN = 1 * ENCODER_STEP  # compliance margin: no output within it [rad], [manual]
+SLOPE = 32 * ENCODER_STEP  # compliance slope: error over which the output rises to full [rad], [manual]
 PUNCH = 32 / 1023  # smallest output, of full, [manual]
 NO_LOAD = 59 * 2.0 * math.pi / 60 / 12  # no-load speed by supply [rad/(s V)], [manual]
 STALL = {10.0: 16.5 * 0.0980665, 12.0: 1.5}  # stall torque at a supply [N m], [original], [manual]
@@ -96,18 +96,18 @@ def run(settings: Settings = QUICK) -> Result:
     """Simulate all responses."""
     arm = load_robot("ax12_arm")
     ten = _supplied(arm, 10.0)
-    servo = ten.servos["elbow"]
+    servo, supplied = ten.servos["elbow"], {volts: _supplied(arm, volts) for volts in {*settings.supplies, *STALL}}
     gravity = -GRAVITY[2] * sum(link.mass * -link.center_of_mass[2] for link in arm.links)
     return Result(
         settings=settings,
         gearboxes={kind: _step(settings, ten, kind, kind) for kind in ("standard", "mipsd")},
-        supplies={volts: _step(settings, _supplied(arm, volts), f"{volts:g} V") for volts in settings.supplies},
+        supplies={volts: _step(settings, supplied[volts], f"{volts:g} V") for volts in settings.supplies},
         inertias={J: _step(settings, changed(ten, rotor_inertia=J), f"J = {J:g} kg m²") for J in settings.inertias},
         frictions={
             F: _step(settings, changed(ten, coulomb_friction=F), f"F = {F:.3g} N m") for F in settings.frictions
         },
-        no_load={volts: _no_load(settings, _supplied(arm, volts)) for volts in settings.supplies},
-        stall={volts: _stall(settings, _supplied(arm, volts)) for volts in STALL},
+        no_load={volts: _no_load(settings, supplied[volts]) for volts in settings.supplies},
+        stall={volts: _stall(settings, supplied[volts]) for volts in STALL},
         load=gravity * math.sin(settings.step),
         stiffness=servo.controller.Kp * servo.gearbox.ratio * servo.motor_constant / servo.resistance,
     )
@@ -126,10 +126,8 @@ def _step(settings: Settings, model: Model, label: str, kind: ServoKind = "mipsd
 
 
 def _response(settings: Settings, model: Model, label: str, kind: ServoKind, timestep: float) -> Step:
-    scene = compile_scene(model, kind, integrator="implicit_euler", timestep=timestep)
-    reference = Reference([0.0], [[settings.step]])
-    how: dict[str, Any] = dict(record=("q", "qd"), sample=timestep, estimate_error=False)
-    run = simulate(scene, settings.duration, reference=reference, **how)
+    recording: Any = {"record": ("q", "qd"), "sample": timestep}
+    run = driven(model, kind, step_to(settings.step), settings.duration, timestep, **recording)
     time, angle = run["time"], run["q"][:, 0]
     first, last = (_reached(time, angle, share * settings.step) for share in (0.1, 0.9))
     overshoot = max(0.0, float(angle.max()) - settings.step)
@@ -146,16 +144,32 @@ def _no_load(settings: Settings, model: Model) -> float:
     """Speed that the servo reaches at full voltage without gravity and stops [rad/s]."""
     turning = replace(model.joints[-1], lower=-100.0, upper=100.0)
     free = replace(model, joints=(*model.joints[:-1], turning))
-    scene = compile_scene(free, "rotor", integrator="implicit_euler", timestep=settings.timestep, gravity=(0, 0, 0))
-    run = simulate(scene, 1.0, reference=Reference([0.0], [[99.0]]), record=("qd",), estimate_error=False)
-    return float(run["qd"][-1, 0])
+    return float(driven(free, "rotor", step_to(99.0), 1.0, settings.timestep, (0, 0, 0), record=("qd",))["qd"][-1, 0])
 
 
 def _stall(settings: Settings, model: Model) -> float:
     """Torque at full voltage against the stop [N m]."""
-    scene = compile_scene(model, "rotor", integrator="implicit_euler", timestep=settings.timestep, gravity=(0, 0, 0))
-    run = simulate(scene, 2.0, reference=Reference([0.0], [[100.0]]), record=("torque",), estimate_error=False)
+    run = driven(model, "rotor", step_to(100.0), 2.0, settings.timestep, (0, 0, 0), record=("torque",))
     return float(run["torque"][-1, 0])
+
+
+def driven(
+    model: Model,
+    kind: ServoKind,
+    reference: Reference,
+    duration: float,
+    timestep: float,
+    gravity: Any = GRAVITY,
+    **recording: Any,
+) -> Trajectory:
+    """Simulate a servo that follows a reference; recording: options record and sample of `simulate`."""
+    scene = compile_scene(model, kind, integrator="implicit_euler", timestep=timestep, gravity=gravity)
+    return simulate(scene, duration, reference=reference, estimate_error=False, **recording)
+
+
+def step_to(angle: float) -> Reference:
+    """Return the reference that is an angle [rad] from the start."""
+    return Reference([0.0], [[angle]])
 
 
 def check(result: Result) -> list[Claim]:
@@ -176,7 +190,7 @@ def _speed_claim(result: Result) -> Claim:
         paper=f"curves coincide; the AX-12's manual: {12 * NO_LOAD:.2f} rad/s without load at 12 V",
         ours=f"{result.no_load[12.0]:.2f} rad/s at 12 V ({off[12.0]:+.1%}); largest speed in the step at 10 V "
         f"{standard} rad/s standard, {mipsd} rad/s MIPSD",
-        verdict="reproduced" if same else "not reproduced",
+        verdict=judged(same),
         why=f"no-load speed within {TOLERANCE:.0%} of the manual's, taken in proportion to the supply, at "
         f"{', '.join(f'{volts:g}' for volts in off)} V: off by {min(off.values()):+.1%} to {max(off.values()):+.1%}. "
         "Without rotor inertia the first surge goes beyond it: with time constants of 0.6 ms (current) and 0.7 ms "
@@ -209,16 +223,16 @@ def _error_claim(result: Result) -> Claim:
     standard, mipsd = (result.gearboxes[kind].stated("error", DEGREES, ".3f") for kind in ("standard", "mipsd"))
     linear = -result.load / result.stiffness
     real = -_compliance_error(result)
-    same = abs(ours - real) < COUNT
+    same = abs(ours - real) < ENCODER_STEP
     return Claim(
         claim="Model and real servo agree in a step: where it comes to rest",
         item="Fig. 4",
         paper=f"compliance law of the manual under this load: up to {math.degrees(real):.2f} deg",
         ours=f"{standard} deg (MIPSD {mipsd} deg); load by stiffness {math.degrees(linear):.3f} deg",
-        verdict="reproduced" if same else "not reproduced",
+        verdict=judged(same),
         why=f"the difference is {math.degrees(abs(ours - real)):.2f} deg, less than one count of the encoder "
-        f"({math.degrees(COUNT):.2f} deg). The paper's controller is linear; the real one gives nothing within a "
-        "margin of one count and at least 3 % beyond it, which holds this arm at the edge of the margin"
+        f"({math.degrees(ENCODER_STEP):.2f} deg). The paper's controller is linear; the real one gives nothing "
+        "within a margin of one count and at least 3 % beyond it, which holds this arm at the edge of the margin"
         if same
         else "the linear controller of the paper has neither margin nor punch",
     )
@@ -248,13 +262,13 @@ def _gearbox_claim(result: Result) -> Claim:
         ours=f"rise {standard.stated('rise', 1e3, '.0f')} ms standard, {mipsd.stated('rise', 1e3, '.0f')} ms MIPSD "
         f"({longer:+.0%}); overshoot {standard.stated('overshoot', percent, '.1f')} and "
         f"{mipsd.stated('overshoot', percent, '.1f')} %",
-        verdict="reproduced" if same else "reproduced in direction" if abs(longer) < TOLERANCE else "not reproduced",
+        verdict=judged(same, abs(longer) < TOLERANCE),
         why=f"rise time and overshoot within {TOLERANCE:.0%}. It depends on the rotor inertia, which the paper does "
         f"not give (rise, overshoot): {by_inertia}. {ERROR}",
     )
 
 
-@look(grid=False)
+@look()
 def plot(result: Result) -> dict[str, Figure]:
     """The step as in Fig. 4, and what it depends on."""
     return {
@@ -266,8 +280,7 @@ def plot(result: Result) -> dict[str, Figure]:
 
 
 def _main(result: Result) -> Figure:
-    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
-    whole, detail = figure.subplots(1, 2, sharey=True)
+    figure, (whole, detail) = subplots(9.0, 3.6, 1, 2, sharey=True)
     target = math.degrees(result.settings.step)
     for axes in (whole, detail):
         for kind, step in result.gearboxes.items():
@@ -275,26 +288,23 @@ def _main(result: Result) -> Figure:
         axes.axhspan(*(target + math.degrees(MARGIN) * side for side in (-1, 1)), color="0.85", zorder=0)
         axes.axhline(target, color="0.4", linestyle=":", linewidth=1.0)
         axes.set_xlabel("time [s]")
-        axes.grid(alpha=0.3)
     time = np.array([0.0, result.settings.step / (10 * NO_LOAD)])
     slope = np.degrees(10 * NO_LOAD * time)
     detail.plot(time + 0.02, slope, color="0.5", linestyle="--", label="no-load speed, manual")
     detail.set_xlim(0.0, 2.0 * result.gearboxes["standard"].rise)
     whole.set_ylabel("angle [deg]")
-    detail.legend(loc="lower right", frameon=False)
+    detail.legend(loc="lower right")
     return figure
 
 
 def _dependence(result: Result) -> Figure:
-    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
-    panels = figure.subplots(1, 3, sharey=True)
+    figure, panels = subplots(9.0, 3.4, 1, 3, sharey=True)
     for axes, steps, title in zip(
         panels, (result.supplies, result.inertias, result.frictions), ("supply", "rotor inertia", "Coulomb friction")
     ):
         for k, step in enumerate(steps.values()):
             axes.plot(step.time, np.degrees(step.angle), ("-", "--", ":")[k], color=CYCLE[k], label=step.label)
         axes.set(xlabel="time [s]", xlim=(0.0, 0.5), title=title)
-        axes.legend(loc="lower right", frameon=False, fontsize=8)
-        axes.grid(alpha=0.3)
+        axes.legend(loc="lower right", fontsize=8)
     panels[0].set_ylabel("angle [deg]")
     return figure

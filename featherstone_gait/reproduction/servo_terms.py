@@ -17,16 +17,16 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..base.portable_math import sincos
-from ..identification.fit import MOTOR_OFF, changed
+from ..identification.fit import changed
 from ..model import Model
 from ..robot_file import load_robot
 from ..run.reference import Reference
-from ..run.simulate import initial_state, simulate, simulate_batch
-from ..scene.compile import compile_scene
 from ..view.style import look
+from .arm_fall import released
 from .claim import Claim, judged, span
+from .common import ENCODER_STEP, subplots
+from .servo_step import driven, step_to
 
-COUNT = math.radians(300.0 / 1023.0)  # encoder step of the AX-12 [rad], ROBOTIS e-manual
 OUTPUT, ROTOR, PRINTED = "B_v at the output", "B_v / G² at the rotor", "B_vr = 0.01278 N m s/rad"
 
 
@@ -78,18 +78,17 @@ def run(settings: Settings = QUICK) -> Result:
         ROTOR: changed(arm, viscous_friction=0.0, rotor_damping=B / G**2),
         PRINTED: changed(arm, viscous_friction=0.0, rotor_damping=B),
     }
-    falls = {name: _fall(settings, model) for name, model in models.items()}
-    steps = {Kd: _driven(settings, changed(arm, Kd=Kd), Reference([0.0], [[settings.step]])) for Kd in settings.gains}
+    h, start = settings.timestep, [settings.start]
+    falls = {name: released(model, "mipsd", start, settings.fall, h) for name, model in models.items()}
+    steps = {Kd: _following(changed(arm, Kd=Kd), step_to(settings.step), 1.0, h) for Kd in settings.gains}
     K = G * servo.motor_constant
     drive = K * servo.voltage_limit / servo.resistance
     return Result(
         settings=settings,
-        falls={name: angle for name, (_, angle) in falls.items()},
+        falls={name: angles[0] for name, (_, angles) in falls.items()},
         fall_time=falls[OUTPUT][0],
-        no_load={
-            name: drive
-            / (K * K / servo.resistance + sum(_damping(model)))  # K V / R = (K² / R + B) w, all at the output
-            for name, model in models.items()
+        no_load={  # K V / R = (K² / R + B) w, all at the output
+            name: drive / (K * K / servo.resistance + _damping(model)) for name, model in models.items()
         },
         steps={Kd: angle for Kd, (_, angle) in steps.items()},
         step_time=steps[settings.gains[0]][0],
@@ -97,26 +96,10 @@ def run(settings: Settings = QUICK) -> Result:
     )
 
 
-def _damping(model: Model) -> tuple[float, float]:
-    """At the output and of the rotor, seen from the output [N m s/rad]."""
+def _damping(model: Model) -> float:
+    """Return the viscous damping of a servo with that of its rotor, at the output [N m s/rad]."""
     (servo,) = model.servos.values()
-    return servo.viscous_friction, servo.gearbox.ratio**2 * servo.gearbox.rotor_damping
-
-
-def _fall(settings: Settings, model: Model) -> tuple[np.ndarray, np.ndarray]:
-    scene = compile_scene(changed(model, **MOTOR_OFF), "mipsd", integrator="implicit_euler", timestep=settings.timestep)
-    state = [initial_state(scene, [settings.start])]
-    still = [Reference([0.0], [[0.0]])]
-    (run,) = simulate_batch(scene, settings.fall, state, still, record=("q",), sample=0.01, estimate_error=False)
-    return run["time"], run["q"][:, 0]
-
-
-def _driven(
-    settings: Settings, model: Model, reference: Reference, duration: float = 1.0
-) -> tuple[np.ndarray, np.ndarray]:
-    scene = compile_scene(model, "mipsd", integrator="implicit_euler", timestep=settings.timestep)
-    run = simulate(scene, duration, reference=reference, record=("q",), sample=0.002, estimate_error=False)
-    return run["time"], run["q"][:, 0]
+    return servo.viscous_friction + servo.gearbox.ratio**2 * servo.gearbox.rotor_damping
 
 
 def _lag(settings: Settings, model: Model) -> float:
@@ -125,9 +108,14 @@ def _lag(settings: Settings, model: Model) -> float:
     period, w = 1.0 / settings.frequency, 2.0 * math.pi * settings.frequency
     knots = np.arange(0.0, 2.0 * period + 0.02, 0.01)
     reference = Reference(knots, settings.amplitude * sincos(w * knots)[0][:, None])
-    time, angle = _driven(settings, model, reference, 2.0 * period)
+    time, angle = _following(model, reference, 2.0 * period, settings.timestep)
     asked = settings.amplitude * sincos(w * np.maximum(time - servo.controller.lag, 0.0))[0]
     return float(np.sqrt(np.mean((asked - angle)[time >= period] ** 2)))
+
+
+def _following(model: Model, reference: Reference, duration: float, h: float) -> tuple[np.ndarray, np.ndarray]:
+    run = driven(model, "mipsd", reference, duration, h, record=("q",), sample=0.002)
+    return run["time"], run["q"][:, 0]
 
 
 def check(result: Result) -> list[Claim]:
@@ -145,10 +133,10 @@ def _damping_claim(result: Result) -> Claim:
         item="Eq. 2",
         paper="no value for B_vr",
         ours=f"an arm's fall differs by at most {math.degrees(apart):.2f} deg between both",
-        verdict=judged(apart < COUNT, apart < 10.0 * COUNT),
-        why=f"Rule: within a count of the encoder ({math.degrees(COUNT):.2f} deg); in direction within ten. What is "
-        "left is the gearbox's spring between the two. Table 2's B_v cannot be meant as B_vr: the arm would sink by "
-        f"{stuck:.2g} deg in {result.settings.fall:g} s. Speed without load at 10 V [rad/s]: {speeds}",
+        verdict=judged(apart < ENCODER_STEP, apart < 10.0 * ENCODER_STEP),
+        why=f"Rule: within a count of the encoder ({math.degrees(ENCODER_STEP):.2f} deg); in direction within ten. "
+        "What is left is the gearbox's spring between both. Table 2's B_v cannot be meant as B_vr: the arm would sink "
+        f"by {stuck:.2g} deg in {result.settings.fall:g} s. Speed without load at 10 V [rad/s]: {speeds}",
     )
 
 
@@ -156,7 +144,7 @@ def _speed_claim(result: Result) -> Claim:
     """Reproduced if some gain takes half of the overshoot without rattling, and following gets no worse."""
     gains = result.settings.gains[1:]
     before = result.overshoot(0.0)
-    quiet = [Kd for Kd in gains if result.rattle(Kd) < COUNT]
+    quiet = [Kd for Kd in gains if result.rattle(Kd) < ENCODER_STEP]
     best = min(quiet, key=result.overshoot, default=0.0)
     follows = [Kd for Kd in quiet if result.rms[Kd] <= result.rms[0.0]]
     by_gain = "; ".join(
@@ -183,8 +171,7 @@ def _speed_claim(result: Result) -> Claim:
 @look()
 def plot(result: Result) -> dict[str, Figure]:
     """Falls by damping, steps by Kd."""
-    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure, (left, right) = subplots(9.0, 3.4, 1, 2)
     for (name, angle), style, color in zip(result.falls.items(), ("-", "--", "-"), ("C0", "C1", "C3")):
         left.plot(result.fall_time, np.degrees(angle), style, color=color, label=name)
     left.set(xlabel="time [s]", ylabel="angle [deg]", title="free fall")
@@ -194,8 +181,7 @@ def plot(result: Result) -> dict[str, Figure]:
     right.axhline(math.degrees(result.settings.step), color="0.4", linestyle=":", linewidth=1.0)
     right.set(xlabel="time [s]", title="step", xlim=(0.0, 0.6))
     for axes in (left, right):
-        axes.legend(frameon=False, fontsize=8)
-        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8)
     return {
         "Left: the forearm falls with viscous friction at the output, as much at the rotor, and Table 2's number taken "
         "for the rotor's (Eq. 2). Right: a step with the speed error in the state feedback (Fig. 3).": figure

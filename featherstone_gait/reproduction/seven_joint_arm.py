@@ -18,15 +18,12 @@ from __future__ import annotations
 
 import functools
 import math
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from tqdm import tqdm
 
 from ..dynamics import inverse_dynamics
 from ..model import Gearbox, Model
@@ -35,8 +32,8 @@ from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch
 from ..scene.compile import ServoKind, compile_scene
 from ..view.style import look
-from .claim import Claim, judged
-from .common import SERVO_COLOURS, grid_of_panels
+from .claim import Claim, judged, question
+from .common import ENCODER_STEP, EXPLICIT, IMPLICIT, INTEGRATOR_NAMES, LINE_STYLES, SERVO_COLOURS, in_threads, subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,8 +41,7 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
 
 SERVOS: tuple[ServoKind, ...] = ("standard", "rotor", "mipsd")
-INTEGRATORS = ("simtwo", "implicit_euler")
-EXPLICIT, IMPLICIT = INTEGRATORS
+INTEGRATORS = (EXPLICIT, IMPLICIT)
 READINGS = ("paper_literal", "code_2012", "paper_rotor_side", "physical")
 LARGE = (0.1, 0.1)  # mass [kg] and length [m] of a link: `robots/arm7`, about an AX-12 with its bracket
 SMALL = (0.07, 0.067)  # a bare AX-12 with a light bracket, the smallest that is plausible
@@ -84,7 +80,7 @@ class Settings:
     disturbances: int  # random initial tilts of each case; eight fill a vector
     duration: float = 20.0  # [s]
     dropped: float = 10.0  # [s] of the start, not measured
-    resolution: float = math.radians(300.0 / 1023.0)  # [rad] what the AX-12's encoder resolves
+    resolution: float = ENCODER_STEP  # [rad] what the AX-12's encoder resolves
 
     def __post_init__(self) -> None:
         whole = self.duration == round(self.duration) and self.dropped == round(self.dropped)
@@ -166,9 +162,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     """Hold the arm in every case.  seed: of the initial tilts, which all cases share."""
     cases = all_cases(settings)
     tilts = np.random.default_rng(seed).standard_normal((settings.disturbances, 7))
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        done = pool.map(lambda case: hold(case, settings, tilts), cases)
-        outcomes = list(tqdm(done, "seven-joint arm", len(cases), unit="case", disable=not progress))
+    outcomes = in_threads(lambda case: hold(case, settings, tilts), cases, "seven-joint arm", progress)
     return Result(settings, dict(zip(cases, outcomes)))
 
 
@@ -335,7 +329,7 @@ def _unit(result: Result) -> Claim:
     more = len(fits["deg²"]) - len(fits["rad²"])  # "reproduced" if more as rad²
     ours = "deg² fits better" if more > 0 else "rad² fits better" if more < 0 else "undecided"
     verdict = judged(more < 0)
-    return Claim("The printed 8.14 and 0.0022 rad² are in rad²", "", ours, verdict, why)
+    return question("The printed 8.14 and 0.0022 rad² are in rad²", ours, verdict, why)
 
 
 def _rotor(result: Result) -> Claim:
@@ -351,7 +345,7 @@ def _rotor(result: Result) -> Claim:
     ratio = standard.error / rotor.error
     verdict = judged(ratio.min() > 10.0 and rotor.sound)
     ours = f"{_squares(standard.error)} without, {_squares(rotor.error)} with the rotor"
-    return Claim("The instability comes from the missing rotor inertia", "", ours, verdict, why)
+    return question("The instability comes from the missing rotor inertia", ours, verdict, why)
 
 
 def _compliance(result: Result) -> Claim:
@@ -367,7 +361,7 @@ def _compliance(result: Result) -> Claim:
     )
     verdict = judged(mipsd.typical < rotor.typical)
     ours = f"rigid {_squares(rotor.error)}, compliant {_squares(mipsd.error)}"
-    return Claim("The spring-damper gearbox makes the simulation more stable", "", ours, verdict, why)
+    return question("The spring-damper gearbox makes the simulation more stable", ours, verdict, why)
 
 
 def _printed(result: Result) -> Claim:
@@ -436,13 +430,10 @@ def _both(outcome: Outcome) -> str:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = SERVO_COLOURS
-STYLES = {EXPLICIT: "-", IMPLICIT: "--"}
-NAMES = {EXPLICIT: "explicit (simtwo)", IMPLICIT: "implicit_euler"}
 FLOOR, CEILING = 1e-10, 1e5  # of what is shown [deg^2]
 
 
-@look(grid=False)
+@look()
 def plot(result: Result) -> dict[str, Figure]:
     """The figures, by caption."""
     return {
@@ -455,21 +446,19 @@ def plot(result: Result) -> dict[str, Figure]:
 
 
 def _over_time(result: Result) -> Figure:
-    figure, axes = grid_of_panels(11.0, 3.8, 1, 3)
-    for panel, servos in zip(axes[0], ("standard", "mipsd")):
+    figure, axes = subplots(11.0, 3.8, 1, 3)
+    for panel, servos in zip(axes, ("standard", "mipsd")):
         angle = np.degrees(result.of(servos=servos).angle)
-        panel.plot(np.arange(len(angle)) * 0.01, angle, color=COLOURS[servos], linewidth=0.8)
+        panel.plot(np.arange(len(angle)) * 0.01, angle, color=SERVO_COLOURS[servos], linewidth=0.8)
         panel.set(xlabel="time [s]", ylabel="angle of the lowest joint [deg]", title=f"{servos}, explicit, 1 ms")
-        panel.grid(alpha=0.3)
-    panel = axes[0, 2]
+    panel = axes[2]
     for servos, integrator in product(SERVOS, INTEGRATORS):
         seconds = np.median(result.of(servos=servos, integrator=integrator).history, axis=0) * DEG2
         times = np.arange(len(seconds)) + 0.5
-        label = f"{servos}, {NAMES[integrator]}"
-        panel.semilogy(times, seconds, STYLES[integrator], color=COLOURS[servos], label=label)
+        label = f"{servos}, {INTEGRATOR_NAMES[integrator]}"
+        panel.semilogy(times, seconds, LINE_STYLES[integrator], color=SERVO_COLOURS[servos], label=label)
     _paper_lines(panel)
     panel.set(xlabel="time [s]", ylabel="mean square in a second [deg²]", title="all models, median")
-    panel.grid(alpha=0.3)
     figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
     return figure
 
@@ -498,12 +487,12 @@ def factorial(result: Result) -> dict[tuple[bool, bool, bool], Outcome]:
 
 
 def _factorial(result: Result) -> Figure:
-    figure, axes = grid_of_panels(8.0, 3.0)
+    figure, axes = subplots(8.0, 3.0)
     found, columns = factorial(result), ((False, False), (True, False), (False, True), (True, True))
     grid = [[found[*cause, implicit] for cause in columns] for implicit in (False, True)]
     names = ("neither\n(standard)", "rotor inertia\n(rotor)", "compliance\nwithout rotor", "both\n(mipsd)")
-    image = _heat(axes[0, 0], grid, names, tuple(NAMES.values()), 9)
-    figure.colorbar(image, ax=axes[0, 0], label="error [deg²]")
+    image = _heat(axes, grid, names, tuple(INTEGRATOR_NAMES.values()), 9)
+    figure.colorbar(image, ax=axes, label="error [deg²]")
     return figure
 
 
@@ -512,6 +501,7 @@ def _heat(panel: Axes, grid: list[list[Outcome]], columns: Sequence[str], rows: 
     from matplotlib.colors import LogNorm
 
     values = DEG2 * np.array([[outcome.typical for outcome in row] for row in grid])
+    panel.grid(False)
     image = panel.imshow(np.clip(values, FLOOR, CEILING), norm=LogNorm(FLOOR, CEILING), cmap="viridis", aspect="auto")
     panel.set_xticks(range(len(columns)), columns)
     panel.set_yticks(range(len(rows)), rows)
@@ -531,13 +521,13 @@ def _short(value: float) -> str:
 
 
 def _maps(result: Result) -> Figure:
-    figure, axes = grid_of_panels(13.0, 2.2 + 0.72 * len(result.settings.gains), 2, 3, sharex=True, sharey=True)
+    figure, axes = subplots(13.0, 2.2 + 0.72 * len(result.settings.gains), 2, 3, sharex=True, sharey=True)
     steps, gains = result.settings.steps, result.settings.gains
     for (k, integrator), (j, servos) in product(enumerate(INTEGRATORS), enumerate(SERVOS)):
         panel = axes[k, j]
         grid = [[result.of(servos=servos, integrator=integrator, Kp=Kp, step=h) for h in steps] for Kp in gains]
         image = _heat(panel, grid, [f"{1e3 * h:g}" for h in steps], [f"{Kp:g}" for Kp in gains], 7)
-        panel.set_title(f"{servos}, {NAMES[integrator]}", fontsize=10)
+        panel.set_title(f"{servos}, {INTEGRATOR_NAMES[integrator]}", fontsize=10)
     for panel in axes[-1]:
         panel.set_xlabel("step [ms]")
     for panel in axes[:, 0]:
@@ -547,13 +537,13 @@ def _maps(result: Result) -> Figure:
 
 
 def _dependence(result: Result) -> Figure:
-    figure, axes = grid_of_panels(12.0, 4.2, 1, 3, sharey=True)
-    tilt, gain, encoder = axes[0]
+    figure, axes = subplots(12.0, 4.2, 1, 3, sharey=True)
+    tilt, gain, encoder = axes
     settings = result.settings
     for servos, integrator in product(SERVOS, INTEGRATORS):
         model = {"servos": servos, "integrator": integrator}
-        style = {"color": COLOURS[servos], "linestyle": STYLES[integrator], "marker": ".", "linewidth": 1.2}
-        label = f"{servos}, {NAMES[integrator]}"
+        style = {"color": SERVO_COLOURS[servos], "linestyle": LINE_STYLES[integrator], "marker": ".", "linewidth": 1.2}
+        label = f"{servos}, {INTEGRATOR_NAMES[integrator]}"
         tilted = [result.of(**model, tilt=x) for x in settings.tilts]
         tilt.loglog(settings.tilts, _medians(tilted), label=label, **style)
         gain.semilogy(settings.gains, _medians(_over_gains(result, **model)), **style)
@@ -564,7 +554,7 @@ def _dependence(result: Result) -> Figure:
         resolution = 0.0 if exact else settings.resolution
         found = [result.of(servos=s, integrator=i, resolution=resolution) for i, s in models]
         places = np.arange(len(models)) + (-0.2 if exact else 0.2)
-        colors = [COLOURS[s] for _, s in models]
+        colors = [SERVO_COLOURS[s] for _, s in models]
         inside = colors if exact else "white"
         encoder.scatter(places, _medians(found), 45, c=inside, edgecolors=colors, linewidths=1.5, zorder=3)
     encoder.set_xticks(range(len(models)), [f"{s}\n{'explicit' if i == EXPLICIT else 'implicit'}" for i, s in models])
@@ -574,9 +564,8 @@ def _dependence(result: Result) -> Figure:
     tilt.set_title(f"disturbance (values below {FLOOR:g} are drawn there)", fontsize=10)
     gain.set(xlabel="gain [V/rad]", ylim=(FLOOR, CEILING))
     gain.set_title("gain; links of 0.1 kg (dots), 0.07 kg (squares)", fontsize=10)
-    for panel in axes[0]:
+    for panel in axes:
         _paper_lines(panel, labels=panel is tilt)
-        panel.grid(alpha=0.3)
     figure.legend(*tilt.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
     return figure
 
@@ -586,13 +575,13 @@ def _medians(outcomes: list[Outcome]) -> np.ndarray:
 
 
 def _readings(result: Result) -> Figure:
-    figure, axes = grid_of_panels(10.0, 3.6, 1, 2, sharey=True)
+    figure, axes = subplots(10.0, 3.6, 1, 2, sharey=True)
     inertias = result.settings.rotor_inertias
-    for panel, integrator in zip(axes[0], INTEGRATORS):
+    for panel, integrator in zip(axes, INTEGRATORS):
         model = {"servos": "mipsd", "integrator": integrator}
         grid = [[result.of(**model, gearbox=g, rotor_inertia=J) for J in inertias] for g in READINGS]
         image = _heat(panel, grid, [f"{J:g}" for J in inertias], READINGS, 8)
-        panel.set_title(f"mipsd, {NAMES[integrator]}, 1 ms", fontsize=10)
+        panel.set_title(f"mipsd, {INTEGRATOR_NAMES[integrator]}, 1 ms", fontsize=10)
         panel.set_xlabel("rotor inertia [kg m²]")
     figure.colorbar(image, ax=axes, label="median error [deg²]", pad=0.01)
     return figure

@@ -15,10 +15,8 @@ works out the map and goes on with one that was begun.
 from __future__ import annotations
 
 import math
-import os
 import sys
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple, dataclass, fields, replace
 from itertools import product
 from pathlib import Path
@@ -28,21 +26,17 @@ import numpy as np
 from tqdm import tqdm
 
 from ..base.files import FilePath, Format, read_csv, write_csv
-from ..core.effects.energies import METER
-from ..model import Ground
-from ..optimize.planning import walking_cost
-from ..robot_file import load_robot
 from ..run.reference import Reference
 from ..run.simulate import initial_state, standing_state
-from ..run.trajectory import Trajectory
-from ..scene.compile import ServoKind, compile_scene
+from ..scene.compile import CompiledScene, ServoKind, compile_scene
 from ..view.style import look
 from ..walking.cost import WalkingCost
 from ..walking.gait import TICK
 from . import posture, seven_joint_arm
-from .claim import Claim, judged
-from .common import SERVO_COLOURS, grid_of_panels, heavier
+from .claim import Claim, judged, question
+from .common import EXPLICIT, SERVO_COLOURS, heavier, in_threads, subplots
 from .maximal import Engine, simulate, simulate_seeds
+from .walks import cycle_energies, cycle_marks, planned_walk, recompiled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -163,7 +157,7 @@ class Result:
 
 def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
     """Walk, hold the arm and the posture.  seed: of the first run, those of the others follow."""
-    planned = walking_cost(load_robot("humanoid", locked="simplified"))
+    planned = planned_walk()
     documented: dict[str, Scatter] = {}
     solved: dict[str, Scatter] = {}
     swept: dict[str, Scatter] = {}
@@ -198,7 +192,7 @@ def walk(
     engine, seeds = Engine(iterations=setting.iterations), range(seed, seed + runs)
     how: dict[str, Any] = {"seeds": seeds, "engine": engine, "record": ("base_q", "energy"), "sample": TICK}
     done = simulate_seeds(cost.scene, cost.end, state, reference, **how)
-    marks, energies = _marks(cost), _energies(cost, done)
+    marks, energies = cycle_marks(cost), cycle_energies(cost, done)
     sound = np.isfinite(energies).all(axis=1)
     ways = [one["base_q"][marks[-1], 0] - one["base_q"][marks[0], 0] for one, there in zip(done, sound) if there]
     return energies, _scatter(setting, energies, sound, ways)
@@ -217,30 +211,16 @@ def nudge(settings: Settings, planned: WalkingCost, servos: ServoKind) -> float:
         start[first + k] += NUDGE
     engine = Engine(iterations=0, single=False)
     how: dict[str, Any] = {"engine": engine, "record": ("base_q", "energy"), "sample": TICK}
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        done = list(pool.map(lambda start: simulate(cost.scene, cost.end, start, reference, **how), starts))
-    energies = _energies(cost, done)
+    done = in_threads(lambda start: simulate(cost.scene, cost.end, start, reference, **how), starts)
+    energies = cycle_energies(cost, done)
     energies = energies[np.isfinite(energies).all(axis=1)]
     return float(math.sqrt(energies.var(axis=0, ddof=1).mean()) / energies.mean()) if len(energies) > 1 else math.nan
 
 
 def _cost(settings: Settings, planned: WalkingCost, setting: Setting) -> WalkingCost:
     model = heavier(planned.scene.model, setting.mass)
-    scene = compile_scene(model, setting.servos, Ground(), "simtwo", setting.step, planned.scene.gravity)
-    return replace(planned, scene=scene, warm_up=settings.warm_up, strides=settings.strides)
-
-
-def _marks(cost: WalkingCost) -> np.ndarray:
-    """Samples at which the measured cycles begin and end."""
-    return np.round((cost.mark + np.arange(cost.strides + 1) * cost.gait.period) / TICK).astype(int)
-
-
-def _energies(cost: WalkingCost, done: Sequence[Trajectory]) -> np.ndarray:
-    """Of each run and cycle (runs, strides) [J], NaN of runs that fell."""
-    marks = _marks(cost)
-    energies = np.array([np.diff(one["energy"][marks, :, METER].sum(axis=1)) for one in done])
-    energies[[one.status != "ok" for one in done]] = np.nan
-    return energies
+    cost = recompiled(planned, model, servos=setting.servos, integrator=EXPLICIT, timestep=setting.step)
+    return replace(cost, warm_up=settings.warm_up, strides=settings.strides)
 
 
 def _scatter(setting: Setting, energies: np.ndarray, sound: np.ndarray, ways: Sequence[float]) -> Scatter:
@@ -272,11 +252,9 @@ def work_out(
     rows = [] if path is None else read_map(path)
     known = {(row.servos, row.step, row.iterations, row.mass, row.runs) for row in rows}
     left = [s for s in map_settings(settings) if (*astuple(s), settings.map_runs) not in known]
-    if planned is None:
-        planned = walking_cost(load_robot("humanoid", locked="simplified"))
+    planned = planned or planned_walk()
     for setting in tqdm(left, "map", disable=not progress):
-        row = walk(settings, planned, setting, settings.map_runs, seed)[1]
-        rows.append(row)
+        rows.append(walk(settings, planned, setting, settings.map_runs, seed)[1])
         if path is not None:
             write_map(path, rows)
     return rows
@@ -308,15 +286,10 @@ def write_map(path: FilePath, rows: Iterable[Scatter]) -> None:
 def hold_arm(settings: Settings, servos: ServoKind, iterations: int, link: tuple[float, float], seed: int = 0) -> Held:
     """The seven joints held upright from a small tilt, which all cases share: variance of the lowest one [deg^2]."""
     case = seven_joint_arm.Case(servos, link=link)
-    scene = compile_scene(seven_joint_arm.arm(case), servos, integrator="simtwo", timestep=case.step)
-    tilt = case.tilt * np.random.default_rng(seed).standard_normal(7)
-    upright, seeds = Reference([0.0], np.zeros((1, 7))), _seeds(settings, iterations, seed)
-    engine = Engine(iterations=iterations)
-    how: dict[str, Any] = {"seeds": seeds, "engine": engine, "record": ("q",), "sample": scene.timestep}
-    runs = simulate_seeds(scene, settings.duration, initial_state(scene, tilt), upright, **how)
-    angles = np.degrees([one["q"][one["time"] >= settings.dropped, 0] for one in runs])
-    angles[[one.status != "ok" for one in runs]] = np.nan
-    return Held(angles.var(axis=1), angles.mean(axis=1), tuple(one.status for one in runs))
+    scene = compile_scene(seven_joint_arm.arm(case), servos, integrator=EXPLICIT, timestep=case.step)
+    state = initial_state(scene, case.tilt * np.random.default_rng(seed).standard_normal(7))
+    angles, statuses = _held(settings, scene, state, np.zeros(7), [0], iterations, seed)
+    return Held(angles[..., 0].var(axis=1), angles[..., 0].mean(axis=1), statuses)
 
 
 def hold_posture(settings: Settings, servos: ServoKind, iterations: int, mass: float, seed: int = 0) -> Held:
@@ -326,18 +299,30 @@ def hold_posture(settings: Settings, servos: ServoKind, iterations: int, mass: f
     wanted = np.array([angle for angle, _ in posture.TABLE_3.values()])
     target = np.zeros(len(scene.model.joint_names))
     target[places] = np.radians(wanted)
-    reference, seeds = Reference([0.0], target[None]), _seeds(settings, iterations, seed)
-    engine = Engine(iterations=iterations)
-    how: dict[str, Any] = {"seeds": seeds, "engine": engine, "record": ("q",), "sample": 1e-3}
-    runs = simulate_seeds(scene, settings.duration, standing_state(scene, target), reference, **how)
-    angles = np.degrees([one["q"][one["time"] >= settings.dropped][:, places] for one in runs])
-    angles[[one.status != "ok" for one in runs]] = np.nan
-    return Held(angles.std(axis=1), angles.mean(axis=1) - wanted, tuple(one.status for one in runs))
+    angles, statuses = _held(settings, scene, standing_state(scene, target), target, places, iterations, seed)
+    return Held(angles.std(axis=1), angles.mean(axis=1) - wanted, statuses)
 
 
-def _seeds(settings: Settings, iterations: int, seed: int) -> Iterable[int]:
-    """Solved, a run hangs on no seed."""
-    return range(seed, seed + (settings.seeds if iterations else 1))
+def _held(
+    settings: Settings,
+    scene: CompiledScene,
+    state: np.ndarray,
+    target: np.ndarray,
+    places: list[int],
+    iterations: int,
+    seed: int,
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Hold the joints at `target` (n,) [rad] with several seeds, or once where the problem is solved without sweeps.
+
+    Return the angles of some joints after `dropped` (seeds, samples, places) [deg], NaN where the robot fell, and the
+    statuses.
+    """
+    seeds, engine = range(seed, seed + (settings.seeds if iterations else 1)), Engine(iterations=iterations)
+    how: dict[str, Any] = {"seeds": seeds, "engine": engine, "record": ("q",), "sample": scene.timestep}
+    runs = simulate_seeds(scene, settings.duration, state, Reference([0.0], target[None]), **how)
+    angles = np.degrees([run["q"][run["time"] >= settings.dropped][:, places] for run in runs])
+    angles[[run.status != "ok" for run in runs]] = np.nan
+    return angles, tuple(run.status for run in runs)
 
 
 # ---------------------------------------------------------------------------------------------- claims
@@ -454,9 +439,8 @@ def _cause(result: Result) -> Claim:
     less = all(result.swept[servos].repeat < 0.5 * result.documented[servos].repeat for servos in SERVOS)
     words = ", ".join(f"{servos} {row.repeat:.2%}" for servos, row in result.solved.items())
     swept = ", ".join(f"{servos} {row.repeat:.2%}" for servos, row in result.swept.items())
-    return Claim(
+    return question(
         claim="The scatter is the random order of an unfinished iteration",
-        paper="",
         ours=f"the same problem solved: {words} from run to run",
         verdict=judged(none and less, none),
         why="Rule: none where each step has its problem solved, of which no order is left; less than half with "
@@ -467,9 +451,8 @@ def _cause(result: Result) -> Claim:
 
 def _sensitive(result: Result) -> Claim:
     standard, mipsd = (result.nudged[servos] for servos in SERVOS)
-    return Claim(
+    return question(
         claim="The standard model makes a scatter of whatever differs between runs, MIPSD does not",
-        paper="",
         ours=f"standard {standard:.1%}, MIPSD {mipsd:.1e}",
         verdict=judged(standard > 1e-3 and mipsd < 1e-3 * standard, standard > mipsd),
         why=f"Rule: each step solved, in double precision, starts that are off by {NUDGE:g} rad in one joint give the "
@@ -564,8 +547,6 @@ def _rest(result: Result) -> Claim:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = SERVO_COLOURS
-
 
 @look()
 def plot(result: Result) -> dict[str, Figure]:
@@ -579,16 +560,15 @@ def plot(result: Result) -> dict[str, Figure]:
 
 
 def _runs(result: Result) -> Figure:
-    figure, axes = grid_of_panels(9.0, 3.6, 1, 2, sharey=True)
-    for panel, servos in zip(axes[0], SERVOS):
+    figure, axes = subplots(9.0, 3.6, 1, 2, sharey=True)
+    for panel, servos in zip(axes, SERVOS):
         E = result.energies[servos]
         off = 100.0 * (E / np.nanmean(E) - 1.0)
         places = np.arange(1, len(E) + 1)
         for k in range(E.shape[1]):
-            panel.plot(places, off[:, k], ".", ms=4, color=COLOURS[servos], alpha=0.3 + 0.7 * k / E.shape[1])
+            panel.plot(places, off[:, k], ".", ms=4, color=SERVO_COLOURS[servos], alpha=0.3 + 0.7 * k / E.shape[1])
         panel.set(title=f"{servos}: {_said(result.documented[servos])}", xlabel="run")
-        panel.grid(alpha=0.3)
-    axes[0, 0].set_ylabel("energy less mean [%]")
+    axes[0].set_ylabel("energy less mean [%]")
     return figure
 
 
@@ -596,21 +576,21 @@ def plot_map(rows: Sequence[Scatter]) -> Figure:
     """The map as curves over the step."""
     masses = sorted({row.mass for row in rows})
     sweeps = sorted({row.iterations for row in rows})
-    figure, axes = grid_of_panels(3.0 * len(masses) + 1.0, 3.8, 1, len(masses), sharey=True)
+    figure, axes = subplots(3.0 * len(masses) + 1.0, 3.8, 1, len(masses), sharey=True, squeeze=False)
     for panel, mass in zip(axes[0], masses):
         for servos, (n, mark) in product(SERVOS, zip(sweeps, ("v", "o", "^", "s", "D"))):
             line = sorted((r.step, r.cycle) for r in rows if (r.servos, r.iterations, r.mass) == (servos, n, mass))
             steps, values = np.array(line).T
             label = f"{servos}, {n} sweeps"
-            panel.plot(1e3 * steps, 100.0 * values, marker=mark, ms=4, lw=1.0, color=COLOURS[servos], label=label)
+            panel.plot(1e3 * steps, 100.0 * values, marker=mark, ms=4, lw=1.0, color=SERVO_COLOURS[servos], label=label)
         for kind, paper in PAPER.items():
-            panel.axhspan(100 * paper / FACTOR, 100 * paper * FACTOR, color=COLOURS[kind], alpha=0.12, linewidth=0)
-            panel.axhline(100 * paper, color=COLOURS[kind], linestyle=":", linewidth=1.2)
+            panel.axhspan(
+                100 * paper / FACTOR, 100 * paper * FACTOR, color=SERVO_COLOURS[kind], alpha=0.12, linewidth=0
+            )
+            panel.axhline(100 * paper, color=SERVO_COLOURS[kind], linestyle=":", linewidth=1.2)
         panel.set(xlabel="step [ms]", yscale="log", title=f"masses x {mass:g}")
-        panel.grid(alpha=0.3)
     axes[0, 0].set_ylabel("standard deviation [%]")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=8)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
     return figure
 
 

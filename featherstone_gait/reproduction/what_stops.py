@@ -17,28 +17,23 @@ A longer study, which goes on where it stopped, writes its table and keeps the s
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
 from itertools import product
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.optimize import OptimizeResult
 from tqdm import tqdm
 
-from ..base.files import FilePath, Format, write_csv
-from ..model import Ground
-from ..optimize.planning import walking_cost
+from ..base.files import Format
 from ..optimize.search import AMPLITUDE, MAX_MISS, optimize_gait
-from ..robot_file import load_robot
-from ..scene.compile import ServoKind, compile_scene
+from ..scene.compile import ServoKind
 from ..search import minimize
 from ..view.style import COLOURS as STYLE
 from ..view.style import look
@@ -46,14 +41,17 @@ from ..walking.cheapest_plan import PlanKind, States
 from ..walking.cost import WalkingCost
 from ..walking.cost_in_worlds import in_worlds
 from ..walking.gait import TICK, bounds
-from .claim import Claim, judged, span
-from .common import SERVO_COLOURS, grid_of_panels
+from .claim import Claim, judged, question, span
+from .common import EXPLICIT, SERVO_COLOURS, in_threads, subplots
 from .gait_optimization import DEFINITION, DEFINITIONS, PAPER_CONVERGED, PAPER_COST, PAPER_OLD, PAPER_STEP, measured
 from .gait_optimization import measure as measure_walks
 from .maximal import simulate as simulate_maximal
 from .sources import PACKAGE, digest
+from .tables import search_history, table_arguments, write_rows
+from .walks import finished, planned_walk, recompiled
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 POINTS = 0.05  # within which changes count as the same, as in `gait_optimization`
@@ -159,9 +157,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
 def search(settings: Settings, condition: Condition, seed: int) -> Search:
     """One search, and what its gait is worth."""
     cost = _first(condition)
-    done = _searched(settings, cost, condition, seed)
-    if done.status == 2:
-        raise KeyboardInterrupt
+    done = finished(_searched(settings, cost, condition, seed))
     f, x, accepted = done.history["f"], done.history["x"], np.flatnonzero(done.history["accepted"])
     best = np.minimum.accumulate(np.where(np.isfinite(f), f, np.inf))
     steps = _walked(cost, condition, x[accepted])[:, 1]
@@ -186,7 +182,7 @@ def _first_of(true: np.ndarray) -> int:
 
 @cache
 def _planned(plan: PlanKind, states: States) -> WalkingCost:
-    return walking_cost(load_robot("humanoid", locked="simplified"), plan=plan, states=states)
+    return planned_walk(plan=plan, states=states)
 
 
 def _first(condition: Condition) -> WalkingCost:
@@ -194,9 +190,7 @@ def _first(condition: Condition) -> WalkingCost:
     planned = _planned(condition.plan, condition.states)
     if condition.program == OURS:
         return planned
-    model, gravity = planned.scene.model, planned.scene.gravity
-    scene = compile_scene(model, condition.servos, Ground(), "simtwo", condition.step, gravity)
-    return replace(planned, scene=scene)
+    return recompiled(planned, servos=condition.servos, integrator=EXPLICIT, timestep=condition.step)
 
 
 def _searched(settings: Settings, cost: WalkingCost, condition: Condition, seed: int) -> OptimizeResult:
@@ -228,17 +222,15 @@ def _walked(cost: WalkingCost, condition: Condition, vectors: np.ndarray) -> np.
     """Cost and distance per step (n, 2) of gaits on the own floor, as the search saw them."""
     if condition.program == OURS:
         return measure_walks(cost, vectors)
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return np.array(list(pool.map(lambda x: _swept(cost, x), vectors)))
+    return np.array(in_threads(lambda x: _swept(cost, x), vectors))
 
 
 def _worth(settings: Settings, cost: WalkingCost, condition: Condition, x: np.ndarray) -> tuple[float, float, int]:
     """Cost [J/m] and distance per step [m] of a gait, of those of its walks that do not fall, and how many do."""
     if condition.program == OURS:
         walks = measure_walks(cost, [x])
-    else:
-        with ThreadPoolExecutor(os.cpu_count()) as pool:  # other seeds than that of the search
-            walks = np.array(list(pool.map(lambda k: _swept(cost, x, k), range(1, settings.repeats + 1))))
+    else:  # other seeds than that of the search
+        walks = np.array(in_threads(lambda k: _swept(cost, x, k), range(1, settings.repeats + 1)))
     sound = walks[np.isfinite(walks[:, 0])]
     if not len(sound):
         return math.inf, math.nan, len(walks)
@@ -247,13 +239,8 @@ def _worth(settings: Settings, cost: WalkingCost, condition: Condition, x: np.nd
 
 def _history(settings: Settings, condition: Condition, seed: int) -> dict[str, Any]:
     """Where a search is kept; another program has other files."""
-    if not settings.folder:
-        return {}
     program = [digest(PACKAGE / file) for file in ("optimize/search.py", "reproduction/maximal/__init__.py")]
-    key = hashlib.sha256(f"{condition!r}\n{program}".encode()).hexdigest()[:12]
-    folder = Path(settings.folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    return {"history": folder / f"{key}_{seed}.jsonl", "resume": True}
+    return search_history(settings.folder, f"{condition!r}\n{program}", seed)
 
 
 # ---------------------------------------------------------------------------------------------- claims
@@ -274,9 +261,8 @@ def _stops(result: Result) -> Claim:
     at, then = span([row.passed for row in passed], "d"), span([row.longer_then for row in passed], "+.0%")
     way = f"at iteration {at}, where the steps have changed by {then}" if passed else "so far"
     ends = "; ".join(f"{row.condition}: {row.cost:+.0%}, steps {row.longer:+.0%}" for row in rows)
-    return Claim(
+    return question(
         claim="Something that the paper leaves open stops a search at its 14 % and 13 %",
-        paper="",
         ours=f"{len(both)} of {len(rows)} searches stop there, {len(cost)} at the energy, {len(step)} at the steps; "
         f"from {span([row.cost for row in rows], '+.0%')}; {len(passed)} pass 14 %, {way}",
         verdict=judged(bool(both), bool(cost or step), result.settings.iterations >= PAPER_CONVERGED),
@@ -300,9 +286,8 @@ def _fair(result: Result) -> Claim:
     )
     less = [fair.cost > plain.cost for plain, fair in pairs]
     gains = span([fair.cost for _, fair in pairs], "+.0%") if pairs else "not run at this size"
-    return Claim(
+    return question(
         claim="From the cheapest of many plans less is gained",
-        paper="",
         ours=f"{gains}, from the plain plan {span([plain.cost for plain, _ in pairs], '+.0%')}" if pairs else gains,
         verdict=judged(all(less), any(less), bool(pairs) and result.settings.iterations >= PAPER_CONVERGED),
         why=f"Rule: in each pair of searches; in part if in some; undecided before {PAPER_CONVERGED}. {words}",
@@ -385,7 +370,7 @@ def _courses(result: Result) -> Figure:
         name: [s for s in result.searches if (s.row.program, s.row.floors) == part] for name, part in parts.items()
     }
     shown = {name: searches for name, searches in every.items() if searches}
-    figure, axes = grid_of_panels(3.3 * len(shown), 3.3, 1, len(shown), sharey=True)
+    figure, axes = subplots(3.3 * len(shown), 3.3, 1, len(shown), sharey=True, squeeze=False)
     for panel, (name, searches) in zip(axes[0], shown.items()):
         for one in searches:
             row = one.row
@@ -394,16 +379,13 @@ def _courses(result: Result) -> Figure:
             panel.plot(100.0 * (one.best - 1.0), "--" if dashed else "-", color=_color(row), label=label)
         panel.axhline(100.0 * PAPER_COST, color="0.3", linestyle=":")
         panel.set(title=name, xlabel="iteration", xlim=(0, result.settings.iterations))
-        handles, labels = panel.get_legend_handles_labels()
-        kept = dict(zip(labels[::-1], handles[::-1]))
-        panel.legend([*kept.values()][::-1], [*kept][::-1], loc="best")
+        panel.legend(*_once_each(panel), loc="best")
     axes[0, 0].set_ylabel("change of the cost [%]")
     return figure
 
 
 def _ends(result: Result) -> Figure:
-    figure, axes = grid_of_panels(6.5, 4.2)
-    panel = axes[0, 0]
+    figure, panel = subplots(6.5, 4.2)
     for search in result.searches:
         row = search.row
         hollow = row.states == "step" or row.step > 1e-3
@@ -419,35 +401,29 @@ def _ends(result: Result) -> Figure:
     panel.axhline(0.0, color="0.4", linewidth=0.8)
     panel.axvline(0.0, color="0.4", linewidth=0.8)
     panel.set(xlabel="change of the distance per step [%]", ylabel="change of the energy per distance [%]")
-    handles, labels = panel.get_legend_handles_labels()
-    kept = dict(zip(labels[::-1], handles[::-1]))
-    figure.legend([*kept.values()][::-1], [*kept][::-1], loc="outside right center")
+    figure.legend(*_once_each(panel), loc="outside right center")
     return figure
+
+
+def _once_each(panel: Axes) -> tuple[list, list[str]]:
+    """Return handles and labels of a panel's legend; of lines with the same label the first one."""
+    handles, labels = panel.get_legend_handles_labels()
+    first = dict(zip(labels[::-1], handles[::-1]))
+    return [*first.values()][::-1], [*first][::-1]
 
 
 # ---------------------------------------------------------------------------------------------- the study
 
 
-def write_table(path: FilePath, rows: Iterable[Row]) -> None:
-    """The rows as CSV, by the names of `Row`."""
-    names = [field.name for field in fields(Row)]
-    table = ([getattr(row, name) for name in names] for row in rows)
-    write_csv(path, TABLE, names, table, f"sources {digest(Path(__file__))}")
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Make the searches one after the other, and write the table after each."""
-    parser = argparse.ArgumentParser(description="searches under all conditions, interrupted to go on")
-    parser.add_argument("table", type=Path, metavar="TABLE.csv")
-    parser.add_argument("--iterations", type=int, default=3000)
-    parser.add_argument("--searches", type=int, default=3)
-    args = parser.parse_args(arguments)
+    args = table_arguments("search under all conditions", arguments, iterations=3000, searches=3)
     folder = str(args.table.with_suffix("")) + "_searches"
     settings = replace(FULL, iterations=args.iterations, searches=args.searches, folder=folder)
     rows = []
     for k, condition in tqdm([*product(range(settings.searches), settings.conditions)], unit="search"):
         rows.append(search(settings, condition, k).row)
-        write_table(args.table, rows)
+        write_rows(args.table, TABLE, rows, __file__)
     return 0
 
 

@@ -14,13 +14,11 @@ writes table and picture after each search; started again it goes on with those 
 
 from __future__ import annotations
 
-import argparse
 import hashlib
-import json
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
-from functools import cache
+from dataclasses import asdict, dataclass, fields
+from functools import cache, partial
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,19 +26,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tqdm import tqdm
 
-from ..base.files import FilePath, Format, complete, parse_json, write_csv
-from ..optimize.planning import walking_cost
+from ..base.files import Format
 from ..optimize.quality import TEST_WORLDS, measure_in_test_worlds
 from ..optimize.search import AMPLITUDE, optimize_gait
-from ..robot_file import load_robot
 from ..search import cma_es
 from ..search import run as run_search
 from ..view.style import BLUE, GREY, ORANGE, look
 from ..walking.cost import WalkingCost
 from ..walking.cost_in_worlds import CostInWorlds, in_worlds
 from ..walking.gait import bounds
-from .common import grid_of_panels
+from .common import subplots
 from .sources import PACKAGE, digest
+from .tables import kept, table_arguments, write_rows
+from .walks import finished, planned_walk
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,7 +73,7 @@ class Row:
 @cache
 def planned() -> WalkingCost:
     """The first gait of all searches."""
-    return walking_cost(load_robot("humanoid", locked="simplified"), states="step")
+    return planned_walk(states="step")
 
 
 def search(method: str, worlds: int, seed: int, candidates: int = CANDIDATES) -> tuple[np.ndarray, float]:
@@ -88,9 +86,7 @@ def search(method: str, worlds: int, seed: int, candidates: int = CANDIDATES) ->
         x0, limits = first.gait.to_vector(), bounds(first.scene.model, first.gait)
         asks = cma_es(x0, amplitude=AMPLITUDE, bounds=limits, seed=seed)
         result = run_search(asks, cost, evaluations=candidates, map=type(cost).costs, batch=candidates)
-    if result.status == 2:
-        raise KeyboardInterrupt
-    return result.x, float(result.fun)
+    return finished(result).x, float(result.fun)
 
 
 def worth(method: str, worlds: int, seed: int, candidates: int, found: tuple[np.ndarray, float], unseen: int) -> Row:
@@ -118,30 +114,16 @@ def study(
     for what in tqdm(todo, unit="search"):
         key = hashlib.sha256(f"{what} {candidates} {unseen} {AMPLITUDE} {program}".encode()).hexdigest()[:12]
         name = "_".join(map(str, what)).replace(" ", "_")
-        rows.append(_kept(folder / f"{name}_{key}.json", what, candidates, unseen))
+        content = kept(folder / f"{name}_{key}.json", SEARCH, partial(_searched, what, candidates, unseen))
+        rows.append(Row(**{field.name: content[field.name] for field in fields(Row)}))
         yield rows
 
 
-def _kept(path: Path, what: tuple[str, int, int], candidates: int, unseen: int) -> Row:
-    if not path.exists():
-        n = 1 if what[0] == FIRST else candidates
-        found = (planned().gait.to_vector(), math.nan) if what[0] == FIRST else search(*what, n)
-        row = worth(*what, n, found, unseen)
-        told: dict[str, Any] = {"format": str(SEARCH), "x": found[0].tolist()} | {
-            field.name: getattr(row, field.name) for field in fields(Row)
-        }
-        with complete(path) as temporary:
-            temporary.write_text(json.dumps(told), "utf-8")
-    told = parse_json(path.read_text("utf-8"), str(path), "delete it")
-    SEARCH.check(path, told["format"])
-    return Row(**{field.name: told[field.name] for field in fields(Row)})
-
-
-def write_table(path: FilePath, rows: Iterable[Row]) -> None:
-    """The rows as CSV, by the names of `Row`."""
-    names = [field.name for field in fields(Row)]
-    table = ([getattr(row, name) for name in names] for row in rows)
-    write_csv(path, TABLE, names, table, f"sources {digest(Path(__file__))}")
+def _searched(what: tuple[str, int, int], candidates: int, unseen: int) -> dict[str, Any]:
+    """The gait that a search finds, and its row, as they are kept."""
+    n = 1 if what[0] == FIRST else candidates
+    found = (planned().gait.to_vector(), math.nan) if what[0] == FIRST else search(*what, n)
+    return {"x": found[0].tolist()} | asdict(worth(*what, n, found, unseen))
 
 
 # ---------------------------------------------------------------------------------------------- the picture
@@ -153,8 +135,8 @@ def plot(rows: Sequence[Row]) -> Figure:
 
     A mark a search, with the number of its worlds in it, and the means of each number joined.
     """
-    figure, axes = grid_of_panels(6.5, 4.4)
-    panel, searched = axes[0, 0], [row for row in rows if row.method != FIRST]
+    figure, panel = subplots(6.5, 4.4)
+    searched = [row for row in rows if row.method != FIRST]
     for method, color in METHODS.items():
         own = [row for row in searched if row.method == method]
         for row in own:
@@ -197,13 +179,9 @@ def _legend(panel: Axes, first: Row) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Make the searches one after the other; write table and picture after each."""
-    parser = argparse.ArgumentParser(description="what it costs to walk elsewhere; interrupted to go on")
-    parser.add_argument("table", type=Path, metavar="TABLE.csv")
-    parser.add_argument("picture", type=Path, metavar="PICTURE.png")
-    parser.add_argument("--searches", type=int, default=SEARCHES, help="of each kind (default: %(default)s)")
-    args = parser.parse_args(arguments)
+    args = table_arguments("what it costs to walk in other worlds", arguments, "PICTURE.png", searches=SEARCHES)
     for rows in study(Path(str(args.table.with_suffix("")) + "_searches"), args.searches):
-        write_table(args.table, rows)
+        write_rows(args.table, TABLE, rows, __file__)
         if len(rows) > 1:
             plot(rows).savefig(args.picture, dpi=130)
     return 0

@@ -1,0 +1,51 @@
+"""Studies that run for hours: results kept in files, tables, and their command line."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, fields
+from pathlib import Path
+from typing import Any
+
+from ..base.files import FilePath, Format, complete, read_json, write_csv
+from .sources import digest
+
+
+def kept(path: Path, form: Format, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Return the content of a JSON file; if there is none, make the content and write it first."""
+    if not path.exists():
+        content = json.dumps({"format": str(form)} | make())
+        with complete(path) as temporary:
+            temporary.write_text(content, "utf-8")
+    return read_json(path, form)
+
+
+def search_history(folder: str, what: str, seed: int) -> dict[str, Any]:
+    """Return the options of a search that is kept in a folder; what: all that its candidates' costs depend on."""
+    if not folder:
+        return {}
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    key = hashlib.sha256(what.encode()).hexdigest()[:12]
+    return {"history": Path(folder) / f"{key}_{seed}.jsonl", "resume": True}
+
+
+def write_rows(path: FilePath, form: Format, rows: Sequence[Any], module: str, columns: Sequence[str] = ()) -> None:
+    """Write rows as CSV, with the digest of a module's sources; columns: by default the fields of a row's class."""
+    names = columns or [field.name for field in fields(rows[0])]
+    cells = (row if columns else astuple(row) for row in rows)
+    write_csv(path, form, names, cells, f"sources {digest(Path(module))}")
+
+
+def table_arguments(
+    description: str, arguments: Sequence[str] | None, *files: str, **counts: int
+) -> argparse.Namespace:
+    """Parse the command line of a study that writes a table; counts: whole-number options and their defaults."""
+    parser = argparse.ArgumentParser(description=f"{description}; continues where it was interrupted")
+    for file in ("TABLE.csv", *files):
+        parser.add_argument(file.partition(".")[0].lower(), type=Path, metavar=file)
+    for name, default in counts.items():
+        parser.add_argument(f"--{name}", type=int, default=default, metavar="N", help="default: %(default)s")
+    return parser.parse_args(arguments)
