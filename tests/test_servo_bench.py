@@ -67,7 +67,7 @@ def test_a_recording_is_read_as_it_is():
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        (["time_s,angle_rad"], "goal_rad is there 0 times"),
+        (["time_s,angle_rad"], "column 'goal_rad' is missing"),
         (["time_s,angle_rad,goal_rad,supply_v,torque_on", "0,0,0,7"], "line 2: has 4 values, expected 5"),
         (["time_s,angle_rad,goal_rad,supply_v,torque_on", "0,x,0,7,1"], "line 2, column 'angle_rad': 'x'"),
         (["time_s,angle_rad,goal_rad,supply_v,torque_on", *["0,0,0,7,1"] * 30], "line 3: the time does not rise"),

@@ -1,16 +1,8 @@
 """Servo parameters from recordings."""
 
-from .fit import MOTOR_OFF as MOTOR_OFF
-from .fit import (
-    Identification,
-    Recording,
-    changed,
-    identify,
-    predict,
-    prediction_error,
-    read_recording,
-    write_recording,
-)
+from .fit import Identification, changed, identify, predict, prediction_error
+from .recording import MOTOR_OFF as MOTOR_OFF
+from .recording import Recording, read_recording, write_recording
 
 __all__ = [
     "Identification",

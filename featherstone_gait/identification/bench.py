@@ -29,29 +29,25 @@ import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from hashlib import sha256
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import least_squares
 from tqdm import tqdm
 
-from ..base.arguments import instance, listed, one_of, real
+from ..base.arguments import instance, one_of, real
 from ..base.arguments import path as path_of
-from ..base.files import FilePath, Format, number, read_csv
+from ..base.files import FilePath, Format
 from ..model import Controller, Gearbox, Joint, Link, Model, Servo
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch
 from ..run.trajectory import Trajectory
 from ..run.worlds import FIELDS, Worlds, servo_with
 from ..scene.compile import CompiledScene, ServoKind, compile_scene
-from ..view.style import BLUE, ORANGE, look
-from .covariance import covariances, quantile
-from .log import FitLog, Row
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from .estimate import Blocks, Errors, Fit, covariances, plot_rollouts, quantile
+from .log import FitLog, FitRound
+from .recording import EARLY, check_recordings, read_columns
 
 __all__ = [
     "BENCHES",
@@ -80,8 +76,8 @@ SLOPE_STEP = 1e-3  # of the widths, of forward differences
 ALIKE = 0.05  # change of the residuals' scale in a round, below which the prior needs no other
 ROUND = 6  # evaluations of a round
 MOST_ROUNDS = 6
+CONFIDENCE = 0.95  # of the intervals
 RESTING = 30.0  # duty in units of the servo, below which it measures its supply at rest
-EARLY = 1e-7  # a goal that comes with a tick counts for it, whatever the rounding of times [s]
 
 
 class Parameter(NamedTuple):
@@ -182,6 +178,11 @@ class BenchRecording:
     length: float  # [m]
 
     @property
+    def reference(self) -> np.ndarray:
+        """Goal while the servo holds, NaN after its release (k,) [rad]."""
+        return np.where(self.time < self.release, self.goal, np.nan)
+
+    @property
     def motion(self) -> str:
         """The name without servo and gain."""
         return re.sub(r"^.*_kp\d+_", "", self.name)
@@ -203,22 +204,14 @@ def read_bench(
     """
     path = path_of("path", path)
     instance("bench", bench, Bench, f"give one of {', '.join(BENCHES)} in BENCHES")
-    lines = list(read_csv(path, FORMAT)) or [(1, [])]
-    names = [name.strip() for name in lines[0][1]]
-    for column in COLUMNS:
-        if names.count(column) != 1:
-            raise ValueError(f"{path}: column {column} is there {names.count(column)} times; give {', '.join(COLUMNS)}")
-    rows = [_numbers(path, line, names, cells) for line, cells in lines[1:]]
-    if len(rows) < 20:
-        raise ValueError(f"{path}: has {len(rows)} samples; record 20 or more")
-    table = dict(zip(names, np.array(rows).T))
+    table, lines = read_columns(path, FORMAT, COLUMNS, (), least=20, others=True)
     time, on = table["time_s"], table["torque_on"] > 0.5
     wrong = np.flatnonzero(np.diff(time) <= 0.0)
     if wrong.size:
-        raise ValueError(f"{path}, line {lines[wrong[0] + 2][0]}: the time does not rise; sort the samples")
+        raise ValueError(f"{path}, line {lines[wrong[0] + 1]}: the time does not rise; sort the samples")
     off = np.flatnonzero(~on)
     if off.size and on[off[0] :].any():
-        raise ValueError(f"{path}, line {lines[off[0] + 1][0]}: it lets go and takes hold again; cut the file there")
+        raise ValueError(f"{path}, line {lines[off[0]]}: it lets go and takes hold again; cut the file there")
     if gain is None:
         found = re.search(r"_kp(\d+(?:\.\d+)?)_", path.name)
         if found is None:
@@ -239,36 +232,30 @@ def read_bench(
     )
 
 
-def _numbers(path: Path, line: int, names: Sequence[str], cells: list[str]) -> list[float]:
-    if len(cells) != len(names):
-        raise ValueError(f"{path}, line {line}: has {len(cells)} values, expected {len(names)}; complete or delete it")
-    values = [number(cell) for cell in cells]
-    for name, value, cell in zip(names, values, cells):
-        if name in COLUMNS and not math.isfinite(value):
-            raise ValueError(f"{path}, line {line}, column {name!r}: {cell[:40]!r} is no finite number; delete it")
-    return values
-
-
 @dataclass(frozen=True, eq=False)
-class ServoFit:
-    """What `fit_servo` found."""
+class ServoFit(Fit):
+    """A servo with a friction model that `fit_servo` has fitted to recordings.
+
+    Attributes
+    ----------
+    values, start, intervals, units, confidence, correlation, recordings, angles, message
+        As in `Fit`.
+    bench : Bench
+    friction : str
+        Friction model, one of `MODELS`.
+    held : dict of str to float
+        Values that were given.
+    simulations : int
+        Of this process.
+    seconds : float
+        Time of all rounds [s].
+    """
 
     bench: Bench
-    friction: str  # which of MODELS
-    values: dict[str, float]  # of what was searched, see `Bench.parameters`
-    held: dict[str, float]  # what was given
-    intervals: dict[str, tuple[float, float]]  # of 95 %
-    correlation: np.ndarray  # (parameters, parameters)
-    recordings: tuple[BenchRecording, ...]
-    angles: tuple[np.ndarray, ...]  # simulated, at the times of each recording [rad]
-    simulations: int  # of this process
-    seconds: float  # of all rounds
-    message: str
-
-    @cached_property
-    def errors(self) -> np.ndarray:
-        """Mean absolute error of each recording [rad]."""
-        return np.array([np.abs(a - r.angle).mean() for a, r in zip(self.angles, self.recordings)])
+    friction: str
+    held: dict[str, float]
+    simulations: int
+    seconds: float
 
     @property
     def servo(self) -> Servo:
@@ -276,30 +263,15 @@ class ServoFit:
         return servo_with(_SERVO, _numbers_of(self.bench, self.recordings[0], self.values | self.held).servos)
 
     def predict(self, recordings: Sequence[BenchRecording]) -> list[np.ndarray]:
-        """Simulated angles (k,) of other recordings, at their times [rad]."""
+        """Return the simulated angles (k,) of other recordings, at their times [rad]."""
         return _Rollouts(self.bench, recordings)([self.values | self.held])[0]
 
-    def correlated(self, most: int = 3) -> list[tuple[str, str, float]]:
-        """The pairs of parameters that the recordings tell apart least, and their correlations."""
-        names = list(self.values)
-        pairs = [(a, b, float(self.correlation[i, j])) for j, b in enumerate(names) for i, a in enumerate(names[:j])]
-        return sorted(pairs, key=lambda pair: -abs(pair[2]))[:most]
-
     def summary(self) -> str:
-        """A table of the parameters, and the errors."""
-        units = self.bench.parameters()
-        lines = [f"{'parameter':24} {'value':>10} {'95 % interval':>24}  unit"]
-        for name, value in self.values.items():
-            low, high = self.intervals[name]
-            lines.append(f"{name:24} {value:10.4g} {f'{low:.4g} to {high:.4g}':>24}  {units[name].unit}")
-        lines += [f"correlation of {a} and {b}: {rho:.2f}" for a, b, rho in self.correlated()]
+        """Return a table of the parameters, and the errors, as text."""
+        lines = self.table() + [f"correlation of {a} and {b}: {rho:.2f}" for a, b, rho in self.correlated()]
         lines += [f"{r.name}: {1e3 * e:.1f} mrad" for r, e in zip(self.recordings, self.errors)]
         lines.append(f"mean of the recordings {1e3 * self.errors.mean():.1f} mrad ({self.simulations} simulations)")
         return "\n".join(lines)
-
-    def plot(self) -> Figure:
-        """Goal, recorded and simulated angle of each recording, and the error below."""
-        return plot_rollouts(self.recordings, self.angles)
 
 
 def fit_servo(
@@ -329,23 +301,26 @@ def fit_servo(
     names = tuple(name for name in (*BASE, *MODELS[friction], *TIMES, *more) if name not in held)
     key = _key(bench, recordings, names, held)
     with tqdm(disable=not progress, desc=f"identify {bench.name} {friction}", unit="evaluation") as bar:
-        work = _Residuals(_Rollouts(bench, recordings), [every[name] for name in names], names, held, bar.update)
+        work = _Residuals(_Rollouts(bench, recordings), {name: every[name] for name in names}, held, bar.update)
         row = _searched(work, key, log)
         x = np.array(row["x"])
-        work.scale = work.spread(x)
-        J, e = work.jacobian(x), work.residuals(x)
-    lengths = [len(r.time) for r in recordings]
-    _, robust, independent = covariances(J[: sum(lengths)], e[: sum(lengths)], lengths)
+        J, e = work.slopes(x), work.errors(x)
+    _, robust, independent = covariances(J, e, [len(r.time) for r in recordings])
     known = np.linalg.inv(np.linalg.pinv(robust, hermitian=True) + np.eye(len(x)))  # with a prior of width one
     spread = np.sqrt(np.diag(known))
-    reach = spread * quantile(0.95, independent - len(x)) * work.width
+    reach = spread * quantile(CONFIDENCE, independent - len(x)) * work.width
     values = work.values(x)
     return ServoFit(
         bench=bench,
         friction=friction,
         values=values,
+        start={name: every[name].start for name in names},
         held=held,
-        intervals={n: _within(every[n], values[n] - r, values[n] + r) for n, r in zip(names, reach)},
+        intervals={
+            n: (max(values[n] - r, every[n].low), min(values[n] + r, every[n].high)) for n, r in zip(names, reach)
+        },
+        units={name: every[name].unit for name in names},
+        confidence=CONFIDENCE,
         correlation=known / np.outer(spread, spread),
         recordings=tuple(recordings),
         angles=tuple(work.rollouts([values | held])[0]),
@@ -355,17 +330,11 @@ def fit_servo(
     )
 
 
-def _within(parameter: Parameter, low: float, high: float) -> tuple[float, float]:
-    return max(low, parameter.low), min(high, parameter.high)
-
-
-def _searched(work: _Residuals, key: str, log: FitLog | None) -> Row:
-    """The last round of the search, all that are missing done."""
-    from scipy.optimize import least_squares
-
+def _searched(work: _Residuals, key: str, log: FitLog | None) -> FitRound:
+    """Do the rounds of the search that are missing; return the last."""
     row = None if log is None else log.last(key)
     if row is None:
-        row = Row(round=0, x=(work.start / work.width).tolist(), seconds=0.0, message="")
+        row = FitRound(round=0, x=(work.start / work.width).tolist(), seconds=0.0, message="")
     while not row["message"]:
         begun, x = time.perf_counter(), np.array(row["x"])
         work.scale = work.spread(x)
@@ -377,7 +346,7 @@ def _searched(work: _Residuals, key: str, log: FitLog | None) -> Row:
         if found.status > 0 and better < ALIKE:
             message = f"converged in round {k}"
         seconds = row["seconds"] + time.perf_counter() - begun
-        row = Row(round=k, x=found.x.tolist(), seconds=seconds, message=message)
+        row = FitRound(round=k, x=found.x.tolist(), seconds=seconds, message=message)
         if log is not None:
             log.append(key, row)
     return row
@@ -418,12 +387,7 @@ def leave_out(
 
 def _checked(recordings: Sequence[BenchRecording], bench: Bench) -> list[BenchRecording]:
     instance("bench", bench, Bench, f"give one of {', '.join(BENCHES)} in BENCHES")
-    found = listed("recordings", recordings, "give a list of BenchRecording")
-    for recording in found:
-        instance("recordings", recording, BenchRecording, "give a list of what read_bench returns")
-    if not found:
-        raise ValueError("recordings: there is none; give one or more, see read_bench")
-    return found
+    return check_recordings(recordings, BenchRecording)
 
 
 # ---------------------------------------------------------------------------------------------- rollouts
@@ -562,90 +526,47 @@ def _run(
 
 
 class _Residuals:
-    """Softened errors of all recordings and the prior's, with their slopes, over values in units of their widths."""
+    """Softened errors of all recordings and the prior's, over values in units of their widths."""
 
     def __init__(
         self,
         rollouts: _Rollouts,
-        parameters: Sequence[Parameter],
-        names: Sequence[str],
+        parameters: Mapping[str, Parameter],
         held: Mapping[str, float],
         progress: Callable[[], object],
     ) -> None:
-        self.rollouts, self.names, self.held, self.progress = rollouts, names, held, progress
-        self.start, low, high, self.width = (np.array([each[k] for each in parameters]) for k in range(4))
+        self.rollouts, self.names, self.held = rollouts, tuple(parameters), held
+        self.start, low, high, self.width = (np.array([each[k] for each in parameters.values()]) for k in range(4))
         self.bounds = low / self.width, high / self.width
         self.scale = 1.0  # of the residuals, which the prior is measured by
-        self.known: dict[bytes, np.ndarray] = {}  # softened errors at the last points
+        self.errors = Errors(self._softened, progress)
 
     def values(self, x: np.ndarray) -> dict[str, float]:
-        """The values at a point, by name."""
+        """Return the values at a point, by name."""
         return dict(zip(self.names, (x * self.width).tolist()))
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
-        return np.concatenate([self._errors(x), PRIOR * self.scale * (x - self.start / self.width)])
-
-    def spread(self, x: np.ndarray) -> float:
-        """Root mean square of the softened errors."""
-        return float(np.linalg.norm(self._errors(x)))
+        return np.concatenate([self.errors(x), PRIOR * self.scale * (x - self.start / self.width)])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        here = self._errors(x)
-        steps = np.where(x + SLOPE_STEP > self.bounds[1], -SLOPE_STEP, SLOPE_STEP)
-        beside = self._simulated([x + step * unit for step, unit in zip(steps, np.eye(len(x)))])
-        slopes = np.column_stack([(errors - here) / step for errors, step in zip(beside, steps)])
-        return np.concatenate([slopes, PRIOR * self.scale * np.eye(len(x))])
+        return np.concatenate([self.slopes(x), PRIOR * self.scale * np.eye(len(x))])
 
-    def _errors(self, x: np.ndarray) -> np.ndarray:
-        key = x.tobytes()
-        if key not in self.known:
-            (errors,) = self._simulated([x])
-            self.known = dict(list(self.known.items())[-2:]) | {key: errors}
-            self.progress()
-        return self.known[key]
+    def slopes(self, x: np.ndarray) -> np.ndarray:
+        """Return the slopes of the softened errors, backward where a forward step would leave the bounds."""
+        return self.errors.slopes(x, np.where(x + SLOPE_STEP > self.bounds[1], -SLOPE_STEP, SLOPE_STEP))
 
-    def _simulated(self, points: Sequence[np.ndarray]) -> list[np.ndarray]:
-        return [self._softened(angles) for angles in self.rollouts([{**self.values(x), **self.held} for x in points])]
+    def spread(self, x: np.ndarray) -> float:
+        """Return the root mean square of the softened errors."""
+        return float(np.linalg.norm(self.errors(x)))
 
-    def _softened(self, angles: list[np.ndarray]) -> np.ndarray:
-        parts = []
-        for angle, r in zip(angles, self.rollouts.recordings):
-            e = np.nan_to_num((angle - r.angle) / SOFT, nan=1e3, posinf=1e3, neginf=-1e3)
-            rho = np.sqrt(2.0 * (np.sqrt(1.0 + e * e) - 1.0))
-            parts.append(np.copysign(rho, e) / math.sqrt(len(angle) * len(self.rollouts.recordings)))
-        return np.concatenate(parts)
+    def _softened(self, points: Sequence[np.ndarray]) -> list[Blocks]:
+        """Return errors whose squares grow like the absolute error beyond `SOFT`."""
+        return [
+            [self._soften(angle - r.angle) for angle, r in zip(angles, self.rollouts.recordings)]
+            for angles in self.rollouts([{**self.values(x), **self.held} for x in points])
+        ]
 
-
-@look()
-def plot_rollouts(recordings: Sequence[BenchRecording], angles: Sequence[np.ndarray]) -> Figure:
-    """Goal, recorded and simulated angle of each recording [deg], and below the simulated less the recorded one.
-
-    angles: (k,) of each recording, at its times [rad], as in `ServoFit` and of its `predict`.
-    """
-    from matplotlib.figure import Figure
-
-    columns = min(4, len(recordings))
-    rows = -(-len(recordings) // columns)
-    figure = Figure(figsize=(3.4 * columns, 2.9 * rows), layout="constrained")
-    grid = figure.add_gridspec(2 * rows, columns, height_ratios=[2.0, 1.0] * rows)
-    above = below = None
-    for k, (r, angle) in enumerate(zip(recordings, angles)):
-        row, column = divmod(k, columns)
-        above = figure.add_subplot(grid[2 * row, column])
-        below = figure.add_subplot(grid[2 * row + 1, column], sharex=above)
-        held = np.where(r.time < r.release, r.goal, np.nan)
-        above.plot(r.time, np.degrees(held), color="0.7", linewidth=1.0, label="goal")
-        above.plot(r.time, np.degrees(r.angle), color=BLUE, linewidth=2.4, label="recorded")
-        above.plot(r.time, np.degrees(angle), color=ORANGE, linewidth=1.0, label="simulated")
-        below.plot(r.time, np.degrees(angle - r.angle), color="0.3", linewidth=0.7)
-        above.set_title(f"{r.name}\n{1e3 * np.abs(angle - r.angle).mean():.1f} mrad", fontsize=8)
-        above.tick_params(labelbottom=False, labelsize=7)
-        below.tick_params(labelsize=7)
-        if column == 0:
-            above.set_ylabel("angle [deg]", fontsize=8)
-            below.set_ylabel("error [deg]", fontsize=8)
-        if row == rows - 1:
-            below.set_xlabel("time [s]", fontsize=8)
-    if above is not None:
-        figure.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    return figure
+    def _soften(self, error: np.ndarray) -> np.ndarray:
+        e = np.nan_to_num(error / SOFT, nan=1e3, posinf=1e3, neginf=-1e3)
+        rho = np.sqrt(2.0 * (np.sqrt(1.0 + e * e) - 1.0))
+        return np.copysign(rho, e) / math.sqrt(len(e) * len(self.rollouts.recordings))

@@ -22,7 +22,7 @@ REMEDY = "delete this line and all below, or the whole file to begin anew"
 _log = logging.getLogger(__name__)
 
 
-class Row(TypedDict):
+class FitRound(TypedDict):
     """A fit after a round."""
 
     round: int
@@ -36,7 +36,7 @@ class FitLog:
 
     def __init__(self, path: FilePath) -> None:
         self.path = path_of("path", path)
-        self.rows: dict[str, Row] = {}
+        self.rows: dict[str, FitRound] = {}
         self.file = Path(path).open("a+b", buffering=0)
         try:
             claim(self.file, path)
@@ -52,11 +52,11 @@ class FitLog:
     def __exit__(self, *_: object) -> None:
         self.file.close()
 
-    def last(self, key: str) -> Row | None:
+    def last(self, key: str) -> FitRound | None:
         """The last round of a fit, None if there is none."""
         return self.rows.get(key)
 
-    def append(self, key: str, row: Row) -> None:
+    def append(self, key: str, row: FitRound) -> None:
         """Write a round down, and wait until it is on the disk."""
         self._write({"fit": key, **row})
         self.rows[key] = row
@@ -90,7 +90,7 @@ class FitLog:
 
     def _take(self, content: dict, what: str) -> None:
         key, x = content.pop("fit", None), content.get("x")
-        whole = isinstance(key, str) and content.keys() == Row.__annotations__.keys()
+        whole = isinstance(key, str) and content.keys() == FitRound.__annotations__.keys()
         if not whole or not isinstance(x, list) or not all(map(is_number, [*x, content["round"], content["seconds"]])):
-            raise ValueError(f"{what}: damaged; {REMEDY} (expected fit, {', '.join(Row.__annotations__)})")
-        self.rows[key] = Row(**content)  # type: ignore[typeddict-item]
+            raise ValueError(f"{what}: damaged; {REMEDY} (expected fit, {', '.join(FitRound.__annotations__)})")
+        self.rows[key] = FitRound(**content)  # type: ignore[typeddict-item]

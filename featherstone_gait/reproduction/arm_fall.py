@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..dynamics import inverse_dynamics, mass_matrix
-from ..identification.fit import MOTOR_OFF, Identification, Recording, changed, identify, prediction_error
+from ..identification import MOTOR_OFF, Identification, Recording, changed, identify, prediction_error
 from ..model import Model
 from ..robot_file import load_robot
 from ..run.reference import Reference

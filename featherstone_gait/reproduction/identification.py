@@ -18,7 +18,9 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from ..base.portable_math import sincos
-from ..identification.fit import EARLY, MOTOR_OFF, STEP, Identification, Recording, changed, identify, prediction_error
+from ..identification import MOTOR_OFF, Identification, Recording, changed, identify, prediction_error
+from ..identification.fit import STEP
+from ..identification.recording import EARLY
 from ..model import SERVO_UNITS, Model
 from ..robot_file import load_robot
 from ..run.reference import Reference

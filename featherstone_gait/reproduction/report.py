@@ -23,6 +23,7 @@ from collections import Counter
 from collections.abc import Sequence
 from importlib import import_module, metadata
 from pathlib import Path
+from string import Template
 from traceback import extract_tb
 from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
@@ -325,75 +326,18 @@ def _own_rows(entries: Sequence[Entry]) -> list[Row]:
 
 # ---------------------------------------------------------------------------------------------- HTML
 
-STYLE = """
-:root { color-scheme: light dark; --ink: #1f2328; --soft: #59636e; --line: #d1d9e0; --back: #f6f8fa; --page: #fff;
-  --yes: #1a7f37; --part: #9a6700; --no: #b42318; --link: #0969da; --bad: #fff1f0; }
-@media (prefers-color-scheme: dark) { :root { --ink: #e6edf3; --soft: #9da7b1; --line: #3d444d; --back: #151b23;
-  --page: #0d1117; --yes: #57ab5a; --part: #d4a72c; --no: #f47067; --link: #6cb6ff; --bad: #331c1a; }
-  figure img { background: #fff; border-radius: 4px; } }
-* { box-sizing: border-box; }
-body { font: 15px/1.5 system-ui, "DejaVu Sans", sans-serif; color: var(--ink); background: var(--back); margin: 0; }
-main { max-width: 1180px; margin: 0 auto; padding: 24px 32px 64px; background: var(--page); }
-h1 { font-size: 26px; margin: 8px 0 4px; line-height: 1.25; }
-h2 { font-size: 20px; margin: 40px 0 8px; padding-top: 16px; border-top: 1px solid var(--line); line-height: 1.3; }
-h3 { font-size: 15px; margin: 20px 0 6px; }
-p.source { color: var(--soft); margin: 0 0 16px; }
-table { border-collapse: collapse; width: 100%; font-size: 13px; line-height: 1.4; }
-th { text-align: left; background: var(--back); }
-th, td { border: 1px solid var(--line); padding: 6px 9px; vertical-align: top; overflow-wrap: anywhere; }
-table.facts { width: auto; margin-bottom: 20px; } table.facts th { width: 9em; }
-table.settings { width: auto; }
-td.name, td.item { font-weight: 600; white-space: nowrap; }
-code { font: 11.5px/1.35 ui-monospace, "DejaVu Sans Mono", monospace; }
-td.statement { width: 21%; } td.paper { width: 15%; } td.here { width: 22%; } td.why { width: 25%; }
-.own td.statement { width: 30%; } .own td.here { width: 42%; } .own td.why { width: 18%; }
-td.verdict { font-weight: 600; min-width: 7.5em; overflow-wrap: normal; }
-td.factor, tr.head th { overflow-wrap: normal; } td.factor { text-align: right; white-space: nowrap; }
-.yes { color: var(--yes); } .part { color: var(--part); } .no { color: var(--no); } .soft { color: var(--soft); }
-a { color: var(--link); text-decoration: none; } a:hover { text-decoration: underline; }
-figure { margin: 16px 0 24px; } figure img { max-width: 100%; height: auto; display: block; }
-figcaption { color: var(--soft); font-size: 13px; margin-top: 4px; max-width: 75em; }
-p.failure { border-left: 4px solid var(--no); padding: 8px 12px; background: var(--bad); }
-p.time { color: var(--soft); font-size: 13px; }
-details summary { cursor: pointer; color: var(--link); }
-.gauge { display: block; position: relative; width: 64px; height: 9px; margin: 5px 0 0 auto; border-radius: 2px;
-  background: linear-gradient(90deg, transparent 31px, var(--soft) 31px 33px, transparent 33px), var(--line); }
-.gauge i { position: absolute; top: -1px; width: 11px; height: 11px; margin-left: -6px; border-radius: 50%;
-  background: var(--link); border: 2px solid var(--page); }
-iframe { width: 100%; height: 560px; border: 1px solid var(--line); border-radius: 6px; }
-@media (max-width: 600px) { figure.wide picture { display: block; overflow-x: auto; } iframe { height: 620px; }
-  figure.wide img { max-width: none; width: 900px; } }
-@media (max-width: 800px) {
-  .gauge { display: inline-block; margin: 0 0 0 8px; vertical-align: middle; }
-  main { padding: 16px 14px 48px; }
-  table.claims, table.claims tbody, table.claims tr, table.claims td { display: block; width: auto; }
-  table.claims tr.head { display: none; }
-  table.claims tr { border: 1px solid var(--line); border-radius: 6px; margin: 0 0 12px; padding: 6px 10px; }
-  table.claims td { border: 0; padding: 2px 0; text-align: left; min-width: 0; }
-  table.claims td:empty { display: none; }
-  table.claims td[data-label]::before { content: attr(data-label) ": "; color: var(--soft); font-weight: 400; }
-  table.facts, table.settings { display: block; } table.facts th { width: 7em; }
-}
-@media print { body { background: #fff; } main { padding: 0; max-width: none; } tr, figure { break-inside: avoid; }
-  figure.motion { display: none; } }
-"""
-SCRIPT = 'addEventListener("beforeprint", () => document.querySelectorAll("details").forEach(d => d.open = true));'
 SHADES = {"reproduced": "yes", "yes": "yes", IMPLEMENTED: "soft", "reproduced in direction": "part", "in part": "part",
           "undecided": "soft", "not run yet": "soft"}  # fmt: skip
 
 
 def _html(entries: Sequence[Entry], facts: list[tuple[str, str]], files: Path) -> str:
     e = html.escape
-    body = "".join(_html_section(entry, files) for entry in entries if entry.finished or entry.failure)
-    about = "".join(f"<tr><th>{e(name)}</th><td>{e(text)}</td></tr>" for name, text in facts)
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1"><title>The paper, reproduced</title>'
-        f"<style>{STYLE}</style></head>\n<body><main><h1>The paper, reproduced</h1>"
-        f'<p class="source">{e(PAPER)}</p><table class="facts">{about}</table>\n'
-        f"<h2>The paper, item by item</h2>{_html_table(COLUMNS, _paper_rows(entries))}"
-        f"<h2>What was asked besides</h2>{_html_table(OWN_COLUMNS, _own_rows(entries))}\n{body}"
-        f"</main><script>{SCRIPT}</script></body></html>\n"
+    return Template(Path(__file__).with_suffix(".html").read_text("utf-8")).substitute(
+        paper=e(PAPER),
+        facts="".join(f"<tr><th>{e(name)}</th><td>{e(text)}</td></tr>" for name, text in facts),
+        items=_html_table(COLUMNS, _paper_rows(entries)),
+        questions=_html_table(OWN_COLUMNS, _own_rows(entries)),
+        sections="".join(_html_section(entry, files) for entry in entries if entry.finished or entry.failure),
     )
 
 
@@ -482,14 +426,10 @@ def _inline(file: Path) -> str:
 def _markdown(entries: Sequence[Entry], facts: list[tuple[str, str]], files: str) -> str:
     lines = ["# The paper, reproduced", "", _plain_text(PAPER), ""]
     lines += [f"- {name}: {_plain_text(text)}" for name, text in facts]
-    lines += [
-        "",
-        "## The paper, item by item",
-        "",
-        *_markdown_table(COLUMNS, [_with_place(row) for row in _paper_rows(entries)]),
-    ]
+    items = [_with_place(row) for row in _paper_rows(entries)]
+    lines += ["", "## The paper, item by item", "", *_markdown_table(COLUMNS, items)]
     own = [[row.statement, row.here, row.verdict, _with_place(row)[-1]] for row in _own_rows(entries)]
-    lines += ["", "## What was asked besides", "", *_markdown_table(OWN_COLUMNS, own)]
+    lines += ["", "## Further questions", "", *_markdown_table(OWN_COLUMNS, own)]
     for entry in entries:
         if entry.finished or entry.failure:
             lines += _markdown_section(entry, files)

@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from ..identification.fit import changed
+from ..identification import changed
 from ..model import Ground
 from ..optimize.search import optimize_gait
 from ..run.simulate import Push

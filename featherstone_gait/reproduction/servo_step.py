@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..identification.fit import changed
+from ..identification import changed
 from ..model import Model
 from ..robot_file import load_robot
 from ..run.reference import Reference

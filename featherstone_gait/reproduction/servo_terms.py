@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..base.portable_math import sincos
-from ..identification.fit import changed
+from ..identification import changed
 from ..model import Model
 from ..robot_file import load_robot
 from ..run.reference import Reference

@@ -10,6 +10,7 @@ import ast
 import hashlib
 from collections.abc import Iterator
 from functools import cache
+from importlib.util import resolve_name
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1]
@@ -50,37 +51,24 @@ def imported(file: Path) -> tuple[Path, ...]:
     return tuple(path for name in _names(tree, file) for path in _files(name))
 
 
-def _names(tree: ast.AST, file: Path) -> Iterator[tuple[str, ...]]:
-    """Names of modules that a tree imports, below the package; those for type checkers alone are not loaded."""
+def _names(tree: ast.AST, file: Path) -> Iterator[str]:
+    """Yield the full names that a tree imports; imports for type checkers alone are not loaded."""
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
             continue
         if isinstance(node, ast.ImportFrom):
-            base = _base(node, file)
-            if base is not None:
-                yield base
-                yield from ((*base, alias.name) for alias in node.names)
+            package = ".".join(file.parent.relative_to(PACKAGE.parent).parts)
+            module = resolve_name("." * node.level + (node.module or ""), package)
+            yield from (f"{module}.{alias.name}" for alias in node.names)
         elif isinstance(node, ast.Import):
-            parts = (tuple(alias.name.split(".")) for alias in node.names)
-            yield from (name[1:] for name in parts if name[0] == PACKAGE.name)
+            yield from (alias.name for alias in node.names)
         else:
             yield from _names(node, file)
 
 
-def _base(node: ast.ImportFrom, file: Path) -> tuple[str, ...] | None:
-    """What names are imported from, None if it is another package."""
-    module = tuple(node.module.split(".")) if node.module else ()
-    if not node.level:
-        return module[1:] if module[:1] == (PACKAGE.name,) else None
-    return (*file.parents[node.level - 1].relative_to(PACKAGE).parts, *module)
-
-
-def _files(name: tuple[str, ...]) -> Iterator[Path]:
-    """The module's file, if it is a module, and the packages around it."""
-    place = PACKAGE.joinpath(*name)
-    for path in (place.with_suffix(".py"), place / "__init__.py"):
-        if path.is_file():
-            yield path
-    for above in place.parents:
-        if above.is_relative_to(PACKAGE) and (above / "__init__.py").is_file():
-            yield above / "__init__.py"
+def _files(name: str) -> Iterator[Path]:
+    """Yield the files that importing a name loads: modules and the packages around them."""
+    first, *parts = name.split(".")
+    for k in range(len(parts) + 1 if first == PACKAGE.name else 0):
+        place = PACKAGE.joinpath(*parts[:k])
+        yield from (path for path in (place.with_suffix(".py"), place / "__init__.py") if path.is_file())

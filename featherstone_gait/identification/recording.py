@@ -1,0 +1,150 @@
+"""Recordings of one joint, and the CSV files that hold them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..base.arguments import floats, instance, is_real, listed, shown
+from ..base.arguments import path as path_of
+from ..base.files import FilePath, Format, number, read_csv, write_csv
+from ..model import SERVO_UNITS
+
+FORMAT = Format("recording")
+COLUMNS = ("time [s]", "reference [rad]", "angle [rad]", "voltage [V]")
+MOTOR_OFF = {"current_limit": 1e-9}  # settings of a recording with open terminals: no current, no torque
+LEAST_SAMPLES = 10
+LARGEST_ANGLE = 4.0 * math.pi  # beyond it a file is taken to be in degrees [rad]
+LARGEST_GAP = 0.5  # beyond it a file is taken to be in milliseconds [s]
+EARLY = 1e-7  # a command that comes with a controller tick counts for it, whatever the rounding of times [s]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A joint that follows a reference, from rest.
+
+    time (k,) rising from 0 [s]; reference (k,), each value held until the next [rad]; angle (k,) as measured [rad];
+    voltage (k,) at the motor [V], None if it was not recorded.  settings: servo parameters that hold here alone, for
+    instance {"Kp": 20.0} or `MOTOR_OFF`.  Raises ValueError on arrays and settings that do not fit.
+    """
+
+    name: str
+    time: np.ndarray
+    reference: np.ndarray
+    angle: np.ndarray
+    voltage: np.ndarray | None = None
+    settings: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        instance("recording: name", self.name, str, "give a text")
+        instance(f"recording {self.name}: settings", self.settings, Mapping, "give {name: value}")
+        check_names(self.settings, f"recording {self.name}: settings")
+        for name, value in self.settings.items():
+            if not is_real(value):
+                raise ValueError(f"recording {self.name}: settings: {name} is {shown(value)}; expected a number")
+        for name in ("time", "reference", "angle", "voltage"):
+            if name == "voltage" and self.voltage is None:
+                continue
+            values = np.array(floats(f"recording {self.name}: {name}", getattr(self, name)))
+            if values.ndim != 1 or values.shape != np.shape(self.time) or not np.isfinite(values).all():
+                raise ValueError(
+                    f"recording {self.name}: {name} has shape {values.shape}, time {np.shape(self.time)}; give as many "
+                    "finite numbers of each"
+                )
+            object.__setattr__(self, name, values)
+        if len(self.time) < LEAST_SAMPLES or self.time[0] != 0.0 or (np.diff(self.time) <= 0).any():
+            raise ValueError(f"recording {self.name}: give {LEAST_SAMPLES} times or more that rise from 0")
+
+
+def read_recording(path: FilePath, **settings: float) -> Recording:
+    """Read a CSV with the columns `time [s]`, `reference [rad]`, `angle [rad]` and, if recorded, `voltage [V]`.
+
+    The first time becomes 0.  settings: servo parameters that hold in this recording alone, such as Kp=20.0.
+    Raises ValueError, naming file, line and column, on anything that is not such a table.
+    """
+    path = path_of("path", path)
+    table, lines = read_columns(path, FORMAT, COLUMNS[:3], COLUMNS[3:], LEAST_SAMPLES)
+    for name in COLUMNS[1:3]:
+        k = int(np.abs(table[name]).argmax())
+        if abs(table[name][k]) > LARGEST_ANGLE:
+            raise ValueError(
+                f"{path}, line {lines[k]}, column {name!r}: {table[name][k]:g} is more than two turns "
+                f"({LARGEST_ANGLE:.4g} rad); convert degrees to radians"
+            )
+    time = table[COLUMNS[0]]
+    wrong = np.flatnonzero((np.diff(time) <= 0.0) | (np.diff(time) > LARGEST_GAP))
+    if len(wrong):
+        k = wrong[0] + 1
+        raise ValueError(
+            f"{path}, line {lines[k]}, column 'time [s]': {time[k]:g} follows {time[k - 1]:g}; times must rise by at "
+            f"most {LARGEST_GAP:g} s: sort them, give seconds, or cut the file at the gap"
+        )
+    column = {name.split()[0]: values for name, values in table.items()} | {"time": time - time[0]}
+    return Recording(path.stem, **column, settings=settings)
+
+
+def write_recording(path: FilePath, recording: Recording) -> None:
+    """Write what `read_recording` reads, whole or not at all; the settings are not part of the file."""
+    instance("recording", recording, Recording, "give a Recording")
+    path = path_of("path", path)
+    measured = (recording.time, recording.reference, recording.angle, recording.voltage)
+    columns = [column for column in measured if column is not None]
+    write_csv(path, FORMAT, COLUMNS[: len(columns)], np.column_stack(columns).tolist())
+
+
+def read_columns(
+    path: Path, form: Format, names: Sequence[str], optional: Sequence[str], least: int, others: bool = False
+) -> tuple[dict[str, np.ndarray], list[int]]:
+    """Read a table of numbers: its columns by name, and the line of each row.
+
+    The columns `names` must be there; with `others` further ones may be, whose cells need not be numbers.  Raises
+    ValueError, naming file, line and column, on anything else and on less than `least` rows.
+    """
+    lines = list(read_csv(path, form)) or [(1, [])]
+    head = [name.strip() for name in lines[0][1]]
+    known = (*names, *optional)
+    problems = {name: "is unknown" for name in head if name not in known and not others}
+    problems |= {name: "is missing" for name in names if name not in head}
+    problems |= {name: "is there twice" for name in known if head.count(name) > 1}
+    for name, problem in problems.items():
+        leave_out = f" ({', '.join(optional)} may be left out)" if optional else ""
+        raise ValueError(
+            f"{path}, line {lines[0][0]}: column {name!r} {problem}; name the columns {', '.join(known)}{leave_out}, "
+            "separated by commas"
+        )
+    rows = []
+    for line, cells in lines[1:]:
+        if len(cells) != len(head):
+            problem = f"has {len(cells)} values, expected {len(head)}; complete or delete it"
+            raise ValueError(f"{path}, line {line}: {problem}")
+        rows.append([number(cell) for cell in cells])
+        for name, value, cell in zip(head, rows[-1], cells):
+            if name in known and not math.isfinite(value):
+                remedy = "correct the value, or delete the line"
+                raise ValueError(
+                    f"{path}, line {line}, column {name!r}: {cell[:40]!r} is not a finite number; {remedy}"
+                )
+    if len(rows) < least:
+        raise ValueError(f"{path}: has {len(rows)} samples; record {least} or more")
+    return dict(zip(head, np.array(rows).T)), [line for line, _ in lines[1:]]
+
+
+def check_recordings(recordings: object, kind: type) -> list:
+    """Return the recordings as a list; raise TypeError or ValueError unless they are one or more of a kind."""
+    found = listed("recordings", recordings, f"give a list of {kind.__name__}")
+    if not found:
+        raise ValueError(f"recordings: there is none; give a list of one {kind.__name__} or more")
+    for recording in found:
+        instance("recordings", recording, kind, f"give a list of {kind.__name__}")
+    return found
+
+
+def check_names(names: Iterable[str], where: str) -> None:
+    """Raise ValueError for a name that is no parameter of a servo."""
+    for name in names:
+        if not isinstance(name, str) or name not in SERVO_UNITS:
+            raise ValueError(f"{where}: a servo has no parameter {shown(name)}; parameters: {', '.join(SERVO_UNITS)}")
