@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from featherstone_gait import Trajectory, load_robot, load_servo, save_robot
 from featherstone_gait.benchmark import precision
 from featherstone_gait.core.compile.sealed import SealedFiles
-from featherstone_gait.identification.fit import Recording, read_recording, write_recording
+from featherstone_gait.identification import Recording, read_recording, write_recording
 from featherstone_gait.model import Model
 from featherstone_gait.robot_file.source import robots_folder
 from featherstone_gait.search import minimize

@@ -29,7 +29,7 @@ def quick(monkeypatch):
 @pytest.mark.long
 def test_a_robot_s_gaits_are_kept_and_walk_on_the_floors(quick, tmp_path, monkeypatch):
     monkeypatch.setattr(study, "WORLDS", 1)
-    monkeypatch.setattr(study, "UNSEEN", 2)
+    monkeypatch.setattr(study, "TEST_WORLDS", 2)
     monkeypatch.setattr(study, "pushes_survived", lambda *_, feedback: np.full(8, float(feedback)))
     walked = study.gaits("humanoid", tmp_path)
     rows = study.rows_of("humanoid", tmp_path, *walked)
