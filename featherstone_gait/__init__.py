@@ -80,8 +80,11 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .run.worlds import Worlds as Worlds
     from .scene.compile import CompiledScene as CompiledScene
     from .scene.compile import compile_scene as compile_scene
+    from .view.movie import save_movie as save_movie
+    from .view.plotting import plot as plot
     from .view.plotting import plot_motion as plot_motion
-    from .view.plotting import plot_trajectory as plot_trajectory
+    from .view.shown import show as show
+    from .view.shown import show_live as show_live
     from .view.tree import tree_text as tree_text
 
 __version__ = "0.2.0.dev0"
@@ -122,7 +125,9 @@ _MODULES = {
         "Supply",
         "stairs",
     ),
-    "view.plotting": ("plot_motion", "plot_trajectory"),
+    "view.movie": ("save_movie",),
+    "view.plotting": ("plot", "plot_motion"),
+    "view.shown": ("show", "show_live"),
     "view.tree": ("tree_text",),
     "dynamics.inverse_kinematics": ("Posture", "Target", "inverse_kinematics"),
     "run.reference": ("Reference",),
@@ -156,6 +161,7 @@ _renamed = renamed(
 )
 
 __all__ = sorted(_HOME)
+_HOME["plot_trajectory"] = "view.plotting"  # an old name, which warns when it is called
 
 
 def __getattr__(name: str) -> Any:

@@ -31,6 +31,7 @@ NO_CALLS = {
         "channel_table",
         "Trajectory",
         "Trim",
+        "show_live",
     ),
     "identification": ("Identification",),
     # The last is for robots on four legs, of which none comes along.
@@ -260,15 +261,19 @@ def _postures() -> Iterator[Call]:
     yield Call("contact_points", fg.contact_points, {"shapes": box().shapes})
     run = trajectory(box())
     yield Call(
-        "plot_trajectory",
-        lambda **how: _closed(fg.plot_trajectory(**how)),
-        {"trajectory": run, "names": ["q"], "axes": None},
+        "plot",
+        lambda trajectory, name, axes: _closed(fg.plot(trajectory, name, axes=axes)),
+        {"trajectory": run, "name": "q", "axes": None},
     )
     yield Call(
         "plot_motion",
         lambda **how: _closed(fg.plot_motion(**how)),
         {"model": box(), "trajectory": run, "axes": None, "count": 3, "view": "xz"},
     )
+    seen = {"trajectory": run, "robot": box()}
+    yield Call("show", fg.show, seen | {"captions": ["a"], "plots": ["q"], "ghosts": False, "path": "page.html"})
+    movie = {"path": "run.gif", "fps": 25.0, "speed": 1.0, "size": (64, 64)}
+    yield Call("save_movie", fg.save_movie, seen | movie)
 
 
 def _follow(t: float, state: Any, reference: Any, command: Any, memory: Any) -> None:

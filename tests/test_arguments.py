@@ -184,7 +184,7 @@ def test_numbers_of_servos_are_bounded(make, message):
         (lambda arm: Joint("a", "fixed", np.array([1.0, 2.0]), np.array([1.0, 2.0])), "parent"),
         (lambda arm: minimize(None, [0.0, 0.0], amplitude=1.0, max_iterations=3), "fun is None"),
         (lambda arm: minimize(len, [0.0], amplitude=1.0, map=None), "map is None"),
-        (lambda arm: plot_motion(arm, {"time": 1.0}), "trajectory is dict"),
+        (lambda arm: plot_motion(arm, {"time": 1.0}), "trajectory is {"),
         (lambda arm: multibody_zmp(load_robot("humanoid"), np.zeros((9, 20)), np.zeros((9, 3)), 0.1, g=0), "g is 0"),
         (lambda arm: write_angles("", [0.0, 1.0], np.zeros((2, 1)), ["a"]), "path is empty"),
         (lambda arm: inverse_kinematics(arm, Target("rod", rotation=[0.0, 0.0, 1e200])), "rotation is"),

@@ -2,6 +2,7 @@
 
 import importlib
 
+import numpy as np
 import pytest
 
 import featherstone_gait
@@ -17,6 +18,7 @@ PATHS = {  # old module, a name in it -> where the name is now
     ("experiments", "EXPERIMENTS"): "reproduction",
 }
 NAMES = {"linearise": "linearize", "Linearisation": "Linearization"}
+METHODS = {"plot": "plot", "show": "show", "show_live": "show_live", "save_gif": "save_movie"}  # of Trajectory
 
 
 @pytest.mark.parametrize(("old", "name"), PATHS)
@@ -34,6 +36,21 @@ def test_an_old_name_is_the_new_object(old):
     with pytest.warns(DeprecationWarning, match=rf"^featherstone_gait\.{old} is now .*{NAMES[old]};"):
         found = getattr(featherstone_gait, old)
     assert found is getattr(featherstone_gait, NAMES[old])
+
+
+@pytest.mark.parametrize("old", METHODS)
+def test_an_old_method_calls_the_new_function(old, monkeypatch):
+    run = featherstone_gait.Trajectory({"time": np.zeros(1)}, "ok", "", 0.0, np.zeros(0))
+    monkeypatch.setattr(featherstone_gait, METHODS[old], lambda *arguments, **options: (arguments, options))
+    with pytest.warns(DeprecationWarning, match=rf"^Trajectory\.{old} is now featherstone_gait\.{METHODS[old]};"):
+        assert getattr(run, old)("q", captions=["a"]) == ((run, "q"), {"captions": ["a"]})
+
+
+def test_plot_trajectory_draws_the_channels_of_its_list():
+    run = featherstone_gait.Trajectory({"time": np.arange(2.0), "q": np.zeros((2, 1))}, "ok", "", 0.0, np.zeros(0))
+    with pytest.warns(DeprecationWarning, match="plot_trajectory.* is now featherstone_gait.plot"):
+        figure = featherstone_gait.plot_trajectory(run, ["q"])
+    assert [axes.get_ylabel() for axes in figure.axes] == ["q [rad or m]"]
 
 
 @pytest.mark.parametrize("module", ["gym", "maximal"])

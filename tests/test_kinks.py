@@ -8,7 +8,7 @@ import pytest
 from featherstone_gait import Ground, Reference, compile_scene, initial_state, load_robot, simulate
 from featherstone_gait.benchmark.default_scenes import NO_FALL, ball, case_of, spinning
 from featherstone_gait.benchmark.truth import distances
-from featherstone_gait.view.plotting import positions
+from featherstone_gait.run.trajectory import positions
 
 RTOL = 10.0 ** -np.arange(4.0, 9.5)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scenes import box_on, resting
 
+from featherstone_gait import plot
 from featherstone_gait.model import Ground
 from featherstone_gait.run.simulate import simulate
 from featherstone_gait.run.trajectory import Trajectory
@@ -104,7 +105,7 @@ def test_a_missing_file_is_named(tmp_path):
 
 
 def test_plotting_draws_a_panel_a_channel(run):
-    figure = run.plot("base_q", "contact_force")
+    figure = plot(run, "base_q", "contact_force")
     assert [axes.get_ylabel().split()[0] for axes in figure.axes] == ["base_q", "contact_force"]
     assert all(len(axes.lines) > 0 for axes in figure.axes)
     matplotlib.pyplot.close(figure)

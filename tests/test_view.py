@@ -13,14 +13,25 @@ import numpy as np
 import pytest
 from pages import WEIGHT, data_of, fallen, humanoid, walking
 from PIL import Image
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import featherstone_gait
-from featherstone_gait import Ground, HeightField, Trajectory, contact_positions, forward_kinematics, load_robot, stairs
+from featherstone_gait import (
+    Ground,
+    HeightField,
+    Trajectory,
+    contact_positions,
+    forward_kinematics,
+    load_robot,
+    save_movie,
+    show,
+    stairs,
+)
 from featherstone_gait.cli import main
 from featherstone_gait.scene.contact import ground_under
 from featherstone_gait.view import recorded, shown
-from featherstone_gait.view.animation import MOST_BYTES, page_html, write_animation
+from featherstone_gait.view.page import MOST_BYTES, page_html, write_animation
 from featherstone_gait.view.recorded import Seen, page_data, thinned_samples
 from featherstone_gait.view.visuals import SIDES, bodies, side_of, thinned
 
@@ -124,8 +135,6 @@ def test_visual_shapes_have_their_volume_place_and_color(tmp_path, geometry, exa
 
 def ball(n):
     """Points and triangles of a unit sphere."""
-    from scipy.spatial import ConvexHull
-
     z = 1.0 - (2.0 * np.arange(n) + 1.0) / n
     angle = np.pi * (3.0 - 5.0**0.5) * np.arange(n)
     points = np.column_stack([np.sqrt(1 - z * z) * np.cos(angle), np.sqrt(1 - z * z) * np.sin(angle), z])
@@ -229,11 +238,6 @@ def test_contact_points_are_where_kinematics_puts_them(model, run, page):
     assert shown_at == pytest.approx(exact, abs=data["unit"])
 
 
-def area(outline):
-    x, y = outline[:, 0], outline[:, 1]
-    return 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
-
-
 def test_a_footprint_is_the_sole(model):
     standing = walking(model, speed=0.0)
     standing["q"][:] = 0.0
@@ -243,8 +247,8 @@ def test_a_footprint_is_the_sole(model):
     assert (left["at"], right["at"]) == (0.0, 0.3)
     q = np.hstack([standing["base_q"], standing["q"]])
     for one, middle, points in ((left, 100, slice(0, 4)), (right, 115, slice(4, 8))):
-        outline = data["unit"] * np.array(one["outline"]).reshape(-1, 3)
-        assert area(outline) == pytest.approx(0.1 * 0.06, rel=0.01)
+        outline = data["unit"] * np.array(one["points"]).reshape(-1, 3)
+        assert ConvexHull(outline[:, :2]).volume == pytest.approx(0.1 * 0.06, rel=0.01)  # the area, in a plane
         sole = contact_positions(model, q[middle])[points]  # half way through the stance
         assert outline.mean(axis=0) == pytest.approx(sole.mean(axis=0), abs=data["unit"])
 
@@ -346,7 +350,7 @@ def test_two_minutes_of_two_humanoids_with_everything_stay_below_five_megabytes(
 
 
 def test_a_page_that_is_too_large_is_refused(model, run, monkeypatch):
-    monkeypatch.setattr("featherstone_gait.view.animation.MOST_BYTES", 1000)
+    monkeypatch.setattr("featherstone_gait.view.page.MOST_BYTES", 1000)
     with pytest.raises(ValueError, match="at most 1000: show fewer runs"):
         page_html({"run": Seen(model, run)}, "")
 
@@ -406,7 +410,7 @@ def test_text_stands_out_from_its_ground(scheme):
 
 def test_show_writes_a_page_and_a_notebook_gets_the_same_inline(model, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    page = run.show(plots=["torque"])
+    page = show(run, plots=["torque"])
     assert repr(page).endswith("humanoid_view.html>")
     assert (tmp_path / "humanoid_view.html").read_text("utf-8") == page.html
     inline = re.search(r'srcdoc="([^"]*)"', page._repr_html_())[1]
@@ -414,16 +418,16 @@ def test_show_writes_a_page_and_a_notebook_gets_the_same_inline(model, run, tmp_
     assert data_of(page.html)["plots"] == ["torque"]
     (tmp_path / "humanoid_view.html").unlink()
     monkeypatch.setattr(shown, "in_notebook", lambda: True)
-    assert run.show(model).path is None
+    assert show(run, model).path is None
     assert list(tmp_path.iterdir()) == []
 
 
 def test_runs_are_told_apart_by_captions(model, run, tmp_path):
-    page = run.show(model, fallen(model), captions=["before", "after"], ghosts=True, path=tmp_path / "page.html")
+    page = show(run, model, fallen(model), captions=["before", "after"], ghosts=True, path=tmp_path / "page.html")
     assert [told["caption"] for told in data_of(page.html)["runs"]] == ["before", "after"]
     assert data_of(page.html)["ghosts"]
     with pytest.raises(ValueError, match=r"captions are .*expected 2 texts that differ"):
-        run.show(model, run, captions=["a", "a"], path=tmp_path / "page.html")
+        show(run, model, run, captions=["a", "a"], path=tmp_path / "page.html")
 
 
 def test_a_run_finds_its_robot_and_its_ground(model, run):
@@ -460,19 +464,20 @@ def test_view_shows_robots_and_saved_runs(model, run, tmp_path, capsys):
 
 def test_a_gif_plays_in_its_time_and_stops_where_the_run_failed(model, tmp_path):
     run = fallen(model, at=0.4)
-    assert run.save_gif(tmp_path / "run.gif", fps=10.0, size=(160, 120)) == 15  # 0 to 0.4 s, and the end for a second
+    count = save_movie(run, tmp_path / "run.gif", fps=10.0, size=(160, 120))
+    assert count == 15  # 0 to 0.4 s, and the end for a second
     with Image.open(tmp_path / "run.gif") as picture:
         assert (picture.size, picture.info["duration"]) == ((160, 120), 100)
-    assert run.save_gif(tmp_path / "frames", fps=10.0, speed=0.5, size=(160, 120)) == 19
+    assert save_movie(run, tmp_path / "frames", fps=10.0, speed=0.5, size=(160, 120)) == 19
     files = sorted((tmp_path / "frames").iterdir())
     assert [file.name for file in files[:2]] == ["frame_0000.png", "frame_0001.png"]
     first, later, last = (np.asarray(Image.open(files[k]).convert("RGB"), dtype=int) for k in (0, 6, 18))
     assert np.abs(first - later).max() > 50
     assert np.abs(last - np.asarray(Image.open(files[9]).convert("RGB"), dtype=int)).max() == 0
     with pytest.raises(ValueError, match=r"expected a name that ends in .gif, or a folder"):
-        run.save_gif(tmp_path / "run.mp4")
+        save_movie(run, tmp_path / "run.mp4")
     with pytest.raises(ValueError, match="frames; at most 3000: lower fps, or raise speed"):
-        run.save_gif(tmp_path / "run.gif", speed=1e-3)
+        save_movie(run, tmp_path / "run.gif", speed=1e-3)
 
 
 @pytest.mark.long

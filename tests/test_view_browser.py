@@ -5,7 +5,7 @@ from browser import found_in
 from pages import fallen, humanoid, walking
 
 from featherstone_gait import Ground
-from featherstone_gait.view.animation import page_html
+from featherstone_gait.view.page import page_html, render
 from featherstone_gait.view.recorded import Seen
 
 SIZES = ((1280, 720), (375, 667), (800, 420))
@@ -218,3 +218,35 @@ def test_a_dark_desktop_gets_a_dark_page(page, tmp_path):
     script = "viewer.show(); return getComputedStyle(document.body).backgroundColor + colors.sky;"
     (told,), _ = found_in(page, script, tmp_path, "--force-dark-mode")
     assert told == "rgb(20, 24, 28)#1b232c"
+
+
+REPORT = """
+const told = {}, texts = query => [...document.querySelectorAll("#report " + query)].map(e => e.textContent);
+told.controls = document.getElementById("controls").getBoundingClientRect().height;
+told.wide = document.documentElement.scrollWidth - innerWidth;
+told.lead = texts("> p"); told.tiles = texts(".tile"); told.titles = texts("h2"); told.cells = texts("td");
+told.rows = texts("tbody th"); told.bold = texts("b"); told.code = texts("code"); told.bad = texts("td .bad");
+told.charts = texts("svg text"); told.dots = document.querySelectorAll("circle.dot").length;
+told.best = document.querySelector("polyline").getAttribute("points").split(" ").length;
+told.heights = [...document.querySelectorAll("#report svg")].map(e => e.getBoundingClientRect().height > 60);
+return told;
+"""
+
+
+def test_a_report_is_drawn_by_the_same_page(tmp_path):
+    costs, best = [90.0, 80.0, None, 85.0, 70.0], [90.0, 80.0, 80.0, 80.0, 70.0]
+    parts = [
+        {"text": "**Not** run: `featherstone-gait <x>`", "soft": False},
+        {"head": ["", "here"], "rows": [[{"text": "<name>"}, {"text": "3 ", "small": "m", "mark": ["bad", "falls"]}]]},
+        {"chart": "intervals", "what": "cost", "rows": [["plan", 40.0, 50.0, 60.0], ["found", 30.0, 35.0, 41.0]]},
+        {"chart": "search", "what": "search", "costs": costs, "best": best, "since": 3},
+    ]
+    report = {"lead": "lead", "tiles": [["speed", "2 m/s", "note"]], "sections": [{"title": "Part", "parts": parts}]}
+    (told,), console = found_in(render("report", {"report": report}), REPORT, tmp_path, sizes=(SIZES[1],))
+    assert console == []
+    assert (told["controls"], told["wide"] <= 0, told["heights"]) == (0, True, [True, True])
+    assert (told["lead"], told["tiles"], told["titles"]) == (["lead"], ["speed2 m/snote"], ["Part"])
+    assert (told["rows"], told["cells"], told["bad"]) == (["<name>"], ["3 fallsm"], ["falls"])
+    assert ("Not" in told["bold"], told["code"]) == (True, ["featherstone-gait <x>"])
+    assert {"plan", "found", "keeps to limits"} <= set(told["charts"])
+    assert (told["dots"], told["best"]) == (4, 5)

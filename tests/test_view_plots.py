@@ -6,7 +6,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from pages import fallen, humanoid, walking
 
-from featherstone_gait import Trajectory, load_robot
+from featherstone_gait import Trajectory, load_robot, plot
 from featherstone_gait.reproduction.claim import plus_minus
 from featherstone_gait.view.style import COLOURS, spread
 
@@ -26,7 +26,7 @@ def lines(axes):
 
 def test_many_joints_are_drawn_left_beside_right_with_partners_in_one_color():
     run = walking(load_robot("humanoid"))
-    left, right, others = run.plot("q").axes
+    left, right, others = plot(run, "q").axes
     assert [axes.get_title() for axes in (left, right, others)] == ["left", "right", "others"]
     names = [*lines(left), *lines(right), *lines(others)]
     assert sorted(names) == sorted(run.info["joints"])
@@ -40,7 +40,7 @@ def test_many_joints_are_drawn_left_beside_right_with_partners_in_one_color():
 
 def test_in_given_axes_partners_are_told_apart_by_their_stroke():
     _, axes = matplotlib.pyplot.subplots()
-    walking(humanoid()).plot("q", axes=axes)
+    plot(walking(humanoid()), "q", axes=axes)
     drawn = lines(axes)
     assert len(drawn) == 10
     assert drawn["left_knee"].get_color() == drawn["right_knee"].get_color()
@@ -50,7 +50,7 @@ def test_in_given_axes_partners_are_told_apart_by_their_stroke():
 def test_labels_stand_at_the_ends_of_lines_and_apart():
     values = {"time": np.linspace(0, 1, 5), "q": np.outer(np.ones(5), [0.0, 0.001, 1.0])}
     run = Trajectory(values, "ok", "", 1.0, np.zeros(0), {"joints": ["low_joint", "near", "high"]})
-    (axes,) = run.plot("q").axes
+    (axes,) = plot(run, "q").axes
     assert axes.get_legend() is None
     places = {text.get_text(): text.xy for text in axes.texts}
     assert set(places) == {"low joint", "near", "high"}
@@ -60,11 +60,11 @@ def test_labels_stand_at_the_ends_of_lines_and_apart():
 
 def test_a_failed_run_is_drawn_to_its_failure_which_is_told():
     run = fallen(humanoid(), at=1.0)
-    for axes in run.plot("contact_force", "energy").axes:
+    for axes in plot(run, "contact_force", "energy").axes:
         assert max(line.get_xdata().max() for line in lines(axes).values()) == 1.0
         assert "fell at 1 s" in [text.get_text() for text in axes.texts]
     doubtful = walking(humanoid(), status="inaccurate", message="from 0.1 s on")
-    (axes,) = doubtful.plot("energy").axes
+    (axes,) = plot(doubtful, "energy").axes
     assert "inaccurate" in [text.get_text() for text in axes.texts]
     assert max(line.get_xdata().max() for line in lines(axes).values()) == 2.0
 

@@ -11,7 +11,7 @@ import published
 import pytest
 from pages import fallen, humanoid, walking
 
-from featherstone_gait import Ground, RobotFileWarning, forward_kinematics, load_robot
+from featherstone_gait import Ground, RobotFileWarning, forward_kinematics, load_robot, show_live
 from featherstone_gait.cli import main
 from featherstone_gait.geometry.mesh import mesh_parts, mesh_triangles
 from featherstone_gait.model.shapes import Box, Sphere
@@ -242,7 +242,7 @@ def test_edges_are_seen_and_smooth_surfaces_are_smooth(tmp_path):
 def test_without_viser_the_live_page_says_what_to_install(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(ImportError, match=r"pip install featherstone-gait\[viser\]"):
-        walking(humanoid()).show_live(humanoid())
+        show_live(walking(humanoid()), humanoid())
     assert main(["view", "arm7", "--live"]) == 2
     assert "error: a live page is served by viser: pip install" in capsys.readouterr().err
 
@@ -260,7 +260,7 @@ def page():
     opened = []
 
     def show(model, *runs, **how):
-        opened.append(runs[0].show_live(model, *runs[1:], port=0, **how))
+        opened.append(show_live(runs[0], model, *runs[1:], port=0, **how))
         return opened[0]
 
     yield show

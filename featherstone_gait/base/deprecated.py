@@ -39,6 +39,16 @@ def renamed(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:
     return __getattr__
 
 
+def method(name: str, target: str) -> Callable[..., Any]:
+    """Make the method `name` that is the function `target` ("module:name") now, with the object as first argument."""
+
+    def call(self: Any, *arguments: Any, **options: Any) -> Any:
+        warn(name, target.replace(":", "."))
+        return resolve_name(target)(self, *arguments, **options)
+
+    return call
+
+
 def warn(old: str, new: str, level: int = 3) -> None:
     """Warn that `old` is called `new` now."""
     warnings.warn(f"{old} is now {new}; the old name works until version {UNTIL}", DeprecationWarning, stacklevel=level)

@@ -28,9 +28,8 @@ from tqdm import tqdm
 
 from ..base.files import complete
 from ..run.companion import SPEED_LIMIT
-from ..run.trajectory import Trajectory
+from ..run.trajectory import Trajectory, positions
 from ..scene.compile import CompiledScene
-from ..view.plotting import positions
 from ..view.style import BLUE, COLOURS, ORANGE, look
 from .default_scenes import cases
 from .limited import Worker, at_most

@@ -43,7 +43,7 @@ from ..model import Model
 from ..robot_file import load_robot, save_robot
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate
-from ..view.plotting import positions
+from ..run.trajectory import positions
 from ..view.style import look
 from . import precision, speed, walk
 from .machine import machine

@@ -33,10 +33,9 @@ from ..robot_file import load_robot, load_servo
 from ..run.prepared import prepare, with_tolerance
 from ..run.reference import Reference
 from ..run.simulate import initial_state, restarted, simulate, standing_state
-from ..run.trajectory import Trajectory
+from ..run.trajectory import Trajectory, positions
 from ..run.verdict import trajectory
 from ..scene.compile import CompiledScene, compile_scene
-from ..view.plotting import positions
 from ..view.style import look
 from .machine import machine
 from .table import TABLE, write_table

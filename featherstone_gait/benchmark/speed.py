@@ -36,8 +36,8 @@ from ..dynamics import inverse_dynamics, mass_matrix
 from ..model import Joint, Link, Model
 from ..robot_file import load_robot, save_robot
 from ..run.simulate import simulate_batch
+from ..run.trajectory import positions
 from ..scene.tree import GRAVITY, compile_tree
-from ..view.plotting import positions
 from ..view.style import look
 from .machine import machine
 from .mujoco_clock import quick_mujoco

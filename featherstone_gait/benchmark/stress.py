@@ -29,9 +29,8 @@ from ..model import ContactPoint, Ground, Joint, Link, Model, Spring
 from ..robot_file import load_robot, load_servo
 from ..run.reference import Reference
 from ..run.simulate import Push, initial_state, simulate
-from ..run.trajectory import Trajectory
+from ..run.trajectory import Trajectory, positions
 from ..scene.compile import compile_scene
-from ..view.plotting import positions
 from ..view.style import look
 from .machine import machine
 from .precision import unlimited

@@ -16,9 +16,8 @@ from .. import __version__
 from ..base.files import complete
 from ..run.reference import Reference
 from ..run.simulate import simulate
-from ..run.trajectory import Trajectory
+from ..run.trajectory import Trajectory, positions
 from ..scene.compile import CompiledScene
-from ..view.plotting import positions
 from .limited import Worker, at_most
 
 LIMIT = 60.0  # CPU seconds of a reference

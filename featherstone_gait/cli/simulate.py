@@ -166,7 +166,7 @@ def _drift(scene: CompiledScene, trajectory: Trajectory) -> tuple[np.ndarray, np
 
     from ..core.effects.energies import FRICTION, STOPS
     from ..dynamics import energy
-    from ..view.plotting import positions
+    from ..run.trajectory import positions
 
     base = [trajectory["base_qd"]] if scene.model.base == "floating" else []
     kinetic, potential = energy(scene.model, positions(trajectory), np.hstack([*base, trajectory["qd"]])).T
@@ -219,7 +219,7 @@ def _plot_simulation(scene: CompiledScene, trajectory: Trajectory, text: str, pa
 
 
 def _draw_simulation(figure: Figure, scene: CompiledScene, trajectory: Trajectory, text: str) -> None:
-    from ..view.plotting import FAILED, plot_motion, plot_trajectory
+    from ..view.plotting import plot, plot_motion
     from ..view.style import BAD, BLUE
 
     left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=(1.0, 1.2))[0]
@@ -230,13 +230,13 @@ def _draw_simulation(figure: Figure, scene: CompiledScene, trajectory: Trajector
         motion.axhline(scene.ground.height, color="0.2", linewidth=0.8)
     panels = right.subplots(2, sharex=True)
     if _is_free(scene):
-        plot_trajectory(trajectory, ["q"], panels[0])
+        plot(trajectory, "q", axes=panels[0])
         drift, kinetic = _drift(scene, trajectory)
         panels[1].plot(trajectory["time"], drift / (kinetic.max() or 1.0), color=BLUE)
         panels[1].set(xlabel="time [s]", ylabel="energy error by\nlargest kinetic energy")
     else:
-        plot_trajectory(trajectory, ["q", "contact_force" if scene.ground else "torque"], panels)
+        plot(trajectory, "q", "contact_force" if scene.ground else "torque", axes=panels)
     panels[0].set(xlabel="", ylabel="joints [rad or m]")
     wrong = "" if trajectory.ok else f": {trajectory.status}"
-    ended = f" at {trajectory.end_time:.3g} s" if trajectory.status in FAILED else ""
+    ended = f" at {trajectory.end_time:.3g} s" if trajectory.failed else ""
     figure.suptitle(f"{text}{wrong}{ended}", color="black" if trajectory.ok else BAD)

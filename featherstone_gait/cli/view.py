@@ -69,7 +69,7 @@ def add(commands: Commands) -> None:
 
 def run(args: Namespace) -> int:
     from ..run.trajectory import Trajectory
-    from ..view.shown import default_plots, in_posture, live_of, page_of
+    from ..view.shown import in_posture, show, show_live
 
     if len(args.files) == 1 and not _is_run(args.files[0]):
         model = _robot(args.files[0])
@@ -87,16 +87,16 @@ def run(args: Namespace) -> int:
     if args.gif or args.png:
         return _pictures(args, runs[0], robot, stem)
     captions = args.caption or _different(names)
-    plots = args.plot or default_plots(runs[0])
+    how = {"captions": captions, "plots": args.plot, "ghosts": args.ghosts}
     if args.live:
         with telling_extras():
-            page = live_of(runs, robot, captions, plots, args.ghosts, args.port)
-        return _served(page, args.open)
-    html = page_of(runs, robot, captions, plots, args.ghosts)
-    path = html.save(stem.with_name(stem.name + "_view.html"))
+            live = show_live(runs[0], robot, *runs[1:], port=args.port, **how)
+        return _served(live, args.open)
+    path = stem.with_name(stem.name + "_view.html")
+    page = show(runs[0], robot, *runs[1:], path=path, **how)
     for run, caption in zip(runs, captions):
         print(f"{caption}: {run.status}{': ' if run.message else ''}{run.message}")
-    print(f"file        {path}, {len(html.html) / 1e6:.2g} MB")
+    print(f"file        {path}, {len(page.html) / 1e6:.2g} MB")
     if args.open:
         import webbrowser
 
@@ -142,9 +142,11 @@ def _different(names: list[str]) -> list[str]:
 
 
 def _pictures(args: Namespace, run: Trajectory, robot: Model | str | None, stem: Path) -> int:
+    from ..view.movie import save_movie
+
     for wanted, ending in ((args.gif, ".gif"), (args.png, "_frames")):
         if wanted:
             path = stem.with_name(stem.name + ending)
-            count = run.save_gif(path, robot, fps=args.fps, speed=args.speed)
+            count = save_movie(run, path, robot, fps=args.fps, speed=args.speed)
             print(f"file        {path}, {count} frames")
     return 0

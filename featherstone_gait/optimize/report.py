@@ -18,8 +18,8 @@ from .. import __version__
 from ..base.files import Format, moving_up
 from ..crosscheck.run import files as crosscheck_files
 from ..model import Model
-from ..view.animation import write_animation
 from ..view.gait_page import write_gait_page
+from ..view.page import write_animation
 from ..walking.cost import WalkingCost
 from ..walking.feedback import add_feedback
 from ..walking.gait_file import ARRAYS, write_angles, write_goal_positions

@@ -42,7 +42,7 @@ from ..run.trajectory import Trajectory
 from ..scene.compile import ServoKind
 from ..search import minimize
 from ..search.speculation import Candidate, Speculation
-from ..view.animation import page_html
+from ..view.page import page_html
 from ..view.plotting import plot_motion
 from ..view.recorded import Seen
 from ..view.style import BLUE, ORANGE, look

@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..base import deprecated
 from ..base.files import FilePath, Format, complete_together, is_number, read_arrays, read_json
+from ..core.step.state import BY_NAME, shaped
+from ..model import Model
+from . import tables
 from .channels import column_of
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from ..model import Model
-    from ..scene.compile import CompiledScene
-    from ..view.live import Live
-    from ..view.shown import Page
-
 FORMAT = Format("trajectory")
+FAILED = ("fell", "diverged", "step too small", "too costly")  # statuses of runs that end before their time
 STATUSES = ("ok", "fell", "diverged", "chatter", "step too small", "not converged", "inaccurate", "too costly")
 
 
@@ -68,6 +63,22 @@ class Trajectory(Mapping[str, np.ndarray]):
     def ok(self) -> bool:
         return self.status == "ok"
 
+    @property
+    def failed(self) -> bool:
+        """Whether the run ended before its time."""
+        return self.status in FAILED
+
+    @property
+    def state(self) -> dict[str, np.ndarray]:
+        """Name the parts of the final state: `q`, `qd`, `base_q`, ..., each in the shape of its channel, as views.
+
+        Raises ValueError for a trajectory that does not know them, such as one made by hand.
+        """
+        if self.parts is None:
+            raise ValueError("the trajectory does not know the parts of its final state; simulate it again")
+        found = {name: self.final[start:stop] for name, (start, stop) in self.parts.items() if stop > start}
+        return {name: shaped(BY_NAME[name], x[None])[0] if name in BY_NAME else x for name, x in found.items()}
+
     def column(self, name: str, label: str) -> np.ndarray:
         """One number of a channel by its label, of each joint or contact point (samples, ...).
 
@@ -77,14 +88,12 @@ class Trajectory(Mapping[str, np.ndarray]):
         """
         column = column_of(name, label)
         if name not in self:
-            known = ", ".join(self)
-            raise ValueError(f"channel {name!r} is not recorded, {known} are: name it in simulate(record=...)")
+            raise ValueError(_not_recorded(self, name))
         return self[name][..., column]
 
     def save(self, path: FilePath) -> None:
         """Write PATH.npz (channels and final state) and PATH.json (status and settings), whole or not at all."""
-        described = {"format": str(FORMAT), "status": self.status, "message": self.message, "end_time": self.end_time}
-        described |= {"info": self.info, "parts": self.parts}
+        described = {"format": str(FORMAT), **self._described(), "parts": self.parts}
         arrays: dict[str, Any] = {f"channel_{k}": v for k, v in self.channels.items()}
         arrays |= {f"error_{k}": v for k, v in (self.error or {}).items()}
         arrays |= {} if self.companion is None else {"companion": self.companion}
@@ -114,86 +123,40 @@ class Trajectory(Mapping[str, np.ndarray]):
         return cls(channels, final=final, error=error or None, parts=parts, companion=companion, **described)
 
     def to_pandas(self) -> Any:
-        """A pandas.DataFrame over time [s], a column a number; see `tables`.  Raises ImportError without pandas."""
-        from .tables import to_pandas
-
-        return to_pandas(self)
+        """Convert to a pandas.DataFrame, a column for each number; see `tables`."""
+        return tables.to_pandas(self.channels, self._described())
 
     def to_xarray(self) -> Any:
-        """An xarray.Dataset, a variable a channel; see `tables`.  Raises ImportError without xarray."""
-        from .tables import to_xarray
-
-        return to_xarray(self)
+        """Convert to an xarray.Dataset, a variable for each channel; see `tables`."""
+        return tables.to_xarray(self.channels, self._described())
 
     def to_parquet(self, path: FilePath) -> None:
-        """Write the table of `to_pandas` to PATH, whole or not at all.  Raises ImportError without pyarrow."""
-        from .tables import to_parquet
+        """Write the table of `to_pandas` to a Parquet file, whole or not at all; see `tables`."""
+        tables.to_parquet(path, self.channels, self._described())
 
-        to_parquet(self, path)
+    def _described(self) -> dict[str, Any]:
+        return {"status": self.status, "message": self.message, "end_time": float(self.end_time), "info": self.info}
 
-    def plot(self, *names: str, axes: Axes | Sequence[Axes] | np.ndarray | None = None) -> Figure:
-        """Draw channels against time, one panel each; return the figure."""
-        from ..view.plotting import plot_trajectory
+    plot = deprecated.method("Trajectory.plot", "featherstone_gait:plot")
+    show = deprecated.method("Trajectory.show", "featherstone_gait:show")
+    show_live = deprecated.method("Trajectory.show_live", "featherstone_gait:show_live")
+    save_gif = deprecated.method("Trajectory.save_gif", "featherstone_gait:save_movie")
 
-        return plot_trajectory(self, names or tuple(k for k in self if k != "time"), axes)
 
-    def show(
-        self,
-        robot: Model | CompiledScene | str | os.PathLike[str] | None = None,
-        *others: Trajectory,
-        captions: Sequence[str] = (),
-        plots: Sequence[str] = (),
-        ghosts: bool = False,
-        path: FilePath | None = None,
-    ) -> Page:
-        """The motion as a page to play: in a notebook inline, else the HTML file `path`, which opens without network.
+def positions(trajectory: Mapping[str, np.ndarray], model: Model | None = None) -> np.ndarray:
+    """Positions q (samples, nq) as the functions of `dynamics` take them.
 
-        robot: the model or scene that made the run (a scene tells its ground too), or its file; None: as the run says,
-        which knows robots that come with the package.  others: more runs of it, beside this one or, with `ghosts`, seen
-        through it.  captions: a text for each run; plots: channels drawn under the picture (the page offers the others
-        too); path: of the file (ROBOT_view.html here, if None and this is no notebook).
-        Raises ValueError where robot and run do not fit, or channels are missing that tell where it is (`q`, `base_q`).
-        """
-        from ..view.shown import show
+    Raises ValueError, if the model is given, where one of its channels was not recorded.
+    """
+    floating = model is not None and model.base == "floating"
+    for name in ("base_q",) * floating + ("q",) * (model is not None):
+        if name not in trajectory:
+            raise ValueError(_not_recorded(trajectory, name))
+    return np.hstack([trajectory["base_q"], trajectory["q"]]) if "base_q" in trajectory else trajectory["q"]
 
-        return show(self, robot, *others, captions=captions, plots=plots, ghosts=ghosts, path=path)
 
-    def show_live(
-        self,
-        robot: Model | CompiledScene | str | os.PathLike[str] | None = None,
-        *others: Trajectory,
-        captions: Sequence[str] = (),
-        plots: Sequence[str] = (),
-        ghosts: bool = False,
-        port: int = 8080,
-    ) -> Live:
-        """The motion in a page that is served while the program runs, with the robot's meshes; see `view.live.Live`.
-
-        Arguments as in `show`, with plots in a panel beside the picture; port: of this machine, or the first free one
-        after it, 0 for any.
-        Raises as `show`, and ImportError without viser (pip install featherstone-gait[viser]).
-        """
-        from ..view.shown import show_live
-
-        return show_live(self, robot, *others, captions=captions, plots=plots, ghosts=ghosts, port=port)
-
-    def save_gif(
-        self,
-        path: FilePath,
-        robot: Model | CompiledScene | str | os.PathLike[str] | None = None,
-        *,
-        fps: float = 25.0,
-        speed: float = 1.0,
-        size: tuple[int, int] = (640, 480),
-    ) -> int:
-        """Draw the motion with Matplotlib: a .gif, or `path` as a folder of PNG files; return how many frames.
-
-        robot as in `show`; fps: frames a second; speed: 0.1 is slow motion; size: width and height [pixel].
-        Raises as `show`, and ValueError for more frames or pixels than a file should have.
-        """
-        from ..view.movie import save_movie
-
-        return save_movie(self, path, robot, fps, speed, size)
+def _not_recorded(trajectory: Mapping[str, np.ndarray], name: str) -> str:
+    return f"channel {name!r} is not recorded, {', '.join(trajectory)} are: name it in simulate(record=...)"
 
 
 def with_error(run: Trajectory, finer: Trajectory, factor: float) -> Trajectory:
@@ -203,8 +166,8 @@ def with_error(run: Trajectory, finer: Trajectory, factor: float) -> Trajectory:
     kinks cost a higher method its order.  A tenth of the tolerance leaves a tenth of the error: 1.1.  Where the finer
     run ended otherwise, or the run failed, the error is infinite.
     """
-    failed = run.status in ("diverged", "step too small", "too costly")
-    same = not failed and run.status == finer.status and abs(run.end_time - finer.end_time) <= 0.02 * run.end_time
+    broken = run.failed and run.status != "fell"
+    same = not broken and run.status == finer.status and abs(run.end_time - finer.end_time) <= 0.02 * run.end_time
     error = {
         name: factor * np.abs(values - finer[name]) if same else np.full(values.shape, np.inf)
         for name, values in run.channels.items()

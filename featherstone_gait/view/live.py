@@ -21,9 +21,9 @@ from ..dynamics import center_of_mass, contact_positions, forward_kinematics
 from ..model import Ground
 from ..robot_file.errors import RobotFileWarning
 from ..run.sensors import in_world
+from ..run.trajectory import positions
 from ..scene.contact import ground_under, plane_axes
 from .live_plots import Charts, plotted
-from .plotting import FAILED, positions
 from .recorded import TOUCH, Seen, corners_of, quaternions, relief, sampled
 from .visuals import Piece, pieces
 
@@ -226,7 +226,7 @@ class _Actor:
         frames = sampled(seen)
         self.box = corners_of(seen.model, frames, found)  # (frames, n, 3) [m]
         self.q, self.samples, self.last = positions(run, seen.model), run["time"], frames.last
-        self.failed = run.status in FAILED
+        self.failed = run.failed
         self.start, self.end = float(self.samples[0]), float(self.samples[-1])
         self.moves = seen.model.base == "floating"
         touches = "contact_force" in run and seen.ground is not None and len(seen.model.contacts) > 0
@@ -303,7 +303,7 @@ class _Actor:
         self._draw_forces(q, row, shown["forces"])
         if before is None or before[1] != over:
             when = f": {self.run.status} at {self.run.end_time:.4g} s"
-            doubtful = f": {self.run.status}" * (self.run.status not in ("ok", *FAILED))
+            doubtful = f": {self.run.status}" * (not (self.run.failed or self.run.ok))
             self.label.text = self.caption + (when if over else doubtful)
             for mesh, piece in zip(self.meshes, self.found):
                 mesh.color = FAILURE if over else piece.color

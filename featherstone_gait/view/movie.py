@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ..base.arguments import listed, real, whole
+from ..base import arguments
+from ..base.arguments import instance, listed, real, whole
 from ..base.files import FilePath, complete
 from ..dynamics import forward_kinematics
-from .plotting import FAILED, positions
+from ..model import Model
+from ..run.trajectory import Trajectory, positions
 from .shown import Robot, robot_of
 from .visuals import Body, bodies
-
-if TYPE_CHECKING:
-    from ..model import Model
-    from ..run.trajectory import Trajectory
 
 MOST_FRAMES = 3000
 DOTS = 100  # per inch
@@ -28,21 +25,58 @@ LIGHT = np.array([0.29, -0.42, 0.86])
 
 
 def save_movie(
-    trajectory: Trajectory, path: FilePath, robot: Robot, fps: float, speed: float, size: tuple[int, int]
+    trajectory: Trajectory,
+    path: FilePath,
+    robot: Robot = None,
+    *,
+    fps: float = 25.0,
+    speed: float = 1.0,
+    size: tuple[int, int] = (640, 480),
 ) -> int:
-    """See `Trajectory.save_gif`."""
+    """Draw a motion with Matplotlib, as a GIF or as PNG files.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        What `simulate` returns, with the channel q, and base_q of a floating base.
+    path : path
+        Of the .gif, or of a folder for PNG files.
+    robot : Model, CompiledScene, path or str, optional
+        As in `show`.
+    fps : float
+        Frames per second.
+    speed : float
+        Playing speed; 0.1 is slow motion.
+    size : tuple of int
+        Width and height [pixel].
+
+    Returns
+    -------
+    int
+        Number of frames.
+
+    Raises
+    ------
+    ValueError
+        As in `show`, and for more frames or pixels than a file should have.
+    """
     from matplotlib.animation import PillowWriter
     from matplotlib.figure import Figure
 
     fps = real("fps", fps, 0.1, 50.0, "a GIF shows at most 50 frames a second")
     speed = real("speed", speed, 1e-4, 100.0, "1 is real time")
-    width, height = (whole("size", x, 64, "give width and height [pixel]", 4000) for x in listed("size", size, "pixel"))
+    instance("trajectory", trajectory, Trajectory, "give what simulate returns")
+    remedy = "give width and height [pixel]"
+    pixels = [whole("size", x, 64, remedy, 4000) for x in listed("size", size, remedy)]
+    if len(pixels) != 2:
+        raise ValueError(f"size is {size!r}; {remedy}")
+    width, height = pixels
+    target = arguments.path("path", path)
     model, ground = robot_of(trajectory, robot)
     times = _times(trajectory, fps, speed)
     q = _at(trajectory, positions(trajectory, model), times)
     figure = Figure(figsize=(width / DOTS, height / DOTS), dpi=DOTS)
     frames = _drawn(figure, trajectory, model, q, times, None if ground is None else ground.height)
-    target = Path(path)
     if target.suffix.lower() == ".gif":
         with complete(target) as temporary:
             writer = PillowWriter(fps=fps)  # type: ignore[arg-type]  # it divides by it
@@ -62,12 +96,12 @@ def save_movie(
 def _times(trajectory: Trajectory, fps: float, speed: float) -> np.ndarray:
     """Times of the frames [s]; a run that failed ends where it did, and is looked at for another second."""
     time = trajectory["time"]
-    end = min(trajectory.end_time, time[-1]) if trajectory.status in FAILED else time[-1]
+    end = min(trajectory.end_time, time[-1]) if trajectory.failed else time[-1]
     count = 1 + math.floor((end - time[0]) * fps / speed + 1e-9)
     if count > MOST_FRAMES:
         raise ValueError(f"{count} frames; at most {MOST_FRAMES}: lower fps, or raise speed")
     times = time[0] + np.arange(count) * speed / fps
-    return np.append(times, np.full(round(fps), end)) if trajectory.status in FAILED else times
+    return np.append(times, np.full(round(fps), end)) if trajectory.failed else times
 
 
 def _at(trajectory: Trajectory, q: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -105,8 +139,8 @@ def _drawn(
         polygons, colors, smooth = camera.faces(found, poses.rotation[k, places], poses.position[k, places])
         edges = [color if soft else (0.0, 0.0, 0.0, 0.4) for color, soft in zip(colors, smooth)]
         axes.add_collection(PolyCollection(polygons, facecolor=colors, edgecolor=edges, linewidth=0.5))
-        ended = trajectory.status in FAILED and bool(time >= trajectory.end_time - 1e-9)
-        told = ended or trajectory.status not in (*FAILED, "ok")
+        ended = trajectory.failed and bool(time >= trajectory.end_time - 1e-9)
+        told = ended or not (trajectory.failed or trajectory.ok)
         label = f"{time:.2f} s" + f": {trajectory.status}" * told
         axes.text(0.02, 0.95, label, transform=axes.transAxes, color=BAD if ended else "0.15", va="top", fontsize=11)
         yield

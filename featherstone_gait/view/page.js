@@ -1,6 +1,7 @@
 "use strict";
-// The numbers of the page: view/recorded.py tells what they are.  Lengths in data.unit [m], quaternions in data.turn.
-const data = JSON.parse(document.getElementById("data").textContent);
+// The data of the page: runs as of view/recorded.py, lengths in data.unit [m], quaternions in data.turn; or a report as
+// of view/gait_page.py.  What is not there is not drawn.
+const data = { models: [], runs: [], plots: [], notes: [], ...JSON.parse(document.getElementById("data").textContent) };
 const FAR = 2.4;            // distance of the eye by the width that is seen
 const ARROW = 0.35;         // length of a force of the whole weight, by the width that is seen at first
 const KEPT = 240;           // durations of frames that are kept
@@ -291,12 +292,12 @@ function contacts(run, t) {  // [{at, force [weights], touches}]
 
 function prints(g, cam, run, t, ratio) {
   g.lineWidth = 1.2 * ratio;
-  for (const { at, color, outline: o } of run.prints) {
+  for (const { at, color, points: p } of run.prints) {
     if (at > t) break;
     const points = [];
-    for (let i = 0; i < o.length; i += 3) points.push([o[i] * data.unit, o[i + 1] * data.unit, o[i + 2] * data.unit]);
+    for (let i = 0; i < p.length; i += 3) points.push([p[i] * data.unit, p[i + 1] * data.unit, p[i + 2] * data.unit]);
     g.beginPath();
-    trace(g, cam.clipped(points));
+    trace(g, cam.clipped(outline(points)));
     g.fillStyle = "rgba(" + color + ",0.25)";
     g.strokeStyle = "rgb(" + color + ")";
     g.fill();
@@ -628,6 +629,77 @@ function drawPlot(plot) {
   }
 }
 
+// ------------------------------------------------------------------------------------------- reports
+
+function made(tag, kind, ...inner) {  // an element; texts among what it holds are no markup
+  const element = document.createElement(tag);
+  if (kind) element.className = kind;
+  element.append(...inner);
+  return element;
+}
+
+function prose({ text, soft }) {  // **bold**, `code`
+  const words = text.split(/(\*\*[^*]+\*\*|`[^`]+`)/);
+  return made("p", soft ? "soft" : "", ...words.map(w => w.startsWith("**") ? made("b", "", w.slice(2, -2)) : w[0] === "`" ? made("code", "", w.slice(1, -1)) : w));
+}
+
+function table({ head, rows }) {
+  const cell = (tag, scope) => content => {
+    const { text, mark, small } = content.text === undefined ? { text: content } : content, element = made(tag, "", text);
+    if (scope) element.scope = scope;
+    if (mark) element.append(made("span", ...mark));
+    if (small) element.append(made("small", "", small));
+    return element;
+  };
+  const line = ([first, ...rest]) => made("tr", "", cell("th", "row")(first), ...rest.map(cell("td")));
+  return made("table", "", made("thead", "", made("tr", "", ...head.map(cell("th", "col")))), made("tbody", "", ...rows.map(line)));
+}
+
+const W = 420, LEFT = 40, RIGHT = 12, FOOT = 32;  // of a chart, and its margins
+const safe = words => words.replace(/[&<>"]/g, c => "&#" + c.charCodeAt() + ";");
+const label = (x, y, words, anchor) => `<text x="${x}" y="${y}" text-anchor="${anchor || "start"}">${safe(String(words))}</text>`;
+const line = (kind, x1, y1, x2, y2) => `<line class="${kind}" x1="${x1}" y1="${y1}" x2="${x2}" y2="${y2}"/>`;
+const round = (low, most) => ticks(low, most, 6)[0].map(t => Number(t.toPrecision(6)));
+
+const CHARTS = {
+  intervals({ rows }) {  // 5th to 95th percentile and median, a bar each
+    const most = 1.08 * Math.max(...rows.map(row => row[3])), height = 44 * rows.length + FOOT, x = v => LEFT + (W - LEFT - RIGHT) * v / most;
+    const grid = round(most / 1e6, most).map(t => label(x(t), height - 12, t, "middle") + line("axis", x(t), 6, x(t), height - FOOT + 4));
+    return [height, ...grid, ...rows.map(([name, low, middle, high], k) => {
+      const y = 44 * k + 30, kind = name === "found" ? " found" : "";
+      return label(LEFT, y - 10, name) + line("range" + kind, x(low), y, x(high), y) + `<circle class="mid${kind}" cx="${x(middle)}" cy="${y}" r="6"/>`;
+    })];
+  },
+  search({ costs, best, since }) {  // each candidate, and the least so far
+    const height = 220, n = costs.length - 1, most = 1.15 * best.find(f => f !== null), seen = f => f !== null && f <= most;
+    const x = k => LEFT + (W - LEFT - RIGHT) * k / n, y = f => 8 + (height - FOOT - 8) * (1 - f / most), parts = [];
+    for (const t of round(0, most)) parts.push(label(LEFT - 6, y(t) + 4, t, "end"), line("axis", LEFT, y(t), W - RIGHT, y(t)));
+    for (const t of round(0, n)) parts.push(label(x(t), height - 12, t, "middle"));
+    costs.forEach((f, k) => { if (seen(f)) parts.push(`<circle class="dot" cx="${x(k).toFixed(1)}" cy="${y(f).toFixed(1)}" r="1.6"/>`); });
+    if (since !== null) {
+      const early = x(since) < 0.6 * W;
+      parts.push(label(x(since) + (early ? 4 : -4), 20, "keeps to limits", early ? "start" : "end"), line("first", x(since), 8, x(since), height - FOOT));
+    }
+    const points = best.map((f, k) => seen(f) ? x(k).toFixed(1) + "," + y(f).toFixed(1) : "").filter(Boolean);
+    return [height, ...parts, `<polyline class="best" points="${points.join(" ")}"/>`];
+  },
+};
+
+function chart(part) {
+  const [height, ...drawn] = CHARTS[part.chart](part), box = made("div", "", made("p", "soft", part.what));
+  box.insertAdjacentHTML("beforeend", `<svg viewBox="0 0 ${W} ${height}" role="img" aria-label="${safe(part.what)}">${drawn.join("")}</svg>`);
+  return box;
+}
+
+function report({ lead, tiles, sections }) {
+  document.body.classList.add("reports");
+  const parts = section => section.parts.map(part => part.chart ? chart(part) : part.head ? table(part) : prose(part));
+  $("report").append(
+    made("p", "soft", lead),
+    made("div", "tiles", ...tiles.map(([name, value, note]) => made("div", "tile", made("span", "soft", name), made("b", "", value), made("small", "", note)))),
+    ...sections.map(section => made("section", "", made("h2", "", section.title), ...parts(section))));
+}
+
 // ------------------------------------------------------------------------------------------- time
 
 function go(t) { state.time = Math.min(end, Math.max(start, t)); state.playing = false; state.dirty = true; }
@@ -720,7 +792,7 @@ for (const [name, key, words] of TOGGLES) {
 }
 
 function help() { const d = $("help"); if (d.open) d.close(); else d.showModal(); }
-document.addEventListener("keydown", event => {
+if (data.runs.length) document.addEventListener("keydown", event => {
   const tag = event.target.tagName, key = event.key, sky = tag === "CANVAS" && event.target.tabIndex === 0;
   if (event.ctrlKey || event.metaKey || event.altKey || tag === "SELECT" || (tag === "BUTTON" && (key === " " || key === "Enter"))) return;
   const turns = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1], a: [-0.1, 0], d: [0.1, 0], w: [0, 0.1], s: [0, -0.1] };
@@ -763,10 +835,14 @@ readColors();
 const asked = new URLSearchParams(location.hash.slice(1));  // page.html#t=1.5&view=side stops there and looks so
 preset(asked.get("view"));
 if (asked.has("t") && Number.isFinite(Number(asked.get("t")))) go(Number(asked.get("t")));
-arrange();
-data.plots.forEach(addPlot);
-fit();
-window.addEventListener("resize", fit);
-media("(prefers-color-scheme: dark)").addEventListener("change", () => { readColors(); plotLayers(); state.dirty = true; });
+if (data.report) report(data.report);
+$("controls").hidden = !data.runs.length;
+if (data.runs.length) {
+  arrange();
+  data.plots.forEach(addPlot);
+  fit();
+  window.addEventListener("resize", fit);
+  media("(prefers-color-scheme: dark)").addEventListener("change", () => { readColors(); plotLayers(); state.dirty = true; });
+  requestAnimationFrame(tick);
+}
 window.viewer = { data, view, shown, state, frames, plots, show, go, preset };
-requestAnimationFrame(tick);

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..base import deprecated
 from ..base.arguments import instance, listed, shown, whole
 from ..core.step.state import BY_NAME, UNITS
 from ..dynamics import check_model, forward_kinematics
 from ..model import Model
+from ..run.trajectory import Trajectory
+from ..run.trajectory import positions as positions
 from .style import BAD, COLOURS, label_ends, look
 from .visuals import SIDES_OF, side_of
 
@@ -18,11 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ..run.trajectory import Trajectory
-
 MOST_FIGURES = 10**4
 MANY = 8  # lines in one panel, beyond which joints are drawn side by side, left and right
-FAILED = ("fell", "diverged", "step too small", "too costly")  # statuses of runs that end before their time
 
 
 class _Table(NamedTuple):
@@ -33,20 +33,35 @@ class _Table(NamedTuple):
     values: np.ndarray  # (samples, lines)
 
 
-def plot_trajectory(
-    trajectory: Trajectory, names: Sequence[str], axes: Axes | Sequence[Axes] | np.ndarray | None = None
+def plot(
+    trajectory: Trajectory, *names: str, axes: Axes | Sequence[Axes] | np.ndarray | None = None
 ) -> Figure:
-    """Draw channels against time [s], a row each, or one panel each in `axes` if given; return the figure.
+    """Draw channels of a run against time, one row each.
 
-    Labels stand at the ends of their lines.  More than 8 joints are drawn side by side, those of the left and those of
-    the right by their names, partners in one color and to one scale; in given axes the right ones are dashed.  A run
-    that failed is drawn to its failure, which is told.
-    Raises ValueError on an unknown channel and on another number of axes than of names.
+    Labels stand at the ends of their lines.  More than 8 joints are drawn side by side, left and right by their names,
+    partners in one color and to one scale; in given axes the right ones are dashed.  A run that failed is drawn up to
+    its failure, which is marked.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        What `simulate` returns.
+    *names : str
+        Channels to draw; all that were recorded if none is named.
+    axes : matplotlib axes, optional
+        As many axes as names to draw in, instead of a new figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        A channel was not recorded, or there are not as many axes as names.
     """
-    instance("trajectory", trajectory, Mapping, "give what simulate returns")
-    names = listed("names", names, "give a list of channels")
-    if not names:
-        raise ValueError("names is empty; give a list of channels")
+    instance("trajectory", trajectory, Trajectory, "give what simulate returns")
+    names = names or tuple(name for name in trajectory if name != "time")
     for name in names:
         if not isinstance(name, str) or name not in trajectory:
             raise ValueError(f"names: there is no channel {shown(name)}; channels: {', '.join(map(str, trajectory))}")
@@ -63,6 +78,12 @@ def plot_trajectory(
             panel.set_ylabel(table.axis)
         panels[-1].set_xlabel("time [s]")
         return panels[-1].figure
+
+
+def plot_trajectory(trajectory: Trajectory, names: Sequence[str], axes: Any = None) -> Figure:
+    """Call `plot` by its old name and arguments, with a warning; works until version 0.4."""
+    deprecated.warn("plot_trajectory(run, names)", "featherstone_gait.plot(run, *names)")
+    return plot(trajectory, *listed("names", names, "give a list of channels"), axes=axes)
 
 
 def _rows(trajectory: Trajectory, tables: list[_Table]) -> Figure:
@@ -144,7 +165,7 @@ def _draw(
     side: str = "",
 ) -> None:  # fmt: skip
     """Some lines of a table, up to where the run failed, with labels at their ends."""
-    failed = trajectory.status in FAILED
+    failed = trajectory.failed
     time = trajectory["time"]
     last = max(1, int(np.searchsorted(time, trajectory.end_time + 1e-9, side="right"))) if failed else len(time)
     ends = []
@@ -194,7 +215,7 @@ def plot_motion(
     from matplotlib.collections import LineCollection
 
     check_model(model)
-    instance("trajectory", trajectory, Mapping, "give what simulate returns")
+    instance("trajectory", trajectory, Trajectory, "give what simulate returns")
     count = whole("count", count, 1, "give the number of figures", MOST_FIGURES)
     if not isinstance(view, str) or len(view) != 2 or set(view) - set("xyz"):
         raise ValueError(f"view is {shown(view)}; give the world axes to the right and up, such as 'xz'")
@@ -203,8 +224,6 @@ def plot_motion(
 
         _, axes = pyplot.subplots(figsize=(5.0, 5.0), layout="constrained")
     _check_axes([axes])
-    if not hasattr(trajectory, "end_time"):
-        raise TypeError(f"trajectory is {type(trajectory).__name__}; give what simulate returns")
     last = np.searchsorted(trajectory["time"], trajectory.end_time - 1e-9)  # of a failed run the end is earlier
     rows = np.linspace(0, min(int(last), len(trajectory["time"]) - 1), count).round().astype(int)
     colors = colormaps["viridis"](np.linspace(0.0, 0.9, count))
@@ -218,18 +237,6 @@ def plot_motion(
     axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half), aspect="equal")
     axes.grid(alpha=0.3)
     return axes.figure  # type: ignore[return-value]  # that of axes in a part of a figure is the part
-
-
-def positions(trajectory: Trajectory, model: Model | None = None) -> np.ndarray:
-    """Positions q (samples, nq) as the functions of `dynamics` take them.
-
-    Raises ValueError, if the model is given, where one of its channels was not recorded.
-    """
-    for name in ("base_q",) * (model is not None and model.base == "floating") + ("q",) * (model is not None):
-        if name not in trajectory:
-            known = ", ".join(trajectory)
-            raise ValueError(f"channel {name!r} is not recorded, {known} are: name it in simulate(record=...)")
-    return np.hstack([trajectory["base_q"], trajectory["q"]]) if "base_q" in trajectory else trajectory["q"]
 
 
 def _sticks(model: Model, q: np.ndarray) -> np.ndarray:

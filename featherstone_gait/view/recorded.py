@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,12 +16,9 @@ from ..dynamics import deepest_points, forward_kinematics
 from ..model import TORQUE_LAWS, Ground, Model, Servo
 from ..run.channels import column_of
 from ..run.sensors import in_world
+from ..run.trajectory import Trajectory, positions
 from ..scene.contact import ground_under, plane_axes
-from .plotting import FAILED, positions
 from .visuals import FACES, Body, Piece, bodies, side_of, sided
-
-if TYPE_CHECKING:
-    from ..run.trajectory import Trajectory
 
 FRAME = 0.04  # [s] at least; the page draws straight lines between frames
 POSES, PLOTTED = 400_000, 120_000  # numbers of all runs together, so that a page stays below 5 MB
@@ -142,7 +139,7 @@ def sampled(seen: Seen) -> FramePoses:
     q = positions(run, seen.model)
     time = run["time"]
     sound = np.isfinite(q).all(axis=1)
-    last = int(np.searchsorted(time, run.end_time + 1e-9, side="right")) - 1 if run.status in FAILED else len(time) - 1
+    last = int(np.searchsorted(time, run.end_time + 1e-9, side="right")) - 1 if run.failed else len(time) - 1
     last = min(max(last, 0), len(time) - 1)
     last = min(last, int(np.argmin(sound)) - 1) if not sound.all() else last
     if last < 0:
@@ -186,7 +183,7 @@ def _run(seen: Seen, caption: str, poses: FramePoses, found: list[Body], unit: f
     frames = np.concatenate(
         [np.round(poses.position[:, rows] / unit), np.round(quaternions(poses.rotation[:, rows]) / TURN)], axis=2
     )
-    stopped = run.status in FAILED
+    stopped = run.failed
     floor = seen.ground.height if seen.ground is not None else float(corners[..., 2].min())
     return {
         "caption": caption,
@@ -288,7 +285,7 @@ def touching_points(model: Model, q: np.ndarray) -> np.ndarray:
 
 
 def _prints(model: Model, time: np.ndarray, points: np.ndarray, touch: np.ndarray, unit: float) -> list[dict[str, Any]]:
-    """Where links stood: the time at which each stance began and the outline of what touched in its middle."""
+    """Where links stood: the time at which each stance began and what touched in its middle."""
     links = [point.link for point in model.contacts]
     prints: list[dict[str, Any]] = []
     for link in dict.fromkeys(links):
@@ -298,33 +295,10 @@ def _prints(model: Model, time: np.ndarray, points: np.ndarray, touch: np.ndarra
         for begin, end in zip(begins, ends):
             if time[end - 1] - time[begin] < STANCE:
                 continue
-            outline = _outline(points[(begin + end - 1) // 2, own])
-            prints.append(
-                {
-                    "at": float(f"{time[begin]:.5g}"),
-                    "color": list(sided(link)),
-                    "outline": np.round(outline / unit).astype(int).reshape(-1).tolist(),
-                }
-            )
+            stood = np.round(points[(begin + end - 1) // 2, own] / unit).astype(int)
+            at = float(f"{time[begin]:.5g}")
+            prints.append({"at": at, "color": list(sided(link)), "points": stood.reshape(-1).tolist()})
     return sorted(prints, key=lambda one: one["at"])[:PRINTS]
-
-
-def _outline(points: np.ndarray) -> np.ndarray:
-    """The corners of points (n, 3) seen from above, in turn (monotone chain of A. M. Andrew, 1979)."""
-    order = np.lexsort((points[:, 1], points[:, 0]))
-    chains: list[list[int]] = []
-    for way in (order, order[::-1]):
-        chain: list[int] = []
-        for k in way:
-            while len(chain) > 1 and _turn(points, chain[-2], chain[-1], k) <= 0.0:
-                chain.pop()
-            chain.append(int(k))
-        chains.append(chain[:-1])
-    return points[chains[0] + chains[1] or [0]]
-
-
-def _turn(x: np.ndarray, a: int, b: int, c: int) -> float:
-    return float((x[b, 0] - x[a, 0]) * (x[c, 1] - x[a, 1]) - (x[b, 1] - x[a, 1]) * (x[c, 0] - x[a, 0]))
 
 
 def relief(ground: Ground | None, corners: np.ndarray) -> dict[str, Any]:

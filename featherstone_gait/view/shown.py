@@ -1,4 +1,4 @@
-"""`Trajectory.show`: a page of a run, in a notebook or as a file."""
+"""Show runs: as a page in a notebook or a file, or as a page that is served while the program runs."""
 
 from __future__ import annotations
 
@@ -7,51 +7,25 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.arguments import instance, listed, shown
-from ..base.files import FilePath, complete
+from ..base import arguments
+from ..base.arguments import instance, shown, texts, truth
+from ..base.files import FilePath
 from ..model import Ground, Model
 from ..model.rest_posture import nearest_posture
+from ..robot_file import load_robot, robot_names
+from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
-from .animation import page_html
+from ..scene.contact import standing_height
+from .live import Live, serve
+from .page import Page, page_html
 from .recorded import Seen
 
-if TYPE_CHECKING:
-    from ..run.trajectory import Trajectory
-    from .live import Live
-
-HEIGHT = 620  # of a page in a notebook [pixel]
-
 Robot = Model | CompiledScene | str | os.PathLike[str] | None
-
-
-class Page:
-    """An HTML page.  A notebook shows it; `save` writes it to a file, which opens without network."""
-
-    def __init__(self, html: str, path: Path | None = None) -> None:
-        self.html, self.path = html, path
-
-    def __repr__(self) -> str:
-        where = "not saved" if self.path is None else str(self.path)
-        return f"<page of {len(self.html.encode()) / 1e6:.2g} MB, {where}>"
-
-    def _repr_html_(self) -> str:
-        return (
-            f'<iframe title="motion" srcdoc="{escape(self.html)}" '
-            f'style="width:100%;height:{HEIGHT}px;border:0" allow="fullscreen"></iframe>'
-        )
-
-    def save(self, path: FilePath) -> Path:
-        """Write the page, whole or not at all, and return its path.  Raises OSError."""
-        with complete(path) as temporary:
-            temporary.write_text(self.html, encoding="utf-8")
-        self.path = Path(path)
-        return self.path
 
 
 def show(
@@ -63,23 +37,42 @@ def show(
     ghosts: bool = False,
     path: FilePath | None = None,
 ) -> Page:
-    """See `Trajectory.show`."""
-    runs = [trajectory, *others]
-    named = listed("captions", captions, "give a text for each run") or [_caption(run, k) for k, run in enumerate(runs)]
-    channels = listed("plots", plots, "give a list of channels") or default_plots(trajectory)
-    page = page_of(runs, robot, named, channels, ghosts)
-    if path is not None or not in_notebook():
-        name = re.sub(r"[^\w.-]+", "_", str(trajectory.info.get("robot", "robot")))
-        page.save(f"{name}_view.html" if path is None else path)
+    """Show a motion as a page to play: inline in a notebook, elsewhere as an HTML file that opens without network.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        What `simulate` returns, with the channel q, and base_q of a floating base.
+    robot : Model, CompiledScene, path or str, optional
+        The model or scene that made the run (a scene knows its ground too), or the robot's file or name.  By default
+        as the run says, which knows robots that come with the package.
+    *others : Trajectory
+        More runs of the robot, beside the first or, with `ghosts`, seen through it.
+    captions : list of str
+        A text for each run.
+    plots : list of str
+        Channels to draw under the picture; the page offers the others too.
+    ghosts : bool
+        Draw all runs in one picture.
+    path : path, optional
+        Of the file; by default ROBOT_view.html in the current folder, and none in a notebook.
+
+    Returns
+    -------
+    Page
+
+    Raises
+    ------
+    ValueError
+        Robot and run do not fit, channels are missing, or captions are not one for each run.
+    """
+    seen = _seen([trajectory, *others], robot, captions, plots)
+    page = Page(page_html(seen.runs, seen.title, seen.plots, truth("ghosts", ghosts)))
+    if path is not None:
+        page.save(arguments.path("path", path))
+    elif not in_notebook():
+        page.save(re.sub(r"[^\w.-]+", "_", str(trajectory.info.get("robot", "robot"))) + "_view.html")
     return page
-
-
-def page_of(
-    runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str], plots: Sequence[str], ghosts: bool = False
-) -> Page:
-    """The page of some runs.  Raises ValueError as `Trajectory.show`."""
-    seen, title = _seen(runs, robot, captions)
-    return Page(page_html(seen, title, plots, ghosts))
 
 
 def show_live(
@@ -91,30 +84,42 @@ def show_live(
     ghosts: bool = False,
     port: int = 8080,
 ) -> Live:
-    """See `Trajectory.show_live`."""
-    runs = [trajectory, *others]
-    named = listed("captions", captions, "give a text for each run") or [_caption(run, k) for k, run in enumerate(runs)]
-    channels = listed("plots", plots, "give a list of channels") or default_plots(trajectory)
-    return live_of(runs, robot, named, channels, ghosts, port)
+    """Show a motion in a page that is served while the program runs, with the full detail of the robot's meshes.
+
+    Parameters
+    ----------
+    trajectory, robot, *others, captions, plots, ghosts
+        As in `show`; plots are drawn in a panel beside the picture.
+    port : int
+        Port of this machine, or the first free one after it; 0 for any.
+
+    Returns
+    -------
+    Live
+
+    Raises
+    ------
+    ValueError
+        As in `show`.
+    ImportError
+        Without viser (pip install featherstone-gait[viser]).
+    """
+    seen = _seen([trajectory, *others], robot, captions, plots)
+    return serve(seen.runs, seen.title, ghosts, port, seen.plots)
 
 
-def live_of(
-    runs: Sequence[Trajectory],
-    robot: Robot,
-    captions: Sequence[str],
-    plots: Sequence[str],
-    ghosts: bool = False,
-    port: int = 8080,
-) -> Live:
-    """The live page of some runs.  Raises as `Trajectory.show_live`."""
-    from .live import serve
-
-    seen, title = _seen(runs, robot, captions)
-    return serve(seen, title, ghosts, port, plots)
+class _Seen(NamedTuple):
+    runs: dict[str, Seen]  # by caption
+    title: str
+    plots: list[str]
 
 
-def _seen(runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str]) -> tuple[dict[str, Seen], str]:
-    """Runs by their captions with robots and ground, and a title."""
+def _seen(runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str], plots: Sequence[str]) -> _Seen:
+    """Find robot and ground of each run, and captions and plots where none are given."""
+    for run in runs:
+        instance("trajectory", run, Trajectory, "give what simulate returns")
+    names = [str(run.info.get("robot", "run")) + (f" {k + 1}" if k else "") for k, run in enumerate(runs)]
+    captions = texts("captions", captions, "give a text for each run") or names
     if len(captions) != len(runs) or len(set(captions)) != len(captions):
         raise ValueError(f"captions are {shown(captions)}; expected {len(runs)} texts that differ, one for each run")
     found: dict[str, tuple[Model, Ground | None]] = {}
@@ -124,16 +129,21 @@ def _seen(runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str]) -> 
         if key not in found:
             found[key] = robot_of(run, robot)
         seen[caption] = Seen(found[key][0], run, found[key][1])
-    first = seen[captions[0]].model.name
     title = runs[0].info.get("start") if len(runs) == 1 else None
-    return seen, title or first
+    channels = texts("plots", plots, "give a list of channels") or _telling(runs[0])
+    return _Seen(seen, title or seen[captions[0]].model.name, channels)
+
+
+def _telling(trajectory: Trajectory) -> list[str]:
+    """Choose the one channel that tells most of those that were recorded, of a run of some length."""
+    if len(trajectory["time"]) < 2:
+        return []
+    telling = ("contact_force", "torque", "q")
+    return next(([name] for name in telling if name in trajectory and trajectory[name].size), [])
 
 
 def in_posture(model: Model, keyframe: str | None = None) -> Trajectory:
     """A robot at rest, as a run of one sample: a posture of its file, or the one nearest to zero, on level ground."""
-    from ..run.trajectory import Trajectory
-    from ..scene.contact import standing_height
-
     if keyframe is None:
         q = nearest_posture(model)
         if model.base == "floating" and model.contacts:
@@ -148,14 +158,6 @@ def in_posture(model: Model, keyframe: str | None = None) -> Trajectory:
     text = f"{model.name}, {keyframe or 'the posture nearest to zero'}"
     info = {"robot": model.name, "joints": list(model.joint_names), "start": text}
     return Trajectory(channels, "ok", "", 0.0, np.zeros(0), info)
-
-
-def default_plots(trajectory: Trajectory) -> list[str]:
-    """The one channel that tells most of those that were recorded, of a run of some length."""
-    if len(trajectory["time"]) < 2:
-        return []
-    telling = ("contact_force", "torque", "q")
-    return next(([name] for name in telling if name in trajectory and trajectory[name].size), [])
 
 
 def in_notebook() -> bool:
@@ -185,13 +187,7 @@ def robot_of(trajectory: Trajectory, robot: Robot = None) -> tuple[Model, Ground
     return model, ground
 
 
-def _caption(run: Trajectory, k: int) -> str:
-    return str(run.info.get("robot", "run")) + (f" {k + 1}" if k else "")
-
-
 def _loaded(info: Mapping[str, Any], robot: Any, floating: bool) -> Model:
-    from ..robot_file import load_robot, robot_names
-
     named: Any = robot if robot is not None else info.get("source") or info.get("robot")
     if robot is None and (named is None or not (Path(named).is_file() or named in robot_names())):
         named = info.get("robot")
