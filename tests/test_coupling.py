@@ -430,13 +430,13 @@ def test_couplings_do_no_work():
 
 def test_without_correction_the_couplings_drift_by_rounding_alone():
     """A thousand steps of solving and advancing, without what follows a step."""
-    from featherstone_gait.benchmark.skip import step_loop
+    from featherstone_gait.benchmark.skip import solve_loop
     from featherstone_gait.run.prepared import prepare
 
     scene, state = falling("implicit_euler")
     ready = prepare(scene, 1.0)
     run, y, _ = ready.arguments(ready.start(state))
-    step_loop(1000, run, 1e-3, y, np.full(2, np.nan))
+    solve_loop(1000, run, True, 1e-3, y, np.zeros(1001))
     first, n = scene.layout["q"], scene.tree.n
     drift = residual(scene.model, y[first : first + n], y[scene.layout["qd"] : scene.layout["qd"] + n])
     assert 0 < np.abs(drift).max() < 1e-12
