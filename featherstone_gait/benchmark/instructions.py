@@ -13,23 +13,18 @@ import math
 import mmap
 import platform
 import signal
+import struct
 import sys
 from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
-from llvmlite import ir
-from llvmlite.binding import object_file
-from numba.core import types
-from numba.extending import intrinsic
 
 from ..core.compile.jit import JIT
 
-TRAP, FLAGS = 0x100, 22  # the processor's flag, and where a signal's context has its flags, in words of 8 bytes
 SIGNALS = {signal.SIGSEGV: 0x80000004, signal.SIGTRAP: 4}  # SA_SIGINFO; the first only once (SA_RESETHAND)
-COUNT, PAGE, SIZE, LAST, EMPTY = range(5)  # what the handler knows
-known = np.zeros(5, np.int64)
+COUNT, EMPTY = 0, 4
+known = np.zeros(5, np.int64)  # to the handler: count, page, its size, address of the last record, an empty record
 
 
 def records(*shape: int) -> np.ndarray:
@@ -44,10 +39,10 @@ def instructions(call: Callable[[], object], out: np.ndarray, last: int) -> floa
     if not (JIT and sys.platform == "linux" and platform.machine() == "x86_64"):
         return math.nan
     libc, handler, before = ctypes.CDLL(None), _handler(), np.zeros((len(SIGNALS), 19), np.int64)
-    known[:] = -2, out.ctypes.data, out.nbytes, out[last:].ctypes.data, out[:1].view(np.int64).flat[0]
+    known[:] = -1, out.ctypes.data, out.nbytes, out[last:].ctypes.data, out[:1].view(np.int64).flat[0]
     for (number, flags), old in zip(SIGNALS.items(), before):
         action = np.zeros(19, np.int64)  # struct sigaction
-        action[0], action[17] = handler.address, flags
+        action[0], action[17] = handler.ctypes.data, flags
         libc.sigaction(int(number), ctypes.c_void_p(action.ctypes.data), ctypes.c_void_p(old.ctypes.data))
     try:
         libc.mprotect(ctypes.c_void_p(out.ctypes.data), ctypes.c_size_t(out.nbytes), 0)
@@ -60,40 +55,36 @@ def instructions(call: Callable[[], object], out: np.ndarray, last: int) -> floa
 
 
 @functools.cache
-def _handler() -> Any:
-    """The signals' handler, compiled."""
-    mprotect = ctypes.CDLL(None).mprotect
-    mprotect.argtypes, mprotect.restype = [ctypes.c_long, ctypes.c_long, ctypes.c_int], ctypes.c_int
-    first, at = int(signal.SIGSEGV), known.ctypes.data
-
-    @intrinsic
-    def pointer(context: Any, address: Any) -> Any:
-        def make(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            return builder.inttoptr(values[0], ir.IntType(8).as_pointer())
-
-        return types.voidptr(address), make
-
-    @numba.cfunc(types.void(types.int32, types.voidptr, types.CPointer(types.int64)))
-    def handler(number: Any, info: Any, context: Any) -> None:
-        s = numba.carray(pointer(at), (5,), np.int64)  # type: ignore[call-arg]  # Numba gives the first
-        if number == first:
-            mprotect(s[PAGE], s[SIZE], 3)
-            context[FLAGS] |= TRAP
-        s[COUNT] += 1
-        if number != first and numba.carray(pointer(s[LAST]), (1,), np.int64)[0] != s[EMPTY]:
-            context[FLAGS] &= ~TRAP
-
-    return handler
+def _handler() -> np.ndarray:
+    """The signals' handler: machine code, which finds in registers the signal (edi) and its context (rdx)."""
+    code = (
+        f"49 b8 {known.ctypes.data.to_bytes(8, 'little').hex()}"  # mov r8, known
+        "83 ff 0b  75 20"  #                    cmp edi, SIGSEGV; jne trap
+        "48 81 8a b0000000 00010000"  #         or qword [rdx + 0xb0], 0x100: the trap flag of the interrupted code
+        "49 8b 78 08  49 8b 70 10"  #           mov rdi, [r8 + 8]; mov rsi, [r8 + 16]: the page and its size
+        "ba 03000000  b8 0a000000  0f 05  c3"  # mov edx, 3; mov eax, 10; syscall: mprotect; ret
+        "49 ff 00"  #                     trap: inc qword [r8]
+        "49 8b 40 18  48 8b 00"  #              mov rax, [r8 + 24]; mov rax, [rax]: the last record
+        "49 3b 40 20  74 0b"  #                 cmp rax, [r8 + 32]; je end: it is empty
+        "48 81 a2 b0000000 fffeffff"  #         and qword [rdx + 0xb0], ~0x100
+        "c3"  #                            end: ret
+    )
+    page = np.frombuffer(mmap.mmap(-1, mmap.PAGESIZE, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC), np.uint8)
+    content = np.frombuffer(bytes.fromhex(code), np.uint8)
+    page[: len(content)] = content
+    return page
 
 
 def code_size(kernel: Any, arguments: tuple) -> float:
-    """Bytes of a kernel's compiled code, with all that it calls, as the cache holds it; NaN without a cache."""
+    """Bytes of a kernel's compiled code, with all that it calls, as the cache holds it on Linux; otherwise NaN."""
     cache = getattr(kernel, "_cache", None)
     if cache is None:
         return math.nan
     kinds = tuple(map(kernel.typeof_pyval, arguments))
     found = cache._cache_file.load(cache._index_key(kinds, kernel.targetctx.codegen()))
-    if found is None:
+    elf = found[0][2][0] if found else b""
+    if elf[:4] != b"\x7fELF":
         return math.nan
-    sections = object_file.ObjectFileRef.from_data(found[0][2][0]).sections()
-    return float(sum(section.size() for section in sections if section.is_text()))
+    start, (each, count) = struct.unpack_from("<Q", elf, 40)[0], struct.unpack_from("<HH", elf, 58)
+    sections = [struct.unpack_from("<IIQQQQ", elf, start + each * k) for k in range(count)]
+    return float(sum(size for _, _, flags, _, _, size in sections if flags & 4))  # SHF_EXECINSTR

@@ -171,9 +171,11 @@ def in_lanes(ready: list[Prepared], start: np.ndarray, every: int, steps: int) -
 
 
 @entry
-def aba_loop(steps: int, robot: Robot, h: float, x: np.ndarray, W: np.ndarray, out: np.ndarray) -> None:
-    """Semi-implicit Euler, nothing else; rows of x: q, qd, tau, qdd."""
-    q, qd, tau, qdd = x[0], x[1], x[2], x[3]
+def aba_loop(
+    steps: int, robot: Robot, h: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, qdd: np.ndarray, W: np.ndarray,
+    out: np.ndarray,
+) -> None:  # fmt: skip
+    """Semi-implicit Euler, nothing else."""
     for k in range(steps + 1):
         out[k] = qd[0]
         aba(robot, Motion(None, None, None, q, qd, None), None, tau, None, W, None, qdd)
@@ -224,7 +226,7 @@ def parts() -> Iterator[tuple[str, Work, Work, str]]:
     ready = prepare(scene, STEP)
     run_, y, _ = ready.arguments(ready.start())
     x = np.full((5, 2 * n), 0.1)
-    euler, rk4 = bare(aba_loop, robot, STEP, x[:4, :n], W), bare(rk4_loop, robot, STEP, x, W)
+    euler, rk4 = bare(aba_loop, robot, STEP, *x[:4, :n], W), bare(rk4_loop, robot, STEP, x, W)
     yield "solution of a step", euler, bare(solve_loop, run_, None, STEP, y), "free arm of 7 joints, by a loop of ABA"
     yield "solution, state, energies, chatter", euler, bare(solve_loop, run_, True, STEP, y), "the same"
     yield "whole step, implicit_euler", euler, rollout(free_arm()), "the same, with ticks, status and records"

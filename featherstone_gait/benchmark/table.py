@@ -39,13 +39,13 @@ def in_turn(
 
 def print_head(shown: Shown) -> None:
     """Print the headings of a table."""
-    print("".join(f"{head:{'' if form[0] == '<' else '>'}{_width(form)}}" for head, form in shown.values()))
+    print(" ".join(f"{head:{'' if form[0] == '<' else '>'}{_width(form)}}" for head, form in shown.values()))
 
 
 def print_row(row: Any, shown: Shown) -> None:
     """Print a row of a table, a NamedTuple; NaN leaves its cell empty."""
     cells = ((getattr(row, field), form) for field, (_, form) in shown.items())
-    print("".join(f"{value:{form}}" if value == value else " " * _width(form) for value, form in cells), flush=True)
+    print(" ".join(f"{value:{form}}" if value == value else " " * _width(form) for value, form in cells), flush=True)
 
 
 def _width(form: str) -> int:
