@@ -10,6 +10,8 @@ from fnmatch import fnmatchcase
 
 import pytest
 
+import featherstone_gait.reproduction  # noqa: F401, adds the integrator "simtwo"
+
 APART = ("test_notebooks.py", "test_docs.py", "test_published_robots.py")
 LONGEST = """
     notebooks gear_friction beyond_the_paper integrators simulation crash optimize worlds study springs

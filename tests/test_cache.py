@@ -137,6 +137,20 @@ def test_code_for_types_from_outside_is_never_stale_and_harms_nobody(package, tm
     assert run(package, program=free, **cache)[0] == run(package, program=free, **cache)[0] != weak[0]
 
 
+@pytest.mark.long
+def test_kernels_of_a_package_that_adds_its_sources_are_kept_and_only_they_grow_stale(package, tmp_path):
+    cache, free = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, OUTSIDE.replace("PLACE", "")
+    paper = "import featherstone_gait.reproduction\n" + free.replace("implicit_euler", "simtwo")
+    assert [run(package, program=free, **cache)[1:3] for _ in range(2)] == [(0, 1), (1, 0)]
+    first = run(package, program=paper, **cache)
+    assert first[1:3] == (0, 1)
+    assert run(package, program=paper, **cache) == (first[0], 1, 0, first[3])
+    source = package / "featherstone_gait" / "reproduction" / "simtwo.py"
+    source.write_text(source.read_text("utf-8") + "# edited", "utf-8")
+    assert run(package, program=paper, **cache) == first
+    assert run(package, program=free, **cache)[1:3] == (1, 0)
+
+
 def test_without_a_place_to_write_everything_works_and_says_so_once(package, tmp_path):
     file = tmp_path / "file"
     file.write_text("no folder can be made in a file")
@@ -248,12 +262,13 @@ def test_folders_of_old_sources_are_cleared_but_the_last_three_and_those_in_use(
     assert sorted(tmp_path.iterdir()) == sorted([*ours[:3], *others])
 
 
-def test_kernels_with_bounds_checks_have_a_folder_of_their_own(package, tmp_path):
+def test_kernels_with_bounds_checks_and_of_numbas_own_pipeline_have_folders_of_their_own(package, tmp_path):
     program = "from featherstone_gait.core.compile import jit; print(0, 0, 0, jit.CACHE_FOLDER)"
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     plain = run(package, program=program, **cache)
     checked = run(package, program=program, NUMBA_BOUNDSCHECK="1", **cache)
-    assert plain[3] != checked[3]
+    numbas_own = run(package, program=program, FEATHERSTONE_GAIT_COMPILER="plain", **cache)
+    assert len({plain[3], checked[3], numbas_own[3]}) == 3
 
 
 def test_one_process_at_a_time_saves(tmp_path):

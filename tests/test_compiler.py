@@ -1,6 +1,7 @@
 """What the compiler of the kernels leaves out changes nothing that they do."""
 
 import gc
+import subprocess
 import sys
 from typing import NamedTuple
 
@@ -11,7 +12,9 @@ import pytest
 from featherstone_gait.core.compile import jit, progress
 from featherstone_gait.core.compile.jit import ENTRY, JIT, entry, inline, kernel
 
-pytestmark = pytest.mark.skipif(not JIT, reason="is about compiled code")
+pytestmark = pytest.mark.skipif(
+    not JIT or "pipeline_class" not in ENTRY, reason="is about what compiler.py makes"
+)
 
 
 class Pair(NamedTuple):
@@ -128,3 +131,30 @@ def test_what_is_called_from_dead_code_takes_nothing_with_it():
     out = np.zeros(1)
     _partly_dead(np.ones(1), out)
     assert out[0] == 2.0
+
+
+IMPORT = """
+import sys, numba.core.codegen
+{change}
+from featherstone_gait.core.compile import jit
+print("pipeline_class" in jit.ENTRY, jit.CACHE_FOLDER.endswith("_plain"))
+"""
+
+
+def importing(monkeypatch, compiler="", change=""):
+    monkeypatch.setenv("FEATHERSTONE_GAIT_COMPILER", compiler)
+    program = [sys.executable, "-c", IMPORT.format(change=change)]
+    return subprocess.run(program, capture_output=True, text=True)
+
+
+def test_the_setting_chooses_the_pipeline(monkeypatch):
+    assert importing(monkeypatch).stdout.split() == ["True", "False"]
+    assert importing(monkeypatch, "plain").stdout.split() == ["False", "True"]
+    assert "'fast': set it to 'plain'" in importing(monkeypatch, "fast").stderr
+
+
+def test_a_numba_without_the_internals_compiles_by_its_own_pipeline_and_says_so_once(monkeypatch):
+    done = importing(monkeypatch, change="del numba.core.codegen.JITCodeLibrary")
+    assert done.stdout.split() == ["False", "True"]
+    assert len(done.stderr.splitlines()) == 1
+    assert "JITCodeLibrary" in done.stderr

@@ -8,13 +8,18 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
 
+from ..core import ADDING_INTEGRATORS, add_integrators
+
 
 def process_pool(count: int) -> ProcessPoolExecutor:
     """An executor of so many processes, none of them forked."""
-    return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
+    context = get_context("spawn")
+    return ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(ADDING_INTEGRATORS,))
 
 
-def _end_with_parent() -> None:
+def _begin(adding_integrators: list[str]) -> None:
+    for module in adding_integrators:
+        add_integrators(module)
     parent = parent_process()
     if parent is not None:
         threading.Thread(target=_follow, args=(parent.sentinel,), daemon=True).start()

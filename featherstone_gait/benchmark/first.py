@@ -55,7 +55,7 @@ walk = read_walk(Path(scene.model.source).parent / "balanced_gait.npz")
 simulate(scene, 0.1, reference=walk.reference(1), controller=walk.controller(scene))
 """
 MAXIMAL = "from featherstone_gait.reproduction import maximal\n"
-SIMTWO = HUMANOID.format(', integrator="simtwo", timestep=1e-3') + MAXIMAL
+SIMTWO = MAXIMAL + HUMANOID.format(', integrator="simtwo", timestep=1e-3')
 KINDS = {  # first results
     "free arm": 'simulate(compile_scene(load_robot("arm7")), 0.1)',
     "arm with rotors": 'simulate(compile_scene(load_robot("arm7"), servos="rotor"), 0.1)',

@@ -5,9 +5,15 @@ nothing is random, without progress where nothing takes long), `check(result) ->
 dict[caption, Figure]`; `featherstone-gait reproduce` runs them.  The paper is J. Lima et al., "Humanoid gait
 optimization resorting to an improved simulation model", Int. J. Advanced Robotic Systems 10 (2013), doi
 10.5772/54766.
+
+Its simulator's order of updates is the integrator "simtwo", which importing this package adds to those of
+`compile_scene`.
 """
 
+from ..core import add_integrators
 from .claim import Claim, Verdict, listed
+
+add_integrators(f"{__name__}.simtwo")
 
 EXPERIMENTS = (  # modules, in the paper's order; the last three go beyond it
     "servo_step",

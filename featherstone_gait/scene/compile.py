@@ -178,9 +178,9 @@ def compile_scene(
     servos : "mipsd" (spring-damper gearbox with rotor), "rotor" (rigid, with the rotor's reflected inertia),
         "standard" (rigid, none), or None: no servos, torques from `simulate(tau=...)`
     ground : None where the robot touches nothing
-    integrator : "implicit_euler", "midpoint", "rk4" or "simtwo" of fixed steps; "ars343", "extrapolation", or for
-        what is not stiff "dop853", which choose their steps by the error that `simulate` allows; None chooses from the
-        preflight "ars343" or "dop853"
+    integrator : "implicit_euler", "midpoint" or "rk4" of fixed steps; "ars343", "extrapolation", or for what is not
+        stiff "dop853", which choose their steps by the error that `simulate` allows; None chooses from the preflight
+        "ars343" or "dop853".  `import featherstone_gait.reproduction` adds "simtwo", the paper's order of updates
     timestep : [s]; must divide the controllers' period; None chooses.  Of the latter three the grid of ticks, records
     gravity : (3,) [m/s^2], world axes.  Ground is as stiff as the robot's weight under it asks for
     springs : between points of two links.  All integrators take them explicitly: stiff ones are for "dop853"

@@ -160,6 +160,8 @@ def _choice(
     if timestep is not None:
         timestep = real("timestep", timestep, SHORTEST, LONGEST, "give seconds, 1e-3 is usual")
     if name is not None:
+        if name == "simtwo" and name not in INTEGRATORS:
+            raise ValueError("integrator 'simtwo' is the paper's: import featherstone_gait.reproduction first")
         one_of("integrator", name, INTEGRATORS)
     chosen, reason = (name, "as asked for") if name is not None else _integrator(clipped, steps, limits)
     if timestep is not None:

@@ -10,7 +10,7 @@ A study is a TOML file (`settings`) that names a robot, an experiment (`measures
     servos = "mipsd"
 
     [vary]                                           # what differs between them
-    scene.integrator = ["implicit_euler", "simtwo"]
+    scene.integrator = ["implicit_euler", "midpoint"]
     servo.Kp = {from = 10.0, to = 100.0, count = 10, scale = "log"}
 
     [sampling]                                       # without it: the grid of all values

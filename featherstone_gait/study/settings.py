@@ -27,7 +27,7 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, get_args
@@ -63,10 +63,10 @@ GAIT_UNITS = {
     "double_support": "-",
 }
 # Name -> unit of a number, or the values that are allowed (None: any text).
-PARAMETERS: dict[str, str | tuple | None] = {
+PARAMETERS: dict[str, str | Collection | None] = {
     "scene.servos": (*SERVO_KINDS, "none"),
     "scene.ground": (True, False),
-    "scene.integrator": tuple(INTEGRATORS),
+    "scene.integrator": INTEGRATORS.keys(),
     "scene.timestep": "s",
     "scene.fall_height": "-",
     "scene.fall_tilt": "rad",
@@ -290,7 +290,7 @@ def _value(name: str, value: Any) -> Any:
         return float(value)
     if kind is None and not isinstance(value, str):
         raise ValueError(f"{name} is {value!r}; give a name in quotes")
-    if kind is not None and (value not in kind or type(value) is not type(kind[0])):
+    if kind is not None and (value not in kind or type(value) is not type(next(iter(kind)))):
         raise ValueError(f"{name} is {value!r}; use one of {', '.join(map(_shown, kind))}")
     return value
 

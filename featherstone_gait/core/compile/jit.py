@@ -1,15 +1,21 @@
-"""How the kernels are compiled: the three decorators, the Numba options and the cache; compiler.py has the passes.
+"""How the kernels are compiled: the three decorators, the pipeline and the cache.
 
 `kernel` marks a function that is only called by other kernels, `inline` a small one that is merged into its caller,
 `entry` one that Python calls: it is cached on disk (with everything it calls) and releases the GIL.
 
+compiler.py has the passes.  With `FEATHERSTONE_GAIT_COMPILER=plain`, and where a new Numba lacks what compiler.py
+changes, Numba's own pipeline takes their place.
+
 Numba's own cache does not see an edit in a *called* file, so the cache lies in a folder named by the hash of all
-sources of this package: other sources, other folder; a stale kernel cannot be loaded.  Numba does not tell kernels with
-bounds checks from those without either, so they have a folder of their own.  It reads, changes and writes the folder's
-index without a lock: of two processes that save different versions of one kernel at the same moment, one may lose its
-entry or leave its code under the other's name.  Hence one process at a time saves.  Of several that want one kernel,
-one compiles it; the others wait and read it.  What is damaged on the disk counts as absent (`sealed.py`), and where
-nothing can be written each process compiles for itself: the cache stops no run.
+sources of `core`: other sources, other folder; a stale kernel cannot be loaded.  A package outside of `core` that has
+kernels adds its sources by `add_sources`: what is compiled for its functions and types lies in files of its own, whose
+stamp is the hash of these sources.  What is compiled for types from anywhere else is not kept.  Code with bounds checks
+and code of the plain pipeline have folders of their own.
+
+Numba reads, changes and writes an index without a lock: of two processes that save different versions of one kernel at
+the same moment, one may lose its entry or leave its code under the other's name.  Hence one process at a time saves.
+Of several that want one kernel, one compiles it; the others wait and read it.  What is damaged on the disk counts as
+absent (sealed.py), and where nothing can be written each process compiles for itself: the cache stops no run.
 
 Floating point is strict IEEE 754 (no fastmath), which is what makes results equal to the bit in any width, on any
 number of threads and with the JIT off.
@@ -25,15 +31,15 @@ import re
 import shutil
 import tempfile
 import time
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 import numba
 import numpy as np
 from llvmlite.binding import get_host_cpu_features
 
-from .compiler import Compiler, compile_entry, current, of_any_integer
 from .lock import lock
+from .progress import compiling, current
 from .sealed import SealedFiles
 
 JIT = not numba.config.DISABLE_JIT
@@ -44,12 +50,47 @@ PATIENCE, OFTEN = 300.0, 0.05  # [s] for another process that compiles, and betw
 _log = logging.getLogger(__name__)
 
 
-def source_hash() -> str:
-    """Hash of every source file of `core`, the key of the cache."""
+
+def _private_pipeline():
+    """The module compiler.py; None for Numba's own pipeline."""
+    choice = os.environ.get("FEATHERSTONE_GAIT_COMPILER", "")
+    if choice not in ("", "plain"):
+        remedy = "set it to 'plain' for Numba's own pipeline, or not at all"
+        raise ValueError(f"FEATHERSTONE_GAIT_COMPILER is {choice!r}: {remedy}")
+    if choice == "plain":
+        return None
+    try:
+        from . import compiler
+
+        return compiler
+    except (ImportError, AttributeError) as error:
+        _log.warning(
+            "Numba %s lacks what compiles kernels fast (%s): Numba's own pipeline takes twice as long, to the same "
+            "results", numba.__version__, error,
+        )  # fmt: skip
+        return None
+
+
+_PRIVATE = _private_pipeline() if JIT else None
+CORE = __name__.rpartition(".compile")[0]
+_SOURCES = {CORE: Path(__file__).parents[1]}
+
+
+def add_sources(module: str, file: str) -> None:
+    """Cache what is compiled for functions and types of a module outside of `core`, or of a package and all below it.
+
+    Call it in the module, or the package's `__init__.py`, as `add_sources(__name__, __file__)`.
+    """
+    path = Path(file)
+    _SOURCES[module] = path.parent if path.name == "__init__.py" else path
+
+
+def source_hash(module: str = CORE) -> str:
+    """Hash the sources of `core`, or of another module of `add_sources`."""
     digest = hashlib.sha256()
-    core = Path(__file__).parents[1]
-    for path in sorted(core.rglob("*.py")):
-        digest.update(path.relative_to(core).as_posix().encode())
+    root = _SOURCES[module]
+    for path in sorted(root.rglob("*.py")) if root.is_dir() else [root]:
+        digest.update(path.relative_to(root.parent).as_posix().encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -58,8 +99,10 @@ def _cache_folder() -> str:
     """A folder for this version of the kernels in NUMBA_CACHE_DIR or the user's cache, "" if neither can be written."""
     user = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     roots = [root for root in (numba.config.CACHE_DIR, os.path.join(user, "featherstone_gait")) if root]
+    key = hashlib.sha256(f"{source_hash()} {numba.__version__}".encode()).hexdigest()[:16]
+    kind = ("_boundscheck" if numba.config.BOUNDSCHECK else "") + ("" if _PRIVATE else "_plain")
     for root in roots:
-        folder = os.path.join(root, source_hash() + ("_boundscheck" if numba.config.BOUNDSCHECK else ""))
+        folder = os.path.join(root, key + kind)
         try:
             _make_ready(folder)
             return folder
@@ -97,7 +140,7 @@ def _tell_once(folder: str, why: str | None) -> None:
 
 CACHE_FOLDER = _cache_folder() if JIT else ""
 
-_OPTIONS = {"error_model": "numpy", "pipeline_class": Compiler}
+_OPTIONS = {"error_model": "numpy", **({"pipeline_class": _PRIVATE.Compiler} if _PRIVATE else {})}
 INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **_OPTIONS}  # never called from Python
 INLINE = {"forceinline": True, **INNER}
 ENTRY = {"nogil": True, "no_cfunc_wrapper": True, **_OPTIONS}
@@ -117,7 +160,10 @@ def inline(function):
 
 
 def _inner(function, options):
-    return of_any_integer(numba.njit(function, **options)) if JIT else function
+    if not JIT:
+        return function
+    dispatcher = numba.njit(function, **options)
+    return _PRIVATE.of_any_integer(dispatcher) if _PRIVATE else dispatcher
 
 
 def entry(function):
@@ -126,7 +172,7 @@ def entry(function):
         return _quiet(function)
     kept = _with_cache(function) if CACHE_FOLDER else None
     dispatcher = kept or numba.njit(function, **ENTRY)
-    compile_ = functools.partial(compile_entry, dispatcher, dispatcher.compile, kept is not None)
+    compile_ = functools.partial(_compile, dispatcher, dispatcher.compile, kept is not None)
     dispatcher.compile = functools.partial(_compile_once, kept, compile_) if kept else compile_
     return dispatcher
 
@@ -173,10 +219,15 @@ def _with_cache(function):
     cache = dispatcher._cache
     if not Path(cache.cache_path).is_relative_to(CACHE_FOLDER):
         return None  # Numba's next choice, where edited files it calls would go unseen
-    cache._cache_file = SealedFiles(cache.cache_path, cache._impl.filename_base, cache._impl.locator.get_source_stamp())
-    cache.load_overload = functools.partial(_load, cache._load_overload)
+    cache._cache_file = _Files(cache, function.__module__)
+    cache.load_overload = functools.partial(_load, cache._load_overload if _PRIVATE else cache.load_overload)
     cache.save_overload = functools.partial(_save, cache.save_overload)
     return dispatcher
+
+
+def _compile(dispatcher, compile_, kept, arguments):
+    with compiling(dispatcher.__name__, kept), _PRIVATE.operators_kept(dispatcher) if _PRIVATE else nullcontext():
+        return compile_(arguments)
 
 
 def _compile_once(dispatcher, compile_, arguments):
@@ -204,7 +255,8 @@ def _alone(path):
 def _load(load, arguments, context):
     """What the cache holds, None if that cannot be used, whatever the reason.
 
-    Numba's own would first import what it knows of NumPy and SciPy, half a second, which finished code does not need.
+    Numba's own would first import what it knows of NumPy and SciPy, half a second, which finished code does not need
+    unless it counts references.
     """
     try:
         return load(arguments, context)
@@ -214,7 +266,7 @@ def _load(load, arguments, context):
 
 
 def _save(save, arguments, compiled) -> None:
-    if not all(_in_key(kind) for kind in arguments):
+    if None in _rooms(arguments):
         return
     try:
         with one_process_at_a_time(CACHE_FOLDER):
@@ -223,15 +275,42 @@ def _save(save, arguments, compiled) -> None:
         _tell_once(CACHE_FOLDER, error.strerror)
 
 
-def _in_key(kind) -> bool:
-    """Whether a type is made of classes of `core`, whose sources are the key of the cache.
+class _Files:
+    """The cache files of an entry: those of `core`, and others where modules of `add_sources` take part."""
+
+    def __init__(self, cache, module):
+        self.cache, self.module = cache, module
+
+    def load(self, key):
+        """What is kept under a key of Numba's, the first part of which is the types of the arguments."""
+        return self._of(key[0]).load(key)
+
+    def save(self, key, data):
+        """Keep it."""
+        self._of(key[0]).save(key, data)
+
+    def _of(self, arguments):
+        rooms = sorted((_rooms(arguments) | {_room(self.module)}) - {CORE, None})
+        stamps = self.cache._impl.locator.get_source_stamp(), *map(source_hash, rooms)
+        return SealedFiles(self.cache.cache_path, "-".join([self.cache._impl.filename_base, *rooms]), stamps)
+
+
+def _room(module):
+    return next((room for room in _SOURCES if f"{module}.".startswith(f"{room}.")), None)
+
+
+def _rooms(kinds) -> set:
+    """Which of `_SOURCES` the classes are from that types are made of; None among them for any other module.
 
     Code for a class from elsewhere would be found again when its source has changed, and an index that names the class
     cannot be read where its module is missing.
     """
-    made_by = getattr(kind, "instance_class", None)
-    ours = made_by is None or made_by.__module__.startswith(__name__.rpartition(".compile")[0] + ".")
-    return ours and all(_in_key(part) for part in getattr(kind, "types", ()))
+    rooms = set()
+    for kind in kinds:
+        if (made_by := getattr(kind, "instance_class", None)) is not None:
+            rooms.add(_room(made_by.__module__))
+        rooms |= _rooms(getattr(kind, "types", ()))
+    return rooms
 
 
 @contextmanager

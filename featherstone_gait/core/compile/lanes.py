@@ -24,7 +24,6 @@ from numba.core.typeconv import Conversion
 from numba.core.typing.templates import AbstractTemplate, ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, models, overload, register_model
 
-from .compiler import NUMBERS
 from .jit import INLINE, INNER
 
 WIDTH = 8
@@ -64,7 +63,6 @@ class _MaskType(types.Type):
 
 Lanes = _LanesType()
 Mask = _MaskType()
-NUMBERS.add(Lanes)
 _VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
 _BITS = ir.VectorType(ir.IntType(1), WIDTH)
 _INTEGERS = ir.VectorType(ir.IntType(64), WIDTH)
@@ -381,8 +379,6 @@ def _as_lanes(typingctx, array):
         result.strides = cgutils.pack_array(builder, strides, intp)
         result.itemsize = context.get_constant(types.intp, 8 * WIDTH)
         result.nitems = nitems
-        result.meminfo = source.meminfo
-        result.parent = source.parent
         return result._getvalue()
 
     return signature(view, array), codegen
@@ -422,7 +418,6 @@ def _flat(typingctx, array):
         result.shape = cgutils.pack_array(builder, [size], intp)
         result.strides = cgutils.pack_array(builder, [context.get_constant(types.intp, 8)], intp)
         result.itemsize, result.nitems = context.get_constant(types.intp, 8), size
-        result.meminfo, result.parent = source.meminfo, source.parent
         return result._getvalue()
 
     return signature(view, array), codegen

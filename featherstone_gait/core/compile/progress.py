@@ -1,7 +1,9 @@
 """What a terminal or a notebook shows while kernels are compiled, which takes seconds: which, and how many."""
 
+import gc
 import sys
 import time
+from contextlib import contextmanager
 
 PATIENCE = 0.5  # [s] before anything is said
 OFTEN = 0.2  # [s] between two updates of the line
@@ -36,3 +38,18 @@ def _watched(stream):
 
 
 current = []  # what is being compiled, innermost last
+
+
+@contextmanager
+def compiling(name, kept):
+    """Show that an entry is being compiled; meanwhile no garbage is collected: a compiler keeps nearly all it makes."""
+    collects, progress = gc.isenabled(), Progress(name, kept)
+    current.append(progress)
+    gc.disable()
+    try:
+        yield
+    finally:
+        current.remove(progress)
+        progress.end()
+        if collects:
+            gc.enable()

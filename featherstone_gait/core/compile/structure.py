@@ -16,7 +16,7 @@ from typing import TypeVar
 import llvmlite.ir as ir
 from numba import types
 from numba.core import cgutils
-from numba.core.imputils import lower_builtin, lower_getattr_generic
+from numba.core.imputils import impl_ret_borrowed, lower_builtin, lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate, infer_getattr, make_callable_template
 from numba.core.utils import pysignature
 from numba.extending import NativeValue, models, register_model, typeof_impl, unbox
@@ -173,7 +173,8 @@ class _Constructor(AttributeTemplate):
 
 @lower_getattr_generic(StructureType)
 def _field(context, builder, kind, value, name):
-    return context.data_model_manager[kind].get(builder, value, kind.fields.index(name))
+    k = kind.fields.index(name)
+    return impl_ret_borrowed(context, builder, kind.types[k], context.data_model_manager[kind].get(builder, value, k))
 
 
 @lower_builtin(_StructureClass, types.VarArg(types.Any))

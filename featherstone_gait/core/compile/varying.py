@@ -83,7 +83,7 @@ def _records_in_lanes(typingctx, table):
     def codegen(context, builder, sig, args):
         source = context.make_array(sig.args[0])(context, builder, args[0])
         result = context.make_array(view)(context, builder)
-        for name in ("shape", "strides", "itemsize", "nitems", "meminfo", "parent"):
+        for name in ("shape", "strides", "itemsize", "nitems"):
             setattr(result, name, getattr(source, name))
         result.data = builder.bitcast(source.data, result.data.type)
         return result._getvalue()

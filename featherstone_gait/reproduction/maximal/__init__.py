@@ -3,7 +3,10 @@
 `simulate` takes the scenes of `compile_scene` and gives trajectories; see docs/maximal.md.
 """
 
+from ...core.compile.jit import add_sources
 from .engine import EXACT, Engine
 from .run import simulate, simulate_seeds
+
+add_sources(__name__, __file__)
 
 __all__ = ["EXACT", "Engine", "simulate", "simulate_seeds"]

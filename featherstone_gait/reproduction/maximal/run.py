@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...base.arguments import instance, listed, whole
-from ...core.compile.jit import inline
+from ...core.compile.jit import entry, inline
 from ...core.compile.optional import slice_if
 from ...core.compile.shared import read_now
 from ...core.effects.actuator import controller_of
@@ -27,7 +27,6 @@ from ...run.start import check_scene
 from ...run.trajectory import Trajectory
 from ...scene.compile import CompiledScene
 from .bodies import measure, refresh
-from .compiled import own_entry
 from .contact import contact_forces
 from .engine import Engine, step
 from .layout import PLACE, SPEED, SPIN, TURN, R, Work, World
@@ -35,7 +34,7 @@ from .servo import drive_joints, filter_speeds
 from .world import assembled, work_of
 
 
-@own_entry
+@entry
 def rollout_bodies(run: Any, y: np.ndarray, out: np.ndarray, world: Any, work: Any) -> None:
     """Run the scene; as `core.integrate.rollout.rollout`, by bodies and constraints."""
     w = World(world[0], world[1], world[2], world[3], world[4], world[5])
@@ -68,7 +67,7 @@ def rollout_bodies(run: Any, y: np.ndarray, out: np.ndarray, world: Any, work: A
         record(run, y, m, out)
 
 
-@own_entry
+@entry
 def advance(world: Any, work: Any, gravity: np.ndarray, h: float, steps: int) -> None:
     """Move bodies that are no robot on by so many steps; world and work as `assembled` and `work_of` make them."""
     w = World(world[0], world[1], world[2], world[3], world[4], world[5])

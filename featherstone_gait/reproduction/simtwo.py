@@ -6,26 +6,29 @@ rotor limited to 0.2 J / h, G times that at the joint.  Only stops and contacts 
 of that engine.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compile.by_type import by_type
-from ..compile.jit import inline
-from ..compile.lanes import clamp, select
-from ..compile.structure import structure
-from ..effects.actuator import motor_of
-from ..effects.decay import FILTER_DECAY
-from ..effects.energies import COPPER, DRIVER, ENERGIES, FRICTION, GEAR, METER, SUPPLY, WORK
-from ..effects.gearbox import wind_up
-from ..effects.mipsd_servo import MipsdServo
-from ..effects.motor import current_step
-from ..effects.rigid_servo import RigidServo
-from ..effects.supply import move_source
-from ..step.advance import advance
-from ..step.context import Scratch, Step
-from ..step.newton import solve_step
-from .integrator import NEWTON_TOLERANCE, Integrator, scratch, take_step
+from ..core.compile.by_type import by_type
+from ..core.compile.jit import add_sources, inline
+from ..core.compile.lanes import clamp, select
+from ..core.compile.structure import structure
+from ..core.effects.actuator import motor_of
+from ..core.effects.decay import FILTER_DECAY
+from ..core.effects.energies import COPPER, DRIVER, ENERGIES, FRICTION, GEAR, METER, SUPPLY, WORK
+from ..core.effects.gearbox import wind_up
+from ..core.effects.mipsd_servo import MipsdServo
+from ..core.effects.motor import current_step
+from ..core.effects.rigid_servo import RigidServo
+from ..core.effects.supply import move_source
+from ..core.integrate import INTEGRATORS
+from ..core.integrate.integrator import NEWTON_TOLERANCE, Integrator, Sizes, scratch, take_step
+from ..core.step.advance import advance
+from ..core.step.context import Scratch, Step
+from ..core.step.newton import solve_step
+
+add_sources(__name__, __file__)
 
 
 @structure
@@ -37,7 +40,7 @@ class SimTwo(NamedTuple):
 
 
 @take_step.of(SimTwo)
-def simtwo_step(work, run, y, t, theta):
+def simtwo_step(work: Any, run: Any, y: np.ndarray, t: float, theta: float) -> None:
     """One step; theta plays no part."""
     scene, h, torques = run.scene, run.plan.h, work.torques
     o, x = run.places[0], work.scratch
@@ -56,7 +59,7 @@ def simtwo_step(work, run, y, t, theta):
 
 
 @inline
-def _servo_torque(actuator, s, i):
+def _servo_torque(actuator: Any, s: Any, i: int) -> Any:
     """Torque on the joint of the whole step; the motor moves on."""
     y, o, E = s.y, s.o, s.o.energy + ENERGIES * i
     v = y[o.qd + i]
@@ -69,17 +72,17 @@ def _servo_torque(actuator, s, i):
 
 
 @by_type
-def _geared(actuator, s, i, v, f, viscous):
+def _geared(actuator: Any, s: Any, i: int, v: Any, f: Any, viscous: Any) -> Any:
     """What gets through the gearbox, less the viscous friction."""
 
 
 @_geared.of(RigidServo)
-def _rigid(actuator, s, i, v, f, viscous):
+def _rigid(actuator: Any, s: Any, i: int, v: Any, f: Any, viscous: Any) -> Any:
     return actuator.motor[i].torque_constant * _current(actuator.motor, s, i, v) - viscous
 
 
 @_geared.of(MipsdServo)
-def _mipsd(actuator, s, i, v, f, viscous):
+def _mipsd(actuator: Any, s: Any, i: int, v: Any, f: Any, viscous: Any) -> Any:
     y, o, h, g, E = s.y, s.o, s.h, actuator.gear[i], s.o.energy + ENERGIES * i
     w = y[o.rotor_speed + i]
     I = _current(actuator.motor, s, i, w)
@@ -95,7 +98,7 @@ def _mipsd(actuator, s, i, v, f, viscous):
 
 
 @inline
-def _current(motor, s, i, w):
+def _current(motor: Any, s: Any, i: int, w: Any) -> Any:
     """Current at the end of the step [A], with the electrical energies as that program counts them."""
     m, y, o, h, E = motor[i], s.y, s.o, s.h, s.o.energy + ENERGIES * i
     V = y[o.voltage + i]
@@ -111,8 +114,8 @@ def _current(motor, s, i, w):
     return I
 
 
-def _workspace(sizes, zeros):
+def _workspace(sizes: Sizes, zeros: Any) -> SimTwo:
     return SimTwo(scratch(sizes, zeros), zeros(sizes.n))
 
 
-SIMTWO = Integrator("simtwo", 1, _workspace, drives=(RigidServo, MipsdServo))
+INTEGRATORS["simtwo"] = SIMTWO = Integrator("simtwo", 1, _workspace, drives=(RigidServo, MipsdServo))

@@ -1,0 +1,42 @@
+"""The bits of three runs, which are the same under every Numba, pipeline, Python and processor that this runs on.
+
+Kept quick: `.ci/run` runs it under the oldest Numba, the newest one and Numba's own pipeline.
+"""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from featherstone_gait import Ground, Worlds, compile_scene, initial_state, load_robot, simulate, simulate_batch
+from featherstone_gait.walking import read_walk
+
+ALONE = {"estimate_error": False}
+
+
+@pytest.fixture(scope="module")
+def humanoid():
+    return compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "midpoint", 1e-3)
+
+
+def digest(*runs):
+    assert {run.status for run in runs} == {"ok"}
+    return hashlib.sha256(b"".join(run.final.tobytes() for run in runs)).hexdigest()[:16]
+
+
+def test_an_arm_under_error_control():
+    scene = compile_scene(load_robot("arm7"), "mipsd")
+    assert scene.integrator == "ars343"
+    assert digest(simulate(scene, 0.2, initial_state(scene, np.linspace(0.1, 0.7, 7)), **ALONE)) == "eccecfdd2400495e"
+
+
+def test_eight_worlds_of_a_humanoid_in_lanes(humanoid):
+    worlds = Worlds(ground={"friction": np.linspace(0.4, 1.1, 8)})
+    assert digest(*simulate_batch(humanoid, 0.2, worlds=worlds, **ALONE)) == "151ecde6da6103be"
+
+
+def test_a_stride_with_feedback(humanoid):
+    walk = read_walk(Path(humanoid.model.source).parent / "balanced_gait.npz")
+    run = simulate(humanoid, 0.5, reference=walk.reference(1), controller=walk.controller(humanoid), **ALONE)
+    assert digest(run) == "c40d188dc5530e5e"
