@@ -151,7 +151,7 @@ def cache_folder() -> Path:
 def digest(case: Case) -> str:
     """Hash of all that a reference depends on: the version, not the integrator that is chosen today."""
     scene = case.scene
-    chosen = {name: scene.arguments[name] for name in PHYSICAL}
+    chosen = {name: getattr(scene.options, name) for name in PHYSICAL}
     parts = [case.state[slice(*place)].tolist() for name, place in sorted(scene.parts.items()) if name in STARTING]
     r = case.reference
     signal = r and (r.times, r.values, r.kind, r.cyclic)

@@ -1,4 +1,4 @@
-"""From a model, its servos and the ground to the numbers that kernels read, with a preflight of the step."""
+"""Compile a model, its servos and the ground into a scene: the arrays that kernels read, and the step to take."""
 
 from __future__ import annotations
 
@@ -6,25 +6,24 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.arguments import instance, listed, real, vector
 from ..base.portable_math import sincos
-from ..base.rotation import dot
+from ..core.effects.contact import Contact
 from ..core.effects.gear_friction import GearFriction
 from ..core.integrate import INTEGRATORS
 from ..core.integrate.integrator import Integrator
 from ..core.step import state
 from ..core.step.context import Scene
 from ..model import Controller, Ground, Model, Spring
-from ..model.tree_checks import check_springs
 from .actuator import Drive, ServoKind, build_decay, build_drive, controller_period, fold_springs
 from .contact import build_contact, standing_posture
 from .external import Push, build_pushes, build_springs
 from .firmware import build_firmware, build_supply
-from .friction import build_friction, sticks
+from .friction import Friction, build_friction, sticks
+from .options import SceneOptions, check_options
 from .preflight import STIFF, Preflight, preflight
 from .stop import build_stops
 from .tree import GRAVITY, Tree, compile_tree
@@ -34,7 +33,6 @@ NO_SERVO_TICK = 1e-2  # [s] between the checks of a scene without sampled contro
 FREE = 1e-4  # of all but servos of a floating robot over ground, whose feet hold what an arm passes on
 JUMPING = 1e-6  # where a controller's law jumps by more than an error of `JUMP` [rad] asks for,
 JUMP = 2e-3  # of which a joint takes a third before the next tick
-LOW = 1e9  # standing heights, with which nothing falls
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,18 +44,14 @@ class CompiledScene:
     constants: Scene
     places: np.recarray  # (1,) STATE: where each part of the state starts
     method: Integrator
-    timestep: float  # [s]
+    options: SceneOptions  # with the integrator and the timestep chosen
     tick_steps: int  # steps of a controller tick
     lag: float  # [s]
-    servos: ServoKind | None
-    ground: Ground | None
-    springs: tuple[Spring, ...]
     preflight: Preflight
     fall_height: float  # of the center of mass over the ground [m]
     fall_upright: float  # cosine
     upright: tuple[float, float, float]  # what points up in the frame of a root that is not tilted
     stiff: bool  # something that an implicit step takes in limits explicit steps to less than `STIFF`
-    arguments: dict  # of `compile_scene`, after the model
     compiled: Scene  # the constants as compiled, to tell which were put in by hand
 
     def __repr__(self) -> str:
@@ -79,7 +73,7 @@ class CompiledScene:
                 "compiled anew; compile with the integrator and step wanted and put them in again, without rtol and "
                 "estimate_error"
             )
-        scene = compile_scene(self.model if model is None else model, **(self.arguments | changes))
+        scene = compile_scene(self.model if model is None else model, **(self.options._asdict() | changes))
         check = scene.preflight
         if "integrator" not in changes:
             check = check._replace(reason=self.preflight.reason, named=self.preflight.named)
@@ -90,6 +84,26 @@ class CompiledScene:
         scene = self.recompiled(integrator=integrator)
         reason = f"{integrator} in place of {self.integrator} ({self.preflight.reason}): {why}"
         return replace(scene, preflight=scene.preflight._replace(reason=reason))
+
+    @property
+    def timestep(self) -> float:
+        """Fixed step, or grid of ticks and records of an integrator that chooses its steps [s]."""
+        return self.preflight.timestep
+
+    @property
+    def servos(self) -> ServoKind | None:
+        """Model of the gearboxes, None without servos."""
+        return self.options.servos
+
+    @property
+    def ground(self) -> Ground | None:
+        """Ground under the contact points."""
+        return self.options.ground
+
+    @property
+    def springs(self) -> tuple[Spring, ...]:
+        """Springs between links."""
+        return tuple(self.options.springs)
 
     @property
     def by_hand(self) -> list[str]:
@@ -191,80 +205,92 @@ def compile_scene(
 
     Raises ValueError on servos that the model does not have, on steps that do not fit, and on ground without gravity.
     """
-    instance("model", model, Model, "give what load_robot returns")
-    if not model.nv:
-        raise ValueError(
-            f"{model.name}: its base is fixed and no joint moves; load it with base='floating', or lock fewer joints"
-        )
-    if ground is not None and not isinstance(ground, Ground):
-        raise ValueError(f"{model.name}: ground is {ground!r}; expected a Ground or None: write ground=Ground()")
-    fall_tilt = real("fall_tilt", fall_tilt, 0.0, 2.0 * math.pi, "give radians, as math.radians(45); pi is no fall")
-    fall_height = real("fall_height", fall_height, -LOW, 1.0, "it is a fraction of the standing height; 0 is no fall")
-    gravity = vector("gravity", gravity, 3, f"[m/s^2], on Earth {GRAVITY}")
-    tree, g = compile_tree(model), math.sqrt(dot(gravity, gravity))
-    drive = build_drive(model, servos)
-    contact = build_contact(model, tree, ground, gravity)
-    springs = listed("springs", springs, "give a list of Spring")
-    check_springs(model.links, springs)
-    between = build_springs(tree, springs)
-    rubbing = build_friction(model, drive)
-    check = preflight(model, drive, rubbing, (ground, g), (springs, between), (integrator, timestep))
-    method, h = INTEGRATORS[check.integrator], check.timestep
-    if method.drives and not isinstance(drive.actuator, method.drives):
-        raise ValueError(f"{method.name} is the update order of sampled servos; use implicit_euler for other scenes")
-    if method.drives and isinstance(rubbing, GearFriction):
-        raise ValueError(f"{method.name} knows no friction that depends on load or speed; use another integrator")
-    period, lag = controller_period(model, drive, h, NO_SERVO_TICK)
-    fold_springs(drive, method, h, check.inertias)
-    other = method.drives or method.soft  # than the friction that limits steps
-    constants = Scene(
-        tree=tree.bodies,
-        floating=True if tree.floating else None,
-        gravity=gravity,
-        actuator=drive.actuator,
-        decay=build_decay(drive, h),
-        armature=drive.armature,
-        friction=rubbing if not other else build_friction(model, drive, bool(method.drives), method.soft),
-        stops=build_stops(model, drive, check.inertias, g),
-        contact=contact,
-        push=None,
-        springs=between,
-        coupling=tree.coupling,
-        firmware=build_firmware(model, drive, h, round(period / h)),
-        supply=build_supply(model, drive),
-    )
-    falls = tree.floating and ground is not None
-    height, upright = standing_posture(model) if falls else (0.0, (0.0, 0.0, 1.0))
+    given = SceneOptions(servos, ground, integrator, timestep, gravity, fall_height, fall_tilt, springs)
+    options = check_options(model, given)
+    parts = _build(model, options)
+    check = preflight(model, parts.drive, parts.friction, parts.springs, options)
+    method, h = _method(check.integrator, parts), check.timestep
+    period, lag = controller_period(model, parts.drive, h, NO_SERVO_TICK)
+    fold_springs(parts.drive, method, h, check.inertias)
+    constants = _constants(model, parts, check, method, options, round(period / h))
+    lowest, upright_cosine, upright = _fall_limits(model, options)
     limited = check.folded_step < STIFF or sticks(constants.friction)
     return CompiledScene(
         model=model,
-        tree=tree,
+        tree=parts.tree,
         constants=constants,
-        places=_places(tree, drive, constants),
+        places=_places(parts.tree, parts.drive, constants),
         method=method,
-        timestep=h,
+        options=options._replace(integrator=method.name, timestep=h),
         tick_steps=round(period / h),
         lag=lag,
-        servos=servos,
-        ground=ground,
-        springs=tuple(springs),
         preflight=check,
-        fall_height=fall_height * height if falls and fall_height >= 0.0 else -math.inf,
-        fall_upright=sincos(fall_tilt)[1] if falls and fall_tilt < math.pi else -2.0,
+        fall_height=lowest,
+        fall_upright=upright_cosine,
         upright=upright,
-        stiff=drive.sampled or ground is not None or limited,
-        arguments={
-            "servos": servos,
-            "ground": ground,
-            "integrator": method.name,
-            "timestep": h,
-            "gravity": gravity,
-            "fall_height": fall_height,
-            "fall_tilt": fall_tilt,
-            "springs": tuple(springs),
-        },
+        stiff=parts.drive.sampled or ground is not None or limited,
         compiled=constants,
     )
+
+
+class _Parts(NamedTuple):
+    """What does not depend on the step."""
+
+    tree: Tree
+    drive: Drive
+    contact: Contact | None
+    springs: np.recarray | None
+    friction: Friction | None
+
+
+def _build(model: Model, options: SceneOptions) -> _Parts:
+    tree, drive = compile_tree(model), build_drive(model, options.servos)
+    contact = build_contact(model, tree, options.ground, np.asarray(options.gravity))
+    return _Parts(tree, drive, contact, build_springs(tree, options.springs), build_friction(model, drive))
+
+
+def _method(name: str, parts: _Parts) -> Integrator:
+    """Look up an integrator; raise ValueError if it does not suit the servos or their friction."""
+    method = INTEGRATORS[name]
+    if method.drives and not isinstance(parts.drive.actuator, method.drives):
+        raise ValueError(f"{name} is the update order of sampled servos; use implicit_euler for other scenes")
+    if method.drives and isinstance(parts.friction, GearFriction):
+        raise ValueError(f"{name} knows no friction that depends on load or speed; use another integrator")
+    return method
+
+
+def _constants(
+    model: Model, parts: _Parts, check: Preflight, method: Integrator, options: SceneOptions, tick_steps: int
+) -> Scene:
+    """Put together what the kernels read, for a step and an integrator."""
+    tree, drive, friction = parts.tree, parts.drive, parts.friction
+    if method.drives or method.soft:  # takes another friction than the one that limits steps
+        friction = build_friction(model, drive, bool(method.drives), method.soft)
+    return Scene(
+        tree=tree.bodies,
+        floating=True if tree.floating else None,
+        gravity=np.asarray(options.gravity),
+        actuator=drive.actuator,
+        decay=build_decay(drive, check.timestep),
+        armature=drive.armature,
+        friction=friction,
+        stops=build_stops(model, drive, check.inertias, options.g),
+        contact=parts.contact,
+        push=None,
+        springs=parts.springs,
+        coupling=tree.coupling,
+        firmware=build_firmware(model, drive, check.timestep, tick_steps),
+        supply=build_supply(model, drive),
+    )
+
+
+def _fall_limits(model: Model, options: SceneOptions) -> tuple[float, float, tuple[float, float, float]]:
+    """Compute at which height [m] and cosine of its tilt a robot has fallen, and which axis of its root points up."""
+    cosine = sincos(options.fall_tilt)[1] if options.fall_tilt < math.pi else -2.0
+    if model.base == "fixed" or options.ground is None:
+        return -math.inf, cosine, (0.0, 0.0, 1.0)
+    height, upright = standing_posture(model)
+    return options.fall_height * height if options.fall_height >= 0.0 else -math.inf, cosine, upright
 
 
 def _punch(law: Controller) -> float:

@@ -27,10 +27,11 @@ from ..core.effects import contact, spring
 from ..core.effects.friction import DRY
 from ..core.integrate import INTEGRATORS
 from ..dynamics import coupling_matrix, forward_kinematics, inverse_dynamics, spring_vectors
-from ..model import Ground, Model, Spring
+from ..model import Model, Spring
 from ..model.numpy_dynamics import mass_matrix_at_zero
 from .actuator import Drive
 from .friction import Friction, explicit_limits, sticks
+from .options import SceneOptions
 
 STIFF = 5e-3  # [s]; explicit limit below which a scene is for implicit steps
 RESOLVED = 0.25  # share of the springs' limit that a chosen step takes: 12 steps a period
@@ -84,43 +85,32 @@ class _Steps(NamedTuple):
 
 
 def preflight(
-    model: Model,
-    drive: Drive,
-    rubbing: Friction | None,
-    under: tuple[Ground | None, float],
-    between: tuple[Sequence[Spring], np.recarray | None],
-    wish: tuple[str | None, float | None],
+    model: Model, drive: Drive, friction: Friction | None, springs: np.recarray | None, options: SceneOptions
 ) -> Preflight:
-    """Limits of explicit steps, and from them what is not given.
+    """Compute the limits of explicit steps, and choose the integrator and the step where they are not given.
 
-    rubbing: friction of the joints or None; under: the ground or None, and g [m/s^2]; between: the springs between
-    bodies and their SPRING records; wish: integrator and timestep as asked for, None where not.  Raises ValueError on
-    names and steps that are none.
+    springs: SPRING records of those between bodies.  Raises ValueError on names and steps that do not exist.
     """
-    (springs, table), (ground, g), n = between, under, len(model.moving_joints)
-    mobility = joint_mobility(model, drive.armature, springs)
+    n = len(model.moving_joints)
+    mobility = joint_mobility(model, drive.armature, options.springs)
     inertias = tuple(float(x) for x in 1.0 / np.diag(mobility)[:n])
-    joints, ends = _on_joints(model, drive, rubbing), _between_bodies(springs, table)
+    joints, ends = _on_joints(model, drive, friction), _between_bodies(options.springs, springs)
     limits = _each(joints, np.diag(mobility)[:n]) + _each(ends, np.diag(mobility)[n:])
     mobility[:n, :n] += np.diag(np.broadcast_to(joints.mobility, n))
-    dampers = np.array([*_sum(joints.dampers, n), *_sum(ends.dampers, len(springs))])
-    stiff = np.array([*_sum(joints.springs, n), *_sum(ends.springs, len(springs))])
+    dampers = np.array([*_sum(joints.dampers, n), *_sum(ends.dampers, len(ends.names))])
+    stiff = np.array([*_sum(joints.springs, n), *_sum(ends.springs, len(ends.names))])
     _check_size(model, [*joints.names, *ends.names], mobility, np.maximum(dampers, stiff))
-    steps = _together(mobility, dampers, stiff, _dry(joints, dampers), n)
-    if ground is not None:
-        limits.append(Limit("contact", float(contact.explicit_limit(ground.sinking, g)), "contact spring"))
+    dry = np.zeros(len(dampers))  # what of the dampers is dry friction while it sticks
+    dry[:n] = joints.dampers.get(DRY, 0.0)
+    steps = _together(mobility, dampers, stiff, dry, n)
+    if options.ground is not None:
+        step = float(contact.explicit_limit(options.ground.sinking, options.g))
+        limits.append(Limit("contact", step, "contact spring"))
         largest, folded, sliding = (min(step, limits[-1].step) for step in steps[:3])
         steps = _Steps(largest, folded, sliding, steps.springs)
-    clipped = drive.actuator is not None or ground is not None or sticks(rubbing)
-    integrator, step, reason = _choice(*wish, clipped, steps, limits)
-    return Preflight(tuple(limits), integrator, step, reason, wish[0] is not None, inertias, *steps)
-
-
-def _dry(joints: _Acting, dampers: np.ndarray) -> np.ndarray:
-    """Of the dampers what dry friction is while it sticks."""
-    dry = np.zeros(len(dampers))
-    dry[: len(joints.names)] = joints.dampers.get(DRY, 0.0)
-    return dry
+    clipped = drive.actuator is not None or options.ground is not None or sticks(friction)
+    integrator, step, reason = _choice(options, clipped, steps, limits)
+    return Preflight(tuple(limits), integrator, step, reason, options.integrator is not None, inertias, *steps)
 
 
 def _together(mobility: np.ndarray, dampers: np.ndarray, stiff: np.ndarray, dry: np.ndarray, n: int) -> _Steps:
@@ -154,9 +144,10 @@ def _check_size(model: Model, names: list[str], mobility: np.ndarray, acting: np
 
 
 def _choice(
-    name: str | None, timestep: float | None, clipped: bool, steps: _Steps, limits: Sequence[Limit]
+    options: SceneOptions, clipped: bool, steps: _Steps, limits: Sequence[Limit]
 ) -> tuple[str, float, str]:
-    """Integrator, step [s] and the reason for both; clipped: servos, ground or dry friction make kinks."""
+    """Choose integrator and step [s], and say why; clipped: servos, ground or dry friction cause discontinuities."""
+    name, timestep = options.integrator, options.timestep
     if timestep is not None:
         timestep = real("timestep", timestep, SHORTEST, LONGEST, "give seconds, 1e-3 is usual")
     if name is not None:
