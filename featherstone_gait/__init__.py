@@ -16,7 +16,9 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .analysis.linearization import Linearization as Linearization
     from .analysis.linearization import linearize as linearize
     from .dynamics import Coupling as Coupling
+    from .dynamics import Energy as Energy
     from .dynamics import Poses as Poses
+    from .dynamics import Wrench as Wrench
     from .dynamics import center_of_mass as center_of_mass
     from .dynamics import contact_positions as contact_positions
     from .dynamics import coupling_matrix as coupling_matrix
@@ -27,6 +29,8 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .dynamics import mass_matrix as mass_matrix
     from .dynamics import momentum as momentum
     from .dynamics import spring_energy as spring_energy
+    from .dynamics.conventions import from_engine as from_engine
+    from .dynamics.conventions import to_engine as to_engine
     from .dynamics.inverse_kinematics import Posture as Posture
     from .dynamics.inverse_kinematics import Target as Target
     from .dynamics.inverse_kinematics import inverse_kinematics as inverse_kinematics
@@ -95,7 +99,9 @@ _MODULES = {
     "geometry.contact_choice": ("contact_points", "with_contacts"),
     "dynamics": (
         "Coupling",
+        "Energy",
         "Poses",
+        "Wrench",
         "center_of_mass",
         "contact_positions",
         "coupling_matrix",
@@ -108,6 +114,7 @@ _MODULES = {
         "spring_energy",
     ),
     "analysis.equilibrium": ("Trim", "trim"),
+    "dynamics.conventions": ("from_engine", "to_engine"),
     "dynamics.jacobians": ("center_of_mass_jacobian", "jacobian"),
     "analysis.linearization": ("Kink", "Linearization", "linearize"),
     "model": (

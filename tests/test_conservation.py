@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from random_tree import random_states, random_tree
 
-from featherstone_gait.dynamics import center_of_mass, energy, forward_dynamics, forward_kinematics, momentum
+from featherstone_gait.dynamics import Wrench, center_of_mass, energy, forward_dynamics, forward_kinematics, momentum
 from featherstone_gait.robot_file import load_robot
 
 STEP = 1e-4  # [s]
@@ -58,7 +58,7 @@ def test_energy_grows_by_the_power_of_a_wrench(model):
     q, qd, tau = gentle_state(model, 2)
     link = model.links[-1].name
     wrench = np.array([0.01, -0.02, 0.03, 0.4, -0.5, 0.6])
-    qdd = forward_dynamics(model, q, qd, 0 * tau, wrench={link: wrench})
+    qdd = forward_dynamics(model, q, qd, 0 * tau, wrench={link: Wrench(wrench[3:], wrench[:3])})
     gain = rate(model, lambda q, qd: energy(model, q, qd), q, qd, qdd)
     velocity = rate(model, lambda q, qd: forward_kinematics(model, q).position[-1], q, qd, qdd)
     E = forward_kinematics(model, q).rotation[-1]

@@ -22,6 +22,7 @@ from featherstone_gait import (
     Link,
     Model,
     Reference,
+    Wrench,
     compile_scene,
     contact_positions,
     coupling_matrix,
@@ -98,7 +99,7 @@ def test_accelerations_are_those_of_the_projected_equations(base, seed):
     """At any position and velocity, those too that do not agree with the couplings."""
     model, rng = tree(base, seed), np.random.default_rng(seed)
     q, qd, tau = (a[0] for a in random_states(model, 1, seed))
-    armature, wrench = rng.uniform(0.0, 1e-3, 9), {"body8": rng.normal(size=6)}
+    armature, wrench = rng.uniform(0.0, 1e-3, 9), {"body8": Wrench(*rng.normal(size=6).reshape(2, 3)[::-1])}
     M = mass_matrix(model, q, armature=armature)
     bias = inverse_dynamics(model, q, qd, 0.0 * qd, wrench=wrench)
     matrix, _ = coupling_matrix(model)
@@ -354,7 +355,7 @@ def test_on_the_ground_every_acceleration_is_that_of_the_projected_equations(int
     assert ((loads[2:, :, 2] > 0).sum(axis=0) > 5).all()  # samples in touch, of both
     for k in range(2, len(q) - lag):
         arms = contact_positions(model, q[k]) - forward_kinematics(model, q[k]).position[list(feet)]
-        wrench = {p.link: [*np.cross(arm, f), *f] for p, arm, f in zip(points, arms, loads[k + lag])}
+        wrench = {p.link: Wrench(f, np.cross(arm, f)) for p, arm, f in zip(points, arms, loads[k + lag])}
         bias = inverse_dynamics(model, q[k], qd[k], 0.0 * qd[k], wrench=wrench)
         expected = projected(matrix, mass_matrix(model, q[k]), -bias)
         assert np.abs(qdd[k + lag] - expected).max() < 1e-7 * np.abs(expected).max(), k

@@ -11,6 +11,7 @@ from random_tree import numbers, random_states, random_tree
 
 from featherstone_gait.base.rotation import rotation_from_rpy
 from featherstone_gait.dynamics import (
+    Wrench,
     center_of_mass,
     contact_positions,
     energy,
@@ -82,14 +83,15 @@ def test_wrenches_rotor_inertia_and_gravity_act_as_in_mujoco(shape, base):
     model = tree_of(shape, base)
     rng = np.random.default_rng(2)
     armature, gravity = rng.uniform(0, 1e-3, shape[0]), rng.normal(size=3)
-    wrenches = {f"body{k}": rng.normal(size=(16, 6)) for k in (0, shape[0] // 2, shape[0])}
+    spatial = {f"body{k}": rng.normal(size=(16, 6)) for k in (0, shape[0] // 2, shape[0])}  # [moment; force]
+    wrenches = {name: Wrench(f[:, 3:], f[:, :3]) for name, f in spatial.items()}
     q, qd, tau = random_states(model, 16, seed=3)
     ours = forward_dynamics(model, q, qd, tau, wrench=wrenches, armature=armature, gravity=gravity)
     oracle = Oracle(model, armature, gravity)
     for k in range(16):
         oracle.set(q[k], qd[k])
-        for link, wrench in wrenches.items():
-            oracle.push(link, wrench[k])
+        for link, f in spatial.items():
+            oracle.push(link, f[k])
         theirs = oracle.forward_dynamics(q[k : k + 1], qd[k : k + 1], tau[k : k + 1])
         assert error(ours[k], theirs) <= 1e-10
 
@@ -191,7 +193,8 @@ def test_aba_undoes_rnea_of_a_few_states(count):
 def test_aba_undoes_rnea_under_wrenches_with_rotors(base, count):
     model = tree_of((20, 1.5), base)
     q, qd, tau = random_states(model, count, seed=8)
-    extra = {"wrench": {"body20": np.arange(6.0)}, "armature": np.full(20, 2e-3), "gravity": (1.0, -2.0, 3.0)}
+    wrench = {"body20": Wrench([3.0, 4.0, 5.0], [0.0, 1.0, 2.0])}
+    extra = {"wrench": wrench, "armature": np.full(20, 2e-3), "gravity": (1.0, -2.0, 3.0)}
     qdd = forward_dynamics(model, q, qd, tau, **extra)
     back = inverse_dynamics(model, q, qd, qdd, **extra)
     assert error(forward_dynamics(model, q, qd, back, **extra), qdd) <= 1e-11
@@ -263,7 +266,7 @@ def test_a_wrench_does_the_work_of_its_force():
     model = tree_of((7, 1.3), "fixed")
     q, qd, _ = random_states(model, 1, seed=14)
     force = np.array([3.0, -1.0, 2.0])
-    pull = {"body7": np.concatenate([np.zeros(3), force])}
+    pull = {"body7": Wrench(force)}
     still = 0 * qd[0]
     against = inverse_dynamics(model, q[0], still, still, wrench=pull) - inverse_dynamics(model, q[0], still, still)
     h = 1e-3
@@ -537,8 +540,8 @@ def test_arguments_that_do_not_fit_one_another_raise():
     with pytest.raises(ValueError, match="gravity must be 3 finite numbers"):
         energy(model, q, qd, gravity=9.81)
     with pytest.raises(ValueError, match="no link 'tail' to push"):
-        forward_dynamics(model, q, qd, tau, wrench={"tail": np.zeros(6)})
-    for wrench in (np.zeros(3), np.zeros((2, 6)), np.full(6, np.inf)):
+        forward_dynamics(model, q, qd, tau, wrench={"tail": Wrench()})
+    for wrench in (Wrench(np.zeros(6)), Wrench(np.zeros(3), np.zeros((2, 3))), Wrench(np.full(3, np.inf))):
         with pytest.raises(ValueError, match="wrench on body1 must be"):
             forward_dynamics(model, q, qd, tau, wrench={"body1": wrench})
 

@@ -141,7 +141,7 @@ def test_bad_input_is_refused_by_name():
     q = random_states(model, 1, 12)[0][0]
     with pytest.raises(ValueError, match=r"no link 'tail'; its links are"):
         jacobian(model, q, "tail")
-    with pytest.raises(ValueError, match=r"frame is 'local'; expected 'world' or 'body'"):
+    with pytest.raises(ValueError, match=r"no frame 'local'; expected 'world', 'body'"):
         jacobian(model, q, "left_foot", frame="local")
     with pytest.raises(ValueError, match=r"point must be 3 finite numbers; .*\[m\]"):
         jacobian(model, q, "left_foot", (1, 2))

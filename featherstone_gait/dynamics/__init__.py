@@ -2,7 +2,9 @@
 
 from .algorithms import (
     Coupling,
+    Energy,
     Poses,
+    Wrench,
     center_of_mass,
     check_model,
     contact_positions,
@@ -21,7 +23,9 @@ from .algorithms import (
 
 __all__ = [
     "Coupling",
+    "Energy",
     "Poses",
+    "Wrench",
     "center_of_mass",
     "check_model",
     "contact_positions",

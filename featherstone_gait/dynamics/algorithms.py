@@ -1,9 +1,9 @@
-"""The dynamics algorithms as functions of a model, for one state or many.
+"""Dynamics algorithms as functions of a model, for one state or many.
 
-Coordinates are those of `model/robot.py`: of a fixed base the joints in file order; of a floating base
-``q = [x y z, qw qx qy qz, joints]`` and ``qd = [velocity (world axes), angular velocity (body axes), joint rates]``.
-Every argument may have a leading axis of states, ``(n, nv)``; eight states then go through the kernels at once, with
-the same bits as one by one.
+Coordinates are those of `model/robot.py`: for a fixed base the joints in file order; for a floating base
+``q = [x y z, qw qx qy qz, joints]``, ``qd = [velocity (world axes), angular velocity (body axes), joint velocities]``
+and ``tau = [force (world axes), moment (body axes), joint torques]``.  Every argument may have a leading axis
+of states, ``(n, nv)``; then eight states go through the kernels at once, with the same bits as one by one.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import HUGE, floats, instance, listed, shown, vector
+from ..base.deprecated import warn
 from ..base.fixed_order import applied, product
 from ..core.compile.elementary import SINCOS_LIMIT
 from ..core.compile.lanes import WIDTH, aligned
@@ -26,7 +27,52 @@ from ..model.numpy_dynamics import Poses
 from ..model.tree_checks import check_springs
 from ..scene.tree import GRAVITY, Tree, compile_tree, joint_armature
 
-Wrench = Mapping[str, ArrayLike]  # by link: see `forward_dynamics`
+
+class Wrench(NamedTuple):
+    """An external force and moment on a link, at the origin of its frame, in world axes.
+
+    Attributes
+    ----------
+    force : array_like
+        Force (3,) or (n, 3) [N].
+    moment : array_like
+        Moment (3,) or (n, 3) about the origin of the link's frame [N m].
+    """
+
+    force: ArrayLike = (0.0, 0.0, 0.0)
+    moment: ArrayLike = (0.0, 0.0, 0.0)
+
+
+Wrenches = Mapping[str, Wrench]  # by link; until version 0.4 also (6,) or (n, 6) [moment; force]
+
+
+class Energy(np.ndarray):
+    """Energies (2,) or (n, 2) [J], an array whose columns have names.
+
+    Attributes
+    ----------
+    kinetic : numpy.ndarray
+        Kinetic energy, () or (n,) [J].
+    potential : numpy.ndarray
+        Potential energy in the field of gravity, () or (n,); heights count from the world's origin [J].
+    total : numpy.ndarray
+        Sum of both, () or (n,) [J].
+    """
+
+    @property
+    def kinetic(self) -> np.ndarray:
+        """Kinetic energy [J]."""
+        return np.asarray(self)[..., 0]
+
+    @property
+    def potential(self) -> np.ndarray:
+        """Potential energy [J]."""
+        return np.asarray(self)[..., 1]
+
+    @property
+    def total(self) -> np.ndarray:
+        """Sum of kinetic and potential energy [J]."""
+        return self.kinetic + self.potential
 
 
 def forward_dynamics(
@@ -35,27 +81,43 @@ def forward_dynamics(
     qd: ArrayLike,
     tau: ArrayLike,
     *,
-    wrench: Wrench | None = None,
+    wrench: Wrenches | None = None,
     armature: ArrayLike | None = None,
     gravity: ArrayLike = GRAVITY,
 ) -> np.ndarray:
-    """Accelerations that forces cause (ABA, RBDA section 7.3).
+    """Compute the accelerations that forces cause (articulated-body algorithm, RBDA section 7.3).
 
-    Those of joints that follow others (`Joint.mimic`) are multiplier times their leaders': G (G' M G)^-1 G' (tau - c),
-    G of `coupling_matrix`, c the bias forces at the q and qd given, whether these agree with the couplings or not.
+    Coupled joints (`Joint.mimic`) accelerate by multiplier times their leaders' acceleration: the result is
+    G (G' M G)^-1 G' (tau - c), with G of `coupling_matrix` and the bias forces c at the given q and qd, whether these
+    agree with the couplings or not.
 
     Parameters
     ----------
-    q : (nq,) or (n, nq) positions [rad, m]
-    qd : (nv,) or (n, nv) velocities [rad/s, m/s]
-    tau : (nv,) or (n, nv) generalized forces [N m, N]; of a floating base the first six are the force (world axes)
-        and the moment (body axes) on the base
-    wrench : {link name: (6,) or (n, 6)} external [moment; force] at the link's origin, world axes [N m; N]
-    armature : (joints,) inertia added to each joint, of what turns with it, as G^2 J of a rotor [kg m^2 or kg]; None is
-        what the model's joints state
-    gravity : (3,) [m/s^2]
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+    qd : array_like
+        Velocities (nv,) or (n, nv) [m/s, rad/s or m/s].
+    tau : array_like
+        Generalized forces (nv,) or (n, nv) [N, N m]; for a floating base the first six are the force (world axes) and
+        the moment (body axes) on the base.
+    wrench : Mapping of str to Wrench, optional
+        External forces and moments by link name, at the origin of the link's frame, in world axes.
+    armature : array_like, optional
+        Inertia (joints,) added to each joint, such as G^2 J of a rotor [kg m^2 or kg]; None takes the model's.
+    gravity : array_like, optional
+        Acceleration of gravity (3,) [m/s^2].
 
-    Returns qdd (nv,) or (n, nv) [rad/s^2, m/s^2].  Raises ValueError on wrong shapes and non-finite values.
+    Returns
+    -------
+    numpy.ndarray
+        Accelerations (nv,) or (n, nv) [m/s^2, rad/s^2].
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes and values that are not finite.
     """
     x = _arguments(model, q=q, qd=qd, tau=tau)
     robot = _robot(model, armature, gravity)._replace(coupling=compile_tree(model).coupling)
@@ -69,13 +131,40 @@ def inverse_dynamics(
     qd: ArrayLike,
     qdd: ArrayLike,
     *,
-    wrench: Wrench | None = None,
+    wrench: Wrenches | None = None,
     armature: ArrayLike | None = None,
     gravity: ArrayLike = GRAVITY,
 ) -> np.ndarray:
-    """Generalized forces (nv,) or (n, nv) that a motion takes (RNEA, RBDA Table 5.1); arguments as above.
+    """Compute the generalized forces that a motion takes (recursive Newton-Euler algorithm, RBDA Table 5.1).
 
-    They are those of the joints without couplings: what drives the independent ones is G' tau, G of `coupling_matrix`.
+    Couplings of joints are ignored: with G of `coupling_matrix`, G' tau drives the independent joints.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+    qd : array_like
+        Velocities (nv,) or (n, nv) [m/s, rad/s or m/s].
+    qdd : array_like
+        Accelerations (nv,) or (n, nv) [m/s^2, rad/s^2 or m/s^2].
+    wrench : Mapping of str to Wrench, optional
+        External forces and moments by link name, at the origin of the link's frame, in world axes.
+    armature : array_like, optional
+        Inertia (joints,) added to each joint, such as G^2 J of a rotor [kg m^2 or kg]; None takes the model's.
+    gravity : array_like, optional
+        Acceleration of gravity (3,) [m/s^2].
+
+    Returns
+    -------
+    numpy.ndarray
+        Generalized forces (nv,) or (n, nv) [N, N m], in the order of `tau` in `forward_dynamics`.
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes and values that are not finite.
     """
     x = _arguments(model, q=q, qd=qd, qdd=qdd)
     out = _solve(model, batch.rnea_rows, batch.rnea_lanes, x, wrench, _robot(model, armature, gravity))
@@ -83,9 +172,28 @@ def inverse_dynamics(
 
 
 def mass_matrix(model: Model, q: ArrayLike, *, armature: ArrayLike | None = None) -> np.ndarray:
-    """Joint-space inertia matrix (nv, nv) or (n, nv, nv) [kg m^2, kg m, kg] (CRBA, RBDA Table 6.2).
+    """Compute the joint-space inertia matrix (composite-rigid-body algorithm, RBDA Table 6.2).
 
-    It is that of the joints without couplings: of the independent ones it is G' M G, G of `coupling_matrix`.
+    Couplings of joints are ignored: with G of `coupling_matrix`, G' M G is the matrix of the independent joints.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+    armature : array_like, optional
+        Inertia (joints,) added to each joint [kg m^2 or kg]; None takes the model's.
+
+    Returns
+    -------
+    numpy.ndarray
+        Mass matrix (nv, nv) or (n, nv, nv) [kg, kg m, kg m^2].
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes and values that are not finite.
     """
     x, tree = _arguments(model, q=q), compile_tree(model)
     H = np.zeros((len(x["q"]), model.nv, model.nv))
@@ -94,16 +202,36 @@ def mass_matrix(model: Model, q: ArrayLike, *, armature: ArrayLike | None = None
 
 
 class Coupling(NamedTuple):
-    """How all joints follow from the independent ones, those that follow no other."""
+    """How the positions and velocities of all joints follow from those of the independent (uncoupled) ones.
 
-    matrix: np.ndarray  # (nv, m): velocities qd = matrix @ (of the base and of the independent joints, in file order)
-    offset: np.ndarray  # (joints,) positions = matrix of the joints @ (those of the independent ones) + offset [rad, m]
+    Attributes
+    ----------
+    matrix : numpy.ndarray
+        G (nv, m): velocities qd = G @ (velocities of the base and of the independent joints, in file order).
+    offset : numpy.ndarray
+        Offsets (joints,): positions = rows of G of the joints @ (positions of the independent joints) + offset
+        [rad or m].
+    """
+
+    matrix: np.ndarray
+    offset: np.ndarray
 
 
 def coupling_matrix(model: Model) -> Coupling:
-    """Matrix G (nv, m) and offset (joints,) of the joints that follow others; of a robot without any G is the identity.
+    """Compute how the velocities of all joints follow from those of the independent ones.
 
-    G' M G and G' c are mass matrix and bias forces of the motion that is left.
+    G' M G and G' c are mass matrix and bias forces of the motion that the couplings leave.  G is the identity for a
+    robot without coupled joints.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+
+    Returns
+    -------
+    Coupling
+        Matrix G (nv, m) and offset (joints,).
     """
     check_model(model)
     G, offset, followers = np.eye(model.nv), np.zeros(len(model.joint_names)), []
@@ -117,26 +245,111 @@ def coupling_matrix(model: Model) -> Coupling:
 
 def energy(
     model: Model, q: ArrayLike, qd: ArrayLike, *, armature: ArrayLike | None = None, gravity: ArrayLike = GRAVITY
-) -> np.ndarray:
-    """Kinetic and potential energy (2,) or (n, 2) [J]; heights count from the world's origin."""
-    return _shaped(_measures(model, q, qd, armature, gravity)[0], q, qd)
+) -> Energy:
+    """Compute kinetic and potential energy.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+    qd : array_like
+        Velocities (nv,) or (n, nv) [m/s, rad/s or m/s].
+    armature : array_like, optional
+        Inertia (joints,) added to each joint [kg m^2 or kg]; None takes the model's.
+    gravity : array_like, optional
+        Acceleration of gravity (3,) [m/s^2]; heights count from the world's origin.
+
+    Returns
+    -------
+    Energy
+        Array (2,) or (n, 2) [J] with the attributes `kinetic`, `potential` and `total`.
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes and values that are not finite.
+    """
+    return _shaped(_measures(model, q, qd, armature, gravity)[0], q, qd).view(Energy)
 
 
 def center_of_mass(model: Model, q: ArrayLike) -> np.ndarray:
-    """Center of mass (3,) or (n, 3) in the world [m], a fixed base included."""
+    """Compute the center of mass in the world, a fixed base included.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+
+    Returns
+    -------
+    numpy.ndarray
+        Position (3,) or (n, 3) [m].
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes and values that are not finite.
+    """
     check_model(model)
     return _shaped(_measures(model, q, np.zeros(model.nv), None, GRAVITY)[1][:, :3], q)
 
 
 def momentum(model: Model, q: ArrayLike, qd: ArrayLike) -> np.ndarray:
-    """Angular momentum about the center of mass and linear momentum (6,) or (n, 6) [kg m^2/s; kg m/s], world axes."""
+    """Compute the angular momentum about the center of mass and the linear momentum, in world axes.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+    qd : array_like
+        Velocities (nv,) or (n, nv) [m/s, rad/s or m/s].
+
+    Returns
+    -------
+    numpy.ndarray
+        Angular and linear momentum (6,) or (n, 6) [kg m^2/s, kg m/s].
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes and values that are not finite.
+    """
     return _shaped(_measures(model, q, qd, None, GRAVITY)[2], q, qd)
 
 
-def forward_kinematics(model: Model, q: ArrayLike) -> Poses:
-    """Pose of every link, in the order of `model.links`."""
+def forward_kinematics(model: Model, q: ArrayLike, link: str | None = None) -> Poses:
+    """Compute the pose of every link, or of one.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+    link : str, optional
+        Name of a link; None for all links, in the order of `model.links`.
+
+    Returns
+    -------
+    Poses
+        Rotations (..., links, 3, 3) and positions (..., links, 3) [m]; of one link (..., 3, 3) and (..., 3).
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes, values that are not finite and a link that does not exist.
+    """
     check_model(model)
-    return _link_poses(model, q, _names(model))
+    if link is None:
+        return _link_poses(model, q, _names(model))
+    rotation, position = _link_poses(model, q, [model.link(link).name])
+    return Poses(rotation[..., 0, :, :], position[..., 0, :])
 
 
 def _link_poses(model: Model, q: ArrayLike, links: Sequence[str]) -> Poses:
@@ -152,14 +365,34 @@ def _link_poses(model: Model, q: ArrayLike, links: Sequence[str]) -> Poses:
 
 
 def spring_energy(model: Model, springs: Sequence[Spring], q: ArrayLike) -> np.ndarray:
-    """Energy stored in each spring, (springs,) or (n, springs) [J]."""
+    """Compute the energy stored in springs between links.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    springs : sequence of Spring
+        The springs.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+
+    Returns
+    -------
+    numpy.ndarray
+        Energy of each spring (springs,) or (n, springs) [J].
+
+    Raises
+    ------
+    ValueError
+        For links that do not exist, wrong shapes and values that are not finite.
+    """
     springs = listed("springs", springs, "give a list of Spring")
     stretch = np.linalg.norm(spring_vectors(model, springs, q), axis=-1) - [spring.length for spring in springs]
     return 0.5 * np.array([spring.stiffness for spring in springs]) * stretch**2
 
 
 def spring_vectors(model: Model, springs: Sequence[Spring], q: ArrayLike) -> np.ndarray:
-    """From point a to point b of each spring, (springs, 3) or (n, springs, 3) in world axes [m]."""
+    """Compute the vectors from point a to point b of each spring, (springs, 3) or (n, springs, 3) in world axes [m]."""
     check_model(model)
     check_springs(model.links, springs)
     poses = forward_kinematics(model, q)
@@ -168,9 +401,24 @@ def spring_vectors(model: Model, springs: Sequence[Spring], q: ArrayLike) -> np.
 
 
 def contact_positions(model: Model, q: ArrayLike) -> np.ndarray:
-    """Contact points in the world, (points, 3) or (n, points, 3) [m], in the order of `model.contacts`.
+    """Compute where the contact points are in the world; of spheres and discs their lowest points.
 
-    Of spheres and discs it is the lowest point.
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+
+    Returns
+    -------
+    numpy.ndarray
+        Positions (points, 3) or (n, points, 3) [m], in the order of `model.contacts`.
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes and values that are not finite.
     """
     check_model(model)
     links = [point.link for point in model.contacts]
@@ -179,7 +427,7 @@ def contact_positions(model: Model, q: ArrayLike) -> np.ndarray:
 
 
 def contact_positions_at(model: Model, poses: Poses) -> np.ndarray:
-    """The same of poses that are known."""
+    """Compute `contact_positions` for poses that are known."""
     return deepest_points(model, poses, (0.0, 0.0, 1.0))
 
 
@@ -217,7 +465,7 @@ def _points(links: Sequence[str], poses: Poses, points: list[tuple[str, Sequence
 
 
 def _arguments(model: Model, **arrays: ArrayLike) -> dict[str, np.ndarray]:
-    """The arguments as rows (n, width), checked."""
+    """Return the arguments as rows (n, width); raise ValueError for wrong shapes and values."""
     check_model(model)
     rows = {}
     for name, value in arrays.items():
@@ -239,7 +487,7 @@ def _arguments(model: Model, **arrays: ArrayLike) -> dict[str, np.ndarray]:
 
 
 def check_model(model: Model) -> Model:
-    """The model.  Raises TypeError unless it is one."""
+    """Return the model; raise TypeError unless it is one."""
     instance("model", model, Model, "give what load_robot returns")
     return model
 
@@ -260,13 +508,6 @@ def _check_positions(model: Model, q: np.ndarray) -> None:
             )
 
 
-def _vector(name: str, value: ArrayLike | None, width: int) -> np.ndarray | None:
-    """None, or a checked vector of `width` finite numbers."""
-    if value is None:
-        return None
-    return vector(name, value, width)
-
-
 def _shaped(out: np.ndarray, *arguments: ArrayLike) -> np.ndarray:
     """One state in, one state out; rows in, rows out."""
     return out[0] if all(np.ndim(a) == 1 for a in arguments) else out
@@ -280,7 +521,7 @@ def _split(tree: Tree, a: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
 
 def _robot(model: Model, armature: ArrayLike | None, gravity: ArrayLike) -> Robot:
     tree = compile_tree(model)
-    added = joint_armature(model) if armature is None else _vector("armature", armature, tree.n)
+    added = joint_armature(model) if armature is None else vector("armature", armature, tree.n)
     return Robot(tree.bodies, added, vector("gravity", gravity, 3, "[m/s^2]"))
 
 
@@ -298,7 +539,7 @@ def _motion(tree: Tree, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray | None = 
 
 
 def _solve(
-    model: Model, rows: Callable, lanes: Callable, x: dict[str, np.ndarray], wrench: Wrench | None, robot: Robot
+    model: Model, rows: Callable, lanes: Callable, x: dict[str, np.ndarray], wrench: Wrenches | None, robot: Robot
 ) -> np.ndarray:
     """Run a kernel over all states: in lanes where there are enough to fill them."""
     tree, n = compile_tree(model), len(x["q"])
@@ -337,11 +578,11 @@ def _from_lanes(a: np.ndarray | None, n: int) -> np.ndarray | None:
     return np.moveaxis(a, -1, 1).reshape(-1, *a.shape[1:-1])[:n]
 
 
-def _wrench(model: Model, tree: Tree, q: np.ndarray, wrench: Wrench | None) -> np.ndarray | None:
+def _wrench(model: Model, tree: Tree, q: np.ndarray, wrench: Wrenches | None) -> np.ndarray | None:
     """External forces (n, bodies, 6) about the common origin, None where there are none."""
     if wrench is None:
         return None
-    instance("wrench", wrench, Mapping, "give {link: [moment; force]}")
+    instance("wrench", wrench, Mapping, "give {link: Wrench(force, moment)}")
     if not wrench:
         return None
     poses = _poses(tree, q)
@@ -349,17 +590,29 @@ def _wrench(model: Model, tree: Tree, q: np.ndarray, wrench: Wrench | None) -> n
     for name, value in wrench.items():
         if name not in tree.placements:
             raise ValueError(f"{model.name}: wrench: no link {name!r} to push; links: {', '.join(tree.placements)}")
-        f = floats(f"wrench on {name}", value)
-        if f.shape not in ((6,), (len(q), 6)) or not np.isfinite(f).all():
-            raise ValueError(
-                f"{model.name}: wrench on {name} must be (6,) or ({len(q)}, 6) finite numbers: {shown(value)}"
-            )
+        force, moment = _force_and_moment(f"{model.name}: wrench on {name}", value, len(q))
         place = tree.placements[name]
         p = poses[:, place.row, 9:] + applied(poses[:, place.row, :9].reshape(-1, 3, 3), place.r)
-        f = np.broadcast_to(f, (len(q), 6))
-        out[:, place.row, :3] += f[:, :3] + np.cross(p, f[:, 3:])
-        out[:, place.row, 3:] += f[:, 3:]
+        out[:, place.row, :3] += moment + np.cross(p, force)
+        out[:, place.row, 3:] += force
     return out
+
+
+def _force_and_moment(what: str, value: Any, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the parts (n, 3) of a wrench."""
+    if isinstance(value, Wrench):
+        parts, width = [floats(f"{what}: {name}", part) for name, part in zip(value._fields, value)], 3
+    else:
+        warn("wrench={link: [moment; force]}", "wrench={link: Wrench(force, moment)}", 7)
+        parts, width = [floats(what, value)], 6
+    for part in parts:
+        if part.shape not in ((width,), (n, width)) or not np.isfinite(part).all():
+            expected = f"Wrench(force, moment), each (3,) or ({n}, 3) finite numbers"
+            raise ValueError(f"{what} must be {expected}: {shown(value)}")
+    if width == 6:
+        parts = [parts[0][..., 3:], parts[0][..., :3]]
+    force, moment = (np.broadcast_to(part, (n, 3)) for part in parts)
+    return force, moment
 
 
 def _poses(tree: Tree, q: np.ndarray) -> np.ndarray:

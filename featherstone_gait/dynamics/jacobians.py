@@ -9,18 +9,18 @@ section 4.5).
 from __future__ import annotations
 
 import functools
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import one_of, vector
+from ..base.arguments import shown, vector
 from ..base.fixed_order import applied, product, total
+from ..base.flaws import quoted
 from ..base.rotation import cross
 from ..model import Model, depth_first
 from .algorithms import Poses, forward_kinematics
 
-Frame = Literal["world", "body"]
 link_index = Model.link_index
 
 
@@ -36,34 +36,64 @@ class Chains(NamedTuple):
 
 
 def jacobian(
-    model: Model, q: ArrayLike, link: str, point: ArrayLike = (0.0, 0.0, 0.0), frame: Frame = "world"
+    model: Model, q: ArrayLike, link: str, point: ArrayLike = (0.0, 0.0, 0.0), frame: str = "world"
 ) -> np.ndarray:
-    """Velocity of a point of a link by velocity coordinates (6, nv) or (n, 6, nv).
-
-    Rows are the angular velocity of the link [rad/s] and the velocity of the point [m/s], in world axes, or for the
-    frame "body" in those of the link.
+    """Compute the Jacobian of a point of a link: its velocity is J qd.
 
     Parameters
     ----------
-    q : (nq,) or (n, nq) positions [rad, m]
-    point : (3,) [m], frame of the link
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+    link : str
+        Name of the link.
+    point : array_like, optional
+        The point (3,) in the frame of the link [m].
+    frame : str, optional
+        In whose axes the rows are: "world", "body" (those of the link), or the name of any link.
 
-    Raises ValueError on wrong shapes, and for a link or a frame that there is not.
+    Returns
+    -------
+    numpy.ndarray
+        J (6, nv) or (n, 6, nv): first the angular velocity of the link [rad/s], then the velocity of the point [m/s].
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes, and for a link or a frame that does not exist.
     """
-    one_of("frame", frame, ("world", "body"))
-    poses, row = forward_kinematics(model, q), model.link_index(link)
+    axes = link if frame == "body" else frame
+    if not isinstance(axes, str) or (axes != "world" and axes not in model.link_rows):
+        known = f"expected 'world', 'body' or one of its links {quoted(model.link_rows)}"
+        raise ValueError(f"model {model.name!r} has no frame {shown(axes)}; {known}")
+    poses = forward_kinematics(model, q)
     J = jacobian_at(model, poses, link, point)
-    if frame == "world":
+    if axes == "world":
         return J
-    inverse = np.swapaxes(poses.rotation[..., row, :, :], -1, -2)
+    inverse = np.swapaxes(poses.rotation[..., model.link_rows[axes], :, :], -1, -2)
     return np.concatenate([product(inverse, J[..., :3, :]), product(inverse, J[..., 3:, :])], axis=-2)
 
 
 def center_of_mass_jacobian(model: Model, q: ArrayLike) -> np.ndarray:
-    """Velocity of the center of mass [m/s], world axes, by velocity coordinates (3, nv) or (n, 3, nv).
+    """Compute the Jacobian of the center of mass: its velocity in world axes is J qd.
 
-    q: (nq,) or (n, nq) positions [rad, m].  A fixed base counts as in `center_of_mass`.  Raises ValueError on wrong
-    shapes.
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+
+    Returns
+    -------
+    numpy.ndarray
+        J (3, nv) or (n, 3, nv) [m/s]; a fixed base counts as in `center_of_mass`.
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes and values that are not finite.
     """
     return center_of_mass_jacobian_at(model, forward_kinematics(model, q))
 

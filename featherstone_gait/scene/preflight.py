@@ -26,7 +26,7 @@ from ..base.rotation import cross, dot
 from ..core.effects import contact, spring
 from ..core.effects.friction import DRY
 from ..core.integrate import INTEGRATORS
-from ..dynamics import coupling_matrix, forward_kinematics, inverse_dynamics, spring_vectors
+from ..dynamics import Wrench, coupling_matrix, forward_kinematics, inverse_dynamics, spring_vectors
 from ..model import Model, Spring
 from ..model.numpy_dynamics import mass_matrix_at_zero
 from .actuator import Drive
@@ -260,13 +260,12 @@ def _mobility(model: Model, rotors: bytes | None, springs: tuple[Spring, ...]) -
 def _lengthening(model: Model, springs: Sequence[Spring], q: np.ndarray) -> np.ndarray:
     """dl/dt of each spring by velocity (springs, nv): the generalized force that holds it against a pull of 1 N."""
     still, rotation = np.zeros(model.nv), forward_kinematics(model, q).rotation
-    names = [link.name for link in model.links]
     rows = []
     for s, d in zip(springs, spring_vectors(model, springs, q)):
         length = math.sqrt(dot(d, d))
         pull = d / length if length > 0 else d
         wrench = {
-            link: np.concatenate([cross(applied(rotation[names.index(link)], np.array(point)), force), force])
+            link: Wrench(force, cross(applied(rotation[model.link_index(link)], np.array(point)), force))
             for link, point, force in ((s.a, s.point_a, pull), (s.b, s.point_b, -pull))
         }
         rows.append(inverse_dynamics(model, q, still, still, wrench=wrench, gravity=(0.0, 0.0, 0.0)))

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from ...dynamics import energy, forward_dynamics
+from ...dynamics import Wrench, energy, forward_dynamics
 from ...model import Ground, HeightField, Link, Model
 from .element import element, numbers
 from .write_actuators import rotor_inertia
@@ -94,7 +94,7 @@ def _inverse_inertia(model: Model, link: Link) -> float:
     still, none = np.zeros(model.nv), (0.0, 0.0, 0.0)
     total = 0.0
     for e in np.eye(3):
-        wrench = {link.name: [*np.cross(link.center_of_mass, e), *e]}
+        wrench = {link.name: Wrench(e, np.cross(link.center_of_mass, e))}
         qd = forward_dynamics(model, q, still, still, wrench=wrench, armature=armature, gravity=none)
-        total += 2.0 * energy(model, q, qd, armature=armature, gravity=none)[0] / 3.0
+        total += 2.0 * float(energy(model, q, qd, armature=armature, gravity=none).kinetic) / 3.0
     return total
