@@ -12,7 +12,7 @@ from featherstone_gait.dynamics import center_of_mass, contact_positions
 from featherstone_gait.optimize.feedback import search_feedback
 from featherstone_gait.run.program import State
 from featherstone_gait.run.start import standing_state
-from featherstone_gait.walking import feedback as law
+from featherstone_gait.walking import balance as law
 from featherstone_gait.walking.cost import WalkingCost
 from featherstone_gait.walking.cost_in_worlds import CostInWorlds, in_worlds
 from featherstone_gait.walking.disturbed import pushes_survived, rough_field, walk_far
@@ -120,14 +120,14 @@ def test_encoders_tell_whole_steps(walk, scene):
 def test_heading_is_the_integral_of_the_gyroscope_less_its_delay(walk, scene):
     imu = replace(QUIET, delay=0.05)
     memory = sensed(walk, scene, imu, 200, spin=(0.0, 0.0, 0.3))
-    assert memory[law.TURNED] == pytest.approx(0.3 * 0.01 * (200 - 5), abs=1e-12)
+    assert memory[law.HEADING] == pytest.approx(0.3 * 0.01 * (200 - 5), abs=1e-12)
 
 
 def test_heading_drifts_with_the_gyroscopes_offset(walk, scene):
     memory = sensed(walk, scene, replace(QUIET, gyroscope_offset=0.01), 500, seed=3)
     offset = memory[law.OFFSETS + 2]
     assert offset != 0.0
-    assert memory[law.TURNED] == pytest.approx(offset * 5.0, rel=0.05)  # but for the delay, and up that is off
+    assert memory[law.HEADING] == pytest.approx(offset * 5.0, rel=0.05)  # but for the delay, and up that is off
 
 
 def test_noise_has_the_deviation_that_is_told(walk, scene):

@@ -45,12 +45,13 @@ from ..base.files import FilePath, complete, read_arrays
 from ..dynamics import check_model
 from ..dynamics.jacobians import chains_of
 from ..model import Model
-from ..run.program import SEEN, CompiledController, State, controller
+from ..run.program import SEEN, CompiledController, State
 from ..run.reference import Reference
 from ..run.simulate import simulate_batch, standing_state
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_posture
+from . import balance as law
 from .gait import Mirror
 from .gait_file import ARRAYS
 from .generic_servo import HEIGHT
@@ -133,187 +134,6 @@ BIOLOID = Feedback(  # gains of robots/humanoid/balanced_gait.npz, rounded
 )  # fmt: skip
 BIOLOID_PUSH = 0.623  # see `size_of` [N s]
 
-# The controller's memory: gains, numbers, what it remembers, tables.
-GAINS = len(fields(Feedback))
-(
-    JOINTS, SAMPLES, SAMPLE, FIRST, LAG, TICK, GRAVITY, SEED, GYROSCOPE, GYROSCOPE_OFFSET, ACCELEROMETER,
-    ACCELEROMETER_OFFSET, DELAY, FILTER, SETTLING, FALLING, MASS, ENCODER, LEGS,
-) = range(GAINS, GAINS + 19)  # fmt: skip
-ROLES = 5  # joints of a leg: roll and pitch of the hip, knee, pitch and roll of the ankle
-SIGNS = LEGS + 2 * ROLES  # whether they turn about +x or +y, 1 or -1
-MEANS = SIGNS + 2 * ROLES  # of the hips' pitch over a stride [rad]
-BODY = MEANS + 2  # of the trunk and all that it carries: mass times center [kg m]
-CHAIN = BODY + 3  # of a leg at zero angles: axes, origins, centers of mass (5, 3), masses, the sole's center, half size
-CHAIN_LENGTH = 10 * ROLES + 5
-OFFSETS = CHAIN + 2 * CHAIN_LENGTH  # of the sensors in this run
-UP = OFFSETS + 6
-FILTERED = UP + 3
-TURNED, AHEAD, BEGUN, COUNT = range(FILTERED + 3, FILTERED + 7)
-FEET = COUNT + 1  # of left and right sole as the sensors say, upright axes, from the trunk (2, 3) [m]
-FROM = FEET + 6  # where the center of mass is, from each sole ahead and aside (2, 2) [m]
-SPEED = FROM + 4  # its rate, filtered (2, 2) [m/s]
-LOWEST = SPEED + 4  # height of the lowest corner of each sole (2,) [m]
-LINE = LOWEST + 2  # what the sensors read, as long as it is under way
-READ = 6 + 2 * ROLES
-LONGEST = 20  # ticks of delay
-TABLE = LINE + READ * (LONGEST + 1)
-COLUMNS = 6  # of the undisturbed motion: see `undisturbed`
-FADE = 0.5  # in which feedback begins to act [s]
-SLOWEST, FASTEST = 0.3, 3.0  # of the gait's time
-MOST_RATE = 4.0  # of the lean that counts [rad/s]
-MOST_SWEEP = 0.6  # that one leg sweeps farther [-]
-MOST_ANKLE, MOST_FOOT = 0.15, 0.4  # of what is off [rad]
-TOUCHING = 0.004  # by how much a sole is higher that bears nothing [m]
-
-
-@controller(memory=0)
-def balance(t: float, state: Any, reference: np.ndarray, command: np.ndarray, memory: np.ndarray) -> None:
-    """The gait at its own time, with offsets; its memory is `BalancedWalk.memory`.
-
-    One function without others: the same in Python, where another simulator plays the gait, and compiled.
-    """
-    # What the sensors read, noise and all, goes into a line; random numbers of mean 0 and variance 1 are the sum of
-    # twelve of the multiplicative generator of Park and Miller.
-    begun = memory[BEGUN] > 0.0
-    count, slots, tick = int(memory[COUNT]), int(memory[DELAY]) + 1, memory[TICK]
-    at, seed = LINE + READ * (count % slots), int(memory[SEED])
-    w, x, y, z = state.base_q[3], state.base_q[4], state.base_q[5], state.base_q[6]
-    a, b, c = state.base_qdd[0], state.base_qdd[1], state.base_qdd[2] + memory[GRAVITY]
-    for k in range(3):
-        memory[at + k] = state.base_qd[3 + k]
-    memory[at + 3] = (1.0 - 2.0 * (y * y + z * z)) * a + 2.0 * (x * y + w * z) * b + 2.0 * (x * z - w * y) * c
-    memory[at + 4] = 2.0 * (x * y - w * z) * a + (1.0 - 2.0 * (x * x + z * z)) * b + 2.0 * (y * z + w * x) * c
-    memory[at + 5] = 2.0 * (x * z + w * y) * a + 2.0 * (y * z - w * x) * b + (1.0 - 2.0 * (x * x + y * y)) * c
-    for k in range(12 if not begun else 6):
-        drawn = -6.0
-        for _ in range(12):
-            seed = (seed * 48271) % 2147483647
-            drawn += seed / 2147483647.0
-        if not begun and k < 6:
-            memory[OFFSETS + k] = memory[GYROSCOPE_OFFSET if k < 3 else ACCELEROMETER_OFFSET] * drawn
-        else:
-            memory[at + k % 6] += memory[OFFSETS + k % 6] + memory[GYROSCOPE if k % 6 < 3 else ACCELEROMETER] * drawn
-    memory[SEED] = seed
-    for k in range(2 * ROLES):
-        angle, step = state.q[int(memory[LEGS + k])], memory[ENCODER]
-        memory[at + 6 + k] = step * math.floor(angle / step + 0.5) if step > 0.0 else angle
-    # Direction up in the trunk's axes, heading and filtered rates, from the oldest reading in the line.
-    if count >= slots - 1:
-        at = LINE + READ * ((count + 1) % slots)
-        p, q, r = memory[at], memory[at + 1], memory[at + 2]
-        a, b, c = memory[at + 3], memory[at + 4], memory[at + 5]
-        size = 1.0 / max(math.sqrt(a * a + b * b + c * c), 1e-9)
-        x, y, z = memory[UP], memory[UP + 1], memory[UP + 2]
-        share = max(tick / memory[SETTLING], 1.0 / (count - slots + 2))  # at first the mean of what has arrived
-        nx = x + tick * (y * r - z * q) + share * (a * size - x)
-        ny = y + tick * (z * p - x * r) + share * (b * size - y)
-        nz = z + tick * (x * q - y * p) + share * (c * size - z)
-        length = 1.0 / max(math.sqrt(nx * nx + ny * ny + nz * nz), 1e-9)
-        memory[UP], memory[UP + 1], memory[UP + 2] = nx * length, ny * length, nz * length
-        memory[TURNED] += tick * (p * nx + q * ny + r * nz) * length
-        passed = tick / (tick + memory[FILTER])
-        for k in range(3):
-            memory[FILTERED + k] += passed * (memory[at + k] - memory[FILTERED + k])
-        # Axes ahead, aside and up, as rows of L in the trunk's axes.
-        L, R, turned = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-        shift, sole, center = np.empty(3), np.empty(3), np.empty(3)
-        x, y, z = memory[UP], memory[UP + 1], memory[UP + 2]
-        size = 1.0 / math.sqrt(max(1.0 - x * x, 1e-9))
-        L[0, 0], L[0, 1], L[0, 2] = (1.0 - x * x) * size, -x * y * size, -x * z * size
-        L[1, 0], L[1, 1], L[1, 2] = 0.0, z * size, -y * size
-        L[2, 0], L[2, 1], L[2, 2] = x, y, z
-        # Each leg by the product of exponentials of its joints: a point p of the zero posture is at R p + shift.
-        for i in range(3):
-            center[i] = memory[BODY + i]
-        for leg in range(2):
-            chain = CHAIN + CHAIN_LENGTH * leg
-            R[:], shift[:] = 0.0, 0.0
-            R[0, 0] = R[1, 1] = R[2, 2] = 1.0
-            for j in range(ROLES):
-                axis, origin = chain + 3 * j, chain + 3 * (ROLES + j)
-                middle, mass = chain + 3 * (2 * ROLES + j), memory[chain + 9 * ROLES + j]
-                x = R[0, 0] * memory[axis] + R[0, 1] * memory[axis + 1] + R[0, 2] * memory[axis + 2]
-                y = R[1, 0] * memory[axis] + R[1, 1] * memory[axis + 1] + R[1, 2] * memory[axis + 2]
-                z = R[2, 0] * memory[axis] + R[2, 1] * memory[axis + 1] + R[2, 2] * memory[axis + 2]
-                angle = memory[at + 6 + ROLES * leg + j]
-                cosine, sine = math.cos(angle), math.sin(angle)
-                for k in range(3):  # Rodrigues: columns of R turned about the axis
-                    a, b, c = R[0, k], R[1, k], R[2, k]
-                    along = (1.0 - cosine) * (x * a + y * b + z * c)
-                    turned[0, k] = cosine * a + sine * (y * c - z * b) + along * x
-                    turned[1, k] = cosine * b + sine * (z * a - x * c) + along * y
-                    turned[2, k] = cosine * c + sine * (x * b - y * a) + along * z
-                for i in range(3):
-                    for k in range(3):
-                        shift[i] += (R[i, k] - turned[i, k]) * memory[origin + k]
-                        R[i, k] = turned[i, k]
-                    center[i] += mass * shift[i]
-                    for k in range(3):
-                        center[i] += mass * R[i, k] * memory[middle + k]
-            end = chain + 10 * ROLES  # the sole's center and half size
-            for i in range(3):
-                sole[i] = shift[i] + R[i, 0] * memory[end] + R[i, 1] * memory[end + 1] + R[i, 2] * memory[end + 2]
-            for i in range(3):
-                memory[FEET + 3 * leg + i] = L[i, 0] * sole[0] + L[i, 1] * sole[1] + L[i, 2] * sole[2]
-            memory[LOWEST + leg] = memory[FEET + 3 * leg + 2]
-            for k in range(2):
-                tilt = L[2, 0] * R[0, k] + L[2, 1] * R[1, k] + L[2, 2] * R[2, k]
-                memory[LOWEST + leg] -= abs(tilt) * memory[end + 3 + k]
-        # The center of mass and its rate, seen from each sole.
-        for leg in range(2):
-            for i in range(2):
-                k = 2 * leg + i
-                now = (L[i, 0] * center[0] + L[i, 1] * center[1] + L[i, 2] * center[2]) / memory[MASS]
-                now -= memory[FEET + 3 * leg + i]
-                if count >= slots:
-                    memory[SPEED + k] += passed * ((now - memory[FROM + k]) / tick - memory[SPEED + k])
-                memory[FROM + k] = now
-    memory[COUNT] += 1.0
-    memory[BEGUN] = 1.0
-    # The gait at its own time, by memory[AHEAD] ahead of the clock [s]: rows of the start, then of the stride.
-    joints, samples, first = int(memory[JOINTS]), int(memory[SAMPLES]), int(memory[FIRST])
-    width = joints + COLUMNS
-    phase = max(t - memory[LAG], 0.0) / memory[SAMPLE] + memory[AHEAD] / memory[SAMPLE]
-    k = math.floor(phase + 1e-9)
-    s = max(phase - k, 0.0)
-    low = k if k < first else first + (k - first) % samples
-    high = k + 1 if k + 1 < first else first + (k + 1 - first) % samples
-    low, high = TABLE + width * low, TABLE + width * high
-    for j in range(joints):
-        a, b = memory[low + j], memory[high + j]
-        command[j, 0], command[j, 1] = a + s * (b - a), (b - a) / memory[SAMPLE]
-    usual = np.empty(COLUMNS)
-    for j in range(COLUMNS):
-        usual[j] = (1.0 - s) * memory[low + joints + j] + s * memory[high + joints + j]
-    # What is off, fading in.
-    fade = min(t / FADE, 1.0)
-    pitch_rate = fade * min(max(memory[FILTERED + 1] - usual[0], -MOST_RATE), MOST_RATE)
-    left = usual[1]
-    on_left = min(max(0.5 + 0.5 * (memory[LOWEST + 1] - memory[LOWEST]) / TOUCHING, 0.0), 1.0)
-    ahead = aside = 0.0
-    for leg in range(2):
-        bears, k = on_left if leg == 0 else 1.0 - on_left, 2 * leg
-        ahead += fade * bears * (memory[FROM + k] + memory[FALLING] * memory[SPEED + k] - usual[2 + k])
-        aside += fade * bears * (memory[FROM + k + 1] + memory[FALLING] * memory[SPEED + k + 1] - usual[3 + k])
-    quiet = memory[5]
-    ahead, aside = ahead - min(max(ahead, -quiet), quiet), aside - min(max(aside, -quiet), quiet)
-    # Offsets, the gains in the order of `Feedback`.
-    ankle = min(max(memory[0] * ahead, -MOST_ANKLE), MOST_ANKLE)
-    foot = -min(max(memory[1] * ahead, -MOST_FOOT), MOST_FOOT)
-    farther = min(max(fade * memory[6] * memory[TURNED], -MOST_SWEEP), MOST_SWEEP)
-    for leg in range(2):
-        bears = left if leg == 0 else 1.0 - left
-        swings, at, sign = 1.0 - bears, LEGS + ROLES * leg, SIGNS + ROLES * leg
-        hip, below = int(memory[at + 1]), int(memory[at + 3])
-        sweep = (1.0 - 2.0 * leg) * farther * (command[hip, 0] - memory[MEANS + leg]) * memory[sign + 1]
-        command[hip, 0] += memory[sign + 1] * (bears * memory[2] * pitch_rate + swings * foot + sweep)
-        command[below, 0] += memory[sign + 3] * (bears * ankle - swings * foot - sweep)
-    if phase < first:
-        return
-    toward = (1.0 - 2.0 * left) * aside  # > 0: to where the leg is that swings
-    rate = 1.0 + memory[3] * max(toward, 0.0) + memory[4] * min(toward, 0.0)
-    memory[AHEAD] += tick * (min(max(rate, SLOWEST), FASTEST) - 1.0)
-
 
 @dataclass(frozen=True, eq=False)
 class BalancedWalk:
@@ -326,7 +146,7 @@ class BalancedWalk:
 
     def controller(self, scene: CompiledScene, seed: int = 0) -> CompiledController:
         """What `simulate(..., controller=it)` takes for this scene; seed: of the sensors' noise and offsets."""
-        return balance.beginning_with(self.memory(scene, seed))
+        return law.balance.beginning_with(self.memory(scene, seed))
 
     def memory(self, scene: CompiledScene, seed: int = 0) -> np.ndarray:
         """What the controller's memory begins with."""
@@ -335,20 +155,20 @@ class BalancedWalk:
         motion, imu, tick = self.motion, self.imu, scene.tick_steps * scene.timestep
         columns, signs = legs_of(scene.model)
         delay = round(imu.delay / tick)
-        if abs(delay * tick - imu.delay) > 1e-9 or delay > LONGEST:
-            raise ValueError(f"imu: delay is {imu.delay:g} s; give whole ticks of {tick:g} s, at most {LONGEST}")
-        memory = np.zeros(TABLE)
-        memory[:GAINS] = self.feedback.to_vector()
-        memory[JOINTS:LEGS] = (
+        if abs(delay * tick - imu.delay) > 1e-9 or delay > law.LONGEST:
+            raise ValueError(f"imu: delay is {imu.delay:g} s; give whole ticks of {tick:g} s, at most {law.LONGEST}")
+        memory = np.zeros(law.TABLE)
+        memory[: law.GAINS] = self.feedback.to_vector()
+        memory[law.JOINTS:law.LEGS] = (
             len(motion.joint_names), len(motion.stride), motion.tick, len(motion.start), scene.lag, tick,
             math.hypot(*scene.gravity), seed + 1,
             imu.gyroscope_noise, imu.gyroscope_offset, imu.accelerometer_noise, imu.accelerometer_offset, delay,
             imu.filter, imu.settling, math.sqrt(standing_posture(scene.model)[0] / math.hypot(*scene.gravity)),
             sum(link.mass for link in scene.model.links), imu.encoder,
         )  # fmt: skip
-        memory[BODY:OFFSETS] = chains_of_legs(scene.model, columns)
-        memory[LEGS:SIGNS], memory[SIGNS:MEANS] = columns.ravel(), signs.ravel()
-        memory[MEANS:BODY] = motion.stride[:, columns[:, 1]].mean(axis=0)
+        memory[law.BODY : law.OFFSETS] = chains_of_legs(scene.model, columns)
+        memory[law.LEGS : law.SIGNS], memory[law.SIGNS : law.MEANS] = columns.ravel(), signs.ravel()
+        memory[law.MEANS : law.BODY] = motion.stride[:, columns[:, 1]].mean(axis=0)
         played = np.concatenate([motion.start, motion.stride])
         return np.concatenate([memory, np.hstack([played, self.undisturbed]).ravel()])
 
@@ -390,7 +210,7 @@ def read_walk(path: FilePath, joint_names: Sequence[str] | None = None) -> Motio
     if "feedback" not in arrays:
         return motion
     missing = {"imu", "undisturbed"} - arrays.keys()
-    shape = (len(motion.start) + len(motion.stride), COLUMNS)
+    shape = (len(motion.start) + len(motion.stride), law.COLUMNS)
     if missing or arrays["undisturbed"].shape != shape or not np.isfinite(arrays["undisturbed"]).all():
         raise ValueError(f"{path}: its feedback lacks imu and undisturbed {shape}; write it with add_feedback")
     try:
@@ -439,12 +259,12 @@ def chains_of_legs(model: Model, columns: np.ndarray) -> np.ndarray:
     found = [(mass[carried, None] * centers[carried]).sum(axis=0)]
     for row in columns:
         moved = chains.moves[:, row].sum(axis=1)
-        masses = np.array([mass[moved == k + 1].sum() for k in range(ROLES)])
+        masses = np.array([mass[moved == k + 1].sum() for k in range(law.ROLES)])
         middle = [(mass[moved == k + 1, None] * centers[moved == k + 1]).sum(axis=0) / max(masses[k], 1e-9)
-                  for k in range(ROLES)]  # fmt: skip
+                  for k in range(law.ROLES)]  # fmt: skip
         foot = [link_index(model, point.link) for point in model.contacts]
         corners = np.array([poses.position[0, k] + poses.rotation[0, k] @ point.position
-                            for k, point in zip(foot, model.contacts) if moved[k] == ROLES])  # fmt: skip
+                            for k, point in zip(foot, model.contacts) if moved[k] == law.ROLES])  # fmt: skip
         found += [axes[row], origins[row], middle, masses, corners.mean(axis=0), 0.5 * np.ptp(corners, axis=0)[:2]]
     return np.concatenate([np.ravel(one) for one in found])
 
@@ -509,9 +329,7 @@ def undisturbed_of(
         [scene] * len(motions), motions[0].begin(strides), states, signals,
         record=("base_q", "base_qd", "base_qdd", "q", "contact_force"), estimate_error=False,
     )  # fmt: skip
-    return [
-        undisturbed(scene, motion, run, imu, mirrored) if run.ok else None for motion, run in zip(motions, runs)
-    ]
+    return [undisturbed(scene, motion, run, imu, mirrored) if run.ok else None for motion, run in zip(motions, runs)]
 
 
 def undisturbed(scene: CompiledScene, motion: Motion, run: Trajectory, imu: Imu, mirrored: bool) -> np.ndarray:
@@ -524,7 +342,7 @@ def undisturbed(scene: CompiledScene, motion: Motion, run: Trajectory, imu: Imu,
     still = replace(
         imu, gyroscope_noise=0.0, gyroscope_offset=0.0, accelerometer_noise=0.0, accelerometer_offset=0.0
     )  # fmt: skip
-    zeros = np.zeros((len(motion.start) + len(motion.stride), COLUMNS))
+    zeros = np.zeros((len(motion.start) + len(motion.stride), law.COLUMNS))
     memory = BalancedWalk(motion, Feedback(), still, zeros).memory(scene)
     force = run["contact_force"][:, :, 0]
     feet = [point.link for point in scene.model.contacts]
@@ -533,14 +351,14 @@ def undisturbed(scene: CompiledScene, motion: Motion, run: Trajectory, imu: Imu,
     on_left = force[:, [foot == left_foot for foot in feet]].sum(axis=1)
     share = on_left / np.maximum(force.sum(axis=1), 1e-9)
     tick = scene.tick_steps * scene.timestep
-    found = np.zeros((len(share), COLUMNS))
+    found = np.zeros((len(share), law.COLUMNS))
     command = np.zeros((scene.tree.n, 2))
     none = dict.fromkeys(SEEN, np.empty(0))
     for k in range(len(share)):
         state = State(**none | {name: run[name][k] for name in ("base_q", "base_qd", "base_qdd", "q")})
-        balance(tick * k, state, command, command, memory)
-        found[k, :2] = memory[FILTERED + 1], share[k]
-        found[k, 2:] = memory[FROM : FROM + 4] + memory[FALLING] * memory[SPEED : SPEED + 4]
+        law.balance(tick * k, state, command, command, memory)
+        found[k, :2] = memory[law.RATES + 1], share[k]
+        found[k, 2:] = memory[law.FROM : law.FROM + 4] + memory[law.FALLING] * memory[law.SPEED : law.SPEED + 4]
     samples, times = len(motion.stride), tick * np.arange(len(share))
     at = motion.begin(0) + scene.lag + motion.tick * np.arange(samples * 2, len(motion.stride) * (2 + NOMINAL_STRIDES))
     at = at[at <= times[-1]]

@@ -37,6 +37,7 @@ from pathlib import Path
 import numba
 import numpy as np
 from llvmlite.binding import get_host_cpu_features
+from numba.extending import register_jitable
 
 from .lock import lock
 from .progress import compiling, current
@@ -157,6 +158,11 @@ def inline(function):
     What works on tuples must be: passed through memory, 24 links cost 1.7 times as much in lanes.
     """
     return _inner(function, INLINE)
+
+
+def callable_from_compiled(function):
+    """Let compiled functions from elsewhere (`outside`) call `function`, which stays Python where Python calls it."""
+    return register_jitable(function) if JIT else function
 
 
 def _inner(function, options):
