@@ -21,8 +21,8 @@ NO_CALLS = {
         "CompiledScene",
         "Coupling",
         "Poses",
-        "Posture",
-        "Kink",
+        "IKResult",
+        "Discontinuity",
         "Linearization",
         "RobotFileError",
         "RobotFileNotFoundError",
@@ -112,8 +112,8 @@ def _parts() -> Iterator[Call]:
         fg.Mesh("file.stl"),
         fg.Hull(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))),
         fg.Shape("a", fg.Sphere(1.0)),
-        fg.Spread("normal", 0.1),
-        fg.Worlds(3, servos={"Kp": fg.Spread("uniform", 0.1)}, gravity=(0.0, 0.0, -9.81)),
+        fg.Distribution("normal", 0.1),
+        fg.Worlds(3, servos={"Kp": fg.Distribution("uniform", 0.1)}, gravity=(0.0, 0.0, -9.81)),
     ):
         yield Call(type(record).__name__, type(record), _all_fields(record))
     yield Call(
@@ -155,7 +155,7 @@ def _scenes() -> Iterator[Call]:
     some = {
         "duration": 0.01,
         "record": ("q", "qd"),
-        "sample": 0.01,
+        "record_interval": 0.01,
         "rtol": None,
         "atol": None,
         "estimate_error": False,
@@ -180,13 +180,12 @@ def _scenes() -> Iterator[Call]:
         "compile_scene", fg.compile_scene, {"model": robot, "servos": "rotor", "timestep": 1e-3, "springs": springs}
     )
     yield Call("Push", lambda **push: fg.simulate(driven, 0.01, pushes=[fg.Push(**push)]), push[0]._asdict(), True)
-    yield Call(
-        "initial_state", fg.initial_state, {"scene": driven, "q": [0.1, 0.1], "qd": [0.0, 0.0], "beyond_limits": False}
-    )
-    yield Call("restarted", fg.restarted, {"scene": driven, "state": fg.initial_state(driven)})
+    begin = {"scene": driven, "q": [0.1, 0.1], "qd": [0.0, 0.0], "allow_limit_violation": False}
+    yield Call("initial_state", fg.initial_state, begin)
+    yield Call("reset_time", fg.reset_time, {"scene": driven, "state": fg.initial_state(driven)})
     yield Call("initial_state", fg.initial_state, {"scene": over, "q": [0.0, 0, 1, 1, 0, 0, 0, 0], "qd": np.zeros(7)})
-    yield Call("standing_state", fg.standing_state, {"scene": over, "angles": [0.0], "beyond_limits": False})
-    chosen = {"n": 2, "action": "reference", "observe": ("q", "encoders"), "seed": 0, "sample": None}
+    yield Call("standing_state", fg.standing_state, {"scene": over, "angles": [0.0], "allow_limit_violation": False})
+    chosen = {"n": 2, "action": "reference", "observe": ("q", "encoders"), "seed": 0, "record_interval": None}
     yield Call("Session", lambda **how: fg.Session(driven, **how).close(), chosen, True)
     yield Call("controller", lambda **how: fg.controller(_follow, **how), {"memory": 1, "period": 0.01})
     held = {"state": start, "reference": [0.1, 0.1], "tau": None, "inputs": ("reference",), "outputs": ("torque",)}

@@ -35,7 +35,7 @@ def resting(scene, velocity=(0.0, 0.0, 0.0)):
     ground, height = scene.ground, -scene.model.contacts[0].position[2]
     c, s = math.cos(ground.slope), math.sin(ground.slope)
     normal, tangent = np.array([-s, 0.0, c]), np.array([c, 0.0, s])
-    x = ground.height * c * normal + (height - ground.sinking * c) * normal
+    x = ground.height * c * normal + (height - ground.penetration * c) * normal
     v = velocity[0] * tangent + velocity[1] * np.array([0.0, 1.0, 0.0]) + velocity[2] * normal
     q = [*x, math.cos(ground.slope / 2), 0.0, -math.sin(ground.slope / 2), 0.0]
     return initial_state(scene, q, [*v, 0.0, 0.0, 0.0])
@@ -83,7 +83,7 @@ def rotations(quaternions):
 def elastic_energy(scene, run):
     """Energy in the contacts' springs, normal and tangential [J]."""
     depth = np.maximum(-normal_to(scene, corners(scene.model, run["base_q"])) + scene.ground.height, 0.0)
-    bristle = np.sum(run["bristle"] ** 2, axis=2)
+    bristle = np.sum(run["tangential_deflection"] ** 2, axis=2)
     k, kt = scene.constants.contact.points.stiffness, scene.constants.contact.points.tangential_stiffness
     return 0.5 * (depth**2 @ k + bristle @ kt)
 

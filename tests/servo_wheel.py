@@ -27,4 +27,6 @@ def driven(servo, voltage, loads, speeds=None, kind="rotor", duration=1.0):
     goals = [Reference(ends, np.full((2, 1), -np.copysign(FAR, x[0, 0])), "hold") for x in held]
     taus = [Reference(ends, x, "linear") for x in held]
     record = ("q", "qd", "current", "voltage")
-    return simulate_batch(scene, duration, states, goals, taus, record=record, sample=0.1, estimate_error=False)
+    return simulate_batch(
+        scene, duration, states, goals, taus, record=record, record_interval=0.1, estimate_error=False
+    )

@@ -62,12 +62,15 @@ def test_scenes_refuse(arguments, message):
     ("arguments", "message"),
     [
         ({"duration": 1e9}, "steps of 0.001 s; at most 1e.09: simulate less"),
-        ({"duration": 1e5, "record": ("q", "qd", "energy"), "sample": 1e-3}, "numbers each; at most .* longer sample"),
+        (
+            {"duration": 1e5, "record": ("q", "qd", "energy"), "record_interval": 1e-3},
+            "numbers each; at most .* longer sample",
+        ),
         ({"duration": 10**400}, "duration is a whole number of 1329 bits"),
         ({"duration": "1"}, "duration is '1'"),
         ({"sample": math.inf}, "sample is inf"),
         ({"sample": math.nan}, "sample is nan"),
-        ({"sample": 1e300}, r"sample is 1e\+300"),
+        ({"record_interval": 1e300}, r"sample is 1e\+300"),
         ({"record": "q"}, "record is 'q'; give a list"),
         ({"record": [["q"]]}, "no channel"),
     ],
@@ -79,7 +82,7 @@ def test_runs_refuse(arguments, message):
 
 def test_a_state_that_no_run_leaves_is_refused():
     scene = arm_scene()
-    for part, value in (("status", -1.0), ("status", 0.5), ("pace", -1e-3), ("end", -1.0)):
+    for part, value in (("status", -1.0), ("status", 0.5), ("step_control", -1e-3), ("end_time", -1.0)):
         state = initial_state(scene)
         state[scene.part(part)[0]] = value
         with pytest.raises(ValueError, match="no run leaves these: make the state with initial_state"):
@@ -111,9 +114,11 @@ def test_a_start_beyond_the_limits_is_refused_unless_asked_for():
     scene = compile_scene(load_robot("ax12_arm"))
     upper = scene.model.moving_joints[0].upper
     initial_state(scene, [upper + 0.009])
-    with pytest.raises(ValueError, match=r"joint 'elbow' is at 3.24159 .* -3.14159 to 3.14159; .*beyond_limits=True"):
+    with pytest.raises(
+        ValueError, match=r"joint 'elbow' is at 3.24159 .* -3.14159 to 3.14159; .*allow_limit_violation=True"
+    ):
         initial_state(scene, [upper + 0.1])
-    assert initial_state(scene, [upper + 0.1], beyond_limits=True)[0] == upper + 0.1
+    assert initial_state(scene, [upper + 0.1], allow_limit_violation=True)[0] == upper + 0.1
 
 
 def test_a_robot_stands_beyond_its_limits_if_asked_to():
@@ -121,7 +126,7 @@ def test_a_robot_stands_beyond_its_limits_if_asked_to():
     angles = [joint.upper + 0.1 for joint in scene.model.moving_joints]
     with pytest.raises(ValueError, match="beyond its limits"):
         standing_state(scene, angles)
-    assert np.isfinite(standing_state(scene, angles, beyond_limits=True)).all()
+    assert np.isfinite(standing_state(scene, angles, allow_limit_violation=True)).all()
 
 
 def test_a_cyclic_signal_that_would_never_end_is_refused():

@@ -119,7 +119,7 @@ def test_a_tumbling_humanoid_keeps_its_momentum():
     q[2], q[3] = 100.0, 1.0
     qd = np.zeros(scene.model.nv)
     qd[3:6] = 6.0, 6.0, 5.3
-    start = initial_state(scene, q, qd, beyond_limits=True)
+    start = initial_state(scene, q, qd, allow_limit_violation=True)
     run = simulate(scene, 2.0, start, record=("base_q", "q", "base_qd", "qd"), estimate_error=False)
     q, qd = (np.hstack([run["base_" + name], run[name]])[[0, -1]] for name in ("q", "qd"))
     before, after = momentum(scene.model, q, qd)[:, :3]
@@ -134,7 +134,7 @@ def test_a_stride_by_default_and_to_ten_micrometres():
     def stride(integrator, **how):
         scene = walks.scene(integrator)
         return simulate(scene, walks.duration, walks.state(scene), walks.reference, record=("q", "base_q"),
-                        sample=walks.sample, **how)  # fmt: skip
+                        record_interval=walks.sample, **how)  # fmt: skip
 
     exact = stride("extrapolation", rtol=1e-8, estimate_error=False)
     for rtol, error, dearest in ((None, 1e-3, 1200), (1e-3, 1e-5, 2100)):

@@ -82,7 +82,7 @@ def test_a_reference_is_worked_out_once_and_anew_if_its_file_is_damaged(wheel, t
 
 def test_a_reference_depends_on_the_scene_and_not_on_the_integrator_that_is_chosen(wheel):
     other = wheel.scene.recompiled(integrator="midpoint", timestep=1e-3)
-    assert truth.digest(wheel._replace(scene=other, sample=wheel.every)) == truth.digest(wheel)
+    assert truth.digest(wheel._replace(scene=other, record_interval=wheel.every)) == truth.digest(wheel)
     changed = [
         wheel._replace(duration=0.6),
         wheel._replace(state=wheel.state + 1e-9),

@@ -34,7 +34,7 @@ def test_the_simple_box_turns_evenly():
 def test_the_complex_box_keeps_momentum_and_energy_and_flies_a_parabola():
     problem = precision.free_box("complex")
     scene = problem.scene("dop853")
-    run = simulate(scene, 10.0, problem.state(scene), record=("base_q", "base_qd"), sample=0.1, rtol=1e-12)
+    run = simulate(scene, 10.0, problem.state(scene), record=("base_q", "base_qd"), record_interval=0.1, rtol=1e-12)
     t, q, qd = run["time"], run["base_q"], run["base_qd"]
     parabola = np.outer(t, [-2.0, 2.0, 8.0]) + np.outer(0.5 * t * t, [0.0, 0.0, -9.8])
     assert np.abs(q[:, :3] - parabola).max() < 1e-9
@@ -62,7 +62,7 @@ def test_the_governor_rises_as_far_as_energy_and_momentum_let_it():
     way by some 0.1 mm under 100 N, and its damper takes 1e-6 of the energy."""
     problem = precision.governor()
     scene = problem.scene("dop853")
-    run = simulate(scene, 1.0, problem.state(scene), record=("q",), sample=1e-3, rtol=1e-10)
+    run = simulate(scene, 1.0, problem.state(scene), record=("q",), record_interval=1e-3, rtol=1e-10)
 
     def height(angle):
         """Of slider and balls below the top, the lower rods as long as half a rod."""

@@ -52,7 +52,7 @@ def measured(folder, joints, servos, integrator, gain):
     save_robot(arm(joints), folder / "arm.urdf")
     lines = ['robot = "arm.urdf"', 'experiment = "stable_step"', "duration = 2.0", "[servo]", 'type = "ax12"']
     lines += [f"{key} = {value!r}" for key, value in IDEAL.items()]
-    lines += ["[vary]", f'scene.servos = ["{servos}"]', f'scene.integrator = ["{integrator}"]']
+    lines += ["[vary]", f'scene.gearbox = ["{servos}"]', f'scene.integrator = ["{integrator}"]']
     lines += [f"servo.Kp = [{gain}]", "posture.tilt = [0.05]"]
     (folder / "study.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
     study = read_study(folder / "study.toml")

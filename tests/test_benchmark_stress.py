@@ -24,7 +24,7 @@ def test_no_run_of_a_stiff_arm_is_silently_wrong(cases):
 @pytest.mark.long
 def test_a_box_dropped_from_two_meters_meets_the_ground_at_its_own_time(cases):
     """The lowest corner, 2 m less what the tilt takes, touches after sqrt(2 h / g); until then the fall is free."""
-    run = cases["box dropped from 2 m"].run("extrapolation", 1e-3, sample=1e-3, rtol=1e-8)
+    run = cases["box dropped from 2 m"].run("extrapolation", 1e-3, record_interval=1e-3, rtol=1e-8)
     z, t = run["base_q"][:, 2], run["time"]
     free = 2.05 - 0.5 * 9.81 * t * t
     touch = math.sqrt(2.0 * (2.0 - 0.01) / 9.81)  # corners hang 1 cm lower at most: 0.2 m times the tilt of 0.045 rad
@@ -37,11 +37,11 @@ def test_a_box_dropped_from_two_meters_meets_the_ground_at_its_own_time(cases):
 def test_a_box_that_starts_deep_in_the_ground_flies_no_higher_than_its_springs_can_throw_it(cases):
     """Four springs of m g / (4 x 1 mm), pressed by up to 2 cm and the tilt, hold at most k x^2 / 2 each."""
     case = cases["box sunk in by 2 cm"]
-    k = 1.0 * 9.81 / (4 * case.arguments["ground"].sinking)
+    k = 1.0 * 9.81 / (4 * case.arguments["ground"].penetration)
     deepest = 0.02 + 0.2 * 0.045 + 1e-3
     height = 0.03 + 4 * 0.5 * k * deepest**2 / 9.81
     for integrator in ("implicit_euler", "midpoint", "extrapolation"):
-        run = case.run(integrator, 1e-3, sample=1e-2)
+        run = case.run(integrator, 1e-3, record_interval=1e-2)
         assert run["base_q"][:, 2].max() < height
         assert run["base_q"][-1, 2] > 0.035  # it comes up, slowly: the ground is damped
 

@@ -117,7 +117,7 @@ def test_info_says_what_carries_a_robot(capsys, tmp_path):
         ("info arm7 arm8", "error: 'arm8' was not expected; `featherstone-gait info --help`"),
         ("info", "error: the following arguments are required: ROBOT; `featherstone-gait info --help`"),
         ("benchmark spead", "error: argument NAME: 'spead' is none of speed, servo, "),
-        ("simulate arm7 --servos mips", "error: argument --servos: 'mips' is none of mipsd, rotor, standard, none "),
+        ("simulate arm7 --gearbox mips", "error: argument --gearbox: 'mips' is none of mipsd, rotor, standard, none "),
     ],
 )
 def test_what_is_mistyped_gets_one_line_and_what_was_meant(command, said, capsys):
@@ -214,7 +214,7 @@ def test_the_humanoid_stands(tmp_path):
 @pytest.mark.long
 def test_a_wrong_result_is_told_by_status_and_exit_code(tmp_path, capsys):
     """The paper's standard servo model in the update order of 2012 chatters at 1 ms; an implicit step does not."""
-    command = ["simulate", "arm7", "--servos", "standard", "--timestep", "1e-3", "--out", str(tmp_path)]
+    command = ["simulate", "arm7", "--gearbox", "standard", "--timestep", "1e-3", "--out", str(tmp_path)]
     assert cli.main([*command, "--integrator", "simtwo"]) == 1
     assert "status      chatter: " in capsys.readouterr().out
     assert json.loads((tmp_path / "arm7_simulation.json").read_text())["status"] == "chatter"
@@ -232,11 +232,11 @@ def test_a_wrong_result_is_told_by_status_and_exit_code(tmp_path, capsys):
         (["simulate", "arm7", "--integrator", "simtwo"], "simtwo"),
         (["simulate", "arm7", "--timestep", "-1"], "-1.0"),
         (["simulate", "arm7", "--timestep", "nan"], "nan"),
-        (["simulate", "arm7", "--servos", "mipsd", "--timestep", "3e-3"], "0.003"),
+        (["simulate", "arm7", "--gearbox", "mipsd", "--timestep", "3e-3"], "0.003"),
         (["simulate", "arm7", "--duration", "0"], "0.0"),
         (["simulate", "arm7", "--duration", "inf"], "inf"),
-        (["simulate", "slider.urdf", "--servos", "mipsd"], "[servos] in slider.toml"),
-        (["info", "slider.urdf", "--servos", "rotor"], "omit --servos"),
+        (["simulate", "slider.urdf", "--gearbox", "mipsd"], "[servos] in slider.toml"),
+        (["info", "slider.urdf", "--gearbox", "rotor"], "omit --gearbox"),
         (["simulate", "arm7", "--out", "slider.urdf"], "slider.urdf"),
     ],
 )
@@ -332,7 +332,7 @@ def test_a_study_with_wrong_rows_is_written_and_exits_with_1(tmp_path, capsys):
     text = """robot = "arm7"
 experiment = "hold"
 duration = 0.2
-scene.servos = "standard"
+scene.gearbox = "standard"
 scene.timestep = 0.001
 [vary]
 scene.integrator = ["simtwo", "implicit_euler"]

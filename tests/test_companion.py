@@ -66,7 +66,9 @@ def test_impacts_that_a_fixed_step_cuts_short_are_seldom_passed_as_right():
     model, speeds = pendulum(lower=-0.3, upper=0.5), np.linspace(0.5, 12.0, 47)
     euler, exactly = (compile_scene(model, integrator=name, timestep=1e-3) for name in ("implicit_euler", "dop853"))
     runs = simulate_batch(euler, 1.0, [initial_state(euler, [0.0], [v]) for v in speeds])
-    exact = simulate_batch(exactly, 1.0, [initial_state(exactly, [0.0], [v]) for v in speeds], rtol=1e-11, sample=0.01)
+    exact = simulate_batch(
+        exactly, 1.0, [initial_state(exactly, [0.0], [v]) for v in speeds], rtol=1e-11, record_interval=0.01
+    )
     wrong = [np.abs(run["qd"] - true["qd"]).max() > 0.1 * np.abs(true["qd"]).max() for run, true in zip(runs, exact)]
     passed = [run.ok for run in runs]
     assert sum(wrong) > 15
@@ -120,7 +122,7 @@ def test_a_run_that_has_fallen_at_the_start_ends_there():
     scene = compile_scene(humanoid, "mipsd", Ground(), integrator="ars343")
     half = math.sin(math.pi / 4)
     q = np.concatenate([[0.0, 0.0, 0.5, half, half, 0.0, 0.0], np.zeros(scene.tree.n)])
-    run = simulate(scene, 0.1, initial_state(scene, q, beyond_limits=True))
+    run = simulate(scene, 0.1, initial_state(scene, q, allow_limit_violation=True))
     assert (run.status, run.end_time) == ("fell", 0.0)
 
 
@@ -162,9 +164,9 @@ def test_a_fall_whose_course_is_uncertain_stays_one_and_says_so(free):
 @pytest.mark.parametrize(("integrator", "order"), [("implicit_euler", 1), ("midpoint", 2), ("rk4", 4)])
 @pytest.mark.parametrize("sample", [0.01, 1e-3], ids=["twice the step", "half the step"])
 def test_the_error_of_a_fixed_step_is_told_to_within_its_order(integrator, order, sample):
-    exact = simulate(compile_scene(ARM), 0.05, thrown(compile_scene(ARM), 0.5), sample=sample, rtol=1e-11)
+    exact = simulate(compile_scene(ARM), 0.05, thrown(compile_scene(ARM), 0.5), record_interval=sample, rtol=1e-11)
     scene = compile_scene(ARM, integrator=integrator, timestep=1e-3)
-    run = simulate(scene, 0.05, thrown(scene, 0.5), sample=sample)
+    run = simulate(scene, 0.05, thrown(scene, 0.5), record_interval=sample)
     true, told = (np.abs(x).max() for x in (run["q"] - exact["q"], run.error["q"]))
     assert true < 2.0 * told
     assert told < 6.0 * true
@@ -252,7 +254,7 @@ def test_the_tolerance_is_that_of_the_scene_and_the_integrators_own_where_that_i
     humanoid = load_robot("humanoid", locked="simplified")
     assert compile_scene(humanoid, "mipsd", Ground()).rtol == 1e-2
     assert compile_scene(arm, "mipsd").rtol == 1e-4
-    assert compile_scene(arm, servos="rotor").rtol == 1e-4
+    assert compile_scene(arm, gearbox="rotor").rtol == 1e-4
     assert compile_scene(humanoid, ground=Ground(), integrator="ars343").rtol == 1e-4
     assert compile_scene(arm).rtol == compile_scene(arm).method.rtol == 1e-7
     limp = compile_scene(arm, integrator="ars343")
@@ -303,11 +305,11 @@ def test_dop853_tells_what_its_softer_dry_friction_does():
     rod = pendulum(friction=1.0)  # 2.45 N m hold it level
     scene = compile_scene(rod, integrator="dop853")
     start = initial_state(scene, [0.3])
-    run = simulate(scene, 1.0, start, sample=0.1)
+    run = simulate(scene, 1.0, start, record_interval=0.1)
     crept = abs(run["q"][-1, 0] - 0.3)
     assert 1e-4 < crept < 1e-3
     assert 0.9 * crept < run.error["q"][-1, 0] < 1.2 * crept
-    far = simulate(scene, 10.0, start, sample=0.1)
+    far = simulate(scene, 10.0, start, record_interval=0.1)
     assert abs(far["q"][-1, 0] - 0.3) > 1e-3
     assert far.status == "inaccurate"
     assert np.abs(simulate(compile_scene(rod), 10.0, start)["q"] - 0.3).max() < 1e-9

@@ -8,7 +8,7 @@ from featherstone_gait.model import Ground
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.prepared import prepare
 from featherstone_gait.run.reference import Reference
-from featherstone_gait.run.simulate import PARTS, Push, initial_state, restarted, simulate, simulate_batch
+from featherstone_gait.run.simulate import PARTS, Push, initial_state, reset_time, simulate, simulate_batch
 from featherstone_gait.scene.compile import compile_scene
 
 END = (0.0, 0.0, -0.5)  # of the rod [m]
@@ -68,7 +68,7 @@ def test_sampled_servos_with_a_lag_go_on_along_their_reference(integrator, signa
 
 @pytest.mark.long
 def test_noise_is_that_of_each_piece():
-    scene = arm_scene(servos="rotor")
+    scene = arm_scene(gearbox="rotor")
     noise = np.random.default_rng(2).normal(scale=0.01, size=(6, 7, 2))
     assert_pieces_equal_the_whole(scene, initial_state(scene), (0.02, 0.04), noise, reference=moving())
 
@@ -121,7 +121,7 @@ def test_a_state_whose_time_is_off_the_grid_goes_on_at_its_time():
     first = simulate(compile_scene(pendulum(), integrator="rk4", timestep=1e-3), 0.03, record=("q",))
     scene = compile_scene(pendulum(), integrator="rk4", timestep=0.7e-3)
     pushes = [Push("rod", (9.0, 0.0, 0.0), point=END, start=0.031)]
-    run = simulate(scene, 0.007, first.final, pushes=pushes, sample=0.7e-3)
+    run = simulate(scene, 0.007, first.final, pushes=pushes, record_interval=0.7e-3)
     np.testing.assert_allclose(run["time"], 0.03 + 0.7e-3 * np.arange(len(run["time"])), rtol=0, atol=1e-15)
     assert np.flatnonzero(run["q"][:, 0])[0] == 2
     assert run.end_time == pytest.approx(0.03 + 0.7e-3 * (len(run["time"]) - 1), abs=1e-15)
@@ -132,7 +132,7 @@ def test_a_restarted_state_begins_at_zero():
     scene = compile_scene(pendulum(), integrator="rk4", timestep=1e-3)
     push = [Push("rod", (9.0, 0.0, 0.0), point=END, end=0.01)]
     first = simulate(scene, 0.03, initial_state(scene, [0.1]))
-    anew, on = (simulate(scene, 0.02, s, pushes=push) for s in (restarted(scene, first.final), first))
+    anew, on = (simulate(scene, 0.02, s, pushes=push) for s in (reset_time(scene, first.final), first))
     assert (anew["time"][0], anew.end_time) == (0.0, 0.02)
     assert on["time"][0] == 0.03
     assert anew["qd"][-1, 0] - on["qd"][-1, 0] < -0.1
@@ -142,6 +142,6 @@ def test_a_restarted_state_begins_at_zero():
 def test_a_state_whose_time_is_none_is_refused():
     scene = compile_scene(pendulum())
     state = initial_state(scene)
-    state[scene.layout["end"]] = -1.0
+    state[scene.layout["end_time"]] = -1.0
     with pytest.raises(ValueError, match=r"time of a run.*no run leaves these"):
         simulate(scene, 0.01, state)

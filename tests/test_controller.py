@@ -20,7 +20,7 @@ KP, KD = 40.0, 0.3
 def servo_law(t, state, reference, command, memory):
     """The servo's own law of state feedback."""
     for i in range(len(state.q)):
-        e, de = reference[i, 0] - state.q[i], reference[i, 1] - state.filtered[i]
+        e, de = reference[i, 0] - state.q[i], reference[i, 1] - state.filtered_speed[i]
         u = KP * e + KD * de
         command[i, 0] = min(max(u, -9.9), 9.9)
 

@@ -31,7 +31,7 @@ def test_energy_is_the_integral_of_the_positive_electrical_power(cost, vectors):
     reference = cost.reference(vectors[0], cost.warm_up + cost.strides)
     run = simulate(
         cost.scene, reference.times[-1], standing_state(cost.scene, reference.values[0]), reference,
-        record=("voltage", "current"), sample=1e-3,
+        record=("voltage", "current"), record_interval=1e-3,
     )  # fmt: skip
     # The voltage of a tick is held over it; the current is that at the end of a step.
     power = np.maximum(run["voltage"][:-1] * run["current"][1:], 0.0).sum(axis=1)

@@ -39,7 +39,9 @@ def test_the_cost_is_the_mean_and_half_of_what_the_worst_is_above_it(cost, three
     for k, scene in enumerate(three.scenes):
         signal = cost.reference(x, cost.warm_up + cost.strides)
         state = three.standing(signal.values[0], k)
-        run = simulate(scene, cost.end, state, signal, sample=0.04, record=("base_q", "energy"), estimate_error=False)
+        run = simulate(
+            scene, cost.end, state, signal, record_interval=0.04, record=("base_q", "energy"), estimate_error=False
+        )
         assert run.status in ("ok", "chatter")
         alone.append(measured(scene, replace(run, status="ok"), cost.mark, cost.end, cost.strides, slip=False).cost)
     assert len(set(alone)) == 3
@@ -76,7 +78,7 @@ def test_each_number_is_spread_evenly_over_its_range(cost):
     worlds, offsets = variations(cost.scene, 20, seed=3)
     ground, servos = worlds.ground, worlds.servos
     shares = {
-        "sinking": np.log(ground["sinking"] / SINKING[0]) / math.log(SINKING[1] / SINKING[0]),
+        "penetration": np.log(ground["penetration"] / SINKING[0]) / math.log(SINKING[1] / SINKING[0]),
         "friction": (ground["friction"] - FRICTION[0]) / (FRICTION[1] - FRICTION[0]),
         "gain": (servos["Kp"][:, 0] / 61.0 - 0.9) / 0.2,
         "backlash": servos["backlash"][:, 0] / BACKLASH,
@@ -88,8 +90,8 @@ def test_each_number_is_spread_evenly_over_its_range(cost):
     assert (servos["coulomb_friction"] > cost.scene.model.servos[cost.gait.joint_names[0]].coulomb_friction).all()
     again, _ = variations(cost.scene, 20, seed=3)
     other, _ = variations(cost.scene, 20, seed=4)
-    assert np.array_equal(again.ground["sinking"], ground["sinking"])
-    assert not np.array_equal(other.ground["sinking"], ground["sinking"])
+    assert np.array_equal(again.ground["penetration"], ground["penetration"])
+    assert not np.array_equal(other.ground["penetration"], ground["penetration"])
 
 
 def test_what_does_not_fit_is_refused(cost, three):

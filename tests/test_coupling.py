@@ -213,7 +213,7 @@ def swings(pairs, lengths=(1.0, 1.0)):
 def test_two_pendulums_that_go_together_are_one(integrator):
     """1 m and 0.5 m long: a compound pendulum, sin(q/2) = k sn(K - w t), for ten seconds."""
     scene = compile_scene(swings({"hinge1": ("hinge0",)}, (1.0, 0.5)), integrator=integrator)
-    run = simulate(scene, 10.0, initial_state(scene, [math.pi / 2] * 2), rtol=1e-13, sample=0.1)
+    run = simulate(scene, 10.0, initial_state(scene, [math.pi / 2] * 2), rtol=1e-13, record_interval=0.1)
     w, k = math.sqrt(1.5 * G / (1.0 + 0.25 + 0.02)), math.sin(math.pi / 4)
     sn = ellipj(ellipk(k * k) - w * run["time"], k * k)[0]
     assert np.abs(run["q"][:, 0] - 2.0 * np.arcsin(k * sn)).max() < 2e-11
@@ -300,7 +300,7 @@ def falling(integrator, timestep=1e-3, seed=3):
 @pytest.mark.long
 def test_a_free_fall_keeps_energy_and_momentum():
     scene, state = falling("dop853")
-    run = simulate(scene, 0.3, state, rtol=1e-12, record=("base_q", "q", "base_qd", "qd"), sample=0.01)
+    run = simulate(scene, 0.3, state, rtol=1e-12, record=("base_q", "q", "base_qd", "qd"), record_interval=0.01)
     q, qd = np.hstack([run["base_q"], run["q"]]), np.hstack([run["base_qd"], run["qd"]])
     E, p = energy(scene.model, q, qd), momentum(scene.model, q, qd)
     assert np.ptp(E.sum(axis=1)) < 1e-10 * E[:, 0].max()
@@ -313,11 +313,11 @@ def test_a_free_fall_keeps_energy_and_momentum():
 @pytest.mark.parametrize(("integrator", "order"), [("implicit_euler", 1), ("midpoint", 2), ("rk4", 4)])
 def test_order_of_convergence(integrator, order):
     scene, state = falling("dop853")
-    exact = simulate(scene, 0.08, state, rtol=1e-13, sample=0.08)["q"][-1]
+    exact = simulate(scene, 0.08, state, rtol=1e-13, record_interval=0.08)["q"][-1]
     sizes, errors = (2e-3, 1e-3, 5e-4), []
     for h in sizes:
         scene, state = falling(integrator, h)
-        run = simulate(scene, 0.08, state, sample=0.08)
+        run = simulate(scene, 0.08, state, record_interval=0.08)
         errors.append(np.abs(run["q"][-1] - exact).max())
         assert np.abs(residual(scene.model, run["q"], run["qd"])).max() < 1e-14 * 10.0
     assert np.polyfit(np.log(sizes), np.log(errors), 1)[0] == pytest.approx(order, abs=0.25), errors
@@ -328,7 +328,7 @@ def test_extrapolation_agrees_with_the_explicit_pair():
     ends = []
     for integrator in ("dop853", "extrapolation"):
         scene, state = falling(integrator)
-        ends.append(simulate(scene, 0.1, state, rtol=1e-12, sample=0.1)["q"][-1])
+        ends.append(simulate(scene, 0.1, state, rtol=1e-12, record_interval=0.1)["q"][-1])
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-9)
 
 
@@ -348,7 +348,9 @@ def test_on_the_ground_every_acceleration_is_that_of_the_projected_equations(int
     model = replace(scene.model, contacts=points)
     scene = compile_scene(model, None, Ground(), integrator, 5e-4, fall_height=-1e6, fall_tilt=3.2)
     names = ("base_q", "q", "base_qd", "qd", "base_qdd", "qdd", "contact_force")
-    run = simulate(scene, 0.01, initial_state(scene, q, 0.1 * qd), record=names, sample=5e-4, **tolerance(integrator))
+    run = simulate(
+        scene, 0.01, initial_state(scene, q, 0.1 * qd), record=names, record_interval=5e-4, **tolerance(integrator)
+    )
     q, qd, qdd = (np.hstack([run["base_" + name], run[name]]) for name in ("q", "qd", "qdd"))
     matrix, _ = coupling_matrix(model)
     loads = run["contact_force"][:, :, [1, 2, 0]]
@@ -403,11 +405,11 @@ def grips(scene, count=1):
 def test_driven_steps_converge_to_the_extrapolated_motion(kind):
     scene = gripper(kind)
     (state,), (reference,) = grips(scene)
-    exact = simulate(scene, 0.1, state, reference, sample=0.1, rtol=1e-9)
+    exact = simulate(scene, 0.1, state, reference, record_interval=0.1, rtol=1e-9)
     assert exact.ok, exact.message
     errors = []
     for h in (1e-3, 5e-4, 2.5e-4):
-        run = simulate(gripper(kind, timestep=h), 0.1, state, reference, sample=0.1, record=("q", "qd"))
+        run = simulate(gripper(kind, timestep=h), 0.1, state, reference, record_interval=0.1, record=("q", "qd"))
         assert run.ok, run.message
         assert np.abs(residual(scene.model, run["q"], run["qd"])).max() < 1e-14 * 10.0
         errors.append(np.abs(run["q"][-1] - exact["q"][-1]).max())
@@ -419,7 +421,7 @@ def test_couplings_do_no_work():
     """What the servos give the joints is in their motion, in friction or in the stops."""
     scene = gripper("rotor")
     (state,), (reference,) = grips(scene)
-    run = simulate(scene, 0.1, state, reference, record=("q", "qd", "energy"), sample=0.1, rtol=1e-9)
+    run = simulate(scene, 0.1, state, reference, record=("q", "qd", "energy"), record_interval=0.1, rtol=1e-9)
     E = energy(scene.model, run["q"], run["qd"], armature=scene.constants.armature).sum(axis=1)
     books = run["energy"][-1].sum(axis=0)
     spent = books[energies.FRICTION] + books[energies.STOPS]

@@ -246,8 +246,8 @@ def test_a_standing_humanoid_takes_the_same_torques(cost):
     depth = sinking(cost.scene, angles, FIRM)
     hold = Reference([0.0], angles[None])
     theirs = replay(cost.scene, 2.0, standing(cost.scene, angles, depth), hold, FIRM)
-    scene = cost.scene.recompiled(ground=Ground(friction=0.9, sinking=depth), timestep=2.5e-4)
-    state = standing_state(scene, angles, beyond_limits=True)
+    scene = cost.scene.recompiled(ground=Ground(friction=0.9, penetration=depth), timestep=2.5e-4)
+    state = standing_state(scene, angles, allow_limit_violation=True)
     ours = simulate(scene, 2.0, state, hold, record=("q", "torque", "base_q"), estimate_error=False)
     assert np.abs(ours["torque"][-1]).max() > 0.25
     assert theirs["torque"][-1] == pytest.approx(ours["torque"][-1], abs=3e-3)
@@ -272,9 +272,11 @@ def test_a_stride_on_the_softest_floor_goes_as_here(cost, motion):
     angles, reference = motion.start[0], motion.reference(2)
     depth = sinking(cost.scene, angles, floor)
     theirs = replay(cost.scene, end, standing(cost.scene, angles, depth), reference, floor)
-    scene = cost.scene.recompiled(ground=Ground(friction=0.9, sinking=depth), timestep=5e-4)
-    state = standing_state(scene, angles, beyond_limits=True)
-    ours = simulate(scene, end, state, reference, record=("base_q", "energy"), sample=0.01, estimate_error=False)
+    scene = cost.scene.recompiled(ground=Ground(friction=0.9, penetration=depth), timestep=5e-4)
+    state = standing_state(scene, angles, allow_limit_violation=True)
+    ours = simulate(
+        scene, end, state, reference, record=("base_q", "energy"), record_interval=0.01, estimate_error=False
+    )
     assert ours["base_q"][-1, 0] > 0.05
     assert np.abs(theirs["base_q"][:, :3] - ours["base_q"][:, :3]).max() < 0.012
     spent = [float(run["energy"][-1, :, METER].sum()) for run in (theirs, ours)]
@@ -284,7 +286,7 @@ def test_a_stride_on_the_softest_floor_goes_as_here(cost, motion):
 def test_the_ground_beside_it_sinks_alike_and_has_the_same_friction(cost, motion):
     floor, h = Floor(5e-3, 0.7, "boxes"), 1e-3
     outcome = walk_on(cost.scene, motion, floor, strides=1, timestep=h)
-    scene = cost.scene.recompiled(ground=Ground(friction=0.7, sinking=outcome.sinking), timestep=h)
+    scene = cost.scene.recompiled(ground=Ground(friction=0.7, penetration=outcome.sinking), timestep=h)
     here = replace(cost, scene=scene, strides=1).measure([cost.gait.to_vector()])[0]
     assert outcome.own.measures.cost == here.cost
     assert outcome.mujoco.measures.cost == pytest.approx(here.cost, rel=0.1)

@@ -158,7 +158,7 @@ def test_the_supply_sags_and_holds():
     scene = arm_scene(model)
     found = trim(scene, 0.1 * np.arange(7))
     assert found.ok, found.message
-    bus = float(found.state[scene.part("bus")[0]])
+    bus = float(found.state[scene.part("bus_voltage")[0]])
     assert 9.0 < bus < 11.0 - 1e-4
     assert moved(scene, found, 0.3) < 1e-6
 

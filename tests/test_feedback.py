@@ -59,7 +59,7 @@ def gait_of(scene):
 def run(scene, walk, strides=4, act=True, **how):
     reference = walk.reference(strides)
     acts = walk.controller(scene, how.pop("seed", 0)) if act else None
-    state = standing_state(scene, reference.values[0], beyond_limits=True)
+    state = standing_state(scene, reference.values[0], allow_limit_violation=True)
     return simulate(scene, walk.begin(strides), state, reference, controller=acts, estimate_error=False, **how)
 
 
@@ -147,7 +147,7 @@ def test_without_gains_the_gait_is_played_as_it_is(walk, scene):
 def test_lanes_and_seeds(walk, scene):
     """The same bits alone and in lanes, where each run has its own sensors; other seeds are other runs."""
     reference, end = walk.reference(2), walk.begin(2)
-    state = standing_state(scene, reference.values[0], beyond_limits=True)
+    state = standing_state(scene, reference.values[0], allow_limit_violation=True)
     acts = [walk.controller(scene, seed) for seed in range(5)]
     many = simulate_batch(
         [scene] * 5, end, [state] * 5, [reference] * 5, controller=acts, record=("q",), estimate_error=False

@@ -43,7 +43,7 @@ def still(angle=0.0):
 def held(scene, errors, name):
     """A channel at the end of a tick, of locked servos with these errors of position (n,) [rad]."""
     states = [initial_state(scene, [-e]) for e in errors]
-    runs = simulate_batch(scene, 0.01, states, [still()] * len(errors), record=(name,), sample=1e-3, **ONCE)
+    runs = simulate_batch(scene, 0.01, states, [still()] * len(errors), record=(name,), record_interval=1e-3, **ONCE)
     return np.array([run[name][-1, 0] for run in runs])
 
 
@@ -129,11 +129,13 @@ def test_integration_stops_at_the_largest_duty_cycle():
 @pytest.mark.nojit
 def test_the_goal_is_a_ramp_that_ends_on_the_reference():
     scene = rod(profile_speed=1.2, Kp=1.0)
-    run = simulate(scene, 0.3, initial_state(scene, [0.1]), still(-0.2), record=("goal", "voltage"), **ONCE)
+    record = ("profiled_reference", "voltage")
+    run = simulate(scene, 0.3, initial_state(scene, [0.1]), still(-0.2), record=record, **ONCE)
     ticks = np.arange(1, 31)  # each tick goes a tick's way
-    np.testing.assert_allclose(run["goal"][:-1, 0], np.maximum(0.1 - 1.2 * 0.01 * ticks, -0.2), rtol=0, atol=1e-15)
-    assert run["goal"][-1, 0] == -0.2
-    np.testing.assert_allclose(run["voltage"][:, 0], run["goal"][:, 0] - 0.1, rtol=0, atol=1e-15)
+    expected = np.maximum(0.1 - 1.2 * 0.01 * ticks, -0.2)
+    np.testing.assert_allclose(run["profiled_reference"][:-1, 0], expected, rtol=0, atol=1e-15)
+    assert run["profiled_reference"][-1, 0] == -0.2
+    np.testing.assert_allclose(run["voltage"][:, 0], run["profiled_reference"][:, 0] - 0.1, rtol=0, atol=1e-15)
 
 
 @pytest.mark.long
@@ -171,10 +173,11 @@ def test_voltages_come_exactly_the_delay_later(integrator):
     """Of a locked servo whose reference moves: the same voltages, so many steps later, and none before."""
     path = Reference([0.0, 0.04, 0.1], [[1.1], [0.9], [1.2]])
 
-    def volts(delay, sample=1e-3):
+    def volts(delay, record_interval=1e-3):
         scene = rod(integrator, delay=delay)
         start = initial_state(scene, [1.0])
-        return simulate(scene, 0.1, start, path, record=("voltage",), sample=sample, **ONCE)["voltage"][:, 0]
+        run = simulate(scene, 0.1, start, path, record=("voltage",), record_interval=record_interval, **ONCE)
+        return run["voltage"][:, 0]
 
     at_once = volts(0.0)
     assert len(set(at_once.tolist())) > 8
@@ -182,7 +185,7 @@ def test_voltages_come_exactly_the_delay_later(integrator):
         late = volts(1e-3 * steps)
         assert late[:steps].tolist() == [0.0] * steps
         assert late[steps:-1].tobytes() == at_once[: -steps - 1].tobytes(), steps
-    assert volts(13e-3, sample=0.01)[2:].tobytes() == at_once[:-20:10].tobytes()  # where no record ends a step
+    assert volts(13e-3, record_interval=0.01)[2:].tobytes() == at_once[:-20:10].tobytes()  # where no record ends a step
 
 
 # ---------------------------------------------------------------------------------------------- all of it
@@ -194,7 +197,7 @@ def arm(servos="rotor", integrator="implicit_euler", timestep=1e-3, **changes):
     return compile_scene(replace(model, supply=Supply(11.1, 0.4)), servos, integrator=integrator, timestep=timestep)
 
 
-CHANNELS = ("q", "qd", "energy", "voltage", "goal", "duty", "bus", "source_loss")
+CHANNELS = ("q", "qd", "energy", "voltage", "profiled_reference", "duty", "bus_voltage", "source_loss")
 
 
 def moves(count, duration=0.12, seed=0):
@@ -227,7 +230,7 @@ def test_a_run_in_pieces_has_the_bits_of_one(integrator, timestep, tmp_path):
     (q,), (path,) = moves(1)
     state = initial_state(scene, q)
     whole = simulate(scene, 0.12, state, path, record=CHANNELS, **ONCE)
-    assert whole["bus"].min() < 11.0
+    assert whole["bus_voltage"].min() < 11.0
     pieces = []
     for length in (0.01, 0.05, 0.06):  # the first ends before a voltage has come through
         pieces.append(simulate(scene, length, state, path, record=CHANNELS, **ONCE))
@@ -310,10 +313,11 @@ def test_what_is_absent_has_no_place_in_state_and_code():
     plain = compile_scene(load_robot("arm7"), "rotor", integrator="implicit_euler", timestep=1e-3)
     assert set(plain.constants.firmware) == {None}
     assert plain.constants.supply is None
-    assert all(len(set(plain.part(name))) == 1 for name in ("goal", "duty", "bus", "delayed", "source_loss"))
+    names = ("profiled_reference", "duty", "bus_voltage", "delayed", "source_loss")
+    assert all(len(set(plain.part(name))) == 1 for name in names)
     scene = arm()
-    sizes = {name: np.ptp(scene.part(name)) for name in ("goal", "duty", "bus", "delayed", "source_loss")}
-    assert sizes == {"goal": 7, "duty": 7, "bus": 1, "delayed": 14, "source_loss": 1}
+    sizes = {name: np.ptp(scene.part(name)) for name in names}
+    assert sizes == {"profiled_reference": 7, "duty": 7, "bus_voltage": 1, "delayed": 14, "source_loss": 1}
 
 
 # ---------------------------------------------------------------------------------------------- files and refusals

@@ -95,7 +95,7 @@ def test_every_model_follows_its_reference(name, case):
     for integrator, rtol in (("extrapolation", 1e-9), ("ars343", None)):
         scene = compile_scene(model, "rotor" if armature else "standard", integrator=integrator)
         state = initial_state(scene, [start[0]], [start[1]])
-        run = simulate(scene, duration, state, reference, sample=duration / 10, rtol=rtol)
+        run = simulate(scene, duration, state, reference, record_interval=duration / 10, rtol=rtol)
         error = np.abs(run["q"][:, 0] - angles).max()
         if rtol:
             assert run.status == "ok"
@@ -121,10 +121,10 @@ def test_a_held_joint_stays_for_ten_minutes(name, kind, integrator):
     """At 0.9 of the load that friction holds: by 1e-9 rad, where the law within 1e-3 rad/s crept 0.2 rad."""
     scene = compile_scene(rod(MODELS[name], 0.01, 0.0, 0.0), kind, integrator=integrator)
     angle = math.asin(0.9 * holding(MODELS[name]) / (MASS * G * LENGTH))
-    run = simulate(scene, 600.0, initial_state(scene, [angle]), record=("q", "passes"), sample=60.0)
+    run = simulate(scene, 600.0, initial_state(scene, [angle]), record=("q", "newton_iterations"), record_interval=60.0)
     assert run.status == "ok"
     assert np.abs(run["q"][:, 0] - angle).max() < 1e-9
-    assert run["passes"][-1, 1] == 0
+    assert run["newton_iterations"][-1, 1] == 0
 
 
 def holding(p):
@@ -171,7 +171,9 @@ def test_friction_never_gives_energy(kind, integrator):
     for name in ("M4", "M6"):
         scene = compile_scene(rod(MODELS[name], 0.01), kind, integrator=integrator, timestep=1e-3)
         moving = Reference(np.array([0.0, 0.4, 0.5, 1.2]), np.array([[0.0], [1.0], [-0.4], [0.2]]), "linear")
-        run = simulate(scene, 1.2, initial_state(scene, [0.3], [-2.0]), moving, record=("q", "energy"), sample=0.01)
+        run = simulate(
+            scene, 1.2, initial_state(scene, [0.3], [-2.0]), moving, record=("q", "energy"), record_interval=0.01
+        )
         taken = run["energy"][:, 0, 4]
         assert np.diff(taken).min() > -1e-14  # the sum of rounded numbers
         assert taken[-1] > 0.01
@@ -241,7 +243,9 @@ def test_a_reversal_costs_no_accuracy(rtol):
     times = np.linspace(0.0, duration, 11)
     angles, _ = course(M3, armature, J, load, drive, start, times)
     scene = compile_scene(model, "rotor", integrator="extrapolation")
-    run = simulate(scene, duration, initial_state(scene, [start[0]]), reference, sample=duration / 10, rtol=rtol)
+    run = simulate(
+        scene, duration, initial_state(scene, [start[0]]), reference, record_interval=duration / 10, rtol=rtol
+    )
     assert run.status == "ok"
     assert np.abs(run["q"][:, 0] - angles).max() < 20.0 * rtol + 1e-9
 
@@ -258,8 +262,8 @@ def test_newton_converges_on_random_states():
             initial_state(scene, q, qd) for q, qd in zip(rng.normal(size=(500, 10)), size * rng.normal(size=(500, 10)))
         ]
         held = [Reference(np.array([0.0, 1.0]), np.tile(rng.normal(size=10), (2, 1)))] * 500
-        runs = simulate_batch(scene, 0.02, starts, held, record=("passes", "energy"), sample=0.01)
-        assert sum(run["passes"][-1, 1] for run in runs) == 0
+        runs = simulate_batch(scene, 0.02, starts, held, record=("newton_iterations", "energy"), record_interval=0.01)
+        assert sum(run["newton_iterations"][-1, 1] for run in runs) == 0
         assert all((run["energy"][-1, :, 4] >= 0.0).all() for run in runs)
 
 
@@ -306,7 +310,7 @@ def test_a_spring_damper_gear_takes_its_load_from_the_spring():
     for kind in ("mipsd", "rotor"):
         scene = compile_scene(model, kind, integrator="extrapolation")
         go = Reference(np.array([0.0, 1.0]), np.array([[0.0], [0.3]]), "linear")
-        run = simulate(scene, 1.0, initial_state(scene, [0.0]), go, sample=0.1, rtol=1e-7)
+        run = simulate(scene, 1.0, initial_state(scene, [0.0]), go, record_interval=0.1, rtol=1e-7)
         assert run.status == "ok"
         ends.append(run["q"][:, 0])
     assert np.abs(ends[0] - ends[1]).max() < 5e-3

@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 from featherstone_gait.envs import environment as gym
 from featherstone_gait.model import Ground
 from featherstone_gait.robot_file import load_robot
-from featherstone_gait.run.worlds import Spread, Worlds
+from featherstone_gait.run.worlds import Distribution, Worlds
 from featherstone_gait.scene.compile import compile_scene
 from featherstone_gait.walking import with_generic_servos
 
@@ -59,7 +59,9 @@ def actions_of(robot, count, seed=0):
 @pytest.mark.long
 def test_a_robot_of_a_vector_has_the_bits_of_one_alone(robot):
     """Pushes, worlds and episodes that begin anew included."""
-    worlds = Worlds(runs=9, servos={"resistance": Spread("uniform", 0.1)}, ground={"friction": Spread("uniform", 0.2)})
+    worlds = Worlds(
+        runs=9, servos={"resistance": Distribution("uniform", 0.1)}, ground={"friction": Distribution("uniform", 0.2)}
+    )
     envs = gym.PushVector(robot, 9, duration=0.1, worlds=worlds)
     envs._robots.task = gym.Task(push=0.2, every=0.05)
     seen, _ = envs.reset(seed=5)
@@ -110,7 +112,7 @@ def test_an_episode_depends_on_its_seed(robot):
 def test_worlds_without_end_take_no_memory_without_end(robot, monkeypatch):
     """An environment leaves worlds that it was in long ago; an episode in one is the same when it comes back."""
     monkeypatch.setattr(gym, "KEPT", 2)
-    worlds = Worlds(runs=50, servos={"resistance": Spread("uniform", 0.2)})
+    worlds = Worlds(runs=50, servos={"resistance": Distribution("uniform", 0.2)})
     env, found = gym.Stand(robot, worlds=worlds), {}
     for seed in (*range(12), *range(12)):
         env.reset(seed=seed)

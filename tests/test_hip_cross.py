@@ -30,7 +30,7 @@ def with_cross(mass):
 def squat(mass):
     """Knees bend and the trunk sways for a second on the ground; angles, base and energy drawn."""
     model = with_cross(mass)
-    scene = compile_scene(model, servos="mipsd", ground=Ground(), timestep=1e-3)
+    scene = compile_scene(model, gearbox="mipsd", ground=Ground(), timestep=1e-3)
     names = model.joint_names
     times = np.linspace(0.0, 1.0, 101)
     bend, sway = 0.3 * (1 - np.cos(2 * np.pi * times)) / 2, 0.1 * np.sin(2 * np.pi * times)

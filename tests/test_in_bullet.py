@@ -89,7 +89,7 @@ def test_it_stands_on_either_floor(scene, motion, name, depth):
     """It bears its weight, and its knees carry what they do here but for what the soles creep."""
     angles = motion.reference(1).values[0]
     held = Reference([0.0, 1.0], np.stack([angles, angles]), "linear")
-    here = simulate(scene, 2.0, standing_state(scene, angles, beyond_limits=True), held, record=("torque",))
+    here = simulate(scene, 2.0, standing_state(scene, angles, allow_limit_violation=True), held, record=("torque",))
     machine = study.stand(scene, angles, FLOORS[name], 2.0)
     assert machine.stands()
     assert machine.contacts()[:, 1].sum() == pytest.approx(9.81 * scene.model.mass, rel=1e-4)

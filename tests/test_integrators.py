@@ -59,7 +59,7 @@ def point_pendulum():
 def test_pendulum_follows_the_elliptic_functions(integrator):
     """Released from rest at 90 degrees: sin(q/2) = k sn(K - w t), k = sin(45 degrees), for ten seconds."""
     scene = compile_scene(point_pendulum(), integrator=integrator)
-    run = simulate(scene, 10.0, initial_state(scene, [math.pi / 2]), rtol=1e-13, sample=0.1)
+    run = simulate(scene, 10.0, initial_state(scene, [math.pi / 2]), rtol=1e-13, record_interval=0.1)
     w, k = math.sqrt(9.81 / 1.01), math.sin(math.pi / 4)
     sn = ellipj(ellipk(k * k) - w * run["time"], k * k)[0]
     # 64 bits hold w t to 4e-15; the pendulum's phase error grows with t, 1e-13 of 30 rad allowed a few times over.
@@ -148,7 +148,7 @@ def mipsd(integrator, h):
 
 def contact(integrator, h):
     """A box that lies on its corners and is pushed down and along: it sticks, and stays in touch."""
-    ground = Ground(friction=1.0, sinking=1e-3, damping_ratio=0.5)
+    ground = Ground(friction=1.0, penetration=1e-3, damping_ratio=0.5)
     scene = box_on(ground, integrator, h)
     return scene, resting(scene, (0.02, 0.01, -0.02)), None
 
@@ -176,13 +176,13 @@ SCENES = {  # duration [s], and the steps for each integrator: within the explic
 def test_each_order_shows_on_halved_steps(make):
     duration, steps = SCENES[make]
     scene, state, reference = make("extrapolation", 1e-3)
-    exact = simulate(scene, duration, state, reference, sample=duration, rtol=1e-12)
+    exact = simulate(scene, duration, state, reference, record_interval=duration, rtol=1e-12)
     assert exact.ok, exact.message
     for integrator, sizes in steps.items():
         errors = []
         for h in sizes:
             scene, state, reference = make(integrator, h)
-            run = simulate(scene, duration, state, reference, sample=duration)
+            run = simulate(scene, duration, state, reference, record_interval=duration)
             moved = slice(0, int(scene.layout["base_qd"]))  # all positions
             errors.append(np.abs(run.final[moved] - exact.final[moved]).max())
         slope = np.polyfit(np.log(sizes), np.log(errors), 1)[0]
@@ -199,7 +199,7 @@ def test_the_explicit_pair_has_order_eight(make):
     for h in sizes:
         state = start.copy()
         for _ in range(round(0.16 / h)):
-            state[scene.layout["pace"]] = 1.0  # the step to try [s]
+            state[scene.layout["step_control"]] = 1.0  # the step to try [s]
             run = simulate(scene, h, state, rtol=1.0)
             state = run.final
         assert run.info["steps"] == round(0.16 / h)
@@ -215,9 +215,11 @@ def test_the_explicit_pair_has_order_eight(make):
 @pytest.mark.parametrize("integrator", ["dop853", "extrapolation"])
 def test_the_error_falls_with_the_tolerance(integrator):
     scene, state, _ = free_chain(integrator, 1e-3)
-    exact = simulate(scene, 0.5, state, sample=0.5, rtol=1e-13)["q"][-1]
+    exact = simulate(scene, 0.5, state, record_interval=0.5, rtol=1e-13)["q"][-1]
     tolerances = 10.0 ** np.arange(-4, -11, -1)
-    errors = [np.abs(simulate(scene, 0.5, state, sample=0.5, rtol=e)["q"][-1] - exact).max() for e in tolerances]
+    errors = [
+        np.abs(simulate(scene, 0.5, state, record_interval=0.5, rtol=e)["q"][-1] - exact).max() for e in tolerances
+    ]
     # The error of a step is held, and some fifty of them add up in a motion that magnifies them a few times.
     assert (errors < 100.0 * tolerances).all()
     assert 0.8 < np.polyfit(np.log(tolerances), np.log(errors), 1)[0] < 1.5
@@ -229,9 +231,11 @@ def test_extrapolation_and_midpoint_agree_on_the_whole_servo_chain():
     model = load_robot("arm7")
     state, still = np.full(7, 0.01), Reference([0.0], np.zeros((1, 7)))
     scene = compile_scene(model, "mipsd", None, "midpoint", 2e-5)
-    fine = simulate(scene, 0.1, initial_state(scene, state), still, record=("q", "energy"), sample=0.1)
+    fine = simulate(scene, 0.1, initial_state(scene, state), still, record=("q", "energy"), record_interval=0.1)
     scene = compile_scene(model, "mipsd", None, "extrapolation", 1e-3)
-    run = simulate(scene, 0.1, initial_state(scene, state), still, record=("q", "energy"), sample=0.1, rtol=1e-10)
+    run = simulate(
+        scene, 0.1, initial_state(scene, state), still, record=("q", "energy"), record_interval=0.1, rtol=1e-10
+    )
     assert np.abs(run["q"][-1] - fine["q"][-1]).max() < 1e-9
     a, b = (r["energy"][-1, :, energies.METER].sum() for r in (run, fine))
     assert a == pytest.approx(b, rel=1e-6)
@@ -240,12 +244,12 @@ def test_extrapolation_and_midpoint_agree_on_the_whole_servo_chain():
 @pytest.mark.long
 def test_extrapolation_and_midpoint_agree_on_a_box_that_lands_and_slides():
     """Touch-down, stick and slip are kinks: the tolerance is met all the same."""
-    ground = Ground(friction=0.3, sinking=1e-3, damping_ratio=0.5)
+    ground = Ground(friction=0.3, penetration=1e-3, damping_ratio=0.5)
     runs = []
     for integrator, h, rtol in (("midpoint", 2e-5, None), ("extrapolation", 1e-3, 1e-8)):
         scene = box_on(ground, integrator, h)
         state = thrown(scene, 0.01, 0.05, (0.5, 0.2, 0.0))
-        runs.append(simulate(scene, 0.2, state, record=("base_q",), sample=0.2, rtol=rtol)["base_q"][-1])
+        runs.append(simulate(scene, 0.2, state, record=("base_q",), record_interval=0.2, rtol=rtol)["base_q"][-1])
     # The friction limit of fixed steps is the last step's, of first order while a corner slips.
     assert np.abs(runs[0] - runs[1]).max() < 2e-5
 
@@ -256,12 +260,12 @@ def test_records_in_between_are_as_accurate_as_the_end():
     record = ("q", "qd", "qdd", "energy")
     for integrator in ("dop853", "extrapolation"):
         scene, state, _ = free_chain(integrator, 1e-3)
-        exact = simulate(scene, 0.2, state, record=record, sample=1e-3, rtol=1e-13)
-        run = simulate(scene, 0.2, state, record=record, sample=1e-3, rtol=1e-9)
+        exact = simulate(scene, 0.2, state, record=record, record_interval=1e-3, rtol=1e-13)
+        run = simulate(scene, 0.2, state, record=record, record_interval=1e-3, rtol=1e-9)
         for name, error in (("q", 1e-9), ("qd", 1e-7), ("qdd", 1e-5)):
             assert np.abs(run[name] - exact[name]).max() < error, (integrator, name)
     scene, state, _ = free_chain("dop853", 1e-3)
-    sparse, dense = (simulate(scene, 0.2, state, sample=sample, rtol=1e-9) for sample in (0.2, 1e-3))
+    sparse, dense = (simulate(scene, 0.2, state, record_interval=sample, rtol=1e-9) for sample in (0.2, 1e-3))
     assert sparse.info["steps"] == dense.info["steps"]
     assert sparse["q"][-1].tobytes() == dense["q"][-1].tobytes()
 
@@ -314,7 +318,7 @@ def test_the_2012_order_has_no_tolerance():
 @pytest.mark.long
 def test_a_tolerance_below_rounding_ends_the_run_and_says_so():
     """A box hits ground as hard as 1e13 N/m: no step that is allowed resolves it to 14 digits."""
-    scene = box_on(Ground(sinking=1e-12), "extrapolation", 1e-3)
+    scene = box_on(Ground(penetration=1e-12), "extrapolation", 1e-3)
     run = simulate(scene, 0.1, thrown(scene, 1e-4, 0.3, (0.0, 0.0, -3.0)), record=("base_q",), rtol=1e-14)
     assert run.status == "step too small"
     assert "below 1e-09 s at" in run.message

@@ -46,10 +46,10 @@ PROGRAM = """
     print("goes on")
 """
 CALLS = {
-    "one, fixed steps": ("midpoint", "lambda T: simulate(free, T, start, sample=T)", 4e5),
-    "one, error control": ("dop853", "lambda T: simulate(free, T, start, rtol=1e-13, sample=T)", 4e5),
-    "one, a step a tick": ("ars343", "lambda T: simulate(free, T, start, sample=1e-3)", 4e4),
-    "a batch in lanes": ("rk4", "lambda T: simulate_batch(free, T, [start] * 20, sample=T)", 4e5),
+    "one, fixed steps": ("midpoint", "lambda T: simulate(free, T, start, record_interval=T)", 4e5),
+    "one, error control": ("dop853", "lambda T: simulate(free, T, start, rtol=1e-13, record_interval=T)", 4e5),
+    "one, a step a tick": ("ars343", "lambda T: simulate(free, T, start, record_interval=1e-3)", 4e4),
+    "a batch in lanes": ("rk4", "lambda T: simulate_batch(free, T, [start] * 20, record_interval=T)", 4e5),
     "a batch that is refilled": ("rk4", "lambda T: simulate_batch(sampled, T, [None] * 20, record=())", 5e3),
 }
 
@@ -101,7 +101,7 @@ def test_a_run_with_error_control_pauses_and_goes_on_to_the_same_bits(integrator
     torque = Reference([0.0, 0.12, 0.3], [[0.3], [0.0], [0.1]])
     signals = {"reference": Reference([0.0], [[0.5] * 7])} if sampled else {"tau": torque}
     pushes = [Push(scene.model.links[-1].name, (0.0, 0.1, 0.2), start=0.1, end=0.15)]
-    ready = prepare(scene, 0.3, sample=0.1, rtol=1e-5, pushes=pushes, driven=not sampled)
+    ready = prepare(scene, 0.3, record_interval=0.1, rtol=1e-5, pushes=pushes, driven=not sampled)
     run, y, out = ready.arguments(ready.start(**signals))
     whole = ready.kernel(run, y, out), y.copy(), out.copy()
     run, y, out = ready.arguments(ready.start(**signals))

@@ -30,7 +30,7 @@ def dropped():
     box = spinning("", 5.0, 0.5).scene.model
     scene = compile_scene(box, ground=Ground(friction=0.6), **NO_FALL)
     tilted = [0.0, 0.0, 0.2, math.cos(0.15), 0.6 * math.sin(0.15), 0.8 * math.sin(0.15), 0.0]
-    return case_of("", "", scene, 0.5, tilted, [0.5, 0.2, 0.0, 0.0, 0.0, 1.0], sample=0.01)
+    return case_of("", "", scene, 0.5, tilted, [0.5, 0.2, 0.0, 0.0, 0.0, 1.0], record_interval=0.01)
 
 
 CASES = [thrown("mipsd", speed) for speed in (6.0, 10.0, 30.0, 60.0)]
@@ -69,6 +69,6 @@ def test_an_elastic_bounce_returns_to_its_height():
     """A ball dropped by 50 mm on ground of damping ratio 0."""
     scene = compile_scene(ball(), None, Ground(damping_ratio=0.0), integrator="ars343", **NO_FALL)
     start = initial_state(scene, [0.0, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0])
-    height = simulate(scene, 0.5, start, record=("base_q",), sample=1e-3)["base_q"][:, 2] - 0.05
+    height = simulate(scene, 0.5, start, record=("base_q",), record_interval=1e-3)["base_q"][:, 2] - 0.05
     assert height[:150].min() < 0.0
     assert abs(height[150:].max() - 0.05) < 0.01 * 0.05

@@ -37,7 +37,9 @@ def references(scene):
 @pytest.fixture(scope="module")
 def alone(scene, references):
     state = standing_state(scene, np.zeros(scene.tree.n))
-    return [simulate(scene, 1.2, state, r, record=RECORD, sample=5e-3, estimate_error=False) for r in references]
+    return [
+        simulate(scene, 1.2, state, r, record=RECORD, record_interval=5e-3, estimate_error=False) for r in references
+    ]
 
 
 def test_some_fall_and_some_do_not(alone):
@@ -54,7 +56,7 @@ def test_refilled_lanes_have_the_bits_of_single_runs(scene, references, alone, o
     indices = list(range(len(references)))[:: 1 if order == "forward" else -1]
     state = standing_state(scene, np.zeros(scene.tree.n))
     states = [state] * len(indices)
-    signals, once = [references[i] for i in indices], {"sample": 5e-3, "estimate_error": False}
+    signals, once = [references[i] for i in indices], {"record_interval": 5e-3, "estimate_error": False}
     batch = simulate_batch(scene, 1.2, states, signals, record=RECORD, **once)
     for i, run in zip(indices, batch):
         assert (run.status, run.message, run.end_time) == (alone[i].status, alone[i].message, alone[i].end_time)
@@ -97,7 +99,7 @@ def test_lanes_are_mostly_at_work(scene, references):
     falling = [r for i, r in enumerate(references) if i % 3]
     ready, queue = prepare(scene, 1.2, record=()), Queue(64)
     starts = [ready.start(state, falling[i % len(falling)]) for i in range(64)]
-    used, there = run_lanes(ready, queue, starts.__getitem__, lambda start, y, out: y[scene.layout["end"]])
+    used, there = run_lanes(ready, queue, starts.__getitem__, lambda start, y, out: y[scene.layout["end_time"]])
     without = np.mean(queue.answers) / 1.2
     assert used / there > 0.8 > without
 
@@ -132,7 +134,7 @@ def test_runs_given_up_leave_their_lanes_to_others_and_those_their_bits(scene, r
     state = standing_state(scene, np.zeros(scene.tree.n))
     source, upright = Changing(len(references)), [i for i, run in enumerate(alone) if run.ok]
     share = simulate_stream(
-        scene, 1.2, source, lambda i: (state, references[i]), lambda run: run, RECORD, sample=5e-3, threads=2
+        scene, 1.2, source, lambda i: (state, references[i]), lambda run: run, RECORD, record_interval=5e-3, threads=2
     )
     assert 0.0 < share <= 1.0
     assert any(source.answers[i] is None for i in upright)

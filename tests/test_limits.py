@@ -75,7 +75,7 @@ def test_at_full_voltage_a_servo_is_on_its_line_at_every_speed(name):
     model = load_robot("ax12_arm")
     joint = model.joint_names[0]
     scene = Level(model.with_numbers(servos={joint: servo}))
-    scene.servos = "standard"
+    scene.gearbox = "standard"
     channels = {"current": curve.current[:, None], "qd": curve.speed[:, None], "torque": curve.torque[:, None]}
     found = of_servos(scene, Trajectory(channels, "ok", "", 1.0, np.zeros(0)), slice(0, 11))
     assert found["line"].values[:, 0] == pytest.approx(1.0, rel=1e-12)

@@ -70,7 +70,7 @@ def test_of_the_midpoint_rule_they_approach_it_as_the_square_of_the_step():
     assert 3.8 < errors[0] / errors[1] < 4.2
     state = initial_state(scene, [0.5])
     later = state.copy()
-    later[scene.layout["end"]] = 1.0  # where no run begins by Euler's step
+    later[scene.layout["end_time"]] = 1.0  # where no run begins by Euler's step
     assert linearize(scene, state, steps=3).A.tobytes() == linearize(scene, later, steps=3).A.tobytes()
 
 
@@ -123,7 +123,7 @@ def test_small_deviations_go_where_the_matrices_take_them():
     rng = np.random.default_rng(3)
     n = scene.tree.n
     q = np.concatenate([[0.0, 0.0, 1.0, 0.8, 0.1, -0.5, 0.3], 0.3 * rng.normal(size=n)])
-    state, tau = initial_state(scene, q, rng.normal(size=n + 6), beyond_limits=True), 0.1 * rng.normal(size=n)
+    state, tau = initial_state(scene, q, rng.normal(size=n + 6), allow_limit_violation=True), 0.1 * rng.normal(size=n)
     found = linearize(scene, state, tau=tau, steps=10, outputs=("qdd",))
     x, u = rng.normal(size=len(found.states)), rng.normal(size=n)
     missed = []
@@ -275,7 +275,7 @@ def test_mujoco_has_the_same_matrices():
     A, B = np.zeros((14, 14)), np.zeros((14, m.nu))
     mujoco.mjd_transitionFD(m, d, 1e-6, True, A, B, None, None)
     scene = compile_scene(model, integrator="implicit_euler", timestep=1e-3)
-    found = linearize(scene, initial_state(scene, q, qd, beyond_limits=True), tau=tau)
+    found = linearize(scene, initial_state(scene, q, qd, allow_limit_violation=True), tau=tau)
     order = [*oracle.dofs, *(7 + oracle.dofs)]
     theirs = A[np.ix_(order, order)]
     np.testing.assert_allclose(found.A, theirs, atol=2e-8 * np.abs(theirs).max())

@@ -71,7 +71,7 @@ def test_a_pendulum_has_its_period(swing):
     """4 K(sin(swing / 2)) / omega, omega^2 = m g l / J about the hinge."""
     length = 0.5
     scene = fixed(pendulum(length, damping=0.0), 1e-3)
-    run = maximal.simulate(scene, 6.0, initial_state(scene, [swing]), engine=EXACT, sample=1e-3)
+    run = maximal.simulate(scene, 6.0, initial_state(scene, [swing]), engine=EXACT, record_interval=1e-3)
     q, t = run["q"][:, 0], run["time"]
     k = np.flatnonzero((q[:-1] > 0) & (q[1:] <= 0))
     crossings = t[k] + 1e-3 * q[k] / (q[k] - q[k + 1])
@@ -103,7 +103,7 @@ def test_angles_go_on_beyond_a_turn():
 @pytest.mark.long
 def test_a_stop_and_dry_friction_hold_a_pendulum():
     stopped = fixed(pendulum(upper=0.5), 1e-3)
-    run = maximal.simulate(stopped, 1.0, initial_state(stopped, [0.2], [3.0]), engine=EXACT, sample=1e-3)
+    run = maximal.simulate(stopped, 1.0, initial_state(stopped, [0.2], [3.0]), engine=EXACT, record_interval=1e-3)
     assert 0.5 - 1e-6 < run["q"].max() < 0.5 + 0.01
     weight = 0.25 * G * math.sin(0.5)
     for friction, moves in ((0.95 * weight, True), (1.05 * weight, False)):
@@ -140,7 +140,9 @@ def test_a_ball_bounces_as_high_as_it_is_told():
     scene = box_on(Ground(), timestep=1e-4)
     height = 0.05 + 0.2
     start = initial_state(scene, [0, 0, height, 1, 0, 0, 0])
-    run = maximal.simulate(scene, 0.4, start, engine=replace(EXACT, bounce=0.6), record=("base_q",), sample=1e-3)
+    run = maximal.simulate(
+        scene, 0.4, start, engine=replace(EXACT, bounce=0.6), record=("base_q",), record_interval=1e-3
+    )
     z = run["base_q"][:, 2]
     low = int(np.argmin(z[: int(0.3e3)]))
     assert z[low:].max() - 0.05 == pytest.approx(0.36 * 0.2, rel=0.02)

@@ -521,7 +521,7 @@ def test_servos_of_two_kinds_are_remarked_on(write):
     model = load_robot(write(robot(TWO, actuators)))
     assert any("compile_scene takes one kind" in note for note in model.notes)
     with pytest.raises(ValueError, match="mixes pd servos"):
-        compile_scene(model, servos="rotor")
+        compile_scene(model, gearbox="rotor")
 
 
 # ------------------------------------------------------------------------------------------------ refusals
@@ -799,7 +799,7 @@ def test_a_robot_stands_on_the_written_ground_as_deep_as_it_sinks(tmp_path):
     block = Link("block", 2.0, (0.0, 0.0, 0.1), (0.02, 0.0, 0.0, 0.02, 0.0, 0.02))
     corners = [ContactPoint("block", (x, y, 0.0)) for x in (-0.1, 0.1) for y in (-0.1, 0.1)]
     model = Model("block", (block,), (), "floating", contacts=tuple(corners))
-    save_robot(model, tmp_path / "block.xml", ground=Ground(sinking=1e-3, height=0.4))
+    save_robot(model, tmp_path / "block.xml", ground=Ground(penetration=1e-3, height=0.4))
     m = mujoco.MjModel.from_xml_path(str(tmp_path / "block.xml"))
     d = mujoco.MjData(m)
     d.qpos[2] = 0.401

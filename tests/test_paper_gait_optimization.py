@@ -93,7 +93,7 @@ def test_noise_depends_on_the_gait_and_a_search_resumes(planned, tmp_path):
 
 def test_conditions_differ_in_what_they_say(planned):
     assert cost_of(planned, CHATTER).scene.integrator == "simtwo"
-    assert cost_of(planned, STANDARD).scene.servos == "standard"
+    assert cost_of(planned, STANDARD).scene.gearbox == "standard"
     assert len({str(condition) for condition in CONDITIONS}) == len(CONDITIONS)
     chatter = cost_of(planned, CHATTER)
     x = chatter.gait.to_vector()

@@ -26,7 +26,7 @@ from featherstone_gait.scene.compile import compile_scene
 
 INTEGRATORS = ("implicit_euler", "midpoint", "rk4")
 LINEARLY_IMPLICIT = ("implicit_euler", "midpoint")
-CHANNELS = ("base_q", "base_qd", "bristle", "contact_force", "contact_work")
+CHANNELS = ("base_q", "base_qd", "tangential_deflection", "contact_force", "contact_work")
 MU = 0.5
 
 every_integrator = pytest.mark.parametrize("integrator", INTEGRATORS)
@@ -36,11 +36,11 @@ every_integrator = pytest.mark.parametrize("integrator", INTEGRATORS)
 
 
 @pytest.mark.nojit
-@pytest.mark.parametrize(("sinking", "damping_ratio"), [(5e-4, 0.7), (2e-3, 0.2), (1e-4, 1.0)])
-def test_a_box_sinks_in_as_far_as_asked_for(sinking, damping_ratio):
-    scene = box_on(Ground(sinking=sinking, damping_ratio=damping_ratio))
-    run = simulate(scene, 1.0, thrown(scene, sinking / 2), record=CHANNELS)
-    assert run["base_q"][-1, 2] == pytest.approx(0.05 - sinking, abs=1e-6 * sinking)
+@pytest.mark.parametrize(("penetration", "damping_ratio"), [(5e-4, 0.7), (2e-3, 0.2), (1e-4, 1.0)])
+def test_a_box_sinks_in_as_far_as_asked_for(penetration, damping_ratio):
+    scene = box_on(Ground(penetration=penetration, damping_ratio=damping_ratio))
+    run = simulate(scene, 1.0, thrown(scene, penetration / 2), record=CHANNELS)
+    assert run["base_q"][-1, 2] == pytest.approx(0.05 - penetration, abs=1e-6 * penetration)
     np.testing.assert_allclose(run["contact_force"][-1, :, 0], G / 4, rtol=1e-6)
 
 
@@ -52,7 +52,7 @@ def test_a_standing_humanoid_sinks_in_as_asked_carries_its_weight_and_does_not_c
     positions = contact_positions(scene, run)
     force = run["contact_force"][-1, :, 0]
     assert force.sum() == pytest.approx(scene.model.mass * G, rel=1e-6)
-    assert -positions[-1, :, 2].mean() == pytest.approx(scene.ground.sinking, rel=1e-6)
+    assert -positions[-1, :, 2].mean() == pytest.approx(scene.ground.penetration, rel=1e-6)
     np.testing.assert_allclose(-positions[-1, :, 2], force / scene.constants.contact.points.stiffness, rtol=1e-4)
     after_start, last_ten = positions - positions[0], positions[1000:] - positions[1000]
     assert np.abs(after_start[:1001, :, :2]).max() < 1e-4  # [m] in 10 s, settling of the legs included
@@ -87,13 +87,13 @@ def test_a_box_on_a_slope_sticks_below_and_slips_above_the_angle_of_friction(int
 @pytest.mark.parametrize("slope", [-0.7, 0.5, 0.8])
 def test_a_box_slides_down_with_g_times_sine_less_mu_cosine(integrator, slope):
     scene = box_on(Ground(friction=MU, slope=slope), integrator)
-    run = simulate(scene, 1.0, resting(scene), record=CHANNELS, sample=0.5)
+    run = simulate(scene, 1.0, resting(scene), record=CHANNELS, record_interval=0.5)
     speed = along(scene, run["base_qd"][:, :3])
     downhill = -math.copysign(1.0, slope)
     expected = downhill * G * (math.sin(abs(slope)) - MU * math.cos(slope))
     assert (speed[2] - speed[1]) / 0.5 == pytest.approx(expected, rel=1e-9)
     sunk = 0.05 - normal_to(scene, run["base_q"][-1, :3])
-    assert sunk == pytest.approx(scene.ground.sinking * math.cos(slope), rel=1e-5)
+    assert sunk == pytest.approx(scene.ground.penetration * math.cos(slope), rel=1e-5)
 
 
 @every_integrator
@@ -103,8 +103,8 @@ def test_friction_stops_a_sliding_box_after_v_squared_over_two_mu_g_in_any_direc
     v = 1.0
     run = simulate(scene, 1.0, resting(scene, (v * math.cos(direction), v * math.sin(direction), 0.0)), record=CHANNELS)
     x, y = run["base_q"][-1, :2]
-    # The bristles, deflected by mu times the sinking, have to be wound up and spring back.
-    backlash = 2 * MU * scene.ground.sinking + v * scene.timestep
+    # The bristles, deflected by mu times the penetration, have to be wound up and spring back.
+    backlash = 2 * MU * scene.ground.penetration + v * scene.timestep
     assert math.hypot(x, y) == pytest.approx(v**2 / (2 * MU * G), abs=backlash)
     assert math.atan2(y, x) == pytest.approx(direction, abs=1e-9)
     assert np.abs(run["base_qd"][-1]).max() < 1e-9
@@ -126,7 +126,7 @@ def test_a_push_below_mu_m_g_does_not_move_a_box_and_one_above_does(direction):
         for share in (0.8, 1.2)
     }
     held = runs[0.8]["base_q"][:, :3] @ toward
-    assert held.max() < 1.1 * scene.ground.sinking  # the bristles give by mu times as much as the ground
+    assert held.max() < 1.1 * scene.ground.penetration  # the bristles give by mu times as much as the ground
     assert abs(held[1000] - held[100]) < 1e-9  # creep in 9 s of push
     assert abs(held[-1]) < 1e-5  # it returns
     assert runs[1.2]["base_qd"][1000, :3] @ toward == pytest.approx(0.2 * MU * G * 9.9, rel=0.01)
@@ -146,7 +146,7 @@ def dropped(integrator, timestep, damping_ratio, tilt=0.2, duration=0.6):
     """A box let fall from 20 mm with some speed sideways, every step recorded."""
     scene = box_on(Ground(friction=MU, damping_ratio=damping_ratio), integrator, timestep)
     state = thrown(scene, 0.02, tilt, (0.1, 0.05, 0.0))
-    return scene, simulate(scene, duration, state, record=CHANNELS, sample=timestep)
+    return scene, simulate(scene, duration, state, record=CHANNELS, record_interval=timestep)
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.2])
@@ -201,7 +201,7 @@ def test_without_damping_an_accurate_bounce_returns_all():
     "velocity", [(0.0, 0.0, -0.02, 0.0, 0.0, 0.0), (0.01, 0.005, -0.02, 0.05, 0.02, 0.05)], ids=["heave", "all"]
 )
 def test_while_a_box_sticks_the_step_has_its_order(integrator, order, velocity):
-    ground = Ground(friction=0.9, damping_ratio=0.3, sinking=5e-3)
+    ground = Ground(friction=0.9, damping_ratio=0.3, penetration=5e-3)
 
     def end(integrator, timestep):
         scene = box_on(ground, integrator, timestep)
@@ -246,7 +246,7 @@ def test_steps_in_the_ground_carry_at_their_heights(integrator):
     scene = box_on(Ground(steps=((0.5, 0.02), (1.5, -0.05))), integrator)
     for x, height in [(0.0, 0.0), (1.0, 0.02), (2.0, -0.03)]:
         run = simulate(scene, 1.0, initial_state(scene, [x, 0.0, 0.08, 1.0, 0.0, 0.0, 0.0]), record=CHANNELS)
-        assert run["base_q"][-1, 2] == pytest.approx(height + 0.05 - scene.ground.sinking, abs=1e-7)
+        assert run["base_q"][-1, 2] == pytest.approx(height + 0.05 - scene.ground.penetration, abs=1e-7)
 
 
 @pytest.mark.nojit
@@ -259,7 +259,7 @@ def test_a_box_on_the_edge_of_a_step_tips_toward_the_low_side():
 
 def test_a_box_is_placed_on_a_step_to_begin_with():
     scene = box_on(Ground(steps=((-1.0, 0.02),)))
-    assert initial_state(scene)[2] == pytest.approx(0.07 - scene.ground.sinking, abs=1e-15)
+    assert initial_state(scene)[2] == pytest.approx(0.07 - scene.ground.penetration, abs=1e-15)
 
 
 @every_integrator
@@ -293,6 +293,9 @@ def test_contact_forces_come_in_the_order_of_the_model():
     scene = box_on(Ground(), model=model)
     turned = type(model)("box", model.links, (), "floating", contacts=tuple(model.contacts[k] for k in order))
     leaning = thrown(scene, 0.0, tilt=0.02)
-    runs = [simulate(box_on(Ground(), model=m), 0.05, leaning, record=CHANNELS, sample=1e-3) for m in (model, turned)]
+    runs = [
+        simulate(box_on(Ground(), model=m), 0.05, leaning, record=CHANNELS, record_interval=1e-3)
+        for m in (model, turned)
+    ]
     forces = [run["contact_force"][10] for run in runs]
     np.testing.assert_allclose(forces[1], forces[0][order], rtol=1e-9)

@@ -67,11 +67,11 @@ def test_no_load_speed_and_stall_torque_are_those_of_the_motor():
     model = servo_arm(speed_filter=0.0, coulomb_friction=0.0)
     joint = replace(model.joints[-1], type="continuous", lower=-math.inf, upper=math.inf)
     free = replace(model, joints=(*model.joints[:-1], joint))
-    scene = compile_scene(free, servos="rotor", gravity=(0, 0, 0), timestep=1e-3)
+    scene = compile_scene(free, gearbox="rotor", gravity=(0, 0, 0), timestep=1e-3)
     run = simulate(scene, 1.0, reference=hold(1000.0), record=("qd", "current"))
     assert run["qd"][-1, 0] == pytest.approx(5.590, abs=5e-4)
     assert run["current"][-1, 0] == pytest.approx(0.0413, abs=5e-4)
-    stopped = compile_scene(model, servos="rotor", gravity=(0, 0, 0), timestep=1e-3)
+    stopped = compile_scene(model, gearbox="rotor", gravity=(0, 0, 0), timestep=1e-3)
     run = simulate(stopped, 2.0, reference=hold(1000.0), record=("q", "torque"))
     assert run["torque"][-1, 0] == pytest.approx(1.5567, abs=1e-4)
     assert 0 < run["q"][-1, 0] - joint_limit(model) < 0.0101  # held within the stop's depth
@@ -83,12 +83,12 @@ def joint_limit(model):
 
 def test_current_follows_its_exponential_and_the_slew_limit():
     model = servo_arm(current_limit=10.0, current_slew=math.inf, coulomb_friction=0.0, rotor_inertia=1.0)
-    scene = compile_scene(model, servos="rotor", gravity=(0, 0, 0), timestep=1e-4)
-    run = simulate(scene, 5e-3, reference=hold(1000.0), record=("current",), sample=1e-4)
+    scene = compile_scene(model, gearbox="rotor", gravity=(0, 0, 0), timestep=1e-4)
+    run = simulate(scene, 5e-3, reference=hold(1000.0), record=("current",), record_interval=1e-4)
     t = run["time"]
     assert np.allclose(run["current"][:, 0], 1.25 * (1 - np.exp(-t / 0.625e-3)), atol=1e-5)
-    slewed = compile_scene(servo_arm(rotor_inertia=1.0), servos="rotor", gravity=(0, 0, 0), timestep=1e-3)
-    run = simulate(slewed, 0.01, reference=hold(1000.0), record=("current",), sample=1e-3)
+    slewed = compile_scene(servo_arm(rotor_inertia=1.0), gearbox="rotor", gravity=(0, 0, 0), timestep=1e-3)
+    run = simulate(slewed, 0.01, reference=hold(1000.0), record=("current",), record_interval=1e-3)
     assert np.allclose(run["current"][:8, 0], [0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 0.9])  # 0.9 A in six steps
 
 
@@ -97,9 +97,9 @@ def test_current_follows_its_exponential_and_the_slew_limit():
 
 def first_voltage(reference, q=0.1, qd=0.0, **overrides):
     """Voltage of the first tick of a lone servo."""
-    scene = compile_scene(servo_arm(**{"voltage_limit": 1e3, **overrides}), servos="rotor", timestep=1e-3)
+    scene = compile_scene(servo_arm(**{"voltage_limit": 1e3, **overrides}), gearbox="rotor", timestep=1e-3)
     y = initial_state(scene, [q], [qd])
-    return simulate(scene, 0.01, y, reference, record=("voltage",), sample=1e-3)["voltage"][0, 0]
+    return simulate(scene, 0.01, y, reference, record=("voltage",), record_interval=1e-3)["voltage"][0, 0]
 
 
 def test_state_feedback_law():
@@ -120,7 +120,7 @@ def test_pid_speed_law_follows_the_rate_of_the_reference():
 
 def test_voltage_is_clipped_and_pid_stops_integrating_there():
     model = servo_arm(law="pid_position", Kp=100.0, Ki=10.0)
-    scene = compile_scene(model, servos="rotor", timestep=1e-3, gravity=(0, 0, 0))
+    scene = compile_scene(model, gearbox="rotor", timestep=1e-3, gravity=(0, 0, 0))
     run = simulate(scene, 0.05, reference=hold(1.0), record=("voltage", "integral"))
     assert run["voltage"][1, 0] == 10.0
     assert run["integral"][3, 0] == 0.0
@@ -139,7 +139,7 @@ def test_reference_takes_effect_after_the_lag():
 
 def first_effect(lag):
     """Time of the first tick whose voltage answers a step of the reference at 15 ms."""
-    scene = compile_scene(servo_arm(lag=lag), servos="rotor", timestep=1e-3, gravity=(0, 0, 0))
+    scene = compile_scene(servo_arm(lag=lag), gearbox="rotor", timestep=1e-3, gravity=(0, 0, 0))
     step = Reference([0.0, 0.015], [[0.0], [0.1]], "hold")
     run = simulate(scene, 0.1, initial_state(scene, [0.0]), step, record=("voltage",))
     return round(float(run["time"][np.argmax(run["voltage"][:, 0] > 0)]), 6)
@@ -152,12 +152,12 @@ def first_effect(lag):
 def test_two_masses_on_a_spring_ring_at_their_frequency():
     """Rotor and link on the gear's spring, no friction, no motor: omega^2 = K (1/I + 1/J)."""
     model = servo_arm(damping=0.0, stiffness=25.0, viscous_friction=0.0, coulomb_friction=0.0, motor_constant=1e-12)
-    scene = compile_scene(model, servos="mipsd", gravity=(0, 0, 0), integrator="rk4", timestep=2e-5)
+    scene = compile_scene(model, gearbox="mipsd", gravity=(0, 0, 0), integrator="rk4", timestep=2e-5)
     J = 254**2 * 1e-7
     I = 1.0 / (1.0 / scene.preflight.inertias[0])
     y = initial_state(scene, [0.0])
     y[scene.part("rotor")[0]] = 0.01
-    run = simulate(scene, 0.05, y, hold(0.0), record=("q", "rotor"), sample=2e-5)
+    run = simulate(scene, 0.05, y, hold(0.0), record=("q", "rotor"), record_interval=2e-5)
     e = run["rotor"][:, 0] - run["q"][:, 0]
     w = math.sqrt(25.0 * (1 / I + 1 / J))
     assert np.abs(e - 0.01 * np.cos(w * run["time"])).max() < 1e-8
@@ -168,10 +168,10 @@ def test_backlash_lets_the_link_fall_through_the_gap():
     """With the rotor held by its inertia the link moves freely for the gap, then meets the teeth."""
     gap = math.radians(2.0)
     model = servo_arm(backlash=gap, rotor_inertia=1.0, Kp=0.0, viscous_friction=0.0, coulomb_friction=0.0)
-    scene = compile_scene(model, servos="mipsd", gravity=(0, 0, 0), integrator="implicit_euler", timestep=1e-4)
+    scene = compile_scene(model, gearbox="mipsd", gravity=(0, 0, 0), integrator="implicit_euler", timestep=1e-4)
     y = initial_state(scene, [0.0], [0.5])
     y[scene.part("rotor_speed")[0]] = 0.0
-    run = simulate(scene, 0.08, y, hold(0.0), record=("q", "qd", "torque"), sample=1e-4)
+    run = simulate(scene, 0.08, y, hold(0.0), record=("q", "qd", "torque"), record_interval=1e-4)
     e = np.abs(run["q"][:, 0])
     inside = e[:-1] < 0.5 * gap - 1e-4
     inside &= run["time"][:-1] < 0.03
@@ -182,7 +182,7 @@ def test_backlash_lets_the_link_fall_through_the_gap():
 
 def test_physical_gearbox_winds_up_by_load_over_stiffness():
     model = servo_arm()
-    scene = compile_scene(model, servos="mipsd", timestep=1e-3)
+    scene = compile_scene(model, gearbox="mipsd", timestep=1e-3)
     run = simulate(scene, 3.0, reference=hold(1.0), record=("q", "rotor", "torque"))
     assert run["rotor"][-1, 0] - run["q"][-1, 0] == pytest.approx(run["torque"][-1, 0] / 25.0, rel=1e-6)
     assert abs(run["torque"][-1, 0]) > 0.01
@@ -216,7 +216,7 @@ def residual(scene, y0, y1):
 def moved_arm(servos, integrator, h, **overrides):
     """Balance residual of the seven-joint arm driven through a motion for 0.5 s."""
     model = servo_arm("arm7", **overrides)
-    scene = compile_scene(model, servos=servos, integrator=integrator, timestep=h)
+    scene = compile_scene(model, gearbox=servos, integrator=integrator, timestep=h)
     y = initial_state(scene, np.full(7, 0.3))
     path = Reference([0.0, 0.25, 0.5], np.outer([0.3, 0.0, 0.2], np.ones(7)))
     run = simulate(scene, 0.5, y, path, record=("energy",))
@@ -242,7 +242,7 @@ def test_balance_residual_falls_with_the_order(servos, integrator, order):
 @pytest.mark.long
 def test_backlash_and_stops_take_part_in_the_balance():
     model = servo_arm("ax12_arm", backlash=math.radians(1.0))
-    scene = compile_scene(model, servos="mipsd", integrator="rk4", timestep=1e-5)
+    scene = compile_scene(model, gearbox="mipsd", integrator="rk4", timestep=1e-5)
     y = initial_state(scene, [model.moving_joints[0].upper - 0.3])
     run = simulate(scene, 0.4, y, hold(model.moving_joints[0].upper + 0.5), record=("energy",))
     E = run["energy"][-1, 0]
@@ -254,7 +254,7 @@ def test_backlash_and_stops_take_part_in_the_balance():
 @pytest.mark.parametrize(("integrator", "rounding"), [("implicit_euler", 1e-15), ("ars343", 1e-13)])
 def test_meter_counts_no_regeneration(integrator, rounding):
     model = servo_arm("arm7")
-    scene = compile_scene(model, servos="rotor", integrator=integrator, timestep=1e-3)
+    scene = compile_scene(model, gearbox="rotor", integrator=integrator, timestep=1e-3)
     run = simulate(scene, 1.0, initial_state(scene, np.full(7, 0.3)), hold(*np.zeros(7)), record=("energy",))
     supply, meter = run["energy"][..., energies.SUPPLY], run["energy"][..., energies.METER]
     assert (np.diff(meter, axis=0) >= 0).all()
@@ -272,14 +272,14 @@ def observed_order(model, servos, integrator, reference, q0, duration, exact):
     """Slope of log error over log step."""
     errors = []
     for h in STEPS[integrator]:
-        scene = compile_scene(model, servos=servos, integrator=integrator, timestep=h)
+        scene = compile_scene(model, gearbox=servos, integrator=integrator, timestep=h)
         run = simulate(scene, duration, initial_state(scene, q0), reference, record=())
         errors.append(np.abs(parts(scene, run.final, "q")[0] - exact).max())
     return np.polyfit(np.log(STEPS[integrator]), np.log(errors), 1)[0]
 
 
 def exact_angles(model, servos, reference, q0, duration, h):
-    scene = compile_scene(model, servos=servos, integrator="rk4", timestep=h)
+    scene = compile_scene(model, gearbox=servos, integrator="rk4", timestep=h)
     return parts(scene, simulate(scene, duration, initial_state(scene, q0), reference, record=()).final, "q")[0]
 
 
@@ -313,7 +313,7 @@ def test_order_with_stiff_continuous_servos(integrator, order):
 @pytest.mark.parametrize("law", ["pd", "pd_clamped"])
 def test_implicit_step_settles_stiff_and_clipped_servos_at_any_step(law, q0, h):
     """No rotor inertia; from 0.5 rad the torque is clipped at first."""
-    scene = compile_scene(pd_arm(law), servos="standard", integrator="implicit_euler", timestep=h)
+    scene = compile_scene(pd_arm(law), gearbox="standard", integrator="implicit_euler", timestep=h)
     run = simulate(scene, 4.0, initial_state(scene, np.full(7, q0)), hold(*np.zeros(7)), record=("q", "qd"))
     assert np.abs(run["qd"][len(run["qd"]) * 3 // 4 :]).max() < 1e-3
     assert run.info["not_converged_steps"] == 0
@@ -326,7 +326,7 @@ def test_implicit_step_settles_stiff_and_clipped_servos_at_any_step(law, q0, h):
 
 def arm_variance(servos, integrator, h):
     """Variance of the lowest joint [deg^2] over the last 10 of 20 s of holding zero, and the status."""
-    scene = compile_scene(load_robot("arm7"), servos=servos, integrator=integrator, timestep=h)
+    scene = compile_scene(load_robot("arm7"), gearbox=servos, integrator=integrator, timestep=h)
     run = simulate(scene, 20.0, initial_state(scene, np.full(7, 0.01)), hold(*np.zeros(7)))
     angle = np.degrees(run["q"][:, 0])
     return angle[len(angle) // 2 :].var(), run.status
@@ -367,7 +367,7 @@ def test_larger_explicit_steps_are_flagged_too(h):
 def test_backlash_converges_under_held_steps(integrator):
     """Teeth meet and part while the reference jumps to and fro."""
     model = servo_arm("arm7", backlash=0.01)
-    scene = compile_scene(model, servos="mipsd", integrator=integrator, timestep=1e-3)
+    scene = compile_scene(model, gearbox="mipsd", integrator=integrator, timestep=1e-3)
     steps = Reference([0.0, 0.5, 1.0, 1.5], np.outer([0.0, 0.3, -0.3, 0.0], np.ones(7)), "hold")
     run = simulate(scene, 2.0, initial_state(scene, np.zeros(7)), steps)
     assert run.info["not_converged_steps"] == 0
@@ -375,6 +375,6 @@ def test_backlash_converges_under_held_steps(integrator):
 
 @pytest.mark.long
 def test_rk4_beyond_its_stability_interval_is_flagged():
-    scene = compile_scene(load_robot("arm7"), servos="standard", integrator="rk4", timestep=1e-3)
+    scene = compile_scene(load_robot("arm7"), gearbox="standard", integrator="rk4", timestep=1e-3)
     run = simulate(scene, 0.1, initial_state(scene, np.zeros(7)), hold(*np.zeros(7)))
     assert run.status in ("not converged", "diverged")

@@ -15,7 +15,7 @@ from featherstone_gait.scene.compile import compile_scene
 from featherstone_gait.scene.contact import ground_under, standing_height
 
 RADIUS = 0.1
-CHANNELS = ("base_q", "base_qd", "bristle", "contact_force", "contact_work")
+CHANNELS = ("base_q", "base_qd", "tangential_deflection", "contact_force", "contact_work")
 every_integrator = pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4"])
 
 
@@ -28,7 +28,9 @@ def ball():
 def wheel(width=0.04):
     """A cylinder about y."""
     across = (3.0 * RADIUS**2 + width**2) / 12.0
-    ends = (ContactPoint("wheel", (0.0, s * width / 2, 0.0), rim=RADIUS, axis=(0.0, s, 0.0)) for s in (-1.0, 1.0))
+    ends = (
+        ContactPoint("wheel", (0.0, s * width / 2, 0.0), circle_radius=RADIUS, axis=(0.0, s, 0.0)) for s in (-1.0, 1.0)
+    )
     return round_model("wheel", (across, 0.5 * RADIUS**2, across), tuple(ends))
 
 
@@ -84,7 +86,7 @@ def test_what_is_round_rolls_down_a_slope_without_slip(integrator, model, share,
     assert np.linalg.norm(w) * RADIUS == pytest.approx(np.linalg.norm(v), rel=1e-6)
     kinetic, potential = energy(model, run["base_q"][[0, -1]], run["base_qd"][[0, -1]]).T
     # But for what springs of half a millimeter hold, all that it has lost in height is in its motion.
-    assert kinetic[1] == pytest.approx(potential[0] - potential[1], abs=0.1 * G * scene.ground.sinking)
+    assert kinetic[1] == pytest.approx(potential[0] - potential[1], abs=0.1 * G * scene.ground.penetration)
 
 
 @pytest.mark.long
@@ -111,10 +113,10 @@ def test_a_capsule_lies_on_both_ends_and_a_tilted_one_on_one():
     scene = on(Ground(), capsule())
     run = simulate(scene, 1.0, lying(scene), record=CHANNELS)
     np.testing.assert_allclose(run["contact_force"][-1, :, 0], G / 2, rtol=1e-6)
-    assert run["base_q"][-1, 2] == pytest.approx(RADIUS - scene.ground.sinking, abs=1e-8)
+    assert run["base_q"][-1, 2] == pytest.approx(RADIUS - scene.ground.penetration, abs=1e-8)
     q = np.array([0.0, 0.0, 0.0, math.cos(0.1), 0.0, math.sin(0.1), 0.0])
     assert standing_height(scene.model, scene.ground, q) == pytest.approx(
-        RADIUS + 0.2 * math.sin(0.2) - scene.ground.sinking, abs=1e-12
+        RADIUS + 0.2 * math.sin(0.2) - scene.ground.penetration, abs=1e-12
     )
 
 
@@ -124,7 +126,7 @@ def test_a_cylinder_stands_on_its_end():
     scene = on(Ground(), model)
     q = np.array([0.0, 0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0])  # its axis upright
     q[2] = standing_height(model, scene.ground, q)
-    assert q[2] == pytest.approx(0.02 - scene.ground.sinking, abs=1e-12)
+    assert q[2] == pytest.approx(0.02 - scene.ground.penetration, abs=1e-12)
     run = simulate(scene, 2.0, initial_state(scene, q, [0.01, 0.0, 0.0, 0.0, 0.0, 0.0]), record=CHANNELS)
     assert np.abs(run["base_q"][:, 2] - run["base_q"][-1, 2]).max() < 1e-3
     assert run["contact_force"][-1, :, 0].sum() == pytest.approx(G, rel=0.01)
@@ -218,7 +220,7 @@ def test_a_ball_that_rolls_over_a_field_keeps_its_energy(integrator):
     kinetic, potential = energy(model, run["base_q"], run["base_qd"]).T
     points = scene.constants.contact.points[0]
     depth = run["contact_force"][:, 0, 0] / points.stiffness
-    elastic = 0.5 * points.stiffness * (depth**2 + (run["bristle"][:, 0] ** 2).sum(axis=1))
+    elastic = 0.5 * points.stiffness * (depth**2 + (run["tangential_deflection"][:, 0] ** 2).sum(axis=1))
     total = kinetic + potential + elastic
     assert np.abs(run["base_q"][-1, :2] - run["base_q"][0, :2]).max() > 0.1
     after = total[1:] - total[1]  # the first sample has no forces yet
@@ -281,7 +283,7 @@ def test_ground_that_contradicts_itself_is_refused():
     with pytest.raises(ValueError, match="depth is 0"):
         stairs(3, 0.0, 0.1)
     with pytest.raises(ValueError, match="not of unit length"):
-        ContactPoint("wheel", (0.0, 0.0, 0.0), rim=0.1, axis=(0.0, 0.0, 2.0))
+        ContactPoint("wheel", (0.0, 0.0, 0.0), circle_radius=0.1, axis=(0.0, 0.0, 2.0))
     with pytest.raises(ValueError, match="expected a Ground"):
         compile_scene(ball(), ground={})
     with pytest.raises(ValueError, match="fall_tilt is nan"):

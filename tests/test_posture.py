@@ -114,7 +114,7 @@ def standing():
 def test_a_humanoid_crouches_over_its_feet(standing):
     model, q, feet = standing
     center = center_of_mass(model, q) + np.array([0.01, 0.005, -0.03])
-    hand = Target("left_forearm", turn_weight=0.0, position=pose(model, q, "left_forearm")[0] + (0.02, 0.0, 0.0))
+    hand = Target("left_forearm", orientation_weight=0.0, position=pose(model, q, "left_forearm")[0] + (0.02, 0.0, 0.0))
     found = inverse_kinematics(model, [*feet, Target(None, center), hand], q)
     assert found.status == "ok"
     assert center_of_mass(model, found.q) == pytest.approx(center, abs=2e-9)
@@ -145,7 +145,8 @@ def test_a_weight_of_zero_leaves_an_axis_free(standing):
     """A sole of which only the tilt is asked for: what turns it about the vertical stays as it falls."""
     model, q, _ = standing
     R = rotation_from_rpy((0.1, -0.05, 0.0))
-    found = inverse_kinematics(model, Target("left_foot", rotation=R, turn_weight=(1.0, 1.0, 0.0)), q, hold_base=True)
+    target = Target("left_foot", rotation=R, orientation_weight=(1.0, 1.0, 0.0))
+    found = inverse_kinematics(model, target, q, hold_base=True)
     turned = pose(model, found.q, "left_foot")[1]
     assert found.status == "ok"
     assert turned[2] == pytest.approx(R[2], abs=2e-9)  # the vertical, as the sole sees it

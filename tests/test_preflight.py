@@ -89,9 +89,9 @@ def test_standard_servos_chatter_beyond_the_announced_step(factor, status):
     arm = load_robot("arm7")
     servo = load_servo("ax12", gearbox="standard", inductance=0.0, speed_filter=0.0)
     model = replace(arm, servos=dict.fromkeys(arm.joint_names, servo))
-    limit = compile_scene(model, servos="standard").preflight.largest_explicit_step
+    limit = compile_scene(model, gearbox="standard").preflight.largest_explicit_step
     h = 0.01 / round(0.01 / (factor * limit))
-    scene = compile_scene(model, servos="standard", integrator="simtwo", timestep=h)
+    scene = compile_scene(model, gearbox="standard", integrator="simtwo", timestep=h)
     still = Reference([0.0], np.zeros((1, 7)))
     assert simulate(scene, 1.0, initial_state(scene, np.full(7, 0.01)), still).status == status
 
@@ -99,8 +99,8 @@ def test_standard_servos_chatter_beyond_the_announced_step(factor, status):
 def test_scene_chooses_integrator_and_step_and_says_why():
     arm = load_robot("arm7")
     free = compile_scene(arm).preflight
-    stiff = compile_scene(arm, servos="standard").preflight
-    asked = compile_scene(arm, servos="standard", integrator="midpoint", timestep=5e-4).preflight
+    stiff = compile_scene(arm, gearbox="standard").preflight
+    asked = compile_scene(arm, gearbox="standard", integrator="midpoint", timestep=5e-4).preflight
     assert (free.integrator, free.largest_explicit_step) == ("dop853", np.inf)
     assert (stiff.integrator, stiff.timestep) == ("ars343", 1e-3)
     assert "explicit step" in stiff.reason

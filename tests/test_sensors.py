@@ -43,7 +43,7 @@ def test_the_center_of_pressure_of_a_robot_at_rest_is_under_its_center_of_mass(s
     pressure = sensors.center_of_pressure(scene, run)[-1]
     mass = center_of_mass(scene.model, np.concatenate([run["base_q"][-1], run["q"][-1]]))
     np.testing.assert_allclose(pressure[:2], mass[:2], rtol=0, atol=1e-6)
-    assert pressure[2] == pytest.approx(-scene.ground.sinking, rel=0.05)
+    assert pressure[2] == pytest.approx(-scene.ground.penetration, rel=0.05)
     left, right = (sensors.center_of_pressure(scene, run, foot)[-1] for foot in ("left_foot", "right_foot"))
     assert left[1] > 0.0 > right[1]
     np.testing.assert_allclose(0.5 * (left + right)[:2], pressure[:2], rtol=0, atol=1e-6)
@@ -68,7 +68,7 @@ def test_beside_the_axis_of_a_spin_an_accelerometer_reads_the_centripetal_accele
 def test_an_accelerometer_reads_what_differences_of_its_velocity_say():
     """A tumbling box that lands: specific force times the step is the change of velocity less that by gravity."""
     scene, h, place = box_on(Ground()), 1e-3, np.array([0.1, -0.05, 0.03])
-    run = simulate(scene, 0.2, thrown(scene, 0.01, 0.3, (0.2, 0.1, -0.3)), record=CHANNELS, sample=h)
+    run = simulate(scene, 0.2, thrown(scene, 0.01, 0.3, (0.2, 0.1, -0.3)), record=CHANNELS, record_interval=h)
     R, omega = rotations(run["base_q"][:, 3:]), run["base_qd"][:, 3:]
     at_origin = np.einsum("kij,kj->ki", R[1:], sensors.accelerometer(scene, run)[1:])
     change = np.diff(run["base_qd"][:, :3], axis=0) / h + [0.0, 0.0, G]

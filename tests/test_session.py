@@ -15,8 +15,8 @@ from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run import sensors
 from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.session import Session
-from featherstone_gait.run.simulate import Push, initial_state, restarted, simulate, simulate_batch
-from featherstone_gait.run.worlds import Spread, Worlds
+from featherstone_gait.run.simulate import Push, initial_state, reset_time, simulate, simulate_batch
+from featherstone_gait.run.worlds import Distribution, Worlds
 from featherstone_gait.scene.compile import compile_scene
 
 LAW = {"law": "pid_position", "Kp": 40.0, "Ki": 20.0, "Kd": 0.3, "lag": 0.013, "delay": 0.003}
@@ -48,7 +48,7 @@ def whole(session, actions, **how):
 
 def assert_same(session, runs, recorded=True):
     assert [run.final.tobytes() for run in runs] == [y.tobytes() for y in session.state]
-    assert session.time.tolist() == [run.final[session.scene.layout["end"]] for run in runs]
+    assert session.time.tolist() == [run.final[session.scene.layout["end_time"]] for run in runs]
     assert session.status == [run.status for run in runs]
     for robot, run in enumerate(runs if recorded else ()):
         found = session.trajectory(robot)
@@ -63,12 +63,12 @@ def assert_same(session, runs, recorded=True):
 def test_a_session_has_the_bits_of_one_run(integrator, n):
     """Alone, in lanes and with robots left over; lag, delay and the derivative's last error go on from tick to tick."""
     n = min(n, 3) if integrator is None else n
-    session = Session(servo_arm(integrator), n, record=RECORD, sample=0.002)
+    session = Session(servo_arm(integrator), n, record=RECORD, record_interval=0.002)
     actions = moves(n)
     for action in actions:
         session.step(action)
     assert np.abs(session.state[:, slice(*session.scene.part("q"))]).max() > 0.05
-    assert_same(session, whole(session, actions, sample=0.002))
+    assert_same(session, whole(session, actions, record_interval=0.002))
 
 
 @pytest.mark.long
@@ -94,7 +94,7 @@ def test_an_action_of_none_holds_the_robots_where_they_are():
 @pytest.mark.long
 @pytest.mark.nojit
 def test_worlds_differ_in_each_robot():
-    scene, worlds = servo_arm(), Worlds(runs=11, servos={"resistance": Spread("normal", 0.1)}, seed=3)
+    scene, worlds = servo_arm(), Worlds(runs=11, servos={"resistance": Distribution("normal", 0.1)}, seed=3)
     session, actions = Session(scene, worlds=worlds, record=RECORD), moves(11, 6)
     for action in actions:
         session.step(action)
@@ -137,7 +137,7 @@ def test_a_state_that_a_run_has_come_to_goes_on():
     for action in actions[4:]:
         session.step(action)
     assert_same(session, whole(session, actions), recorded=False)
-    session.reset(state=[restarted(scene, run.final) for run in runs])
+    session.reset(state=[reset_time(scene, run.final) for run in runs])
     assert session.time.tolist() == [0.0, 0.0, 0.0]
 
 
@@ -380,7 +380,7 @@ def test_misuse_is_refused():
         (lambda: Session(scene, 1, observe=("qq",)), "no channel or sensor 'qq'"),
         (lambda: Session(scene, 1, observe="q"), "give a list of names"),
         (lambda: Session(scene, 1, record=("qq",)), "there is no channel"),
-        (lambda: Session(scene, 1, sample=0.003), "sample is 0.003"),
+        (lambda: Session(scene, 1, record_interval=0.003), "sample is 0.003"),
         (lambda: Session(scene, 1, noise=0.1), "noise"),
         (lambda: Session(scene, 5, worlds=Worlds(runs=3)), "n is 5"),
         (lambda: Session(scene, 1, "pwm").step([1.5]), "duty cycle of 1.5"),

@@ -370,7 +370,7 @@ def test_what_is_fixed_to_a_foot_or_moves_before_it_does_not_hide_it():
     robot = Model("hopper", tuple(links), joints, "floating", shapes=(trunk, foot, sensor, toe))
     for locked in ({}, {"hip": 0.0, "ball": 0.0}):
         found = with_contacts(replace(robot, locked=locked), "feet").contacts
-        assert {point.link for point in found if point.carries} == {"foot", "toe"}
+        assert {point.link for point in found if point.load_bearing} == {"foot", "toe"}
         assert min(point.position[2] for point in found if point.link == "foot") == -0.02
 
 

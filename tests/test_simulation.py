@@ -38,8 +38,8 @@ BAD_CALLS = {
     "duration without end": (dict(duration=math.inf), "positive and finite"),
     "duration not a number": (dict(duration=math.nan), "positive and finite"),
     "an unknown channel": (dict(record=("q", "speed")), "no channel 'speed'; channels: .*qd"),
-    "half a step between samples": (dict(sample=1.5e-3), "sample is 0.0015 s; .* steps of 0.001 s"),
-    "no time between samples": (dict(sample=0.0), "whole number of steps"),
+    "half a step between samples": (dict(record_interval=1.5e-3), "sample is 0.0015 s; .* steps of 0.001 s"),
+    "no time between samples": (dict(record_interval=0.0), "whole number of steps"),
     "a state too short": (dict(state=np.zeros(3)), r"state must be \d+ finite numbers; its shape is \(3,\)"),
     "a state that is not finite": (dict(state="nan"), "state must be"),
     "a reference too narrow": (
@@ -72,7 +72,7 @@ def test_what_a_scene_has_no_use_for_is_refused():
     with pytest.raises(ValueError, match="a reference needs servos"):
         simulate(hinge(), 0.1, reference=Reference([0.0], [[0.0]]))
     with pytest.raises(ValueError, match="simtwo takes its torques from the servos"):
-        simulate(arm_scene(servos="standard", integrator="simtwo"), 0.1, tau=np.zeros(7))
+        simulate(arm_scene(gearbox="standard", integrator="simtwo"), 0.1, tau=np.zeros(7))
     with pytest.raises(ValueError, match=r"\[2, 3, 3, 3\] entries"):
         simulate_batch(arm_scene(), 0.1, [None] * 2, [None] * 3, [None] * 3)
 
@@ -97,12 +97,25 @@ def test_states_that_are_none_are_refused(q, qd, message):
 @pytest.mark.nojit
 def test_every_channel_has_its_shape():
     scene, n = arm_scene(), 7
-    run = simulate(scene, 0.02, record=PARTS, sample=2e-3)
+    run = simulate(scene, 0.02, record=PARTS, record_interval=2e-3)
     one_a_joint = "q qd current rotor rotor_speed filtered voltage integral qdd torque power increment chatter"
     one_a_joint += " worst_chatter"
     shapes = dict.fromkeys(one_a_joint.split(), (11, n))
-    shapes |= {"time": (11,), "energy": (11, n, energies.ENERGIES), "contact_work": (11, 1), "passes": (11, 2)}
-    absent = ("bristle", "contact_force", "clearance", "goal", "duty", "bus", "source_loss")
+    shapes |= {
+        "time": (11,),
+        "energy": (11, n, energies.ENERGIES),
+        "contact_work": (11, 1),
+        "newton_iterations": (11, 2),
+    }
+    absent = (
+        "tangential_deflection",
+        "contact_force",
+        "clearance",
+        "profiled_reference",
+        "duty",
+        "bus_voltage",
+        "source_loss",
+    )
     for name in run:
         nothing = name.startswith("base") or name in absent
         assert run[name].size == 0 if nothing else run[name].shape == shapes[name], name
@@ -112,14 +125,14 @@ def test_every_channel_has_its_shape():
 @pytest.mark.nojit
 def test_channels_of_a_floating_robot_on_the_ground():
     scene = box_on(Ground())
-    run = simulate(scene, 0.02, record=("base_q", "base_qd", "base_qdd", "bristle", "contact_force"))
+    run = simulate(scene, 0.02, record=("base_q", "base_qd", "base_qdd", "tangential_deflection", "contact_force"))
     shapes = {name: values.shape for name, values in run.items()}
     assert shapes == {
         "time": (3,),
         "base_q": (3, 7),
         "base_qd": (3, 6),
         "base_qdd": (3, 6),
-        "bristle": (3, 4, 2),
+        "tangential_deflection": (3, 4, 2),
         "contact_force": (3, 4, 3),
     }
 
@@ -138,7 +151,7 @@ def test_what_is_recorded_and_how_often_does_not_change_the_run():
     scene, state = arm_scene(), initial_state(arm_scene(), np.full(7, 0.2))
     reference = Reference([0.0], np.zeros((1, 7)))
     runs = [
-        simulate(scene, 0.1, state, reference, record=record, sample=sample)
+        simulate(scene, 0.1, state, reference, record=record, record_interval=sample)
         for record, sample in [(("q",), 1e-3), (("energy", "q"), 5e-3), ((), 0.1), (("q",), None)]
     ]
     assert len({run.final.tobytes() for run in runs}) == 1
@@ -152,7 +165,7 @@ def test_what_is_recorded_and_how_often_does_not_change_the_run():
 @pytest.mark.nojit
 def test_the_duration_is_rounded_up_to_ticks_and_samples_need_not_divide_it():
     scene = arm_scene()
-    run = simulate(scene, 0.021, sample=7e-3)
+    run = simulate(scene, 0.021, record_interval=7e-3)
     assert run.end_time == pytest.approx(0.03, abs=1e-12)
     np.testing.assert_allclose(run["time"], [0.0, 0.007, 0.014, 0.021, 0.028], rtol=0, atol=1e-15)
 
@@ -195,17 +208,17 @@ def test_a_walk_on_the_ground_in_two_parts_has_the_bits_of_one():
 
 def test_a_run_goes_on_only_in_a_scene_whose_state_has_the_same_parts(tmp_path):
     """A trajectory knows the names of its state's parts, also one from a file."""
-    run = simulate(arm_scene(servos="mipsd"), 0.02)
+    run = simulate(arm_scene(gearbox="mipsd"), 0.02)
     run.save(tmp_path / "run")
     for trajectory in (run, Trajectory.load(tmp_path / "run")):
-        assert simulate(arm_scene(servos="mipsd"), 0.02, trajectory).ok
+        assert simulate(arm_scene(gearbox="mipsd"), 0.02, trajectory).ok
         with pytest.raises(ValueError, match=r"rotor 7.*this scene of arm7 has .*same servos and contacts"):
-            simulate(arm_scene(servos="rotor"), 0.02, trajectory)
+            simulate(arm_scene(gearbox="rotor"), 0.02, trajectory)
 
 
 @pytest.mark.long
 def test_an_actuator_put_in_by_hand_is_not_lost():
-    scene, other = arm_scene(servos="rotor"), arm_scene(servos="mipsd")
+    scene, other = arm_scene(gearbox="rotor"), arm_scene(gearbox="mipsd")
     changed = replace(scene, constants=scene.constants._replace(actuator=other.constants.actuator))
     for how in ({"estimate_error": True}, {"rtol": 1e-6}):
         with pytest.raises(ValueError, match="arm7: actuator of the scene's constants were put in by hand"):
@@ -215,7 +228,7 @@ def test_an_actuator_put_in_by_hand_is_not_lost():
 @pytest.mark.long
 def test_pushes_of_a_scene_stay_with_it():
     push = Push("link7", (1.0, 1.0, 0.0), end=0.01)
-    scene = arm_scene(servos=None)
+    scene = arm_scene(gearbox=None)
     for how in ({"estimate_error": True}, {"rtol": 1e-8}):
         runs = [simulate(scene.pushed([push]), 0.02, **how), simulate(scene, 0.02, pushes=[push], **how)]
         assert np.array_equal(runs[0]["q"], runs[1]["q"])
@@ -226,8 +239,10 @@ def test_pushes_of_a_scene_stay_with_it():
 @pytest.mark.parametrize("servos", [None, "rotor", "mipsd"])
 def test_power_is_torque_times_velocity(servos):
     scene = arm_scene(servos=servos)
-    run = simulate(scene, 0.05, initial_state(scene, np.full(7, 0.2)), record=("power", "qd"), sample=1e-3)
-    torque = simulate(scene, 0.05, initial_state(scene, np.full(7, 0.2)), record=("torque",), sample=1e-3)["torque"]
+    run = simulate(scene, 0.05, initial_state(scene, np.full(7, 0.2)), record=("power", "qd"), record_interval=1e-3)
+    torque = simulate(scene, 0.05, initial_state(scene, np.full(7, 0.2)), record=("torque",), record_interval=1e-3)[
+        "torque"
+    ]
     assert np.array_equal(run["power"], torque * run["qd"])
     assert list(run) == ["time", "power", "qd"]
 
@@ -272,7 +287,9 @@ def test_torques_over_time_swing_a_pendulum_as_they_must(integrator, tolerance, 
 @pytest.mark.long
 def test_dry_friction_stops_a_joint_after_its_momentum_over_its_torque():
     scene = hinge(gravity=False, damping=0.0, friction=0.1)
-    run = simulate(scene, 1.0, initial_state(scene, ZERO, [0.5]), tau=ZERO, record=("q", "qd", "energy"), sample=1e-3)
+    run = simulate(
+        scene, 1.0, initial_state(scene, ZERO, [0.5]), tau=ZERO, record=("q", "qd", "energy"), record_interval=1e-3
+    )
     stop = 0.5 * (0.25 / 3) / 0.1
     assert run["qd"][int(stop * 1000) - 5, 0] > 0.0
     assert abs(run["qd"][int(stop * 1000) + 20, 0]) < 1e-6
@@ -382,7 +399,9 @@ def test_a_stop_is_critically_damped_at_its_depth_with_the_inertia_of_the_joint(
 def test_a_stop_pushes_only_back():
     """A joint that leaves its stop is not held by it."""
     scene = hinge(lower=-0.4, upper=0.4, gravity=False, damping=0.0)
-    run = simulate(scene, 0.2, initial_state(scene, [0.399], [0.5]), tau=[-0.5], record=("q", "qd"), sample=1e-3)
+    run = simulate(
+        scene, 0.2, initial_state(scene, [0.399], [0.5]), tau=[-0.5], record=("q", "qd"), record_interval=1e-3
+    )
     free = run["q"][:, 0] < 0.4
     after = np.flatnonzero(free & (np.arange(len(free)) > np.argmin(free)))
     acceleration = np.diff(run["qd"][after, 0]) / 1e-3
@@ -396,12 +415,12 @@ MOON = 1.62  # [m/s^2]
 
 
 def test_a_box_sinks_in_on_the_moon_as_deep_as_asked_for():
-    scene = compile_scene(box(), ground=Ground(sinking=1e-3), gravity=(0.0, 0.0, -MOON), **NEVER_FALLEN)
+    scene = compile_scene(box(), ground=Ground(penetration=1e-3), gravity=(0.0, 0.0, -MOON), **NEVER_FALLEN)
     start = initial_state(scene)
     run = simulate(scene, 1.0, start, record=("base_q", "contact_force"))
     assert np.abs(run["base_q"][:, 2] - start[2]).max() < 1e-9  # it starts at that depth
     assert run["contact_force"][-1, :, 0].sum() == pytest.approx(scene.model.mass * MOON, rel=1e-9)
-    earth = compile_scene(box(), ground=Ground(sinking=1e-3), **NEVER_FALLEN)
+    earth = compile_scene(box(), ground=Ground(penetration=1e-3), **NEVER_FALLEN)
     stiffness = [s.constants.contact.points.stiffness[0] for s in (scene, earth)]
     assert stiffness[0] / stiffness[1] == pytest.approx(MOON / G, rel=1e-12)
     limits = [s.preflight.largest_explicit_step for s in (scene, earth)]
@@ -490,7 +509,7 @@ def test_a_failed_run_stays_failed():
 
 
 def test_the_2012_order_chatters_with_rigid_gearboxes_and_names_joint_and_step():
-    scene = arm_scene(servos="standard", integrator="simtwo")
+    scene = arm_scene(gearbox="standard", integrator="simtwo")
     run = simulate(scene, 2.0, initial_state(scene, np.full(7, 0.1)))
     assert run.status in ("chatter", "diverged")
     assert any(name in run.message for name in scene.model.joint_names)

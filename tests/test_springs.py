@@ -67,7 +67,7 @@ def tangle(damping, seed=5):
 def test_two_masses_swing_with_their_reduced_mass(integrator, damping):
     """sqrt(K / m) = 10 rad/s, and damped at C / 2 m; 1e-13 a step over 20 rad."""
     scene = pair_scene(damping, integrator)
-    run = simulate(scene, 2.0, flying(scene), record=("q",), rtol=1e-13, sample=0.1)
+    run = simulate(scene, 2.0, flying(scene), record=("q",), rtol=1e-13, record_interval=0.1)
     assert np.abs(run["q"][:, 0] - swing(run["time"], damping)).max() < 1e-11
 
 
@@ -124,7 +124,7 @@ def test_dampers_take_what_their_stretching_loses():
     """The energy falls by the integral of C (dl/dt)^2 (Simpson's rule over records of 1 ms, whose error is 1e-8)."""
     model, springs, q, qd = tangle(0.5)
     scene = compile_scene(model, gravity=STILL, springs=springs, timestep=1e-3)
-    run = simulate(scene, 0.2, initial_state(scene, q, qd), record=ALL, rtol=1e-12, sample=1e-3)
+    run = simulate(scene, 0.2, initial_state(scene, q, qd), record=ALL, rtol=1e-12, record_interval=1e-3)
     q, qd, moving, _ = conserved(run, model)
     total = moving + spring_energy(model, springs, q).sum(axis=1)
     length = np.linalg.norm(spring_vectors(model, springs, q), axis=-1)
@@ -223,7 +223,7 @@ def test_springs_limit_a_fixed_step_that_is_chosen(integrator):
     assert scene.timestep == 2.5e-4
     assert scene.preflight.reason.endswith("springs between bodies limit any fixed step to 0.0017 s: 0.00025 s chosen")
     start = initial_state(scene, [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1e-3])
-    run = simulate(scene, 0.05, start, sample=scene.timestep, estimate_error=False)
+    run = simulate(scene, 0.05, start, record_interval=scene.timestep, estimate_error=False)
     assert run.ok
     assert np.abs(run["q"][:, 0]).max() < 1.1e-3
 

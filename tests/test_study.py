@@ -22,9 +22,9 @@ from matplotlib import image
 from matplotlib.figure import Figure
 
 from featherstone_gait import (
+    Distribution,
     Ground,
     Reference,
-    Spread,
     Worlds,
     compile_scene,
     initial_state,
@@ -46,8 +46,10 @@ ARM = 'robot = "ax12_arm"\nexperiment = "hold"\nduration = 0.5\n'
 GRID = ARM + "[vary]\nservo.Kp = [20.0, 61.0, 100.0]\nposture.tilt = {from = -0.1, to = 0.1, count = 5}\n"
 DRAWN = ARM + '[sampling]\nmethod = "{}"\ncount = {}\nseed = {}\n'
 DRAWN += '[vary]\nservo.Kp = {{from = 1.0, to = 100.0, scale = "log"}}\n'
-UNITS = ARM + "[sampling]\nmethod = 'random'\ncount = 9\n[worlds]\nlinks.mass = {law = 'uniform', width = 0.1}\n"
-UNITS += "servos.Kp = {law = 'normal', width = 0.1, alike = true}\nreference.offset = {law = 'uniform', width = 0.03}\n"
+UNITS = ARM + "[sampling]\nmethod = 'random'\ncount = 9\n[worlds]\nlinks.mass = {kind = 'uniform', scale = 0.1}\n"
+UNITS += (
+    "servos.Kp = {kind = 'normal', scale = 0.1, shared = true}\nreference.offset = {kind = 'uniform', scale = 0.03}\n"
+)
 WALK = 'robot = "humanoid"\nlocked = "simplified"\nexperiment = "walk"\nstrides = 1\nwarm_up = 1\n'
 LARGE = ARM.replace("0.5", "4.0") + "[vary]\nservo.Kp = {from = 20.0, to = 80.0, count = 100}\n"
 LARGE += "posture.tilt = {from = -0.2, to = 0.2, count = 40}\n"  # 4000 runs, some seconds
@@ -142,23 +144,26 @@ def test_random_runs_depend_on_the_seed_alone(tmp_path):
         (DRAWN.format("random", 5, -1), ["sampling.seed is -1", ">= 0"]),
         (DRAWN.format("random", 10**12, 1), ["sampling.count", "at most"]),
         (GRID.replace("count = 5", "count = 900000000"), ["at most"]),
-        (GRID + "[worlds]\nlinks.mass = {law = 'uniform', width = 0.1}\n", ["grid", "latin_hypercube"]),
+        (GRID + "[worlds]\nlinks.mass = {kind = 'uniform', scale = 0.1}\n", ["grid", "latin_hypercube"]),
         (UNITS.replace("links.mass", "link.mass"), ["no section 'link'", "links"]),
         (UNITS.replace("links.mass", "links.weight"), ["no number 'weight'", "mass"]),
         (UNITS.replace("links.mass", "links.trunk.mass"), ["no 'trunk'", "use one of"]),
         (UNITS.replace("links.mass", "ground.friction"), ["friction is given", "none"]),
         (UNITS.replace("width = 0.1", "width = -0.1"), ["worlds.links.mass", "width is -0.1"]),
         (UNITS.replace("width", "wide"), ["worlds.links.mass", "width = 0.1"]),
-        (UNITS.replace("{law = 'uniform', width = 0.1}", "0.1"), ["worlds.links.mass is 0.1", "law"]),
+        (UNITS.replace("{kind = 'uniform', scale = 0.1}", "0.1"), ["worlds.links.mass is 0.1", "law"]),
         (UNITS.replace("reference.offset", "reference.delay"), ["worlds.reference.delay", "reference.offset"]),
         (UNITS[: UNITS.index("links.mass")] + "links = {}\n", ["worlds.links is {}", "law"]),
         (UNITS + "links.mass2 = 1\n", ["worlds.links.mass2 is 1", "law"]),
-        (UNITS.replace("reference.offset", "servos.Kd"), ["worlds.servos.Kd is 0", "added = true"]),
+        (UNITS.replace("reference.offset", "servos.Kd"), ["worlds.servos.Kd is 0", "additive = true"]),
         (UNITS.replace("links.mass", "servos.period"), ["worlds.servos.period", "vary servo.period"]),
         (UNITS.replace("0.03", "4.0"), ["worlds.reference.offset", "0 to pi"]),
-        (UNITS.replace("width = 0.03", "width = 0.03, added = false"), ["reference.offset", "of law, width, alike"]),
+        (
+            UNITS.replace("scale = 0.03", "scale = 0.03, additive = false"),
+            ["reference.offset", "of kind, scale, shared"],
+        ),
         (UNITS.replace("random", "saltelli").replace("9", "16777216"), ["sampling.count 16777216", "at most", "alike"]),
-        (UNITS + "links.a.b.c.d.mass = {law = 'uniform', width = 0.1}\n", ["worlds.links.a"]),
+        (UNITS + "links.a.b.c.d.mass = {kind = 'uniform', scale = 0.1}\n", ["worlds.links.a"]),
         (WALK + "[vary]\ngait.file = ['no.npz']\n", ["gait.file is 'no.npz'", "neither in"]),
         (WALK + "[gait]\nfile = 'a.npz'\n[vary]\ngait.period = [0.5]\n", ["gait.file", "gait.period", "one of"]),
     ],
@@ -206,9 +211,9 @@ def test_every_parameter_changes_the_scene_it_names(tmp_path):
     changes = [
         "posture.tilt = [0, 0.3]",
         "scene.ground = [true, false]",
-        'scene.servos = ["mipsd", "rotor"]',
+        'scene.gearbox = ["mipsd", "rotor"]',
         "ground.friction = [0.9, 0.0]",
-        "ground.sinking = [5e-4, 1e-3]",
+        "ground.penetration = [5e-4, 1e-3]",
         "servo.Kp = [61.0, 30.0]",
         "servo.ratio = [254.0, 127.0]",
         "servo.voltage_limit = [10.0, 0.1]",
@@ -293,10 +298,10 @@ def test_a_unit_is_the_world_that_its_draws_make(tmp_path):
 
 def test_of_normal_draws_so_many_lie_below():
     shares = np.linspace(0.0, 1.0, 1001)
-    x = Spread("normal", 1.0).at(shares)
+    x = Distribution("normal", 1.0).at(shares)
     assert np.isfinite(x).all()
     assert x[[159, 500, 841]] == pytest.approx([-0.99858, 0.0, 0.99858], abs=1e-5)
-    assert Spread("uniform", 1.0).at(shares) == pytest.approx(2.0 * shares - 1.0)
+    assert Distribution("uniform", 1.0).at(shares) == pytest.approx(2.0 * shares - 1.0)
 
 
 def test_a_world_that_makes_no_scene_is_refused_alone(tmp_path):
@@ -311,8 +316,8 @@ def test_points_without_what_is_drawn_are_refused_alone(tmp_path):
     """Servos of a scene that has none, in a batch with some that have."""
     text = UNITS.replace("count = 9", "count = 6") + "[vary]\nscene.servos = ['mipsd', 'none']\n"
     rows = table(run_study(read(tmp_path, text.replace("reference.offset", "servos.resistance")), tmp_path).table)
-    assert {row["status"] for row in rows if row["scene.servos"] == "mipsd"} == {"ok"}
-    assert {row["status"] for row in rows if row["scene.servos"] == "none"} == {"refused"}
+    assert {row["status"] for row in rows if row["scene.gearbox"] == "mipsd"} == {"ok"}
+    assert {row["status"] for row in rows if row["scene.gearbox"] == "none"} == {"refused"}
 
 
 @pytest.mark.long
@@ -324,7 +329,7 @@ def test_gaits_with_feedback_and_without_keep_their_own_in_a_batch(tmp_path):
     alone = [run_batch(study.setup, [point])[0] for point in points]
     assert run_batch(study.setup, points) == alone
     assert run_batch(study.setup, points[::-1]) == alone[::-1]
-    units = "[sampling]\nmethod = 'random'\ncount = 4\n[worlds]\nreference.offset = {law = 'uniform', width = 0.03}\n"
+    units = "[sampling]\nmethod = 'random'\ncount = 4\n[worlds]\nreference.offset = {kind = 'uniform', scale = 0.03}\n"
     refused(tmp_path, text + "[gait]\nfile = 'balanced_gait.npz'\n" + units, "feedback", "remove reference.offset")
 
 
@@ -360,8 +365,8 @@ def test_a_gait_from_a_file_costs_what_it_costs_elsewhere_and_zeros_matter(tmp_p
     motion = read_motion(Path(model.source).parent / "optimized_gait.npz", model.joint_names)
     scene = compile_scene(model, "mipsd", Ground(friction=0.95), "midpoint", 1e-3)
     signal = motion.reference(3)
-    state = standing_state(scene, signal.values[0], beyond_limits=True)
-    run = simulate(scene, motion.begin(3), state, signal, record=RECORD, sample=SAMPLE, estimate_error=False)
+    state = standing_state(scene, signal.values[0], allow_limit_violation=True)
+    run = simulate(scene, motion.begin(3), state, signal, record=RECORD, record_interval=SAMPLE, estimate_error=False)
     own = measured(scene, run, motion.begin(1), motion.begin(3), 2)
     assert (float(row["cost_J_m"]), float(row["walks"])) == (own.cost, 1.0)
 
@@ -572,7 +577,7 @@ def without_privileges():
 
 def test_what_takes_one_value_is_no_axis_of_the_picture(tmp_path):
     """So that a grid of two parameters is a map, whatever else its file states."""
-    study = read(tmp_path, GRID + 'scene.servos = ["mipsd"]\nservo.Kd = [0.0]\n')
+    study = read(tmp_path, GRID + 'scene.gearbox = ["mipsd"]\nservo.Kd = [0.0]\n')
     figure = _figure(study, run_study(study, tmp_path).table, Figure)
     drawn, colors = figure.axes
     assert {drawn.get_xlabel(), drawn.get_ylabel()} == {"posture.tilt [rad]", "servo.Kp [V/rad]"}
@@ -604,7 +609,7 @@ def test_parquet_without_its_libraries_is_refused_before_anything_runs(tmp_path,
     ("vary", "panels"),
     [
         ("servo.Kp = [20.0, 61.0]", 1),
-        ('scene.servos = ["rotor", "none"]', 1),
+        ('scene.gearbox = ["rotor", "none"]', 1),
         ("servo.Kp = [20.0, 61.0]\nposture.tilt = [0.0, 0.1]", 1),
         ('servo.Kp = [20.0, 61.0]\nposture.tilt = [0.0, 0.1]\nscene.servos = ["rotor", "none"]', 2),
         ('servo.Kp = [20.0]\nposture.tilt = [0.0, 0.1]\nscene.servos = ["rotor"]\nscene.timestep = [0.001]', 1),

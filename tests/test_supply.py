@@ -33,7 +33,7 @@ def arm(resistance=0.5, voltage=V0, integrator="implicit_euler", servos="rotor",
     return compile_scene(robot, servos, integrator=integrator, timestep=timestep, gravity=WEIGHTLESS)
 
 
-def first_tick(scene, errors, speeds=0.0, name="bus"):
+def first_tick(scene, errors, speeds=0.0, name="bus_voltage"):
     """A channel as the first tick leaves it, of servos with these errors [rad] and speeds [rad/s]."""
     state = initial_state(scene, -np.asarray(errors), np.broadcast_to(speeds, 7))
     path = Reference([0.0], np.zeros((1, 7)))
@@ -62,8 +62,8 @@ def test_stalled_servos_share_what_the_source_gives():
 @pytest.mark.nojit
 def test_a_source_without_resistance_is_only_another_voltage():
     scene, path = arm(resistance=0.0, voltage=9.0), Reference([0.0, 0.1], [[0.0] * 7, [0.2] * 7])
-    run = simulate(scene, 0.1, None, path, record=("q", "bus", "source_loss"), **ONCE)
-    assert run["bus"].tolist() == [[9.0]] * 11
+    run = simulate(scene, 0.1, None, path, record=("q", "bus_voltage", "source_loss"), **ONCE)
+    assert run["bus_voltage"].tolist() == [[9.0]] * 11
     assert run["source_loss"].tolist() == [[0.0]] * 11
     own = with_controller(scene.model, Kp=61.0 * 0.9)
     own = replace(own, supply=None, servos={k: replace(s, voltage_limit=9.0) for k, s in own.servos.items()})
@@ -116,12 +116,12 @@ def test_voltage_is_the_root_of_its_equation():
     errors, speeds = rng.normal(scale=0.1, size=(runs, 7)), rng.normal(scale=4.0, size=(runs, 7))
     states = [initial_state(scene, -e, w) for e, w in zip(errors, speeds)]
     path = [Reference([0.0], np.zeros((1, 7)))] * runs
-    found = simulate_batch(scene, 0.01, states, path, record=("bus", "duty"), worlds=worlds, **ONCE)
+    found = simulate_batch(scene, 0.01, states, path, record=("bus_voltage", "duty"), worlds=worlds, **ONCE)
     limited = 0
     for run, w, R_s, full in zip(found, speeds, worlds.supply["resistance"], worlds.supply["voltage"]):
         d = run["duty"][0]
         V = brentq(missing, -100.0, 200.0, (d, w, R_s, full), xtol=1e-14, rtol=1e-15)
-        np.testing.assert_allclose(run["bus"][0, 0], max(V, 0.0), rtol=0, atol=1e-11)
+        np.testing.assert_allclose(run["bus_voltage"][0, 0], max(V, 0.0), rtol=0, atol=1e-11)
         limited += (np.abs(d * V - GK * w) / R > 0.4).sum()
     assert 40 < limited < 240
 
@@ -135,13 +135,21 @@ FIRMWARE = {
 }  # fmt: skip
 
 
-def moved_arm(servos, integrator, h, record=(), sample=None):
+def moved_arm(servos, integrator, h, record=(), record_interval=None):
     """Scene, start and run of the arm with friction, limits, firmware and source, through a motion of 0.5 s."""
     robot = with_controller(load_robot("arm7"), **FIRMWARE)
     scene = compile_scene(replace(robot, supply=Supply(V0, 0.5)), servos, integrator=integrator, timestep=h)
     start = initial_state(scene, np.full(7, 0.3))
     path = Reference([0.0, 0.25, 0.5], np.outer([0.3, 0.0, 0.2], np.ones(7)))
-    run = simulate(scene, 0.5, start, path, record=("energy", "source_loss", "bus", *record), sample=sample, **ONCE)
+    run = simulate(
+        scene,
+        0.5,
+        start,
+        path,
+        record=("energy", "source_loss", "bus_voltage", *record),
+        record_interval=record_interval,
+        **ONCE,
+    )
     assert run.status in ("ok", "chatter"), run.message
     return scene, start, run
 
@@ -166,7 +174,7 @@ def test_every_joule_of_the_source_is_accounted_for(servos, h):
 
     What it gives is summed here from duty cycles and currents, by Simpson's rule over two steps, each within a tick.
     """
-    scene, start, run = moved_arm(servos, "rk4", h, record=("duty", "current"), sample=h)
+    scene, start, run = moved_arm(servos, "rk4", h, record=("duty", "current"), record_interval=h)
     E = run["energy"][-1].sum(axis=0)
     lost = E[[energies.COPPER, energies.DRIVER, energies.FRICTION, energies.GEAR, energies.STOPS]].sum()
     gained = stored(scene, run.final) - stored(scene, start)
@@ -196,11 +204,11 @@ def test_every_joule_of_the_source_is_accounted_for(servos, h):
 )
 def test_the_source_loses_its_share_of_what_it_gives_in_each_tick(servos, integrator, rounding):
     """While V stands, the loss is V0 / V - 1 times what the servos take, whatever the integrator: to rounding."""
-    _, _, run = moved_arm(servos, integrator, 1e-3, sample=1e-3)
+    _, _, run = moved_arm(servos, integrator, 1e-3, record_interval=1e-3)
     taken = np.diff(run["energy"][..., energies.SUPPLY].sum(axis=1))
     lost = np.diff(run["source_loss"][:, 0])
-    assert run["bus"].min() < V0 - 0.5
-    share = V0 / run["bus"][:-1, 0] - 1.0
+    assert run["bus_voltage"].min() < V0 - 0.5
+    share = V0 / run["bus_voltage"][:-1, 0] - 1.0
     np.testing.assert_allclose(lost, share * taken, rtol=0, atol=rounding * np.abs(taken).sum())
 
 
@@ -234,7 +242,7 @@ def swung(period, resistance=0.3, duration=0.5):
     servo = load_servo("ax12", current_slew=math.inf, coulomb_friction=0.0, speed_filter=0.0, lag=0.0, period=period)
     robot = replace(robot, servos=dict.fromkeys(robot.joint_names, servo), supply=Supply(V0, resistance))
     scene = compile_scene(robot, "rotor", timestep=0.1 * period)
-    path, how = Reference([0.0], np.full((1, 7), 0.5)), {"sample": 0.01, "rtol": 1e-8, "atol": 1e-8}
+    path, how = Reference([0.0], np.full((1, 7), 0.5)), {"record_interval": 0.01, "rtol": 1e-8, "atol": 1e-8}
     start = initial_state(scene, np.zeros(7))
     return scene, simulate(scene, duration, start, path, record=("q", "energy", "source_loss"), **how, **ONCE)
 

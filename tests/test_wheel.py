@@ -25,7 +25,7 @@ def wheel(offset=0.0):
 def test_a_wheel_turns_for_an_hour():
     """3.6e6 rad at 1000 rad/s, far beyond what the short reduction of an angle takes."""
     scene = compile_scene(wheel(), gravity=STILL, integrator="dop853")
-    run = simulate(scene, 3600.0, initial_state(scene, [0.0], [1000.0]), sample=900.0, record=("q", "qd"))
+    run = simulate(scene, 3600.0, initial_state(scene, [0.0], [1000.0]), record_interval=900.0, record=("q", "qd"))
     assert run.ok
     np.testing.assert_allclose(run["q"][:, 0], 1000.0 * run["time"], rtol=1e-12)
     np.testing.assert_array_equal(run["qd"], 1000.0)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scenes import G, along, box, box_on, pendulum, resting
 
-from featherstone_gait import Reference, Spread, Worlds, compile_scene, load_robot, simulate, simulate_batch
+from featherstone_gait import Distribution, Reference, Worlds, compile_scene, load_robot, simulate, simulate_batch
 from featherstone_gait.core.compile.jit import JIT, entry, kernel
 from featherstone_gait.core.compile.lanes import WIDTH, aligned, as_lanes
 from featherstone_gait.core.compile.optional import in_lanes
@@ -27,7 +27,7 @@ from featherstone_gait.study.settings import _shares
 
 RECORD = ("q", "qd", "energy", "voltage")
 ONCE = {"estimate_error": False}
-TENTH = Spread("normal", 0.1)
+TENTH = Distribution("normal", 0.1)
 
 
 def arm(servos="mipsd", integrator="implicit_euler", **more):
@@ -182,7 +182,7 @@ def test_scenes_that_do_not_differ_cost_what_they_did():
 @pytest.mark.parametrize(
     "values",
     [
-        {"servos": {"resistance": TENTH, "coulomb_friction": TENTH, "Kp": Spread("normal", 0.1, alike=True)}},
+        {"servos": {"resistance": TENTH, "coulomb_friction": TENTH, "Kp": Distribution("normal", 0.1, shared=True)}},
         {"links": {"mass": TENTH, "inertia": TENTH}, "gravity": [(0.0, 0.1 * k, -9.0 - 0.1 * k) for k in range(11)]},
     ],
     ids=["servos", "links and gravity"],
@@ -206,15 +206,15 @@ def humanoid():
 @pytest.fixture(scope="module")
 def everything():
     """Every number of ground, servos and links that a gait meets, and the lag; some robots fall."""
-    share = Spread("uniform", 0.2)
+    share = Distribution("uniform", 0.2)
     servos = ("resistance", "inductance", "motor_constant", "voltage_limit", "current_limit", "stiffness", "damping")
     return Worlds(
         runs=19,
-        ground={name: share for name in ("friction", "sinking", "damping_ratio")}
+        ground={name: share for name in ("friction", "penetration", "damping_ratio")}
         | {"height": np.linspace(-0.1, 0.1, 19), "slope": np.linspace(0.0, 0.1, 19)},
         servos={name: share for name in (*servos, "rotor_inertia", "coulomb_friction", "Kp", "speed_filter")}
         | {"lag": np.linspace(0.0, 0.03, 19)},
-        links={"mass": share, "inertia": share, "center_of_mass": Spread("normal", 1e-3, added=True)},
+        links={"mass": share, "inertia": share, "center_of_mass": Distribution("normal", 1e-3, additive=True)},
         gravity=np.array([0.0, 0.0, -9.81]) * np.linspace(0.8, 1.2, 19)[:, None],
         seed=4,
     )
@@ -258,7 +258,7 @@ def test_all_numbers_at_once_on_the_ground(humanoid, everything, walks, alone, w
 def test_many_worlds_with_noise_in_all_lanes_of_all_cores(humanoid):
     """Noise of encoders and supply besides: 64 units of one robot, each as alone."""
     rng = np.random.default_rng(9)
-    share = Spread("normal", 0.05)
+    share = Distribution("normal", 0.05)
     servos = {"resistance": share, "stiffness": share}
     worlds = Worlds(runs=64, servos=servos)
     noises = [rng.normal(size=(60, humanoid.tree.n, 2)) * [1e-3, 0.1] for _ in range(64)]
@@ -321,7 +321,7 @@ def test_scenes_of_other_structure_are_not_put_in_step():
 def test_a_height_field_may_lie_at_other_heights():
     rng = np.random.default_rng(0)
     field = HeightField(0.01 * rng.normal(size=(9, 9)), (0.2, 0.2), (-0.8, -0.8))
-    scene = box_on(Ground(field=field, sinking=1e-3))
+    scene = box_on(Ground(field=field, penetration=1e-3))
     worlds = Worlds(ground={"height": np.linspace(-0.05, 0.05, 5), "friction": np.linspace(0.2, 1.0, 5)})
     state = initial_state(scene, [0.0, 0.0, 0.2, 1.0, 0.1, 0.0, 0.0], [0.5, 0.0, 0.0, 0.0, 0.0, 1.0])
     runs = simulate_batch(scene, 0.4, [state] * 5, worlds=worlds, record=("base_q",), **ONCE)
@@ -337,7 +337,7 @@ def test_a_height_field_may_lie_at_other_heights():
 def test_boxes_slide_as_their_own_slope_and_friction_ask():
     """a = g (sin - mu cos), down the slope, eight slopes and coefficients in one vector."""
     slopes, friction = np.linspace(0.3, 0.5, 8), np.linspace(0.05, 0.2, 8)
-    scene = box_on(Ground(sinking=1e-4))
+    scene = box_on(Ground(penetration=1e-4))
     worlds = Worlds(ground={"slope": slopes, "friction": friction})
     states = [resting(own, (-0.5, 0.0, 0.0)) for own in worlds.scenes(scene)]
     runs = simulate_batch(scene, 0.5, states, worlds=worlds, record=("base_q", "base_qd"), **ONCE)
@@ -366,7 +366,7 @@ def test_a_pendulum_swings_by_its_own_gravity_and_length():
 
 
 NUMBERS = {
-    "ground": {"friction": 0.3, "sinking": 1e-3, "damping_ratio": 0.3, "height": 0.1, "slope": 0.1, "heading": 0.2},
+    "ground": {"friction": 0.3, "penetration": 1e-3, "damping_ratio": 0.3, "height": 0.1, "slope": 0.1, "heading": 0.2},
     "servos": {
         "resistance": 5.0, "inductance": 1e-3, "motor_constant": 0.01, "voltage_limit": 9.0, "current_limit": 1.0,
         "current_slew": 100.0, "viscous_friction": 0.1, "coulomb_friction": 0.1, "encoder_resolution": 1e-3,
@@ -445,14 +445,14 @@ def drawn(spread, parts=4, runs=20000, seed=0):
 
 @pytest.mark.nojit
 def test_draws_have_the_spread_that_is_asked_for():
-    uniform, normal, log = (drawn(Spread(law, 0.2)) for law in ("uniform", "normal", "lognormal"))
+    uniform, normal, log = (drawn(Distribution(law, 0.2)) for law in ("uniform", "normal", "lognormal"))
     assert np.abs(uniform - 1.0).max() <= 0.2
     assert uniform.std() == pytest.approx(0.2 / math.sqrt(3.0), rel=0.02)
     assert normal.mean() == pytest.approx(1.0, abs=0.005)
     assert normal.std() == pytest.approx(0.2, rel=0.02)
     assert np.log(log).std() == pytest.approx(0.2, rel=0.02)
     assert np.log(log).mean() == pytest.approx(0.0, abs=0.005)
-    added = Spread("normal", 0.5, added=True).drawn(np.array([3.0]), 20000, np.random.default_rng(0))
+    added = Distribution("normal", 0.5, additive=True).drawn(np.array([3.0]), 20000, np.random.default_rng(0))
     assert added.std() == pytest.approx(0.5, rel=0.02)
     assert added.mean() == pytest.approx(3.0, abs=0.02)
 
@@ -460,7 +460,7 @@ def test_draws_have_the_spread_that_is_asked_for():
 @pytest.mark.nojit
 def test_draws_are_one_a_part_or_one_for_all():
     assert abs(np.corrcoef(drawn(TENTH)[:, :2].T)[0, 1]) < 0.05
-    same = drawn(Spread("normal", 0.1, alike=True))
+    same = drawn(Distribution("normal", 0.1, shared=True))
     np.testing.assert_allclose(same, np.repeat(same[:, :1], 4, axis=1), rtol=1e-14)
 
 
@@ -490,7 +490,7 @@ def test_a_draw_depends_on_seed_field_and_run_alone():
         ({"runs": 3, "servos": {"kp": 1.0}}, ["'kp'", "Kp"]),
         ({"runs": 3, "ground": {"sole.friction": 1.0}}, ["sole.friction", "friction"]),
         ({"runs": 3, "servos": {"law": "state"}}, ["'law'", "resistance"]),
-        ({"runs": 3, "links": {"mass": "heavy"}}, ["mass is 'heavy'", "Spread"]),
+        ({"runs": 3, "links": {"mass": "heavy"}}, ["mass is 'heavy'", "Distribution"]),
         ({"runs": 3, "links": {"mass": math.nan}}, ["mass", "finite"]),
         ({"runs": -1}, ["runs is -1", "0"]),
         ({"gravity": [1.0, 2.0]}, ["gravity", "(2,)", "(runs, 3)"]),
@@ -527,7 +527,7 @@ def test_numbers_that_make_no_scene_are_refused(given, words):
 )
 def test_spreads_that_have_no_meaning_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
-        Spread(*arguments)
+        Distribution(*arguments)
 
 
 @pytest.mark.nojit
@@ -544,7 +544,7 @@ def test_there_is_a_run_for_each_world():
 @pytest.mark.long
 def test_a_box_may_be_of_any_mass_on_ground_as_stiff_as_it_asks():
     """The ground's stiffness follows the weight: each box sinks in by `sinking`."""
-    scene = box_on(Ground(sinking=1e-3), model=box())
+    scene = box_on(Ground(penetration=1e-3), model=box())
     worlds = Worlds(links={"mass": [0.1, 1.0, 10.0, 100.0]})
     states = [initial_state(own) for own in worlds.scenes(scene)]
     for run in simulate_batch(scene, 1.0, states, worlds=worlds, record=("base_q", "contact_force"), **ONCE):

@@ -30,7 +30,11 @@ def walked(path):
     runs = walking_cost(robot, states="step").simulate([found["first"], found["x"]], strides=12)
     for run in runs:
         rows = np.searchsorted(run["time"], np.arange(0.0, DURATION, 1.0 / RATE) - 1e-9)
-        yield robot, np.hstack([run["base_q"], run["q"]])[rows], run.column("energy", "meter").sum(axis=1)[rows]
+        yield (
+            robot,
+            np.hstack([run["base_q"], run["q"]])[rows],
+            run.column("energy", "electrical_no_regeneration").sum(axis=1)[rows],
+        )
 
 
 def faces(robot, q):

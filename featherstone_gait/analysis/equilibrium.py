@@ -230,17 +230,17 @@ def _laid(scene: CompiledScene, q: np.ndarray, used: np.ndarray, passes: int) ->
         loads = _loads(scene, _posed(scene, chart, q, _nudged(ways)))
         depth = loads.depth[:, used]
         slopes = (depth[1:4] - depth[4:]).T / (2.0 * NUDGE)
-        way = np.linalg.lstsq(slopes, scene.ground.sinking - depth[0], rcond=RANK)[0]
+        way = np.linalg.lstsq(slopes, scene.ground.penetration - depth[0], rcond=RANK)[0]
         q = _posed(scene, chart, q, (ways.T @ way)[:, None])[0]
         loads = _loads(scene, q[None])
-    up = loads.axes[0, used, 0].mean(axis=0) * (float(loads.depth[0, used].max()) - scene.ground.sinking)
+    up = loads.axes[0, used, 0].mean(axis=0) * (float(loads.depth[0, used].max()) - scene.ground.penetration)
     return np.concatenate([q[:3] + up, q[3:]])
 
 
 def _scale(scene: CompiledScene) -> np.ndarray:
     """Of the three ways of a base: of the order of the sinking [m, rad, rad]."""
     assert scene.ground is not None
-    return scene.ground.sinking * np.array([1.0, 1.0 / LEVER, 1.0 / LEVER])
+    return scene.ground.penetration * np.array([1.0, 1.0 / LEVER, 1.0 / LEVER])
 
 
 def _nudged(ways: np.ndarray) -> np.ndarray:
@@ -301,7 +301,7 @@ def _held(scene: CompiledScene, q: np.ndarray, force: np.ndarray, fault: Fault) 
     torque[: model.nv - n] = 0.0
     pulls = torque + carried + loads.springs[0]
     residual = forward_dynamics(model, q, np.zeros(model.nv), pulls, gravity=scene.gravity)
-    state, torque = initial_state(scene, q, beyond_limits=True), torque[model.nv - n :]
+    state, torque = initial_state(scene, q, allow_limit_violation=True), torque[model.nv - n :]
     _put_contacts(scene, state, force)
     weak = _put_servos(scene, state, q[len(q) - n :], torque)
     reference = weak.reference
@@ -327,7 +327,9 @@ def _put_contacts(scene: CompiledScene, state: np.ndarray, force: np.ndarray) ->
         return
     force = force[by_body(scene.model, scene.tree)]
     state[slice(*scene.part("contact_force"))] = force.ravel()
-    state[slice(*scene.part("bristle"))] = (-force[:, 1:] / contact.points.tangential_stiffness[:, None]).ravel()
+    state[slice(*scene.part("tangential_deflection"))] = (
+        -force[:, 1:] / contact.points.tangential_stiffness[:, None]
+    ).ravel()
 
 
 class _Driven(NamedTuple):
@@ -357,7 +359,13 @@ def _put_servos(scene: CompiledScene, state: np.ndarray, angles: np.ndarray, tor
         state[slice(*scene.part("rotor"))] = angles + wound + np.sign(torque) * gear.gap
     asked = _asked(scene, state, voltage, current)
     reference, integral, error, unreachable = _references(scene, angles, asked)
-    goals = {"current": current, "voltage": voltage, "integral": integral, "last_error": error, "goal": reference}
+    goals = {
+        "current": current,
+        "voltage": voltage,
+        "integral": integral,
+        "last_error": error,
+        "profiled_reference": reference,
+    }
     for name, values in goals.items():
         first, end = scene.part(name)
         if end > first:
@@ -387,7 +395,7 @@ def _asked(scene: CompiledScene, state: np.ndarray, voltage: np.ndarray, current
     source, controller = scene.constants.supply[0], controller_of(scene.constants.actuator)
     drawn = 4.0 * source.resistance * float(voltage @ current)
     bus = 0.5 * (source.voltage + np.sqrt(max(source.voltage**2 - drawn, 0.0)))
-    state[slice(*scene.part("bus"))] = bus
+    state[slice(*scene.part("bus_voltage"))] = bus
     state[slice(*scene.part("duty"))] = voltage / bus
     return controller.voltage_limit * voltage / bus
 

@@ -14,7 +14,7 @@ vector: of each column the central differences D(w) and D(w/2), whose errors are
 the error being that of D(w/2) (L. F. Richardson, Phil. Trans. A 210 (1911)).  Columns in which that does not suffice
 are taken again in smaller widths, and each entry is kept from where its error is least.  At a kink, such as a contact
 that is just made or a voltage at its limit, the differences to the left and to the right disagree however small the
-width: both are kept, as a `Kink`.
+width: both are kept, as a `Discontinuity`.
 """
 
 from __future__ import annotations
@@ -58,7 +58,13 @@ RTOL = 1e-12  # of an integrator with error control, whose errors differ from ru
 # The first width of a column: where nothing sticks, where joints do, and on the ground, by how much it moves a point.
 SMOOTH, STICKING = 1e-4, 2e-6  # [rad, m, rad/s, m/s]
 OF_SINKING, LEVER = 0.04, 0.2  # [-], [m]
-OTHER = {"voltage": 100.0, "duty": 10.0, "bus": 100.0, "delayed": 100.0, "current": 10.0}  # [V, -, V, V, A] by these
+OTHER = {
+    "voltage": 100.0,
+    "duty": 10.0,
+    "bus_voltage": 100.0,
+    "delayed": 100.0,
+    "current": 10.0,
+}  # [V, -, V, V, A] by these
 BRISTLE = 1e-6  # [m]
 FINER, ROUNDS = 8.0, 3  # each round's widths by the next one's
 ENOUGH = 1e-7  # error of an entry, of its value, at which no smaller width is tried ...
@@ -69,7 +75,7 @@ BRIEF = 5e4  # steps of vectors by velocities: some 10 ms, for which no thread i
 ROUNDING = 4.0 * np.finfo(float).eps  # of the numbers of a run
 
 
-class Kink(NamedTuple):
+class Discontinuity(NamedTuple):
     """A column in which the derivatives to the left and to the right differ."""
 
     column: str  # state or input
@@ -96,7 +102,7 @@ class Linearization:
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    kinks: tuple[Kink, ...]
+    kinks: tuple[Discontinuity, ...]
     change: np.ndarray  # (n,) what the period does to the state itself; zero at an equilibrium
     period: float  # [s]
     state: np.ndarray  # (size,) that deviations are counted from
@@ -318,11 +324,11 @@ def _coordinates(scene: CompiledScene, name: str) -> list[tuple[str, int, list[t
 
 def _width(scene: CompiledScene, sticky: bool, name: str, label: str) -> float:
     """The first width of a deviation: what sticks must go on to do so, and contacts must stay as they are."""
-    if name == "bristle":
+    if name == "tangential_deflection":
         return BRISTLE
     width = STICKING if sticky else SMOOTH
     if scene.ground is not None:
-        slip = OF_SINKING * scene.ground.sinking
+        slip = OF_SINKING * scene.ground.penetration
         width = min(width, slip if label in ("x", "y", "z") else slip / LEVER)
     return width * OTHER.get(name, 1.0)
 
@@ -369,7 +375,7 @@ class _System:
         self._spare = _spare(self.scene, inputs, tau is not None)
         self._taken: list[_Workspace] = []
         o = self.scene.layout
-        self.y[o["end"]] = max(self.y[o["end"]], self.scene.timestep)  # it goes on: no first step
+        self.y[o["end_time"]] = max(self.y[o["end_time"]], self.scene.timestep)  # it goes on: no first step
         if self.y[o["status"]] != OK:
             raise ValueError(f"{self.scene.model.name}: state: that run has ended; give the state of a sound one")
 
@@ -629,7 +635,9 @@ def _differences(system: _System, chart: Chart, outputs: tuple[str, ...], period
     found.error[kinked] = 0.5 * np.abs(found.right - found.left)[kinked]
     n, labels = chart.states, (*chart.names[: chart.states], *_labels(scene, outputs, read))
     kinks = tuple(
-        Kink(names[j], tuple(labels[i] for i in np.flatnonzero(column)), found.left[column, j], found.right[column, j])
+        Discontinuity(
+            names[j], tuple(labels[i] for i in np.flatnonzero(column)), found.left[column, j], found.right[column, j]
+        )
         for j, column in ((j, kinked[:, j]) for j in np.flatnonzero(kinked.any(axis=0)))
     )
     value, error = found.value, found.error

@@ -17,7 +17,7 @@ from ..robot_file import load_robot, load_servo
 from ..robot_file.servos import with_servo
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate, standing_state
-from ..scene.actuator import ServoKind
+from ..scene.actuator import GearboxKind
 from ..scene.compile import CompiledScene, compile_scene
 from ..scene.coupling import followed
 from ..scene.tree import GRAVITY
@@ -134,16 +134,16 @@ def _free(joint: Joint) -> Joint:
 def servo_cases() -> Iterator[Case]:
     """One servo: thrown into its stop, a step of 60 degrees, a reference that it cannot follow."""
     arm = load_robot("ax12_arm")
-    thrown: Sequence[tuple[float, ServoKind]] = (
+    thrown: Sequence[tuple[float, GearboxKind]] = (
         (6.0, "mipsd"), (10.0, "mipsd"), (30.0, "mipsd"), (60.0, "mipsd"), (60.0, "rotor"),
     )  # fmt: skip
     for speed, servos in thrown:
-        scene = compile_scene(arm, servos=servos)
+        scene = compile_scene(arm, gearbox=servos)
         yield case_of(f"{servos}, into its stop at {speed:g} rad/s", "servos", scene, 0.5, [3.0], [speed])
     target, t = Reference([0.0], [[math.pi / 3.0]]), np.linspace(0.0, 1.0, 101)
     fast = Reference(t, np.sin(4.0 * math.pi * t)[:, None])
-    for servos in get_args(ServoKind):
-        scene = compile_scene(arm, servos=servos)
+    for servos in get_args(GearboxKind):
+        scene = compile_scene(arm, gearbox=servos)
         yield case_of(f"{servos}, step of 60 degrees", "servos", scene, 1.0, [0.0], None, reference=target)
         yield case_of(f"{servos}, reference too fast", "servos", scene, 1.0, [0.0], None, reference=fast)
 
@@ -179,11 +179,11 @@ def friction_cases() -> Iterator[Case]:
         "M4 (xl330)": load_servo("xl330"),
         "M6 (mx64)": replace(mx64, gearbox=replace(mx64.gearbox, **richer, **square)),
     }.items():
-        scene = compile_scene(replace(arm, servos=dict.fromkeys(arm.servos, servo)), servos="rotor")
+        scene = compile_scene(replace(arm, servos=dict.fromkeys(arm.servos, servo)), gearbox="rotor")
         yield case_of(f"{name}, step of 60 degrees", "friction", scene, 1.0, [0.0], None, reference=step)
         yield case_of(f"{name}, slow ramp", "friction", scene, 2.0, [0.0], None, reference=ramp)
         limp = replace(servo, current_limit=1e-9)
-        scene = compile_scene(replace(arm, servos=dict.fromkeys(arm.servos, limp)), servos="rotor")
+        scene = compile_scene(replace(arm, servos=dict.fromkeys(arm.servos, limp)), gearbox="rotor")
         yield case_of(f"{name}, let go", "friction", scene, 1.0, [1.2], [-3.0])
 
 
@@ -213,7 +213,7 @@ def free_cases() -> Iterator[Case]:
     n = len(humanoid.joint_names)
     turning = [0.0, 0.0, 0.0, 6.0, 6.0, 5.3, *[0.0] * n]  # 10 rad/s
     high = [0.0, 0.0, FAR, 1.0, 0.0, 0.0, 0.0, *[0.0] * n]
-    ways: Sequence[tuple[ServoKind | None, tuple]] = (("mipsd", WEAK), (None, WEAK), ("mipsd", GRAVITY))
+    ways: Sequence[tuple[GearboxKind | None, tuple]] = (("mipsd", WEAK), (None, WEAK), ("mipsd", GRAVITY))
     for servos, gravity in ways:
         scene = compile_scene(humanoid, servos, Ground(), gravity=gravity, **NO_FALL)
         how = f"{'limp' if servos is None else servos}, {'weightless' if gravity is WEAK else 'falling'}"
@@ -273,10 +273,10 @@ def long_cases() -> Iterator[Case]:
     scene = compile_scene(humanoid, "mipsd", Ground())
     start = standing_state(scene, np.zeros(scene.tree.n))
     settles = scene.recompiled(integrator="midpoint", timestep=1e-3)
-    settled = simulate(settles, 5.0, start, sample=1.0, estimate_error=False)
+    settled = simulate(settles, 5.0, start, record_interval=1.0, estimate_error=False)
     still = Reference([0.0], np.zeros((1, scene.tree.n)))
-    yield Case("humanoid, ten minutes", "long", scene, 600.0, settled.final, still, sample=1.0, still=True)
-    yield spinning("box at 5 rad/s, ten minutes", 5.0, 600.0, sample=1.0)._replace(kind="long")
+    yield Case("humanoid, ten minutes", "long", scene, 600.0, settled.final, still, record_interval=1.0, still=True)
+    yield spinning("box at 5 rad/s, ten minutes", 5.0, 600.0, record_interval=1.0)._replace(kind="long")
 
 
 # ---------------------------------------------------------------------------------------------- of other benchmarks
@@ -294,12 +294,12 @@ def known_cases() -> Iterator[Case]:
 def from_problem(problem: precision.Problem, kind: str) -> Case:
     scene = compile_scene(problem.model, **problem.arguments)
     state = problem.state(scene)
-    return Case(problem.name, kind, scene, problem.duration, state, problem.reference, problem.sample)
+    return Case(problem.name, kind, scene, problem.duration, state, problem.reference, problem.record_interval)
 
 
 def from_stress(case: stress.Case) -> Case:
     scene = compile_scene(case.model, **case.arguments).pushed(case.pushes)
     n = scene.tree.n
     q, qd = [*case.base[:7], *[case.angle] * n], [*case.base[7:], *[0.0] * n]
-    still = Reference([0.0], np.zeros((1, n))) if scene.servos else None
+    still = Reference([0.0], np.zeros((1, n))) if scene.gearbox else None
     return case_of(case.name, "stress", scene, case.duration, q, qd, reference=still)

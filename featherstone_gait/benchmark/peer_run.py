@@ -32,7 +32,7 @@ class Peer(NamedTuple):
 def peer_run(case: Case, exact: Truth) -> Peer:
     """Error and time; NaN without MuJoCo, and for servos and springs, which it has not."""
     scene = case.scene
-    if not importlib.util.find_spec("mujoco") or scene.servos or scene.springs or case.duration > LONGEST:
+    if not importlib.util.find_spec("mujoco") or scene.gearbox or scene.springs or case.duration > LONGEST:
         return Peer(math.nan, math.nan)
     try:
         m = model_of(scene)

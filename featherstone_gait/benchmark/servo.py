@@ -21,12 +21,12 @@ from ..robot_file import load_robot, load_servo
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate
 from ..run.trajectory import Trajectory
-from ..scene.compile import CompiledScene, ServoKind, compile_scene
+from ..scene.compile import CompiledScene, GearboxKind, compile_scene
 from ..view.style import look
 from .machine import machine
 from .table import write_table
 
-SERVOS: tuple[ServoKind, ...] = ("standard", "rotor", "mipsd")
+SERVOS: tuple[GearboxKind, ...] = ("standard", "rotor", "mipsd")
 INTEGRATORS = ("implicit_euler", "midpoint", "simtwo")
 ARM_STEPS = (1e-3, 5e-3, 1e-2)
 PD_STEPS = (1e-4, 1e-3, 5e-3, 1e-2, 2e-2, 5e-2, 1e-1)
@@ -80,14 +80,14 @@ def run(out_dir: Path, full: bool = False) -> tuple[list[ArmRow], list[PdRow]]:
     return arm, pd
 
 
-def arm_row(servos: ServoKind, integrator: str, h: float, repeats: int) -> ArmRow:
+def arm_row(gearbox: GearboxKind, integrator: str, h: float, repeats: int) -> ArmRow:
     """Hold the planar arm upright from a tilt of 0.01 rad a joint."""
-    scene = compile_scene(load_robot("arm7"), servos=servos, integrator=integrator, timestep=h)
+    scene = compile_scene(load_robot("arm7"), gearbox=gearbox, integrator=integrator, timestep=h)
     state, still = initial_state(scene, np.full(7, 0.01)), Reference([0.0], np.zeros((1, 7)))
     trajectory, cost = _timed(scene, 20.0, state, still, repeats)
     angle = np.degrees(trajectory["q"][:, 0])
     variance = float("nan") if trajectory.status == "diverged" else float(angle[len(angle) // 2 :].var())
-    return ArmRow(servos, integrator, h, variance, trajectory.status, cost)
+    return ArmRow(gearbox, integrator, h, variance, trajectory.status, cost)
 
 
 def pd_rows(repeats: int) -> list[PdRow]:
@@ -99,7 +99,7 @@ def pd_rows(repeats: int) -> list[PdRow]:
     still = Reference([0.0], np.zeros((1, 7)))
 
     def last(integrator: str, h: float, q0: float, duration: float, repeats: int = 1) -> tuple[Trajectory, float]:
-        scene = compile_scene(model, servos="standard", integrator=integrator, timestep=h)
+        scene = compile_scene(model, gearbox="standard", integrator=integrator, timestep=h)
         return _timed(scene, duration, initial_state(scene, np.full(7, q0)), still, repeats)
 
     exact = last("rk4", 1e-5, 0.05, 0.5)[0]["q"][-1]

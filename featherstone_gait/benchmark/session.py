@@ -60,7 +60,7 @@ def upright(t: float, state: Any, reference: np.ndarray, command: np.ndarray, me
 def run(out_dir: Path, full: bool = False) -> list[Row]:
     """Print the table; write session.csv into `out_dir`.  full: more turns, and a million steps of one robot."""
     model = load_robot("humanoid", locked="simplified")
-    scene = compile_scene(model, servos="mipsd", ground=Ground(), integrator="midpoint", timestep=1e-3)
+    scene = compile_scene(model, gearbox="mipsd", ground=Ground(), integrator="midpoint", timestep=1e-3)
     turns = 41 if full else 15
     rows = [*_rates(scene, turns), _overhead(scene, turns), *_controllers(scene, turns)]
     rows += _environments(scene, turns)

@@ -362,7 +362,7 @@ def _batch_time(problem: Problem, run: Run, count: int, repeats: int) -> tuple[f
     times = []
     for _ in range(repeats + 1):
         start = time.perf_counter(), time.process_time()
-        simulate_batch(run.scene, *arguments, record=(), sample=problem.duration, estimate_error=False)
+        simulate_batch(run.scene, *arguments, record=(), record_interval=problem.duration, estimate_error=False)
         times.append((time.perf_counter() - start[0], time.process_time() - start[1]))
     wall, cpu = 1e6 * np.median(times[1:], axis=0) / (count * run.ready.plan.steps)
     return float(wall), float(cpu)

@@ -92,7 +92,7 @@ def run(out_dir: Path, full: bool = False) -> dict[Point, Found]:
 
 def slices() -> list[tuple[str, int, dict]]:
     """Studies (name, joints, what varies) through the AX-12 with seven joints."""
-    rigid = {"scene.servos": GEARBOXES[1:]}
+    rigid = {"scene.gearbox": GEARBOXES[1:]}
     return [
         *((f"joints{n}", n, {}) for n in JOINTS[:-1]),
         ("ratio", 7, {"servo.ratio": RATIOS}),
@@ -104,11 +104,11 @@ def slices() -> list[tuple[str, int, dict]]:
 def combinations() -> list[tuple[str, int, dict]]:
     """Studies of all combinations; the standard model has no rotor."""
     both = {"servo.ratio": RATIOS[::2], "servo.Kp": GAINS[1:]}
-    geared = both | {"servo.rotor_inertia": INERTIAS[1:], "scene.servos": GEARBOXES[1:]}
+    geared = both | {"servo.rotor_inertia": INERTIAS[1:], "scene.gearbox": GEARBOXES[1:]}
     return [
         study
         for n in JOINTS
-        for study in ((f"standard{n}", n, both | {"scene.servos": GEARBOXES[:1]}), (f"geared{n}", n, geared))
+        for study in ((f"standard{n}", n, both | {"scene.gearbox": GEARBOXES[:1]}), (f"geared{n}", n, geared))
     ]
 
 
@@ -129,7 +129,7 @@ def arm(links: int) -> Model:
 def _study(folder: Path, name: str, joints: int, vary: dict) -> dict[Point, tuple[float, float]]:
     """Write a study, run it and read its table."""
     save_robot(arm(joints), folder / f"arm{joints}.urdf")
-    vary = {"scene.servos": GEARBOXES, "scene.integrator": INTEGRATORS, "posture.tilt": TILTS} | vary
+    vary = {"scene.gearbox": GEARBOXES, "scene.integrator": INTEGRATORS, "posture.tilt": TILTS} | vary
     fixed = {key: value for key, value in (AX12 | IDEAL).items() if f"servo.{key}" not in vary}
     lines = [f'robot = "arm{joints}.urdf"', 'experiment = "stable_step"', f"duration = {DURATION}"]
     lines += ["[servo]", 'type = "ax12"', *(f"{key} = {value!r}" for key, value in fixed.items())]
@@ -147,7 +147,7 @@ def _toml(values: Iterable[str | float]) -> str:
 
 def _row(joints: int, row: dict) -> tuple[Point, tuple[float, float]]:
     ratio, inertia, Kp = (float(row.get(f"servo.{key}", value)) for key, value in AX12.items())
-    point = Point(joints, ratio, inertia, Kp, row["scene.servos"], row["scene.integrator"], float(row["posture.tilt"]))
+    point = Point(joints, ratio, inertia, Kp, row["scene.gearbox"], row["scene.integrator"], float(row["posture.tilt"]))
     stable, unstable = (float(row[f"{name}_step_s"] or math.nan) for name in ("stable", "unstable"))
     return point, (stable, unstable)
 

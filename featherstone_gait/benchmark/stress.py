@@ -68,8 +68,8 @@ class Case(NamedTuple):
         scene = compile_scene(self.model, integrator=integrator, timestep=step, **self.arguments)
         n = scene.tree.n
         q, qd = [*self.base[:7], *[self.angle] * n], [*self.base[7:], *[0.0] * n]
-        state = initial_state(scene, q, qd, beyond_limits=True)
-        still = Reference([0.0], np.zeros((1, n))) if scene.servos else None
+        state = initial_state(scene, q, qd, allow_limit_violation=True)
+        still = Reference([0.0], np.zeros((1, n))) if scene.gearbox else None
         record = ("base_q", "q") if self.base else ("q",)
         return simulate(scene, self.duration, state, still, record=record, pushes=self.pushes, **how)
 
@@ -113,7 +113,7 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
 
 def judged(case: Case) -> list[Row]:
     """Rows of a case."""
-    truth, other = (case.run("extrapolation", 1e-3, sample=case.sample, rtol=rtol) for rtol in (1e-9, 1e-8))
+    truth, other = (case.run("extrapolation", 1e-3, record_interval=case.sample, rtol=rtol) for rtol in (1e-9, 1e-8))
     exact = positions(truth)
     apart = np.abs(exact - positions(other)).max(axis=1) > AGREED
     ended = truth["time"] > min(truth.end_time, other.end_time) + 1e-9
@@ -121,7 +121,7 @@ def judged(case: Case) -> list[Row]:
     rows = []
     for integrator in case.integrators:
         for step in (math.nan,) if INTEGRATORS[integrator].adaptive else case.steps:
-            run = case.run(integrator, 1e-3 if math.isnan(step) else step, sample=case.sample)
+            run = case.run(integrator, 1e-3 if math.isnan(step) else step, record_interval=case.sample)
             error = float(np.abs(positions(run) - exact)[:known].max(initial=0.0))
             told = [values[:known].max(initial=0.0) for values in (run.error or {}).values()]
             estimate = float(max(told, default=math.nan))

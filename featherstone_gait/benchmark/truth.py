@@ -34,24 +34,26 @@ class Case(NamedTuple):
     duration: float  # [s]
     state: np.ndarray
     reference: Reference | None = None
-    sample: float | None = None  # [s]; a controller tick if None
+    record_interval: float | None = None  # [s]; a controller tick if None
     still: bool = False  # it rests, and nothing else is true
 
     @property
     def every(self) -> float:
         """Time between records [s]."""
-        return self.sample or self.scene.tick_steps * self.scene.timestep
+        return self.record_interval or self.scene.tick_steps * self.scene.timestep
 
     @property
     def record(self) -> tuple[str, ...]:
         return ("base_q", "q", "base_qd", "qd") if self.scene.tree.floating else ("q", "qd")
 
     def run(self, scene: CompiledScene, **how: Any) -> Trajectory:
-        return simulate(scene, self.duration, self.state, self.reference, record=self.record, sample=self.every, **how)
+        return simulate(
+            scene, self.duration, self.state, self.reference, record=self.record, record_interval=self.every, **how
+        )
 
     def compiled(self, scene: CompiledScene) -> None:
         """A tick of it compiles all that it needs."""
-        self._replace(duration=self.scene.tick_steps * self.scene.timestep, sample=None).run(scene)
+        self._replace(duration=self.scene.tick_steps * self.scene.timestep, record_interval=None).run(scene)
 
 
 class Truth(NamedTuple):
@@ -160,10 +162,10 @@ def digest(case: Case) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
-PHYSICAL = ("servos", "ground", "gravity", "fall_height", "fall_tilt", "springs")  # arguments of `compile_scene`
+PHYSICAL = ("gearbox", "ground", "gravity", "fall_height", "fall_tilt", "springs")  # arguments of `compile_scene`
 STARTING = (
-    "base_q", "q", "base_qd", "qd", "current", "rotor", "rotor_speed", "filtered", "bristle", "voltage", "goal",
-    "delayed",
+    "base_q", "q", "base_qd", "qd", "current", "rotor", "rotor_speed", "filtered_speed", "tangential_deflection",
+    "voltage", "profiled_reference", "delayed",
 )  # fmt: skip
 
 

@@ -118,12 +118,12 @@ def _our_rows(name: str, model: Model, times: np.ndarray, references: Sequence[n
     paths: Paths = {}
 
     def rollouts(h: float, threads: int) -> float:
-        scene = compile_scene(model, servos="mipsd", ground=Ground(), integrator="midpoint", timestep=h)
+        scene = compile_scene(model, gearbox="mipsd", ground=Ground(), integrator="midpoint", timestep=h)
         knots = [Reference(times, values) for values in references]
         state, queue = standing_state(scene, references[0][0]), Queue(len(knots))
         occupancy = simulate_stream(
             scene, DURATION, queue, lambda k: (state, knots[k]), lambda r: r["base_q"][:, :3] if r.ok else None,
-            record=("base_q",), sample=0.01, threads=threads,
+            record=("base_q",), record_interval=0.01, threads=threads,
         )  # fmt: skip
         paths[h] = queue.answers
         return occupancy

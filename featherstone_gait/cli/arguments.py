@@ -12,11 +12,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
-from ..scene.gearbox_kinds import SERVO_KINDS
+from ..base.deprecated import UNTIL
+from ..scene.gearbox_kinds import GEARBOX_KINDS
 
 if TYPE_CHECKING:
     from ..model import Ground, Model
-    from ..scene.actuator import ServoKind
+    from ..scene.actuator import GearboxKind
     from ..scene.compile import CompiledScene
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
@@ -139,19 +140,42 @@ def add_robot(parser: argparse.ArgumentParser, but: str = "") -> None:
     """What says which robot, in which form; but: for which robots the servos' default is another."""
     parser.add_argument("robot", metavar="ROBOT", help="name of a robot of the package, or a .urdf or .xml file")
     parser.add_argument("--locked", metavar="SET", help="set of joints to lock, named in the robot's TOML file")
-    parser.add_argument("--servos", choices=(*SERVO_KINDS, "none"), help=SERVO_HELP.format(but))
+    add_gearbox(parser, (*GEARBOX_KINDS, "none"), SERVO_HELP.format(but))
 
 
-def servos_of(args: argparse.Namespace, model: Model, default: ServoKind | None) -> ServoKind | None:
-    """What --servos says.  Raises ValueError for a robot that has none."""
-    if args.servos is None:
+def add_gearbox(
+    parser: argparse.ArgumentParser, choices: Sequence[str], help: str, default: GearboxKind | None = None
+) -> None:
+    """Add --gearbox, and its old name --servos, which warns."""
+    parser.add_argument("--gearbox", choices=choices, default=default, help=help)
+    parser.add_argument(
+        "--servos", dest="gearbox", choices=choices, action=Old, new="--gearbox", help=argparse.SUPPRESS
+    )
+
+
+class Old(argparse.Action):
+    """An option's old name: it sets the new one, and says so."""
+
+    def __init__(self, *args: Any, new: str, **kwargs: Any) -> None:
+        super().__init__(*args, **(kwargs | {"default": argparse.SUPPRESS}))
+        self.new = new
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option: str | None = None) -> None:
+        """Set the value that the new option has."""
+        print(f"{option} is now {self.new}; the old name works until version {UNTIL}", file=sys.stderr)
+        setattr(namespace, self.dest, values)
+
+
+def gearbox_of(args: argparse.Namespace, model: Model, default: GearboxKind | None) -> GearboxKind | None:
+    """What --gearbox says.  Raises ValueError for a robot that has none."""
+    if args.gearbox is None:
         return default
-    if args.servos == "none":
+    if args.gearbox == "none":
         return None
     if not any(name in model.servos for name in model.joint_names):
         file = Path(model.source).with_suffix(".toml").name
-        raise ValueError(f"{model.name} has no servos; name them under [servos] in {file} beside it, or omit --servos")
-    return args.servos
+        raise ValueError(f"{model.name} has no servos; name them under [servos] in {file} beside it, or omit --gearbox")
+    return args.gearbox
 
 
 def output(args: argparse.Namespace, ending: str) -> Path:

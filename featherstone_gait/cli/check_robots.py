@@ -108,7 +108,7 @@ def _simulated(row: Row, model: Model) -> Row:
     try:
         scene = compile_scene(model)
         state = initial_state(scene, nearest_posture(model))
-        trajectory = simulate(scene, DURATION, state, record=("q",), sample=0.1, estimate_error=True)
+        trajectory = simulate(scene, DURATION, state, record=("q",), record_interval=0.1, estimate_error=True)
     except ValueError as error:
         return row._replace(status="refused", cause=_cause(str(error)))
     largest = float(trajectory.error["q"].max(initial=0.0)) if trajectory.error else ""

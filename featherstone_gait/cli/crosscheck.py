@@ -5,12 +5,13 @@ from __future__ import annotations
 import textwrap
 from argparse import Namespace
 
-from ..scene.gearbox_kinds import SERVO_KINDS
+from ..scene.gearbox_kinds import GEARBOX_KINDS
 from .arguments import (
     LINE,
     Commands,
     add_command,
     add_gait,
+    add_gearbox,
     announce,
     gait_stem,
     robot_of_gait,
@@ -39,7 +40,7 @@ def add(commands: Commands) -> None:
     )
     add_gait(parser)
     parser.add_argument("--no-feedback", action="store_true", help="walk without the feedback that the gait's file has")
-    parser.add_argument("--servos", choices=SERVO_KINDS, default="mipsd", help="gearbox model (default: mipsd)")
+    add_gearbox(parser, GEARBOX_KINDS, "gearbox model (default: mipsd)", "mipsd")
     what = "servo of all joints, as in optimize (default: the one that the .npz names, else the robot's own)"
     parser.add_argument("--servo", metavar="NAME", help=what)
     floors = "names with commas, as in 2ms_0.9,20ms_0.6 (default: all; a wrong name lists them)"
@@ -78,7 +79,7 @@ def run(args: Namespace) -> int:
     with telling_extras():
         announce(f"about {max(minutes, 1.0):.0f} min, compiling aside; Ctrl-C keeps finished floors")
         report = crosscheck(
-            motion, model, servos=args.servos, servo=servo, floors=names, soles=soles, strides=args.strides,
+            motion, model, gearbox=args.gearbox, servo=servo, floors=names, soles=soles, strides=args.strides,
             timestep=args.timestep, out=out, processes=args.processes, progress=True,
         )  # fmt: skip
     *rows, said = summary(report).split("\n")

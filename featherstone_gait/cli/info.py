@@ -11,12 +11,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from ..base.files import complete
-from ..scene.gearbox_kinds import SERVO_KINDS
-from .arguments import LINE, Commands, add_command, add_robot, choice, ground, output, servos_of
+from ..scene.gearbox_kinds import GEARBOX_KINDS
+from .arguments import LINE, Commands, add_command, add_robot, choice, gearbox_of, ground, output
 
 if TYPE_CHECKING:
     from ..model import Controller, Gearbox, Joint, Model, Servo
-    from ..scene.actuator import ServoKind
+    from ..scene.actuator import GearboxKind
     from ..scene.compile import CompiledScene
     from ..scene.preflight import Limit, Preflight
 
@@ -42,7 +42,7 @@ def run(args: Namespace) -> int:
 
     model = load_robot(args.robot, locked=args.locked)
     has_any = any(name in model.servos for name in model.joint_names)
-    scene = compile_scene(model, servos_of(args, model, "mipsd" if has_any else None), ground(model))
+    scene = compile_scene(model, gearbox_of(args, model, "mipsd" if has_any else None), ground(model))
     lines = [
         f"{model.name}  {model.source}",
         f"{model.mass:.4g} kg, {model.base} base, {len(model.joint_names)} moving joints, {len(model.held)} locked",
@@ -141,7 +141,7 @@ def _ground_line(model: Model) -> str:
     if under is not None:
         return (
             f"stands with {len(model.contacts)} contact points of {links} links on ground that gives way by "
-            f"{1e3 * under.sinking:g} mm under its weight, friction {under.friction:g} (by default)"
+            f"{1e3 * under.penetration:g} mm under its weight, friction {under.friction:g} (by default)"
         )
     if model.base == "fixed":
         return "its base is fixed; `simulate` puts no ground under it"
@@ -157,11 +157,11 @@ def _choice_table(model: Model, scene: CompiledScene) -> list[str]:
     from ..scene.compile import compile_scene
 
     has_any = any(name in model.servos for name in model.joint_names)
-    kinds: tuple[ServoKind | None, ...] = (None, *SERVO_KINDS) if has_any else (None,)
+    kinds: tuple[GearboxKind | None, ...] = (None, *GEARBOX_KINDS) if has_any else (None,)
     usual = "mipsd" if has_any and model.base == "floating" else None
     rows = []
     for kind in kinds:
-        each = scene if kind == scene.servos else compile_scene(model, kind, scene.ground)
+        each = scene if kind == scene.gearbox else compile_scene(model, kind, scene.ground)
         worst, largest = each.preflight.worst, each.preflight.largest_explicit_step
         limit = f"{1e3 * largest:.3g} ms, {worst.joint}: {worst.cause}" if worst is not None else "any"
         steps = "" if each.adaptive else f", {1e3 * each.timestep:g} ms"
@@ -174,7 +174,7 @@ def _filled(lines: Iterable[str]) -> list[str]:
 
 
 def _preflight_lines(scene: CompiledScene) -> list[str]:
-    check, servos = scene.preflight, f"{scene.servos} servos" if scene.servos else "no servos"
+    check, servos = scene.preflight, f"{scene.gearbox} servos" if scene.gearbox else "no servos"
     worst, limited = check.worst, "nothing limits an explicit step"
     if worst is not None:
         alone = f"{worst.joint} alone {1e3 * worst.step:.3g} ms, by its {worst.cause}"

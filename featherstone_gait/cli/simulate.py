@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..base.files import complete
-from .arguments import LINE, Commands, add_command, add_robot, choice, ground, output, servos_of
+from .arguments import LINE, Commands, add_command, add_robot, choice, gearbox_of, ground, output
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,11 +32,11 @@ def add(commands: Commands) -> None:
         commands,
         "simulate",
         run,
-        "simulate a robot: one with a fixed base swings freely, or with --servos is pulled to zero; one with a "
+        "simulate a robot: one with a fixed base swings freely, or with --gearbox is pulled to zero; one with a "
         "floating base stands on the ground",
         "ROBOT_simulation.npz (recorded channels), .json (status, settings, measures) and .png (motion and plots)",
         examples=(
-            "featherstone-gait simulate arm7 --servos mipsd",
+            "featherstone-gait simulate arm7 --gearbox mipsd",
             "featherstone-gait simulate humanoid --duration 5 --out standing",
         ),
         takes="a second or two, and the first time that a kind of robot is simulated up to half a minute to compile",
@@ -60,7 +60,7 @@ def run(args: Namespace) -> int:
 
     model = load_robot(args.robot, locked=args.locked)
     driven = model.base == "floating" and bool(model.servos)
-    servos = servos_of(args, model, "mipsd" if driven else None)
+    servos = gearbox_of(args, model, "mipsd" if driven else None)
     scene = compile_scene(model, servos, ground(model), args.integrator, args.timestep)
     duration = args.duration if args.duration is not None else (1.0 if _is_free(scene) else 2.0)
     text, simulated = _experiment(scene)
@@ -94,7 +94,7 @@ def _filled(line: str) -> str:
 
 def _is_free(scene: CompiledScene) -> bool:
     """Whether nothing but gravity, friction and stops acts: then energy tells how exact the run is."""
-    return scene.servos is None and scene.ground is None
+    return scene.gearbox is None and scene.ground is None
 
 
 def _experiment(scene: CompiledScene) -> tuple[str, Callable[..., Trajectory]]:
@@ -106,12 +106,12 @@ def _experiment(scene: CompiledScene) -> tuple[str, Callable[..., Trajectory]]:
 
     model, state, reference = scene.model, None, None
     home = np.array([min(max(0.0, joint.lower), joint.upper) for joint in model.moving_joints])
-    doing = "servos hold all joints at zero" if scene.servos else "all joints limp"
+    doing = "servos hold all joints at zero" if scene.gearbox else "all joints limp"
     text = f"{model.name} stands on the ground, {doing}"
     if scene.ground is None:
-        q, posture = _start(scene, home, PULL if scene.servos else SWING)
+        q, posture = _start(scene, home, PULL if scene.gearbox else SWING)
         text = f"{model.name} swings freely from rest, {posture}"
-        if scene.servos:
+        if scene.gearbox:
             reference, text = Reference([0.0], home[None]), f"{model.name}, {posture}, is pulled to zero by its servos"
         state = initial_state(scene, q)
     sample = max(1, round(SAMPLE / scene.timestep)) * scene.timestep
@@ -120,7 +120,7 @@ def _experiment(scene: CompiledScene) -> tuple[str, Callable[..., Trajectory]]:
     record += ["contact_force"] if scene.ground else []
 
     def run(scene: CompiledScene, duration: float, **how: Any) -> Trajectory:
-        return simulate(scene, duration, state, reference, record=record, sample=sample, **how)
+        return simulate(scene, duration, state, reference, record=record, record_interval=sample, **how)
 
     return text, run
 
@@ -147,7 +147,7 @@ def _measures(scene: CompiledScene, trajectory: Trajectory) -> dict[str, Any]:
     if _is_free(scene):
         drift, kinetic = _drift(scene, trajectory)
         measures |= {"energy_error_J": float(np.abs(drift).max()), "kinetic_energy_J": float(kinetic.max())}
-    if scene.servos:
+    if scene.gearbox:
         from ..core.step.state import BY_NAME
 
         spent = trajectory["energy"][-1].sum(axis=0)

@@ -75,11 +75,11 @@ def walk_on(
     depth = sinking(scene, angles, floor, timestep=timestep)
     acts = motion.controller(scene) if isinstance(motion, BalancedWalk) else None
     run = replay(scene, end, standing(scene, angles, depth), reference, floor, timestep=timestep, controller=acts)
-    ground = Ground(friction=floor.friction, sinking=depth)
+    ground = Ground(friction=floor.friction, penetration=depth)
     own = scene.recompiled(ground=ground, integrator="midpoint", timestep=timestep)
-    state, record = standing_state(own, angles, beyond_limits=True), ("base_q", "energy")
+    state, record = standing_state(own, angles, allow_limit_violation=True), ("base_q", "energy")
     here = simulate(
-        own, end, state, reference, record=record, sample=SAMPLE, estimate_error=False, controller=acts
+        own, end, state, reference, record=record, record_interval=SAMPLE, estimate_error=False, controller=acts
     )
     return Outcome(floor, depth, *(_walk(scene, motion, each, strides) for each in (run, here)))
 

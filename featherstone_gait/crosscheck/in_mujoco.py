@@ -84,10 +84,10 @@ def replay(
 
     duration [s] in whole ticks of the scene's controllers; floor: None for none; timestep [s] must divide the tick;
     controller: of `controller`, its function called in Python, with the channels q, qd, base_q, base_qd and base_qdd.
-    Channels: time, q, qd, torque (on the joints), current, energy (of which only the column "meter" is told, others
-    are nan), and of a floating base base_q and base_qd.  The status is "ok", "fell" (by the scene's own rule) or
-    "diverged"; `end_time` says when.  Raises ImportError without MuJoCo, ValueError for what the replay lacks: torque
-    laws and springs between bodies.
+    Channels: time, q, qd, torque (on the joints), current, energy (nan but for the column
+    "electrical_no_regeneration"), and of a floating base base_q and base_qd.  The status is "ok", "fell" (by the
+    scene's own rule) or "diverged"; `end_time` says when.  Raises ImportError without MuJoCo, ValueError for what the
+    replay lacks: torque laws and springs between bodies.
     """
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
     period = scene.tick_steps * scene.timestep
@@ -151,8 +151,8 @@ def standing(scene: CompiledScene, angles: np.ndarray, sinking: float) -> np.nda
     """
     if scene.ground is None:
         raise ValueError(f"{scene.model.name}: there is no ground to stand on; compile the scene with ground=Ground()")
-    q = standing_state(scene, angles, beyond_limits=True)[slice(*scene.part("base_q"))]
-    q[2] += scene.ground.sinking - sinking
+    q = standing_state(scene, angles, allow_limit_violation=True)[slice(*scene.part("base_q"))]
+    q[2] += scene.ground.penetration - sinking
     return np.concatenate([q, angles])
 
 
@@ -307,12 +307,12 @@ def mujoco_version() -> str:
 def _servos(scene: CompiledScene) -> dict[str, Servo]:
     """The servos of the joints that move; ValueError for what the replay does not do."""
     model = scene.model
-    servos = {name: model.servos[name] for name in model.joint_names if scene.servos and name in model.servos}
+    servos = {name: model.servos[name] for name in model.joint_names if scene.gearbox and name in model.servos}
     missing = []
     for name, servo in servos.items():
         missing += [f"{name}: the torque law {servo.controller.law!r}"] * (servo.controller.law in TORQUE_LAWS)
     missing += ["springs between bodies"] * bool(scene.springs)
-    if scene.servos == "mipsd" and len(servos) < len(model.joint_names):
+    if scene.gearbox == "mipsd" and len(servos) < len(model.joint_names):
         missing.append("joints without a servo beside spring-damper gearboxes")
     if missing:
         raise ValueError(f"{model.name}: the replay in MuJoCo lacks {missing[0]}; leave it out of the robot to compare")
@@ -322,7 +322,7 @@ def _servos(scene: CompiledScene) -> dict[str, Servo]:
 def _machine(scene: CompiledScene, floor: Floor | None, h: float) -> _Machine:
     mujoco, model, servos = _mujoco(), scene.model, _servos(scene)
     bare = replace(model, servos={}, contacts=(), shapes=(), keyframes={})
-    spec = mujoco.MjSpec.from_string(_with_rotors(mjcf_text(bare), servos if scene.servos == "mipsd" else {}))
+    spec = mujoco.MjSpec.from_string(_with_rotors(mjcf_text(bare), servos if scene.gearbox == "mipsd" else {}))
     if floor is not None:
         _lay(spec, model, floor, h)
         spec.option.impratio = real("floor: impratio", floor.impratio, 1e-3, 1e6, "1 is MuJoCo's default")
@@ -337,14 +337,14 @@ def _machine(scene: CompiledScene, floor: Floor | None, h: float) -> _Machine:
             servo = servos[name]
             m.dof_damping[address] += servo.viscous_friction
             m.dof_frictionloss[address] += 0.0 if is_gentle(servo, h) else servo.coulomb_friction
-            if scene.servos == "rotor":
+            if scene.gearbox == "rotor":
                 m.dof_armature[address] += servo.gearbox.ratio**2 * servo.gearbox.rotor_inertia
     q, motor, rotor = np.array([joint.qposadr[0] for joint in joints]), v, None
-    if scene.servos == "mipsd":
+    if scene.gearbox == "mipsd":
         rotors = [m.joint(PREFIX + name) for name in model.joint_names]
         motor, rotor = (np.array([getattr(x, of)[0] for x in rotors]) for of in ("dofadr", "qposadr"))
     gears = np.array([(servo.gearbox.stiffness, servo.gearbox.damping) for servo in servos.values()])
-    rigid = m.dof_armature[v] if scene.servos == "rotor" else armature
+    rigid = m.dof_armature[v] if scene.gearbox == "rotor" else armature
     viscous, coulomb = m.dof_damping[v].copy(), m.dof_frictionloss[v].copy()
     if loaded:  # budgets come each step
         m.dof_frictionloss[v] = np.maximum(coulomb, LEAST)
@@ -426,7 +426,7 @@ def _of_links(model: Model) -> dict[str, list[ContactPoint]]:
 
 
 def _center(point: ContactPoint) -> np.ndarray:
-    if point.rim:
+    if point.circle_radius:
         raise ValueError(f"contact point on link {point.link!r}: the replay in MuJoCo has no circles; give points")
     return np.array(point.position)
 
@@ -440,7 +440,7 @@ def _body(spec: Any, point: ContactPoint) -> Any:
 
 def _plane(points: Sequence[ContactPoint]) -> np.ndarray | None:
     """Normal (3,) of the plane of three contact points or more, alike in radius; None where there is none."""
-    if len(points) < 3 or any(point.rim or point.radius != points[0].radius for point in points):
+    if len(points) < 3 or any(point.circle_radius or point.radius != points[0].radius for point in points):
         return None
     off = np.array([point.position for point in points])
     off = off - off.mean(axis=0)

@@ -14,11 +14,12 @@ from typing import Any
 from tqdm import tqdm
 
 from .. import __version__
+from ..base import deprecated
 from ..base.arguments import instance, one_of, texts, whole
 from ..base.files import FilePath, Format, complete, read_json, write_csv
 from ..base.processes import process_pool
 from ..model import Ground, Model
-from ..scene.compile import ServoKind, compile_scene
+from ..scene.compile import GearboxKind, compile_scene
 from ..walking.feedback import BalancedWalk
 from ..walking.motion import Motion
 from ..walking.walker import driven, load_walker
@@ -38,16 +39,17 @@ class _Task:
     soles: str
     motion: Motion | BalancedWalk
     model: Model
-    servos: ServoKind
+    servos: GearboxKind
     strides: int
     timestep: float
 
 
+@deprecated.keywords(servos="gearbox")
 def crosscheck(
     motion: Motion | BalancedWalk,
     robot: FilePath | Model = "humanoid",
     *,
-    servos: ServoKind = "mipsd",
+    gearbox: GearboxKind = "mipsd",
     servo: FilePath | None = None,
     floors: Iterable[str] | None = None,
     soles: Iterable[str] | None = None,
@@ -82,14 +84,14 @@ def crosscheck(
     strides = whole("strides", strides, 1, "give the strides to measure", 10**6)
     processes = whole("processes", processes, 1, "give the number of processes", 1024)
     settings = {
-        "motion": motion.digest(), "robot": _told(model), "servos": servos,
+        "motion": motion.digest(), "robot": _told(model), "servos": gearbox,
         "servo": None if servo is None else str(servo), "strides": strides, "warm_up": WARM_UP, "timestep": timestep,
         "version": __version__, "mujoco": mujoco_version(),
     }  # fmt: skip
     asked = [(name, kind) for name in FLOORS if name in names for kind in SOLES if kind in kinds]
     rows = _kept(out, settings)
     walked = model if servo is None else driven(model, servo)
-    tasks = [_Task(*key, motion, walked, servos, strides, timestep) for key in asked if key not in rows]
+    tasks = [_Task(*key, motion, walked, gearbox, strides, timestep) for key in asked if key not in rows]
     with tqdm(total=len(asked), initial=len(asked) - len(tasks), disable=not progress, unit="floor") as bar:
         for row in _evaluated(tasks, processes):
             rows[row["floor"], row["soles"]] = row

@@ -438,12 +438,12 @@ def deepest_points(model: Model, poses: Poses, normal: ArrayLike, links: Sequenc
     """
     links = _names(model) if links is None else links
     points = _points(links, poses, [(point.link, point.position) for point in model.contacts])
-    if not any(point.radius or point.rim for point in model.contacts):
+    if not any(point.radius or point.circle_radius for point in model.contacts):
         return points
     rows = {name: k for k, name in enumerate(links)}
     E = poses.rotation[..., [rows[point.link] for point in model.contacts], :, :]
     a = applied(E, np.array([point.axis for point in model.contacts]))
-    radius, rim = np.array([(point.radius, point.rim) for point in model.contacts]).T[..., None]
+    radius, rim = np.array([(point.radius, point.circle_radius) for point in model.contacts]).T[..., None]
     n = np.broadcast_to(np.asarray(normal, dtype=float), a.shape)
     across = (a * n).sum(axis=-1, keepdims=True)
     level = n - across * a

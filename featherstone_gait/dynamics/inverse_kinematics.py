@@ -51,10 +51,10 @@ class Target(NamedTuple):
     rotation: ArrayLike | None = None  # (3, 3) link -> world, or roll, pitch and yaw (3,) [rad] about fixed axes
     point: ArrayLike = (0.0, 0.0, 0.0)  # (3,) [m], frame of the link
     weight: ArrayLike = 1.0  # of the position
-    turn_weight: ArrayLike = 1.0  # of the rotation
+    orientation_weight: ArrayLike = 1.0  # of the rotation
 
 
-class Posture(NamedTuple):
+class IKResult(NamedTuple):
     """What `inverse_kinematics` found."""
 
     q: np.ndarray  # (nq,) positions, within the limits
@@ -78,7 +78,7 @@ def inverse_kinematics(
     seed: int = 0,
     tolerance: float = 1e-9,
     max_iterations: int = 200,
-) -> Posture:
+) -> IKResult:
     """The posture near q0 that meets all targets, or the one that misses them by the least.
 
     Parameters
@@ -113,7 +113,7 @@ def inverse_kinematics(
         found = _attempt(task, _anywhere(task, start, rng), rng)
         better = found if found.error < best.error else best
         best = better._replace(iterations=best.iterations + found.iterations)
-    return Posture(best.q, _status(task, best, rng), best.error, best.iterations)
+    return IKResult(best.q, _status(task, best, rng), best.error, best.iterations)
 
 
 class _Goal(NamedTuple):
@@ -124,7 +124,7 @@ class _Goal(NamedTuple):
     position: np.ndarray | None  # (3,)
     rotation: np.ndarray | None  # (3, 3)
     weight: np.ndarray  # (3,)
-    turn_weight: np.ndarray  # (3,)
+    orientation_weight: np.ndarray  # (3,)
 
 
 class _Coupling(NamedTuple):
@@ -273,7 +273,7 @@ def _goal_errors(model: Model, poses: Poses, goal: _Goal) -> Iterator[tuple[np.n
     if goal.rotation is not None:
         w, v = _quaternion(product(goal.rotation, poses.rotation[row].T))
         x, y, z = v
-        yield goal.turn_weight, 2.0 * v, product(np.array([[w, -z, y], [z, w, -x], [-y, x, w]]), J[:3])
+        yield goal.orientation_weight, 2.0 * v, product(np.array([[w, -z, y], [z, w, -x], [-y, x, w]]), J[:3])
 
 
 def _quaternion(R: np.ndarray) -> tuple[float, np.ndarray]:
@@ -395,9 +395,9 @@ def _goal(model: Model, target: Target) -> _Goal:
         None if target.position is None else vector(f"{what}: position", target.position, 3),
         None if target.rotation is None else _rotation(what, target.rotation),
         _weight(what, "weight", target.weight),
-        _weight(what, "turn_weight", target.turn_weight),
+        _weight(what, "orientation_weight", target.orientation_weight),
     )
-    given = ((goal.position, goal.weight), (goal.rotation, goal.turn_weight))
+    given = ((goal.position, goal.weight), (goal.rotation, goal.orientation_weight))
     if not any(weight.any() for value, weight in given if value is not None):
         raise ValueError(f"{what} has no weight above 0; leave the target out, or give it one")
     return goal

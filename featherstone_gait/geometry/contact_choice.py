@@ -86,7 +86,11 @@ def _points(shape: Shape) -> list[ContactPoint]:
         case Cylinder(radius, length):
             outward = rotation_from_rpy(shape.rpy)[:, 2:].T * [[-1.0], [1.0]]
             ends = zip(_ends(length), outward.tolist())
-            return [point for end, axis in ends for point in _placed(shape, end[None], rim=radius, axis=tuple(axis))]
+            return [
+                point
+                for end, axis in ends
+                for point in _placed(shape, end[None], circle_radius=radius, axis=tuple(axis))
+            ]
     return _placed(shape, local_corners(shape))
 
 
@@ -125,12 +129,12 @@ def _placed(
     shape: Shape,
     points: np.ndarray,
     radius: float = 0.0,
-    rim: float = 0.0,
+    circle_radius: float = 0.0,
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0),
 ) -> list[ContactPoint]:
     """Contact points at points (n, 3) of a shape's frame."""
     at = np.array(shape.xyz) + applied(rotation_from_rpy(shape.rpy), points)
-    return [ContactPoint(shape.link, (x, y, z), radius, rim, axis) for x, y, z in at.tolist()]
+    return [ContactPoint(shape.link, (x, y, z), radius, circle_radius, axis) for x, y, z in at.tolist()]
 
 
 def _carrying(model: Model, points: Sequence[ContactPoint]) -> tuple[ContactPoint, ...]:
@@ -138,7 +142,7 @@ def _carrying(model: Model, points: Sequence[ContactPoint]) -> tuple[ContactPoin
     poses = forward_kinematics(model, nearest_posture(model))
     height = lowest_levels(model, points, poses)
     level = height.min() + LEVEL * (poses.position[:, 2].max() - height.min())
-    return tuple(replace(point, carries=bool(z <= level)) for point, z in zip(points, height))
+    return tuple(replace(point, load_bearing=bool(z <= level)) for point, z in zip(points, height))
 
 
 def lowest_levels(model: Model, points: Sequence[ContactPoint], poses: Poses) -> np.ndarray:
@@ -150,7 +154,7 @@ def lowest_levels(model: Model, points: Sequence[ContactPoint], poses: Poses) ->
     up = poses.rotation[..., at, 2, :]
     height = poses.position[..., at, 2] + (up * local).sum(axis=-1)
     tilt = np.sqrt(np.maximum(0.0, 1.0 - (up * axes).sum(axis=-1) ** 2))
-    rims, radii = np.array([(point.rim, point.radius) for point in points]).reshape(-1, 2).T
+    rims, radii = np.array([(point.circle_radius, point.radius) for point in points]).reshape(-1, 2).T
     return height - radii - rims * tilt
 
 
@@ -176,7 +180,7 @@ def _span(model: Model, shape: Shape, poses: Poses) -> tuple[float, float]:
     cornered = isinstance(shape.geometry, Box | Hull | Mesh)
     points = _placed(shape, _every_corner(shape)) if cornered else _points(shape)
     bottoms = lowest_levels(model, points, poses)
-    centers = lowest_levels(model, [replace(point, radius=0.0, rim=0.0) for point in points], poses)
+    centers = lowest_levels(model, [replace(point, radius=0.0, circle_radius=0.0) for point in points], poses)
     return float(bottoms.min()), float((2.0 * centers - bottoms).max())
 
 

@@ -63,8 +63,8 @@ def _servo_torque(actuator: Any, s: Any, i: int) -> Any:
     """Torque on the joint of the whole step; the motor moves on."""
     y, o, E = s.y, s.o, s.o.energy + ENERGIES * i
     v = y[o.qd + i]
-    f = v + s.decay[i, FILTER_DECAY] * (y[o.filtered + i] - v)
-    y[o.filtered + i] = f
+    f = v + s.decay[i, FILTER_DECAY] * (y[o.filtered_speed + i] - v)
+    y[o.filtered_speed + i] = f
     viscous = motor_of(actuator)[i].viscous_friction * f
     y[E + FRICTION] += s.h * (viscous * v)
     y[E + WORK] += s.h * (viscous * v)

@@ -127,7 +127,7 @@ def _groups(scene: CompiledScene, starts: list[Start], refills: bool) -> list[li
         if not refills:
             signals = (start.reference, start.torques)
             key = (start.world.plan.lag, *(k and (k.times.tobytes(), k.period) for k in signals))
-        key = (i,) if scene.adaptive else (*key, start.y[scene.layout["end"]])
+        key = (i,) if scene.adaptive else (*key, start.y[scene.layout["end_time"]])
         alike.setdefault(key, []).append(i)
     size = BATCH if refills else WIDTH
     groups = []

@@ -2,7 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from ..base import deprecated
 from ..core.step import state
+
+OLD = {  # names until version 0.2
+    "passes": "newton_iterations",
+    "pace": "step_control",
+    "end": "end_time",
+    "increment": "velocity_change",
+    "bristle": "tangential_deflection",
+    "filtered": "filtered_speed",
+    "bus": "bus_voltage",
+    "goal": "profiled_reference",
+}
+OLD_LABELS = {"meter": "electrical_no_regeneration", "driver": "driver_loss"}
+
+
+def current_name(name: Any) -> Any:
+    """Return a channel's name, of an old name today's, with a DeprecationWarning; anything else as it is."""
+    if isinstance(name, str) and name in OLD:
+        deprecated.warn(f"channel {name!r}", repr(OLD[name]))
+        return OLD[name]
+    return name
 
 
 def channel_table() -> str:
@@ -18,6 +41,10 @@ def _described(channel: state.Channel) -> str:
 
 def column_of(name: str, label: str) -> int:
     """The place of a channel's number by its label.  Raises ValueError for a channel or label that there is not."""
+    name = current_name(name)
+    if label in OLD_LABELS:
+        deprecated.warn(f"label {label!r}", repr(OLD_LABELS[label]))
+        label = OLD_LABELS[label]
     if name not in state.BY_NAME:
         raise ValueError(f"there is no channel {name!r}; channels: {', '.join(state.BY_NAME)}")
     labels = state.BY_NAME[name].labels

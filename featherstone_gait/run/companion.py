@@ -61,7 +61,9 @@ class Companion(NamedTuple):
     surer: CompiledScene | None = None  # in half the steps, for runs that this one calls inaccurate
 
 
-def companion(scene: CompiledScene, sample: float | None, rtol: float | None, atol: float | None) -> Companion | None:
+def companion(
+    scene: CompiledScene, record_interval: float | None, rtol: float | None, atol: float | None
+) -> Companion | None:
     """Of a run of the scene; None where steps are fixed and cannot be doubled.
 
     That is of "simtwo", which has no continuous limit, and of a scene with constants put in by hand.
@@ -72,7 +74,7 @@ def companion(scene: CompiledScene, sample: float | None, rtol: float | None, at
         return Companion(other, min(1.0, COARSER * rtol), min(1.0, COARSER * atol), WHOLE_OF_IT if softer else SHARE)
     if scene.method.drives or scene.by_hand:
         return None
-    every, tick, delay = steps_between_records(scene, sample), scene.tick_steps, scene.constants.firmware.delay
+    every, tick, delay = steps_between_records(scene, record_interval), scene.tick_steps, scene.constants.firmware.delay
     if every % 2 == 0 and tick % 2 == 0 and (delay is None or delay.shift % 2 == 0):
         coarse = _with_step(scene, 2.0)
         if not beyond_stability(coarse):
@@ -86,7 +88,7 @@ def _by_companion(scene: CompiledScene) -> CompiledScene:
     other = replace(scene, method=scene.method._replace(companion=True))
     wide = None
     if scene.method.soft:
-        wide = widened(scene.constants.friction, scene.model, scene.servos is not None, 2.0)
+        wide = widened(scene.constants.friction, scene.model, scene.gearbox is not None, 2.0)
     if wide is None:
         return other
     constants, compiled = (one._replace(friction=wide) for one in (scene.constants, scene.compiled))
@@ -138,7 +140,7 @@ def share_of_kinks(run: Trajectory, begun: np.ndarray | None, share: float) -> f
     """The share, or all of it where kinks decide the steps; begun: the state (size,) that the run began from."""
     if "steps" not in run.info or run.parts is None:  # fixed steps
         return share
-    counts = run.parts["pace"][0] + np.array([pace.STEPS, pace.REJECTED])
+    counts = run.parts["step_control"][0] + np.array([pace.STEPS, pace.REJECTED])
     taken, rejected = run.final[counts] - (0.0 if begun is None else np.asarray(begun)[counts])
     return max(share, WHOLE_OF_IT) if rejected > MANY * taken else share
 

@@ -73,11 +73,11 @@ class Lot:
         self.begun = np.zeros(self.shape)  # steps before the start
         self.steps = np.zeros(self.shape)  # since time was zero, whole numbers
         self.offset = np.zeros(self.shape)  # of the time from these [s]
-        self.status, self.end = self.y[:, int(o["status"])], self.y[:, int(o["end"])]  # views
+        self.status, self.end = self.y[:, int(o["status"])], self.y[:, int(o["end_time"])]  # views
         self._time, self._tick, self._shifted = np.zeros(self.shape), float(ready.plan.steps), False
         self.write_command = self.writer(self.command)
         self.write_noise = None if self.noise is None else self.writer(self.noise)
-        self._pace = self.y[:, scene.part("pace")[0] :]
+        self._pace = self.y[:, scene.part("step_control")[0] :]
         self.units = [self._unit(k) for k in range(units)]
 
     def _unit(self, k: int) -> _Unit:
@@ -111,7 +111,7 @@ class Lot:
         rows = states[self.of[places]]
         self.y[u, :, lane] = rows
         self.begun[u, lane] = self.offset[u, lane] = 0.0
-        for k in np.flatnonzero(rows[:, int(self.ready.scene.layout["end"])]).tolist():
+        for k in np.flatnonzero(rows[:, int(self.ready.scene.layout["end_time"])]).tolist():
             found = self.ready.course(Start(rows[k], None, None, None, self.ready))
             self.begun[u[k], lane[k]], self.offset[u[k], lane[k]] = found.first, found.offset
         self.steps[u, lane] = self.begun[u, lane]

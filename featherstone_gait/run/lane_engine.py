@@ -175,7 +175,7 @@ def _sample_noise(whole: np.ndarray | None, first: int, noise: np.ndarray | None
 
 def _ended(layout: np.void, held: _Occupant, y: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
     """Final state and records of a run that has ended; the records after the end repeat the last one."""
-    y, time, course = y.copy(), int(layout["end"]), held.course
+    y, time, course = y.copy(), int(layout["end_time"]), held.course
     if held.start.y[layout["status"]] == OK:  # the time of its last segment, to which what was before is added
         y[time] = course.offset + (course.first + held.done + round(y[time] / course.h)) * course.h
     held.out[samples:] = held.out[samples - 1]

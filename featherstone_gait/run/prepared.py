@@ -35,6 +35,7 @@ from ..scene.compile import CompiledScene
 from ..scene.contact import by_body
 from ..scene.coupling import check_followers
 from ..scene.external import Push
+from .channels import current_name
 from .differing import has_varying, of_own_lanes, put, structure, together
 from .interrupt import Kernel, call_interruptibly, compiled
 from .program import CompiledController
@@ -108,7 +109,7 @@ class Prepared:
         check_followers(scene.model, scene.tree.coupling, y[o["q"] : o["q"] + n], y[o["qd"] : o["qd"] + n])
         driven = scene.constants.actuator is not None
         if reference is not None and not driven:
-            raise ValueError(f"{scene.model.name}: a reference needs servos; compile the scene with servos=...")
+            raise ValueError(f"{scene.model.name}: a reference needs servos; compile the scene with gearbox=...")
         if reference is None and driven:
             reference = Reference([0.0], y[None, o["q"] : o["q"] + n])
         if reference is not None and not isinstance(reference, Reference):
@@ -163,9 +164,11 @@ class Prepared:
 
         Raises ValueError for a time that is none.
         """
-        h, begun = self.plan.h, float(start.y[self.scene.layout["end"]])
+        h, begun = self.plan.h, float(start.y[self.scene.layout["end_time"]])
         if not 0.0 <= begun < 2.0**52 * h:
-            raise ValueError(f"state: its time is {begun!r} s; expected >= 0 and less than 2^52 steps: see `restarted`")
+            raise ValueError(
+                f"state: its time is {begun!r} s; expected >= 0 and less than 2^52 steps: see `reset_time`"
+            )
         first = round(begun / h)
         if abs(first * h - begun) > 1e-6 * h:
             return self.plan._replace(offset=begun)
@@ -243,7 +246,7 @@ class Prepared:
 
     def _pausing(self, run: Run, y: np.ndarray) -> Run:
         """The run, up to where it pays to hand it to the thread that Ctrl-C ends."""
-        done = y[self.scene.part("pace")[0] + pace.EVALUATIONS]
+        done = y[self.scene.part("step_control")[0] + pace.EVALUATIONS]
         return run._replace(plan=run.plan._replace(pause=float(done) + PAUSE / max(self.scene.model.nv, 1)))
 
     def _check_alike(self, starts: Sequence[Start]) -> None:
@@ -258,7 +261,7 @@ class Prepared:
                 raise ValueError(f"{name}: signals of other knot times do not go in step; run them one by one")
         if len({structure(world.scene.constants) for world in {id(s.world): s.world for s in starts}.values()}) > 1:
             raise ValueError(f"{name}: scenes that differ in more than numbers do not go in step; run them one by one")
-        if len({start.y[self.scene.layout["end"]] for start in starts}) > 1:
+        if len({start.y[self.scene.layout["end_time"]] for start in starts}) > 1:
             raise ValueError(f"{name}: states of other times do not go in step; run them one by one")
 
     def signals(self, reference: Knots | None, torques: Knots | None, zeros: Zeros) -> Signals:
@@ -320,7 +323,7 @@ def prepare(
     scene: CompiledScene,
     duration: float,
     record: Iterable[str] | None = None,
-    sample: float | None = None,
+    record_interval: float | None = None,
     *,
     pushes: Sequence[Push] = (),
     rtol: float | None = None,
@@ -333,7 +336,7 @@ def prepare(
     if controller is not None:
         instance("controller", controller, CompiledController, "decorate its function with @controller(...)")
         scene = controller.driving(scene)
-    plan = _plan(scene, duration, sample)
+    plan = _plan(scene, duration, record_interval)
     if scene.adaptive:
         o, acts = scene.layout, scene.constants
         works = any(part is not None for part in (acts.actuator, acts.friction, acts.stops, acts.contact)) or driven
@@ -352,7 +355,7 @@ def recorded(scene: CompiledScene, record: Iterable[str] | None) -> tuple[str, .
     """The channels to record, those of the coordinates if None; TypeError for no list."""
     if record is None:
         return coordinates(scene)
-    return tuple(listed("record", record, "give a list of channels, such as ('q', 'qd')"))
+    return tuple(map(current_name, listed("record", record, "give a list of channels, such as ('q', 'qd')")))
 
 
 def coordinates(scene: CompiledScene) -> tuple[str, ...]:
@@ -365,7 +368,7 @@ def _check_size(ready: Prepared) -> None:
     if ready.samples * max(1, len(ready.channels)) > MOST_NUMBERS:
         raise ValueError(
             f"{ready.scene.model.name}: {ready.samples} records of {len(ready.channels)} numbers each; at most "
-            f"{MOST_NUMBERS} numbers: shorten the duration, record fewer channels, or pass a longer sample [s]"
+            f"{MOST_NUMBERS} numbers: shorten the duration, record fewer channels, or pass a longer record_interval [s]"
         )
 
 
@@ -401,7 +404,7 @@ def with_tolerance(
     return scene, wanted, wanted if atol is None else atol
 
 
-def _plan(scene: CompiledScene, duration: float, sample: float | None) -> Plan:
+def _plan(scene: CompiledScene, duration: float, record_interval: float | None) -> Plan:
     """The run in whole steps, ticks and samples."""
     h, tick = scene.timestep, scene.tick_steps
     if not is_real(duration) or not 0 < duration < math.inf:
@@ -412,19 +415,25 @@ def _plan(scene: CompiledScene, duration: float, sample: float | None) -> Plan:
             "or compile the scene with a larger timestep"
         )
     ticks = math.ceil(duration / (tick * h) - 1e-9)
-    every = steps_between_records(scene, sample)
+    every = steps_between_records(scene, record_interval)
     falls = scene.fall_height, scene.fall_upright, scene.upright
     return Plan(h, scene.method.theta, ticks * tick, tick, every, scene.lag, *falls)
 
 
-def steps_between_records(scene: CompiledScene, sample: float | None) -> int:
+def steps_between_records(scene: CompiledScene, record_interval: float | None) -> int:
     """The time between records [s] in whole steps, those of a tick if None; ValueError if it is none."""
     h = scene.timestep
-    if sample is None:
+    if record_interval is None:
         return scene.tick_steps
-    if not is_real(sample) or not 0.5 <= sample / h < 2**53 or abs(round(sample / h) * h - sample) > 1e-9 * sample:
-        raise ValueError(f"sample is {shown(sample)} s; it must be a whole number of steps of {h:g} s")
-    return round(sample / h)
+    if (
+        not is_real(record_interval)
+        or not 0.5 <= record_interval / h < 2**53
+        or abs(round(record_interval / h) * h - record_interval) > 1e-9 * record_interval
+    ):
+        raise ValueError(
+            f"record_interval is {shown(record_interval)} s; it must be a whole number of steps of {h:g} s"
+        )
+    return round(record_interval / h)
 
 
 def _stored(scene: CompiledScene, record: tuple[str, ...]) -> tuple[dict[str, slice], np.ndarray]:
@@ -506,7 +515,7 @@ def _sound(scene: CompiledScene, values: ArrayLike) -> np.ndarray:
     """The state as a vector; ValueError where the numbers cannot be what a run has left."""
     y = vector("state", values, int(scene.layout["length"]), "what initial_state gave, or the end of a run")
     check_quaternion(scene, y[slice(*scene.part("base_q"))][3:], 0.5, 2.0)
-    status, own = y[scene.layout["status"]], y[scene.part("pace")[0] :]
+    status, own = y[scene.layout["status"]], y[scene.part("step_control")[0] :]
     if status not in ENDS or not (own >= 0.0).all():
         raise ValueError(
             f"{scene.model.name}: state: its last {len(own)} numbers, pace, status {status:g} and time of a run, are "
@@ -521,11 +530,17 @@ def _sizes(parts: dict[str, tuple[int, int]]) -> str:
 
 def _with_first_error(scene: CompiledScene, start: Start) -> np.ndarray:
     """The controllers' last error at the start, so that a derivative term sees no jump."""
-    if not scene.sampled or start.reference is None or start.y[scene.layout["end"]] > 0:  # there is none, or it goes on
+    if (
+        not scene.sampled or start.reference is None or start.y[scene.layout["end_time"]] > 0
+    ):  # there is none, or it goes on
         return start.y
     n, o, y = scene.tree.n, scene.layout, start.y.copy()
     firmware = scene.constants.firmware
-    goal = start.reference.cubics[0, :, 0] if firmware.profile is None else y[o["goal"] : o["goal"] + n]
+    goal = (
+        start.reference.cubics[0, :, 0]
+        if firmware.profile is None
+        else y[o["profiled_reference"] : o["profiled_reference"] + n]
+    )
     speed = controller_of(scene.constants.actuator).law == PID_SPEED
     error = np.where(speed, 0.0, goal) - np.where(speed, y[o["qd"] : o["qd"] + n], y[o["q"] : o["q"] + n])
     if firmware.band is not None:

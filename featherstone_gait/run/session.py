@@ -32,6 +32,7 @@ from ..core.step.state import BY_NAME, RECORDABLE, shaped
 from ..scene.compile import CompiledScene
 from ..scene.external import Push
 from . import sensors
+from .channels import current_name
 from .companion import FIXED_LIMIT, LIMIT, SPEED_LIMIT, WHOLE, companion
 from .crowd import Crowd, Lot
 from .prepared import Prepared, Start, coordinates, each_once, prepare, with_tolerance
@@ -63,7 +64,7 @@ class Settings(TypedDict, total=False):
     seed: int
     pushes: Sequence[Push]
     record: Iterable[str]
-    sample: float | None
+    record_interval: float | None
     noise: tuple[float, float] | None
     rtol: float | None
     atol: float | None
@@ -74,8 +75,8 @@ class Settings(TypedDict, total=False):
 
 
 DEFAULTS: Settings = {
-    "worlds": None, "seed": 0, "pushes": (), "record": (), "sample": None, "noise": None, "rtol": None, "atol": None,
-    "estimate_error": False, "controller": None, "threads": None, "pace": False,
+    "worlds": None, "seed": 0, "pushes": (), "record": (), "record_interval": None, "noise": None, "rtol": None,
+    "atol": None, "estimate_error": False, "controller": None, "threads": None, "pace": False,
 }  # fmt: skip
 CHANGING = ("_issued", "_ticks", "_fresh", "_any_fresh", "_inaccurate")  # of a session, by a step
 
@@ -94,7 +95,7 @@ class Session:
     worlds : the physical numbers in which robots differ; with n fewer robots than worlds there are n
     seed : of the noise: a robot's draws depend on it and on the robot's number alone
     pushes : external forces, functions of each robot's time
-    record, sample : channels for `trajectory`, time between records [s], which divides a tick (a tick if None)
+    record, record_interval : channels for `trajectory`, time between records [s], which divides a tick (a tick if None)
     noise : standard deviations (angle [rad], voltage [V]), added at each tick to what encoders read and to voltages
     rtol, atol : see `simulate`
     estimate_error : run a companion in coarser steps beside, as `simulate` does: `error`, and the status "inaccurate"
@@ -119,7 +120,12 @@ class Session:
             raise TypeError(f"Session: {unknown} is unknown; its settings are {', '.join(DEFAULTS)}")
         chosen: Settings = {**DEFAULTS, **settings}
         worlds, noise, controller = chosen["worlds"], chosen["noise"], chosen["controller"]
-        rtol, atol, sample, threads = chosen["rtol"], chosen["atol"], chosen["sample"], chosen["threads"]
+        rtol, atol, record_interval, threads = (
+            chosen["rtol"],
+            chosen["atol"],
+            chosen["record_interval"],
+            chosen["threads"],
+        )
         self._given: dict[str, Any] = {"scene": scene, "n": n, "action": action, "observe": tuple(_names(observe))}
         self._given |= {**chosen, "record": tuple(_names(chosen["record"], "record"))}
         self.action: Action = _action(scene, action)
@@ -130,7 +136,7 @@ class Session:
         self.seed = whole("seed", chosen["seed"], 0, "give 0, 1, ...")
         self._deviations = _deviations(scene, noise)
         tick = self.scene.tick_steps * self.scene.timestep
-        _check_sample(self.scene, sample)
+        _check_sample(self.scene, record_interval)
         if controller is not None and self.action != "reference":
             raise ValueError(f"action is {action!r}, but a controller reads references: leave it out")
         how: dict[str, Any] = {"pushes": chosen["pushes"], "driven": self.action == "torque", "controller": controller}
@@ -138,11 +144,11 @@ class Session:
 
         def made_ready(one: CompiledScene) -> Prepared:
             one, r, a = with_tolerance(one, rtol, atol)
-            return prepare(one, tick, record, sample, rtol=r, atol=a, **how)
+            return prepare(one, tick, record, record_interval, rtol=r, atol=a, **how)
 
         def coarser(one: CompiledScene) -> tuple[Prepared, float]:
             one, r, a = with_tolerance(one, rtol, atol)
-            other = companion(one, sample or tick, r, a)
+            other = companion(one, record_interval or tick, r, a)
             if other is None:
                 raise ValueError(f"{one.model.name}: no companion tells the error of {one.integrator}: leave it out")
             return prepare(other.scene, tick, (), tick, rtol=other.rtol, atol=other.atol, **how), other.share
@@ -180,7 +186,7 @@ class Session:
         """Put the robots of a mask (n,) bool, all if None, at their start; return what they observe.
 
         state: None for `initial_state`, one state (length,) or `Trajectory` for all, or an array or list with one for
-        each robot of the mask.  A state that a run has come to keeps its time: `restarted` sets it to zero.  The first
+        each robot of the mask.  A state that a run has come to keeps its time: `reset_time` sets it to zero.  The first
         action counts as given ever since, so that no lag delays it.
         """
         with self._alone():
@@ -577,6 +583,7 @@ class _View:
     """A channel or sensor of all robots, in an array that is used again."""
 
     def __init__(self, session: Session, name: str) -> None:
+        name = current_name(name)
         if not isinstance(name, str) or name not in (*RECORDABLE, *SENSORS):
             known = ", ".join((*RECORDABLE, *SENSORS))
             raise ValueError(f"observe: there is no channel or sensor {shown(name)}; there are {known}")
@@ -704,12 +711,12 @@ def _action(scene: CompiledScene, action: Any) -> Action:
     if action == "torque" and driven:
         raise ValueError(
             f"{name}: action is 'torque', but its servos would drive the joints too: compile the scene with "
-            "servos=None, or give 'voltage' or 'reference'"
+            "gearbox=None, or give 'voltage' or 'reference'"
         )
     if action == "torque" and scene.method.drives:
         raise ValueError(f"{name}: {scene.integrator} takes its torques from servos alone: use implicit_euler")
     if action != "torque" and not driven:
-        raise ValueError(f"{name}: action is {action!r}, but it has no servos: compile the scene with servos='mipsd'")
+        raise ValueError(f"{name}: action is {action!r}, but it has no servos: compile the scene with gearbox='mipsd'")
     if action in ("voltage", "pwm") and not scene.sampled:
         raise ValueError(
             f"{name}: action is {action!r}, but its servos follow a torque law and have no motor: give 'reference', or "
@@ -744,13 +751,15 @@ def _deviations(scene: CompiledScene, noise: Any) -> np.ndarray | None:
     return np.array([real("noise", one, 0.0, 1e6, "it is a standard deviation") for one in both])
 
 
-def _check_sample(scene: CompiledScene, sample: float | None) -> None:
-    if sample is None:
+def _check_sample(scene: CompiledScene, record_interval: float | None) -> None:
+    if record_interval is None:
         return
-    steps = real("sample", sample, 0.0, 1e9, "give seconds") / scene.timestep
+    steps = real("record_interval", record_interval, 0.0, 1e9, "give seconds") / scene.timestep
     if round(steps) < 1 or abs(steps - round(steps)) > 1e-9 * steps or scene.tick_steps % round(steps):
         tick = scene.tick_steps * scene.timestep
-        raise ValueError(f"sample is {sample!r} s; it must divide a tick of {tick:g} s in whole steps: leave it out")
+        raise ValueError(
+            f"record_interval is {record_interval!r} s; it must divide a tick of {tick:g} s in whole steps"
+        )
 
 
 def _initial_states(worlds: Sequence[Prepared]) -> np.ndarray:

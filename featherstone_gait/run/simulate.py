@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..base import deprecated
 from ..base.arguments import instance, listed, shown, truth
 from ..core.step.state import RECORDABLE
 from ..scene.compile import CompiledScene
@@ -30,18 +31,19 @@ from .lane_engine import Source
 from .prepared import Prepared, Start, coordinates, each_once, prepare, recorded, with_tolerance
 from .program import CompiledController
 from .reference import Reference
-from .start import check_scene, initial_state, restarted, standing_state
+from .start import check_scene, initial_state, reset_time, standing_state
 from .trajectory import Trajectory, with_error
 from .verdict import trajectory
 from .worlds import Worlds
 
 __all__ = [
-    "PARTS", "Push", "initial_state", "restarted", "simulate", "simulate_batch", "simulate_stream", "standing_state"
+    "PARTS", "Push", "initial_state", "reset_time", "simulate", "simulate_batch", "simulate_stream", "standing_state"
 ]  # fmt: skip
 
 PARTS = RECORDABLE  # what can be recorded
 
 
+@deprecated.keywords(sample="record_interval")
 def simulate(
     scene: CompiledScene,
     duration: float,
@@ -50,7 +52,7 @@ def simulate(
     tau: Reference | ArrayLike | None = None,
     pushes: Sequence[Push] = (),
     record: Iterable[str] | None = None,
-    sample: float | None = None,
+    record_interval: float | None = None,
     *,
     noise: ArrayLike | None = None,
     rtol: float | None = None,
@@ -62,24 +64,22 @@ def simulate(
 
     state: what `initial_state` gave, or an earlier `Trajectory` or its `final` to go on from: time goes on too, and
     references, torques and pushes are functions of the time since the first start, as if the run had not been cut
-    (`restarted(scene, state)` begins at zero again); reference: joint angles for the servos,
-    None holds those of `state`; tau: (joints,) constant torques or a `Reference` of torques [N m]; pushes: external
-    forces; record: channels, see below; None: "q" and "qd", and of a floating base "base_q" and "base_qd"; sample: time
+    (`reset_time(scene, state)` begins at zero again); reference: joint angles for the servos, None holds those of
+    `state`; tau: (joints,) constant torques or a `Reference` of torques [N m]; pushes: external forces; record:
+    channels, see below; None: "q" and "qd", and of a floating base "base_q" and "base_qd"; record_interval: time
     between records [s], a multiple of the step (a tick if None); noise: (ticks, joints, 2), added at each controller
-    tick to the measured angle [rad] and to the voltage [V];
-    rtol, atol: error allowed in a step, relative and absolute [rad, m, and their rates; A; J], of an integrator that
-    chooses its steps (atol is rtol if None); given for a scene of fixed steps, they choose such an integrator for this
-    run: "extrapolation" if it is stiff, else "dop853";
+    tick to the measured angle [rad] and to the voltage [V]; rtol, atol: error allowed in a step, relative and absolute
+    [rad, m, and their rates; A; J], of an integrator that chooses its steps (atol is rtol if None); given for a scene
+    of fixed steps, they choose such an integrator for this run: "extrapolation" if it is stiff, else "dop853";
     estimate_error: for `Trajectory.error`; None: simulate again to ten times the tolerances, or at twice the fixed
     step, and call a run `inaccurate` whose error is beyond 1e-3 rad or m, or 1e-2 of the largest speed (1 at least),
     ten times as much at a fixed step, if a run in half the steps says so too; True: simulate again with half the step,
-    or a tenth of the tolerances; False: tell no error;
-    controller: a function of `controller` that makes of the reference what the servos follow; its memory is zero at the
-    start of each run, of one that goes on too: a `Session` keeps it.
-    Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
+    or a tenth of the tolerances; False: tell no error; controller: a function of `controller` that makes of the
+    reference what the servos follow; its memory is zero at the start of each run, of one that goes on too: a `Session`
+    keeps it.  Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
     """
     return simulate_batch(
-        scene, duration, [state], [reference], [tau], pushes, record, sample,
+        scene, duration, [state], [reference], [tau], pushes, record, record_interval,
         noises=[noise], rtol=rtol, atol=atol, estimate_error=estimate_error, controller=controller,
     )[0]  # fmt: skip
 
@@ -88,6 +88,7 @@ if simulate.__doc__:  # python -OO leaves it out
     simulate.__doc__ += f"\n    Channels, with units and labels:\n\n{indent(channel_table(), 8 * ' ')}\n"
 
 
+@deprecated.keywords(sample="record_interval")
 def simulate_batch(
     scene: CompiledScene | Sequence[CompiledScene],
     duration: float,
@@ -96,7 +97,7 @@ def simulate_batch(
     taus: Sequence[Reference | ArrayLike | None] | None = None,
     pushes: Sequence[Push] = (),
     record: Iterable[str] | None = None,
-    sample: float | None = None,
+    record_interval: float | None = None,
     *,
     worlds: Worlds | None = None,
     executor: Executor | None = None,
@@ -125,7 +126,7 @@ def simulate_batch(
     alike: Any = controller if several is None else None
     runs = _runs(scene, worlds, each | {"controller": several})
     acts, scenes = runs.pop("controller"), runs.pop("scenes")
-    cases = each_once(lambda given: Case(given, rtol, atol, sample, alike), scenes)
+    cases = each_once(lambda given: Case(given, rtol, atol, record_interval, alike), scenes)
     if several is not None:
         cases = [case._replace(controller=one) for case, one in zip(cases, acts)]
     batch = Batch(cases, **runs)
@@ -143,7 +144,7 @@ class Case(NamedTuple):
     scene: CompiledScene
     rtol: float | None  # None of fixed steps
     atol: float | None
-    sample: float | None  # between records [s], a tick if None
+    record_interval: float | None  # between records [s], a tick if None
     controller: CompiledController | None
 
 
@@ -214,7 +215,7 @@ def _simulated(
     def made_ready(case: Case) -> Prepared:
         scene, rtol, atol = with_tolerance(*case[:3])
         ready = prepare(
-            scene, duration, record, case.sample, pushes=pushes, rtol=rtol, atol=atol,
+            scene, duration, record, case.record_interval, pushes=pushes, rtol=rtol, atol=atol,
             driven=driven, controller=case.controller,
         )  # fmt: skip
         return dataclasses.replace(ready, stop=stop)
@@ -230,13 +231,13 @@ def _simulated(
 def _judged(case: Case) -> Case:
     """The same, with tolerances and the time between records told, for others to be compared with."""
     scene, rtol, atol = with_tolerance(*case[:3])
-    every = scene.tick_steps * scene.timestep if case.sample is None else case.sample
+    every = scene.tick_steps * scene.timestep if case.record_interval is None else case.record_interval
     return Case(scene, rtol, atol, every, case.controller)
 
 
 def _with_companions(batch: Batch, record: tuple[str, ...], simulated: Simulated) -> list[Trajectory]:
     """The runs, each with the error that a companion tells; companions go on from where companions ended."""
-    others = each_once(lambda case: companion(case.scene, case.sample, case.rtol, case.atol), batch.cases)
+    others = each_once(lambda case: companion(case.scene, case.record_interval, case.rtol, case.atol), batch.cases)
     alone = [k for k, other in enumerate(others) if other is None]
     told = dict(zip(alone, simulated(batch.of(alone), record)))
     rest = [k for k, other in enumerate(others) if other is not None]
@@ -274,9 +275,9 @@ def _in_place(cases: list[Case], others: list[Companion], surer: bool = False) -
     """Cases of the companions; those of one companion are one."""
     pairs = {id(other): (case, other) for case, other in zip(cases, others)}
     made = {
-        key: Case(other.surer or other.scene, None, None, case.sample, case.controller)
+        key: Case(other.surer or other.scene, None, None, case.record_interval, case.controller)
         if surer
-        else Case(other.scene, other.rtol, other.atol, case.sample, case.controller)
+        else Case(other.scene, other.rtol, other.atol, case.record_interval, case.controller)
         for key, (case, other) in pairs.items()
     }
     return [made[id(other)] for other in others]
@@ -302,7 +303,7 @@ def _finer(case: Case) -> Case:
     if not scene.adaptive:
         return case._replace(scene=scene)
     rtol, atol = case.rtol and 0.1 * case.rtol, case.atol and 0.1 * case.atol
-    every = case.sample and 0.5 * case.sample  # steps end on records: twice as many
+    every = case.record_interval and 0.5 * case.record_interval  # steps end on records: twice as many
     return Case(scene, rtol, atol, every, case.controller)
 
 
@@ -318,7 +319,7 @@ def simulate_stream(
     begin: Callable[[Any], tuple[np.ndarray, Reference] | tuple[np.ndarray, Reference, int]],
     end: Callable[[Trajectory], Any],
     record: Iterable[str] | None = None,
-    sample: float | None = None,
+    record_interval: float | None = None,
     threads: int | None = None,
 ) -> float:
     """Simulate what `source` hands out, in all lanes of all cores, until there is no more.
@@ -326,9 +327,9 @@ def simulate_stream(
     scene: of all runs, or several that differ in numbers alone, as `Worlds.scenes` makes them.  `begin(key)` returns
     the state and the reference of a run and, of several scenes, which; `end(trajectory)` the answer that the source is
     given.  A run that it wants no longer is given up within `lane_engine.SEGMENT` steps.  Each run has the bits that
-    `simulate` gives it.  Duration, record and sample are those of `simulate`; threads: one a core if None.  Returns the
-    share of the lane-steps that a run was in.  Raises ValueError for scenes without sampled servos, and for those that
-    cannot share lanes.
+    `simulate` gives it.  Duration, record and record_interval are those of `simulate`; threads: one a core if None.
+    Returns the share of the lane-steps that a run was in.  Raises ValueError for scenes without sampled servos, and for
+    those that cannot share lanes.
     """
     scenes = [scene] if isinstance(scene, CompiledScene) else listed("scene", scene, "give what compile_scene returns")
     for one in scenes:
@@ -338,16 +339,16 @@ def simulate_stream(
                 f"{one.model.name}: a stream needs sampled servos, fixed steps and no pushes: compile the scene with "
                 "integrator='midpoint', or use simulate_batch"
             )
-    ready = [prepare(one, duration, record, sample) for one in scenes]
+    ready = [prepare(one, duration, record, record_interval) for one in scenes]
     if len({family(one) for one in ready}) != 1:
         raise ValueError(f"scene: these {len(scenes)} do not differ in numbers alone; give what Worlds.scenes returns")
 
     def begin_run(key: Any) -> Start:
         state, reference, *which = begin(key)
         start = ready[which[0] if which else 0].start(state, reference)
-        if start.y[ready[0].scene.layout["end"]] > 0.0:
+        if start.y[ready[0].scene.layout["end_time"]] > 0.0:
             name = ready[0].scene.model.name
-            raise ValueError(f"{name}: the runs of a stream begin at time 0: give restarted(scene, state)")
+            raise ValueError(f"{name}: the runs of a stream begin at time 0: give reset_time(scene, state)")
         return start
 
     def end_run(start: Start, y: np.ndarray, out: np.ndarray) -> Any:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..base import deprecated
 from ..base.arguments import instance, truth, vector
 from ..base.fixed_order import total
 from ..core.step import pace
@@ -19,8 +20,9 @@ OVERSHOOT = 1e-2  # beyond a limit, as far as a joint presses into its stop [rad
 SHORTEST, LONGEST = 1e-6, 1e6  # quaternion that has a direction
 
 
+@deprecated.keywords(beyond_limits="allow_limit_violation")
 def initial_state(
-    scene: CompiledScene, q: ArrayLike | None = None, qd: ArrayLike | None = None, beyond_limits: bool = False
+    scene: CompiledScene, q: ArrayLike | None = None, qd: ArrayLike | None = None, allow_limit_violation: bool = False
 ) -> np.ndarray:
     """The whole state (size,) of a robot at positions q and velocities qd; zero where None.
 
@@ -29,51 +31,59 @@ def initial_state(
     follow others do so where q or qd is None; where they are given and do not agree with their leaders, ValueError says
     what they should be.
     Raises ValueError too for a joint at more than `OVERSHOOT` beyond its limits, whose stop would throw it back at a
-    speed that no motion has, unless `beyond_limits` asks for it.
+    speed that no motion has, unless `allow_limit_violation` asks for it.
     """
     check_scene(scene)
-    truth("beyond_limits", beyond_limits)
+    truth("allow_limit_violation", allow_limit_violation)
     model, o, n = scene.model, scene.layout, scene.tree.n
     y = np.zeros(int(o["length"]))
-    y[o["pace"] + np.array([pace.STEP, pace.COLUMNS, pace.LAST])] = FIRST_STEP, FIRST_COLUMNS, 1e-4
+    y[o["step_control"] + np.array([pace.STEP, pace.COLUMNS, pace.LAST])] = FIRST_STEP, FIRST_COLUMNS, 1e-4
     default = np.zeros(model.nq)
     default[model.nq - n :] = followed(scene.tree.coupling, np.zeros(n))
     if model.base == "floating":
         default[3] = 1.0
         if scene.ground is not None and q is None:
             default[2] = standing_height(model, scene.ground, default)
-    if q is not None and not beyond_limits:
+    if q is not None and not allow_limit_violation:
         _check_limits(scene, vector("q", q, model.nq)[model.nq - n :])
     q = vector("q", default if q is None else q, model.nq)
     qd = vector("qd", np.zeros(model.nv) if qd is None else qd, model.nv)
     check_quaternion(scene, q[3:7], SHORTEST, LONGEST)
     joints, rates = (a[len(a) - n :] for a in (q, qd))
     check_followers(model, scene.tree.coupling, joints, rates)
-    given = {"q": joints, "qd": rates, "filtered": rates, "rotor": joints, "rotor_speed": rates, "goal": joints}
+    given = {
+        "q": joints,
+        "qd": rates,
+        "filtered_speed": rates,
+        "rotor": joints,
+        "rotor_speed": rates,
+        "profiled_reference": joints,
+    }
     for name, values in given.items():
         first, end = scene.part(name)
         if end > first:
             y[first:end] = values
     if scene.constants.supply is not None:
-        y[o["bus"]] = scene.constants.supply[0].voltage
+        y[o["bus_voltage"]] = scene.constants.supply[0].voltage
     if model.base == "floating":
         y[o["base_q"] : o["base_q"] + 7], y[o["base_qd"] : o["base_qd"] + 6] = q[:7], qd[:6]
         y[o["base_q"] + 3 : o["base_q"] + 7] /= math.sqrt(total(q[3:7] * q[3:7]))
     return y
 
 
-def restarted(scene: CompiledScene, state: ArrayLike) -> np.ndarray:
+def reset_time(scene: CompiledScene, state: ArrayLike) -> np.ndarray:
     """A state (size,) that a run has come to, with its time at zero.
 
     References, torques and pushes count from there: a new run, in which controllers forget their last error.
     """
     check_scene(scene)
     y = vector("state", state, int(scene.layout["length"])).copy()
-    y[scene.layout["end"]] = 0.0
+    y[scene.layout["end_time"]] = 0.0
     return y
 
 
-def standing_state(scene: CompiledScene, angles: ArrayLike, beyond_limits: bool = False) -> np.ndarray:
+@deprecated.keywords(beyond_limits="allow_limit_violation")
+def standing_state(scene: CompiledScene, angles: ArrayLike, allow_limit_violation: bool = False) -> np.ndarray:
     """The whole state of a floating robot at rest over the origin: base upright, joints at `angles`, on the ground.
 
     Raises ValueError for a fixed base, without ground and for angles that do not fit, as `initial_state`.
@@ -84,7 +94,7 @@ def standing_state(scene: CompiledScene, angles: ArrayLike, beyond_limits: bool 
         raise ValueError(f"{model.name}: only a floating robot over ground stands; its base is {model.base}")
     q = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *vector("angles", angles, scene.tree.n)])
     q[2] = standing_height(model, scene.ground, q)
-    return initial_state(scene, q, beyond_limits=beyond_limits)
+    return initial_state(scene, q, allow_limit_violation=allow_limit_violation)
 
 
 def check_scene(scene: CompiledScene) -> None:
@@ -111,5 +121,5 @@ def _check_limits(scene: CompiledScene, joints: np.ndarray) -> None:
         if not joint.lower - OVERSHOOT <= position <= joint.upper + OVERSHOOT:
             raise ValueError(
                 f"{scene.model.name}: joint {joint.name!r} is at {position:.6g} rad or m, beyond its limits "
-                f"{joint.lower:.6g} to {joint.upper:.6g}; start it between them, or pass beyond_limits=True"
+                f"{joint.lower:.6g} to {joint.upper:.6g}; start it between them, or pass allow_limit_violation=True"
             )

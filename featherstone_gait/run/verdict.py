@@ -31,20 +31,20 @@ def trajectory(ready: Prepared, y: np.ndarray, out: np.ndarray, course: Plan | N
     """Name the channels and say how the run ended; course: of `ready.course`, None of a run that begins at zero."""
     scene, course = ready.scene, ready.plan if course is None else course
     status, message, end = verdict(scene, course.offset + (course.first + course.steps) * course.h, y)
-    passes = y[slice(*scene.part("passes"))]
+    passes = y[slice(*scene.part("newton_iterations"))]
     info = {
         "robot": scene.model.name,
         "joints": list(scene.model.joint_names),
         "integrator": scene.integrator,
         "timestep": scene.timestep,
         "reason": scene.preflight.reason,
-        "servos": scene.servos,
+        "servos": scene.gearbox,
         "worst_chatter": float(max(y[slice(*scene.part("worst_chatter"))], default=0.0)),
         "newton_passes": float(passes[0]),
         "not_converged_steps": float(passes[1]),
     }
     if scene.adaptive:
-        taken, rejected, evaluations = y[slice(*scene.part("pace"))][pace.STEPS : pace.LAST]
+        taken, rejected, evaluations = y[slice(*scene.part("step_control"))][pace.STEPS : pace.LAST]
         info |= {"rtol": ready.plan.rtol, "atol": ready.plan.atol}
         info |= {"steps": int(taken), "rejected_steps": int(rejected), "evaluations": int(evaluations)}
     return Trajectory(ready.named(out, course), status, message, end, y, info, parts=scene.parts)
@@ -59,7 +59,7 @@ def verdict(scene: CompiledScene, end: float, y: np.ndarray) -> tuple[str, str, 
 
 
 def _failure(scene: CompiledScene, y: np.ndarray) -> tuple[str, str, float]:
-    code, end = int(y[scene.layout["status"]]), float(y[scene.layout["end"]])
+    code, end = int(y[scene.layout["status"]]), float(y[scene.layout["end_time"]])
     name, status = scene.model.name, STATUS[code]
     message = f"{name} {status} at {end:.4g} s"
     if code == rollout.TOO_SMALL:
@@ -75,7 +75,7 @@ def _failure(scene: CompiledScene, y: np.ndarray) -> tuple[str, str, float]:
 
 def _costly(scene: CompiledScene, y: np.ndarray, end: float) -> str:
     """How dear the run was, and what is likely to limit its steps."""
-    taken, rejected = y[slice(*scene.part("pace"))][[pace.STEPS, pace.REJECTED]]
+    taken, rejected = y[slice(*scene.part("step_control"))][[pace.STEPS, pace.REJECTED]]
     least, by = scene.preflight.worst, "kinks or fast motion limit them"
     if least is not None:
         by = f"{least.joint} limits explicit ones to {least.step:.2g} s by its {least.cause}"
@@ -129,5 +129,5 @@ def _chatter(scene: CompiledScene, y: np.ndarray) -> tuple[str, str] | None:
 
 
 def _not_converged(scene: CompiledScene, y: np.ndarray) -> tuple[str, str] | None:
-    missed = y[scene.part("passes")[0] + 1]
+    missed = y[scene.part("newton_iterations")[0] + 1]
     return ("not converged", f"{missed:.0f} implicit steps missed their tolerance") if missed > 0 else None

@@ -2,9 +2,9 @@
 
     worlds = Worlds(
         runs=1000,
-        ground={"friction": Spread("uniform", 0.2), "slope": np.linspace(0.0, 0.1, 1000)},
-        servos={"resistance": Spread("normal", 0.1), "voltage_limit": Spread("uniform", 0.05, alike=True)},
-        links={"mass": Spread("lognormal", 0.1)},
+        ground={"friction": Distribution("uniform", 0.2), "slope": np.linspace(0.0, 0.1, 1000)},
+        servos={"resistance": Distribution("normal", 0.1), "voltage_limit": Distribution("uniform", 0.05, shared=True)},
+        links={"mass": Distribution("lognormal", 0.1)},
     )
     trajectories = simulate_batch(scene, 4.0, references=[gait] * 1000, worlds=worlds)
 
@@ -22,12 +22,13 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..base import deprecated
 from ..base.arguments import floats, instance, one_of, real, shown, truth, whole
 from ..base.portable_math import exp
 from ..model import LARGEST, Controller, Gearbox, Ground, Servo, Supply
 from ..scene.compile import CompiledScene
 
-Law = Literal["uniform", "normal", "lognormal"]
+Kind = Literal["uniform", "normal", "lognormal"]
 MOST_RUNS = 10**7
 WIDEST = 10.0  # relative spread
 LEAST_SHARE = 2.0**-53  # of a normal distribution, beyond which nothing is drawn
@@ -51,42 +52,47 @@ INFINITE = (  # may be
 _OWNER = {f.name: part for part in (Controller, Gearbox, Servo) for f in dataclasses.fields(part)}
 
 
+@deprecated.fields(law="kind", width="scale", added="additive", alike="shared")
 @dataclass(frozen=True)
-class Spread:
-    """A number that is drawn for each run, about the one that the scene has.
+class Distribution:
+    """Distribution of a number that is drawn anew for each run, about the scene's own number.
 
-    law "uniform": the scene's number times 1 + width u, u in [-1, 1); "normal": times 1 + width n, n of standard normal
-    distribution; "lognormal": times exp(width n).  added: the scene's number plus width u or width n instead, width in
-    its own unit; alike: one draw for all servos, links or joints of a run, not one for each.
+    Attributes
+    ----------
+    kind : "uniform", the number times 1 + scale u, u in [-1, 1); "normal", times 1 + scale n, n standard normal;
+        or "lognormal", times exp(scale n)
+    scale : relative width; absolute, in the number's own unit, if `additive`
+    additive : whether scale u or scale n is added to the number instead
+    shared : whether one draw serves all servos, links or joints of a run, not one each
     """
 
-    law: Law
-    width: float
-    added: bool = False
-    alike: bool = False
+    kind: Kind
+    scale: float
+    additive: bool = False
+    shared: bool = False
 
     def __post_init__(self) -> None:
-        one_of("spread: law", self.law, get_args(Law))
-        truth("spread: added", self.added)
-        truth("spread: alike", self.alike)
-        most = LARGEST if self.added else WIDEST
-        object.__setattr__(self, "width", real("spread: width", self.width, 0.0, most, "0.1 is a tenth"))
-        if self.added and self.law == "lognormal":
-            raise ValueError("spread: added is True and law 'lognormal', which is a factor; use 'normal' or 'uniform'")
+        one_of("distribution: kind", self.kind, get_args(Kind))
+        truth("distribution: additive", self.additive)
+        truth("distribution: shared", self.shared)
+        most = LARGEST if self.additive else WIDEST
+        object.__setattr__(self, "scale", real("distribution: scale", self.scale, 0.0, most, "0.1 is a tenth"))
+        if self.additive and self.kind == "lognormal":
+            raise ValueError("distribution: additive is True, kind 'lognormal' is a factor; use 'normal' or 'uniform'")
 
     def drawn(self, numbers: np.ndarray, runs: int, generator: np.random.Generator) -> np.ndarray:
         """Draws (runs, ...) about the numbers (parts, ...) of the scene."""
         size = (runs, *self.shape(numbers))
-        x = generator.uniform(-1.0, 1.0, size) if self.law == "uniform" else generator.standard_normal(size)
+        x = generator.uniform(-1.0, 1.0, size) if self.kind == "uniform" else generator.standard_normal(size)
         return self.applied(numbers, x)
 
     def shape(self, numbers: np.ndarray) -> tuple[int, ...]:
         """Of what is drawn for one run about the numbers (parts, ...) of the scene."""
-        return (1 if self.alike else len(numbers), *(numbers.shape[1:] if self.added else ()))
+        return (1 if self.shared else len(numbers), *(numbers.shape[1:] if self.additive else ()))
 
     def at(self, shares: np.ndarray) -> np.ndarray:
         """The draws, in widths, below which such shares in [0, 1) of all draws lie."""
-        if self.law == "uniform":
+        if self.kind == "uniform":
             return 2.0 * shares - 1.0
         from scipy.special import ndtri
 
@@ -94,13 +100,13 @@ class Spread:
 
     def applied(self, numbers: np.ndarray, x: np.ndarray) -> np.ndarray:
         """The numbers (runs, parts, ...) of draws x (runs, *shape), in widths."""
-        if self.added:
-            return numbers + self.width * x
-        factors = exp(self.width * x) if self.law == "lognormal" else 1.0 + self.width * x
+        if self.additive:
+            return numbers + self.scale * x
+        factors = exp(self.scale * x) if self.kind == "lognormal" else 1.0 + self.scale * x
         return numbers * factors.reshape(*x.shape, *[1] * (numbers.ndim - 1))
 
 
-Values: TypeAlias = ArrayLike | Spread
+Values: TypeAlias = ArrayLike | Distribution
 
 
 class _Column(NamedTuple):
@@ -120,7 +126,7 @@ class Worlds:
     `Link`, `Joint` and `Supply` have, in their units.  A name stands for all servos, links or joints of the robot,
     "PART.name" for that of one joint or link.  A value is a number, an array with one entry a run, one (runs, parts)
     with an entry for each of them in the order of the model (servos in that of its moving joints; centers of mass and
-    inertias have a last axis of 3 and 6 numbers), or a `Spread`, which draws.
+    inertias have a last axis of 3 and 6 numbers), or a `Distribution`, which draws.
     gravity: (3,) or (runs, 3) [m/s^2].
     runs: how many, where no array says it.  seed: of the draws; those of a field do not depend on the other fields, nor
     those of a run on how many runs there are.
@@ -197,7 +203,7 @@ class Worlds:
 
     def _values(self, what: str, value: Values, numbers: np.ndarray) -> np.ndarray:
         """(runs, parts, ...) from what was given; numbers (parts, ...) those of the scene."""
-        if isinstance(value, Spread):
+        if isinstance(value, Distribution):
             return value.drawn(numbers, len(self), np.random.default_rng([self.seed, crc32(what.encode())]))
         array, shape = np.asarray(value), (len(self), *numbers.shape)
         if array.ndim == 1 and numbers.ndim == 1:  # an entry a run, for all parts
@@ -227,9 +233,9 @@ def nominal(scene: CompiledScene, section: str, key: str) -> tuple[list[str], np
 def _checked(section: str, names: Sequence[str], key: str, value: Values) -> Values:
     if not isinstance(key, str) or key.rpartition(".")[2] not in names or (section in WHOLE and "." in key):
         raise ValueError(f"worlds: {section}: there is no number {shown(key)}; use one of {', '.join(names)}")
-    if isinstance(value, Spread):
+    if isinstance(value, Distribution):
         return value
-    array = floats(f"worlds: {section}: {key}", value, "give a number, an array with an entry a run, or a Spread")
+    array = floats(f"worlds: {section}: {key}", value, "give a number, an array with an entry a run, or a Distribution")
     if not np.isfinite(array).all() and key.rpartition(".")[2] not in INFINITE:
         raise ValueError(f"worlds: {section}: {key} has numbers that are not finite; correct them")
     return array
@@ -243,7 +249,7 @@ def _parts(scene: CompiledScene, section: str) -> dict[str, Any]:
     if section == "supply":
         return {} if scene.constants.supply is None else {"": model.supply}
     if section == "servos":
-        return {name: model.servos[name] for name in model.joint_names if scene.servos and name in model.servos}
+        return {name: model.servos[name] for name in model.joint_names if scene.gearbox and name in model.servos}
     if section == "links":
         return {link.name: link for link in model.links}
     return {joint.name: joint for joint in model.joints if joint.type != "fixed"}

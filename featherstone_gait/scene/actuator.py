@@ -19,7 +19,7 @@ from ..core.effects.pd_servo import PD, PDServo
 from ..core.effects.rigid_servo import RigidServo
 from ..core.integrate.integrator import Integrator
 from ..model import TORQUE_LAWS, Model, Servo
-from .gearbox_kinds import SERVO_KINDS, ServoKind
+from .gearbox_kinds import GEARBOX_KINDS, GearboxKind
 from .records import fill, records
 from .tree import joint_armature
 
@@ -31,7 +31,7 @@ TOOTH_LOAD = 0.1  # of the stall torque, at which teeth that meet across a gap a
 class Drive(NamedTuple):
     """What drives the joints of a scene."""
 
-    kind: ServoKind | None
+    kind: GearboxKind | None
     servos: list[Servo | None]  # of each moving joint; None where there is none
     actuator: Actuator | None
     armature: np.ndarray | None  # (n,) of the joints, with G^2 J of the rotors of rigid gearboxes [kg m^2 or kg]
@@ -42,16 +42,18 @@ class Drive(NamedTuple):
         return self.actuator is not None and "servo" in self.actuator.PARTS
 
 
-def build_drive(model: Model, kind: ServoKind | None) -> Drive:
+def build_drive(model: Model, kind: GearboxKind | None) -> Drive:
     """Raises ValueError on kinds and laws that do not fit the model."""
     joints = model.joint_names
     if kind is None:
         return Drive(None, [None] * len(joints), None, joint_armature(model))
-    if not isinstance(kind, str) or kind not in SERVO_KINDS:
-        raise ValueError(f"servos is {shown(kind)}; use {', '.join(map(repr, SERVO_KINDS))} or None")
+    if not isinstance(kind, str) or kind not in GEARBOX_KINDS:
+        raise ValueError(f"gearbox is {shown(kind)}; use {', '.join(map(repr, GEARBOX_KINDS))} or None")
     servos = [model.servos.get(name) for name in joints]
     if not any(servos):
-        raise ValueError(f"{model.name} has no servos; name them in the [servos] table of its TOML, or use servos=None")
+        raise ValueError(
+            f"{model.name} has no servos; name them in the [servos] table of its TOML, or use gearbox=None"
+        )
     continuous = {servo.controller.law in TORQUE_LAWS for servo in servos if servo}
     if len(continuous) > 1:
         raise ValueError(f"{model.name} mixes pd servos with sampled ones; give all joints one kind of law")
@@ -62,7 +64,7 @@ def build_drive(model: Model, kind: ServoKind | None) -> Drive:
     return Drive(kind, servos, _actuator(model, servos, kind, continuous.pop()), armature)
 
 
-def _actuator(model: Model, servos: list[Servo | None], kind: ServoKind, continuous: bool) -> Actuator:
+def _actuator(model: Model, servos: list[Servo | None], kind: GearboxKind, continuous: bool) -> Actuator:
     if continuous and kind == "mipsd":
         raise ValueError(f"{model.name}: a pd servo has no motor to drive a spring-damper gearbox; use servos='rotor'")
     if continuous:

@@ -44,13 +44,13 @@ def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:
     """Stiffness and damping from sinking and damping ratio: k = m g / (N sinking), and for small motions about rest
     c = 2 zeta sqrt(k m / N), which Hunt and Crossley's law has at its static depth for d = 2 zeta / sqrt(g sinking)."""
     contacts = [model.contacts[k] for k in by_body(model, tree)]
-    share = model.mass / (sum(point.carries for point in contacts) or len(contacts))
-    k = share * g / ground.sinking
+    share = model.mass / (sum(point.load_bearing for point in contacts) or len(contacts))
+    k = share * g / ground.penetration
     table, places = records(len(contacts), POINT), [tree.placements[point.link] for point in contacts]
     E, r = np.array([place.E for place in places]), np.array([place.r for place in places])
     table.position = r + applied(E, np.array([_center(point) for point in contacts]))
     table.body, table.friction = [place.row for place in places], ground.friction
-    table.stiffness, table.damping = k, 2.0 * ground.damping_ratio / math.sqrt(g * ground.sinking)
+    table.stiffness, table.damping = k, 2.0 * ground.damping_ratio / math.sqrt(g * ground.penetration)
     table.tangential_stiffness = k
     table.tangential_damping = 2.0 * max(ground.damping_ratio, 0.1) * math.sqrt(k * share)
     return table
@@ -64,13 +64,13 @@ def by_body(model: Model, tree: Tree) -> list[int]:
 
 def _center(point: ContactPoint) -> np.ndarray:
     """Center in the link's frame [m]: a disc lies within the end of its cylinder, half its thickness deep."""
-    return np.array(point.position) - FLATNESS * point.rim * np.array(point.axis)
+    return np.array(point.position) - FLATNESS * point.circle_radius * np.array(point.axis)
 
 
 def _bulge(model: Model, tree: Tree) -> Spheres | Discs | None:
     """What the contacts are besides points, in the order of the table."""
     contacts = [model.contacts[k] for k in by_body(model, tree)]
-    if any(point.rim for point in contacts):
+    if any(point.circle_radius for point in contacts):
         table = records(len(contacts), DISC)
         for row, point in zip(table, contacts):
             fill(row, point)
@@ -146,7 +146,7 @@ def standing_height(model: Model, ground: Ground, q: np.ndarray) -> float:
         along = c * ahead + s * surface
         rises = sum(rise for start, rise in ground.steps if along > start)
         clearances.append(x[2] - surface - rises / c)
-    return -min(clearances) - ground.sinking / c
+    return -min(clearances) - ground.penetration / c
 
 
 def _height_on_field(model: Model, ground: Ground, q: np.ndarray) -> float:
@@ -157,7 +157,7 @@ def _height_on_field(model: Model, ground: Ground, q: np.ndarray) -> float:
         normals = ground_under(ground, deepest_points(model, poses, up))[:, :3]
         under = ground_under(ground, deepest_points(model, poses, normals))
         lowest = under[:, 6].argmin()
-        q[2] -= under[lowest, 6] + ground.sinking / under[lowest, 2]
+        q[2] -= under[lowest, 6] + ground.penetration / under[lowest, 2]
     return float(q[2])
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Literal, get_args
 
-ServoKind = Literal[
+GearboxKind = Literal[
     "mipsd",  # spring-damper gearbox with rotor
     "rotor",  # rigid gearbox with the rotor's reflected inertia
     "standard",  # rigid gearbox without
 ]
-SERVO_KINDS: tuple[ServoKind, ...] = get_args(ServoKind)
+GEARBOX_KINDS: tuple[GearboxKind, ...] = get_args(GearboxKind)

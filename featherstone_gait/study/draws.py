@@ -1,13 +1,14 @@
 """Numbers that each run of a study draws for itself: the tables of [worlds].
 
     [worlds]
-    links.mass = {law = "uniform", width = 0.1}               # each link by itself
-    servos.voltage_limit = {law = "normal", width = 0.05, alike = true}
-    reference.offset = {law = "uniform", width = 0.03}        # zeros of the joints' encoders [rad]
+    links.mass = {kind = "uniform", scale = 0.1}               # each link by itself
+    servos.voltage_limit = {kind = "normal", scale = 0.05, shared = true}
+    reference.offset = {kind = "uniform", scale = 0.03}        # zeros of the joints' encoders [rad]
 
-Names and tables are those of `Worlds` and `Spread`; `reference.offset`, what each servo is sent beyond its reference,
-is a study's own.  In the sample the draws of one name go together, so that "saltelli" tells what all of them make of a
-measure: Sobol's indices of a group (I. M. Sobol, Mathematics and Computers in Simulation 55 (2001), section 7).
+Names and tables are those of `Worlds` and `Distribution`; `reference.offset`, what each servo is sent beyond its
+reference, is a study's own.  In the sample the draws of one name go together, so that "saltelli" tells what all of them
+make of a measure: Sobol's indices of a group (I. M. Sobol, Mathematics and Computers in Simulation 55 (2001), section
+7).
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..base import deprecated
 from ..base.arguments import shown
-from ..run.worlds import FIELDS, Spread, Worlds, nominal
+from ..run.worlds import FIELDS, Distribution, Worlds, nominal
 from ..scene.compile import CompiledScene
 
 OFFSET = "reference.offset"
@@ -30,7 +32,7 @@ class Draw(NamedTuple):
 
     section: str
     key: str  # of `Worlds`
-    spread: Spread
+    spread: Distribution
     shape: tuple[int, ...]  # of what a run draws
 
     @property
@@ -61,27 +63,31 @@ def read_draws(table: dict[str, Any], scene: CompiledScene) -> tuple[Draw, ...]:
     return tuple(found)
 
 
-def _spread(name: str, given: dict[str, Any], offset: bool) -> Spread:
-    allowed = ("law", "width", "alike") if offset else ("law", "width", "added", "alike")
-    if not {"law", "width"} <= given.keys() <= {*allowed}:
-        raise ValueError(f'{name} is {given!r}; give {{law = "uniform", width = 0.1}}, of {", ".join(allowed)}')
-    if offset and given["law"] == "lognormal":
-        raise ValueError(f"{name}: law is 'lognormal', which is a factor; use 'uniform' or 'normal'")
+def _spread(name: str, given: dict[str, Any], offset: bool) -> Distribution:
+    allowed = ("kind", "scale", "shared") if offset else ("kind", "scale", "additive", "shared")
+    old = {"law": "kind", "width": "scale", "added": "additive", "alike": "shared"}
+    for key in old.keys() & given.keys():
+        deprecated.warn(f"{name}.{key}", f"{name}.{old[key]}")
+    given = {old.get(key, key): value for key, value in given.items()}
+    if not {"kind", "scale"} <= given.keys() <= {*allowed}:
+        raise ValueError(f'{name} is {given!r}; give {{kind = "uniform", scale = 0.1}}, of {", ".join(allowed)}')
+    if offset and given["kind"] == "lognormal":
+        raise ValueError(f"{name}: kind is 'lognormal', which is a factor; use 'uniform' or 'normal'")
     try:
-        spread = Spread(**(given | {"added": True} if offset else given))
+        spread = Distribution(**(given | {"additive": True} if offset else given))
     except (ValueError, TypeError) as error:
         raise ValueError(f"{name}: {error}") from error
-    if offset and spread.width > math.pi:
-        raise ValueError(f"{name}: width is {spread.width:g} rad; give 0 to pi: 0.03 is usual")
+    if offset and spread.scale > math.pi:
+        raise ValueError(f"{name}: scale is {spread.scale:g} rad; give 0 to pi: 0.03 is usual")
     return spread
 
 
-def _check_spread(name: str, key: str, spread: Spread, numbers: np.ndarray) -> None:
+def _check_spread(name: str, key: str, spread: Distribution, numbers: np.ndarray) -> None:
     if key.rpartition(".")[2] == "period":
         raise ValueError(f"{name}: the step must divide periods, and what is drawn is no multiple; vary servo.period")
-    if not spread.added and not (np.isfinite(numbers) & (numbers != 0.0)).any():
+    if not spread.additive and not (np.isfinite(numbers) & (numbers != 0.0)).any():
         value = float(numbers.ravel()[0])
-        raise ValueError(f"{name} is {value:g} here, of which no share can be drawn; add added = true, or set it first")
+        raise ValueError(f"{name} is {value:g} here, of which no share can be drawn; add additive = true or set it")
 
 
 def _check_apart(found: list[Draw]) -> None:
@@ -108,7 +114,7 @@ def _tables(table: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
 def _named(prefix: str, table: object, what: str, deeper: int) -> Iterator[tuple[str, dict[str, Any]]]:
     """Tables by their names, PART.name or name."""
     if not isinstance(table, dict) or not table:
-        raise ValueError(f'{what} is {shown(table)}; give a table as {{law = "uniform", width = 0.1}}')
+        raise ValueError(f'{what} is {shown(table)}; give a table as {{kind = "uniform", scale = 0.1}}')
     if prefix and (not deeper or not any(isinstance(value, dict) for value in table.values())):
         yield prefix, table
         return
@@ -149,5 +155,5 @@ def offset_of(draws: tuple[Draw, ...], x: tuple[np.ndarray, ...]) -> np.ndarray 
     """What is added to the references of a run (nj,) [rad]."""
     for draw, own in zip(draws, x):
         if f"{draw.section}.{draw.key}" == OFFSET:
-            return draw.spread.width * own
+            return draw.spread.scale * own
     return 0.0

@@ -82,7 +82,7 @@ class _Task(NamedTuple):
     state: np.ndarray
     reference: Reference
     record: tuple[str, ...]
-    sample: float | None  # [s]
+    record_interval: float | None  # [s]
     row: Callable[[Trajectory], dict[str, Any]]
     controller: CompiledController | None = None
 
@@ -137,8 +137,8 @@ def _scenes(
 def _simulated(setup: Setup, tasks: list[_Task]) -> list[dict[str, Any]]:
     """Rows of runs of one duration; of those that are refused, each by itself."""
     scenes, _, states, references, _, _, _, acts = zip(*tasks)
-    _, duration, _, _, record, sample, _, _ = tasks[0]
-    how: dict[str, Any] = dict(record=record, sample=sample, executor=INLINE, estimate_error=False)
+    _, duration, _, _, record, record_interval, _, _ = tasks[0]
+    how: dict[str, Any] = dict(record=record, record_interval=record_interval, executor=INLINE, estimate_error=False)
     try:
         runs = simulate_batch(scenes, duration, states, references, controller=acts if any(acts) else None, **how)
     except ValueError as error:
@@ -185,17 +185,17 @@ def _hold(setup: Setup, scene: CompiledScene, values: dict, offset: np.ndarray |
 
 def _target(scene: CompiledScene) -> np.ndarray:
     """Zero or the limit nearest to it, of each joint."""
-    if scene.servos is None:
-        raise ValueError("this experiment needs servos; set scene.servos to mipsd, rotor or standard")
+    if scene.gearbox is None:
+        raise ValueError("this experiment needs servos; set scene.gearbox to mipsd, rotor or standard")
     return np.array([min(max(0.0, joint.lower), joint.upper) for joint in scene.model.moving_joints])
 
 
 def _resting(scene: CompiledScene, angles: np.ndarray) -> np.ndarray:
     angles = followed(scene.tree.coupling, angles)
     if scene.ground is not None and scene.model.base == "floating":
-        return standing_state(scene, angles, beyond_limits=True)
+        return standing_state(scene, angles, allow_limit_violation=True)
     base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if scene.model.base == "floating" else []
-    return initial_state(scene, [*base, *angles], beyond_limits=True)
+    return initial_state(scene, [*base, *angles], allow_limit_violation=True)
 
 
 def _held(run: Trajectory, target: np.ndarray) -> dict[str, float]:
@@ -275,7 +275,7 @@ def _walk(setup: Setup, scene: CompiledScene, values: dict, offset: np.ndarray |
     sent = walk.reference(setup.warm_up + setup.strides)
     if isinstance(offset, np.ndarray):
         sent = Reference(sent.times, sent.values + offset, sent.kind)
-    state = standing_state(scene, sent.values[0], beyond_limits=True)
+    state = standing_state(scene, sent.values[0], allow_limit_violation=True)
     act = walk.controller(scene) if isinstance(walk, BalancedWalk) else None
 
     def row(run: Trajectory) -> dict[str, Any]:

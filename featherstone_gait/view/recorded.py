@@ -30,7 +30,7 @@ STANCE = 0.03  # [s] of the shortest step that leaves a footprint
 NEAR = 1e-3  # [m] over the ground, within which a point counts as touching where forces were not recorded
 FIELD = 40  # cells along a height field
 PRINTS = 400  # footprints of a run
-HIDDEN = ("time", "increment", "passes", "worst_chatter")  # channels that are not offered for plots
+HIDDEN = ("time", "velocity_change", "newton_iterations", "worst_chatter")  # channels that are not offered for plots
 
 
 @dataclass(frozen=True)
@@ -260,7 +260,7 @@ def _touching(seen: Seen, poses: FramePoses, unit: float) -> dict[str, Any]:
         touch = forces[fine, :, 0] > TOUCH * weight
     else:
         over = ground_under(ground, close.reshape(-1, 3))[:, 6].reshape(close.shape[:2])
-        touch = over < NEAR + ground.sinking
+        touch = over < NEAR + ground.penetration
     touch_at_frames = touch[np.searchsorted(fine, poses.rows).clip(0, len(fine) - 1)] if forces is None else None
     return {
         "points": _flat(points / unit),

@@ -144,9 +144,9 @@ class ConstrainedCost:
         """Simulate gait vectors once and report on each."""
         cost = self.walking
         signals = [cost.reference(x, cost.warm_up + cost.strides) for x in vectors]
-        states = [standing_state(cost.scene, signal.values[0], beyond_limits=True) for signal in signals]
+        states = [standing_state(cost.scene, signal.values[0], allow_limit_violation=True) for signal in signals]
         record = (*RECORD, "torque")
-        how: dict[str, Any] = dict(record=record, sample=SAMPLE, estimate_error=False)
+        how: dict[str, Any] = dict(record=record, record_interval=SAMPLE, estimate_error=False)
         runs = simulate_batch(cost.scene, signals[0].times[-1], states, signals, **how)
         return [self._report(run) for run in runs]
 

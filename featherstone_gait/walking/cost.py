@@ -125,7 +125,7 @@ class WalkingCost:
 
         @functools.cache  # candidates start from the same posture
         def standing(angles: bytes) -> np.ndarray:
-            return standing_state(self.scene, np.frombuffer(angles), beyond_limits=True)
+            return standing_state(self.scene, np.frombuffer(angles), allow_limit_violation=True)
 
         def begin(candidate: Candidate) -> tuple[np.ndarray, Reference]:
             signal = self.reference(candidate.x, self.warm_up + self.strides)
@@ -135,7 +135,9 @@ class WalkingCost:
             measures = self.measured(run, slip=False)
             return measures.cost, measures.status
 
-        return simulate_stream(self.scene, self.end, candidates, begin, end, record=("base_q", "energy"), sample=TICK)
+        return simulate_stream(
+            self.scene, self.end, candidates, begin, end, record=("base_q", "energy"), record_interval=TICK
+        )
 
     def measure(self, vectors: Iterable[ArrayLike]) -> list[Measures]:
         """Simulate gait vectors and measure them."""
@@ -150,7 +152,7 @@ class WalkingCost:
         vectors: Iterable[ArrayLike],
         *,
         strides: int | None = None,
-        sample: float = SAMPLE,
+        record_interval: float = SAMPLE,
         record: Iterable[str] = RECORD,
         states: Sequence[np.ndarray] | None = None,
         **how: Any,
@@ -162,14 +164,18 @@ class WalkingCost:
         """
         strides = self.warm_up + self.strides if strides is None else strides
         signals = [self.reference(x, strides) for x in vectors]
-        states = states or [standing_state(self.scene, signal.values[0], beyond_limits=True) for signal in signals]
+        states = states or [
+            standing_state(self.scene, signal.values[0], allow_limit_violation=True) for signal in signals
+        ]
         how.setdefault("estimate_error", False)
-        return simulate_batch(self.scene, signals[0].times[-1], states, signals, record=record, sample=sample, **how)
+        return simulate_batch(
+            self.scene, signals[0].times[-1], states, signals, record=record, record_interval=record_interval, **how
+        )
 
     def beginning(self, x: ArrayLike) -> tuple[np.ndarray, Reference]:
         """The standing state from which a vector is walked to be measured, and what the servos are sent."""
         signal = self.reference(x, self.warm_up + self.strides)
-        return standing_state(self.scene, signal.values[0], beyond_limits=True), signal
+        return standing_state(self.scene, signal.values[0], allow_limit_violation=True), signal
 
     def reference(self, x: ArrayLike, strides: int) -> Reference:
         """What the servos are sent: the start and `strides` strides, every 40 ms."""
@@ -202,7 +208,9 @@ def cost_of_motion(scene: CompiledScene, path: FilePath, *, start: float = 0.0, 
     if not is_real(start) or not 0.0 <= start < times[-1]:
         raise ValueError(f"{path}: start is {start} s; it must lie between 0 and the motion's end at {times[-1]:g} s")
     state, reference = standing_state(scene, angles[0]), Reference(times, angles, "linear")
-    (run,) = simulate_batch(scene, times[-1], [state], [reference], record=RECORD, sample=SAMPLE, estimate_error=False)
+    (run,) = simulate_batch(
+        scene, times[-1], [state], [reference], record=RECORD, record_interval=SAMPLE, estimate_error=False
+    )
     return measured(scene, run, start, times[-1], strides)
 
 

@@ -103,7 +103,7 @@ class CostInWorlds:
         acts = [walk.controller(scene, k) for walk in walks for k, scene in enumerate(self.scenes)]
         runs = simulate_batch(
             [*self.scenes] * len(signals), cost.end, states, [signal for signal in signals for _ in range(n)],
-            record=RECORD, sample=TICK, estimate_error=False, controller=acts or None,
+            record=RECORD, record_interval=TICK, estimate_error=False, controller=acts or None,
         )  # fmt: skip
         found = [self._measured(run, k % n) for k, run in enumerate(runs)]
         return [found[first : first + n] for first in range(0, len(found), n)]
@@ -121,11 +121,11 @@ class CostInWorlds:
         def end(run: Trajectory) -> Trajectory:
             return run
 
-        return simulate_stream(self.scenes, self.cost.end, runs, begin, end, record=RECORD, sample=TICK)
+        return simulate_stream(self.scenes, self.cost.end, runs, begin, end, record=RECORD, record_interval=TICK)
 
     def standing(self, angles: np.ndarray, k: int) -> np.ndarray:
         """The state that the robot begins with in world k in a posture (nj,) [rad], but for its offsets."""
-        return standing_state(self.scenes[k], angles + self.offsets[k], beyond_limits=True)
+        return standing_state(self.scenes[k], angles + self.offsets[k], allow_limit_violation=True)
 
     def _measured(self, run: Trajectory, k: int) -> Measures:
         """A robot whose speeds ring on a stiff floor has not fallen; what it costs there a finer step has to say."""
@@ -241,7 +241,7 @@ def variations(scene: CompiledScene, count: int, seed: int = 0) -> tuple[Worlds,
     stall = [s.gearbox.ratio * s.motor_constant * s.voltage_limit / s.resistance for s in servos]
     factor = lambda width, *shape: 1.0 + width * (2.0 * even(*shape) - 1.0)  # noqa: E731
     ground = {
-        "sinking": SINKING[0] * (SINKING[1] / SINKING[0]) ** even(1)[:, 0],
+        "penetration": SINKING[0] * (SINKING[1] / SINKING[0]) ** even(1)[:, 0],
         "friction": FRICTION[0] + (FRICTION[1] - FRICTION[0]) * even(1)[:, 0],
     }
     changed: dict[str, Any] = {
@@ -249,7 +249,7 @@ def variations(scene: CompiledScene, count: int, seed: int = 0) -> tuple[Worlds,
         "Kp": [s.controller.Kp for s in servos] * factor(GAIN, 1),
         "voltage_limit": [s.voltage_limit for s in servos] * factor(SUPPLY, 1),
     }
-    if scene.servos == "mipsd":
+    if scene.gearbox == "mipsd":
         changed["backlash"] = [s.gearbox.backlash for s in servos] + BACKLASH * even(1)
     share = factor(MASS, len(model.links))
     links = {

@@ -98,13 +98,13 @@ class _Descent:
         self.walks += len(signals)
         return simulate_batch(
             [self.scenes[k] for k in worlds], walking.end, states, signals,
-            record=limits.RECORD, sample=SAMPLE, estimate_error=False,
+            record=limits.RECORD, record_interval=SAMPLE, estimate_error=False,
         )  # fmt: skip
 
     def _standing(self, angles: np.ndarray, k: int) -> np.ndarray:
         if k < len(self.cost.scenes):
             return self.cost.standing(angles, k)
-        return standing_state(self.scenes[k], angles, beyond_limits=True)
+        return standing_state(self.scenes[k], angles, allow_limit_violation=True)
 
     def walked(self, run: Trajectory, walking: WalkingCost, k: int) -> _Walked | None:
         """None where it does not walk."""
@@ -137,7 +137,7 @@ class _Descent:
         states = [self._standing(signal.values[0], k) for k in ring]
         again = simulate_batch(
             [self._finer[k] for k in ring], walking.end, states, [signal] * len(ring),
-            record=limits.RECORD, sample=SAMPLE, estimate_error=False,
+            record=limits.RECORD, record_interval=SAMPLE, estimate_error=False,
         )  # fmt: skip
         runs = list(point.runs)
         for k, run in zip(ring, again):

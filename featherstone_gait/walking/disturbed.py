@@ -47,7 +47,9 @@ class Pushed:
     @functools.cached_property
     def _starts(self) -> list[np.ndarray]:
         first = self.walk.reference(1).values[0]
-        return [standing_state(one, first + off, beyond_limits=True) for one, off in zip(self.scenes, self.offsets)]
+        return [
+            standing_state(one, first + off, allow_limit_violation=True) for one, off in zip(self.scenes, self.offsets)
+        ]
 
     def runs(self, impulse: float, direction: float, phase: float) -> list[Trajectory]:
         """A run a world; impulse [N s] toward `direction` [rad] from x, at `phase` of the stride (0 to 1)."""
@@ -61,7 +63,7 @@ class Pushed:
         acts = [self.walk.controller(one, seed) for seed, one in enumerate(self.scenes)] if self.feedback else None
         return simulate_batch(
             self.scenes, begin + AFTER * motion.period, self._starts, [self.walk.reference(BEFORE + AFTER + 1)] * n,
-            pushes=[push], record=("base_q",), sample=motion.tick, estimate_error=False, controller=acts,
+            pushes=[push], record=("base_q",), record_interval=motion.tick, estimate_error=False, controller=acts,
         )  # fmt: skip
 
     def fall(self, impulse: float, direction: float) -> float:
@@ -148,8 +150,8 @@ def walk_far(
     scene = scene if ground is None else scene.recompiled(ground=ground)
     motion, reference = walk.motion, walk.reference(strides)
     run = simulate(
-        scene, motion.begin(strides), standing_state(scene, reference.values[0], beyond_limits=True), reference,
-        record=("base_q", "energy"), sample=motion.tick, estimate_error=False,
+        scene, motion.begin(strides), standing_state(scene, reference.values[0], allow_limit_violation=True), reference,
+        record=("base_q", "energy"), record_interval=motion.tick, estimate_error=False,
         controller=walk.controller(scene, seed) if feedback else None,
     )  # fmt: skip
     n, first = len(motion.stride), len(motion.start)

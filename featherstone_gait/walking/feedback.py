@@ -324,7 +324,7 @@ def undisturbed_of(
     """
     strides = 2 + NOMINAL_STRIDES
     signals = [motion.reference(strides) for motion in motions]
-    states = [standing_state(scene, signal.values[0], beyond_limits=True) for signal in signals]
+    states = [standing_state(scene, signal.values[0], allow_limit_violation=True) for signal in signals]
     runs = simulate_batch(
         [scene] * len(motions), motions[0].begin(strides), states, signals,
         record=("base_q", "base_qd", "base_qdd", "q", "contact_force"), estimate_error=False,

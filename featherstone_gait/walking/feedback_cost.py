@@ -163,10 +163,10 @@ class FeedbackCost:
             pushes = [Push(scene.model.root, along, (0.0,) * 3, (0.0,) * 3, begin, begin + PUSHED_FOR)]
             end, strides = begin + AFTER * motion.period, BEFORE + AFTER + 1
         signals = [walk.reference(strides) for walk in walks]
-        states = [standing_state(scene, signal.values[0] + off, beyond_limits=True) for signal in signals]
+        states = [standing_state(scene, signal.values[0] + off, allow_limit_violation=True) for signal in signals]
         acts = [walk.controller(scene, seed) for walk in walks]
         runs = simulate_batch(
-            [scene] * len(walks), end, states, signals, pushes=pushes, record=("base_q",), sample=motion.tick,
+            [scene] * len(walks), end, states, signals, pushes=pushes, record=("base_q",), record_interval=motion.tick,
             estimate_error=False, controller=acts,
         )  # fmt: skip
         return np.array([_lost(run, begin, end) for run in runs])

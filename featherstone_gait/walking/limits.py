@@ -255,7 +255,7 @@ def of_servos(scene: CompiledScene, run: Trajectory, window: slice) -> dict[str,
     model = scene.model
     driven = [k for k, name in enumerate(model.joint_names) if name in model.servos]
     servos = [model.servos[model.joint_names[k]] for k in driven]
-    if not scene.servos or not servos or any(servo.controller.law in TORQUE_LAWS for servo in servos):
+    if not scene.gearbox or not servos or any(servo.controller.law in TORQUE_LAWS for servo in servos):
         return {}
     names = [model.joint_names[k] for k in driven]
     stall = np.array([_stall_torque(servo) for servo in servos])

@@ -136,7 +136,7 @@ def friction_force(p, z, u, limit, h):
 
 @inline
 def _bristle(s, c):
-    return s.y[s.o.bristle + 2 * c], s.y[s.o.bristle + 2 * c + 1]
+    return s.y[s.o.tangential_deflection + 2 * c], s.y[s.o.tangential_deflection + 2 * c + 1]
 
 
 @inline
@@ -363,8 +363,8 @@ def _move(contact, s, c):
     kappa = 1.0 / (s.sub * p.tangential_stiffness + p.tangential_damping)
     m1 = select(slips, (p.tangential_damping * z[0] - s.sub * f[1]) * kappa, z[0] + s.sub * u[1])
     m2 = select(slips, (p.tangential_damping * z[1] - s.sub * f[2]) * kappa, z[1] + s.sub * u[2])
-    y[o.bristle + 2 * c] = z[0] + (m1 - z[0]) * (1.0 / s.theta)
-    y[o.bristle + 2 * c + 1] = z[1] + (m2 - z[1]) * (1.0 / s.theta)
+    y[o.tangential_deflection + 2 * c] = z[0] + (m1 - z[0]) * (1.0 / s.theta)
+    y[o.tangential_deflection + 2 * c + 1] = z[1] + (m2 - z[1]) * (1.0 / s.theta)
     for k in range(3):
         y[o.contact_force + 3 * c + k] = f[k]
 
@@ -392,8 +392,8 @@ def _rates(p, s, dy, c):
     z = _bristle(s, c)
     f, _, slips = friction_force(p, z, u, limit, 0.0)
     r1, r2 = bristle_rate(p, z, u, f, slips)
-    dy[o.bristle + 2 * c] = r1
-    dy[o.bristle + 2 * c + 1] = r2
+    dy[o.tangential_deflection + 2 * c] = r1
+    dy[o.tangential_deflection + 2 * c + 1] = r2
     dy[o.contact_work] += fn * u[0] + f[0] * u[1] + f[1] * u[2]
     store3(C, c, FK, (fn, f[0], f[1]))
     for k in range(4):

@@ -60,7 +60,7 @@ def control_tick(controller, scene, o, reference, noise, y, period):
         angle = quantized(_plus(y[o.q + i], noise, i, 0), c.encoder_resolution)
         goal, rate = goal_and_rate(firmware.profile, o, reference, y, i, period)
         e = goal - angle
-        de = rate - select(c.speed_filter > 0.0, y[o.filtered + i], y[o.qd + i])
+        de = rate - select(c.speed_filter > 0.0, y[o.filtered_speed + i], y[o.qd + i])
         if c.law == PID_SPEED:
             e = de
         e = beyond_margin(firmware.band, e, i)
@@ -106,7 +106,7 @@ def filter_speed(controller, s, i):
     """Move the filtered speed to the end of the step s."""
     if controller is not None:
         y, o = s.y, s.o
-        y[o.filtered + i] = y[o.qd + i] + filter_left(s.decay, i) * (y[o.filtered + i] - y[o.qd + i])
+        y[o.filtered_speed + i] = y[o.qd + i] + filter_left(s.decay, i) * (y[o.filtered_speed + i] - y[o.qd + i])
 
 
 @by_type
@@ -129,4 +129,4 @@ def filter_rate(controller, s, i, v):
     """Rate of the filtered speed [rad/s^2]."""
     time = controller[i].speed_filter
     filtered = time > 0.0
-    return select(filtered, (v - s.y[s.o.filtered + i]) / select(filtered, time, 1.0 + 0.0 * v), 0.0 * v)
+    return select(filtered, (v - s.y[s.o.filtered_speed + i]) / select(filtered, time, 1.0 + 0.0 * v), 0.0 * v)

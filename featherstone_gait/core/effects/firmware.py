@@ -60,10 +60,10 @@ def goal_and_rate(profile, o, reference, y, i, period):
     """What the law follows: the reference and its rate, or the goal on its way there [rad, rad/s]."""
     if profile is None:
         return reference[i, 0], reference[i, 1]
-    speed, gap = profile[i], reference[i, 0] - y[o.goal + i]
+    speed, gap = profile[i], reference[i, 0] - y[o.profiled_reference + i]
     most = speed * period
-    goal = select(abs(gap) <= most, reference[i, 0], y[o.goal + i] + clamp(gap, -most, most))
-    y[o.goal + i] = goal
+    goal = select(abs(gap) <= most, reference[i, 0], y[o.profiled_reference + i] + clamp(gap, -most, most))
+    y[o.profiled_reference + i] = goal
     return goal, select(gap > most, speed, select(gap < -most, -speed, reference[i, 1]))
 
 

@@ -45,7 +45,7 @@ def _force(actuator, s, i, v, w, T, c):
 @actuator_rates.of(MipsdServo)
 def _rates(actuator, s, dy, i, v):
     g, y, o, E = actuator.gear[i], s.y, s.o, s.o.energy + ENERGIES * i
-    dy[o.filtered + i] = filter_rate(actuator.controller, s, i, v)
+    dy[o.filtered_speed + i] = filter_rate(actuator.controller, s, i, v)
     w = y[o.rotor_speed + i]
     T, _, loss = gear_torque(g, y[o.rotor + i] - y[o.q + i], w - v, 0.0)
     F = motor_rates(actuator.motor, s, dy, i, w) - g.rotor_damping * w - T

@@ -33,7 +33,7 @@ def _force(actuator, s, i, v, w, T, c):
 
 @actuator_rates.of(RigidServo)
 def _rates(actuator, s, dy, i, v):
-    dy[s.o.filtered + i] = filter_rate(actuator.controller, s, i, v)
+    dy[s.o.filtered_speed + i] = filter_rate(actuator.controller, s, i, v)
     return motor_rates(actuator.motor, s, dy, i, v)
 
 

@@ -44,7 +44,7 @@ def _feed(supply, actuator, o, y):
         one = 1.0 + 0.0 * u
         y[o.duty + i] = select(nominal > 0.0, u / select(nominal > 0.0, nominal * one, one), 0.0 * u)
     V = _bus(supply[0], motor, rotor_of(actuator), o, y)
-    y[o.bus] = V
+    y[o.bus_voltage] = V
     for i in range(len(motor)):
         y[o.voltage + i] = y[o.duty + i] * V
 
@@ -52,7 +52,7 @@ def _feed(supply, actuator, o, y):
 @inline
 def _bus(source, motor, rotor, o, y):
     """V by Newton's method, within a bracket: the slope of what the equation misses is at least 1."""
-    V0, R = source.voltage + 0.0 * y[o.bus], source.resistance
+    V0, R = source.voltage + 0.0 * y[o.bus_voltage], source.resistance
     V, none = V0, 0.0 * V0
     drawn, slope = _drawn(motor, rotor, o, y, V)
     miss = R * drawn
@@ -101,4 +101,4 @@ def source_rate(supply, s, dy, i, I):
 
 @inline
 def _lost(supply, s, i, I):
-    return (supply[0].voltage - s.y[s.o.bus]) * (s.y[s.o.duty + i] * I)
+    return (supply[0].voltage - s.y[s.o.bus_voltage]) * (s.y[s.o.duty + i] * I)

@@ -23,7 +23,7 @@ def rollout_adaptive(run, y, out):
     Returns whether the run has ended; one that has paused goes on, to the same bits, when called with the same again.
     """
     plan, o, pace = run.plan, run.places[0], run.work.pace
-    most = y[o.pace + STEPS] + y[o.pace + REJECTED] + plan.budget
+    most = y[o.step_control + STEPS] + y[o.step_control + REJECTED] + plan.budget
     k, dead, paused = int(pace[GRID]) - 1, False, pace[GRID] > 0.0
     if not paused:
         k, dead = 0, _begin(run, y)
@@ -49,7 +49,7 @@ def rollout_adaptive(run, y, out):
             pace[GRID], pace[INSIDE] = k + 1.0, -1.0
             return False
     for i in range(PACE):
-        y[o.pace + i] = pace[i]
+        y[o.step_control + i] = pace[i]
     for m in range(k // plan.per_sample + 1, len(out)):  # a run that ended early stays at its last state
         record(run, y, m, out)
     return True
@@ -61,7 +61,7 @@ def _begin(run, y):
     for i in range(len(run.good)):
         run.good[i] = y[i]
     for i in range(PACE):
-        run.work.pace[i] = y[run.places[0].pace + i]
+        run.work.pace[i] = y[run.places[0].step_control + i]
     begin_run(run.work, run)
     return inspect(run, time_of(run.plan, 0), y)
 
@@ -102,7 +102,7 @@ def _cross(run, y, k, end, most, out):
             until = _next_event(run, t, done, length)
             if until - done < 4.0 * AHEAD:  # what rounding leaves between event and tick would end before it begins
                 done = until
-                y[run.places[0].end] = t + done
+                y[run.places[0].end_time] = t + done
                 continue
             pace[SINCE], pace[UNTIL] = t + done + AHEAD, t + until - 2.0 * AHEAD
             begin_interval(run.work, run, y, t + done)
@@ -110,7 +110,7 @@ def _cross(run, y, k, end, most, out):
         follow(run.scene.coupling, run.places[0], y)
         next_record = record_within(run.work, run, y, (t + done, h, end), next_record, out)
         done = until if h >= until - done else done + h
-        y[run.places[0].end] = t + done
+        y[run.places[0].end_time] = t + done
         if ends_on_records(run.work) is None or done >= length:  # no error is accepted that is not finite
             if inspect(run, t + done, y):
                 return True

@@ -115,7 +115,7 @@ def _pushed(push, torques):
 def ars343(work, run, y, t, length):
     """Take a step that meets the tolerance."""
     o, pace, start = run.places[0], work.pace, work.start
-    for i in range(o.pace):
+    for i in range(o.step_control):
         start[i] = y[i]
     rejected, first = False, work.fresh[0] > 0.0
     while True:
@@ -138,7 +138,7 @@ def ars343(work, run, y, t, length):
         pace[REJECTED] += 1.0
         pace[STEP] = h * max(LEAST, min(0.9, SAFETY / root(error, 3)))
         if not pace[STEP] > run.plan.least_step:
-            for i in range(o.pace):
+            for i in range(o.step_control):
                 y[i] = start[i]
             return 0.0
 
@@ -169,7 +169,7 @@ def _stages(run, y, t, h):
     x, pace, d = work.scratch, work.pace, G * h
     _start_slope(scene.floating, run)
     _start_motors(work.motors, rotor_of(scene.actuator), run)
-    y[o.passes + 1] = work.start[o.passes + 1]
+    y[o.newton_iterations + 1] = work.start[o.newton_iterations + 1]
     first = 1
     if work.stale[0] > 0.0:
         first = 0
@@ -205,7 +205,7 @@ def _begin_stage(run, y, h, k):
             slopes[k, i] = y[i]
     for i in range(len(run.scene.tree) - 1):
         _expect(run, y, h, k, o.qd + i, o.qdd + i)
-    for i in range(o.contact_force, o.increment):
+    for i in range(o.contact_force, o.velocity_change):
         y[i] = 0.0  # friction is limited by the predicted normal force
 
 
@@ -284,7 +284,7 @@ def _error(run, y, h):
     """Error of the positions and velocities over the tolerance, of the worst; infinite if a stage was not solved."""
     o, start, slopes, worst = run.places[0], run.work.start, run.work.slopes, 0.0
     n = len(run.scene.tree) - 1
-    if y[o.passes + 1] > start[o.passes + 1]:
+    if y[o.newton_iterations + 1] > start[o.newton_iterations + 1]:
         return 1e60
     for i in range(o.q + n):
         worst = _worse(worst, _estimate(slopes, i, h) / (POSITION_SHARE * run.plan.atol))
@@ -332,7 +332,7 @@ def _worse(worst, e):
 def _finish(run, y, h):
     """The watch on chatter stays as it was; what the motors' stages leave out."""
     o, start = run.places[0], run.work.start
-    for i in range(o.increment, o.passes):
+    for i in range(o.velocity_change, o.newton_iterations):
         y[i] = start[i]
     _bend_currents(run.work.motors, rotor_of(run.scene.actuator), run, y, h)
     _electrical_energies(run.work.motors, run, y)

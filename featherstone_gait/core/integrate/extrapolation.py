@@ -109,7 +109,7 @@ class Ladder(NamedTuple):
 def extrapolate(work, run, y, t, length):
     """Take a step that meets the tolerance; columns.first, the slope at y, moves on with it."""
     o, pace, start, implicit = run.places[0], work.pace, work.start, work.implicit
-    for i in range(o.pace):
+    for i in range(o.step_control):
         start[i] = y[i]
     rejected = False
     while True:
@@ -348,7 +348,7 @@ def _time(ladder, lane):
 def _begin(implicit, run, columns):
     """All lanes to the start."""
     start = run.work.start
-    for i in range(run.places[0].pace):
+    for i in range(run.places[0].step_control):
         columns.y[i] = start[i]
     if implicit is None:
         h = columns.h[0]
@@ -362,7 +362,7 @@ def _begin(implicit, run, columns):
 def _begin_again(implicit, run, lane):
     """One lane to the start."""
     start, columns = run.work.start, run.work.columns
-    for i in range(run.places[0].pace):
+    for i in range(run.places[0].step_control):
         columns.y[i, lane] = start[i]
     if implicit is None:
         h = columns.h[0, lane]
@@ -378,7 +378,7 @@ def _harvest(implicit, run, lane):
     column = ladder.lanes[COLUMN, lane]
     for i in range(_smooth(implicit, run)):
         ladder.table[column, i] = ladder.columns.y[i, lane]
-    return not ladder.columns.y[o.passes + 1, lane] > ladder.start[o.passes + 1]
+    return not ladder.columns.y[o.newton_iterations + 1, lane] > ladder.start[o.newton_iterations + 1]
 
 
 @inline
@@ -438,7 +438,7 @@ def _first_slope(implicit, run, y, t):
     """The explicit rule's slope at the start of the next step, and what is derived there, in y too."""
     if implicit is None:
         columns, o = in_lanes(run.work.columns), run.places[0]
-        for i in range(o.pace):
+        for i in range(o.step_control):
             columns.y[i] = y[i]
         for lane in range(WIDTH):
             _lane_inputs(run, lane, t)
@@ -610,7 +610,7 @@ def _accept(implicit, run, y):
     ladder, o = run.work, run.places[0]
     for i in range(_smooth(implicit, run)):
         y[i] = ladder.best[i]
-    y[o.passes] = ladder.columns.y[o.passes, 0]
+    y[o.newton_iterations] = ladder.columns.y[o.newton_iterations, 0]
 
 
 # ---------------------------------------------------------------------------------------------- order and step

@@ -22,7 +22,7 @@ TOO_FAST = 1e8  # sum of the sizes of speeds and of the base's position beyond w
 def rollout(run, y, out):
     """Run the scene; out (samples, channels) takes y[run.channels] every plan.per_sample steps."""
     plan, o = run.plan, run.places[0]
-    theta, steady = thetas(run.work, plan.theta, y[o.end])
+    theta, steady = thetas(run.work, plan.theta, y[o.end_time])
     dead = y[o.status] > 0.0
     for i in range(len(run.good)):
         run.good[i] = y[i]
@@ -124,7 +124,7 @@ def inspect(run, t, y):
         for i in range(len(good)):
             y[i] = select(new & (failed == DIVERGED), good[i], y[i])
     y[o.status] = select(new, failed, y[o.status])
-    y[o.end] = select(dead, y[o.end], t + 0.0 * y[o.end])
+    y[o.end_time] = select(dead, y[o.end_time], t + 0.0 * y[o.end_time])
     for i in range(len(good)):
         good[i] = y[i]
     return dead | new

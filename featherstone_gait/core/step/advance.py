@@ -95,10 +95,10 @@ def _watch(forces, o, y, i, dv):
     """
     if forces is None:
         return
-    last = y[o.increment + i]
+    last = y[o.velocity_change + i]
     size = select(abs(dv) < abs(last), abs(dv), abs(last))
     mean = y[o.chatter + i]
     mean = mean + (select(dv * last < 0.0, size, -size) - mean) * (1.0 / CHATTER_WINDOW)
-    y[o.increment + i] = dv
+    y[o.velocity_change + i] = dv
     y[o.chatter + i] = mean
     y[o.worst_chatter + i] = select(mean > y[o.worst_chatter + i], mean, y[o.worst_chatter + i])

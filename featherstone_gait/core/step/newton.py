@@ -109,7 +109,7 @@ def _find_velocities(forces, rotor, contact, s):
         linearize_contacts(contact, s)
         _solve_linear(s.scene.armature, s.predicted, rotor, s)
         wrong, rising = _compare(rotor, contact, s)
-        y[o.passes] = select(active, y[o.passes] + 1.0, y[o.passes])
+        y[o.newton_iterations] = select(active, y[o.newton_iterations] + 1.0, y[o.newton_iterations])
         active = active & wrong
         if not any_lane(active) or k == MAX_PASSES - 1:  # the forces asked for last are those at the solution
             break
@@ -117,7 +117,7 @@ def _find_velocities(forces, rotor, contact, s):
         if k > 0 and any_lane(active & (rising > 0.0)):
             fraction = _line_search(rotor, contact, s, rising)
         _advance(rotor, contact, s, fraction, active)
-    y[o.passes + 1] = select(active, y[o.passes + 1] + 1.0, y[o.passes + 1])
+    y[o.newton_iterations + 1] = select(active, y[o.newton_iterations + 1] + 1.0, y[o.newton_iterations + 1])
 
 
 # ---------------------------------------------------------------------------------------------- the predicted state
@@ -279,7 +279,7 @@ def _solve_free(armature, predicted, s):
     _articulated(armature, None, s)
     for i in range(n):
         Z[VN, i] = Z[VP, i] + s.sub * Z[DA, i]
-    s.y[s.o.passes] = s.y[s.o.passes] + 1.0
+    s.y[s.o.newton_iterations] = s.y[s.o.newton_iterations] + 1.0
 
 
 @inline

@@ -42,7 +42,7 @@ class Channel(NamedTuple):
 
 
 _FORCE = ("normal", "along the slope", "across")
-_WORKS = ("supply", "meter", "copper", "driver", "friction", "gear", "stops", "work")
+_WORKS = ("supply", "electrical_no_regeneration", "copper", "driver_loss", "friction", "gear", "stops", "work")
 
 CHANNELS = (
     Channel("base_q", "coordinates", "base", 7, "m, -", "position and quaternion of the base", (*"xyz", *"wxyz")),
@@ -52,29 +52,36 @@ CHANNELS = (
     Channel("current", "controlled", "servo", 1, "A", "motor currents"),
     Channel("rotor", "controlled", "rotor", 1, "rad", "rotor angles over the gear ratio"),
     Channel("rotor_speed", "controlled", "rotor", 1, "rad/s", "rotor speeds over the gear ratio"),
-    Channel("filtered", "controlled", "servo", 1, "rad/s or m/s", "joint velocities as the controller sees them"),
-    Channel("bristle", "controlled", "point", 2, "m", "tangential deflection of a contact", _FORCE[1:]),
+    Channel("filtered_speed", "controlled", "servo", 1, "rad/s or m/s", "joint velocities as the controller sees them"),
+    Channel("tangential_deflection", "controlled", "point", 2, "m", "tangential deflection of a contact", _FORCE[1:]),
     Channel("energy", "integrated", "joint", ENERGIES, "J", "where the energy of a joint went", _WORKS),
     Channel("contact_work", "integrated", "run", 1, "J", "work of the ground on the robot"),
     Channel("source_loss", "integrated", "source", 1, "J", "what the resistance of the supply took"),
     Channel("voltage", "held", "servo", 1, "V", "motor voltages"),
     Channel("integral", "held", "servo", 1, "rad s or rad", "integral of the controller's error"),
     Channel("last_error", "held", "servo", 1, "rad or rad/s", "the controller's error at the last tick"),
-    Channel("goal", "held", "profile", 1, "rad or m", "where the profile speed has let the goal come to"),
+    Channel("profiled_reference", "held", "profile", 1, "rad or m", "where the profile speed has let the goal come to"),
     Channel("duty", "held", "fed", 1, "-", "duty cycles, by which servos share the bus"),
-    Channel("bus", "held", "source", 1, "V", "voltage of the supply under its load"),
+    Channel("bus_voltage", "held", "source", 1, "V", "voltage of the supply under its load"),
     Channel("delayed", "held", "delay", 1, "V", "voltages that wait, oldest first, at the nominal supply"),
     Channel("base_qdd", "derived", "base", 6, "m/s², rad/s²", "rates of base_qd"),
     Channel("qdd", "derived", "joint", 1, "rad/s² or m/s²", "joint accelerations"),
     Channel("torque", "derived", "joint", 1, "N m or N", "what drives a joint: actuator and torques from outside"),
     Channel("contact_force", "derived", "point", 3, "N", "force of the ground on a contact point", _FORCE),
-    Channel("increment", "watched", "joint", 1, "rad/s or m/s", "last change of qd"),
+    Channel("velocity_change", "watched", "joint", 1, "rad/s or m/s", "last change of qd"),
     Channel("chatter", "watched", "joint", 1, "rad/s or m/s", "running mean of alternating less lasting changes of qd"),
     Channel("worst_chatter", "watched", "joint", 1, "rad/s or m/s", "the largest chatter so far"),
-    Channel("passes", "watched", "run", 2, "-", "passes of Newton's iteration, steps in which it did not converge"),
-    Channel("pace", "run", "run", PACE, "-", "of error control"),
+    Channel(
+        "newton_iterations",
+        "watched",
+        "run",
+        2,
+        "-",
+        "passes of Newton's iteration, steps in which it did not converge",
+    ),
+    Channel("step_control", "run", "run", PACE, "-", "of error control"),
     Channel("status", "run", "run", 1, "-", "how the run has ended"),
-    Channel("end", "run", "run", 1, "s", "time reached, of a run that failed the time of that"),
+    Channel("end_time", "run", "run", 1, "s", "time reached, of a run that failed the time of that"),
     Channel("power", "computed", "joint", 1, "W", "mechanical power on the joint", (), ("torque", "qd"), np.multiply),
     Channel("clearance", "computed", "run", 1, "m", "least distance of shapes that can meet", (), ("base_q", "q")),
 )

@@ -168,22 +168,29 @@ def simulate(
     engine: Engine | None = None,
     seed: int = 0,
     record: Iterable[str] = ("q", "qd"),
-    sample: float | None = None,
+    record_interval: float | None = None,
     welded: Sequence[str] = (),
 ) -> Trajectory:
     """Run a scene for `duration` [s] at its timestep by free bodies and constraints, as ODE under SimTwo did.
 
     scene: compiled with integrator="simtwo" or another one of fixed steps, whose place the engine takes; state,
-    reference, record and sample: as for `featherstone_gait.simulate`; engine: settings, by default SimTwo's; seed: of
-    the shuffling of rows, which alone is random: the same seed gives the same bits; welded: joints that a constraint
-    holds where they are, without servo.
-    Of the energies supply, meter, copper, friction of the joints, gear and work are told.  A run that falls or diverges
-    says so in its status.  Raises ValueError for what this engine has not: joints that slide or follow others, rotors
-    on rigid gearboxes and armature, friction that depends on load, springs, pushes, a supply, and ground with steps, of
-    a height field or with rims.
+    reference, record and record_interval: as for `featherstone_gait.simulate`; engine: settings, by default SimTwo's;
+    seed: of the shuffling of rows, which alone is random: the same seed gives the same bits; welded: joints that a
+    constraint holds where they are, without servo.  Of the energies supply, meter, copper, friction of the joints, gear
+    and work are told.  A run that falls or diverges says so in its status.  Raises ValueError for what this engine has
+    not: joints that slide or follow others, rotors on rigid gearboxes and armature, friction that depends on load,
+    springs, pushes, a supply, and ground with steps, of a height field or with rims.
     """
     return simulate_seeds(
-        scene, duration, state, reference, seeds=[seed], engine=engine, record=record, sample=sample, welded=welded
+        scene,
+        duration,
+        state,
+        reference,
+        seeds=[seed],
+        engine=engine,
+        record=record,
+        record_interval=record_interval,
+        welded=welded,
     )[0]
 
 
@@ -196,7 +203,7 @@ def simulate_seeds(
     seeds: Iterable[int],
     engine: Engine | None = None,
     record: Iterable[str] = ("q", "qd"),
-    sample: float | None = None,
+    record_interval: float | None = None,
     welded: Sequence[str] = (),
 ) -> list[Trajectory]:
     """`simulate` once for each of the seeds, over threads; trajectories in the order of the seeds.
@@ -208,7 +215,7 @@ def simulate_seeds(
     engine = Engine() if engine is None else engine
     instance("engine", engine, Engine, "give an Engine")
     seeds = [whole("seed", seed, 0, "it begins a sequence", 2**63 - 1) for seed in listed("seeds", seeds, "a list")]
-    ready = prepare(scene, duration, record, sample)
+    ready = prepare(scene, duration, record, record_interval)
     start = ready.start(state, reference)
     world = assembled(scene, engine, welded, start.y)
 
@@ -225,7 +232,7 @@ def simulate_seeds(
 def _told(ready: Any, start: Any, results: tuple[np.ndarray, np.ndarray], work: tuple, seed: int) -> Trajectory:
     """Name the channels and say how the run ended."""
     (y, out), scene, course = results, ready.scene, ready.course(start)
-    code, end = int(y[scene.layout["status"]]), float(y[scene.layout["end"]])
+    code, end = int(y[scene.layout["status"]]), float(y[scene.layout["end_time"]])
     status = {FELL: "fell", DIVERGED: "diverged"}.get(code, "ok")
     end = end if code else course.offset + (course.first + course.steps) * course.h
     message = f"{scene.model.name} {status} at {end:.4g} s" if code else ""
@@ -235,7 +242,7 @@ def _told(ready: Any, start: Any, results: tuple[np.ndarray, np.ndarray], work: 
         "joints": list(scene.model.joint_names),
         "integrator": "maximal",
         "timestep": scene.timestep,
-        "servos": scene.servos,
+        "servos": scene.gearbox,
         "seed": seed,
         "unsolved_steps": int(counts[1]),
     }

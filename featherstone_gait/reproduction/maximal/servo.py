@@ -34,7 +34,7 @@ def _filter_speeds(actuator: Any, run: Any, w: Any, y: Any) -> None:
     o = run.places[0]
     for i in range(len(w.drive)):
         v = y[o.qd + i]
-        y[o.filtered + i] = v + w.drive[i].filter_left * (y[o.filtered + i] - v)
+        y[o.filtered_speed + i] = v + w.drive[i].filter_left * (y[o.filtered_speed + i] - v)
 
 
 @by_type
@@ -52,7 +52,7 @@ def _rigid(actuator: Any, run: Any, w: Any, y: Any, i: int) -> float:
     m, d, o = actuator.motor[i], w.drive[i], run.places[0]
     emf = clamp(m.torque_constant * y[o.qd + i], -d.voltage_limit, d.voltage_limit)
     I = _current(m, d, run, y, (i, emf))
-    return m.torque_constant * I - d.viscous * y[o.filtered + i]
+    return m.torque_constant * I - d.viscous * y[o.filtered_speed + i]
 
 
 @servo_torque.of(MipsdServo)
@@ -61,14 +61,14 @@ def _geared(actuator: Any, run: Any, w: Any, y: Any, i: int) -> float:
     speed = y[o.rotor_speed + i]
     I = _current(m, d, run, y, (i, m.torque_constant * speed))
     e = wind_up(g, y[o.rotor + i] - y[o.q + i])
-    slip = speed - y[o.filtered + i]
+    slip = speed - y[o.filtered_speed + i]
     damper = clamp(g.damping * slip, -d.damper_limit, d.damper_limit)
     T = g.stiffness * (1.0 + d.hardening * abs(e)) * e + damper
     speed += h * (m.torque_constant * I - g.rotor_damping * speed - T) / g.inertia
     y[o.rotor_speed + i] = speed
     y[o.rotor + i] += h * speed
     y[o.energy + ENERGIES * i + GEAR] += h * (damper * slip)
-    return T - d.viscous * y[o.filtered + i]
+    return T - d.viscous * y[o.filtered_speed + i]
 
 
 @inline

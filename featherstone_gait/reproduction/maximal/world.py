@@ -48,7 +48,7 @@ def _check(scene: CompiledScene, welded: Sequence[str]) -> None:
         "a joint that slides": any(body.prismatic for body in c.tree[1:]),
         "joints that follow others": c.coupling is not None,
         "inertia of a rotor or armature on a joint": c.armature is not None,
-        f"{scene.servos} servos": c.actuator is not None and not isinstance(c.actuator, RigidServo | MipsdServo),
+        f"{scene.gearbox} servos": c.actuator is not None and not isinstance(c.actuator, RigidServo | MipsdServo),
         "friction that depends on load": isinstance(c.friction, tuple),
         "springs": c.springs is not None,
         "pushes": c.push is not None,
@@ -178,7 +178,7 @@ def _joints(
 
 def _fill_axis(scene: CompiledScene, axis: Any, dof: int) -> None:
     joint = scene.model.moving_joints[dof]
-    servo = scene.model.servos.get(joint.name) if scene.servos else None
+    servo = scene.model.servos.get(joint.name) if scene.gearbox else None
     axis.dof, axis.lower, axis.upper, axis.damping = dof, joint.lower, joint.upper, joint.damping
     axis.dry = joint.friction + (servo.coulomb_friction if servo else 0.0)
 
@@ -187,7 +187,7 @@ def _drive(scene: CompiledScene, engine: Engine, welded: Sequence[str]) -> np.re
     table, h = records(len(scene.model.joint_names), DRIVE), scene.timestep
     per_step = NOMINAL if engine.per_step else h
     for row, joint in zip(table, scene.model.moving_joints):
-        servo = scene.model.servos.get(joint.name) if scene.servos else None
+        servo = scene.model.servos.get(joint.name) if scene.gearbox else None
         row.on = joint.name not in welded
         if servo is None:
             continue

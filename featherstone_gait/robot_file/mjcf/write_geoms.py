@@ -122,11 +122,11 @@ def _mesh_lines(k: int, geometry: Geometry) -> list[str]:
 
 def _point(point: ContactPoint) -> dict[str, str]:
     pos = numbers(point.position)
-    if point.rim > 0:
+    if point.circle_radius > 0:
         return {
             "type": "cylinder",
             "pos": pos,
             "zaxis": numbers(point.axis),
-            "size": numbers((point.rim, POINT_RADIUS)),
+            "size": numbers((point.circle_radius, POINT_RADIUS)),
         }
     return {"type": "sphere", "pos": pos, "size": number(point.radius or POINT_RADIUS)}

@@ -27,7 +27,7 @@ def floor_lines(model: Model, ground: Ground | None) -> tuple[list[str], list[st
     """The ground as a plane or a height field, and what of the ground it leaves out."""
     if ground is None:
         return [], []
-    stiffness = GRAVITY * (1.0 - IMPEDANCE) / ground.sinking * _softness(model)
+    stiffness = GRAVITY * (1.0 - IMPEDANCE) / ground.penetration * _softness(model)
     damping = 2.0 * ground.damping_ratio * math.sqrt(stiffness)
     floor = {
         "name": FLOOR,
