@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from featherstone_gait import (
+    Distribution,
     Ground,
-    Spread,
     Worlds,
     compile_scene,
     load_robot,
@@ -48,7 +48,7 @@ def summary(times: list[float], scale: float = 1e3, unit: str = "ms") -> str:
 def worlds() -> Iterable[str]:
     """The scene of a world, by what differs (docs/worlds.md)."""
     scene = compile_scene(ROBOT, "mipsd", Ground(), "midpoint", 1e-3)
-    tenth = Spread("uniform", 0.1)
+    tenth = Distribution("uniform", 0.1)
     differing = {"ground": {"friction": tenth}, "servos": {"resistance": tenth}, "links": {"mass": tenth}}
     for section, numbers in differing.items():
         drawn = Worlds(runs=41, **{section: numbers})

@@ -36,7 +36,13 @@ NO_CALLS = {
     "identification": ("Identification",),
     # The last is for robots on four legs, of which none comes along.
     "walking": (
-        "BIOLOID_WALK", "BalancedWalk", "ConstraintReport", "LongWalk", "Measures", "Motion", "Plan",
+        "BIOLOID_WALK",
+        "BalancedWalk",
+        "ConstraintReport",
+        "LongWalk",
+        "Measures",
+        "Motion",
+        "Plan",
         "four_legged_stride",
     ),
     "sensors": ("in_world",),  # for whoever draws forces
@@ -166,7 +172,7 @@ def _scenes() -> Iterator[Call]:
         fg.compile_scene,
         {
             "model": cube,
-            "servos": None,
+            "gearbox": None,
             "ground": fg.Ground(),
             "integrator": "midpoint",
             "timestep": 1e-3,
@@ -177,7 +183,7 @@ def _scenes() -> Iterator[Call]:
         },
     )
     yield Call(
-        "compile_scene", fg.compile_scene, {"model": robot, "servos": "rotor", "timestep": 1e-3, "springs": springs}
+        "compile_scene", fg.compile_scene, {"model": robot, "gearbox": "rotor", "timestep": 1e-3, "springs": springs}
     )
     yield Call("Push", lambda **push: fg.simulate(driven, 0.01, pushes=[fg.Push(**push)]), push[0]._asdict(), True)
     begin = {"scene": driven, "q": [0.1, 0.1], "qd": [0.0, 0.0], "allow_limit_violation": False}
@@ -454,7 +460,7 @@ def _recordings() -> Iterator[Call]:
     yield Call("read_recording", identification.read_recording, {"path": "one.csv", "Kp": 20.0})
     yield Call("write_recording", identification.write_recording, {"path": "two.csv", "recording": recording})
     yield Call("changed", identification.changed, {"model": one, "Kp": 20.0, "resistance": 5.0})
-    common = {"model": one, "recordings": [recording], "servos": "standard"}
+    common = {"model": one, "recordings": [recording], "gearbox": "standard"}
     yield Call("predict", identification.predict, common | {"starts": [0.0], "timestep": 1e-3}, True)
     yield Call("prediction_error", identification.prediction_error, common, True)
     yield Call(

@@ -101,9 +101,9 @@ def with_controller(model, **changes):
     return replace(model, servos=servos)
 
 
-def arm_scene(model=None, servos="mipsd", integrator="implicit_euler", timestep=1e-3):
+def arm_scene(model=None, gearbox="mipsd", integrator="implicit_euler", timestep=1e-3):
     """The planar arm of seven servos."""
-    return compile_scene(model or load_robot("arm7"), servos, integrator=integrator, timestep=timestep)
+    return compile_scene(model or load_robot("arm7"), gearbox, integrator=integrator, timestep=timestep)
 
 
 def pendulum(length=0.5, mass=1.0, damping=0.05, friction=0.0, lower=-100.0, upper=100.0, effort=20.0):

@@ -207,7 +207,7 @@ def test_the_humanoid_stands(tmp_path):
     trajectory, measures = results(tmp_path, "humanoid")
     assert measures["ground_force_by_weight"] == pytest.approx(1.0, abs=0.01)
     assert measures["base_shift_m"] < 0.01
-    assert measures["energy_J"]["meter"] >= measures["energy_J"]["supply"] > 0
+    assert measures["energy_J"]["electrical_no_regeneration"] >= measures["energy_J"]["supply"] > 0
     assert trajectory.info["servos"] == "mipsd"
 
 

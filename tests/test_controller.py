@@ -59,10 +59,10 @@ def opaque(t, state, reference, command, memory):
     command[0, 0] = open("file").read()
 
 
-def scene_of(integrator="midpoint", servos="mipsd", **law):
+def scene_of(integrator="midpoint", gearbox="mipsd", **law):
     settings = {"law": "state", "Kp": KP, "Kd": KD, "Ki": 0.0, "Kf": 0.0, "lag": 0.013} | law
     model = with_controller(load_robot("ax12_arm"), **settings)
-    return compile_scene(model, servos, integrator=integrator, timestep=None if integrator is None else 1e-3)
+    return compile_scene(model, gearbox, integrator=integrator, timestep=None if integrator is None else 1e-3)
 
 
 def moving(seed=0):

@@ -30,10 +30,10 @@ FULL = {  # all of it
 }  # fmt: skip
 
 
-def rod(integrator="implicit_euler", servos="rotor", timestep=1e-3, gravity=WEIGHTLESS, **changes):
+def rod(integrator="implicit_euler", gearbox="rotor", timestep=1e-3, gravity=WEIGHTLESS, **changes):
     """A rod with one servo at its joint."""
     model = replace(pendulum(damping=0.0), servos={"hinge": load_servo("ax12", **{**LOCKED, **changes})})
-    return compile_scene(model, servos, integrator=integrator, timestep=timestep, gravity=gravity)
+    return compile_scene(model, gearbox, integrator=integrator, timestep=timestep, gravity=gravity)
 
 
 def still(angle=0.0):
@@ -191,10 +191,10 @@ def test_voltages_come_exactly_the_delay_later(integrator):
 # ---------------------------------------------------------------------------------------------- all of it
 
 
-def arm(servos="rotor", integrator="implicit_euler", timestep=1e-3, **changes):
+def arm(gearbox="rotor", integrator="implicit_euler", timestep=1e-3, **changes):
     """The arm of seven servos with all firmware and a source."""
     model = with_controller(load_robot("arm7"), **{**FULL, "law": "pid_position", "Ki": 5.0, "Kd": 0.1, **changes})
-    return compile_scene(replace(model, supply=Supply(11.1, 0.4)), servos, integrator=integrator, timestep=timestep)
+    return compile_scene(replace(model, supply=Supply(11.1, 0.4)), gearbox, integrator=integrator, timestep=timestep)
 
 
 CHANNELS = ("q", "qd", "energy", "voltage", "profiled_reference", "duty", "bus_voltage", "source_loss")

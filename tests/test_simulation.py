@@ -98,8 +98,8 @@ def test_states_that_are_none_are_refused(q, qd, message):
 def test_every_channel_has_its_shape():
     scene, n = arm_scene(), 7
     run = simulate(scene, 0.02, record=PARTS, record_interval=2e-3)
-    one_a_joint = "q qd current rotor rotor_speed filtered voltage integral qdd torque power increment chatter"
-    one_a_joint += " worst_chatter"
+    one_a_joint = "q qd current rotor rotor_speed filtered_speed voltage integral qdd torque power velocity_change"
+    one_a_joint += " chatter worst_chatter"
     shapes = dict.fromkeys(one_a_joint.split(), (11, n))
     shapes |= {
         "time": (11,),

@@ -314,7 +314,7 @@ def test_a_world_that_makes_no_scene_is_refused_alone(tmp_path):
 
 def test_points_without_what_is_drawn_are_refused_alone(tmp_path):
     """Servos of a scene that has none, in a batch with some that have."""
-    text = UNITS.replace("count = 9", "count = 6") + "[vary]\nscene.servos = ['mipsd', 'none']\n"
+    text = UNITS.replace("count = 9", "count = 6") + "[vary]\nscene.gearbox = ['mipsd', 'none']\n"
     rows = table(run_study(read(tmp_path, text.replace("reference.offset", "servos.resistance")), tmp_path).table)
     assert {row["status"] for row in rows if row["scene.gearbox"] == "mipsd"} == {"ok"}
     assert {row["status"] for row in rows if row["scene.gearbox"] == "none"} == {"refused"}
@@ -611,8 +611,8 @@ def test_parquet_without_its_libraries_is_refused_before_anything_runs(tmp_path,
         ("servo.Kp = [20.0, 61.0]", 1),
         ('scene.gearbox = ["rotor", "none"]', 1),
         ("servo.Kp = [20.0, 61.0]\nposture.tilt = [0.0, 0.1]", 1),
-        ('servo.Kp = [20.0, 61.0]\nposture.tilt = [0.0, 0.1]\nscene.servos = ["rotor", "none"]', 2),
-        ('servo.Kp = [20.0]\nposture.tilt = [0.0, 0.1]\nscene.servos = ["rotor"]\nscene.timestep = [0.001]', 1),
+        ('servo.Kp = [20.0, 61.0]\nposture.tilt = [0.0, 0.1]\nscene.gearbox = ["rotor", "none"]', 2),
+        ('servo.Kp = [20.0]\nposture.tilt = [0.0, 0.1]\nscene.gearbox = ["rotor"]\nscene.timestep = [0.001]', 1),
         ("servo.Kp = [20.0, 61.0]\nservo.Ki = [0.0, 1.0]\nservo.Kf = [0.0, 0.1]\nposture.tilt = [0.0, 0.1]", 3),
     ],
 )

@@ -66,7 +66,7 @@ def assert_same_scene(a, b):
     assert structure_of(a.constants) == structure_of(b.constants)
     for (place, x), (_, y) in zip(leaves(a.constants), leaves(b.constants)):
         assert np.asarray(x).tobytes() == np.asarray(y).tobytes(), place
-    for name in ("timestep", "tick_steps", "lag", "servos", "fall_height", "fall_upright", "upright", "stiff"):
+    for name in ("timestep", "tick_steps", "lag", "gearbox", "fall_height", "fall_upright", "upright", "stiff"):
         assert getattr(a, name) == getattr(b, name), name
     assert a.preflight._replace(reason="") == b.preflight._replace(reason="")
     assert a.ground == b.ground
@@ -523,7 +523,7 @@ def test_numbers_that_make_no_scene_are_refused(given, words):
 @pytest.mark.nojit
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [(("cauchy", 0.1), "'lognormal'"), (("normal", -0.1), "width is -0.1"), (("lognormal", 0.1, True), "factor")],
+    [(("cauchy", 0.1), "'lognormal'"), (("normal", -0.1), "scale is -0.1"), (("lognormal", 0.1, True), "factor")],
 )
 def test_spreads_that_have_no_meaning_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):

@@ -305,7 +305,7 @@ def _mujoco_arm(problem: Problem, servo: Servo | None) -> Any:
     if servo is not None:
         for name in model.joint_names:
             joint = spec.joint(name)
-            joint.armature = ARMATURE if problem.arguments["servos"] == "rotor" else 0.0
+            joint.armature = ARMATURE if problem.arguments["gearbox"] == "rotor" else 0.0
             actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
             servo(joint, actuator)
             actuator.forcelimited, actuator.forcerange = True, [-LIMIT, LIMIT]
@@ -362,7 +362,7 @@ def _scipy_methods(problem: Problem) -> dict[str, Method]:
     model = _bounded(replace(problem.model, servos={}))
     m, n = _pinocchio(model), len(model.joint_names)
     driven = problem.reference is not None
-    if driven and problem.arguments["servos"] == "rotor":
+    if driven and problem.arguments["gearbox"] == "rotor":
         m.armature[:] = ARMATURE
     d, zero = m.createData(), np.zeros(n)
 
@@ -382,7 +382,7 @@ def _scipy_methods(problem: Problem) -> dict[str, Method]:
 
         return solve
 
-    stiff = problem.arguments.get("servos") == "standard"
+    stiff = problem.arguments.get("gearbox") == "standard"
     names = ("Radau", "LSODA") if stiff else ("Radau", "DOP853", "LSODA")
     return {f"SciPy {name}": (TOLERANCES[: 8 if name == "Radau" else None], solver(name)) for name in names}
 

@@ -177,7 +177,7 @@ def _stiff_arms(more: Iterable[float]) -> list[Case]:
             servo = load_servo("ax12", law="pd_clamped", **law, viscous_friction=0.0, coulomb_friction=0.0)
             arm = replace(arm, servos=dict.fromkeys(arm.joint_names, servo))
             name = f"gains times {gain:g}, from {angle:g} rad"
-            found.append(Case(name, arm, {"servos": "standard"}, 0.5, steps, integrators, angle))
+            found.append(Case(name, arm, {"gearbox": "standard"}, 0.5, steps, integrators, angle))
     return found
 
 
@@ -194,7 +194,7 @@ def _servos() -> list[Case]:
         arm = replace(arm, servos=dict.fromkeys(arm.joint_names, servo))
         name = f"{servos}, gear {ratio}" + (f", backlash {backlash} deg" if backlash else "")
         integrators = ("simtwo", "implicit_euler", "midpoint", "extrapolation", "ars343")
-        found.append(Case(name, arm, {"servos": servos}, 0.2, (1e-3, 1e-2), integrators, 0.02))
+        found.append(Case(name, arm, {"gearbox": servos}, 0.2, (1e-3, 1e-2), integrators, 0.02))
     return found
 
 
