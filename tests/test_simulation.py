@@ -38,7 +38,7 @@ BAD_CALLS = {
     "duration without end": (dict(duration=math.inf), "positive and finite"),
     "duration not a number": (dict(duration=math.nan), "positive and finite"),
     "an unknown channel": (dict(record=("q", "speed")), "no channel 'speed'; channels: .*qd"),
-    "half a step between samples": (dict(record_interval=1.5e-3), "sample is 0.0015 s; .* steps of 0.001 s"),
+    "half a step between samples": (dict(record_interval=1.5e-3), "record_interval is 0.0015 s; .* steps of 0.001 s"),
     "no time between samples": (dict(record_interval=0.0), "whole number of steps"),
     "a state too short": (dict(state=np.zeros(3)), r"state must be \d+ finite numbers; its shape is \(3,\)"),
     "a state that is not finite": (dict(state="nan"), "state must be"),
@@ -238,7 +238,7 @@ def test_pushes_of_a_scene_stay_with_it():
 @pytest.mark.quick("rotor", "mipsd")
 @pytest.mark.parametrize("servos", [None, "rotor", "mipsd"])
 def test_power_is_torque_times_velocity(servos):
-    scene = arm_scene(servos=servos)
+    scene = arm_scene(gearbox=servos)
     run = simulate(scene, 0.05, initial_state(scene, np.full(7, 0.2)), record=("power", "qd"), record_interval=1e-3)
     torque = simulate(scene, 0.05, initial_state(scene, np.full(7, 0.2)), record=("torque",), record_interval=1e-3)[
         "torque"

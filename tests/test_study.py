@@ -149,12 +149,12 @@ def test_random_runs_depend_on_the_seed_alone(tmp_path):
         (UNITS.replace("links.mass", "links.weight"), ["no number 'weight'", "mass"]),
         (UNITS.replace("links.mass", "links.trunk.mass"), ["no 'trunk'", "use one of"]),
         (UNITS.replace("links.mass", "ground.friction"), ["friction is given", "none"]),
-        (UNITS.replace("width = 0.1", "width = -0.1"), ["worlds.links.mass", "width is -0.1"]),
-        (UNITS.replace("width", "wide"), ["worlds.links.mass", "width = 0.1"]),
-        (UNITS.replace("{kind = 'uniform', scale = 0.1}", "0.1"), ["worlds.links.mass is 0.1", "law"]),
+        (UNITS.replace("scale = 0.1", "scale = -0.1"), ["worlds.links.mass", "scale is -0.1"]),
+        (UNITS.replace("scale", "wide"), ["worlds.links.mass", "scale = 0.1"]),
+        (UNITS.replace("{kind = 'uniform', scale = 0.1}", "0.1"), ["worlds.links.mass is 0.1", "kind"]),
         (UNITS.replace("reference.offset", "reference.delay"), ["worlds.reference.delay", "reference.offset"]),
-        (UNITS[: UNITS.index("links.mass")] + "links = {}\n", ["worlds.links is {}", "law"]),
-        (UNITS + "links.mass2 = 1\n", ["worlds.links.mass2 is 1", "law"]),
+        (UNITS[: UNITS.index("links.mass")] + "links = {}\n", ["worlds.links is {}", "kind"]),
+        (UNITS + "links.mass2 = 1\n", ["worlds.links.mass2 is 1", "kind"]),
         (UNITS.replace("reference.offset", "servos.Kd"), ["worlds.servos.Kd is 0", "additive = true"]),
         (UNITS.replace("links.mass", "servos.period"), ["worlds.servos.period", "vary servo.period"]),
         (UNITS.replace("0.03", "4.0"), ["worlds.reference.offset", "0 to pi"]),
@@ -306,7 +306,7 @@ def test_of_normal_draws_so_many_lie_below():
 
 def test_a_world_that_makes_no_scene_is_refused_alone(tmp_path):
     """Masses drawn so wide that some are negative."""
-    outcome = run_study(read(tmp_path, UNITS.replace("'uniform', width = 0.1", "'normal', width = 0.9")), tmp_path)
+    outcome = run_study(read(tmp_path, UNITS.replace("'uniform', scale = 0.1", "'normal', scale = 0.9")), tmp_path)
     rows = table(outcome.table)
     assert {"ok", "refused"} <= {row["status"] for row in rows}
     assert all("mass" in row["message"] for row in rows if row["status"] == "refused")

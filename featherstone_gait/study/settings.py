@@ -369,7 +369,7 @@ def _shares(sampling: dict, widths: list[int]) -> np.ndarray | None:
 
     if sampling["method"] == "saltelli":
         if 2 * width > qmc.Sobol.MAXDIM:
-            raise ValueError(f"{width} numbers are drawn; 'saltelli' takes at most {qmc.Sobol.MAXDIM // 2}: use alike")
+            raise ValueError(f"{width} numbers are drawn; 'saltelli' takes at most {qmc.Sobol.MAXDIM // 2}: use shared")
         drawn = qmc.Sobol(2 * width, seed=generator).random_base2(sampling["count"].bit_length() - 1)
         shares = _crossed(drawn[:, :width], drawn[:, width:], widths).reshape(-1, width)
     else:
