@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..base import deprecated
 from ..base.arguments import floats, instance, is_real, listed, whole
 from .checks import (
     LARGEST,
@@ -24,6 +25,7 @@ from .links import AXIS_TOLERANCE, Vector
 MOST_STAIRS = 10**6
 
 
+@deprecated.fields(rim="circle_radius", carries="load_bearing")
 @dataclass(frozen=True)
 class ContactPoint:
     """What of a link can touch the ground: a point, or the lowest point of a sphere or of a circle.
@@ -38,29 +40,29 @@ class ContactPoint:
         The point, or the center of the sphere or circle, in the link's frame [m].
     radius : float
         Radius of the sphere; 0 for a point [m].
-    rim : float
+    circle_radius : float
         Radius of the circle; 0 for a point [m].
     axis : tuple of float
         Axis of the circle, out of the cylinder, of unit length, in the link's frame.
-    carries : bool
+    load_bearing : bool
         Whether the point carries weight at rest; the stiffness of the ground follows from the weight on those that do.
     """
 
     link: str
     position: Vector
     radius: float = quantity(">= 0", "m", 0.0, "it is the radius of a sphere")
-    rim: float = quantity(">= 0", "m", 0.0, "it is the radius of a circle about the axis")
+    circle_radius: float = quantity(">= 0", "m", 0.0, "it is the radius of a circle about the axis")
     axis: Vector = (0.0, 0.0, 1.0)
-    carries: bool = True
+    load_bearing: bool = True
 
     def __post_init__(self) -> None:
         what = f"contact point on link {self.link!r}"
         check(name_flaws("link", self.link))
         check(vector_flaws(what, "position", self.position, 3), vector_flaws(what, "axis", self.axis, 3))
-        instance(f"{what}: carries", self.carries, (bool, np.bool_), "give True or False")
+        instance(f"{what}: load_bearing", self.load_bearing, (bool, np.bool_), "give True or False")
         freeze(self, "position", "axis")
         check(quantity_flaws(what, self))
-        if self.rim > 0 and abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
+        if self.circle_radius > 0 and abs(math.hypot(*self.axis) - 1.0) > AXIS_TOLERANCE:
             raise ValueError(f"{what}: axis {self.axis!r} is not of unit length; divide it by its length")
 
 
@@ -98,6 +100,7 @@ class HeightField:
             raise ValueError(f"height field: spacing is {self.spacing!r} m; expected > 0: give the distance of nodes")
 
 
+@deprecated.fields(sinking="penetration")
 @dataclass(frozen=True)
 class Ground:
     """Ground under the contact points, described by quantities that can be measured.
@@ -110,7 +113,7 @@ class Ground:
     ----------
     friction : float
         Coefficient of friction [-]; the default is SimTwo's.
-    sinking : float
+    penetration : float
         Depth to which a robot that stands on all its load-bearing contact points sinks in [m].
     damping_ratio : float
         Damping ratio of small motions about rest; 1 is critical [-].
@@ -132,7 +135,7 @@ class Ground:
     """
 
     friction: float = quantity(">= 0", "-", 0.95, "0 is ice, 1 is rubber")
-    sinking: float = quantity("> 0", "m", 5e-4, "0.0005 suits a small robot")
+    penetration: float = quantity("> 0", "m", 5e-4, "0.0005 suits a small robot")
     damping_ratio: float = quantity(">= 0", "-", 0.7, "0.7 hardly bounces")
     height: float = quantity("finite", "m", 0.0, "0 is the world's origin")
     slope: float = 0.0

@@ -127,13 +127,13 @@ def floors_of_crosscheck(stem: Path) -> list[dict[str, Any]]:
 
 def _walk_in_mujoco(job: Job, cost: WalkingCost, found: Selected) -> str:
     """Crosscheck a gait in MuJoCo; return the verdict, or why there is none: a failure must not lose the search."""
-    options, gearbox = job.options, cost.scene.servos
+    options, gearbox = job.options, cost.scene.gearbox
     assert gearbox is not None
     motion = found.walk or motion_of(cost.gait.from_vector(found.x), cost.start, cost.blend_strides)
     try:
         return verdict(
             crosscheck(
-                motion, job.own, servos=gearbox, servo=options.servo, out=crosscheck_stem(job.stem),
+                motion, job.own, gearbox=gearbox, servo=options.servo, out=crosscheck_stem(job.stem),
                 processes=options.crosscheck, progress=options.progress,
             )
         )  # fmt: skip
@@ -157,11 +157,11 @@ def _baselines(
     for name, walk in tqdm(asked.items(), "baselines", disable=not progress or not test_worlds, unit="plan"):
         row: dict[str, Any] = {"name": name, "walk": walk, "status": "ok", "elsewhere": None}
         try:
-            assert scene.servos is not None
+            assert scene.gearbox is not None
             states: States = "stride" if cost.gait.mirror is None else "step"
             one = cost
             if walk:
-                one = walking_cost(scene.model, scene.servos, scene.ground, scene.gravity, states, **walk)
+                one = walking_cost(scene.model, scene.gearbox, scene.ground, scene.gravity, states, **walk)
         except ValueError as error:
             found.append(row | {"status": str(error)})
             continue

@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from ..scene.gearbox_kinds import SERVO_KINDS
+from ..scene.gearbox_kinds import GEARBOX_KINDS
 
 if TYPE_CHECKING:
     from ..base.files import FilePath
-    from ..scene.gearbox_kinds import ServoKind
+    from ..scene.gearbox_kinds import GearboxKind
     from ..walking.cheapest_plan import PlanKind, States
 
 
@@ -73,9 +73,9 @@ class OptimizeOptions:
         Whether to print progress and a summary.
     """
 
-    gearbox: ServoKind = _option(
+    gearbox: GearboxKind = _option(
         "mipsd", "gearbox model: motor inertia plus spring-damper (mipsd), rigid with the rotor's inertia (rotor) or "
-        "rigid without (standard) (default: mipsd)", old="--servos", choices=SERVO_KINDS,
+        "rigid without (standard) (default: mipsd)", old="--servos", choices=GEARBOX_KINDS,
     )  # fmt: skip
     servo: FilePath | None = _option(
         None, "servo of all joints that turn: a name that `featherstone-gait servos` lists, a .toml file, or generic, "

@@ -9,9 +9,10 @@ from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
+from ..base import deprecated
 from ..base.arguments import one_of
 from ..model import Ground, Model
-from ..scene.compile import ServoKind, compile_scene
+from ..scene.compile import GearboxKind, compile_scene
 from ..scene.tree import GRAVITY
 from ..walking.cheapest_plan import PlanKind, States, first_gait
 from ..walking.cost import WalkingCost
@@ -22,9 +23,10 @@ from .preparation import SECONDS, Job, check_history, estimated_minutes
 from .quality import describe
 
 
+@deprecated.keywords(servos="gearbox")
 def walking_cost(
     model: Model,
-    servos: ServoKind = "mipsd",
+    gearbox: GearboxKind = "mipsd",
     ground: Ground | None = None,
     gravity: Sequence[float] | np.ndarray = GRAVITY,
     states: States = "stride",
@@ -37,7 +39,7 @@ def walking_cost(
     ----------
     model : Model
         The robot.
-    servos : {"mipsd", "rotor", "standard"}
+    gearbox : {"mipsd", "rotor", "standard"}
         Gearbox model.
     ground : Ground, optional
         Flat ground; by default `Ground()`.
@@ -63,7 +65,8 @@ def walking_cost(
         mirror images.
     """
     one_of("states", states, get_args(States))
-    return first_gait(compile_scene(model, servos, ground or Ground(), "midpoint", 1e-3, gravity), plan, states, **walk)
+    scene = compile_scene(model, gearbox, ground or Ground(), "midpoint", 1e-3, gravity)
+    return first_gait(scene, plan, states, **walk)
 
 
 class FirstGait(NamedTuple):

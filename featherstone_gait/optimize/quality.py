@@ -115,7 +115,7 @@ def measure_limits(cost: WalkingCost, x: np.ndarray, watch: Watch) -> dict[str, 
         joint and time [s], the root mean square of that motor, the mean and the peak of what all servos together draw
         from their supply [A], and the energy of each joint [J]; None for servos without motors.
     """
-    run = cost.simulate([x], record=(*limits.RECORD, "voltage"), sample=SAMPLE)[0]
+    run = cost.simulate([x], record=(*limits.RECORD, "voltage"), record_interval=SAMPLE)[0]
     if not run.ok:
         return {"status": run.message, "limits": None, "current": None}
     first, last = np.searchsorted(run["time"], [cost.mark - 1e-9, cost.end - 1e-9])

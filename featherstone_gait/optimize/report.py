@@ -129,7 +129,7 @@ def write_results(stem: Path, cost: WalkingCost, result: OptimizeResult, servo: 
     vectors = {"first gait": first, "optimized gait": result.x}
     runs = cost.simulate(vectors.values(), strides=STRIDES)
     captions = [f"{name}: {describe(m)}" for name, m in zip(vectors, cost.measure(vectors.values()))]
-    title = f"{cost.scene.model.name}, {cost.scene.servos} servos"
+    title = f"{cost.scene.model.name}, {cost.scene.gearbox} servos"
     write_animation(files["animation"], cost.scene.model, dict(zip(captions, runs)), title)
     return files
 
@@ -160,7 +160,7 @@ def _settings(job: Job, start: Start, result: OptimizeResult) -> dict[str, Any]:
     cost, options, scene = start.cost, job.options, start.cost.scene
     return {
         "servo": str(options.servo or servo_name(job.own)), "plan": start.plan,
-        "servos": scene.servos, "integrator": scene.integrator, "timestep": scene.timestep,
+        "servos": scene.gearbox, "integrator": scene.integrator, "timestep": scene.timestep,
         "ground": scene.ground and asdict(scene.ground), "iterations": options.iterations, "seed": options.seed,
         "max_miss": MAX_MISS, "worlds": options.worlds,
         "states": "stride" if cost.gait.mirror is None else "step",
