@@ -12,7 +12,7 @@ from .base.deprecated import renamed
 if TYPE_CHECKING:  # what `__getattr__` finds
     from .analysis.equilibrium import Trim as Trim
     from .analysis.equilibrium import trim as trim
-    from .analysis.linearization import Kink as Kink
+    from .analysis.linearization import Discontinuity as Discontinuity
     from .analysis.linearization import Linearization as Linearization
     from .analysis.linearization import linearize as linearize
     from .dynamics import Coupling as Coupling
@@ -31,7 +31,7 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .dynamics import spring_energy as spring_energy
     from .dynamics.conventions import from_engine as from_engine
     from .dynamics.conventions import to_engine as to_engine
-    from .dynamics.inverse_kinematics import Posture as Posture
+    from .dynamics.inverse_kinematics import IKResult as IKResult
     from .dynamics.inverse_kinematics import Target as Target
     from .dynamics.inverse_kinematics import inverse_kinematics as inverse_kinematics
     from .dynamics.jacobians import center_of_mass_jacobian as center_of_mass_jacobian
@@ -75,12 +75,12 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .run.session import Session as Session
     from .run.simulate import Push as Push
     from .run.simulate import initial_state as initial_state
-    from .run.simulate import restarted as restarted
+    from .run.simulate import reset_time as reset_time
     from .run.simulate import simulate as simulate
     from .run.simulate import simulate_batch as simulate_batch
     from .run.simulate import standing_state as standing_state
     from .run.trajectory import Trajectory as Trajectory
-    from .run.worlds import Spread as Spread
+    from .run.worlds import Distribution as Distribution
     from .run.worlds import Worlds as Worlds
     from .scene.compile import CompiledScene as CompiledScene
     from .scene.compile import compile_scene as compile_scene
@@ -116,7 +116,7 @@ _MODULES = {
     "analysis.equilibrium": ("Trim", "trim"),
     "dynamics.conventions": ("from_engine", "to_engine"),
     "dynamics.jacobians": ("center_of_mass_jacobian", "jacobian"),
-    "analysis.linearization": ("Kink", "Linearization", "linearize"),
+    "analysis.linearization": ("Discontinuity", "Linearization", "linearize"),
     "model": (
         "ContactPoint",
         "Controller",
@@ -136,7 +136,7 @@ _MODULES = {
     "view.plotting": ("plot", "plot_motion"),
     "view.shown": ("show", "show_live"),
     "view.tree": ("tree_text",),
-    "dynamics.inverse_kinematics": ("Posture", "Target", "inverse_kinematics"),
+    "dynamics.inverse_kinematics": ("IKResult", "Target", "inverse_kinematics"),
     "run.reference": ("Reference",),
     "model.rest_posture": ("nearest_posture",),
     "robot_file": (
@@ -152,10 +152,10 @@ _MODULES = {
     "scene.compile": ("CompiledScene", "compile_scene"),
     "run.program": ("controller",),
     "run.session": ("Session",),
-    "run.simulate": ("Push", "initial_state", "restarted", "simulate", "simulate_batch", "standing_state"),
+    "run.simulate": ("Push", "initial_state", "reset_time", "simulate", "simulate_batch", "standing_state"),
     "model.shapes": ("Box", "Capsule", "Cylinder", "Hull", "Mesh", "Shape", "Sphere"),
     "run.trajectory": ("Trajectory",),
-    "run.worlds": ("Spread", "Worlds"),
+    "run.worlds": ("Distribution", "Worlds"),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
@@ -163,7 +163,11 @@ _renamed = renamed(
     __name__,
     {
         "Linearisation": "featherstone_gait.analysis.linearization:Linearization",
+        "Kink": "featherstone_gait.analysis.linearization:Discontinuity",
+        "Posture": "featherstone_gait.dynamics.inverse_kinematics:IKResult",
+        "Spread": "featherstone_gait.run.worlds:Distribution",
         "linearise": "featherstone_gait.analysis.linearization:linearize",
+        "restarted": "featherstone_gait.run.simulate:reset_time",
     },
 )
 

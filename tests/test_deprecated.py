@@ -17,7 +17,14 @@ PATHS = {  # old module, a name in it -> where the name is now
     ("maximal", "Engine"): "reproduction.maximal",
     ("experiments", "EXPERIMENTS"): "reproduction",
 }
-NAMES = {"linearise": "linearize", "Linearisation": "Linearization"}
+NAMES = {
+    "Kink": "Discontinuity",
+    "Linearisation": "Linearization",
+    "Posture": "IKResult",
+    "Spread": "Distribution",
+    "linearise": "linearize",
+    "restarted": "reset_time",
+}
 METHODS = {"plot": "plot", "show": "show", "show_live": "show_live", "save_gif": "save_movie"}  # of Trajectory
 
 
@@ -57,3 +64,21 @@ def test_plot_trajectory_draws_the_channels_of_its_list():
 def test_a_name_that_never_was_is_an_attribute_error(module):
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = importlib.import_module(f"featherstone_gait.{module}").nothing
+
+
+def test_old_arguments_fields_and_channels_give_what_the_new_ones_give():
+    arm = featherstone_gait.load_robot("arm7")
+    with pytest.warns(DeprecationWarning, match="compile_scene: servos is now gearbox"):
+        scene = featherstone_gait.compile_scene(arm, servos="rotor")
+    assert scene.gearbox == "rotor"
+    with pytest.warns(DeprecationWarning, match=r"'filtered' is now 'filtered_speed'"):
+        run = featherstone_gait.simulate(scene, 0.01, record=("filtered",))
+    with pytest.warns(DeprecationWarning, match=r"'filtered' is now 'filtered_speed'"):
+        assert run["filtered"] is run["filtered_speed"]
+    with pytest.warns(DeprecationWarning, match="sinking is now penetration"):
+        ground = featherstone_gait.Ground(sinking=1e-3)
+    assert ground == featherstone_gait.Ground(penetration=1e-3)
+    with pytest.warns(DeprecationWarning, match=r"Ground\.sinking is now Ground\.penetration"):
+        assert ground.sinking == 1e-3
+    with pytest.raises(TypeError, match="give one of them"):
+        featherstone_gait.Ground(sinking=1e-3, penetration=1e-3)

@@ -32,7 +32,7 @@ from ..model import ContactPoint, Ground, HeightField, Joint, Link, Model, Sprin
 from ..robot_file import load_robot, load_servo
 from ..run.prepared import prepare, with_tolerance
 from ..run.reference import Reference
-from ..run.simulate import initial_state, restarted, simulate, standing_state
+from ..run.simulate import initial_state, reset_time, simulate, standing_state
 from ..run.trajectory import Trajectory, positions
 from ..run.verdict import trajectory
 from ..scene.compile import CompiledScene, compile_scene
@@ -60,7 +60,7 @@ class Problem(NamedTuple):
     state: Callable[[CompiledScene], np.ndarray]
     integrators: dict[str, float]  # the finest step [s], or the least tolerance
     reference: Reference | None = None
-    sample: float | None = None  # time between records [s]; None: the end alone counts
+    record_interval: float | None = None  # time between records [s]; None: the end alone counts
     exact: Callable[[np.ndarray], np.ndarray] | None = None  # joint angles at times [s]
     coarsest: float = 1e-2  # step [s]
     best: str = "extrapolation"  # gives the reference solution ...
@@ -84,7 +84,7 @@ class Problem(NamedTuple):
         """The compiled run with a step [s] or a tolerance."""
         adaptive = INTEGRATORS[integrator].adaptive
         scene = self.scene(integrator, None if adaptive else setting)
-        every = self.sample or self.duration
+        every = self.record_interval or self.duration
         return Run(scene, self.duration, self.state(scene), self.reference, every, setting if adaptive else None,
                    self.record)  # fmt: skip
 
@@ -119,13 +119,13 @@ class Run:
         duration: float,
         state: np.ndarray,
         reference: Reference | None,
-        sample: float | None,
+        record_interval: float | None,
         rtol: float | None = None,
         record: tuple[str, ...] = ("q",),
     ) -> None:
         self.scene, rtol, atol = with_tolerance(scene, rtol, None)
-        self.settings = (duration, state, reference, sample, rtol, record)
-        self.ready = prepare(self.scene, duration, record, sample, rtol=rtol, atol=atol)
+        self.settings = (duration, state, reference, record_interval, rtol, record)
+        self.ready = prepare(self.scene, duration, record, record_interval, rtol=rtol, atol=atol)
         self.start = self.ready.start(state, reference)
         self.arguments = self.ready.arguments(self.start)
 
@@ -138,9 +138,9 @@ class Run:
 
     def call(self) -> float:
         """The same by `simulate`; return its CPU time per simulated second [ms]."""
-        duration, state, reference, sample, rtol, record = self.settings
+        duration, state, reference, record_interval, rtol, record = self.settings
         start = time.thread_time()
-        how: dict[str, Any] = dict(record=record, sample=sample, rtol=rtol, estimate_error=False)
+        how: dict[str, Any] = dict(record=record, record_interval=record_interval, rtol=rtol, estimate_error=False)
         simulate(self.scene, duration, state, reference, **how)
         return 1e3 * (time.thread_time() - start) / duration
 
@@ -267,14 +267,14 @@ def stiff_arm(servos: str) -> Problem:
     model = replace(arm, servos=dict.fromkeys(arm.joint_names, servo))
     name = "arm, stiff servos" if servos == "standard" else "arm, servos with rotors"
     still = Reference([0.0], np.zeros((1, 7)))
-    return Problem(name, model, {"servos": servos}, 0.5, _at(0.05), ALL, still, check="dop853", coarsest=0.1)
+    return Problem(name, model, {"gearbox": servos}, 0.5, _at(0.05), ALL, still, check="dop853", coarsest=0.1)
 
 
 def geared_arm() -> Problem:
     """The planar arm of Lima et al. 2013 with the whole chain: sampled control, motor, spring-damper gearbox."""
     how = {"implicit_euler": 2e-5, "midpoint": 2e-5, "simtwo": 2e-5, "extrapolation": 1e-11, "ars343": 1e-6}
     still = Reference([0.0], np.zeros((1, 7)))
-    return Problem("arm, geared servos", load_robot("arm7"), {"servos": "mipsd"}, 0.5, _at(0.01), how, still,
+    return Problem("arm, geared servos", load_robot("arm7"), {"gearbox": "mipsd"}, 0.5, _at(0.01), how, still,
                    finest=1e-12)  # fmt: skip
 
 
@@ -294,15 +294,15 @@ def humanoids() -> list[Problem]:
 
     cost = walking_cost(load_robot("humanoid", locked="simplified"))
     how = {"implicit_euler": 2e-5, "midpoint": 2e-5, "simtwo": 2e-5, "extrapolation": 1e-8, "ars343": 1e-4}
-    common: dict[str, Any] = {"integrators": how, "sample": 0.01, "finest": 1e-9}
-    scene = {"servos": "mipsd", "ground": Ground()}
+    common: dict[str, Any] = {"integrators": how, "record_interval": 0.01, "finest": 1e-9}
+    scene = {"gearbox": "mipsd", "ground": Ground()}
     signal = cost.reference(cost.gait.to_vector(), cost.warm_up + 1)
     posture = signal.values[0]
     still = Reference([0.0], posture[None])
     state = standing_state(cost.scene, posture)
-    start = simulate(cost.scene, cost.mark, state, signal, sample=cost.mark, estimate_error=False)
+    start = simulate(cost.scene, cost.mark, state, signal, record_interval=cost.mark, estimate_error=False)
     stride = Reference(signal.times - cost.mark, signal.values, "linear")
-    begin = restarted(cost.scene, start.final)
+    begin = reset_time(cost.scene, start.final)
     stands = Problem("humanoid, standing", cost.scene.model, scene, 0.5, lambda s: standing_state(s, posture),
                      reference=still, **common)  # fmt: skip
     walks = Problem("humanoid, walking a stride", cost.scene.model, scene, cost.gait.period, lambda _: begin,
@@ -320,7 +320,7 @@ def rolling_ball() -> Problem:
     scene = {"ground": Ground(friction=5.0, field=field), "fall_height": -1e6, "fall_tilt": 3.2}
     how = {"implicit_euler": 2e-5, "midpoint": 2e-5, "rk4": 2e-5, "extrapolation": 1e-9, "ars343": 1e-6}
     return Problem("ball rolling over waves", model, scene, 1.0,
-                   lambda s: initial_state(s, None, [0.3, 0.1, 0.0, -1.0, 3.0, 0.0]), how, sample=0.01,
+                   lambda s: initial_state(s, None, [0.3, 0.1, 0.0, -1.0, 3.0, 0.0]), how, record_interval=0.01,
                    finest=1e-10)  # fmt: skip
 
 
@@ -359,7 +359,8 @@ def pendulum() -> Problem:
     def swinging(t: np.ndarray) -> np.ndarray:
         return 2.0 * np.arcsin(k * ellipj(ellipk(k * k) - w * t, k * k)[0])[:, None]
 
-    return Problem("IFToMM A01, pendulum", model, {}, 10.0, _at(0.5 * math.pi), ALL, sample=0.1, exact=swinging)
+    return Problem("IFToMM A01, pendulum", model, {}, 10.0, _at(0.5 * math.pi), ALL, record_interval=0.1,
+                   exact=swinging)  # fmt: skip
 
 
 POINT = (1e-9, 0.0, 0.0, 1e-9, 0.0, 1e-9)  # of a point mass, which the model does not know [kg m^2]
@@ -409,8 +410,8 @@ def governor() -> Problem:
         springs.append(Spring("slider", name, *ends, stiffness=8e5, damping=4e4, length=0.5))
     model = Model("governor", links, tuple(joints))
     return Problem("IFToMM A05, flyball governor", model, {"springs": springs}, 10.0,
-                   lambda s: initial_state(s, np.zeros(4), [SPIN, 0.0, 0.0, 0.0]), ALL, sample=0.1, coarsest=5e-4,
-                   **SMOOTH)  # fmt: skip
+                   lambda s: initial_state(s, np.zeros(4), [SPIN, 0.0, 0.0, 0.0]), ALL, record_interval=0.1,
+                   coarsest=5e-4, **SMOOTH)  # fmt: skip
 
 
 def _at(angle: float) -> Callable[[CompiledScene], np.ndarray]:

@@ -31,8 +31,8 @@ from ..model import Ground, HeightField, Mimic, Model, Supply
 from ..robot_file import load_robot, load_servo
 from ..run.prepared import Prepared, prepare, with_steps
 from ..run.simulate import PARTS, simulate, standing_state
-from ..run.worlds import Spread, Worlds
-from ..scene.compile import CompiledScene, ServoKind, compile_scene
+from ..run.worlds import Distribution, Worlds
+from ..scene.compile import CompiledScene, GearboxKind, compile_scene
 from ..scene.external import Push
 from ..walking.feedback import BalancedWalk, read_walk
 from .instructions import code_size, instructions, records
@@ -133,7 +133,7 @@ def bare(kernel: Any, *constants: Any) -> Work:
 
 
 def rollout(
-    model: Model, servos: ServoKind | None = None, ground: Ground | None = None, *, lifted: float = 0.0,
+    model: Model, gearbox: GearboxKind | None = None, ground: Ground | None = None, *, lifted: float = 0.0,
     integrator: str = "implicit_euler", record: tuple[str, ...] = (), every: int = COUNTED,
     controller: Callable[[CompiledScene], Any] | None = None, push: Push | None = None, worlds: Worlds | None = None,
 ) -> Work:  # fmt: skip
@@ -141,7 +141,7 @@ def rollout(
 
     A robot stands on the ground, or is lifted above it [m].
     """
-    scene = compile_scene(model, servos, ground, integrator, STEP, fall_height=-1e6, fall_tilt=3.2)
+    scene = compile_scene(model, gearbox, ground, integrator, STEP, fall_height=-1e6, fall_tilt=3.2)
     state = None if ground is None else standing_state(scene, np.zeros(scene.tree.n))
     if state is not None:
         state[scene.layout["base_q"] + 2] += lifted
@@ -275,9 +275,9 @@ def balance(scene: CompiledScene) -> Any:
     return walk.controller(scene)
 
 
-def spread(*names: str) -> dict[str, Spread]:
+def spread(*names: str) -> dict[str, Distribution]:
     """Numbers that differ between worlds by less than shows in the motion."""
-    return {name: Spread("uniform", 1e-13) for name in names}
+    return {name: Distribution("uniform", 1e-13) for name in names}
 
 
 def savings() -> Iterator[tuple[str, Work, Work, str]]:
@@ -319,7 +319,7 @@ def savings() -> Iterator[tuple[str, Work, Work, str]]:
         ("nothing near the ground (humanoid)", rollout(body, None, ground, lifted=10.0), standing, "same kernel"),
         ("no clearance (humanoid)", posed, near, "both record poses each step; distances are for after the run"),
         ("no round contacts (humanoid)", standing, balls, "points and spheres"),
-        ("no wheels (humanoid)", balls, rollout(shaped(body, rim=1e-3), None, ground), "spheres and discs"),
+        ("no wheels (humanoid)", balls, rollout(shaped(body, circle_radius=1e-3), None, ground), "spheres and discs"),
         ("no height field (humanoid)", standing, level, "level, 400 nodes"),
         ("nothing near the height field (humanoid)", high, level, "same kernel"),
     )
@@ -328,7 +328,7 @@ def savings() -> Iterator[tuple[str, Work, Work, str]]:
     dry, loaded = (rollout(rubbing(model, **losses), "mipsd", ground) for losses in ({}, M4))
     still, alike = walker(), walker(worlds=Worlds(8))
     servos = spread("resistance", "inductance", "motor_constant", "voltage_limit", "stiffness", "damping", "Kp")
-    unlike = walker(worlds=Worlds(8, servos=servos, ground=spread("friction", "sinking", "damping_ratio")))
+    unlike = walker(worlds=Worlds(8, servos=servos, ground=spread("friction", "penetration", "damping_ratio")))
     inertias = walker(worlds=Worlds(8, links=spread("mass", "center_of_mass", "inertia")))
     ticks, eight = "ticks are in its time, not in its instructions", "eight lanes: a step of all"
     yield from (

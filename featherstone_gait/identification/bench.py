@@ -44,7 +44,7 @@ from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch
 from ..run.trajectory import Trajectory
 from ..run.worlds import FIELDS, Worlds, servo_with
-from ..scene.compile import CompiledScene, ServoKind, compile_scene
+from ..scene.compile import CompiledScene, GearboxKind, compile_scene
 from .estimate import Blocks, Errors, Fit, covariances, plot_rollouts, quantile
 from .log import FitLog, FitRound
 from .recording import EARLY, check_recordings, read_columns
@@ -438,7 +438,7 @@ def _scene(bench: Bench, world: _World) -> CompiledScene:
     )
     joint = Joint("turn", "continuous", "stand", "rod", axis=(0.0, -1.0, 0.0))
     model = Model(f"{bench.name}_bench", links, (joint,), servos={"turn": servo})
-    kind: ServoKind = "rotor" if servo.gearbox.stiffness == math.inf else "mipsd"
+    kind: GearboxKind = "rotor" if servo.gearbox.stiffness == math.inf else "mipsd"
     return compile_scene(model, kind, integrator="implicit_euler", timestep=STEP)
 
 
@@ -521,7 +521,7 @@ def _run(
     chosen = [scenes[k] for k in (*members, -1)]
     states = [getattr(state, "final", state) for state in (*starts, starts[0])]
     return simulate_batch(
-        chosen, steps * STEP, states, [*goals, goals[0]], record=("q",), sample=STEP, estimate_error=False
+        chosen, steps * STEP, states, [*goals, goals[0]], record=("q",), record_interval=STEP, estimate_error=False
     )[:-1]
 
 

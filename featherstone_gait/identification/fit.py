@@ -30,6 +30,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from tqdm import tqdm
 
+from ..base import deprecated
 from ..base.arguments import finite, is_real, listed, real, shown, truth
 from ..dynamics import check_model
 from ..model import SERVO_UNITS, Model
@@ -37,7 +38,7 @@ from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch
 from ..run.trajectory import Trajectory
 from ..run.worlds import servo_with
-from ..scene.compile import ServoKind, compile_scene
+from ..scene.compile import GearboxKind, compile_scene
 from .estimate import Blocks, Errors, Fit, covariances, quantile
 from .recording import EARLY, LARGEST_ANGLE, Recording, check_names, check_recordings
 
@@ -98,11 +99,12 @@ class Identification(Fit):
         )
 
 
+@deprecated.keywords(servos="gearbox")
 def identify(
     model: Model | Sequence[Model],
     recordings: Sequence[Recording],
     parameters: Sequence[str],
-    servos: ServoKind = "mipsd",
+    gearbox: GearboxKind = "mipsd",
     *,
     confidence: float = 0.95,
     start_range: float = 0.0,
@@ -153,7 +155,7 @@ def identify(
     real("voltage_weight", voltage_weight, 0.0, 1e12, "0 fits angles alone")
     if voltage_weight and any(recording.voltage is None for recording in recordings):
         raise ValueError("voltage_weight: a recording has no voltage; leave the weight 0, or record it")
-    work = _Simulations(models, recordings, tuple(parameters), servos, voltage_weight, timestep)
+    work = _Simulations(models, recordings, tuple(parameters), gearbox, voltage_weight, timestep)
     count, own = len(start), len(recordings) if start_range else 0
     x = np.array([*map(math.log, start.values()), *[recording.angle[0] for recording in recordings[:own]]])
     reach = np.array([math.log(RANGE)] * count + [start_range] * own)
@@ -209,11 +211,12 @@ def changed(model: Model, **values: float) -> Model:
     return replace(model, servos={joint: servo_with(servo, values) for joint, servo in model.servos.items()})
 
 
+@deprecated.keywords(servos="gearbox")
 def predict(
     model: Model,
     recordings: Sequence[Recording],
     starts: Sequence[float] | np.ndarray | None = None,
-    servos: ServoKind = "mipsd",
+    gearbox: GearboxKind = "mipsd",
     timestep: float = STEP,
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Simulate a model from rest with the references of recordings.
@@ -245,14 +248,14 @@ def predict(
     for k, recording in enumerate(recordings):
         groups.setdefault(tuple(sorted(recording.settings.items())), []).append(k)
     for settings, members in groups.items():
-        scene = compile_scene(changed(model, **dict(settings)), servos, integrator="midpoint", timestep=timestep)
+        scene = compile_scene(changed(model, **dict(settings)), gearbox, integrator="midpoint", timestep=timestep)
         runs = simulate_batch(
             scene,
             max(recordings[k].time[-1] for k in members),
-            [initial_state(scene, [starts[k]], beyond_limits=True) for k in members],
+            [initial_state(scene, [starts[k]], allow_limit_violation=True) for k in members],
             [Reference(recordings[k].time - EARLY, recordings[k].reference[:, None], "hold") for k in members],
             record=("q", "voltage"),
-            sample=max(1, round(RECORD / timestep)) * timestep,
+            record_interval=max(1, round(RECORD / timestep)) * timestep,
             estimate_error=False,
         )
         for k, run in zip(members, runs):
@@ -260,7 +263,8 @@ def predict(
     return results
 
 
-def prediction_error(model: Model, recordings: Sequence[Recording], servos: ServoKind = "mipsd") -> np.ndarray:
+@deprecated.keywords(servos="gearbox")
+def prediction_error(model: Model, recordings: Sequence[Recording], gearbox: GearboxKind = "mipsd") -> np.ndarray:
     """Return how well a model predicts recordings, which is a test if they were not fitted.
 
     Parameters
@@ -276,7 +280,7 @@ def prediction_error(model: Model, recordings: Sequence[Recording], servos: Serv
         Root mean square of predicted less recorded angle [rad].
     """
     recordings = check_recordings(recordings, Recording)
-    runs = predict(model, recordings, servos=servos)
+    runs = predict(model, recordings, gearbox=gearbox)
     return np.array([math.sqrt(np.mean((q - r.angle) ** 2)) for (q, _), r in zip(runs, recordings)])
 
 
@@ -294,7 +298,7 @@ class _Simulations:
     models: Sequence[Model]  # of each recording
     recordings: Sequence[Recording]
     parameters: Sequence[str]
-    servos: ServoKind
+    servos: GearboxKind
     voltage_weight: float
     timestep: float
 

@@ -21,7 +21,7 @@ from ..model import Model
 from ..robot_file import load_robot
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch
-from ..scene.compile import ServoKind, compile_scene
+from ..scene.compile import GearboxKind, compile_scene
 from ..view.style import COLOURS as CYCLE
 from ..view.style import look
 from .claim import Claim, Verdict, judged, plus_minus
@@ -122,23 +122,23 @@ def run(settings: Settings = QUICK, progress: bool = False) -> Result:
     )
 
 
-def _fall(settings: Settings, model: Model, kind: ServoKind, label: str) -> Fall:
+def _fall(settings: Settings, model: Model, kind: GearboxKind, label: str) -> Fall:
     """Falls, and the same at half the step."""
     found, finer = (_falls(settings, model, kind, label, h * settings.timestep) for h in (1.0, 0.5))
     return replace(found, finer=finer)
 
 
-def _falls(settings: Settings, model: Model, kind: ServoKind, label: str, timestep: float) -> Fall:
+def _falls(settings: Settings, model: Model, kind: GearboxKind, label: str, timestep: float) -> Fall:
     return Fall(label, *released(model, kind, settings.starts, settings.duration, timestep))
 
 
 def released(
-    model: Model, kind: ServoKind, starts: Sequence[float], duration: float, timestep: float
+    model: Model, kind: GearboxKind, starts: Sequence[float], duration: float, timestep: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Let an arm fall with the motor off from each start [rad]; return times (k,) [s] and angles (starts, k) [rad]."""
     scene = compile_scene(changed(model, **MOTOR_OFF), kind, integrator="implicit_euler", timestep=timestep)
     states, still = [initial_state(scene, [angle]) for angle in starts], [Reference([0.0], [[0.0]])] * len(starts)
-    runs = simulate_batch(scene, duration, states, still, record=("q",), sample=SAMPLE, estimate_error=False)
+    runs = simulate_batch(scene, duration, states, still, record=("q",), record_interval=SAMPLE, estimate_error=False)
     return runs[0]["time"], np.array([run["q"][:, 0] for run in runs])
 
 

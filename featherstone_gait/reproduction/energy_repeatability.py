@@ -28,7 +28,7 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from ..run.simulate import standing_state
-from ..scene.compile import ServoKind
+from ..scene.compile import GearboxKind
 from ..view.style import BLUE, ORANGE, look
 from ..view.style import COLOURS as STYLE
 from ..walking.cost import WalkingCost
@@ -37,10 +37,10 @@ from .claim import Claim, judged, question
 from .common import ENCODER_STEP, EXPLICIT, IMPLICIT, heavier, subplots
 from .walks import cycle_energies, planned_walk, recompiled
 
-Servos = tuple[ServoKind, str]  # with the integrator
+Servos = tuple[GearboxKind, str]  # with the integrator
 Source = str | tuple[str, float]
 
-PAPER: dict[ServoKind, float] = {"standard": 0.1462, "mipsd": 0.039}  # standard deviation over mean
+PAPER: dict[GearboxKind, float] = {"standard": 0.1462, "mipsd": 0.039}  # standard deviation over mean
 MODELS: tuple[Servos, ...] = tuple(product(("standard", "mipsd"), (EXPLICIT, IMPLICIT)))
 SOURCES = ("initial posture", "round-off", "contacts", "encoder and supply")
 ALL = "all together"
@@ -147,20 +147,20 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
 def gait_cost(
     settings: Settings,
     planned: WalkingCost,
-    servos: ServoKind,
+    gearbox: GearboxKind,
     integrator: str,
     timestep: float = 1e-3,
     mass: float = 1.0,
 ) -> WalkingCost:
     """The planned walk with other servos, integrator, step and this many times the masses."""
     model, how = heavier(planned.scene.model, mass), {"integrator": integrator, "timestep": timestep}
-    cost = recompiled(planned, model, servos=servos, **how)
+    cost = recompiled(planned, model, gearbox=gearbox, **how)
     return replace(cost, warm_up=settings.warm_up, strides=settings.strides)
 
 
-def _undisturbed(settings: Settings, planned: WalkingCost, servos: ServoKind) -> float:
+def _undisturbed(settings: Settings, planned: WalkingCost, gearbox: GearboxKind) -> float:
     """Energy at a quarter of the step, integrated implicitly, with nothing put in [J]."""
-    cost = gait_cost(settings, planned, servos, IMPLICIT, 2.5e-4)
+    cost = gait_cost(settings, planned, gearbox, IMPLICIT, 2.5e-4)
     states, noises = disturbed(replace(settings, runs=3), cost, ALL, 0, 0.0)
     return float(_energies(cost, states, noises)[0][0].sum())
 
@@ -197,7 +197,7 @@ def disturbed(
 def _energies(cost: WalkingCost, states: list, noises: np.ndarray) -> tuple[np.ndarray, list[str]]:
     """Energy of each measured stride (runs, strides) [J], and the runs' statuses; chatter does not make it invalid."""
     vectors = [cost.gait.to_vector()] * len(states)
-    runs = cost.simulate(vectors, sample=TICK, record=("energy",), states=states, noises=list(noises))
+    runs = cost.simulate(vectors, record_interval=TICK, record=("energy",), states=states, noises=list(noises))
     return cycle_energies(cost, runs), [run.status for run in runs]
 
 
@@ -209,10 +209,10 @@ def check(result: Result) -> list[Claim]:
     return [_size(result, "standard"), _size(result, "mipsd"), _lower(result), _cause(result), _source(result)]
 
 
-def _size(result: Result, servos: ServoKind) -> Claim:
+def _size(result: Result, gearbox: GearboxKind) -> Claim:
     """Reproduced if within `FACTOR` of the paper's; in direction if on the paper's side of the two figures' middle."""
-    model: Servos = (servos, EXPLICIT)
-    ours, paper, fell = result.scatter(model), PAPER[servos], result.fell(model)
+    model: Servos = (gearbox, EXPLICIT)
+    ours, paper, fell = result.scatter(model), PAPER[gearbox], result.fell(model)
     middle = math.sqrt(PAPER["standard"] * PAPER["mipsd"])
     near = paper / FACTOR < ours.value < paper * FACTOR
     side = (ours.value > middle) == (paper > middle)
@@ -220,7 +220,7 @@ def _size(result: Result, servos: ServoKind) -> Claim:
     unsaid = [(source, *names[source[0]]) for source in result.energies[model] if isinstance(source, tuple)]
     listed = "; ".join(f"{_spread(result, model, s)} with {scale * s[1]:g} {what}" for s, scale, what in unsaid)
     return Claim(
-        claim=f"Standard deviation of the energy of the same gait, {servos} model",
+        claim=f"Standard deviation of the energy of the same gait, {gearbox} model",
         item="Fig. 11",
         factor=ours.value / paper,
         paper=f"{paper:.2%} over 200 runs",

@@ -39,7 +39,7 @@ from ..optimize.search import AMPLITUDE, MAX_MISS
 from ..run.reference import Reference
 from ..run.simulate import Push, simulate_stream, standing_state
 from ..run.trajectory import Trajectory
-from ..scene.compile import ServoKind
+from ..scene.compile import GearboxKind
 from ..search import minimize
 from ..search.speculation import Candidate, Speculation
 from ..view.page import page_html
@@ -64,7 +64,7 @@ PAPER_ITERATIONS = 3000
 class Condition:
     """A cost to be searched."""
 
-    servos: ServoKind = "mipsd"
+    servos: GearboxKind = "mipsd"
     integrator: str = "midpoint"
     noise: float = 0.0  # standard deviation over the cost
 
@@ -196,7 +196,7 @@ def _rows(run: Trajectory, rows: Any) -> Trajectory:
 
 def cost_of(planned: WalkingCost, condition: Condition, timestep: float = 1e-3) -> WalkingCost:
     """The cost of a gait under a condition, without the noise."""
-    return recompiled(planned, servos=condition.servos, integrator=condition.integrator, timestep=timestep)
+    return recompiled(planned, gearbox=condition.servos, integrator=condition.integrator, timestep=timestep)
 
 
 def measure(
@@ -206,7 +206,7 @@ def measure(
 
     Unlike `WalkingCost.measure` it takes a run that chatters as it is.
     """
-    runs = cost.simulate(vectors, sample=TICK, record=("base_q", "energy"), pushes=pushes, rtol=rtol)
+    runs = cost.simulate(vectors, record_interval=TICK, record=("base_q", "energy"), pushes=pushes, rtol=rtol)
     return np.array([measured(cost, run) for run in runs])
 
 
@@ -248,7 +248,9 @@ def _evaluate(cost: WalkingCost, noise: float, candidates: Speculation) -> float
         factor = 1.0 + noise * np.random.default_rng(seed).standard_normal()
         return float(measured(cost, run)[0] * factor), run.status
 
-    return simulate_stream(cost.scene, cost.end, candidates, begin, end, record=("base_q", "energy"), sample=TICK)
+    return simulate_stream(
+        cost.scene, cost.end, candidates, begin, end, record=("base_q", "energy"), record_interval=TICK
+    )
 
 
 def _history(settings: Settings, cost: WalkingCost, condition: Condition, seed: int) -> dict:

@@ -25,7 +25,7 @@ from ..model import SERVO_UNITS, Model
 from ..robot_file import load_robot
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch
-from ..scene.compile import ServoKind, compile_scene
+from ..scene.compile import GearboxKind, compile_scene
 from ..view.style import COLOURS as CYCLE
 from ..view.style import look
 from .claim import Claim, judged, question
@@ -90,7 +90,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     fits = [fit]
     for other in tqdm(seeds[3:], disable=not progress, desc="other seeds"):
         fits.append(_fit(changed(arm, **truth), record(settings, changed(arm, **truth), settings.gains, other), truth))
-    models: dict[str, tuple[Model, ServoKind]] = {"Table 2": (arm, "mipsd"), "fitted": (fit.model, "mipsd")}
+    models: dict[str, tuple[Model, GearboxKind]] = {"Table 2": (arm, "mipsd"), "fitted": (fit.model, "mipsd")}
     models["without rotor"] = without_rotor.model, "standard"
     return Result(
         settings=settings,
@@ -108,9 +108,9 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
 
 
 def _fit(
-    model: Model, recordings: list[Recording], parameters: Iterable[str], servos: ServoKind = "mipsd"
+    model: Model, recordings: list[Recording], parameters: Iterable[str], gearbox: GearboxKind = "mipsd"
 ) -> Identification:
-    return identify(model, recordings, list(parameters), servos, start_range=2.0 * ENCODER_STEP)
+    return identify(model, recordings, list(parameters), gearbox, start_range=2.0 * ENCODER_STEP)
 
 
 def record(settings: Settings, model: Model, gains: tuple[float, ...], seed: np.random.SeedSequence) -> list[Recording]:
@@ -152,7 +152,7 @@ def _recorded(
         [initial_state(scene, [start]) for start in starts],
         [Reference(time - EARLY, values[:, None], "hold") for values in references],
         record=("q", "voltage"),
-        sample=SAMPLE,
+        record_interval=SAMPLE,
         noises=noises,
         estimate_error=False,
     )

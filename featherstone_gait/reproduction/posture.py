@@ -25,7 +25,7 @@ from ..model import Base, Ground, Model
 from ..robot_file import load_robot
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch, standing_state
-from ..scene.compile import CompiledScene, ServoKind, compile_scene
+from ..scene.compile import CompiledScene, GearboxKind, compile_scene
 from ..view.style import BLUE, ORANGE, look
 from .claim import Claim, Verdict, judged, question
 from .common import (
@@ -52,7 +52,7 @@ TABLE_3 = {
     "left_elbow": (45.0, {"standard": (48.40, 44.19, 0.84), "mipsd": (45.05, 44.95, 0.01)}),
 }
 JOINTS = tuple(TABLE_3)
-SERVOS: tuple[ServoKind, ...] = ("standard", "mipsd")
+SERVOS: tuple[GearboxKind, ...] = ("standard", "mipsd")
 INTEGRATORS = (EXPLICIT, IMPLICIT)
 BASES: tuple[Base, ...] = ("floating", "fixed")
 P = math.inf  # integral time of the proportional law [s]
@@ -64,7 +64,7 @@ SHORT_INTEGRAL_TIME = 0.3  # [s]
 class Case:
     """One robot in its posture; the defaults are the choices for what the paper does not say."""
 
-    servos: ServoKind = "standard"
+    servos: GearboxKind = "standard"
     integrator: str = EXPLICIT  # the paper's program of 2012
     base: Base = "floating"  # standing on the ground, or held at the trunk
     integral_time: float = INTEGRAL_TIME  # Ti = Kp / Ki [s]
@@ -183,7 +183,7 @@ def hold(case: Case, settings: Settings, noise: np.ndarray) -> Outcome:
     states = [start(scene, target + each) for each in noise]
     references = [Reference([0.0], target[None])] * len(states)
     sample = max(case.step, 1e-3)
-    how: dict[str, Any] = dict(record=("q",), sample=sample, estimate_error=False)
+    how: dict[str, Any] = dict(record=("q",), record_interval=sample, estimate_error=False)
     runs = simulate_batch(scene, settings.duration, states, references, **how)
     angles = np.degrees(np.stack([run["q"][:, places] for run in runs]))
     late = angles[:, runs[0]["time"] >= settings.dropped].copy()

@@ -25,7 +25,7 @@ from ..robot_file import load_robot
 from ..run.reference import Reference
 from ..run.simulate import simulate
 from ..run.trajectory import Trajectory
-from ..scene.compile import ServoKind, compile_scene
+from ..scene.compile import GearboxKind, compile_scene
 from ..scene.tree import GRAVITY
 from ..view.style import COLOURS as CYCLE
 from ..view.style import look
@@ -119,13 +119,13 @@ def _supplied(model: Model, volts: float) -> Model:
     return changed(model, voltage_limit=volts, Kp=volts / SLOPE, current_limit=current)
 
 
-def _step(settings: Settings, model: Model, label: str, kind: ServoKind = "mipsd") -> Step:
+def _step(settings: Settings, model: Model, label: str, kind: GearboxKind = "mipsd") -> Step:
     """A response, and the same at half the step."""
     found, finer = (_response(settings, model, label, kind, h * settings.timestep) for h in (1.0, 0.5))
     return replace(found, finer=finer)
 
 
-def _response(settings: Settings, model: Model, label: str, kind: ServoKind, timestep: float) -> Step:
+def _response(settings: Settings, model: Model, label: str, kind: GearboxKind, timestep: float) -> Step:
     recording: Any = {"record": ("q", "qd"), "sample": timestep}
     run = driven(model, kind, step_to(settings.step), settings.duration, timestep, **recording)
     time, angle = run["time"], run["q"][:, 0]
@@ -155,7 +155,7 @@ def _stall(settings: Settings, model: Model) -> float:
 
 def driven(
     model: Model,
-    kind: ServoKind,
+    kind: GearboxKind,
     reference: Reference,
     duration: float,
     timestep: float,

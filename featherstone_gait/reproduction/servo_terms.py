@@ -114,7 +114,7 @@ def _lag(settings: Settings, model: Model) -> float:
 
 
 def _following(model: Model, reference: Reference, duration: float, h: float) -> tuple[np.ndarray, np.ndarray]:
-    run = driven(model, "mipsd", reference, duration, h, record=("q",), sample=0.002)
+    run = driven(model, "mipsd", reference, duration, h, record=("q",), record_interval=0.002)
     return run["time"], run["q"][:, 0]
 
 

@@ -30,7 +30,7 @@ from ..model import Gearbox, Model
 from ..robot_file import gearbox_presets, load_robot
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch
-from ..scene.compile import ServoKind, compile_scene
+from ..scene.compile import GearboxKind, compile_scene
 from ..view.style import look
 from .claim import Claim, judged, question
 from .common import ENCODER_STEP, EXPLICIT, IMPLICIT, INTEGRATOR_NAMES, LINE_STYLES, SERVO_COLOURS, in_threads, subplots
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
-SERVOS: tuple[ServoKind, ...] = ("standard", "rotor", "mipsd")
+SERVOS: tuple[GearboxKind, ...] = ("standard", "rotor", "mipsd")
 INTEGRATORS = (EXPLICIT, IMPLICIT)
 READINGS = ("paper_literal", "code_2012", "paper_rotor_side", "physical")
 LARGE = (0.1, 0.1)  # mass [kg] and length [m] of a link: `robots/arm7`, about an AX-12 with its bracket
@@ -57,7 +57,7 @@ DEG2 = math.degrees(1.0) ** 2  # deg^2 in a rad^2
 class Case:
     """One arm with one servo model; the defaults are the choices for what the paper does not say."""
 
-    servos: ServoKind = "standard"
+    servos: GearboxKind = "standard"
     integrator: str = EXPLICIT  # the paper's program of 2012
     step: float = 1e-3  # [s] its default
     Kp: float = 61.0  # [V/rad] the AX-12's as delivered, robots/servos/ax12.toml
@@ -219,7 +219,7 @@ def _gearboxes() -> dict[str, Gearbox]:
 
 def hold(case: Case, settings: Settings, tilts: np.ndarray) -> Outcome:
     """Hold the arm upright from each of `tilts` (n, 7), in units of the case's."""
-    scene = compile_scene(arm(case), servos=case.servos, integrator=case.integrator, timestep=case.step)
+    scene = compile_scene(arm(case), gearbox=case.servos, integrator=case.integrator, timestep=case.step)
     states = [initial_state(scene, case.tilt * q) for q in tilts]
     upright = [Reference([0.0], np.zeros((1, 7)))] * len(states)
     runs = simulate_batch(scene, settings.duration, states, upright, record=("q",), estimate_error=False)
@@ -261,7 +261,7 @@ def check(result: Result) -> list[Claim]:
 
 def _standard(result: Result) -> Claim:
     found, half, fine = result.of(), result.of(step=5e-4), result.of(step=1e-4)
-    standing = _errors([o for o in _over_gains(result, servos="standard") if o.stands])
+    standing = _errors([o for o in _over_gains(result, gearbox="standard") if o.stands])
     n = len(found.statuses)
     verdict = judged(_near(PAPER_STANDARD, found), found.statuses.count("chatter") == n)
     why = (
@@ -278,7 +278,7 @@ def _mipsd(result: Result) -> Claim:
     found, fine = result.of(servos="mipsd"), result.of(servos="mipsd", step=1e-4)
     tilts = result.settings.tilts
     tilted = _errors([result.of(servos="mipsd", tilt=tilt) for tilt in tilts])
-    standing = _errors([o for o in _over_gains(result, servos="mipsd") if o.stands])
+    standing = _errors([o for o in _over_gains(result, gearbox="mipsd") if o.stands])
     verdict = judged(_near(PAPER_MIPSD, found), found.sound and found.stands)
     left = math.sqrt(np.median(found.history[:, -1]) / np.median(found.history[:, 0]))
     why = (
@@ -294,7 +294,7 @@ def _mipsd(result: Result) -> Claim:
 def _improvement(result: Result) -> Claim:
     ratio = result.of().error / result.of(servos="mipsd").error
     gains = result.settings.gains
-    pairs = zip(gains, _over_gains(result, servos="standard"), _over_gains(result, servos="mipsd"))
+    pairs = zip(gains, _over_gains(result, gearbox="standard"), _over_gains(result, gearbox="mipsd"))
     ratios = [f"{a.typical / b.typical:.2g} at {Kp:g}" for Kp, a, b in pairs if a.stands and b.stands]
     why = (
         "Rule: the median within a factor 3 of the paper's; in direction if over tenfold for every disturbance. Median "

@@ -28,7 +28,7 @@ from tqdm import tqdm
 from ..base.files import FilePath, Format, read_csv, write_csv
 from ..run.reference import Reference
 from ..run.simulate import initial_state, standing_state
-from ..scene.compile import CompiledScene, ServoKind, compile_scene
+from ..scene.compile import CompiledScene, GearboxKind, compile_scene
 from ..view.style import look
 from ..walking.cost import WalkingCost
 from ..walking.gait import TICK
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAPER: dict[str, float] = {"standard": 0.1462, "mipsd": 0.039}  # standard deviation over mean
-SERVOS: tuple[ServoKind, ...] = ("standard", "mipsd")
+SERVOS: tuple[GearboxKind, ...] = ("standard", "mipsd")
 FACTOR = 1.3  # within which a standard deviation counts as the same
 ORDER_FACTOR = 3.0  # the same for the arm and the posture, of which masses, gains and disturbance are unknown
 PRINTED = 0.01  # [deg] last digit of the paper's Table 3
@@ -54,7 +54,7 @@ NUDGE = 1e-9  # [rad]
 class Setting:
     """One walk, or one robot that holds still; the defaults are what is documented."""
 
-    servos: ServoKind = "standard"
+    servos: GearboxKind = "standard"
     step: float = 1e-3  # [s] SimTwo's default
     iterations: int = 10  # sweeps, likewise; 0: solved, as ODE's dWorldStep does
     mass: float = 1.0  # times the masses of robots/humanoid
@@ -190,7 +190,7 @@ def walk(
     cost = _cost(settings, planned, setting)
     state, reference = cost.beginning(cost.gait.to_vector())
     engine, seeds = Engine(iterations=setting.iterations), range(seed, seed + runs)
-    how: dict[str, Any] = {"seeds": seeds, "engine": engine, "record": ("base_q", "energy"), "sample": TICK}
+    how: dict[str, Any] = {"seeds": seeds, "engine": engine, "record": ("base_q", "energy"), "record_interval": TICK}
     done = simulate_seeds(cost.scene, cost.end, state, reference, **how)
     marks, energies = cycle_marks(cost), cycle_energies(cost, done)
     sound = np.isfinite(energies).all(axis=1)
@@ -198,19 +198,19 @@ def walk(
     return energies, _scatter(setting, energies, sound, ways)
 
 
-def nudge(settings: Settings, planned: WalkingCost, servos: ServoKind) -> float:
+def nudge(settings: Settings, planned: WalkingCost, gearbox: GearboxKind) -> float:
     """Deviation of the same cycle between solved walks, in double precision, of which each starts with one joint off.
 
     Nothing random is left in these: what they differ by is what the walk makes of `NUDGE`.
     """
-    cost = _cost(settings, planned, Setting(servos))
+    cost = _cost(settings, planned, Setting(gearbox))
     state, reference = cost.beginning(cost.gait.to_vector())
     first = cost.scene.part("q")[0]
     starts = [state.copy() for _ in range(settings.nudged)]
     for k, start in enumerate(starts):
         start[first + k] += NUDGE
     engine = Engine(iterations=0, single=False)
-    how: dict[str, Any] = {"engine": engine, "record": ("base_q", "energy"), "sample": TICK}
+    how: dict[str, Any] = {"engine": engine, "record": ("base_q", "energy"), "record_interval": TICK}
     done = in_threads(lambda start: simulate(cost.scene, cost.end, start, reference, **how), starts)
     energies = cycle_energies(cost, done)
     energies = energies[np.isfinite(energies).all(axis=1)]
@@ -219,7 +219,7 @@ def nudge(settings: Settings, planned: WalkingCost, servos: ServoKind) -> float:
 
 def _cost(settings: Settings, planned: WalkingCost, setting: Setting) -> WalkingCost:
     model = heavier(planned.scene.model, setting.mass)
-    cost = recompiled(planned, model, servos=setting.servos, integrator=EXPLICIT, timestep=setting.step)
+    cost = recompiled(planned, model, gearbox=setting.servos, integrator=EXPLICIT, timestep=setting.step)
     return replace(cost, warm_up=settings.warm_up, strides=settings.strides)
 
 
@@ -283,18 +283,20 @@ def write_map(path: FilePath, rows: Iterable[Scatter]) -> None:
 # ---------------------------------------------------------------------------------------------- robots that hold still
 
 
-def hold_arm(settings: Settings, servos: ServoKind, iterations: int, link: tuple[float, float], seed: int = 0) -> Held:
+def hold_arm(
+    settings: Settings, gearbox: GearboxKind, iterations: int, link: tuple[float, float], seed: int = 0
+) -> Held:
     """The seven joints held upright from a small tilt, which all cases share: variance of the lowest one [deg^2]."""
-    case = seven_joint_arm.Case(servos, link=link)
-    scene = compile_scene(seven_joint_arm.arm(case), servos, integrator=EXPLICIT, timestep=case.step)
+    case = seven_joint_arm.Case(gearbox, link=link)
+    scene = compile_scene(seven_joint_arm.arm(case), gearbox, integrator=EXPLICIT, timestep=case.step)
     state = initial_state(scene, case.tilt * np.random.default_rng(seed).standard_normal(7))
     angles, statuses = _held(settings, scene, state, np.zeros(7), [0], iterations, seed)
     return Held(angles[..., 0].var(axis=1), angles[..., 0].mean(axis=1), statuses)
 
 
-def hold_posture(settings: Settings, servos: ServoKind, iterations: int, mass: float, seed: int = 0) -> Held:
+def hold_posture(settings: Settings, gearbox: GearboxKind, iterations: int, mass: float, seed: int = 0) -> Held:
     """The complete humanoid stands in the posture of Table 3: standard deviations of its four joints [deg]."""
-    scene = posture.scene_of(posture.Case(servos, mass=mass))
+    scene = posture.scene_of(posture.Case(gearbox, mass=mass))
     places = [scene.model.joint_names.index(name) for name in posture.JOINTS]
     wanted = np.array([angle for angle, _ in posture.TABLE_3.values()])
     target = np.zeros(len(scene.model.joint_names))
@@ -318,7 +320,7 @@ def _held(
     statuses.
     """
     seeds, engine = range(seed, seed + (settings.seeds if iterations else 1)), Engine(iterations=iterations)
-    how: dict[str, Any] = {"seeds": seeds, "engine": engine, "record": ("q",), "sample": scene.timestep}
+    how: dict[str, Any] = {"seeds": seeds, "engine": engine, "record": ("q",), "record_interval": scene.timestep}
     runs = simulate_seeds(scene, settings.duration, state, Reference([0.0], target[None]), **how)
     angles = np.degrees([run["q"][run["time"] >= settings.dropped][:, places] for run in runs])
     angles[[run.status != "ok" for run in runs]] = np.nan

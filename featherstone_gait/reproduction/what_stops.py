@@ -33,7 +33,7 @@ from tqdm import tqdm
 
 from ..base.files import Format
 from ..optimize.search import AMPLITUDE, MAX_MISS, optimize_gait
-from ..scene.compile import ServoKind
+from ..scene.compile import GearboxKind
 from ..search import minimize
 from ..view.style import COLOURS as STYLE
 from ..view.style import look
@@ -65,7 +65,7 @@ class Condition:
     """What is searched, and from where."""
 
     program: str = OURS
-    servos: ServoKind = "mipsd"
+    servos: GearboxKind = "mipsd"
     step: float = 1e-3  # [s]
     plan: PlanKind = "plain"
     states: States = "stride"
@@ -80,7 +80,7 @@ class Condition:
 
 FIRST: tuple[PlanKind, ...] = ("plain", "cheapest")
 READINGS: tuple[States, ...] = ("stride", "step")
-SERVOS: tuple[ServoKind, ...] = ("standard", "mipsd")
+SERVOS: tuple[GearboxKind, ...] = ("standard", "mipsd")
 CONDITIONS = (
     *(Condition(plan=p, states=s, floors=n) for n, p, s in product((1, 8), FIRST, READINGS)),
     *(Condition(PAPERS, servos, step) for step, servos in product((1e-3, 2e-3), SERVOS)),
@@ -190,7 +190,7 @@ def _first(condition: Condition) -> WalkingCost:
     planned = _planned(condition.plan, condition.states)
     if condition.program == OURS:
         return planned
-    return recompiled(planned, servos=condition.servos, integrator=EXPLICIT, timestep=condition.step)
+    return recompiled(planned, gearbox=condition.servos, integrator=EXPLICIT, timestep=condition.step)
 
 
 def _searched(settings: Settings, cost: WalkingCost, condition: Condition, seed: int) -> OptimizeResult:
@@ -214,7 +214,7 @@ def _swept(cost: WalkingCost, x: np.ndarray, again: int = 0) -> tuple[float, flo
     state, reference = cost.beginning(x)
     seed = int.from_bytes(hashlib.sha256(x.tobytes() + again.to_bytes(4, "little")).digest()[:6], "little")
     record = ("base_q", "energy")
-    run = simulate_maximal(cost.scene, cost.end, state, reference, seed=seed, record=record, sample=TICK)
+    run = simulate_maximal(cost.scene, cost.end, state, reference, seed=seed, record=record, record_interval=TICK)
     return measured(cost, run)
 
 

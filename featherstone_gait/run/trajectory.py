@@ -15,7 +15,7 @@ from ..base.files import FilePath, Format, complete_together, is_number, read_ar
 from ..core.step.state import BY_NAME, shaped
 from ..model import Model
 from . import tables
-from .channels import column_of
+from .channels import OLD, column_of, current_name
 
 FORMAT = Format("trajectory")
 FAILED = ("fell", "diverged", "step too small", "too costly")  # statuses of runs that end before their time
@@ -46,7 +46,7 @@ class Trajectory(Mapping[str, np.ndarray]):
     companion: np.ndarray | None = None  # final state of the coarser run that told the error, to go on from likewise
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return self.channels[name]
+        return self.channels[name if name in self.channels else current_name(name)]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.channels)
@@ -82,9 +82,10 @@ class Trajectory(Mapping[str, np.ndarray]):
     def column(self, name: str, label: str) -> np.ndarray:
         """One number of a channel by its label, of each joint or contact point (samples, ...).
 
-        `column("energy", "meter")` is the energy that each servo has drawn [J], `column("contact_force", "normal")` the
-        normal force on each contact point [N]; `channel_table()` lists the labels.  Raises ValueError for a label that
-        there is not, or there is twice, and for a channel that was not recorded.
+        `column("energy", "electrical_no_regeneration")` is the energy that each servo has drawn [J],
+        `column("contact_force", "normal")` the normal force on each contact point [N]; `channel_table()` lists the
+        labels.  Raises ValueError for a label that there is not, or there is twice, and for a channel that was not
+        recorded.
         """
         column = column_of(name, label)
         if name not in self:
@@ -116,7 +117,7 @@ class Trajectory(Mapping[str, np.ndarray]):
         parts = described.pop("parts", None)
         _check_described(text, described)
         channels, error = (
-            {name.removeprefix(kind): values for name, values in arrays.items() if name.startswith(kind)}
+            {_now(name.removeprefix(kind)): values for name, values in arrays.items() if name.startswith(kind)}
             for kind in ("channel_", "error_")
         )
         parts = None if parts is None else _parts(text, parts, len(final))
@@ -220,10 +221,15 @@ def _check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
             )
 
 
+def _now(name: str) -> str:
+    """Return today's name of a channel in a file, which may be older."""
+    return OLD.get(name, name)
+
+
 def _parts(path: Path, parts: Any, length: int) -> dict[str, tuple[int, int]]:
     """Where the parts of a final state of that length lie.  Raises ValueError if they cannot lie there."""
     if isinstance(parts, dict) and all(_is_part(part, length) for part in parts.values()):
-        return {name: (start, stop) for name, (start, stop) in parts.items()}
+        return {_now(name): (start, stop) for name, (start, stop) in parts.items()}
     expected = f"for each name where it begins and ends in the {length} numbers of the final state"
     raise ValueError(f"{path}: parts is {repr(parts)[:100]}; expected {expected}: simulate again")
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..base import deprecated
 from ..base.portable_math import sincos
 from ..core.effects.contact import Contact
 from ..core.effects.gear_friction import GearFriction
@@ -18,7 +19,7 @@ from ..core.integrate.integrator import Integrator
 from ..core.step import state
 from ..core.step.context import Scene
 from ..model import Controller, Ground, Model, Spring
-from .actuator import Drive, ServoKind, build_decay, build_drive, controller_period, fold_springs
+from .actuator import Drive, GearboxKind, build_decay, build_drive, controller_period, fold_springs
 from .contact import build_contact, standing_posture
 from .external import Push, build_pushes, build_springs
 from .firmware import build_firmware, build_supply
@@ -56,7 +57,7 @@ class CompiledScene:
 
     def __repr__(self) -> str:
         joints = f"{self.model.base} base, {self.tree.n} joints"
-        driven = f"{self.servos} servos" if self.servos else "no servos"
+        driven = f"{self.gearbox} servos" if self.gearbox else "no servos"
         under = "no ground" if self.ground is None else f"ground of friction {self.ground.friction:g}"
         step = self.integrator if self.adaptive else f"{self.integrator} at {self.timestep:g} s"
         return f"<scene of {self.model.name}: {joints}, {driven}, {under}, {len(self.springs)} springs, {step}>"
@@ -91,9 +92,9 @@ class CompiledScene:
         return self.preflight.timestep
 
     @property
-    def servos(self) -> ServoKind | None:
+    def gearbox(self) -> GearboxKind | None:
         """Model of the gearboxes, None without servos."""
-        return self.options.servos
+        return self.options.gearbox
 
     @property
     def ground(self) -> Ground | None:
@@ -123,7 +124,7 @@ class CompiledScene:
         """
         if self.largest_jump > JUMP:
             return min(self.method.rtol, JUMPING)
-        holds = self.servos and self.ground and self.tree.floating and self.constants.supply is None
+        holds = self.gearbox and self.ground and self.tree.floating and self.constants.supply is None
         return self.method.rtol if holds else min(self.method.rtol, FREE)
 
     @cached_property
@@ -174,9 +175,10 @@ class CompiledScene:
         return self if table is None else replace(self, constants=self.constants._replace(push=table))
 
 
+@deprecated.keywords(servos="gearbox")
 def compile_scene(
     model: Model,
-    servos: ServoKind | None = None,
+    gearbox: GearboxKind | None = None,
     ground: Ground | None = None,
     integrator: str | None = None,
     timestep: float | None = None,
@@ -189,7 +191,7 @@ def compile_scene(
 
     Parameters
     ----------
-    servos : "mipsd" (spring-damper gearbox with rotor), "rotor" (rigid, with the rotor's reflected inertia),
+    gearbox : "mipsd" (motor inertia plus spring-damper), "rotor" (rigid, with the rotor's reflected inertia),
         "standard" (rigid, none), or None: no servos, torques from `simulate(tau=...)`
     ground : None where the robot touches nothing
     integrator : "implicit_euler", "midpoint" or "rk4" of fixed steps; "ars343", "extrapolation", or for what is not
@@ -205,7 +207,7 @@ def compile_scene(
 
     Raises ValueError on servos that the model does not have, on steps that do not fit, and on ground without gravity.
     """
-    given = SceneOptions(servos, ground, integrator, timestep, gravity, fall_height, fall_tilt, springs)
+    given = SceneOptions(gearbox, ground, integrator, timestep, gravity, fall_height, fall_tilt, springs)
     options = check_options(model, given)
     parts = _build(model, options)
     check = preflight(model, parts.drive, parts.friction, parts.springs, options)
@@ -244,7 +246,7 @@ class _Parts(NamedTuple):
 
 
 def _build(model: Model, options: SceneOptions) -> _Parts:
-    tree, drive = compile_tree(model), build_drive(model, options.servos)
+    tree, drive = compile_tree(model), build_drive(model, options.gearbox)
     contact = build_contact(model, tree, options.ground, np.asarray(options.gravity))
     return _Parts(tree, drive, contact, build_springs(tree, options.springs), build_friction(model, drive))
 

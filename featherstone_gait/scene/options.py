@@ -12,7 +12,7 @@ from ..base.arguments import instance, listed, real, vector
 from ..base.rotation import dot
 from ..model import Ground, Model, Spring
 from ..model.tree_checks import check_springs
-from .gearbox_kinds import ServoKind
+from .gearbox_kinds import GearboxKind
 from .tree import GRAVITY
 
 LOWEST = 1e9  # standing heights: a limit at which nothing falls
@@ -21,7 +21,7 @@ LOWEST = 1e9  # standing heights: a limit at which nothing falls
 class SceneOptions(NamedTuple):
     """The arguments of `compile_scene`, after the model; None where they are not given."""
 
-    servos: ServoKind | None
+    gearbox: GearboxKind | None
     ground: Ground | None
     integrator: str | None
     timestep: float | None  # [s]

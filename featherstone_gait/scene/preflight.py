@@ -104,7 +104,7 @@ def preflight(
     dry[:n] = joints.dampers.get(DRY, 0.0)
     steps = _together(mobility, dampers, stiff, dry, n)
     if options.ground is not None:
-        step = float(contact.explicit_limit(options.ground.sinking, options.g))
+        step = float(contact.explicit_limit(options.ground.penetration, options.g))
         limits.append(Limit("contact", step, "contact spring"))
         largest, folded, sliding = (min(step, limits[-1].step) for step in steps[:3])
         steps = _Steps(largest, folded, sliding, steps.springs)

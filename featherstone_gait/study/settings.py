@@ -35,6 +35,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, get_args
 import numpy as np
 
 from .. import __version__
+from ..base import deprecated
 from ..base.files import FilePath, is_number
 from ..core.compile.jit import source_hash
 from ..core.integrate import INTEGRATORS
@@ -42,7 +43,7 @@ from ..model import SERVO_UNITS, Ground, Law, Model, Supply
 from ..robot_file import load_robot, load_servo
 from ..run.worlds import servo_with
 from ..scene.compile import CompiledScene, compile_scene
-from ..scene.gearbox_kinds import SERVO_KINDS
+from ..scene.gearbox_kinds import GEARBOX_KINDS
 from .draws import OFFSET, Draw, read_draws
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ if TYPE_CHECKING:
     Walk: TypeAlias = Motion | BalancedWalk
 
 MOST_RUNS, MOST_NUMBERS = 20_000_000, 100_000_000
-GROUND_UNITS = {"friction": "-", "sinking": "m", "damping_ratio": "-", "height": "m", "slope": "rad"}
+GROUND_UNITS = {"friction": "-", "penetration": "m", "damping_ratio": "-", "height": "m", "slope": "rad"}
 SUPPLY_UNITS = {f.name: f.metadata["unit"] for f in fields(Supply)}
 GAIT_UNITS = {
     "period": "s",  # of a stride, two steps
@@ -63,8 +64,9 @@ GAIT_UNITS = {
     "double_support": "-",
 }
 # Name -> unit of a number, or the values that are allowed (None: any text).
+OLD = {"scene.servos": "scene.gearbox", "ground.sinking": "ground.penetration"}  # names until version 0.2
 PARAMETERS: dict[str, str | Collection | None] = {
-    "scene.servos": (*SERVO_KINDS, "none"),
+    "scene.gearbox": (*GEARBOX_KINDS, "none"),
     "scene.ground": (True, False),
     "scene.integrator": INTEGRATORS.keys(),
     "scene.timestep": "s",
@@ -208,7 +210,7 @@ def _study(path: Path, table: dict) -> Study:
         "vary": {name: list(axis) for name, axis in axes.items()},
         "worlds": {draw.name: [*asdict(draw.spread).values(), draw.shape] for draw in draws},
         "gaits": {name: walk.digest() for name, walk in walks.items()},
-        "sample": None if shares is None else _digest(shares.tobytes()),
+        "record_interval": None if shares is None else _digest(shares.tobytes()),
         "version": __version__,
         "kernels": source_hash(),
     }
@@ -272,6 +274,9 @@ def _parameters(table: dict, experiment: str, where: str = "") -> Iterator[tuple
     for section in [key for key in table if key in SECTIONS]:
         for key, value in _table(table, section, where).items():
             name = f"{section}.{key}"
+            if name in OLD:
+                deprecated.warn(f"{where}{name}", OLD[name])
+                name = OLD[name]
             if name not in PARAMETERS:
                 known = [other for other in PARAMETERS if other.startswith(section + ".")]
                 raise ValueError(f"{where}{name} is no parameter; use one of {', '.join(known)}")
@@ -412,9 +417,9 @@ def scene_of(model: Model, values: dict[str, Any]) -> CompiledScene:
     """The scene that the parameters describe, but for what is drawn."""
     model = servos_with(model, values)
     given = {name[6:]: value for name, value in values.items() if name.startswith("scene.")}
-    servos, on_ground = given.pop("servos", "mipsd"), given.pop("ground", model.base == "floating")
+    gearbox, on_ground = given.pop("gearbox", "mipsd"), given.pop("ground", model.base == "floating")
     ground = ground_with(values) if on_ground else None
-    return compile_scene(model, None if servos == "none" else servos, ground, **given)
+    return compile_scene(model, None if gearbox == "none" else gearbox, ground, **given)
 
 
 def ground_with(values: dict[str, Any]) -> Ground:
