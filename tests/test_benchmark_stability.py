@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from featherstone_gait.benchmark.linear_stability import growth, linearized
 from featherstone_gait.benchmark.stability import IDEAL, PERIOD, Point, arm, linear_step
 from featherstone_gait.dynamics import mass_matrix
 from featherstone_gait.robot_file import load_servo, save_robot
 from featherstone_gait.scene.preflight import coupled_limit
 from featherstone_gait.study import read_study
 from featherstone_gait.study.bisection import largest
-from featherstone_gait.study.linear_stability import growth, linearized
 from featherstone_gait.study.measures import run_batch
 
 

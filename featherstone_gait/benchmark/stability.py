@@ -4,7 +4,7 @@ Arms of 1 to 7 links of the robot `arm7`, hanging, with AX-12 servos in three ge
 of joints, the gear ratio, the inertia of the rotor and the gain.  For each integrator the study `stable_step` finds by
 bisection the largest step with which the servos bring the arm to rest from 0.05 rad, where nothing clips, and from 0.5
 rad, where voltage and current do at first; eight starts each, in lanes.  Next to it stands the step at which the linear
-theory of `study.linear_stability` says the same.  Inductance, speed filter, slew limit and Coulomb friction are left
+theory of `linear_stability` says the same.  Inductance, speed filter, slew limit and Coulomb friction are left
 out, so that the theory is that of the simulated servo; its control is sampled, every 10 ms or every step of more.
 
 Without `full` one quantity at a time differs from the AX-12 with seven joints; with it there are all combinations too,
@@ -27,11 +27,11 @@ from ..model import Model
 from ..robot_file import load_robot, load_servo, save_robot
 from ..study import read_study, run_study
 from ..study.bisection import largest
-from ..study.linear_stability import growth, linearized
 from ..study.measures import LARGEST, SMALLEST
 from ..study.table import TABLE
 from ..view.style import COLOURS as LOOK_COLOURS
 from ..view.style import look
+from .linear_stability import growth, linearized
 from .machine import machine
 from .table import write_table
 

@@ -83,7 +83,7 @@ def run_study(
             elif computed:
                 with ThreadPoolExecutor(cores()) as pool:
                     _evaluate(study, log, pool, batch, bar)
-        statuses = write_table(table, study, log)
+        statuses = write_table(table, study, log.rows())
         if parquet:
             write_parquet(table)
         plot_study(study, table, table.with_suffix(".png"))

@@ -27,7 +27,7 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, get_args
@@ -36,6 +36,7 @@ import numpy as np
 
 from .. import __version__
 from ..base import deprecated
+from ..base.arguments import HUGE, one_of, real, whole
 from ..base.files import FilePath, is_number
 from ..core.compile.jit import source_hash
 from ..core.integrate import INTEGRATORS
@@ -86,6 +87,7 @@ SECTIONS = tuple(dict.fromkeys(name.partition(".")[0] for name in PARAMETERS))
 # Settings and sections that not all experiments read; the sections leave the scene as it is.
 FOREIGN = {"hold": ("strides", "warm_up"), "walk": ("duration",), "stable_step": ("strides", "warm_up")}
 ONLY = {"posture": ("hold", "stable_step"), "gait": ("walk",)}
+LEAST_DURATION = 1e-9  # [s]
 METHODS = ("grid", "random", "latin_hypercube", "saltelli")
 
 
@@ -180,7 +182,7 @@ def read_study(path: FilePath) -> Study:
 def _study(path: Path, table: dict) -> Study:
     own = ("robot", "locked", "base", "experiment", "duration", "strides", "warm_up", "sampling", "vary", "worlds")
     _check_keys(table, (*own, *SECTIONS), "top level")
-    experiment = _choice(table, "experiment", tuple(FOREIGN))
+    experiment = _choice("experiment", table.get("experiment"), FOREIGN)
     for key in FOREIGN[experiment]:
         if key in table:
             raise ValueError(f"{key} is no setting of experiment {experiment!r}: remove it")
@@ -202,9 +204,9 @@ def _study(path: Path, table: dict) -> Study:
     settings = {
         "robot": _digest(repr(replace(model, notes=(), source=""))),
         "experiment": experiment,
-        "duration": _number(table, "duration", 10.0, 0.0),
-        "strides": _whole(table, "strides", 8, 1),
-        "warm_up": _whole(table, "warm_up", 2, 0),
+        "duration": real("duration", table.get("duration", 10.0), LEAST_DURATION, HUGE, "give seconds"),
+        "strides": whole("strides", table.get("strides", 8), 1, "give how many are measured"),
+        "warm_up": whole("warm_up", table.get("warm_up", 2), 0, "give how many come before"),
         "fixed": fixed,
         "sampling": sampling,
         "vary": {name: list(axis) for name, axis in axes.items()},
@@ -225,9 +227,11 @@ def _study(path: Path, table: dict) -> Study:
 
 def _model(path: Path, table: dict) -> Model:
     """The robot; a .urdf file is looked for beside the study."""
-    robot = _choice(table, "robot", None)
+    robot = table.get("robot")
+    if not isinstance(robot, str):
+        raise ValueError(f"robot is {'missing' if robot is None else repr(robot)}; give a name in quotes")
     source = path.parent / robot if robot.endswith(".urdf") else robot
-    base: Any = _choice(table, "base", ("fixed", "floating")) if "base" in table else None
+    base: Any = _choice("base", table["base"], ("fixed", "floating")) if "base" in table else None
     locked = table.get("locked")
     if not isinstance(locked, (str, list, dict, type(None))):
         raise ValueError(f"locked is {locked!r}; give a set of the robot, a list of joints or a table of positions")
@@ -327,28 +331,29 @@ def _range(name: str, table: dict, sampling: dict) -> Axis:
     if not {"from", "to"} <= table.keys() or (grid and "count" not in table):
         raise ValueError(f"{what} is {table!r}; give from and to{', and for a grid the count of values' * grid}")
     low, high = (_value(name, table[key]) for key in ("from", "to"))
-    log = _choice({"scale": "linear", **table}, "scale", ("linear", "log"), what + ".") == "log"
+    log = _choice(what + ".scale", table.get("scale", "linear"), ("linear", "log")) == "log"
     if not -math.inf < low < high < math.inf or (log and low <= 0):
         raise ValueError(f"{what} goes from {low} to {high}; give two finite numbers that rise{', > 0' * log}")
     if not grid:
         return Axis(None, low, high, log)
-    count = _few(what + ".count", _whole(table, "count", 2, 2, what + "."))
+    count = _few(what + ".count", whole(what + ".count", table["count"], 2, "give how many values"))
     spaced = np.geomspace if log else np.linspace
     return Axis(tuple(float(f"{x:.15g}") for x in spaced(low, high, count)))
 
 
 def _sampling(table: dict) -> dict:
     _check_keys(table, ("method", "count", "seed"), "sampling")
-    method = _choice({"method": "grid", **table}, "method", METHODS, "sampling.")
+    method = _choice("sampling.method", table.get("method", "grid"), METHODS)
     if method == "grid":
         _check_keys(table, ("method",), "sampling of a grid")
         return {"method": method}
     if "count" not in table:
         raise ValueError(f"sampling.count is missing; say how many runs {method!r} shall make")
-    count = _few("sampling.count", _whole(table, "count", 1, 1, "sampling."))
+    count = _few("sampling.count", whole("sampling.count", table["count"], 1, "give how many runs"))
     if method == "saltelli" and count & (count - 1):
         raise ValueError(f"sampling.count is {count}; 'saltelli' takes a power of two: {2 ** count.bit_length()}")
-    return {"method": method, "count": count, "seed": _whole(table, "seed", 0, 0, "sampling.")}
+    seed = whole("sampling.seed", table.get("seed", 0), 0, "any will do")
+    return {"method": method, "count": count, "seed": seed}
 
 
 def _few(what: str, count: int) -> int:
@@ -469,23 +474,6 @@ def _table(table: dict, key: str, where: str = "") -> dict:
     return value
 
 
-def _choice(table: dict, key: str, choices: tuple[str, ...] | None, where: str = "") -> str:
-    value = table.get(key)
-    if not isinstance(value, str) or (choices is not None and value not in choices):
-        allowed = "a name in quotes" if choices is None else f"one of {', '.join(map(repr, choices))}"
-        raise ValueError(f"{where}{key} is {'missing' if value is None else repr(value)}; give {allowed}")
-    return value
-
-
-def _number(table: dict, key: str, default: float, above: float) -> float:
-    value = table.get(key, default)
-    if not is_number(value) or not above < value:
-        raise ValueError(f"{key} is {value!r}; give a finite number > {above:g}")
-    return float(value)
-
-
-def _whole(table: dict, key: str, default: int, least: int, where: str = "") -> int:
-    value = table.get(key, default)
-    if isinstance(value, bool) or not isinstance(value, int) or value < least:
-        raise ValueError(f"{where}{key} is {value!r}; give a whole number >= {least}")
-    return value
+def _choice(name: str, value: Any, choices: Iterable[str]) -> str:
+    one_of(name, value, choices)
+    return str(value)

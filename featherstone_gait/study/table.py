@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..base.files import Format, complete, write_csv
 from .measures import COLUMNS
 from .settings import Study
 
-if TYPE_CHECKING:
-    from .run import Log
-
 TABLE = Format("study table")
 
 
-def write_table(path: Path, study: Study, log: Log) -> dict[str, int]:
-    """Write CSV: run, varied parameters, status, measures, message; return how many runs have which status.
+def write_table(path: Path, study: Study, rows: Iterable[Mapping[str, Any]]) -> dict[str, int]:
+    """Write CSV: run, varied parameters, status, measures, message; return the number of runs by status.
+
+    rows: by column, in the order of the runs.
 
     Of what is drawn a cell has the mean, in widths.  A comment over the header states the format.  Numbers have all
     their digits; where there is no value the cell is empty.
@@ -27,12 +26,12 @@ def write_table(path: Path, study: Study, log: Log) -> dict[str, int]:
     names = ["status", *COLUMNS[study.setup.experiment], "message"]
     statuses: Counter[str] = Counter()
 
-    def rows() -> Iterator[list[Any]]:
-        for run, row in enumerate(log.rows()):
+    def lines() -> Iterator[list[Any]]:
+        for run, row in enumerate(rows):
             statuses[row["status"]] += 1
             yield [run, *study.cells(run), *(row[name] for name in names)]
 
-    write_csv(path, TABLE, ["run", *study.names, *names], rows(), end="\n")
+    write_csv(path, TABLE, ["run", *study.names, *names], lines(), end="\n")
     return dict(statuses.most_common())
 
 
