@@ -275,6 +275,7 @@ def _postures() -> Iterator[Call]:
         lambda **how: _closed(fg.plot_motion(**how)),
         {"model": box(), "trajectory": run, "axes": None, "count": 3, "view": "xz"},
     )
+    yield Call("tree_text", fg.tree_text, {"model": arm()})
     seen = {"trajectory": run, "robot": box()}
     yield Call("show", fg.show, seen | {"captions": ["a"], "plots": ["q"], "ghosts": False, "path": "page.html"})
     movie = {"path": "run.gif", "fps": 25.0, "speed": 1.0, "size": (64, 64)}

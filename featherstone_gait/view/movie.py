@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..base import arguments
-from ..base.arguments import instance, listed, real, whole
+from ..base.arguments import instance, listed, real, shown, whole
 from ..base.files import FilePath, complete
 from ..dynamics import forward_kinematics
 from ..model import Model
@@ -60,37 +61,45 @@ def save_movie(
     ValueError
         As in `show`, and for more frames or pixels than a file should have.
     """
-    from matplotlib.animation import PillowWriter
     from matplotlib.figure import Figure
 
+    instance("trajectory", trajectory, Trajectory, "give what simulate returns")
     fps = real("fps", fps, 0.1, 50.0, "a GIF shows at most 50 frames a second")
     speed = real("speed", speed, 1e-4, 100.0, "1 is real time")
-    instance("trajectory", trajectory, Trajectory, "give what simulate returns")
-    remedy = "give width and height [pixel]"
-    pixels = [whole("size", x, 64, remedy, 4000) for x in listed("size", size, remedy)]
-    if len(pixels) != 2:
-        raise ValueError(f"size is {size!r}; {remedy}")
-    width, height = pixels
-    target = arguments.path("path", path)
+    target, (width, height) = arguments.path("path", path), _pixels(size)
+    if target.suffix and target.suffix.lower() != ".gif":
+        raise ValueError(f"{target}: expected a name that ends in .gif, or a folder for PNG files; give one of these")
     model, ground = robot_of(trajectory, robot)
     times = _times(trajectory, fps, speed)
     q = _at(trajectory, positions(trajectory, model), times)
     figure = Figure(figsize=(width / DOTS, height / DOTS), dpi=DOTS)
     frames = _drawn(figure, trajectory, model, q, times, None if ground is None else ground.height)
-    if target.suffix.lower() == ".gif":
-        with complete(target) as temporary:
-            writer = PillowWriter(fps=fps)  # type: ignore[arg-type]  # it divides by it
-            with writer.saving(figure, str(temporary), dpi=DOTS):
-                for _ in frames:
-                    writer.grab_frame()
-        return len(times)
     if target.suffix:
-        raise ValueError(f"{target}: expected a name that ends in .gif, or a folder for PNG files; give one of these")
-    target.mkdir(parents=True, exist_ok=True)
-    for k, _ in enumerate(frames):
-        with complete(target / f"frame_{k:04d}.png") as temporary:
-            figure.savefig(temporary, dpi=DOTS)
+        _write_gif(target, figure, frames, fps)
+    else:
+        target.mkdir(parents=True, exist_ok=True)
+        for k, _ in enumerate(frames):
+            with complete(target / f"frame_{k:04d}.png") as temporary:
+                figure.savefig(temporary, dpi=DOTS)
     return len(times)
+
+
+def _pixels(size: Any) -> list[int]:
+    remedy = "give width and height [pixel]"
+    pixels = [whole("size", x, 64, remedy, 4000) for x in listed("size", size, remedy)]
+    if len(pixels) != 2:
+        raise ValueError(f"size is {shown(size)}; {remedy}")
+    return pixels
+
+
+def _write_gif(path: Path, figure: Any, frames: Iterator[None], fps: float) -> None:
+    from matplotlib.animation import PillowWriter
+
+    with complete(path) as temporary:
+        writer = PillowWriter(fps=fps)  # type: ignore[arg-type]  # it divides by it
+        with writer.saving(figure, str(temporary), dpi=DOTS):
+            for _ in frames:
+                writer.grab_frame()
 
 
 def _times(trajectory: Trajectory, fps: float, speed: float) -> np.ndarray:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 
+from ..base.arguments import instance
 from ..model import Joint, Model, depth_first
 
 
 def tree_text(model: Model) -> str:
     """A line for each joint with its child link, indented under its parent: type, limits, mass, servo."""
+    instance("model", model, Model, "give a Model")
     mass = {link.name: link.mass for link in model.links}
     last = {joint.parent: joint.name for joint in depth_first(model)}  # of each link's joints
     moving = len(model.moving_joints)
