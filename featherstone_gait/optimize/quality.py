@@ -13,7 +13,7 @@ from tqdm import tqdm
 from ..core.effects.energies import METER
 from ..run.trajectory import Trajectory
 from ..walking import limits
-from ..walking.cost import SAMPLE, Measures, WalkingCost
+from ..walking.cost import SAMPLE, Measures, WalkingCost, window_of
 from ..walking.cost_in_worlds import in_worlds
 from ..walking.feedback import BalancedWalk
 from ..walking.limits import Watch
@@ -118,8 +118,7 @@ def measure_limits(cost: WalkingCost, x: np.ndarray, watch: Watch) -> dict[str, 
     run = cost.simulate([x], record=(*limits.RECORD, "voltage"), record_interval=SAMPLE)[0]
     if not run.ok:
         return {"status": run.message, "limits": None, "current": None}
-    first, last = np.searchsorted(run["time"], [cost.mark - 1e-9, cost.end - 1e-9])
-    window = slice(first, last + 1)
+    window = window_of(run, cost.mark, cost.end)
     worst = watch.worst(cost.scene, run, window)
     current = _currents(cost, run, window) if any(one.name == "line" for one in worst) else None
     return {"status": "ok", "limits": [one.as_dict() for one in worst], "current": current}

@@ -28,18 +28,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from featherstone_gait.base.arguments import finite, floats, is_real, shown, whole
+from featherstone_gait.base.arguments import finite, floats
 from featherstone_gait.base.fixed_order import applied, total
 from featherstone_gait.base.portable_math import exp
 from featherstone_gait.scene.tree import GRAVITY
 from featherstone_gait.walking.preview_control import (
     HORIZON,
-    MOST_SAMPLES,
     ComPlan,
+    check_settings,
     cost_to_go,
     feedback,
     preview_sum,
     round_to,
+    zmp_reference,
 )
 
 
@@ -62,10 +63,7 @@ def auxiliary_zmp_controller(
     Q: weight of the ZMP error [1/m^2]; R: of the ZMP's speed [s^2/m^2]: the ZMP follows its reference within some
     sqrt(R / Q) seconds.  Raises ValueError unless all are > 0.
     """
-    for name, value in dict(T=T, z_c=z_c, N=N, Q=Q, R=R, g=g).items():
-        if not (is_real(value) and 1e-12 < value < 1e12):
-            raise ValueError(f"preview control: {name} = {shown(value)} must be finite and > 0")
-    N = whole("preview control: N", N, 1, "give the samples of preview", MOST_SAMPLES)
+    N = check_settings(N, T=T, z_c=z_c, Q=Q, R=R, g=g)
     A, b = _pendulum(T, np.sqrt(g / z_c))
     P = cost_to_go(A, b, Q, R, HORIZON * np.sqrt(z_c / g) / T, np.diag([Q, Q, Q * z_c / g]))
     K, s = feedback(A, b, P, R)
@@ -96,9 +94,7 @@ def plan_com_auxiliary(
     auxiliary: ZMP (n,) or (n, axes) [m] that is added without being foreseen; `ComPlan.zmp` holds it too.
     """
     controller = auxiliary_zmp_controller(T, z_c, N=N, Q=Q, R=R, g=g)
-    ref = floats("zmp_ref", zmp_ref)
-    if ref.ndim not in (1, 2) or len(ref) == 0 or not np.isfinite(ref).all():
-        raise ValueError(f"zmp_ref must be a finite (n,) or (n, axes) array with n > 0, got shape {ref.shape}")
+    ref = zmp_reference(zmp_ref)
     added = finite("auxiliary", np.broadcast_to(floats("auxiliary", auxiliary), ref.shape), ref.shape, "[m]")
     columns = ref.reshape(len(ref), -1)
     states = _track(controller, columns, added.reshape(columns.shape))

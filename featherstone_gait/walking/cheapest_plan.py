@@ -94,6 +94,9 @@ class Trial(NamedTuple):
     status: str  # "ok", or why not
 
 
+_Tried: TypeAlias = tuple[np.ndarray, Trial]  # with its point (6,) of the unit box
+
+
 @dataclass(frozen=True, eq=False)
 class CheapestPlan:
     """What was found, and what was tried."""
@@ -179,8 +182,8 @@ def cheapest_plan(
     for where in (Box(), SLOW) if box is None else (box,):
         search = _Search(scene, states, where, searched, held)
         tried = search.tried(points, counts, plain=box is not None or where is not SLOW)
-        trials += [Trial(one.walk, one.cost, one.status) for one in tried]
-        best = min(tried, key=lambda one: one.cost, default=None)
+        trials += [one for _, one in tried]
+        best = min((one for _, one in tried), key=lambda one: one.cost, default=None)
         if best is not None and math.isfinite(best.cost):
             plan, fit, cost = search.planned(best.walk)
             return CheapestPlan(plan, fit, cost, best.cost, tuple(trials))
@@ -206,13 +209,6 @@ def speed_limits(model: Model) -> np.ndarray:
 
 def _no_load(servo: Any) -> float:
     return torque_speed(servo).no_load_speed if servo.voltage_limit > 0.0 else math.inf
-
-
-class _Tried(NamedTuple):
-    point: np.ndarray  # (6,) of the unit box
-    walk: Walk
-    cost: float
-    status: str
 
 
 class _Search:
@@ -250,7 +246,7 @@ class _Search:
                 tried += pool.map(self.attempt, where[self.within_reach(where)][:n])
                 if not tried:  # nothing is within reach
                     break
-                middle = min(tried, key=lambda one: one.cost).point
+                middle = min(tried, key=lambda one: one[1].cost)[0]
         return tried
 
     def within_reach(self, points: np.ndarray) -> np.ndarray:
@@ -299,8 +295,8 @@ class _Search:
             _, fit, cost = self.planned(walk)
             self._check(fit.gait)
         except ValueError as error:
-            return _Tried(point, walk, math.inf, str(error))
-        return _Tried(point, walk, *self.searched(cost)(fit.gait.to_vector()))
+            return point, Trial(walk, math.inf, str(error))
+        return point, Trial(walk, *self.searched(cost)(fit.gait.to_vector()))
 
     def _check(self, gait: Gait) -> None:
         """Raise ValueError if what the servos are sent passes limits of joints or speeds."""

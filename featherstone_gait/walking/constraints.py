@@ -8,7 +8,7 @@ gradient where it is passed, so that a search from a gait that passes it finds t
 mean over time, not the largest value: the support polygon grows by a whole foot at a touch-down, whose time moves with
 the gait, and the largest value would jump with it.  A penalty gives way where that is cheaper: what remains of a
 violation falls in proportion to 1 / weight, and the report says how large it is.  A trajectory is looked at every
-`SAMPLE`, 10 ms: what happens between two samples is not seen.
+10 ms: what happens between two samples is not seen.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,10 +24,9 @@ from featherstone_gait.base.arguments import instance, is_real, shown
 from featherstone_gait.dynamics import contact_positions_at, forward_kinematics
 from featherstone_gait.geometry.distance import clearance
 from featherstone_gait.model import Model
-from featherstone_gait.run.simulate import simulate_batch, standing_state
 from featherstone_gait.run.trajectory import Trajectory
 from featherstone_gait.scene.tree import GRAVITY
-from featherstone_gait.walking.cost import LOADED, RECORD, SAMPLE, Measures, WalkingCost, measured
+from featherstone_gait.walking.cost import LOADED, RECORD, Measures, WalkingCost, window_of
 
 Channels = Mapping[str, np.ndarray]  # a `Trajectory`, or as much of one as is needed
 
@@ -142,23 +140,14 @@ class ConstrainedCost:
 
     def reports(self, vectors: Iterable[ArrayLike]) -> list[ConstraintReport]:
         """Simulate gait vectors once and report on each."""
-        cost = self.walking
-        signals = [cost.reference(x, cost.warm_up + cost.strides) for x in vectors]
-        states = [standing_state(cost.scene, signal.values[0], allow_limit_violation=True) for signal in signals]
-        record = (*RECORD, "torque")
-        how: dict[str, Any] = dict(record=record, record_interval=SAMPLE, estimate_error=False)
-        runs = simulate_batch(cost.scene, signals[0].times[-1], states, signals, **how)
-        return [self._report(run) for run in runs]
+        return [self._report(run) for run in self.walking.simulate(vectors, record=(*RECORD, "torque"))]
 
     def _report(self, run: Trajectory) -> ConstraintReport:
         cost, names = self.walking, self.constraints.weights
-        scene = cost.scene
-        end = cost.mark + cost.strides * cost.gait.period
-        measures = measured(scene, run, cost.mark, end, cost.strides)
+        scene, measures = cost.scene, cost.measured(run)
         if measures.status != "ok":
             return ConstraintReport(measures, dict.fromkeys(names, math.nan), dict.fromkeys(names, math.nan))
-        first, last = np.searchsorted(run["time"], [cost.mark - 1e-9, end - 1e-9])
-        window = slice(first, last + 1)
+        window = window_of(run, cost.mark, cost.end)
         found = self.constraints.violations(scene.model, run, window, measures.slip, scene.gravity)
         excess = {name: np.maximum(violation, 0.0) for name, violation in found.items()}
         penalties = {name: names[name] * float((e**2).mean(axis=0).sum()) for name, e in excess.items()}

@@ -219,17 +219,24 @@ def measured(
 ) -> Measures:
     """Measure a trajectory between two times, which fall on its samples to within one; slip is nan if not asked for."""
     weight = scene.model.mass * math.hypot(*scene.gravity)
-    first, last = np.searchsorted(run["time"], [start - 1e-9, end - 1e-9])
+    window = window_of(run, start, end)
+    first, last = window.start, window.stop - 1
     duration = float(run["time"][last] - run["time"][first])
     if not run.ok:
         return Measures(run.message, strides, duration, math.nan, math.nan, math.nan, math.nan, weight)
     ahead, sideways = (run["base_q"][last] - run["base_q"][first])[:2].tolist()
     energy = float(np.sum(run["energy"][last, :, METER] - run["energy"][first, :, METER]))
-    slid = _slip(scene.model, run, slice(first, last + 1), LOADED * weight) / strides if slip else math.nan
+    slid = _slip(scene.model, run, window, LOADED * weight) / strides if slip else math.nan
     status = "ok"
     if ahead < LEAST_SPEED * duration:
         status = f"went {1e3 * ahead:.0f} mm in {duration:.3g} s, less than {1e3 * LEAST_SPEED:g} mm/s forward"
     return Measures(status, strides, duration, energy, ahead, sideways, slid, weight)
+
+
+def window_of(run: Trajectory, start: float, end: float) -> slice:
+    """Return the samples of a run from `start` to `end` [s], to within one sample."""
+    first, last = np.searchsorted(run["time"], [start - 1e-9, end - 1e-9])
+    return slice(int(first), int(last) + 1)
 
 
 def _slip(model: Model, run: Trajectory, window: slice, load: float) -> float:

@@ -87,7 +87,7 @@ class CostInWorlds:
 
     def costs(self, gaits: Iterable[ArrayLike | BalancedWalk]) -> list[tuple[float, str]]:
         """Cost [J/m] and status of many vectors, or of gaits with feedback."""
-        return [self.told([one.cost for one in found]) for found in self.measure(gaits)]
+        return [self.combined([one.cost for one in found]) for found in self.measure(gaits)]
 
     def measure(self, gaits: Iterable[ArrayLike | BalancedWalk]) -> list[list[Measures]]:
         """What each gait does in each world; all have feedback or none; its sensors' seed is the world's number."""
@@ -138,10 +138,10 @@ class CostInWorlds:
         """In what share of the worlds a gait walks, and its cost in these as a search is told it [J/m]."""
         costs = [one.cost for one in self.measure([x])[0]]
         through = [cost for cost in costs if math.isfinite(cost)]
-        return len(through) / len(costs), self.told(through)[0] if through else math.inf
+        return len(through) / len(costs), self.combined(through)[0] if through else math.inf
 
-    def told(self, costs: Sequence[float]) -> tuple[float, str]:
-        """What a search is told of the costs in the worlds [J/m], and the status."""
+    def combined(self, costs: Sequence[float]) -> tuple[float, str]:
+        """Combine the costs in the worlds [J/m] into the one that is minimized, and a status."""
         if not all(map(math.isfinite, costs)):
             return math.inf, NOT_EVERYWHERE
         mean = math.fsum(costs) / len(costs)
@@ -193,7 +193,7 @@ class _WorldByWorld:
             done = [one for one in evaluation.costs if one is not None]
         if told or (len(done) < len(self._cost.scenes) and not evaluation.failed):
             return
-        self._candidates.give(evaluation.candidate, self._cost.told(done))
+        self._candidates.give(evaluation.candidate, self._cost.combined(done))
 
     def close(self) -> None:
         self._candidates.close()

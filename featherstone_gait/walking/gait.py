@@ -1,4 +1,4 @@
-"""Key poses of one stride: what an optimizer changes and a robot plays back.
+"""Gaits of key poses, which an optimizer changes and a robot plays back.
 
 A gait holds ``n_poses`` postures, evenly spaced over one stride (two steps); between them the joint angles follow the
 periodic cubic spline, so that positions, speeds and accelerations are continuous from stride to stride.  Four states of
@@ -28,23 +28,43 @@ DECIMALS = 9  # of fitted poses [rad]: a gait outlives changes of last bits; far
 
 @dataclass(frozen=True, eq=False)
 class Mirror:
-    """How a posture looks in the plane y = 0: ``mirrored[i] = sign[i] * angles[index[i]]``."""
+    """The mirror image of postures in the plane y = 0: ``mirrored[i] = sign[i] * angles[index[i]]``.
 
-    index: np.ndarray  # (nj,)
-    sign: np.ndarray  # (nj,) +1 or -1
+    Attributes
+    ----------
+    index : ndarray, shape (nj,)
+        Column of each joint's partner.
+    sign : ndarray, shape (nj,)
+        +1 or -1.
+    """
+
+    index: np.ndarray
+    sign: np.ndarray
 
     def __call__(self, angles: np.ndarray) -> np.ndarray:
-        """Mirror postures (..., nj)."""
+        """Mirror postures (..., nj) [rad]."""
         return self.sign * angles[..., self.index]
 
 
 @dataclass(frozen=True, eq=False)
 class Gait:
-    """Key poses over one stride.  With a `mirror`, the second half is the first half mirrored left to right."""
+    """Key poses over one stride.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        Names of the joints.
+    poses : ndarray, shape (n_poses, nj)
+        Joint angles [rad]; pose k is at time k / n_poses of the period.
+    period : float
+        Time of a stride [s].
+    mirror : Mirror, optional
+        With it, the second half of the poses is the first half mirrored left to right.
+    """
 
     joint_names: tuple[str, ...]
-    poses: np.ndarray  # (n_poses, nj) [rad], pose k at time k / n_poses of the period
-    period: float  # of a stride [s]
+    poses: np.ndarray
+    period: float
     mirror: Mirror | None = None
 
     def __post_init__(self) -> None:
@@ -69,10 +89,7 @@ class Gait:
         return self.poses[: self._free_poses].ravel()
 
     def from_vector(self, x: ArrayLike) -> Gait:
-        """Return the gait with the free poses `x` (D,) [rad]; exact inverse of `to_vector`.
-
-        Raises ValueError unless D fits and all are finite.
-        """
+        """Return the gait with the free poses `x` (D,) [rad]; the exact inverse of `to_vector`."""
         x, free = floats("gait vector x", x), self._free_poses
         if x.shape != (free * len(self.joint_names),):
             raise ValueError(f"gait vector x must be ({free * len(self.joint_names)},), got {x.shape}")
@@ -94,19 +111,43 @@ class Gait:
 
 @dataclass(frozen=True, eq=False)
 class GaitFit:
-    """A gait fitted to a stride."""
+    """A gait fitted to a stride.
+
+    Attributes
+    ----------
+    gait : Gait
+        The gait.
+    phase : float
+        Time of the stride at which the gait's first pose lies [s].
+    rms, largest : ndarray, shape (nj,)
+        Root mean square and largest absolute value of each joint's residual [deg].
+    """
 
     gait: Gait
-    phase: float  # time of the stride at which the gait's first pose lies [s]
-    rms: np.ndarray  # (nj,) root mean square of the residual [deg]
-    largest: np.ndarray  # (nj,) largest residual [deg]
+    phase: float
+    rms: np.ndarray
+    largest: np.ndarray
 
 
 def mirror_of(model: Model) -> Mirror:
     """Pair the joints of `model` left to right by name ("left", "right") and compare their axes.
 
-    A rotation about ``(x, y, z)`` looks in the mirror like one about ``(-x, y, -z)``.  Raises ValueError for a joint
-    that has no partner or whose partner's axis is not its mirror image.
+    A rotation about ``(x, y, z)`` looks in the mirror like one about ``(-x, y, -z)``.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+
+    Returns
+    -------
+    Mirror
+        The mirror image of its postures.
+
+    Raises
+    ------
+    ValueError
+        For a joint that has no partner, or whose partner's axis is not its mirror image.
     """
     check_model(model)
     names = model.joint_names
@@ -125,10 +166,24 @@ def mirror_of(model: Model) -> Mirror:
 
 
 def fit_gait(stride: Stride, n_poses: int = 4, *, mirror: Mirror | None = None, fit_phase: bool = False) -> GaitFit:
-    """Fit key poses to a planned `Stride` by least squares over its samples and return a `GaitFit`.
+    """Fit key poses to a planned stride by least squares over its samples.
 
-    With a `mirror` (of `mirror_of`) only half the poses are free.  With `fit_phase` the first pose may lie anywhere in
-    the first gap between poses, on a sample of the stride, wherever the residual is least.
+    Parameters
+    ----------
+    stride : Stride
+        Of `Plan.stride` or `four_legged_stride`.
+    n_poses : int
+        Number of key poses.
+    mirror : Mirror, optional
+        With it only half of the poses are free.
+    fit_phase : bool
+        Whether the first pose may lie on any sample of the stride before the second pose, wherever the residual is
+        least.
+
+    Returns
+    -------
+    GaitFit
+        The gait and its residual.
     """
     instance("stride", stride, Stride, "give what Plan.stride returns")
     n_poses = whole("n_poses", n_poses, 3, "give the number of key poses", len(stride.times))
@@ -145,12 +200,31 @@ def fit_gait(stride: Stride, n_poses: int = 4, *, mirror: Mirror | None = None, 
 def references(
     gait: Gait, n_strides: int, start: ArrayLike, *, tick: float = TICK, blend_strides: int = 1
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sample a start and `n_strides` of `gait` every `tick` [s]; return times (n,) [s] and joint angles (n, nj) [rad].
+    """Sample a start and strides of a gait at every tick.
 
-    `start` is a standing posture (nj,), held over `blend_strides`, or a start-up (m, nj) sampled every tick that is in
-    step with the gait (`Plan.start_up`).  Over its last `blend_strides` it goes over into the gait with the weight
-    ``3 s^2 - 2 s^3``; from ``times[m]``, for a posture ``blend_strides * gait.period``, the gait plays by itself.
-    The last sample is that of the first pose.  Raises ValueError unless the period is a whole number of ticks.
+    Over its last `blend_strides` the start is blended into the gait with the weight ``3 s^2 - 2 s^3``; after it the
+    gait plays alone.  The last sample is that of the first pose.
+
+    Parameters
+    ----------
+    gait : Gait
+        The gait.
+    n_strides : int
+        Number of strides after the start.
+    start : array_like, shape (nj,) or (m, nj)
+        A standing posture, which is held over `blend_strides`, or a start-up sampled at every tick that is in step with
+        the gait (`Plan.start_up`) [rad].
+    tick : float
+        Time between samples [s]; the period must be a whole number of ticks.
+    blend_strides : int
+        Number of strides over which the start is blended.
+
+    Returns
+    -------
+    times : ndarray, shape (n,)
+        Times [s].
+    angles : ndarray, shape (n, nj)
+        Joint angles [rad].
     """
     instance("gait", gait, Gait, "give a Gait, as fit_gait(...).gait")
     n_strides = whole("n_strides", n_strides, 0, "give the number of strides", MOST_STRIDES)
@@ -180,7 +254,20 @@ def references(
 
 
 def bounds(model: Model, gait: Gait) -> np.ndarray:
-    """Return lower and upper bounds (D, 2) [rad] of the gait vector from the joint limits of `model`."""
+    """Return lower and upper bounds of the gait vector from the joint limits.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    gait : Gait
+        A gait of its joints.
+
+    Returns
+    -------
+    ndarray, shape (D, 2)
+        Bounds [rad].
+    """
     check_model(model)
     instance("gait", gait, Gait, "give a Gait, as fit_gait(...).gait")
     limits = np.array([(joint.lower, joint.upper) for joint in model.moving_joints])
@@ -203,9 +290,9 @@ def _check_mirror(mirror: Mirror, count: int) -> None:
 def periodic_spline(values: np.ndarray, s: np.ndarray) -> np.ndarray:
     """Evaluate at `s` (n,), in periods, the periodic cubic spline through `values` (k, ...), evenly spaced.
 
-    Its second derivatives solve ``M_(i-1) + 4 M_i + M_(i+1) = 6 (y_(i-1) - 2 y_i + y_(i+1))``, with the unit of length
-    the gap between values; the inverse of that circulant matrix is known.  Only sums and products: the same bits on
-    every machine.
+    The second derivatives solve ``M_(i-1) + 4 M_i + M_(i+1) = 6 (y_(i-1) - 2 y_i + y_(i+1))``, with the unit of length
+    the gap between values; the inverse of that circulant matrix is known in closed form.  Only sums and products are
+    used, so that the bits are the same on every machine.
     """
     k = len(values)
     u = np.mod(s, 1.0) * k

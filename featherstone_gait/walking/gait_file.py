@@ -1,4 +1,4 @@
-"""Joint angles as files a robot can play: CSV in degrees, and goal positions of AX-12 servos.
+"""Joint angles in files that a robot can play: CSV in degrees, and goal positions of AX-12 servos.
 
 The CSV has its format in a comment, a header ``time_s`` and one column a joint, named as in the model; angles are in
 degrees.  An AX-12 counts 0..1023 over 300 degrees, 512 in the middle (ROBOTIS e-Manual, AX-12A, control table address
@@ -21,7 +21,7 @@ from featherstone_gait.base.files import FilePath, Format, number, read_csv, wri
 MIDDLE, LARGEST, RANGE = 512, 1023, 300.0  # of an AX-12 [counts, counts, deg]
 TIME_COLUMN = "time_s"
 ANGLES, GOAL_POSITIONS = Format("joint angles"), Format("goal positions")
-ARRAYS = Format("gait arrays")  # of what a search found: featherstone-gait optimize
+ARRAYS = Format("gait arrays")  # written by featherstone-gait optimize
 
 
 def write_angles(path: FilePath, times: np.ndarray, angles: np.ndarray, joint_names: Sequence[str]) -> None:
@@ -37,7 +37,7 @@ def write_goal_positions(path: FilePath, times: np.ndarray, angles: np.ndarray, 
 def goal_positions(angles: ArrayLike, joint_names: Sequence[str]) -> np.ndarray:
     """Convert `angles` (n, nj) [rad] to AX-12 goal positions (n, nj), 0..1023.
 
-    Raises ValueError, naming joint and row, for an angle that the servo cannot take.
+    Raises ValueError, naming joint and row, for an angle beyond the servo's range.
     """
     degrees, joint_names = np.degrees(np.atleast_2d(floats("angles", angles))), texts("joint_names", joint_names)
     if degrees.ndim != 2 or degrees.shape[1] != len(joint_names):

@@ -1,4 +1,4 @@
-"""A gait as it is played: a start, and a stride that repeats; read from what `featherstone-gait optimize` writes."""
+"""Motions: a start and a stride that repeats, as the servos play them; read from the files of a gait."""
 
 from __future__ import annotations
 
@@ -19,19 +19,33 @@ from featherstone_gait.scene.contact import standing_height
 from featherstone_gait.walking.gait import MOST_STRIDES, TICK, Gait, references
 from featherstone_gait.walking.gait_file import ARRAYS, read_angles
 
-SAME = 1e-9  # by which strides of a CSV may differ [rad]
-UNEVEN = 1e-6  # by which its ticks may [s]
+SAME = 1e-9  # tolerance of the strides of a CSV [rad]
+UNEVEN = 1e-6  # tolerance of its ticks [s]
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What the servos are sent, every tick; with straight lines between."""
+    """References of the servos at every tick, joined by straight lines.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        Names of the joints.
+    start : ndarray, shape (m, nj)
+        Joint angles before the first stride [rad].
+    stride : ndarray, shape (k, nj)
+        Joint angles of a stride, without its end [rad].
+    poses : ndarray, shape (p, nj)
+        Key poses of the gait; the stride itself if they are not known [rad].
+    tick : float
+        Time between references [s].
+    """
 
     joint_names: tuple[str, ...]
-    start: np.ndarray  # (m, nj), until the first stride [rad]
-    stride: np.ndarray  # (k, nj); its end is left out [rad]
-    poses: np.ndarray  # (p, nj) the gait's key poses, or where they are not known the stride [rad]
-    tick: float = TICK  # [s]
+    start: np.ndarray
+    stride: np.ndarray
+    poses: np.ndarray
+    tick: float = TICK
 
     @property
     def period(self) -> float:
@@ -39,17 +53,17 @@ class Motion:
         return self.tick * len(self.stride)
 
     def begin(self, strides: int) -> float:
-        """When so many strides are over [s]."""
+        """Return the time at which so many strides are over [s]."""
         return self.tick * len(self.start) + strides * self.period
 
     def reference(self, strides: int) -> Reference:
-        """The start and `strides` strides."""
+        """Return the reference of the start and `strides` strides."""
         strides = whole("strides", strides, 1, "give the number of strides", MOST_STRIDES)
         values = np.concatenate([self.start, np.tile(self.stride, (strides, 1)), self.stride[:1]])
         return Reference(self.tick * np.arange(len(values)), values, "linear")
 
     def digest(self) -> str:
-        """A hash of all of it."""
+        """Return a hash of the motion."""
         found = hashlib.sha256(repr((self.joint_names, self.tick, self.start.shape)).encode())
         for array in (self.start, self.stride):
             found.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
@@ -57,17 +71,44 @@ class Motion:
 
 
 def motion_of(gait: Gait, start: ArrayLike, blend_strides: int = 1) -> Motion:
-    """The motion of a gait after its start; arguments and errors as of `walking.references`."""
+    """Return the motion of a gait after its start.
+
+    Parameters
+    ----------
+    gait, start, blend_strides
+        As of `references`.
+
+    Returns
+    -------
+    Motion
+        The motion.
+    """
     _, angles = references(gait, 0, start, blend_strides=blend_strides)
     stride = gait.angles(TICK * np.arange(round(gait.period / TICK)))
     return Motion(gait.joint_names, angles[:-1], stride, gait.poses)
 
 
 def read_motion(path: FilePath, joint_names: Sequence[str] | None = None, *, first: bool = False) -> Motion:
-    """Read a gait: ROBOT_gait.npz, or a CSV of joint angles (`write_angles`) that ends in strides that repeat.
+    """Read a motion from the file of a gait.
 
-    joint_names: those of the robot, to check and for their order; first: of a .npz the gait that the search began with.
-    Raises ValueError, naming the file, for one that is damaged, of another robot, or whose end does not repeat.
+    Parameters
+    ----------
+    path : path
+        ROBOT_gait.npz, or a CSV of joint angles (`write_angles`) that ends in strides that repeat.
+    joint_names : sequence of str, optional
+        Joints of the robot, to check the file and to order its columns.
+    first : bool
+        Whether to read the gait that the search started from (of a .npz).
+
+    Returns
+    -------
+    Motion
+        The motion.
+
+    Raises
+    ------
+    ValueError
+        Naming the file, if it is damaged, of another robot, or its end does not repeat.
     """
     path, first = path_of("path", path), truth("first", first)
     if path.suffix == ".npz":
@@ -75,7 +116,7 @@ def read_motion(path: FilePath, joint_names: Sequence[str] | None = None, *, fir
     if path.suffix != ".csv":
         raise ValueError(f"path {path}: give a gait's .npz or its angles as .csv, as featherstone-gait optimize writes")
     if first:
-        raise ValueError(f"{path}: only a gait's .npz has the gait that the search began with; give that")
+        raise ValueError(f"{path}: only a gait's .npz has the gait that the search started from; give that")
     times, angles, names = read_angles(path, joint_names)
     gaps = np.diff(times)
     if len(times) < 7 or np.ptp(gaps) > UNEVEN:
@@ -89,9 +130,23 @@ def read_motion(path: FilePath, joint_names: Sequence[str] | None = None, *, fir
 
 
 def servo_of(path: FilePath) -> str | None:
-    """The servo of all joints that a gait was found with, as `optimize --servo` was told; None for the robot's own.
+    """Read which servo a gait was optimized with.
 
-    A CSV does not say, nor do files of version 0.1.  Raises ValueError, naming the file, for one that is damaged.
+    Parameters
+    ----------
+    path : path
+        The file of a gait.
+
+    Returns
+    -------
+    str or None
+        The servo of all joints, as given to `optimize --servo`; None for the robot's own, and for files that do not say
+        (CSV, and those of version 0.1).
+
+    Raises
+    ------
+    ValueError
+        Naming the file, if it is damaged.
     """
     path = path_of("path", path)
     found = read_arrays(path, ARRAYS).get("servo") if path.suffix == ".npz" else None
@@ -103,7 +158,7 @@ def servo_of(path: FilePath) -> str | None:
 
 
 def _period(path: Path, angles: np.ndarray) -> int:
-    """The least number of rows after which the last ones repeat."""
+    """Return the least number of rows after which the last ones repeat."""
     n = len(angles)
     for period in range(3, (n - 1) // 2 + 1):
         if np.abs(angles[n - 1 - period :] - angles[n - 1 - 2 * period : n - period]).max() <= SAME:
@@ -135,9 +190,9 @@ def _of_arrays(path: Path, joint_names: Sequence[str] | None, first: bool) -> Mo
 
 
 def with_poses(model: Model, motion: Motion) -> Model:
-    """The robot with the key poses of a motion as keyframes pose0, pose1, ...: standing upright on level ground.
+    """Add the key poses of a motion to the robot as keyframes pose0, pose1, ..., standing upright on level ground.
 
-    In pose k the robot is where the stride is at k / p of its period; "start" is the first posture.
+    Pose k is that at k / p of the stride's period; "start" is the first posture.
     """
     postures = {"start": motion.reference(1).values[0]} | {f"pose{k}": pose for k, pose in enumerate(motion.poses)}
     frames = {}

@@ -64,10 +64,7 @@ def preview_controller(
 
     Kajita et al. (2003) use T = 5 ms, z_c = 0.814 m, N = 320, Q = 1, R = 1e-6.  Raises ValueError unless all are > 0.
     """
-    for name, value in dict(T=T, z_c=z_c, N=N, Q=Q, R=R, g=g).items():
-        if not (is_real(value) and 1e-12 < value < 1e12):
-            raise ValueError(f"preview control: {name} = {shown(value)} must be finite and > 0")
-    N = whole("preview control: N", N, 1, "give the samples of preview", MOST_SAMPLES)
+    N = check_settings(N, T=T, z_c=z_c, Q=Q, R=R, g=g)
     A, b = _augmented_cart_table(T, z_c, g)
     P = cost_to_go(A, b, Q, R, HORIZON * np.sqrt(z_c / g) / T)
     K, s = feedback(A, b, P, R)
@@ -92,12 +89,26 @@ def plan_com(
     over ``zmp_ref[0]``, and the reference is taken to stay at its last row.  Returns a `ComPlan`.
     """
     controller = preview_controller(T, z_c, N=N, Q=Q, R=R, g=g)
-    ref = floats("zmp_ref", zmp_ref)
-    if ref.ndim not in (1, 2) or len(ref) == 0 or not np.isfinite(ref).all():
-        raise ValueError(f"zmp_ref must be a finite (n,) or (n, axes) array with n > 0, got shape {ref.shape}")
+    ref = zmp_reference(zmp_ref)
     state, zmp = _track(controller, ref.reshape(len(ref), -1))
     position, velocity, acceleration = (state[:, i].reshape(ref.shape) for i in range(3))
     return ComPlan(position, velocity, acceleration, zmp.reshape(ref.shape))
+
+
+def check_settings(N: int, **settings: float) -> int:
+    """Return N; raise ValueError unless it and the settings are numbers > 0."""
+    for name, value in {"N": N, **settings}.items():
+        if not (is_real(value) and 1e-12 < value < 1e12):
+            raise ValueError(f"preview control: {name} = {shown(value)} must be finite and > 0")
+    return whole("preview control: N", N, 1, "give the samples of preview", MOST_SAMPLES)
+
+
+def zmp_reference(zmp_ref: ArrayLike) -> np.ndarray:
+    """Return a ZMP reference (n,) or (n, axes) [m] as an array; raise ValueError for any other."""
+    ref = floats("zmp_ref", zmp_ref)
+    if ref.ndim not in (1, 2) or len(ref) == 0 or not np.isfinite(ref).all():
+        raise ValueError(f"zmp_ref must be a finite (n,) or (n, axes) array with n > 0, got shape {ref.shape}")
+    return ref
 
 
 def _augmented_cart_table(T: float, z_c: float, g: float) -> tuple[np.ndarray, np.ndarray]:
