@@ -12,9 +12,9 @@ from pathlib import Path
 
 from ..base.arguments import real, whole
 from ..base.files import FilePath, claim, parse_json
+from ..base.line_file import REMEDY as HISTORY_REMEDY
 from ..crosscheck.in_mujoco import mujoco_version
 from ..model import Model
-from ..search.history import REMEDY as HISTORY_REMEDY
 from ..walking.cost_in_worlds import MOST_WORLDS
 from ..walking.walker import GENERIC, driven, load_walker
 from .options import OptimizeOptions

@@ -36,10 +36,10 @@ from tqdm import tqdm
 from ..base.arguments import instance, whole
 from ..base.files import parse_json
 from ..base.fixed_order import applied, product, solve, total
+from ..base.line_file import LineFile
 from ..run.simulate import simulate_batch, standing_state
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
-from ..search.history import LineFile
 from . import limits
 from .cost import Measures, WalkingCost, measured, window_of
 from .cost_in_worlds import CostInWorlds
