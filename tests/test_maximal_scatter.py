@@ -8,7 +8,7 @@ import pytest
 
 from featherstone_gait.optimize import walking_cost
 from featherstone_gait.reproduction import solver_scatter
-from featherstone_gait.reproduction.solver_scatter import QUICK, Scatter, Setting
+from featherstone_gait.reproduction.solver_scatter import QUICK, Scatter, SolverCase
 from featherstone_gait.robot_file import load_robot
 
 SMALL = replace(QUICK, runs=3, map_runs=2, steps=(2e-3,), iterations=(10,), masses=(1.0,), strides=1)
@@ -20,8 +20,8 @@ def planned():
 
 
 def test_runs_of_one_gait_differ_by_their_seeds_alone(planned):
-    energies, row = solver_scatter.walk(SMALL, planned, Setting(step=2e-3), 3)
-    again, _ = solver_scatter.walk(SMALL, planned, Setting(step=2e-3), 2, seed=1)
+    energies, row = solver_scatter.walk(SMALL, planned, SolverCase(step=2e-3), 3)
+    again, _ = solver_scatter.walk(SMALL, planned, SolverCase(step=2e-3), 2, seed=1)
     assert np.array_equal(energies[1:], again, equal_nan=True)
     assert row.cycle > 1e-4
     assert row.cycle == row.repeat == row.run  # of a single stride
@@ -30,7 +30,7 @@ def test_runs_of_one_gait_differ_by_their_seeds_alone(planned):
 
 
 def test_solved_there_is_no_scatter(planned):
-    _, row = solver_scatter.walk(SMALL, planned, Setting(iterations=0), 2)
+    _, row = solver_scatter.walk(SMALL, planned, SolverCase(iterations=0), 2)
     assert (row.fell, row.repeat, row.run) == (0, 0.0, 0.0)
 
 

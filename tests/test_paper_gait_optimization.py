@@ -16,8 +16,8 @@ from featherstone_gait.reproduction.gait_optimization import (
     MIPSD_NOISY,
     STANDARD,
     STANDARD_NOISY,
-    Search,
-    Settings,
+    GaitSearch,
+    GaitSearchSettings,
     check,
     cost_of,
     measure,
@@ -27,7 +27,7 @@ from featherstone_gait.reproduction.gait_optimization import (
 
 pytestmark = pytest.mark.long
 
-SHORT = Settings(iterations=60, searches=1, noisy_searches=1, points=4)
+SHORT = GaitSearchSettings(iterations=60, searches=1, noisy_searches=1, points=4)
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +103,7 @@ def test_conditions_differ_in_what_they_say(planned):
 
 def test_convergence_by_definition():
     best = np.array([100.0, 60.0, 52.0, 51.0, 50.4, 50.0, 50.0])
-    search = Search(MIPSD, 0, best, np.array([0, 6]), best[[0, 6]], np.ones(2), np.zeros(40))
+    search = GaitSearch(MIPSD, 0, best, np.array([0, 6]), best[[0, 6]], np.ones(2), np.zeros(40))
     expected = dict(zip(DEFINITIONS, (4, 2, 4, 2, 5)))
     assert {name: search.converged(name) for name in DEFINITIONS} == expected
     assert search.gain == -0.5

@@ -152,11 +152,11 @@ def test_verdicts(step, fall):
 
 @pytest.mark.long
 def test_the_step_of_integration_does_not_matter(step, fall):
-    finer = servo_step.run(servo_step.Settings(supplies=(10.0,), inertias=(), frictions=(), timestep=2.5e-4))
+    finer = servo_step.run(servo_step.ServoStepSettings(supplies=(10.0,), inertias=(), frictions=(), timestep=2.5e-4))
     for kind, one in step.gearboxes.items():
         other = np.interp(one.time, finer.gearboxes[kind].time, finer.gearboxes[kind].angle)
         assert np.abs(one.angle - other).max() < math.radians(0.15)
-    finer = arm_fall.run(arm_fall.Settings(inertias=(), timestep=2.5e-4))
+    finer = arm_fall.run(arm_fall.ArmFallSettings(inertias=(), timestep=2.5e-4))
     for arm, kinds in fall.gearboxes.items():
         for kind, one in kinds.items():
             assert np.abs(one.angles - finer.gearboxes[arm][kind].angles).max() < math.radians(0.1)

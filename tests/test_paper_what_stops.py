@@ -9,14 +9,23 @@ import pytest
 from featherstone_gait.base.files import read_csv
 from featherstone_gait.reproduction import what_stops
 from featherstone_gait.reproduction.tables import write_rows
-from featherstone_gait.reproduction.what_stops import CONDITIONS, FULL, PAPERS, QUICK, Condition, Result, Row, Search
+from featherstone_gait.reproduction.what_stops import (
+    CONDITIONS,
+    FULL,
+    PAPERS,
+    QUICK,
+    Condition,
+    Search,
+    StopResult,
+    StopRow,
+)
 
 PLAIN, FAIR = Condition(), Condition(plan="cheapest")
 
 
 def ended(condition, cost, longer, converged=700, passed=20, **how):
     """A search that ended so."""
-    row = Row(
+    row = StopRow(
         **{name: getattr(condition, name) for name in ("program", "servos", "step", "plan", "states", "floors")},
         seed=0, iterations=FULL.iterations, first=64.0, best=64.0 * (1.0 + cost), cost=cost, longer=longer, fell=0,
         passed=passed, longer_then=0.15, stepped=20, converged=converged, converged_gain=400,
@@ -26,7 +35,7 @@ def ended(condition, cost, longer, converged=700, passed=20, **how):
 
 
 def verdicts(*searches, iterations=FULL.iterations):
-    return [claim.verdict for claim in what_stops.check(Result(replace(FULL, iterations=iterations), searches))]
+    return [claim.verdict for claim in what_stops.check(StopResult(replace(FULL, iterations=iterations), searches))]
 
 
 STANDARD, MIPSD = (Condition(PAPERS, servos, 2e-3) for servos in ("standard", "mipsd"))
@@ -62,7 +71,7 @@ def test_every_condition_is_named_and_drawn(tmp_path):
     searches = tuple(ended(condition, -0.3, 0.2, passed=-1, longer_then=math.nan) for condition in CONDITIONS)
     assert len({str(condition) for condition in CONDITIONS}) == len(CONDITIONS) == 12
     assert [one.row.condition for one in searches] == list(CONDITIONS)
-    for figure in what_stops.plot(Result(FULL, searches)).values():
+    for figure in what_stops.plot(StopResult(FULL, searches)).values():
         figure.draw_without_rendering()
     path = tmp_path / "searches.csv"
     write_rows(path, what_stops.TABLE, [one.row for one in searches], what_stops.__file__)

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from featherstone_gait import cli
 from featherstone_gait.reproduction import EXPERIMENTS, Claim, report, sources
-from featherstone_gait.reproduction.claim import judged, plus_minus
+from featherstone_gait.reproduction.claim import classify, plus_minus
 from featherstone_gait.reproduction.items import ITEMS
 from featherstone_gait.reproduction.narrow import WIDTH, stack
 
@@ -264,7 +264,7 @@ def test_claims_name_items_of_the_paper_and_no_others():
 
 
 def test_the_rules_of_verdicts_and_of_errors():
-    assert [judged(*x) for x in ((True,), (False, True), (False,), (True, True, False))] == [
+    assert [classify(*x) for x in ((True,), (False, True), (False,), (True, True, False))] == [
         "reproduced", "reproduced in direction", "not reproduced", "undecided",
     ]  # fmt: skip
     assert plus_minus(-0.1354, -0.1354 + 3e-13, ".3f") == "-0.135"

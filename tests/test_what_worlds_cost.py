@@ -9,12 +9,12 @@ from featherstone_gait.base.files import read_csv
 from featherstone_gait.optimize import optimize_gait
 from featherstone_gait.reproduction import what_worlds_cost as study
 from featherstone_gait.reproduction.tables import write_rows
-from featherstone_gait.reproduction.what_worlds_cost import CMA, FIRST, PAPERS, Row
+from featherstone_gait.reproduction.what_worlds_cost import CMA, FIRST, PAPERS, WorldsRow
 from featherstone_gait.walking.cost_in_worlds import in_worlds
 
 
 def row(method, worlds, walks=0.5, cost=30.0, seed=0):
-    return Row(method, worlds, seed, 800, cost, cost, 0.2, 200, walks, 0.9 * cost, cost, 1.1 * cost)
+    return WorldsRow(method, worlds, seed, 800, cost, cost, 0.2, 200, walks, 0.9 * cost, cost, 1.1 * cost)
 
 
 def test_a_search_sees_as_many_candidates_with_either_method():

@@ -24,8 +24,8 @@ from ..run.simulate import initial_state, simulate_batch
 from ..scene.compile import GearboxKind, compile_scene
 from ..view.style import COLOURS as CYCLE
 from ..view.style import look
-from .claim import Claim, Verdict, judged, plus_minus
-from .common import ENCODER_STEP, SERVO_COLOURS, subplots
+from .claim import Claim, Verdict, classify, plus_minus
+from .common import ENCODER_STEP, SERVO_COLORS, subplots
 
 HANGING = math.radians(5.0)  # an arm within this of the vertical hangs [rad]
 ARMS = {"ax12_arm": "forearm", "ax12_whole_arm": "whole arm"}
@@ -33,7 +33,7 @@ SAMPLE = 0.01  # [s] between readings: the servo's controller period
 
 
 @dataclass(frozen=True)
-class Settings:
+class ArmFallSettings:
     """What the paper leaves open."""
 
     starts: tuple[float, ...] = (0.5 * math.pi, math.radians(60), math.radians(30))  # [rad] from horizontal and below
@@ -43,8 +43,8 @@ class Settings:
     timestep: float = 5e-4  # [s] halved, it changes no angle by more than 0.1 deg
 
 
-QUICK = Settings()
-FULL = Settings(timestep=1e-4)
+QUICK = ArmFallSettings()
+FULL = ArmFallSettings(timestep=1e-4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +75,10 @@ class Fall:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class ArmFallResult:
     """Falls by arm and by what was varied, and the friction that the improved model would need."""
 
-    settings: Settings
+    settings: ArmFallSettings
     gearboxes: dict[str, dict[str, Fall]]  # arm -> "standard", "mipsd"
     inertias: dict[float, Fall]  # forearm, MIPSD
     frictions: dict[float, Fall]  # forearm, standard
@@ -87,7 +87,7 @@ class Result:
     transfers: dict[float, float]  # rotor inertia -> rms error of the whole arm's fall with it [rad]
 
 
-def run(settings: Settings = QUICK, progress: bool = False) -> Result:
+def run(settings: ArmFallSettings = QUICK, progress: bool = False) -> ArmFallResult:
     """Simulate all falls."""
     arms = {name: load_robot(name) for name in ARMS}
     forearm, whole = arms.values()
@@ -100,7 +100,7 @@ def run(settings: Settings = QUICK, progress: bool = False) -> Result:
         J: identify(changed(forearm, rotor_inertia=J), falls["forearm"], ["viscous_friction"], progress=progress)
         for J in settings.inertias
     }
-    return Result(
+    return ArmFallResult(
         settings=settings,
         gearboxes=gearboxes,
         inertias={
@@ -122,13 +122,13 @@ def run(settings: Settings = QUICK, progress: bool = False) -> Result:
     )
 
 
-def _fall(settings: Settings, model: Model, kind: GearboxKind, label: str) -> Fall:
+def _fall(settings: ArmFallSettings, model: Model, kind: GearboxKind, label: str) -> Fall:
     """Falls, and the same at half the step."""
     found, finer = (_falls(settings, model, kind, label, h * settings.timestep) for h in (1.0, 0.5))
     return replace(found, finer=finer)
 
 
-def _falls(settings: Settings, model: Model, kind: GearboxKind, label: str, timestep: float) -> Fall:
+def _falls(settings: ArmFallSettings, model: Model, kind: GearboxKind, label: str, timestep: float) -> Fall:
     return Fall(label, *released(model, kind, settings.starts, settings.duration, timestep))
 
 
@@ -142,7 +142,7 @@ def released(
     return runs[0]["time"], np.array([run["q"][:, 0] for run in runs])
 
 
-def _recordings(settings: Settings, fall: Fall) -> list[Recording]:
+def _recordings(settings: ArmFallSettings, fall: Fall) -> list[Recording]:
     """The falls as a recorder would write them down, without noise."""
     still = np.zeros_like(fall.time)
     return [
@@ -163,12 +163,12 @@ def _weight_moment(model: Model) -> float:
     return abs(float(inverse_dynamics(model, [0.5 * math.pi], [0.0], [0.0])[0]))
 
 
-def check(result: Result) -> list[Claim]:
+def check(result: ArmFallResult) -> list[Claim]:
     """The claims of section 2.2 about friction, and of section 3 that the servomotor model stays."""
     return [_fall_claim(result), _coulomb_claim(result), _gearbox_claim(result)]
 
 
-def _fall_claim(result: Result) -> Claim:
+def _fall_claim(result: ArmFallResult) -> Claim:
     """No measured curve is published: at most the direction, that friction lets the arm fall but hardly swing."""
     falls = {arm: kinds["standard"] for arm, kinds in result.gearboxes.items()}
     damped = all(fall.overshoot < 0.25 * result.settings.starts[0] and fall.settled < 2.0 for fall in falls.values())
@@ -190,7 +190,7 @@ def _fall_claim(result: Result) -> Claim:
     )
 
 
-def _coulomb_claim(result: Result) -> Claim:
+def _coulomb_claim(result: ArmFallResult) -> Claim:
     """Reproduced if the printed F_c changes the fall by more than the servo's encoder can tell."""
     none, printed, at_rotor, _ = result.frictions.values()
     seen, seen_at_rotor = (math.degrees(_apart(fall, none)) for fall in (printed, at_rotor))
@@ -201,7 +201,7 @@ def _coulomb_claim(result: Result) -> Claim:
         item="Table 2",
         paper="F_c = 0.0000171 N m",
         ours=f"it changes the forearm's fall by at most {plus_minus(seen, finer, '.3f')} deg",
-        verdict=judged(seen > count),
+        verdict=classify(seen > count),
         why=f"the encoder's count is {count:.2f} deg: a fall cannot tell F_c at the output from none. "
         "Meant at the rotor, 254 times more at the output, it changes the fall by "
         f"{plus_minus(seen_at_rotor, finer_at_rotor, '.2f')} deg: the likelier meaning. The step response hardly shows "
@@ -211,7 +211,7 @@ def _coulomb_claim(result: Result) -> Claim:
     )
 
 
-def _gearbox_claim(result: Result) -> Claim:
+def _gearbox_claim(result: ArmFallResult) -> Claim:
     """Reproduced if the fall stays within a count of the encoder, in direction if a new B_v brings it back there."""
     kinds = result.gearboxes["forearm"]
     apart, finer = (_apart(*falls) for falls in (kinds.values(), [fall.half for fall in kinds.values()]))
@@ -251,7 +251,7 @@ def _interval(fit: Identification) -> str:
 
 
 @look()
-def plot(result: Result) -> dict[str, Figure]:
+def plot(result: ArmFallResult) -> dict[str, Figure]:
     """The fall as in Fig. 5, and what it depends on."""
     return {
         "Free fall from the horizontal, motor off, as in Fig. 5: forearm and whole arm, with and without rotor "
@@ -261,11 +261,11 @@ def plot(result: Result) -> dict[str, Figure]:
     }
 
 
-def _main(result: Result) -> Figure:
+def _main(result: ArmFallResult) -> Figure:
     figure, panels = subplots(9.0, 3.4, 1, 2, sharey=True)
     for axes, (arm, kinds) in zip(panels, result.gearboxes.items()):
         for kind, fall in kinds.items():
-            axes.plot(fall.time, np.degrees(fall.angles[0]), color=SERVO_COLOURS[kind], linewidth=1.6, label=kind)
+            axes.plot(fall.time, np.degrees(fall.angles[0]), color=SERVO_COLORS[kind], linewidth=1.6, label=kind)
         axes.axhline(0.0, color="0.4", linestyle=":", linewidth=1.0)
         axes.set(xlabel="time [s]", title=arm)
     panels[0].set_ylabel("angle [deg]")
@@ -273,7 +273,7 @@ def _main(result: Result) -> Figure:
     return figure
 
 
-def _dependence(result: Result) -> Figure:
+def _dependence(result: ArmFallResult) -> Figure:
     figure, (left, middle, right) = subplots(9.0, 3.4, 1, 3, sharey=True)
     for axes, falls in ((left, result.inertias), (middle, result.frictions)):
         for fall, style, color in zip(falls.values(), ("-", "--", ":", "-."), CYCLE):

@@ -56,7 +56,7 @@ def _text(claim: Claim) -> str:
     return "\n".join([*lines, fill(claim.why, 110, initial_indent="  ", subsequent_indent="  ")])
 
 
-def judged(same: bool | np.bool, alike: bool | np.bool = False, enough: bool = True) -> Verdict:
+def classify(same: bool | np.bool, alike: bool | np.bool = False, enough: bool = True) -> Verdict:
     """The verdict: the same figure, at least the same direction, or neither; none where there are not `enough` runs."""
     if not enough:
         return "undecided"

@@ -1,4 +1,4 @@
-"""What several experiments share: constants, heavier robots, cases in threads, figures."""
+"""What several experiments share: constants, scale_masses robots, cases in threads, figures."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ R = TypeVar("R")
 
 ENCODER_STEP = math.radians(300.0 / 1023.0)  # of the AX-12 [rad], ROBOTIS e-manual
 EXPLICIT, IMPLICIT = "simtwo", "implicit_euler"  # integrators: the paper's program of 2012, and the linearly implicit
-SERVO_COLOURS = {"standard": ORANGE, "mipsd": BLUE, "rotor": COLOURS[2]}  # the same in all figures
+SERVO_COLORS = {"standard": ORANGE, "mipsd": BLUE, "rotor": COLOURS[2]}  # the same in all figures
 LINE_STYLES = {EXPLICIT: "-", IMPLICIT: "--"}
 INTEGRATOR_NAMES = {EXPLICIT: "explicit (simtwo)", IMPLICIT: "implicit_euler"}
 
 
-def heavier(model: Model, times: ArrayLike) -> Model:
+def scale_masses(model: Model, times: ArrayLike) -> Model:
     """Scale the masses and inertias of the links; times: a factor, or one for each link."""
     links = [
         replace(x, mass=float(m) * x.mass, inertia=tuple(float(m) * i for i in x.inertia))

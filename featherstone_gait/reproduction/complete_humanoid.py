@@ -20,7 +20,7 @@ from ..optimize.quality import Quality, measure_quality
 from ..optimize.search import optimize_gait
 from ..robot_file import load_robot
 from ..view.style import BLUE, ORANGE, look
-from .claim import Claim, judged, question, span
+from .claim import Claim, classify, question, span
 from .common import subplots
 from .walks import finished
 
@@ -28,15 +28,15 @@ ROBOTS = {"simplified": "simplified", "complete": None}  # name -> what is locke
 
 
 @dataclass(frozen=True)
-class Settings:
+class CompleteHumanoidSettings:
     """How long and how often."""
 
     iterations: int  # of each search
     searches: int  # of each robot, by different seeds
 
 
-QUICK = Settings(iterations=150, searches=2)
-FULL = Settings(iterations=800, searches=3)
+QUICK = CompleteHumanoidSettings(iterations=150, searches=2)
+FULL = CompleteHumanoidSettings(iterations=800, searches=3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,18 +67,19 @@ class Walk:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
-    settings: Settings
+class CompleteHumanoidResult:
+    settings: CompleteHumanoidSettings
     walks: dict[str, Walk]  # by robot
 
 
-def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
+def run(settings: CompleteHumanoidSettings = QUICK, seed: int = 0, progress: bool = False) -> CompleteHumanoidResult:
     """Search with both robots, seeded by `seed` and those that follow."""
     with tqdm(disable=not progress, total=len(ROBOTS) * settings.searches, unit="search") as bar:
-        return Result(settings, {name: _walk(settings, locked, seed, bar) for name, locked in ROBOTS.items()})
+        walks = {name: _walk(settings, locked, seed, bar) for name, locked in ROBOTS.items()}
+    return CompleteHumanoidResult(settings, walks)
 
 
-def _walk(settings: Settings, locked: str | None, seed: int, bar: tqdm) -> Walk:
+def _walk(settings: CompleteHumanoidSettings, locked: str | None, seed: int, bar: tqdm) -> Walk:
     model = load_robot("humanoid", locked=locked)
     cost = walking_cost(model)
     n, results = settings.iterations, []
@@ -99,12 +100,12 @@ def _walk(settings: Settings, locked: str | None, seed: int, bar: tqdm) -> Walk:
 # ---------------------------------------------------------------------------------------------- claims
 
 
-def check(result: Result) -> list[Claim]:
+def check(result: CompleteHumanoidResult) -> list[Claim]:
     """What comes of the paper's future work."""
     return [_walks(result), _cheaper(result), _arms(result), _safe(result)]
 
 
-def _walks(result: Result) -> Claim:
+def _walks(result: CompleteHumanoidResult) -> Claim:
     """Reproduced if planned gait and all gaits found walk, at 1 ms and at a quarter of it, and are cheaper."""
     walk = result.walks["complete"]
     qualities = (walk.first, *walk.found)
@@ -117,13 +118,13 @@ def _walks(result: Result) -> Claim:
         ours=f"{len(walk.joints)} joints, {walk.poses[0].size} angles: {walk.best[0, 0]:.1f} J/m as planned, "
         f"{span(walk.costs, '.1f')} J/m after {result.settings.iterations} iterations "
         f"({span(walk.gains, '+.0%')})",
-        verdict=judged(walks and (walk.gains < 0.0).all()),
+        verdict=classify(walks and (walk.gains < 0.0).all()),
         why="Rule: the planned gait and all gaits found walk, also at a quarter of the step, and all are cheaper. A "
         f"quarter of the step changes the cost by {span(fine, '+.1%')}",
     )
 
 
-def _cheaper(result: Result) -> Claim:
+def _cheaper(result: CompleteHumanoidResult) -> Claim:
     """Reproduced if every search of the complete robot ends below every one of the simplified; direction: medians."""
     simple, complete = (result.walks[name] for name in ROBOTS)
     apart = complete.costs.max() < simple.costs.min()
@@ -133,7 +134,7 @@ def _cheaper(result: Result) -> Claim:
     return question(
         claim="The complete humanoid walks more cheaply than the simplified after equally many iterations",
         ours=f"complete {span(complete.costs, '.1f')} J/m, simplified {span(simple.costs, '.1f')} J/m",
-        verdict=judged(apart, lower),
+        verdict=classify(apart, lower),
         why=f"Rule: every search below every one; in direction if the median is lower; {len(simple.costs)} searches "
         f"each. {joints} servos more that hold arms and neck and {complete.poses[0].size} angles in place of "
         f"{simple.poses[0].size} stand against what the arms can give; before the search the complete robot costs "
@@ -142,7 +143,7 @@ def _cheaper(result: Result) -> Claim:
     )
 
 
-def _arms(result: Result) -> Claim:
+def _arms(result: CompleteHumanoidResult) -> Claim:
     """Reproduced if every gait found gets dearer by 1 % without; in direction if dearer in the median."""
     walk = result.walks["complete"]
     legs = np.isin(walk.joints, result.walks["simplified"].joints)
@@ -151,21 +152,21 @@ def _arms(result: Result) -> Claim:
     return question(
         claim="The search makes use of arms, hip yaw and neck",
         ours=f"with these put back as planned the gaits found cost {span(dearer, '+.1%')}",
-        verdict=judged(dearer.min() > 0.01, np.median(dearer) > 0),
+        verdict=classify(dearer.min() > 0.01, np.median(dearer) > 0),
         why="Rule: every gait gets dearer by more than 1 %; in direction if dearer in the median; a fall is infinite. "
         f"These joints move from the plan by {np.median(change[~legs]):.1f} deg, the ten of the simplified robot by "
         f"{np.median(change[legs]):.1f} deg (median of the largest change)",
     )
 
 
-def _safe(result: Result) -> Claim:
+def _safe(result: CompleteHumanoidResult) -> Claim:
     """Reproduced if the median share of safe gaits differs by less than a tenth, in either direction."""
     shares = {name: [q.safe for q in walk.found] for name, walk in result.walks.items()}
     simple, complete = (float(np.median(shares[name])) for name in ROBOTS)
     return question(
         claim="The complete humanoid's gaits are as safe: they walk with all angles off by up to 1 deg",
         ours=f"complete {span(shares['complete'], '.0%')}, simplified {span(shares['simplified'], '.0%')}",
-        verdict=judged(abs(simple - complete) < 0.1),
+        verdict=classify(abs(simple - complete) < 0.1),
         why="Rule: medians differ by less than 10 points. Each share is of 63 gaits, good to 6 points; as planned "
         f"{result.walks['complete'].first.safe:.0%} and {result.walks['simplified'].first.safe:.0%}",
     )
@@ -177,7 +178,7 @@ COLOURS = {"simplified": BLUE, "complete": ORANGE}
 
 
 @look()
-def plot(result: Result) -> dict[str, Figure]:
+def plot(result: CompleteHumanoidResult) -> dict[str, Figure]:
     """The searches, and what moved."""
     return {
         "Energy per distance of the best gait so far: each search, and the median of each robot (thick).":
@@ -187,7 +188,7 @@ def plot(result: Result) -> dict[str, Figure]:
     }  # fmt: skip
 
 
-def _progress(result: Result) -> Figure:
+def _progress(result: CompleteHumanoidResult) -> Figure:
     figure, axes = subplots(7.0, 4.0)
     for name, walk in result.walks.items():
         axes.plot(walk.best.T, color=COLOURS[name], linewidth=0.7, alpha=0.6)
@@ -199,7 +200,7 @@ def _progress(result: Result) -> Figure:
     return figure
 
 
-def _changes(result: Result) -> Figure:
+def _changes(result: CompleteHumanoidResult) -> Figure:
     walk = result.walks["complete"]
     legs = result.walks["simplified"].joints
     order = np.argsort(walk.changes)

@@ -33,8 +33,8 @@ from ..view.style import BLUE, ORANGE, look
 from ..view.style import COLOURS as STYLE
 from ..walking.cost import WalkingCost
 from ..walking.gait import TICK
-from .claim import Claim, judged, question
-from .common import ENCODER_STEP, EXPLICIT, IMPLICIT, heavier, subplots
+from .claim import Claim, classify, question
+from .common import ENCODER_STEP, EXPLICIT, IMPLICIT, scale_masses, subplots
 from .walks import cycle_energies, planned_walk, recompiled
 
 Servos = tuple[GearboxKind, str]  # with the integrator
@@ -49,7 +49,7 @@ RESAMPLES = 2000  # of the bootstrap
 
 
 @dataclass(frozen=True)
-class Settings:
+class EnergySettings:
     """Sizes of the sources, and how many runs."""
 
     runs: int  # of each model with each source
@@ -66,8 +66,8 @@ class Settings:
     warm_up: int = 1  # strides before them
 
 
-QUICK = Settings(runs=40)
-FULL = Settings(runs=200, scales=(0.01, 0.03, 0.1, 0.3, 3.0, 10.0), masses=(0.5, 0.6, 0.7, 0.8, 0.9))
+QUICK = EnergySettings(runs=40)
+FULL = EnergySettings(runs=200, scales=(0.01, 0.03, 0.1, 0.3, 3.0, 10.0), masses=(0.5, 0.6, 0.7, 0.8, 0.9))
 
 
 class Scatter(NamedTuple):
@@ -82,13 +82,13 @@ class Scatter(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class EnergyResult:
     """Energies of each stride (runs, strides) [J], nan in runs that fell, by (servos, integrator) and source.
 
     Besides `SOURCES` and `ALL` the sources are (ALL, scale), ("mass", times) and ("step", seconds), with all sources.
     """
 
-    settings: Settings
+    settings: EnergySettings
     seed: int
     energies: dict[Servos, dict[Source, np.ndarray]]
     chatters: dict[Servos, int]  # runs of `ALL` that chattered
@@ -121,7 +121,7 @@ def _relative(energy: np.ndarray) -> np.ndarray:
     return energy.std(axis=-1, ddof=1) / energy.mean(axis=-1)
 
 
-def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
+def run(settings: EnergySettings = QUICK, seed: int = 0, progress: bool = False) -> EnergyResult:
     """Walk the planned gait with each model under each source; the models share the noise, seeded by `seed`."""
     energies: dict[Servos, dict[Source, np.ndarray]] = {model: {} for model in MODELS}
     chatters, off = {}, {}
@@ -141,11 +141,11 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     for model in MODELS:
         energy = energies[model][ALL].sum(axis=1)
         off[model] = float(np.nanmean(energy) / true[model[0]] - 1.0) if np.isfinite(energy).any() else math.nan
-    return Result(settings, seed, energies, chatters, off)
+    return EnergyResult(settings, seed, energies, chatters, off)
 
 
 def gait_cost(
-    settings: Settings,
+    settings: EnergySettings,
     planned: WalkingCost,
     gearbox: GearboxKind,
     integrator: str,
@@ -153,12 +153,12 @@ def gait_cost(
     mass: float = 1.0,
 ) -> WalkingCost:
     """The planned walk with other servos, integrator, step and this many times the masses."""
-    model, how = heavier(planned.scene.model, mass), {"integrator": integrator, "timestep": timestep}
+    model, how = scale_masses(planned.scene.model, mass), {"integrator": integrator, "timestep": timestep}
     cost = recompiled(planned, model, gearbox=gearbox, **how)
     return replace(cost, warm_up=settings.warm_up, strides=settings.strides)
 
 
-def _undisturbed(settings: Settings, planned: WalkingCost, gearbox: GearboxKind) -> float:
+def _undisturbed(settings: EnergySettings, planned: WalkingCost, gearbox: GearboxKind) -> float:
     """Energy at a quarter of the step, integrated implicitly, with nothing put in [J]."""
     cost = gait_cost(settings, planned, gearbox, IMPLICIT, 2.5e-4)
     states, noises = disturbed(replace(settings, runs=3), cost, ALL, 0, 0.0)
@@ -166,7 +166,7 @@ def _undisturbed(settings: Settings, planned: WalkingCost, gearbox: GearboxKind)
 
 
 def disturbed(
-    settings: Settings, cost: WalkingCost, source: str, seed: int, scale: float = 1.0
+    settings: EnergySettings, cost: WalkingCost, source: str, seed: int, scale: float = 1.0
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Initial states and noises (runs, ticks, joints, 2) of the runs, `scale` times the sizes of the settings."""
     angles = cost.reference(cost.gait.to_vector(), 0).values[0]
@@ -204,12 +204,12 @@ def _energies(cost: WalkingCost, states: list, noises: np.ndarray) -> tuple[np.n
 # ---------------------------------------------------------------------------------------------- claims
 
 
-def check(result: Result) -> list[Claim]:
+def check(result: EnergyResult) -> list[Claim]:
     """The paper's two figures and their ratio, and what they come from."""
     return [_size(result, "standard"), _size(result, "mipsd"), _lower(result), _cause(result), _source(result)]
 
 
-def _size(result: Result, gearbox: GearboxKind) -> Claim:
+def _size(result: EnergyResult, gearbox: GearboxKind) -> Claim:
     """Reproduced if within `FACTOR` of the paper's; in direction if on the paper's side of the two figures' middle."""
     model: Servos = (gearbox, EXPLICIT)
     ours, paper, fell = result.scatter(model), PAPER[gearbox], result.fell(model)
@@ -225,7 +225,7 @@ def _size(result: Result, gearbox: GearboxKind) -> Claim:
         factor=ours.value / paper,
         paper=f"{paper:.2%} over 200 runs",
         ours=f"{ours} over {result.settings.runs - fell} runs; {fell} fell and are left out",
-        verdict=judged(near, side),
+        verdict=classify(near, side),
         why=f"Rule: within a factor {FACTOR:g}; in direction if on the same side of {middle:.1%}, the two figures' "
         "geometric mean. Explicit order, as in the paper's program, with all sources; alone: "
         + ", ".join(f"{source} {result.scatter(model, source)}" for source in SOURCES)
@@ -233,12 +233,12 @@ def _size(result: Result, gearbox: GearboxKind) -> Claim:
     )
 
 
-def _spread(result: Result, model: Servos, source: Source) -> str:
+def _spread(result: EnergyResult, model: Servos, source: Source) -> str:
     fell = result.fell(model, source)
     return f"{result.scatter(model, source)}" + (f", {fell} fell," if fell else "")
 
 
-def _lower(result: Result) -> Claim:
+def _lower(result: EnergyResult) -> Claim:
     """Reproduced if the intervals are apart and the ratio is the paper's within `FACTOR`; in direction if apart."""
     ratio, (standard, mipsd) = _ratio(result, EXPLICIT)
     paper = PAPER["standard"] / PAPER["mipsd"]
@@ -251,7 +251,7 @@ def _lower(result: Result) -> Claim:
         factor=ratio / paper,
         paper=f"{paper:.2f} times",
         ours=f"{ratio:.2g} times ({standard} against {mipsd})",
-        verdict=judged(apart and near, apart),
+        verdict=classify(apart and near, apart),
         why=f"Rule: 95 % intervals apart, and the ratio within a factor {FACTOR:g}; in direction if apart. By source: "
         + ", ".join(f"{source} {x:.2g} times" for source, x in ratios.items())
         + f". {result.chatters['standard', EXPLICIT]} of {result.settings.runs} runs of the standard model chatter, "
@@ -259,12 +259,12 @@ def _lower(result: Result) -> Claim:
     )
 
 
-def _ratio(result: Result, integrator: str, source: Source = ALL) -> tuple[float, tuple[Scatter, Scatter]]:
+def _ratio(result: EnergyResult, integrator: str, source: Source = ALL) -> tuple[float, tuple[Scatter, Scatter]]:
     standard, mipsd = (result.scatter((servos, integrator), source) for servos in ("standard", "mipsd"))
     return standard.value / mipsd.value, (standard, mipsd)
 
 
-def _cause(result: Result) -> Claim:
+def _cause(result: EnergyResult) -> Claim:
     """Reproduced if the standard model scatters more than MIPSD, intervals apart, when integrated implicitly too."""
     ratio, (standard, mipsd) = _ratio(result, IMPLICIT)
     apart = standard.low > mipsd.high
@@ -273,7 +273,7 @@ def _cause(result: Result) -> Claim:
     return question(
         claim="It is the servo model that makes the energy scatter",
         ours=f"integrated implicitly: standard {standard}, MIPSD {mipsd}, {ratio:.2g} times",
-        verdict=judged(apart),
+        verdict=classify(apart),
         why="Rule: 95 % intervals of standard and MIPSD apart also where both are integrated implicitly. The same "
         f"standard model scatters by {explicit} in the explicit order, where its energy is off by {gain} from that of "
         f"a quarter of the step integrated implicitly (implicit, 1 ms: {result.off['standard', IMPLICIT]:+.1%}; MIPSD: "
@@ -281,7 +281,7 @@ def _cause(result: Result) -> Claim:
     )
 
 
-def _source(result: Result) -> Claim:
+def _source(result: EnergyResult) -> Claim:
     """Reproduced if round-off alone scatters the explicit standard model at least half as much as all sources do."""
     ours = {model: result.scatter(model, "round-off") for model in MODELS}
     model: Servos = ("standard", EXPLICIT)
@@ -293,7 +293,7 @@ def _source(result: Result) -> Claim:
     return question(
         claim="Round-off alone makes the energy of the standard model scatter: its chatter is chaotic",
         ours=", ".join(f"{_name(model)} {x}" for model, x in ours.items()),
-        verdict=judged(chaotic),
+        verdict=classify(chaotic),
         why="Rule: in the explicit order round-off alone gives at least half the scatter of all sources together. "
         f"Variance of each source alone, of the sum of all four: {shares}",
     )
@@ -315,7 +315,7 @@ COLOURS = dict(zip(MODELS, (ORANGE, STYLE[5], BLUE, STYLE[4])))
 
 
 @look()
-def plot(result: Result) -> dict[str, Figure]:
+def plot(result: EnergyResult) -> dict[str, Figure]:
     """Fig. 11, the shares of the sources, and the dependence on their size."""
     return {
         "Energy of the same gait in each run over the mean of its model, all sources together, as in Fig. 11; right: "
@@ -326,7 +326,7 @@ def plot(result: Result) -> dict[str, Figure]:
     }
 
 
-def _runs(result: Result) -> Figure:
+def _runs(result: EnergyResult) -> Figure:
     figure, panels = subplots(10.0, 5.0, 2, 2, sharey="row", sharex="col", width_ratios=(3, 1))
     for row, integrator in zip(panels, (EXPLICIT, IMPLICIT)):
         for servos in PAPER:
@@ -345,7 +345,7 @@ def _runs(result: Result) -> Figure:
     return figure
 
 
-def _sources(result: Result) -> Figure:
+def _sources(result: EnergyResult) -> Figure:
     figure, axes = subplots(9.0, 3.8)
     names = [*SOURCES, ALL]
     for k, model in enumerate(MODELS):
@@ -362,7 +362,7 @@ def _sources(result: Result) -> Figure:
     return figure
 
 
-def _sizes(result: Result) -> Figure:
+def _sizes(result: EnergyResult) -> Figure:
     figure, axes = subplots(7.0, 4.0)
     scales = sorted((*result.settings.scales, 1.0))
     for model in MODELS:

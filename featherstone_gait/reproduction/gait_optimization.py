@@ -49,7 +49,7 @@ from ..view.style import BLUE, ORANGE, look
 from ..view.style import COLOURS as STYLE
 from ..walking.cost import LEAST_SPEED, WalkingCost
 from ..walking.gait import TICK, bounds
-from .claim import Claim, judged, question
+from .claim import Claim, classify, question
 from .common import EXPLICIT, draw_band, draw_marks, subplots
 from .tables import search_history
 from .walks import finished, planned_walk, recompiled
@@ -79,7 +79,7 @@ CONDITIONS = (MIPSD, STANDARD, CHATTER, MIPSD_NOISY, STANDARD_NOISY)
 
 
 @dataclass(frozen=True)
-class Settings:
+class GaitSearchSettings:
     """How long and how often."""
 
     iterations: int  # of each search; the paper's 3000 at full size
@@ -91,8 +91,10 @@ class Settings:
     folder: str = ""  # of the searches' histories, from which they go on when interrupted; none are kept if ""
 
 
-QUICK = Settings(iterations=100, searches=2, noisy_searches=1, points=11)
-FULL = Settings(PAPER_ITERATIONS, searches=6, noisy_searches=2, rtol=1e-6, folder="gait_optimization_searches")
+QUICK = GaitSearchSettings(iterations=100, searches=2, noisy_searches=1, points=11)
+FULL = GaitSearchSettings(
+    PAPER_ITERATIONS, searches=6, noisy_searches=2, rtol=1e-6, folder="gait_optimization_searches"
+)
 
 DEFINITIONS = {  # of convergence: the first iteration from which on the best is within this of the last best
     "1 % of the final cost": lambda best: 0.01 * best[-1],
@@ -105,7 +107,7 @@ DEFINITION = "1 % of the final cost"
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class GaitSearch:
     """A search; its arrays are over iterations, all or those `at`, the first of which is the planned gait."""
 
     condition: Condition
@@ -132,17 +134,17 @@ class Search:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class GaitSearchResult:
     """Searches, and the cost [J/m] of the planned gait and of each gait found under each `EVALUATIONS`."""
 
-    settings: Settings
-    searches: tuple[Search, ...]
+    settings: GaitSearchSettings
+    searches: tuple[GaitSearch, ...]
     first: dict[str, float]
     found: dict[str, np.ndarray]  # (searches,); infinite where it falls
     model: Model
     strides: tuple[Trajectory, Trajectory]  # with MIPSD: `SHOWN` of the planned gait, and of the cheapest one found
 
-    def of(self, condition: Condition) -> list[Search]:
+    def of(self, condition: Condition) -> list[GaitSearch]:
         return [search for search in self.searches if search.condition == condition]
 
     def converged(self, condition: Condition, definition: str = DEFINITION) -> np.ndarray:
@@ -163,7 +165,7 @@ EVALUATIONS = {  # what is simulated, and whether as the reference is
 }
 
 
-def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
+def run(settings: GaitSearchSettings = QUICK, seed: int = 0, progress: bool = False) -> GaitSearchResult:
     """Make all searches, seeded by `seed` and those that follow, and evaluate what they found."""
     counts = [settings.searches if c in (MIPSD, STANDARD) else settings.noisy_searches for c in CONDITIONS]
     todo = [(condition, seed + k) for condition, count in zip(CONDITIONS, counts) for k in range(count)]
@@ -180,7 +182,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     best = min((search for search in searches if search.condition == MIPSD), key=lambda search: search.best[-1])
     before, after = planned.simulate([planned.gait.to_vector(), best.x, best.x])[:2]
     strides = _strides(planned, before), _strides(planned, after)
-    return Result(settings, searches, first, found, planned.scene.model, strides)
+    return GaitSearchResult(settings, searches, first, found, planned.scene.model, strides)
 
 
 def _strides(cost: WalkingCost, run: Trajectory) -> Trajectory:
@@ -220,7 +222,7 @@ def measured(cost: WalkingCost, run: Trajectory) -> tuple[float, float]:
     return (after - before) / (end - start), (end - start) / (2.0 * cost.strides)
 
 
-def _search(settings: Settings, planned: WalkingCost, condition: Condition, seed: int) -> Search:
+def _search(settings: GaitSearchSettings, planned: WalkingCost, condition: Condition, seed: int) -> GaitSearch:
     cost = cost_of(planned, condition)
     n = settings.iterations
     result = finished(minimize(
@@ -233,7 +235,7 @@ def _search(settings: Settings, planned: WalkingCost, condition: Condition, seed
     at = np.unique(np.linspace(0, n, settings.points).round().astype(int))
     kept, places = np.unique(latest[at], return_inverse=True)
     found, steps = measure(cost, result.history["x"][kept])[places].T
-    return Search(condition, seed, result.history["f"][latest], at, found, steps, result.x)
+    return GaitSearch(condition, seed, result.history["f"][latest], at, found, steps, result.x)
 
 
 def _evaluate(cost: WalkingCost, noise: float, candidates: Speculation) -> float:
@@ -253,7 +255,7 @@ def _evaluate(cost: WalkingCost, noise: float, candidates: Speculation) -> float
     )
 
 
-def _history(settings: Settings, cost: WalkingCost, condition: Condition, seed: int) -> dict:
+def _history(settings: GaitSearchSettings, cost: WalkingCost, condition: Condition, seed: int) -> dict:
     """Where the search is kept; another program or robot has other files."""
     model = replace(cost.scene.model, notes=(), source="")
     what = f"{model!r}\n{condition!r}\n{settings.amplitude}\n{cost.mark} {cost.strides}\n{source_hash()}"
@@ -263,12 +265,12 @@ def _history(settings: Settings, cost: WalkingCost, condition: Condition, seed: 
 # ---------------------------------------------------------------------------------------------- claims
 
 
-def check(result: Result) -> list[Claim]:
+def check(result: GaitSearchResult) -> list[Claim]:
     """Section 5 of the paper, and how far its conclusions carry."""
     return [_converged(result), _faster(result), _noise(result), _cost(result), _step(result), _survives(result)]
 
 
-def _converged(result: Result) -> Claim:
+def _converged(result: GaitSearchResult) -> Claim:
     """Reproduced if the median lies within the factor of the paper's."""
     ours = result.converged(MIPSD)
     sensitivity = "; ".join(f"{name}: {_quartiles(result.converged(MIPSD, name))}" for name in DEFINITIONS)
@@ -282,14 +284,14 @@ def _converged(result: Result) -> Claim:
         factor=float(np.median(ours)) / PAPER_CONVERGED if enough else None,
         paper=f"{PAPER_CONVERGED} of {PAPER_ITERATIONS}, one search",
         ours=f"{_quartiles(ours)} of {result.settings.iterations}, median and quartiles of {len(ours)} searches",
-        verdict=judged(bool(near), enough=enough),
+        verdict=classify(bool(near), enough=enough),
         why=f"Rule: median within a factor {FACTOR:g}. Converged: the first iteration whose best is within "
         f"{DEFINITION} of the last. It hangs on that definition: {sensitivity}. By iteration {early} "
         f"{np.median(share):.0%} of the gain is made{_short(result)}",
     )
 
 
-def _faster(result: Result) -> Claim:
+def _faster(result: GaitSearchResult) -> Claim:
     """Reproduced if quartiles are apart and the ratio is the paper's within the factor; in direction if apart."""
     new, old = result.converged(MIPSD), result.converged(STANDARD)
     ratio, paper = float(np.median(old) / np.median(new)), PAPER_OLD / PAPER_CONVERGED
@@ -305,13 +307,13 @@ def _faster(result: Result) -> Claim:
         factor=ratio / paper if enough else None,
         paper=f"more than {PAPER_OLD} against {PAPER_CONVERGED}, {paper:.2f} times",
         ours=f"{_quartiles(old)} against {_quartiles(new)}, {ratio:.2f} times",
-        verdict=judged(apart and near, apart, enough),
+        verdict=classify(apart and near, apart, enough),
         why=f"Rule: quartiles apart and the ratio within a factor {FACTOR:g}; in direction if apart. Both models "
         f"integrated implicitly, free of noise; median standard against MIPSD by definition: {others}{_short(result)}",
     )
 
 
-def _noise(result: Result) -> Claim:
+def _noise(result: GaitSearchResult) -> Claim:
     """Reproduced if both kinds of noise leave the standard model's searches, as they are, worse than without."""
     clean = [search.gain for search in result.of(STANDARD)]
     lines, worse = [], []
@@ -330,7 +332,7 @@ def _noise(result: Result) -> Claim:
     return question(
         claim="A noisy cost is what makes the older model's search slow or poor",
         ours="; ".join(lines),
-        verdict=judged(all(worse), any(worse)),
+        verdict=classify(all(worse), any(worse)),
         why="Rule: every gait found with chatter, and with the noise of the paper's 14.62 %, is worse under the "
         f"noise-free standard model than every one found without noise ({min(clean):+.0%} to {max(clean):+.0%}); in "
         "direction if one kind is. The search keeps the luckiest cost as its best, against which everything later has "
@@ -338,7 +340,7 @@ def _noise(result: Result) -> Claim:
     )
 
 
-def _cost(result: Result) -> Claim:
+def _cost(result: GaitSearchResult) -> Claim:
     """Reproduced if the median lies within the points of the paper's; in direction if every search gains."""
     gains = np.array([search.gain for search in result.of(MIPSD)])
     near, falls = abs(np.median(gains) - PAPER_COST) < POINTS, bool((gains < 0.0).all())
@@ -354,7 +356,7 @@ def _cost(result: Result) -> Claim:
         paper=f"{PAPER_COST:.0%}",
         ours=f"{_percents(gains)} over {len(gains)} searches, from {result.first['mipsd']:.1f} to "
         f"{min(costs):.1f} ... {max(costs):.1f} J/m; standard {_percents([s.gain for s in result.of(STANDARD)])}",
-        verdict=judged(near, falls),
+        verdict=classify(near, falls),
         why=f"Rule: median within {100 * POINTS:g} points; in direction if every search gains. The paper's 14 % are "
         f"reached after {_median(reached)} iterations. What is there to gain depends on the first gait, of which the "
         "paper says no more than that it comes from a pattern generator. Error of the costs: the reference gives "
@@ -362,7 +364,7 @@ def _cost(result: Result) -> Claim:
     )
 
 
-def _step(result: Result) -> Claim:
+def _step(result: GaitSearchResult) -> Claim:
     """Reproduced if the median lies within the points of the paper's; in direction if every search gains."""
     longer = np.array([search.longer for search in result.of(MIPSD)])
     near, grows = abs(np.median(longer) - PAPER_STEP) < POINTS, bool((longer > 0.0).all())
@@ -374,12 +376,12 @@ def _step(result: Result) -> Claim:
         paper=f"{PAPER_STEP:+.0%}",
         ours=f"{_percents(longer)}, from {steps[0, 0]:.1f} to {steps[:, 1].min():.1f} ... {steps[:, 1].max():.1f} mm; "
         f"standard {_percents([s.longer for s in result.of(STANDARD)])}",
-        verdict=judged(near, grows),
+        verdict=classify(near, grows),
         why=f"Rule: median within {100 * POINTS:g} points; in direction if it grows in every search",
     )
 
 
-def _survives(result: Result) -> Claim:
+def _survives(result: GaitSearchResult) -> Claim:
     """Reproduced if every gait found keeps half its gain under the other model and under the reference."""
     rtol = result.settings.rtol
     accuracy = f"error control, {rtol:g} a step" if rtol else "a quarter of the step"
@@ -393,12 +395,12 @@ def _survives(result: Result) -> Claim:
     return question(
         claim="What is gained under one model is gained under the other and more accurately",
         ours=f"{sum(kept)} of {len(kept)} evaluations keep half the gain",
-        verdict=judged(all(kept), np.mean(kept) > 0.5),
+        verdict=classify(all(kept), np.mean(kept) > 0.5),
         why="Rule: all keep half; in direction if most do. " + "; ".join(lines) + f". Reference: {accuracy}",
     )
 
 
-def _short(result: Result) -> str:
+def _short(result: GaitSearchResult) -> str:
     n = result.settings.iterations
     return (
         f". Not decided at this size: {n} iterations end before the paper's {PAPER_OLD}; run it with --full"
@@ -432,7 +434,7 @@ COLOURS = dict(zip(CONDITIONS, (BLUE, ORANGE, STYLE[3], STYLE[4], STYLE[5])))
 
 
 @look()
-def plot(result: Result) -> dict[str, Figure]:
+def plot(result: GaitSearchResult) -> dict[str, Figure]:
     """Figs. 15 and 16 with their spread, convergence by definition, and what is left under other models."""
     return {
         "A stride of the planned gait and of the cheapest found with MIPSD, dark to light, as in Fig. 15.":
@@ -446,7 +448,7 @@ def plot(result: Result) -> dict[str, Figure]:
     }  # fmt: skip
 
 
-def animate(result: Result) -> dict[str, str]:
+def animate(result: GaitSearchResult) -> dict[str, str]:
     """The same strides as a page that plays them, by caption."""
     runs = {}
     for run, name in zip(result.strides, ("planned", "found")):
@@ -458,7 +460,7 @@ def animate(result: Result) -> dict[str, str]:
     return {caption: page_html(runs, "planned and found")}
 
 
-def _snapshots(result: Result) -> Figure:
+def _snapshots(result: GaitSearchResult) -> Figure:
     figure, panels = subplots(9.0, 4.6, 1, 2)
     for axes, run, name in zip(panels, result.strides, ("planned", "found")):
         stride = _rows(run, slice(len(run["time"]) // SHOWN + 1))
@@ -469,7 +471,7 @@ def _snapshots(result: Result) -> Figure:
     return figure
 
 
-def _progress(result: Result) -> Figure:
+def _progress(result: GaitSearchResult) -> Figure:
     figure, panels = subplots(10.0, 4.2, 1, 2)
     for condition in CONDITIONS:
         searches = result.of(condition)
@@ -493,7 +495,7 @@ def _progress(result: Result) -> Figure:
     return figure
 
 
-def _convergence(result: Result) -> Figure:
+def _convergence(result: GaitSearchResult) -> Figure:
     figure, axes = subplots(9.0, 4.0)
     for k, condition in enumerate(CONDITIONS):
         for j, name in enumerate(DEFINITIONS):
@@ -508,7 +510,7 @@ def _convergence(result: Result) -> Figure:
     return figure
 
 
-def _cross(result: Result) -> Figure:
+def _cross(result: GaitSearchResult) -> Figure:
     figure, axes = subplots(9.0, 4.0)
     for k, condition in enumerate(CONDITIONS):
         for j, name in enumerate(EVALUATIONS):

@@ -28,7 +28,7 @@ from ..run.simulate import initial_state, simulate_batch
 from ..scene.compile import GearboxKind, compile_scene
 from ..view.style import COLOURS as CYCLE
 from ..view.style import look
-from .claim import Claim, judged, question
+from .claim import Claim, classify, question
 from .common import ENCODER_STEP, subplots
 
 SAMPLE = 0.01  # [s] between readings: the servo's controller period
@@ -43,7 +43,7 @@ GOOD = 0.02  # relative error of a parameter that counts as found: less than ser
 
 
 @dataclass(frozen=True)
-class Settings:
+class IdentificationSettings:
     """The servo behind the recordings, and how it is recorded."""
 
     truth: tuple[tuple[str, float], ...] = SERVO + ROTOR  # [SI] off Table 2 by 6 to 60 %; F_c as of similar servos
@@ -57,15 +57,15 @@ class Settings:
     repeats: int = 2  # other seeds, for the share of intervals that hold the truth
 
 
-QUICK = Settings()
-FULL = Settings(repeats=40)
+QUICK = IdentificationSettings()
+FULL = IdentificationSettings(repeats=40)
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class IdentificationResult:
     """Identifications of the same servo, and how they predict the gain held out."""
 
-    settings: Settings
+    settings: IdentificationSettings
     fit: Identification
     errors: dict[str, float]  # relative, of each parameter
     without_rotor: Identification  # with the standard gearbox
@@ -76,7 +76,7 @@ class Result:
     inside: np.ndarray  # (1 + repeats, parameters) whether the interval holds the truth
 
 
-def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
+def run(settings: IdentificationSettings = QUICK, seed: int = 0, progress: bool = False) -> IdentificationResult:
     """Record, fit, predict; the seed is that of the noise."""
     arm = load_robot("ax12_whole_arm")
     truth = dict(settings.truth)
@@ -92,7 +92,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
         fits.append(_fit(changed(arm, **truth), record(settings, changed(arm, **truth), settings.gains, other), truth))
     models: dict[str, tuple[Model, GearboxKind]] = {"Table 2": (arm, "mipsd"), "fitted": (fit.model, "mipsd")}
     models["without rotor"] = without_rotor.model, "standard"
-    return Result(
+    return IdentificationResult(
         settings=settings,
         fit=fit,
         errors={name: fit.values[name] / value - 1.0 for name, value in truth.items()},
@@ -113,7 +113,9 @@ def _fit(
     return identify(model, recordings, list(parameters), gearbox, start_range=2.0 * ENCODER_STEP)
 
 
-def record(settings: Settings, model: Model, gains: tuple[float, ...], seed: np.random.SeedSequence) -> list[Recording]:
+def record(
+    settings: IdentificationSettings, model: Model, gains: tuple[float, ...], seed: np.random.SeedSequence
+) -> list[Recording]:
     """Recordings of every motion at every gain, and of the falls, as the servo's encoder shows them.
 
     The controller acts on the same readings.  Simulated with half the step of the fit, so that the two do not share
@@ -134,7 +136,7 @@ def record(settings: Settings, model: Model, gains: tuple[float, ...], seed: np.
 
 
 def _recorded(
-    settings: Settings,
+    settings: IdentificationSettings,
     model: Model,
     labels: Sequence[str],
     time: np.ndarray,
@@ -163,12 +165,12 @@ def _recorded(
     return recordings
 
 
-def check(result: Result) -> list[Claim]:
+def check(result: IdentificationResult) -> list[Claim]:
     """The claims of section 2.2 about the parameters."""
     return [_parameters_claim(result), _validation_claim(result), _coulomb_claim(result)]
 
 
-def _parameters_claim(result: Result) -> Claim:
+def _parameters_claim(result: IdentificationResult) -> Claim:
     """Reproduced if every parameter comes back within `GOOD`."""
     worst = max(result.errors, key=lambda name: abs(result.errors[name]))
     found = abs(result.errors[worst]) < GOOD
@@ -179,14 +181,14 @@ def _parameters_claim(result: Result) -> Claim:
         item="Table 2",
         paper="Table 2, without uncertainty",
         ours=", ".join(f"{name} {error:+.2%}" for name, error in result.errors.items()),
-        verdict=judged(found),
+        verdict=classify(found),
         why=f"within {GOOD:.0%} of the known servo ({len(result.fit.recordings)} recordings; the largest error is that "
         f"of {worst}); {share:.0%} of the 95 % intervals hold the truth over {count} seeds. They need the rotor: left "
         f"out of the model, its inertia goes into the others ({bias})",
     )
 
 
-def _validation_claim(result: Result) -> Claim:
+def _validation_claim(result: IdentificationResult) -> Claim:
     """Reproduced if the gain held out is predicted to 1.5 times what noise and encoder allow."""
     errors = {name: math.degrees(error) for name, error in result.held_out.items()}
     good = result.held_out["fitted"] < 1.5 * result.floor
@@ -194,13 +196,13 @@ def _validation_claim(result: Result) -> Claim:
         claim="Constants computed so predict a gain that was not recorded",
         ours=f"rms error at a gain held out {errors['fitted']:.2f} deg; before the fit {errors['Table 2']:.2f} deg, "
         f"fitted without rotor {errors['without rotor']:.2f} deg",
-        verdict=judged(good),
+        verdict=classify(good),
         why=f"noise and encoder alone make {math.degrees(result.floor):.2f} deg. This shows that the method works, on "
         "a servo that has the model's physics; recordings of the real one are not published",
     )
 
 
-def _coulomb_claim(result: Result) -> Claim:
+def _coulomb_claim(result: IdentificationResult) -> Claim:
     """Reproduced if a servo with Table 2's F_c shows it with an uncertainty below its value."""
     k = list(dict(result.settings.truth)).index("coulomb_friction")
     true = 1.71e-5
@@ -208,7 +210,7 @@ def _coulomb_claim(result: Result) -> Claim:
     return question(
         claim="Such recordings tell as small an F_c as the paper's from none",
         ours=f"such recordings tell F_c to +-{width:.1g} N m",
-        verdict=judged(width < true),
+        verdict=classify(width < true),
         why="from recordings of a servo that has Table 2's constants, F_c comes out with two standard errors of "
         f"{width:.1g} N m, {width / true:.0f} times its value: digits of an optimizer, or a value at the rotor "
         "(4.3e-3 N m at the output)",
@@ -216,7 +218,7 @@ def _coulomb_claim(result: Result) -> Claim:
 
 
 @look()
-def plot(result: Result) -> dict[str, Figure]:
+def plot(result: IdentificationResult) -> dict[str, Figure]:
     """Recordings and fit, and the parameters with their intervals."""
     return {
         "Recordings, the fitted model and what it leaves: two gains, and three falls with the motor off.": _fit_figure(
@@ -228,7 +230,7 @@ def plot(result: Result) -> dict[str, Figure]:
     }
 
 
-def _fit_figure(result: Result) -> Figure:
+def _fit_figure(result: IdentificationResult) -> Figure:
     """Every motion at the highest gain, and every fall."""
     recordings, fit = result.fit.recordings, result.fit
     shown = range(len(recordings) - len(result.settings.falls) - len(MOTIONS), len(recordings))
@@ -246,7 +248,7 @@ def _fit_figure(result: Result) -> Figure:
     return figure
 
 
-def _errors(result: Result) -> Figure:
+def _errors(result: IdentificationResult) -> Figure:
     names = [name for name, _ in result.settings.truth]
     figure, (left, right) = subplots(9.0, 3.6, 1, 2, width_ratios=(1.6, 1.0))
     error = result.fit.standard_errors

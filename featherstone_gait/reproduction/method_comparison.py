@@ -25,7 +25,7 @@ from ..view.style import COLOURS as STYLE
 from ..view.style import look
 from ..walking.cost import WalkingCost
 from ..walking.gait import bounds
-from .claim import Claim, judged, question
+from .claim import Claim, classify, question
 from .common import draw_band, draw_marks, subplots
 from .search_methods import differential_evolution, dual_annealing
 from .walks import finished, planned_walk, recompiled
@@ -37,7 +37,7 @@ SIGNIFICANT = 0.05  # of a one-sided rank sum test
 
 
 @dataclass(frozen=True)
-class Settings:
+class MethodSettings:
     """How long, how often, how wide."""
 
     evaluations: int  # of each search
@@ -46,13 +46,13 @@ class Settings:
     box: float = 5.0 * AMPLITUDE  # either side of the planned gait, for dual annealing [rad]
 
 
-QUICK = Settings(evaluations=150, searches=2)
-FULL = Settings(evaluations=500, searches=10)
+QUICK = MethodSettings(evaluations=150, searches=2)
+FULL = MethodSettings(evaluations=500, searches=10)
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
-    settings: Settings
+class MethodResult:
+    settings: MethodSettings
     best: dict[str, np.ndarray]  # by method: (searches, evaluations) least cost so far [J/m]
     finer: dict[str, np.ndarray]  # by method: (searches,) cost of the gait found at a quarter of the step [J/m]
     missing: tuple[str, ...]  # methods whose package is not installed
@@ -62,7 +62,7 @@ class Result:
         return self.best[method][:, -1]
 
 
-def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
+def run(settings: MethodSettings = QUICK, seed: int = 0, progress: bool = False) -> MethodResult:
     """Run all searches side by side, seeded by `seed` and those that follow."""
     cost = planned_walk()
     searches, missing = {}, []
@@ -80,7 +80,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     finer = np.array([measures.cost for measures in fine])
     names = [method for method, each in searches.items() for _ in each]
     mine = {method: np.array([name == method for name in names]) for method in searches}
-    return Result(
+    return MethodResult(
         settings,
         {method: best[rows] for method, rows in mine.items()},
         {method: finer[rows] for method, rows in mine.items()},
@@ -88,7 +88,7 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     )
 
 
-def _search(settings: Settings, cost: WalkingCost, method: str, seed: int) -> Search:
+def _search(settings: MethodSettings, cost: WalkingCost, method: str, seed: int) -> Search:
     x0, limits = cost.gait.to_vector(), bounds(cost.scene.model, cost.gait)
     if method == PAPERS:
         n = settings.evaluations
@@ -112,17 +112,17 @@ def _padded(best: np.ndarray, n: int) -> np.ndarray:
 # ---------------------------------------------------------------------------------------------- claims
 
 
-def check(result: Result) -> list[Claim]:
+def check(result: MethodResult) -> list[Claim]:
     """How the paper's choice of method fares."""
     return [_best(result), *(_against(result, method) for method in METHODS if method != PAPERS), _sound(result)]
 
 
-def _best(result: Result) -> Claim:
+def _best(result: MethodResult) -> Claim:
     """Reproduced if its median is the least and significantly below the next; in direction if it is the least."""
     order = sorted(result.best, key=lambda method: np.median(result.costs(method)))
     least = order[0] == PAPERS
     p = _p(result, PAPERS, order[1]) if least else 1.0
-    verdict = judged(least and p < SIGNIFICANT, least)
+    verdict = classify(least and p < SIGNIFICANT, least)
     start = result.best[PAPERS][0, 0]
     return question(
         claim="Of these methods the paper's finds the cheapest gait",
@@ -135,7 +135,7 @@ def _best(result: Result) -> Claim:
     )
 
 
-def _way(result: Result) -> str:
+def _way(result: MethodResult) -> str:
     """Medians on the way."""
     n = result.settings.evaluations
     return "; ".join(
@@ -144,7 +144,7 @@ def _way(result: Result) -> str:
     )
 
 
-def _against(result: Result, method: str) -> Claim:
+def _against(result: MethodResult, method: str) -> Claim:
     """Reproduced if the paper's is significantly better; in direction if better in the median."""
     claim = f"The paper's search beats {method} at equal numbers of evaluations"
     if method in result.missing:
@@ -152,7 +152,7 @@ def _against(result: Result, method: str) -> Claim:
         return question(claim, f"{method} was not run: its package is not installed", "not reproduced", why)
     ours, other = (float(np.median(result.costs(name))) for name in (PAPERS, method))
     p, reverse = _p(result, PAPERS, method), _p(result, method, PAPERS)
-    verdict = judged(p < SIGNIFICANT, ours < other)
+    verdict = classify(p < SIGNIFICANT, ours < other)
     reached = [int(np.argmax(best <= other)) + 1 for best in result.best[PAPERS] if best[-1] <= other]
     enough = f"; {len(reached)} of its searches reach {method}'s median" + (
         f", after {np.median(reached):.0f} evaluations" if reached else ""
@@ -167,18 +167,18 @@ def _against(result: Result, method: str) -> Claim:
     )
 
 
-def _sound(result: Result) -> Claim:
+def _sound(result: MethodResult) -> Claim:
     """Reproduced if no cost changes by 5 % or more."""
     changes = np.concatenate([result.finer[method] / result.costs(method) - 1.0 for method in result.best])
     return question(
         claim="What the searches found is no artifact of the step",
         ours=f"costs change by {_percent(changes.min())} to {_percent(changes.max())} at a quarter of the step",
-        verdict=judged(np.abs(changes).max() < 0.05),
+        verdict=classify(np.abs(changes).max() < 0.05),
         why="Rule: all by less than 5 %; a fall is an infinite cost",
     )
 
 
-def _p(result: Result, less: str, greater: str) -> float:
+def _p(result: MethodResult, less: str, greater: str) -> float:
     return float(mannwhitneyu(result.costs(less), result.costs(greater), alternative="less").pvalue)
 
 
@@ -196,7 +196,7 @@ COLOURS = dict(zip(METHODS, STYLE))
 
 
 @look()
-def plot(result: Result) -> dict[str, Figure]:
+def plot(result: MethodResult) -> dict[str, Figure]:
     """The searches over evaluations, and what each found."""
     return {
         "Energy per distance of the best gait so far against the number of evaluations (median and range), and of the "
@@ -204,7 +204,7 @@ def plot(result: Result) -> dict[str, Figure]:
     }
 
 
-def _progress(result: Result) -> Figure:
+def _progress(result: MethodResult) -> Figure:
     figure, (left, right) = subplots(10.0, 4.2, 1, 2, sharey=True, width_ratios=(3, 1))
     for k, (method, best) in enumerate(result.best.items()):
         n = np.arange(1, best.shape[1] + 1)

@@ -27,16 +27,16 @@ from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch, standing_state
 from ..scene.compile import CompiledScene, GearboxKind, compile_scene
 from ..view.style import BLUE, ORANGE, look
-from .claim import Claim, Verdict, judged, question
+from .claim import Claim, Verdict, classify, question
 from .common import (
     ENCODER_STEP,
     EXPLICIT,
     IMPLICIT,
     INTEGRATOR_NAMES,
     LINE_STYLES,
-    SERVO_COLOURS,
-    heavier,
+    SERVO_COLORS,
     in_threads,
+    scale_masses,
     subplots,
 )
 
@@ -75,7 +75,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Settings:
+class PostureSettings:
     """What is varied, and how long each case runs."""
 
     gains: tuple[float, ...]  # [V/rad] 8: the authors' scene of 2008; 61: AX-12
@@ -94,8 +94,8 @@ class Settings:
             raise ValueError(f"disturbances is {self.disturbances}; at least 1 is needed")
 
 
-QUICK = Settings(gains=(8.0, 30.0, 61.0, 120.0), steps=(5e-4, 1e-3, 2e-3), masses=(0.6, 0.8), disturbances=8)
-FULL = Settings(
+QUICK = PostureSettings(gains=(8.0, 30.0, 61.0, 120.0), steps=(5e-4, 1e-3, 2e-3), masses=(0.6, 0.8), disturbances=8)
+FULL = PostureSettings(
     gains=(8.0, 15.0, 30.0, 45.0, 61.0, 90.0, 120.0, 200.0, 300.0),
     steps=(1e-4, 2.5e-4, 5e-4, 1e-3, 2e-3, 5e-3),
     masses=(0.5, 0.6, 0.7, 0.8, 0.9),
@@ -127,8 +127,8 @@ class Outcome:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
-    settings: Settings
+class PostureResult:
+    settings: PostureSettings
     inertias: np.ndarray  # (4,) that the joints feel, without rotors [kg m^2]
     outcomes: dict[Case, Outcome]
 
@@ -137,17 +137,17 @@ class Result:
         return self.outcomes[Case(**changes)]
 
 
-def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
+def run(settings: PostureSettings = QUICK, seed: int = 0, progress: bool = False) -> PostureResult:
     """Hold the posture in every case.  seed: of the initial disturbances, which all cases share."""
     cases = all_cases(settings)
     model = load_robot("humanoid")
     noise = settings.tilt * np.random.default_rng(seed).standard_normal((settings.disturbances, model.nv - 6))
     outcomes = in_threads(lambda case: hold(case, settings, noise), cases, "posture", progress)
     felt = np.array(scene_of(Case(base="fixed")).preflight.inertias)
-    return Result(settings, felt[_places(model)], dict(zip(cases, outcomes)))
+    return PostureResult(settings, felt[_places(model)], dict(zip(cases, outcomes)))
 
 
-def all_cases(settings: Settings) -> list[Case]:
+def all_cases(settings: PostureSettings) -> list[Case]:
     """The paper's table for both bases and laws, and one thing at a time of the rest."""
     models = [Case(servos, integrator) for servos, integrator in product(SERVOS, INTEGRATORS)]
     laws = (P, INTEGRAL_TIME)
@@ -169,12 +169,12 @@ def scene_of(case: Case) -> CompiledScene:
     servo = next(iter(model.servos.values()))  # the same in every joint
     controller = replace(servo.controller, Kp=case.Kp, Ki=case.Kp / case.integral_time)
     servo = replace(servo, controller=controller, encoder_resolution=case.resolution)
-    model = replace(heavier(model, case.mass), servos=dict.fromkeys(model.joint_names, servo))
+    model = replace(scale_masses(model, case.mass), servos=dict.fromkeys(model.joint_names, servo))
     ground = Ground() if case.base == "floating" else None
     return compile_scene(model, case.servos, ground, case.integrator, case.step)
 
 
-def hold(case: Case, settings: Settings, noise: np.ndarray) -> Outcome:
+def hold(case: Case, settings: PostureSettings, noise: np.ndarray) -> Outcome:
     """Hold the posture from `noise` (n, joints) [rad] beside it."""
     scene = scene_of(case)
     places, start = _places(scene.model), standing_state if case.base == "floating" else initial_state
@@ -199,7 +199,7 @@ def _places(model: Model) -> list[int]:
 # ---------------------------------------------------------------------------------------------- claims
 
 
-def table(result: Result) -> str:
+def table(result: PostureResult) -> str:
     """The paper's Table 3 and ours: extreme angles over all disturbances and median deviation, in degrees.
 
     Last, the error of the step: how far half of it moves any of these.
@@ -226,12 +226,12 @@ def _row(name: str, *numbers: Iterable[float]) -> str:
     return f"{name:42}" + "".join(f"{high:10.2f} {low:7.2f} {d:5.2f}" for high, low, d in zip(*numbers))
 
 
-def check(result: Result) -> list[Claim]:
+def check(result: PostureResult) -> list[Claim]:
     """The paper's statements about this posture beside what comes out here, standing and with integral action."""
     return [_standard(result), _mipsd(result), _decrease(result), _centered(result), _order(result), _cause(result)]
 
 
-def _standard(result: Result) -> Claim:
+def _standard(result: PostureResult) -> Claim:
     found, half, coarse = result.of(), result.of(step=5e-4), result.of(base="fixed", step=2e-3)
     paper = _paper("standard")[:, 2]
     every = set(found.statuses) == {"chatter"}
@@ -246,12 +246,12 @@ def _standard(result: Result) -> Claim:
         f"The paper gives no masses; with all of them scaled: {masses}"
         f"{f', within the factor 3 at {alike[0]:g}' if alike else ''}."
     )
-    verdict = judged(_near(paper, found.typical), every)
+    verdict = classify(_near(paper, found.typical), every)
     factor = _factor(paper, found.typical)
     return Claim(f"Standard model: {WHAT}", _joints(paper), _joints(found.typical), verdict, why, "Table 3", factor)
 
 
-def _mipsd(result: Result) -> Claim:
+def _mipsd(result: PostureResult) -> Claim:
     found, half = result.of(servos="mipsd"), result.of(servos="mipsd", step=5e-4)
     fixed, proportional = result.of(servos="mipsd", base="fixed"), result.of(servos="mipsd", integral_time=P)
     encoder = result.of(servos="mipsd", base="fixed", resolution=result.settings.resolution)
@@ -263,11 +263,11 @@ def _mipsd(result: Result) -> Claim:
         "paper's 0.01 deg may be the noise of its engine, or its last digit; an encoder like the AX-12's alone would "
         f"give {_joints(encoder.typical)} (trunk fixed)."
     )
-    verdict = judged(set(found.statuses) == {"ok"} and bool((found.typical < 3 * paper).all()))
+    verdict = classify(set(found.statuses) == {"ok"} and bool((found.typical < 3 * paper).all()))
     return Claim(f"MIPSD model: {WHAT}", _joints(paper), _joints(found.typical), verdict, why, "Table 3")
 
 
-def _decrease(result: Result) -> Claim:
+def _decrease(result: PostureResult) -> Claim:
     ratios = {}
     for base, Ti in product(BASES, (INTEGRAL_TIME, P)):
         both = [result.of(servos=servos, base=base, integral_time=Ti).typical for servos in SERVOS]
@@ -279,12 +279,12 @@ def _decrease(result: Result) -> Claim:
         "Rule: the least ratio of the joints, standing and with integral action, at least a third of the paper's; in "
         f"direction if the deviation is larger in every joint on both bases with both laws. Least ratios: {least}."
     )
-    verdict = judged(standing > paper / 3.0, min(ratios.values()) > 1.0)
+    verdict = classify(standing > paper / 3.0, min(ratios.values()) > 1.0)
     claim, ours = "The deviation falls in all four joints with MIPSD", f"at least {standing:.2g} times"
     return Claim(claim, f"at least {paper:.0f} times", ours, verdict, why, "Table 3", standing / paper)
 
 
-def _centered(result: Result) -> Claim:
+def _centered(result: PostureResult) -> Claim:
     reference = np.array([angle for angle, _ in TABLE_3.values()])
     off = {
         (base, Ti): abs(result.of(servos="mipsd", base=base, integral_time=Ti).mean - reference).max(axis=0)
@@ -299,12 +299,12 @@ def _centered(result: Result) -> Claim:
         f"out. With faster integral action, Ti = {SHORT_INTEGRAL_TIME:g} s, the standing robot sways and falls with "
         f"{falls} of 4 models."
     )
-    verdict = judged(off["floating", INTEGRAL_TIME].max() < 0.05)
+    verdict = classify(off["floating", INTEGRAL_TIME].max() < 0.05)
     ours = _joints(off["floating", INTEGRAL_TIME])
     return Claim("MIPSD holds the angles around their references", "within 0.05 deg", ours, verdict, why, "Table 3")
 
 
-def _order(result: Result) -> Claim:
+def _order(result: PostureResult) -> Claim:
     """Which joint shakes most and which least."""
     orders = {base: np.argsort(-result.of(base=base).typical) for base in BASES}
     paper = np.argsort(-_paper("standard")[:, 2])
@@ -315,13 +315,13 @@ def _order(result: Result) -> Claim:
         + ". A joint shakes if it feels little inertia; left lateral, right front, right lateral shoulder and elbow "
         f"feel {', '.join(f'{x:.1e}' for x in result.inertias)} kg m²."
     )
-    verdict = judged(len(same) == 2, bool(same))
+    verdict = classify(len(same) == 2, bool(same))
     words = " > ".join(_title(JOINTS[k]) for k in paper)
     ours = f"the same {' and '.join(BASE[base] for base in same)}" if same else "another order"
     return Claim("Which joints shake most with the standard model", words, ours, verdict, why, "Table 3")
 
 
-def _cause(result: Result) -> Claim:
+def _cause(result: PostureResult) -> Claim:
     standing, fixed = (result.of(integrator=IMPLICIT, base=base) for base in BASES)
     rotor = result.of(servos="rotor", base="fixed")
     still = all(set(o.statuses) == {"ok"} and o.typical.max() < 0.01 for o in (standing, fixed))
@@ -371,7 +371,7 @@ FLOOR = 1e-6  # of what is shown of a deviation [deg]
 
 
 @look()
-def plot(result: Result) -> dict[str, Figure]:
+def plot(result: PostureResult) -> dict[str, Figure]:
     """The figures, by caption."""
     return {
         "The left elbow over time, as in the paper's Fig. 13": _elbow(result),
@@ -380,7 +380,7 @@ def plot(result: Result) -> dict[str, Figure]:
     }
 
 
-def _elbow(result: Result) -> Figure:
+def _elbow(result: PostureResult) -> Figure:
     figure, axes = subplots(11.0, 3.6, 1, 3, sharey=True)
     models = (("standard", EXPLICIT), ("mipsd", EXPLICIT), ("standard", IMPLICIT))
     for panel, (servos, integrator) in zip(axes, models):
@@ -395,7 +395,7 @@ def _elbow(result: Result) -> Figure:
     return figure
 
 
-def _ranges(result: Result) -> Figure:
+def _ranges(result: PostureResult) -> Figure:
     """Thin: smallest to largest angle over all disturbances; thick: mean (the paper's: middle) ± deviation."""
     figure, axes = subplots(13.0, 4.2, 1, 4, sharey=True)
     rows: list[tuple] = []
@@ -404,7 +404,7 @@ def _ranges(result: Result) -> Figure:
         rows += [(servos, i, base, Ti) for i, base, Ti in product(INTEGRATORS, BASES, (INTEGRAL_TIME, P))]
     for j, (panel, joint) in enumerate(zip(axes, JOINTS)):
         for k, (servos, integrator, base, Ti) in enumerate(rows):
-            color = SERVO_COLOURS[servos]
+            color = SERVO_COLORS[servos]
             if integrator is None:
                 high, low, deviation = TABLE_3[joint][1][servos]
                 middle, color = 0.5 * (high + low), "0.3"
@@ -430,7 +430,7 @@ def _ranges(result: Result) -> Figure:
     return figure
 
 
-def _dependence(result: Result) -> Figure:
+def _dependence(result: PostureResult) -> Figure:
     figure, axes = subplots(12.0, 4.0, 1, 3, sharey=True)
     settings, paper = result.settings, _paper("standard")[:, 2].max()
     sweeps: tuple[tuple[str, float, list[dict[str, Any]]], ...] = (
@@ -443,7 +443,7 @@ def _dependence(result: Result) -> Figure:
         for servos, integrator in product(SERVOS, INTEGRATORS):
             found = [result.of(servos=servos, integrator=integrator, **change) for change in changes]
             values = [max(o.typical.max(), FLOOR) if not o.fell else math.nan for o in found]
-            style = {"color": SERVO_COLOURS[servos], "linestyle": LINE_STYLES[integrator], "marker": "."}
+            style = {"color": SERVO_COLORS[servos], "linestyle": LINE_STYLES[integrator], "marker": "."}
             panel.plot(places, values, label=f"{servos}, {INTEGRATOR_NAMES[integrator]}", **style)
             bad = [k for k, o in enumerate(found) if "chatter" in o.statuses]
             panel.plot([places[k] for k in bad], [values[k] for k in bad], "x", color="black", markersize=7)

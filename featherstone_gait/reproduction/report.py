@@ -286,7 +286,7 @@ def _facts(entries: Sequence[Entry], full: bool, seed: int) -> list[tuple[str, s
     return facts + ([("Not run yet", ", ".join(waiting))] if waiting else [])
 
 
-class Row(NamedTuple):
+class ReportRow(NamedTuple):
     """One line of the table of the paper, or of that of our own questions (`item` and what only the paper has: "")."""
 
     item: str
@@ -299,25 +299,25 @@ class Row(NamedTuple):
     where: str  # experiment, or file
 
 
-def _paper_rows(entries: Sequence[Entry]) -> list[Row]:
+def _paper_rows(entries: Sequence[Entry]) -> list[ReportRow]:
     """Each item in the paper's order, and after those of an experiment that failed, that it did."""
     rows = []
     for key, item in ITEMS.items():
         claims = [(entry.name, claim) for entry in entries for claim in entry.claims if claim.item == key]
         if item.here:
-            rows.append(Row(key, item.title, "", item.here, "", IMPLEMENTED, item.test, item.module))
+            rows.append(ReportRow(key, item.title, "", item.here, "", IMPLEMENTED, item.test, item.module))
         elif not claims:
-            rows.append(Row(key, item.title, "", "", "", "not run yet", "", ""))
+            rows.append(ReportRow(key, item.title, "", "", "", "not run yet", "", ""))
         for name, claim in claims:
             statement = f"{item.title}. {claim.claim}"
-            rows.append(Row(key, statement, claim.paper, claim.ours, _factor(claim), claim.word, claim.why, name))
-    return rows + [Row("", e.title, "", "", "", "failed", e.failure, e.name) for e in entries if e.failure]
+            rows.append(ReportRow(key, statement, claim.paper, claim.ours, _factor(claim), claim.word, claim.why, name))
+    return rows + [ReportRow("", e.title, "", "", "", "failed", e.failure, e.name) for e in entries if e.failure]
 
 
-def _own_rows(entries: Sequence[Entry]) -> list[Row]:
+def _own_rows(entries: Sequence[Entry]) -> list[ReportRow]:
     """What was asked besides, and whether it is so."""
     return [
-        Row("", claim.claim, "", claim.ours, "", claim.word, claim.why, entry.name)
+        ReportRow("", claim.claim, "", claim.ours, "", claim.word, claim.why, entry.name)
         for entry in entries
         for claim in entry.claims
         if not claim.item
@@ -341,7 +341,7 @@ def _html(entries: Sequence[Entry], facts: list[tuple[str, str]], files: Path) -
     )
 
 
-def _html_table(columns: Sequence[str], rows: Sequence[Row]) -> str:
+def _html_table(columns: Sequence[str], rows: Sequence[ReportRow]) -> str:
     head = "".join(f"<th>{name}</th>" for name in columns)
     return (
         f'<table class="claims{" own" * (columns != COLUMNS)}"><tbody><tr class="head">{head}</tr>\n'
@@ -349,7 +349,7 @@ def _html_table(columns: Sequence[str], rows: Sequence[Row]) -> str:
     )
 
 
-def _html_row(row: Row, columns: Sequence[str]) -> str:
+def _html_row(row: ReportRow, columns: Sequence[str]) -> str:
     e = html.escape
     if row.verdict == IMPLEMENTED:
         breaks = (re.sub("([_/])", r"\1<wbr>", e(text)) for text in (row.where, row.why) if text)
@@ -436,7 +436,7 @@ def _markdown(entries: Sequence[Entry], facts: list[tuple[str, str]], files: str
     return "\n".join(lines) + "\n"
 
 
-def _with_place(row: Row) -> tuple[str, ...]:
+def _with_place(row: ReportRow) -> tuple[str, ...]:
     return (*row[:-2], f"{row.why} ({row.where})" if row.where else row.why)
 
 

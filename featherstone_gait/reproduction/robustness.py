@@ -24,8 +24,8 @@ from ..optimize.search import optimize_gait
 from ..run.simulate import Push
 from ..view.style import BLUE, ORANGE, look
 from ..walking.cost import WalkingCost
-from .claim import Claim, judged, question, span
-from .common import draw_marks, heavier, in_threads, subplots
+from .claim import Claim, classify, question, span
+from .common import draw_marks, in_threads, scale_masses, subplots
 from .gait_optimization import measure
 from .walks import finished, planned_walk, recompiled
 
@@ -42,7 +42,7 @@ DIRECTIONS = {"forward": (1.0, 0.0), "backward": (-1.0, 0.0), "left": (0.0, 1.0)
 
 
 @dataclass(frozen=True)
-class Settings:
+class RobustnessSettings:
     """The search, and what disturbs the gaits."""
 
     iterations: int  # of each search
@@ -59,18 +59,18 @@ class Settings:
     pushed_for: float = 0.1  # [s]
 
 
-QUICK = Settings(iterations=100, searches=2, robots=8)
-FULL = Settings(iterations=800, searches=3, robots=64, push=(0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0))
+QUICK = RobustnessSettings(iterations=100, searches=2, robots=8)
+FULL = RobustnessSettings(iterations=800, searches=3, robots=64, push=(0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0))
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class RobustnessResult:
     """Costs [J/m], infinite where a gait does not walk; gaits: the planned one, those found, those that knew backlash.
 
     The keys of `costs` are (kind, value): of KINDS, (UNCERTAIN, number) and (PUSHED, (direction, force)).
     """
 
-    settings: Settings
+    settings: RobustnessSettings
     gaits: tuple[str, ...]
     vectors: np.ndarray  # (gaits, 40) [rad]
     nominal: np.ndarray  # (gaits,) costs undisturbed [J/m]
@@ -92,7 +92,7 @@ class Result:
         return np.flatnonzero([name.startswith("knew") for name in self.gaits])
 
 
-def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
+def run(settings: RobustnessSettings = QUICK, seed: int = 0, progress: bool = False) -> RobustnessResult:
     """Search, seeded by `seed` and those that follow, then disturb; `seed` also draws the uncertain masses."""
     planned = planned_walk()
     loose = _with(planned, "backlash", settings.known_backlash)
@@ -110,11 +110,11 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     costs = in_threads(lambda key: _costs(settings, planned, vectors, key, seed), keys, "disturbances", progress)
     fine = recompiled(planned, timestep=0.25 * planned.scene.timestep)
     nominal, finer = (measure(cost, vectors)[:, 0] for cost in (planned, fine))
-    return Result(settings, tuple(gaits), np.array(vectors), nominal, finer, dict(zip(keys, costs)))
+    return RobustnessResult(settings, tuple(gaits), np.array(vectors), nominal, finer, dict(zip(keys, costs)))
 
 
 def _costs(
-    settings: Settings, planned: WalkingCost, vectors: Sequence[np.ndarray], key: tuple, seed: int
+    settings: RobustnessSettings, planned: WalkingCost, vectors: Sequence[np.ndarray], key: tuple, seed: int
 ) -> np.ndarray:
     """Costs of all gaits under one disturbance (gaits,)."""
     kind, value = key
@@ -127,7 +127,7 @@ def _costs(
     if kind == UNCERTAIN:
         links = len(planned.scene.model.links)
         times = 1.0 + settings.uncertainty * np.random.default_rng((seed, value)).uniform(-1.0, 1.0, links)
-        return measure(recompiled(planned, heavier(planned.scene.model, times)), vectors)[:, 0]
+        return measure(recompiled(planned, scale_masses(planned.scene.model, times)), vectors)[:, 0]
     return measure(_with(planned, kind, value), vectors)[:, 0]
 
 
@@ -139,7 +139,7 @@ def _with(planned: WalkingCost, kind: str, value: float) -> WalkingCost:
     elif kind == "slope":
         ground = Ground(slope=math.radians(value))
     elif kind == "mass":
-        model = heavier(model, value)
+        model = scale_masses(model, value)
     elif kind == "supply":
         servo = next(iter(model.servos.values()))  # the same in every joint
         Kp = servo.controller.Kp * value / servo.voltage_limit
@@ -152,12 +152,12 @@ def _with(planned: WalkingCost, kind: str, value: float) -> WalkingCost:
 # ---------------------------------------------------------------------------------------------- claims
 
 
-def check(result: Result) -> list[Claim]:
+def check(result: RobustnessResult) -> list[Claim]:
     """What of an optimum is left outside its search."""
     return [_walks(result), _cheaper(result), _pushed(result), _backlash(result), _known(result)]
 
 
-def _walks(result: Result) -> Claim:
+def _walks(result: RobustnessResult) -> Claim:
     """Reproduced if the median of the gaits found walks under at least as many disturbances as the planned one."""
     every = np.array([cost for (kind, _), cost in result.costs.items() if kind != PUSHED])
     shares = np.isfinite(every).mean(axis=0)
@@ -166,13 +166,13 @@ def _walks(result: Result) -> Claim:
     return question(
         claim="An optimized gait walks under as many disturbances as the planned one",
         ours=f"found {span(found, '.0%')}, planned {planned:.0%} of {len(every)} floors, slopes and robots",
-        verdict=judged(np.median(found) >= planned),
+        verdict=classify(np.median(found) >= planned),
         why=f"Rule: the median of {len(found)} gaits walks under at least as many, without falling and faster than "
         "5 mm/s. Share of failures by kind: " + ", ".join(f"{kind} {x:.0%}" for kind, x in falls.items()),
     )
 
 
-def _cheaper(result: Result) -> Claim:
+def _cheaper(result: RobustnessResult) -> Claim:
     """Reproduced if all gaits found are cheaper wherever both they and the planned one walk; direction: 90 %."""
     every = np.array([cost for (kind, _), cost in result.costs.items() if kind != PUSHED])
     ratios = _ratios(every, result.found)
@@ -183,14 +183,14 @@ def _cheaper(result: Result) -> Claim:
         claim="The gain survives: an optimized gait is cheaper than the planned one under disturbances too",
         ours=f"cheaper in {share:.0%} of {len(ratios)} cases in which both walk; change "
         f"{span(ratios - 1.0, '+.0%')}, undisturbed {span(gain, '+.0%')}",
-        verdict=judged(share == 1.0, share >= 0.9),
+        verdict=classify(share == 1.0, share >= 0.9),
         why="Rule: in all; in direction if in 90 %. Median change by kind: "
         + ", ".join(f"{kind} {_median_change(result, kind)}" for kind in (*KINDS, UNCERTAIN))
         + f". At a quarter of the step all gaits' undisturbed costs change by {span(finer, '+.1%')}",
     )
 
 
-def _median_change(result: Result, kind: str) -> str:
+def _median_change(result: RobustnessResult, kind: str) -> str:
     ratios = _ratios(result.of(kind), result.found)
     return f"{np.median(ratios) - 1.0:+.0%}" if len(ratios) else "none walks"
 
@@ -202,7 +202,7 @@ def _ratios(costs: np.ndarray, found: np.ndarray) -> np.ndarray:
     return every[both] / planned[both]
 
 
-def _pushed(result: Result) -> Claim:
+def _pushed(result: RobustnessResult) -> Claim:
     """Reproduced if the median gait found withstands at least as many pushes as the planned one."""
     stood = np.isfinite(result.of(PUSHED))
     counts = stood.sum(axis=0)
@@ -214,20 +214,20 @@ def _pushed(result: Result) -> Claim:
     return question(
         claim="An optimized gait withstands as many pushes as the planned one",
         ours=f"found {span(counts[result.found], 'd')}, planned {counts[0]} of {len(stood)}",
-        verdict=judged(np.median(counts[result.found]) >= counts[0]),
+        verdict=classify(np.median(counts[result.found]) >= counts[0]),
         why=f"Rule: median at least as many. Pushes of {result.settings.pushed_for:g} s on the trunk; withstood if it "
         f"walks to the end of the strides. Largest of all that it withstands, and each weaker one, median: {lines}",
     )
 
 
-def _largest(result: Result, direction: str) -> np.ndarray:
+def _largest(result: RobustnessResult, direction: str) -> np.ndarray:
     """The largest force up to which each gait withstands all (gaits,) [N], 0 if none."""
     stood = np.array([np.isfinite(result.costs[PUSHED, (direction, force)]) for force in result.settings.push])
     counts = np.logical_and.accumulate(stood, axis=0).sum(axis=0)
     return np.array([0.0, *result.settings.push])[counts]
 
 
-def _backlash(result: Result) -> Claim:
+def _backlash(result: RobustnessResult) -> Claim:
     """Reproduced if gaits found without backlash walk with all of it and cost less than 10 % more than without."""
     costs = result.of("backlash")[:, result.found]
     change = costs / result.nominal[result.found] - 1.0
@@ -236,7 +236,7 @@ def _backlash(result: Result) -> Claim:
     return question(
         claim=f"An optimum found without backlash holds up to {max(sizes):g} deg of it",
         ours=f"{np.isfinite(costs).sum()} of {costs.size} walk; change of the cost {by_size}",
-        verdict=judged(np.max(change) < 0.1),
+        verdict=classify(np.max(change) < 0.1),
         why="Rule: all walk and none costs 10 % more. The planned gait: "
         + ", ".join(
             f"{size:g} deg {span(each, '+.0%')}"
@@ -245,7 +245,7 @@ def _backlash(result: Result) -> Claim:
     )
 
 
-def _known(result: Result) -> Claim:
+def _known(result: RobustnessResult) -> Claim:
     """Reproduced if a search with backlash finds gaits of lower median cost for it than one without."""
     size = result.settings.known_backlash
     both = {"found": result.found, "knowing": result.knowing}
@@ -255,7 +255,7 @@ def _known(result: Result) -> Claim:
     return question(
         claim=f"A search that knows of {size:g} deg of backlash finds better gaits for it",
         ours=f"with backlash {span(cost['knowing'], '.1f')} J/m against {span(cost['found'], '.1f')} J/m",
-        verdict=judged(np.median(cost["knowing"]) < np.median(cost["found"])),
+        verdict=classify(np.median(cost["knowing"]) < np.median(cost["found"])),
         why=f"Rule: lower median; a fall is infinite. Without backlash they cost {span(clean['knowing'], '.1f')} and "
         f"{span(clean['found'], '.1f')} J/m. With the same seeds the gaits found with and without it are "
         f"{distance:.1f} deg apart in the mean of their angles",
@@ -268,7 +268,7 @@ COLOURS = {PLANNED: "0.35", "found": BLUE, "knew": ORANGE}
 
 
 @look()
-def plot(result: Result) -> dict[str, Figure]:
+def plot(result: RobustnessResult) -> dict[str, Figure]:
     """Costs by disturbance, and the pushes that were withstood."""
     return {
         "Energy per distance of the planned gait and of the gaits found under disturbances; crosses at the top: "
@@ -278,7 +278,7 @@ def plot(result: Result) -> dict[str, Figure]:
     }  # fmt: skip
 
 
-def _curves(result: Result) -> Figure:
+def _curves(result: RobustnessResult) -> Figure:
     figure, panels = subplots(11.0, 6.0, 2, 3, sharey=True)
     finite = [x for cost in result.costs.values() for x in cost if math.isfinite(x)]
     top = 1.1 * max(finite)
@@ -300,7 +300,7 @@ def _curves(result: Result) -> Figure:
     return figure
 
 
-def _pushes(result: Result) -> Figure:
+def _pushes(result: RobustnessResult) -> Figure:
     figure, axes = subplots(7.5, 3.8)
     groups = {PLANNED: np.array([0]), "found": result.found, "knew": result.knowing}
     for j, direction in enumerate(DIRECTIONS):

@@ -29,8 +29,8 @@ from ..scene.compile import GearboxKind, compile_scene
 from ..scene.tree import GRAVITY
 from ..view.style import COLOURS as CYCLE
 from ..view.style import look
-from .claim import Claim, judged, plus_minus
-from .common import ENCODER_STEP, SERVO_COLOURS, subplots
+from .claim import Claim, classify, plus_minus
+from .common import ENCODER_STEP, SERVO_COLORS, subplots
 
 MARGIN = 1 * ENCODER_STEP  # compliance margin: no output within it [rad], [manual]
 SLOPE = 32 * ENCODER_STEP  # compliance slope: error over which the output rises to full [rad], [manual]
@@ -44,7 +44,7 @@ TOLERANCE = 0.1  # within which a figure counts as the same: catalogs give no-lo
 
 
 @dataclass(frozen=True)
-class Settings:
+class ServoStepSettings:
     """What the paper leaves open."""
 
     step: float = math.radians(60.0)  # [rad] usual in catalogs of servos, and long enough to reach full speed
@@ -55,8 +55,8 @@ class Settings:
     timestep: float = 5e-4  # [s] halved, it changes no angle by more than 0.1 deg
 
 
-QUICK = Settings()
-FULL = Settings(timestep=1e-4)
+QUICK = ServoStepSettings()
+FULL = ServoStepSettings(timestep=1e-4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +78,10 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class ServoStepResult:
     """Responses by what was varied, and the servo's limits by supply."""
 
-    settings: Settings
+    settings: ServoStepSettings
     gearboxes: dict[str, Step]  # "standard", "mipsd"; at 10 V
     supplies: dict[float, Step]
     inertias: dict[float, Step]
@@ -92,13 +92,13 @@ class Result:
     stiffness: float  # torque by error of the controller [N m/rad]
 
 
-def run(settings: Settings = QUICK) -> Result:
+def run(settings: ServoStepSettings = QUICK) -> ServoStepResult:
     """Simulate all responses."""
     arm = load_robot("ax12_arm")
     ten = _supplied(arm, 10.0)
     servo, supplied = ten.servos["elbow"], {volts: _supplied(arm, volts) for volts in {*settings.supplies, *STALL}}
     gravity = -GRAVITY[2] * sum(link.mass * -link.center_of_mass[2] for link in arm.links)
-    return Result(
+    return ServoStepResult(
         settings=settings,
         gearboxes={kind: _step(settings, ten, kind, kind) for kind in ("standard", "mipsd")},
         supplies={volts: _step(settings, supplied[volts], f"{volts:g} V") for volts in settings.supplies},
@@ -119,13 +119,13 @@ def _supplied(model: Model, volts: float) -> Model:
     return changed(model, voltage_limit=volts, Kp=volts / SLOPE, current_limit=current)
 
 
-def _step(settings: Settings, model: Model, label: str, kind: GearboxKind = "mipsd") -> Step:
+def _step(settings: ServoStepSettings, model: Model, label: str, kind: GearboxKind = "mipsd") -> Step:
     """A response, and the same at half the step."""
     found, finer = (_response(settings, model, label, kind, h * settings.timestep) for h in (1.0, 0.5))
     return replace(found, finer=finer)
 
 
-def _response(settings: Settings, model: Model, label: str, kind: GearboxKind, timestep: float) -> Step:
+def _response(settings: ServoStepSettings, model: Model, label: str, kind: GearboxKind, timestep: float) -> Step:
     recording: Any = {"record": ("q", "qd"), "sample": timestep}
     run = driven(model, kind, step_to(settings.step), settings.duration, timestep, **recording)
     time, angle = run["time"], run["q"][:, 0]
@@ -140,14 +140,14 @@ def _reached(time: np.ndarray, angle: np.ndarray, level: float) -> float:
     return float(np.interp(level, angle[k - 1 : k + 1], time[k - 1 : k + 1]))
 
 
-def _no_load(settings: Settings, model: Model) -> float:
+def _no_load(settings: ServoStepSettings, model: Model) -> float:
     """Speed that the servo reaches at full voltage without gravity and stops [rad/s]."""
     turning = replace(model.joints[-1], lower=-100.0, upper=100.0)
     free = replace(model, joints=(*model.joints[:-1], turning))
     return float(driven(free, "rotor", step_to(99.0), 1.0, settings.timestep, (0, 0, 0), record=("qd",))["qd"][-1, 0])
 
 
-def _stall(settings: Settings, model: Model) -> float:
+def _stall(settings: ServoStepSettings, model: Model) -> float:
     """Torque at full voltage against the stop [N m]."""
     run = driven(model, "rotor", step_to(100.0), 2.0, settings.timestep, (0, 0, 0), record=("torque",))
     return float(run["torque"][-1, 0])
@@ -172,12 +172,12 @@ def step_to(angle: float) -> Reference:
     return Reference([0.0], [[angle]])
 
 
-def check(result: Result) -> list[Claim]:
+def check(result: ServoStepResult) -> list[Claim]:
     """The claims of section 2.2 and of section 3 about the step."""
     return [_speed_claim(result), _torque_claim(result), _error_claim(result), _gearbox_claim(result)]
 
 
-def _speed_claim(result: Result) -> Claim:
+def _speed_claim(result: ServoStepResult) -> Claim:
     """Reproduced if every supply's no-load speed is the manual's within the tolerance, and the step comes near it."""
     off = {volts: speed / (NO_LOAD * volts) - 1.0 for volts, speed in result.no_load.items()}
     worst = max(off.values(), key=abs)
@@ -190,7 +190,7 @@ def _speed_claim(result: Result) -> Claim:
         paper=f"curves coincide; the AX-12's manual: {12 * NO_LOAD:.2f} rad/s without load at 12 V",
         ours=f"{result.no_load[12.0]:.2f} rad/s at 12 V ({off[12.0]:+.1%}); largest speed in the step at 10 V "
         f"{standard} rad/s standard, {mipsd} rad/s MIPSD",
-        verdict=judged(same),
+        verdict=classify(same),
         why=f"no-load speed within {TOLERANCE:.0%} of the manual's, taken in proportion to the supply, at "
         f"{', '.join(f'{volts:g}' for volts in off)} V: off by {min(off.values()):+.1%} to {max(off.values()):+.1%}. "
         "Without rotor inertia the first surge goes beyond it: with time constants of 0.6 ms (current) and 0.7 ms "
@@ -198,12 +198,12 @@ def _speed_claim(result: Result) -> Claim:
     )
 
 
-def _torque_claim(result: Result) -> Claim:
+def _torque_claim(result: ServoStepResult) -> Claim:
     """Reproduced if the stall torque is right at both supplies, in direction if at one."""
     stall = result.stall
     off = {volts: torque / STALL[volts] - 1.0 for volts, torque in stall.items()}
     good = [volts for volts, x in off.items() if abs(x) < TOLERANCE]
-    verdict = judged(len(good) == len(off), bool(good))
+    verdict = classify(len(good) == len(off), bool(good))
     return Claim(
         claim="The constants make a servo as strong as the real one",
         item="Table 2",
@@ -217,7 +217,7 @@ def _torque_claim(result: Result) -> Claim:
     )
 
 
-def _error_claim(result: Result) -> Claim:
+def _error_claim(result: ServoStepResult) -> Claim:
     """Reproduced if the last error differs from that of the compliance law by less than the encoder can tell."""
     ours = result.gearboxes["standard"].error
     standard, mipsd = (result.gearboxes[kind].stated("error", DEGREES, ".3f") for kind in ("standard", "mipsd"))
@@ -229,7 +229,7 @@ def _error_claim(result: Result) -> Claim:
         item="Fig. 4",
         paper=f"compliance law of the manual under this load: up to {math.degrees(real):.2f} deg",
         ours=f"{standard} deg (MIPSD {mipsd} deg); load by stiffness {math.degrees(linear):.3f} deg",
-        verdict=judged(same),
+        verdict=classify(same),
         why=f"the difference is {math.degrees(abs(ours - real)):.2f} deg, less than one count of the encoder "
         f"({math.degrees(ENCODER_STEP):.2f} deg). The paper's controller is linear; the real one gives nothing "
         "within a margin of one count and at least 3 % beyond it, which holds this arm at the edge of the margin"
@@ -238,14 +238,14 @@ def _error_claim(result: Result) -> Claim:
     )
 
 
-def _compliance_error(result: Result) -> float:
+def _compliance_error(result: ServoStepResult) -> float:
     """Error at which the manual's law carries the load [rad]: the edge of the margin if the punch is enough there."""
     full = result.stiffness * SLOPE  # torque at full voltage without current limit [N m]
     share = result.load / full
     return MARGIN if share < PUNCH else MARGIN + (share - PUNCH) / (1.0 - PUNCH) * SLOPE
 
 
-def _gearbox_claim(result: Result) -> Claim:
+def _gearbox_claim(result: ServoStepResult) -> Claim:
     """Reproduced if the rise time is the same within the tolerance and the arm does not swing beyond it."""
     standard, mipsd = result.gearboxes["standard"], result.gearboxes["mipsd"]
     percent = 100.0 / result.settings.step
@@ -262,14 +262,14 @@ def _gearbox_claim(result: Result) -> Claim:
         ours=f"rise {standard.stated('rise', 1e3, '.0f')} ms standard, {mipsd.stated('rise', 1e3, '.0f')} ms MIPSD "
         f"({longer:+.0%}); overshoot {standard.stated('overshoot', percent, '.1f')} and "
         f"{mipsd.stated('overshoot', percent, '.1f')} %",
-        verdict=judged(same, abs(longer) < TOLERANCE),
+        verdict=classify(same, abs(longer) < TOLERANCE),
         why=f"rise time and overshoot within {TOLERANCE:.0%}. It depends on the rotor inertia, which the paper does "
         f"not give (rise, overshoot): {by_inertia}. {ERROR}",
     )
 
 
 @look()
-def plot(result: Result) -> dict[str, Figure]:
+def plot(result: ServoStepResult) -> dict[str, Figure]:
     """The step as in Fig. 4, and what it depends on."""
     return {
         "Step response of one AX-12 that carries the forearm, as in Fig. 4, with what the servo's manual allows: the "
@@ -279,12 +279,12 @@ def plot(result: Result) -> dict[str, Figure]:
     }
 
 
-def _main(result: Result) -> Figure:
+def _main(result: ServoStepResult) -> Figure:
     figure, (whole, detail) = subplots(9.0, 3.6, 1, 2, sharey=True)
     target = math.degrees(result.settings.step)
     for axes in (whole, detail):
         for kind, step in result.gearboxes.items():
-            axes.plot(step.time, np.degrees(step.angle), color=SERVO_COLOURS[kind], linewidth=1.6, label=step.label)
+            axes.plot(step.time, np.degrees(step.angle), color=SERVO_COLORS[kind], linewidth=1.6, label=step.label)
         axes.axhspan(*(target + math.degrees(MARGIN) * side for side in (-1, 1)), color="0.85", zorder=0)
         axes.axhline(target, color="0.4", linestyle=":", linewidth=1.0)
         axes.set_xlabel("time [s]")
@@ -297,7 +297,7 @@ def _main(result: Result) -> Figure:
     return figure
 
 
-def _dependence(result: Result) -> Figure:
+def _dependence(result: ServoStepResult) -> Figure:
     figure, panels = subplots(9.0, 3.4, 1, 3, sharey=True)
     for axes, steps, title in zip(
         panels, (result.supplies, result.inertias, result.frictions), ("supply", "rotor inertia", "Coulomb friction")

@@ -23,7 +23,7 @@ from ..robot_file import load_robot
 from ..run.reference import Reference
 from ..view.style import look
 from .arm_fall import released
-from .claim import Claim, judged, span
+from .claim import Claim, classify, span
 from .common import ENCODER_STEP, subplots
 from .servo_step import driven, step_to
 
@@ -31,7 +31,7 @@ OUTPUT, ROTOR, PRINTED = "B_v at the output", "B_v / G² at the rotor", "B_vr = 
 
 
 @dataclass(frozen=True)
-class Settings:
+class ServoTermsSettings:
     """What the paper leaves open."""
 
     start: float = 0.5 * math.pi  # [rad] of the fall, horizontal
@@ -43,15 +43,15 @@ class Settings:
     timestep: float = 5e-4  # [s] halved, it changes no angle by more than 0.1 deg
 
 
-QUICK = Settings()
-FULL = Settings(timestep=1e-4)
+QUICK = ServoTermsSettings()
+FULL = ServoTermsSettings(timestep=1e-4)
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class ServoTermsResult:
     """Falls by damping, and steps and sines by Kd; angles [rad] of the joint."""
 
-    settings: Settings
+    settings: ServoTermsSettings
     falls: dict[str, np.ndarray]  # (k,)
     fall_time: np.ndarray  # (k,) [s]
     no_load: dict[str, float]  # [rad/s] at 10 V
@@ -68,7 +68,7 @@ class Result:
         return float(np.ptp(self.steps[Kd][-len(self.steps[Kd]) // 5 :]))
 
 
-def run(settings: Settings = QUICK) -> Result:
+def run(settings: ServoTermsSettings = QUICK) -> ServoTermsResult:
     """Simulate all of it, with the spring-damper gearbox."""
     arm = load_robot("ax12_arm")
     (servo,) = arm.servos.values()
@@ -83,7 +83,7 @@ def run(settings: Settings = QUICK) -> Result:
     steps = {Kd: _following(changed(arm, Kd=Kd), step_to(settings.step), 1.0, h) for Kd in settings.gains}
     K = G * servo.motor_constant
     drive = K * servo.voltage_limit / servo.resistance
-    return Result(
+    return ServoTermsResult(
         settings=settings,
         falls={name: angles[0] for name, (_, angles) in falls.items()},
         fall_time=falls[OUTPUT][0],
@@ -102,7 +102,7 @@ def _damping(model: Model) -> float:
     return servo.viscous_friction + servo.gearbox.ratio**2 * servo.gearbox.rotor_damping
 
 
-def _lag(settings: Settings, model: Model) -> float:
+def _lag(settings: ServoTermsSettings, model: Model) -> float:
     """Of the reference as the controller sees it, one lag late."""
     (servo,) = model.servos.values()
     period, w = 1.0 / settings.frequency, 2.0 * math.pi * settings.frequency
@@ -118,12 +118,12 @@ def _following(model: Model, reference: Reference, duration: float, h: float) ->
     return run["time"], run["q"][:, 0]
 
 
-def check(result: Result) -> list[Claim]:
+def check(result: ServoTermsResult) -> list[Claim]:
     """What of equation 2 and of figure 3 has not been shown elsewhere."""
     return [_damping_claim(result), _speed_claim(result)]
 
 
-def _damping_claim(result: Result) -> Claim:
+def _damping_claim(result: ServoTermsResult) -> Claim:
     """Reproduced if damping moved to the rotor lets the arm fall as that at the output does, within a count."""
     apart = float(np.abs(result.falls[ROTOR] - result.falls[OUTPUT]).max())
     stuck = math.degrees(result.settings.start - float(result.falls[PRINTED].min()))
@@ -133,14 +133,14 @@ def _damping_claim(result: Result) -> Claim:
         item="Eq. 2",
         paper="no value for B_vr",
         ours=f"an arm's fall differs by at most {math.degrees(apart):.2f} deg between both",
-        verdict=judged(apart < ENCODER_STEP, apart < 10.0 * ENCODER_STEP),
+        verdict=classify(apart < ENCODER_STEP, apart < 10.0 * ENCODER_STEP),
         why=f"Rule: within a count of the encoder ({math.degrees(ENCODER_STEP):.2f} deg); in direction within ten. "
         "What is left is the gearbox's spring between both. Table 2's B_v cannot be meant as B_vr: the arm would sink "
         f"by {stuck:.2g} deg in {result.settings.fall:g} s. Speed without load at 10 V [rad/s]: {speeds}",
     )
 
 
-def _speed_claim(result: Result) -> Claim:
+def _speed_claim(result: ServoTermsResult) -> Claim:
     """Reproduced if some gain takes half of the overshoot without rattling, and following gets no worse."""
     gains = result.settings.gains[1:]
     before = result.overshoot(0.0)
@@ -158,7 +158,7 @@ def _speed_claim(result: Result) -> Claim:
         paper="in the block diagram, no gain",
         ours=f"overshoot of a {math.degrees(result.settings.step):.0f} deg step {before:.1%} without, "
         f"{result.overshoot(best):.1%} with Kd = {best:g} V s/rad",
-        verdict=judged(
+        verdict=classify(
             bool(quiet) and result.overshoot(best) < 0.5 * before and bool(follows),
             bool(quiet) and result.overshoot(best) < before,
         ),
@@ -169,7 +169,7 @@ def _speed_claim(result: Result) -> Claim:
 
 
 @look()
-def plot(result: Result) -> dict[str, Figure]:
+def plot(result: ServoTermsResult) -> dict[str, Figure]:
     """Falls by damping, steps by Kd."""
     figure, (left, right) = subplots(9.0, 3.4, 1, 2)
     for (name, angle), style, color in zip(result.falls.items(), ("-", "--", "-"), ("C0", "C1", "C3")):

@@ -32,8 +32,8 @@ from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate_batch
 from ..scene.compile import GearboxKind, compile_scene
 from ..view.style import look
-from .claim import Claim, judged, question
-from .common import ENCODER_STEP, EXPLICIT, IMPLICIT, INTEGRATOR_NAMES, LINE_STYLES, SERVO_COLOURS, in_threads, subplots
+from .claim import Claim, classify, question
+from .common import ENCODER_STEP, EXPLICIT, IMPLICIT, INTEGRATOR_NAMES, LINE_STYLES, SERVO_COLORS, in_threads, subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,7 +69,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Settings:
+class ArmHoldSettings:
     """What is varied, and how long each case runs."""
 
     gains: tuple[float, ...]  # [V/rad] 8: the authors' scene of 2008; 61: AX-12; 120: twice that
@@ -93,7 +93,7 @@ class Settings:
             raise ValueError(f"disturbances is {self.disturbances}; at least 1 is needed")
 
 
-QUICK = Settings(
+QUICK = ArmHoldSettings(
     gains=(20.0, 40.0, 61.0, 80.0, 120.0),
     steps=(2.5e-4, 5e-4, 1e-3, 2e-3, 1e-2),
     links=((0.095, 0.095), (0.09, 0.09)),
@@ -101,7 +101,7 @@ QUICK = Settings(
     tilts=(1e-4, 1e-2, 5e-2),
     disturbances=8,
 )
-FULL = Settings(
+FULL = ArmHoldSettings(
     gains=(8.0, 20.0, 25.0, 30.0, 40.0, 50.0, 61.0, 70.0, 80.0, 90.0, 100.0, 120.0),
     steps=(1e-4, 2.5e-4, 5e-4, 1e-3, 2e-3, 2.5e-3, 5e-3, 1e-2),
     links=((0.095, 0.095), (0.09, 0.09), (0.085, 0.085), (0.08, 0.08)),
@@ -149,8 +149,8 @@ class Outcome:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
-    settings: Settings
+class ArmHoldResult:
+    settings: ArmHoldSettings
     outcomes: dict[Case, Outcome]
 
     def of(self, **changes: Any) -> Outcome:
@@ -158,15 +158,15 @@ class Result:
         return self.outcomes[Case(**changes)]
 
 
-def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
+def run(settings: ArmHoldSettings = QUICK, seed: int = 0, progress: bool = False) -> ArmHoldResult:
     """Hold the arm in every case.  seed: of the initial tilts, which all cases share."""
     cases = all_cases(settings)
     tilts = np.random.default_rng(seed).standard_normal((settings.disturbances, 7))
     outcomes = in_threads(lambda case: hold(case, settings, tilts), cases, "seven-joint arm", progress)
-    return Result(settings, dict(zip(cases, outcomes)))
+    return ArmHoldResult(settings, dict(zip(cases, outcomes)))
 
 
-def all_cases(settings: Settings) -> list[Case]:
+def all_cases(settings: ArmHoldSettings) -> list[Case]:
     """Every combination of gain and step, and one thing at a time of the rest."""
     models = [Case(servos, integrator) for servos, integrator in product(SERVOS, INTEGRATORS)]
     gains, inertias = (Case.Kp, *settings.gains), (NO_ROTOR, Case.rotor_inertia, *settings.rotor_inertias)
@@ -217,7 +217,7 @@ def _gearboxes() -> dict[str, Gearbox]:
     return gearbox_presets("ax12")
 
 
-def hold(case: Case, settings: Settings, tilts: np.ndarray) -> Outcome:
+def hold(case: Case, settings: ArmHoldSettings, tilts: np.ndarray) -> Outcome:
     """Hold the arm upright from each of `tilts` (n, 7), in units of the case's."""
     scene = compile_scene(arm(case), gearbox=case.servos, integrator=case.integrator, timestep=case.step)
     states = [initial_state(scene, case.tilt * q) for q in tilts]
@@ -242,7 +242,7 @@ def least_gain(model: Model) -> float:
 # ---------------------------------------------------------------------------------------------- claims
 
 
-def check(result: Result) -> list[Claim]:
+def check(result: ArmHoldResult) -> list[Claim]:
     """The paper's statements about this arm beside what comes out here.
 
     Squares are compared in deg^2, see the claim about the unit.  A number is "reproduced" if our median over the
@@ -259,11 +259,11 @@ def check(result: Result) -> list[Claim]:
     ]
 
 
-def _standard(result: Result) -> Claim:
+def _standard(result: ArmHoldResult) -> Claim:
     found, half, fine = result.of(), result.of(step=5e-4), result.of(step=1e-4)
     standing = _errors([o for o in _over_gains(result, gearbox="standard") if o.stands])
     n = len(found.statuses)
-    verdict = judged(_near(PAPER_STANDARD, found), found.statuses.count("chatter") == n)
+    verdict = classify(_near(PAPER_STANDARD, found), found.statuses.count("chatter") == n)
     why = (
         f"A bounded chatter that never ends, flagged in {found.statuses.count('chatter')} of {n} runs, whatever the "
         f"disturbance. It is an error of integration: at half the step {_squares(half.error)}, at a tenth "
@@ -274,12 +274,12 @@ def _standard(result: Result) -> Claim:
     return Claim(claim, f"{PAPER_STANDARD} rad²", _both(found), verdict, why, "Fig. 9", factor)
 
 
-def _mipsd(result: Result) -> Claim:
+def _mipsd(result: ArmHoldResult) -> Claim:
     found, fine = result.of(servos="mipsd"), result.of(servos="mipsd", step=1e-4)
     tilts = result.settings.tilts
     tilted = _errors([result.of(servos="mipsd", tilt=tilt) for tilt in tilts])
     standing = _errors([o for o in _over_gains(result, gearbox="mipsd") if o.stands])
-    verdict = judged(_near(PAPER_MIPSD, found), found.sound and found.stands)
+    verdict = classify(_near(PAPER_MIPSD, found), found.sound and found.stands)
     left = math.sqrt(np.median(found.history[:, -1]) / np.median(found.history[:, 0]))
     why = (
         f"The arm holds, and the number says little more: it is the initial tilt dying away, to {left:.1g} of it in "
@@ -291,7 +291,7 @@ def _mipsd(result: Result) -> Claim:
     return Claim("The MIPSD model holds it", f"{PAPER_MIPSD} rad²", _both(found), verdict, why, "Fig. 10", factor)
 
 
-def _improvement(result: Result) -> Claim:
+def _improvement(result: ArmHoldResult) -> Claim:
     ratio = result.of().error / result.of(servos="mipsd").error
     gains = result.settings.gains
     pairs = zip(gains, _over_gains(result, gearbox="standard"), _over_gains(result, gearbox="mipsd"))
@@ -303,12 +303,12 @@ def _improvement(result: Result) -> Claim:
         "high gains the compliant gearbox swings on its own, where the rigid one is quiet."
     )
     factor = float(np.median(ratio)) * PAPER_MIPSD / PAPER_STANDARD
-    verdict = judged(1.0 / 3.0 < factor < 3.0, ratio.min() > 10.0)
+    verdict = classify(1.0 / 3.0 < factor < 3.0, ratio.min() > 10.0)
     paper, ours = f"{PAPER_STANDARD / PAPER_MIPSD:.0f} times less", f"{_span(ratio)} times less"
     return Claim("MIPSD is more stable than the standard model", paper, ours, verdict, why, "Section 3", factor)
 
 
-def _unit(result: Result) -> Claim:
+def _unit(result: ArmHoldResult) -> Claim:
     """Look for gains, steps, links and tilts at which both printed values come out and MIPSD holds, as in Fig. 10."""
     cases = [case for case in result.outcomes if (case.servos, case.integrator) == ("standard", EXPLICIT)]
     pairs = {case: (result.outcomes[case], result.outcomes[replace(case, servos="mipsd")]) for case in cases}
@@ -328,11 +328,11 @@ def _unit(result: Result) -> Claim:
     )
     more = len(fits["deg²"]) - len(fits["rad²"])  # "reproduced" if more as rad²
     ours = "deg² fits better" if more > 0 else "rad² fits better" if more < 0 else "undecided"
-    verdict = judged(more < 0)
+    verdict = classify(more < 0)
     return question("The printed 8.14 and 0.0022 rad² are in rad²", ours, verdict, why)
 
 
-def _rotor(result: Result) -> Claim:
+def _rotor(result: ArmHoldResult) -> Claim:
     standard, rotor, implicit = result.of(), result.of(servos="rotor"), result.of(integrator=IMPLICIT)
     why = (
         f"Rule: a rigid gearbox with the rotor leaves less than a tenth in the paper's update order. It leaves "
@@ -343,12 +343,12 @@ def _rotor(result: Result) -> Claim:
         f"{_squares(result.of(integrator=IMPLICIT, step=1e-4).error)} implicitly."
     )
     ratio = standard.error / rotor.error
-    verdict = judged(ratio.min() > 10.0 and rotor.sound)
+    verdict = classify(ratio.min() > 10.0 and rotor.sound)
     ours = f"{_squares(standard.error)} without, {_squares(rotor.error)} with the rotor"
     return question("The instability comes from the missing rotor inertia", ours, verdict, why)
 
 
-def _compliance(result: Result) -> Claim:
+def _compliance(result: ArmHoldResult) -> Claim:
     rotor, mipsd, alone = result.of(servos="rotor"), result.of(servos="mipsd"), result.of(**ALONE)
     why = (
         f"Rule: the compliant gearbox leaves less than the rigid one with the same rotor. It leaves "
@@ -359,12 +359,12 @@ def _compliance(result: Result) -> Claim:
         f"of it rigid {_squares(result.of(servos='rotor', step=1e-4).error)}, compliant "
         f"{_squares(result.of(servos='mipsd', step=1e-4).error)}."
     )
-    verdict = judged(mipsd.typical < rotor.typical)
+    verdict = classify(mipsd.typical < rotor.typical)
     ours = f"rigid {_squares(rotor.error)}, compliant {_squares(mipsd.error)}"
     return question("The spring-damper gearbox makes the simulation more stable", ours, verdict, why)
 
 
-def _printed(result: Result) -> Claim:
+def _printed(result: ArmHoldResult) -> Claim:
     words = {(g, i): result.of(servos="mipsd", integrator=i, gearbox=g).word for g in READINGS[:3] for i in INTEGRATORS}
     model = arm(Case(gearbox="paper_literal"))
     servo = next(iter(model.servos.values()))
@@ -382,16 +382,16 @@ def _printed(result: Result) -> Claim:
     )
     word = words["paper_literal", EXPLICIT]
     paper = "1e-5 N m/rad, 1e-4 N m s/rad"
-    verdict = judged(word == "holds")
+    verdict = classify(word == "holds")
     claim = "The printed constants K_s and K_B of the gearbox hold the arm"
     return Claim(claim, paper, f"it {word}", verdict, why, "Eq. 4")
 
 
-def _over_gains(result: Result, **model: Any) -> list[Outcome]:
+def _over_gains(result: ArmHoldResult, **model: Any) -> list[Outcome]:
     return [result.of(**model, Kp=Kp) for Kp in result.settings.gains]
 
 
-def _longest_step(result: Result, servos: str) -> str:
+def _longest_step(result: ArmHoldResult, servos: str) -> str:
     """Last step before the first at which the explicit order does not hold the arm, at the default gain."""
     held = 0.0
     for step in sorted({*result.settings.steps, *CHECKED_STEPS}):
@@ -434,7 +434,7 @@ FLOOR, CEILING = 1e-10, 1e5  # of what is shown [deg^2]
 
 
 @look()
-def plot(result: Result) -> dict[str, Figure]:
+def plot(result: ArmHoldResult) -> dict[str, Figure]:
     """The figures, by caption."""
     return {
         "The lowest joint over time (the paper's Figs. 9 and 10), and its error by the second": _over_time(result),
@@ -445,18 +445,18 @@ def plot(result: Result) -> dict[str, Figure]:
     }
 
 
-def _over_time(result: Result) -> Figure:
+def _over_time(result: ArmHoldResult) -> Figure:
     figure, axes = subplots(11.0, 3.8, 1, 3)
     for panel, servos in zip(axes, ("standard", "mipsd")):
         angle = np.degrees(result.of(servos=servos).angle)
-        panel.plot(np.arange(len(angle)) * 0.01, angle, color=SERVO_COLOURS[servos], linewidth=0.8)
+        panel.plot(np.arange(len(angle)) * 0.01, angle, color=SERVO_COLORS[servos], linewidth=0.8)
         panel.set(xlabel="time [s]", ylabel="angle of the lowest joint [deg]", title=f"{servos}, explicit, 1 ms")
     panel = axes[2]
     for servos, integrator in product(SERVOS, INTEGRATORS):
         seconds = np.median(result.of(servos=servos, integrator=integrator).history, axis=0) * DEG2
         times = np.arange(len(seconds)) + 0.5
         label = f"{servos}, {INTEGRATOR_NAMES[integrator]}"
-        panel.semilogy(times, seconds, LINE_STYLES[integrator], color=SERVO_COLOURS[servos], label=label)
+        panel.semilogy(times, seconds, LINE_STYLES[integrator], color=SERVO_COLORS[servos], label=label)
     _paper_lines(panel)
     panel.set(xlabel="time [s]", ylabel="mean square in a second [deg²]", title="all models, median")
     figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
@@ -471,7 +471,7 @@ def _paper_lines(panel: Axes, labels: bool = True) -> None:
             panel.annotate(f"paper {value:g}", (0.99, value), fontsize=7, **where)
 
 
-def factorial(result: Result) -> dict[tuple[bool, bool, bool], Outcome]:
+def factorial(result: ArmHoldResult) -> dict[tuple[bool, bool, bool], Outcome]:
     """Outcome by (rotor inertia, compliance, implicit integration)."""
     cases: dict[tuple[bool, bool], dict[str, Any]] = {
         (False, False): {"servos": "standard"},
@@ -486,7 +486,7 @@ def factorial(result: Result) -> dict[tuple[bool, bool, bool], Outcome]:
     }
 
 
-def _factorial(result: Result) -> Figure:
+def _factorial(result: ArmHoldResult) -> Figure:
     figure, axes = subplots(8.0, 3.0)
     found, columns = factorial(result), ((False, False), (True, False), (False, True), (True, True))
     grid = [[found[*cause, implicit] for cause in columns] for implicit in (False, True)]
@@ -520,7 +520,7 @@ def _short(value: float) -> str:
     return f"{mantissa}e{int(exponent)}"
 
 
-def _maps(result: Result) -> Figure:
+def _maps(result: ArmHoldResult) -> Figure:
     figure, axes = subplots(13.0, 2.2 + 0.72 * len(result.settings.gains), 2, 3, sharex=True, sharey=True)
     steps, gains = result.settings.steps, result.settings.gains
     for (k, integrator), (j, servos) in product(enumerate(INTEGRATORS), enumerate(SERVOS)):
@@ -536,13 +536,13 @@ def _maps(result: Result) -> Figure:
     return figure
 
 
-def _dependence(result: Result) -> Figure:
+def _dependence(result: ArmHoldResult) -> Figure:
     figure, axes = subplots(12.0, 4.2, 1, 3, sharey=True)
     tilt, gain, encoder = axes
     settings = result.settings
     for servos, integrator in product(SERVOS, INTEGRATORS):
         model = {"servos": servos, "integrator": integrator}
-        style = {"color": SERVO_COLOURS[servos], "linestyle": LINE_STYLES[integrator], "marker": ".", "linewidth": 1.2}
+        style = {"color": SERVO_COLORS[servos], "linestyle": LINE_STYLES[integrator], "marker": ".", "linewidth": 1.2}
         label = f"{servos}, {INTEGRATOR_NAMES[integrator]}"
         tilted = [result.of(**model, tilt=x) for x in settings.tilts]
         tilt.loglog(settings.tilts, _medians(tilted), label=label, **style)
@@ -554,7 +554,7 @@ def _dependence(result: Result) -> Figure:
         resolution = 0.0 if exact else settings.resolution
         found = [result.of(servos=s, integrator=i, resolution=resolution) for i, s in models]
         places = np.arange(len(models)) + (-0.2 if exact else 0.2)
-        colors = [SERVO_COLOURS[s] for _, s in models]
+        colors = [SERVO_COLORS[s] for _, s in models]
         inside = colors if exact else "white"
         encoder.scatter(places, _medians(found), 45, c=inside, edgecolors=colors, linewidths=1.5, zorder=3)
     encoder.set_xticks(range(len(models)), [f"{s}\n{'explicit' if i == EXPLICIT else 'implicit'}" for i, s in models])
@@ -574,7 +574,7 @@ def _medians(outcomes: list[Outcome]) -> np.ndarray:
     return np.maximum(DEG2 * np.array([outcome.typical for outcome in outcomes]), FLOOR)
 
 
-def _readings(result: Result) -> Figure:
+def _readings(result: ArmHoldResult) -> Figure:
     figure, axes = subplots(10.0, 3.6, 1, 2, sharey=True)
     inertias = result.settings.rotor_inertias
     for panel, integrator in zip(axes, INTEGRATORS):

@@ -33,8 +33,8 @@ from ..view.style import look
 from ..walking.cost import WalkingCost
 from ..walking.gait import TICK
 from . import posture, seven_joint_arm
-from .claim import Claim, judged, question
-from .common import EXPLICIT, SERVO_COLOURS, heavier, in_threads, subplots
+from .claim import Claim, classify, question
+from .common import EXPLICIT, SERVO_COLORS, scale_masses, in_threads, subplots
 from .maximal import Engine, simulate, simulate_seeds
 from .walks import cycle_energies, cycle_marks, planned_walk, recompiled
 
@@ -51,7 +51,7 @@ NUDGE = 1e-9  # [rad]
 
 
 @dataclass(frozen=True)
-class Setting:
+class SolverCase:
     """One walk, or one robot that holds still; the defaults are what is documented."""
 
     servos: GearboxKind = "standard"
@@ -61,7 +61,7 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Settings:
+class ScatterSettings:
     """What is varied, and how often each is run."""
 
     runs: int  # of the documented setting
@@ -80,7 +80,7 @@ class Settings:
     warm_up: int = 1  # strides before them
 
 
-QUICK = Settings(
+QUICK = ScatterSettings(
     runs=40,
     map_runs=12,
     swept_runs=6,
@@ -91,7 +91,7 @@ QUICK = Settings(
     posture_iterations=(10, 20),
     nudged=3,
 )
-FULL = Settings(
+FULL = ScatterSettings(
     runs=200,
     map_runs=40,
     swept_runs=20,
@@ -143,8 +143,8 @@ class Held:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
-    settings: Settings
+class ScatterResult:
+    settings: ScatterSettings
     documented: dict[str, Scatter]  # by servos
     solved: dict[str, Scatter]  # the same, without sweeps
     swept: dict[str, Scatter]  # the same, with many
@@ -155,7 +155,7 @@ class Result:
     postures: dict[tuple[str, int, float], Held]  # by servos, iterations, mass
 
 
-def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
+def run(settings: ScatterSettings = QUICK, seed: int = 0, progress: bool = False) -> ScatterResult:
     """Walk, hold the arm and the posture.  seed: of the first run, those of the others follow."""
     planned = planned_walk()
     documented: dict[str, Scatter] = {}
@@ -164,27 +164,27 @@ def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Re
     nudged: dict[str, float] = {}
     energies: dict[str, np.ndarray] = {}
     for servos in SERVOS:
-        energies[servos], documented[servos] = walk(settings, planned, Setting(servos), settings.runs, seed)
-        solved[servos] = walk(settings, planned, Setting(servos, iterations=0), 2, seed)[1]
-        swept[servos] = walk(settings, planned, Setting(servos, iterations=MANY), settings.swept_runs, seed)[1]
+        energies[servos], documented[servos] = walk(settings, planned, SolverCase(servos), settings.runs, seed)
+        solved[servos] = walk(settings, planned, SolverCase(servos, iterations=0), 2, seed)[1]
+        swept[servos] = walk(settings, planned, SolverCase(servos, iterations=MANY), settings.swept_runs, seed)[1]
         nudged[servos] = nudge(settings, planned, servos)
     around = tuple(work_out(settings, seed=seed, progress=progress, planned=planned))
     arms: dict[tuple[str, int, tuple[float, float]], Held] = {
         (servos, n, link): hold_arm(settings, servos, n, link, seed)
-        for servos, n, link in product(SERVOS, (Setting.iterations, 0), settings.links)
+        for servos, n, link in product(SERVOS, (SolverCase.iterations, 0), settings.links)
     }
     postures: dict[tuple[str, int, float], Held] = {
         (servos, n, mass): hold_posture(settings, servos, n, mass, seed)
         for servos, n, mass in product(SERVOS, settings.posture_iterations, (0.8, 1.0))
     }
-    return Result(settings, documented, solved, swept, nudged, around, energies, arms, postures)
+    return ScatterResult(settings, documented, solved, swept, nudged, around, energies, arms, postures)
 
 
 # ---------------------------------------------------------------------------------------------- the walk
 
 
 def walk(
-    settings: Settings, planned: WalkingCost, setting: Setting, runs: int, seed: int = 0
+    settings: ScatterSettings, planned: WalkingCost, setting: SolverCase, runs: int, seed: int = 0
 ) -> tuple[np.ndarray, Scatter]:
     """Energies of the measured gait cycles (runs, strides) [J], NaN of runs that fell, and how they scatter."""
     cost = _cost(settings, planned, setting)
@@ -198,12 +198,12 @@ def walk(
     return energies, _scatter(setting, energies, sound, ways)
 
 
-def nudge(settings: Settings, planned: WalkingCost, gearbox: GearboxKind) -> float:
+def nudge(settings: ScatterSettings, planned: WalkingCost, gearbox: GearboxKind) -> float:
     """Deviation of the same cycle between solved walks, in double precision, of which each starts with one joint off.
 
     Nothing random is left in these: what they differ by is what the walk makes of `NUDGE`.
     """
-    cost = _cost(settings, planned, Setting(gearbox))
+    cost = _cost(settings, planned, SolverCase(gearbox))
     state, reference = cost.beginning(cost.gait.to_vector())
     first = cost.scene.part("q")[0]
     starts = [state.copy() for _ in range(settings.nudged)]
@@ -217,13 +217,13 @@ def nudge(settings: Settings, planned: WalkingCost, gearbox: GearboxKind) -> flo
     return float(math.sqrt(energies.var(axis=0, ddof=1).mean()) / energies.mean()) if len(energies) > 1 else math.nan
 
 
-def _cost(settings: Settings, planned: WalkingCost, setting: Setting) -> WalkingCost:
-    model = heavier(planned.scene.model, setting.mass)
+def _cost(settings: ScatterSettings, planned: WalkingCost, setting: SolverCase) -> WalkingCost:
+    model = scale_masses(planned.scene.model, setting.mass)
     cost = recompiled(planned, model, gearbox=setting.servos, integrator=EXPLICIT, timestep=setting.step)
     return replace(cost, warm_up=settings.warm_up, strides=settings.strides)
 
 
-def _scatter(setting: Setting, energies: np.ndarray, sound: np.ndarray, ways: Sequence[float]) -> Scatter:
+def _scatter(setting: SolverCase, energies: np.ndarray, sound: np.ndarray, ways: Sequence[float]) -> Scatter:
     E, runs = energies[sound], len(energies)
     numbers = [math.nan] * 5
     if len(E) >= 2:
@@ -234,14 +234,14 @@ def _scatter(setting: Setting, energies: np.ndarray, sound: np.ndarray, ways: Se
     return Scatter(setting.servos, setting.step, setting.iterations, setting.mass, runs, int((~sound).sum()), *numbers)
 
 
-def map_settings(settings: Settings) -> list[Setting]:
+def map_settings(settings: ScatterSettings) -> list[SolverCase]:
     """Those of the map, the two servos of each side by side."""
     around = product(settings.masses, settings.iterations, settings.steps, SERVOS)
-    return [Setting(servos, step, n, mass) for mass, n, step, servos in around]
+    return [SolverCase(servos, step, n, mass) for mass, n, step, servos in around]
 
 
 def work_out(
-    settings: Settings,
+    settings: ScatterSettings,
     path: FilePath | None = None,
     *,
     seed: int = 0,
@@ -284,7 +284,7 @@ def write_map(path: FilePath, rows: Iterable[Scatter]) -> None:
 
 
 def hold_arm(
-    settings: Settings, gearbox: GearboxKind, iterations: int, link: tuple[float, float], seed: int = 0
+    settings: ScatterSettings, gearbox: GearboxKind, iterations: int, link: tuple[float, float], seed: int = 0
 ) -> Held:
     """The seven joints held upright from a small tilt, which all cases share: variance of the lowest one [deg^2]."""
     case = seven_joint_arm.Case(gearbox, link=link)
@@ -294,7 +294,7 @@ def hold_arm(
     return Held(angles[..., 0].var(axis=1), angles[..., 0].mean(axis=1), statuses)
 
 
-def hold_posture(settings: Settings, gearbox: GearboxKind, iterations: int, mass: float, seed: int = 0) -> Held:
+def hold_posture(settings: ScatterSettings, gearbox: GearboxKind, iterations: int, mass: float, seed: int = 0) -> Held:
     """The complete humanoid stands in the posture of Table 3: standard deviations of its four joints [deg]."""
     scene = posture.scene_of(posture.Case(gearbox, mass=mass))
     places = [scene.model.joint_names.index(name) for name in posture.JOINTS]
@@ -306,7 +306,7 @@ def hold_posture(settings: Settings, gearbox: GearboxKind, iterations: int, mass
 
 
 def _held(
-    settings: Settings,
+    settings: ScatterSettings,
     scene: CompiledScene,
     state: np.ndarray,
     target: np.ndarray,
@@ -330,7 +330,7 @@ def _held(
 # ---------------------------------------------------------------------------------------------- claims
 
 
-def check(result: Result) -> list[Claim]:
+def check(result: ScatterResult) -> list[Claim]:
     """The paper's statements that rest on its solver, beside what comes out with one of that kind."""
     return [
         _size(result, "standard"),
@@ -360,7 +360,7 @@ def pairs(rows: Iterable[Scatter]) -> list[tuple[Scatter, Scatter]]:
     return [(both["standard"], both["mipsd"]) for both in found.values() if len(both) == 2]
 
 
-def _size(result: Result, servos: str) -> Claim:
+def _size(result: ScatterResult, servos: str) -> Claim:
     ours, paper = result.documented[servos], PAPER[servos]
     rows = [row for row in result.map if row.servos == servos]
     alike = [row for row in rows if near(row.cycle, paper)]
@@ -371,7 +371,7 @@ def _size(result: Result, servos: str) -> Claim:
         factor=ours.cycle / paper,
         paper=f"{paper:.2%} over 200 runs",
         ours=f"{_said(ours)} at 1 ms and 10 sweeps, single gait cycles",
-        verdict=judged(near(ours.cycle, paper), bool(alike)),
+        verdict=classify(near(ours.cycle, paper), bool(alike)),
         why=f"Rule: within a factor {FACTOR:g} at the documented setting; in direction if somewhere on the map. Only "
         f"the order of the solver's rows differs between runs. The same cycle from run to run {ours.repeat:.2%}, sums "
         f"of {result.settings.strides} cycles {ours.run:.2%}. Within the factor at {len(alike)} of {len(rows)} "
@@ -387,7 +387,7 @@ def _place(row: Scatter) -> str:
     return f"{1e3 * row.step:.3g} ms, {row.iterations} sweeps, {row.mass:g} of the mass"
 
 
-def _both(result: Result) -> Claim:
+def _both(result: ScatterResult) -> Claim:
     found = pairs(result.map)
     alike, again = like_paper(found), like_paper(found, "repeat")
     nearest = min(found, key=distance_to_paper)
@@ -398,7 +398,7 @@ def _both(result: Result) -> Claim:
         item="Fig. 11",
         paper="14.62 % and 3.90 %",
         ours=f"at {len(alike)} of {len(found)} settings of the map",
-        verdict=judged(bool(alike), bool(again)),
+        verdict=classify(bool(alike), bool(again)),
         why=f"Rule: both within a factor {FACTOR:g} at the same step, sweeps and masses, of single gait cycles; in "
         "direction if of the same cycle from run to run. "
         f"{'There' if alike else 'Nearest'}: {words}. The same cycle from run to run: at {len(again)} settings"
@@ -418,7 +418,7 @@ def distance_to_paper(both: tuple[Scatter, Scatter], what: str = "cycle") -> flo
     return max(far) if len(far) == 2 else math.inf
 
 
-def _lower(result: Result) -> Claim:
+def _lower(result: ScatterResult) -> Claim:
     standard, mipsd = (result.documented[servos] for servos in SERVOS)
     found = pairs(result.map)
     lower = [a for a, b in found if a.cycle > b.cycle]
@@ -430,13 +430,13 @@ def _lower(result: Result) -> Claim:
         factor=ratio / paper,
         paper=f"{paper:.2f} times",
         ours=f"{ratio:.2f} times; the same cycle from run to run {repeat:.2f} times",
-        verdict=judged(ratio > 1 and near(ratio, paper), ratio > 1),
+        verdict=classify(ratio > 1 and near(ratio, paper), ratio > 1),
         why=f"Rule: the ratio within a factor {FACTOR:g}; in direction if more than one. It is more than one at "
         f"{len(lower)} of {len(found)} settings of the map",
     )
 
 
-def _cause(result: Result) -> Claim:
+def _cause(result: ScatterResult) -> Claim:
     none = all(row.repeat == 0.0 for row in result.solved.values())
     less = all(result.swept[servos].repeat < 0.5 * result.documented[servos].repeat for servos in SERVOS)
     words = ", ".join(f"{servos} {row.repeat:.2%}" for servos, row in result.solved.items())
@@ -444,27 +444,27 @@ def _cause(result: Result) -> Claim:
     return question(
         claim="The scatter is the random order of an unfinished iteration",
         ours=f"the same problem solved: {words} from run to run",
-        verdict=judged(none and less, none),
+        verdict=classify(none and less, none),
         why="Rule: none where each step has its problem solved, of which no order is left; less than half with "
         f"{MANY} sweeps; in direction if the former. With {MANY} sweeps {swept}: where that is no less, the order only "
         "begins the scatter and the walk lets it grow",
     )
 
 
-def _sensitive(result: Result) -> Claim:
+def _sensitive(result: ScatterResult) -> Claim:
     standard, mipsd = (result.nudged[servos] for servos in SERVOS)
     return question(
         claim="The standard model makes a scatter of whatever differs between runs, MIPSD does not",
         ours=f"standard {standard:.1%}, MIPSD {mipsd:.1e}",
-        verdict=judged(standard > 1e-3 and mipsd < 1e-3 * standard, standard > mipsd),
+        verdict=classify(standard > 1e-3 and mipsd < 1e-3 * standard, standard > mipsd),
         why=f"Rule: each step solved, in double precision, starts that are off by {NUDGE:g} rad in one joint give the "
         "standard model's cycles a deviation of more than 0.1 %, and MIPSD's less than a thousandth of that",
     )
 
 
-def _arm(result: Result, servos: str, paper: float) -> Claim:
+def _arm(result: ScatterResult, servos: str, paper: float) -> Claim:
     found = {key[1:]: held for key, held in result.arms.items() if key[0] == servos}
-    ours = found[Setting.iterations, seven_joint_arm.LARGE].typical
+    ours = found[SolverCase.iterations, seven_joint_arm.LARGE].typical
     alike = [key for key, held in found.items() if near(float(held.typical), paper, ORDER_FACTOR)]
     words = "; ".join(
         f"{held.typical:.2g} {'solved' if n == 0 else f'at {n} sweeps'}, links of {link[0]:g} kg and {link[1]:g} m"
@@ -477,25 +477,25 @@ def _arm(result: Result, servos: str, paper: float) -> Claim:
         factor=float(ours) / paper,
         paper=f"{paper:g}, printed as rad^2",
         ours=f"{ours:.2g} (median of {result.settings.seeds} seeds)",
-        verdict=judged(near(ours, paper, ORDER_FACTOR), bool(alike) or stiller),
+        verdict=classify(near(ours, paper, ORDER_FACTOR), bool(alike) or stiller),
         why=f"Rule: within a factor {ORDER_FACTOR:g} with the arm of 0.1 kg and 0.1 m at 10 sweeps; in direction if "
         f"elsewhere{', or if stiller' if servos == 'mipsd' else ''}. {words}",
     )
 
 
-def _table(result: Result) -> Claim:
+def _table(result: ScatterResult) -> Claim:
     paper = np.array([values["standard"][2] for _, values in posture.TABLE_3.values()])
     found = {key[1:]: held.typical for key, held in result.postures.items() if key[0] == "standard"}
     alike = [key for key, ours in found.items() if _all_near(ours, paper)]
     words = "; ".join(f"{_numbers(ours)} at {n} sweeps and {mass:g} of the mass" for (n, mass), ours in found.items())
-    ours = found[Setting.iterations, 1.0]
+    ours = found[SolverCase.iterations, 1.0]
     return Claim(
         claim="Standard model in its kind of program: deviations of left lateral, right front, right lateral shoulder, "
         "left elbow [deg]",
         item="Table 3",
         paper=_numbers(paper),
         ours=_numbers(ours),
-        verdict=judged(_all_near(ours, paper), bool(alike)),
+        verdict=classify(_all_near(ours, paper), bool(alike)),
         why=f"Rule: each within a factor {ORDER_FACTOR:g} at 10 sweeps and our masses; in direction if elsewhere. "
         f"{words}",
     )
@@ -509,7 +509,7 @@ def _numbers(values: Iterable[float]) -> str:
     return ", ".join(f"{x:.2g}" for x in values)
 
 
-def _order(result: Result) -> Claim:
+def _order(result: ScatterResult) -> Claim:
     paper = np.argsort([-values["standard"][2] for _, values in posture.TABLE_3.values()])
     found = {key[1:]: np.argsort(-held.typical) for key, held in result.postures.items() if key[0] == "standard"}
     same = [key for key, order in found.items() if (order == paper).all()]
@@ -519,17 +519,17 @@ def _order(result: Result) -> Claim:
         claim="Which joints shake most with the standard model, in its kind of program",
         item="Table 3",
         paper=" > ".join(names[k] for k in paper),
-        ours=" > ".join(names[k] for k in found[Setting.iterations, 1.0]),
-        verdict=judged((Setting.iterations, 1.0) in same, bool(same)),
+        ours=" > ".join(names[k] for k in found[SolverCase.iterations, 1.0]),
+        verdict=classify((SolverCase.iterations, 1.0) in same, bool(same)),
         why=f"Rule: the same order at 10 sweeps and our masses; in direction if elsewhere. The same at "
         f"{len(same)} of {len(found)}{': ' if same else ''}{at}",
     )
 
 
-def _rest(result: Result) -> Claim:
+def _rest(result: ScatterResult) -> Claim:
     found = {key[1:]: held.typical for key, held in result.postures.items() if key[0] == "mipsd"}
     words = "; ".join(f"{_numbers(ours)} at {n} sweeps and {mass:g} of the mass" for (n, mass), ours in found.items())
-    ours = found[Setting.iterations, 1.0]
+    ours = found[SolverCase.iterations, 1.0]
     falling = all(
         found[a, mass].max() > found[b, mass].max()
         for mass in (0.8, 1.0)
@@ -541,7 +541,7 @@ def _rest(result: Result) -> Claim:
         item="Table 3",
         paper="0.01 each",
         ours=_numbers(ours),
-        verdict=judged(same, falling),
+        verdict=classify(same, falling),
         why=f"Rule: each within a factor {ORDER_FACTOR:g} at 10 sweeps and our masses; in direction if it falls with "
         f"more sweeps, as what an iteration leaves does. {words}",
     )
@@ -551,7 +551,7 @@ def _rest(result: Result) -> Claim:
 
 
 @look()
-def plot(result: Result) -> dict[str, Figure]:
+def plot(result: ScatterResult) -> dict[str, Figure]:
     """The runs, and the map."""
     return {
         "Energy of single gait cycles over their mean at 1 ms and ten sweeps; only the order of the solver's rows "
@@ -561,14 +561,14 @@ def plot(result: Result) -> dict[str, Figure]:
     }
 
 
-def _runs(result: Result) -> Figure:
+def _runs(result: ScatterResult) -> Figure:
     figure, axes = subplots(9.0, 3.6, 1, 2, sharey=True)
     for panel, servos in zip(axes, SERVOS):
         E = result.energies[servos]
         off = 100.0 * (E / np.nanmean(E) - 1.0)
         places = np.arange(1, len(E) + 1)
         for k in range(E.shape[1]):
-            panel.plot(places, off[:, k], ".", ms=4, color=SERVO_COLOURS[servos], alpha=0.3 + 0.7 * k / E.shape[1])
+            panel.plot(places, off[:, k], ".", ms=4, color=SERVO_COLORS[servos], alpha=0.3 + 0.7 * k / E.shape[1])
         panel.set(title=f"{servos}: {_said(result.documented[servos])}", xlabel="run")
     axes[0].set_ylabel("energy less mean [%]")
     return figure
@@ -584,12 +584,10 @@ def plot_map(rows: Sequence[Scatter]) -> Figure:
             line = sorted((r.step, r.cycle) for r in rows if (r.servos, r.iterations, r.mass) == (servos, n, mass))
             steps, values = np.array(line).T
             label = f"{servos}, {n} sweeps"
-            panel.plot(1e3 * steps, 100.0 * values, marker=mark, ms=4, lw=1.0, color=SERVO_COLOURS[servos], label=label)
+            panel.plot(1e3 * steps, 100.0 * values, marker=mark, ms=4, lw=1.0, color=SERVO_COLORS[servos], label=label)
         for kind, paper in PAPER.items():
-            panel.axhspan(
-                100 * paper / FACTOR, 100 * paper * FACTOR, color=SERVO_COLOURS[kind], alpha=0.12, linewidth=0
-            )
-            panel.axhline(100 * paper, color=SERVO_COLOURS[kind], linestyle=":", linewidth=1.2)
+            panel.axhspan(100 * paper / FACTOR, 100 * paper * FACTOR, color=SERVO_COLORS[kind], alpha=0.12, linewidth=0)
+            panel.axhline(100 * paper, color=SERVO_COLORS[kind], linestyle=":", linewidth=1.2)
         panel.set(xlabel="step [ms]", yscale="log", title=f"masses x {mass:g}")
     axes[0, 0].set_ylabel("standard deviation [%]")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)

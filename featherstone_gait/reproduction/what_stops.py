@@ -41,8 +41,8 @@ from ..walking.cheapest_plan import PlanKind, States
 from ..walking.cost import WalkingCost
 from ..walking.cost_in_worlds import in_worlds
 from ..walking.gait import TICK, bounds
-from .claim import Claim, judged, question, span
-from .common import EXPLICIT, SERVO_COLOURS, in_threads, subplots
+from .claim import Claim, classify, question, span
+from .common import EXPLICIT, SERVO_COLORS, in_threads, subplots
 from .gait_optimization import DEFINITION, DEFINITIONS, PAPER_CONVERGED, PAPER_COST, PAPER_OLD, PAPER_STEP, measured
 from .gait_optimization import measure as measure_walks
 from .maximal import simulate as simulate_maximal
@@ -88,7 +88,7 @@ CONDITIONS = (
 
 
 @dataclass(frozen=True)
-class Settings:
+class StopSettings:
     """How long and how often."""
 
     iterations: int  # of each search
@@ -98,12 +98,12 @@ class Settings:
     folder: str = ""  # of the searches' histories, from which they go on when interrupted; none are kept if ""
 
 
-QUICK = Settings(iterations=60, repeats=8, conditions=(*CONDITIONS[:2], *CONDITIONS[-2:]))
-FULL = Settings(iterations=800, folder="what_stops_searches")
+QUICK = StopSettings(iterations=60, repeats=8, conditions=(*CONDITIONS[:2], *CONDITIONS[-2:]))
+FULL = StopSettings(iterations=800, folder="what_stops_searches")
 
 
 @dataclass(frozen=True)
-class Row:
+class StopRow:
     """A search; iterations of what was never reached are -1."""
 
     program: str
@@ -134,27 +134,27 @@ class Row:
 class Search:
     """A row, and the course of its search over the iterations."""
 
-    row: Row
+    row: StopRow
     best: np.ndarray  # (iterations + 1,) least cost so far over that of the first gait [-]
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
-    settings: Settings
+class StopResult:
+    settings: StopSettings
     searches: tuple[Search, ...]
 
     def of(self, *conditions: Condition) -> list[Search]:
         return [search for search in self.searches if search.row.condition in conditions]
 
 
-def run(settings: Settings = QUICK, seed: int = 0, progress: bool = False) -> Result:
+def run(settings: StopSettings = QUICK, seed: int = 0, progress: bool = False) -> StopResult:
     """Make all searches, seeded by `seed` and those that follow."""
     todo = [*product(range(settings.searches), settings.conditions)]
     bar = tqdm(todo, "searches", disable=not progress, unit="search")
-    return Result(settings, tuple(search(settings, condition, seed + k) for k, condition in bar))
+    return StopResult(settings, tuple(search(settings, condition, seed + k) for k, condition in bar))
 
 
-def search(settings: Settings, condition: Condition, seed: int) -> Search:
+def search(settings: StopSettings, condition: Condition, seed: int) -> Search:
     """One search, and what its gait is worth."""
     cost = _first(condition)
     done = finished(_searched(settings, cost, condition, seed))
@@ -165,7 +165,7 @@ def search(settings: Settings, condition: Condition, seed: int) -> Search:
     passed = _first_of(best <= (1.0 + PAPER_COST) * best[0])
     stepped = np.flatnonzero(longer >= PAPER_STEP)
     before, after = (_worth(settings, cost, condition, each) for each in (x[0], done.x))
-    row = Row(
+    row = StopRow(
         **asdict(condition), seed=seed, iterations=settings.iterations, first=float(f[0]), best=float(best[-1]),
         cost=after[0] / before[0] - 1.0, longer=after[1] / before[1] - 1.0, fell=int(after[2]), passed=passed,
         longer_then=float(longer[np.searchsorted(accepted, passed)]) if passed >= 0 else math.nan,
@@ -193,7 +193,7 @@ def _first(condition: Condition) -> WalkingCost:
     return recompiled(planned, gearbox=condition.servos, integrator=EXPLICIT, timestep=condition.step)
 
 
-def _searched(settings: Settings, cost: WalkingCost, condition: Condition, seed: int) -> OptimizeResult:
+def _searched(settings: StopSettings, cost: WalkingCost, condition: Condition, seed: int) -> OptimizeResult:
     n = settings.iterations
     how: dict[str, Any] = {"seed": seed, "no_progress": n, **_history(settings, condition, seed)}
     if condition.program == OURS:
@@ -225,7 +225,7 @@ def _walked(cost: WalkingCost, condition: Condition, vectors: np.ndarray) -> np.
     return np.array(in_threads(lambda x: _swept(cost, x), vectors))
 
 
-def _worth(settings: Settings, cost: WalkingCost, condition: Condition, x: np.ndarray) -> tuple[float, float, int]:
+def _worth(settings: StopSettings, cost: WalkingCost, condition: Condition, x: np.ndarray) -> tuple[float, float, int]:
     """Cost [J/m] and distance per step [m] of a gait, of those of its walks that do not fall, and how many do."""
     if condition.program == OURS:
         walks = measure_walks(cost, [x])
@@ -237,7 +237,7 @@ def _worth(settings: Settings, cost: WalkingCost, condition: Condition, x: np.nd
     return float(sound[:, 0].mean()), float(sound[:, 1].mean()), len(walks) - len(sound)
 
 
-def _history(settings: Settings, condition: Condition, seed: int) -> dict[str, Any]:
+def _history(settings: StopSettings, condition: Condition, seed: int) -> dict[str, Any]:
     """Where a search is kept; another program has other files."""
     program = [digest(PACKAGE / file) for file in ("optimize/search.py", "reproduction/maximal/__init__.py")]
     return search_history(settings.folder, f"{condition!r}\n{program}", seed)
@@ -246,12 +246,12 @@ def _history(settings: Settings, condition: Condition, seed: int) -> dict[str, A
 # ---------------------------------------------------------------------------------------------- claims
 
 
-def check(result: Result) -> list[Claim]:
+def check(result: StopResult) -> list[Claim]:
     """Whether any of what the paper leaves open stops a search where the paper's stopped."""
     return [_stops(result), _fair(result), _scatter(result), _faster(result)]
 
 
-def _stops(result: Result) -> Claim:
+def _stops(result: StopResult) -> Claim:
     """Yes if a condition ends within the points of both figures; in part if one ends within those of one."""
     rows = [search.row for search in result.searches]
     cost = [row for row in rows if abs(row.cost - PAPER_COST) < POINTS]
@@ -265,13 +265,13 @@ def _stops(result: Result) -> Claim:
         claim="Something that the paper leaves open stops a search at its 14 % and 13 %",
         ours=f"{len(both)} of {len(rows)} searches stop there, {len(cost)} at the energy, {len(step)} at the steps; "
         f"from {span([row.cost for row in rows], '+.0%')}; {len(passed)} pass 14 %, {way}",
-        verdict=judged(bool(both), bool(cost or step), result.settings.iterations >= PAPER_CONVERGED),
+        verdict=classify(bool(both), bool(cost or step), result.settings.iterations >= PAPER_CONVERGED),
         why=f"Rule: both within {100 * POINTS:g} points after {result.settings.iterations} iterations; in part if one "
         f"is; undecided before {PAPER_CONVERGED}. {ends}",
     )
 
 
-def _fair(result: Result) -> Claim:
+def _fair(result: StopResult) -> Claim:
     """Yes if the cheapest plan leaves less to gain in each pair; in part if in the mean."""
     pairs = []
     for search in result.searches:
@@ -289,12 +289,12 @@ def _fair(result: Result) -> Claim:
     return question(
         claim="From the cheapest of many plans less is gained",
         ours=f"{gains}, from the plain plan {span([plain.cost for plain, _ in pairs], '+.0%')}" if pairs else gains,
-        verdict=judged(all(less), any(less), bool(pairs) and result.settings.iterations >= PAPER_CONVERGED),
+        verdict=classify(all(less), any(less), bool(pairs) and result.settings.iterations >= PAPER_CONVERGED),
         why=f"Rule: in each pair of searches; in part if in some; undecided before {PAPER_CONVERGED}. {words}",
     )
 
 
-def _scatter(result: Result) -> Claim:
+def _scatter(result: StopResult) -> Claim:
     """Yes if every search in the paper's kind of program gains less than the noise-free one from the same gait."""
     swept = [search.row for search in result.searches if search.row.program == PAPERS]
     seed = result.searches[0].row.seed
@@ -311,7 +311,7 @@ def _scatter(result: Result) -> Claim:
         paper=f"{PAPER_COST:.0%}, steps {PAPER_STEP:+.0%}",
         ours=f"{span([row.cost for row in swept], '+.0%')}, steps {span([row.longer for row in swept], '+.0%')}; "
         f"without scatter {clean:+.0%}",
-        verdict=judged(
+        verdict=classify(
             any(abs(r.cost - PAPER_COST) < POINTS and abs(r.longer - PAPER_STEP) < POINTS for r in swept),
             any(row.cost < 0.0 for row in swept),
         ),
@@ -320,7 +320,7 @@ def _scatter(result: Result) -> Claim:
     )
 
 
-def _faster(result: Result) -> Claim:
+def _faster(result: StopResult) -> Claim:
     """Reproduced if at one step both converge within the factor of the paper's; in direction if MIPSD is sooner."""
     found = {}
     for step in sorted({s.row.step for s in result.searches if s.row.program == PAPERS}):
@@ -336,7 +336,7 @@ def _faster(result: Result) -> Claim:
         item="Fig. 16",
         paper=f"more than {PAPER_OLD} against {PAPER_CONVERGED}",
         ours=f"{words} of {result.settings.iterations}",
-        verdict=judged(any(same), all(old > new for old, new in found.values()), enough),
+        verdict=classify(any(same), all(old > new for old, new in found.values()), enough),
         why=f"Rule: both within a factor {FACTOR:g} at one step; in direction if the standard model is later at each. "
         f"Converged: within {DEFINITION} of the last best, as the search saw it"
         + ("" if enough else f". Not decided before the paper's {PAPER_OLD} iterations: the study has them"),
@@ -345,15 +345,15 @@ def _faster(result: Result) -> Claim:
 
 # ---------------------------------------------------------------------------------------------- figures
 
-COLOURS = SERVO_COLOURS | {"plain": STYLE[3], "cheapest": STYLE[2]}
+COLOURS = SERVO_COLORS | {"plain": STYLE[3], "cheapest": STYLE[2]}
 
 
-def _color(row: Row) -> str:
+def _color(row: StopRow) -> str:
     return COLOURS[row.plan if row.program == OURS else row.servos]
 
 
 @look()
-def plot(result: Result) -> dict[str, Figure]:
+def plot(result: StopResult) -> dict[str, Figure]:
     """The courses of the searches, and where each ends."""
     return {
         "Least cost so far over that of the first gait, as each search saw it. Dotted: the paper's 14 %. Dashed lines: "
@@ -364,7 +364,7 @@ def plot(result: Result) -> dict[str, Figure]:
     }  # fmt: skip
 
 
-def _courses(result: Result) -> Figure:
+def _courses(result: StopResult) -> Figure:
     parts = {"one floor": (OURS, 1), "eight floors": (OURS, 8), PAPERS: (PAPERS, 1)}
     every = {
         name: [s for s in result.searches if (s.row.program, s.row.floors) == part] for name, part in parts.items()
@@ -384,7 +384,7 @@ def _courses(result: Result) -> Figure:
     return figure
 
 
-def _ends(result: Result) -> Figure:
+def _ends(result: StopResult) -> Figure:
     figure, panel = subplots(6.5, 4.2)
     for search in result.searches:
         row = search.row

@@ -53,7 +53,7 @@ SEARCHED_WITH = ("optimize/quality.py", "search/annealing.py", "search/cma_es.py
 
 
 @dataclass(frozen=True)
-class Row:
+class WorldsRow:
     """A search and what its gait is worth; nan where it falls."""
 
     method: str
@@ -89,12 +89,14 @@ def search(method: str, worlds: int, seed: int, candidates: int = CANDIDATES) ->
     return finished(result).x, float(result.fun)
 
 
-def worth(method: str, worlds: int, seed: int, candidates: int, found: tuple[np.ndarray, float], unseen: int) -> Row:
+def worth(
+    method: str, worlds: int, seed: int, candidates: int, found: tuple[np.ndarray, float], unseen: int
+) -> WorldsRow:
     """What a gait that was found is worth in as many worlds."""
     x, searched = found
     own = planned().measure([x])[0]
     (there,) = measure_in_test_worlds(planned(), [x], unseen)
-    return Row(
+    return WorldsRow(
         method, worlds, seed, candidates, searched, own.cost, own.speed, unseen, there["walks"],
         *(there["cost"] or [math.nan] * 3),
     )  # fmt: skip
@@ -105,7 +107,7 @@ def worth(method: str, worlds: int, seed: int, candidates: int, found: tuple[np.
 
 def study(
     folder: Path, searches: int = SEARCHES, candidates: int = CANDIDATES, unseen: int = TEST_WORLDS
-) -> Iterable[list[Row]]:
+) -> Iterable[list[WorldsRow]]:
     """All rows so far, after each; a row's search and worth are kept in the folder, and not done again."""
     folder.mkdir(parents=True, exist_ok=True)
     todo = [(FIRST, 0, 0), *((method, worlds, seed) for seed, worlds, method in
@@ -115,7 +117,7 @@ def study(
         key = hashlib.sha256(f"{what} {candidates} {unseen} {AMPLITUDE} {program}".encode()).hexdigest()[:12]
         name = "_".join(map(str, what)).replace(" ", "_")
         content = kept(folder / f"{name}_{key}.json", SEARCH, partial(_searched, what, candidates, unseen))
-        rows.append(Row(**{field.name: content[field.name] for field in fields(Row)}))
+        rows.append(WorldsRow(**{field.name: content[field.name] for field in fields(WorldsRow)}))
         yield rows
 
 
@@ -130,7 +132,7 @@ def _searched(what: tuple[str, int, int], candidates: int, unseen: int) -> dict[
 
 
 @look()
-def plot(rows: Sequence[Row]) -> Figure:
+def plot(rows: Sequence[WorldsRow]) -> Figure:
     """Energy per distance of a gait where it walks, against the share of unseen worlds that it walks in.
 
     A mark a search, with the number of its worlds in it, and the means of each number joined.
@@ -152,7 +154,7 @@ def plot(rows: Sequence[Row]) -> Figure:
     return figure
 
 
-def _mark(panel: Axes, row: Row, color: str) -> None:
+def _mark(panel: Axes, row: WorldsRow, color: str) -> None:
     """The number of worlds in a disc; hollow for the robot's own floor."""
     face, text = (color, "white") if row.worlds else ("white", color)
     x, y = 100.0 * row.walks, row.cost_50
@@ -161,13 +163,13 @@ def _mark(panel: Axes, row: Row, color: str) -> None:
     panel.text(x, y, name, color=text, ha="center", va="center_baseline", fontsize=7.5, zorder=4)
 
 
-def _join(panel: Axes, each: Sequence[Sequence[Row]], color: str) -> None:
+def _join(panel: Axes, each: Sequence[Sequence[WorldsRow]], color: str) -> None:
     means = np.array([[np.mean([100.0 * r.walks for r in rows]), np.nanmean([r.cost_50 for r in rows])]
                       for rows in each if rows])  # fmt: skip
     panel.plot(*means.T, color=color, alpha=0.45, linewidth=2.5, zorder=1)
 
 
-def _legend(panel: Axes, first: Row) -> None:
+def _legend(panel: Axes, first: WorldsRow) -> None:
     """What the marks say, where searches leave room: few worlds are cheap, and many survived are dear."""
     lines = [(f"{method}, in as many worlds", color) for method, color in METHODS.items()]
     lines += [("f: on the robot's own floor", GREY), ("lines: means of each number of worlds", GREY),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,6 @@ from ...scene.records import records
 from .bodies import apply_torques, load, move, refresh
 from .contact import contact_rows
 from .direct import solve
-from .layout import ENGINE
 from .psor import relax
 from .rows import finish_rows, joint_rows
 
@@ -58,9 +57,11 @@ class Engine:
             real(name, getattr(self, name), 0.0, 1e9, "it cannot be negative")
 
     def record(self) -> np.recarray:
-        """(1,) ENGINE."""
-        made = records(1, ENGINE)
-        for name in ENGINE.names or ():
+        """Return the settings as kernels read them (1,)."""
+        kinds = {"int": np.int64, "bool": np.int64, "float": np.float64}
+        layout = np.dtype([(field.name, kinds[str(field.type)]) for field in fields(self)], align=True)
+        made = records(1, layout)
+        for name in layout.names or ():
             made[0][name] = getattr(self, name)
         return made
 

@@ -81,25 +81,6 @@ POINT = np.dtype(
     align=True,
 )
 
-ENGINE = np.dtype(
-    [
-        ("iterations", np.int64),  # sweeps; 0: solved directly
-        ("shuffle_every", np.int64),  # sweeps; 0: never
-        ("single", np.int64),  # 1: what is kept is rounded to single precision
-        ("gyroscopic", np.int64),
-        ("relaxation", np.float64),
-        ("erp", np.float64),
-        ("cfm", np.float64),
-        ("soft_cfm", np.float64),  # of normal rows
-        ("bounce", np.float64),
-        ("bounce_speed", np.float64),  # [m/s]
-        ("linear_damping", np.float64),  # a step
-        ("angular_damping", np.float64),
-        ("damping_threshold", np.float64),  # [m/s and rad/s]
-    ],
-    align=True,
-)
-
 # Columns of a body's row in X.
 PLACE = 0  # 3: center of mass [m]
 TURN = 3  # 4: quaternion w x y z, body -> world
@@ -135,7 +116,7 @@ class World(NamedTuple):
     joints: np.ndarray  # (joints,) JOINT
     axes: np.ndarray  # (n,) AXIS
     points: np.ndarray  # (points,) POINT
-    engine: np.ndarray  # (1,) ENGINE
+    engine: np.ndarray  # (1,) fields of `Engine`
     drive: np.ndarray  # (n,) DRIVE, by coordinate
 
 
