@@ -34,7 +34,7 @@ from ..walking.cost import WalkingCost
 from ..walking.gait import TICK
 from . import posture, seven_joint_arm
 from .claim import Claim, classify, question
-from .common import EXPLICIT, SERVO_COLORS, scale_masses, in_threads, subplots
+from .common import EXPLICIT, SERVO_COLORS, in_threads, scale_masses, subplots
 from .maximal import Engine, simulate, simulate_seeds
 from .walks import cycle_energies, cycle_marks, planned_walk, recompiled
 
