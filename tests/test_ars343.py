@@ -21,7 +21,7 @@ from featherstone_gait import (
     momentum,
     simulate,
 )
-from featherstone_gait.benchmark.precision import humanoids, stiff_arm
+from featherstone_gait.benchmark.scenes import humanoids, stiff_arm
 from featherstone_gait.core.effects.motor import MOTOR
 from featherstone_gait.core.effects.motor_stage import course
 from featherstone_gait.core.integrate.ars343 import ERROR, EXPLICIT, IMPLICIT, NODES, G
@@ -132,9 +132,9 @@ def test_a_stride_by_default_and_to_ten_micrometres():
     walks = humanoids()[1]
 
     def stride(integrator, **how):
-        scene = walks.scene(integrator)
-        return simulate(scene, walks.duration, walks.state(scene), walks.reference, record=("q", "base_q"),
-                        record_interval=walks.sample, **how)  # fmt: skip
+        scene = walks.by(integrator)
+        return simulate(scene, walks.duration, walks.state, walks.reference, record=("q", "base_q"),
+                        record_interval=walks.record_interval, **how)  # fmt: skip
 
     exact = stride("extrapolation", rtol=1e-8, estimate_error=False)
     for rtol, error, dearest in ((None, 1e-3, 1200), (1e-3, 1e-5, 2100)):
@@ -162,12 +162,12 @@ def test_a_box_on_the_ground_comes_to_rest_and_bears_its_weight():
 def test_stiff_servos_settle_at_large_steps():
     """Continuous servos without rotor inertia: far fewer steps than an explicit method's limit allows."""
     problem = stiff_arm("standard")
-    scene = compile_scene(problem.model, **problem.arguments, **HOW)
-    run = simulate(scene, problem.duration, problem.state(scene), problem.reference, rtol=1e-2)
+    scene = problem.scene.recompiled(**HOW)
+    run = simulate(scene, problem.duration, problem.state, problem.reference, rtol=1e-2)
     assert run.ok
     assert run.info["steps"] < 0.1 * problem.duration / scene.preflight.largest_explicit_step
-    best = problem.scene("extrapolation")
-    exact = simulate(best, problem.duration, problem.state(best), problem.reference, rtol=1e-9)
+    best = problem.by("extrapolation")
+    exact = simulate(best, problem.duration, problem.state, problem.reference, rtol=1e-9)
     assert np.abs(run["q"] - exact["q"]).max() < 2e-4
 
 

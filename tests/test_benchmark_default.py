@@ -9,7 +9,8 @@ import pytest
 from test_cli import SLIDER
 
 from featherstone_gait import compile_scene, load_robot
-from featherstone_gait.benchmark import default, default_scenes, truth
+from featherstone_gait.benchmark import case as truth
+from featherstone_gait.benchmark import default, default_scenes
 from featherstone_gait.benchmark.limited import Worker, at_most
 from featherstone_gait.benchmark.robots import published
 
@@ -33,7 +34,7 @@ def endless():
 
 @pytest.fixture(scope="module")
 def wheel():
-    return default_scenes.case_of("wheel", "free bodies", compile_scene(default_scenes.wheel()), 0.5, None, [20.0])
+    return truth.case_of("wheel", "free bodies", compile_scene(default_scenes.wheel()), 0.5, None, [20.0])
 
 
 @pytest.mark.parametrize(

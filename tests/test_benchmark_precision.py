@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from featherstone_gait.benchmark import peers, precision
+from featherstone_gait.benchmark import case, peers, precision, scenes
 from featherstone_gait.benchmark.peers import Point, cost_at
 from featherstone_gait.dynamics import energy
 from featherstone_gait.run.simulate import simulate
@@ -24,7 +24,7 @@ def errors(problem, integrator, settings):
 @pytest.mark.long
 def test_the_simple_box_turns_evenly():
     """Against its closed form: rounding only for order 8; the midpoint rule's quaternion lags as the step squared."""
-    problem = precision.free_box("simple")
+    problem = scenes.free_box("simple")
     assert errors(problem, "dop853", [1e-12])[0] < 1e-11
     coarse, fine = errors(problem, "midpoint", [2e-2, 1e-2])
     assert coarse / fine == pytest.approx(4.0, rel=0.01)
@@ -32,9 +32,9 @@ def test_the_simple_box_turns_evenly():
 
 @pytest.mark.long
 def test_the_complex_box_keeps_momentum_and_energy_and_flies_a_parabola():
-    problem = precision.free_box("complex")
-    scene = problem.scene("dop853")
-    run = simulate(scene, 10.0, problem.state(scene), record=("base_q", "base_qd"), record_interval=0.1, rtol=1e-12)
+    problem = scenes.free_box("complex")
+    scene = problem.by("dop853")
+    run = simulate(scene, 10.0, problem.state, record=("base_q", "base_qd"), record_interval=0.1, rtol=1e-12)
     t, q, qd = run["time"], run["base_q"], run["base_qd"]
     parabola = np.outer(t, [-2.0, 2.0, 8.0]) + np.outer(0.5 * t * t, [0.0, 0.0, -9.8])
     assert np.abs(q[:, :3] - parabola).max() < 1e-9
@@ -52,7 +52,7 @@ def test_the_complex_box_keeps_momentum_and_energy_and_flies_a_parabola():
 
 def test_the_pendulum_follows_the_elliptic_functions():
     """The bob's inertia, which the closed form has too, is 1e-9 of that of the pendulum; 30 rad of phase in ten s."""
-    (error,) = errors(precision.pendulum(), "dop853", [1e-13])
+    (error,) = errors(scenes.pendulum(), "dop853", [1e-13])
     assert error < 2e-11
 
 
@@ -60,9 +60,9 @@ def test_the_pendulum_follows_the_elliptic_functions():
 def test_the_governor_rises_as_far_as_energy_and_momentum_let_it():
     """Of the same mechanism with rigid lower rods, whose one coordinate is the rods' angle; a spring of 8e5 N/m gives
     way by some 0.1 mm under 100 N, and its damper takes 1e-6 of the energy."""
-    problem = precision.governor()
-    scene = problem.scene("dop853")
-    run = simulate(scene, 1.0, problem.state(scene), record=("q",), record_interval=1e-3, rtol=1e-10)
+    problem = scenes.governor()
+    scene = problem.by("dop853")
+    run = simulate(scene, 1.0, problem.state, record=("q",), record_interval=1e-3, rtol=1e-10)
 
     def height(angle):
         """Of slider and balls below the top, the lower rods as long as half a rod."""
@@ -89,9 +89,9 @@ def test_the_governor_rises_as_far_as_energy_and_momentum_let_it():
 @pytest.mark.parametrize(("integrator", "order"), [("midpoint", 2), ("implicit_euler", 1)])
 def test_the_error_of_the_governor_falls_with_the_step(integrator, order):
     """Below the limit of the springs, which is 0.25 ms for Euler's step and half of that for the midpoint rule."""
-    coarse, fine = errors(precision.governor(), integrator, [1e-4, 5e-5])
+    coarse, fine = errors(scenes.governor(), integrator, [1e-4, 5e-5])
     assert coarse / fine == pytest.approx(2.0**order, rel=0.02)
-    (wrong,) = precision.measure(precision.governor(), 1, [(integrator, 5e-4)])
+    (wrong,) = precision.measure(scenes.governor(), 1, [(integrator, 5e-4)])
     assert wrong.status == "diverged"
 
 
@@ -100,7 +100,7 @@ def test_the_error_of_the_governor_falls_with_the_step(integrator, order):
 def test_the_error_of_the_stiff_arm_falls_with_the_step(integrator):
     """Order 1 and 2; an explicit step of 1 ms is wrong by far."""
     order = {"implicit_euler": 1, "midpoint": 2}[integrator]
-    problem = precision.stiff_arm("standard")
+    problem = scenes.stiff_arm("standard")
     coarse, fine = errors(problem, integrator, [1e-3, 5e-4])
     assert coarse / fine == pytest.approx(2.0**order, rel=0.1)
     assert coarse < 1e-4
@@ -110,21 +110,21 @@ def test_the_error_of_the_stiff_arm_falls_with_the_step(integrator):
 
 @pytest.mark.long
 def test_the_reference_is_closer_to_another_solver_than_the_errors_counted_from_it():
-    for problem in (precision.stiff_arm("rotor"), precision.free_arm(), precision.governor()):
-        assert precision.solution(problem)[1] < 1e-9
+    for problem in (scenes.stiff_arm("rotor"), scenes.free_arm(), scenes.governor()):
+        assert case.solution(problem)[1] < 1e-9
 
 
 def test_deviation_does_not_mind_the_sign_of_a_quaternion():
-    model = precision.free_box("simple").model
+    model = scenes.free_box("simple").model
     a = np.array([[1.0, 2.0, 3.0, math.cos(0.1), 0.0, math.sin(0.1), 0.0]])
     b = np.array([[1.0, 2.0, 3.5, -math.cos(0.2), 0.0, -math.sin(0.2), 0.0]])
-    assert precision.deviation(model, a, b) == pytest.approx((0.2, 0.5))
-    assert precision.deviation(model, a, a * [1, 1, 1, -1, -1, -1, -1]) == (0.0, 0.0)
+    assert case.deviation(model, a, b) == pytest.approx((0.2, 0.5))
+    assert case.deviation(model, a, a * [1, 1, 1, -1, -1, -1, -1]) == (0.0, 0.0)
 
 
 @pytest.mark.long
 def test_rows_survive_a_file_and_are_drawn(tmp_path):
-    rows = precision.measure(precision.free_box("simple"), 1, [("midpoint", 1e-2), ("dop853", 1e-6), ("dop853", 1e-9)])
+    rows = precision.measure(scenes.free_box("simple"), 1, [("midpoint", 1e-2), ("dop853", 1e-6), ("dop853", 1e-9)])
     precision.write(tmp_path / "precision.csv", rows, "processor\nversions")
     again = precision.read(tmp_path / "precision.csv")
     assert [repr(row) for row in again] == [repr(row) for row in rows]
@@ -160,7 +160,7 @@ def test_a_missing_package_is_named_with_its_extra(monkeypatch, tmp_path):
 def test_engines_agree_on_accelerations():
     pytest.importorskip("mujoco")
     pytest.importorskip("pinocchio")
-    for row in peers.forward_dynamics(peers.speed.chain(10), repeats=1):
+    for row in peers.forward_dynamics(scenes.chain(10), repeats=1):
         assert row.error < 1e-12, row
 
 
@@ -170,7 +170,7 @@ def test_engines_agree_on_where_the_arm_ends(make):
     """Of order 4 or more the peers reach the reference, which so has no error of its own that matters."""
     pytest.importorskip("mujoco")
     pytest.importorskip("pinocchio")
-    exact = precision.solution(make)[0][-1]
+    exact = case.solution(make)[0][-1]
     q0 = np.full(7, 0.05 if make.reference else 0.5)
     names = ["MuJoCo RK4, position", "MuJoCo RK4, dcmotor"] if make.reference else ["MuJoCo RK4"]
     methods = {**peers._mujoco_methods(make), **peers._scipy_methods(make)}

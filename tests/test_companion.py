@@ -21,7 +21,7 @@ from featherstone_gait import (
     simulate_batch,
 )
 from featherstone_gait.benchmark.default_scenes import AX12_LAW
-from featherstone_gait.benchmark.precision import unlimited
+from featherstone_gait.benchmark.scenes import unlimited
 from featherstone_gait.run.companion import accounted, companion
 
 ARM = unlimited(load_robot("arm7_spatial"))

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from featherstone_gait import Ground, Reference, compile_scene, initial_state, load_robot, simulate
-from featherstone_gait.benchmark.default_scenes import NO_FALL, ball, case_of, spinning
-from featherstone_gait.benchmark.truth import distances
+from featherstone_gait.benchmark.case import case_of, distances
+from featherstone_gait.benchmark.default_scenes import spinning
+from featherstone_gait.benchmark.scenes import NO_FALL, ball
 from featherstone_gait.run.trajectory import positions
 
 RTOL = 10.0 ** -np.arange(4.0, 9.5)

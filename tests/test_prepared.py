@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scenes import arm_scene
 
-from featherstone_gait.benchmark.precision import unlimited
+from featherstone_gait.benchmark.scenes import unlimited
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.prepared import prepare
 from featherstone_gait.run.reference import Reference

@@ -1,6 +1,6 @@
 """What `simulate(scene, duration)` gives where nothing else is named: error, estimate, status and cost, on many scenes.
 
-A run is judged up to where its reference is known (`truth.py`).  Its status is right if it is "fell" where the
+A run is judged up to where its reference is known (`case.py`).  Its status is right if it is "fell" where the
 reference fell, and otherwise "ok"; of a run that fell and says that its course is uncertain it is neither:
 
     held      right (within 1e-3 rad or m, and 1e-2 of the largest speed, at least 1 rad/s or m/s), status right
@@ -26,17 +26,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ..base.files import complete
 from ..run.companion import SPEED_LIMIT
 from ..run.trajectory import Trajectory, positions
 from ..scene.compile import CompiledScene
 from ..view.style import BLUE, COLOURS, ORANGE, look
+from .case import Case, Truth, cache_folder, distances, estimate_of, truth, velocities
 from .default_scenes import cases
 from .limited import Worker, at_most
 from .machine import machine
 from .peer_run import Peer, peer_run
-from .table import write_table
-from .truth import Case, Truth, cache_folder, distances, truth, velocities
+from .table import print_head, print_row, save_figure, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,6 +47,13 @@ PATIENCE = 30.0  # CPU seconds of a run
 ENOUGH, REPEATS = 0.5, 9  # CPU seconds and runs after which a time is believed
 NAMED = ("implicit_euler", "midpoint", "rk4", "dop853", "extrapolation", "ars343")
 VERDICTS = {"held": BLUE, "silent": ORANGE, "flagged": COLOURS[4], "alarm": COLOURS[5]}
+
+
+SHOWN = {
+    "case": ("case", "<50.50"), "integrator": ("integrator", "<14"), "status": ("status", "<14"), "verdict": ("", "<8"),
+    "error": ("error", "8.1e"), "estimate": ("estimate", "9.1e"), "until": ("until s", "8.3g"),
+    "time": ("ms/s", "8.3g"), "ratio": ("ratio", "7.2f"),
+}  # fmt: skip
 
 
 class Outcome(NamedTuple):
@@ -105,8 +111,7 @@ def run(
     rows: list[Row] = []
     named: list[Named] = []
     skipped: list[str] = []
-    print(f"{'case':52}{'integrator':15}{'status':15}{'verdict':9}{'error':>9}{'estimate':>10}{'until s':>9}"
-          f"{'ms/s':>9}{'ratio':>8}")  # fmt: skip
+    print_head(SHOWN)
     with Worker() as worker:
         for case in tqdm(cases(full, robots, skipped), desc="cases", leave=False, disable=None):
             exact = truth(case, worker, references or cache_folder())
@@ -116,21 +121,12 @@ def run(
             row, others = judged(case, exact, worker)
             rows.append(row)
             named += others
-            print_row(row)
+            print_row(row, SHOWN)
             write_table(out_dir / "default.csv", Row._fields, rows, host)
             write_table(out_dir / "default_integrators.csv", Named._fields, named, host)
     print("\n".join([f"left out: {text}" for text in skipped] + ["", *summary(rows), "", *integrator_lines(named)]))
-    with complete(out_dir / "default.png") as temporary:
-        plot(rows, host).savefig(temporary, dpi=130)
+    save_figure(plot(rows, host), out_dir / "default.png")
     return rows
-
-
-def print_row(row: Row) -> None:
-    print(
-        f"{row.case[:51]:52}{row.integrator:15}{row.status:15}{row.verdict:9}{row.error:9.1e}{row.estimate:10.1e}"
-        f"{row.until:9.3g}{row.time:9.3g}{row.ratio:8.2f}",
-        flush=True,
-    )
 
 
 # ---------------------------------------------------------------------------------------------- judging
@@ -139,7 +135,7 @@ def print_row(row: Row) -> None:
 def judged(case: Case, exact: Truth, worker: Worker) -> tuple[Row, list[Named]]:
     """The default, and the integrators by name."""
     outcome = worker.call(outcome_of, case, case.scene)
-    outcomes = {name: worker.call(outcome_of, case, by_name(case.scene, name)) for name in NAMED}
+    outcomes = {name: worker.call(outcome_of, case, case.by(name)) for name in NAMED}
     named = [Named(case.name, name, *_judged_named(case, exact, found)) for name, found in outcomes.items()]
     plain = worker.call(plain_time, case)
     peer = worker.call(peer_run, case, exact) or Peer(math.nan, math.nan)
@@ -152,11 +148,6 @@ def judged(case: Case, exact: Truth, worker: Worker) -> tuple[Row, list[Named]]:
     verdict = verdict_of(max(error, speed_error / SPEED_LIMIT), is_right(outcome.status, exact), WRONG)
     ratio = outcome.time / plain if plain else math.nan
     return Row(*what, outcome.status, verdict, error, speed_error, estimate, outcome.time, ratio, *peer), named
-
-
-def by_name(scene: CompiledScene, integrator: str) -> CompiledScene:
-    """The scene with an integrator and the step that goes with it."""
-    return scene.recompiled(integrator=integrator, timestep=None)
 
 
 def outcome_of(case: Case, scene: CompiledScene) -> Outcome:
@@ -176,16 +167,10 @@ def seconds(case: Case, scene: CompiledScene, **how: Any) -> tuple[Trajectory, f
     return case.run(scene, **how), time.process_time() - start
 
 
-def estimate_of(run: Trajectory) -> np.ndarray:
-    """The largest error of positions that a run owns up to (samples,), NaN where it says nothing."""
-    told = [run.error[name] for name in ("base_q", "q") if run.error and name in run.error]
-    return np.hstack(told).max(axis=1, initial=0.0) if told else np.full(len(run["time"]), math.nan)
-
-
 def plain_time(case: Case) -> float:
     """CPU time per simulated second [ms] of the default of version 0.1, which told no error."""
     smooth = case.scene.integrator == "dop853"
-    scene = case.scene.recompiled(integrator="dop853" if smooth else "implicit_euler", timestep=1e-3)
+    scene = case.by("dop853" if smooth else "implicit_euler", 1e-3)
     how = {"rtol": 1e-8} if smooth else {}
     case.compiled(scene)
     with at_most(PATIENCE):

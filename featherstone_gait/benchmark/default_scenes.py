@@ -12,25 +12,23 @@ from typing import Any, get_args
 import numpy as np
 
 from ..geometry.contact_choice import with_contacts
-from ..model import ContactPoint, Ground, Joint, Link, Model, Supply
+from ..model import Ground, Joint, Link, Model, Supply
 from ..robot_file import load_robot, load_servo
 from ..robot_file.servos import with_servo
 from ..run.reference import Reference
-from ..run.simulate import initial_state, simulate, standing_state
+from ..run.simulate import simulate, standing_state
 from ..scene.actuator import GearboxKind
 from ..scene.compile import CompiledScene, compile_scene
 from ..scene.coupling import followed
 from ..scene.tree import GRAVITY
-from . import precision, stress
+from .case import Case, case_of
 from .robots import folders, published
-from .truth import Case
+from .scenes import CENTER, NO_FALL, ball, box, humanoids, problems, stressed, unlimited
 
 FAR = 100.0  # height above a ground that is never touched [m]
 WEAK = (0.0, 0.0, -1e-9)  # gravity, which a ground must have [m/s^2]
-NO_FALL: dict[str, Any] = {"fall_height": -1e6, "fall_tilt": 4.0}
 EVERY = 12  # robot that runs if not all do, and these:
 CHOSEN = ("model_for_sdf", "talos_reduced", "xarm6_with_gripper", "centauro")
-CENTRE = (0.0, 0.0, 0.0)
 STEPS_EACH = 4  # random steps
 PUNCH = 32 / 1023 * 10.0  # [V]
 AX12_LAW: dict[str, Any] = {
@@ -52,10 +50,6 @@ def cases(full: bool = False, robots: Sequence[Path] | None = None, skipped: lis
     if full:
         yield from long_cases()
     yield from robot_cases(full, folders() if robots is None else robots, skipped)
-
-
-def case_of(name: str, kind: str, scene: CompiledScene, duration: float, q: Any, qd: Any, **more: Any) -> Case:
-    return Case(name, kind, scene, duration, initial_state(scene, q, qd), **more)
 
 
 # ---------------------------------------------------------------------------------------------- robots
@@ -116,16 +110,6 @@ def posture(scene: CompiledScene, name: str) -> np.ndarray:
     upper = [min(joint.upper, reach) for joint, reach in zip(joints, far)]
     rng = np.random.default_rng(zlib.crc32(name.encode()))
     return followed(scene.tree.coupling, rng.uniform(lower, np.maximum(lower, upper)))
-
-
-def unlimited(model: Model) -> Model:
-    """Without stops, sliding joints too."""
-    return replace(model, joints=tuple(_free(joint) for joint in model.joints))
-
-
-def _free(joint: Joint) -> Joint:
-    kind: Any = "continuous" if joint.type == "revolute" else joint.type
-    return joint if joint.type == "fixed" else replace(joint, type=kind, lower=-math.inf, upper=math.inf)
 
 
 # ---------------------------------------------------------------------------------------------- servos
@@ -226,22 +210,14 @@ def free_cases() -> Iterator[Case]:
 
 
 def spinning(name: str, speed: float, duration: float, **more: Any) -> Case:
-    """The box of `stress`, about no principal axis."""
-    corners = tuple(ContactPoint("box", (x, y, -0.05)) for x in (-0.2, 0.2) for y in (-0.2, 0.2))
-    link = Link("box", 1.0, CENTRE, (0.0142, 0.0, 0.0, 0.0142, 0.0, 0.0267))
-    box = Model("box", (link,), (), "floating", contacts=corners)
-    scene = compile_scene(box, None, Ground(), gravity=WEAK, **NO_FALL)
+    """The box about no principal axis, far above a ground that it never touches."""
+    scene = compile_scene(box(), None, Ground(), gravity=WEAK, **NO_FALL)
     turning = [0.0, 0.0, 0.0, 0.6 * speed, 0.0, 0.8 * speed]
     return case_of(name, "free bodies", scene, duration, [0.0, 0.0, FAR, 1.0, 0.0, 0.0, 0.0], turning, **more)
 
 
-def ball() -> Model:
-    link = Link("ball", 1.0, CENTRE, (1e-3, 0.0, 0.0, 1e-3, 0.0, 1e-3))
-    return Model("ball", (link,), (), "floating", contacts=(ContactPoint("ball", CENTRE, radius=0.05),))
-
-
 def wheel() -> Model:
-    links = (Link("base", 0.0, CENTRE, (0.0,) * 6), Link("wheel", 1.0, CENTRE, (1e-3, 0.0, 0.0, 1e-3, 0.0, 2e-3)))
+    links = (Link("base", 0.0, CENTER, (0.0,) * 6), Link("wheel", 1.0, CENTER, (1e-3, 0.0, 0.0, 1e-3, 0.0, 2e-3)))
     return Model("wheel", links, (Joint("axle", "continuous", "base", "wheel", axis=(0.0, 0.0, 1.0)),))
 
 
@@ -252,8 +228,7 @@ def humanoid_cases(full: bool) -> Iterator[Case]:
     """It stands and walks (of `precision`), walks for 4 s, and falls over with fall detection and without."""
     from ..optimize.planning import walking_cost
 
-    for problem in precision.humanoids():
-        yield from_problem(problem, "humanoid")
+    yield from humanoids()
     cost = walking_cost(load_robot("humanoid", locked="simplified"))
     signal = cost.reference(cost.gait.to_vector(), 6)
     still = Reference([0.0], signal.values[:1])
@@ -283,23 +258,8 @@ def long_cases() -> Iterator[Case]:
 
 
 def known_cases() -> Iterator[Case]:
-    """The problems of `precision` but for the humanoid's, and the cases of `stress`."""
-    for problem in precision.problems():
-        if problem.name not in ("humanoid, standing", "humanoid, walking a stride"):
-            yield from_problem(problem, "precision")
-    for case in stress.cases():
-        yield from_stress(case)
-
-
-def from_problem(problem: precision.Problem, kind: str) -> Case:
-    scene = compile_scene(problem.model, **problem.arguments)
-    state = problem.state(scene)
-    return Case(problem.name, kind, scene, problem.duration, state, problem.reference, problem.record_interval)
-
-
-def from_stress(case: stress.Case) -> Case:
-    scene = compile_scene(case.model, **case.arguments).pushed(case.pushes)
-    n = scene.tree.n
-    q, qd = [*case.base[:7], *[case.angle] * n], [*case.base[7:], *[0.0] * n]
-    still = Reference([0.0], np.zeros((1, n))) if scene.gearbox else None
-    return case_of(case.name, "stress", scene, case.duration, q, qd, reference=still)
+    """The problems of `precision` but for the humanoid's, and the cases of `stress`, recorded at each tick."""
+    for case in (*problems(), *stressed()):
+        ticks = case.kind == "stress" or case.record_interval == case.duration
+        if case.kind != "humanoid":
+            yield case._replace(record_interval=None if ticks else case.record_interval)

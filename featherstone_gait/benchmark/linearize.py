@@ -9,6 +9,8 @@ in its row, where columns count by the radian, meter, newton meter, and their ra
 All is timed in turn in one process, on one thread, everything that a call of `linearize` does included: medians of CPU
 time, which a busy machine slows for all alike.  `mjd_transitionFD` is called as it is best, centered (one-sided it
 takes half the time and is wrong by the width) with its usual 1e-6, and without the Python package's clock.
+
+    featherstone-gait benchmark linearize        two minutes
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import functools
 import importlib.util
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,8 +35,8 @@ from ..robot_file.mjcf.write import mjcf_text
 from ..run.simulate import initial_state
 from ..scene.compile import compile_scene
 from .machine import machine
-from .mujoco_clock import quick_mujoco
-from .table import write_table
+from .mujoco_models import check_order, disable, quick_mujoco
+from .table import in_turn, print_head, print_row, write_table
 
 REPEATS, REPEATS_FULL = 11, 41
 STEP = 1e-3  # [s]
@@ -65,6 +68,12 @@ class _Timer(NamedTuple):
     error: float
 
 
+SHOWN = {
+    "scene": ("scene", "<11"), "method": ("method", "<33"), "columns": ("columns", "7"), "period": ("ms", "4.0f"),
+    "time": ("us", "8.2f"), "spread": ("spread", "7.0%"), "error": ("error", "9.1e"), "ratio": ("ratio", "6.2f"),
+}  # fmt: skip
+
+
 def run(out_dir: FilePath, full: bool = False) -> list[Row]:
     """Time everything, print the table, write linearize.csv; `full` repeats more."""
     out_dir = Path(out_dir)
@@ -73,15 +82,12 @@ def run(out_dir: FilePath, full: bool = False) -> list[Row]:
     print(host)
     if not importlib.util.find_spec("mujoco"):
         print(WITHOUT)
-    print(f"{'scene':12}{'method':34}{'columns':>8}{'ms':>5}{'us':>9}{'spread':>8}{'error':>10}{'ratio':>7}")
+    print_head(SHOWN)
     model = load_robot("humanoid")
     for timers in (_falling(model), _standing(model)):
         for row in _timed(timers, REPEATS_FULL if full else REPEATS):
             rows.append(row)
-            print(
-                f"{row.scene:12}{row.method:34}{row.columns:8}{row.period:5.0f}{row.time:9.2f}{row.spread:8.0%}"
-                f"{row.error:10.1e}{row.ratio:7.2f}"
-            )
+            print_row(row, SHOWN)
     write_table(out_dir / "linearize.csv", Row._fields, rows, host)
     return rows
 
@@ -106,7 +112,8 @@ def _falling(model: Model) -> list[_Timer]:
     timers, exact = [], None
     if importlib.util.find_spec("mujoco"):
         m, d = _mujoco(model, None)
-        _smooth(m)
+        m.opt.integrator = 0  # semi-implicit Euler
+        disable(m, "CONTACT", "CONSTRAINT", "DAMPER", "ACTUATION")
         d.qpos[:], d.qvel[:], d.qfrc_applied[6:] = q, qd, tau
         timer, exact = _mujoco_timer("falling", m, d, WIDE)
         timers.append(timer)
@@ -148,22 +155,9 @@ def _standing(model: Model) -> list[_Timer]:
 def _mujoco(model: Model, ground: Ground | None) -> tuple[Any, Any]:
     import mujoco
 
-    m = mujoco.MjModel.from_xml_string(mjcf_text(model, ground))
+    m = check_order(mujoco.MjModel.from_xml_string(mjcf_text(model, ground)), model)
     m.opt.timestep = STEP
-    order = tuple(m.joint(k).name for k in range(m.njnt))[-len(model.joint_names) :]
-    if order != model.joint_names:
-        raise RuntimeError(f"{model.name}: MuJoCo has its joints in another order; the comparison would be void")
     return m, mujoco.MjData(m)
-
-
-def _smooth(m: Any) -> None:
-    """Without contact, limits, damping and friction, by semi-implicit Euler."""
-    import mujoco
-
-    m.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    flags = mujoco.mjtDisableBit
-    for flag in (flags.mjDSBL_CONTACT, flags.mjDSBL_CONSTRAINT, flags.mjDSBL_DAMPER, flags.mjDSBL_ACTUATION):
-        m.opt.disableflags |= flag
 
 
 def _mujoco_timer(scene: str, m: Any, d: Any, wide: float) -> tuple[_Timer, np.ndarray]:
@@ -194,13 +188,10 @@ def _stated(found: Linearization) -> float:
 
 def _timed(timers: list[_Timer], repeats: int) -> list[Row]:
     """All in turn."""
-    times = np.zeros((len(timers), repeats))
     theirs = any("mjd" in timer.method for timer in timers)
-    if theirs:
-        with quick_mujoco():
-            _fill(timers, times)
-    else:
-        _fill(timers, times)
+    with quick_mujoco() if theirs else nullcontext():
+        times = in_turn([timer.call for timer in timers], repeats, time.process_time).T
+    times *= 1e6 / np.array([[timer.columns * timer.period] for timer in timers])
     medians = np.median(times, axis=1)
     low, high = np.percentile(times, [25, 75], axis=1)
     peer = medians[0] if theirs else np.nan
@@ -208,11 +199,3 @@ def _timed(timers: list[_Timer], repeats: int) -> list[Row]:
         Row(t.scene, t.method, t.columns, t.period, float(a), float((c - b) / a), t.error, float(a / peer))
         for t, a, b, c in zip(timers, medians, low, high)
     ]
-
-
-def _fill(timers: list[_Timer], times: np.ndarray) -> None:
-    for k in range(times.shape[1]):
-        for timer, row in zip(timers, times):
-            start = time.process_time()
-            timer.call()
-            row[k] = (time.process_time() - start) * 1e6 / (timer.columns * timer.period)

@@ -14,9 +14,9 @@ import numpy as np
 
 from ..robot_file import save_robot
 from ..scene.compile import CompiledScene
+from .case import Case, Truth, distances
 from .limited import at_most
-from .mujoco_clock import quick_mujoco
-from .truth import Case, Truth, distances
+from .mujoco_models import disable, quick_mujoco
 
 STEP = 2e-3  # MuJoCo's default [s]
 LONGEST = 10.0  # [s]
@@ -61,7 +61,7 @@ def model_of(scene: CompiledScene) -> Any:
         m = mujoco.MjModel.from_xml_path(str(path))
     m.opt.gravity[:] = scene.gravity
     if scene.ground is None:
-        m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        disable(m, "CONTACT")
     return m
 
 

@@ -36,20 +36,22 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ..base.files import complete
 from ..core.compile.lanes import WIDTH
 from ..core.integrate.rollout import rollout_lanes
 from ..model import Model
 from ..robot_file import load_robot, save_robot
 from ..run.reference import Reference
-from ..run.simulate import initial_state, simulate
 from ..run.trajectory import positions
+from ..scene.compile import compile_scene
 from ..view.style import look
-from . import precision, speed, walk
+from . import speed
+from .case import Case, Run, case_of, deviation, solution
 from .machine import machine
-from .mujoco_clock import quick_mujoco
-from .precision import Problem, Run
-from .table import write_table
+from .mujoco_models import disable, humanoid_of, quick_mujoco, spec_of, standing_on
+from .precision import COLOURS, ENOUGH, measure
+from .scenes import STIFF_SERVO, chain, free_arm, humanoids, stiff_arm
+from .servo import settles
+from .table import in_turn, print_table, save_figure, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,7 +60,7 @@ Solver = Callable[[float, np.ndarray], tuple[np.ndarray, float]]  # from setting
 Servo = Callable[[Any, Any], None]  # makes one of MuJoCo's joint and actuator
 Method = tuple[Sequence[float], Solver]  # with the settings to try
 
-KP, KD, LIMIT = (precision.STIFF_SERVO[name] for name in ("Kp", "Kd", "torque_limit"))
+KP, KD, LIMIT = (STIFF_SERVO[name] for name in ("Kp", "Kd", "torque_limit"))
 ARMATURE = 254.0**2 * 1e-7  # reflected inertia of an AX-12's rotor [kg m^2]
 LENGTHS = (7, 10, 20, 50, 100, 200)
 REPEATS, REPEATS_FULL = 9, 31
@@ -106,6 +108,16 @@ class Line(NamedTuple):
     note: str = ""
 
 
+SPEEDS = {
+    "what": ("", "<27"), "robot": ("robot", "<13"), "joints": ("joints", "6"), "engine": ("engine", "<26"),
+    "time": ("us", "9.3f"), "error": ("[rad]", "9.1e"), "shift": ("[m]", "9.1e"),
+}  # fmt: skip
+LINES = {
+    "line": ("", "<65"), "asked": ("asked", "<9"), "measured": ("measured", "<9"), "met": ("met", "3"),
+    "note": ("", "<2"),
+}  # fmt: skip
+
+
 def run(out_dir: Path, full: bool = False) -> list[Line]:
     """Print the tables; write peers.csv, peers_speed.csv, peers_lines.csv and peers.png into `out_dir`.
 
@@ -121,16 +133,16 @@ def run(out_dir: Path, full: bool = False) -> list[Line]:
         bar = tqdm(robots(), "forward dynamics", disable=None)
         speeds = [row for model in bar for row in forward_dynamics(model, repeats)]
         speeds += [chain_step(links, repeats) for links in tqdm(LENGTHS, "chains", disable=None)]
-        _print_speeds(speeds)
+        print_table(speeds, SPEEDS)
         points = []
         for problem in scenes():
             points += trajectories(problem, repeats)
             _print_costs(points, problem.name)
         steps = humanoid_steps(repeats)
-        _print_speeds(steps)
+        print_table(steps, SPEEDS)
     speeds += steps
     found = lines(speeds, points)
-    _print_lines(found)
+    print_table(found, LINES)
     write_table(out_dir / "peers.csv", Point._fields, points, where)
     write_table(out_dir / "peers_speed.csv", Speed._fields, speeds, where)
     write_table(out_dir / "peers_lines.csv", Line._fields, found, where)
@@ -142,7 +154,7 @@ def run(out_dir: Path, full: bool = False) -> list[Line]:
 
 
 def robots() -> list[Model]:
-    return [load_robot("arm7_spatial"), load_robot("humanoid", locked={}), *map(speed.chain, LENGTHS)]
+    return [load_robot("arm7_spatial"), load_robot("humanoid", locked={}), *map(chain, LENGTHS)]
 
 
 def forward_dynamics(model: Model, repeats: int) -> list[Speed]:
@@ -151,19 +163,18 @@ def forward_dynamics(model: Model, repeats: int) -> list[Speed]:
     question = speed._question(model)
     (mujoco_timer,), answer = speed._mujoco(model, question)
     pinocchio, call, error = _pinocchio_aba(model, question, answer.qdd)
-    own = speed._own_timers(model, question, answer)[:2]
-    count = mujoco_timer.count
-    calls: dict[str, tuple[Callable, int, float]] = {
-        "MuJoCo mj_forward": (mujoco_timer.call, count, 0.0),
-        "Pinocchio aba": (_loop(pinocchio, count), count, error),
-        EMPTY_CALL: (_loop(call, count), count, 0.0),
-        "float64": (own[0].call, own[0].count, own[0].error),
-        "lanes": (own[1].call, own[1].count, own[1].error),
+    own, count = speed._own_timers(model, question, answer)[:2], mujoco_timer.count
+    timers = {
+        "MuJoCo mj_forward": mujoco_timer,
+        "Pinocchio aba": speed.Timer("", "", _loop(pinocchio, count), count, error),
+        EMPTY_CALL: speed.Timer("", "", _loop(call, count), count, 0.0),
+        "float64": own[0],
+        "lanes": own[1],
     }
-    times = _least(calls, repeats)
+    times = dict(zip(timers, _least([(timer.call, timer.count) for timer in timers.values()], repeats)))
     times["Pinocchio aba"] -= times[EMPTY_CALL]
     n = len(model.joint_names)
-    return [Speed("forward dynamics", model.name, n, name, t, calls[name][2]) for name, t in times.items()]
+    return [Speed("forward dynamics", model.name, n, name, t, timers[name].error) for name, t in times.items()]
 
 
 def _bounded(model: Model) -> Model:
@@ -213,45 +224,39 @@ def _loop(call: Callable, count: int) -> Callable:
     return loop
 
 
-def _least(calls: dict[str, tuple[Callable, int, float]], repeats: int) -> dict[str, float]:
-    """Least CPU time of one evaluation [us], taken in turn."""
-    times = np.full((repeats, len(calls)), math.inf)
-    for row in times:
-        for k, (call, count, _) in enumerate(calls.values()):
-            start = time.thread_time()
-            call()
-            row[k] = 1e6 * (time.thread_time() - start) / count
-    return dict(zip(calls, times.min(axis=0).tolist()))
+def _least(calls: Sequence[tuple[Callable[[], object], int]], repeats: int) -> list[float]:
+    """Least CPU time of one evaluation [us] of calls with so many each, taken in turn."""
+    times = in_turn([call for call, _ in calls], repeats).min(axis=0)
+    return [1e6 * float(time_) / count for time_, (_, count) in zip(times, calls)]
 
 
 def chain_step(links: int, repeats: int) -> Speed:
     """A whole step of a hanging chain, by the implicit midpoint rule."""
-    model = speed.chain(links)
-    problem = Problem(model.name, model, {}, 0.2, lambda scene: initial_state(scene, np.full(links, 0.01)), {})
-    run = problem.run("midpoint", MS)
-    finer = problem.run("midpoint", MS / FINER)
-    time_ = min(run.once() for _ in range(repeats + 1))
+    scene = compile_scene(chain(links))
+    case = case_of(f"chain{links}", "chains", scene, 0.2, [0.01] * links, None, record_interval=0.2)
+    run, finer = case.ready("midpoint", MS), case.ready("midpoint", MS / FINER)
+    least = min(run.once() for _ in range(repeats + 1))
     finer.once()
-    error, _ = precision.deviation(problem.model, positions(run.trajectory), positions(finer.trajectory))
-    return Speed("step, midpoint 1 ms", problem.name, links, "float64", time_, error)
+    error, _ = deviation(case.model, positions(run.trajectory), positions(finer.trajectory))
+    return Speed("step, midpoint 1 ms", case.name, links, "float64", least, error)
 
 
 # ---------------------------------------------------------------------------------------------- trajectories
 
 
-def scenes() -> list[Problem]:
-    return [precision.free_arm(), precision.stiff_arm("standard"), precision.stiff_arm("rotor")]
+def scenes() -> list[Case]:
+    """The arm alone, and with stiff servos without and with rotors."""
+    return [free_arm(), stiff_arm("standard"), stiff_arm("rotor")]
 
 
-def trajectories(problem: Problem, repeats: int) -> list[Point]:
+def trajectories(problem: Case, repeats: int) -> list[Point]:
     """Work and precision of all methods."""
-    exact = precision.solution(problem)[0][-1]
+    exact = solution(problem)[0][-1]
     points = [
         Point(problem.name, row.integrator, row.step if math.isnan(row.rtol) else row.rtol, row.angle, row.time)
-        for row in precision.measure(problem, repeats)
+        for row in measure(problem, repeats)
     ]
-    scene = problem.scene("midpoint", MS)
-    q0 = problem.state(scene)[slice(*scene.part("q"))]
+    q0 = problem.state[slice(*problem.scene.part("q"))]
     methods = {**_mujoco_methods(problem), **_scipy_methods(problem)}
     for name, (settings, solve) in tqdm(methods.items(), desc=f"peers: {problem.name}", leave=False, disable=None):
         for setting in settings:
@@ -268,14 +273,14 @@ def _timed(solve: Callable[[], tuple[np.ndarray, float]], repeats: int) -> tuple
     """Positions at the end, and the least CPU time of some runs [ms]."""
     q, spent = solve()
     times = [spent]
-    while len(times) < repeats and sum(times) < precision.ENOUGH:
+    while len(times) < repeats and sum(times) < ENOUGH:
         times.append(solve()[1])
     if not np.isfinite(q).all():
         raise ArithmeticError
     return q, 1e3 * min(times)
 
 
-def _mujoco_methods(problem: Problem) -> dict[str, Method]:
+def _mujoco_methods(problem: Case) -> dict[str, Method]:
     """Integrators and ways to express the servo: (steps, function from step and start to the end and CPU time)."""
     import mujoco
 
@@ -293,25 +298,20 @@ def _mujoco_methods(problem: Problem) -> dict[str, Method]:
     return methods
 
 
-def _mujoco_arm(problem: Problem, servo: Servo | None) -> Any:
+def _mujoco_arm(problem: Case, servo: Servo | None) -> Any:
     """The arm with a servo at each joint."""
     import mujoco
 
     model = _bounded(replace(problem.model, servos={}))
-    with tempfile.TemporaryDirectory() as folder:
-        save_robot(model, Path(folder) / "arm.urdf")
-        spec = mujoco.MjSpec.from_file(str(Path(folder) / "arm.urdf"))
-    spec.compiler.fusestatic = False
+    spec = spec_of(model)
     if servo is not None:
         for name in model.joint_names:
             joint = spec.joint(name)
-            joint.armature = ARMATURE if problem.arguments["gearbox"] == "rotor" else 0.0
+            joint.armature = ARMATURE if problem.scene.gearbox == "rotor" else 0.0
             actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
             servo(joint, actuator)
             actuator.forcelimited, actuator.forcerange = True, [-LIMIT, LIMIT]
-    m = spec.compile()
-    m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    return m
+    return disable(spec.compile(), "CONTACT", "CONSTRAINT")
 
 
 def _position_servo(joint: Any, actuator: Any) -> None:
@@ -354,7 +354,7 @@ def _mujoco_solver(m: Any, integrator: Any, duration: float) -> Solver:
     return solve
 
 
-def _scipy_methods(problem: Problem) -> dict[str, Method]:
+def _scipy_methods(problem: Case) -> dict[str, Method]:
     """Tolerances, and a function from tolerance and start to the end and CPU time."""
     import pinocchio as pin
     from scipy.integrate import solve_ivp
@@ -362,7 +362,7 @@ def _scipy_methods(problem: Problem) -> dict[str, Method]:
     model = _bounded(replace(problem.model, servos={}))
     m, n = _pinocchio(model), len(model.joint_names)
     driven = problem.reference is not None
-    if driven and problem.arguments["gearbox"] == "rotor":
+    if driven and problem.scene.gearbox == "rotor":
         m.armature[:] = ARMATURE
     d, zero = m.createData(), np.zeros(n)
 
@@ -382,7 +382,7 @@ def _scipy_methods(problem: Problem) -> dict[str, Method]:
 
         return solve
 
-    stiff = problem.arguments.get("gearbox") == "standard"
+    stiff = problem.scene.gearbox == "standard"
     names = ("Radau", "LSODA") if stiff else ("Radau", "DOP853", "LSODA")
     return {f"SciPy {name}": (TOLERANCES[: 8 if name == "Radau" else None], solver(name)) for name in names}
 
@@ -413,17 +413,11 @@ def is_peer(method: str) -> bool:
 def clipped_limit() -> tuple[float, str]:
     """Largest step [s] up to which the stiff arm settles from 0.5 rad, and by which integrator."""
     best = (0.0, "none")
-    problem = precision.stiff_arm("standard")
     for integrator in FIXED:
-        good = 0.0
-        for h in (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1):
-            scene = problem.scene(integrator, h)
-            start = initial_state(scene, np.full(7, 0.5))
-            run = simulate(scene, 4.0, start, problem.reference, estimate_error=False)
-            if run.status == "diverged" or np.sqrt((run["qd"][-len(run["qd"]) // 4 :] ** 2).mean()) > 1e-2:
-                break
-            good = h
-        best = max(best, (good, integrator))
+        steps = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1)
+        verdicts = [settles(integrator, h) for h in steps]
+        good = next((k for k, (moves, status) in enumerate(verdicts) if moves or status == "diverged"), len(steps))
+        best = max(best, (steps[good - 1] if good else 0.0, integrator))
     return best
 
 
@@ -432,7 +426,7 @@ def clipped_limit() -> tuple[float, str]:
 
 def humanoid_steps(repeats: int) -> list[Speed]:
     """Steps of 1 ms on the ground, standing and walking a stride."""
-    standing, walking = precision.humanoids()
+    standing, walking = humanoids()
     rows = []
     for problem in (standing, walking):
         for integrator in FIXED:
@@ -441,21 +435,21 @@ def humanoid_steps(repeats: int) -> list[Speed]:
     return rows
 
 
-def _own_steps(problem: Problem, integrator: str, repeats: int) -> list[Speed]:
-    run, finer = problem.run(integrator, MS), problem.run(integrator, MS / FINER)
+def _own_steps(problem: Case, integrator: str, repeats: int) -> list[Speed]:
+    run, finer = problem.ready(integrator, MS), problem.ready(integrator, MS / FINER)
     finer.once()
     run.once()
-    errors = precision.deviation(problem.model, positions(run.trajectory), positions(finer.trajectory))
+    errors = deviation(problem.model, positions(run.trajectory), positions(finer.trajectory))
     lanes = _lane_run(problem, run)
-    calls = {"float64": (run.once, run.ready.plan.steps, 0.0), "lanes": (lanes, run.ready.plan.steps * WIDTH, 0.0)}
+    calls = [(run.once, run.ready.plan.steps), (lanes, run.ready.plan.steps * WIDTH)]
     n = len(problem.model.joint_names)
     return [
         Speed(problem.name, "humanoid", n, f"{integrator}, {width}", time_, *errors)
-        for width, time_ in _least(calls, repeats).items()
+        for width, time_ in zip(("float64", "lanes"), _least(calls, repeats))
     ]
 
 
-def _lane_run(problem: Problem, run: Run) -> Callable[[], None]:
+def _lane_run(problem: Case, run: Run) -> Callable[[], None]:
     """The run in eight lanes, whose references differ by a little noise."""
     rng = np.random.default_rng(0)
     times, values = problem.signal.times, problem.signal.values
@@ -471,12 +465,12 @@ def _lane_run(problem: Problem, run: Run) -> Callable[[], None]:
     return call
 
 
-def _mujoco_steps(problem: Problem, repeats: int) -> list[Speed]:
+def _mujoco_steps(problem: Case, repeats: int) -> list[Speed]:
     """MuJoCo's humanoid, its servos' targets renewed every 10 ms as those of ours are."""
     import mujoco
 
     model = problem.model
-    m = walk.mujoco_model(model)
+    m = humanoid_of(model)
     joints = model.joint_names
     rows = []
     for name in ("Euler", "implicitfast", "discrete"):
@@ -488,20 +482,20 @@ def _mujoco_steps(problem: Problem, repeats: int) -> list[Speed]:
         paths = {}
         for h in (MS, MS / FINER):
             paths[h] = _mujoco_path(m, problem, start, h)
-        errors = precision.deviation(model, paths[MS][0], paths[MS / FINER][0])
+        errors = deviation(model, paths[MS][0], paths[MS / FINER][0])
         least = min(_mujoco_path(m, problem, start, MS)[1] for _ in range(repeats))
         steps = round(problem.duration / MS)
         rows.append(Speed(problem.name, "humanoid", len(joints), f"MuJoCo {name}", 1e6 * least / steps, *errors))
     return rows
 
 
-def _mujoco_start(m: Any, problem: Problem) -> np.ndarray:
+def _mujoco_start(m: Any, problem: Case) -> np.ndarray:
     """Its state where the measured part begins: standing, or walked there."""
     import mujoco
 
     d = mujoco.MjData(m)
     signal = problem.signal
-    state = walk.mujoco_state(m, d, signal.values[0])
+    state = standing_on(m, d, signal.values[0])
     if signal.times[0] < 0.0:
         lead = problem._replace(duration=-signal.times[0], reference=Reference(signal.times - signal.times[0],
                                 signal.values))  # fmt: skip
@@ -510,7 +504,7 @@ def _mujoco_start(m: Any, problem: Problem) -> np.ndarray:
     return state
 
 
-def _mujoco_path(m: Any, problem: Problem, state: np.ndarray, h: float) -> tuple[np.ndarray, float, np.ndarray]:
+def _mujoco_path(m: Any, problem: Case, state: np.ndarray, h: float) -> tuple[np.ndarray, float, np.ndarray]:
     """Positions every 10 ms, CPU time [s] and the state at the end."""
     import mujoco
 
@@ -607,14 +601,6 @@ def _chain_lines(speeds: list[Speed]) -> list[Line]:
 # ---------------------------------------------------------------------------------------------- output
 
 
-def _print_speeds(speeds: list[Speed]) -> None:
-    print(f"\n{'':28}{'robot':14}{'joints':>7}  {'engine':26}{'time':>10}{'error':>10}{'error':>10}")
-    print(f"{'':77}{'[us]':>10}{'[rad]':>10}{'[m]':>10}")
-    for r in speeds:
-        shift = "" if math.isnan(r.shift) else f"{r.shift:.1e}"
-        print(f"{r.what:28}{r.robot:14}{r.joints:7}  {r.engine:26}{r.time:10.3f}{r.error:10.1e}{shift:>10}")
-
-
 def _print_costs(points: list[Point], problem: str) -> None:
     errors = (1e-2, 1e-4, 1e-6, 1e-8)
     print(f"\n{problem}\nCPU time per simulated second [ms] at error" + "".join(f"{e:>10.0e}" for e in errors))
@@ -622,12 +608,6 @@ def _print_costs(points: list[Point], problem: str) -> None:
     for method in dict.fromkeys(p.method for p in part):
         costs = [cost_at(e, [p for p in part if p.method == method]) for e in errors]
         print(f"  {method:41}" + "".join(f"{c:10.3g}" if math.isfinite(c) else f"{'-':>10}" for c in costs))
-
-
-def _print_lines(found: list[Line]) -> None:
-    print(f"\n{'line':66}{'asked':>10}{'measured':>10}")
-    for x in found:
-        print(f"{x.line:66}{x.asked:>10}{x.measured:>10}  {'met' if x.met else 'NOT MET'}  {x.note}")
 
 
 @look()
@@ -642,8 +622,7 @@ def _plot(path: Path, speeds: list[Speed], points: list[Point], notes: str) -> N
     chains = [r for r in speeds if r.robot.startswith("chain") and r.what == "forward dynamics"]
     _dynamics_panel(dynamics, [r for r in chains if r.engine != EMPTY_CALL])
     figure.suptitle(notes, fontsize=8)
-    with complete(path) as temporary:
-        figure.savefig(temporary, dpi=130)
+    save_figure(figure, path)
 
 
 GREYS = {"MuJoCo Euler": "tab:brown", "MuJoCo implicitfast": "tab:pink", "MuJoCo implicit": "tab:cyan",
@@ -660,7 +639,7 @@ def _scene_panel(panel: Axes, points: list[Point]) -> None:
         peer = is_peer(method)
         panel.loglog(
             [p.error for p in line], [p.time for p in line], DASHES[comma + servo], label=method,
-            color=GREYS[name] if peer else precision.COLOURS[name], marker="x" if peer else "o", markersize=4,
+            color=GREYS[name] if peer else COLOURS[name], marker="x" if peer else "o", markersize=4,
             linewidth=1.0 if peer else 2.0,
         )  # fmt: skip
     panel.set(title=points[0].problem, xlabel="error at the end [rad]", ylabel="CPU time per simulated second [ms]")

@@ -30,9 +30,8 @@ from ..run.session import Session
 from ..run.simulate import simulate_batch
 from ..scene.compile import CompiledScene, compile_scene
 from .machine import machine
-from .mujoco_clock import quick_mujoco
-from .table import write_table
-from .walk import mujoco_model, mujoco_state
+from .mujoco_models import humanoid_of, quick_mujoco, standing_on
+from .table import in_turn, write_table
 
 ROBOTS, TICKS = 64, 100
 ACTIONS = 50  # of an environment, for each robot
@@ -87,7 +86,7 @@ def _rates(scene: CompiledScene, turns: int) -> list[Row]:
             def batch() -> None:
                 simulate_batch(scene, TICKS * session.tick, references=still, record=(), estimate_error=False)
 
-            times = _by_turns([batch, stepped], turns, clock)
+            times = in_turn([batch, stepped], turns, clock, warm=1).T
             what = f"rate of {ROBOTS} in a {name}, over that of simulate_batch"
             found.append(_row(what, times[0] / times[1], "-"))
     return found
@@ -97,25 +96,18 @@ def _overhead(scene: CompiledScene, turns: int) -> Row:
     with Session(scene, 1) as session:
         action = np.zeros((1, scene.tree.n))
         session.step(action)
-        lot = session._crowds[0].lots[0]
-        unit, clock = lot.units[0], time.thread_time
+        unit = session._crowds[0].lots[0].units[0]
 
         def stepped() -> None:
-            session.step(action)
+            for _ in range(TICKS):
+                session.step(action)
 
         def ticked() -> None:
-            unit.call(unit.run, unit.y, unit.out)
+            for _ in range(TICKS):
+                unit.call(unit.run, unit.y, unit.out)
 
-        more = []
-        for _ in range(turns):
-            costs = []
-            for call in (stepped, ticked):
-                start = clock()
-                for _ in range(TICKS):
-                    call()
-                costs.append((clock() - start) / TICKS)
-            more.append(1e6 * (costs[0] - costs[1]))
-        return _row("overhead of a tick of one robot", np.array(more), "us")
+        whole, kernel = in_turn([stepped, ticked], turns).T
+        return _row("overhead of a tick of one robot", 1e6 * (whole - kernel) / TICKS, "us")
 
 
 def _controllers(scene: CompiledScene, turns: int) -> list[Row]:
@@ -131,7 +123,7 @@ def _controllers(scene: CompiledScene, turns: int) -> list[Row]:
                 scene, duration, references=still[:count], record=(), estimate_error=False, controller=upright
             )
 
-        times = _by_turns([plain, controlled], turns, time.process_time)
+        times = in_turn([plain, controlled], turns, time.process_time, warm=1).T
         found.append(_row(f"CPU time of {count} with a compiled controller, by that without", times[1] / times[0], "-"))
     return found
 
@@ -155,10 +147,10 @@ def _environments(scene: CompiledScene, turns: int) -> list[Row]:
     try:
         if not importlib.util.find_spec("mujoco"):
             print("no MuJoCo: install it with pip install featherstone-gait[mjcf]")
-            return [_row(what, each / _by_turns([ours], turns)[0], "1/s")]
+            return [_row(what, each / in_turn([ours], turns, time.perf_counter, warm=1).T[0], "1/s")]
         with quick_mujoco():
             theirs = _mujoco_environments(scene, envs, actions)
-            times = _by_turns([ours, theirs], turns)
+            times = in_turn([ours, theirs], turns, time.perf_counter, warm=1).T
     finally:
         envs.close()
     return [_row(what, each / times[0], "1/s"), _row("that rate, over MuJoCo's rollout's", times[1] / times[0], "-")]
@@ -169,11 +161,11 @@ def _mujoco_environments(scene: CompiledScene, envs: Any, actions: np.ndarray) -
     import mujoco
     import mujoco.rollout
 
-    m = mujoco_model(scene.model)
+    m = humanoid_of(scene.model)
     m.opt.timestep = scene.timestep
     data = [mujoco.MjData(m) for _ in range(os.cpu_count() or 1)]
     robots = envs._robots
-    begin = np.repeat(mujoco_state(m, data[0], robots.angles)[None], ROBOTS, axis=0)
+    begin = np.repeat(standing_on(m, data[0], robots.angles)[None], ROBOTS, axis=0)
     steps = robots.ticks * scene.tick_steps
 
     def call() -> None:
@@ -200,19 +192,6 @@ def _growth(scene: CompiledScene, steps: int) -> Row:
             session.step(action)
         grown = float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
     return Row(f"memory that {steps} steps need beyond the first 2000", grown, grown, grown, "KiB")
-
-
-def _by_turns(
-    calls: list[Callable[[], None]], turns: int, clock: Callable[[], float] = time.perf_counter
-) -> np.ndarray:
-    """Times (calls, turns) [s], after one turn that does not count."""
-    times = np.zeros((len(calls), turns + 1))
-    for turn in range(turns + 1):
-        for k, call in enumerate(calls):
-            start = clock()
-            call()
-            times[k, turn] = clock() - start
-    return times[:, 1:]
 
 
 def _row(what: str, values: np.ndarray, unit: str) -> Row:

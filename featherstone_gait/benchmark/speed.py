@@ -22,31 +22,31 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..base.files import FilePath, complete
+from ..base.files import FilePath
 from ..core.compile.lanes import WIDTH, aligned
 from ..core.tree import timing
 from ..core.tree.layout import Motion, Robot
 from ..dynamics import inverse_dynamics, mass_matrix
-from ..model import Joint, Link, Model
-from ..robot_file import load_robot, save_robot
+from ..model import Model
+from ..robot_file import load_robot
 from ..run.simulate import simulate_batch
 from ..run.trajectory import positions
 from ..scene.tree import GRAVITY, compile_tree
 from ..view.style import look
+from .case import Run, deviation, solution
 from .machine import machine
-from .mujoco_clock import quick_mujoco
-from .table import write_table
+from .mujoco_models import check_order, disable, quick_mujoco, spec_of
+from .scenes import chain, problems
+from .table import in_turn, print_head, print_row, save_figure, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from .precision import Problem, Run
 
 LENGTHS = (5, 10, 20, 50, 100, 200)
 REPEATS, REPEATS_FULL = 15, 51
@@ -77,6 +77,16 @@ class Step(NamedTuple):
     scaling: float  # steps per second on all cores by those on one
     error: float  # at the end of the run [rad or m]
     reference_error: float  # of what the error is counted from
+
+
+SHOWN = {
+    "robot": ("robot", "<13"), "joints": ("joints", "6"), "algorithm": ("algorithm", "<10"), "width": ("width", "<8"),
+    "time": ("us", "9.3f"), "spread": ("spread", "7.0%"), "error": ("error", "9.1e"), "ratio": ("ratio", "7.3f"),
+}  # fmt: skip
+STEPS_SHOWN = {
+    "scene": ("midpoint, 1 ms", "<26"), "scalar": ("float64 us", "10.3f"), "lanes": ("lanes us", "9.3f"),
+    "scaling": ("all cores", "10.2f"), "error": ("error", "9.1e"), "reference_error": ("reference", "9.1e"),
+}  # fmt: skip
 
 
 class Question(NamedTuple):
@@ -114,40 +124,16 @@ def run(out_dir: FilePath, full: bool = False) -> list[Row]:
     print(host)
     print(compilation)
     rows = []
-    print(f"{'robot':14}{'joints':>7}  {'algorithm':11}{'width':9}{'us':>10}{'spread':>8}{'error':>10}{'ratio':>8}")
+    print_head(SHOWN)
     for model in (load_robot("humanoid", locked={}), load_robot("arm7_spatial"), *map(chain, LENGTHS)):
         for row in _time_robot(model, REPEATS_FULL if full else REPEATS):
             rows.append(row)
-            print(
-                f"{row.robot:14}{row.joints:7}  {row.algorithm:11}{row.width:9}{row.time:10.3f}{row.spread:8.0%}"
-                f"{row.error:10.1e}{row.ratio:8.3f}"
-            )
+            print_row(row, SHOWN)
     steps = _steps(REPEATS_FULL if full else REPEATS)
     write_table(out_dir / "speed_steps.csv", Step._fields, steps, host)
     write_table(out_dir / "speed.csv", COLUMNS, rows, f"{host}\n{compilation}")
     _plot(rows, host, out_dir / "speed.png")
     return rows
-
-
-def chain(links: int) -> Model:
-    """`arm7_spatial` prolonged to any number of links, hanging: axes y, x, y, x ..."""
-    arm = load_robot("arm7_spatial")
-    names = [arm.links[0].name, *(f"link{k}" for k in range(1, links + 1))]
-    x, y, z = arm.links[1].center_of_mass
-    bodies = (replace(arm.links[1], name=name, center_of_mass=(x, y, -z)) for name in names[1:])
-    length = max(abs(value) for value in arm.joints[2].xyz)
-    joints = tuple(
-        Joint(
-            f"joint{k + 1}",
-            "continuous",
-            names[k],
-            names[k + 1],
-            (0.0, 0.0, -length if k else 0.0),
-            axis=(0.0, 1.0, 0.0) if k % 2 == 0 else (1.0, 0.0, 0.0),
-        )
-        for k in range(links)
-    )
-    return Model(f"chain{links}", (Link(names[0], 0.0, (0.0,) * 3, (0.0,) * 6), *bodies), joints)
 
 
 def _time_robot(model: Model, repeats: int) -> list[Row]:
@@ -158,7 +144,8 @@ def _time_robot(model: Model, repeats: int) -> list[Row]:
         timers, answer = [], _own_answer(model, question)
     timers += _own_timers(model, question, answer)
     with quick_mujoco() if timers[0].algorithm == MUJOCO else nullcontext():
-        times = _interleaved(timers, repeats)
+        times = in_turn([timer.call for timer in timers], repeats, time.perf_counter).T
+    times *= 1e6 / np.array([[timer.count] for timer in timers])
     medians = np.median(times, axis=1)
     low, high = np.percentile(times, [25, 75], axis=1)
     peer = medians[0] if timers[0].algorithm == MUJOCO else np.nan
@@ -192,7 +179,7 @@ def _mujoco(model: Model, x: Question) -> tuple[list[Timer], Answer]:
     """`mj_forward` on the same URDF, and what MuJoCo answers."""
     import mujoco
 
-    m = _mujoco_model(model)
+    m = disable(check_order(spec_of(model).compile(), model), "CONTACT", "CONSTRAINT", "DAMPER")
     d = mujoco.MjData(m)
     d.qpos[:], d.qvel[:], d.qacc[:] = x.q, x.qd, x.qdd  # depth first, which is the order of these robots' files
     mujoco.mj_inverse(m, d)
@@ -208,27 +195,6 @@ def _mujoco(model: Model, x: Question) -> tuple[list[Timer], Answer]:
             mujoco.mj_forward(m, d)
 
     return [Timer(MUJOCO, SCALARS, loop, count, 0.0)], Answer(d.qacc.copy(), tau, H)
-
-
-def _mujoco_model(model: Model) -> Any:
-    """The robot's URDF in MuJoCo, its root kept a body of its own, without contact, limits, damping and friction."""
-    import mujoco
-
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{model.name}.urdf"
-        save_robot(model, path)
-        spec = mujoco.MjSpec.from_file(str(path))
-    spec.compiler.fusestatic = False
-    if model.base == "floating":
-        spec.worldbody.first_body().add_freejoint()
-    m = spec.compile()
-    order = [m.joint(k).name for k in range(m.njnt)][-len(model.joint_names) :]
-    if not np.isclose(m.body_mass.sum(), model.mass) or tuple(order) != model.joint_names:
-        raise RuntimeError(f"{model.name}: MuJoCo reads another robot from its URDF; the comparison would be void")
-    flags = mujoco.mjtDisableBit
-    for flag in (flags.mjDSBL_CONTACT, flags.mjDSBL_CONSTRAINT, flags.mjDSBL_DAMPER):
-        m.opt.disableflags |= flag
-    return m
 
 
 def _own_timers(model: Model, x: Question, answer: Answer) -> list[Timer]:
@@ -295,17 +261,6 @@ def _error(x: np.ndarray, exact: np.ndarray) -> float:
     return float(np.abs(x - exact).max() / np.abs(exact).max())
 
 
-def _interleaved(timers: list[Timer], repeats: int) -> np.ndarray:
-    """Times (timers, repeats) of one evaluation [us], taken in turn."""
-    times = np.zeros((len(timers), repeats))
-    for k in range(repeats):
-        for timer, row in zip(timers, times):
-            start = time.perf_counter()
-            timer.call()
-            row[k] = (time.perf_counter() - start) / timer.count * 1e6
-    return times
-
-
 PROGRAM = """
 import time
 start = time.perf_counter()
@@ -338,31 +293,30 @@ def _compile_times() -> str:
 
 def _steps(repeats: int) -> list[Step]:
     """Time whole steps of 1 ms; print and return their table."""
-    from . import precision
-
     rows, cores = [], os.cpu_count() or 1
-    columns = ("float64 us", "lanes us", f"{cores} threads", "error", "reference")
-    print("\n{:26}{:>11}{:>10}{:>11}{:>10}{:>10}".format("midpoint, 1 ms", *columns))
-    for problem in precision.problems():
-        if problem.exact is not None or problem.name.startswith("free box") or problem.coarsest < 1e-3:
+    print()
+    print_head(STEPS_SHOWN)
+    for case in problems():
+        if case.exact is not None or case.name.startswith("free box") or ("midpoint", 1e-3) not in case.settings:
             continue
-        exact, own_error = precision.solution(problem)
-        run = problem.run("midpoint", 1e-3)
+        exact, own_error = solution(case)
+        run = case.ready("midpoint", 1e-3)
         scalar = np.median([run.once() for _ in range(repeats)][1:])
-        error = np.nanmax(precision.deviation(problem.model, positions(run.trajectory), exact))
-        (few, cpu), (many, _) = (_batch_time(problem, run, count, repeats // 3) for count in (WIDTH, WIDTH * cores))
-        rows.append(Step(problem.name, float(scalar), cpu, few / many, float(error), own_error))
-        print("{:26}{:11.3f}{:10.3f}{:11.2f}{:10.1e}{:10.1e}".format(*rows[-1]))
+        error = np.nanmax(deviation(case.model, positions(run.trajectory), exact))
+        (few, cpu), (many, _) = (_batch_time(run, count, repeats // 3) for count in (WIDTH, WIDTH * cores))
+        rows.append(Step(case.name, float(scalar), cpu, few / many, float(error), own_error))
+        print_row(rows[-1], STEPS_SHOWN)
     return rows
 
 
-def _batch_time(problem: Problem, run: Run, count: int, repeats: int) -> tuple[float, float]:
+def _batch_time(run: Run, count: int, repeats: int) -> tuple[float, float]:
     """Wall and CPU time of a step and run [us], `count` at once, with what `simulate_batch` does to set them up."""
-    arguments = problem.duration, [run.start.y] * count, [problem.reference] * count
+    case = run.case
+    arguments = case.duration, [run.start.y] * count, [case.reference] * count
     times = []
     for _ in range(repeats + 1):
         start = time.perf_counter(), time.process_time()
-        simulate_batch(run.scene, *arguments, record=(), record_interval=problem.duration, estimate_error=False)
+        simulate_batch(run.scene, *arguments, record=(), record_interval=case.duration, estimate_error=False)
         times.append((time.perf_counter() - start[0], time.process_time() - start[1]))
     wall, cpu = 1e6 * np.median(times[1:], axis=0) / (count * run.ready.plan.steps)
     return float(wall), float(cpu)
@@ -393,8 +347,7 @@ def _plot(rows: list[Row], machine: str, path: Path) -> None:
     errors.set(ylabel="greatest error by greatest value", title="Chains: error")
     _bars(bars, [row for row in rows if row not in chains])
     figure.suptitle(machine, fontsize=8)
-    with complete(path) as temporary:
-        figure.savefig(temporary, dpi=150)
+    save_figure(figure, path)
 
 
 def _lines(axes: Axes, rows: list[Row], value: str) -> None:

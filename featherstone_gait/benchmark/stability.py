@@ -21,7 +21,7 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..base.files import complete, read_csv
+from ..base.files import read_csv
 from ..core.compile.jit import source_hash
 from ..model import Model
 from ..robot_file import load_robot, load_servo, save_robot
@@ -33,7 +33,7 @@ from ..view.style import COLOURS as LOOK_COLOURS
 from ..view.style import look
 from .linear_stability import growth, linearized
 from .machine import machine
-from .table import write_table
+from .table import save_figure, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -242,8 +242,7 @@ def _plot(path: Path, found: dict[Point, Found]) -> None:
         "rotor $10^{-7}$ kg m², gain 61 V/rad",
         fontsize=11,
     )
-    with complete(path) as temporary:
-        figure.savefig(temporary, dpi=150)
+    save_figure(figure, path)
 
 
 def _panel(panel: Axes, found: dict[Point, Found], servos: str, swept: str) -> None:

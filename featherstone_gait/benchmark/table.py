@@ -49,7 +49,7 @@ def print_row(row: Any, shown: Shown) -> None:
 
 
 def _width(form: str) -> int:
-    return int(form.lstrip("<").partition(".")[0].rstrip("%"))
+    return int(form.lstrip("<").partition(".")[0].rstrip("%g"))
 
 
 def print_table(rows: Iterable[Any], shown: Shown) -> None:

@@ -17,23 +17,24 @@ import math
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.files import complete
 from ..model import Ground, Model
-from ..robot_file import load_robot, save_robot
+from ..robot_file import load_robot
 from ..run.lane_engine import Queue
 from ..run.reference import Reference
-from ..run.simulate import simulate_stream, standing_state
+from ..run.simulate import simulate_batch, simulate_stream, standing_state
+from ..run.trajectory import Trajectory
 from ..scene.compile import compile_scene
 from ..view.style import look
 from .machine import machine
-from .mujoco_clock import quick_mujoco
-from .table import write_table
+from .mujoco_models import humanoid_of, quick_mujoco, standing_on
+from .table import in_turn, print_table, save_figure, write_table
 
 Paths = dict[float, list[np.ndarray | None]]  # of the trunk by step [s]; None of those that fell
 
@@ -56,27 +57,27 @@ class Row(NamedTuple):
     occupancy: float  # share of the lane-steps that a rollout was in; nan without lanes
 
 
+SHOWN = {
+    "robot": ("robot", "<10"), "engine": ("engine", "<28"), "threads": ("threads", "7"), "rate": ("1/s", "8.1f"),
+    "per_core": ("1/s/core", "8.1f"), "steps": ("k steps/s", "9.0f"), "upright": ("upright", "7.0%"),
+    "error": ("error [m]", "9.1e"), "occupancy": ("lanes", "6.1%"),
+}  # fmt: skip
+
+
 def run(out_dir: Path, full: bool = False) -> list[Row]:
     """Print the table; write walk.csv and walk.png into `out_dir`."""
     count = 256 if full else 64
     rows = []
     for locked in ("simplified", None):
         rows += _robot_rows(load_robot("humanoid", locked=locked), count)
-    print(
-        f"{'robot':12} {'engine':28} {'threads':>7} {'1/s':>8} {'1/s/core':>9} {'k steps/s':>9} "
-        f"{'upright':>8} {'error':>9} {'lanes':>7}"
-    )
-    for r in rows:
-        print(
-            f"{r.robot:12} {r.engine:28} {r.threads:7} {r.rate:8.1f} {r.per_core:9.1f} {r.steps:9.0f} "
-            f"{r.upright:8.0%} {r.error * 1e3:6.2f} mm {'' if math.isnan(r.occupancy) else f'{r.occupancy:.1%}':>7}"
-        )
+    print_table(rows, SHOWN)
     for robot in dict.fromkeys(r.robot for r in rows):
         ours, *theirs = (r for r in rows if r.robot == robot and r.threads == 1)
         for other in theirs:
             fell = f", which falls in {1.0 - other.upright:.0%} of them" * (other.upright < 1.0)
             print(f"{robot}: {ours.per_core / other.per_core:.1f} times the rate of {other.engine} per core{fell}")
     print(_search_line(800 if full else 100))
+    print(handed_over(9 if full else 3))
     write_table(Path(out_dir) / "walk.csv", Row._fields, rows, machine())
     _plot(Path(out_dir) / "walk.png", rows)
     return rows
@@ -92,6 +93,27 @@ def _search_line(iterations: int) -> str:
     return (
         f"search of {result.nit} gaits, of which {failed:.1%} fell: lanes occupied {result.occupancy:.1%}, "
         f"{result.nfev} evaluations begun, {result.wasted} of them wasted by speculation"
+    )
+
+
+def handed_over(repeats: int) -> str:
+    """Candidates of which every second falls soon: all in one queue, and eight at a time that wait for the last."""
+    scene = compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "implicit_euler", STEP)
+    stands = standing_state(scene, np.zeros(scene.tree.n))
+    falls = stands.copy()
+    falls[scene.layout["base_qd"]] = 2.0  # [m/s]
+    states, still = [stands, falls] * 16, [Reference([0.0], np.zeros((1, scene.tree.n)))] * 32
+    how: dict[str, Any] = dict(record=(), executor=SimpleNamespace(map=map), estimate_error=False)
+
+    def rollouts(size: int) -> list[Trajectory]:
+        parts = [slice(k, k + size) for k in range(0, len(states), size)]
+        return [r for part in parts for r in simulate_batch(scene, 2.0, states[part], still[part], **how)]
+
+    fallen = [run_.end_time for run_ in rollouts(len(states)) if run_.status == "fell"]
+    whole, waiting = in_turn([partial(rollouts, len(states)), partial(rollouts, 8)], repeats).T
+    return (
+        f"fallen lanes handed over: {len(fallen)} of {len(states)} walkers fall after {np.median(fallen):.2f} of 2 s; "
+        f"CPU time {np.median(whole / waiting):.2f} +-{0.5 * np.ptp(whole / waiting):.2f} of that without handing over"
     )
 
 
@@ -136,11 +158,7 @@ def _rows(name: str, engine: str, count: int, rollouts: Callable[[float, int], f
     measured = []
     for threads in (1, min(2, os.cpu_count() or 1)):
         occupancy = rollouts(STEP, threads)
-        times = []
-        for _ in range(3):
-            begin = time.perf_counter()
-            rollouts(STEP, threads)
-            times.append(time.perf_counter() - begin)
+        times = in_turn([partial(rollouts, STEP, threads)], 3, time.perf_counter)
         measured.append((threads, count / float(np.median(times)), occupancy))
         if threads == 1:
             rollouts(STEP / 4, threads)
@@ -157,7 +175,7 @@ def _mujoco_rows(name: str, model: Model, times: np.ndarray, references: Sequenc
     import mujoco
     import mujoco.rollout
 
-    spec_model = mujoco_model(model)
+    spec_model = humanoid_of(model)
     paths: Paths = {}
     data = [mujoco.MjData(spec_model) for _ in range(2)]
 
@@ -166,7 +184,7 @@ def _mujoco_rows(name: str, model: Model, times: np.ndarray, references: Sequenc
         steps = round(DURATION / h)
         at = h * np.arange(steps)
         control = np.stack([np.stack([np.interp(at, times, c) for c in r.T], axis=1) for r in references])
-        begin = mujoco_state(spec_model, data[0], references[0][0])
+        begin = standing_on(spec_model, data[0], references[0][0])
         states, _ = mujoco.rollout.rollout(
             spec_model,
             data[:threads],
@@ -182,67 +200,12 @@ def _mujoco_rows(name: str, model: Model, times: np.ndarray, references: Sequenc
         return _rows(name, "mujoco rollout, implicitfast", len(references), rollouts, paths)
 
 
-def mujoco_model(model: Model) -> Any:
-    """The model as MuJoCo's, with a floor, spheres at the contact points, which alone collide, and position servos."""
-    import tempfile
-
-    import mujoco
-
-    free: dict[str, Any] = {"type": "fixed", "lower": -math.inf, "upper": math.inf}
-    joints = tuple(replace(j, **free) if j.name in model.locked else j for j in model.joints)
-    moving = {name: model.servos[name] for name in model.joint_names}
-    model = replace(model, joints=joints, locked={}, servos=moving, shapes=())
-    with tempfile.TemporaryDirectory() as folder:
-        save_robot(model, Path(folder) / "robot.urdf")
-        spec = mujoco.MjSpec.from_file(str(Path(folder) / "robot.urdf"))
-    spec.compiler.fusestatic = False
-    spec.worldbody.first_body().add_freejoint()
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], friction=[0.95, 0.005, 1e-4])
-    for point in model.contacts:
-        x, y, z = point.position
-        geom = {"size": [1e-3, 0, 0], "pos": [x, y, z + 1e-3], "friction": [0.95, 0.005, 1e-4], "mass": 0.0}
-        spec.body(point.link).add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, contype=0, conaffinity=1, **geom)
-    for joint in model.moving_joints:
-        servo = model.servos[joint.name]
-        torque = servo.gearbox.ratio * servo.motor_constant
-        kp = 1.0 / (1.0 / servo.gearbox.stiffness + servo.resistance / (torque * servo.controller.Kp))
-        kv = torque**2 / servo.resistance + servo.viscous_friction
-        spec.joint(joint.name).armature = servo.gearbox.ratio**2 * servo.gearbox.rotor_inertia
-        actuator = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        actuator.set_to_position(kp=kp, kv=kv)
-        limit = torque * servo.current_limit
-        actuator.forcelimited, actuator.forcerange = True, [-limit, limit]
-    m = spec.compile()
-    m.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    m.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    return m
-
-
-def mujoco_state(m: Any, d: Any, angles: np.ndarray) -> np.ndarray:
-    """Full physics state of the robot standing at the angles, its lowest sphere on the floor."""
-    import mujoco
-
-    mujoco.mj_resetData(m, d)
-    d.qpos[7:] = angles
-    d.qpos[2] = 1.0
-    mujoco.mj_forward(m, d)
-    spheres = m.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE
-    d.qpos[2] -= d.geom_xpos[spheres, 2].min() - 1e-3
-    mujoco.mj_forward(m, d)
-    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
-    state = np.zeros(mujoco.mj_stateSize(m, kind))
-    mujoco.mj_getState(m, d, state, kind)
-    return state
-
-
 @look()
 def _plot(path: Path, rows: list[Row]) -> None:
-    import matplotlib
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(7, 0.4 * len(rows) + 1.0), layout="constrained")
+    figure = Figure(figsize=(7, 0.4 * len(rows) + 1.0), layout="constrained")
+    axes = figure.subplots()
     labels = [f"{r.robot}, {r.engine.split(',')[0]}, {r.threads} thread{'s' * (r.threads > 1)}" for r in rows]
     colors = ["C0" if "feather" in r.engine else "0.6" for r in rows]
     bars = axes.barh(range(len(rows)), [r.rate for r in rows], color=colors)
@@ -251,9 +214,7 @@ def _plot(path: Path, rows: list[Row]) -> None:
     axes.invert_yaxis()
     axes.margins(x=0.25)
     axes.set(xlabel=f"rollouts of {DURATION:g} s a second", title=f"Walking humanoid, step {1e3 * STEP:g} ms; error")
-    with complete(path) as temporary:
-        figure.savefig(temporary, dpi=130)
-    plt.close(figure)
+    save_figure(figure, path)
 
 
 def _told(row: Row) -> str:

@@ -1,0 +1,295 @@
+"""What benchmarks run: a scene, its start, the settings to try; and the reference that errors are counted from.
+
+References come of error control near rounding, and are believed up to where a second tolerance or method leaves them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import sys
+import time
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .. import __version__
+from ..base.files import complete
+from ..core.integrate import INTEGRATORS
+from ..model import Model
+from ..run.prepared import prepare, with_tolerance
+from ..run.reference import Reference
+from ..run.simulate import initial_state, simulate
+from ..run.trajectory import Trajectory, positions
+from ..run.verdict import trajectory
+from ..scene.compile import CompiledScene
+from .limited import Worker, at_most
+
+Setting = tuple[str, float]  # an integrator, and its step [s] or its tolerance
+LIMIT = 60.0  # CPU seconds of a reference
+AGREED = 1e-5  # between two tolerances, up to which they are believed [rad or m]
+RTOL = {"extrapolation": (1e-9, 1e-11), "dop853": (1e-10, 1e-12)}  # the second where the first soon loses its way
+STEPS = (0.1, 5e-2, 2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5)  # [s]
+TOLERANCES = tuple(10.0**-k for k in range(2, 14))
+PHYSICAL = ("gearbox", "ground", "gravity", "fall_height", "fall_tilt", "springs")  # arguments of `compile_scene`
+STARTING = (
+    "base_q", "q", "base_qd", "qd", "current", "rotor", "rotor_speed", "filtered_speed", "tangential_deflection",
+    "voltage", "profiled_reference", "delayed",
+)  # fmt: skip
+
+
+class Case(NamedTuple):
+    """A scene, what it starts from, for how long it runs, and what is tried on it."""
+
+    name: str
+    kind: str  # of what summaries count together
+    scene: CompiledScene  # with the integrator that is chosen where none is named
+    duration: float  # [s]
+    state: np.ndarray
+    reference: Reference | None = None
+    record_interval: float | None = None  # between records [s]; a controller tick if None
+    still: bool = False  # it rests, and nothing else is true
+    settings: tuple[Setting, ...] = ()
+    best: Setting = ("extrapolation", 1e-13)  # gives the reference solution ...
+    check: Setting = ("extrapolation", 1e-12)  # ... and this one its error
+    exact: Callable[[np.ndarray], np.ndarray] | None = None  # positions at times [s], in closed form
+
+    @property
+    def model(self) -> Model:
+        return self.scene.model
+
+    @property
+    def every(self) -> float:
+        """Time between records [s]."""
+        return self.record_interval or self.scene.tick_steps * self.scene.timestep
+
+    @property
+    def record(self) -> tuple[str, ...]:
+        return ("base_q", "q", "base_qd", "qd") if self.scene.tree.floating else ("q", "qd")
+
+    @property
+    def signal(self) -> Reference:
+        """The reference of a case that has one."""
+        assert self.reference is not None
+        return self.reference
+
+    def by(self, integrator: str, timestep: float | None = None) -> CompiledScene:
+        """The scene with another integrator and step [s], None for that which goes with it."""
+        return self.scene.recompiled(integrator=integrator, timestep=timestep)
+
+    def run(self, scene: CompiledScene, **how: Any) -> Trajectory:
+        """Positions and velocities in a scene of `by`; how: further arguments of `simulate`."""
+        how = {"record": self.record, "record_interval": self.every} | how
+        return simulate(scene, self.duration, self.state, self.reference, **how)
+
+    def compiled(self, scene: CompiledScene) -> None:
+        """A tick of it compiles all that it needs."""
+        self._replace(duration=self.scene.tick_steps * self.scene.timestep, record_interval=None).run(scene)
+
+    def ready(self, integrator: str, setting: float) -> Run:
+        """The compiled run with a step [s] or a tolerance."""
+        adaptive = INTEGRATORS[integrator].adaptive
+        return Run(self, self.by(integrator, None if adaptive else setting), setting if adaptive else None)
+
+
+def case_of(name: str, kind: str, scene: CompiledScene, duration: float, q: Any, qd: Any, **more: Any) -> Case:
+    """A case that starts from positions and velocities; None for zero."""
+    return Case(name, kind, scene, duration, initial_state(scene, q, qd), **more)
+
+
+def settings(finest: dict[str, float], coarsest: float = 1e-2) -> tuple[Setting, ...]:
+    """Steps from the coarsest [s], and tolerances, down to the finest of each integrator."""
+    return tuple(
+        (integrator, value)
+        for integrator, least in finest.items()
+        for value in (TOLERANCES if INTEGRATORS[integrator].adaptive else STEPS)
+        if 0.99 * least <= value <= (1.0 if INTEGRATORS[integrator].adaptive else coarsest)
+    )
+
+
+class Run:
+    """A compiled run with its arguments prepared, to be timed without what Python does about it."""
+
+    def __init__(self, case: Case, scene: CompiledScene, rtol: float | None) -> None:
+        self.case, (self.scene, rtol, atol) = case, with_tolerance(scene, rtol, None)
+        self.record = ("base_q", "q") if scene.tree.floating else ("q",)
+        self.rtol = rtol
+        self.ready = prepare(self.scene, case.duration, self.record, case.every, rtol=rtol, atol=atol)
+        self.start = self.ready.start(case.state, case.reference)
+        self.arguments = self.ready.arguments(self.start)
+
+    def once(self) -> float:
+        """Run; return CPU time per simulated second [ms]."""
+        self.arguments[1][:] = self.start.y
+        start = time.thread_time()
+        self.ready.kernel(*self.arguments)
+        return 1e3 * (time.thread_time() - start) / self.case.duration
+
+    def call(self) -> float:
+        """Run by `simulate`; return its CPU time per simulated second [ms]."""
+        case, start = self.case, time.thread_time()
+        how: dict[str, Any] = dict(record=self.record, record_interval=case.every, rtol=self.rtol, estimate_error=False)
+        simulate(self.scene, case.duration, case.state, case.reference, **how)
+        return 1e3 * (time.thread_time() - start) / case.duration
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """What `once` gave."""
+        return trajectory(self.ready, *self.arguments[1:])
+
+
+# ---------------------------------------------------------------------------------------------- errors
+
+
+def separations(model: Model, q: np.ndarray, exact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Differences of positions (samples, nq): of joints and turn of the base [rad], and of its place [m] or NaN."""
+    base = 7 * (model.base == "floating")
+    joints = np.abs(q[:, base:] - exact[:, base:]).max(axis=1, initial=0.0)
+    if not base:
+        return joints, np.full(len(q), math.nan)
+    a, b = q[:, 3:7], exact[:, 3:7]
+    axis = a[:, :1] * b[:, 1:] - b[:, :1] * a[:, 1:] - np.cross(a[:, 1:], b[:, 1:])
+    turn = 2.0 * np.arctan2(np.linalg.norm(axis, axis=1), np.abs((a * b).sum(axis=1)))
+    return np.maximum(joints, turn), np.linalg.norm(q[:, :3] - exact[:, :3], axis=1)
+
+
+def deviation(model: Model, q: np.ndarray, exact: np.ndarray) -> tuple[float, float]:
+    """The largest of each of `separations`."""
+    angle, shift = separations(model, q, exact)
+    return float(angle.max()), float(shift.max())
+
+
+def distances(scene: CompiledScene, q: np.ndarray, exact: np.ndarray) -> np.ndarray:
+    """The larger of each pair of `separations` (samples,) [rad or m]."""
+    return np.fmax(*separations(scene.model, q, exact))
+
+
+def estimate_of(run: Trajectory) -> np.ndarray:
+    """The largest error of positions that a run states (samples,), NaN where it states none."""
+    stated = [run.error[name] for name in ("base_q", "q") if run.error and name in run.error]
+    return np.hstack(stated).max(axis=1, initial=0.0) if stated else np.full(len(run["time"]), math.nan)
+
+
+def velocities(run: Trajectory) -> np.ndarray:
+    """Velocities (samples, nv)."""
+    return np.hstack([run["base_qd"], run["qd"]]) if "base_qd" in run else run["qd"]
+
+
+# ---------------------------------------------------------------------------------------------- references
+
+
+def solution(case: Case) -> tuple[np.ndarray, float]:
+    """Positions (samples, nq) by the best setting of a case, and what its check makes of them [rad or m]."""
+    best = case.ready(*case.best)
+    if case.exact is not None:
+        return case.exact(best.trajectory["time"]), 0.0
+    other = case.ready(*case.check)
+    best.once()
+    other.once()
+    reference = positions(best.trajectory)
+    return reference, float(np.nanmax(deviation(case.model, positions(other.trajectory), reference)))
+
+
+class Truth(NamedTuple):
+    """Positions and velocities at the records, and up to when they are known."""
+
+    q: np.ndarray  # (samples, nq)
+    qd: np.ndarray  # (samples, nv)
+    status: str
+    known: int  # so many records
+    own_error: float  # what another tolerance changes up to there [rad or m]
+
+
+def agreed(case: Case, best: Trajectory, other: Trajectory) -> Truth:
+    """The better run, up to where the other one leaves it."""
+    apart = distances(case.scene, positions(best), positions(other))
+    ended = best["time"] > min(best.end_time, other.end_time) + 1e-9
+    lost = (apart > AGREED) | ~np.isfinite(apart) | ended
+    known = int(np.argmax(lost)) if lost.any() else len(lost)
+    return Truth(positions(best), velocities(best), best.status, known, float(apart[:known].max(initial=0.0)))
+
+
+def truth(case: Case, worker: Worker, folder: Path) -> Truth | None:
+    """From the folder, or worked out anew and kept there; None where that takes too long."""
+    if case.still:
+        return resting(case)
+    path = folder / f"{digest(case)}.npz"
+    kept = read(path)
+    if kept is not None and len(kept.q):
+        return kept
+    if kept is not None and kept.own_error >= LIMIT:
+        return None
+    methods = ("extrapolation", "dop853") if case.scene.stiff else ("dop853", "extrapolation")
+    found = by_method(case, worker, methods[0]) or by_method(case, worker, methods[1])
+    nothing = np.zeros((0, 0))
+    write(path, found or Truth(nothing, nothing, "", 0, LIMIT))  # that it takes longer than this is kept too
+    return found
+
+
+def by_method(case: Case, worker: Worker, method: str) -> Truth | None:
+    """The one of two pairs of tolerances that is known for longer; None if either takes too long."""
+    found: Truth | None = None
+    for rtol in RTOL[method]:
+        best = worker.call(solved, case, method, rtol)
+        other = None if best is None else worker.call(solved, case, method, 10.0 * rtol)
+        if best is not None and other is not None:
+            pair = agreed(case, best, other)
+            found = pair if found is None or pair.known > found.known else found
+        if found is None or found.known == len(found.q):
+            break
+    return found
+
+
+def solved(case: Case, method: str, rtol: float) -> Trajectory:
+    """The run with error control; it ends the process beyond `LIMIT`."""
+    scene = case.by(method)
+    case.compiled(scene)
+    with at_most(LIMIT):
+        return case.run(scene, rtol=rtol, estimate_error=False)
+
+
+def resting(case: Case) -> Truth:
+    """The state in which the case starts, for ever."""
+    o, n, base = case.scene.layout, case.scene.tree.n, 7 * case.scene.tree.floating
+    q = np.concatenate([case.state[o["base_q"] : o["base_q"] + base], case.state[o["q"] : o["q"] + n]])
+    samples = round(case.duration / case.every) + 1
+    return Truth(np.tile(q, (samples, 1)), np.zeros((samples, case.model.nv)), "ok", samples, 0.0)
+
+
+def cache_folder() -> Path:
+    """Where references are kept if nothing else is said."""
+    user = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    return Path(user) / "featherstone_gait" / "references"
+
+
+def digest(case: Case) -> str:
+    """Hash of all that a reference depends on: the version, not the integrator that is chosen today."""
+    scene = case.scene
+    chosen = {name: getattr(scene.options, name) for name in PHYSICAL}
+    parts = [case.state[slice(*place)].tolist() for name, place in sorted(scene.parts.items()) if name in STARTING]
+    r = case.reference
+    signal = r and (r.times, r.values, r.kind, r.cyclic)
+    with np.printoptions(threshold=sys.maxsize, precision=17):
+        text = repr((__version__, scene.model, chosen, scene.constants.push, parts, signal, case.duration, case.every))
+    return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+def write(path: Path, found: Truth) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with complete(path) as temporary, temporary.open("xb") as file:
+        np.savez_compressed(file, **found._asdict())
+
+
+def read(path: Path) -> Truth | None:
+    """What `write` wrote; None where there is nothing, or it is damaged."""
+    try:
+        with path.open("rb") as file, np.load(file) as data:  # a damaged one stays open otherwise
+            q, qd = data["q"], data["qd"]
+            return Truth(q, qd, str(data["status"]), int(data["known"]), float(data["own_error"]))
+    except (OSError, ValueError, KeyError, EOFError, zlib.error, zipfile.BadZipFile):
+        return None

@@ -1,0 +1,111 @@
+"""Robots in MuJoCo, and MuJoCo at its best: without what its Python package adds to every step."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..model import Model
+from ..robot_file import save_robot
+
+
+@contextmanager
+def quick_mujoco() -> Iterator[None]:
+    """MuJoCo without the clock by which its Python package times every step, and without warnings on the screen."""
+    import mujoco
+
+    library = next(Path(mujoco.__file__).parent.glob("libmujoco*"), None)
+    clock = ctypes.c_void_p.in_dll(ctypes.CDLL(str(library)), "mjcb_time") if library else ctypes.c_void_p()
+    before, clock.value = clock.value, None
+    mujoco.set_mju_user_warning(lambda text: None)
+    try:
+        yield
+    finally:
+        clock.value = before
+        mujoco.set_mju_user_warning(None)
+
+
+def spec_of(model: Model) -> Any:
+    """The robot's URDF as MuJoCo's specification, its root kept a body of its own, free if it floats."""
+    import mujoco
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{model.name}.urdf"
+        save_robot(model, path)
+        spec = mujoco.MjSpec.from_file(str(path))
+    spec.compiler.fusestatic = False
+    if model.base == "floating":
+        spec.worldbody.first_body().add_freejoint()
+    return spec
+
+
+def check_order(m: Any, model: Model) -> Any:
+    """Return MuJoCo's robot; raise RuntimeError if its mass or its order of joints is another."""
+    order = tuple(m.joint(k).name for k in range(m.njnt))[-len(model.joint_names) :]
+    if not np.isclose(m.body_mass.sum(), model.mass) or order != model.joint_names:
+        raise RuntimeError(f"{model.name}: MuJoCo has another mass or order of joints; the comparison would be void")
+    return m
+
+
+def disable(m: Any, *flags: str) -> Any:
+    """Leave out parts of MuJoCo's dynamics, as CONTACT or DAMPER; return the robot."""
+    import mujoco
+
+    for flag in flags:
+        m.opt.disableflags |= getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}")
+    return m
+
+
+def humanoid_of(model: Model) -> Any:
+    """The model as MuJoCo's, with a floor, spheres at the contact points, which alone collide, and position servos."""
+    import mujoco
+
+    free: dict[str, Any] = {"type": "fixed", "lower": -math.inf, "upper": math.inf}
+    joints = tuple(replace(j, **free) if j.name in model.locked else j for j in model.joints)
+    moving = {name: model.servos[name] for name in model.joint_names}
+    model = replace(model, joints=joints, locked={}, servos=moving, shapes=())
+    spec = spec_of(model)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], friction=[0.95, 0.005, 1e-4])
+    for point in model.contacts:
+        x, y, z = point.position
+        geom = {"size": [1e-3, 0, 0], "pos": [x, y, z + 1e-3], "friction": [0.95, 0.005, 1e-4], "mass": 0.0}
+        spec.body(point.link).add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, contype=0, conaffinity=1, **geom)
+    for joint in model.moving_joints:
+        servo = model.servos[joint.name]
+        torque = servo.gearbox.ratio * servo.motor_constant
+        kp = 1.0 / (1.0 / servo.gearbox.stiffness + servo.resistance / (torque * servo.controller.Kp))
+        kv = torque**2 / servo.resistance + servo.viscous_friction
+        spec.joint(joint.name).armature = servo.gearbox.ratio**2 * servo.gearbox.rotor_inertia
+        actuator = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        actuator.set_to_position(kp=kp, kv=kv)
+        limit = torque * servo.current_limit
+        actuator.forcelimited, actuator.forcerange = True, [-limit, limit]
+    m = spec.compile()
+    m.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    m.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    return m
+
+
+def standing_on(m: Any, d: Any, angles: np.ndarray) -> np.ndarray:
+    """Full physics state of the robot standing at the angles, its lowest sphere on the floor."""
+    import mujoco
+
+    mujoco.mj_resetData(m, d)
+    d.qpos[7:] = angles
+    d.qpos[2] = 1.0
+    mujoco.mj_forward(m, d)
+    spheres = m.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE
+    d.qpos[2] -= d.geom_xpos[spheres, 2].min() - 1e-3
+    mujoco.mj_forward(m, d)
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    state = np.zeros(mujoco.mj_stateSize(m, kind))
+    mujoco.mj_getState(m, d, state, kind)
+    return state
