@@ -84,7 +84,7 @@ class Case(NamedTuple):
 
     def run(self, scene: CompiledScene, **how: Any) -> Trajectory:
         """Positions and velocities in a scene of `by`; how: further arguments of `simulate`."""
-        how = {"record": self.record, "record_interval": self.every} | how
+        how |= {"record": self.record, "record_interval": self.every}
         return simulate(scene, self.duration, self.state, self.reference, **how)
 
     def compiled(self, scene: CompiledScene) -> None:
