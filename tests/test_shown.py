@@ -73,11 +73,11 @@ def test_numbers_of_a_channel_have_names():
     for name, column in ways.items():
         assert np.array_equal(run.column("energy", name), values[..., column])
     for name, label, says in (
-        ("energy", "loss", "channel 'energy' has no one number 'loss'; labels: supply, meter"),
-        ("base_q", "x", "channel 'base_q' has no one number 'x'"),  # of the position, or of the quaternion
+        ("energy", "loss", "channel 'energy' has no unique label 'loss'; its labels: supply, meter"),
+        ("base_q", "x", "channel 'base_q' has no unique label 'x'"),  # of the position, or of the quaternion
         ("q", "x", "labels: none, it is one number each"),
         ("speed", "x", "there is no channel 'speed'; channels: base_q, q"),
-        ("contact_force", "normal", r"'contact_force' is not recorded, time, energy are: name it in simulate\(record"),
+        ("contact_force", "normal", r"'contact_force' was not recorded; recorded were time, energy: name it in simulate\(record"),
     ):
         with pytest.raises(ValueError, match=says):
             run.column(name, label)
@@ -101,8 +101,8 @@ def test_a_motion_without_its_positions_is_refused(motion, tmp_path):
     scene, run = motion
     without = replace(run, channels={"time": run["time"]})
     floating = load_robot("humanoid")
-    with pytest.raises(ValueError, match=r"channel 'q' is not recorded, time are: name it in simulate\(record=...\)"):
+    with pytest.raises(ValueError, match=r"channel 'q' was not recorded; recorded were time: name it in simulate\(record=...\)"):
         write_animation(tmp_path / "page.html", scene.model, {"arm": without})
-    with pytest.raises(ValueError, match=r"channel 'base_q' is not recorded, time, q are"):
+    with pytest.raises(ValueError, match=r"channel 'base_q' was not recorded; recorded were time, q"):
         plot_motion(floating, run)
     assert list(tmp_path.iterdir()) == []

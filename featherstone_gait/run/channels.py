@@ -1,4 +1,4 @@
-"""What a run can record, told to people; the table itself is `CHANNELS` in `core/step/state.py`."""
+"""Describe what a run can record; the table of channels is `CHANNELS` in `core/step/state.py`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,13 @@ def current_name(name: Any) -> Any:
 
 
 def channel_table() -> str:
-    """A line for each channel that `simulate` records: name, what it is, unit, and the names of its numbers."""
+    """List the channels that `simulate` can record.
+
+    Returns
+    -------
+    str
+        A line for each channel: its name, what it is, unit, and the labels of its numbers.
+    """
     width = max(map(len, state.RECORDABLE))
     return "\n".join(f"{name:{width}}  {_described(state.BY_NAME[name])}" for name in state.RECORDABLE)
 
@@ -40,7 +46,7 @@ def _described(channel: state.Channel) -> str:
 
 
 def column_of(name: str, label: str) -> int:
-    """The place of a channel's number by its label.  Raises ValueError for a channel or label that there is not."""
+    """Find the index of a channel's number by its label.  Raises ValueError for an unknown channel or label."""
     name = current_name(name)
     if label in OLD_LABELS:
         deprecated.warn(f"label {label!r}", repr(OLD_LABELS[label]))
@@ -49,6 +55,6 @@ def column_of(name: str, label: str) -> int:
         raise ValueError(f"there is no channel {name!r}; channels: {', '.join(state.BY_NAME)}")
     labels = state.BY_NAME[name].labels
     if labels.count(label) != 1:
-        known = ", ".join(labels) or "none, it is one number each"
-        raise ValueError(f"channel {name!r} has no one number {label!r}; labels: {known}")
+        known = ", ".join(labels) or "none, as it is a single number"
+        raise ValueError(f"channel {name!r} has no unique label {label!r}; its labels: {known}")
     return labels.index(label)

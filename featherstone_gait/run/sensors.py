@@ -1,7 +1,7 @@
-"""What the sensors of a walking robot read, from the channels of a trajectory.
+"""Compute what the sensors of a walking robot read, from the channels of a trajectory.
 
-Encoders and an IMU on the trunk, pressure under the soles.  Each function names the channels it needs; leave one out
-and it says so.  Readings are exact but for the encoders' steps: noise is for the caller to add.
+There are encoders, an IMU on the trunk and force sensors under the soles.  Each function names the channels that it
+needs.  Readings are exact except for the encoders' resolution; callers add noise.
 """
 
 from __future__ import annotations
@@ -21,7 +21,25 @@ from .trajectory import Trajectory
 
 
 def encoders(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:
-    """Joint angles (samples, joints) rounded to the servos' encoder steps [rad]; needs q."""
+    """Read the joints' encoders.
+
+    Parameters
+    ----------
+    scene : CompiledScene
+        The scene of the run.
+    trajectory : Trajectory
+        What `simulate` returns, with the channel q.
+
+    Returns
+    -------
+    ndarray, shape (samples, joints)
+        Joint angles rounded to the servos' encoder resolution [rad].
+
+    Raises
+    ------
+    ValueError
+        A channel was not recorded.
+    """
     check_scene(scene)
     q = _channels(trajectory, "q")[0]
     servos = [scene.model.servos.get(name) for name in scene.model.joint_names]
@@ -32,16 +50,53 @@ def encoders(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:
 
 
 def gyroscope(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:
-    """Angular velocity of the trunk (samples, 3), its own axes [rad/s]; needs base_qd."""
+    """Read a gyroscope on the trunk.
+
+    Parameters
+    ----------
+    scene : CompiledScene
+        The scene of the run.
+    trajectory : Trajectory
+        What `simulate` returns, with the channel base_qd.
+
+    Returns
+    -------
+    ndarray, shape (samples, 3)
+        Angular velocity of the trunk in its own axes [rad/s].
+
+    Raises
+    ------
+    ValueError
+        A channel was not recorded, or the base is fixed.
+    """
     _check_floating(scene)
     return _channels(trajectory, "base_qd")[0][:, 3:]
 
 
 def accelerometer(scene: CompiledScene, trajectory: Trajectory, position: ArrayLike = (0.0, 0.0, 0.0)) -> np.ndarray:
-    """Specific force (samples, 3) at a position [m] of the trunk, its own axes [m/s^2]: acceleration less gravity.
+    """Read an accelerometer on the trunk.
 
-    Needs base_q, base_qd and base_qdd.  An acceleration is the mean over the step before the sample: the first sample
-    of a run from rest, before any step, reads gravity alone.
+    An acceleration is the mean over the step before the sample: the first sample of a run from rest, before any step,
+    reads gravity alone.
+
+    Parameters
+    ----------
+    scene : CompiledScene
+        The scene of the run.
+    trajectory : Trajectory
+        What `simulate` returns, with the channels base_q, base_qd and base_qdd.
+    position : array_like, shape (3,)
+        Place of the sensor in the trunk's axes [m].
+
+    Returns
+    -------
+    ndarray, shape (samples, 3)
+        Specific force, which is acceleration minus gravity, in the trunk's axes [m/s^2].
+
+    Raises
+    ------
+    ValueError
+        A channel was not recorded, or the base is fixed.
     """
     _check_floating(scene)
     q, qd, qdd = _channels(trajectory, "base_q", "base_qd", "base_qdd")
@@ -51,7 +106,25 @@ def accelerometer(scene: CompiledScene, trajectory: Trajectory, position: ArrayL
 
 
 def sole_forces(scene: CompiledScene, trajectory: Trajectory) -> dict[str, np.ndarray]:
-    """Force of the ground on each link that has contact points (samples, 3), world axes [N]; needs contact_force."""
+    """Sum the ground's forces on each link that has contact points.
+
+    Parameters
+    ----------
+    scene : CompiledScene
+        The scene of the run.
+    trajectory : Trajectory
+        What `simulate` returns, with the channel contact_force, and on a height field q and base_q.
+
+    Returns
+    -------
+    dict of ndarray, shape (samples, 3)
+        Force on each link in world axes [N].
+
+    Raises
+    ------
+    ValueError
+        A channel was not recorded, or the scene has no ground.
+    """
     check_scene(scene)
     forces = _point_forces(scene, trajectory)
     links = [point.link for point in scene.model.contacts]
@@ -59,15 +132,32 @@ def sole_forces(scene: CompiledScene, trajectory: Trajectory) -> dict[str, np.nd
 
 
 def center_of_pressure(scene: CompiledScene, trajectory: Trajectory, link: str | None = None) -> np.ndarray:
-    """Where the normal forces balance (samples, 3), world axes [m]: of one link's points, of all if None.
+    """Find the center of pressure.
 
-    NaN where nothing touches.  Needs q, base_q (of a floating robot) and contact_force.
+    Parameters
+    ----------
+    scene : CompiledScene
+        The scene of the run.
+    trajectory : Trajectory
+        What `simulate` returns, with the channels q, base_q (of a floating robot) and contact_force.
+    link : str, optional
+        The link whose contact points count; by default those of all links.
+
+    Returns
+    -------
+    ndarray, shape (samples, 3)
+        Where the normal forces balance in world axes [m]; NaN where nothing touches.
+
+    Raises
+    ------
+    ValueError
+        A channel was not recorded, the scene has no ground, or the link no contact points.
     """
     check_scene(scene)
     points = [k for k, point in enumerate(scene.model.contacts) if link is None or point.link == str(link)]
     if not points:
         links = ", ".join(dict.fromkeys(point.link for point in scene.model.contacts))
-        raise ValueError(f"{scene.model.name}: link {link!r} has no contact points; links that have: {links}")
+        raise ValueError(f"{scene.model.name}: link {link!r} has no contact points; use one of {links}")
     normal = _contact_forces(scene, trajectory)[:, points, 0]
     total = normal.sum(axis=1)
     share = normal / np.where(total > 0.0, total, np.nan)[:, None]
@@ -75,7 +165,25 @@ def center_of_pressure(scene: CompiledScene, trajectory: Trajectory, link: str |
 
 
 def contact_positions(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:
-    """Contact points (samples, points, 3) in the model's order, world axes [m]; needs q and base_q."""
+    """Find the contact points over time.
+
+    Parameters
+    ----------
+    scene : CompiledScene
+        The scene of the run.
+    trajectory : Trajectory
+        What `simulate` returns, with the channels q and, of a floating robot, base_q.
+
+    Returns
+    -------
+    ndarray, shape (samples, points, 3)
+        Contact points in the model's order, in world axes [m].
+
+    Raises
+    ------
+    ValueError
+        A channel was not recorded.
+    """
     check_scene(scene)
     q = _channels(trajectory, "q")[0]
     if scene.tree.floating:
@@ -84,13 +192,28 @@ def contact_positions(scene: CompiledScene, trajectory: Trajectory) -> np.ndarra
 
 
 def _point_forces(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:
-    """Force on each contact point (samples, points, 3), world axes [N]."""
+    """Turn the forces on contact points (samples, points, 3) into world axes [N]."""
     forces, ground = _contact_forces(scene, trajectory), scene.ground or Ground()
     return in_world(ground, forces, contact_positions(scene, trajectory) if ground.field else None)
 
 
 def in_world(ground: Ground, forces: np.ndarray, positions: np.ndarray | None) -> np.ndarray:
-    """Forces (..., points, 3) in the ground's axes turned into the world's; only a field asks for positions [m]."""
+    """Turn forces from the ground's axes into the world's.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground that acts.
+    forces : ndarray, shape (..., points, 3)
+        Normal and tangential forces on contact points [N].
+    positions : ndarray, shape (..., points, 3), or None
+        Contact points in world axes [m]; only a height field needs them.
+
+    Returns
+    -------
+    ndarray, shape (..., points, 3)
+        The forces in world axes [N].
+    """
     if positions is None:
         return forces @ plane_axes(ground)
     under = ground_under(ground, positions.reshape(-1, 3))
@@ -116,11 +239,11 @@ def _channels(trajectory: Mapping[str, np.ndarray], *names: str) -> list[np.ndar
 def _check_floating(scene: CompiledScene) -> None:
     check_scene(scene)
     if not scene.tree.floating:
-        raise ValueError(f"{scene.model.name}: an IMU needs a floating base; this one stands still")
+        raise ValueError(f"{scene.model.name}: an IMU needs a floating base; load the robot with base='floating'")
 
 
 def _rotations(q: np.ndarray) -> np.ndarray:
-    """Rotation matrices (samples, 3, 3), body -> world, of the unit quaternions in q[:, 3:7]."""
+    """Convert the unit quaternions in q[:, 3:7] to rotation matrices (samples, 3, 3), body to world."""
     w, v = q[:, 3, None, None], q[:, 4:7]
     cross = np.cross(np.eye(3), v[:, None])  # cross @ a = v x a
     return np.eye(3) + 2.0 * (w * cross + cross @ cross)

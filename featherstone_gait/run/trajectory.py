@@ -1,4 +1,4 @@
-"""The result of a simulation: recorded channels, how the run ended, and where its energy went."""
+"""The result of a simulation: recorded channels, how the run ended, and its final state."""
 
 from __future__ import annotations
 
@@ -24,26 +24,48 @@ STATUSES = ("ok", "fell", "diverged", "chatter", "step too small", "not converge
 
 @dataclass(frozen=True, eq=False)
 class Trajectory(Mapping[str, np.ndarray]):
-    """Channels by name, arrays (samples, ...); `time` (samples,) [s] is one of them.
+    """Hold the result of a simulation: a mapping from channel names to arrays (samples, ...).
 
-    status is "ok", "fell" or "diverged" (the run ended there, at `end_time`; later samples repeat the last sound
-    state), "chatter" (velocities alternated from step to step: the step is too large for the integrator and the
-    result is wrong, however bounded), "step too small" (error control asked for less than it may take, and the run
-    ended there), "too costly" (error control has taken as many steps as it may, and the run ended there),
-    "inaccurate" (its estimated error is beyond 1e-3: see `simulate`) or "not converged" (an implicit step missed its
-    tolerance, the step is beyond what the method or springs between bodies allow, or rk4 went into a stop that it does
-    not resolve at that step).
+    Attributes
+    ----------
+    channels : dict of ndarray
+        Recorded channels by name, each (samples, ...); `time` (samples,) [s] is one of them.
+    status : str
+        "ok", or how the run went wrong:
+
+        - "fell", "diverged": the run ended there, at `end_time`; later samples repeat the last sound state.
+        - "chatter": velocities alternate from step to step; the step is too large for the integrator and the result is
+          wrong, even where it is bounded.
+        - "inaccurate": the estimated error exceeds 1e-3 (see `simulate`).
+        - "not converged": an implicit step missed its tolerance, the step exceeds what the method or springs between
+          bodies allow, or rk4 met a joint stop that it does not resolve at that step.
+        - "step too small": error control asked for a step below its minimum, and the run ended there.
+        - "too costly": error control reached its maximal number of steps, and the run ended there.
+    message : str
+        What happened, where and when; empty for a run that is "ok".
+    end_time : float
+        Time that the run reached [s].
+    final : ndarray
+        The whole state at the end.  To continue, give `simulate` the trajectory or this array.
+    info : dict
+        Settings of the run and counts, such as the joints' names, the integrator and its steps.
+    error : dict of ndarray or None
+        Estimated error of each channel, in its unit and shape.
+    parts : dict of (int, int) or None
+        First and past-the-last index in `final` of each part of the state; None if they are not known.
+    companion : ndarray or None
+        Final state of the coarser second run, from which the error was estimated and can be estimated further.
     """
 
     channels: dict[str, np.ndarray]
     status: str
     message: str
-    end_time: float  # [s]
-    final: np.ndarray  # the whole state at the end; to go on from it give `simulate` the trajectory, or this array
+    end_time: float
+    final: np.ndarray
     info: dict[str, Any] = field(default_factory=dict)
-    error: dict[str, np.ndarray] | None = None  # estimate for each channel, in its unit and shape
-    parts: dict[str, tuple[int, int]] | None = None  # of `final`: where each begins and ends; None: not known
-    companion: np.ndarray | None = None  # final state of the coarser run that told the error, to go on from likewise
+    error: dict[str, np.ndarray] | None = None
+    parts: dict[str, tuple[int, int]] | None = None
+    companion: np.ndarray | None = None
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.channels[name if name in self.channels else current_name(name)]
@@ -61,6 +83,7 @@ class Trajectory(Mapping[str, np.ndarray]):
 
     @property
     def ok(self) -> bool:
+        """Whether nothing went wrong."""
         return self.status == "ok"
 
     @property
@@ -70,22 +93,36 @@ class Trajectory(Mapping[str, np.ndarray]):
 
     @property
     def state(self) -> dict[str, np.ndarray]:
-        """Name the parts of the final state: `q`, `qd`, `base_q`, ..., each in the shape of its channel, as views.
+        """The final state by name: `q`, `qd`, `base_q`, ..., views of `final`, each in the shape of its channel.
 
-        Raises ValueError for a trajectory that does not know them, such as one made by hand.
+        Raises ValueError for a trajectory without `parts`, such as one made by hand.
         """
         if self.parts is None:
-            raise ValueError("the trajectory does not know the parts of its final state; simulate it again")
+            raise ValueError("the parts of the trajectory's final state are not known; simulate it again")
         found = {name: self.final[start:stop] for name, (start, stop) in self.parts.items() if stop > start}
         return {name: shaped(BY_NAME[name], x[None])[0] if name in BY_NAME else x for name, x in found.items()}
 
     def column(self, name: str, label: str) -> np.ndarray:
-        """One number of a channel by its label, of each joint or contact point (samples, ...).
+        """Select one number of a channel by its label.
 
-        `column("energy", "electrical_no_regeneration")` is the energy that each servo has drawn [J],
-        `column("contact_force", "normal")` the normal force on each contact point [N]; `channel_table()` lists the
-        labels.  Raises ValueError for a label that there is not, or there is twice, and for a channel that was not
-        recorded.
+        Parameters
+        ----------
+        name : str
+            Name of a recorded channel.
+        label : str
+            One of the channel's labels, which `channel_table()` lists.
+
+        Returns
+        -------
+        ndarray, shape (samples, ...)
+            The number for each joint or contact point.  `column("energy", "electrical_no_regeneration")` is the energy
+            that each servo has drawn [J], `column("contact_force", "normal")` the normal force on each contact point
+            [N].
+
+        Raises
+        ------
+        ValueError
+            The label does not exist or is not unique, or the channel was not recorded.
         """
         column = column_of(name, label)
         if name not in self:
@@ -93,7 +130,13 @@ class Trajectory(Mapping[str, np.ndarray]):
         return self[name][..., column]
 
     def save(self, path: FilePath) -> None:
-        """Write PATH.npz (channels and final state) and PATH.json (status and settings), whole or not at all."""
+        """Save to PATH.npz (channels and final state) and PATH.json (status and settings), atomically.
+
+        Parameters
+        ----------
+        path : path
+            With or without one of these endings.
+        """
         described = {"format": str(FORMAT), **self._described(), "parts": self.parts}
         arrays: dict[str, Any] = {f"channel_{k}": v for k, v in self.channels.items()}
         arrays |= {f"error_{k}": v for k, v in (self.error or {}).items()}
@@ -105,10 +148,23 @@ class Trajectory(Mapping[str, np.ndarray]):
 
     @classmethod
     def load(cls, path: FilePath) -> Trajectory:
-        """Read what `save` wrote.
+        """Load a trajectory that `save` wrote.
 
-        Raises ValueError, naming the file, for one that is damaged, holds something else or is of a format that this
-        version does not read, OSError for one that cannot be opened.
+        Parameters
+        ----------
+        path : path
+            With or without the ending .npz or .json.
+
+        Returns
+        -------
+        Trajectory
+
+        Raises
+        ------
+        ValueError
+            A file is damaged, holds something else, or has a format that this version does not read.
+        OSError
+            A file cannot be opened.
         """
         data, text = _files(path)
         described, arrays = read_json(text, FORMAT), read_arrays(data, FORMAT)
@@ -124,15 +180,49 @@ class Trajectory(Mapping[str, np.ndarray]):
         return cls(channels, final=final, error=error or None, parts=parts, companion=companion, **described)
 
     def to_pandas(self) -> Any:
-        """Convert to a pandas.DataFrame, a column for each number; see `tables`."""
+        """Convert to a pandas.DataFrame over time [s] with a column for each number.
+
+        Returns
+        -------
+        pandas.DataFrame
+            With columns such as `q.left_knee` and `energy.left_knee.copper`; `attrs` hold the status, message, end time
+            [s] and info of the run, and the channels' units under "units".
+
+        Raises
+        ------
+        ImportError
+            Without pandas (pip install featherstone-gait[tables]).
+        """
         return tables.to_pandas(self.channels, self._described())
 
     def to_xarray(self) -> Any:
-        """Convert to an xarray.Dataset, a variable for each channel; see `tables`."""
+        """Convert to an xarray.Dataset with a variable for each channel.
+
+        Returns
+        -------
+        xarray.Dataset
+            Over time [s], joints or contact points, and labels; each variable has its unit in its attributes.
+
+        Raises
+        ------
+        ImportError
+            Without xarray (pip install featherstone-gait[tables]).
+        """
         return tables.to_xarray(self.channels, self._described())
 
     def to_parquet(self, path: FilePath) -> None:
-        """Write the table of `to_pandas` to a Parquet file, whole or not at all; see `tables`."""
+        """Write the table of `to_pandas` to a Parquet file, atomically.
+
+        Parameters
+        ----------
+        path : path
+            Of the file.
+
+        Raises
+        ------
+        ImportError
+            Without pandas and pyarrow (pip install featherstone-gait[tables]).
+        """
         tables.to_parquet(path, self.channels, self._described())
 
     def _described(self) -> dict[str, Any]:
@@ -145,9 +235,9 @@ class Trajectory(Mapping[str, np.ndarray]):
 
 
 def positions(trajectory: Mapping[str, np.ndarray], model: Model | None = None) -> np.ndarray:
-    """Positions q (samples, nq) as the functions of `dynamics` take them.
+    """Join base_q and q to positions (samples, nq), as the functions of `dynamics` take them.
 
-    Raises ValueError, if the model is given, where one of its channels was not recorded.
+    Raises ValueError if the model is given and one of its channels was not recorded.
     """
     floating = model is not None and model.base == "floating"
     for name in ("base_q",) * floating + ("q",) * (model is not None):
@@ -157,11 +247,11 @@ def positions(trajectory: Mapping[str, np.ndarray], model: Model | None = None) 
 
 
 def _not_recorded(trajectory: Mapping[str, np.ndarray], name: str) -> str:
-    return f"channel {name!r} is not recorded, {', '.join(trajectory)} are: name it in simulate(record=...)"
+    return f"channel {name!r} was not recorded; recorded were {', '.join(trajectory)}: name it in simulate(record=...)"
 
 
 def with_error(run: Trajectory, finer: Trajectory, factor: float) -> Trajectory:
-    """`run` with the difference to a finer run, times `factor`, as its error (step doubling).
+    """Set the error of a run to its difference from a finer run, times `factor` (step doubling).
 
     With half the step a method of order p leaves 1 / (1 - 2**-p) of the difference: 2 holds from order 1 on, and where
     kinks cost a higher method its order.  A tenth of the tolerance leaves a tenth of the error: 1.1.  Where the finer
@@ -178,14 +268,14 @@ def with_error(run: Trajectory, finer: Trajectory, factor: float) -> Trajectory:
 
 
 def _files(path: FilePath) -> tuple[Path, Path]:
-    """PATH.npz and PATH.json, of a path with or without one of these endings; other dots belong to the name."""
+    """Find PATH.npz and PATH.json for a path with or without one of these endings; other dots belong to the name."""
     path = Path(path)
     path = path.with_suffix("") if path.suffix in (".npz", ".json") else path
     return path.with_name(path.name + ".npz"), path.with_name(path.name + ".json")
 
 
 def _check_described(path: Path, content: dict[str, Any]) -> None:
-    """Raise ValueError unless the JSON file says how the run ended, and nothing that is unknown."""
+    """Raise ValueError unless the JSON file says how the run ended and has no unknown keys."""
     expected = {
         "status": (content.get("status") in STATUSES, f"one of {', '.join(STATUSES)}"),
         "message": (isinstance(content.get("message"), str), "a text"),
@@ -202,12 +292,12 @@ def _check_described(path: Path, content: dict[str, Any]) -> None:
 
 
 def _check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Raise ValueError unless there are the final state, channels of as many samples, and errors of their shapes."""
+    """Raise ValueError unless there are a final state, channels of equal length, and errors of their shapes."""
     if "final" not in arrays or arrays["final"].ndim != 1:
-        raise ValueError(f"{path}: the array 'final' is missing or no list of numbers; simulate again")
+        raise ValueError(f"{path}: the array 'final' is missing or not a list of numbers; simulate again")
     states = ("final", "companion")
     if arrays.get("companion", arrays["final"]).shape != arrays["final"].shape:
-        raise ValueError(f"{path}: the array 'companion' is no state like 'final'; simulate again")
+        raise ValueError(f"{path}: the array 'companion' does not have the shape of 'final'; simulate again")
     samples = {len(values) for name, values in arrays.items() if name not in states and values.ndim}
     for name, values in arrays.items():
         kind, _, channel = name.partition("_")
@@ -217,7 +307,7 @@ def _check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
         if not known or values.dtype.kind not in "iuf":
             raise ValueError(
                 f"{path}: the array {name!r} of {values.dtype} has shape {values.shape}; expected channels and errors "
-                "of numbers, all with as many samples: take an undamaged copy, or simulate again"
+                "of numbers, all with equally many samples: take an undamaged copy, or simulate again"
             )
 
 
@@ -227,10 +317,10 @@ def _now(name: str) -> str:
 
 
 def _parts(path: Path, parts: Any, length: int) -> dict[str, tuple[int, int]]:
-    """Where the parts of a final state of that length lie.  Raises ValueError if they cannot lie there."""
+    """Check where the parts of a final state of that length lie.  Raises ValueError if they cannot lie there."""
     if isinstance(parts, dict) and all(_is_part(part, length) for part in parts.values()):
         return {_now(name): (start, stop) for name, (start, stop) in parts.items()}
-    expected = f"for each name where it begins and ends in the {length} numbers of the final state"
+    expected = f"the first and past-the-last index of each name in the {length} numbers of the final state"
     raise ValueError(f"{path}: parts is {repr(parts)[:100]}; expected {expected}: simulate again")
 
 

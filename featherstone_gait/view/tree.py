@@ -1,4 +1,4 @@
-"""A robot as a tree of text."""
+"""Write a robot as a tree of text."""
 
 from __future__ import annotations
 
@@ -9,7 +9,18 @@ from ..model import Joint, Model, depth_first
 
 
 def tree_text(model: Model) -> str:
-    """A line for each joint with its child link, indented under its parent: type, limits, mass, servo."""
+    """Write a robot as a tree of text.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+
+    Returns
+    -------
+    str
+        A line for each joint with its child link, indented under its parent: type, limits, servo, mass [kg].
+    """
     instance("model", model, Model, "give a Model")
     mass = {link.name: link.mass for link in model.links}
     last = {joint.parent: joint.name for joint in depth_first(model)}  # of each link's joints
@@ -30,7 +41,7 @@ def _link(name: str, mass: float) -> str:
 
 
 def _what(model: Model, joint: Joint) -> str:
-    """Type, range, what holds or drives it."""
+    """Describe a joint: its type, range, and what holds or drives it."""
     said: list[str] = [joint.type]
     if joint.type not in ("fixed", "continuous"):
         said.append(f"{_position(joint, joint.lower, unit=False)} to {_position(joint, joint.upper)}")
