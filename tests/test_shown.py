@@ -11,6 +11,7 @@ from featherstone_gait import Ground, Trajectory, channel_table, compile_scene, 
 from featherstone_gait.core.effects import energies
 from featherstone_gait.core.step.state import CHANNELS, RECORDABLE
 from featherstone_gait.model import Mimic
+from featherstone_gait.run.channels import OLD_LABELS
 from featherstone_gait.view.page import write_animation
 from featherstone_gait.view.plotting import plot_motion
 
@@ -71,13 +72,13 @@ def test_numbers_of_a_channel_have_names():
     run = Trajectory({"time": np.arange(3.0), "energy": values}, "ok", "", 2.0, np.zeros(0))
     assert ways
     for name, column in ways.items():
-        assert np.array_equal(run.column("energy", name), values[..., column])
+        assert np.array_equal(run.column("energy", OLD_LABELS.get(name, name)), values[..., column])
     for name, label, says in (
-        ("energy", "loss", "channel 'energy' has no unique label 'loss'; its labels: supply, meter"),
+        ("energy", "loss", "channel 'energy' has no unique label 'loss'; its labels: supply, electrical"),
         ("base_q", "x", "channel 'base_q' has no unique label 'x'"),  # of the position, or of the quaternion
-        ("q", "x", "labels: none, it is one number each"),
+        ("q", "x", "labels: none, as it is a single number"),
         ("speed", "x", "there is no channel 'speed'; channels: base_q, q"),
-        ("contact_force", "normal", r"'contact_force' was not recorded; recorded were time, energy: name it in simulate\(record"),
+        ("contact_force", "normal", "'contact_force' was not recorded; recorded were time, energy: name it"),
     ):
         with pytest.raises(ValueError, match=says):
             run.column(name, label)
@@ -101,7 +102,7 @@ def test_a_motion_without_its_positions_is_refused(motion, tmp_path):
     scene, run = motion
     without = replace(run, channels={"time": run["time"]})
     floating = load_robot("humanoid")
-    with pytest.raises(ValueError, match=r"channel 'q' was not recorded; recorded were time: name it in simulate\(record=...\)"):
+    with pytest.raises(ValueError, match=r"channel 'q' was not recorded; recorded were time: name it in"):
         write_animation(tmp_path / "page.html", scene.model, {"arm": without})
     with pytest.raises(ValueError, match=r"channel 'base_q' was not recorded; recorded were time, q"):
         plot_motion(floating, run)
