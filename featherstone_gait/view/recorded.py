@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,34 +43,25 @@ class Seen:
 
 
 def page_data(runs: Mapping[str, Seen], plots: Sequence[str] = (), ghosts: bool = False) -> dict[str, Any]:
-    """All numbers of a page.
+    """Collect the data of a page from runs by caption.
 
-    Raises ValueError where channels are missing that tell where the robot is, and for a robot that has nothing to draw.
+    Raises ValueError if channels are missing that say where the robot is, and for a robot that has nothing to draw.
     """
-    models: dict[int, tuple[dict[str, Any], list[Body]]] = {}
-    notes: list[str] = []
-    poses = {caption: sampled(seen) for caption, seen in runs.items()}
-    for seen in runs.values():
-        if id(seen.model) not in models:
-            found, said = bodies(seen.model, FACES // len(runs))
-            models[id(seen.model)] = (_described(seen.model, found), found)
-            notes += said
-    reach, height = zip(*(_reach(seen, poses[c], models[id(seen.model)][1]) for c, seen in runs.items()))
-    unit = _unit(max(*reach, *height))
-    order = {key: k for k, key in enumerate(models)}
+    robots = {id(seen.model): seen.model for seen in runs.values()}
+    looks = {key: bodies(model, FACES // len(runs)) for key, model in robots.items()}
+    drawn = [_prepare(caption, seen, looks[id(seen.model)][0]) for caption, seen in runs.items()]
+    across = max(1e-3, *(float(np.ptp(one.box[..., :2], axis=1).max()) for one in drawn))
+    height = max(1e-3, *(float(np.ptp(one.box[..., 2], axis=1).max()) for one in drawn))
+    unit = 10.0 ** math.floor(math.log10(max(FINE * max(across, height), 1e-9)))
     data: dict[str, Any] = {
         "unit": unit,
         "turn": TURN,
-        "models": [_packed(described, found, unit) for described, found in models.values()],
-        "runs": [
-            _run(seen, caption, poses[caption], models[id(seen.model)][1], unit, len(runs))
-            | {"model": order[id(seen.model)]}
-            for caption, seen in runs.items()
-        ],
-        "span": float(f"{max(1.45 * max(height), 1.3 * max(reach)):.3g}"),
+        "models": [_robot(model, looks[key][0], unit) for key, model in robots.items()],
+        "runs": [_run(one, unit, len(runs)) | {"model": [*robots].index(id(one.seen.model))} for one in drawn],
+        "span": float(f"{max(1.45 * height, 1.3 * across):.3g}"),
         "plots": list(plots),
         "ghosts": ghosts,
-        "notes": list(dict.fromkeys(notes)),
+        "notes": list(dict.fromkeys(note for _, notes in looks.values() for note in notes)),
     }
     known_channels([run["channels"] for run in data["runs"]], plots)
     return data
@@ -85,39 +76,31 @@ def known_channels(runs: Sequence[Mapping[str, Any]], plots: Sequence[str]) -> l
     return known
 
 
-def _unit(length: float) -> float:
-    return 10.0 ** math.floor(math.log10(max(FINE * length, 1e-9)))
-
-
 # ---------------------------------------------------------------------------------------------- robots
 
 
-def _described(model: Model, found: list[Body]) -> dict[str, Any]:
+def _robot(model: Model, found: list[Body], unit: float) -> dict[str, Any]:
+    """Describe a robot and its bodies, points in whole units; equal colors are written once."""
     places = {body.link: k for k, body in enumerate(found)}
-    return {
-        "name": model.name,
-        "links": [body.link for body in found],
-        "sides": [side_of(body.link) for body in found],
-        "joints": [{"name": joint.name, "body": places.get(joint.child, -1)} for joint in model.moving_joints],
-        "moves": model.base == "floating",
-    }
-
-
-def _packed(described: dict[str, Any], found: list[Body], unit: float) -> dict[str, Any]:
-    """The bodies with whole numbers; equal colors are written once."""
-    bodies = []
+    packed = []
     for body in found:
         palette = list(dict.fromkeys(body.colors))
-        bodies.append(
+        packed.append(
             {
                 "points": np.round(body.points / unit).astype(int).reshape(-1).tolist(),
-                "faces": [list(face) for face in body.faces],
-                "palette": [list(color) for color in palette],
+                "faces": body.faces,
+                "palette": palette,
                 "colors": [palette.index(color) for color in body.colors] if len(palette) > 1 else [],
                 "smooth": body.smooth,
             }
         )
-    return described | {"bodies": bodies}
+    return {
+        "name": model.name,
+        "links": [body.link for body in found],
+        "joints": [{"name": joint.name, "body": places.get(joint.child, -1)} for joint in model.moving_joints],
+        "moves": model.base == "floating",
+        "bodies": packed,
+    }
 
 
 # ---------------------------------------------------------------------------------------------- runs
@@ -152,11 +135,19 @@ def sampled(seen: Seen) -> FramePoses:
     return FramePoses(rows, last, poses.rotation, poses.position)
 
 
-def _reach(seen: Seen, poses: FramePoses, found: list[Body]) -> tuple[float, float]:
-    """How far the robot reaches sideways from its base or middle, twice, and its height, at any time [m]."""
-    box = corners_of(seen.model, poses, found)
-    across = np.ptp(box[..., :2], axis=1).max() if len(box) else 0.0
-    return float(max(across, 1e-3)), float(max(np.ptp(box[..., 2], axis=1).max(), 1e-3))
+class _Drawn(NamedTuple):
+    """A run with what is drawn of it."""
+
+    caption: str
+    seen: Seen
+    poses: FramePoses
+    found: list[Body]
+    box: np.ndarray  # (frames, n, 3) corners of the bodies [m]
+
+
+def _prepare(caption: str, seen: Seen, found: list[Body]) -> _Drawn:
+    poses = sampled(seen)
+    return _Drawn(caption, seen, poses, found, corners_of(seen.model, poses, found))
 
 
 def corners_of(model: Model, poses: FramePoses, found: Sequence[Body | Piece]) -> np.ndarray:
@@ -174,11 +165,11 @@ def _rows(model: Model, found: Sequence[Body | Piece]) -> list[int]:
     return [rows[body.link] for body in found]
 
 
-def _run(seen: Seen, caption: str, poses: FramePoses, found: list[Body], unit: float, several: int) -> dict[str, Any]:
-    """What the page needs of one run."""
+def _run(drawn: _Drawn, unit: float, several: int) -> dict[str, Any]:
+    """Collect the data of one of several runs."""
+    caption, seen, poses, found, corners = drawn
     run, model = seen.trajectory, seen.model
     time, rows = run["time"], _rows(model, found)
-    corners = corners_of(model, poses, found)
     root = next((k for k, body in enumerate(found) if body.link == model.root), 0)
     frames = np.concatenate(
         [np.round(poses.position[:, rows] / unit), np.round(quaternions(poses.rotation[:, rows]) / TURN)], axis=2
