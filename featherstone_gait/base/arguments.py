@@ -1,4 +1,4 @@
-"""Checks of what a caller gives.  Each raises an error that names the argument, its value and what to give instead."""
+"""Check arguments.  Each error names the argument, its value and what to give instead."""
 
 from __future__ import annotations
 
@@ -16,13 +16,16 @@ HUGE = 1e50  # beyond it products of several numbers overflow
 
 
 def instance(name: str, value: object, kind: type | tuple[type, ...], remedy: str) -> None:
-    """Raise TypeError unless the value is of that kind."""
+    """Raise TypeError unless the value is of a kind."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} is {shown(value)}; {remedy}")
 
 
 def real(name: str, value: Any, low: float, high: float, remedy: str) -> float:
-    """A number between low and high, both included; infinite ones only where a bound is.  ValueError for others."""
+    """Return a number between low and high, both included; raise ValueError for others.
+
+    It is infinite only if a bound is.
+    """
     found = _as_float(value)
     if found is None or not low <= found <= high:
         raise ValueError(f"{name} is {shown(value)}; expected a number from {low:g} to {high:g}: {remedy}")
@@ -30,7 +33,7 @@ def real(name: str, value: Any, low: float, high: float, remedy: str) -> float:
 
 
 def whole(name: str, value: Any, least: int, remedy: str, most: int = 2**53) -> int:
-    """A whole number from least to most.  ValueError for others, and for text and truth values."""
+    """Return a whole number from least to most; raise ValueError for others, and for text and truth values."""
     try:
         found = None if isinstance(value, (bool, np.bool_)) else operator.index(value)
     except TypeError:
@@ -41,7 +44,7 @@ def whole(name: str, value: Any, least: int, remedy: str, most: int = 2**53) -> 
 
 
 def floats(name: str, value: Any, remedy: str = "give real numbers, or an array of them") -> np.ndarray:
-    """The value as an array of floats, not copied where it is one.
+    """Return the value as an array of floats, without a copy if it is one.
 
     Raises ValueError for what is no array of real numbers: text, complex numbers, truth values, None, ragged lists.
     """
@@ -57,7 +60,7 @@ def floats(name: str, value: Any, remedy: str = "give real numbers, or an array 
 
 
 def vector(name: str, value: Any, width: int, remedy: str = "") -> np.ndarray:
-    """A new array of `width` finite numbers, or ValueError."""
+    """Return a new array of `width` finite numbers; raise ValueError for others."""
     a = floats(name, value, f"give {width} finite numbers {remedy}".rstrip())
     if a.shape != (width,) or not (np.abs(a) <= HUGE).all():
         text = f"{name} must be {width} finite numbers; its shape is {a.shape}: {np.array2string(a, threshold=20)}"
@@ -66,7 +69,7 @@ def vector(name: str, value: Any, width: int, remedy: str = "") -> np.ndarray:
 
 
 def listed(name: str, value: Any, remedy: str) -> list[Any]:
-    """The items of a list, tuple or other iterable; ValueError for text and what has no items."""
+    """Return the items of a list, tuple or other iterable; raise ValueError for text and what has no items."""
     scalar = isinstance(value, (str, bytes)) or (isinstance(value, np.ndarray) and value.ndim == 0)
     if scalar or not isinstance(value, Iterable):
         raise ValueError(f"{name} is {shown(value)}; {remedy}")
@@ -74,7 +77,7 @@ def listed(name: str, value: Any, remedy: str) -> list[Any]:
 
 
 def texts(name: str, value: Any, remedy: str = "give a list of names") -> list[str]:
-    """The names in a list.  ValueError for what is no list, TypeError for what is no name."""
+    """Return the names in a list; raise ValueError for what is no list, TypeError for what is no name."""
     found = listed(name, value, remedy)
     for item in found:
         instance(name, item, str, remedy)
@@ -90,7 +93,7 @@ def one_of(name: str, value: object, choices: Iterable[str]) -> None:
 
 
 def shown(value: object) -> str:
-    """A value for a message, cut short."""
+    """Format a value for a message, cut short."""
     if isinstance(value, int) and abs(value) > 10**30:  # whose digits Python may refuse to write
         return f"a whole number of {value.bit_length()} bits"
     text = " ".join(repr(value).split())
@@ -98,7 +101,7 @@ def shown(value: object) -> str:
 
 
 def is_real(value: object) -> bool:
-    """Whether the value is one real number that a float can hold; text and truth values are none."""
+    """Return whether the value is one real number that a float can hold; text and truth values are none."""
     return _as_float(value) is not None
 
 
@@ -115,7 +118,7 @@ def _as_float(value: Any) -> float | None:
 
 
 def finite(name: str, value: Any, shape: tuple[int | None, ...], unit: str = "") -> np.ndarray:
-    """The value as an array of finite floats of a shape, None for any length.  ValueError for others."""
+    """Return the value as an array of finite floats of a shape (None: any length); raise ValueError for others."""
     sizes = ", ".join("n" if n is None else str(n) for n in shape)
     expected = f"expected finite numbers of shape ({sizes}) {unit}".strip()
     a = floats(name, value, expected)
@@ -126,13 +129,13 @@ def finite(name: str, value: Any, shape: tuple[int | None, ...], unit: str = "")
 
 
 def truth(name: str, value: object) -> bool:
-    """True or False.  TypeError for others."""
+    """Return True or False; raise TypeError for others."""
     instance(name, value, (bool, np.bool_), "give True or False")
     return bool(value)
 
 
 def path(name: str, value: Any) -> Path:
-    """The path of a file.  TypeError for what is none."""
+    """Return the path of a file; raise TypeError for what is no path."""
     instance(name, value, (str, os.PathLike), "give the path of a file")
     if not os.fspath(value):
         raise ValueError(f"{name} is empty; give the path of a file")
@@ -140,12 +143,12 @@ def path(name: str, value: Any) -> Path:
 
 
 def functions(**given: object) -> None:
-    """Raise TypeError for what cannot be called; None is left alone."""
+    """Raise TypeError for what cannot be called; None is accepted."""
     for name, value in given.items():
         if value is not None and not callable(value):
             raise TypeError(f"{name} is {shown(value)}; give a function")
 
 
 def is_whole(value: Any) -> bool:
-    """Whether the value is a whole number, as int or float."""
+    """Return whether the value is a whole number, as int or float."""
     return is_real(value) and math.isfinite(value) and float(value).is_integer()

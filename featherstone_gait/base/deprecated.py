@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 
 def moved(module: str, target: str) -> Callable[[str], Any]:
-    """Make the `__getattr__` of a module whose names are all found in `target` now."""
+    """Make the `__getattr__` of a module whose names have moved to `target`."""
 
     def __getattr__(name: str) -> Any:
         if name.startswith("__"):
@@ -53,7 +53,7 @@ def method(name: str, target: str) -> Callable[..., Any]:
 
 
 def warn(old: str, new: str, level: int = 3) -> None:
-    """Warn that `old` is called `new` now."""
+    """Warn that `old` is now called `new`."""
     warnings.warn(f"{old} is now {new}; the old name works until version {UNTIL}", DeprecationWarning, stacklevel=level)
 
 

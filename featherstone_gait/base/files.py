@@ -1,7 +1,7 @@
-"""Files that appear whole or not at all, and that say what they are.
+"""Write files whole or not at all, and read files that state their format.
 
-A file that the package writes for itself to read states its format: its kind, a number that rises when what is in it
-changes, and the version that wrote it.  JSON and arrays (.npz) have it as "format", CSV in a comment over the header.
+A file that the package writes for itself to read states its format: its kind, a number that rises when the contents
+change, and the version that wrote it.  JSON and arrays (.npz) have it as "format", CSV in a comment over the header.
 Files of version 0.1 state none; their number is 1.
 """
 
@@ -33,14 +33,14 @@ FilePath = str | os.PathLike[str]
 
 @contextmanager
 def complete(path: FilePath) -> Iterator[Path]:
-    """A path to write to, in place of `path`, which it takes when everything went well.  Raises OSError."""
+    """Yield a temporary path to write to; the file takes the place of `path` if all went well.  Raises OSError."""
     with complete_together(path) as (temporary,):
         yield temporary
 
 
 @contextmanager
 def complete_together(*paths: FilePath) -> Iterator[list[Path]]:
-    """Paths to write to, in place of files of one folder, of which all appear or none.  Raises OSError."""
+    """Yield paths to write to in place of files of one folder; all of them appear, or none.  Raises OSError."""
     targets, temporary = [Path(path) for path in paths], []
     try:
         with moving_up(targets[0].parent) as folder:
@@ -55,9 +55,9 @@ def complete_together(*paths: FilePath) -> Iterator[list[Path]]:
 
 @contextmanager
 def moving_up(parent: Path, name: str | None = None) -> Iterator[Path]:
-    """A new folder in `parent`, whose files move up into it when all are complete and on the disk, or none does.
+    """Yield a new folder in `parent`, and move its files up when all are complete and on the disk, or none.
 
-    name: of the new folder; what a process that was killed left under that name is removed.  None: a unique one.
+    name: of the new folder; what a killed process left under that name is removed.  None: a unique name.
     """
     folder = parent / name if name else Path(tempfile.mkdtemp(prefix=".partial_", dir=parent))
     try:
@@ -83,7 +83,7 @@ def _settle(path: Path, target: Path) -> None:
 
 
 def claim(file: IO, path: FilePath) -> None:
-    """Lock an open file until it is closed or the process ends.  Raises OSError if another one works with it."""
+    """Lock an open file until it is closed or the process ends; raise OSError if another process has locked it."""
     if not lock(file):
         remedy = "wait until that has ended, or take another folder"
         raise OSError(f"{path}: another process is at work with this file; {remedy}")
@@ -93,7 +93,7 @@ def claim(file: IO, path: FilePath) -> None:
 
 
 class Format(NamedTuple):
-    """A kind of files, and the largest number of its formats that this version reads; it writes that one."""
+    """A kind of files, and the largest format number that this version reads; it writes that one."""
 
     kind: str
     number: int = 2
@@ -128,9 +128,9 @@ def write_csv(
 
 
 def read_csv(path: FilePath, form: Format) -> Iterator[tuple[int, list[str]]]:
-    """Number and cells of each line of a table but the comments over it; the first has the names of the columns.
+    """Yield number and cells of each line of a table, without the comments above it.
 
-    Raises ValueError on what is no CSV or of a format that is not known.
+    The first line has the names of the columns.  Raises ValueError on what is no CSV or of an unknown format.
     """
     try:
         with Path(path).open(newline="", encoding="utf-8-sig") as file:
@@ -157,7 +157,7 @@ _NUMERAL = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
 def number(text: str) -> float:
-    """The number in a cell, NaN if there is none; float() alone would take 1_0 and Arabic digits too."""
+    """Return the number in a cell, NaN if there is none; float() alone would accept 1_0 and Arabic digits too."""
     text = text.strip()
     return float(text) if _NUMERAL.fullmatch(text) else math.nan
 
@@ -166,7 +166,7 @@ def number(text: str) -> float:
 
 
 def parse_json(text: str | bytes, what: str, remedy: str) -> dict[str, Any]:
-    """The JSON object in a text.  Raises ValueError, with `what` it is and a remedy, if there is none."""
+    """Parse the JSON object in a text; raise ValueError, with `what` it is and a remedy, if there is none."""
     try:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -177,19 +177,19 @@ def parse_json(text: str | bytes, what: str, remedy: str) -> dict[str, Any]:
 
 
 def is_number(value: object) -> bool:
-    """Whether a value of a JSON file is a finite number."""
+    """Return whether a value of a JSON file is a finite number."""
     return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def read_json(path: FilePath, form: Format) -> dict[str, Any]:
-    """The object in a JSON file but its format.  Raises ValueError if it is damaged or its format is not known."""
+    """Read the object in a JSON file, without its format; raise ValueError if it is damaged or of an unknown format."""
     content = parse_json(Path(path).read_bytes(), str(path), "take an undamaged copy, or make it again")
     form.check(path, content.pop("format", None))
     return content
 
 
 def read_arrays(path: FilePath, form: Format) -> dict[str, np.ndarray]:
-    """The arrays of a .npz file but its format.  Raises as `read_json`."""
+    """Read the arrays of a .npz file, without its format.  Raises as `read_json`."""
     import numpy as np
 
     with Path(path).open("rb") as file:

@@ -1,8 +1,8 @@
 """Sums, products and small linear systems, stacked, in a fixed order of operations.
 
-BLAS and LAPACK choose their code by the processor, with fused multiply-add or without and in vectors of this or that
-width, and the last bits follow.  What is planned here ends up in kernels, which have the same bits everywhere; so it
-is made of elementwise + - * / alone, which IEEE 754 rounds in one way.
+BLAS and LAPACK choose their code by the processor (fused multiply-add, width of vectors), and the last bits differ.
+What is computed here ends up in kernels, which have the same bits everywhere; so it consists of elementwise + - * /
+alone, which IEEE 754 rounds in one way.
 """
 
 from __future__ import annotations
@@ -20,17 +20,20 @@ def total(x: np.ndarray, axis: int = -1) -> np.ndarray:
 
 
 def applied(A: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Matrices (..., m, k) times vectors (..., k)."""
+    """Multiply matrices (..., m, k) by vectors (..., k)."""
     return total(A * x[..., None, :])
 
 
 def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """Matrices (..., m, k) times matrices (..., k, n)."""
+    """Multiply matrices (..., m, k) by matrices (..., k, n)."""
     return total(A[..., :, :, None] * B[..., None, :, :], axis=-2)
 
 
 def solve(A: ArrayLike, B: ArrayLike) -> np.ndarray:
-    """X (..., m, n) with A X = B for symmetric positive definite A (..., m, m): Gaussian elimination, no pivoting."""
+    """Solve A X = B for X (..., m, n), A (..., m, m) symmetric positive definite.
+
+    Gaussian elimination without pivoting.
+    """
     A, X = np.array(A, dtype=float), np.array(B, dtype=float)
     m = A.shape[-1]
     for k in range(m):

@@ -1,4 +1,4 @@
-"""What is wrong with a robot, all of it at once."""
+"""Describe what is wrong with a robot, all of it at once."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import NamedTuple
 
 
 class Flaw(NamedTuple):
-    """What is wrong with an element of a robot."""
+    """One problem of an element of a robot."""
 
     element: str  # such as "link 'thigh'"
     text: str  # names the element, the value, what is allowed and a remedy
 
 
 class FlawError(ValueError):
-    """A robot that cannot be; `flaws` lists all that is wrong with it."""
+    """A robot that makes no sense; `flaws` lists all problems."""
 
     def __init__(self, flaws: Iterable[Flaw]) -> None:
         self.flaws = tuple(flaws)

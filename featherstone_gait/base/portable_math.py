@@ -1,4 +1,4 @@
-"""Sine, cosine and exponential with the bits of the kernels': what these read must come from no libm, which differs."""
+"""Sine, cosine and exponential with the bits of the kernels; a libm would differ between systems."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _sincos, _exp = (getattr(f, "py_func", f) for f in (elementary.sincos, elementar
 
 
 def sincos(x: float | np.ndarray) -> tuple[Any, Any]:
-    """Sine and cosine of an angle or of angles of any shape [rad]; NaN beyond SINCOS_LIMIT, some 1.7e9 rad."""
+    """Compute sine and cosine of an angle or of angles of any shape [rad]; NaN beyond SINCOS_LIMIT, some 1.7e9 rad."""
     if np.ndim(x) == 0:
         return _sincos(float(x))
     sine, cosine = _sincos(np.asarray(x, dtype=float))
@@ -21,5 +21,5 @@ def sincos(x: float | np.ndarray) -> tuple[Any, Any]:
 
 
 def exp(x: np.ndarray) -> np.ndarray:
-    """Exponential of an array."""
+    """Compute the exponential of an array."""
     return np.asarray(_exp(x))

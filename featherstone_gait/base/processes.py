@@ -1,4 +1,4 @@
-"""Pools of processes that end with the one that has begun them, killed as it may be."""
+"""Pools of processes that end with the process that started them, even if it is killed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..core import ADDING_INTEGRATORS, add_integrators
 
 
 def process_pool(count: int) -> ProcessPoolExecutor:
-    """An executor of so many processes, none of them forked."""
+    """Make an executor of `count` processes, none of them forked."""
     context = get_context("spawn")
     return ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(ADDING_INTEGRATORS,))
 

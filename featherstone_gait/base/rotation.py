@@ -1,7 +1,7 @@
-"""Rotation matrices, which take vectors from the turned frame to the one that it is turned in.
+"""Rotation matrices; they map vectors from a rotated frame to its reference frame.
 
-What is made here ends in the numbers that kernels read, and must have the same bits on any processor: no BLAS, whose
-order of summation depends on the processor, and no libm.
+The results end up in the numbers that kernels read and must have the same bits on any processor: no BLAS, whose order
+of summation depends on the processor, and no libm.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Vector = Sequence[float] | np.ndarray  # (3,)
 
 
 def rotation_from_rpy(rpy: Iterable[float]) -> np.ndarray:
-    """Rotation (3, 3), child to parent, of roll, pitch and yaw [rad] about fixed axes: Rz Ry Rx (URDF)."""
+    """Compute the rotation (3, 3), child to parent, of roll, pitch and yaw [rad] about fixed axes: Rz Ry Rx (URDF)."""
     (sr, cr), (sp, cp), (sy, cy) = (sincos(angle) for angle in rpy)
     return np.array(
         [
@@ -31,7 +31,7 @@ def rotation_from_rpy(rpy: Iterable[float]) -> np.ndarray:
 
 
 def rotation_about(axis: Iterable[float], angle: float | np.ndarray) -> np.ndarray:
-    """Rotations (..., 3, 3) by an angle or an array (...) of them [rad] about a unit axis (3,): Rodrigues' formula."""
+    """Compute rotations (..., 3, 3) by angles (...) [rad] about a unit axis (3,) by Rodrigues' formula."""
     x, y, z = axis
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     s, c = (np.asarray(part)[..., None, None] for part in sincos(angle))
@@ -39,7 +39,7 @@ def rotation_about(axis: Iterable[float], angle: float | np.ndarray) -> np.ndarr
 
 
 def rotation_z_to(axis: ArrayLike) -> np.ndarray:
-    """A rotation (3, 3) that takes z to a unit axis (3,); entries are exactly 0 and 1 for coordinate axes."""
+    """Compute a rotation (3, 3) that maps z to a unit axis (3,); entries are exactly 0 and 1 for coordinate axes."""
     z = np.array(axis)
     x = cross(np.eye(3)[np.argmin(np.abs(z))], z)
     x /= math.sqrt(dot(x, x))
@@ -47,17 +47,17 @@ def rotation_z_to(axis: ArrayLike) -> np.ndarray:
 
 
 def dot(a: Vector, b: Vector) -> float:
-    """Scalar product of two vectors (3,), summed in order."""
+    """Multiply two vectors (3,) as scalars, summed in order."""
     return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 def cross(a: Vector, b: Vector) -> np.ndarray:
-    """Vector product (3,) of two vectors (3,); np.cross takes ten times as long."""
+    """Compute the vector product (3,) of two vectors (3,); np.cross takes ten times as long."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def rotation_from_quaternion(quaternion: Vector) -> np.ndarray:
-    """Rotation (3, 3), turned frame to the one that it is turned in, of a unit quaternion w x y z."""
+    """Compute the rotation (3, 3), rotated frame to reference frame, of a unit quaternion w x y z."""
     w, x, y, z = quaternion
     return np.array(
         [
@@ -69,10 +69,10 @@ def rotation_from_quaternion(quaternion: Vector) -> np.ndarray:
 
 
 def rpy_from_rotation(R: np.ndarray) -> tuple[float, float, float]:
-    """Fixed-axis roll, pitch and yaw [rad] of a rotation (3, 3), pitch within a quarter turn.
+    """Compute fixed-axis roll, pitch and yaw [rad] of a rotation (3, 3), pitch within a quarter turn.
 
-    Yaw first, and the others of what is left when it is undone: so their rotation is R to rounding where pitch is a
-    quarter turn too, and the split between roll and yaw is lost.
+    Yaw comes first, and the others follow from what is left when it is undone.  So their rotation is R to rounding even
+    where pitch is a quarter turn and the split between roll and yaw is lost.
     """
     yaw = math.atan2(R[1, 0], R[0, 0])
     s, c = sincos(yaw)

@@ -432,9 +432,9 @@ def contact_positions_at(model: Model, poses: Poses) -> np.ndarray:
 
 
 def deepest_points(model: Model, poses: Poses, normal: ArrayLike, links: Sequence[str] | None = None) -> np.ndarray:
-    """Where each contact reaches deepest against a normal, (3,) or one for each (..., points, 3): see core's touch.
+    """Compute where each contact reaches deepest against a normal, (3,) or one for each (..., points, 3).
 
-    links: whose poses these are, in their order; all of the model if None.
+    links: whose poses these are, in their order; None for all of the model.  See `core/effects/touch.py`.
     """
     links = _names(model) if links is None else links
     points = _points(links, poses, [(point.link, point.position) for point in model.contacts])
@@ -457,7 +457,7 @@ def _names(model: Model) -> list[str]:
 
 
 def _points(links: Sequence[str], poses: Poses, points: list[tuple[str, Sequence[float]]]) -> np.ndarray:
-    """World positions (..., points, 3) of points that are given by their link and their position in its frame."""
+    """Compute world positions (..., points, 3) of points given by their link and their position in its frame."""
     rows = {name: k for k, name in enumerate(links)}
     at = [rows[link] for link, _ in points]
     local = np.array([position for _, position in points], dtype=float).reshape(-1, 3)
@@ -493,7 +493,7 @@ def check_model(model: Model) -> Model:
 
 
 def _check_positions(model: Model, q: np.ndarray) -> None:
-    """Refuse angles too large to be reduced exactly and quaternions without a direction."""
+    """Raise ValueError for angles too large to be reduced exactly and quaternions without a direction."""
     if model.base == "floating":
         largest = np.abs(q[:, 3:7]).max(axis=1)
         if not ((largest > 5e-7) & (largest < 1e6)).all():
@@ -509,12 +509,12 @@ def _check_positions(model: Model, q: np.ndarray) -> None:
 
 
 def _shaped(out: np.ndarray, *arguments: ArrayLike) -> np.ndarray:
-    """One state in, one state out; rows in, rows out."""
+    """Return one state for one state, rows for rows."""
     return out[0] if all(np.ndim(a) == 1 for a in arguments) else out
 
 
 def _split(tree: Tree, a: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
-    """The base's and the joints' columns, copied (a read-only array is another type to compile for); base or None."""
+    """Copy the columns of base and joints (a read-only array is another type to compile for); the base may be None."""
     k = a.shape[1] - tree.n
     return (np.array(a[:, :k], order="C") if k else None), np.array(a[:, k:], order="C")
 
@@ -526,7 +526,7 @@ def _robot(model: Model, armature: ArrayLike | None, gravity: ArrayLike) -> Robo
 
 
 def _still(tree: Tree, q: np.ndarray) -> Motion:
-    """States at rest."""
+    """Make states at rest."""
     base_q, joints = _split(tree, q)
     base_qd = None if base_q is None else np.zeros((len(q), 6))
     return Motion(base_q, base_qd, None, joints, np.zeros(joints.shape), None)
@@ -541,7 +541,7 @@ def _motion(tree: Tree, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray | None = 
 def _solve(
     model: Model, rows: Callable, lanes: Callable, x: dict[str, np.ndarray], wrench: Wrenches | None, robot: Robot
 ) -> np.ndarray:
-    """Run a kernel over all states: in lanes where there are enough to fill them."""
+    """Run a kernel over all states, in lanes if there are enough to fill them."""
     tree, n = compile_tree(model), len(x["q"])
     given: list[Motion | np.ndarray | None] = [_motion(tree, x["q"], x["qd"], x.get("qdd"))]
     if "tau" in x:
@@ -559,7 +559,7 @@ def _solve(
 
 
 def _to_lanes(a: Motion | np.ndarray | None) -> Any:
-    """Rows (n, ...) as (ceil(n / WIDTH), ..., WIDTH), aligned; the last row fills up the last block."""
+    """Pack rows (n, ...) as aligned (ceil(n / WIDTH), ..., WIDTH); the last row fills up the last block."""
     if a is None:
         return None
     if isinstance(a, Motion):
@@ -572,14 +572,14 @@ def _to_lanes(a: Motion | np.ndarray | None) -> Any:
 
 
 def _from_lanes(a: np.ndarray | None, n: int) -> np.ndarray | None:
-    """The inverse of `_to_lanes`."""
+    """Undo `_to_lanes`."""
     if a is None:
         return None
     return np.moveaxis(a, -1, 1).reshape(-1, *a.shape[1:-1])[:n]
 
 
 def _wrench(model: Model, tree: Tree, q: np.ndarray, wrench: Wrenches | None) -> np.ndarray | None:
-    """External forces (n, bodies, 6) about the common origin, None where there are none."""
+    """Compute external forces (n, bodies, 6) about the common origin, None if there are none."""
     if wrench is None:
         return None
     instance("wrench", wrench, Mapping, "give {link: Wrench(force, moment)}")
@@ -616,7 +616,7 @@ def _force_and_moment(what: str, value: Any, n: int) -> tuple[np.ndarray, np.nda
 
 
 def _poses(tree: Tree, q: np.ndarray) -> np.ndarray:
-    """(n, bodies, 12): rotation and position from the base's origin."""
+    """Compute rotation and position from the base's origin, (n, bodies, 12)."""
     out = np.zeros((len(q), tree.n + 1, 12))
     batch.poses_rows(Robot(tree.bodies, None, np.zeros(3)), _still(tree, q), _work(tree), out)
     return out
@@ -629,7 +629,7 @@ def _work(tree: Tree) -> np.ndarray:
 def _measures(
     model: Model, q: ArrayLike, qd: ArrayLike, armature: ArrayLike | None, gravity: ArrayLike
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Energies (n, 2), center of mass (n, 6) and momentum (n, 6)."""
+    """Compute energies (n, 2), center of mass (n, 6) and momentum (n, 6)."""
     x, tree = _arguments(model, q=q, qd=qd), compile_tree(model)
     n = len(x["q"])
     outs = np.zeros((n, 2)), np.zeros((n, 6)), np.zeros((n, 6))

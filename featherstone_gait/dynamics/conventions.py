@@ -127,7 +127,7 @@ def _checked(engine: str, model: Model, q: ArrayLike, v: ArrayLike) -> tuple[_Co
 
 
 def _rotation(quaternion: np.ndarray) -> np.ndarray:
-    """Rotations (..., 3, 3), body -> world, of quaternions (..., 4) w x y z of any length above zero."""
+    """Compute rotations (..., 3, 3), body -> world, of quaternions (..., 4) w x y z of any length above zero."""
     length = np.sqrt(total(quaternion * quaternion))[..., None]
     if not (length > 0).all():
         raise ValueError("the base's quaternion is zero; [1, 0, 0, 0] is no rotation")

@@ -1,12 +1,12 @@
-"""A posture that puts points of links, or the center of mass, where they are wanted.
+"""Inverse kinematics: a posture that puts points of links, or the center of mass, where they are wanted.
 
 Damped least squares (C. W. Wampler, IEEE Trans. SMC 16 (1986); Y. Nakamura and H. Hanafusa, J. Dyn. Sys. Meas. Control
 108 (1986)): with the error ``e`` of all targets and its Jacobian ``J`` a step is ``J' (J J' + lambda 1)^-1 e``.  The
-damping ``lambda = mu |e|^2`` dies with the error, so that convergence stays superlinear (T. Sugihara, IEEE T-RO 27
-(2011)); mu follows the gain of each step, and a step that gains nothing is taken back (J. Fan, J. Comput. Math. 21
-(2003)).  Joints that are pushed against their limits stand still, the others stop at theirs (D. P. Bertsekas, SIAM J.
-Control Optim. 20 (1982)).  A posture has settled where the error is orthogonal to all columns that may move
-(J. J. More, Lecture Notes in Mathematics 630 (1978)).  A posture has the same bits on any processor.
+damping ``lambda = mu |e|^2`` vanishes with the error, so that convergence stays superlinear (T. Sugihara, IEEE T-RO 27
+(2011)); mu follows the gain of each step, and a step without gain is taken back (J. Fan, J. Comput. Math. 21 (2003)).
+Joints that are pushed against their limits stand still, the others stop at theirs (D. P. Bertsekas, SIAM J. Control
+Optim. 20 (1982)).  The iteration has settled where the error is orthogonal to all columns that may move (J. J. More,
+Lecture Notes in Mathematics 630 (1978)).  The result has the same bits on any processor.
 """
 
 from __future__ import annotations
@@ -41,29 +41,57 @@ ORTHOGONAL = 1e-6  # how far a rotation matrix may be from one
 
 
 class Target(NamedTuple):
-    """Where a point of a link shall be and how the link shall be turned, or one of the two.
+    """Where a point of a link should be, how the link should be oriented, or both.
 
-    Weights are numbers, or one for each of the world's axes; what has the weight 0 is left as it falls.
+    Weights are numbers, or one for each of the world's axes; a part with the weight 0 is ignored.
+
+    Attributes
+    ----------
+    link : str or None
+        Name of the link; None for the robot's center of mass.
+    position : array_like, optional
+        Position (3,) of the point in the world [m].
+    rotation : array_like, optional
+        Rotation (3, 3) link -> world, or roll, pitch and yaw (3,) about fixed axes [rad].
+    point : array_like
+        The point (3,) in the frame of the link [m].
+    weight : array_like
+        Weight of the position, () or (3,).
+    orientation_weight : array_like
+        Weight of the rotation, () or (3,).
     """
 
-    link: str | None  # None: the robot's center of mass
-    position: ArrayLike | None = None  # (3,) of the point [m], world
-    rotation: ArrayLike | None = None  # (3, 3) link -> world, or roll, pitch and yaw (3,) [rad] about fixed axes
-    point: ArrayLike = (0.0, 0.0, 0.0)  # (3,) [m], frame of the link
-    weight: ArrayLike = 1.0  # of the position
-    orientation_weight: ArrayLike = 1.0  # of the rotation
+    link: str | None
+    position: ArrayLike | None = None
+    rotation: ArrayLike | None = None
+    point: ArrayLike = (0.0, 0.0, 0.0)
+    weight: ArrayLike = 1.0
+    orientation_weight: ArrayLike = 1.0
 
 
 class IKResult(NamedTuple):
-    """What `inverse_kinematics` found."""
+    """The result of `inverse_kinematics`.
 
-    q: np.ndarray  # (nq,) positions, within the limits
+    Attributes
+    ----------
+    q : numpy.ndarray
+        Positions (nq,) within the limits [m, -, rad or m].
+    status : {"ok", "limits", "out of reach", "not converged"}
+        How the search has ended; see `inverse_kinematics`.
+    error : float
+        Remaining error: root of the sum of squares of all weighted errors [m and rad].
+    iterations : int
+        Number of iterations.
+    """
+
+    q: np.ndarray
     status: Status
-    error: float  # that is left: root of the sum of squares of all weighted errors [m and rad]
+    error: float
     iterations: int
 
     @property
     def ok(self) -> bool:
+        """Whether all targets are met."""
         return self.status == "ok"
 
 
@@ -79,21 +107,41 @@ def inverse_kinematics(
     tolerance: float = 1e-9,
     max_iterations: int = 200,
 ) -> IKResult:
-    """The posture near q0 that meets all targets, or the one that misses them by the least.
+    """Find the posture near q0 that meets all targets, or misses them by the least.
 
     Parameters
     ----------
-    q0 : (nq,) positions to start from [rad, m]; None is the middle of the joint ranges, 0 where there is none, and a
-        floating base at the origin.  Joints beyond their limits start at them
-    joints : names of those that may move; None is all.  A coupled joint (`Joint.mimic`) follows its leader exactly
-    hold_base : whether a floating base stays as it is in q0
-    restarts : how many random postures within the limits to start from, one after the other, until one succeeds
-    seed : of these
-    tolerance : error at which the targets are met [m and rad, weighted]
+    model : Model
+        The robot.
+    targets : Target or sequence of Target
+        What to reach.
+    q0 : array_like, optional
+        Positions (nq,) to start from [m, -, rad or m]; joints beyond their limits start at them.  None: the middle of
+        the joint ranges, 0 where there is none, a floating base at the origin.
+    joints : iterable of str, optional
+        Names of the joints that may move; None for all.  A coupled joint (`Joint.mimic`) follows its leader exactly.
+    hold_base : bool, optional
+        Whether a floating base stays as it is in q0.
+    restarts : int, optional
+        Number of random postures within the limits to start from, one after the other, until one succeeds.
+    seed : int, optional
+        Seed of these postures.
+    tolerance : float, optional
+        Error at which the targets are met [m and rad, weighted].
+    max_iterations : int, optional
+        Limit of iterations for each start.
 
-    The status is "ok"; "limits", if the targets are met only beyond the limits of joints; "out of reach", if not even
-    there; or "not converged" within max_iterations of one start.  All but "ok" speak of what is near the start: other
-    starts may do better.  Raises ValueError for links and joints that there are not, and for numbers that are none.
+    Returns
+    -------
+    IKResult
+        The posture.  Its status is "ok"; "limits", if the targets are met only beyond the limits of joints; "out of
+        reach", if not even there; or "not converged" within `max_iterations`.  The last three hold near the start:
+        other starts may do better.
+
+    Raises
+    ------
+    ValueError
+        For links and joints that do not exist, and for numbers that make no sense.
     """
     check_model(model)
     instance("hold_base", hold_base, (bool, np.bool_), "give True or False")
@@ -137,7 +185,7 @@ class _Coupling(NamedTuple):
 
 
 class _Freedom(NamedTuple):
-    """The velocity coordinates that may move, and what follows them."""
+    """The velocity coordinates that may move, and the joints that follow them."""
 
     columns: np.ndarray  # (k,) of the velocity coordinates
     joint: np.ndarray  # (k,) whether it is a joint's; the base's six come first
@@ -166,7 +214,7 @@ class _Found(NamedTuple):
 
 
 def _attempt(task: _Task, q: np.ndarray, rng: np.random.Generator) -> _Found:
-    """Descend; where that ends on a saddle, such as a stretched arm, once more from beside it."""
+    """Descend; if that ends on a saddle, such as a stretched arm, descend once more from beside it."""
     found = _descend(task, q)
     if not found.settled or found.error < task.tolerance:
         return found
@@ -195,14 +243,14 @@ def _descend(task: _Task, q: np.ndarray) -> _Found:
 
 
 def _damping_change(gain: float, promised: float) -> float:
-    """What the damping is multiplied by after a step that promised to lower the squared error, and did, by so much."""
+    """Return the factor on the damping after a step with this gain and promised gain of the squared error."""
     if promised <= 0.0 or gain < 0.25 * promised:  # its clipped part may promise nothing
         return 4.0
     return 0.25 if gain > 0.75 * promised else 1.0
 
 
 def _damped_step(J: np.ndarray, e: np.ndarray, damping: float, turns: np.ndarray) -> np.ndarray:
-    """J' (J J' + damping)^-1 e, shortened as a whole where an angle would turn too far."""
+    """Compute J' (J J' + damping)^-1 e, shortened as a whole where an angle would turn too far."""
     A = product(J, J.T)
     diagonal = total(np.diag(A)) / len(A)
     A[np.diag_indices(len(A))] += max(damping, LEAST_DAMPING * diagonal)
@@ -211,19 +259,19 @@ def _damped_step(J: np.ndarray, e: np.ndarray, damping: float, turns: np.ndarray
 
 
 def _has_settled(J: np.ndarray, e: np.ndarray) -> bool:
-    """Whether the error is orthogonal to all columns."""
+    """Return whether the error is orthogonal to all columns."""
     lengths = np.sqrt(total(J * J, axis=0) * total(e * e))
     return bool((np.abs(total(J * e[:, None], axis=0)) <= SETTLED * lengths).all())
 
 
 def _may_move(task: _Task, q: np.ndarray, downhill: np.ndarray) -> np.ndarray:
-    """1 for what may go the way that is downhill, 0 for what is at a limit there."""
+    """Return 1 for coordinates that may move downhill, 0 for those at a limit there."""
     z = _coordinates(task, q)
     return np.where(downhill > 0.0, z < task.free.upper, z > task.free.lower).astype(float)
 
 
 def _moved(task: _Task, q: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The positions after a step (k,) that ends at the limits, all followers included, and the step that it was."""
+    """Take a step (k,) that ends at the limits, followers included; return the positions and the step taken."""
     free, shift, new = task.free, task.free.shift, q.copy()
     z = _coordinates(task, q)
     end = np.clip(z + step, free.lower, free.upper)
@@ -236,12 +284,12 @@ def _moved(task: _Task, q: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _coordinates(task: _Task, q: np.ndarray) -> np.ndarray:
-    """Positions (k,) of the joints that may move; those of the base, which has no limits, count from where it is."""
+    """Return the positions (k,) of the joints that may move; those of the base count from where it is."""
     return np.where(task.free.joint, q[task.free.columns + task.free.shift], 0.0)
 
 
 def _turned(quaternion: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """The unit quaternion w x y z after a turn (3,) [rad] in body axes: about its axis, by 2 atan(|turn| / 2)."""
+    """Rotate a unit quaternion w x y z by (3,) [rad] in body axes: about its axis, by 2 atan(|turn| / 2)."""
     w, x, y, z = quaternion
     a, b, c = 0.5 * turn
     new = np.array([w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b + z * a - x * c,
@@ -250,7 +298,7 @@ def _turned(quaternion: np.ndarray, turn: np.ndarray) -> np.ndarray:
 
 
 def _errors(task: _Task, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted error (m,) of all targets, and what of it the coordinates that may move take away (m, k)."""
+    """Compute the weighted error (m,) of all targets, and its decrease by each coordinate that may move (m, k)."""
     model, free = task.model, task.free
     poses = forward_kinematics(model, q)
     parts = [part for goal in task.goals for part in _goal_errors(model, poses, goal)]
@@ -263,7 +311,7 @@ def _errors(task: _Task, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _goal_errors(model: Model, poses: Poses, goal: _Goal) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Weights (3,), error (3,) and its Jacobian (3, nv) of position and rotation."""
+    """Yield weights (3,), error (3,) and its Jacobian (3, nv) of position and rotation."""
     if goal.link is None:
         yield goal.weight, goal.position - center_of_mass_at(model, poses), center_of_mass_jacobian_at(model, poses)
         return
@@ -277,7 +325,7 @@ def _goal_errors(model: Model, poses: Poses, goal: _Goal) -> Iterator[tuple[np.n
 
 
 def _quaternion(R: np.ndarray) -> tuple[float, np.ndarray]:
-    """The unit quaternion w >= 0, (x, y, z) of a rotation: the best row of 4 q q' (S. W. Shepperd, JGCD 1 (1978))."""
+    """Compute the unit quaternion w >= 0, (x, y, z) of a rotation (S. W. Shepperd, JGCD 1 (1978))."""
     (a, b, c), (d, e, f), (g, h, i) = R
     rows = np.array([
         [1.0 + a + e + i, h - f, c - g, d - b],
@@ -291,7 +339,7 @@ def _quaternion(R: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def _status(task: _Task, best: _Found, rng: np.random.Generator) -> Status:
-    """How the search has ended; whether limits are in the way is tried without them."""
+    """Classify the end of the search; a search without limits tells whether limits are in the way."""
     if best.error < task.tolerance:
         return "ok"
     if not best.settled:
@@ -302,7 +350,7 @@ def _status(task: _Task, best: _Found, rng: np.random.Generator) -> Status:
 
 
 def _start(task: _Task, q0: ArrayLike | None) -> np.ndarray:
-    """Positions (nq,) to start from, within the limits, a base's quaternion of length 1."""
+    """Return positions (nq,) to start from, within the limits, with a base quaternion of length 1."""
     model = task.model
     if q0 is None:
         base = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
@@ -315,13 +363,13 @@ def _start(task: _Task, q0: ArrayLike | None) -> np.ndarray:
 
 
 def _middle(joint: Joint) -> float:
-    """The middle of a joint's range, 0 or the limit next to it where it is unbounded."""
+    """Return the middle of a joint's range; if that is unbounded, 0 or the limit next to it."""
     bounded = math.isfinite(joint.lower) and math.isfinite(joint.upper)
     return 0.5 * (joint.lower + joint.upper) if bounded else min(max(0.0, joint.lower), joint.upper)
 
 
 def _anywhere(task: _Task, start: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A random posture within the limits, of a joint without any within half a turn or 1 m; the base stays."""
+    """Draw a posture within the limits, for a joint without any within half a turn or 1 m; the base stays."""
     free, z = task.free, _coordinates(task, start)
     reach = np.where(free.turns, math.pi, 1.0)
     lower = np.where(np.isfinite(free.lower), free.lower, z - reach)
@@ -330,7 +378,7 @@ def _anywhere(task: _Task, start: np.ndarray, rng: np.random.Generator) -> np.nd
 
 
 def _freedom(model: Model, joints: Iterable[str] | None, hold_base: bool) -> _Freedom:
-    """What may move.  Raises ValueError for a joint that has no coordinate."""
+    """Collect what may move; raise ValueError for a joint that has no coordinate."""
     names, rows = model.joint_names, model.joint_rows
     couplings = [_Coupling(rows[follower], rows[leader], *law) for follower, leader, *law in model.couplings]
     given = names if joints is None else texts("joints", joints, "expected a list of names: write [name]")
@@ -356,7 +404,7 @@ def _freedom(model: Model, joints: Iterable[str] | None, hold_base: bool) -> _Fr
 
 
 def _range(model: Model, leader: int, couplings: list[_Coupling]) -> tuple[float, float]:
-    """The range of a joint in which all that follow it are within theirs."""
+    """Compute the range of a joint in which all its followers are within theirs."""
     joints = model.moving_joints
     lower, upper = joints[leader].lower, joints[leader].upper
     for c in couplings:
@@ -381,7 +429,7 @@ def _listed(targets: Target | Sequence[Target]) -> Sequence[Target]:
 
 
 def _goal(model: Model, target: Target) -> _Goal:
-    """A target, its numbers as arrays.  Raises ValueError on what is none."""
+    """Check a target and return its numbers as arrays; raise ValueError for those that make no sense."""
     what = f"{model.name}: target of " + ("the center of mass" if target.link is None else f"link {target.link!r}")
     if target.link is not None:
         model.link_index(target.link)
@@ -411,7 +459,7 @@ def _weight(what: str, name: str, value: ArrayLike) -> np.ndarray:
 
 
 def _rotation(what: str, value: ArrayLike) -> np.ndarray:
-    """A rotation matrix (3, 3), given as such or as roll, pitch and yaw (3,) [rad]."""
+    """Return a rotation matrix (3, 3), given as such or as roll, pitch and yaw (3,) [rad]."""
     R = floats(f"{what}: rotation", value, "give a rotation matrix (3, 3) or roll, pitch and yaw (3,) [rad]")
     if R.shape == (3,) and np.isfinite(R).all():
         if not (np.abs(R) <= NEAR).all():

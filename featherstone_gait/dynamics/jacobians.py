@@ -99,7 +99,7 @@ def center_of_mass_jacobian(model: Model, q: ArrayLike) -> np.ndarray:
 
 
 def jacobian_at(model: Model, poses: Poses, link: str, point: ArrayLike = (0.0, 0.0, 0.0)) -> np.ndarray:
-    """`jacobian` (..., 6, nv) in world axes, of poses that are known."""
+    """Compute `jacobian` (..., 6, nv) in world axes for poses that are known."""
     chains, row = chains_of(model), model.link_index(link)
     where, axes = point_at(poses, row, point), joint_axes(model, poses)
     lever = where[..., None, :] - poses.position[..., chains.children, :]
@@ -112,7 +112,7 @@ def jacobian_at(model: Model, poses: Poses, link: str, point: ArrayLike = (0.0, 
 
 
 def center_of_mass_jacobian_at(model: Model, poses: Poses) -> np.ndarray:
-    """`center_of_mass_jacobian` (..., 3, nv) of poses that are known."""
+    """Compute `center_of_mass_jacobian` (..., 3, nv) for poses that are known."""
     chains, centers, axes = chains_of(model), link_centers(model, poses), joint_axes(model, poses)
     behind = (chains.moves * chains.share[:, None]).T  # (n, links) of the mass that a joint moves
     lever = product(behind, centers) - total(behind)[:, None] * poses.position[..., chains.children, :]
@@ -124,19 +124,19 @@ def center_of_mass_jacobian_at(model: Model, poses: Poses) -> np.ndarray:
 
 
 def center_of_mass_at(model: Model, poses: Poses) -> np.ndarray:
-    """`center_of_mass` (..., 3) [m] of poses that are known."""
+    """Compute `center_of_mass` (..., 3) [m] for poses that are known."""
     return total(chains_of(model).share[:, None] * link_centers(model, poses), axis=-2)
 
 
 def point_at(poses: Poses, row: int, point: ArrayLike) -> np.ndarray:
-    """Where a point of a link is (..., 3) [m]; row: of the link, point: (3,) in its frame."""
+    """Compute the world position (..., 3) [m] of a point (3,) of a link; row: of the link."""
     local = vector("point", point, 3, "[m] in the frame of the link")
     return poses.position[..., row, :] + applied(poses.rotation[..., row, :, :], local)
 
 
 @functools.lru_cache(maxsize=64)
 def chains_of(model: Model) -> Chains:
-    """What of a model its Jacobians take."""
+    """Collect what the Jacobians of a model need."""
     joints = model.moving_joints
     mass = np.array([link.mass for link in model.links])
     return Chains(
@@ -150,7 +150,7 @@ def chains_of(model: Model) -> Chains:
 
 
 def _moves(model: Model) -> np.ndarray:
-    """(links, n) 1 where the moving joint lies between root and link, else 0."""
+    """Return (links, n) 1 where the moving joint lies between root and link, else 0."""
     rows, columns = model.link_rows, model.joint_rows
     moves = np.zeros((len(rows), len(columns)))
     for joint in depth_first(model):
@@ -161,7 +161,7 @@ def _moves(model: Model) -> np.ndarray:
 
 
 def _base_columns(poses: Poses, root: int, where: np.ndarray) -> np.ndarray:
-    """Angular velocity and velocity at a point (..., 3), a row (..., 6, 6) for each velocity coordinate of the base."""
+    """Compute angular velocity and velocity at a point (..., 3), a row (..., 6, 6) for each coordinate of the base."""
     axes = np.swapaxes(poses.rotation[..., root, :, :], -1, -2)  # of the base, a row each
     move = _cross(axes, (where - poses.position[..., root, :])[..., None, :])
     along = np.broadcast_to(np.eye(3), axes.shape)
@@ -171,7 +171,7 @@ def _base_columns(poses: Poses, root: int, where: np.ndarray) -> np.ndarray:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Vector products (..., 3) of as many axes; np.cross takes several times as long."""
+    """Compute vector products (..., 3); np.cross takes several times as long."""
     return cross(a.T, b.T).T
 
 

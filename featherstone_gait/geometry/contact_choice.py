@@ -33,18 +33,33 @@ SOLE = 0.5  # of a foot's shape: the lower part whose corners are kept
 
 
 def with_contacts(model: Model, choice: Choice) -> Model:
-    """The robot with the contact points of some of its shapes in place of those it has.
+    """Return the robot with contact points made from some of its collision shapes.
 
-    choice: "all" shapes; those of the "feet", without the corners of their upper halves; or those of links by name.
-    Raises ValueError for a link that is not there or has no shape, where there is nothing to choose from, and for
-    meshes that cannot be read; ImportError for meshes without their reader.
+    Parameters
+    ----------
+    model : Model
+        The robot; its own contact points are replaced.
+    choice : str or sequence of str
+        "all" shapes; "feet", without the corners of the upper halves; or the names of links.
+
+    Returns
+    -------
+    Model
+        The robot with these contact points.
+
+    Raises
+    ------
+    ValueError
+        For a link that does not exist or has no shape, for a robot without shapes, and for meshes that cannot be read.
+    ImportError
+        For meshes whose reader is not installed.
     """
     instance("model", model, Model, "give what load_robot returns")
     return replace(model, contacts=chosen_points(model, choice))
 
 
 def chosen_points(model: Model, choice: Choice) -> tuple[ContactPoint, ...]:
-    """The contact points that `with_contacts` gives."""
+    """Compute the contact points of `with_contacts`."""
     if not model.shapes:
         raise ValueError(
             f"{model.name}: contacts={choice!r}, but no link has a collision shape: add <collision> elements to its "
@@ -60,10 +75,27 @@ def chosen_points(model: Model, choice: Choice) -> tuple[ContactPoint, ...]:
 
 
 def contact_points(shapes: Iterable[Shape]) -> tuple[ContactPoint, ...]:
-    """What of shapes can touch the ground: of a sphere itself, of a capsule the spheres at its ends, of a cylinder its
-    two rims, of a box its corners, of a hull or mesh at most 32 corners.
+    """Compute the contact points of collision shapes.
 
-    Raises ValueError for a mesh that cannot be read, ImportError for one without its reader.
+    A sphere is one contact, a capsule the spheres at its ends, a cylinder the circles at its ends, a box its corners; a
+    hull or mesh is thinned to at most 32 corners.
+
+    Parameters
+    ----------
+    shapes : iterable of Shape
+        Collision shapes.
+
+    Returns
+    -------
+    tuple of ContactPoint
+        Contact points, shape by shape.
+
+    Raises
+    ------
+    ValueError
+        For a mesh that cannot be read.
+    ImportError
+        For a mesh whose reader is not installed.
     """
     found = listed("shapes", shapes, "give a list of Shape")
     for shape in found:
@@ -72,12 +104,12 @@ def contact_points(shapes: Iterable[Shape]) -> tuple[ContactPoint, ...]:
 
 
 def corner_error(shape: Shape) -> float:
-    """How far the hull of a shape reaches beyond the corners that stand for it, at most [m]; 0 but for large hulls."""
+    """Return how far the hull of a shape reaches beyond its thinned corners, at most [m]; 0 except for large hulls."""
     return _thinned(shape.geometry).error if isinstance(shape.geometry, Hull | Mesh) else 0.0
 
 
 def _points(shape: Shape) -> list[ContactPoint]:
-    """The contact points of one shape."""
+    """Compute the contact points of one shape."""
     match shape.geometry:
         case Sphere(radius):
             return _placed(shape, np.zeros((1, 3)), radius=radius)
@@ -95,7 +127,7 @@ def _points(shape: Shape) -> list[ContactPoint]:
 
 
 def local_corners(shape: Shape) -> np.ndarray:
-    """Corners (n, 3) of a box, or at most 32 of a hull or a mesh, in the shape's frame [m]."""
+    """Return the corners (n, 3) of a box, or at most 32 of a hull or mesh, in the shape's frame [m]."""
     return _thinned(shape.geometry).points if isinstance(shape.geometry, Hull | Mesh) else _every_corner(shape)
 
 
@@ -109,7 +141,7 @@ def _thinned_hull(hull: Hull) -> Corners:
 
 
 def _every_corner(shape: Shape) -> np.ndarray:
-    """All corners (n, 3) of a box, a hull or a mesh, in the shape's frame [m]."""
+    """Return all corners (n, 3) of a box, hull or mesh, in the shape's frame [m]."""
     match shape.geometry:
         case Box(size):
             signs = np.array([(x, y, z) for x in (1, -1) for y in (1, -1) for z in (1, -1)])
@@ -132,13 +164,13 @@ def _placed(
     circle_radius: float = 0.0,
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0),
 ) -> list[ContactPoint]:
-    """Contact points at points (n, 3) of a shape's frame."""
+    """Make contact points at points (n, 3) of a shape's frame."""
     at = np.array(shape.xyz) + applied(rotation_from_rpy(shape.rpy), points)
     return [ContactPoint(shape.link, (x, y, z), radius, circle_radius, axis) for x, y, z in at.tolist()]
 
 
 def _carrying(model: Model, points: Sequence[ContactPoint]) -> tuple[ContactPoint, ...]:
-    """The points, of which those carry the robot that are lowest at rest."""
+    """Mark those points as load-bearing that are lowest at rest."""
     poses = forward_kinematics(model, nearest_posture(model))
     height = lowest_levels(model, points, poses)
     level = height.min() + LEVEL * (poses.position[:, 2].max() - height.min())
@@ -146,7 +178,10 @@ def _carrying(model: Model, points: Sequence[ContactPoint]) -> tuple[ContactPoin
 
 
 def lowest_levels(model: Model, points: Sequence[ContactPoint], poses: Poses) -> np.ndarray:
-    """Height of the lowest point of each contact point, (points,) or (n, points) [m]; poses are those of all links."""
+    """Compute the height of the lowest point of each contact, (points,) or (n, points) [m].
+
+    poses: those of all links.
+    """
     rows = {link.name: k for k, link in enumerate(model.links)}
     at = [rows[point.link] for point in points]
     local = np.array([point.position for point in points]).reshape(-1, 3)
@@ -159,7 +194,7 @@ def lowest_levels(model: Model, points: Sequence[ContactPoint], poses: Poses) ->
 
 
 def _sole_points(model: Model) -> tuple[ContactPoint, ...]:
-    """The contact points of the feet."""
+    """Compute the contact points of the feet."""
     poses = forward_kinematics(model, nearest_posture(model))
     spans = [_span(model, shape, poses) for shape in model.shapes]
     lowest = min(bottom for bottom, _ in spans)
@@ -176,7 +211,7 @@ def _sole_points(model: Model) -> tuple[ContactPoint, ...]:
 
 
 def _span(model: Model, shape: Shape, poses: Poses) -> tuple[float, float]:
-    """Heights of the lowest and the highest point of a shape [m]."""
+    """Compute the heights of the lowest and the highest point of a shape [m]."""
     cornered = isinstance(shape.geometry, Box | Hull | Mesh)
     points = _placed(shape, _every_corner(shape)) if cornered else _points(shape)
     bottoms = lowest_levels(model, points, poses)
@@ -185,7 +220,7 @@ def _span(model: Model, shape: Shape, poses: Poses) -> tuple[float, float]:
 
 
 def _lower_half(model: Model, shape: Shape, poses: Poses) -> list[ContactPoint]:
-    """The contact points of a shape; of corners those of its lower half at rest, chosen along the axes of the world."""
+    """Compute the contact points of a shape; of corners those of its lower half at rest, chosen along world axes."""
     if isinstance(shape.geometry, Sphere | Capsule | Cylinder):
         return _points(shape)
     E = product(poses.rotation[[link.name for link in model.links].index(shape.link)], rotation_from_rpy(shape.rpy))
@@ -209,10 +244,10 @@ def _check_nothing_below(model: Model, poses: Poses, lowest: float, reach: float
 
 
 def _feet(model: Model, spans: Sequence[tuple[float, float]], reach: float, level: float) -> set[str]:
-    """The links of feet: the lowest ones of the bodies that are low and at an end, or as low as the lowest.
+    """Find the links of the feet: the lowest links of bodies that are low and at an end, or as low as the lowest.
 
-    spans: lowest and highest point of each shape [m]; reach: how high a foot's lowest point may be [m]; level: how much
-    higher than another what is as low as it may be [m].
+    spans: lowest and highest point of each shape [m]; reach: largest height of a foot's lowest point [m]; level:
+    difference in height that counts as equal [m].
     """
     body, ends = _bodies(model)
     lows = [min(low for (low, _), s in zip(spans, model.shapes) if body[s.link] == body[t.link]) for t in model.shapes]
@@ -226,8 +261,10 @@ def _feet(model: Model, spans: Sequence[tuple[float, float]], reach: float, leve
 
 
 def _bodies(model: Model) -> tuple[dict[str, int], set[int]]:
-    """The body of each link, where fixed joints make links one body, and the bodies with shapes beyond which no other
-    body has any; the root's is 0."""
+    """Group links that fixed joints connect: return the body of each link, and the outermost bodies with shapes.
+
+    The root's body is 0.
+    """
     body = {model.root: 0}
     parent = [0]
     for joint in depth_first(model):

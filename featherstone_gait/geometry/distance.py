@@ -32,10 +32,18 @@ from .hull import Sides, sides
 
 
 class Clearance(NamedTuple):
-    """The least distance of shapes that can meet."""
+    """The least distance of shapes that can meet.
 
-    distance: np.ndarray  # () or (n,) [m], negative: they overlap
-    shapes: np.ndarray  # (2,) or (n, 2): the two that are closest, indices into `model.shapes`
+    Attributes
+    ----------
+    distance : numpy.ndarray
+        Signed distance () or (n,) [m]; negative if shapes overlap.
+    shapes : numpy.ndarray
+        The two closest shapes, (2,) or (n, 2) indices into `model.shapes`.
+    """
+
+    distance: np.ndarray
+    shapes: np.ndarray
 
 
 class Meeting(NamedTuple):
@@ -46,12 +54,28 @@ class Meeting(NamedTuple):
 
 
 def clearance(model: Model, q: ArrayLike, pairs: np.ndarray | None = None) -> Clearance:
-    """Least signed distance of shapes that can meet, at positions q (nq,) or (n, nq) [rad, m].
+    """Compute the least signed distance of collision shapes that can meet.
 
-    pairs (pairs, 2): indices of the shapes that are looked at, by default all that `meeting_shapes` names.
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+    pairs : numpy.ndarray, optional
+        Indices (pairs, 2) of the shapes to compare; None takes all that `meeting_shapes` finds.
 
-    Raises ValueError where no two shapes can meet, and for meshes that cannot be read; ImportError for meshes without
-    their reader.
+    Returns
+    -------
+    Clearance
+        Distances, and the closest shapes.
+
+    Raises
+    ------
+    ValueError
+        If no two shapes can meet, and for meshes that cannot be read.
+    ImportError
+        For meshes whose reader is not installed.
     """
     check_model(model)
     pairs = meeting_shapes(model).pairs if pairs is None else pairs
@@ -68,9 +92,9 @@ def clearance(model: Model, q: ArrayLike, pairs: np.ndarray | None = None) -> Cl
 
 
 def clearance_channel(model: Model, base_q: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """The recorded channel (samples, 1) [m]; (samples, 0) where no two shapes can meet.
+    """Compute the recorded channel (samples, 1) [m]; (samples, 0) if no two shapes can meet.
 
-    Not a number where a run has turned its joints so far before it diverged that their sines are lost.
+    The value is NaN where a diverging run has turned its joints too far for exact sines.
     """
     if not len(meeting_shapes(model).pairs):
         return np.zeros((len(q), 0))
@@ -82,7 +106,7 @@ def clearance_channel(model: Model, base_q: np.ndarray, q: np.ndarray) -> np.nda
 
 @functools.lru_cache(maxsize=64)
 def meeting_shapes(model: Model) -> Meeting:
-    """The pairs of shapes whose distance can change, but those of neighbors and those that overlap at rest."""
+    """Find the pairs of shapes whose distance can change, except neighbors and those that overlap at rest."""
     apart = np.array(_apart(model), dtype=np.int64).reshape(-1, 2)
     distance = shape_distances(model, nearest_posture(model), apart)
     links = [shape.link for shape in model.shapes]
@@ -92,7 +116,7 @@ def meeting_shapes(model: Model) -> Meeting:
 
 
 def shape_distances(model: Model, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Signed distance (pairs,) [m] of each of some pairs (pairs, 2) of shapes at one posture q (nq,) [rad, m]."""
+    """Compute the signed distance (pairs,) [m] of pairs (pairs, 2) of shapes in one posture q (nq,) [rad, m]."""
     shapes, poses, out = _laid(model), _rows(forward_kinematics(model, q)), np.zeros(len(pairs))
     rotation, position = poses.rotation[0], poses.position[0]
     pair_distances(shapes, _room(shapes), np.array(pairs, np.int64).reshape(-1, 2), rotation, position, out)
@@ -100,7 +124,7 @@ def shape_distances(model: Model, q: np.ndarray, pairs: np.ndarray) -> np.ndarra
 
 
 def _apart(model: Model) -> list[tuple[int, int]]:
-    """Pairs of shapes whose bodies are neither the same nor neighbors."""
+    """Find the pairs of shapes whose bodies are neither the same nor neighbors."""
     bodies, placements = rigid_bodies(model)
     rows = [placements[shape.link].row for shape in model.shapes]
     near = {(row, row) for row in range(len(bodies))} | {(body.frame.parent, k) for k, body in enumerate(bodies)}
@@ -109,7 +133,7 @@ def _apart(model: Model) -> list[tuple[int, int]]:
 
 
 def _rows(poses: Poses) -> Poses:
-    """Poses of many states; of one as many of one."""
+    """Return poses of many states; one state becomes an array of one."""
     rotation, position = (np.ascontiguousarray(part) for part in poses)
     return Poses(rotation, position) if position.ndim == 3 else Poses(rotation[None], position[None])
 
@@ -121,7 +145,7 @@ def _room(shapes: Shapes) -> Room:
 
 @functools.lru_cache(maxsize=64)
 def _laid(model: Model) -> Shapes:
-    """The shapes of a robot for the kernels."""
+    """Lay the shapes of a robot out for the kernels."""
     rows = {link.name: k for k, link in enumerate(model.links)}
     table = records(len(model.shapes), SHAPE)
     corners, normals, edges = ([np.zeros((0, 3))] for _ in range(3))
@@ -139,7 +163,7 @@ def _laid(model: Model) -> Shapes:
 
 
 def _fill(row: Any, shape: Shape) -> np.ndarray:
-    """Write a shape's sizes and place; return its corners (n, 3) about its center, none unless it is a hull [m]."""
+    """Write a shape's sizes and place; return the corners (n, 3) of a hull about its center [m], else none."""
     corners, center = np.zeros((0, 3)), np.zeros(3)
     match shape.geometry:
         case Sphere(radius):

@@ -32,10 +32,11 @@ class Corners(NamedTuple):
 
 
 def corners_of(points: ArrayLike, most: int = MOST) -> Corners:
-    """The corners of the convex hull of points (n, 3) [m], at most `most` of them (>= 14).
+    """Thin the convex hull of points (n, 3) [m] to at most `most` corners (>= 14).
 
-    Where there are more, the farthest along 14 directions are taken, then again and again the one farthest from the
-    hull of those taken: the same for the same points.  Raises ValueError for points that are not (n, 3) and finite.
+    If there are more, the farthest along 14 directions are taken, then again and again the one farthest from the hull
+    of those taken; the result depends on the points alone.  Raises ValueError for points that are not (n, 3) and
+    finite.
     """
     x = np.array(points, dtype=float)
     if x.ndim != 2 or x.shape[1] != 3 or not len(x) or not np.isfinite(x).all():
@@ -50,7 +51,7 @@ def corners_of(points: ArrayLike, most: int = MOST) -> Corners:
 
 
 def hull_indices(x: np.ndarray) -> np.ndarray:
-    """Indices, rising, of the points (n, 3) that are corners of their convex hull; of flat ones in their plane."""
+    """Return sorted indices of points (n, 3) that are corners of their convex hull, in their plane if they are flat."""
     from scipy.spatial import ConvexHull
 
     flat = _flattened(x)
@@ -62,14 +63,14 @@ def hull_indices(x: np.ndarray) -> np.ndarray:
 
 
 class Sides(NamedTuple):
-    """Which way the sides of a convex hull look and go, each direction once."""
+    """Directions of the faces and edges of a convex hull, each once."""
 
     normals: np.ndarray  # (faces, 3) outward
     edges: np.ndarray  # (edges, 3) either way
 
 
 def sides(x: np.ndarray) -> Sides:
-    """Faces and edges of the convex hull of points (n, 3); of a flat one both sides of its plane, of a line itself."""
+    """Compute faces and edges of the convex hull of points (n, 3); both sides of flat ones, the direction of a line."""
     from scipy.spatial import ConvexHull
 
     flat = _flattened(x)
@@ -85,7 +86,7 @@ def sides(x: np.ndarray) -> Sides:
 
 
 def _either_way(directions: np.ndarray) -> np.ndarray:
-    """Directions (n, 3) at unit length, the first part that is not zero positive; none of length 0."""
+    """Scale directions (n, 3) to unit length with a positive first nonzero part; drop those of length 0."""
     length = np.sqrt(total(directions * directions))
     unit = (directions[length > 0.0].T / length[length > 0.0]).T.round(DIGITS)
     first = unit[np.arange(len(unit)), (unit != 0.0).argmax(axis=1)]
@@ -97,7 +98,7 @@ def _once(directions: np.ndarray) -> np.ndarray:
 
 
 def _flattened(x: np.ndarray) -> np.ndarray:
-    """The points in as many coordinates as they fill: themselves, or those in their plane or along their line."""
+    """Express points in as many coordinates as they fill: themselves, or those in their plane or along their line."""
     centered = x - x.mean(axis=0)
     extent = np.abs(centered).max()
     if not extent > 0.0:
@@ -110,7 +111,7 @@ def _flattened(x: np.ndarray) -> np.ndarray:
 
 
 def _chosen(x: np.ndarray, most: int) -> np.ndarray:
-    """Indices of the corners to keep."""
+    """Return the indices of the corners to keep."""
     pool = np.arange(len(x)) if len(x) <= CANDIDATES else _farthest(x, _spread(CANDIDATES))
     taken = _farthest(x, np.array([d for d in combinations((-1, 0, 1), repeat=3) if sum(map(abs, d)) in (1, 3)]))
     enough = ENOUGH * np.ptp(x, axis=0).max()
@@ -123,12 +124,12 @@ def _chosen(x: np.ndarray, most: int) -> np.ndarray:
 
 
 def _farthest(x: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """Indices of the points farthest along each direction, each once."""
+    """Return the indices of the points farthest along each direction, each once."""
     return np.unique([int(total(x * direction).argmax()) for direction in directions])
 
 
 def _spread(n: int) -> np.ndarray:
-    """Directions (n, 3) spread evenly over the sphere (Fibonacci's lattice)."""
+    """Spread n directions evenly over the sphere (Fibonacci lattice)."""
     z = 1.0 - (2.0 * np.arange(n) + 1.0) / n
     angle = np.pi * (3.0 - 5.0**0.5) * np.arange(n)
     across, (s, c) = np.sqrt(1.0 - z * z), sincos(angle)
@@ -136,7 +137,7 @@ def _spread(n: int) -> np.ndarray:
 
 
 def _outside(x: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Distance of points (n, 3) from the hull of corners, of which none of them lies inside [m]."""
+    """Compute the distance of points (n, 3) from the hull of corners, inside which none of them lies [m]."""
     from scipy.spatial import ConvexHull
 
     flat = _flattened(corners)
@@ -146,7 +147,7 @@ def _outside(x: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _fan(flat: np.ndarray) -> np.ndarray:
-    """Triangles (n, 3) of indices that fill the hull of points in a plane."""
+    """Fill the hull of points in a plane with triangles (n, 3) of indices."""
     from scipy.spatial import ConvexHull
 
     around = ConvexHull(flat).vertices
@@ -154,7 +155,7 @@ def _fan(flat: np.ndarray) -> np.ndarray:
 
 
 def _to_triangles(x: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Distance of points (n, 3) from the nearest of triangles (m, 3, 3)."""
+    """Compute the distance of points (n, 3) from the nearest of triangles (m, 3, 3)."""
     a, b, c = np.moveaxis(triangles, 1, 0)
     least = np.min([_to_edges(x, p, q) for p, q in ((a, b), (b, c), (c, a))], axis=0)
     normal = np.cross(b - a, c - a)
@@ -169,7 +170,7 @@ def _to_triangles(x: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def _to_edges(x: np.ndarray, p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Distances (n, m) of points from edges p to q (m, 3)."""
+    """Compute the distances (n, m) of points from edges p to q (m, 3)."""
     d, to = q - p, x[:, None] - p
     length = total(d * d)
     t = np.clip(total(to * d) / np.where(length > 0.0, length, np.inf), 0.0, 1.0)

@@ -39,21 +39,24 @@ class Part(NamedTuple):
 
 
 def mesh_corners(mesh: Mesh) -> Corners:
-    """A few corners of the convex hull of a mesh, and how far it reaches beyond them [m]; raises as `mesh_hull`."""
+    """Return a few corners of the convex hull of a mesh, and how far it reaches beyond them [m].
+
+    Raises as `mesh_hull`.
+    """
     return _corners(*_version(mesh))
 
 
 def mesh_hull(mesh: Mesh) -> np.ndarray:
-    """All corners (n, 3) of the convex hull of a mesh [m]; a file is read once while it stays the same.
+    """Return all corners (n, 3) of the convex hull of a mesh [m]; a file is read again only if it has changed.
 
     Raises ValueError, which names the file, for one that is missing, damaged, too large or of another kind, and
-    ImportError without the reader.
+    ImportError if its reader is not installed.
     """
     return _hull(*_version(mesh))
 
 
 def _version(mesh: Mesh) -> tuple[Path, tuple[float, float, float], int, int]:
-    """File and scale of a mesh, when the file was changed, and its size."""
+    """Return file and scale of a mesh, the time of its last change, and its size."""
     path = Path(mesh.file)
     if not path.is_file():
         raise ValueError(f"{mesh.file}: there is no such mesh; correct the path, or say where its package is")
@@ -70,7 +73,7 @@ def _corners(*version: Any) -> Corners:
 
 @functools.lru_cache(maxsize=1024)
 def _hull(path: Path, scale: tuple[float, float, float], *changed: int) -> np.ndarray:
-    """The hull of a version of a file; nobody may write into it."""
+    """Compute the hull of a version of a file; the array is read-only."""
     points = mesh_points(path) * np.array(scale)
     if not np.isfinite(points).all():
         raise ValueError(f"{path}: has points that are not finite, with scale {scale!r}; export the mesh again")
@@ -80,21 +83,24 @@ def _hull(path: Path, scale: tuple[float, float, float], *changed: int) -> np.nd
 
 
 def mesh_points(path: Path) -> np.ndarray:
-    """The vertices (n, 3) of all parts of a mesh file, in meters.  Raises as `mesh_hull`."""
+    """Read the vertices (n, 3) of all parts of a mesh file [m].  Raises as `mesh_hull`."""
     return mesh_triangles(path)[0]
 
 
 def mesh_triangles(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """The vertices (n, 3) of all parts of a mesh file [m], and triangles (m, 3) of their indices; raises likewise."""
+    """Read the vertices (n, 3) of all parts of a mesh file [m] and triangles (m, 3) of their indices.
+
+    Raises as `mesh_hull`.
+    """
     kind, data, unit = _contents(path)
     vertices, triangles = _joined(_read(path, data, kind))
     return unit * vertices, triangles
 
 
 def mesh_parts(path: Path) -> list[Part]:
-    """The triangles of a mesh file by their colors; textures of DAE and glTF count as white.  Raises as `mesh_hull`.
+    """Read the triangles of a mesh file by color; textures of DAE and glTF count as white.  Raises as `mesh_hull`.
 
-    A DAE whose materials are broken comes without any.
+    A DAE with broken materials has no colors.
     """
     kind, data, unit = _contents(path)
     found = _read(path, data, kind)
@@ -110,7 +116,7 @@ def mesh_parts(path: Path) -> list[Part]:
 
 
 def _contents(path: Path) -> tuple[str, bytes, float]:
-    """Kind of a mesh file, its bytes, and meters per unit."""
+    """Read a mesh file: return its kind, its bytes, and meters per unit."""
     kind = path.suffix.lower()
     if kind not in KINDS:
         raise ValueError(f"{path}: is no mesh that can be read; expected one of {', '.join(KINDS)}: convert it")
@@ -123,7 +129,7 @@ def _contents(path: Path) -> tuple[str, bytes, float]:
 
 
 def _read(path: Path, data: bytes, kind: str, resolver: Any = None) -> list[Part]:
-    """The parts of a mesh, each where the file puts it, in the unit of the file."""
+    """Parse the parts of a mesh, each where the file puts it, in the unit of the file."""
     trimesh = _reader(kind)
     if kind == "gltf":
         resolver = _Beside(path, ".bin")
@@ -141,14 +147,14 @@ def _read(path: Path, data: bytes, kind: str, resolver: Any = None) -> list[Part
 
 
 def _joined(parts: list[Part]) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n, 3) and triangles (m, 3) of some parts together."""
+    """Join the vertices (n, 3) and triangles (m, 3) of parts."""
     first = np.cumsum([0, *(len(part.points) for part in parts[:-1])])
     triangles = [part.triangles + k for part, k in zip(parts, first)]
     return np.concatenate([part.points for part in parts]), np.concatenate(triangles)
 
 
 def _colored(path: Path, count: int) -> list[Part] | None:
-    """The parts of a DAE with its materials; None if these make the reader drop some of the triangles."""
+    """Read the parts of a DAE with its materials; None if these make the reader drop some of the triangles."""
     try:
         found = _read(path, _without_textures(path.read_bytes()), "dae")
     except ValueError:
@@ -157,13 +163,13 @@ def _colored(path: Path, count: int) -> list[Part] | None:
 
 
 class _Beside:
-    """Files of one kind beside a mesh: the materials of an OBJ, the numbers of a glTF.  No other file is opened."""
+    """Files of one kind beside a mesh: the materials of an OBJ, the buffers of a glTF.  No other file is opened."""
 
     def __init__(self, path: Path, kind: str) -> None:
         self.folder, self.kind = path.parent, kind
 
     def __getitem__(self, name: str) -> bytes:
-        """The contents of a file that the mesh names."""
+        """Read a file that the mesh names."""
         file = self.folder / Path(name.strip()).name
         if file.suffix.lower() != self.kind or not file.is_file() or file.stat().st_size > MAX_BYTES:
             raise FileNotFoundError(name)  # the reader goes on without
@@ -173,7 +179,7 @@ class _Beside:
 
 
 def _color(part: Any, kind: str) -> Color | None:
-    """What the material of a part says."""
+    """Return the color that the material of a part states."""
     material = getattr(getattr(part, "visual", None), "material", None)
     stated = getattr(material, "baseColorFactor", None)  # of a DAE or glTF
     if stated is None and material is not None and kind in ("glb", "gltf"):
@@ -187,7 +193,7 @@ def _color(part: Any, kind: str) -> Color | None:
 
 
 def _faces(part: Any) -> np.ndarray:
-    """Triangles (m, 3) of a part, none of one that is points or lines only."""
+    """Return the triangles (m, 3) of a part, none for points and lines."""
     return np.asarray(getattr(part, "faces", ()), dtype=int).reshape(-1, 3)
 
 
@@ -202,7 +208,7 @@ def _reader(kind: str) -> Any:
 
 
 def _without_colors(path: Path, data: bytes) -> tuple[bytes, float]:
-    """A DAE without its materials, of which a broken one makes the reader drop the triangles; and meters per unit."""
+    """Strip a DAE of its materials, since broken ones make the reader drop triangles; also return meters per unit."""
     from xml.etree.ElementTree import ParseError, tostring
 
     from defusedxml.common import DefusedXmlException
@@ -223,7 +229,7 @@ def _without_colors(path: Path, data: bytes) -> tuple[bytes, float]:
 
 
 def _without_textures(data: bytes) -> bytes:
-    """A DAE whose materials are plain colors.  It has been read before: `_without_colors` has looked at it."""
+    """Reduce the materials of a DAE to plain colors; `_without_colors` has checked the file before."""
     from xml.etree.ElementTree import tostring
 
     from defusedxml.ElementTree import fromstring
@@ -237,7 +243,7 @@ def _without_textures(data: bytes) -> bytes:
 
 
 def _check_gltf(path: Path, data: bytes) -> None:
-    """Raise ValueError for a glTF whose numbers are compressed, in place of which the reader takes zeros."""
+    """Raise ValueError for a glTF whose numbers are compressed, which the reader would take for zeros."""
     binary = data[:4] == b"glTF"  # a header of 12 bytes, then the first chunk: length, "JSON", text
     text = data[20 : 20 + int.from_bytes(data[12:16], "little")] if binary else data
     try:

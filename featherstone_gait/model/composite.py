@@ -20,7 +20,7 @@ TOLERANCE = 1e-13  # of what is to be above zero, relative; rounding makes some 
 
 
 class Bodies(NamedTuple):
-    """Rigid bodies of a tree in rows, parents before children; row 0 is the base, each other one has a joint."""
+    """Rigid bodies of a tree in rows, parents before children; row 0 is the base, all others have a joint."""
 
     parent: list[int]
     E: np.ndarray  # (rows, 3, 3) rotation body -> parent, the joint at zero; its axis is the body's z
@@ -33,7 +33,7 @@ class Bodies(NamedTuple):
 
 
 def carried_mass(bodies: Bodies) -> np.ndarray:
-    """Mass (rows,) of each body with all that it carries [kg]."""
+    """Compute the mass (rows,) of each body with all that it carries [kg]."""
     mass = bodies.mass.copy()
     for k in range(len(mass) - 1, 0, -1):
         mass[bodies.parent[k]] += mass[k]
@@ -43,9 +43,9 @@ def carried_mass(bodies: Bodies) -> np.ndarray:
 def mass_matrix(
     bodies: Bodies, q: np.ndarray, known: tuple[np.ndarray, ...] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mass matrix (rows + 5, rows + 5) of a floating tree, and the size (rows + 5,) of what each coordinate moves.
+    """Compute the matrix (rows + 5, rows + 5) of a floating tree, and the size (rows + 5,) of what coordinates move.
 
-    q: (rows,) joint positions [rad or m], the first unused; known: `frames` and `composites` there, if they are.
+    q: (rows,) joint positions [rad or m], the first unused; known: `frames` and `composites` at q, if they are known.
     Coordinates are the base's velocity and angular velocity, in world axes, and the joints in the order of the rows.
     The size has the unit of the matrix's diagonal and is above zero wherever any mass or inertia is carried.
     """
@@ -72,7 +72,7 @@ def mass_matrix(
 
 
 def _path(parent: list[int], k: int) -> list[int]:
-    """From row k to the base, without it."""
+    """Return the rows from k to the base, without the base."""
     path = []
     while k > 0:
         path.append(k)
@@ -81,12 +81,12 @@ def _path(parent: list[int], k: int) -> list[int]:
 
 
 def idle(H: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Coordinates (k,) that alone move no inertia, to rounding."""
+    """Return the coordinates (k,) that alone move no inertia, to rounding."""
     return np.flatnonzero(~(np.diag(H) > TOLERANCE * size))
 
 
 def loosest(H: np.ndarray) -> tuple[float, np.ndarray]:
-    """Smallest eigenvalue of the matrix scaled to a unit diagonal, and the share (n,) of each coordinate in it.
+    """Return the least eigenvalue of the matrix scaled to a unit diagonal, and the share (n,) of each coordinate in it.
 
     The diagonal must be above zero.  A value up to TOLERANCE means that the matrix is not positive definite.
     """
@@ -96,7 +96,7 @@ def loosest(H: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def frames(bodies: Bodies, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation (rows, 3, 3) to the world and origin (rows, 3) [m] of each body; the base stands at the origin."""
+    """Compute rotation (rows, 3, 3) to the world and origin (rows, 3) [m] of each body; the base is at the origin."""
     E, o = bodies.E.copy(), bodies.r.copy()
     for k in range(1, len(o)):
         parent = bodies.parent[k]
@@ -110,7 +110,10 @@ def frames(bodies: Bodies, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def composites(bodies: Bodies, E: np.ndarray, o: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mass, center and inertia about it, in world axes, of each body with all that it carries; E, o: the `frames`."""
+    """Compute mass, center and inertia about it, in world axes, of each body with all that it carries.
+
+    E, o: the `frames`.
+    """
     m, c = bodies.mass.copy(), o + applied(E, bodies.center)
     J = product(product(E, bodies.inertia), E.transpose(0, 2, 1))
     for k in range(len(m) - 1, 0, -1):
@@ -125,7 +128,7 @@ def composites(bodies: Bodies, E: np.ndarray, o: np.ndarray) -> tuple[np.ndarray
 
 
 def _base_block(m: float, arm: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inertia (6, 6) of a body about a point `arm` before its center, and its size (6,)."""
+    """Compute the inertia (6, 6) of a body about a point `arm` before its center, and its size (6,)."""
     x, y, z = arm
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     about = J + m * (dot(arm, arm) * np.eye(3) - np.outer(arm, arm))
@@ -137,7 +140,7 @@ def _base_block(m: float, arm: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, n
 def _effort(
     prismatic: bool, axis: np.ndarray, m: float, arm: np.ndarray, J: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Force (3,) and moment (3,) about the joint that a unit acceleration of it takes, and its size."""
+    """Compute force (3,) and moment (3,) about the joint for a unit acceleration of it, and its size."""
     if prismatic:
         return m * axis, cross(arm, m * axis), m
     force = m * cross(axis, arm)

@@ -1,4 +1,4 @@
-"""Poses, center of mass and mass matrix of one posture in plain NumPy: preparing a scene does not wait for compiling.
+"""Poses, center of mass and mass matrix of one posture in plain NumPy, without waiting for a compiler.
 
 `dynamics` computes them for many postures with compiled kernels, whose last bits differ.
 """

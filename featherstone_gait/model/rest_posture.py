@@ -1,4 +1,4 @@
-"""The posture in which a robot is looked at where none is given: joints at zero, or as near to it as they may be."""
+"""The default posture: joints at zero, or as near to zero as their limits allow."""
 
 from __future__ import annotations
 
@@ -15,10 +15,20 @@ ROUNDING = 1e-12  # of a position [rad or m]
 
 
 def nearest_posture(model: Model) -> np.ndarray:
-    """The admissible posture nearest to zero, q (nq,) [rad or m]; a floating base is at the origin and upright.
+    """Return the posture within the joint limits that is nearest to zero.
 
-    Joints without a limit in between are at 0, the others at the limit that is nearer to it, and followers where their
-    leaders put them.  A leader keeps its followers within their limits too, where that can be.
+    Joints whose range includes 0 are at 0, the others at the nearer limit, and coupled joints where their leaders put
+    them.  A leader keeps its followers within their limits too, where that is possible.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+
+    Returns
+    -------
+    numpy.ndarray
+        Positions q (nq,) [m, -, rad or m]; a floating base is at the origin and upright.
     """
     instance("model", model, Model, "give what load_robot returns")
     at = nearest_positions(model.joints, model.locked)
@@ -27,7 +37,7 @@ def nearest_posture(model: Model) -> np.ndarray:
 
 
 def nearest_positions(joints: Iterable[Joint], locked: Mapping[str, float] | None = None) -> dict[str, float]:
-    """The same by joint name, of all joints that are not fixed; those that are locked [rad or m] stay."""
+    """Return these positions by joint name, for all joints that are not fixed; locked ones [rad or m] stay."""
     by_name = {joint.name: joint for joint in joints}
     held = {name: 0.0 for name, joint in by_name.items() if joint.type == "fixed"} | dict(locked or {})
     ranges = {name: (joint.lower, joint.upper) for name, joint in by_name.items()}
@@ -44,6 +54,6 @@ def nearest_positions(joints: Iterable[Joint], locked: Mapping[str, float] | Non
 
 
 def _without_rounding(joint: Joint, position: float) -> float:
-    """A position that rounding has put beyond a limit, at the limit; others as they are."""
+    """Return the limit for a position that only rounding has put beyond it; others unchanged."""
     within = min(max(position, joint.lower), joint.upper)
     return within if math.isclose(within, position, rel_tol=ROUNDING, abs_tol=ROUNDING) else position

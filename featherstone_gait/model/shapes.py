@@ -1,4 +1,4 @@
-"""Collision shapes of links, as URDF and MJCF state them.
+"""Collision shapes of links.
 
 A shape's frame has its origin at the center of the geometry; capsules and cylinders lie along its z axis.
 """
@@ -18,9 +18,15 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Sphere:
-    """A ball about the origin of the shape."""
+    """A sphere about the origin of the shape.
 
-    radius: float  # [m]
+    Attributes
+    ----------
+    radius : float
+        Radius [m].
+    """
+
+    radius: float
 
     def __post_init__(self) -> None:
         _check_length("sphere", "radius", self.radius)
@@ -28,10 +34,18 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Capsule:
-    """A cylinder with half a sphere on either end."""
+    """A cylinder along z with half a sphere on either end.
 
-    radius: float  # [m]
-    length: float  # between the centers of the half spheres [m]
+    Attributes
+    ----------
+    radius : float
+        Radius [m].
+    length : float
+        Distance between the centers of the half spheres [m].
+    """
+
+    radius: float
+    length: float
 
     def __post_init__(self) -> None:
         _check_length("capsule", "radius", self.radius)
@@ -40,10 +54,18 @@ class Capsule:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A cylinder about the z axis, its middle at the origin of the shape."""
+    """A cylinder along z, its middle at the origin of the shape.
 
-    radius: float  # [m]
-    length: float  # [m]
+    Attributes
+    ----------
+    radius : float
+        Radius [m].
+    length : float
+        Length [m].
+    """
+
+    radius: float
+    length: float
 
     def __post_init__(self) -> None:
         _check_length("cylinder", "radius", self.radius)
@@ -52,9 +74,15 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class Box:
-    """A box about the origin of the shape."""
+    """A box about the origin of the shape.
 
-    size: Vector  # edges [m]
+    Attributes
+    ----------
+    size : tuple of float
+        Edges (3,) along x, y and z [m].
+    """
+
+    size: Vector
 
     def __post_init__(self) -> None:
         _freeze(self, "box", "size")
@@ -64,9 +92,17 @@ class Box:
 
 @dataclass(frozen=True)
 class Mesh:
-    """A file of triangles (STL, OBJ, DAE, glTF), whose convex hull counts.  Opened when its points are asked for."""
+    """The convex hull of a file of triangles (STL, OBJ, DAE, glTF); the file is opened when its points are needed.
 
-    file: str  # path
+    Attributes
+    ----------
+    file : str
+        Path of the file.
+    scale : tuple of float
+        Factors (3,) on x, y and z.
+    """
+
+    file: str
     scale: Vector = (1.0, 1.0, 1.0)
 
     def __post_init__(self) -> None:
@@ -76,9 +112,15 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Hull:
-    """The convex hull of points."""
+    """The convex hull of points.
 
-    points: tuple[Vector, ...]  # [m]
+    Attributes
+    ----------
+    points : tuple of tuple of float
+        Points (n, 3) [m].
+    """
+
+    points: tuple[Vector, ...]
 
     def __post_init__(self) -> None:
         points = floats("hull: points", self.points)
@@ -93,12 +135,26 @@ Geometry: TypeAlias = Sphere | Capsule | Cylinder | Box | Mesh | Hull
 
 @dataclass(frozen=True)
 class Shape:
-    """A collision shape of a link."""
+    """A collision shape of a link.
+
+    Attributes
+    ----------
+    link : str
+        Name of the link.
+    geometry : Sphere, Capsule, Cylinder, Box, Mesh or Hull
+        The geometry.
+    xyz : tuple of float
+        Center in the link's frame [m].
+    rpy : tuple of float
+        Orientation in the link's frame: roll, pitch and yaw about fixed axes [rad].
+    name : str
+        Name; may be empty.
+    """
 
     link: str
     geometry: Geometry
-    xyz: Vector = (0.0, 0.0, 0.0)  # center in the link's frame [m]
-    rpy: Vector = (0.0, 0.0, 0.0)  # fixed-axis roll, pitch, yaw [rad]
+    xyz: Vector = (0.0, 0.0, 0.0)
+    rpy: Vector = (0.0, 0.0, 0.0)
     name: str = ""
 
     def __post_init__(self) -> None:
@@ -111,7 +167,7 @@ class Shape:
 
 
 def _freeze(record: Mesh | Box | Shape, what: str, *names: str) -> None:
-    """Check vectors, and keep them as tuples, which nobody can change."""
+    """Check vectors, and keep them as tuples, which cannot be changed."""
     for name in names:
         values = vector(f"{what}: {name}", getattr(record, name), 3)
         if type(getattr(record, name)) is not tuple:

@@ -1,1 +1,1 @@
-"""From a Model to the numbers that kernels read: one file for each file of `core/effects`, and the tree."""
+"""Compile a model into a scene: the arrays that kernels read, a file for each file of `core/effects`, and the tree."""

@@ -1,4 +1,4 @@
-"""The servos of a model as one of the actuators of `core/effects`."""
+"""Build the servos of a model as one of the actuators of `core/effects`."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class Drive(NamedTuple):
 
     @property
     def sampled(self) -> bool:
-        """Whether controllers act at ticks."""
+        """Whether the controllers are sampled."""
         return self.actuator is not None and "servo" in self.actuator.PARTS
 
 
 def build_drive(model: Model, kind: GearboxKind | None) -> Drive:
-    """Raises ValueError on kinds and laws that do not fit the model."""
+    """Build the actuator of a scene; raise ValueError for kinds and laws that do not fit the model."""
     joints = model.joint_names
     if kind is None:
         return Drive(None, [None] * len(joints), None, joint_armature(model))
@@ -124,9 +124,10 @@ def _pds(servos: list[Servo | None]) -> np.recarray:
 
 
 def fold_springs(drive: Drive, integrator: Integrator, h: float, inertias: ArrayLike) -> None:
-    """Fold the spring of a continuous servo into the step h [s] only where its own period needs it.
+    """Include the spring of a continuous servo in the implicit step h [s] only where its own period needs it.
 
-    Euler is more accurate with it at the start of the step.  inertias: that the joints feel [kg m^2 or kg].
+    Euler's method is more accurate with the spring at the start of the step.  inertias: those that the joints feel
+    [kg m^2 or kg].
     """
     if isinstance(drive.actuator, PDServo):
         pd, inertia = drive.actuator.pd, np.asarray(inertias)
@@ -135,7 +136,7 @@ def fold_springs(drive: Drive, integrator: Integrator, h: float, inertias: Array
 
 
 def build_decay(drive: Drive, h: float) -> np.ndarray | None:
-    """What a step h [s] leaves of currents and filtered speeds (n, DECAYS); None without motors."""
+    """Return factors (n, DECAYS) by which currents and filtered speeds decay in a step h [s]; None without motors."""
     if drive.actuator is None or not drive.sampled:
         return None
     decay = np.zeros((len(drive.servos), DECAYS))
@@ -144,7 +145,10 @@ def build_decay(drive: Drive, h: float) -> np.ndarray | None:
 
 
 def controller_period(model: Model, drive: Drive, h: float, without: float) -> tuple[float, float]:
-    """Tick and lag of the controllers [s], one for all joints; `without` controllers a tick of about that."""
+    """Return sampling period and lag of the controllers [s], the same for all joints.
+
+    without: the period [s] that is rounded to whole steps where no controller is sampled.
+    """
     if not drive.sampled:
         return max(1, round(without / h)) * h, 0.0
     settings = {(s.controller.period, s.controller.lag) for s in drive.servos if s}
@@ -159,7 +163,7 @@ def controller_period(model: Model, drive: Drive, h: float, without: float) -> t
 
 
 def stall_torque(servo: Servo) -> float:
-    """The most that a servo gives at rest [N m]; infinite for a torque law without a limit and a motor."""
+    """Return the torque of a servo at rest [N m]; infinite for a torque law without a limit and a motor."""
     if servo.controller.torque_limit < math.inf or servo.resistance == 0.0:
         return servo.controller.torque_limit
     current = min(servo.current_limit, servo.voltage_limit / servo.resistance)

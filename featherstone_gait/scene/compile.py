@@ -38,7 +38,31 @@ JUMP = 2e-3  # of which a joint takes a third before the next tick
 
 @dataclass(frozen=True, eq=False)
 class CompiledScene:
-    """A scene ready to run; made by `compile_scene`."""
+    """A scene ready to run; made by `compile_scene`.
+
+    Attributes
+    ----------
+    model : Model
+        The robot.
+    constants : Scene
+        What the kernels read.
+    options : SceneOptions
+        The arguments of `compile_scene`, with the integrator and the step that were chosen.
+    preflight : Preflight
+        Limits of explicit steps, and why the integrator was chosen.
+    tick_steps : int
+        Steps between two samples of the controllers.
+    lag : float
+        Time from issuing a reference until the controllers see it [s].
+    fall_height : float
+        Height of the center of mass over the ground below which the robot has fallen [m].
+    fall_upright : float
+        Cosine of the tilt beyond which it has fallen.
+    upright : tuple of float
+        Direction (3,) that points up in the frame of a root that is not tilted.
+    stiff : bool
+        Whether something limits explicit steps to less than `STIFF`.
+    """
 
     model: Model
     tree: Tree
@@ -63,9 +87,9 @@ class CompiledScene:
         return f"<scene of {self.model.name}: {joints}, {driven}, {under}, {len(self.springs)} springs, {step}>"
 
     def recompiled(self, model: Model | None = None, **changes: Any) -> CompiledScene:
-        """The scene with another model or other arguments of `compile_scene`, and the same pushes.
+        """Compile the scene with another model or other arguments of `compile_scene`, and the same pushes.
 
-        Raises ValueError where constants were put in by hand: they are no arguments, and would be lost.
+        Raises ValueError if constants were replaced by hand: they are no arguments, and would be lost.
         """
         if self.by_hand:
             names = ", ".join(self.by_hand)
@@ -81,7 +105,7 @@ class CompiledScene:
         return replace(scene, preflight=check, constants=scene.constants._replace(push=self.constants.push))
 
     def in_place(self, integrator: str, why: str) -> CompiledScene:
-        """The scene with another integrator than the one compiled for, which its preflight's reason says."""
+        """Compile the scene with another integrator; the reason of its preflight says so."""
         scene = self.recompiled(integrator=integrator)
         reason = f"{integrator} in place of {self.integrator} ({self.preflight.reason}): {why}"
         return replace(scene, preflight=scene.preflight._replace(reason=reason))
@@ -108,19 +132,19 @@ class CompiledScene:
 
     @property
     def by_hand(self) -> list[str]:
-        """Names of the constants that were put in after compiling, pushes aside."""
+        """Names of the constants that were replaced after compiling, except pushes."""
         pairs = zip(Scene._fields, self.constants, self.compiled)
         return [name for name, now, then in pairs if now is not then and name != "push"]
 
     @property
     def rtol(self) -> float:
-        """Tolerance of error control where none is given.
+        """Default tolerance of error control.
 
-        Of 40 steps of seven servos (`arm7`, mipsd) 10 are wrong by more than 1e-3 rad and say ok at 1e-2, 2 at 1e-3,
-        one at 3e-4, none at 1e-4, for 1.6 times the time of 1e-2; 9 of 25 at 1e-2 on a source that sags.  Of 40 motions
-        of ten servos on feet, into falls and in the air none is at 1e-2.  Where a law jumps, the least error may decide
-        on which side: of 60 steps of a servo that counts in 5 mrad 32 are silently wrong at 1e-2, 21 at 1e-3; of 80
-        others one at 1e-5, none at 1e-6.
+        Of 40 steps of seven servos (`arm7`, mipsd) 10 miss by more than 1e-3 rad with the status ok at 1e-2, 2 at 1e-3,
+        one at 3e-4, none at 1e-4, which takes 1.6 times as long as 1e-2; with a supply that sags 9 of 25 do at 1e-2.
+        Of 40 motions of ten servos on feet, into falls and in the air, none does at 1e-2.  Where a control law jumps,
+        the smallest error may decide on which side: of 60 steps of a servo with an encoder step of 5 mrad 32 are
+        silently wrong at 1e-2, 21 at 1e-3; of 80 others one at 1e-5, none at 1e-6.
         """
         if self.largest_jump > JUMP:
             return min(self.method.rtol, JUMPING)
@@ -129,7 +153,7 @@ class CompiledScene:
 
     @cached_property
     def largest_jump(self) -> float:
-        """Of what the controllers ask for, by the error that would ask for as much without it [rad]."""
+        """Largest jump of a control law, as the error that would cause the same output [rad]."""
         if not self.sampled:
             return 0.0
         servos = [self.model.servos[name] for name in self.model.joint_names if name in self.model.servos]
@@ -147,12 +171,12 @@ class CompiledScene:
 
     @property
     def gravity(self) -> np.ndarray:
-        """(3,) [m/s^2], world axes."""
+        """Acceleration of gravity (3,) [m/s^2], world axes."""
         return self.constants.gravity
 
     @property
     def sampled(self) -> bool:
-        """Whether servos have controllers that act at ticks."""
+        """Whether the servos have sampled controllers."""
         return self.constants.decay is not None
 
     @cached_property
@@ -166,11 +190,27 @@ class CompiledScene:
         return state.parts(self.layout)
 
     def part(self, name: str) -> tuple[int, int]:
-        """First and past-the-last index of a part of the state."""
+        """Return first and past-the-last index of a part of the state."""
         return self.parts[name]
 
     def pushed(self, pushes: Sequence[Push]) -> CompiledScene:
-        """The scene with external forces, a list of `Push`."""
+        """Return the scene with external forces.
+
+        Parameters
+        ----------
+        pushes : sequence of Push
+            Forces and moments on links.
+
+        Returns
+        -------
+        CompiledScene
+            The scene with these pushes.
+
+        Raises
+        ------
+        ValueError
+            For unknown links and numbers that are not finite.
+        """
         table = build_pushes(self.tree, pushes)
         return self if table is None else replace(self, constants=self.constants._replace(push=table))
 
@@ -187,25 +227,48 @@ def compile_scene(
     fall_tilt: float = math.radians(45),
     springs: Sequence[Spring] = (),
 ) -> CompiledScene:
-    """Lay a model, its servos and the ground out for the kernels.
+    """Compile a model, its servos and the ground into a scene.
 
     Parameters
     ----------
-    gearbox : "mipsd" (motor inertia plus spring-damper), "rotor" (rigid, with the rotor's reflected inertia),
-        "standard" (rigid, none), or None: no servos, torques from `simulate(tau=...)`
-    ground : None where the robot touches nothing
-    integrator : "implicit_euler", "midpoint" or "rk4" of fixed steps; "ars343", "extrapolation", or for what is not
-        stiff "dop853", which choose their steps by the error that `simulate` allows; None chooses from the preflight
-        "ars343" or "dop853".  `import featherstone_gait.reproduction` adds "simtwo", the paper's order of updates
-    timestep : [s]; must divide the controllers' period; None chooses.  Of the latter three the grid of ticks, records
-    gravity : (3,) [m/s^2], world axes.  Ground is as stiff as the robot's weight under it asks for
-    springs : between points of two links.  All integrators take them explicitly: stiff ones are for "dop853"
-    fall_height, fall_tilt : a floating robot over ground has fallen when its center of mass is lower than this fraction
-        of its standing height (negative: never), or its root tilted by more than this [rad] (pi: never).  It stands as
-        in its keyframe "stand", "standing" or "home", or else at zero, with the root's z, or the one axis of the root
-        along which all contacts are below the center of mass, upright
+    model : Model
+        The robot.
+    gearbox : {"mipsd", "rotor", "standard"}, optional
+        Model of the gearboxes: "mipsd" (motor inertia plus spring-damper), "rotor" (rigid, with the rotor's reflected
+        inertia), "standard" (rigid, without it).  None: no servos; torques come from ``simulate(tau=...)``.
+    ground : Ground, optional
+        Ground under the contact points; its stiffness scales with the robot's weight.  None: the robot touches nothing.
+    integrator : str, optional
+        With fixed steps "implicit_euler", "midpoint" or "rk4"; with error control "ars343", "extrapolation" or, for
+        scenes that are not stiff, "dop853".  None chooses "ars343" or "dop853" from the stiffness of the scene.  After
+        ``import featherstone_gait.reproduction`` also "simtwo", the paper's order of updates.
+    timestep : float, optional
+        Step [s]; it must divide the controllers' period.  For integrators with error control it is the grid of
+        controller ticks and records.  None chooses it.
+    gravity : array_like, optional
+        Acceleration of gravity (3,) in world axes [m/s^2].
+    fall_height : float, optional
+        A floating robot over ground has fallen when its center of mass is lower than this fraction of its standing
+        height; negative: never.
+    fall_tilt : float, optional
+        It has also fallen when its root is tilted by more than this angle [rad]; pi: never.
+    springs : sequence of Spring, optional
+        Springs between points of two links.  All integrators treat them explicitly: use "dop853" for stiff ones.
 
-    Raises ValueError on servos that the model does not have, on steps that do not fit, and on ground without gravity.
+    Returns
+    -------
+    CompiledScene
+        The scene, for `simulate`.
+
+    Raises
+    ------
+    ValueError
+        For servos that the model does not have, steps that do not fit, and ground without gravity.
+
+    Notes
+    -----
+    The standing height is that of the keyframe "stand", "standing" or "home", else of the zero posture.  There the
+    root's z axis is upright, or the one axis of the root along which all contacts are below the center of mass.
     """
     given = SceneOptions(gearbox, ground, integrator, timestep, gravity, fall_height, fall_tilt, springs)
     options = check_options(model, given)
@@ -296,7 +359,7 @@ def _fall_limits(model: Model, options: SceneOptions) -> tuple[float, float, tup
 
 
 def _punch(law: Controller) -> float:
-    """By the error that would ask for as much [rad]."""
+    """Return the error that would cause the same voltage as the punch [rad]."""
     return law.punch / law.Kp if law.Kp else math.inf if law.punch else 0.0
 
 

@@ -1,4 +1,4 @@
-"""Contact points and ground."""
+"""Build contact points and ground."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ CONTACTS = "add contacts to its TOML, or load it with contacts='feet' to take it
 
 
 def build_contact(model: Model, tree: Tree, ground: Ground | None, gravity: np.ndarray) -> Contact | None:
-    """What can touch what under gravity (3,) [m/s^2], None without ground; ValueError where it has no meaning."""
+    """Build contact points and ground; None without ground.
+
+    Raises ValueError where gravity (3,) [m/s^2] does not press on it.
+    """
     if ground is None:
         return None
     if not model.contacts:
@@ -41,8 +44,11 @@ def build_contact(model: Model, tree: Tree, ground: Ground | None, gravity: np.n
 
 
 def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:
-    """Stiffness and damping from sinking and damping ratio: k = m g / (N sinking), and for small motions about rest
-    c = 2 zeta sqrt(k m / N), which Hunt and Crossley's law has at its static depth for d = 2 zeta / sqrt(g sinking)."""
+    """Compute stiffness and damping of the contact points from penetration and damping ratio.
+
+    k = m g / (N penetration); for small motions about rest c = 2 zeta sqrt(k m / N), which the law of Hunt and Crossley
+    has at its static depth for d = 2 zeta / sqrt(g penetration).
+    """
     contacts = [model.contacts[k] for k in by_body(model, tree)]
     share = model.mass / (sum(point.load_bearing for point in contacts) or len(contacts))
     k = share * g / ground.penetration
@@ -57,13 +63,13 @@ def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:
 
 
 def by_body(model: Model, tree: Tree) -> list[int]:
-    """Indices of the contact points, those of one body together."""
+    """Return the indices of the contact points, ordered by body."""
     rows = [tree.placements[point.link].row for point in model.contacts]
     return sorted(range(len(rows)), key=rows.__getitem__)
 
 
 def _center(point: ContactPoint) -> np.ndarray:
-    """Center in the link's frame [m]: a disc lies within the end of its cylinder, half its thickness deep."""
+    """Compute the center in the link's frame [m]: a disc is inside the end of its cylinder, half its thickness deep."""
     return np.array(point.position) - FLATNESS * point.circle_radius * np.array(point.axis)
 
 
@@ -101,7 +107,7 @@ def _plane(ground: Ground) -> Plane:
 
 
 def _field(field: HeightField, height: float) -> Field:
-    """The field over the ground's height, its edge repeated once so that no look-up leaves it."""
+    """Build the field at the ground's height, its edge repeated once so that no look-up leaves it."""
     grid, heights = records(1, GRID), np.pad(field.heights + height, 1, mode="edge")
     grid[0].origin = np.array(field.origin) - field.spacing
     grid[0].cells = 1.0 / np.array(field.spacing)
@@ -112,7 +118,10 @@ def _field(field: HeightField, height: float) -> Field:
 
 
 def ground_under(ground: Ground, points: np.ndarray) -> np.ndarray:
-    """(k, 7) normal, first tangent, and how far each of the points (k, 3) is over the ground, straight up [m]."""
+    """Look up the ground under points (k, 3).
+
+    Returns (k, 7): normal, first tangent, and the height of each point over the ground along z [m].
+    """
     points = np.ascontiguousarray(points, dtype=float)
     out = np.empty((len(points), 7))
     if ground.field is not None:
@@ -128,13 +137,13 @@ def ground_under(ground: Ground, points: np.ndarray) -> np.ndarray:
 
 
 def plane_axes(ground: Ground) -> np.ndarray:
-    """(3, 3) normal, first and second tangent of ground that is a plane, in rows."""
+    """Return normal, first and second tangent of a plane ground, in rows (3, 3)."""
     plane = _plane(ground).plane[0]
     return np.stack([plane.normal, plane.first, plane.second])
 
 
 def standing_height(model: Model, ground: Ground, q: np.ndarray) -> float:
-    """Height of the base [m] at which the lowest contact point in the posture q has sunk in by the ground's sinking."""
+    """Compute the height of the base [m] at which the lowest contact in posture q is at its static penetration."""
     if ground.field is not None:
         return _height_on_field(model, ground, q)
     clearances = []
@@ -150,7 +159,7 @@ def standing_height(model: Model, ground: Ground, q: np.ndarray) -> float:
 
 
 def _height_on_field(model: Model, ground: Ground, q: np.ndarray) -> float:
-    """The same on a field, under which a bulge's normal changes as it is let down: three steps of Newton's method."""
+    """Compute `standing_height` on a field, where normals change with the height: three steps of Newton's method."""
     q, up = np.array(q, dtype=float), np.array([0.0, 0.0, 1.0])
     for _ in range(3):
         poses = link_poses(model, q)
@@ -165,10 +174,10 @@ STANDING = ("stand", "standing", "home")  # keyframes in which a robot stands
 
 
 def standing_posture(model: Model) -> tuple[float, tuple[float, float, float]]:
-    """Height of the center of mass over the lowest contact [m], and what points up in the root's frame (3,).
+    """Return the height of the center of mass over the lowest contact [m], and what points up in the root's frame (3,).
 
-    Of the keyframe "stand", "standing" or "home", else of the zero posture.  There the root's z points up, unless
-    contacts are as high along it as the center of mass, and another axis of the root has all of them below.
+    The posture is the keyframe "stand", "standing" or "home", else the zero posture.  There the root's z axis points
+    up, unless contacts are as high along it as the center of mass, and another axis of the root has all of them below.
     """
     return _standing(model.skeleton)
 
@@ -191,7 +200,7 @@ def _standing(model: Model) -> tuple[float, tuple[float, float, float]]:
 
 
 def _heights_along(model: Model, q: np.ndarray, axes: Sequence[ArrayLike]) -> list[tuple[float, float]]:
-    """How far the center of mass is over the lowest contact, and over the highest one, along each of the axes [m]."""
+    """Return how far the center of mass is over the lowest and over the highest contact along each of the axes [m]."""
     center, poses, heights = mass_center(model, q), link_poses(model, q), []
     for up in map(np.asarray, axes):
         contacts = [dot(up, x) for x in deepest_points(model, poses, up)]

@@ -1,4 +1,4 @@
-"""Joints that follow others: their chains resolved, as records for the kernels and as positions that agree."""
+"""Build the couplings of joints that follow others, and positions that agree with them."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ AGREEMENT = 1e-9  # how far a follower may be from where its leader wants it [ra
 
 
 def build_coupling(model: Model, rows: dict[str, int], first: int) -> np.recarray | None:
-    """COUPLING of each joint that follows one, None if none does.
+    """Build the COUPLING records, None without coupled joints.
 
-    rows: of the bodies, by the joints that move them; first: row of the workspace that is the first coupling's.
+    rows: bodies by the joints that move them; first: row of the workspace of the first coupling.
     """
     dof, table = model.joint_rows, records(len(model.couplings), COUPLING)
     for k, (row, (follower, leader, multiplier, offset)) in enumerate(zip(table, model.couplings)):
@@ -25,7 +25,7 @@ def build_coupling(model: Model, rows: dict[str, int], first: int) -> np.recarra
 
 
 def followed(coupling: np.recarray | None, joints: np.ndarray) -> np.ndarray:
-    """Positions of the joints (n,) [rad or m] with those of followers as their leaders' ask for."""
+    """Return positions of the joints (n,) [rad or m] in which followers are where their leaders put them."""
     joints = joints.copy()
     for k in () if coupling is None else coupling:
         joints[k.dof] = k.multiplier * joints[k.leader_dof] + k.offset
@@ -33,7 +33,7 @@ def followed(coupling: np.recarray | None, joints: np.ndarray) -> np.ndarray:
 
 
 def check_followers(model: Model, coupling: np.recarray | None, q: np.ndarray, qd: np.ndarray) -> None:
-    """Raise ValueError unless followers have the positions q (n,) and rates qd (n,) that their leaders ask for."""
+    """Raise ValueError unless followers have the positions q (n,) and velocities qd (n,) that their leaders ask for."""
     if coupling is None:
         return
     names = model.joint_names

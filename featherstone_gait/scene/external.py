@@ -1,4 +1,4 @@
-"""Pushes and springs: external forces on the bodies."""
+"""Build pushes and springs: external forces on the bodies."""
 
 from __future__ import annotations
 
@@ -18,18 +18,33 @@ from .tree import Tree
 
 
 class Push(NamedTuple):
-    """An external force on a link from `start` to `end`."""
+    """An external force on a link from `start` to `end`.
+
+    Attributes
+    ----------
+    link : str
+        Name of the link.
+    force, moment : tuple of float
+        Force [N] and moment [N m] (3,) in world axes.
+    point : tuple of float
+        Where the force acts, (3,) in the frame of the link [m].
+    start, end : float
+        Interval of time [s].
+    """
 
     link: str
-    force: tuple[float, float, float] = (0.0, 0.0, 0.0)  # world axes [N]
-    moment: tuple[float, float, float] = (0.0, 0.0, 0.0)  # world axes [N m]
-    point: tuple[float, float, float] = (0.0, 0.0, 0.0)  # where it acts, link frame [m]
-    start: float = 0.0  # [s]
-    end: float = math.inf  # [s]
+    force: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    moment: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    start: float = 0.0
+    end: float = math.inf
 
 
 def build_pushes(tree: Tree, pushes: Sequence[Push]) -> np.recarray | None:
-    """PUSH of each, None without pushes; ValueError on unknown links and numbers that are not finite."""
+    """Build the PUSH records, None without pushes.
+
+    Raises ValueError for unknown links and numbers that are not finite.
+    """
     pushes = listed("pushes", pushes, "give a list of Push")
     if not pushes:
         return None
@@ -49,7 +64,7 @@ def build_pushes(tree: Tree, pushes: Sequence[Push]) -> np.recarray | None:
 
 
 def build_springs(tree: Tree, springs: Sequence[Spring]) -> np.recarray | None:
-    """SPRING of each, the ends in the frames of the bodies that carry the links; None without springs."""
+    """Build the SPRING records, their ends in the frames of the bodies that carry the links; None without springs."""
     if not springs:
         return None
     table = records(len(springs), SPRING)

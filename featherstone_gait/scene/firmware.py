@@ -1,4 +1,4 @@
-"""Firmware of the servos and the source that feeds them, as records; None of what no servo has."""
+"""Build the firmware of the servos and the supply that feeds them; None of what no servo has."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ COUNT = 1e-9  # of a count or a step, that rounding may leave
 
 
 def build_firmware(model: Model, drive: Drive, h: float, tick_steps: int) -> Firmware:
-    """Of steps h [s], so many a tick.  Raises ValueError on delays that differ or do not fit these."""
+    """Build the firmware for steps h [s] and sampling periods of `tick_steps` steps.
+
+    Raises ValueError for delays that differ between servos or do not fit the steps.
+    """
     if not drive.sampled:
         return Firmware()
     laws = [servo.controller if servo else None for servo in drive.servos]
@@ -41,7 +44,7 @@ def _table(laws: list[Controller | None], dtype: np.dtype) -> np.recarray:
 
 
 def _pwm(laws: list[Controller | None]) -> np.recarray:
-    """The largest duty cycle as a whole number of counts, where there are counts."""
+    """Round the largest duty cycle down to a whole number of counts, where there are counts."""
     table = _table(laws, PWM)
     for row in table:
         if row.pwm_steps:
@@ -68,7 +71,7 @@ def _delay(model: Model, delays: set[float], h: float, tick_steps: int) -> Delay
 
 
 def build_supply(model: Model, drive: Drive) -> np.recarray | None:
-    """The source as a record (1,), None without servos or source.  Raises ValueError on servos that know no voltage."""
+    """Build the supply (1,), None without servos or supply.  Raises ValueError for servos without a motor."""
     if model.supply is None or drive.actuator is None:
         return None
     if motor_of(drive.actuator) is None:

@@ -1,4 +1,4 @@
-"""Friction of the joints: that of joint and servo together."""
+"""Build the friction of joint and servo together."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..core.effects import friction
 from ..core.effects.friction import FRICTION, SOFT, STUCK
+from ..core.effects.friction import explicit_limits as limits_of_friction
 from ..core.effects.gear_friction import GEAR_FRICTION, GearFriction
 from ..model import Joint, Model, Servo, depends_on_load_or_speed
 from .actuator import Drive, stall_torque
@@ -20,9 +20,9 @@ QUADRATIC = ("load_product_friction", "quadratic_external_load", "quadratic_moto
 
 
 def build_friction(model: Model, drive: Drive, own_drive: bool = False, soft: bool = False) -> Friction | None:
-    """Friction of each joint, None if there is none.
+    """Build the friction of each joint, None if there is none.
 
-    own_drive: viscous friction of servos is not ours; soft: not so steep that explicit steps are lost.
+    own_drive: leave out the viscous friction of servos; soft: limit the steepness so that explicit steps stay stable.
     """
     table = records(len(model.moving_joints), GEAR_FRICTION)
     table.stribeck_speed = table.stribeck_exponent = 1.0
@@ -45,18 +45,18 @@ def build_friction(model: Model, drive: Drive, own_drive: bool = False, soft: bo
 
 
 def _width(joint: Joint, servo: Servo | None) -> float:
-    """How wide dry friction is about rest [rad/s or m/s]; that of the joint itself holds it."""
+    """Return the speed range of dry friction about rest [rad/s or m/s]; dry friction of the joint itself holds it."""
     return 0.0 if servo is None or joint.friction else servo.stick_speed
 
 
-def widened(rubbing: Friction | None, model: Model, driven: bool, factor: float) -> Friction | None:
-    """The same, so many times as wide about rest in joints where explicit steps have it wider than the robot has.
+def widened(friction: Friction | None, model: Model, driven: bool, factor: float) -> Friction | None:
+    """Return the friction with wider ranges about rest in joints where explicit steps already widen it.
 
-    driven: by the model's servos.  None where there is no such joint, and of laws from elsewhere.
+    driven: whether the model's servos act.  None if there is no such joint, and for user-defined laws.
     """
-    if not isinstance(rubbing, np.ndarray | GearFriction):
+    if not isinstance(friction, np.ndarray | GearFriction):
         return None
-    table = rubbing.table if isinstance(rubbing, GearFriction) else rubbing
+    table = friction.table if isinstance(friction, GearFriction) else friction
     servos = [model.servos.get(joint.name) if driven else None for joint in model.moving_joints]
     own = np.array([_width(joint, servo) for joint, servo in zip(model.moving_joints, servos)])
     dry = sum(table[name] for name in (*BUDGETS, *LOADS, *QUADRATIC) if name in (table.dtype.names or ()))
@@ -65,26 +65,26 @@ def widened(rubbing: Friction | None, model: Model, driven: bool, factor: float)
         return None
     wide = table.copy()
     wide["steepness"][soft] /= factor
-    return GearFriction(wide) if isinstance(rubbing, GearFriction) else wide
+    return GearFriction(wide) if isinstance(friction, GearFriction) else wide
 
 
-def sticks(rubbing: Friction | None) -> bool:
-    """Whether a joint has dry friction, whose steep part about zero speed is a strong damper."""
-    return isinstance(rubbing, GearFriction) or (rubbing is not None and bool(rubbing.coulomb_friction.any()))
+def sticks(friction: Friction | None) -> bool:
+    """Return whether a joint has dry friction, whose steep part about zero speed acts like a strong damper."""
+    return isinstance(friction, GearFriction) or (friction is not None and bool(friction.coulomb_friction.any()))
 
 
-def explicit_limits(rubbing: Friction | None, drive: Drive) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Dampers [N m s/rad] and springs [N m/rad] of each joint that limit an explicit step, by name.
+def explicit_limits(friction: Friction | None, drive: Drive) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return dampers [N m s/rad] and springs [N m/rad] of each joint that limit an explicit step, by name.
 
-    A budget that grows with the load is taken at the torque at which the servo stalls.
+    Friction that grows with the load is taken at the stall torque of the servo.
     """
-    if rubbing is None:
+    if friction is None:
         return {}, {}
-    if not isinstance(rubbing, GearFriction):
-        return friction.explicit_limits(rubbing.viscous_friction, rubbing.coulomb_friction)
-    table = rubbing.table
+    if not isinstance(friction, GearFriction):
+        return limits_of_friction(friction.viscous_friction, friction.coulomb_friction)
+    table = friction.table
     stall = np.array([stall_torque(servo) if servo else 0.0 for servo in drive.servos])
     stall = np.where(np.isfinite(stall), stall, 0.0)
     dry = table.coulomb_friction + table.stribeck_friction
     dry = dry + stall * sum(table[name] for name in LOADS) + stall**2 * sum(table[name] for name in QUADRATIC)
-    return friction.explicit_limits(table.viscous_friction, dry)
+    return limits_of_friction(table.viscous_friction, dry)

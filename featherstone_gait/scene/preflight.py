@@ -39,30 +39,64 @@ SHORTEST, LONGEST = 1e-9, 10.0  # steps that are taken [s]
 
 
 class Limit(NamedTuple):
-    """The largest explicit step of one joint or spring, and why."""
+    """The largest explicit step of one joint or spring, and why.
+
+    Attributes
+    ----------
+    joint : str
+        Name of the joint or spring.
+    step : float
+        Largest stable explicit step [s]; inf if nothing limits it.
+    cause : str
+        What limits the step.
+    """
 
     joint: str
-    step: float  # [s]; inf where nothing limits it
+    step: float
     cause: str
 
 
 class Preflight(NamedTuple):
-    """Step limits of a scene and the integrator that was chosen for it."""
+    """Step limits of a scene and the integrator that was chosen for it.
+
+    Attributes
+    ----------
+    limits : tuple of Limit
+        The limit of each joint, spring and contact alone.
+    integrator : str
+        Name of the integrator.
+    timestep : float
+        Step [s].
+    reason : str
+        Why these were chosen.
+    named : bool
+        Whether the integrator was given by the user.
+    inertias : tuple of float
+        Inertia that each joint feels [kg m^2 or kg].
+    largest_explicit_step : float
+        Limit of joints, springs and contacts together [s].
+    folded_step : float
+        The same without springs between bodies, which no implicit step includes [s].
+    sliding_step : float
+        The same while no dry friction sticks [s].
+    spring_step : float
+        Limit of the springs between bodies alone, for all integrators [s].
+    """
 
     limits: tuple[Limit, ...]
     integrator: str
-    timestep: float  # [s]
+    timestep: float
     reason: str
-    named: bool  # the integrator was asked for
-    inertias: tuple[float, ...]  # that each joint feels [kg m^2 or kg]
-    largest_explicit_step: float  # of all joints, springs and contacts together [s]
-    folded_step: float  # without the springs, which no implicit step takes in [s]
-    sliding_step: float  # of all together as long as no dry friction sticks [s]
-    spring_step: float  # of the springs between bodies alone, whatever the integrator [s]
+    named: bool
+    inertias: tuple[float, ...]
+    largest_explicit_step: float
+    folded_step: float
+    sliding_step: float
+    spring_step: float
 
     @property
     def worst(self) -> Limit | None:
-        """What limits an explicit step the most, None if nothing does."""
+        """The smallest limit, None if nothing limits an explicit step."""
         return worst(self.limits)
 
 
@@ -76,7 +110,7 @@ class _Acting(NamedTuple):
 
 
 class _Steps(NamedTuple):
-    """The last four of `Preflight`."""
+    """The last four fields of `Preflight`."""
 
     largest: float
     folded: float
@@ -114,7 +148,7 @@ def preflight(
 
 
 def _together(mobility: np.ndarray, dampers: np.ndarray, stiff: np.ndarray, dry: np.ndarray, n: int) -> _Steps:
-    """Limits of n joints and the springs; eigenvalues cost, so nothing is worked out twice."""
+    """Compute the limits of n joints and the springs together; eigenvalues are expensive and computed once."""
     largest = folded = coupled_limit(mobility, dampers, stiff)
     springs = math.inf
     if len(dampers) > n:
@@ -125,13 +159,13 @@ def _together(mobility: np.ndarray, dampers: np.ndarray, stiff: np.ndarray, dry:
 
 
 def worst(limits: Sequence[Limit]) -> Limit | None:
-    """The smallest of the limits, None if nothing limits a step."""
+    """Return the smallest of the limits, None if nothing limits a step."""
     least = min(limits, key=lambda limit: limit.step, default=None)
     return least if least is not None and least.step < math.inf else None
 
 
 def _check_size(model: Model, names: list[str], mobility: np.ndarray, acting: np.ndarray) -> None:
-    """Raise ValueError for numbers whose product is too large for a float."""
+    """Raise ValueError for numbers whose product overflows."""
     with np.errstate(over="ignore", invalid="ignore"):
         bad = np.flatnonzero(~np.isfinite(mobility * acting).all(axis=0))
     if bad.size:
@@ -165,7 +199,7 @@ def _choice(
 
 
 def _integrator(clipped: bool, steps: _Steps, limits: Sequence[Limit]) -> tuple[str, str]:
-    """Integrator and the reason; the scene decides, never the step that is asked for."""
+    """Choose the integrator from the scene alone, whatever step is given, and say why."""
     least = worst(limits)
     by = f" ({least.joint}: {least.cause})" if least else ""
     if clipped or steps.folded < STIFF:
@@ -175,8 +209,8 @@ def _integrator(clipped: bool, steps: _Steps, limits: Sequence[Limit]) -> tuple[
     return "dop853", "nothing is stiff: order 8"
 
 
-def _on_joints(model: Model, drive: Drive, rubbing: Friction | None) -> _Acting:
-    dampers, springs = explicit_limits(rubbing, drive)
+def _on_joints(model: Model, drive: Drive, friction: Friction | None) -> _Acting:
+    dampers, springs = explicit_limits(friction, drive)
     mobility: np.ndarray | float = 0.0
     if drive.actuator is not None:
         more, stiff, mobility = drive.actuator.explicit_limits()
@@ -196,7 +230,7 @@ def _sum(acting: dict[str, np.ndarray], count: int) -> np.ndarray:
 
 
 def _each(acting: _Acting, mobility: np.ndarray) -> list[Limit]:
-    """The limit of each joint or spring alone."""
+    """Compute the limit of each joint or spring alone."""
     return [
         joint_limit(
             name,
@@ -209,9 +243,10 @@ def _each(acting: _Acting, mobility: np.ndarray) -> list[Limit]:
 
 
 def coupled_limit(mobility: np.ndarray, dampings: np.ndarray, springs: np.ndarray) -> float:
-    """The limit of all joints together [s]; mobility (n, n) = M^-1 [1/(kg m^2)], one damper and spring a joint.
+    """Compute the limit of all joints together [s].
 
-    With springs between bodies mobility = J M^-1 J' has a row for each of them too [1/kg].
+    mobility (n, n) = M^-1 [1/(kg m^2)], one damper and spring for each joint.  With springs between bodies, mobility =
+    J M^-1 J' has a row for each of them too [1/kg].
     """
     largest = [max(np.linalg.eigvals(mobility * x).real, default=0.0) for x in (dampings, springs)]
     damped = 2.0 / largest[0] if largest[0] > 0 else np.inf
@@ -219,7 +254,7 @@ def coupled_limit(mobility: np.ndarray, dampings: np.ndarray, springs: np.ndarra
 
 
 def joint_limit(name: str, inertia: float, dampings: dict[str, float], springs: dict[str, float]) -> Limit:
-    """The limit of one joint of effective inertia [kg m^2] with dampers [N m s/rad] and springs [N m/rad]."""
+    """Compute the limit of one joint of effective inertia [kg m^2] with dampers [N m s/rad] and springs [N m/rad]."""
     limit = Limit(name, np.inf, "nothing stiff")
     for cause, c in dampings.items():
         if c > 0 and 2.0 * inertia / c < limit.step:
@@ -231,10 +266,10 @@ def joint_limit(name: str, inertia: float, dampings: dict[str, float], springs: 
 
 
 def joint_mobility(model: Model, armature: np.ndarray | None, springs: Sequence[Spring]) -> np.ndarray:
-    """J M^-1 J' at zero (n + springs, ...): accelerations of joints and springs' lengths that forces on these cause.
+    """Compute J M^-1 J' at zero (n + springs, ...), the accelerations of joints and springs' lengths by forces on them.
 
-    J holds the joints' own directions, then how fast each spring lengthens.  With couplings M^-1 is
-    G (G' M G)^-1 G', G of `coupling_matrix`.
+    J holds the joints' own directions, then how fast each spring lengthens.  With couplings M^-1 is G (G' M G)^-1 G', G
+    of `coupling_matrix`.
     """
     found = _mobility(model.skeleton, None if armature is None else armature.tobytes(), tuple(springs))
     return found.copy()
@@ -258,7 +293,10 @@ def _mobility(model: Model, rotors: bytes | None, springs: tuple[Spring, ...]) -
 
 
 def _lengthening(model: Model, springs: Sequence[Spring], q: np.ndarray) -> np.ndarray:
-    """dl/dt of each spring by velocity (springs, nv): the generalized force that holds it against a pull of 1 N."""
+    """Compute dl/dt of each spring by velocity (springs, nv).
+
+    It is the generalized force that holds the robot against a pull of 1 N of the spring.
+    """
     still, rotation = np.zeros(model.nv), forward_kinematics(model, q).rotation
     rows = []
     for s, d in zip(springs, spring_vectors(model, springs, q)):

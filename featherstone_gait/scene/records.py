@@ -1,4 +1,4 @@
-"""Constants go from a dataclass of the model to a record of the kernels by their name."""
+"""Copy constants from the dataclasses of the model to the records of the kernels, by name."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import numpy as np
 
 
 def records(count: int, dtype: np.dtype) -> np.recarray:
-    """That many records of zeros; kernels without JIT read their fields as attributes."""
+    """Make zeroed records whose fields kernels can read as attributes without JIT."""
     return np.zeros(count, dtype).view(np.recarray)
 
 
 def fill(record: np.void, *sources: object) -> None:
-    """Give each field the number of that name, from the first source that has one."""
+    """Copy to each field the number of that name, from the first source that has one."""
     for name in record.dtype.names or ():
         for source in sources:
             value = getattr(source, name, "")

@@ -26,9 +26,9 @@ CRITICAL_DEPTH = 0.001  # [rad or m] at which a stop is critically damped
 
 
 def build_stops(model: Model, drive: Drive, inertias: Sequence[float], g: float) -> np.recarray | None:
-    """STOP of each joint, None if no joint has limits.
+    """Build the STOP records, None if no joint has limits.
 
-    inertias: that the joints feel [kg m^2 or kg]; g: of the scene [m/s^2].
+    inertias: those that the joints feel [kg m^2 or kg]; g: strength of gravity [m/s^2].
     """
     joints = model.moving_joints
     if not any(math.isfinite(j.lower) or math.isfinite(j.upper) for j in joints):
@@ -42,9 +42,9 @@ def build_stops(model: Model, drive: Drive, inertias: Sequence[float], g: float)
 
 
 def _strongest(model: Model, joint: Joint, servo: Servo | None, g: float) -> float:
-    """The strongest torque at a joint [N m or N]: of its servo, by its file, or of the robot's weight at 0.1 m.
+    """Return the strongest torque at a joint [N m or N]: of its servo, its file, or the robot's weight at 0.1 m.
 
-    A robot without weight has the stops that it would have on Earth.
+    Without gravity the stops are those on Earth.
     """
     if servo is not None and stall_torque(servo) < math.inf:
         return stall_torque(servo)

@@ -1,4 +1,4 @@
-"""From rigid bodies to the rows that kernels read, and the accumulators of each."""
+"""Lay rigid bodies out in the rows that kernels read."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Tree(NamedTuple):
 
 
 def compile_tree(model: Model) -> Tree:
-    """Lay the rigid bodies out in rows, parents before children, and give them their accumulators."""
+    """Lay the rigid bodies out in rows, parents before children, and assign their accumulators."""
     return _compiled(model.skeleton)
 
 
@@ -58,7 +58,7 @@ def _compiled(model: Model) -> Tree:
 
 
 def joint_armature(model: Model) -> np.ndarray | None:
-    """Armature of the moving joints (n,) [kg m^2 or kg]; None where no joint has any, which then costs nothing."""
+    """Return the armature of the moving joints (n,) [kg m^2 or kg]; None if no joint has any, which costs nothing."""
     armature = np.array([joint.armature for joint in model.moving_joints])
     return armature if armature.any() else None
 
@@ -75,7 +75,10 @@ def _fill(row: np.void, body: RigidBody, dof: Mapping[str, int]) -> None:
 
 
 def _assign_slots(bodies: np.ndarray) -> int:
-    """Give each parent an accumulator row, reusing rows whose parent has been passed; return how many are needed."""
+    """Give each parent an accumulator row and return how many are needed.
+
+    Rows are reused when their parent has been passed.
+    """
     n = len(bodies)
     slot = [-1] * n
     free: list[int] = []
