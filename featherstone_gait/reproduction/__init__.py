@@ -1,7 +1,7 @@
 """The paper's figures and tables as experiments.
 
-Each module has `QUICK` and `FULL` (its `Settings`), `run(settings, seed, progress) -> Result` (without a seed where
-nothing is random, without progress where nothing takes long), `check(result) -> list[Claim]` and `plot(result) ->
+Each module has the settings `QUICK` and `FULL`, `run(settings, seed, progress)`, which returns a result (without a seed
+where nothing is random, without progress where nothing takes long), `check(result) -> list[Claim]` and `plot(result) ->
 dict[caption, Figure]`; `featherstone-gait reproduce` runs them.  The paper is J. Lima et al., "Humanoid gait
 optimization resorting to an improved simulation model", Int. J. Advanced Robotic Systems 10 (2013), doi
 10.5772/54766.
@@ -10,8 +10,9 @@ Its simulator's order of updates is the integrator "simtwo", which importing thi
 `compile_scene`.
 """
 
+from ..base.deprecated import renamed
 from ..core import add_integrators
-from .claim import Claim, Verdict, listed
+from .claim import Claim, Verdict, format_claims
 
 add_integrators(f"{__name__}.simtwo")
 
@@ -31,4 +32,6 @@ EXPERIMENTS = (  # modules, in the paper's order; the last three go beyond it
     "complete_humanoid",
 )
 
-__all__ = ["EXPERIMENTS", "Claim", "Verdict", "listed"]
+__all__ = ["EXPERIMENTS", "Claim", "Verdict", "format_claims"]
+
+__getattr__ = renamed(__name__, {"listed": "featherstone_gait.reproduction.claim:format_claims"})

@@ -1,9 +1,9 @@
 """Figure 5: an arm falls freely, the motor off.
 
 The paper compares the fall of the model with that of a real servo to validate the friction constants of Table 2.  Arm
-and start are not stated and the measured curve is a picture; no publication states the AX-12's friction.  What can be
-tested is what the fall tells: whether Table 2 makes a servo that one can turn by hand but that hardly swings, whether
-such a fall shows the printed constants at all, and whether they hold for the improved gearbox too.
+and start are not stated and the measured curve is a picture; no publication states the AX-12's friction.  Three
+things can be tested: whether a servo with Table 2's constants can be turned by hand but hardly swings, whether such a
+fall determines the printed constants at all, and whether they also hold for the improved gearbox.
 """
 
 from __future__ import annotations
@@ -183,10 +183,10 @@ def _fall_claim(result: ArmFallResult) -> Claim:
         paper="curves coincide",
         ours=text,
         verdict="reproduced in direction" if damped else "not reproduced",
-        why="Table 2 makes a servo that can be turned by hand and that stops an arm within one swing (less than a "
-        "quarter of the way up, within 2 s), as geared servos do. More cannot be said: the measured curve is a "
-        "picture, the arm is not described, and the manual states no friction. After ±: a reading's distance from the "
-        "next, and how far half the step moves an angle, where that shows in the last digit",
+        why="Rule: in direction if the arm swings less than a quarter of the way up and hangs within 2 s, as with "
+        "geared servos, which can be turned by hand. No closer comparison is possible: the measured curve is a "
+        "picture, the arm is not described, and the manual states no friction. After ±: the sampling interval, and "
+        "the change of an angle at half the step, where it shows in the last digit",
     )
 
 
@@ -202,9 +202,9 @@ def _coulomb_claim(result: ArmFallResult) -> Claim:
         paper="F_c = 0.0000171 N m",
         ours=f"it changes the forearm's fall by at most {plus_minus(seen, finer, '.3f')} deg",
         verdict=classify(seen > count),
-        why=f"the encoder's count is {count:.2f} deg: a fall cannot tell F_c at the output from none. "
-        "Meant at the rotor, 254 times more at the output, it changes the fall by "
-        f"{plus_minus(seen_at_rotor, finer_at_rotor, '.2f')} deg: the likelier meaning. The step response hardly shows "
+        why=f"Rule: more than one count of the encoder, {count:.2f} deg. A fall cannot distinguish this F_c at the "
+        "output from zero. If it is meant at the rotor, it is 254 times as large at the output and changes the fall by "
+        f"{plus_minus(seen_at_rotor, finer_at_rotor, '.2f')} deg, which is more likely. The step response hardly shows "
         "it"
         if seen < count
         else f"more than the encoder's count of {count:.2f} deg",
@@ -230,9 +230,10 @@ def _gearbox_claim(result: ArmFallResult) -> Claim:
         ours=f"with J = 1e-7 kg m² and Table 2's B_v the forearm's fall differs by up to {changed_by} deg and "
         f"swings {_overshoot(kinds['mipsd'])} deg beyond the vertical",
         verdict="reproduced" if apart < ENCODER_STEP else verdict,
-        why="the reflected rotor inertia (6.5e-3 kg m² for J = 1e-7) is 23 times the forearm's: friction identified "
-        f"without it does not carry over. B_v fitted again to the same fall (95 % interval): {refits}. No B_v replaces "
-        "the inertia",
+        why="Rule: the fall differs by less than one count of the encoder; in direction if refitting B_v achieves "
+        "that. The reflected rotor inertia (6.5e-3 kg m² for J = 1e-7) is 23 times the forearm's, so friction "
+        f"identified without it does not carry over. B_v refitted to the same fall (95 % interval): {refits}. No B_v "
+        "replaces the inertia",
     )
 
 

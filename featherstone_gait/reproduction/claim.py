@@ -1,4 +1,4 @@
-"""What the paper says, what comes out here, and whether that is the same."""
+"""Claims: what the paper says, what comes out here, and whether the two agree."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def question(claim: str, ours: str, verdict: Verdict, why: str) -> Claim:
     return Claim(claim, "", ours, verdict, why)
 
 
-def listed(claims: Iterable[Claim]) -> str:
-    """Claims as text to read, each with the paper's figure, ours, the verdict and what it rests on."""
+def format_claims(claims: Iterable[Claim]) -> str:
+    """Return claims as text: statement, the paper's figure, ours, the verdict and its reason."""
     return "\n\n".join(map(_text, claims))
 
 
@@ -57,21 +57,21 @@ def _text(claim: Claim) -> str:
 
 
 def classify(same: bool | np.bool, alike: bool | np.bool = False, enough: bool = True) -> Verdict:
-    """The verdict: the same figure, at least the same direction, or neither; none where there are not `enough` runs."""
+    """Return the verdict: the same figure, at least the same direction, or neither; undecided without `enough` runs."""
     if not enough:
         return "undecided"
     return "reproduced" if same else "reproduced in direction" if alike else "not reproduced"
 
 
 def plus_minus(value: float, finer: float, form: str) -> str:
-    """A figure and how far half the step moves it, unless that is less than half of the last digit."""
+    """Return a figure and how far half the step moves it, unless that is less than half of the last digit."""
     text, error = f"{value:{form}}", abs(value - finer)
     digits = len(text.partition(".")[2]) if "e" not in text else 15
     return text if error < 0.5 * 10.0**-digits else f"{text} ± {error:.1g}"
 
 
 def span(values: Collection[float], form: str) -> str:
-    """Smallest to largest of those that are finite, and how many are not."""
+    """Return the smallest to the largest finite value, and how many are not finite."""
     finite = [x for x in values if math.isfinite(x)]
     falls = len(values) - len(finite)
     if not finite:

@@ -177,14 +177,14 @@ def _parameters_claim(result: IdentificationResult) -> Claim:
     bias = ", ".join(f"{name} {result.without_rotor.values[name] / value - 1.0:+.0%}" for name, value in SERVO)
     share, count = result.inside.mean(), len(result.inside)
     return Claim(
-        claim="Motor and friction constants can be computed from recordings of the servo",
+        claim="Motor and friction constants can be identified from recordings of the servo",
         item="Table 2",
         paper="Table 2, without uncertainty",
         ours=", ".join(f"{name} {error:+.2%}" for name, error in result.errors.items()),
         verdict=classify(found),
-        why=f"within {GOOD:.0%} of the known servo ({len(result.fit.recordings)} recordings; the largest error is that "
-        f"of {worst}); {share:.0%} of the 95 % intervals hold the truth over {count} seeds. They need the rotor: left "
-        f"out of the model, its inertia goes into the others ({bias})",
+        why=f"Rule: all within {GOOD:.0%} of the known servo ({len(result.fit.recordings)} recordings; the largest "
+        f"error is that of {worst}). {share:.0%} of the 95 % intervals contain the true value over {count} seeds. The "
+        f"model needs the rotor: without its inertia the other parameters are biased ({bias})",
     )
 
 
@@ -193,12 +193,12 @@ def _validation_claim(result: IdentificationResult) -> Claim:
     errors = {name: math.degrees(error) for name, error in result.held_out.items()}
     good = result.held_out["fitted"] < 1.5 * result.floor
     return question(
-        claim="Constants computed so predict a gain that was not recorded",
+        claim="The identified constants predict motions at a gain that was not recorded",
         ours=f"rms error at a gain held out {errors['fitted']:.2f} deg; before the fit {errors['Table 2']:.2f} deg, "
         f"fitted without rotor {errors['without rotor']:.2f} deg",
         verdict=classify(good),
-        why=f"noise and encoder alone make {math.degrees(result.floor):.2f} deg. This shows that the method works, on "
-        "a servo that has the model's physics; recordings of the real one are not published",
+        why=f"Rule: within 1.5 times the {math.degrees(result.floor):.2f} deg of noise and encoder. This shows that "
+        "the method works for a servo with the model's physics; recordings of the real one are not published",
     )
 
 
@@ -208,12 +208,12 @@ def _coulomb_claim(result: IdentificationResult) -> Claim:
     true = 1.71e-5
     width = 2.0 * result.paper.standard_errors[k] * result.paper.values["coulomb_friction"]
     return question(
-        claim="Such recordings tell as small an F_c as the paper's from none",
-        ours=f"such recordings tell F_c to +-{width:.1g} N m",
+        claim="Such recordings distinguish an F_c as small as the paper's from zero",
+        ours=f"such recordings determine F_c to ±{width:.1g} N m",
         verdict=classify(width < true),
-        why="from recordings of a servo that has Table 2's constants, F_c comes out with two standard errors of "
-        f"{width:.1g} N m, {width / true:.0f} times its value: digits of an optimizer, or a value at the rotor "
-        "(4.3e-3 N m at the output)",
+        why="Rule: two standard errors below the value. From recordings of a servo with Table 2's constants, two "
+        f"standard errors of F_c are {width:.1g} N m, {width / true:.0f} times its value. The printed digits come "
+        "from the optimizer, or the value belongs to the rotor (4.3e-3 N m at the output)",
     )
 
 

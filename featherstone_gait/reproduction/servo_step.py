@@ -39,7 +39,7 @@ NO_LOAD = 59 * 2.0 * math.pi / 60 / 12  # no-load speed by supply [rad/(s V)], [
 STALL = {10.0: 16.5 * 0.0980665, 12.0: 1.5}  # stall torque at a supply [N m], [original], [manual]
 CURRENT = {10.0: 0.9, 12.0: 1.5}  # largest current at a supply [A], [original], [manual]
 DEGREES = math.degrees(1.0)
-ERROR = "After ±: how far half the step moves it, where that shows in the last digit"
+ERROR = "After ±: the change at half the step, where it shows in the last digit"
 TOLERANCE = 0.1  # within which a figure counts as the same: catalogs give no-load speeds to about 10 %
 
 
@@ -126,7 +126,7 @@ def _step(settings: ServoStepSettings, model: Model, label: str, kind: GearboxKi
 
 
 def _response(settings: ServoStepSettings, model: Model, label: str, kind: GearboxKind, timestep: float) -> Step:
-    recording: Any = {"record": ("q", "qd"), "sample": timestep}
+    recording: Any = {"record": ("q", "qd"), "record_interval": timestep}
     run = driven(model, kind, step_to(settings.step), settings.duration, timestep, **recording)
     time, angle = run["time"], run["q"][:, 0]
     first, last = (_reached(time, angle, share * settings.step) for share in (0.1, 0.9))
@@ -184,17 +184,17 @@ def _speed_claim(result: ServoStepResult) -> Claim:
     standard, mipsd = (result.gearboxes[kind].stated("speed", 1.0, ".2f") for kind in ("standard", "mipsd"))
     same = abs(worst) < TOLERANCE
     return Claim(
-        claim="Model and real servo agree in a step: how fast it turns",
+        claim="Model and real servo agree in a step: speed",
         item="Fig. 4",
         factor=result.no_load[12.0] / (12.0 * NO_LOAD),
         paper=f"curves coincide; the AX-12's manual: {12 * NO_LOAD:.2f} rad/s without load at 12 V",
         ours=f"{result.no_load[12.0]:.2f} rad/s at 12 V ({off[12.0]:+.1%}); largest speed in the step at 10 V "
         f"{standard} rad/s standard, {mipsd} rad/s MIPSD",
         verdict=classify(same),
-        why=f"no-load speed within {TOLERANCE:.0%} of the manual's, taken in proportion to the supply, at "
-        f"{', '.join(f'{volts:g}' for volts in off)} V: off by {min(off.values()):+.1%} to {max(off.values()):+.1%}. "
-        "Without rotor inertia the first surge goes beyond it: with time constants of 0.6 ms (current) and 0.7 ms "
-        f"(forearm on the back-EMF) the two overshoot for some milliseconds. {ERROR}",
+        why=f"Rule: no-load speed within {TOLERANCE:.0%} of the manual's, which is taken in proportion to the supply, "
+        f"at {', '.join(f'{volts:g}' for volts in off)} V: off by {min(off.values()):+.1%} to "
+        f"{max(off.values()):+.1%}. Without rotor inertia the speed overshoots this limit for some milliseconds: the "
+        f"time constants of current and forearm on the back-EMF are 0.6 and 0.7 ms. {ERROR}",
     )
 
 
@@ -205,15 +205,15 @@ def _torque_claim(result: ServoStepResult) -> Claim:
     good = [volts for volts, x in off.items() if abs(x) < TOLERANCE]
     verdict = classify(len(good) == len(off), bool(good))
     return Claim(
-        claim="The constants make a servo as strong as the real one",
+        claim="With these constants the servo is as strong as the real one",
         item="Table 2",
         factor=stall[12.0] / STALL[12.0],
         paper=f"published stall torque: {STALL[10.0]:.2f} N m at 10 V, 0.9 A; {STALL[12.0]:.2f} N m at 12 V, 1.5 A",
         ours=", ".join(f"{torque:.2f} N m at {volts:g} V ({off[volts]:+.0%})" for volts, torque in stall.items()),
         verdict=verdict,
-        why=f"within {TOLERANCE:.0%} where the current limit of 0.9 A holds the torque down. Table 2 gives 1.73 N m/A "
-        "at the output, the manual's figures for 12 V make 1.00 N m/A: the model lacks the losses of the gearbox under "
-        "load (efficiency 0.58). A step of a light arm does not show it",
+        why=f"Rule: within {TOLERANCE:.0%} at both supplies; in direction at one. At 10 V the current limit of 0.9 A "
+        "bounds the torque. Table 2 gives 1.73 N m/A at the output, the manual's figures for 12 V give 1.00 N m/A: the "
+        "model lacks the losses of the gearbox under load (efficiency 0.58). A step of a light arm does not show them",
     )
 
 
@@ -225,14 +225,15 @@ def _error_claim(result: ServoStepResult) -> Claim:
     real = -_compliance_error(result)
     same = abs(ours - real) < ENCODER_STEP
     return Claim(
-        claim="Model and real servo agree in a step: where it comes to rest",
+        claim="Model and real servo agree in a step: final angle",
         item="Fig. 4",
         paper=f"compliance law of the manual under this load: up to {math.degrees(real):.2f} deg",
         ours=f"{standard} deg (MIPSD {mipsd} deg); load by stiffness {math.degrees(linear):.3f} deg",
         verdict=classify(same),
-        why=f"the difference is {math.degrees(abs(ours - real)):.2f} deg, less than one count of the encoder "
-        f"({math.degrees(ENCODER_STEP):.2f} deg). The paper's controller is linear; the real one gives nothing "
-        "within a margin of one count and at least 3 % beyond it, which holds this arm at the edge of the margin"
+        why=f"Rule: the difference is less than one count of the encoder. It is {math.degrees(abs(ours - real)):.2f} "
+        f"deg, one count {math.degrees(ENCODER_STEP):.2f} deg. The paper's controller is linear; the real one outputs "
+        "nothing within a margin of one count and at least 3 % beyond it, which holds this arm at the edge of the "
+        "margin"
         if same
         else "the linear controller of the paper has neither margin nor punch",
     )
@@ -263,8 +264,8 @@ def _gearbox_claim(result: ServoStepResult) -> Claim:
         f"({longer:+.0%}); overshoot {standard.stated('overshoot', percent, '.1f')} and "
         f"{mipsd.stated('overshoot', percent, '.1f')} %",
         verdict=classify(same, abs(longer) < TOLERANCE),
-        why=f"rise time and overshoot within {TOLERANCE:.0%}. It depends on the rotor inertia, which the paper does "
-        f"not give (rise, overshoot): {by_inertia}. {ERROR}",
+        why=f"Rule: rise time and overshoot within {TOLERANCE:.0%}. Both depend on the rotor inertia, which the paper "
+        f"does not give (rise, overshoot): {by_inertia}. {ERROR}",
     )
 
 

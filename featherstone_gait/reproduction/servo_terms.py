@@ -1,11 +1,11 @@
-"""Equation 2 and figure 3: what two terms of the servo do that no figure of the paper shows.
+"""Equation 2 and figure 3: the effect of rotor damping and of the speed feedback.
 
-Rotor damping, T_Bv = B_vr w: the paper gives no B_vr.  Its Table 2 has a viscous constant B_v, which it does not say a
-side for.  So the same arm falls with B_v at the output, with as much moved to the rotor (B_v / G^2), and with Table 2's
-number as B_vr itself.
+Rotor damping, T_Bv = B_vr w: the paper gives no B_vr.  Its Table 2 has a viscous constant B_v without saying on which
+side of the gear.  So the same arm falls with B_v at the output, with the equivalent damping at the rotor (B_v / G^2),
+and with the number of Table 2 as B_vr itself.
 
-State feedback, u = Kp e + Kd (w'_ref - w): the paper's servo has the speed error and gives no gain for it.  So the step
-of figure 4 and a sine are run over Kd, through the filter and the ticks of the servo.
+State feedback, u = Kp e + Kd (w'_ref - w): the paper gives no gain for the speed error.  So the step of figure 4 and a
+sine are simulated for several Kd, with the filter and the sampling of the servo.
 """
 
 from __future__ import annotations
@@ -129,14 +129,14 @@ def _damping_claim(result: ServoTermsResult) -> Claim:
     stuck = math.degrees(result.settings.start - float(result.falls[PRINTED].min()))
     speeds = "; ".join(f"{name} {speed:.3g}" for name, speed in result.no_load.items())
     return Claim(
-        claim="A rotor's damper brakes as one at the output does, G² as strong",
+        claim="Damping at the rotor acts like damping at the output that is G² as large",
         item="Eq. 2",
         paper="no value for B_vr",
-        ours=f"an arm's fall differs by at most {math.degrees(apart):.2f} deg between both",
+        ours=f"the two falls of an arm differ by at most {math.degrees(apart):.2f} deg",
         verdict=classify(apart < ENCODER_STEP, apart < 10.0 * ENCODER_STEP),
         why=f"Rule: within a count of the encoder ({math.degrees(ENCODER_STEP):.2f} deg); in direction within ten. "
-        "What is left is the gearbox's spring between both. Table 2's B_v cannot be meant as B_vr: the arm would sink "
-        f"by {stuck:.2g} deg in {result.settings.fall:g} s. Speed without load at 10 V [rad/s]: {speeds}",
+        "The rest is due to the gearbox's spring. Table 2's B_v cannot be meant as B_vr: the arm would sink only by "
+        f"{stuck:.2g} deg in {result.settings.fall:g} s. Speed without load at 10 V [rad/s]: {speeds}",
     )
 
 
@@ -153,7 +153,7 @@ def _speed_claim(result: ServoTermsResult) -> Claim:
         for Kd in result.settings.gains
     )
     return Claim(
-        claim="The speed error in the state feedback damps",
+        claim="The speed error in the state feedback damps the motion",
         item="Fig. 3",
         paper="in the block diagram, no gain",
         ours=f"overshoot of a {math.degrees(result.settings.step):.0f} deg step {before:.1%} without, "
@@ -162,9 +162,9 @@ def _speed_claim(result: ServoTermsResult) -> Claim:
             bool(quiet) and result.overshoot(best) < 0.5 * before and bool(follows),
             bool(quiet) and result.overshoot(best) < before,
         ),
-        why="Rule: a gain takes half of the overshoot and does not rattle, and one follows a sine of "
-        f"{result.settings.frequency:g} Hz no worse. The filter of 19.5 ms and ticks of 10 ms bound it: {by_gain}. "
-        f"Following with w'_ref: rms {span([math.degrees(x) for x in result.rms.values()], '.2f')} deg",
+        why="Rule: a gain halves the overshoot without rattling, and a gain that does not rattle follows a sine of "
+        f"{result.settings.frequency:g} Hz no worse. The filter of 19.5 ms and the sampling at 10 ms limit the gain: "
+        f"{by_gain}. Error while following: rms {span([math.degrees(x) for x in result.rms.values()], '.2f')} deg",
     )
 
 

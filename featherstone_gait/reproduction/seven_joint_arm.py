@@ -248,27 +248,20 @@ def check(result: ArmHoldResult) -> list[Claim]:
     Squares are compared in deg^2, see the claim about the unit.  A number is "reproduced" if our median over the
     disturbances is within a factor 3 of it: so much our own standard model varies over the gains at which it stands.
     """
-    return [
-        _standard(result),
-        _mipsd(result),
-        _improvement(result),
-        _unit(result),
-        _rotor(result),
-        _compliance(result),
-        _printed(result),
-    ]
+    claims = (_standard, _mipsd, _improvement, _unit, _rotor, _compliance, _printed)
+    return [claim(result) for claim in claims]
 
 
 def _standard(result: ArmHoldResult) -> Claim:
     found, half, fine = result.of(), result.of(step=5e-4), result.of(step=1e-4)
-    standing = _errors([o for o in _over_gains(result, gearbox="standard") if o.stands])
+    standing = [o for o in _over_gains(result, servos="standard") if o.stands]
     n = len(found.statuses)
     verdict = classify(_near(PAPER_STANDARD, found), found.statuses.count("chatter") == n)
     why = (
         f"A bounded chatter that never ends, flagged in {found.statuses.count('chatter')} of {n} runs, whatever the "
-        f"disturbance. It is an error of integration: at half the step {_squares(half.error)}, at a tenth "
-        f"{_squares(fine.error)}. Its size depends on what the paper does not give: {_squares(standing)} over the "
-        f"gains at which the arm stands, {_squares(result.of(link=SMALL).error)} with links of 0.07 kg and 0.067 m."
+        f"disturbance. It is an error of integration: at half the step {_squares(half)}, at a tenth "
+        f"{_squares(fine)}. Its size depends on what the paper does not give: {_squares(*standing)} over the "
+        f"gains at which the arm stands, {_squares(result.of(link=SMALL))} with links of 0.07 kg and 0.067 m."
     )
     claim, factor = "The standard model cannot hold the lowest joint at 0", found.typical * DEG2 / PAPER_STANDARD
     return Claim(claim, f"{PAPER_STANDARD} rad²", _both(found), verdict, why, "Fig. 9", factor)
@@ -277,15 +270,15 @@ def _standard(result: ArmHoldResult) -> Claim:
 def _mipsd(result: ArmHoldResult) -> Claim:
     found, fine = result.of(servos="mipsd"), result.of(servos="mipsd", step=1e-4)
     tilts = result.settings.tilts
-    tilted = _errors([result.of(servos="mipsd", tilt=tilt) for tilt in tilts])
-    standing = _errors([o for o in _over_gains(result, gearbox="mipsd") if o.stands])
+    tilted = [result.of(servos="mipsd", tilt=tilt) for tilt in tilts]
+    standing = [o for o in _over_gains(result, servos="mipsd") if o.stands]
     verdict = classify(_near(PAPER_MIPSD, found), found.sound and found.stands)
     left = math.sqrt(np.median(found.history[:, -1]) / np.median(found.history[:, 0]))
     why = (
-        f"The arm holds, and the number says little more: it is the initial tilt dying away, to {left:.1g} of it in "
-        f"the last second. Tilts from {min(tilts):g} to {max(tilts):g} rad give {_squares(tilted)}, gains at which the "
-        f"arm stands {_squares(standing)} (the most is a limit cycle of controllers that act every 10 ms). Error of "
-        f"the step: with a tenth of it {_squares(fine.error)}."
+        f"The arm holds. The number mostly measures how the initial tilt dies away, to {left:.1g} of it in the last "
+        f"second. Tilts from {min(tilts):g} to {max(tilts):g} rad give {_squares(*tilted)}; gains at which the arm "
+        f"stands give {_squares(*standing)} (the largest is a limit cycle of controllers that act every 10 ms). "
+        f"Discretization error: with a tenth of the step {_squares(fine)}."
     )
     factor = found.typical * DEG2 / PAPER_MIPSD
     return Claim("The MIPSD model holds it", f"{PAPER_MIPSD} rad²", _both(found), verdict, why, "Fig. 10", factor)
@@ -294,7 +287,7 @@ def _mipsd(result: ArmHoldResult) -> Claim:
 def _improvement(result: ArmHoldResult) -> Claim:
     ratio = result.of().error / result.of(servos="mipsd").error
     gains = result.settings.gains
-    pairs = zip(gains, _over_gains(result, gearbox="standard"), _over_gains(result, gearbox="mipsd"))
+    pairs = zip(gains, _over_gains(result, servos="standard"), _over_gains(result, servos="mipsd"))
     ratios = [f"{a.typical / b.typical:.2g} at {Kp:g}" for Kp, a, b in pairs if a.stands and b.stands]
     why = (
         "Rule: the median within a factor 3 of the paper's; in direction if over tenfold for every disturbance. Median "
@@ -304,7 +297,8 @@ def _improvement(result: ArmHoldResult) -> Claim:
     )
     factor = float(np.median(ratio)) * PAPER_MIPSD / PAPER_STANDARD
     verdict = classify(1.0 / 3.0 < factor < 3.0, ratio.min() > 10.0)
-    paper, ours = f"{PAPER_STANDARD / PAPER_MIPSD:.0f} times less", f"{_span(ratio)} times less"
+    paper = f"{PAPER_STANDARD / PAPER_MIPSD:.0f} times less"
+    ours = f"{ratio.min():.2g} to {ratio.max():.2g} times less"
     return Claim("MIPSD is more stable than the standard model", paper, ours, verdict, why, "Section 3", factor)
 
 
@@ -337,14 +331,14 @@ def _rotor(result: ArmHoldResult) -> Claim:
     why = (
         f"Rule: a rigid gearbox with the rotor leaves less than a tenth in the paper's update order. It leaves "
         f"{_decades(standard, rotor):.1f} decades less, and holds at steps up to {_longest_step(result, 'rotor')}. So "
-        f"does the arm without rotor when the torque is integrated implicitly ({_squares(implicit.error)}): either is "
+        f"does the arm without rotor when the torque is integrated implicitly ({_squares(implicit)}): either is "
         "enough, and what is unstable is the explicit step, not the standard model. Error of the step: with a tenth of "
-        f"it {_squares(result.of(servos='rotor', step=1e-4).error)} with the rotor, "
-        f"{_squares(result.of(integrator=IMPLICIT, step=1e-4).error)} implicitly."
+        f"it {_squares(result.of(servos='rotor', step=1e-4))} with the rotor, "
+        f"{_squares(result.of(integrator=IMPLICIT, step=1e-4))} implicitly."
     )
     ratio = standard.error / rotor.error
     verdict = classify(ratio.min() > 10.0 and rotor.sound)
-    ours = f"{_squares(standard.error)} without, {_squares(rotor.error)} with the rotor"
+    ours = f"{_squares(standard)} without, {_squares(rotor)} with the rotor"
     return question("The instability comes from the missing rotor inertia", ours, verdict, why)
 
 
@@ -356,11 +350,11 @@ def _compliance(result: ArmHoldResult) -> Claim:
         f"takes from the controller's margin; and the explicit order holds up to {_longest_step(result, 'mipsd')} "
         f"instead of {_longest_step(result, 'rotor')}, since a light link swings fast on that spring. Without the "
         f"rotor's inertia compliance {alone.word}. What helps in MIPSD is the rotor. Error of the step: with a tenth "
-        f"of it rigid {_squares(result.of(servos='rotor', step=1e-4).error)}, compliant "
-        f"{_squares(result.of(servos='mipsd', step=1e-4).error)}."
+        f"of it rigid {_squares(result.of(servos='rotor', step=1e-4))}, compliant "
+        f"{_squares(result.of(servos='mipsd', step=1e-4))}."
     )
     verdict = classify(mipsd.typical < rotor.typical)
-    ours = f"rigid {_squares(rotor.error)}, compliant {_squares(mipsd.error)}"
+    ours = f"rigid {_squares(rotor)}, compliant {_squares(mipsd)}"
     return question("The spring-damper gearbox makes the simulation more stable", ours, verdict, why)
 
 
@@ -411,21 +405,15 @@ def _decades(more: Outcome, less: Outcome) -> float:
     return math.log10(more.typical / less.typical)
 
 
-def _errors(outcomes: list[Outcome]) -> np.ndarray:
-    return np.concatenate([outcome.error for outcome in outcomes])
-
-
-def _span(values: np.ndarray) -> str:
-    return f"{values.min():.2g} to {values.max():.2g}"
-
-
-def _squares(error: np.ndarray) -> str:
-    return f"{_span(DEG2 * error)} deg²"
+def _squares(*outcomes: Outcome) -> str:
+    """Return the range of the errors over all disturbances."""
+    errors = DEG2 * np.concatenate([outcome.error for outcome in outcomes])
+    return f"{errors.min():.2g} to {errors.max():.2g} deg²"
 
 
 def _both(outcome: Outcome) -> str:
-    n = len(outcome.error)
-    return f"{_squares(outcome.error)} ({_span(outcome.error)} rad²) over {n} disturbances"
+    error = outcome.error
+    return f"{_squares(outcome)} ({error.min():.2g} to {error.max():.2g} rad²) over {len(error)} disturbances"
 
 
 # ---------------------------------------------------------------------------------------------- figures

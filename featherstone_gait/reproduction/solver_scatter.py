@@ -198,12 +198,12 @@ def walk(
     return energies, _scatter(setting, energies, sound, ways)
 
 
-def nudge(settings: ScatterSettings, planned: WalkingCost, gearbox: GearboxKind) -> float:
+def nudge(settings: ScatterSettings, planned: WalkingCost, servos: GearboxKind) -> float:
     """Deviation of the same cycle between solved walks, in double precision, of which each starts with one joint off.
 
     Nothing random is left in these: what they differ by is what the walk makes of `NUDGE`.
     """
-    cost = _cost(settings, planned, SolverCase(gearbox))
+    cost = _cost(settings, planned, SolverCase(servos))
     state, reference = cost.beginning(cost.gait.to_vector())
     first = cost.scene.part("q")[0]
     starts = [state.copy() for _ in range(settings.nudged)]
@@ -284,19 +284,19 @@ def write_map(path: FilePath, rows: Iterable[Scatter]) -> None:
 
 
 def hold_arm(
-    settings: ScatterSettings, gearbox: GearboxKind, iterations: int, link: tuple[float, float], seed: int = 0
+    settings: ScatterSettings, servos: GearboxKind, iterations: int, link: tuple[float, float], seed: int = 0
 ) -> Held:
     """The seven joints held upright from a small tilt, which all cases share: variance of the lowest one [deg^2]."""
-    case = seven_joint_arm.Case(gearbox, link=link)
-    scene = compile_scene(seven_joint_arm.arm(case), gearbox, integrator=EXPLICIT, timestep=case.step)
+    case = seven_joint_arm.Case(servos, link=link)
+    scene = compile_scene(seven_joint_arm.arm(case), servos, integrator=EXPLICIT, timestep=case.step)
     state = initial_state(scene, case.tilt * np.random.default_rng(seed).standard_normal(7))
     angles, statuses = _held(settings, scene, state, np.zeros(7), [0], iterations, seed)
     return Held(angles[..., 0].var(axis=1), angles[..., 0].mean(axis=1), statuses)
 
 
-def hold_posture(settings: ScatterSettings, gearbox: GearboxKind, iterations: int, mass: float, seed: int = 0) -> Held:
+def hold_posture(settings: ScatterSettings, servos: GearboxKind, iterations: int, mass: float, seed: int = 0) -> Held:
     """The complete humanoid stands in the posture of Table 3: standard deviations of its four joints [deg]."""
-    scene = posture.scene_of(posture.Case(gearbox, mass=mass))
+    scene = posture.scene_of(posture.Case(servos, mass=mass))
     places = [scene.model.joint_names.index(name) for name in posture.JOINTS]
     wanted = np.array([angle for angle, _ in posture.TABLE_3.values()])
     target = np.zeros(len(scene.model.joint_names))
@@ -332,18 +332,12 @@ def _held(
 
 def check(result: ScatterResult) -> list[Claim]:
     """The paper's statements that rest on its solver, beside what comes out with one of that kind."""
+    arms = {"standard": seven_joint_arm.PAPER_STANDARD, "mipsd": seven_joint_arm.PAPER_MIPSD}
     return [
-        _size(result, "standard"),
-        _size(result, "mipsd"),
-        _both(result),
-        _lower(result),
-        _cause(result),
-        _sensitive(result),
-        _arm(result, "standard", seven_joint_arm.PAPER_STANDARD),
-        _arm(result, "mipsd", seven_joint_arm.PAPER_MIPSD),
-        _table(result),
-        _order(result),
-        _rest(result),
+        *(_size(result, servos) for servos in SERVOS),
+        *(claim(result) for claim in (_both, _lower, _cause, _sensitive)),
+        *(_arm(result, servos, paper) for servos, paper in arms.items()),
+        *(claim(result) for claim in (_table, _order, _rest)),
     ]
 
 
@@ -485,9 +479,8 @@ def _arm(result: ScatterResult, servos: str, paper: float) -> Claim:
 
 def _table(result: ScatterResult) -> Claim:
     paper = np.array([values["standard"][2] for _, values in posture.TABLE_3.values()])
-    found = {key[1:]: held.typical for key, held in result.postures.items() if key[0] == "standard"}
+    found, words = _postures(result, "standard")
     alike = [key for key, ours in found.items() if _all_near(ours, paper)]
-    words = "; ".join(f"{_numbers(ours)} at {n} sweeps and {mass:g} of the mass" for (n, mass), ours in found.items())
     ours = found[SolverCase.iterations, 1.0]
     return Claim(
         claim="Standard model in its kind of program: deviations of left lateral, right front, right lateral shoulder, "
@@ -501,6 +494,13 @@ def _table(result: ScatterResult) -> Claim:
     )
 
 
+def _postures(result: ScatterResult, servos: str) -> tuple[dict[tuple[int, float], np.ndarray], str]:
+    """Return the typical deviations of the joints [deg] by sweeps and masses, and the same as text."""
+    found = {key[1:]: held.typical for key, held in result.postures.items() if key[0] == servos}
+    words = (f"{_numbers(typical)} at {n} sweeps and {mass:g} of the mass" for (n, mass), typical in found.items())
+    return found, "; ".join(words)
+
+
 def _all_near(ours: np.ndarray, paper: np.ndarray) -> bool:
     return all(near(float(a), float(b), ORDER_FACTOR) for a, b in zip(ours, paper))
 
@@ -511,7 +511,7 @@ def _numbers(values: Iterable[float]) -> str:
 
 def _order(result: ScatterResult) -> Claim:
     paper = np.argsort([-values["standard"][2] for _, values in posture.TABLE_3.values()])
-    found = {key[1:]: np.argsort(-held.typical) for key, held in result.postures.items() if key[0] == "standard"}
+    found = {key: np.argsort(-typical) for key, typical in _postures(result, "standard")[0].items()}
     same = [key for key, order in found.items() if (order == paper).all()]
     names = [name.replace("_", " ") for name in posture.JOINTS]
     at = ", ".join(f"{n} sweeps and {mass:g} of the mass" for n, mass in same)
@@ -527,8 +527,7 @@ def _order(result: ScatterResult) -> Claim:
 
 
 def _rest(result: ScatterResult) -> Claim:
-    found = {key[1:]: held.typical for key, held in result.postures.items() if key[0] == "mipsd"}
-    words = "; ".join(f"{_numbers(ours)} at {n} sweeps and {mass:g} of the mass" for (n, mass), ours in found.items())
+    found, words = _postures(result, "mipsd")
     ours = found[SolverCase.iterations, 1.0]
     falling = all(
         found[a, mass].max() > found[b, mass].max()
