@@ -11,6 +11,7 @@ import shutil
 import sys
 from pathlib import Path
 
+from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
 
 HERE = Path(__file__).parent
@@ -31,7 +32,7 @@ napoleon_use_ivar = True
 nb_execution_mode = "off"
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 4
-exclude_patterns = ["build", "reproduction", "**/.ipynb_checkpoints"]
+exclude_patterns = ["build", "**/.ipynb_checkpoints"]
 html_theme = "furo"
 html_title = f"featherstone_gait {version}"
 html_static_path = ["static"]
@@ -71,15 +72,11 @@ def _mathml(text, **how):
 
 
 def _inline(writer, node):
-    from docutils import nodes
-
     writer.body.append(_mathml(node.astext()))
     raise nodes.SkipNode
 
 
 def _display(writer, node):
-    from docutils import nodes
-
     text = re.sub(r"\\(begin|end)\{(equation|gather|align)\*?\}", "", node.astext())
     writer.body.append(f'<div class="math">{_mathml(text, as_block=True)}</div>')
     raise nodes.SkipNode
@@ -121,8 +118,6 @@ NUMBER = re.compile(r"(?<=\d) (?=(?:[kmµn]?[gmsJNVAW]|rad|mm|ms|mrad|min|%|J/m|
 
 def _keep_units(app, doctree):
     """In tables no unit is alone in its line."""
-    from docutils import nodes
-
     for entry in doctree.findall(nodes.entry):
         for text in [*entry.findall(nodes.Text)]:
             text.parent.replace(text, nodes.Text(NUMBER.sub("\N{NO-BREAK SPACE}", text)))

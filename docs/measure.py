@@ -14,7 +14,6 @@ import csv
 import functools
 import json
 import math
-import shutil
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, replace
@@ -181,13 +180,11 @@ def keep(source: Path, target: Path) -> None:
     if source.suffix == ".npz":
         with np.load(source) as found, complete(target) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, **{key: found[key] for key in found.files if key not in ("costs", "visited")})
-    elif source.suffix == ".json":
+    else:
         report = json.loads(source.read_text("utf-8"))
         kept = {key: report[key] for key in ("format", "version", *KEPT)}
         with complete(target) as temporary:
             temporary.write_text(json.dumps(kept) + "\n", "utf-8")
-    else:
-        shutil.copyfile(source, target)
 
 
 def main(arguments: list[str]) -> None:

@@ -40,9 +40,6 @@ NUMBER = re.compile(r"\{\{ ([^|{}]+) \| ([^|]*) \| (.+?) \}\}")
 Record = dict[str, Any]
 
 
-# ---------------------------------------------------------------------------------------------------------- files
-
-
 @functools.cache
 def records(file: str) -> tuple[Record, ...]:
     """Return the records of a file: the rows of a CSV, or of a gait's report the first gait and the one found."""
@@ -97,9 +94,6 @@ def _selected(files: Sequence[str], conditions: str) -> list[Record]:
     return found
 
 
-# -------------------------------------------------------------------------------------------------------- templates
-
-
 def filled(template: str, row: Sequence[Record]) -> str:
     """Return the text of a template for the records of a row; raises ValueError where a field has no value."""
     for text in template.split(" ?? "):
@@ -128,9 +122,6 @@ def _digits(number: float, form: str) -> str:
     """Return a number without the zeros of its exponent and the sign of nothing."""
     text = re.sub(r"e([+-])0", r"e\1", format(number, form))
     return text.lstrip("-+").removesuffix("e+0") if float(text) == 0.0 else text
-
-
-# ----------------------------------------------------------------------------------------------------------- tables
 
 
 def table(files: Sequence[str], description: str) -> str:
