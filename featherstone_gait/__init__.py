@@ -79,11 +79,13 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .run.simulate import simulate as simulate
     from .run.simulate import simulate_batch as simulate_batch
     from .run.simulate import standing_state as standing_state
+    from .run.status import Status as Status
     from .run.trajectory import Trajectory as Trajectory
     from .run.worlds import Distribution as Distribution
     from .run.worlds import Worlds as Worlds
     from .scene.compile import CompiledScene as CompiledScene
     from .scene.compile import compile_scene as compile_scene
+    from .scene.state_view import StateView as StateView
     from .view.movie import save_movie as save_movie
     from .view.plotting import plot as plot
     from .view.plotting import plot_motion as plot_motion
@@ -150,10 +152,12 @@ _MODULES = {
         "save_robot",
     ),
     "scene.compile": ("CompiledScene", "compile_scene"),
+    "scene.state_view": ("StateView",),
     "run.program": ("controller",),
     "run.session": ("Session",),
     "run.simulate": ("Push", "initial_state", "reset_time", "simulate", "simulate_batch", "standing_state"),
     "model.shapes": ("Box", "Capsule", "Cylinder", "Hull", "Mesh", "Shape", "Sphere"),
+    "run.status": ("Status",),
     "run.trajectory": ("Trajectory",),
     "run.worlds": ("Distribution", "Worlds"),
 }

@@ -15,7 +15,7 @@ import featherstone_gait.reproduction  # noqa: F401, adds the integrator "simtwo
 APART = ("test_notebooks.py", "test_docs.py", "test_published_robots.py")
 LONGEST = """
     notebooks gear_friction beyond_the_paper integrators simulation crash optimize worlds study springs
-    crosscheck firmware companion ars343 cache maximal cli linearization physics_servo walking coupling
+    crosscheck firmware error_estimate ars343 cache maximal cli linearization physics_servo walking coupling
     equilibrium physics_contact session controller limits cost plan simulation_reproducibility physics_shapes
     continued preflight supply cheapest_plan
 """.split()

@@ -77,7 +77,7 @@ def outermost(tree):
 def arguments(function):
     """Those to be passed in order, * and ** as one each, and of a private function those to be passed by name."""
     a = function.args
-    named = a.kwonlyargs if function.name.startswith("_") else []
+    named = a.kwonlyargs if function.name.startswith("_") and function.name != "__init__" else []
     return [x for x in (*a.posonlyargs, *a.args, a.vararg, a.kwarg, *named) if x is not None]
 
 

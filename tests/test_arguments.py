@@ -27,7 +27,7 @@ from featherstone_gait import (
     simulate,
     standing_state,
 )
-from featherstone_gait.run.prepared import prepare
+from featherstone_gait.run.prepare import prepare
 from featherstone_gait.search import minimize
 from featherstone_gait.walking.gait_file import write_angles
 from featherstone_gait.walking.plan import Walk

@@ -7,10 +7,10 @@ import pytest
 from scenes import box_on, pendulum, thrown
 
 from featherstone_gait.model import Ground
-from featherstone_gait.run import prepared
-from featherstone_gait.run.prepared import prepare
+from featherstone_gait.run import prepare as prepare_module
+from featherstone_gait.run.classify import to_trajectory
+from featherstone_gait.run.prepare import prepare
 from featherstone_gait.run.simulate import initial_state, simulate
-from featherstone_gait.run.verdict import trajectory
 from featherstone_gait.scene.compile import compile_scene
 
 pytestmark = pytest.mark.nojit
@@ -21,7 +21,7 @@ def within(scene, duration, state, budget):
     ready = prepare(scene, duration, rtol=1e-6)
     ready = replace(ready, plan=ready.plan._replace(budget=float(budget)))
     ((y, out),) = ready.run([ready.start(state)])
-    return trajectory(ready, y, out)
+    return to_trajectory(ready, y, out)
 
 
 @pytest.mark.quick("dop853")
@@ -56,8 +56,8 @@ def test_the_budget_is_minutes_of_computing(monkeypatch):
     plans = [prepare(compile_scene(pendulum(), integrator="dop853"), T).plan for T in (1.0, 3600.0)]
     assert plans[0].budget == pytest.approx(2.02e6)
     assert plans[1].budget > 3600.0 / 1e-3
-    monkeypatch.setattr(prepared, "BUDGET", 10.0)
-    monkeypatch.setattr(prepared, "BUDGET_RATE", 0.0)
+    monkeypatch.setattr(prepare_module, "BUDGET", 10.0)
+    monkeypatch.setattr(prepare_module, "BUDGET_RATE", 0.0)
     scene = box_on(Ground(), "extrapolation")
     run = simulate(scene, 0.5, thrown(scene, 0.01, 0.2), record=("base_q",), rtol=1e-8)
     assert run.status == "too costly"

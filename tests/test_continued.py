@@ -6,7 +6,7 @@ from scenes import NEVER_FALLEN, arm_scene, box, pendulum, thrown, with_controll
 
 from featherstone_gait.model import Ground
 from featherstone_gait.robot_file import load_robot
-from featherstone_gait.run.prepared import prepare
+from featherstone_gait.run.prepare import prepare
 from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import PARTS, Push, initial_state, reset_time, simulate, simulate_batch
 from featherstone_gait.scene.compile import compile_scene
@@ -22,7 +22,7 @@ def joined(pieces):
 
 def assert_pieces_equal_the_whole(scene, start, lengths, noise=None, **how):
     """Each piece goes on from the last one's trajectory, or from its final state."""
-    how["estimate_error"] = False  # tests/test_companion.py has the errors
+    how["estimate_error"] = False  # tests/test_error_estimate.py has the errors
     whole = simulate(scene, sum(lengths), start, record=RECORD, noise=noise, **how)
     assert np.abs(whole["qd"]).max(initial=0.0) + np.abs(whole["base_qd"]).max(initial=0.0) > 0.01
     for of in (lambda run: run, lambda run: run.final):

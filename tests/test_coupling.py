@@ -434,7 +434,7 @@ def test_couplings_do_no_work():
 def test_without_correction_the_couplings_drift_by_rounding_alone():
     """A thousand steps of solving and advancing, without what follows a step."""
     from featherstone_gait.benchmark.skip import solve_loop
-    from featherstone_gait.run.prepared import prepare
+    from featherstone_gait.run.prepare import prepare
 
     scene, state = falling("implicit_euler")
     ready = prepare(scene, 1.0)

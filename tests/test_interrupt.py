@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from scenes import arm_scene, pendulum
 
-from featherstone_gait.run import interrupt, prepared
-from featherstone_gait.run.prepared import prepare
+from featherstone_gait.run import compiled_run, interrupt
+from featherstone_gait.run.prepare import prepare
 from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import simulate
 from featherstone_gait.scene.compile import compile_scene
@@ -78,7 +78,7 @@ def test_another_thread_can_end_a_run(integrator):
 @pytest.fixture
 def handed_over(monkeypatch):
     """Runs with error control go to the thread after their first step."""
-    monkeypatch.setattr(prepared, "PAUSE", 0.0)
+    monkeypatch.setattr(compiled_run, "PAUSE", 0.0)
 
 
 @pytest.mark.long

@@ -9,7 +9,7 @@ from featherstone_gait.core.step.context import Plan
 from featherstone_gait.model import Ground
 from featherstone_gait.robot_file import load_robot
 from featherstone_gait.run.lane_engine import Queue, run_lanes, segment_steps
-from featherstone_gait.run.prepared import prepare
+from featherstone_gait.run.prepare import prepare
 from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import simulate, simulate_batch, simulate_stream, standing_state
 from featherstone_gait.scene.compile import compile_scene

@@ -8,7 +8,7 @@ from scenes import arm_scene
 
 from featherstone_gait.benchmark.scenes import unlimited
 from featherstone_gait.robot_file import load_robot
-from featherstone_gait.run.prepared import prepare
+from featherstone_gait.run.prepare import prepare
 from featherstone_gait.run.reference import Reference
 from featherstone_gait.run.simulate import simulate
 from featherstone_gait.scene.compile import compile_scene

@@ -261,12 +261,12 @@ def test_one_robot_that_fails_leaves_the_others_alone():
         session.step(action)
         other.step(action)
     assert session.status == ["ok"] * 3 + ["diverged"] + ["ok"] * 7
-    assert session.running.tolist() == [k != 3 for k in range(11)]
+    assert session.active.tolist() == [k != 3 for k in range(11)]
     assert "ax12" in session.messages[3]
-    rest = session.running
+    rest = session.active
     assert np.array_equal(session.state[rest], other.state[rest])
-    session.reset(~session.running)
-    assert session.running.all()
+    session.reset(~session.active)
+    assert session.active.all()
 
 
 @pytest.mark.long
@@ -340,7 +340,7 @@ def test_an_interrupt_comes_when_all_of_a_tick_is_done(monkeypatch):
     """Ctrl-C while robots go on: records and companions are as far as they are."""
     session, other = (Session(servo_arm(), 3, record=("q",), estimate_error=True) for _ in range(2))
     actions = moves(3, 4)
-    tick = session._crowds[0].tick
+    tick = session._fleets[0].tick
 
     def interrupted():
         tick()
@@ -348,7 +348,7 @@ def test_an_interrupt_comes_when_all_of_a_tick_is_done(monkeypatch):
 
     for k, action in enumerate(actions):
         if k == 2:
-            monkeypatch.setattr(session._crowds[0], "tick", interrupted)
+            monkeypatch.setattr(session._fleets[0], "tick", interrupted)
             with pytest.raises(KeyboardInterrupt):
                 session.step(action)
             monkeypatch.undo()
@@ -389,7 +389,7 @@ def test_misuse_is_refused():
             wrong()
     with pytest.raises(TypeError, match="scene"):
         Session("scene")
-    with pytest.raises(TypeError, match="world is unknown; its settings are worlds, seed"):
+    with pytest.raises(TypeError, match="world"):
         Session(scene, world=None)
     session.close()
     session.close()
@@ -413,10 +413,10 @@ def test_steps_that_are_paced_take_the_time_that_they_simulate():
     session.step(ticks=10)
     session.step(ticks=5)
     assert time.monotonic() - start >= 0.15 - 1e-3
-    assert session.behind >= 0.0
+    assert session.lag >= 0.0
     time.sleep(0.05)
     session.step()
-    assert 0.03 < session.behind
+    assert 0.03 < session.lag
 
 
 def steps_without_growth(count):

@@ -18,8 +18,8 @@ from featherstone_gait.core.compile.structure import structure
 from featherstone_gait.core.compile.varying import Varying, lane_dtype, lane_records
 from featherstone_gait.core.tree.layout import BODY
 from featherstone_gait.model import Ground, HeightField
-from featherstone_gait.run.differing import structure as structure_of
-from featherstone_gait.run.prepared import prepare
+from featherstone_gait.run.lane_constants import structure as structure_of
+from featherstone_gait.run.prepare import prepare
 from featherstone_gait.run.simulate import Push, initial_state
 from featherstone_gait.study import read_study, run_study
 from featherstone_gait.study.sensitivity import indices

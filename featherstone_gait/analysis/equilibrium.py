@@ -31,13 +31,13 @@ from ..dynamics.jacobians import jacobian_at, link_index
 from ..model import Spring
 from ..model.rest_posture import nearest_posture
 from ..run.reference import Reference
-from ..run.simulate import initial_state, simulate
-from ..run.start import check_scene
+from ..run.simulate import simulate
+from ..run.start import check_scene, initial_state
 from ..scene.compile import CompiledScene
 from ..scene.contact import by_body, ground_under
 from .linearization import Chart, chart_of
 
-Status = Literal["ok", "tips", "slips", "touches", "too weak", "moves"]
+TrimStatus = Literal["ok", "tips", "slips", "touches", "too weak", "moves"]
 
 PASSES, LAYING = 100, 5  # of Newton's method; of that by which feet are laid on the ground
 BALANCED = 1e-13  # of the weight: force on the base that is left
@@ -62,7 +62,7 @@ class Trim:
     state: np.ndarray  # (size,) at rest, to begin with
     residual: float  # largest acceleration that is left by forward dynamics [rad/s^2 or m/s^2]
     change: float  # largest motion in a simulated controller period [rad, m, rad/s, m/s]
-    status: Status
+    status: TrimStatus
     message: str  # what is wrong, empty if nothing is
 
     @property
@@ -70,7 +70,7 @@ class Trim:
         return self.status == "ok"
 
 
-Fault: TypeAlias = "tuple[Status, str] | None"
+Fault: TypeAlias = "tuple[TrimStatus, str] | None"
 
 
 class _Loads(NamedTuple):
@@ -327,9 +327,8 @@ def _put_contacts(scene: CompiledScene, state: np.ndarray, force: np.ndarray) ->
         return
     force = force[by_body(scene.model, scene.tree)]
     state[slice(*scene.part("contact_force"))] = force.ravel()
-    state[slice(*scene.part("tangential_deflection"))] = (
-        -force[:, 1:] / contact.points.tangential_stiffness[:, None]
-    ).ravel()
+    deflection = -force[:, 1:] / contact.points.tangential_stiffness[:, None]
+    state[slice(*scene.part("tangential_deflection"))] = deflection.ravel()
 
 
 class _Driven(NamedTuple):
@@ -359,13 +358,8 @@ def _put_servos(scene: CompiledScene, state: np.ndarray, angles: np.ndarray, tor
         state[slice(*scene.part("rotor"))] = angles + wound + np.sign(torque) * gear.gap
     asked = _asked(scene, state, voltage, current)
     reference, integral, error, unreachable = _references(scene, angles, asked)
-    goals = {
-        "current": current,
-        "voltage": voltage,
-        "integral": integral,
-        "last_error": error,
-        "profiled_reference": reference,
-    }
+    goals = {"current": current, "voltage": voltage, "integral": integral, "last_error": error}
+    goals["profiled_reference"] = reference
     for name, values in goals.items():
         first, end = scene.part(name)
         if end > first:

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -33,18 +33,17 @@ from ..base.arguments import listed, one_of, vector, whole
 from ..base.fixed_order import total
 from ..core.compile.jit import direct
 from ..core.compile.lanes import WIDTH, aligned
-from ..core.integrate.rollout import OK, rollout_lanes
-from ..core.step.context import Run
-from ..core.step.signals import Knots, Signals, sample_ticks
+from ..core.integrate.rollout import OK
+from ..core.step.signals import Signals
 from ..core.step.state import BY_NAME, IN_STATE, RECORDABLE
 from ..dynamics import coupling_matrix
-from ..run.interrupt import Kernel
-from ..run.prepared import Prepared, prepare, with_steps, with_tolerance
+from ..run.compiled_run import CompiledRun, Vector, in_lanes, knots_in_lanes, lane_zeros
+from ..run.lane_engine import sampled
+from ..run.prepare import prepare, with_steps, with_tolerance
 from ..run.reference import Reference
-from ..run.simulate import initial_state
-from ..run.start import check_scene
+from ..run.start import check_scene, initial_state
+from ..run.status import OF_CODE
 from ..run.trajectory import Trajectory
-from ..run.verdict import STATUS
 from ..scene.compile import CompiledScene
 from ..scene.contact import by_body
 from ..scene.friction import sticks
@@ -58,13 +57,7 @@ RTOL = 1e-12  # of an integrator with error control, whose errors differ from ru
 # The first width of a column: where nothing sticks, where joints do, and on the ground, by how much it moves a point.
 SMOOTH, STICKING = 1e-4, 2e-6  # [rad, m, rad/s, m/s]
 OF_SINKING, LEVER = 0.04, 0.2  # [-], [m]
-OTHER = {
-    "voltage": 100.0,
-    "duty": 10.0,
-    "bus_voltage": 100.0,
-    "delayed": 100.0,
-    "current": 10.0,
-}  # [V, -, V, V, A] by these
+OTHER = {"voltage": 100.0, "duty": 10.0, "bus_voltage": 100.0, "delayed": 100.0, "current": 10.0}  # [V, -, V, V, A]
 BRISTLE = 1e-6  # [m]
 FINER, ROUNDS = 8.0, 3  # each round's widths by the next one's
 ENOUGH = 1e-7  # error of an entry, of its value, at which no smaller width is tried ...
@@ -160,9 +153,9 @@ def linearize(
     threads = None if threads is None else whole("threads", threads, 1, "one a core is usual")
     duration = steps * scene.timestep
     driven = tau is not None or "torque" in named
-    ready = prepare(scene, duration, _recorded(outputs), rtol=tolerance, driven=driven)
-    ready = with_steps(ready, steps, steps)
-    system = _System(ready, state, _signal(scene, "reference", reference), _torques(scene, tau, driven), named, threads)
+    compiled = with_steps(prepare(scene, duration, _recorded(outputs), rtol=tolerance, driven=driven), steps, steps)
+    signals = _signal(scene, "reference", reference), _torques(scene, tau, driven)
+    system = _System(compiled, state, *signals, named, threads)
     channels = _channels(system, states, named)
     held = ("voltage",) if "voltage" in named else ()
     chart = chart_of(scene, tuple(channels), held)
@@ -359,47 +352,40 @@ class _System:
 
     def __init__(
         self,
-        ready: Prepared,
+        compiled: CompiledRun,
         state: ArrayLike | Trajectory | None,
         reference: Reference | None,
         tau: Reference | None,
         inputs: tuple[str, ...],
         threads: int | None,
     ) -> None:
-        self.ready, self.inputs, self.threads, self.scene = ready, inputs, threads, ready.scene
+        self.compiled, self.inputs, self.threads, self.scene = compiled, inputs, threads, compiled.scene
         self.lanes = 1 if self.scene.adaptive else WIDTH
-        self.start = ready.start(initial_state(ready.scene) if state is None else state, reference, tau)
-        self.course = ready.course(self.start)
+        self.start = compiled.start(initial_state(self.scene) if state is None else state, reference, tau)
+        self.schedule = compiled.schedule(self.start.y)
         self.y = self.start.y.copy()
-        self._maps: list[Callable[[np.ndarray, np.ndarray], None]] = []  # one a thread
+        joints = self.scene.model.joint_names
+        self.signals = [f"{name} {joint}" for name in inputs if name != "voltage" for joint in joints]
+        self._maps: list[_Map] = []  # one for each thread
         self._spare = _spare(self.scene, inputs, tau is not None)
-        self._taken: list[_Workspace] = []
         o = self.scene.layout
         self.y[o["end_time"]] = max(self.y[o["end_time"]], self.scene.timestep)  # it goes on: no first step
         if self.y[o["status"]] != OK:
             raise ValueError(f"{self.scene.model.name}: state: that run has ended; give the state of a sound one")
 
-    def signals(self) -> list[str]:
-        """Of each input that is a signal its name."""
-        joints = self.scene.model.joint_names
-        return [f"{name} {joint}" for name in self.inputs if name != "voltage" for joint in joints]
-
-    def beginnings(self, count: int) -> np.ndarray:
-        """States (blocks, size, lanes) for so many runs, which nothing has moved yet."""
+    def beginnings(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return states (blocks, size, lanes) of so many runs, and moves of signals (blocks, signals, lanes)."""
         states = aligned((-(-count // self.lanes), len(self.y), self.lanes))
         states[:] = self.y[:, None]
-        return states
-
-    def signals_for(self, states: np.ndarray) -> np.ndarray:
-        """What moves the signals of these (blocks, signals, lanes): nothing yet."""
-        return np.zeros((len(states), len(self.signals()), self.lanes))
+        return states, np.zeros((len(states), len(self.signals), self.lanes))
 
     def run(self, states: np.ndarray, signals: np.ndarray) -> None:
-        """Take states (blocks, size, lanes) to the end of the period; signals: what moves their own."""
+        """Advance states (blocks, size, lanes) to the end of the period; signals: what moves their own."""
         blocks = len(states)
-        threads = min(self.threads or self._worthwhile(blocks), blocks)
+        brief = blocks * self.schedule.steps * self.scene.model.nv < BRIEF and not self.scene.adaptive
+        threads = min(self.threads or (1 if brief else os.cpu_count() or 1), blocks)
         while len(self._maps) < threads:
-            self._maps.append(_map(self))
+            self._maps.append(_Map(self, self._spare.pop() if self._spare else None))
 
         def work(k: int) -> None:
             for block in range(k, blocks, threads):
@@ -412,124 +398,86 @@ class _System:
                 list(pool.map(work, range(threads)))
         self._check(states)
 
-    def _worthwhile(self, blocks: int) -> int:
-        """Threads for so many vectors."""
-        brief = blocks * self.course.steps * self.scene.model.nv < BRIEF and not self.scene.adaptive
-        return 1 if brief else os.cpu_count() or 1
-
-    def workspace(self) -> _Workspace:
-        """One that is spare, or a new one."""
-        try:
-            self._taken.append(self._spare.pop())
-        except IndexError:
-            self._taken.append(_workspace(self))
-        return self._taken[-1]
-
     def close(self) -> None:
-        """Leave its workspaces to other calls, but for those that hold the signals of a long period."""
-        self._spare.extend(one for one in self._taken if _numbers(one.run.signals) < KEPT)
+        """Leave vectors to other calls, but for those with error control or with the signals of a long period."""
+        for one in self._maps:
+            samples = one.vector.run.signals.samples
+            if one.vector.lanes > 1 and (samples is None or samples.size < KEPT):
+                self._spare.append(one.vector)
 
     def _check(self, states: np.ndarray) -> None:
         """Raise ValueError where a run has ended."""
         status = states[:, self.scene.layout["status"]]
         if (status != OK).any():
             raise ValueError(
-                f"{self.scene.model.name}: within the period a run ends: {STATUS[int(status.max())]}; linearize about "
+                f"{self.scene.model.name}: within the period a run ends: {OF_CODE[int(status.max())]}; linearize about "
                 "a state farther from that"
             )
 
 
-def _numbers(signals: Signals) -> int:
-    """How many there are in what the ticks of a period are sent."""
-    return 0 if signals.samples is None else signals.samples.size
-
-
-class _Workspace(NamedTuple):
-    """What eight runs overwrite, and the kernel for them; making both takes as long as a hundred steps."""
-
-    run: Run  # of the call that made it
-    kernel: Kernel
-
-
 @functools.lru_cache(maxsize=32)
-def _spare(scene: CompiledScene, inputs: tuple[str, ...], driven: bool) -> list[_Workspace]:
-    """Those that are in no use; the arguments decide for which types the kernel is compiled."""
+def _spare(scene: CompiledScene, inputs: tuple[str, ...], driven: bool) -> list[Vector]:
+    """Return vectors in no use: to make one takes as long as a hundred steps; the arguments decide its types."""
     return []
 
 
-def _map(system: _System) -> Callable[[np.ndarray, np.ndarray], None]:
-    """What takes states (size, lanes) to the end of the period, in place, their signals moved by (signals, lanes)."""
-    ready, adaptive = system.ready, system.scene.adaptive
-    if adaptive:
-        run, _, out = ready.arguments(system.start)
-        kernel: Kernel = ready.kernel
-    else:
-        run, kernel = system.workspace()
-        own = {"plan": system.course, "signals": _signals(system, run), "channels": ready.channels, "stop": ready.stop}
-        run, out = run._replace(**own), aligned((ready.samples, max(len(ready.channels), 1), WIDTH))
-    put = _setter(system, run)
+class _Map:
+    """Advance states (size, lanes) to the end of the period, in place, with signals moved by (signals, lanes)."""
 
-    def call(Y: np.ndarray, U: np.ndarray) -> None:
-        put(U)
-        ready.call(kernel, run, Y[:, 0] if adaptive else Y, out)
+    def __init__(self, system: _System, vector: Vector | None) -> None:
+        compiled = system.compiled
+        if vector is None:
+            vector = _vector(system)
+        else:
+            own = {"plan": system.schedule, "channels": compiled.channels, "stop": compiled.stop}
+            vector.run = vector.run._replace(signals=_signals(system, vector.run.signals), **own)
+            vector.compiled, vector.out = compiled, lane_zeros((compiled.samples, max(len(compiled.channels), 1)))
+        self.vector, n, signals = vector, system.scene.tree.n, vector.run.signals
+        self._moved: list[tuple[np.ndarray, np.ndarray, slice]] = []  # what kernels read, as it is, what moves it
+        for k, name in enumerate(name for name in system.inputs if name != "voltage"):
+            knots = signals.torques if name == "torque" else signals.reference
+            read = signals.samples if knots is None else knots.cubics
+            values = read[:, :, 0].reshape(len(read), n, system.lanes)
+            self._moved.append((values, values.copy(), slice(k * n, (k + 1) * n)))
 
-    return call
-
-
-def _workspace(system: _System) -> _Workspace:
-    """A new one."""
-    run, y, out = system.ready.arguments_in_lanes([system.start])
-    if "voltage" in system.inputs:
-        run = run._replace(signals=run.signals._replace(reference=None))
-    elif system.scene.sampled and run.signals.torques is None:  # the kernel of `simulate_batch`
-        run = run._replace(signals=run.signals._replace(reference=None, samples=_ticks(system)))
-    return _Workspace(run, direct(rollout_lanes, run, y, out))
+    def __call__(self, states: np.ndarray, moves: np.ndarray) -> None:
+        for values, own, which in self._moved:
+            np.add(own, moves[which], out=values)
+        vector = self.vector
+        vector.compiled.call(vector.kernel, vector.run, states[:, 0] if vector.lanes == 1 else states, vector.out)
 
 
-def _signals(system: _System, run: Run) -> Signals:
-    """Those of a run, as they are in this call."""
-    start, signals = system.start, run.signals
+def _vector(system: _System) -> Vector:
+    """Make a vector of the run, with the kernel of `simulate_batch`."""
+    reference, torques = (knots and knots._replace(cubics=knots.cubics.copy()) for knots in system.start[1:3])
+    start = system.start._replace(reference=reference, torques=torques)  # which a map moves
+    vector = Vector.of(system.compiled, [start], system.lanes)
+    if system.lanes > 1:
+        signals = vector.run.signals
+        if "voltage" in system.inputs:
+            signals = signals._replace(reference=None)
+        elif system.scene.sampled and signals.torques is None:
+            signals = signals._replace(reference=None, samples=_ticks(system))
+        vector.run = vector.run._replace(signals=signals)
+        vector.kernel = direct(vector.kernel, vector.run, vector.y, vector.out)
+    return vector
+
+
+def _signals(system: _System, signals: Signals) -> Signals:
+    """Return the signals of a run that a vector had before, as they are in this call."""
     if signals.samples is not None:
         return signals._replace(samples=_ticks(system))
-    reference = None if signals.reference is None else _in_all_lanes(start.reference)
-    torques = None if signals.torques is None else _in_all_lanes(start.torques)
+    reference, torques = (
+        None if old is None else knots_in_lanes([new] * system.lanes)
+        for old, new in ((signals.reference, system.start.reference), (signals.torques, system.start.torques))
+    )
     return signals._replace(reference=reference, torques=torques)
 
 
-def _in_all_lanes(knots: Knots) -> Knots:
-    cubics = aligned((*knots.cubics.shape, WIDTH))
-    cubics[:] = knots.cubics[..., None]
-    return knots._replace(cubics=cubics)
-
-
 def _ticks(system: _System) -> np.ndarray:
-    """What the controllers see at each tick (ticks, joints, 2, lanes)."""
-    plan = system.course
-    ticks = -(-plan.steps // plan.per_tick)
-    values = np.zeros((ticks, system.scene.tree.n, 2))
-    sample_ticks(system.start.reference, plan, 0, values)
-    samples = aligned((*values.shape, WIDTH))
-    samples[:] = values[..., None]
-    return samples
-
-
-def _setter(system: _System, run: Run) -> Callable[[np.ndarray], None]:
-    """What moves the signals of a run by so much (signals, lanes), for all of the period."""
-    signals, n = run.signals, system.scene.tree.n
-    moved: list[tuple[np.ndarray, np.ndarray, slice]] = []  # what kernels read, as it is, which signals move it
-    for k, name in enumerate(name for name in system.inputs if name != "voltage"):
-        if name == "torque":
-            read = signals.torques.cubics
-        else:
-            read = signals.reference.cubics if signals.samples is None else signals.samples
-        values = read[:, :, 0].reshape(len(read), n, system.lanes)
-        moved.append((values, values.copy(), slice(k * n, (k + 1) * n)))
-
-    def put(U: np.ndarray) -> None:
-        for values, own, which in moved:
-            np.add(own, U[which], out=values)
-
-    return put
+    """Return what the controllers see at each tick (ticks, joints, 2, lanes)."""
+    plan = system.schedule
+    return in_lanes([sampled(system.start, plan, 0, -(-plan.steps // plan.per_tick))] * WIDTH)
 
 
 @functools.lru_cache(maxsize=128)
@@ -556,10 +504,10 @@ def _remembered(system: _System, always: tuple[str, ...], memory: tuple[str, ...
     if not memory:
         return []
     scene, count = system.scene, len(memory) + 1
-    states = system.beginnings(count)
+    states, signals = system.beginnings(count)
     for block in range(len(states)):
         states[block] += _uneven(scene, memory)[:, block * system.lanes :][:, : system.lanes]
-    system.run(states, system.signals_for(states))
+    system.run(states, signals)
     ends = np.concatenate(list(states), axis=1)[:, :count]
     changed = ends[:, 1:] != ends[:, :1]
     touched = {name: changed[slice(*scene.part(name))].any(axis=0) for name in (*always, *memory)}
@@ -620,8 +568,8 @@ def _named(scene: CompiledScene, chart: Chart, signals: tuple[str, ...]) -> tupl
 def _differences(system: _System, chart: Chart, outputs: tuple[str, ...], period: float) -> Linearization:
     """All columns, each in widths as small as it takes."""
     scene = system.scene
-    names, first = _named(scene, chart, tuple(system.signals()))
-    read = system.ready.channels
+    names, first = _named(scene, chart, tuple(system.signals))
+    read = system.compiled.channels
     found, end = _columns(system, chart, np.arange(len(names)), first)
     least = SMALL * (np.abs(found.value) * first).max(axis=1, initial=0.0)[:, None] / first
     kinked = _kinked(found, least)
@@ -635,10 +583,8 @@ def _differences(system: _System, chart: Chart, outputs: tuple[str, ...], period
     found.error[kinked] = 0.5 * np.abs(found.right - found.left)[kinked]
     n, labels = chart.states, (*chart.names[: chart.states], *_labels(scene, outputs, read))
     kinks = tuple(
-        Discontinuity(
-            names[j], tuple(labels[i] for i in np.flatnonzero(column)), found.left[column, j], found.right[column, j]
-        )
-        for j, column in ((j, kinked[:, j]) for j in np.flatnonzero(kinked.any(axis=0)))
+        Discontinuity(names[j], tuple(labels[i] for i in rows), found.left[rows, j], found.right[rows, j])
+        for j, rows in ((j, np.flatnonzero(kinked[:, j])) for j in np.flatnonzero(kinked.any(axis=0)))
     )
     value, error = found.value, found.error
     return Linearization(
@@ -651,10 +597,9 @@ def _differences(system: _System, chart: Chart, outputs: tuple[str, ...], period
 
 def _columns(system: _System, chart: Chart, which: np.ndarray, widths: np.ndarray) -> tuple[_Columns, np.ndarray]:
     """Some columns, in a width each, and the state (size,) at the end of the run that nothing moves."""
-    k, read = len(which), system.ready.channels
+    k, read = len(which), system.compiled.channels
     steps = np.multiply.outer(MOVES, widths)
-    states = system.beginnings(4 * k + 1)  # to the right, to the left, half of it; the last one stays
-    signals = system.signals_for(states)
+    states, signals = system.beginnings(4 * k + 1)  # to the right, to the left, half of it; the last one stays
     _move(chart, system.y, states, signals, np.tile(which, 4), steps.ravel())
     system.run(states, signals)
     block, lane = divmod(4 * k, system.lanes)

@@ -22,11 +22,11 @@ from .. import __version__
 from ..base.files import complete
 from ..core.integrate import INTEGRATORS
 from ..model import Model
-from ..run.prepared import prepare, with_tolerance
+from ..run.classify import to_trajectory
+from ..run.prepare import prepare, with_tolerance
 from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate
 from ..run.trajectory import Trajectory, positions
-from ..run.verdict import trajectory
 from ..scene.compile import CompiledScene
 from .limited import Worker, at_most
 
@@ -140,7 +140,7 @@ class Run:
     @property
     def trajectory(self) -> Trajectory:
         """What `once` gave."""
-        return trajectory(self.ready, *self.arguments[1:])
+        return to_trajectory(self.ready, *self.arguments[1:])
 
 
 # ---------------------------------------------------------------------------------------------- errors

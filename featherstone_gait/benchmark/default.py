@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ..run.companion import SPEED_LIMIT
+from ..run.error_estimate import SPEED_LIMIT
 from ..run.trajectory import Trajectory, positions
 from ..scene.compile import CompiledScene
 from ..view.style import BLUE, COLOURS, ORANGE, look

@@ -96,7 +96,7 @@ def _overhead(scene: CompiledScene, turns: int) -> Row:
     with Session(scene, 1) as session:
         action = np.zeros((1, scene.tree.n))
         session.step(action)
-        unit = session._crowds[0].lots[0].units[0]
+        vector = session._fleets[0].groups[0].vectors[0]
 
         def stepped() -> None:
             for _ in range(TICKS):
@@ -104,7 +104,7 @@ def _overhead(scene: CompiledScene, turns: int) -> Row:
 
         def ticked() -> None:
             for _ in range(TICKS):
-                unit.call(unit.run, unit.y, unit.out)
+                vector.kernel(vector.run, vector.y, vector.out)
 
         whole, kernel = in_turn([stepped, ticked], turns).T
         return _row("overhead of a tick of one robot", 1e6 * (whole - kernel) / TICKS, "us")

@@ -29,7 +29,8 @@ from ..core.tree.aba import aba
 from ..core.tree.layout import Motion, Robot
 from ..model import Ground, HeightField, Mimic, Model, Supply
 from ..robot_file import load_robot, load_servo
-from ..run.prepared import Prepared, prepare, with_steps
+from ..run.compiled_run import CompiledRun
+from ..run.prepare import prepare, with_steps
 from ..run.simulate import PARTS, simulate, standing_state
 from ..run.worlds import Distribution, Worlds
 from ..scene.compile import CompiledScene, GearboxKind, compile_scene
@@ -156,12 +157,12 @@ def rollout(
     return Work(ready.kernel, partial(alone, ready, start, every), every)
 
 
-def alone(ready: Prepared, start: np.ndarray, every: int, steps: int) -> tuple:
+def alone(ready: CompiledRun, start: np.ndarray, every: int, steps: int) -> tuple:
     shorter = with_steps(ready, steps, min(every, steps))
     return shorter.arguments(ready.start(start), records(shorter.samples, len(ready.channels)))
 
 
-def in_lanes(ready: list[Prepared], start: np.ndarray, every: int, steps: int) -> tuple:
+def in_lanes(ready: list[CompiledRun], start: np.ndarray, every: int, steps: int) -> tuple:
     shorter = [with_steps(one, steps, min(every, steps)) for one in ready]
     run_, y, out = shorter[0].arguments_in_lanes([one.start(start) for one in shorter])
     return run_, y, records(*out.shape)

@@ -13,12 +13,13 @@ reset with the seed s has the bits of a single robot reset with s + k.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TypedDict, Unpack
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import finite, listed, real, shown, vector, whole
+from ..base.deprecated import keywords
 from ..model import Ground, Model
 from ..robot_file import load_robot
 from ..run.session import Session
@@ -31,7 +32,6 @@ __all__ = [
     "PushVector",
     "RobotEnv",
     "RobotVectorEnv",
-    "Settings",
     "Stand",
     "StandVector",
     "Task",
@@ -55,23 +55,6 @@ KEPT = 64  # sessions of worlds that one environment has been in, of some 70 kB
 Step = tuple[Any, Any, Any, Any, dict[str, Any]]
 
 
-class Settings(TypedDict, total=False):
-    """What else an environment is given, by name: see `RobotEnv.__init__`, which has the defaults too."""
-
-    worlds: Worlds | None
-    angles: ArrayLike | None
-    scale: float
-    ticks: int
-    duration: float
-    servos: str | None
-    render_mode: str | None
-
-
-DEFAULTS: Settings = {
-    "worlds": None, "angles": None, "scale": 0.3, "ticks": 2, "duration": 10.0, "servos": "mipsd", "render_mode": None
-}  # fmt: skip
-
-
 class Task(NamedTuple):
     """What robots are to do."""
 
@@ -83,27 +66,31 @@ class Task(NamedTuple):
 class _Robots:
     """What environments of one and of many robots have in common: rows are robots."""
 
-    def __init__(self, robot: Any, task: Task, given: Settings) -> None:
-        if given.keys() - DEFAULTS.keys():
-            unknown = ", ".join(sorted(given.keys() - DEFAULTS.keys()))
-            raise TypeError(f"environment: {unknown} is unknown; its settings are {', '.join(DEFAULTS)}")
-        settings: Settings = {**DEFAULTS, **given}
-        if settings["render_mode"] is not None:
-            raise ValueError(f"render_mode is {shown(settings['render_mode'])}; nothing is drawn here: give None")
-        self.task, self.worlds = task, settings["worlds"]
-        self.scene = _scene(robot, settings["servos"])
+    def __init__(
+        self,
+        robot: Any,
+        task: Task,
+        worlds: Worlds | None,
+        angles: ArrayLike | None,
+        scale: float,
+        ticks: int,
+        duration: float,
+        gearbox: str | None,
+        render_mode: str | None,
+    ) -> None:
+        if render_mode is not None:
+            raise ValueError(f"render_mode is {shown(render_mode)}; nothing is drawn here: give None")
+        self.task, self.worlds, self.scene = task, worlds, _scene(robot, gearbox)
         model, n = self.scene.model, self.scene.tree.n
-        angles = np.zeros(n) if settings["angles"] is None else settings["angles"]
-        self.angles = vector("angles", angles, n, "[rad or m], of a standing robot")
-        self.scale = real("scale", settings["scale"], 0.0, 10.0, "it is what an action of 1 moves a reference by")
-        self.ticks = whole("ticks", settings["ticks"], 1, "an action stands for so many controller ticks")
-        self.duration = real("duration", settings["duration"], 1e-3, 1e6, "give the longest episode [s]")
+        self.angles = vector("angles", np.zeros(n) if angles is None else angles, n, "[rad or m], of a standing robot")
+        self.scale = real("scale", scale, 0.0, 10.0, "it is what an action of 1 moves a reference by")
+        self.ticks = whole("ticks", ticks, 1, "an action stands for so many controller ticks")
+        self.duration = real("duration", duration, 1e-3, 1e6, "give the longest episode [s]")
         self.lower = np.array([joint.lower for joint in model.moving_joints])
         self.upper = np.array([joint.upper for joint in model.moving_joints])
         self.angles = np.clip(self.angles, self.lower, self.upper)
         self.height = float(standing_state(self.scene, self.angles)[self.scene.part("base_q")[0] + 2])
-        size = 2 * n + 3 + 3 + 3 + 1
-        self.observation_space = spaces.Box(-np.inf, np.inf, (size,), np.float64)
+        self.observation_space = spaces.Box(-np.inf, np.inf, (2 * n + 10,), np.float64)
         self.action_space = spaces.Box(-1.0, 1.0, (n,), np.float64)
 
     def begin(self, draw: np.random.Generator) -> np.ndarray:
@@ -115,33 +102,29 @@ class _Robots:
         """What the servos are given (n, joints)."""
         return np.clip(self.angles + self.scale * np.clip(actions, -1.0, 1.0), self.lower, self.upper)
 
-    def push(self, session: Session, draws: Sequence[np.random.Generator]) -> None:
-        """Push some of the robots, each by its own lot."""
-        if not self.task.push:
-            return
+    def push(self, session: Session, draws: Sequence[np.random.Generator | None]) -> None:
+        """Push some of the robots, each by its own draws; None: not that robot."""
         kicks = np.zeros((session.n, 2))
-        for robot, draw in enumerate(draws):
-            lot = draw.random()
-            angle = draw.uniform(-np.pi, np.pi)
-            if lot < self.ticks * session.tick / self.task.every:
-                kicks[robot] = self.task.push * np.array([np.cos(angle), np.sin(angle)])
+        for robot, draw in enumerate(draws if self.task.push else ()):
+            if draw is not None:
+                chance, angle = draw.random(), draw.uniform(-np.pi, np.pi)
+                if chance < self.ticks * session.tick / self.task.every:
+                    kicks[robot] = self.task.push * np.array([np.cos(angle), np.sin(angle)])
         who = kicks.any(axis=1)
         if who.any():
             speeds = session.observe()["base_qd"].copy()
             speeds[:, :2] += kicks
-            session.change("base_qd", speeds, who)
+            session.set_state("base_qd", speeds, who)
 
     def observation(self, seen: dict[str, np.ndarray]) -> np.ndarray:
         """Joints from standing, their speeds, gravity and turning in the base's axes, its velocity and height."""
-        up = _up(seen["base_q"])
-        height = seen["base_q"][:, 2:3] - self.height
-        return np.hstack(
-            [seen["q"] - self.angles, seen["qd"], -up, seen["base_qd"][:, 3:], seen["base_qd"][:, :3], height]
-        )
+        base_q, base_qd = seen["base_q"], seen["base_qd"]
+        height = base_q[:, 2:3] - self.height
+        return np.hstack([seen["q"] - self.angles, seen["qd"], -_up(base_q), base_qd[:, 3:], base_qd[:, :3], height])
 
     def reward(self, seen: dict[str, np.ndarray], actions: np.ndarray) -> np.ndarray:
         """1 for standing upright, and as much for walking at the speed asked for, less the effort."""
-        tilt, taken = np.arccos(np.clip(_up(seen["base_q"])[:, 2], -1.0, 1.0)), np.clip(actions, -1.0, 1.0)
+        tilt, taken = _tilt(seen["base_q"]), np.clip(actions, -1.0, 1.0)
         reward = 1.0 - np.minimum(tilt / TILTED, 1.0) ** 2 - EFFORT * (taken**2).mean(axis=1)
         if self.task.speed:
             reward = reward + np.clip(seen["base_qd"][:, 0] / self.task.speed, -1.0, 1.0)
@@ -149,36 +132,60 @@ class _Robots:
 
     def info(self, session: Session, seen: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Time [s], place [m] and tilt [rad] of the base."""
-        tilt = np.arccos(np.clip(_up(seen["base_q"])[:, 2], -1.0, 1.0))
-        return {"time": session.time, "x": seen["base_q"][:, 0].copy(), "tilt": tilt}
+        return {"time": session.time, "x": seen["base_q"][:, 0].copy(), "tilt": _tilt(seen["base_q"])}
 
 
 class RobotEnv(gymnasium.Env):
-    """One robot; see `Stand`, `Walk` and `Push`.
+    """An environment of one robot; `Stand`, `Walk` and `Push` are its tasks.
 
-    Actions are (n,), numbers from -1 to 1 for its n joints; what is beyond counts as -1 or 1.  Observations are
+    Actions are (n,), numbers from -1 to 1 for its n joints; larger ones count as -1 or 1.  Observations are
     (2 n + 10,): the joints' angles from standing [rad or m] and their speeds, the direction of gravity (3,) and the
     angular velocity [rad/s] in the base's axes, the base's velocity [m/s] and its height over that of standing [m].
     Info has time [s], place along x [m] and tilt [rad] of the base.
+
+    Parameters
+    ----------
+    robot
+        Name or file of a robot that stands on contact points, a `Model`, or a compiled scene with ground.
+    worlds
+        Domain randomization: one world is drawn for each episode.
+    angles
+        Joint positions in the standing posture (n,) [rad or m].  None: zero.
+    scale
+        Change of the servos' reference by an action of 1 [rad or m].
+    ticks
+        Controller ticks for which an action is held.
+    duration
+        Longest episode [s].
+    gearbox
+        Gearbox model, unless `robot` is a scene: "standard", "rotor", or "mipsd", a motor inertia plus spring-damper.
+    render_mode
+        None, since nothing is drawn.
+
+    Raises
+    ------
+    ValueError
+        For robots that do not stand, and for numbers out of range.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
     task = Task()
 
+    @keywords(servos="gearbox")
     def __init__(
         self,
         robot: str | Model | CompiledScene = "humanoid",
-        **settings: Unpack[Settings],
+        *,
+        worlds: Worlds | None = None,
+        angles: ArrayLike | None = None,
+        scale: float = 0.3,
+        ticks: int = 2,
+        duration: float = 10.0,
+        gearbox: str | None = "mipsd",
+        render_mode: None = None,
     ) -> None:
-        """Robot: its name or file, a model, or a scene with ground; worlds: one is drawn for each episode.
-
-        angles: of the joints, standing, zero if None; scale: what an action of 1 adds to these [rad or m], 0.3; ticks
-        of the controller that an action stands for, 2; duration of an episode [s], 10; servos: "mipsd", "rotor" or
-        "standard", of a robot that is no scene; render_mode: None, for nothing is drawn.  Raises ValueError for robots
-        that do not stand and settings out of range, TypeError for settings that are not known.
-        """
         self.render_mode = None
-        self._robots = _Robots(robot, self.task, settings)
+        self._robots = _Robots(robot, self.task, worlds, angles, scale, ticks, duration, gearbox, render_mode)
         self._worlds = self._robots.worlds
         self.observation_space, self.action_space = self._robots.observation_space, self._robots.action_space
         self._sessions: dict[int, Session] = {}
@@ -209,7 +216,7 @@ class RobotEnv(gymnasium.Env):
         actions = vector("action", action, len(robots.angles), "numbers from -1 to 1")[None]
         robots.push(session, [self.np_random])
         seen = session.step(robots.reference(actions), robots.ticks)
-        ended, late = not session.running[0], bool(session.time[0] >= robots.duration - 1e-9)
+        ended, late = not session.active[0], bool(session.time[0] >= robots.duration - 1e-9)
         reward = float(robots.reward(seen, actions)[0])
         return robots.observation(seen)[0], reward, ended, late and not ended, self._info(seen)
 
@@ -226,26 +233,44 @@ class RobotEnv(gymnasium.Env):
 
 
 class RobotVectorEnv(VectorEnv):
-    """Many robots at once; one whose episode has ended begins the next in the step after that.
+    """An environment of many robots; one whose episode has ended begins the next in the step after that.
 
     Actions (num_envs, n), observations (num_envs, 2 n + 10), rewards (num_envs,) and arrays in info have a row or a
-    number for each robot, as `RobotEnv` has of one.
+    number for each robot, as in `RobotEnv`.
+
+    Parameters
+    ----------
+    robot, angles, scale, ticks, duration, gearbox, render_mode
+        As in `RobotEnv`.
+    num_envs
+        Number of robots.
+    worlds
+        Domain randomization: robot k stays in world k.
+
+    Raises
+    ------
+    ValueError
+        As `RobotEnv`, and for fewer worlds than robots.
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
     task = Task()
 
+    @keywords(servos="gearbox")
     def __init__(
         self,
         robot: str | Model | CompiledScene = "humanoid",
         num_envs: int = 8,
-        **settings: Unpack[Settings],
+        *,
+        worlds: Worlds | None = None,
+        angles: ArrayLike | None = None,
+        scale: float = 0.3,
+        ticks: int = 2,
+        duration: float = 10.0,
+        gearbox: str | None = "mipsd",
+        render_mode: None = None,
     ) -> None:
-        """num_envs robots, as in the environment of one; robot k is in world k.
-
-        Raises ValueError as that one, and for fewer worlds than robots.
-        """
-        self._robots = _Robots(robot, self.task, settings)
+        self._robots = _Robots(robot, self.task, worlds, angles, scale, ticks, duration, gearbox, render_mode)
         self.num_envs = whole("num_envs", num_envs, 1, "give the number of robots")
         self.single_observation_space = self._robots.observation_space
         self.single_action_space = self._robots.action_space
@@ -298,11 +323,11 @@ class RobotVectorEnv(VectorEnv):
             raise ValueError("step: no episode has begun; call reset first")
         robots, session, new = self._robots, self._session, self._ended.copy()
         given = finite("actions", actions, (self.num_envs, len(robots.angles)), "from -1 to 1")
-        robots.push(session, [_Idle() if idle else draw for idle, draw in zip(new, self._draws)])  # type: ignore[misc]
+        robots.push(session, [None if begins else draw for begins, draw in zip(new, self._draws)])
         seen = session.step(robots.reference(given), robots.ticks)
         if new.any():
             seen = self._begin(new)
-        ended = ~session.running & ~new
+        ended = ~session.active & ~new
         late = (session.time >= robots.duration - 1e-9) & ~ended & ~new
         rewards = np.where(new, 0.0, robots.reward(seen, given))
         self._ended = ended | late
@@ -314,16 +339,6 @@ class RobotVectorEnv(VectorEnv):
     def close_extras(self, **kwargs: Any) -> None:
         """End the session."""
         self._session.close()
-
-
-class _Idle:
-    """The lots of a robot that begins anew: none are drawn."""
-
-    def random(self) -> float:
-        return 1e9
-
-    def uniform(self, low: float, high: float) -> float:
-        return 0.0
 
 
 class Stand(RobotEnv):
@@ -358,7 +373,7 @@ class PushVector(RobotVectorEnv):
     task = Push.task
 
 
-def _scene(robot: Any, servos: Any) -> CompiledScene:
+def _scene(robot: Any, gearbox: Any) -> CompiledScene:
     """The scene of a robot that can stand."""
     scene = robot
     if not isinstance(robot, CompiledScene):
@@ -368,7 +383,7 @@ def _scene(robot: Any, servos: Any) -> CompiledScene:
                 f"{model.name}: it has no servos, which actions move; give it some: walking.with_generic_servos("
                 "load_robot(FILE, base='floating', contacts='feet'), leg=LENGTH)"
             )
-        scene = compile_scene(model, servos, Ground(), "midpoint", 1e-3)
+        scene = compile_scene(model, gearbox, Ground(), "midpoint", 1e-3)
     if scene.ground is None or not scene.tree.floating or scene.constants.actuator is None:
         raise ValueError(
             f"{scene.model.name}: environments are of robots with a floating base, on the ground, with servos: load it "
@@ -381,6 +396,11 @@ def _up(base_q: np.ndarray) -> np.ndarray:
     """The world's vertical (n, 3) in the axes of bases at base_q (n, 7)."""
     w, x, y, z = base_q[:, 3:].T
     return np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], axis=1)
+
+
+def _tilt(base_q: np.ndarray) -> np.ndarray:
+    """Return the angles (n,) [rad] between the vertical axes of bases and of the world."""
+    return np.arccos(np.clip(_up(base_q)[:, 2], -1.0, 1.0))
 
 
 for _name in ("Stand", "Walk", "Push"):

@@ -1,132 +1,132 @@
-"""Many runs: in step in one vector, or lane by lane from a queue, over threads or an executor."""
+"""Simulate many runs: in step in one vector, or lane by lane from a queue, over threads or an executor."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 
 from ..core.compile.lanes import WIDTH
+from ..core.integrate.rollout import NEVER
 from ..scene.compile import CompiledScene
-from .differing import course, structure
+from .compiled_run import CompiledRun, RunInput
+from .lane_constants import structure
 from .lane_engine import Queue, Source, run_lanes
-from .prepared import Prepared, Start
 
 BATCH = 32  # runs that an executor is given at a time
 
 Result = tuple[np.ndarray, np.ndarray]  # final state and records
 
 
-def run_all(starts: list[Start], executor: Executor | None) -> list[Result]:
-    """Final state and records of each run, in its own scene; without an executor over all cores.
+def run_all(starts: list[RunInput], executor: Executor | None) -> list[Result]:
+    """Return the final state and the records of each run, in its own scene; without an executor over all cores.
 
     Runs whose scenes have one structure share lanes.
     """
     results: list = [None] * len(starts)
-    groups: list[tuple[Prepared, list[int]]] = []
-    for ready, members in _families(starts):
+    groups: list[tuple[CompiledRun, list[int]]] = []
+    for compiled, members in families([start.compiled for start in starts]):
         family = [starts[i] for i in members]
-        if executor is None and _refills(ready.scene, family):
-            for i, result in zip(members, _run_refilled(ready, family, os.cpu_count() or 1)):
+        refills = _refills(compiled.scene, family)
+        if executor is None and refills:
+            for i, result in zip(members, _run_refilled(compiled, family, os.cpu_count() or 1)):
                 results[i] = result
         else:
-            parts = _groups(ready.scene, family, _refills(ready.scene, family))
-            groups.extend((ready, [members[k] for k in part]) for part in parts)
-    batches = [(ready, [starts[i] for i in group]) for ready, group in groups]
+            groups.extend((compiled, [members[k] for k in part]) for part in _groups(compiled.scene, family, refills))
+    batches = [(compiled, [starts[i] for i in group]) for compiled, group in groups]
     for (_, group), done in zip(groups, _run_groups(batches, executor)):
         for i, result in zip(group, done):
             results[i] = result
     return results
 
 
-def _families(starts: list[Start]) -> list[tuple[Prepared, list[int]]]:
-    """Indices of the runs whose scenes have one structure, and what is ready for the lanes of all of them."""
-    if all(start.world is starts[0].world for start in starts):
-        return [(starts[0].world, list(range(len(starts))))] if starts else []
+def families(runs: Sequence[CompiledRun]) -> list[tuple[CompiledRun, list[int]]]:
+    """Group runs whose scenes have one structure: what is compiled for the lanes of all of them, and their indices."""
     keys: dict[int, Hashable] = {}
-    families: dict[Hashable, list[int]] = {}
-    for i, start in enumerate(starts):
-        if id(start.world) not in keys:
-            keys[id(start.world)] = family(start.world)
-        families.setdefault(keys[id(start.world)], []).append(i)
+    members: dict[Hashable, list[int]] = {}
+    for i, run in enumerate(runs):
+        if id(run) not in keys:
+            keys[id(run)] = family(run)
+        members.setdefault(keys[id(run)], []).append(i)
     found = []
-    for members in families.values():
-        worlds = list({id(starts[i].world): starts[i].world for i in members}.values())
-        found.append((worlds[0] if worlds[0].scene.adaptive else worlds[0].among(worlds), members))
+    for indices in members.values():
+        own = list({id(runs[i]): runs[i] for i in indices}.values())
+        found.append((own[0] if own[0].scene.adaptive else own[0].among(own), indices))
     return found
 
 
-def family(world: Prepared) -> Hashable:
-    """What runs have in common that share lanes; with error control none do."""
-    if world.scene.adaptive:
-        return None
-    acts = world.controller and world.controller.kind
-    return world.scene.integrator, course(world.plan), structure(world.scene.constants), world.channels.tobytes(), acts
+def family(run: CompiledRun) -> Hashable:
+    """Return what runs that share lanes have in common; with error control none do."""
+    scene = run.scene
+    if scene.adaptive:
+        return scene.layout.tobytes()
+    plan = run.plan._replace(lag=0.0, min_height=float(run.plan.min_height > NEVER))  # in which lanes may differ
+    controller = run.controller and run.controller.kind
+    return scene.integrator, plan, structure(scene.constants), run.channels.tobytes(), controller
 
 
 def streams(scene: CompiledScene) -> bool:
-    """Whether lanes may be at different times: nothing but the controllers' ticks depends on the time."""
+    """Tell whether lanes may be at different times: nothing but the controllers' ticks depends on the time."""
     return scene.constants.push is None and scene.sampled and not scene.adaptive
 
 
-def _refills(scene: CompiledScene, starts: list[Start]) -> bool:
+def _refills(scene: CompiledScene, starts: list[RunInput]) -> bool:
     return streams(scene) and all(start.torques is None for start in starts) and len(starts) > 2
 
 
-def _run_refilled(ready: Prepared, starts: list[Start], threads: int) -> list[Result]:
-    """Every thread drives one vector and takes runs from the same queue."""
+def _run_refilled(compiled: CompiledRun, starts: list[RunInput], threads: int) -> list[Result]:
+    """Let every thread drive one vector and take runs from the same queue."""
     queue, threads = Queue(len(starts)), min(threads, -(-len(starts) // WIDTH))
-    drive_lanes(ready, queue, starts.__getitem__, lambda start, y, out: (y, out), threads)
+    drive_lanes(compiled, queue, starts.__getitem__, lambda start, y, out: (y, out), threads)
     return queue.answers
 
 
-def drive_lanes(ready: Prepared, source: Source, begin: Callable[[Any], Start], end: Callable, threads: int) -> float:
-    """`run_lanes` in every thread; return the share of the lane-steps that were used."""
+def drive_lanes(
+    compiled: CompiledRun, source: Source, begin: Callable[[Any], RunInput], end: Callable, threads: int
+) -> float:
+    """Call `run_lanes` in every thread; return the share of the lane-steps that were used."""
 
     def work(_: object = None) -> tuple[int, int]:
         try:
-            return run_lanes(ready, source, begin, end)
+            return run_lanes(compiled, source, begin, end)
         except BaseException:
             source.close()  # or the other threads would go on
             raise
 
-    if threads == 1:
-        counts = [work()]
-    else:
-        counts = _over_threads(ready, work, range(threads), threads)
+    counts = [work()] if threads == 1 else _over_threads(compiled, work, range(threads), threads)
     used, there = np.sum(counts, axis=0)
     return float(used / max(there, 1))
 
 
-def _over_threads(ready: Prepared, work: Callable[[Any], Any], items: Iterable[Any], threads: int) -> list[Any]:
-    """`work` of each item; what is raised here, by Ctrl-C too, ends all runs within a step."""
+def _over_threads(compiled: CompiledRun, work: Callable[[Any], Any], items: Iterable[Any], threads: int) -> list[Any]:
+    """Do the work of each item; what is raised here, by Ctrl-C too, ends all runs within a step."""
     with ThreadPoolExecutor(threads) as pool:
         try:
             return list(pool.map(work, items))
         except BaseException:
-            ready.stop[0] = 1
+            compiled.stop[0] = 1
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
-def _run_groups(batches: list[tuple[Prepared, list[Start]]], executor: Executor | None) -> list[list[Result]]:
-    """Groups of runs go to the executor, by default to threads."""
+def _run_groups(batches: list[tuple[CompiledRun, list[RunInput]]], executor: Executor | None) -> list[list[Result]]:
+    """Send groups of runs to the executor, by default to threads."""
     if executor is None and len(batches) > 1:
         return _over_threads(batches[0][0], _run_group, batches, os.cpu_count() or 1)
     return list((executor.map if executor else map)(_run_group, batches))
 
 
-def _groups(scene: CompiledScene, starts: list[Start], refills: bool) -> list[list[int]]:
-    """Indices of the runs that go together; small rests alone."""
+def _groups(scene: CompiledScene, starts: list[RunInput], refills: bool) -> list[list[int]]:
+    """Return the indices of the runs that go together; of a rest of one or two each goes alone."""
     alike: dict[tuple, list[int]] = {}
     for i, start in enumerate(starts):
         key: tuple = ()
         if not refills:
             signals = (start.reference, start.torques)
-            key = (start.world.plan.lag, *(k and (k.times.tobytes(), k.period) for k in signals))
+            key = (start.compiled.plan.lag, *(k and (k.times.tobytes(), k.period) for k in signals))
         key = (i,) if scene.adaptive else (*key, start.y[scene.layout["end_time"]])
         alike.setdefault(key, []).append(i)
     size = BATCH if refills else WIDTH
@@ -138,8 +138,6 @@ def _groups(scene: CompiledScene, starts: list[Start], refills: bool) -> list[li
     return groups
 
 
-def _run_group(batch: tuple[Prepared, list[Start]]) -> list[Result]:
-    ready, starts = batch
-    if _refills(ready.scene, starts):
-        return _run_refilled(ready, starts, 1)
-    return ready.run(starts)
+def _run_group(batch: tuple[CompiledRun, list[RunInput]]) -> list[Result]:
+    compiled, starts = batch
+    return _run_refilled(compiled, starts, 1) if _refills(compiled.scene, starts) else compiled.run(starts)

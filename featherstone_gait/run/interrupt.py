@@ -25,7 +25,7 @@ PATIENCE = 0.1  # [s] between looks at signals that were delivered to another th
 _jobs: list[queue.SimpleQueue] = []  # of the thread, if it is there
 
 
-def compiled(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray) -> None:
+def ensure_compiled(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray) -> None:
     """Call the kernel for no step at all, which costs less than to ask whether it has been compiled for these types.
 
     In the main thread Ctrl-C ends its compiling too.

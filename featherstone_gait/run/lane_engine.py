@@ -1,9 +1,9 @@
-"""Many runs of scenes of one structure, eight to a vector; a lane whose run has ended takes the next one.
+"""Simulate many runs of scenes of one structure, eight to a vector; a lane whose run has ended takes the next one.
 
-A vector runs for a segment of some ticks, then lanes whose run fell, diverged, reached its end or is no longer wanted
-are handed over.  A run brings the numbers in which its scene differs from others into its lane.  What sampled
-controllers see is worked out beforehand for each tick, so that lanes may be at different times of different references.
-A run's bits do not depend on its lane, its neighbors or the segments it is cut into.
+A vector runs for a segment of some ticks.  Then each lane whose run fell, diverged, reached its end or is no longer
+wanted takes another run, with the numbers in which that run's scene differs.  What sampled controllers see is computed
+for each tick beforehand, so that lanes may be at different times of different references.  A run's bits do not depend
+on its lane, its neighbors or the segments it is cut into.
 """
 
 from __future__ import annotations
@@ -16,33 +16,33 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..core.compile.lanes import WIDTH, aligned
-from ..core.integrate.rollout import OK, rollout_lanes
-from ..core.step.context import Plan, Run
+from ..core.compile.lanes import WIDTH
+from ..core.integrate.rollout import OK
+from ..core.step.context import Plan
 from ..core.step.signals import Signals, sample_ticks
-from .prepared import Prepared, Start, lane_zeros, set_clock
+from .compiled_run import CompiledRun, RunInput, Vector, lane_zeros
 
 SEGMENT = 250  # steps between changes of the runs: 0.25 s, of 25 ticks, at the usual 1 ms and 10 ms
 
 
 class Source(Protocol):
-    """What lanes get their work from and give the answers to; called from several threads."""
+    """Hand out runs to lanes and take their answers; called from several threads."""
 
     def take(self, wait: bool) -> Any | None:
-        """The key of a run nobody has taken.  None: there are no more, or, unless `wait`, none at present."""
+        """Return the key of a run nobody has taken; None if there are no more or, unless `wait`, none at present."""
 
     def wanted(self, key: Any) -> bool:
-        """Whether a run taken is still to be finished."""
+        """Tell whether a run that was taken is still to be finished."""
 
     def give(self, key: Any, answer: Any) -> None:
-        """Take the answer of a run."""
+        """Accept the answer of a run."""
 
     def close(self) -> None:
-        """Hand out no more: a thread has failed."""
+        """Hand out no more runs, since a thread has failed."""
 
 
 class Queue:
-    """The source of a known number of runs; its keys are their indices."""
+    """Hand out a known number of runs, whose keys are their indices."""
 
     def __init__(self, count: int) -> None:
         self.answers: list = [None] * count
@@ -69,80 +69,75 @@ class _Occupant:
     """The run in a lane."""
 
     key: Any
-    start: Start
-    course: Plan
+    start: RunInput
+    schedule: Plan
     done: int  # steps
     out: np.ndarray  # its records (samples, channels)
 
 
-def segment_steps(course: Plan) -> int:
-    """Steps of a segment: whole ticks and whole samples, about `SEGMENT`; the whole run if that does not fit."""
-    unit = math.lcm(course.per_tick, course.per_sample)
+def segment_steps(plan: Plan) -> int:
+    """Return the steps of a segment: whole ticks and samples, about `SEGMENT`; the whole run if that does not fit."""
+    unit = math.lcm(plan.per_tick, plan.per_sample)
     steps = unit * max(1, SEGMENT // unit)
-    return steps if steps < course.steps else course.steps
+    return steps if steps < plan.steps else plan.steps
 
 
 def run_lanes(
-    ready: Prepared,
+    compiled: CompiledRun,
     source: Source,
-    begin: Callable[[Any], Start],
-    end: Callable[[Start, np.ndarray, np.ndarray], Any],
+    begin: Callable[[Any], RunInput],
+    end: Callable[[RunInput, np.ndarray, np.ndarray], Any],
 ) -> tuple[int, int]:
     """Simulate what the source hands out until there is no more.
 
     `begin(key)` returns what a run starts from, `end(start, y, out)` the answer from that, its final state and its
     records.  Returns how many lane-steps were used and how many there were.
     """
-    course, channels = ready.plan, ready.channels
-    n, layout = ready.scene.tree.n, ready.scene.layout
-    status = int(layout["status"])
-    whole = ready.bound_in_lanes(Signals(None, lane_zeros((n, 2)), None, None, None, None, None, None))
-    y = lane_zeros(len(whole.good))
+    plan, n, width = compiled.plan, compiled.scene.tree.n, len(compiled.channels)
+    longest, used, there = segment_steps(plan), 0, 0
+    all_records = lane_zeros((longest // plan.per_sample + 1, max(width, 1)))
+    all_ticks = lane_zeros((-(-longest // plan.per_tick), n, 2))
+    drive = lane_zeros((n, 2))
+    vector = Vector(compiled, Signals(None, drive, None, None, None, None, None, None), out=all_records)
     lanes: list[_Occupant | None] = [None] * WIDTH
-    longest = segment_steps(course)
-    whole_out = lane_zeros((longest // course.per_sample + 1, max(len(channels), 1)))
-    whole_ticks = aligned((-(-longest // course.per_tick), n, 2, WIDTH))
-    used = there = 0
-    while _fill(lanes, source, begin, ready, y, whole):
+    while _fill(lanes, source, begin, vector):
         busy = [(lane, held) for lane, held in enumerate(lanes) if held is not None]
-        steps = min(longest, min(course.steps - held.done for _, held in busy))
-        ticks, out = whole_ticks[: -(-steps // course.per_tick)], whole_out[: steps // course.per_sample + 1]
-        noise = None if busy[0][1].start.noise is None else aligned(ticks.shape)
-        for lane in range(WIDTH):
-            held = lanes[lane]
+        steps = min(longest, min(plan.steps - held.done for _, held in busy))
+        ticks, records = all_ticks[: -(-steps // plan.per_tick)], all_records[: steps // plan.per_sample + 1]
+        noise = None if busy[0][1].start.noise is None else lane_zeros(ticks.shape[:3])
+        for lane, held in enumerate(lanes):
             if held is None:  # an idle lane repeats a busy one
                 other, held = busy[0]
-                y[:, lane], whole.good[:, lane] = y[:, other], whole.good[:, other]
-                ready.put(whole, lane, held.start)
-                if whole.signals.program is not None:
-                    memory = whole.signals.program.memory
-                    memory[..., lane] = memory[..., other]
-            _sample(held, ticks, lane)
-            _sample_noise(held.start.noise, held.done // course.per_tick, noise, lane)
-            set_clock(whole, held.course, held.done, lane)
-        signals = whole.signals._replace(samples=ticks, noise=noise)
-        ready.call(rollout_lanes, whole._replace(plan=whole.plan._replace(steps=steps), signals=signals), y, out)
+                vector.repeat(lane, other, held.start)
+            ticks[..., lane] = sampled(held.start, held.schedule, held.done, len(ticks))
+            if noise is not None and held.start.noise is not None:
+                part = held.start.noise[held.done // plan.per_tick :][: len(noise)]
+                noise[: len(part), ..., lane] = part
+            vector.set_clock(held.schedule, held.done, lane)
+        signals = vector.run.signals._replace(samples=ticks, noise=noise)
+        vector.step(records, plan=vector.run.plan._replace(steps=steps), signals=signals)
         there += steps * WIDTH
         used += steps * len(busy)
         for lane, held in busy:
-            first = held.done // course.per_sample
-            held.out[first : first + len(out)] = out[:, : len(channels), lane]
-            if y[status, lane] != OK or held.done + steps == course.steps:
-                source.give(held.key, end(held.start, *_ended(layout, held, y[:, lane], first + len(out))))
+            first = held.done // plan.per_sample
+            held.out[first : first + len(records)] = records[:, :width, lane]
+            y = vector.y[:, lane]
+            if y[compiled.scene.layout["status"]] != OK or held.done + steps == plan.steps:
+                source.give(held.key, end(held.start, *_ended(held, y.copy(), first + len(records))))
                 lanes[lane] = None
             held.done += steps
     return used, there
 
 
-def _fill(
-    lanes: list[_Occupant | None],
-    source: Source,
-    begin: Callable[[Any], Start],
-    ready: Prepared,
-    y: np.ndarray,
-    whole: Run,
-) -> bool:
-    """Give a run to each lane that is free or whose own is no longer wanted; False when there are no more."""
+def sampled(start: RunInput, schedule: Plan, done: int, ticks: int) -> np.ndarray:
+    """Return what sampled controllers see at the next ticks of a run after `done` steps (ticks, joints, 2)."""
+    values = np.zeros((ticks, start.compiled.scene.tree.n, 2))
+    sample_ticks(start.reference, schedule, done, values)
+    return values
+
+
+def _fill(lanes: list[_Occupant | None], source: Source, begin: Callable[[Any], RunInput], vector: Vector) -> bool:
+    """Give a run to each lane that is free or whose own is no longer wanted; return False when there are no more."""
     for lane in range(WIDTH):
         held = lanes[lane]
         if held is not None and not source.wanted(held.key):
@@ -152,31 +147,17 @@ def _fill(
         if key is None:
             break
         start = begin(key)
-        y[:, lane] = whole.good[:, lane] = start.y
-        ready.put(whole, lane, start)
-        out = np.zeros((ready.samples, len(ready.channels)))
-        lanes[lane] = _Occupant(key, start, start.world.course(start), 0, out)
+        vector.put(lane, start)
+        out = np.zeros((vector.compiled.samples, len(vector.compiled.channels)))
+        lanes[lane] = _Occupant(key, start, start.compiled.schedule(start.y), 0, out)
     return lanes.count(None) < WIDTH
 
 
-def _sample(held: _Occupant, ticks: np.ndarray, lane: int) -> None:
-    """What the controllers of one lane see in the coming segment."""
-    values = np.empty(ticks.shape[:3])
-    sample_ticks(held.start.reference, held.course, held.done, values)
-    ticks[..., lane] = values
-
-
-def _sample_noise(whole: np.ndarray | None, first: int, noise: np.ndarray | None, lane: int) -> None:
-    """The noise of one lane in the coming segment."""
-    if noise is not None and whole is not None:
-        part = whole[first : first + len(noise)]
-        noise[: len(part), ..., lane] = part
-
-
-def _ended(layout: np.void, held: _Occupant, y: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
-    """Final state and records of a run that has ended; the records after the end repeat the last one."""
-    y, time, course = y.copy(), int(layout["end_time"]), held.course
-    if held.start.y[layout["status"]] == OK:  # the time of its last segment, to which what was before is added
-        y[time] = course.offset + (course.first + held.done + round(y[time] / course.h)) * course.h
+def _ended(held: _Occupant, y: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the final state and the records of a run that has ended; later records repeat the last one."""
+    layout, schedule = held.start.compiled.scene.layout, held.schedule
+    if held.start.y[layout["status"]] == OK:  # y has the time of its last segment
+        before = schedule.first + held.done
+        y[layout["end_time"]] = schedule.offset + (before + round(y[layout["end_time"]] / schedule.h)) * schedule.h
     held.out[samples:] = held.out[samples - 1]
     return y, held.out

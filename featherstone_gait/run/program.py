@@ -88,7 +88,7 @@ class CompiledController:
         if not scene.sampled:
             raise ValueError(
                 f"controller {self.name}: {scene.model.name} has no sampled servos that take what it writes: compile "
-                "the scene with servos='mipsd', or step it with Session(..., action='torque')"
+                "the scene with gearbox='mipsd', or step it with Session(..., action='torque')"
             )
         self.every(scene)
         return open_loop(scene) if self.writes == "voltage" else scene

@@ -1,10 +1,10 @@
-"""Runs that are stepped from Python, so that a loop can be closed around the simulator.
+"""Step robots from Python, so that a loop can be closed around the simulator.
 
     session = Session(scene, n=64, observe=("q", "qd"))
     seen = session.observe()
     for _ in range(1000):
         seen = session.step(policy(seen))
-    session.reset(~session.running)
+    session.reset(~session.active)
 
 A session has the bits of one `simulate` call whose reference holds each action from its tick to the next one's.
 """
@@ -17,30 +17,35 @@ import json
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal, TypedDict, Unpack
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import floats, instance, listed, one_of, real, shown, truth, whole
+from ..base.deprecated import keywords, warn
 from ..base.files import FilePath, Format, complete, read_arrays
 from ..core.effects.push import AHEAD
 from ..core.integrate.rollout import OK
 from ..core.step.state import BY_NAME, RECORDABLE, shaped
 from ..scene.compile import CompiledScene
 from ..scene.external import Push
+from ..scene.state_view import StateView
 from . import sensors
 from .channels import current_name
-from .companion import FIXED_LIMIT, LIMIT, SPEED_LIMIT, WHOLE, companion
-from .crowd import Crowd, Lot
-from .prepared import Prepared, Start, coordinates, each_once, prepare, with_tolerance
+from .classify import Outcome, classify, to_trajectory
+from .compiled_run import CompiledRun
+from .error_estimate import FIXED_LIMIT, LIMIT, ROUNDING, SPEED_LIMIT, second_run
+from .fleet import Fleet
+from .prepare import coordinates, each_once, prepare, steps_between_records, with_tolerance
 from .program import CompiledController, open_loop
 from .reference import Reference
 from .start import check_scene
+from .status import Status
 from .trajectory import Trajectory
-from .verdict import STATUS, trajectory, verdict
 from .worlds import Worlds
 
 Action = Literal["reference", "voltage", "pwm", "torque"]
@@ -57,144 +62,175 @@ SENSORS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
 Observation = dict[str, Any]  # arrays (n, ...) by name; of sole_forces arrays by link
 
 
-class Settings(TypedDict, total=False):
-    """What else a session is given, by name: see `Session`."""
-
-    worlds: Worlds | None
-    seed: int
-    pushes: Sequence[Push]
-    record: Iterable[str]
-    record_interval: float | None
-    noise: tuple[float, float] | None
-    rtol: float | None
-    atol: float | None
-    estimate_error: bool
-    controller: CompiledController | None
-    threads: int | None
-    pace: bool
-
-
-DEFAULTS: Settings = {
-    "worlds": None, "seed": 0, "pushes": (), "record": (), "record_interval": None, "noise": None, "rtol": None,
-    "atol": None, "estimate_error": False, "controller": None, "threads": None, "pace": False,
-}  # fmt: skip
 CHANGING = ("_issued", "_ticks", "_fresh", "_any_fresh", "_inaccurate")  # of a session, by a step
 
 
 class Session:
-    """n robots of a scene, or of its worlds, that are stepped by controller ticks.
+    """Step the robots of a scene, or of its worlds, from Python, by controller ticks.
 
     Parameters
     ----------
-    n : robots, of `worlds` if None, else 1
-    action : what `step` is given (n, joints): "reference" for the servos [rad or m]; "voltage" of the motors [V] or
-        "pwm", their duty cycles of -1 to 1, past the controller but through limits, counts, delay and supply; "torque"
-        on the joints [N m or N], of scenes without servos.  None: "reference" where there are servos, else "torque"
-    observe : what `observe` and `step` return: channels, and the sensors encoders, gyroscope, accelerometer,
-        sole_forces, center_of_pressure and contact_positions
-    worlds : the physical numbers in which robots differ; with n fewer robots than worlds there are n
-    seed : of the noise: a robot's draws depend on it and on the robot's number alone
-    pushes : external forces, functions of each robot's time
-    record, record_interval : channels for `trajectory`, time between records [s], which divides a tick (a tick if None)
-    noise : standard deviations (angle [rad], voltage [V]), added at each tick to what encoders read and to voltages
-    rtol, atol : see `simulate`
-    estimate_error : run a companion in coarser steps beside, as `simulate` does: `error`, and the status "inaccurate"
-    controller : a function of `controller`, which makes of the actions, references, what the servos follow
-    threads : one a core if None
-    pace : steps take the time that they simulate, by the clock: see `behind`
+    scene
+        The robot with its servos and ground, as `compile_scene` returns it.
+    n
+        Number of robots.  None: one, or one for each of `worlds`.
+    action
+        What `step` is given (n, joints): "reference" for the servos [rad or m]; "voltage" of the motors [V] or "pwm",
+        their duty cycles from -1 to 1, past the controller but through limits, counts, delay and supply; "torque" on
+        the joints [N m or N], in scenes without servos.  None: "reference" where there are servos, else "torque".
+    observe
+        What `observe` and `step` return: channels of `simulate`, and the sensors encoders, gyroscope, accelerometer,
+        sole_forces, center_of_pressure and contact_positions.
+    worlds
+        Physical numbers in which the robots differ, one world for each robot.
+    seed
+        Of the noise; the draws of a robot depend on the seed and on the robot's number alone.
+    pushes
+        External forces, functions of each robot's time.
+    record, record_interval
+        Channels for `trajectory`, and the time between their records [s], which divides a tick.  None: a tick.
+    noise
+        Standard deviations (angle [rad], voltage [V]) of what is added at each tick to encoders and voltages.
+    rtol, atol
+        Error allowed in a step, as in `simulate`.
+    estimate_error
+        Simulate a second time in coarser steps, as `simulate` does, for `error` and the status "inaccurate".
+    controller
+        A function made by `controller`, which turns actions, as references, into what the servos follow.
+    threads
+        None: one for each core.
+    pace
+        Let steps take as long by the clock as they simulate; see `lag`.
 
-    Raises ValueError for what does not fit together.
+    Attributes
+    ----------
+    scene : CompiledScene
+    n : int
+    tick : float
+        Time between controller ticks [s].
+    time : numpy.ndarray
+        How long each robot has gone on (n,) [s].
+    state : numpy.ndarray
+        A copy of the states (n, size), to be given to `reset` or `simulate`.
+    active : numpy.ndarray
+        Which robots have not failed (n,) bool.
+    status, messages : list
+        `Status` of each robot, and what to know about it.
+    lag : float
+        How much later than asked for the last paced step ended [s].
+
+    Raises
+    ------
+    ValueError
+        If arguments do not fit the scene or each other.
+
+    Examples
+    --------
+    >>> session = Session(scene, n=64, observe=("q", "qd"))
+    >>> seen = session.step(np.zeros((64, 7)))
+    >>> session.reset(~session.active)
     """
 
+    @keywords(sample="record_interval")
     def __init__(
         self,
         scene: CompiledScene,
         n: int | None = None,
         action: Action | None = None,
         observe: Iterable[str] = ("q", "qd"),
-        **settings: Unpack[Settings],
+        *,
+        worlds: Worlds | None = None,
+        seed: int = 0,
+        pushes: Sequence[Push] = (),
+        record: Iterable[str] = (),
+        record_interval: float | None = None,
+        noise: tuple[float, float] | None = None,
+        rtol: float | None = None,
+        atol: float | None = None,
+        estimate_error: bool = False,
+        controller: CompiledController | None = None,
+        threads: int | None = None,
+        pace: bool = False,
     ) -> None:
         check_scene(scene)
-        if settings.keys() - DEFAULTS.keys():
-            unknown = ", ".join(sorted(settings.keys() - DEFAULTS.keys()))
-            raise TypeError(f"Session: {unknown} is unknown; its settings are {', '.join(DEFAULTS)}")
-        chosen: Settings = {**DEFAULTS, **settings}
-        worlds, noise, controller = chosen["worlds"], chosen["noise"], chosen["controller"]
-        rtol, atol, record_interval, threads = (
-            chosen["rtol"],
-            chosen["atol"],
-            chosen["record_interval"],
-            chosen["threads"],
-        )
-        self._given: dict[str, Any] = {"scene": scene, "n": n, "action": action, "observe": tuple(_names(observe))}
-        self._given |= {**chosen, "record": tuple(_names(chosen["record"], "record"))}
+        self._given: dict[str, Any] = {
+            "scene": scene, "n": n, "action": action, "observe": tuple(_names(observe)), "worlds": worlds, "seed": seed,
+            "pushes": pushes, "record": tuple(_names(record, "record")), "record_interval": record_interval,
+            "noise": noise, "rtol": rtol, "atol": atol, "estimate_error": estimate_error, "controller": controller,
+            "threads": threads, "pace": pace,
+        }  # fmt: skip
         self.action: Action = _action(scene, action)
         scenes, self.n = _scenes(scene, n, worlds)
         scenes = [_driven(one, self.action) for one in scenes]
-        own = scenes[0] if worlds is None else _driven(scene, self.action)
-        self.scene = with_tolerance(own, rtol, atol)[0]
-        self.seed = whole("seed", chosen["seed"], 0, "give 0, 1, ...")
-        self._deviations = _deviations(scene, noise)
-        tick = self.scene.tick_steps * self.scene.timestep
+        self.scene = with_tolerance(scenes[0] if worlds is None else _driven(scene, self.action), rtol, atol)[0]
         _check_sample(self.scene, record_interval)
         if controller is not None and self.action != "reference":
             raise ValueError(f"action is {action!r}, but a controller reads references: leave it out")
-        how: dict[str, Any] = {"pushes": chosen["pushes"], "driven": self.action == "torque", "controller": controller}
-        record = self._given["record"]
-
-        def made_ready(one: CompiledScene) -> Prepared:
-            one, r, a = with_tolerance(one, rtol, atol)
-            return prepare(one, tick, record, record_interval, rtol=r, atol=a, **how)
-
-        def coarser(one: CompiledScene) -> tuple[Prepared, float]:
-            one, r, a = with_tolerance(one, rtol, atol)
-            other = companion(one, record_interval or tick, r, a)
-            if other is None:
-                raise ValueError(f"{one.model.name}: no companion tells the error of {one.integrator}: leave it out")
-            return prepare(other.scene, tick, (), tick, rtol=other.rtol, atol=other.atol, **how), other.share
-
-        self._worlds = each_once(made_ready, scenes)
-        noisy = self._deviations is not None
-        threads = None if threads is None else whole("threads", threads, 1, "one a core is usual")
-        self._crowds = [Crowd(self._worlds, noisy, threads)]
-        self._share = 0.0
-        if truth("estimate_error", chosen["estimate_error"]):
-            others = each_once(coarser, scenes)
-            self._share = others[0][1]
-            self._crowds.append(Crowd([one for one, _ in others], noisy, threads))
-        self._initial = [_initial_states(crowd.worlds) for crowd in self._crowds]
+        self._deviations = _deviations(scene, noise)
+        seed = whole("seed", seed, 0, "give 0, 1, ...")
+        self._draws = [np.random.default_rng([seed, robot]) for robot in range(0 if noise is None else self.n)]
+        self._fleets, self._share = self._compiled(scenes)
+        self._runs = self._fleets[0].runs
+        self._initial = [_initial_states(fleet.runs) for fleet in self._fleets]
         self._views = [_View(self, name) for name in self._given["observe"]]
-        self._log = _Log(self._worlds, self._given["record"])
+        self._log = _Log(self._runs, self._given["record"])
         self._closed, self._lock = False, threading.Lock()
-        self._paced, self._due = truth("pace", chosen["pace"]), math.nan
-        self.behind = 0.0
-        joints, tick = self.scene.tree.n, self.tick
-        lags = np.array([ready.scene.lag for ready in self._worlds])
-        self._lag = np.maximum(np.ceil((lags - AHEAD) / tick), 0).astype(int)  # in ticks
-        self._one_lag = int(self._lag[0]) if (self._lag == self._lag[0]).all() else None
-        self._issued = np.zeros((int(self._lag.max()) + 1, self.n, joints))  # commands of the last ticks
+        self._paced, self._due, self.lag = truth("pace", pace), math.nan, 0.0
+        lags = np.array([run.scene.lag for run in self._runs])
+        self._lags = np.maximum(np.ceil((lags - AHEAD) / self.tick), 0).astype(int)  # in ticks
+        self._one_lag = int(self._lags[0]) if (self._lags == self._lags[0]).all() else None
+        self._issued = np.zeros((int(self._lags.max()) + 1, self.n, self.scene.tree.n))  # commands of the last ticks
         self._ticks, self._robots = 0, np.arange(self.n)
         self._fresh = np.zeros(self.n, bool)  # who has had no command since the start
-        self._any_fresh = False
-        self._inaccurate = np.zeros(self.n, bool)
-        self._draws = [np.random.default_rng([self.seed, robot]) for robot in range(self.n)] if noisy else []
+        self._any_fresh, self._inaccurate = False, np.zeros(self.n, bool)
         self.reset()
+
+    def _compiled(self, scenes: list[CompiledScene]) -> tuple[list[Fleet], float]:
+        """Return the robots and, to estimate errors, those of the second runs, and the share of their difference."""
+        given, tick = self._given, self.tick
+        rtol, atol, record_interval, threads = (given[name] for name in ("rtol", "atol", "record_interval", "threads"))
+        how = {name: given[name] for name in ("pushes", "controller")} | {"driven": self.action == "torque"}
+        threads = None if threads is None else whole("threads", threads, 1, "one a core is usual")
+
+        def first(one: CompiledScene) -> CompiledRun:
+            one, r, a = with_tolerance(one, rtol, atol)
+            return prepare(one, tick, given["record"], record_interval, rtol=r, atol=a, **how)
+
+        def second(one: CompiledScene) -> tuple[CompiledRun, float]:
+            one, r, a = with_tolerance(one, rtol, atol)
+            other = second_run(one, r, a, record_interval or tick)
+            if other is None:
+                raise ValueError(f"{one.model.name}: estimate_error: {one.integrator} has no second run: leave it out")
+            return prepare(other.scene, tick, (), tick, rtol=other.rtol, atol=other.atol, **how), other.share
+
+        noisy, share = self._deviations is not None, 0.0
+        fleets = [Fleet(each_once(first, scenes), noisy, threads)]
+        if truth("estimate_error", given["estimate_error"]):
+            others = each_once(second, scenes)
+            share = others[0][1]
+            fleets.append(Fleet([one for one, _ in others], noisy, threads))
+        return fleets, share
 
     # ------------------------------------------------------------------------------------------------ stepping
 
     def reset(self, mask: ArrayLike | None = None, state: Any = None) -> Observation:
-        """Put the robots of a mask (n,) bool, all if None, at their start; return what they observe.
+        """Put robots at their start; return what they observe.
 
-        state: None for `initial_state`, one state (length,) or `Trajectory` for all, or an array or list with one for
-        each robot of the mask.  A state that a run has come to keeps its time: `reset_time` sets it to zero.  The first
-        action counts as given ever since, so that no lag delays it.
+        The first action counts as given ever since, so that no lag delays it.
+
+        Parameters
+        ----------
+        mask
+            Which robots (n,) bool; None: all.
+        state
+            One state (size,) or `Trajectory` for all, or an array or list with one for each robot of the mask.  The
+            final state of a run keeps its time: `reset_time` sets it to zero.  None: `initial_state`.
         """
         with self._alone():
             who = self._mask(mask)
-            firsts = self._states(who, state)
-            for crowd, states in zip(self._crowds, firsts):
-                for lot in crowd.lots:
-                    lot.begin(who, states)
+            for fleet, states in zip(self._fleets, self._states(who, state)):
+                for group in fleet.groups:
+                    group.begin(who, states)
             self._fresh |= who
             self._inaccurate &= ~who
             self._any_fresh = True
@@ -203,33 +239,47 @@ class Session:
             self._log.restart(who)
             return self._observed()
 
-    def change(self, name: str, values: ArrayLike, mask: ArrayLike | None = None) -> Observation:
-        """Set a part of the state of the robots of a mask, all if None, from outside; nothing else changes, nor time.
+    def set_state(self, name: str, values: ArrayLike, mask: ArrayLike | None = None) -> Observation:
+        """Set a channel of the state from outside, without passing of time; return what is observed.
 
-        name: "q", "qd", "base_q" or "base_qd"; values (n, width): a blow from nowhere, or a robot put elsewhere.
+        Parameters
+        ----------
+        name
+            "q", "qd", "base_q" or "base_qd".
+        values
+            Values (n, width) for all robots, of which only those of the mask are set.
+        mask
+            Which robots (n,) bool; None: all.
         """
         with self._alone():
             who = self._mask(mask)
+            name = current_name(name)
             one_of("name", name, coordinates(self.scene))
             first, end = self.scene.part(name)
             given = floats(name, values, f"give numbers of shape ({self.n}, {end - first})")
             if given.shape != (self.n, end - first) or not (np.abs(given[who]) <= 1e50).all():
                 raise ValueError(f"{name} has the shape {given.shape}; give ({self.n}, {end - first}) finite numbers")
-            for crowd in self._crowds:
-                states, (at, _) = _whole(crowd), crowd.worlds[0].scene.part(name)
-                states[:, at : at + end - first] = given
+            for fleet in self._fleets:
+                states, part = fleet.states(), slice(*fleet.runs[0].scene.part(name))
+                states[:, part] = given
                 for robot in np.flatnonzero(who).tolist():
-                    crowd.worlds[robot].start(states[robot])
-                for lot in crowd.lots:
-                    lot.change(who, states, slice(at, at + end - first))
+                    fleet.runs[robot].start(states[robot])
+                for group in fleet.groups:
+                    group.write_state(who, states, part)
             return self._observed()
 
     def step(self, action: ArrayLike | None = None, ticks: int = 1) -> Observation:
-        """Let all robots go on for some controller ticks under an action (n, joints); return what they observe.
+        """Advance all robots by some controller ticks under an action; return what they observe.
 
-        action: one for all (joints,), or one each; None keeps the last, at the start the robots' own joint positions,
-        without reference zero.  The arrays that are returned are overwritten by the next step.  Robots that have failed
-        stay as they are: see `running`.
+        The next step overwrites the arrays that are returned.  Robots that have failed stay as they are: see `active`.
+
+        Parameters
+        ----------
+        action
+            One for all robots (joints,), or one for each (n, joints).  None: the last one; at the start the robots'
+            own joint positions, or zero where actions are no references.
+        ticks
+            Number of controller ticks.
         """
         with self._alone():
             ticks = 1 if ticks == 1 else whole("ticks", ticks, 1, "a step takes whole controller ticks")
@@ -237,24 +287,21 @@ class Session:
             if self._given["controller"] is None:
                 self._go_on(command, ticks)
             else:
-                before = self._marked()
+                undo = self._undo()
                 try:
                     self._go_on(command, ticks)
                 except Exception:
-                    self._back(before)
+                    undo()
                     raise
             if self._paced:
                 self._wait(ticks * self.tick)
             return self._observed()
 
     def _wait(self, span: float) -> None:
-        """Wait until what has been simulated is over by the clock too, from the first step or the last reset on.
-
-        behind [s]: how much later than that it was.  What is lost is not made up for by haste.
-        """
+        """Wait until the simulated time is over by the clock too; lost real time is not caught up."""
         now = time.monotonic()
         due = now + span if math.isnan(self._due) else self._due + span
-        self.behind = max(0.0, now - due)
+        self.lag = max(0.0, now - due)
         self._due = max(due, now)
         if due > now:
             time.sleep(due - now)
@@ -267,23 +314,22 @@ class Session:
         for _ in range(ticks):
             self._tick(command)
 
-    def _marked(self) -> dict[str, Any]:
-        """What a step changes, to be undone where a controller raises an exception in it."""
-        return {
-            "own": {name: copy.copy(getattr(self, name)) for name in CHANGING},
-            "lots": [(lot, lot.marked()) for crowd in self._crowds for lot in crowd.lots],
-            "records": self._log.count,
-            "draws": [draw.bit_generator.state for draw in self._draws],
-        }
+    def _undo(self) -> Callable[[], None]:
+        """Return what undoes later steps, where a controller raises an exception in one."""
+        own = {name: copy.copy(getattr(self, name)) for name in CHANGING}
+        changing = [x for fleet in self._fleets for group in fleet.groups for x in group.changing()]
+        before, records = [x.copy() for x in changing], self._log.count
+        draws = [draw.bit_generator.state for draw in self._draws]
 
-    def _back(self, before: dict[str, Any]) -> None:
-        """Undo it."""
-        self.__dict__.update(before["own"])
-        for lot, marked in before["lots"]:
-            lot.back(marked)
-        self._log.count = before["records"]
-        for draw, state in zip(self._draws, before["draws"]):
-            draw.bit_generator.state = state
+        def undo() -> None:
+            self.__dict__.update(own)
+            self._log.count = records
+            for x, values in zip(changing, before):
+                x[...] = values
+            for draw, state in zip(self._draws, draws):
+                draw.bit_generator.state = state
+
+        return undo
 
     def _tick(self, command: np.ndarray) -> None:
         self._ticks += 1
@@ -292,26 +338,26 @@ class Session:
         if self._one_lag is not None:
             seen = self._issued[(self._ticks - self._one_lag) % depth]
         else:
-            seen = self._issued[(self._ticks - self._lag) % depth, self._robots]
+            seen = self._issued[(self._ticks - self._lags) % depth, self._robots]
         noise, stops = self._drawn() if self._draws else self._issued, []
-        for crowd in self._crowds:
-            for lot in crowd.lots:
-                lot.write_command(seen)
-                if lot.write_noise is not None:
-                    lot.write_noise(noise)
+        for fleet in self._fleets:
+            for group in fleet.groups:
+                group.write(group.command, seen)
+                if group.noise is not None:
+                    group.write(group.noise, noise)
             try:
-                crowd.tick()
-            except KeyboardInterrupt as stop:  # once all are there: records and companions go with them
+                fleet.tick()
+            except KeyboardInterrupt as stop:  # once all are there: records and second runs go with them
                 stops.append(stop)
         if self._log.record:
-            self._log.take(self._crowds[0])
-        if len(self._crowds) > 1:
-            self._inaccurate |= self._beyond()
+            self._log.take(self._fleets[0])
+        if len(self._fleets) > 1:
+            self._inaccurate |= self._beyond_limit()
         if stops:
             raise stops[0]
 
     def _checked(self, action: ArrayLike) -> np.ndarray:
-        """The action of each robot (n, joints)."""
+        """Return the action of each robot (n, joints)."""
         values = floats("action", action)
         shape = (self.n, self.scene.tree.n)
         if values.shape != shape:
@@ -329,7 +375,7 @@ class Session:
         return values
 
     def _first(self, command: np.ndarray | None) -> np.ndarray:
-        """The command of a step in which some robots begin, who have had it ever since."""
+        """Return the command of a step in which some robots begin, who have had it ever since."""
         fresh, depth = self._fresh, len(self._issued)
         if command is None:
             command = self._issued[self._ticks % depth].copy()
@@ -339,25 +385,32 @@ class Session:
             else:
                 command[fresh] = 0.0
         self._issued[:, fresh] = command[fresh]
-        for crowd in self._crowds:
-            _give_first_errors(crowd, fresh, command)
+        for fleet in self._fleets:
+            _write_first_errors(fleet, fresh, command)
         self._fresh[:] = self._any_fresh = False
         return command
 
     def _drawn(self) -> np.ndarray:
-        """Noise of a tick (n, joints, 2)."""
+        """Draw the noise of a tick (n, joints, 2)."""
         assert self._deviations is not None
         return np.array([draw.standard_normal((self.scene.tree.n, 2)) for draw in self._draws]) * self._deviations
 
-    def _alone(self) -> _Alone:
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Refuse a second thread while one works: two at once would mix up two steps."""
         if self._closed:
             raise ValueError("session: it is closed; make another one")
-        return _Alone(self._lock)
+        if not self._lock.acquire(blocking=False):
+            raise RuntimeError("session: another thread is stepping it; give each thread a session of its own")
+        try:
+            yield
+        finally:
+            self._lock.release()
 
     # ------------------------------------------------------------------------------------------------ looking
 
     def observe(self) -> Observation:
-        """What was chosen to be observed, now: arrays (n, ...) that the next step overwrites."""
+        """Return what was chosen to be observed, as arrays (n, ...) that the next step overwrites."""
         with self._alone():
             return self._observed()
 
@@ -371,81 +424,95 @@ class Session:
 
     @property
     def state(self) -> np.ndarray:
-        """The whole states (n, length), a copy, to be given to `reset` or `simulate`."""
-        return _whole(self._crowds[0])
+        """A copy of the states (n, size), to be given to `reset` or `simulate`."""
+        return self._fleets[0].states()
+
+    @property
+    def state_view(self) -> StateView:
+        """The channels of `state` by name, (n, ...); change the robots by `set_state` or `reset`."""
+        return self.scene.state_view(self.state)
 
     @property
     def time(self) -> np.ndarray:
         """How long each robot has gone on (n,) [s]; of those that failed, until when."""
-        return self._numbers("end")
+        return self._fleets[0].of_each("end")
 
     @property
-    def running(self) -> np.ndarray:
-        """Who has not fallen, diverged or otherwise ended (n,) bool."""
-        return self._numbers("status") == OK
+    def active(self) -> np.ndarray:
+        """Which robots have not fallen, diverged or otherwise ended (n,) bool."""
+        return self._fleets[0].of_each("status") == OK
 
     @property
-    def status(self) -> list[str]:
-        """How it is with each robot: "ok", or as in `Trajectory`."""
-        return [status for status, _ in self._verdicts()]
+    def status(self) -> list[Status]:
+        """The `Status` of each robot, as in `Trajectory`."""
+        return [outcome.status for outcome in self._outcomes()]
 
     @property
     def messages(self) -> list[str]:
-        """What is to be said of each robot, "" of those that are well."""
-        return [message for _, message in self._verdicts()]
+        """What to know about each robot, "" of those that are "ok"."""
+        return [outcome.message for outcome in self._outcomes()]
 
-    def _verdicts(self) -> list[tuple[str, str]]:
-        found = []
-        for ready, y, doubtful in zip(self._worlds, self.state, self._inaccurate.tolist()):
-            status, message, _ = verdict(ready.scene, 0.0, y)
-            if status == "ok" and doubtful:
-                status, message = "inaccurate", f"{ready.scene.model.name}: its error is beyond what `simulate` allows"
-            found.append((status, message))
-        return found
-
-    def _numbers(self, name: str) -> np.ndarray:
-        out = np.empty(self.n)
-        for lot in self._crowds[0].lots:
-            lot.reader(getattr(lot, name), out)()
-        return out
+    def _outcomes(self) -> Iterator[Outcome]:
+        for run, y, doubtful in zip(self._runs, self.state, self._inaccurate.tolist()):
+            outcome = classify(run.scene, 0.0, y)
+            if outcome.status is Status.OK and doubtful:
+                message = f"{run.scene.model.name}: its error is beyond what `simulate` allows"
+                outcome = Outcome(Status.INACCURATE, message)
+            yield outcome
 
     def error(self, name: str) -> np.ndarray:
-        """Estimated error (n, ...) of q, qd, base_q or base_qd, in their units; needs estimate_error=True."""
-        if len(self._crowds) < 2:
+        """Return the estimated error (n, ...) of q, qd, base_q or base_qd, in their units.
+
+        Raises ValueError unless the session has ``estimate_error=True``.
+        """
+        if len(self._fleets) < 2:
             raise ValueError("session: its error is not estimated; make it with estimate_error=True")
         one_of("name", name, coordinates(self.scene))
-        run, other = (_whole(crowd) for crowd in self._crowds)
-        first, end = self.scene.part(name)
-        begin, _ = self._crowds[1].worlds[0].scene.part(name)
-        difference = np.abs(run[:, first:end] - other[:, begin : begin + end - first])
-        return self._share * difference + 1e-13 * np.abs(run[:, first:end])
+        run, other = (fleet.states()[:, slice(*fleet.runs[0].scene.part(name))] for fleet in self._fleets)
+        return self._share * np.abs(run - other) + ROUNDING * np.abs(run)
 
-    def _beyond(self) -> np.ndarray:
-        """Whose error is beyond what `simulate` allows (n,)."""
+    def _beyond_limit(self) -> np.ndarray:
+        """Tell whose error is beyond what `simulate` allows (n,)."""
         wrong = np.zeros(self.n, bool)
+        limit = LIMIT if self._runs[0].scene.adaptive else FIXED_LIMIT
         for name in coordinates(self.scene):
-            limit = LIMIT if self._worlds[0].scene.adaptive else FIXED_LIMIT
+            bound: Any = limit
             if name.endswith("qd"):
-                first, end = self.scene.part(name)
-                largest = np.abs(self.state[:, first:end]).max(axis=1, initial=1.0)
-                wrong |= (self.error(name) > (limit * SPEED_LIMIT * largest)[:, None]).any(axis=1)
-            else:
-                wrong |= (self.error(name) > limit).any(axis=1)
-        return wrong & self.running
+                speeds = np.abs(self.state[:, slice(*self.scene.part(name))])
+                bound = limit * SPEED_LIMIT * speeds.max(axis=1, initial=1.0, keepdims=True)
+            wrong |= (self.error(name) > bound).any(axis=1)
+        return wrong & self.active
 
     def trajectory(self, robot: int = 0) -> Trajectory:
-        """What has been recorded of a robot since its last reset."""
+        """Return what has been recorded of a robot since its last reset."""
         robot = whole("robot", robot, 0, f"there are {self.n}, 0 the first", self.n - 1)
-        return self._log.trajectory(robot, self._crowds[0])
+        return self._log.trajectory(robot, self._fleets[0])
+
+    def change(self, name: str, values: ArrayLike, mask: ArrayLike | None = None) -> Observation:
+        """Call `set_state`; the old name."""
+        warn("Session.change", "Session.set_state")
+        return self.set_state(name, values, mask)
+
+    @property
+    def running(self) -> np.ndarray:
+        """The old name of `active`."""
+        warn("Session.running", "Session.active")
+        return self.active
+
+    @property
+    def behind(self) -> float:
+        """The old name of `lag`."""
+        warn("Session.behind", "Session.lag")
+        return self.lag
 
     # ------------------------------------------------------------------------------------------------ keeping
 
     def copy(self) -> Session:
-        """A session of its own in the same state, whose noise goes on alike."""
+        """Return an independent session in the same state, whose noise goes on alike."""
         with self._alone():
             other = Session(**self._given)
             other._take(self._kept())
-            other._log = self._log.copy()
+            other._log = self._log.copy(other._runs)
             return other
 
     def save(self, path: FilePath) -> None:
@@ -475,26 +542,26 @@ class Session:
             return self._observed()
 
     def _kept(self) -> dict[str, Any]:
-        """What a session of the same arguments goes on from."""
+        """Return what a session of the same arguments goes on from."""
         model = self.scene.model
         what = [model.name, *model.joint_names, self.action, self.scene.integrator, f"{self.scene.timestep!r}"]
         order = (self._ticks - np.arange(len(self._issued))) % len(self._issued)
         kept: dict[str, Any] = {"what": np.array(json.dumps(what)), "issued": self._issued[order]}
         kept |= {"fresh": self._fresh.copy(), "inaccurate": self._inaccurate.copy()}
-        kept |= {f"states{k}": _whole(crowd) for k, crowd in enumerate(self._crowds)}
-        kept |= {f"controllers{k}": crowd.controllers() for k, crowd in enumerate(self._crowds)}
-        kept |= {f"begun{k}": crowd.begun() for k, crowd in enumerate(self._crowds)}
+        for k, fleet in enumerate(self._fleets):
+            own = {"states": fleet.states(), "controllers": fleet.controllers(), "begun": fleet.of_each("begun")}
+            kept |= {f"{name}{k}": values for name, values in own.items()}
         if self._draws:
             kept["draws"] = np.array([json.dumps(draw.bit_generator.state) for draw in self._draws], "U400")
         return kept
 
     def _take(self, kept: dict[str, np.ndarray]) -> None:
         everyone = np.ones(self.n, bool)
-        for k, crowd in enumerate(self._crowds):
-            for lot in crowd.lots:
-                lot.begin(everyone, kept[f"states{k}"])
-                lot.begun[...] = kept[f"begun{k}"][lot.of].reshape(lot.shape)
-            crowd.keep(kept[f"controllers{k}"])
+        for k, fleet in enumerate(self._fleets):
+            for group in fleet.groups:
+                group.begin(everyone, kept[f"states{k}"])
+                group.begun[...] = kept[f"begun{k}"][group.of].reshape(group.shape)
+            fleet.write_controllers(kept[f"controllers{k}"])
         self._ticks = 0
         self._issued[-np.arange(len(self._issued)) % len(self._issued)] = kept["issued"]
         self._fresh, self._inaccurate = kept["fresh"].copy(), kept["inaccurate"].copy()
@@ -503,10 +570,10 @@ class Session:
             draw.bit_generator.state = json.loads(state)
 
     def close(self) -> None:
-        """End its threads; nothing can be stepped after that."""
+        """End the threads; the session cannot be stepped after that."""
         self._closed = True
-        for crowd in self._crowds:
-            crowd.close()
+        for fleet in self._fleets:
+            fleet.close()
 
     def __enter__(self) -> Session:
         return self
@@ -521,7 +588,7 @@ class Session:
         Session.__init__(self, **kept["given"])
         self._take(kept["kept"])
         self._log, self._closed = kept["log"], kept["closed"]
-        self._log.worlds = self._worlds
+        self._log.runs = self._runs
 
     def __repr__(self) -> str:
         return f"<session: {self.n} of {self.scene.model.name}, {self.action}, ticks of {self.tick:g} s>"
@@ -538,7 +605,7 @@ class Session:
         return found.copy()
 
     def _states(self, who: np.ndarray, state: Any) -> list[np.ndarray]:
-        """The first states of the robots of a mask (n, length), of each crowd; others' rows mean nothing."""
+        """Return the first states (n, length) of the robots of a mask, of each fleet; other rows mean nothing."""
         if state is None:
             return self._initial
         robots = np.flatnonzero(who)
@@ -555,56 +622,38 @@ class Session:
             raise ValueError(f"state has {len(each)} entries; the mask has {len(robots)} robots: give one each")
         firsts = [initial.copy() for initial in self._initial]
         for robot, one in zip(robots.tolist(), each):
-            for k, crowd in enumerate(self._crowds):
+            for k, fleet in enumerate(self._fleets):
                 begun = one
-                if k and isinstance(one, Trajectory) and one.companion is not None:
-                    begun = dataclasses.replace(one, final=one.companion)
-                start = Start(crowd.worlds[robot].start(begun).y, None, None, None, crowd.worlds[robot])
-                crowd.worlds[robot].course(start)
-                firsts[k][robot] = start.y
+                if k and isinstance(one, Trajectory) and one.second_final is not None:
+                    begun = dataclasses.replace(one, final=one.second_final)
+                y = fleet.runs[robot].start(begun).y
+                fleet.runs[robot].schedule(y)  # raises ValueError for a time that is none
+                firsts[k][robot] = y
         return firsts
-
-
-class _Alone:
-    """Held while a session works: two threads at once would make one mess of two steps."""
-
-    def __init__(self, lock: threading.Lock) -> None:
-        self._lock = lock
-
-    def __enter__(self) -> None:
-        if not self._lock.acquire(blocking=False):
-            raise RuntimeError("session: another thread is stepping it; give each thread a session of its own")
-
-    def __exit__(self, *_: object) -> None:
-        self._lock.release()
 
 
 class _View:
     """A channel or sensor of all robots, in an array that is used again."""
 
     def __init__(self, session: Session, name: str) -> None:
-        name = current_name(name)
         if not isinstance(name, str) or name not in (*RECORDABLE, *SENSORS):
             known = ", ".join((*RECORDABLE, *SENSORS))
             raise ValueError(f"observe: there is no channel or sensor {shown(name)}; there are {known}")
         self.name, self._session = name, session
-        sensor, needed = SENSORS.get(name, (None, (name,)))
-        scene = session._worlds[0].scene
-        if scene.model.base != "floating":
-            needed = tuple(need for need in needed if sensor is None or not need.startswith("base"))
-        self._scenes = list({id(ready.scene): ready.scene for ready in session._worlds}.values())
-        self._sensor = sensor
-        self._prepared = [prepare(one.scene, session.tick, needed) for one in session._worlds]
-        self._places = [_slice(one.channels) for one in self._prepared]
-        self._values = np.zeros((session.n, len(self._prepared[0].channels)))
-        self._readers = [self._reader(lot) for lot in session._crowds[0].lots]
-        self._plain = sensor is None and BY_NAME[name].kind != "computed"
-        self._shaped = shaped(BY_NAME[name], self._values) if self._plain else None
+        self._sensor: Any
+        self._sensor, needed = SENSORS.get(name, (None, (name,)))
+        if session.scene.model.base != "floating":
+            needed = tuple(need for need in needed if self._sensor is None or not need.startswith("base"))
+        self._runs = each_once(lambda run: prepare(run.scene, session.tick, needed), session._runs)
+        self._values = np.zeros((session.n, len(self._runs[0].channels)))
+        self._parts = [_slice(self._runs[group.robots[0]].channels) for group in session._fleets[0].groups]
+        plain = self._sensor is None and BY_NAME[name].kind != "computed"
+        self._shaped = shaped(BY_NAME[name], self._values) if plain else None
         self._result: Any = None
 
     def __call__(self) -> Any:
-        for read in self._readers:
-            read()
+        for group, part in zip(self._session._fleets[0].groups, self._parts):
+            group.read(group.y[:, part], self._values)
         if self._shaped is not None:
             return self._shaped
         found = self._computed()
@@ -617,41 +666,36 @@ class _View:
             np.copyto(self._result, found)
         return self._result
 
-    def _reader(self, lot: Lot) -> Callable[[], None]:
-        places = self._places[lot.robots[0]]
-        if isinstance(places, slice):
-            return lot.reader(lot.y[:, places], self._values)
-        return lambda: lot.reader(lot.y[:, places], self._values)()
-
     def _computed(self) -> Any:
-        """Of each robot as of a sample of a trajectory; in worlds one after the other."""
-        if len(self._scenes) == 1:
-            return self._of(self._prepared[0], self._values)
-        each = [self._of(ready, row[None]) for ready, row in zip(self._prepared, self._values)]
+        """Compute the values of each robot as of a sample of a trajectory; in worlds one after the other."""
+        if all(run is self._runs[0] for run in self._runs):
+            return self._of(self._runs[0], self._values)
+        each = [self._of(run, row[None]) for run, row in zip(self._runs, self._values)]
         if isinstance(each[0], dict):
             return {link: np.concatenate([one[link] for one in each]) for link in each[0]}
         return np.concatenate(each)
 
-    def _of(self, ready: Prepared, values: np.ndarray) -> Any:
-        named = ready.named(values)
-        return named[self.name] if self._sensor is None else self._sensor(ready.scene, named)
+    def _of(self, run: CompiledRun, values: np.ndarray) -> Any:
+        named = run.named(values)
+        return named[self.name] if self._sensor is None else self._sensor(run.scene, named)
 
 
 class _Log:
-    """What is recorded of all robots, one row a sample, and where in it each has begun."""
+    """What is recorded of all robots, a row for each sample, and where in it each robot has begun."""
 
-    def __init__(self, worlds: list[Prepared], record: tuple[str, ...]) -> None:
-        self.worlds, self.record = worlds, record
-        self._rows = np.zeros((0, len(worlds), len(worlds[0].channels)))
+    def __init__(self, runs: list[CompiledRun], record: tuple[str, ...]) -> None:
+        self.runs, self.record = runs, record
+        self._rows = np.zeros((0, len(runs), len(runs[0].channels)))
         self.count = 0
-        self._begun = np.zeros(len(worlds), int)
+        self._begun = np.zeros(len(runs), int)
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"worlds": None, "_rows": self._rows[: self.count]}
+        return self.__dict__ | {"runs": None, "_rows": self._rows[: self.count]}
 
-    def copy(self) -> _Log:
-        other = _Log(self.worlds, self.record)
-        other._rows, other.count, other._begun = self._rows[: self.count].copy(), self.count, self._begun.copy()
+    def copy(self, runs: list[CompiledRun]) -> _Log:
+        """Return an independent log for robots of other runs."""
+        other = copy.copy(self)
+        other.runs, other._rows, other._begun = runs, self._rows[: self.count].copy(), self._begun.copy()
         return other
 
     def restart(self, who: np.ndarray) -> None:
@@ -663,34 +707,31 @@ class _Log:
             self.count -= oldest
             self._begun -= oldest
 
-    def take(self, crowd: Crowd) -> None:
+    def take(self, fleet: Fleet) -> None:
         """Take the records of a tick, but for the last, with which the next begins."""
-        more = self.worlds[0].samples - 1
+        more = self.runs[0].samples - 1
         if self.count + more > len(self._rows):
             grown = np.zeros((2 * len(self._rows) + 64 * more, *self._rows.shape[1:]))
             grown[: self.count] = self._rows[: self.count]
             self._rows = grown
         part = self._rows[self.count : self.count + more]
-        width = part.shape[2]
-        for lot in crowd.lots:
+        for group in fleet.groups:
             for k in range(more):
-                lot.reader(lot.out[:, k, :width], part[k])()
+                group.read(group.out[:, k, : part.shape[2]], part[k])
         self.count += more
 
-    def trajectory(self, robot: int, crowd: Crowd) -> Trajectory:
-        """Of one robot."""
-        ready = self.worlds[robot]
-        lot = next(lot for lot in crowd.lots if robot in lot.robots)
-        unit, lane = divmod(int(np.flatnonzero(lot.robots == robot)[0]), lot.width)
-        y = lot.y[unit, :, lane].copy()
-        out = np.concatenate([self._rows[self._begun[robot] : self.count, robot], y[None, ready.channels]])
-        steps = (len(out) - 1) * ready.plan.per_sample
-        if int(y[ready.scene.layout["status"]]) == OK:
-            steps = int(lot.steps[unit, lane] - lot.begun[unit, lane])
-        course = ready.plan._replace(
-            first=int(lot.begun[unit, lane]), offset=float(lot.offset[unit, lane]), steps=steps
-        )
-        return trajectory(ready, y, out, course)
+    def trajectory(self, robot: int, fleet: Fleet) -> Trajectory:
+        """Return the trajectory of one robot."""
+        run = self.runs[robot]
+        group = next(group for group in fleet.groups if robot in group.robots)
+        at = divmod(int(np.flatnonzero(group.robots == robot)[0]), group.lanes)
+        y = group.y[at[0], :, at[1]].copy()
+        out = np.concatenate([self._rows[self._begun[robot] : self.count, robot], y[None, run.channels]])
+        steps = (len(out) - 1) * run.plan.per_sample
+        if int(y[run.scene.layout["status"]]) == OK:
+            steps = int(group.steps[at] - group.begun[at])
+        schedule = run.plan._replace(first=int(group.begun[at]), offset=float(group.offset[at]), steps=steps)
+        return to_trajectory(run, y, out, schedule)
 
 
 # ------------------------------------------------------------------------------------------------ at the start
@@ -752,54 +793,38 @@ def _deviations(scene: CompiledScene, noise: Any) -> np.ndarray | None:
 
 
 def _check_sample(scene: CompiledScene, record_interval: float | None) -> None:
-    if record_interval is None:
-        return
-    steps = real("record_interval", record_interval, 0.0, 1e9, "give seconds") / scene.timestep
-    if round(steps) < 1 or abs(steps - round(steps)) > 1e-9 * steps or scene.tick_steps % round(steps):
+    if scene.tick_steps % steps_between_records(scene, record_interval):
         tick = scene.tick_steps * scene.timestep
         raise ValueError(
             f"record_interval is {record_interval!r} s; it must divide a tick of {tick:g} s in whole steps"
         )
 
 
-def _initial_states(worlds: Sequence[Prepared]) -> np.ndarray:
-    """(n, length)."""
-    found = each_once(lambda ready: ready.start().y, worlds)
+def _initial_states(runs: Sequence[CompiledRun]) -> np.ndarray:
+    """Return the states (n, length) at which robots begin."""
+    found = each_once(lambda run: run.start().y, runs)
     if len({len(y) for y in found}) > 1:
         raise ValueError("worlds: their states have other lengths, since servos wait for other numbers of ticks: "
                          "let delays not differ")  # fmt: skip
     return np.array(found)
 
 
-def _whole(crowd: Crowd) -> np.ndarray:
-    out = np.empty((len(crowd.worlds), crowd.lots[0].length))
-    for lot in crowd.lots:
-        lot.reader(lot.y, out)()
-    return out
-
-
 def _slice(places: np.ndarray) -> Any:
-    """A slice where they lie in a row: a view costs less than a choice."""
+    """Return a slice where places lie in a row, for a view costs less than a choice."""
     if len(places) and (np.diff(places) == 1).all():
         return slice(int(places[0]), int(places[-1]) + 1)
     return places
 
 
-def _give_first_errors(crowd: Crowd, fresh: np.ndarray, command: np.ndarray) -> None:
-    """The last errors of controllers that begin, as of a run with that reference."""
-    ready = crowd.worlds[0]
-    if not ready.scene.sampled:
+def _write_first_errors(fleet: Fleet, fresh: np.ndarray, command: np.ndarray) -> None:
+    """Set the last errors of controllers that begin, as of a run with that reference."""
+    if not fleet.runs[0].scene.sampled:
         return
-    states, (first, end) = _whole(crowd), ready.scene.part("last_error")
+    states = fleet.states()
     for robot in np.flatnonzero(fresh).tolist():
-        world = crowd.worlds[robot]
-        states[robot] = world.start(states[robot], Reference([0.0], command[robot][None])).y
-    for lot in crowd.lots:
-        rows = np.empty((crowd.lots[0].length, len(lot.of)))
-        rows[...] = states[lot.of].T
-        mine = fresh[lot.of].reshape(lot.shape)
-        parts = np.moveaxis(rows.reshape(-1, *lot.shape), 0, 1)[:, first:end]
-        np.copyto(lot.y[:, first:end], parts, where=mine[:, None])
+        states[robot] = fleet.runs[robot].start(states[robot], Reference([0.0], command[robot][None])).y
+    for group in fleet.groups:
+        group.write_state(fresh, states, slice(*fleet.runs[0].scene.part("last_error")))
 
 
-__all__ = ["ACTIONS", "STATUS", "WHOLE", "Session"]
+__all__ = ["ACTIONS", "Session"]

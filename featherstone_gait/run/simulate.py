@@ -1,4 +1,4 @@
-"""From a model to a trajectory.
+"""Simulate a compiled scene: one run, many runs at once, or a stream of runs.
 
     scene = compile_scene(model, servos="mipsd", ground=Ground())
     trajectory = simulate(scene, 2.0, reference=Reference(times, angles))
@@ -9,12 +9,11 @@ A scene fixes robot, servos, ground, integrator and step; a simulation is then o
 from __future__ import annotations
 
 import dataclasses
-import functools
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from textwrap import indent
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,14 +25,22 @@ from ..scene.compile import CompiledScene
 from ..scene.external import Push
 from .batch import drive_lanes, family, run_all, streams
 from .channels import channel_table
-from .companion import Companion, accounted, companion, judged, share_of_half, share_of_kinks
+from .classify import to_trajectory
+from .compiled_run import CompiledRun, RunInput
+from .error_estimate import (
+    SecondRun,
+    second_run,
+    share_of_half,
+    share_with_rejections,
+    with_accuracy,
+    with_error_estimate,
+)
 from .lane_engine import Source
-from .prepared import Prepared, Start, coordinates, each_once, prepare, recorded, with_tolerance
+from .prepare import coordinates, each_once, prepare, recorded, with_tolerance
 from .program import CompiledController
 from .reference import Reference
 from .start import check_scene, initial_state, reset_time, standing_state
 from .trajectory import Trajectory, with_error
-from .verdict import trajectory
 from .worlds import Worlds
 
 __all__ = [
@@ -60,23 +67,68 @@ def simulate(
     estimate_error: bool | None = None,
     controller: CompiledController | None = None,
 ) -> Trajectory:
-    """Run the scene for `duration` [s], rounded up to whole controller ticks.
+    """Simulate a scene, by default twice: a second, coarser run estimates the global error of each channel.
 
-    state: what `initial_state` gave, or an earlier `Trajectory` or its `final` to go on from: time goes on too, and
-    references, torques and pushes are functions of the time since the first start, as if the run had not been cut
-    (`reset_time(scene, state)` begins at zero again); reference: joint angles for the servos, None holds those of
-    `state`; tau: (joints,) constant torques or a `Reference` of torques [N m]; pushes: external forces; record:
-    channels, see below; None: "q" and "qd", and of a floating base "base_q" and "base_qd"; record_interval: time
-    between records [s], a multiple of the step (a tick if None); noise: (ticks, joints, 2), added at each controller
-    tick to the measured angle [rad] and to the voltage [V]; rtol, atol: error allowed in a step, relative and absolute
-    [rad, m, and their rates; A; J], of an integrator that chooses its steps (atol is rtol if None); given for a scene
-    of fixed steps, they choose such an integrator for this run: "extrapolation" if it is stiff, else "dop853";
-    estimate_error: for `Trajectory.error`; None: simulate again to ten times the tolerances, or at twice the fixed
-    step, and call a run `inaccurate` whose error is beyond 1e-3 rad or m, or 1e-2 of the largest speed (1 at least),
-    ten times as much at a fixed step, if a run in half the steps says so too; True: simulate again with half the step,
-    or a tenth of the tolerances; False: tell no error; controller: a function of `controller` that makes of the
-    reference what the servos follow; its memory is zero at the start of each run, of one that goes on too: a `Session`
-    keeps it.  Raises ValueError on arguments that do not fit.  A run that fails says so in its status.
+    The estimate is in `Trajectory.error`, and a run whose error is too large has the status "inaccurate".  It costs
+    about as much time again with error control, half as much at fixed steps; ``estimate_error=False`` leaves it out.
+
+    Parameters
+    ----------
+    scene
+        The robot with its servos and ground, as `compile_scene` returns it; it fixes the integrator and the step.
+    duration
+        Time to simulate [s], rounded up to whole controller ticks.
+    state
+        Where the run starts: a state (size,) as `initial_state` returns it, or an earlier `Trajectory` to go on from.
+        Time goes on too: references, torques and pushes are functions of the time since the first start
+        (``reset_time(scene, state)`` sets it to zero).  None: `initial_state(scene)`.
+    reference
+        Joint positions for the servos over time [rad or m].  None: servos hold the positions in `state`.
+    tau
+        Torques on the joints from outside, constant (joints,) or a `Reference` [N m or N].
+    pushes
+        External forces.
+    record
+        Channels to record, see below.  None: "q" and "qd", and of a floating base "base_q" and "base_qd".
+    record_interval
+        Time between records [s], a whole number of steps.  None: a controller tick.
+    noise
+        Array (ticks, joints, 2), added at each controller tick to the measured angle [rad] and to the voltage [V].
+    rtol, atol
+        Relative and absolute error allowed in a step [rad, m, and their rates; A; J], of an integrator that chooses
+        its steps; atol is rtol if None.  Given for a scene of fixed steps, they choose such an integrator for this
+        run: "extrapolation" if the scene is stiff, else "dop853".
+    estimate_error
+        None: run again at ten times the tolerances, or at twice the fixed step.  The run is "inaccurate" if its error
+        is larger than 1e-3 rad or m, or 1e-2 of the largest speed (1 at least), ten times as much at a fixed step;
+        at fixed steps a third run in half the steps must confirm it.
+        True: run again with half the step, or at a tenth of the tolerances, for a closer estimate.
+        False: run once; `Trajectory.error` is None.
+    controller
+        A function made by `controller`, which turns the reference into what the servos follow.  Its memory is zero at
+        the start of each run, even of one that goes on from another; a `Session` keeps it.
+
+    Returns
+    -------
+    Trajectory
+        Recorded channels by name, the status, the final state and the estimated errors.  A run that fails says so in
+        its `status` and `message`; `success` is True only for "ok".
+
+    Raises
+    ------
+    ValueError
+        If arguments do not fit the scene or each other.
+
+    See Also
+    --------
+    simulate_batch : many runs at once, eight to a vector and over all cores.
+    Session : step from Python, tick by tick.
+
+    Examples
+    --------
+    >>> scene = compile_scene(load_robot("arm7"))
+    >>> run = simulate(scene, 2.0, record=("q", "energy"))
+    >>> run["q"][-1], run.error["q"].max(), run.success
     """
     return simulate_batch(
         scene, duration, [state], [reference], [tau], pushes, record, record_interval,
@@ -107,73 +159,115 @@ def simulate_batch(
     estimate_error: bool | None = None,
     controller: CompiledController | Sequence[CompiledController | None] | None = None,
 ) -> list[Trajectory]:
-    """`simulate` for many states, references, torques or worlds at once: eight to a vector, vectors over threads.
+    """Simulate many states, references, torques or worlds at once, each by default twice, as `simulate` does.
 
-    scene: of all runs, or a list with one for each; worlds: the physical numbers in which the runs differ, see
-    `Worlds`.  The lists must be equally long, or None.  Each run has the same bits as alone in its own scene.  Where
-    the controllers are sampled, a lane whose run has ended takes the next; runs with continuous servos, torques or
-    pushes share a vector if their references have the same knot times.  Scenes that differ in more than numbers (steps,
-    integrators, what there is at all) share no vector; with error control each run has its own steps, and none do.
-    controller: one of all runs, or a list with one for each; those of one function share vectors, whatever their
-    memories begin with.
-    executor: any `concurrent.futures.Executor` in place of the threads.
+    Each run has the same bits as alone in its own scene.  Eight runs share a vector, and vectors run on all cores.
+    Where controllers are sampled, a lane whose run has ended takes the next one.  Runs with continuous servos, torques
+    or pushes share a vector if their references have the same knot times.  Scenes that differ in more than numbers
+    (steps, integrators, kinds of parts) share no vector; with error control each run has its own steps, and none do.
+
+    Parameters
+    ----------
+    scene
+        One for all runs, or a list with one for each.
+    duration
+        Time to simulate [s], rounded up to whole controller ticks.
+    states, references, taus, noises
+        Lists of equal length with an entry for each run, as in `simulate`, or None.
+    pushes, record, record_interval, rtol, atol, estimate_error
+        As in `simulate`, for all runs.
+    worlds
+        Physical numbers in which the runs differ.
+    executor
+        Any `concurrent.futures.Executor`, used in place of threads.
+    controller
+        One for all runs, or a list with one for each.  Those of one function share vectors, whatever their memories
+        begin with.
+
+    Returns
+    -------
+    list of Trajectory
+        One for each run, in the order of the lists.
+
+    Raises
+    ------
+    ValueError
+        If arguments do not fit the scene or each other, or lists differ in length.
     """
     if executor is not None and not callable(getattr(executor, "map", None)):
         raise TypeError(f"executor is {shown(executor)}; give a concurrent.futures.Executor, or None")
     estimate = None if estimate_error is None else truth("estimate_error", estimate_error)
+    several = controller if isinstance(controller, Iterable) else None
     each = {"states": states, "references": references, "taus": taus, "noises": noises}
     several = controller if isinstance(controller, Iterable) else None
-    alike: Any = controller if several is None else None
     runs = _runs(scene, worlds, each | {"controller": several})
-    acts, scenes = runs.pop("controller"), runs.pop("scenes")
-    cases = each_once(lambda given: Case(given, rtol, atol, record_interval, alike), scenes)
-    if several is not None:
-        cases = [case._replace(controller=one) for case, one in zip(cases, acts)]
-    batch = Batch(cases, **runs)
-    record = _recorded(scenes, record)
-    simulated = functools.partial(_simulated, duration=duration, pushes=pushes, executor=executor)
+    acts = runs["controller"] if several is not None else [controller] * len(runs["scenes"])
+    columns = zip(runs["scenes"], acts, *(runs[name] for name in each))
+    jobs = [Job(one, rtol, atol, record_interval, act, *given) for one, act, *given in columns]
+    how, record = How(duration, pushes, executor), _recorded(runs["scenes"], record)
     if estimate is False:
-        return simulated(batch, record)
-    batch = batch.by(_judged)
-    return (_with_errors if estimate else _with_companions)(batch, record, simulated)
+        return _simulate(jobs, record, how)
+    jobs = _changed(_explicit, jobs)
+    return (_with_finer_runs if estimate else _with_second_runs)(jobs, record, how)
 
 
-class Case(NamedTuple):
-    """The scene of a run, and what its own course is."""
+class Job(NamedTuple):
+    """One run: its scene, how it is run, and what it is given."""
 
     scene: CompiledScene
     rtol: float | None  # None of fixed steps
     atol: float | None
     record_interval: float | None  # between records [s], a tick if None
     controller: CompiledController | None
+    state: Any
+    reference: Any
+    tau: Any
+    noise: Any
 
 
-class Batch(NamedTuple):
-    """Runs: of each its scene, and what it is given."""
+class How(NamedTuple):
+    """What all runs have in common."""
 
-    cases: list[Case]
-    states: list[Any]
-    references: list[Any]
-    taus: list[Any]
-    noises: list[Any]
-
-    def of(self, indices: Iterable[int]) -> Batch:
-        """Some of them."""
-        return Batch(*([column[k] for k in indices] for column in self))
-
-    def by(self, case: Callable[[Case], Case]) -> Batch:
-        """The same in other scenes or courses."""
-        return self._replace(cases=each_once(case, self.cases))
+    duration: float
+    pushes: Sequence[Push]
+    executor: Executor | None
 
 
-class Simulated(Protocol):
-    """`_simulated` of given duration, pushes and executor."""
+def _simulate(jobs: list[Job], record: tuple[str, ...], how: How) -> list[Trajectory]:
+    """Return the runs, without their errors."""
+    driven = any(job.tau is not None for job in jobs)
+    stop = np.zeros(1, np.int64)
 
-    def __call__(self, batch: Batch, record: tuple[str, ...]) -> list[Trajectory]: ...
+    def compiled(job: Job) -> CompiledRun:
+        scene, rtol, atol = with_tolerance(*job[:3])
+        run = prepare(
+            scene, how.duration, record, job.record_interval, pushes=how.pushes, rtol=rtol, atol=atol, driven=driven,
+            controller=job.controller,
+        )  # fmt: skip
+        return dataclasses.replace(run, stop=stop)
+
+    runs = _once(compiled, jobs)
+    starts = [run.start(*job[5:]) for run, job in zip(runs, jobs)]
+    if len({start.noise is None for start in starts}) > 1:
+        raise ValueError("noises: some runs have noise and some have none; give all of them an array, or none")
+    results = run_all(starts, how.executor)
+    return [to_trajectory(run, *found, run.schedule(s.y)) for run, s, found in zip(runs, starts, results)]
+
+
+def _once(function: Callable[[Job], Any], jobs: list[Job]) -> list[Any]:
+    """Return what the function makes of each job, called once for those of the same scene and ways to run it."""
+    keys = [(id(job.scene), id(job.controller), repr(job[1:4])) for job in jobs]
+    made = {key: function(job) for key, job in dict(zip(keys, jobs)).items()}
+    return [made[key] for key in keys]
+
+
+def _changed(function: Callable[[Job], dict[str, Any]], jobs: list[Job]) -> list[Job]:
+    """Return the jobs with fields changed to what the function returns: see `_once`."""
+    return [job._replace(**fields) for job, fields in zip(jobs, _once(function, jobs))]
 
 
 def _runs(scene: Any, worlds: Worlds | None, each: dict[str, Any]) -> dict[str, list[Any]]:
-    """Lists of one length, `scenes` among them, from lists, None, and one scene for all; ValueError otherwise."""
+    """Return lists of one length, `scenes` among them, from lists, None, and one scene for all."""
     lists = {name: None if x is None else listed(name, x, "give a list, an entry a run") for name, x in each.items()}
     if worlds is not None:
         instance("worlds", worlds, Worlds, "give Worlds(...)")
@@ -181,135 +275,94 @@ def _runs(scene: Any, worlds: Worlds | None, each: dict[str, Any]) -> dict[str, 
         lists["scenes"] = worlds.scenes(scene)
     elif not isinstance(scene, CompiledScene):
         lists["scenes"] = listed("scene", scene, "give what compile_scene returns, or a list of these, one a run")
-    else:
-        lists["scenes"] = None
     n = max((len(x) for x in lists.values() if x is not None), default=1)
-    runs = {name: [None] * n if x is None else list(x) for name, x in lists.items()}
+    lists.setdefault("scenes", [scene] * n)
+    runs = {name: [None] * n if x is None else x for name, x in lists.items()}
     if any(len(column) != n for column in runs.values()):
         names = [name for name in runs if name not in ("scenes", "controller") or lists[name] is not None]
         lengths = [len(runs[name]) for name in names]
         raise ValueError(f"{', '.join(names)} have {lengths} entries; give as many of each, one a run")
-    return runs if lists["scenes"] is not None else runs | {"scenes": [scene] * n}
+    return runs
 
 
 def _recorded(scenes: Sequence[CompiledScene], record: Iterable[str] | None) -> tuple[str, ...]:
-    """The channels that all runs record: where some robots float and others do not, those of the joints if None."""
+    """Return the channels that all runs record; by default those of the joints where some robots do not float."""
     each_once(check_scene, scenes)
     fixed = [one for one in scenes if not one.tree.floating]
     return recorded([*fixed, *scenes][0], record) if scenes else ()
 
 
-def _simulated(
-    batch: Batch,
-    record: tuple[str, ...],
-    duration: float,
-    pushes: Sequence[Push],
-    executor: Executor | None,
-) -> list[Trajectory]:
-    """The runs, without their errors."""
-    if not batch.cases:
-        return []
-    driven = any(tau is not None for tau in batch.taus)
-    stop = np.zeros(1, np.int64)
-
-    def made_ready(case: Case) -> Prepared:
-        scene, rtol, atol = with_tolerance(*case[:3])
-        ready = prepare(
-            scene, duration, record, case.record_interval, pushes=pushes, rtol=rtol, atol=atol,
-            driven=driven, controller=case.controller,
-        )  # fmt: skip
-        return dataclasses.replace(ready, stop=stop)
-
-    ready = each_once(made_ready, batch.cases)
-    starts = [one.start(*row) for one, row in zip(ready, zip(*batch[1:]))]
-    if len({start.noise is None for start in starts}) > 1:
-        raise ValueError("noises: some runs have noise and some have none; give all of them an array, or none")
-    results = run_all(starts, executor)
-    return [trajectory(one, y, out, one.course(start)) for one, start, (y, out) in zip(ready, starts, results)]
+def _explicit(job: Job) -> dict[str, Any]:
+    """State tolerances and the time between records, for other runs to be compared with."""
+    scene, rtol, atol = with_tolerance(*job[:3])
+    every = scene.tick_steps * scene.timestep if job.record_interval is None else job.record_interval
+    return {"scene": scene, "rtol": rtol, "atol": atol, "record_interval": every}
 
 
-def _judged(case: Case) -> Case:
-    """The same, with tolerances and the time between records told, for others to be compared with."""
-    scene, rtol, atol = with_tolerance(*case[:3])
-    every = scene.tick_steps * scene.timestep if case.record_interval is None else case.record_interval
-    return Case(scene, rtol, atol, every, case.controller)
+def _with_second_runs(jobs: list[Job], record: tuple[str, ...], how: How) -> list[Trajectory]:
+    """Return the runs, each with the error that a second run estimates, or a third where the second finds it large.
+
+    Second runs of runs that go on from others go on from where the others' second runs ended.
+    """
+    seconds: list[SecondRun | None] = _once(lambda job: second_run(*job[:4]), jobs)
+    single = [job for job, second in zip(jobs, seconds) if second is None]
+    paired = [(job, second) for job, second in zip(jobs, seconds) if second is not None]
+    alone, others = iter(_simulate(single, record, how)), iter(_with_seconds(paired, record, how))
+    return [next(alone if second is None else others) for second in seconds]
 
 
-def _with_companions(batch: Batch, record: tuple[str, ...], simulated: Simulated) -> list[Trajectory]:
-    """The runs, each with the error that a companion tells; companions go on from where companions ended."""
-    others = each_once(lambda case: companion(case.scene, case.record_interval, case.rtol, case.atol), batch.cases)
-    alone = [k for k, other in enumerate(others) if other is None]
-    told = dict(zip(alone, simulated(batch.of(alone), record)))
-    rest = [k for k, other in enumerate(others) if other is not None]
-    told |= zip(rest, _accompanied(batch.of(rest), [others[k] for k in rest], record, simulated))
-    return [told[k] for k in range(len(others))]
-
-
-def _accompanied(
-    batch: Batch, others: list[Companion], record: tuple[str, ...], simulated: Simulated
-) -> list[Trajectory]:
-    """Runs that all have a companion."""
-    more = tuple(dict.fromkeys((*record, *(name for case in batch.cases for name in coordinates(case.scene)))))
-    runs = simulated(batch, more)
-    begun = [_companion_of(state) for state in batch.states]
-    coarse = simulated(batch._replace(states=begun, cases=_in_place(batch.cases, others)), more)
-    shares = [
-        share_of_kinks(run, state.final if isinstance(state, Trajectory) else state, other.share)
-        for run, state, other in zip(runs, batch.states, others)
+def _with_seconds(pairs: list[tuple[Job, SecondRun]], record: tuple[str, ...], how: How) -> list[Trajectory]:
+    jobs = [job for job, _ in pairs]
+    more = tuple(dict.fromkeys((*record, *(name for job in jobs for name in coordinates(job.scene)))))
+    runs = _simulate(jobs, more, how)
+    begun = [_of_second_run(job.state) for job in jobs]
+    coarse = [
+        job._replace(scene=second.scene, rtol=second.rtol, atol=second.atol, state=state)
+        for (job, second), state in zip(pairs, begun)
     ]
-    told = [accounted(run, less, share, record) for run, less, share in zip(runs, coarse, shares)]
-    doubtful = [
-        k
-        for k, run in enumerate(told)
-        if run.message != runs[k].message and others[k].surer is not None and begun[k] is batch.states[k]
-    ]  # of those that go on from no companion, so that a finer one may begin where they do
-    part, surer = batch.of(doubtful), [others[k] for k in doubtful]
-    finer = simulated(part._replace(cases=_in_place(part.cases, surer, True)), more)
-    for k, fine in zip(doubtful, finer):
-        share = share_of_half(runs[k], coarse[k], fine, batch.cases[k].scene.method.order)
-        told[k] = dataclasses.replace(accounted(runs[k], fine, share, record), companion=told[k].companion)
-    return told
+    others, found = _simulate(coarse, more, how), []
+    for (job, second), run, other in zip(pairs, runs, others):
+        start = job.state.final if isinstance(job.state, Trajectory) else job.state
+        found.append(with_error_estimate(run, other, share_with_rejections(run, start, second.share), record))
+    doubtful = {
+        k: job._replace(scene=second.finer, rtol=None, atol=None)
+        for k, (job, second) in enumerate(pairs)
+        if second.finer is not None and found[k].message != runs[k].message and begun[k] is job.state
+    }  # of those that go on from no second run, so that a third one may begin where they do
+    for k, third in zip(doubtful, _simulate([*doubtful.values()], more, how)):
+        share = share_of_half(runs[k], others[k], third, jobs[k].scene.method.order)
+        better = with_error_estimate(runs[k], third, share, record)
+        found[k] = dataclasses.replace(better, second_final=found[k].second_final)
+    return found
 
 
-def _in_place(cases: list[Case], others: list[Companion], surer: bool = False) -> list[Case]:
-    """Cases of the companions; those of one companion are one."""
-    pairs = {id(other): (case, other) for case, other in zip(cases, others)}
-    made = {
-        key: Case(other.surer or other.scene, None, None, case.record_interval, case.controller)
-        if surer
-        else Case(other.scene, other.rtol, other.atol, case.record_interval, case.controller)
-        for key, (case, other) in pairs.items()
-    }
-    return [made[id(other)] for other in others]
-
-
-def _companion_of(state: ArrayLike | Trajectory | None) -> ArrayLike | Trajectory | None:
-    if isinstance(state, Trajectory) and state.companion is not None:
-        return dataclasses.replace(state, final=state.companion)
+def _of_second_run(state: ArrayLike | Trajectory | None) -> ArrayLike | Trajectory | None:
+    """Return where the second run of a run that goes on begins."""
+    if isinstance(state, Trajectory) and state.second_final is not None:
+        return dataclasses.replace(state, final=state.second_final)
     return state
 
 
-def _with_errors(batch: Batch, record: tuple[str, ...], simulated: Simulated) -> list[Trajectory]:
-    """The runs, and the same in half the steps: of integrators with error control also to a tenth of the tolerance."""
-    runs, better = simulated(batch, record), simulated(batch.by(_finer), record)
-    return [
-        judged(with_error(run, _each(fine, 2), 1.1) if case.scene.adaptive else with_error(run, fine, 2.0))
-        for case, run, fine in zip(batch.cases, runs, better)
-    ]
+def _with_finer_runs(jobs: list[Job], record: tuple[str, ...], how: How) -> list[Trajectory]:
+    """Return the runs with the errors by half the step, or by a tenth of the tolerance and half the step."""
+    runs, better = _simulate(jobs, record, how), _simulate(_changed(_finer, jobs), record, how)
+    found = []
+    for job, run, fine in zip(jobs, runs, better):
+        if job.scene.adaptive:
+            every_second = {name: values[::2] for name, values in fine.channels.items()}
+            run = with_error(run, dataclasses.replace(fine, channels=every_second), 1.1)
+        else:
+            run = with_error(run, fine, 2.0)
+        found.append(with_accuracy(run))
+    return found
 
 
-def _finer(case: Case) -> Case:
-    scene = case.scene.recompiled(timestep=0.5 * case.scene.timestep)
+def _finer(job: Job) -> dict[str, Any]:
+    scene = job.scene.recompiled(timestep=0.5 * job.scene.timestep)
     if not scene.adaptive:
-        return case._replace(scene=scene)
-    rtol, atol = case.rtol and 0.1 * case.rtol, case.atol and 0.1 * case.atol
-    every = case.record_interval and 0.5 * case.record_interval  # steps end on records: twice as many
-    return Case(scene, rtol, atol, every, case.controller)
-
-
-def _each(run: Trajectory, count: int) -> Trajectory:
-    """The run with only each so many-th record."""
-    return dataclasses.replace(run, channels={name: values[::count] for name, values in run.channels.items()})
+        return {"scene": scene}
+    finer = {"rtol": 0.1, "atol": 0.1, "record_interval": 0.5}  # steps end on records: twice as many
+    return {"scene": scene, **{name: (old := getattr(job, name)) and by * old for name, by in finer.items()}}
 
 
 def simulate_stream(
@@ -339,19 +392,19 @@ def simulate_stream(
                 f"{one.model.name}: a stream needs sampled servos, fixed steps and no pushes: compile the scene with "
                 "integrator='midpoint', or use simulate_batch"
             )
-    ready = [prepare(one, duration, record, record_interval) for one in scenes]
-    if len({family(one) for one in ready}) != 1:
+    runs = [prepare(one, duration, record, record_interval) for one in scenes]
+    if len({family(one) for one in runs}) != 1:
         raise ValueError(f"scene: these {len(scenes)} do not differ in numbers alone; give what Worlds.scenes returns")
 
-    def begin_run(key: Any) -> Start:
+    def begin_run(key: Any) -> RunInput:
         state, reference, *which = begin(key)
-        start = ready[which[0] if which else 0].start(state, reference)
-        if start.y[ready[0].scene.layout["end_time"]] > 0.0:
-            name = ready[0].scene.model.name
+        start = runs[which[0] if which else 0].start(state, reference)
+        if start.y[runs[0].scene.layout["end_time"]] > 0.0:
+            name = runs[0].scene.model.name
             raise ValueError(f"{name}: the runs of a stream begin at time 0: give reset_time(scene, state)")
         return start
 
-    def end_run(start: Start, y: np.ndarray, out: np.ndarray) -> Any:
-        return end(trajectory(start.world, y, out))
+    def end_run(start: RunInput, y: np.ndarray, out: np.ndarray) -> Any:
+        return end(to_trajectory(start.compiled, y, out))
 
-    return drive_lanes(ready[0].among(ready), source, begin_run, end_run, threads or os.cpu_count() or 1)
+    return drive_lanes(runs[0].among(runs), source, begin_run, end_run, threads or os.cpu_count() or 1)

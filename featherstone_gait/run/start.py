@@ -10,13 +10,19 @@ from numpy.typing import ArrayLike
 from ..base import deprecated
 from ..base.arguments import instance, truth, vector
 from ..base.fixed_order import total
+from ..core.effects.actuator import controller_of
+from ..core.effects.controller import PID_SPEED
+from ..core.integrate import rollout
 from ..core.step import pace
+from ..core.step.signals import Knots
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_height
 from ..scene.coupling import check_followers, followed
+from .trajectory import Trajectory
 
 FIRST_STEP, FIRST_COLUMNS = 1e-3, 5  # where error control begins [s]
 OVERSHOOT = 1e-2  # beyond a limit, as far as a joint presses into its stop [rad or m]
+ENDS = (rollout.OK, rollout.FELL, rollout.DIVERGED, rollout.TOO_SMALL, rollout.TOO_COSTLY)  # of a state's status
 SHORTEST, LONGEST = 1e-6, 1e6  # quaternion that has a direction
 
 
@@ -27,7 +33,7 @@ def initial_state(
     """The whole state (size,) of a robot at positions q and velocities qd; zero where None.
 
     A floating robot over ground whose q is None stands with its lowest contact point sunk in by the ground's
-    `sinking`.  Rotors and goals are where their joints are, currents, bristles and voltages are zero.  Joints that
+    `penetration`.  Rotors and goals are where their joints are, currents, bristles and voltages are zero.  Joints that
     follow others do so where q or qd is None; where they are given and do not agree with their leaders, ValueError says
     what they should be.
     Raises ValueError too for a joint at more than `OVERSHOOT` beyond its limits, whose stop would throw it back at a
@@ -51,14 +57,8 @@ def initial_state(
     check_quaternion(scene, q[3:7], SHORTEST, LONGEST)
     joints, rates = (a[len(a) - n :] for a in (q, qd))
     check_followers(model, scene.tree.coupling, joints, rates)
-    given = {
-        "q": joints,
-        "qd": rates,
-        "filtered_speed": rates,
-        "rotor": joints,
-        "rotor_speed": rates,
-        "profiled_reference": joints,
-    }
+    given = {"q": joints, "qd": rates, "filtered_speed": rates, "rotor": joints, "rotor_speed": rates}
+    given["profiled_reference"] = joints
     for name, values in given.items():
         first, end = scene.part(name)
         if end > first:
@@ -123,3 +123,53 @@ def _check_limits(scene: CompiledScene, joints: np.ndarray) -> None:
                 f"{scene.model.name}: joint {joint.name!r} is at {position:.6g} rad or m, beyond its limits "
                 f"{joint.lower:.6g} to {joint.upper:.6g}; start it between them, or pass allow_limit_violation=True"
             )
+
+
+def checked_state(scene: CompiledScene, state: ArrayLike | Trajectory) -> np.ndarray:
+    """Return a state (length,), or that at the end of a trajectory, checked to be one of the scene."""
+    if not isinstance(state, Trajectory):
+        return _sound(scene, state)
+    robot, joints = state.info.get("robot"), state.info.get("joints")
+    if robot != scene.model.name or list(joints or ()) != list(scene.model.joint_names):
+        raise ValueError(
+            f"state: the trajectory is of {robot} with the joints {', '.join(joints or ())}; this scene is of "
+            f"{scene.model.name} with {', '.join(scene.model.joint_names)}: give its `final` if that is meant"
+        )
+    if state.parts is not None and state.parts != scene.parts:
+        raise ValueError(
+            f"state: the trajectory of {state.info.get('robot')} ended in a state of {_sizes(state.parts)}; "
+            f"this scene of {scene.model.name} has {_sizes(scene.parts)}: compile it with the same servos and contacts"
+        )
+    return _sound(scene, state.final)
+
+
+def _sound(scene: CompiledScene, values: ArrayLike) -> np.ndarray:
+    """The state as a vector; ValueError where the numbers cannot be what a run has left."""
+    y = vector("state", values, int(scene.layout["length"]), "what initial_state gave, or the end of a run")
+    check_quaternion(scene, y[slice(*scene.part("base_q"))][3:], 0.5, 2.0)
+    status, own = y[scene.layout["status"]], y[scene.part("step_control")[0] :]
+    if status not in ENDS or not (own >= 0.0).all():
+        raise ValueError(
+            f"{scene.model.name}: state: its last {len(own)} numbers, pace, status {status:g} and time of a run, are "
+            f"{own}; no run leaves these: make the state with initial_state"
+        )
+    return y
+
+
+def _sizes(parts: dict[str, tuple[int, int]]) -> str:
+    return ", ".join(f"{name} {end - first}" for name, (first, end) in parts.items() if end > first)
+
+
+def with_first_error(scene: CompiledScene, y: np.ndarray, reference: Knots | None) -> np.ndarray:
+    """Return a first state (length,) with the controllers' last error, so that a derivative term sees no jump."""
+    if not scene.sampled or reference is None or y[scene.layout["end_time"]] > 0:  # there is none, or the run goes on
+        return y
+    n, o, y = scene.tree.n, scene.layout, y.copy()
+    firmware = scene.constants.firmware
+    goal = reference.cubics[0, :, 0] if firmware.profile is None else y[slice(*scene.part("profiled_reference"))]
+    speed = controller_of(scene.constants.actuator).law == PID_SPEED
+    error = np.where(speed, 0.0, goal) - np.where(speed, y[o["qd"] : o["qd"] + n], y[o["q"] : o["q"] + n])
+    if firmware.band is not None:
+        error -= np.clip(error, -firmware.band.compliance_margin, firmware.band.compliance_margin)
+    y[o["last_error"] : o["last_error"] + n] = error
+    return y

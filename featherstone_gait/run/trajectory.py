@@ -6,20 +6,19 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..base import deprecated
 from ..base.files import FilePath, Format, complete_together, is_number, read_arrays, read_json
-from ..core.step.state import BY_NAME, shaped
 from ..model import Model
+from ..scene.state_view import StateView
 from . import tables
 from .channels import OLD, column_of, current_name
+from .status import Status
 
 FORMAT = Format("trajectory")
-FAILED = ("fell", "diverged", "step too small", "too costly")  # statuses of runs that end before their time
-STATUSES = ("ok", "fell", "diverged", "chatter", "step too small", "not converged", "inaccurate", "too costly")
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +29,7 @@ class Trajectory(Mapping[str, np.ndarray]):
     ----------
     channels : dict of ndarray
         Recorded channels by name, each (samples, ...); `time` (samples,) [s] is one of them.
-    status : str
+    status : Status
         "ok", or how the run went wrong:
 
         - "fell", "diverged": the run ended there, at `end_time`; later samples repeat the last sound state.
@@ -53,19 +52,37 @@ class Trajectory(Mapping[str, np.ndarray]):
         Estimated error of each channel, in its unit and shape.
     parts : dict of (int, int) or None
         First and past-the-last index in `final` of each part of the state; None if they are not known.
-    companion : ndarray or None
+    second_final : ndarray or None
         Final state of the coarser second run, from which the error was estimated and can be estimated further.
     """
 
     channels: dict[str, np.ndarray]
-    status: str
+    status: Status
     message: str
     end_time: float
     final: np.ndarray
     info: dict[str, Any] = field(default_factory=dict)
     error: dict[str, np.ndarray] | None = None
     parts: dict[str, tuple[int, int]] | None = None
-    companion: np.ndarray | None = None
+    second_final: np.ndarray | None = None
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            channels: dict[str, np.ndarray],
+            status: str,
+            message: str,
+            end_time: float,
+            final: np.ndarray,
+            info: dict[str, Any] = ...,
+            error: dict[str, np.ndarray] | None = None,
+            parts: dict[str, tuple[int, int]] | None = None,
+            second_final: np.ndarray | None = None,
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "status", Status(self.status))
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.channels[name if name in self.channels else current_name(name)]
@@ -83,24 +100,34 @@ class Trajectory(Mapping[str, np.ndarray]):
 
     @property
     def ok(self) -> bool:
-        """Whether nothing went wrong."""
-        return self.status == "ok"
+        """Whether the status is "ok"."""
+        return self.status is Status.OK
+
+    @property
+    def success(self) -> bool:
+        """The same as `ok`, by SciPy's name."""
+        return self.ok
+
+    @property
+    def companion(self) -> np.ndarray | None:
+        """The old name of `second_final`."""
+        deprecated.warn("Trajectory.companion", "Trajectory.second_final")
+        return self.second_final
 
     @property
     def failed(self) -> bool:
         """Whether the run ended before its time."""
-        return self.status in FAILED
+        return not self.status.complete
 
     @property
-    def state(self) -> dict[str, np.ndarray]:
-        """The final state by name: `q`, `qd`, `base_q`, ..., views of `final`, each in the shape of its channel.
+    def state(self) -> StateView:
+        """The channels of the final state by name, as writable views of `final`: `state.q`, `state["base_q"]`.
 
         Raises ValueError for a trajectory without `parts`, such as one made by hand.
         """
         if self.parts is None:
             raise ValueError("the parts of the trajectory's final state are not known; simulate it again")
-        found = {name: self.final[start:stop] for name, (start, stop) in self.parts.items() if stop > start}
-        return {name: shaped(BY_NAME[name], x[None])[0] if name in BY_NAME else x for name, x in found.items()}
+        return StateView(self.final, self.parts)
 
     def column(self, name: str, label: str) -> np.ndarray:
         """Select one number of a channel by its label.
@@ -140,7 +167,7 @@ class Trajectory(Mapping[str, np.ndarray]):
         described = {"format": str(FORMAT), **self._described(), "parts": self.parts}
         arrays: dict[str, Any] = {f"channel_{k}": v for k, v in self.channels.items()}
         arrays |= {f"error_{k}": v for k, v in (self.error or {}).items()}
-        arrays |= {} if self.companion is None else {"companion": self.companion}
+        arrays |= {} if self.second_final is None else {"companion": self.second_final}
         with complete_together(*_files(path)) as (data, text):
             with data.open("xb") as file:
                 np.savez_compressed(file, format=str(FORMAT), final=self.final, **arrays)
@@ -169,7 +196,7 @@ class Trajectory(Mapping[str, np.ndarray]):
         data, text = _files(path)
         described, arrays = read_json(text, FORMAT), read_arrays(data, FORMAT)
         _check_arrays(data, arrays)
-        final, companion = arrays.pop("final"), arrays.pop("companion", None)
+        final, second = arrays.pop("final"), arrays.pop("companion", None)
         parts = described.pop("parts", None)
         _check_described(text, described)
         channels, error = (
@@ -177,7 +204,7 @@ class Trajectory(Mapping[str, np.ndarray]):
             for kind in ("channel_", "error_")
         )
         parts = None if parts is None else _parts(text, parts, len(final))
-        return cls(channels, final=final, error=error or None, parts=parts, companion=companion, **described)
+        return cls(channels, final=final, error=error or None, parts=parts, second_final=second, **described)
 
     def to_pandas(self) -> Any:
         """Convert to a pandas.DataFrame over time [s] with a column for each number.
@@ -257,7 +284,7 @@ def with_error(run: Trajectory, finer: Trajectory, factor: float) -> Trajectory:
     kinks cost a higher method its order.  A tenth of the tolerance leaves a tenth of the error: 1.1.  Where the finer
     run ended otherwise, or the run failed, the error is infinite.
     """
-    broken = run.failed and run.status != "fell"
+    broken = run.failed and run.status is not Status.FELL
     same = not broken and run.status == finer.status and abs(run.end_time - finer.end_time) <= 0.02 * run.end_time
     error = {
         name: factor * np.abs(values - finer[name]) if same else np.full(values.shape, np.inf)
@@ -277,7 +304,7 @@ def _files(path: FilePath) -> tuple[Path, Path]:
 def _check_described(path: Path, content: dict[str, Any]) -> None:
     """Raise ValueError unless the JSON file says how the run ended and has no unknown keys."""
     expected = {
-        "status": (content.get("status") in STATUSES, f"one of {', '.join(STATUSES)}"),
+        "status": (content.get("status") in [*Status], f"one of {', '.join(Status)}"),
         "message": (isinstance(content.get("message"), str), "a text"),
         "end_time": (is_number(content.get("end_time")), "a finite number [s]"),
         "info": (isinstance(content.get("info"), dict), "an object"),

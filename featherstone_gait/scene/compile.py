@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base import deprecated
+from ..base.arguments import shown
 from ..base.portable_math import sincos
 from ..core.effects.contact import Contact
 from ..core.effects.gear_friction import GearFriction
@@ -26,6 +27,7 @@ from .firmware import build_firmware, build_supply
 from .friction import Friction, build_friction, sticks
 from .options import SceneOptions, check_options
 from .preflight import STIFF, Preflight, preflight
+from .state_view import StateView
 from .stop import build_stops
 from .tree import GRAVITY, Tree, compile_tree
 
@@ -192,6 +194,16 @@ class CompiledScene:
     def part(self, name: str) -> tuple[int, int]:
         """Return first and past-the-last index of a part of the state."""
         return self.parts[name]
+
+    def state_view(self, y: np.ndarray) -> StateView:
+        """Return the channels of states (..., size) by name, as views: ``scene.state_view(y).q[0] = 0.1`` changes y.
+
+        Raises ValueError for an array of another size.
+        """
+        if not isinstance(y, np.ndarray) or y.shape[-1:] != (int(self.layout["length"]),):
+            size = int(self.layout["length"])
+            raise ValueError(f"y is {shown(y)}; give an array (..., {size}), such as initial_state(scene) returns")
+        return StateView(y, self.parts)
 
     def pushed(self, pushes: Sequence[Push]) -> CompiledScene:
         """Return the scene with external forces.

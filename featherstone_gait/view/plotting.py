@@ -186,7 +186,7 @@ def _draw(
 
 def _tell(axes: Axes, trajectory: Trajectory, failed: bool) -> None:
     """How a run ended that is not sound."""
-    text = trajectory.status
+    text = str(trajectory.status)
     if failed:
         axes.axvline(trajectory.end_time, color=BAD, linestyle=":", linewidth=1.2)
         text = f"{trajectory.status} at {trajectory.end_time:.3g} s"

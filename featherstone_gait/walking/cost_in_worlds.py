@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike
 from ..base.arguments import floats, instance, listed, real, whole
 from ..run.reference import Reference
 from ..run.simulate import simulate_batch, simulate_stream, standing_state
+from ..run.status import Status
 from ..run.trajectory import Trajectory
 from ..run.worlds import Worlds
 from ..scene.compile import CompiledScene
@@ -131,7 +132,7 @@ class CostInWorlds:
         """A robot whose speeds ring on a stiff floor has not fallen; what it costs there a finer step has to say."""
         cost, scene = self.cost, self.scenes[k]
         if run.status == "chatter" and not self.strict:
-            run = dataclasses.replace(run, status="ok", message="")
+            run = dataclasses.replace(run, status=Status.OK, message="")
         return measured(scene, run, cost.mark, cost.end, cost.strides, slip=False)
 
     def verified(self, x: ArrayLike) -> tuple[float, float]:

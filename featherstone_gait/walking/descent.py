@@ -38,6 +38,7 @@ from ..base.files import parse_json
 from ..base.fixed_order import applied, product, solve, total
 from ..base.line_file import LineFile
 from ..run.simulate import simulate_batch, standing_state
+from ..run.status import Status
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
 from . import limits
@@ -112,7 +113,7 @@ class _Descent:
     def outcome(self, run: Trajectory, walking: WalkingCost, k: int) -> _Outcome | None:
         """Measure a run in world k; return None if it does not walk."""
         if run.status == "chatter":
-            run = replace(run, status="ok", message="")
+            run = replace(run, status=Status.OK, message="")
         scene = self.scenes[k]
         found: Measures = measured(scene, run, walking.mark, walking.end, walking.strides, slip=False)
         if not math.isfinite(found.cost):
@@ -148,7 +149,7 @@ class _Descent:
         )  # fmt: skip
         runs = list(point.runs)
         for k, run in zip(ring, again):
-            runs[k] = replace(run, status="fell", message="speeds ring") if run.status == "chatter" else run
+            runs[k] = replace(run, status=Status.FELL, message="speeds ring") if run.status == "chatter" else run
         return self._point(point.x, runs)
 
     def _point(self, x: np.ndarray, runs: Sequence[Trajectory]) -> _Point:

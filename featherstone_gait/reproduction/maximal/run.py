@@ -21,7 +21,7 @@ from ...core.tree.kinematics import motion_pass
 from ...core.tree.layout import Motion, P, V
 from ...core.tree.layout import R as ROTATION
 from ...core.tree.spatial import add, cross, load3, load9, rotate, rotate_back, store3, sub
-from ...run.prepared import prepare
+from ...run.prepare import prepare
 from ...run.reference import Reference
 from ...run.start import check_scene
 from ...run.trajectory import Trajectory
@@ -231,7 +231,7 @@ def simulate_seeds(
 
 def _told(ready: Any, start: Any, results: tuple[np.ndarray, np.ndarray], work: tuple, seed: int) -> Trajectory:
     """Name the channels and say how the run ended."""
-    (y, out), scene, course = results, ready.scene, ready.course(start)
+    (y, out), scene, course = results, ready.scene, ready.schedule(start.y)
     code, end = int(y[scene.layout["status"]]), float(y[scene.layout["end_time"]])
     status = {FELL: "fell", DIVERGED: "diverged"}.get(code, "ok")
     end = end if code else course.offset + (course.first + course.steps) * course.h

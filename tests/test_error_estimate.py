@@ -22,7 +22,7 @@ from featherstone_gait import (
 )
 from featherstone_gait.benchmark.default_scenes import AX12_LAW
 from featherstone_gait.benchmark.scenes import unlimited
-from featherstone_gait.run.companion import accounted, companion
+from featherstone_gait.run.error_estimate import second_run, with_error_estimate
 
 ARM = unlimited(load_robot("arm7_spatial"))
 
@@ -52,7 +52,7 @@ def test_where_stops_decide_the_steps_the_whole_difference_is_told(reach, share)
     """Between two stops that are near, and between those that it never meets."""
     scene = compile_scene(pendulum(lower=-reach, upper=reach, damping=0.0), integrator="dop853")
     run = simulate(scene, 1.0, initial_state(scene, [0.0], [5.0]))
-    other = companion(scene, None, run.info["rtol"], run.info["atol"])
+    other = second_run(scene, run.info["rtol"], run.info["atol"], None)
     coarse = simulate(
         other.scene, 1.0, initial_state(scene, [0.0], [5.0]), rtol=other.rtol, atol=other.atol, estimate_error=False
     )
@@ -103,7 +103,7 @@ def test_pieces_alone_and_in_a_batch_have_the_same_error_to_the_bit():
     first = simulate(scene, 0.02, reference=step)
     rest = simulate(scene, 0.04, first, reference=step)
     assert rest.final.tobytes() == whole.final.tobytes()
-    assert rest.companion.tobytes() == whole.companion.tobytes()
+    assert rest.second_final.tobytes() == whole.second_final.tobytes()
     assert rest.error["q"].tobytes() == whole.error["q"][2:].tobytes()
     assert other["q"][-1] != whole["q"][-1]
 
@@ -113,7 +113,7 @@ def test_a_companion_is_kept_in_the_file(free, tmp_path):
     run = simulate(free, 0.05, thrown(free, 0.1))
     run.save(tmp_path / "run")
     again = Trajectory.load(tmp_path / "run")
-    assert again.companion.tobytes() == run.companion.tobytes()
+    assert again.second_final.tobytes() == run.second_final.tobytes()
     assert again.error["q"].tobytes() == run.error["q"].tobytes()
 
 
@@ -139,7 +139,7 @@ def test_noise_is_the_same_for_both():
 def test_a_companion_that_ends_otherwise_makes_a_run_inaccurate(free):
     run = simulate(free, 0.1, thrown(free, 0.5), estimate_error=False)
     fell = replace(run, status="fell", end_time=0.05)
-    told = accounted(run, fell, 0.25, ("q",))
+    told = with_error_estimate(run, fell, 0.25, ("q",))
     assert told.status == "inaccurate"
     assert "in other steps ended otherwise" in told.message
 
@@ -149,11 +149,11 @@ def test_a_fall_whose_course_is_uncertain_stays_one_and_says_so(free):
     run = simulate(free, 0.1, thrown(free, 0.5), estimate_error=False)
     fell = replace(run, status="fell", message="arm fell at 0.05 s", end_time=0.05)
     off = replace(fell, channels=fell.channels | {"q": fell["q"] + 0.1})
-    told = accounted(fell, off, 0.25, ("q",))
+    told = with_error_estimate(fell, off, 0.25, ("q",))
     assert told.status == "fell"
     assert told.message.startswith("arm fell at 0.05 s; ")
     assert "uncertain by 0.025 rad" in told.message
-    assert accounted(fell, fell, 0.25, ("q",)).message == "arm fell at 0.05 s"
+    assert with_error_estimate(fell, fell, 0.25, ("q",)).message == "arm fell at 0.05 s"
 
 
 # --- fixed steps ---------------------------------------------------------------------------------------------------
@@ -207,7 +207,7 @@ def test_pieces_of_fixed_steps_have_the_same_companion():
     first = simulate(scene, 0.02, thrown(scene, 0.5))
     rest = simulate(scene, 0.02, first)
     assert rest.final.tobytes() == whole.final.tobytes()
-    assert rest.companion.tobytes() == whole.companion.tobytes()
+    assert rest.second_final.tobytes() == whole.second_final.tobytes()
     assert rest.error["q"].tobytes() == whole.error["q"][2:].tobytes()
 
 
@@ -320,7 +320,7 @@ def test_friction_that_is_as_wide_as_the_robot_has_it_is_no_error():
     for width, softer in ((0.05, False), (1e-3, False), (0.0, True)):
         servo = load_servo("ax12", coulomb_friction=0.2, stick_speed=width)
         scene = compile_scene(replace(arm, servos=dict.fromkeys(arm.servos, servo)), "rotor", integrator="dop853")
-        other = companion(scene, None, 1e-7, 1e-7)
+        other = second_run(scene, 1e-7, 1e-7, None)
         assert (other.scene.constants.friction is not scene.constants.friction) == softer
         assert other.share == (1.0 if softer else 0.35)
 
@@ -331,7 +331,7 @@ def test_a_friction_law_from_elsewhere_is_left_as_it_is():
 
     scene = compile_scene(ARM, integrator="dop853")
     scene = replace(scene, constants=scene.constants._replace(friction=Own(1.0)))
-    other = companion(scene, None, 1e-7, 1e-7)
+    other = second_run(scene, 1e-7, 1e-7, None)
     assert other.scene.constants is scene.constants
     assert other.scene.by_hand == ["friction"]
     assert other.share == 0.35

@@ -1,0 +1,190 @@
+"""Estimate the global error of a run from a second run in other steps.
+
+With error control the second run has `COARSER` times the tolerance.  Where the tolerance orders the errors, those of
+the second run are that many times as large, and the difference of both is some nine errors of the run.  Discontinuities
+and chaos leave less between them; hence a larger `SHARE` of the difference than a ninth is taken for the error.  Where
+ticks or records end the steps before the tolerance does, `ars343` takes two of the second run's steps for one, and the
+difference is most of the error.  Where discontinuities and not the tolerance decide the steps, so that many are
+rejected, errors fall by little from one tolerance to the next, and the whole difference is taken.
+
+At a fixed step h the second run takes steps of 2 h: of order p the difference is 2^p - 1 errors of the run.
+Discontinuities leave less at any order: an error that falls with the root of h is 2.4 differences, which are taken of
+order 1; of order 2 a half, of order 4 0.38, with which a smooth run looks six times as wrong as it is.  Where 2 h does
+not fit between ticks or records, or is no longer stable, the second run takes steps of h / 2, and the error is twice
+the difference.  A run that the second run makes inaccurate gets a third run in steps of h / 2, which is believed: on
+stiff stops errors grow faster than any power of h.  Where of order 1 the third run's difference is not half of the
+second one's, discontinuities may hide in both, and the error is 3.4 times the difference, as if it fell with the root
+of h.
+
+`dop853` cannot have dry friction as steep as it is, and has it over some width about rest.  Its second run has it over
+twice that width: if the effect of the width is in proportion to it, the difference is all of that effect.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.step import pace
+from ..scene.compile import CompiledScene
+from ..scene.friction import widened
+from .classify import beyond_stability
+from .prepare import steps_between_records
+from .status import Status
+from .trajectory import Trajectory, with_error
+
+COARSER = 10.0  # tolerance of the second run, by the run's
+SHARE = 0.35  # of the difference, that is taken for the error
+WHOLE_OF_IT = 1.0  # where the second run has wider friction, or many steps are rejected
+MANY = 0.5  # of those taken; some 0.1 are of a smooth motion
+OF_TWICE, OF_HALF = {1: 2.4, 2: 0.5}, 2.0  # of a step of 2 h, by order, others `OF_HIGHER`; of h / 2
+OF_HIGHER = 0.38
+OF_ROOT = 3.4  # of h / 2, where the error may fall with the root of h
+ORDERLY = 0.05  # by how much the share that halving the step leaves of a difference may be off a half
+ROUNDING = 1e-13  # of the values, the least error that is estimated
+LIMIT = 1e-3  # of angles [rad] and positions [m]: beyond it a run is inaccurate
+FIXED_LIMIT = 1e-2  # the same at fixed steps, which are chosen by name
+SPEED_LIMIT = 10.0  # of speeds by the largest there is or 1, in the above: an impact a moment late is a jump missed
+
+
+class SecondRun(NamedTuple):
+    """How the second run differs from the run."""
+
+    scene: CompiledScene
+    rtol: float | None
+    atol: float | None
+    share: float  # of the difference to the run, that is the run's error
+    finer: CompiledScene | None = None  # in half the steps, of a third run where the second makes the run inaccurate
+
+
+def second_run(
+    scene: CompiledScene, rtol: float | None, atol: float | None, record_interval: float | None
+) -> SecondRun | None:
+    """Choose the second run of a scene; None where steps are fixed and cannot be doubled.
+
+    That is of "simtwo", which has no continuous limit, and of a scene with constants put in by hand.
+    """
+    if rtol is not None and atol is not None:
+        other = _with_coarser_tolerance(scene)
+        softer = other.constants.friction is not scene.constants.friction
+        return SecondRun(other, min(1.0, COARSER * rtol), min(1.0, COARSER * atol), WHOLE_OF_IT if softer else SHARE)
+    if scene.method.drives or scene.by_hand:
+        return None
+    every, tick, delay = steps_between_records(scene, record_interval), scene.tick_steps, scene.constants.firmware.delay
+    if every % 2 == 0 and tick % 2 == 0 and (delay is None or delay.shift % 2 == 0):
+        coarse = _with_step(scene, 2.0)
+        if not beyond_stability(coarse):
+            return SecondRun(coarse, None, None, OF_TWICE.get(scene.method.order, OF_HIGHER), _with_step(scene, 0.5))
+    return SecondRun(_with_step(scene, 0.5), None, None, OF_HALF)
+
+
+@functools.lru_cache(maxsize=16)
+def _with_coarser_tolerance(scene: CompiledScene) -> CompiledScene:
+    """Return the scene whose integrator takes its steps as a second run; one object, for it remembers its layout."""
+    other = replace(scene, method=scene.method._replace(companion=True))
+    wide = None
+    if scene.method.soft:
+        wide = widened(scene.constants.friction, scene.model, scene.gearbox is not None, 2.0)
+    if wide is None:
+        return other
+    constants, compiled = (one._replace(friction=wide) for one in (scene.constants, scene.compiled))
+    return replace(other, constants=constants, compiled=compiled)
+
+
+@functools.lru_cache(maxsize=16)
+def _with_step(scene: CompiledScene, factor: float) -> CompiledScene:
+    """Return the scene with so many times its step, and the same ticks."""
+    other = scene.recompiled(timestep=factor * scene.timestep)
+    return replace(other, tick_steps=round(scene.tick_steps / factor))
+
+
+def with_error_estimate(run: Trajectory, other: Trajectory, share: float, record: Sequence[str]) -> Trajectory:
+    """Return the run with its error, a share of the difference to another; inaccurate if that is too large.
+
+    Only the channels of `record` are kept.
+    """
+    error = _difference(run, other, share)
+    error = {name: e + ROUNDING * np.abs(run[name]) for name, e in error.items()}
+    run = with_accuracy(replace(run, error=error))
+    return replace(
+        run,
+        channels={name: values for name, values in run.channels.items() if name == "time" or name in record},
+        error={name: values for name, values in error.items() if name in record},
+        second_final=other.final,
+    )
+
+
+def with_accuracy(run: Trajectory) -> Trajectory:
+    """Return the run, `inaccurate` if the error of its coordinates is too large; of a fall the message says so."""
+    wrong = _inaccurate(run, run.error or {}) if run.status in (Status.OK, Status.FELL) else None
+    if wrong is None:
+        return run
+    if run.status is Status.FELL:
+        return replace(run, message=f"{run.message}; {wrong}")
+    return replace(run, status=Status.INACCURATE, message=wrong)
+
+
+def share_of_half(run: Trajectory, coarse: Trajectory, fine: Trajectory, order: int) -> float:
+    """Return what of the difference to the run in half the steps is the error; coarse: the run in twice the steps."""
+    if order != 1:
+        return OF_HALF
+    far, near = (
+        max(float(error.max()) / limit for _, error, limit, _ in _limited(run, _difference(run, other, 1.0)))
+        for other in (coarse, fine)
+    )
+    return OF_HALF if abs(near - 0.5 * far) < ORDERLY * far else OF_ROOT
+
+
+def share_with_rejections(run: Trajectory, begun: np.ndarray | None, share: float) -> float:
+    """Return the share, or 1 where discontinuities decide the steps; begun: the first state (size,)."""
+    if "steps" not in run.info or run.parts is None:  # fixed steps
+        return share
+    counts = run.parts["step_control"][0] + np.array([pace.STEPS, pace.REJECTED])
+    taken, rejected = run.final[counts] - (0.0 if begun is None else np.asarray(begun)[counts])
+    return max(share, WHOLE_OF_IT) if rejected > MANY * taken else share
+
+
+def _difference(run: Trajectory, other: Trajectory, share: float) -> dict[str, np.ndarray]:
+    """Return a share of the difference of each channel; infinite unless both came to their end, or ended alike."""
+    if run.status.complete and other.status.complete and run.status is not other.status:
+        other = replace(other, status=run.status)
+    return with_error(run, other, share).error or {}
+
+
+def _limited(run: Trajectory, errors: dict[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray, float, str]]:
+    """Yield name, error, its limit and unit of the coordinates that have an error."""
+    largest = LIMIT if "rtol" in run.info else FIXED_LIMIT
+    for name, unit in (("q", "rad or m"), ("base_q", "m or -"), ("qd", "rad/s or m/s"), ("base_qd", "m/s or rad/s")):
+        if name in errors and errors[name].size:
+            limit = largest
+            if name.endswith("qd"):
+                limit *= SPEED_LIMIT * max(float(np.abs(run[name]).max()), 1.0)
+            yield name, errors[name], limit, unit
+
+
+def _inaccurate(run: Trajectory, error: dict[str, np.ndarray]) -> str | None:
+    """Say from which record on the error of a run is beyond its limit; None if it never is."""
+    found = []
+    for name, errors, limit, unit in _limited(run, error):
+        beyond = (errors > limit).any(axis=1)
+        if beyond.any():
+            found.append((int(beyond.argmax()), name, limit, unit))
+    if not found:
+        return None
+    k, name, limit, unit = min(found)
+    column = int(error[name][k].argmax())
+    what = run.info["joints"][column] if name in ("q", "qd") else f"number {column} of {name}"
+    finer = f"rtol than {run.info['rtol']:g}" if "rtol" in run.info else f"timestep than {run.info['timestep']:g} s"
+    far = error[name][k, column]
+    by = "(the same run in other steps ended otherwise)"
+    if math.isfinite(far):
+        by = f"by {far:.2g} {unit} (limit {limit:.2g})"
+    return (
+        f"{run.info['robot']}: from {run['time'][k]:.4g} s on {name} of {what} is uncertain {by}: give a smaller "
+        f"{finer}; if that does not help, the motion is chaotic and cannot be predicted so far ahead"
+    )

@@ -1,0 +1,70 @@
+"""How a run ended, as an enumeration whose members are also plain text."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from ..core.integrate import rollout
+
+
+class Status(StrEnum):
+    """How a run ended; each member equals its text, as in ``run.status == "ok"``.
+
+    Attributes
+    ----------
+    OK
+        "ok": the run came to its end, and nothing speaks against its result.
+    FELL
+        "fell": the robot fell, and the run ended there.
+    DIVERGED
+        "diverged": the state grew beyond all bounds, and the run ended there.
+    CHATTER
+        "chatter": velocities alternated from step to step, so the result is wrong however bounded it is.
+    STEP_TOO_SMALL
+        "step too small": error control asked for a shorter step than it may take, and the run ended there.
+    NOT_CONVERGED
+        "not converged": an implicit step missed its tolerance, the step is larger than what the integrator or springs
+        between bodies allow, or an explicit integrator met a joint stop that it does not resolve.
+    INACCURATE
+        "inaccurate": the estimated error is larger than `simulate` allows.
+    TOO_COSTLY
+        "too costly": error control took as many steps as it may, and the run ended there.
+    """
+
+    OK = "ok"
+    FELL = "fell"
+    DIVERGED = "diverged"
+    CHATTER = "chatter"
+    STEP_TOO_SMALL = "step too small"
+    NOT_CONVERGED = "not converged"
+    INACCURATE = "inaccurate"
+    TOO_COSTLY = "too costly"
+
+    @property
+    def complete(self) -> bool:
+        """Whether the run came to its end."""
+        return self not in (Status.FELL, Status.DIVERGED, Status.STEP_TOO_SMALL, Status.TOO_COSTLY)
+
+    @property
+    def remedy(self) -> str:
+        """What to try against it, empty for "ok"."""
+        return REMEDIES[self]
+
+
+REMEDIES = {
+    Status.OK: "",
+    Status.FELL: "change the motion or the controller, or allow more: compile_scene(fall_height=..., fall_tilt=...)",
+    Status.DIVERGED: "use a smaller timestep or an implicit integrator, and check masses, gains and contact stiffness",
+    Status.CHATTER: "use a smaller timestep, or the integrator that compile_scene chooses by default",
+    Status.STEP_TOO_SMALL: "raise rtol, or use implicit_euler or midpoint at a fixed step",
+    Status.NOT_CONVERGED: "use a smaller timestep or an implicit integrator",
+    Status.INACCURATE: "give a smaller timestep or rtol; if that does not help, the motion is chaotic",
+    Status.TOO_COSTLY: "raise rtol, or use implicit_euler or midpoint at a fixed step",
+}
+OF_CODE = {  # status of a state, as the kernels write it
+    rollout.OK: Status.OK,
+    rollout.FELL: Status.FELL,
+    rollout.DIVERGED: Status.DIVERGED,
+    rollout.TOO_SMALL: Status.STEP_TOO_SMALL,
+    rollout.TOO_COSTLY: Status.TOO_COSTLY,
+}

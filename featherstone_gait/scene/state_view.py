@@ -1,0 +1,57 @@
+"""Name the parts of a state, which kernels read as one vector of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from ..core.step.state import BY_NAME
+
+
+class StateView(Mapping[str, np.ndarray]):
+    """The channels of a state by name, as views into it: ``view.q[2] = 0.1`` changes the state.
+
+    Channels are attributes and keys: ``view.base_q`` is ``view["base_q"]``.  A channel that the scene does not have is
+    empty as an attribute, and no key.  Channels of several numbers for each joint or contact point get an axis, as
+    ``view.energy`` (joints, numbers).
+
+    Parameters
+    ----------
+    y
+        States (..., size), as `initial_state` returns one.
+    parts
+        First and past-the-last index of each channel, as `CompiledScene.parts`.
+    """
+
+    def __init__(self, y: np.ndarray, parts: Mapping[str, tuple[int, int]]) -> None:
+        self._y, self._parts = y, parts
+        self._names = [name for name, (first, end) in parts.items() if end > first]
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        if name not in self._parts:
+            raise AttributeError(f"a state has no channel {name!r}; channels: {', '.join(self._parts)}")
+        first, end = self._parts[name]
+        values, channel = self._y[..., first:end], BY_NAME.get(name)
+        if channel is not None and channel.width > 1 and channel.of not in ("base", "run"):
+            return values.reshape(*values.shape[:-1], -1, channel.width)
+        return values
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self._names:
+            raise KeyError(f"this state has no channel {name!r}; channels: {', '.join(self._names)}")
+        return getattr(self, name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._names]
+
+    def __repr__(self) -> str:
+        return f"<state: {', '.join(f'{name} {values.shape}' for name, values in self.items())}>"
