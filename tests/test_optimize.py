@@ -173,7 +173,7 @@ def test_the_page_names_floors_falls_and_what_is_not_known(job, tmp_path):
     pushes = tables["Pushes, and the feedback that answers them"]
     assert ["mean", f"0.50{space}N{space}s", f"0.75{space}N{space}s"] in pushes
     (ankle,) = (row for row in pushes if row[1] == "4.25")
-    assert (ankle[0]["text"], ankle[0]["small"]) == ("ankle of the leg that bears, by what is off ahead", "rad/m")
+    assert (ankle[0]["text"], ankle[0]["small"]) == ("ankle of the stance leg, per error ahead", "rad/m")
 
 
 def test_gains_are_told_at_equal_speed_and_with_standing_power_too(job):

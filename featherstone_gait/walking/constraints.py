@@ -1,4 +1,4 @@
-"""What a gait must keep to beside being cheap, as penalties that are reported apart from its cost.
+"""Constraints of a gait as penalties, which are reported apart from its cost.
 
     penalty = weight * sum over the components of the mean over the measured time of max(0, violation)^2,
 
@@ -35,23 +35,39 @@ ALIKE = 1e-9  # points of the sole closer than this are one [m]
 
 @dataclass(frozen=True)
 class Constraints:
-    """Limits, each None or a number, and what it costs to pass them by one unit.
+    """Limits of a gait and the weights of their penalties; a limit of None is not checked.
 
-    The default weights make 0.1 N m, 1 degree, 1 mm of slip, 10 mm of ZMP and 1 mm of clearance, root mean square over
-    the time measured, cost 1 J/m.
-    Raises ValueError for numbers out of range.
+    With the default weights, violations of 0.1 N m, 1 degree, 1 mm of slip, 10 mm of ZMP and 1 mm of clearance, root
+    mean square over the measured time, each cost 1 J/m.
+
+    Attributes
+    ----------
+    torque : float or None
+        Largest torque of a servo, at the joint [N m].
+    joint_margin : float or None
+        Least distance from the joint limits [rad].
+    slip : float or None
+        Largest path of a contact point under load [m per stride]; see `Measures.slip`.
+    zmp_margin : float or None
+        Least distance of the zero-moment point (ZMP) from the edge of the support polygon [m].
+    clearance : float or None
+        Least distance between links that could collide [m].
+    torque_weight, joint_weight : float
+        Weights of the sums over the joints [J/m per (N m)^2, J/m per rad^2].
+    slip_weight, zmp_weight, clearance_weight : float
+        Weights [J/m per m^2].
     """
 
-    torque: float | None = None  # largest torque of a servo, at the joint [N m]
-    joint_margin: float | None = None  # least distance from a joint's limits [rad]
-    slip: float | None = None  # largest path of a contact point under load [m per stride], see `Measures.slip`
-    zmp_margin: float | None = None  # least distance of the ZMP from the edge of the support polygon [m]
-    clearance: float | None = None  # least distance of links that could meet [m], see `collision`
-    torque_weight: float = 1e2  # [J/m per (N m)^2], sum over the joints
-    joint_weight: float = math.degrees(1.0) ** 2  # [J/m per rad^2], sum over the joints
-    slip_weight: float = 1e6  # [J/m per m^2]
-    zmp_weight: float = 1e4  # [J/m per m^2]
-    clearance_weight: float = 1e6  # [J/m per m^2]
+    torque: float | None = None
+    joint_margin: float | None = None
+    slip: float | None = None
+    zmp_margin: float | None = None
+    clearance: float | None = None
+    torque_weight: float = 1e2
+    joint_weight: float = math.degrees(1.0) ** 2
+    slip_weight: float = 1e6
+    zmp_weight: float = 1e4
+    clearance_weight: float = 1e6
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -61,7 +77,7 @@ class Constraints:
 
     @property
     def weights(self) -> dict[str, float]:
-        """The weights of the limits that are set, by their names."""
+        """Weights of the limits that are set, by name."""
         pairs = dict(
             torque=self.torque_weight,
             joint_margin=self.joint_weight,
@@ -74,10 +90,10 @@ class Constraints:
     def violations(
         self, model: Model, run: Channels, window: slice, slip: float, gravity: Sequence[float] | np.ndarray = GRAVITY
     ) -> dict[str, np.ndarray]:
-        """By how much a trajectory with `RECORD` and torque passes each limit that is set, negative where it does not.
+        """Return the violation of each limit that is set, negative where the limit is met.
 
-        Returns (samples, components) arrays in the limit's unit, of a window of the samples; `slip` [m per stride];
-        `gravity` (3,) is that of the scene [m/s^2].
+        run: with the channels `cost.RECORD` and torque; window: of its samples; slip [m per stride]; gravity (3,): of
+        the scene [m/s^2].  The arrays are (samples, components) in the limit's unit.
         """
         found = {}
         if self.torque is not None:
@@ -98,11 +114,21 @@ class Constraints:
 
 @dataclass(frozen=True)
 class ConstraintReport:
-    """Cost and penalties of a gait, apart; numbers are nan or infinite if it has no cost."""
+    """Cost and penalties of a gait; numbers are nan or infinite if it does not walk.
+
+    Attributes
+    ----------
+    measures : Measures
+        Measures of the walk.
+    penalties : dict of str to float
+        Penalties by the name of the limit [J/m].
+    violations : dict of str to float
+        Largest violations in the limit's unit; 0 where the limit is met.
+    """
 
     measures: Measures
-    penalties: dict[str, float]  # by the limit's name [J/m]
-    violations: dict[str, float]  # the largest, in the limit's unit; 0 where it is kept
+    penalties: dict[str, float]
+    violations: dict[str, float]
 
     @property
     def cost(self) -> float:
@@ -111,13 +137,21 @@ class ConstraintReport:
 
     @property
     def total(self) -> float:
-        """Cost and penalties together [J/m]."""
+        """Sum of cost and penalties [J/m]."""
         return self.cost + sum(self.penalties.values()) if math.isfinite(self.cost) else math.inf
 
 
 @dataclass(frozen=True, eq=False)
 class ConstrainedCost:
-    """A `WalkingCost` and the penalties of `constraints`, for the same searches."""
+    """The cost of walking plus the penalties of constraints, for the same searches as `WalkingCost`.
+
+    Attributes
+    ----------
+    walking : WalkingCost
+        The cost without penalties.
+    constraints : Constraints
+        The limits and weights.
+    """
 
     walking: WalkingCost
     constraints: Constraints
@@ -157,7 +191,9 @@ class ConstrainedCost:
 def zmp_margins(
     model: Model, run: Channels, window: slice = slice(None), gravity: Sequence[float] | np.ndarray = GRAVITY
 ) -> np.ndarray:
-    """How far inside the support polygon the ZMP lies (n,) [m], of a trajectory with base_q, q and contact_force.
+    """Return the distance (n,) [m] of the ZMP from the edge of the support polygon, inside positive.
+
+    run: with the channels base_q, q and contact_force.
 
     The ZMP is the center of pressure of the contact points, with which it coincides on level ground (M. Vukobratovic,
     B. Borovac, Int. J. Humanoid Robotics 1 (2004), section 2).  A simulation knows it exactly; `multibody_zmp`, which
@@ -178,10 +214,10 @@ def zmp_margins(
 
 
 def hull_margins(point: np.ndarray, points: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """How far `point` (n, 2) lies inside the convex hull of those `points` (n, m, 2) that are `used` (n, m).
+    """Return how far `point` (n, 2) lies inside the convex hull of those `points` (n, m, 2) that are `used` (n, m).
 
-    As `polygon_margin`, but for many hulls of a few points: a side of the hull is a pair of points that has all others
-    to its left.  Not a number where there is no pair.
+    Like `polygon_margin`, but for many hulls of a few points: a side of the hull is a pair of points that has all
+    others to its left; nan where there is no pair.
     """
     edge = points[:, None, :, :] - points[:, :, None, :]  # (n, from, to, 2)
     length = np.linalg.norm(edge, axis=-1)

@@ -1,16 +1,16 @@
-"""What walking costs: electrical energy per distance over whole strides, once the start is over.
+"""The cost of walking: electrical energy per distance over whole strides, after the start.
 
     cost = E / d,   E = sum over the joints of the integral of max(0, V I) dt,   d = forward displacement of the base,
 
 the meter and the cost of J. Lima et al., "Humanoid gait optimization resorting to an improved simulation model", Int.
-J. Advanced Robotic Systems 10 (2013), section 4; E holds the motors' energy, not that of the electronics.  The cost of
-transport is E / (m g d), g the strength of the scene's gravity.  A run that fails, goes backward or hardly moves costs
-infinity and says why.
+J. Advanced Robotic Systems 10 (2013), section 4; E is the motors' energy, without that of the electronics.  The cost of
+transport is E / (m g d), g the strength of the scene's gravity.  A run that fails, goes backward or hardly moves has
+an infinite cost, and its status says why.
 
-The references go out every 40 ms.  Between two of them the servo is taken to run at the speed that brings it to the
-next one in time, as an AX-12 does whose moving speed is sent along with its goal position (ROBOTIS e-Manual, AX-12A,
-control table address 32): they are joined by straight lines.  Held until the next one instead, they are steps of up to
-15 degrees: the humanoid's first gait then spends 89.5 J/m where it spends 65.3 (implicit Euler at 1 ms).
+The references go out every 40 ms.  Between two of them the servo runs at the speed that brings it to the next one in
+time, as an AX-12 does whose moving speed is sent with its goal position (ROBOTIS e-Manual, AX-12A, control table
+address 32): the references are joined by straight lines.  If they were held instead, they would be steps of up to 15
+degrees: the humanoid's first gait then costs 89.5 J/m instead of 65.3 (implicit Euler at 1 ms).
 """
 
 from __future__ import annotations
@@ -39,24 +39,42 @@ from featherstone_gait.walking.gait_file import read_angles
 if TYPE_CHECKING:
     from featherstone_gait.search.speculation import Candidate, Speculation
 
-SAMPLE = 0.01  # [s] between records: slip is the length of a path and needs it drawn finely
-LEAST_SPEED = 0.005  # [m/s]; below it a robot stays where it is, and energy per distance says nothing
+SAMPLE = 0.01  # [s] between records; slip is the length of a path, which needs fine samples
+LEAST_SPEED = 0.005  # [m/s]; below it the robot does not walk, and energy per distance means nothing
 LOADED = 0.01  # share of the robot's weight on a contact point from which its sliding counts
 RECORD = ("base_q", "q", "energy", "contact_force")
 
 
 @dataclass(frozen=True)
 class Measures:
-    """What a robot did over a number of strides; numbers are nan if it did not get through them."""
+    """Measures of a walk over a number of strides; numbers are nan if the robot did not walk all of them.
 
-    status: str  # "ok", or why there is no cost
+    Attributes
+    ----------
+    status : str
+        "ok", or why there is no cost.
+    strides : int
+        Number of strides.
+    duration : float
+        Time of the strides [s].
+    energy : float
+        Integral of max(0, V I) of all motors [J].
+    distance, sideways : float
+        Displacement of the base along x and along y [m].
+    slip : float
+        Path of a contact point while it bears weight, mean over the points [m per stride].
+    weight : float
+        Mass times the strength of gravity [N].
+    """
+
+    status: str
     strides: int
-    duration: float  # [s]
-    energy: float  # integral of max(0, V I) of all motors [J]
-    distance: float  # of the base along x [m]
-    sideways: float  # of the base along y [m]
-    slip: float  # path of a contact point while it bears weight, mean over the points [m per stride]
-    weight: float  # where it walks, mass times the strength of gravity [N]
+    duration: float
+    energy: float
+    distance: float
+    sideways: float
+    slip: float
+    weight: float
 
     @property
     def cost(self) -> float:
@@ -75,11 +93,11 @@ class Measures:
 
     @property
     def stride_length(self) -> float:
-        """[m]; of a biped two steps."""
+        """Length of a stride [m]; of a biped two steps."""
         return self.distance / self.strides
 
     def as_dict(self) -> dict[str, float | str | None]:
-        """All numbers by name; None for those that are not finite, as JSON has none of these."""
+        """Return all numbers by name; None for those that are not finite, which JSON lacks."""
         names = ("cost", "cost_of_transport", "speed", "stride_length")
         named = asdict(self) | {name: getattr(self, name) for name in names}
         finite = {name: value for name, value in named.items() if name == "status" or math.isfinite(value)}
@@ -88,15 +106,27 @@ class Measures:
 
 @dataclass(frozen=True, eq=False)
 class WalkingCost:
-    """The cost of gait vectors (D,) [rad] of `gait` on `scene`, for `search.minimize`.
+    """The cost of gait vectors (D,) [rad], for `search.minimize`.
 
-    `start` and `blend_strides` are those of `walking.references`; after them come `warm_up` strides, then the measured
-    `strides`.  A vector's cost has the same bits whether it is evaluated alone or among others.
+    A vector's cost has the same bits whether it is evaluated alone or among others.
+
+    Attributes
+    ----------
+    scene : CompiledScene
+        The robot on its ground.
+    gait : Gait
+        The first gait, which gives vectors their meaning.
+    start : ndarray, shape (nj,) or (m, nj)
+        Posture or start-up before the first stride, as of `references` [rad].
+    warm_up, strides : int
+        Number of strides before the measured ones, and number of these.
+    blend_strides : int
+        As of `references`.
     """
 
     scene: CompiledScene
     gait: Gait
-    start: np.ndarray  # posture (nj,) or start-up (m, nj) [rad]
+    start: np.ndarray
     warm_up: int = 2
     strides: int = 8
     blend_strides: int = 1
@@ -117,10 +147,9 @@ class WalkingCost:
         return [(measures.cost, measures.status) for measures in self.measure(vectors)]
 
     def evaluate(self, candidates: Speculation) -> float:
-        """Work off the candidates of a `search.Speculation`, so that this can be the `evaluate` of `search.minimize`.
+        """Evaluate the candidates of a `search.Speculation`: the `evaluate` of `search.minimize`.
 
-        Returns the share of the lane-steps that a candidate was in.  Raises ValueError for a scene that
-        `simulate_stream` refuses.
+        Returns the share of the lane-steps that a candidate was in.
         """
 
         @functools.cache  # candidates start from the same posture
@@ -144,7 +173,7 @@ class WalkingCost:
         return [self.measured(run) for run in self.simulate(list(vectors))]
 
     def measured(self, run: Trajectory, slip: bool = True) -> Measures:
-        """The measures of a run that began as `beginning` says, with the channels RECORD every SAMPLE."""
+        """Measure a run that starts as `beginning` says, with the channels `RECORD` every `SAMPLE`."""
         return measured(self.scene, run, self.mark, self.end, self.strides, slip)
 
     def simulate(
@@ -157,10 +186,11 @@ class WalkingCost:
         states: Sequence[np.ndarray] | None = None,
         **how: Any,
     ) -> list[Trajectory]:
-        """Simulate gait vectors; return a `Trajectory` each, with the channels `record`.
+        """Simulate gait vectors; return a `Trajectory` of each, with the channels `record`.
 
-        `strides`: how many after the start, by default those that are needed to measure; `states`: to begin from, by
-        default standing; `how`: pushes, noises, rtol and what else `simulate_batch` takes; no error is told by default.
+        strides: after the start, by default those that are needed to measure; states: to start from, by default
+        standing; how: pushes, noises, rtol and other arguments of `simulate_batch`; errors are not estimated by
+        default.
         """
         strides = self.warm_up + self.strides if strides is None else strides
         signals = [self.reference(x, strides) for x in vectors]
@@ -173,33 +203,51 @@ class WalkingCost:
         )
 
     def beginning(self, x: ArrayLike) -> tuple[np.ndarray, Reference]:
-        """The standing state from which a vector is walked to be measured, and what the servos are sent."""
+        """Return the standing state from which a vector is measured, and the servos' reference."""
         signal = self.reference(x, self.warm_up + self.strides)
         return standing_state(self.scene, signal.values[0], allow_limit_violation=True), signal
 
     def reference(self, x: ArrayLike, strides: int) -> Reference:
-        """What the servos are sent: the start and `strides` strides, every 40 ms."""
+        """Return the servos' reference: the start and `strides` strides, every 40 ms."""
         times, angles = references(self.gait.from_vector(x), strides, self.start, blend_strides=self.blend_strides)
         return Reference(times, angles, "linear")
 
     @property
     def mark(self) -> float:
-        """When the measured strides begin [s]."""
+        """Time at which the measured strides begin [s]."""
         ramp = self.blend_strides * round(self.gait.period / TICK)
         start = ramp if np.ndim(self.start) == 1 else len(self.start)
         return start * TICK + self.warm_up * self.gait.period
 
     @property
     def end(self) -> float:
-        """When they are over [s]."""
+        """Time at which the measured strides end [s]."""
         return self.mark + self.strides * self.gait.period
 
 
 def cost_of_motion(scene: CompiledScene, path: FilePath, *, start: float = 0.0, strides: int = 1) -> Measures:
-    """Simulate a motion recorded as CSV (`walking.write_angles`) and measure it.
+    """Simulate a motion recorded as CSV (`write_angles`) and measure it.
 
-    The robot begins standing in the first row's posture.  Measured is from `start` [s] to the last row, taken to be
-    `strides` equal strides.  Raises ValueError on a file that does not fit the robot and a `start` beyond its end.
+    Parameters
+    ----------
+    scene : CompiledScene
+        The robot on its ground; it starts standing in the first row's posture.
+    path : path
+        The CSV file.
+    start : float
+        Time from which the motion is measured, to the last row [s].
+    strides : int
+        Number of equal strides in that time.
+
+    Returns
+    -------
+    Measures
+        The measures.
+
+    Raises
+    ------
+    ValueError
+        For a file that does not fit the robot, and a `start` beyond its end.
     """
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
     strides = whole("strides", strides, 1, "it is how many strides the motion has", MOST_STRIDES)
@@ -217,7 +265,7 @@ def cost_of_motion(scene: CompiledScene, path: FilePath, *, start: float = 0.0, 
 def measured(
     scene: CompiledScene, run: Trajectory, start: float, end: float, strides: int, slip: bool = True
 ) -> Measures:
-    """Measure a trajectory between two times, which fall on its samples to within one; slip is nan if not asked for."""
+    """Measure a trajectory between two times, to within one sample; slip is nan if it is not asked for."""
     weight = scene.model.mass * math.hypot(*scene.gravity)
     window = window_of(run, start, end)
     first, last = window.start, window.stop - 1
@@ -240,7 +288,7 @@ def window_of(run: Trajectory, start: float, end: float) -> slice:
 
 
 def _slip(model: Model, run: Trajectory, window: slice, load: float) -> float:
-    """Mean over the contact points of the path on the ground while both ends of a sample bear more than `load` [N]."""
+    """Average the contact points' paths on the ground while both ends of a sample bear more than `load` [N]."""
     points = contact_positions(model, np.hstack([run["base_q"], run["q"]])[window])
     step = np.linalg.norm(np.diff(points[..., :2], axis=0), axis=-1)
     bears = run["contact_force"][window, :, 0] > load

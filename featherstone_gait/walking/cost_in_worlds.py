@@ -1,13 +1,15 @@
-"""What walking costs in several worlds at once, one a lane, so that no search learns one floor.
+"""The cost of walking in several worlds at once, so that a search does not fit a gait to one floor.
 
     cost = walking_cost(load_robot("humanoid", locked="simplified"))
     result = optimize_gait(in_worlds(cost, 8), iterations=800)
 
-The cost of a gait is the mean over the worlds and half of what the worst one is above it; a gait that does not walk in
-all of them has none.  Where the first world fails, the others are given up.
+A world is a floor, servos, link masses and a starting posture that may occur.  The cost of a gait is the mean over the
+worlds plus half of what the worst world exceeds it by; a gait that does not walk in all of them has an infinite cost.
+Worlds are simulated in the lanes of a vector; when one fails, the others are abandoned.
 
-Floors sink by 0.03 to 1 mm under the robot's weight, evenly by the logarithm: stiff ones break what soft ones forgive.
-Servos differ from one to the next by the spreads in use (docs/servos.md), in what the manual tells least about.
+The penetration of floors under the robot's weight is 0.03 to 1 mm, evenly by the logarithm: gaits that walk on soft
+floors may fall on stiff ones.  Servos differ by the usual scatter (docs/servos.md) in what their manual says least
+about.
 """
 
 from __future__ import annotations
@@ -43,22 +45,36 @@ FRICTION = (0.5, 1.2)  # of the ground [-]
 DRY = 0.025  # dry friction of a servo beyond its own: up to this share of the torque of its motor at rest [-]
 GAIN, SUPPLY, MASS = 0.1, 0.1, 0.1  # more or less: position gain and supply of all servos alike, mass of each link
 BACKLASH = math.radians(0.5)  # up to, of gearboxes with a spring [rad]
-START = math.radians(1.0)  # of each joint, to either side [rad]
+START = math.radians(1.0)  # of each joint's first angle, to either side [rad]
 MOST_WORLDS = 10**6
-PENALTY = 0.5
-NOT_EVERYWHERE = "does not walk in every world"  # in which it fails first may depend on the timing
+PENALTY = 0.5  # of what the worst world is above the mean
+NOT_EVERYWHERE = "does not walk in every world"  # which one fails first may depend on the timing
 RECORD = ("base_q", "energy")
 
 
 @dataclass(frozen=True, eq=False)
 class CostInWorlds:
-    """The cost of gait vectors (D,) [rad] in all of `scenes`, for `search.minimize`; see `in_worlds`."""
+    """The cost of gait vectors (D,) [rad] in several worlds, for `search.minimize`; made by `in_worlds`.
+
+    Attributes
+    ----------
+    cost : WalkingCost
+        The cost on the robot's own ground.
+    scenes : sequence of CompiledScene
+        The worlds; they differ in numbers alone.
+    offsets : ndarray, shape (worlds, nj)
+        Offsets of the joints at the start [rad].
+    penalty : float
+        Weight of what the worst world is above the mean.
+    strict : bool
+        Whether a run whose joint speeds chatter counts as a fall.
+    """
 
     cost: WalkingCost
-    scenes: Sequence[CompiledScene]  # that differ in numbers alone
-    offsets: np.ndarray  # (scenes, nj) by which the robot stands elsewhere at the start [rad]
-    penalty: float = PENALTY  # of what the worst is above the mean
-    strict: bool = False  # whether a run whose speeds ring counts as a fall
+    scenes: Sequence[CompiledScene]
+    offsets: np.ndarray
+    penalty: float = PENALTY
+    strict: bool = False
 
     def __post_init__(self) -> None:
         instance("cost", self.cost, WalkingCost, "give a WalkingCost")
@@ -74,7 +90,7 @@ class CostInWorlds:
 
     @property
     def scene(self) -> CompiledScene:
-        """That of the robot as it is, on the ground as it is."""
+        """The robot on its own ground."""
         return self.cost.scene
 
     @property
@@ -87,16 +103,16 @@ class CostInWorlds:
         return self.costs([x])[0]
 
     def costs(self, gaits: Iterable[ArrayLike | BalancedWalk]) -> list[tuple[float, str]]:
-        """Cost [J/m] and status of many vectors, or of gaits with feedback."""
+        """Return cost [J/m] and status of many vectors, or of gaits with feedback."""
         return [self.combined([one.cost for one in found]) for found in self.measure(gaits)]
 
     def measure(self, gaits: Iterable[ArrayLike | BalancedWalk]) -> list[list[Measures]]:
-        """What each gait does in each world; all have feedback or none; its sensors' seed is the world's number."""
+        """Measure each gait in each world; all have feedback or none; the seed of the sensors is the world's number."""
         cost, n, given = self.cost, len(self.scenes), [*gaits]
         strides = cost.warm_up + cost.strides
         walks = [one for one in given if isinstance(one, BalancedWalk)]
         if walks and len(walks) < len(given):
-            raise ValueError("gaits are some with feedback and some without; measure them apart")
+            raise ValueError("some gaits have feedback and some have not; measure them separately")
         signals = [
             one.reference(strides) if isinstance(one, BalancedWalk) else cost.reference(one, strides) for one in given
         ]
@@ -110,7 +126,7 @@ class CostInWorlds:
         return [found[first : first + n] for first in range(0, len(found), n)]
 
     def evaluate(self, candidates: Speculation) -> float:
-        """As `WalkingCost.evaluate`: work off the candidates of a search, a world a lane."""
+        """Evaluate the candidates of a search as `WalkingCost.evaluate` does, a world in each lane."""
         standing = functools.cache(lambda angles, k: self.standing(np.frombuffer(angles), k))
         runs = _WorldByWorld(candidates, self)
 
@@ -125,18 +141,18 @@ class CostInWorlds:
         return simulate_stream(self.scenes, self.cost.end, runs, begin, end, record=RECORD, record_interval=TICK)
 
     def standing(self, angles: np.ndarray, k: int) -> np.ndarray:
-        """The state that the robot begins with in world k in a posture (nj,) [rad], but for its offsets."""
+        """Return the standing state in world k for a posture (nj,) [rad], to which the world's offsets are added."""
         return standing_state(self.scenes[k], angles + self.offsets[k], allow_limit_violation=True)
 
     def _measured(self, run: Trajectory, k: int) -> Measures:
-        """A robot whose speeds ring on a stiff floor has not fallen; what it costs there a finer step has to say."""
+        """Measure a run; speeds that chatter on a stiff floor are no fall unless `strict`: a finer step decides."""
         cost, scene = self.cost, self.scenes[k]
         if run.status == "chatter" and not self.strict:
             run = dataclasses.replace(run, status=Status.OK, message="")
         return measured(scene, run, cost.mark, cost.end, cost.strides, slip=False)
 
     def verified(self, x: ArrayLike) -> tuple[float, float]:
-        """In what share of the worlds a gait walks, and its cost in these as a search is told it [J/m]."""
+        """Return the share of the worlds in which a gait walks, and its combined cost in these [J/m]."""
         costs = [one.cost for one in self.measure([x])[0]]
         through = [cost for cost in costs if math.isfinite(cost)]
         return len(through) / len(costs), self.combined(through)[0] if through else math.inf
@@ -150,7 +166,7 @@ class CostInWorlds:
 
 
 class _Evaluation:
-    """A candidate on its way through the worlds."""
+    """A candidate that is being evaluated in all worlds."""
 
     def __init__(self, candidate: Candidate, cost: CostInWorlds) -> None:
         self.candidate = candidate
@@ -160,7 +176,7 @@ class _Evaluation:
 
 
 class _WorldByWorld:
-    """The source of lanes that hands out a candidate's worlds one by one, and gives its answer when it is clear."""
+    """Hand out the worlds of candidates one by one, and answer when a candidate's cost is known."""
 
     def __init__(self, candidates: Speculation, cost: CostInWorlds) -> None:
         self._candidates, self._cost = candidates, cost
@@ -188,11 +204,11 @@ class _WorldByWorld:
         evaluation, k = key
         cost = self._cost._measured(run, k).cost
         with self._lock:
-            told = evaluation.failed
+            answered = evaluation.failed
             evaluation.costs[k] = cost
-            evaluation.failed = told or not math.isfinite(cost)
+            evaluation.failed = answered or not math.isfinite(cost)
             done = [one for one in evaluation.costs if one is not None]
-        if told or (len(done) < len(self._cost.scenes) and not evaluation.failed):
+        if answered or (len(done) < len(self._cost.scenes) and not evaluation.failed):
             return
         self._candidates.give(evaluation.candidate, self._cost.combined(done))
 
@@ -208,11 +224,27 @@ def in_worlds(
     penalty: float = PENALTY,
     timestep: float | None = None,
 ) -> CostInWorlds:
-    """The cost in worlds drawn so that each number is spread evenly over its range (a Latin hypercube).
+    """Return the cost in worlds drawn so that each number is spread evenly over its range (a Latin hypercube).
 
-    timestep [s]: another than that of the cost's scene, at which a run whose speeds ring counts as a fall.  On floors
-    that sink by less than 0.1 mm the midpoint rule rings at 1 ms: of three gaits in 128 worlds it finds 61 of the 70
-    falls that there are at a quarter of the step; implicit Euler, which damps the ringing, 47.
+    Parameters
+    ----------
+    cost : WalkingCost
+        The cost on the robot's own ground.
+    count : int
+        Number of worlds.
+    seed : int
+        Seed of the draws.
+    penalty : float
+        Weight of what the worst world is above the mean.
+    timestep : float, optional
+        Another time step than that of the cost's scene [s], at which a run with chatter counts as a fall.  On floors
+        with a penetration below 0.1 mm the midpoint rule chatters at 1 ms: of three gaits in 128 worlds it finds 61 of
+        the 70 falls found at a quarter of the step; implicit Euler, which damps the chatter, 47.
+
+    Returns
+    -------
+    CostInWorlds
+        The cost.
     """
     scene = cost.scene if timestep is None else cost.scene.recompiled(timestep=timestep)
     worlds, offsets = variations(scene, count, seed)
@@ -220,7 +252,7 @@ def in_worlds(
 
 
 def variations(scene: CompiledScene, count: int, seed: int = 0) -> tuple[Worlds, np.ndarray]:
-    """Floors, servos and links that may be met, and angles (count, nj) [rad] by which the robot may stand elsewhere.
+    """Draw worlds and offsets of the joints at the start (count, nj) [rad].
 
     Each number is drawn once from each of `count` equal parts of its range.  Raises ValueError for a scene without
     ground or without servos that drive a motor.

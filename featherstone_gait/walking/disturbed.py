@@ -1,7 +1,7 @@
-"""What a gait withstands, with feedback or without: pushes, in worlds that differ; slopes and rough ground, for long.
+"""Gaits under disturbance, with feedback or without: pushes in several worlds, slopes and rough ground.
 
-A push acts on the trunk for 0.1 s at one of four phases of the stride; what is told is the impulse at which half of
-the robots fall, for each of eight directions.
+A push acts on the trunk for 0.1 s at one of four phases of the stride; measured is the impulse at which half of the
+robots fall, in each of eight directions.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from featherstone_gait.walking.cost_in_worlds import MOST_WORLDS, variations
 from featherstone_gait.walking.feedback import BalancedWalk
 
 PUSHED_FOR = 0.1  # [s]
-BEFORE, AFTER = 1, 4  # strides before a push and from then on
+BEFORE, AFTER = 1, 4  # strides before a push, and from it on
 DIRECTIONS = 8
 PHASES = 4
-RATIO = 2.0**0.125  # of an impulse to the next
+RATIO = 2.0**0.125  # of successive impulses
 LEAST, LEVELS = 0.05, 200  # the smallest impulse [N s], and how many there are
 SEED = 3 * 10**5  # of the worlds
 
 
 @dataclass(frozen=True, eq=False)
 class Pushed:
-    """A robot that walks in several worlds and may be pushed there."""
+    """A robot that walks in several worlds and is pushed there."""
 
     walk: BalancedWalk
-    feedback: bool  # or the gait by itself
+    feedback: bool
     scenes: Sequence[CompiledScene]
-    offsets: np.ndarray  # (worlds, joints) by which each stands elsewhere at the start [rad]
+    offsets: np.ndarray  # (worlds, joints) of the joints at the start [rad]
 
     @functools.cached_property
     def _starts(self) -> list[np.ndarray]:
@@ -52,7 +52,7 @@ class Pushed:
         ]
 
     def runs(self, impulse: float, direction: float, phase: float) -> list[Trajectory]:
-        """A run a world; impulse [N s] toward `direction` [rad] from x, at `phase` of the stride (0 to 1)."""
+        """Simulate all worlds with an impulse [N s] toward `direction` [rad] from x, at `phase` (0 to 1)."""
         motion, scene = self.walk.motion, self.scenes[0]
         tick = scene.tick_steps * scene.timestep
         begin = motion.begin(BEFORE) + round(phase * motion.period / tick) * tick
@@ -67,7 +67,7 @@ class Pushed:
         )  # fmt: skip
 
     def fall(self, impulse: float, direction: float) -> float:
-        """The share of worlds and phases in which the robot falls; speeds that ring on stiff floors are no fall."""
+        """Return the share of worlds and phases in which the robot falls; chatter on stiff floors is no fall."""
         runs = [run for k in range(PHASES) for run in self.runs(impulse, direction, k / PHASES)]
         return sum(run.status not in ("ok", "chatter") for run in runs) / len(runs)
 
@@ -75,11 +75,27 @@ class Pushed:
 def pushes_survived(
     scene: CompiledScene, walk: BalancedWalk, worlds: int = 8, *, feedback: bool = True, seed: int = SEED
 ) -> np.ndarray:
-    """Impulses [N s] at which half of the robots fall, (8,): ahead, then by 45 degrees to the left and round.
+    """Find the pushes that a gait survives in half of the cases: four phases of the stride in each world.
 
-    Found by bisection between impulses that differ by 9 %: the largest of which fewer than half fell, next to one at
-    which half fell.  Each is of four phases in each of the worlds, drawn as those of a search.  feedback: False plays
-    the same gait without.
+    Bisection between impulses that differ by 9 % finds the largest one at which fewer than half fall.
+
+    Parameters
+    ----------
+    scene : CompiledScene
+        The robot on its own ground.
+    walk : BalancedWalk
+        The gait.
+    worlds : int
+        Number of worlds, drawn like those of a search.
+    feedback : bool
+        Whether the gait is played with its feedback.
+    seed : int
+        Seed of the worlds.
+
+    Returns
+    -------
+    ndarray, shape (8,)
+        Impulses [N s]: ahead, then in steps of 45 degrees to the left.
     """
     check_scene(scene)
     instance("walk", walk, BalancedWalk, "give what balanced returns")
@@ -103,9 +119,25 @@ def pushes_survived(
 def rough_field(
     height: float, seed: int = 0, *, length: float = 14.0, width: float = 6.0, spacing: float = 0.05
 ) -> HeightField:
-    """Ground whose nodes lie by chance, evenly, between 0 and `height` [m], `spacing` [m] apart; seed: of the draws.
+    """Make rough ground, whose nodes have random heights between 0 and `height`.
 
-    Its `length` along x begins a meter behind the origin, its `width` lies about it [m]; beyond them it is level.
+    Parameters
+    ----------
+    height : float
+        Largest height [m]; heights are uniform.
+    seed : int
+        Seed of the draws.
+    length : float
+        Extent along x, from a meter behind the origin [m]; beyond it the ground is level.
+    width : float
+        Extent along y, about the origin [m].
+    spacing : float
+        Distance between nodes [m].
+
+    Returns
+    -------
+    HeightField
+        The field, for `Ground`.
     """
     height = real("height", height, 0.0, 10.0, "0.003 is 3 mm")
     spacing = real("spacing", spacing, 1e-3, 10.0, "0.05 is half of a small robot's foot")
@@ -117,18 +149,34 @@ def rough_field(
 
 @dataclass(frozen=True)
 class LongWalk:
-    """How a gait went on for long."""
+    """Measures of a long walk.
 
-    status: str  # "ok", or why it ended
-    strides: float  # until it fell, or all
-    distance: float  # as the crow flies [m]
-    energy: float  # of the motors after the first two strides, per distance along the way, a stride a step [J/m]
-    heading: float  # the most that a stride's mean heading was off that of x [rad]
-    path: np.ndarray  # (strides, 3) mean x, y [m] and heading [rad] of each stride that was walked
+    Attributes
+    ----------
+    status : str
+        "ok", or why it ended.
+    strides : float
+        Number of strides that were walked.
+    distance : float
+        Straight distance from the first stride to the last [m].
+    energy : float
+        Energy of the motors after the first two strides, per distance along the path of the strides [J/m].
+    heading : float
+        Largest deviation of a stride's mean heading from x [rad].
+    path : ndarray, shape (strides, 3)
+        Mean x, y [m] and heading [rad] of each stride.
+    """
+
+    status: str
+    strides: float
+    distance: float
+    energy: float
+    heading: float
+    path: np.ndarray
 
     @property
     def walked(self) -> bool:
-        """Whether it walked all strides."""
+        """Whether all strides were walked."""
         return self.status == "ok"
 
 
@@ -141,7 +189,28 @@ def walk_far(
     feedback: bool = True,
     seed: int = 0,
 ) -> LongWalk:
-    """Walk `strides` strides on another ground than the scene's, None for its own; seed: of the sensors' noise."""
+    """Walk many strides, on the scene's ground or another.
+
+    Parameters
+    ----------
+    scene : CompiledScene
+        The robot on its own ground.
+    walk : BalancedWalk
+        The gait.
+    ground : Ground, optional
+        Ground in place of the scene's.
+    strides : int
+        Number of strides.
+    feedback : bool
+        Whether the gait is played with its feedback.
+    seed : int
+        Seed of the sensors' noise.
+
+    Returns
+    -------
+    LongWalk
+        Its measures.
+    """
     check_scene(scene)
     instance("walk", walk, BalancedWalk, "give what balanced returns")
     instance("ground", ground, (Ground, NoneType), "give Ground(...), or None for the scene's own")

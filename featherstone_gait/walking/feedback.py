@@ -1,30 +1,31 @@
-"""Walking with feedback: a gait's offsets and its timing from gyroscope and accelerometer on the trunk, and the joints.
+"""Walking with feedback: offsets and timing of a gait from an IMU on the trunk and the joint angles.
 
     walk = balanced(scene, motion, Feedback(ankle=3.0, wait=15.0))
     simulate(scene, walk.begin(20), reference=walk.reference(20), controller=walk.controller(scene))
 
-Where the robot falls to is told by its capture point x + v / w, w = sqrt(g / h): where it would come to rest as an
+Where the robot falls to is given by its capture point x + v / w, w = sqrt(g / h): where it would come to rest as an
 inverted pendulum of its height h (J. Pratt et al., "Capture point: a step toward humanoid push recovery", Humanoids
-2006).  It is seen from the sole of the leg that bears: angles and the direction up give where the center of mass is
-from each sole, and the rate of that how fast it moves, as a sole that bears does not.  The lower sole bears.  What
-differs from the gait at this phase where nothing disturbs it, ahead (> 0) and aside (> 0: left), is what is off; so is
-the rate of the trunk's lean ahead.  They move the servos' references, so that feedback costs nothing on the flat:
+2006).  It is measured from the sole of the stance leg: the joint angles and the direction up give the position of the
+center of mass relative to each sole, and its rate gives the velocity, because the stance sole does not move.  The lower
+sole is the stance sole.  The error is the difference to the undisturbed gait at the same phase, ahead (> 0) and aside
+(> 0: left); so is that of the rate of the trunk's forward lean.  These errors move the servos' references, so that
+feedback costs nothing on the flat:
 
-    ankle of the leg that bears    + P off ahead     presses the sole down where the robot falls to
-    hip of the leg that swings     - P off ahead     puts the foot where the robot falls to, its sole level
-    hip of the leg that bears      + D lean's rate   holds the trunk
-    time                           runs faster where it is off toward the leg that swings, slower away from it
+    ankle of the stance leg    + P error ahead       presses the sole down where the robot falls to
+    hip of the swing leg       - P error ahead       puts the foot where the robot falls to, its sole level
+    hip of the stance leg      + D lean's rate       holds the trunk
+    time                       runs faster if the error points toward the swing leg, slower if it points away
 
-Of what is off the first `quiet` meters count for nothing: gains can be large that would disturb the walk if they acted
-all the time.  These are the strategies of ankle, hip and step of F. Horak, L. Nashner, "Central programming of postural
-movements", J. Neurophysiology 55 (1986); time as of M. Khadiv et al., "Walking control based on step timing
-adaptation", IEEE Trans. Robotics 36 (2020).  A heading that is off makes one leg sweep farther than the other.  How
-much of the weight a leg bears where offsets are added is that of the undisturbed gait at this phase.
+The first `quiet` meters of the error are ignored: gains can then be large that would disturb the walk if they always
+acted.  These are the strategies of ankle, hip and step of F. Horak, L. Nashner, "Central programming of postural
+movements", J. Neurophysiology 55 (1986); timing as in M. Khadiv et al., "Walking control based on step timing
+adaptation", IEEE Trans. Robotics 36 (2020).  A heading error makes one leg sweep farther than the other.  The share of
+the weight that a leg bears where offsets are added is that of the undisturbed gait at the same phase.
 
-The sensors have noise, offsets and delay, the joints' angles the delay alone and the step of their encoders.  The
-direction up is that of the gyroscope's integral, drawn to the accelerometer's over `Imu.settling` (the complementary
-filter of R. Mahony, T. Hamel, J.-M. Pflimlin, IEEE Trans. Automatic Control 53 (2008)), heading the integral alone,
-which drifts as the gyroscope's offset says.
+The sensors have noise, offsets and delay; the joint angles have the delay and the resolution of their encoders.  The
+direction up is the integral of the gyroscope, drawn to the accelerometer's over `Imu.settling` (the complementary
+filter of R. Mahony, T. Hamel, J.-M. Pflimlin, IEEE Trans. Automatic Control 53 (2008)); heading is the integral alone,
+which drifts with the gyroscope's offset.  `balance` has the control law.
 """
 
 from __future__ import annotations
@@ -60,10 +61,10 @@ from .kinematics import joint_axes, link_centers, link_index, link_poses
 from .motion import Motion, read_motion
 from .plan import soles_of
 
-ALONG = 0.9  # of an axis along x or y: the joint is one of roll or pitch
+ALONG = 0.9  # component of an axis along x or y from which the joint is one of roll or pitch
 LARGEST = 1e4  # gain
 MOST_DELAY = 0.2  # [s]
-NOMINAL_STRIDES = 8  # over which the undisturbed motion is averaged, after two
+NOMINAL_STRIDES = 8  # over which the undisturbed motion is averaged, after two others
 
 
 def _gain(what: str, unit: str) -> Any:
@@ -72,15 +73,29 @@ def _gain(what: str, unit: str) -> Any:
 
 @dataclass(frozen=True)
 class Feedback:
-    """Gains; all zero: the gait is played as it is."""
+    """Gains of the feedback; with all zero the gait is played unchanged.
 
-    ankle: float = _gain("ankle of the leg that bears, by what is off ahead", "rad/m")
-    foot: float = _gain("hip of the leg that swings, by what is off ahead", "rad/m")
-    hip_rate: float = _gain("hip of the leg that bears, by the rate of the trunk's lean ahead", "s")
-    hasten: float = _gain("how much faster time runs, by what is off toward the leg that swings", "1/m")
-    wait: float = _gain("how much slower, by what is off away from it", "1/m")
-    quiet: float = _gain("what is off counts from here on", "m")
-    heading: float = _gain("how much farther one leg sweeps, by what heading is off", "1/rad")
+    Attributes
+    ----------
+    ankle, foot : float
+        Offset of the stance ankle and of the swing hip per error ahead [rad/m].
+    hip_rate : float
+        Offset of the stance hip per error of the trunk's lean rate [s].
+    hasten, wait : float
+        How much faster time runs per error toward the swing leg, and how much slower per error away from it [1/m].
+    quiet : float
+        Error that is ignored (dead band) [m].
+    heading : float
+        How much farther one leg sweeps per heading error [1/rad].
+    """
+
+    ankle: float = _gain("ankle of the stance leg, per error ahead", "rad/m")
+    foot: float = _gain("hip of the swing leg, per error ahead", "rad/m")
+    hip_rate: float = _gain("hip of the stance leg, per error of the trunk's lean rate", "s")
+    hasten: float = _gain("how much faster time runs, per error toward the swing leg", "1/m")
+    wait: float = _gain("how much slower time runs, per error away from the swing leg", "1/m")
+    quiet: float = _gain("dead band of the error", "m")
+    heading: float = _gain("how much farther one leg sweeps, per heading error", "1/rad")
 
     def __post_init__(self) -> None:
         for one in fields(self):
@@ -89,18 +104,18 @@ class Feedback:
             object.__setattr__(self, one.name, value)
 
     def to_vector(self) -> np.ndarray:
-        """The gains (7,) in their order."""
+        """Return the gains (7,) in their order."""
         return np.array([getattr(self, one.name) for one in fields(self)])
 
     def scaled(self, length: float) -> Feedback:
-        """The same for a robot that is alike but `length` times as large (dynamic similarity: times as its root)."""
+        """Return the gains for a robot `length` times as large (dynamic similarity: times scale with its root)."""
         length = real("length", length, 1e-3, 1e3, "it is a factor")
         factor = {"rad/m": 1.0 / length, "1/m": 1.0 / length, "m": length, "s": math.sqrt(length), "1/rad": 1.0}
         return Feedback(*(getattr(self, one.name) * factor[one.metadata["unit"]] for one in fields(self)))
 
 
 def feedback_of(gains: ArrayLike) -> Feedback:
-    """The inverse of `Feedback.to_vector`."""
+    """Return the feedback of a vector of gains: the inverse of `Feedback.to_vector`."""
     return Feedback(*finite("gains", gains, (len(fields(Feedback)),)).tolist())
 
 
@@ -108,18 +123,33 @@ def feedback_of(gains: ArrayLike) -> Feedback:
 class Imu:
     """Gyroscope and accelerometer of the trunk, read at each tick of the servos' controllers.
 
-    Noise by default as of an MPU-6050 with its filter at 100 Hz (InvenSense, MPU-6000/6050 product specification, rev.
-    3.4, section 6: 0.05 deg/s rms; 400 ug/sqrt(Hz)); its offset is what remains after it has been zeroed at rest.
+    The default noise is that of an MPU-6050 with its filter at 100 Hz (InvenSense, MPU-6000/6050 product specification,
+    rev. 3.4, section 6: 0.05 deg/s rms; 400 ug/sqrt(Hz)); the offset remains after the sensor has been zeroed at rest.
+
+    Attributes
+    ----------
+    gyroscope_noise, accelerometer_noise : float
+        Standard deviation of each reading [rad/s, m/s^2].
+    gyroscope_offset, accelerometer_offset : float
+        Standard deviation of the offset, one draw for each axis and run [rad/s, m/s^2].
+    delay : float
+        Time from a reading to the references that it changes, in whole ticks [s].
+    filter : float
+        Time constant of the gyroscope's first-order low-pass filter [s].
+    settling : float
+        Time constant with which the direction up is drawn to the accelerometer's [s].
+    encoder : float
+        Resolution of the joint angles [rad]; 0: exact, as the servos' own controllers read them.
     """
 
-    gyroscope_noise: float = math.radians(0.05)  # standard deviation of each reading [rad/s]
-    gyroscope_offset: float = math.radians(0.05)  # standard deviation, one draw an axis and run [rad/s]
-    accelerometer_noise: float = 0.04  # standard deviation of each reading [m/s^2]
-    accelerometer_offset: float = 0.1  # standard deviation, one draw an axis and run [m/s^2]
-    delay: float = 0.02  # from a reading to what is sent to the servos for it, whole ticks [s]
-    filter: float = 0.01  # time constant of the first-order low-pass behind the gyroscope [s]
-    settling: float = 2.0  # in which the direction up is drawn to the accelerometer's [s]
-    encoder: float = 0.0  # step of the joints' angles [rad], 0: exact, as the servos' own controllers read them
+    gyroscope_noise: float = math.radians(0.05)
+    gyroscope_offset: float = math.radians(0.05)
+    accelerometer_noise: float = 0.04
+    accelerometer_offset: float = 0.1
+    delay: float = 0.02
+    filter: float = 0.01
+    settling: float = 2.0
+    encoder: float = 0.0
 
     def __post_init__(self) -> None:
         for one in fields(self):
@@ -137,19 +167,31 @@ BIOLOID_PUSH = 0.623  # see `size_of` [N s]
 
 @dataclass(frozen=True, eq=False)
 class BalancedWalk:
-    """A gait with feedback; made by `balanced`."""
+    """A gait with feedback, made by `balanced`.
+
+    Attributes
+    ----------
+    motion : Motion
+        The gait.
+    feedback : Feedback
+        The gains.
+    imu : Imu
+        The sensors.
+    undisturbed : ndarray, shape (n, 6)
+        What sensors and estimates show without disturbance, for each sample of start and stride.
+    """
 
     motion: Motion
     feedback: Feedback
     imu: Imu
-    undisturbed: np.ndarray  # (samples of start and stride, 6): see `undisturbed`
+    undisturbed: np.ndarray
 
     def controller(self, scene: CompiledScene, seed: int = 0) -> CompiledController:
-        """What `simulate(..., controller=it)` takes for this scene; seed: of the sensors' noise and offsets."""
+        """Return the controller for `simulate` and this scene; seed: of the sensors' noise and offsets."""
         return law.balance.beginning_with(self.memory(scene, seed))
 
     def memory(self, scene: CompiledScene, seed: int = 0) -> np.ndarray:
-        """What the controller's memory begins with."""
+        """Return the initial memory of the controller; its layout is in `balance`."""
         instance("scene", scene, CompiledScene, "give what compile_scene returns")
         seed = whole("seed", seed, 0, "it is the seed of the sensors' noise", 2**31 - 3)
         motion, imu, tick = self.motion, self.imu, scene.tick_steps * scene.timestep
@@ -173,38 +215,67 @@ class BalancedWalk:
         return np.concatenate([memory, np.hstack([played, self.undisturbed]).ravel()])
 
     def reference(self, strides: int) -> Reference:
-        """The start and `strides` strides: what is played without feedback."""
+        """Return the reference of the start and `strides` strides, without feedback."""
         return self.motion.reference(strides)
 
     def begin(self, strides: int) -> float:
-        """When so many strides are over, without feedback [s]."""
+        """Return the time at which so many strides are over, without feedback [s]."""
         return self.motion.begin(strides)
 
     def digest(self) -> str:
-        """A hash of all of it."""
+        """Return a hash of the gait and its feedback."""
         found = hashlib.sha256(f"{self.motion.digest()} {self.feedback} {self.imu}".encode())
         found.update(np.ascontiguousarray(self.undisturbed, dtype="<f8").tobytes())
         return found.hexdigest()
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """What a gait's .npz holds besides the gait."""
+        """Return the arrays that a gait's .npz holds besides the gait."""
         imu = np.array([getattr(self.imu, one.name) for one in fields(Imu)])
         return {"feedback": self.feedback.to_vector(), "imu": imu, "undisturbed": self.undisturbed}
 
 
 def add_feedback(path: FilePath, walk: BalancedWalk) -> None:
-    """Put feedback into a gait's .npz, as `read_walk` reads it; raises ValueError for a file of another gait."""
+    """Add feedback to the file of a gait, for `read_walk`.
+
+    Parameters
+    ----------
+    path : path
+        The .npz of the gait.
+    walk : BalancedWalk
+        The same gait with feedback.
+
+    Raises
+    ------
+    ValueError
+        If the file is of another gait.
+    """
     instance("walk", walk, BalancedWalk, "give what balanced returns")
     arrays = read_arrays(path_of("path", path), ARRAYS)
     if read_motion(path, walk.motion.joint_names).digest() != walk.motion.digest():
-        raise ValueError(f"{path}: its gait is another than that of the feedback; write the feedback of this gait")
+        raise ValueError(f"{path}: the file holds another gait than the feedback; give the file of this gait")
     with complete(path) as temporary, open(temporary, "wb") as file:
         kept: dict[str, Any] = {"format": np.array(str(ARRAYS))} | arrays | walk.arrays()
         np.savez_compressed(file, **kept)
 
 
 def read_walk(path: FilePath, joint_names: Sequence[str] | None = None) -> Motion | BalancedWalk:
-    """Read a gait as `read_motion` does, with its feedback where the file has some; raises as that does."""
+    """Read a gait, with its feedback if the file has any.
+
+    Parameters
+    ----------
+    path, joint_names
+        As of `read_motion`.
+
+    Returns
+    -------
+    Motion or BalancedWalk
+        The gait.
+
+    Raises
+    ------
+    ValueError
+        As `read_motion`.
+    """
     motion = read_motion(path, joint_names)
     arrays = read_arrays(path_of("path", path), ARRAYS) if path_of("path", path).suffix == ".npz" else {}
     if "feedback" not in arrays:
@@ -221,9 +292,10 @@ def read_walk(path: FilePath, joint_names: Sequence[str] | None = None) -> Motio
 
 
 def legs_of(model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """Columns (2, 5) of a biped's joints, left leg first, and signs (2, 5); in the order of `ROLES`.
+    """Return the columns (2, 5) of a biped's leg joints, left leg first, and their signs (2, 5).
 
-    Raises ValueError for a robot without two legs that have hips and ankles of roll and pitch.
+    The order is that of `balance.ROLES`.  Raises ValueError for a robot without two legs whose hips and ankles have
+    roll and pitch.
     """
     feet = list(dict.fromkeys(point.link for point in model.contacts))
     poses = link_poses(model, np.zeros(len(model.joint_names)))
@@ -250,7 +322,7 @@ def legs_of(model: Model) -> tuple[np.ndarray, np.ndarray]:
 
 
 def chains_of_legs(model: Model, columns: np.ndarray) -> np.ndarray:
-    """What `leg_pose` takes: trunk, then left and right leg, at zero angles; columns (2, 5)."""
+    """Return trunk, left and right leg at zero angles as `balance` reads them; columns (2, 5): of `legs_of`."""
     poses = link_poses(model, np.zeros(len(model.joint_names)))
     chains, centers = chains_of(model), link_centers(model, poses)[0]
     mass = np.array([link.mass for link in model.links])
@@ -270,10 +342,10 @@ def chains_of_legs(model: Model, columns: np.ndarray) -> np.ndarray:
 
 
 def size_of(model: Model) -> tuple[float, float]:
-    """How high a robot's center of mass is, standing, and how large a push is as hard, both of a Bioloid's.
+    """Return a robot's height of the center of mass and the push that is as hard for it, relative to a Bioloid.
 
-    A push that is just held by soles of half sizes a and b takes the capture point to their edge: it grows as mass
-    times sqrt(g / height) times sqrt(a b).
+    A push that soles of half sizes a and b just hold takes the capture point to their edge: it grows as mass times
+    sqrt(g / height) times sqrt(a b).
     """
     height, _ = standing_posture(model)
     a, b = np.ptp(soles_of(model)[0].corners, axis=0) / 2.0
@@ -281,9 +353,22 @@ def size_of(model: Model) -> tuple[float, float]:
 
 
 def generic_feedback(model: Model) -> Feedback:
-    """Gains for a biped whose own are not known: those of a Bioloid, scaled to the height of its center of mass.
+    """Scale the gains of a Bioloid to another biped, by the height of its center of mass.
 
-    Raises ValueError for a robot that is no biped.
+    Parameters
+    ----------
+    model : Model
+        The robot.
+
+    Returns
+    -------
+    Feedback
+        The gains.
+
+    Raises
+    ------
+    ValueError
+        For a robot that is no biped.
     """
     check_model(model)
     legs_of(model)
@@ -297,10 +382,30 @@ def balanced(
     imu: Imu = SENSORS,
     mirror: Mirror | None = None,
 ) -> BalancedWalk:
-    """The motion with feedback about what its trunk does on the flat, where it must walk.
+    """Give a motion feedback about its undisturbed walk on the scene's ground.
 
-    mirror: of a gait whose second half is its first half mirrored; the trunk's motion is then taken to be so too.
-    Raises ValueError for a robot that is no biped, and for a motion that falls on the scene's ground.
+    Parameters
+    ----------
+    scene : CompiledScene
+        The robot on flat ground, on which the motion walks by itself.
+    motion : Motion
+        The gait.
+    feedback : Feedback or array_like, shape (7,)
+        The gains.
+    imu : Imu
+        The sensors.
+    mirror : Mirror, optional
+        Of a gait whose second half is its first half mirrored; the undisturbed walk is then symmetrized too.
+
+    Returns
+    -------
+    BalancedWalk
+        The gait with feedback.
+
+    Raises
+    ------
+    ValueError
+        For a robot that is no biped, and for a motion that falls.
     """
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
     instance("motion", motion, Motion, "give what motion_of or read_motion returns")
@@ -318,9 +423,9 @@ def balanced(
 def undisturbed_of(
     scene: CompiledScene, motions: Sequence[Motion], imu: Imu, mirrored: bool
 ) -> list[np.ndarray | None]:
-    """What motions that begin alike do undisturbed, as `BalancedWalk` takes it; None for one that falls.
+    """Simulate motions that start alike, undisturbed; return tables for `BalancedWalk`, None for one that falls.
 
-    mirrored: the second half of a stride is taken to be the first one mirrored.
+    mirrored: whether the second half of a stride is the first half mirrored.
     """
     strides = 2 + NOMINAL_STRIDES
     signals = [motion.reference(strides) for motion in motions]
@@ -333,11 +438,10 @@ def undisturbed_of(
 
 
 def undisturbed(scene: CompiledScene, motion: Motion, run: Trajectory, imu: Imu, mirrored: bool) -> np.ndarray:
-    """What `BalancedWalk` compares with: the same sensors and estimates, without noise, on average.
+    """Average what the sensors and estimates of `balance` show in an undisturbed walk, without noise.
 
-    Columns: the pitch's rate [rad/s], the left leg's share of the load, and the capture point ahead and aside of
-    the left sole and of the right one [m].  run: the motion after its start, without feedback, of at least two strides
-    more than are averaged, a record a tick.
+    Columns: the pitch rate [rad/s], the left leg's share of the load, and the capture point ahead and aside of the left
+    sole and of the right one [m].  run: of at least two strides more than are averaged, recorded at every tick.
     """
     still = replace(
         imu, gyroscope_noise=0.0, gyroscope_offset=0.0, accelerometer_noise=0.0, accelerometer_offset=0.0

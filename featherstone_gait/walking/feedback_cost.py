@@ -1,10 +1,10 @@
-"""What a gait with feedback costs, for a search of its gains, and of its poses with them.
+"""The cost of a gait with feedback, for a search of its gains and of its poses with them.
 
-    price = cost in the worlds, with feedback and all the sensors' noise,
-            times 1 + WEIGHT * the mean over the trials of what was lost of each.
+    price = cost in the worlds, with feedback and the sensors' noise,
+            times 1 + WEIGHT * mean loss over the trials
 
-A trial is a push, or a slope: lost of it is nothing where the robot stays up, else 1 less half of the time for which it
-did, so that a search sees before it stands that it falls later.  Each push is in one of the worlds.
+A trial is a push or a slope.  Its loss is 0 if the robot stays up, else 1 less half of the share of the time for which
+it did, so that a search gets credit for falling later.  Each push is in one of the worlds.
 """
 
 from __future__ import annotations
@@ -30,27 +30,27 @@ from .gait import bounds
 from .motion import motion_of
 
 WEIGHT = 2.0
-IMPULSES = (0.5, 0.7, 0.95)  # of a Bioloid, of others as hard [N s]
+IMPULSES = (0.5, 0.7, 0.95)  # for a Bioloid; for other robots as hard [N s]
 SLOPES = (-math.radians(3.5), math.radians(3.5))  # [rad]
 SLOPE_STRIDES = 12
-WIDEST = Feedback(100.0, 100.0, 100.0, 100.0, 100.0, 0.05, 100.0)  # gains of a Bioloid, as are
-STEPS = Feedback(  # those of a search; of the heading ten strides tell little: it stays about there
+WIDEST = Feedback(100.0, 100.0, 100.0, 100.0, 100.0, 0.05, 100.0)  # largest gains, of a Bioloid
+STEPS = Feedback(  # of a search; small for heading, about which ten strides say little
     ankle=1.0, foot=1.0, hip_rate=0.02, hasten=5.0, wait=5.0, quiet=0.003, heading=0.02,
 )  # fmt: skip
 
 
 class Trial(NamedTuple):
-    """A way to be disturbed."""
+    """A disturbance."""
 
-    world: int | None  # None: the own floor at `slope`
-    impulse: float  # of a Bioloid [N s], 0: none
+    world: int | None  # None: the robot's own ground at `slope`
+    impulse: float  # for a Bioloid [N s]; 0: none
     direction: float  # [rad]
     phase: float  # of the stride
     slope: float  # [rad]
 
 
 def trials() -> list[Trial]:
-    """Pushes from all sides, at all phases, of three sizes; and slopes."""
+    """Return pushes from all sides, at all phases, of three sizes, and slopes."""
     pushes = [
         Trial(k % 8, impulse, 2.0 * math.pi * (k % DIRECTIONS) / DIRECTIONS, (k * 3 + n) % PHASES / PHASES, 0.0)
         for n, impulse in enumerate(IMPULSES)
@@ -61,7 +61,7 @@ def trials() -> list[Trial]:
 
 @dataclass(frozen=True, eq=False)
 class FeedbackCost:
-    """The price of vectors (D,): the gains in steps of a search, after the poses [rad] if they are searched too."""
+    """The price of vectors (D,): the poses [rad], if they are searched too, and the gains."""
 
     cost: CostInWorlds
     imu: Imu = SENSORS
@@ -69,18 +69,18 @@ class FeedbackCost:
     weight: float = WEIGHT
 
     def vector(self, feedback: Feedback) -> np.ndarray:
-        """That of the gait of `cost` with these gains."""
+        """Return the vector of the gait of `cost` with these gains."""
         poses = self.cost.gait.to_vector() if self.poses else np.empty(0)
         return np.concatenate([poses, feedback.to_vector()])
 
     def amplitude(self, poses: float) -> np.ndarray:
-        """Steps of a search (D,), those of the poses as given [rad]."""
+        """Return the step sizes of a search (D,); poses: that of the poses [rad]."""
         gains = STEPS.scaled(self._size[0]).to_vector()
         return np.concatenate([np.full(len(self._bounds_of_poses), poses), gains])
 
     @property
     def bounds(self) -> np.ndarray:
-        """(D, 2)."""
+        """Lower and upper bounds (D, 2)."""
         widest = WIDEST.scaled(self._size[0]).to_vector()
         least = np.array([0.0 if one.name == "quiet" else -1.0 for one in fields(Feedback)])
         return np.concatenate([self._bounds_of_poses, np.column_stack([least * widest, widest])])
@@ -94,7 +94,7 @@ class FeedbackCost:
         return bounds(self.cost.scene.model, self.cost.gait) if self.poses else np.empty((0, 2))
 
     def walks(self, vectors: Iterable[ArrayLike]) -> list[BalancedWalk | None]:
-        """What each vector says; None for a gait that does not walk undisturbed."""
+        """Return the gait with feedback of each vector; None if it does not walk undisturbed."""
         own, gains = self.cost.cost, len(fields(Feedback))
         given = [finite("vector", x, (len(self.bounds),)) for x in vectors]
         gaits = [own.gait.from_vector(x[:-gains]) if self.poses else own.gait for x in given]
@@ -115,18 +115,17 @@ class FeedbackCost:
         return undisturbed_of(own.scene, [motion], self.imu, own.gait.mirror is not None)[0]
 
     def costs(self, vectors: Iterable[ArrayLike]) -> list[tuple[float, str]]:
-        """Price [J/m] and status of many vectors."""
+        """Return price [J/m] and status of many vectors."""
         walks = self.walks(vectors)
-        there = [walk for walk in walks if walk is not None]
-        prices = iter(self.prices(there))
+        prices = iter(self.prices([walk for walk in walks if walk is not None]))
         return [(math.inf, "does not walk by itself") if walk is None else next(prices) for walk in walks]
 
     def __call__(self, x: ArrayLike) -> tuple[float, str]:
-        """Price [J/m] and status of one vector."""
+        """Return price [J/m] and status of one vector."""
         return self.costs([x])[0]
 
     def prices(self, walks: Sequence[BalancedWalk]) -> list[tuple[float, str]]:
-        """Price [J/m] and status of each."""
+        """Return price [J/m] and status of each gait."""
         energy = self.energies(walks)
         stand = [k for k, cost in enumerate(energy) if math.isfinite(cost)]
         lost = np.zeros(len(walks))
@@ -138,11 +137,11 @@ class FeedbackCost:
         ]
 
     def energies(self, walks: Sequence[BalancedWalk]) -> list[float]:
-        """The cost of each in the worlds, undisturbed [J/m]; infinite where it falls in one."""
+        """Return the cost of each gait in the worlds, undisturbed [J/m]; infinite if it falls in one."""
         return [cost for cost, _ in self.cost.costs(walks)] if walks else []
 
     def lost(self, walks: Sequence[BalancedWalk]) -> np.ndarray:
-        """What each lost of each trial (walks, trials), 0 to 1."""
+        """Return the loss of each gait in each trial (walks, trials), 0 to 1."""
         asked = trials()
         with ThreadPoolExecutor(cpu_count()) as pool:
             return np.stack([*pool.map(lambda k: self._lost_of(asked[k], walks, k), range(len(asked)))], axis=1)

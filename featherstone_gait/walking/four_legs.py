@@ -1,4 +1,4 @@
-"""First motions of robots on four legs: a trot or a walk, by inverse kinematics of point feet.
+"""Strides of robots on four legs: a trot or a walk, by inverse kinematics of point feet.
 
     mirror = mirror_by_place(robot, posture)
     stride = four_legged_stride(robot, posture, Pattern(period=0.48, step=0.05, lift=0.03))
@@ -6,8 +6,8 @@
     cost = WalkingCost(scene, gait, posture, blend_strides=2)
 
 The trunk goes forward evenly, upright and level.  A foot on the ground stays there; in the air it rises and falls on a
-half sine and comes forward on a cubic that leaves and meets the ground with the speed of the ground.  When which foot
-is in the air is that of the trot (diagonal pairs together) or of the walk (one after the other: left hind, left fore,
+half sine and comes forward on a cubic that leaves and meets the ground with the speed of the ground.  The footfalls are
+those of the trot (diagonal pairs together) or of the walk (one after the other: left hind, left fore,
 right hind, right fore; M. Hildebrand, "Symmetrical gaits of horses", Science 150 (1965)), in which the trunk sways
 away from the side that steps.  The second half of either stride is the first one's mirror image.
 """
@@ -33,22 +33,40 @@ from .plan import Stride
 
 Footfalls: TypeAlias = Literal["trot", "walk"]
 PHASES = {"trot": (0.0, 0.5, 0.5, 0.0), "walk": (0.25, 0.75, 0.0, 0.5)}  # of a stride, lift-off of LF, RF, LH, RH
-ALIKE = 1e-3  # by which left and right may differ [m]
-PARALLEL = 1e-6  # by which the cosine of axes may
+ALIKE = 1e-3  # tolerance of left and right [m]
+PARALLEL = 1e-6  # tolerance of the cosine of axes
 SAMPLES = 4  # a tick
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """How four legs move."""
+    """Settings of a stride on four legs.
 
-    period: float = 0.48  # of a stride [s]
-    step: float = 0.05  # way of the trunk in a stride [m]
-    lift: float = 0.03  # of a foot [m]
-    ground: float = 0.6  # share of the stride for which a foot is on the ground [-]
+    Attributes
+    ----------
+    period : float
+        Time of a stride [s].
+    step : float
+        Distance that the trunk travels in a stride [m].
+    lift : float
+        Height to which a foot is lifted [m].
+    ground : float
+        Duty factor: share of the stride for which a foot is on the ground [-].
+    footfalls : {"trot", "walk"}
+        Order of the feet.
+    sway : float
+        Sway of the trunk to either side [m].
+    ahead : float
+        Position of the trunk relative to the feet, ahead of that in the posture [m].
+    """
+
+    period: float = 0.48
+    step: float = 0.05
+    lift: float = 0.03
+    ground: float = 0.6
     footfalls: Footfalls = "trot"
-    sway: float = 0.0  # of the trunk to either side [m]
-    ahead: float = 0.0  # of the trunk before where the posture has it, above the feet [m]
+    sway: float = 0.0
+    ahead: float = 0.0
 
     def __post_init__(self) -> None:
         one_of("pattern: footfalls", self.footfalls, get_args(Footfalls))
@@ -67,10 +85,29 @@ class Pattern:
 def four_legged_stride(
     model: Model, posture: ArrayLike, pattern: Pattern | None = None, feet: Sequence[str] | None = None
 ) -> Stride:
-    """Plan a stride of `model` about the `posture` (nj,) [rad] in which it stands.
+    """Plan a stride of a robot on four legs.
 
-    feet: the links of the left and right fore and the left and right hind foot, by default the four that have contact
-    points, by where they are.  Raises ValueError for a robot that has not four, and for a stride out of reach.
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    posture : array_like, shape (nj,)
+        Posture in which it stands [rad].
+    pattern : Pattern, optional
+        The settings.
+    feet : sequence of str, optional
+        Links of the left and right fore foot and the left and right hind foot; by default the four links with contact
+        points, ordered by their positions.
+
+    Returns
+    -------
+    Stride
+        The stride, for `fit_gait`.
+
+    Raises
+    ------
+    ValueError
+        For a robot that does not have four feet, and for a stride out of reach.
     """
     pattern = pattern or Pattern()
     posture = finite("posture", posture, (len(check_model(model).joint_names),), "[rad]")
@@ -89,10 +126,24 @@ def four_legged_stride(
 
 
 def mirror_by_place(model: Model, posture: ArrayLike | None = None) -> Mirror:
-    """Pair the joints of `model` left to right by where they are, and compare their axes; see `gait.mirror_of`.
+    """Pair the joints of `model` left to right by their positions, and compare their axes; see `mirror_of`.
 
-    posture: (nj,) [rad] in which left and right are each other's image, by default zero.  Raises ValueError for a joint
-    without a partner.
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    posture : array_like, shape (nj,), optional
+        Posture in which left and right are mirror images [rad]; by default zero.
+
+    Returns
+    -------
+    Mirror
+        The mirror image of its postures.
+
+    Raises
+    ------
+    ValueError
+        For a joint without a partner.
     """
     names = check_model(model).joint_names
     angles = finite("posture", np.zeros(len(names)) if posture is None else posture, (len(names),), "[rad]")
@@ -106,7 +157,7 @@ def mirror_by_place(model: Model, posture: ArrayLike | None = None) -> Mirror:
         fits = np.flatnonzero((off < ALIKE) & (np.abs(np.abs(cosines) - 1.0) < PARALLEL))
         if len(fits) == 0:
             raise ValueError(
-                f"{model.name}: joint {name!r} in this posture has no partner with its mirror image's place and axis"
+                f"{model.name}: joint {name!r} in this posture has no partner whose position and axis are its mirror image"
             )
         index.append(int(fits[0]))
         sign.append(float(np.sign(cosines[fits[0]])))
@@ -116,7 +167,7 @@ def mirror_by_place(model: Model, posture: ArrayLike | None = None) -> Mirror:
 def _feet(
     model: Model, posture: np.ndarray, feet: Sequence[str] | None
 ) -> tuple[list[str], list[np.ndarray], list[np.ndarray]]:
-    """Names of the four feet, where their points stand (3,), seen from the root, and these in the links' axes (3,)."""
+    """Return the four feet, the positions of their points seen from the root (3,) and in the links' axes (3,)."""
     poses = link_poses(model, posture)
     points = contact_positions_at(model, poses)[0]
     owners = np.array([contact.link for contact in model.contacts])
@@ -134,9 +185,9 @@ def _feet(
 
 
 def _path(pattern: Pattern, phase: np.ndarray) -> np.ndarray:
-    """A foot's path (n, 3) about where it stands, seen from a trunk that goes forward [m]; in the air from phase 0."""
+    """Return a foot's path (n, 3) [m] about its position, seen from the moving trunk; in the air from phase 0."""
     air = 1.0 - pattern.ground
-    stance = pattern.step * pattern.ground  # way of a foot under the trunk
+    stance = pattern.step * pattern.ground  # path of a foot under the trunk
     s = np.clip(phase / air, 0.0, 1.0)
     slope = -pattern.step * air  # of the swing by s, where it meets the ground's own speed
     swing = 2.0 * s * s * s - 3.0 * s * s

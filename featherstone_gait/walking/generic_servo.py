@@ -1,11 +1,11 @@
-"""A servo for a robot whose own are not known: one that is known, made stronger and slower as the robot is larger.
+"""Servos for a robot whose own are not known: a known servo, scaled to the robot's size.
 
     robot = load_robot("solo12.urdf", base="floating", contacts="feet")
     robot = with_generic_servos(robot, leg=0.32)
 
-Robots that are alike but for length l and mass m move alike in times that grow as sqrt(l), with torques that grow as
-m l (dynamic similarity; R. Alexander, "Optimization and gaits in the locomotion of vertebrates", Physiological Reviews
-69 (1989)).  The servo grows in the same way from that of a robot that it fits.
+Robots that differ in length l and mass m alone move alike if times scale as sqrt(l) and torques as m l (dynamic
+similarity; R. Alexander, "Optimization and gaits in the locomotion of vertebrates", Physiological Reviews 69 (1989)).
+The servo is scaled in the same way from a robot that it fits.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ HEIGHT = 0.2226  # of its center of mass, standing [m]
 
 
 def scaled_servo(servo: Servo, torque: float, speed: float) -> Servo:
-    """The servo with `torque` times its torques at rest and `speed` times its speed without load, at the same voltage.
+    """Return the servo with `torque` times its stall torque and `speed` times its no-load speed, at the same voltage.
 
-    Gains by volts, ticks and the gear's ratio stay, as do its backlash and what depends on load alone.  Raises
-    ValueError unless both are > 0, and for a servo without a motor.
+    Control gains, ticks, gear ratio, backlash and load-dependent friction stay.  Raises ValueError unless both factors
+    are > 0, and for a servo without a motor.
     """
     instance("servo", servo, Servo, "give what load_servo returns")
     if not servo.motor_constant > 0.0:
@@ -52,10 +52,23 @@ def scaled_servo(servo: Servo, torque: float, speed: float) -> Servo:
 
 
 def with_generic_servos(model: Model, leg: float, servo: Servo | None = None, margin: float = 1.0) -> Model:
-    """The robot with the same servo in each joint that turns, as strong for its weight as an AX-12 in a Bioloid.
+    """Give each joint that turns the same servo, as strong for the robot's weight as an AX-12 is for a Bioloid.
 
-    leg: how long a leg is, from its first joint to the ground [m]; servo: which to scale, by default "ax12"; margin:
-    how much stronger.  Raises ValueError for a length that is none.
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    leg : float
+        Length of a leg, from its first joint to the ground [m].
+    servo : Servo, optional
+        Servo to scale, by default "ax12".
+    margin : float
+        How many times as strong.
+
+    Returns
+    -------
+    Model
+        The robot with these servos.
     """
     check_model(model)
     leg = real("leg", leg, 1e-3, 1e3, "give its length [m]")

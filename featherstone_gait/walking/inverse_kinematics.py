@@ -1,12 +1,14 @@
-"""Leg inverse kinematics: joint angles that put a point of a foot somewhere, the sole turned as wanted.
+"""Leg inverse kinematics: joint angles that put a point of a foot at a position, with a given orientation of the sole.
 
-A damped Newton iteration over a whole trajectory at once: with the task error ``e`` and its Jacobian ``J``,
-``dq = J^T (J J^T + |e|^2 1)^-1 e``.  The damping dies with the error, so that convergence stays superlinear and a
-target out of reach is answered by the nearest pose instead of a blow-up (T. Sugihara, "Solvability-unconcerned
+A damped Newton iteration solves a whole trajectory at once: with the task error ``e`` and its Jacobian ``J``,
+``dq = J^T (J J^T + |e|^2 1)^-1 e``.  The damping vanishes with the error, so that convergence stays superlinear, and a
+target out of reach yields the nearest pose instead of diverging (T. Sugihara, "Solvability-unconcerned
 inverse kinematics by the Levenberg-Marquardt method", IEEE T-RO 27 (2011)).
 
 A chain of six joints or more meets position and orientation; one of five, position and the tilt of the sole (roll and
-pitch), which leaves its yaw as it falls; one of three or four, the position of a foot that is a point.
+pitch), with an arbitrary yaw; one of three or four, the position of a point foot.
+
+`dynamics.inverse_kinematics` solves one posture at a time, for several targets.
 """
 
 from __future__ import annotations
@@ -53,10 +55,30 @@ def leg_joints(model: Model, foot: str) -> tuple[int, ...]:
 
 
 def solve_leg(model: Model, foot: str, target: ArrayLike, *, times: np.ndarray | None = None, **how: Any) -> np.ndarray:
-    """Solve for the joints between the root link and the link `foot` within their limits; arguments as of `reach`.
+    """Solve for the joints between the root link and a foot, within their limits.
 
-    Raises ValueError, naming joint, angle, limit and time (`times` (n,) [s], else the sample), if a target is out of
-    reach or a joint limit is passed.
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    foot : str
+        Link of the foot.
+    target : array_like, shape (n, 3)
+        Positions of a point of the foot, seen from the root link [m].
+    times : ndarray, shape (n,), optional
+        Times of the targets, for messages [s].
+    **how
+        point, rotation, start and tolerance: see `inverse_kinematics.reach`.
+
+    Returns
+    -------
+    ndarray, shape (n, nj)
+        Joint angles [rad].
+
+    Raises
+    ------
+    ValueError
+        Naming joint, angle, limit and time, if a target is out of reach or a joint limit is violated.
     """
     angles = reach(model, foot, target, times=times, **how)
     check_limits(model, angles, times)
@@ -74,13 +96,13 @@ def reach(
     times: np.ndarray | None = None,
     tolerance: float = TOLERANCE,
 ) -> np.ndarray:
-    """Solve for the joints between the root link and the link `foot`, whatever their limits.
+    """Solve for the joints between the root link and the link `foot`, regardless of their limits.
 
-    `target` (n, 3) [m] is where `point` of the foot (its own axes) shall be, seen from the root link; `rotation` (3, 3)
-    the foot's orientation there, by default that of the zero posture.  `start` is the posture (nj,) or the postures
-    (n, nj) the iteration starts from, by default the middle of the joint ranges, which also decides how the knee bends;
-    joints outside the leg keep the start's values; `tolerance` is of the task error [m and rad].  Returns angles
-    (n, nj) [rad].  Raises ValueError, naming foot and time, for a target out of reach.
+    target (n, 3) [m]: positions of `point` (in the foot's axes), seen from the root link; rotation (3, 3): the foot's
+    orientation, by default that of the zero posture; start: posture (nj,) or postures (n, nj) from which the iteration
+    starts, by default the middle of the joint ranges; it decides how the knee bends, and joints outside the leg keep
+    its values; tolerance: of the task error [m and rad].  Returns joint angles (n, nj) [rad].  Raises ValueError,
+    naming foot and time, for a target out of reach.
     """
     angles, size = nearest(model, foot, target, point=point, rotation=rotation, start=start, tolerance=tolerance)
     times = None if times is None else finite("times", times, (len(size),), "[s]")
@@ -107,9 +129,9 @@ def nearest(
     tolerance: float = TOLERANCE,
     iterations: int = MAX_ITERATIONS,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """As `reach`, but what is out of reach is met as nearly as `iterations` allow.
+    """Solve like `reach`, but approach targets out of reach as nearly as `iterations` allow.
 
-    Returns angles (n, nj) [rad] and by how much each target is missed (n,) [m and rad].
+    Returns joint angles (n, nj) [rad] and the error of each target (n,) [m and rad].
     """
     check_model(model)
     instance("foot", foot, str, "give the name of a link")

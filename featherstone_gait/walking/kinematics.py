@@ -1,7 +1,6 @@
-"""Where the links of a model are whose root stays upright, and what leg inverse kinematics needs of their joints.
+"""Kinematics of a model whose root link stays upright, along a trajectory of joint angles.
 
-A trajectory of joint angles is ``(n, nj)`` in the order of ``Model.joint_names``; positions come out as
-``(n, ..., 3)``.
+Joint angles are ``(n, nj)`` in the order of ``Model.joint_names``; positions are ``(n, ..., 3)``.
 """
 
 from __future__ import annotations

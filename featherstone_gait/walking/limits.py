@@ -1,24 +1,22 @@
-"""What a real robot asks of a gait beside being cheap: by how much a run keeps to it, and where it is worst.
+"""Limits of a real robot: by how much a run violates them, and where it is worst.
 
-    swing    the lowest point of a foot over the ground, while the foot goes faster than half of its largest speed [m]
-    tilt     a sole against the ground, while it bears more than a tenth of the robot's weight [rad]
-    apart    links of different limbs that could meet [m]
-    torque   of a joint, over the stall torque of its servo at its supply
-    line     R I + k v over the supply: the voltage that current and speed take; 1 is the servo's torque-speed line
-    drift    sideways over forwards
+    swing    height of the lowest point of a foot while the foot is faster than half of its largest speed [m]
+    tilt     angle between a sole and the ground while it bears more than a tenth of the robot's weight [rad]
+    apart    distance between links of different limbs [m]
+    torque   torque of a joint over the stall torque of its servo at its supply voltage
+    line     (R I + k v) / supply: the share of the voltage that current and speed need; 1 is the torque-speed line
+    drift    sideways over forward displacement
 
-The first five are quantities over time, told with joint or foot and moment; drift is of a whole run, and of several
-worlds the mean with its sign, for a gait whose legs mirror each other drifts to either side alike.  Only `apart` can be
-read off what the servos are sent, before anything is simulated.  The others cannot: a servo of the AX-12's stiffness
-gives way by 2 degrees under 0.5 N m and follows late, so that of 25 mm of planned lift 5 are left.
+The first five are quantities over time, reported with joint or foot and time.  Drift is of a whole run; of several
+worlds it is the signed mean, because a gait whose legs mirror each other drifts to either side alike.  Only `apart`
+follows from the references, without a simulation.  The others do not: a servo as stiff as the AX-12 yields by 2 degrees
+under 0.5 N m and lags, so that of 25 mm of planned lift 5 remain.
 
-What swings fast, bears and drives is told by thresholds that the report's figures depend on: half of the largest speed
-of that foot in the run, a tenth of the weight, and where it is the voltage, R I + k v with its size, braking included.
+The thresholds (half of the foot's largest speed in the run, a tenth of the weight) and the absolute value of the
+voltage R I + k v, braking included, are conventions that the report's figures depend on.
 
-A search is told of a run by how much each quantity is beyond its limit at each moment of each stride, in shares of
-`scale` and with limits that are stricter by `margin` (`Watch.beyond`).
-
-The ground is level, at height 0.
+A search sees by how much each quantity violates its limit at each moment of each stride, in units of `scale` and with
+limits that are stricter by `margin` (`Watch.beyond`).  The ground is level, at height 0.
 """
 
 from __future__ import annotations
@@ -43,20 +41,20 @@ from ..scene.compile import CompiledScene
 RECORD = ("base_q", "q", "qd", "torque", "current", "contact_force", "energy")
 FAST = 0.5  # of its largest speed: a foot that swings
 BEARS = 0.1  # of the robot's weight: a foot that stands
-FADES = 6.0  # by how many scales a search sees less of what does not count at all
+FADES = 6.0  # scales by which a violation is reduced where the quantity does not count at all
 TINY = 1e-30  # squared speed of feet that do not move [m^2/s^2]
 
 
 class Limit(NamedTuple):
-    """A bound, and how a search sees it."""
+    """A bound, and its weight in a search."""
 
     name: str
     what: str
     unit: str
     bound: float  # [SI]
-    most: bool  # whether it is the largest value that counts, not the least
-    margin: float  # by which a search keeps away from the bound
-    scale: float  # in which it counts what is beyond
+    most: bool  # whether it is an upper bound, not a lower one
+    margin: float  # distance that a search keeps from the bound
+    scale: float  # unit of its violations
 
 
 LIMITS = (
@@ -72,22 +70,22 @@ BY_NAME = {limit.name: limit for limit in LIMITS}
 
 
 class Worst(NamedTuple):
-    """The worst value of a quantity, and where."""
+    """The worst value of a quantity."""
 
     name: str
-    value: float  # nan where there is none
+    value: float  # nan if the quantity never counts
     where: str  # joint, foot or links
     time: float  # [s]; nan of a whole run
-    share: float  # of the samples that count: how many pass the bound
+    share: float  # of the samples that count, of those beyond the bound
 
     @property
     def kept(self) -> bool:
-        """Whether it keeps to the bound; what does not occur does."""
+        """Whether the bound is met, as it is if the quantity never counts."""
         limit = BY_NAME[self.name]
         return not (self.value > limit.bound if limit.most else self.value < limit.bound)
 
     def as_dict(self) -> dict:
-        """For JSON."""
+        """Return the values for JSON."""
         limit = BY_NAME[self.name]
         named = self._asdict() | {key: getattr(limit, key) for key in ("what", "unit", "bound", "most")}
         named["kept"] = self.kept
@@ -99,11 +97,11 @@ class Quantity:
     """A quantity over time."""
 
     values: np.ndarray  # (n, parts)
-    share: np.ndarray  # (n, parts) of what it takes to count; from 1 on it does
-    parts: Sequence[str]  # (parts,) or (n,) of a quantity that is of one part at a time
+    share: np.ndarray  # (n, parts) of the threshold from which it counts: it does from 1 on
+    parts: Sequence[str]  # names (parts,), or (n,) of a quantity with one part at a time
 
     def worst(self, name: str, times: np.ndarray) -> Worst:
-        """The worst value, at times (n,) [s]."""
+        """Find the worst value; times (n,) [s]."""
         limit, values, counts = BY_NAME[name], self.values, self.share >= 1.0
         if not counts.any():
             return Worst(name, math.nan, "", math.nan, 0.0)
@@ -114,9 +112,9 @@ class Quantity:
         return Worst(name, float(values[row, part]), where, float(times[row]), float(beyond.sum() / counts.sum()))
 
     def beyond(self, limit: Limit) -> np.ndarray:
-        """By how much the values (n, parts) are beyond the bound less its margin, in shares of the scale.
+        """Return the violations (n, parts) of the bound less its margin, in units of the scale.
 
-        The less, the less they count: what does not count, but nearly, is still seen, and changes steadily.
+        They are reduced where the quantity does not count, in proportion: so they change steadily with the gait.
         """
         beyond = ((self.values - limit.bound) * (1.0 if limit.most else -1.0) + limit.margin) / limit.scale
         return beyond - FADES * np.maximum(1.0 - self.share, 0.0)
@@ -124,7 +122,7 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class Feet:
-    """Links with contact points, and how their soles lie in them."""
+    """Links with contact points, and the normals of their soles."""
 
     names: tuple[str, ...]
     rows: np.ndarray  # (feet,) of `model.links`
@@ -133,7 +131,7 @@ class Feet:
 
     @classmethod
     def of(cls, model: Model, standing: np.ndarray) -> Feet:
-        """Of a robot whose soles are level in a posture (nj,) with its base upright [rad]."""
+        """Find the feet of a robot whose soles are level in a posture (nj,) [rad] with its base upright."""
         names = tuple(dict.fromkeys(contact.link for contact in model.contacts))
         links = [link.name for link in model.links]
         rows = np.array([links.index(name) for name in names])
@@ -145,9 +143,9 @@ class Feet:
 
 
 class Watch:
-    """Measures the quantities of runs of one robot, with `RECORD`, in scenes that differ in numbers alone.
+    """Measures the limited quantities of a robot's runs with `RECORD`, in scenes that differ in numbers alone.
 
-    standing (nj,) [rad]: the posture that the walk begins with, base upright and soles level.
+    standing (nj,) [rad]: the posture in which the walk starts, base upright and soles level.
     """
 
     def __init__(self, model: Model, standing: np.ndarray) -> None:
@@ -158,20 +156,20 @@ class Watch:
         self.pairs = self._pairs()
 
     def _pairs(self) -> np.ndarray:
-        """Pairs of shapes of different limbs, those of `close` left out."""
+        """Return the pairs of shapes of different limbs, without those of `close`."""
         pairs = self._of_limbs()
         limit = BY_NAME["apart"]
         return pairs[shape_distances(self.model, self._upright, pairs) >= limit.bound + limit.margin]
 
     def close(self) -> list[tuple[str, str]]:
-        """Links of different limbs that are not watched: they are too close where the walk begins already."""
+        """Return links of different limbs that are not watched: they are too close in the first posture already."""
         watched = {tuple(pair) for pair in self.pairs.tolist()}
         links = [shape.link for shape in self.model.shapes]
         left = (pair for pair in self._of_limbs().tolist() if tuple(pair) not in watched)
         return [*dict.fromkeys((links[a], links[b]) for a, b in left)]
 
     def _of_limbs(self) -> np.ndarray:
-        """Pairs of shapes on different branches: on one, the limits of the joints between keep links apart."""
+        """Return pairs of shapes on different branches; on the same branch the joint limits keep links apart."""
         shapes, above = self.model.shapes, _above(self.model)
         pairs = [
             (a, b)
@@ -185,13 +183,13 @@ class Watch:
         return np.concatenate([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], self.standing])
 
     def quantities(self, scene: CompiledScene, run: Trajectory, window: slice) -> dict[str, Quantity]:
-        """Those that a run shows in a window of its samples, but for `apart`."""
+        """Measure all quantities but `apart` in a window of a run's samples."""
         return self.of_feet(scene, run, window) | of_servos(scene, run, window)
 
     def beyond(self, scene: CompiledScene, run: Trajectory, window: slice, strides: int) -> np.ndarray:
-        """What a search is told of a run: `Quantity.beyond` of all but `apart`, (strides, moments times parts).
+        """Return `Quantity.beyond` of all quantities but `apart` (strides, moments times parts).
 
-        The strides begin with the first of the samples.
+        The strides start at the first sample of the window.
         """
         n = (window.stop - window.start) // strides * strides
         found = self.quantities(scene, run, window)
@@ -199,7 +197,7 @@ class Watch:
         return np.concatenate(each, axis=1)
 
     def of_feet(self, scene: CompiledScene, run: Trajectory, window: slice) -> dict[str, Quantity]:
-        """swing and tilt."""
+        """Measure swing and tilt."""
         model, feet = self.model, self.feet
         poses = forward_kinematics(model, np.hstack([run["base_q"], run["q"]])[window])
         points = contact_positions_at(model, poses)
@@ -219,7 +217,7 @@ class Watch:
         return {"swing": Quantity(height, fast, feet.names), "tilt": Quantity(tilt, loaded, feet.names)}
 
     def apart(self, q: np.ndarray) -> Quantity:
-        """Of postures (n, nj) [rad] how far links are apart."""
+        """Measure how far links are apart in postures (n, nj) [rad]."""
         if not len(self.pairs):
             return Quantity(np.full((len(q), 1), np.inf), np.zeros((len(q), 1)), ("",))
         base = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (len(q), 1))
@@ -228,7 +226,7 @@ class Watch:
         return Quantity(found.distance[:, None], np.ones((len(q), 1)), names)
 
     def worst(self, scene: CompiledScene, run: Trajectory, window: slice) -> list[Worst]:
-        """The worst of each quantity in a window of a run, in the order of `LIMITS`."""
+        """Find the worst value of each quantity in a window of a run, in the order of `LIMITS`."""
         found = self.quantities(scene, run, window) | {"apart": self.apart(run["q"][window])}
         times, base = run["time"][window], run["base_q"][window]
         ahead, sideways = (base[-1] - base[0])[:2].tolist()
@@ -238,7 +236,7 @@ class Watch:
 
 
 def _above(model: Model) -> dict[str, set[str]]:
-    """Of each link those between it and the root."""
+    """Return the ancestors of each link."""
     parents = {joint.child: joint.parent for joint in model.joints}
     above: dict[str, set[str]] = {}
     for link in model.links:
@@ -251,7 +249,7 @@ def _above(model: Model) -> dict[str, set[str]]:
 
 
 def of_servos(scene: CompiledScene, run: Trajectory, window: slice) -> dict[str, Quantity]:
-    """torque and line, of the servos that drive motors; nothing without any."""
+    """Measure torque and line of the servos that drive motors; return nothing if there are none."""
     model = scene.model
     driven = [k for k, name in enumerate(model.joint_names) if name in model.servos]
     servos = [model.servos[model.joint_names[k]] for k in driven]

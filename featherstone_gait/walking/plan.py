@@ -1,4 +1,4 @@
-"""A straight walk planned with the zero-moment point: footsteps, center of mass, feet, joint angles.
+"""Plans of a straight walk by the zero-moment point (ZMP): footsteps, center of mass, feet, joint angles.
 
 The ZMP reference rests on the standing foot's sole and moves over to the other in double support.  Preview control of
 a cart-table turns it into a motion of the center of mass; the trunk, upright and level, is placed so that the whole
@@ -36,12 +36,12 @@ from featherstone_gait.walking.preview_control import plan_com
 from featherstone_gait.walking.zero_moment_point import multibody_zmp, polygon_margin, support_polygon
 
 Preview: TypeAlias = Literal["cart_table", "auxiliary_zmp"]
-FOLLOWED = 1e-9  # by how much the model's center of mass may miss the planned one [m]
+FOLLOWED = 1e-9  # tolerance of the center of mass along its path [m]
 SOLE_THICKNESS = 1e-3  # contact points this close to a foot's lowest one belong to its sole [m]
 TINY, HUGE = 1e-12, 1e12  # settings of a walk [SI]
 MOST_STEPS, MOST_SAMPLES = 10**4, 10**5  # of a walk; of a step, and of preview
 STILL = 1e-3  # change of an angle by which the walk has begun [rad]
-DECIMALS = 9  # of the angles [rad]: a plan outlives changes of last bits; far below any servo's resolution
+DECIMALS = 9  # of the angles [rad]: a plan survives changes of last bits; far below any servo's resolution
 
 # With this walk four poses a stride carry a humanoid of the size of a Bioloid, on AX-12 servos and without feedback; of
 # 256 gaits with all angles off by up to a degree 88 % walk ten strides.  3 mm narrower it is 79 %, 5 mm higher 86 %,
@@ -52,21 +52,51 @@ BIOLOID_WALK = {"step_time": 0.32, "com_height": 0.205, "half_width": 0.039, "n_
 
 @dataclass(frozen=True)
 class Walk:
-    """What walk to plan: a start from standing, `n_steps` steps of the same length, feet together again."""
+    """Settings of a walk: a start from standing, steps of the same length, feet together at the end.
 
-    step_length: float = 0.025  # [m]; a swinging foot travels two
-    step_time: float = 0.32  # [s]
+    Attributes
+    ----------
+    step_length : float
+        Length of a step [m]; a swinging foot travels two.
+    step_time : float
+        Time of a step [s].
+    n_steps : int
+        Number of steps.
+    com_height : float
+        Height of the model's center of mass above the ground [m].
+    half_width : float
+        Distance from the walking line to the middle of a sole [m].
+    lift : float
+        Height to which the swinging sole is lifted [m].
+    double_support : float
+        Share of a step in which both feet stand [-].
+    T : float
+        Sample time [s].
+    N : int
+        Samples of preview; they should last about 8 sqrt(com_height / g).
+    Q : float
+        Weight of the ZMP error [1/m^2].
+    R : float
+        Weight of the change of jerk [s^6/m^2]; with "auxiliary_zmp", of the ZMP's speed [s^2/m^2].
+    g : float
+        Strength of gravity, which points straight down [m/s^2].
+    preview : {"cart_table", "auxiliary_zmp"}
+        Controller: that of `preview_control` or of `auxiliary_zmp`.
+    """
+
+    step_length: float = 0.025
+    step_time: float = 0.32
     n_steps: int = 16
-    com_height: float = 0.215  # of the model's center of mass above the ground [m]
-    half_width: float = 0.036  # from the walking line to a sole's middle [m]
-    lift: float = 0.025  # of the swinging sole [m]
-    double_support: float = 0.2  # share of a step [-]
-    T: float = 0.01  # sample time [s]
-    N: int = 120  # samples of preview; they should last some 8 sqrt(com_height / g)
-    Q: float = 1.0  # weight of the ZMP error [1/m^2]
-    R: float = 1e-7  # weight of the change of jerk [s^6/m^2]; with "auxiliary_zmp" of the ZMP's speed [s^2/m^2]
-    g: float = -GRAVITY[2]  # gravity, straight down: see `downward` [m/s^2]
-    preview: Preview = "cart_table"  # control: `preview_control`, or `auxiliary_zmp`
+    com_height: float = 0.215
+    half_width: float = 0.036
+    lift: float = 0.025
+    double_support: float = 0.2
+    T: float = 0.01
+    N: int = 120
+    Q: float = 1.0
+    R: float = 1e-7
+    g: float = -GRAVITY[2]
+    preview: Preview = "cart_table"
 
     def __post_init__(self) -> None:
         for name in ("step_time", "com_height", "half_width", "lift", "T", "N", "Q", "R", "g"):
@@ -98,7 +128,7 @@ class Walk:
 
     @property
     def start(self) -> float:
-        """Time at which the weight passes to the first standing foot [s]: all of the preview lies before it."""
+        """Time at which the weight passes to the first standing foot [s]; all of the preview lies before it."""
         return (self.N + self.step_samples) * self.T
 
     @property
@@ -109,34 +139,74 @@ class Walk:
 
 @dataclass(frozen=True, eq=False)
 class Stride:
-    """Two steps of a settled walk, from the middle of one double support to that two steps later."""
+    """Two steps of a settled walk, from the middle of one double support to that two steps later.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        Names of the joints.
+    times : ndarray, shape (n,)
+        Times from 0, without the period's end [s].
+    angles : ndarray, shape (n, nj)
+        Joint angles [rad].
+    period : float
+        Time of the stride [s].
+    mismatch : float
+        Largest difference to the angles one period later [rad].
+    """
 
     joint_names: tuple[str, ...]
-    times: np.ndarray  # (n,) from 0; the period's end is left out [s]
-    angles: np.ndarray  # (n, nj) [rad]
-    period: float  # [s]
-    mismatch: float  # largest difference of the angles one period on [rad]
+    times: np.ndarray
+    angles: np.ndarray
+    period: float
+    mismatch: float
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A planned walk; feet are in the order left, right; world axes: x ahead, y left, z up, ground at z = 0."""
+    """A planned walk, in world axes: x ahead, y left, z up, ground at z = 0.
+
+    Attributes
+    ----------
+    walk : Walk
+        The settings.
+    joint_names : tuple of str
+        Names of the joints.
+    times : ndarray, shape (n,)
+        Times [s].
+    angles : ndarray, shape (n, nj)
+        Joint angles [rad].
+    base_position : ndarray, shape (n, 3)
+        Position of the root link, which stays upright and level [m].
+    com : ndarray, shape (n, 3)
+        Center of mass of the whole model [m].
+    feet : ndarray, shape (n, 2, 3)
+        Middles of the left and the right sole [m].
+    contact : ndarray of bool, shape (n, 2)
+        Whether the left and the right foot stand.
+    support : tuple of ndarray, shape (k, 2)
+        Support polygons, convex and counter-clockwise [m].
+    zmp_reference : ndarray, shape (n, 2)
+        Reference of the zero-moment point (ZMP) [m].
+    zmp : ndarray, shape (n, 2)
+        ZMP of the moving links, by central differences [m].
+    """
 
     walk: Walk
     joint_names: tuple[str, ...]
-    times: np.ndarray  # (n,) [s]
-    angles: np.ndarray  # (n, nj) [rad]
-    base_position: np.ndarray  # (n, 3) of the root link, which stays upright and level [m]
-    com: np.ndarray  # (n, 3) of the whole model [m]
-    feet: np.ndarray  # (n, 2, 3) middles of the soles [m]
-    contact: np.ndarray  # (n, 2) whether a foot stands
-    support: tuple[np.ndarray, ...]  # n convex polygons (k, 2), counter-clockwise [m]
-    zmp_reference: np.ndarray  # (n, 2) [m]
-    zmp: np.ndarray  # (n, 2) of the moving links, by central differences [m]
+    times: np.ndarray
+    angles: np.ndarray
+    base_position: np.ndarray
+    com: np.ndarray
+    feet: np.ndarray
+    contact: np.ndarray
+    support: tuple[np.ndarray, ...]
+    zmp_reference: np.ndarray
+    zmp: np.ndarray
 
     @property
     def standing(self) -> np.ndarray:
-        """The standing posture (nj,) [rad] that the walk starts from."""
+        """Posture (nj,) [rad] in which the walk starts."""
         return self.angles[0]
 
     @property
@@ -145,7 +215,7 @@ class Plan:
         return 2 * self.walk.step_time
 
     def margin(self) -> np.ndarray:
-        """Return by how much the ZMP lies inside the support polygon (n,) [m]."""
+        """Return the distance (n,) [m] of the ZMP from the edge of the support polygon; negative is outside."""
         return np.array([polygon_margin(p, polygon) for p, polygon in zip(self.zmp, self.support)])
 
     def stride(self) -> Stride:
@@ -162,10 +232,10 @@ class Plan:
         return Stride(self.joint_names, self.walk.T * np.arange(n), angles, self.period, mismatch)
 
     def start_up(self, strides: int = 2, *, tick: float = 0.04, phase: float = 0.0) -> np.ndarray:
-        """Sample the walk every `tick` [s] from standing still to `phase` [s] after the first `strides` strides.
+        """Sample the walk at every `tick` [s] from standing still to `phase` [s] after the first `strides` strides.
 
-        Returns angles (m, nj) [rad]; the sample to follow them is that of the stride at `phase`.  Raises ValueError if
-        the walk is shorter.
+        Returns joint angles (m, nj) [rad]; the next sample would be that of the stride at `phase`.  Raises ValueError
+        if the walk is shorter.
         """
         if 2 * strides >= self.walk.n_steps:
             raise ValueError(f"a start-up of {strides} strides needs n_steps > {2 * strides}, got {self.walk.n_steps}")
@@ -181,10 +251,7 @@ class Plan:
 
 
 def downward(gravity: Iterable[float]) -> float:
-    """Return the strength of `gravity` (3,) [m/s^2] for `Walk.g`.
-
-    A plan is for level ground.  Raises ValueError unless gravity points along -z.
-    """
+    """Return the strength of `gravity` (3,) [m/s^2]; raise ValueError unless it points along -z."""
     x, y, z = map(float, gravity)
     if x != 0.0 or y != 0.0 or not -np.inf < z < 0.0:
         raise ValueError(
@@ -202,12 +269,31 @@ def walking_plan(
     followed: float = FOLLOWED,
     **settings: Any,
 ) -> Plan:
-    """Plan the walk ``Walk(**settings)`` of `model` and return a `Plan`.
+    """Plan the walk of a biped.
 
-    `feet` names the left and right foot links, by default the two that carry the lowest contact points; `posture`
-    (nj,) [rad] is held by the joints outside the legs and decides how the knees bend, by default the middle of the
-    leg joints' ranges, 0 elsewhere; `followed`: by how much the center of mass may miss its path [m]: with 1e-5 a plan
-    takes half the time.  Raises ValueError if the model has no two soles or a posture is out of reach.
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    feet : sequence of str, optional
+        Links of the left and the right foot; by default the two that carry the lowest contact points.
+    posture : array_like, shape (nj,), optional
+        Posture that the joints outside the legs keep and that decides how the knees bend [rad]; by default the middle
+        of the ranges of the leg joints, 0 elsewhere.
+    followed : float
+        Tolerance of the center of mass along its path [m]; with 1e-5 a plan takes half the time.
+    **settings
+        Settings of `Walk`.
+
+    Returns
+    -------
+    Plan
+        The planned walk.
+
+    Raises
+    ------
+    ValueError
+        If the model does not have two soles, or a posture is out of reach.
     """
     check_model(model)
     walk = Walk(**settings)
@@ -244,9 +330,9 @@ class Sole:
 
 
 def soles_of(model: Model, feet: Sequence[str] | None = None) -> tuple[Sole, ...]:
-    """Find the left and the right sole from the contact points, all joints at zero.
+    """Find the left and the right sole from the contact points, all joints at zero; `feet`: as of `walking_plan`.
 
-    `feet`: as of `walking_plan`.  Raises ValueError for a model without two soles.
+    Raises ValueError for a model without two soles.
     """
     poses = link_poses(model, np.zeros(len(model.joint_names)))
     points, links = contact_positions_at(model, poses)[0], np.array([contact.link for contact in model.contacts])
@@ -273,7 +359,7 @@ def _sole(model: Model, link: str, points: np.ndarray, poses: Poses) -> Sole:
 
 
 def default_posture(model: Model, soles: Iterable[Sole]) -> np.ndarray:
-    """The posture (nj,) [rad] with the leg joints in the middle of their ranges, 0 elsewhere."""
+    """Return the posture (nj,) [rad] with the leg joints in the middle of their ranges, 0 elsewhere."""
     posture = np.zeros(len(model.joint_names))
     for sole in soles:
         columns = list(leg_joints(model, sole.link))
@@ -314,7 +400,7 @@ def _feet_path(walk: Walk, footholds: np.ndarray, times: np.ndarray) -> tuple[np
 
 
 def _ease(s: np.ndarray) -> np.ndarray:
-    """Go from 0 to 1 with no speed at either end."""
+    """Rise from 0 to 1 with zero speed at both ends."""
     return s * s * (3.0 - 2.0 * s)
 
 
@@ -324,7 +410,7 @@ def _arch(s: np.ndarray) -> np.ndarray:
 
 
 def _zmp_reference(walk: Walk, footholds: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return the ZMP reference (n, 2) [m]: on the standing sole's middle, straight to the next in double support."""
+    """Return the ZMP reference (n, 2) [m]: the middle of the standing sole; in double support, a line to the next."""
     standing = [footholds[i, i % 2] for i in range(walk.n_steps)]
     rests = [_middle(footholds[0]), *standing, _middle(footholds[-1])]
     changes = walk.start + walk.step_time * np.arange(walk.n_steps + 1)
@@ -339,7 +425,7 @@ def _middle(feet: np.ndarray) -> np.ndarray:
 
 
 def _interpolated(times: np.ndarray, knots: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values (k, m) at rising `knots` (k,), joined by straight lines and kept before and after, at `times` (n,)."""
+    """Interpolate values (k, m) at rising `knots` (k,) linearly at `times` (n,), constant before and after."""
     slopes = np.zeros_like(values)
     slopes[:-1] = np.diff(values, axis=0) / np.diff(knots)[:, None]
     k = np.maximum(np.searchsorted(knots, times, side="right") - 1, 0)
@@ -376,8 +462,8 @@ def _follow(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find joint angles and root positions with the soles on `feet_path` and the center of mass on `com`.
 
-    A fixed-point iteration from `angles` and `base`: the root moves by what the center of mass misses, the legs follow.
-    Joint limits are the caller's to check: on the way there they may be passed.
+    A fixed-point iteration from `angles` and `base`: the root moves by the error of the center of mass, the legs
+    follow.  The caller checks the joint limits: the iteration may pass them.
     """
     how: dict[str, Any]
     for _ in range(100):

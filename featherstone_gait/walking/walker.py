@@ -1,4 +1,4 @@
-"""A robot that is to walk, from any file: what it stands on, what it holds still, and what drives it.
+"""Robots that are to walk, from any file: contact points, locked joints and servos.
 
     robot = driven(load_walker("g1.urdf", legs_only=True), "generic")
 """
@@ -23,20 +23,20 @@ from .inverse_kinematics import leg_joints
 from .kinematics import link_index, link_poses
 from .plan import soles_of
 
-GENERIC, MARGIN = "generic", 2.0  # times an AX-12 scaled to the robot: with 1 none of 35 plans of a G1 walks
+GENERIC, MARGIN = "generic", 2.0  # times as strong as an AX-12 scaled to the robot: with 1 no plan of a G1 walks
 
 
 def load_walker(robot: FilePath, *, legs_only: bool = False, joints: Sequence[str] | None = None) -> Model:
-    """Read a robot as of `load_robot`, of "humanoid" the simplified one, afloat and with its feet to stand on.
+    """Load a robot with a floating base and contact points on its feet; of "humanoid" the simplified one.
 
-    legs_only: hold all joints but those of its two legs, as near to zero as they may be; joints: hold all but these.
-    Of a robot of `robot_names()` base and contacts are its own, as are those of a file that has them.  Raises
-    ValueError for `legs_only` and a robot without two soles, for joints that there are not, and what `load_robot` does.
+    legs_only: lock all joints but those of its two legs, as near to zero as their limits allow; joints: lock all but
+    these.  A robot of `robot_names()`, and a file that states them, keeps its own base and contacts.  Raises ValueError
+    for `legs_only` and a robot without two soles, for unknown joints, and as `load_robot`.
     """
     truth("legs_only", legs_only)
     known: dict[str, Any] = {"locked": "simplified"} if robot == "humanoid" else {}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what is to be said is said once, at the end
+        warnings.simplefilter("ignore")  # the last load warns
         found = load_robot(robot, **known)
         if robot not in robot_names():
             known |= {} if found.base == "floating" else {"base": "floating"}
@@ -54,10 +54,10 @@ def load_walker(robot: FilePath, *, legs_only: bool = False, joints: Sequence[st
 
 
 def driven(model: Model, servo: FilePath) -> Model:
-    """The robot with one servo in all joints that turn: as of `load_servo`, or "generic".
+    """Return the robot with one servo in all joints that turn: as of `load_servo`, or "generic".
 
-    That is an AX-12 scaled to the robot's mass and legs (`with_generic_servos`), twice as strong for its weight;
-    "generic:4" is four times as strong.  Raises ValueError for a factor that is none.
+    "generic" is an AX-12 scaled to the robot's mass and legs (`with_generic_servos`), twice as strong for its weight;
+    "generic:4" is four times as strong.
     """
     name, _, factor = str(servo).partition(":")
     if name != GENERIC or Path(servo).exists():
@@ -70,7 +70,7 @@ def driven(model: Model, servo: FilePath) -> Model:
 
 
 def leg_length(model: Model) -> float:
-    """From the first joint of a leg to its foot, from joint to joint, at zero [m]: of the lowest contact point's link.
+    """Return the length of a leg [m]: from joint to joint and to the lowest contact points, all joints at zero.
 
     Raises ValueError for a robot without contact points, or whose lowest one no joint moves.
     """
