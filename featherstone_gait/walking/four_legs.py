@@ -157,7 +157,7 @@ def mirror_by_place(model: Model, posture: ArrayLike | None = None) -> Mirror:
         fits = np.flatnonzero((off < ALIKE) & (np.abs(np.abs(cosines) - 1.0) < PARALLEL))
         if len(fits) == 0:
             raise ValueError(
-                f"{model.name}: joint {name!r} in this posture has no partner whose position and axis are its mirror image"
+                f"{model.name}: joint {name!r} in this posture has no partner that mirrors its position and axis"
             )
         index.append(int(fits[0]))
         sign.append(float(np.sign(cosines[fits[0]])))
