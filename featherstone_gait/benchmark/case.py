@@ -73,6 +73,13 @@ class Case(NamedTuple):
         return ("base_q", "q", "base_qd", "qd") if self.scene.tree.floating else ("q", "qd")
 
     @property
+    def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities at the start."""
+        o, n, base, y = self.scene.layout, self.scene.tree.n, self.scene.tree.floating, self.state
+        q = np.concatenate([y[o["base_q"] : o["base_q"] + 7 * base], y[o["q"] : o["q"] + n]])
+        return q, np.concatenate([y[o["base_qd"] : o["base_qd"] + 6 * base], y[o["qd"] : o["qd"] + n]])
+
+    @property
     def signal(self) -> Reference:
         """The reference of a case that has one."""
         assert self.reference is not None
@@ -87,9 +94,9 @@ class Case(NamedTuple):
         how |= {"record": self.record, "record_interval": self.every}
         return simulate(scene, self.duration, self.state, self.reference, **how)
 
-    def compiled(self, scene: CompiledScene) -> None:
+    def compiled(self, scene: CompiledScene, **how: Any) -> None:
         """A tick of it compiles all that it needs."""
-        self._replace(duration=self.scene.tick_steps * self.scene.timestep, record_interval=None).run(scene)
+        self._replace(duration=self.scene.tick_steps * self.scene.timestep, record_interval=None).run(scene, **how)
 
     def ready(self, integrator: str, setting: float) -> Run:
         """The compiled run with a step [s] or a tolerance."""
@@ -255,10 +262,8 @@ def solved(case: Case, method: str, rtol: float) -> Trajectory:
 
 def resting(case: Case) -> Truth:
     """The state in which the case starts, for ever."""
-    o, n, base = case.scene.layout, case.scene.tree.n, 7 * case.scene.tree.floating
-    q = np.concatenate([case.state[o["base_q"] : o["base_q"] + base], case.state[o["q"] : o["q"] + n]])
     samples = round(case.duration / case.every) + 1
-    return Truth(np.tile(q, (samples, 1)), np.zeros((samples, case.model.nv)), "ok", samples, 0.0)
+    return Truth(np.tile(case.coordinates[0], (samples, 1)), np.zeros((samples, case.model.nv)), "ok", samples, 0.0)
 
 
 def cache_folder() -> Path:

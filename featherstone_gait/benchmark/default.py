@@ -7,7 +7,7 @@ reference fell, and otherwise "ok"; of a run that fell and says that its course 
     silent    not right, and nothing says so
     flagged   not right, and the status says so
     alarm     right, but the status is not
-    dear      no result after `PATIENCE` CPU seconds
+    slow      no result after `PATIENCE` CPU seconds
 
 Robots are those of installed packages (see `robots.py`).  MuJoCo runs the same model at its own step of 2 ms with its
 own integrator; where stops, ground, dry friction or couplings act its laws are others, and its time alone is given.
@@ -19,7 +19,7 @@ import math
 import statistics
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -34,7 +34,7 @@ from .case import Case, Truth, cache_folder, distances, estimate_of, truth, velo
 from .default_scenes import cases
 from .limited import Worker, at_most
 from .machine import machine
-from .peer_run import Peer, peer_run
+from .peer_run import peer_run
 from .table import print_head, print_row, save_figure, write_table
 
 if TYPE_CHECKING:
@@ -87,15 +87,7 @@ class Row(NamedTuple):
     mujoco_time: float  # [ms]
 
 
-class Named(NamedTuple):
-    """One line of the table of integrators."""
-
-    case: str
-    integrator: str
-    status: str
-    verdict: str
-    error: float  # [rad or m]
-    time: float  # [ms]
+NAMED_COLUMNS = ("case", "integrator", "status", "verdict", "error", "time")  # of the table of integrators
 
 
 def run(
@@ -109,7 +101,7 @@ def run(
     out_dir, host = Path(out_dir), machine()
     print(host)
     rows: list[Row] = []
-    named: list[Named] = []
+    named: list[Row] = []
     skipped: list[str] = []
     print_head(SHOWN)
     with Worker() as worker:
@@ -123,8 +115,11 @@ def run(
             named += others
             print_row(row, SHOWN)
             write_table(out_dir / "default.csv", Row._fields, rows, host)
-            write_table(out_dir / "default_integrators.csv", Named._fields, named, host)
-    print("\n".join([f"left out: {text}" for text in skipped] + ["", *summary(rows), "", *integrator_lines(named)]))
+            cells = ([getattr(each, name) for name in NAMED_COLUMNS] for each in named)
+            write_table(out_dir / "default_integrators.csv", NAMED_COLUMNS, cells, host)
+    print("\n".join([f"left out: {text}" for text in skipped] + ["", *summary(rows)]))
+    print(f"\nby name, wrong from {SILENT:g} on:")
+    print("\n".join(shares(named, "integrator")))
     save_figure(plot(rows, host), out_dir / "default.png")
     return rows
 
@@ -132,59 +127,52 @@ def run(
 # ---------------------------------------------------------------------------------------------- judging
 
 
-def judged(case: Case, exact: Truth, worker: Worker) -> tuple[Row, list[Named]]:
+def judged(case: Case, exact: Truth, worker: Worker) -> tuple[Row, list[Row]]:
     """The default, and the integrators by name."""
-    outcome = worker.call(outcome_of, case, case.scene)
-    outcomes = {name: worker.call(outcome_of, case, case.by(name)) for name in NAMED}
-    named = [Named(case.name, name, *_judged_named(case, exact, found)) for name, found in outcomes.items()]
+    row = _row(case, exact, case.scene, worker, WRONG)
+    named = [_row(case, exact, case.by(name), worker, SILENT) for name in NAMED]
     plain = worker.call(plain_time, case)
-    peer = worker.call(peer_run, case, exact) or Peer(math.nan, math.nan)
+    peer = worker.call(peer_run, case, exact) or (math.nan, math.nan)
+    ratio = row.time / plain if plain else math.nan
+    return row._replace(ratio=ratio, mujoco_error=peer[0], mujoco_time=peer[1]), named
+
+
+def _row(case: Case, exact: Truth, scene: CompiledScene, worker: Worker, wrong: float) -> Row:
+    """The row of a run, which is wrong by more than that, without what it is compared with."""
     until = (exact.known - 1) * case.every
-    scene = case.scene
     what = (case.name, case.kind, case.duration, until, scene.integrator, scene.timestep)
+    outcome = worker.call(outcome_of, case, scene)
     if outcome is None:
-        return Row(*what, "", "dear", math.nan, math.nan, math.nan, math.inf, math.inf, *peer), named
+        return Row(*what, "", "slow", math.nan, math.nan, math.nan, math.inf, math.nan, math.nan, math.nan)
     error, speed_error, estimate = errors(case, exact, outcome)
-    verdict = verdict_of(max(error, speed_error / SPEED_LIMIT), is_right(outcome.status, exact), WRONG)
-    ratio = outcome.time / plain if plain else math.nan
-    return Row(*what, outcome.status, verdict, error, speed_error, estimate, outcome.time, ratio, *peer), named
+    verdict = verdict_of(max(error, speed_error / SPEED_LIMIT), is_right(outcome.status, exact), wrong)
+    return Row(*what, outcome.status, verdict, error, speed_error, estimate, outcome.time, math.nan, math.nan, math.nan)
 
 
 def outcome_of(case: Case, scene: CompiledScene) -> Outcome:
-    """Run and time the scene, with the error that it tells; it ends the process beyond `PATIENCE`."""
-    case.compiled(scene)
-    with at_most(PATIENCE):
-        result, first = seconds(case, scene)
-    times = [first] if first > ENOUGH else repeated(lambda: seconds(case, scene)[1])
+    """Run and time the scene, with the error that it states."""
+    result, time_ = timed(case, scene)
     status = f"{result.status}{', uncertain' if result.status == 'fell' and 'uncertain' in result.message else ''}"
-    return Outcome(positions(result), velocities(result), status, result.end_time, estimate_of(result),
-                   1e3 * statistics.median(times) / case.duration)  # fmt: skip
-
-
-def seconds(case: Case, scene: CompiledScene, **how: Any) -> tuple[Trajectory, float]:
-    """A run and its CPU time [s]."""
-    start = time.process_time()
-    return case.run(scene, **how), time.process_time() - start
+    return Outcome(positions(result), velocities(result), status, result.end_time, estimate_of(result), time_)
 
 
 def plain_time(case: Case) -> float:
-    """CPU time per simulated second [ms] of the default of version 0.1, which told no error."""
+    """CPU time per simulated second [ms] of the default of version 0.1, which stated no error."""
     smooth = case.scene.integrator == "dop853"
-    scene = case.by("dop853" if smooth else "implicit_euler", 1e-3)
-    how = {"rtol": 1e-8} if smooth else {}
-    case.compiled(scene)
-    with at_most(PATIENCE):
-        case.run(scene, estimate_error=False, **how)
-    times = repeated(lambda: seconds(case, scene, estimate_error=False, **how)[1])
-    return 1e3 * statistics.median(times) / case.duration
+    how: dict[str, Any] = {"estimate_error": False} | ({"rtol": 1e-8} if smooth else {})
+    return timed(case, case.by("dop853" if smooth else "implicit_euler", 1e-3), **how)[1]
 
 
-def repeated(once: Callable[[], float]) -> list[float]:
-    """Times of some runs, which `once` gives [s]."""
-    times = [once()]
-    while len(times) < REPEATS and sum(times) < ENOUGH:
-        times.append(once())
-    return times
+def timed(case: Case, scene: CompiledScene, **how: Any) -> tuple[Trajectory, float]:
+    """A run and its CPU time per simulated second [ms], the median of some; it ends the process beyond `PATIENCE`."""
+    case.compiled(scene, **how)
+    times: list[float] = []
+    while not times or (len(times) < REPEATS and sum(times) < ENOUGH):
+        start = time.process_time()
+        with at_most(PATIENCE):
+            result = case.run(scene, **how)
+        times.append(time.process_time() - start)
+    return result, 1e3 * statistics.median(times) / case.duration
 
 
 def errors(case: Case, exact: Truth, outcome: Outcome) -> tuple[float, float, float]:
@@ -208,63 +196,44 @@ def verdict_of(error: float, right: bool, wrong: float) -> str:
     return "silent" if right else "flagged"
 
 
-def _judged_named(case: Case, exact: Truth, found: Outcome | None) -> tuple[str, str, float, float]:
-    if found is None:
-        return "", "dear", math.nan, math.inf
-    error, speed_error, _ = errors(case, exact, found)
-    verdict = verdict_of(max(error, speed_error / SPEED_LIMIT), is_right(found.status, exact), SILENT)
-    return found.status, verdict, error, found.time
-
-
 # ---------------------------------------------------------------------------------------------- summary
 
 
 def summary(rows: Sequence[Row]) -> list[str]:
-    """Shares of all scenes and of each kind."""
-    kinds = list(dict.fromkeys(row.kind for row in rows))
+    """Shares of all scenes and of each kind, and the runs that are silently wrong."""
     worst = sorted((row for row in rows if row.verdict == "silent"), key=lambda row: -row.error)
+    silent = [f"silent: {row.case}: {row.error:.2g} rad or m before {row.until:.3g} s" for row in worst]
+    return [*shares(rows, "kind"), _line("all", rows), *silent]
+
+
+def shares(rows: Sequence[Row], by: str) -> list[str]:
+    """A line for each value of a column, under a head."""
+    groups = dict.fromkeys(getattr(row, by) for row in rows)
     return [
-        f"{'':24}{'scenes':>7}{'ok':>7}{'held':>7}{'alarm':>7}{'silent':>8}{'flagged':>9}{'dear':>6}"
+        f"{'':24}{'scenes':>7}{'ok':>7}{'held':>7}{'alarm':>7}{'silent':>8}{'flagged':>9}{'slow':>6}"
         f"{'median error':>14}{'error<10est':>13}{'est<100err':>12}{'cost ratio':>12}",
-        *(_line(kind, [row for row in rows if row.kind == kind]) for kind in kinds),
-        _line("all", rows),
-        *(f"silent: {row.case}: {row.error:.2g} rad or m before {row.until:.3g} s" for row in worst),
+        *(_line(group, [row for row in rows if getattr(row, by) == group]) for group in groups),
     ]
 
 
 def _line(name: str, rows: Sequence[Row]) -> str:
     counts, n = Counter(row.verdict for row in rows), max(len(rows), 1)
     ok = sum(row.status == "ok" for row in rows)
-    run = [row for row in rows if row.verdict != "dear"]
-    told = [row for row in run if math.isfinite(row.estimate)]
-    covered = share(sum(row.error < 10.0 * row.estimate for row in told), len(told))
-    sharp = share(sum(row.estimate < max(100.0 * row.error, ROUNDING) for row in told), len(told))
+    run = [row for row in rows if row.verdict != "slow"]
+    stated = [row for row in run if math.isfinite(row.estimate)]
+    covered = share(sum(row.error < 10.0 * row.estimate for row in stated), len(stated))
+    sharp = share(sum(row.estimate < max(100.0 * row.error, ROUNDING) for row in stated), len(stated))
     ratios = [row.ratio for row in rows if not math.isnan(row.ratio)]  # NaN: version 0.1's default came to no end
     error, ratio = (statistics.median(values or [math.nan]) for values in ([row.error for row in run], ratios))
     return (
         f"{name:24}{len(rows):7}{ok / n:7.0%}{counts['held'] / n:7.0%}{counts['alarm'] / n:7.0%}"
-        f"{counts['silent'] / n:8.0%}{counts['flagged'] / n:9.0%}{counts['dear'] / n:6.0%}{error:14.1e}"
+        f"{counts['silent'] / n:8.0%}{counts['flagged'] / n:9.0%}{counts['slow'] / n:6.0%}{error:14.1e}"
         f"{covered:>13}{sharp:>12}{ratio:12.2f}"
     )
 
 
 def share(count: int, of: int) -> str:
     return f"{count / of:.0%}" if of else "-"
-
-
-def integrator_lines(rows: Sequence[Named]) -> list[str]:
-    """Each integrator at its default arguments: what it says, and how often that is wrong."""
-    head = f"{'by name':16}{'runs':>6}{'ok':>6}{'silent':>8}{'flagged':>9}{'alarm':>7}{'dear':>6}{'median error':>14}"
-    lines = [f"{head}   (silent: wrong by more than {SILENT:g} and nothing says so)"]
-    for name in dict.fromkeys(row.integrator for row in rows):
-        of = [row for row in rows if row.integrator == name]
-        counts = Counter(row.verdict for row in of)
-        error = statistics.median([row.error for row in of if row.verdict != "dear"] or [math.nan])
-        lines.append(
-            f"{name:16}{len(of):6}{sum(row.status == 'ok' for row in of):6}{counts['silent']:8}{counts['flagged']:9}"
-            f"{counts['alarm']:7}{counts['dear']:6}{error:14.1e}"
-        )
-    return lines
 
 
 @look()

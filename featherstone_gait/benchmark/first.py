@@ -56,7 +56,17 @@ simulate(scene, 0.1, reference=walk.reference(1), controller=walk.controller(sce
 """
 MAXIMAL = "from featherstone_gait.reproduction import maximal\n"
 SIMTWO = MAXIMAL + HUMANOID.format(', integrator="simtwo", timestep=1e-3')
+ABA = """
+import numpy as np
+from featherstone_gait import forward_dynamics
+model = load_robot("humanoid")
+q = np.zeros((NUMBER, model.nq))
+q[:, 3] = 1.0
+forward_dynamics(model, q, np.zeros((NUMBER, model.nv)), np.zeros((NUMBER, model.nv)))
+"""
 KINDS = {  # first results
+    "forward dynamics": ABA.replace("NUMBER", "1"),
+    "forward dynamics of eight at once": ABA.replace("NUMBER", "8"),
     "free arm": 'simulate(compile_scene(load_robot("arm7")), 0.1)',
     "arm with rotors": 'simulate(compile_scene(load_robot("arm7"), servos="rotor"), 0.1)',
     "the same with firmware and supply": FED + 'simulate(compile_scene(fed, servos="rotor"), 0.1)',

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -62,6 +63,21 @@ def disable(m: Any, *flags: str) -> Any:
     for flag in flags:
         m.opt.disableflags |= getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}")
     return m
+
+
+def rolled(m: Any, d: Any, steps: int, samples: int, control: np.ndarray | None = None) -> tuple[np.ndarray, float]:
+    """Positions (samples + 1, nq) every so many steps, each time under a row of control, and the CPU time [s]."""
+    import mujoco
+
+    path, seconds = [d.qpos.copy()], 0.0
+    for k in range(samples):
+        if control is not None:
+            d.ctrl[:] = control[k]
+        start = time.thread_time()
+        mujoco.mj_step(m, d, steps)
+        seconds += time.thread_time() - start
+        path.append(d.qpos.copy())
+    return np.array(path), seconds
 
 
 def humanoid_of(model: Model) -> Any:

@@ -6,9 +6,8 @@ import importlib.util
 import math
 import statistics
 import tempfile
-import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -16,32 +15,28 @@ from ..robot_file import save_robot
 from ..scene.compile import CompiledScene
 from .case import Case, Truth, distances
 from .limited import at_most
-from .mujoco_models import disable, quick_mujoco
+from .mujoco_models import disable, quick_mujoco, rolled
 
 STEP = 2e-3  # MuJoCo's default [s]
 LONGEST = 10.0  # [s]
 
 
-class Peer(NamedTuple):
-    """What MuJoCo gives."""
+def peer_run(case: Case, exact: Truth) -> tuple[float, float]:
+    """Error of positions [rad or m], NaN where laws differ, and CPU time per simulated second [ms].
 
-    error: float  # of positions [rad or m], NaN where laws differ
-    time: float  # CPU per simulated second [ms], NaN where it cannot
-
-
-def peer_run(case: Case, exact: Truth) -> Peer:
-    """Error and time; NaN without MuJoCo, and for servos and springs, which it has not."""
+    Both are NaN without MuJoCo, and for servos and springs, which it has not.
+    """
     scene = case.scene
     if not importlib.util.find_spec("mujoco") or scene.gearbox or scene.springs or case.duration > LONGEST:
-        return Peer(math.nan, math.nan)
+        return math.nan, math.nan
     try:
         m = model_of(scene)
     except ValueError:
-        return Peer(math.nan, math.nan)
+        return math.nan, math.nan
     with quick_mujoco(), at_most(30.0):
         runs = [_rolled(m, case) for _ in range(3)]
     error = float(distances(scene, runs[0][0], exact.q)[: exact.known].max()) if same_laws(scene) else math.nan
-    return Peer(error, statistics.median(seconds for _, seconds in runs) * 1e3 / case.duration)
+    return error, statistics.median(seconds for _, seconds in runs) * 1e3 / case.duration
 
 
 def same_laws(scene: CompiledScene) -> bool:
@@ -69,18 +64,9 @@ def _rolled(m: Any, case: Case) -> tuple[np.ndarray, float]:
     """Positions (samples, nq) in our order of joints, and the CPU time [s]."""
     import mujoco
 
-    d, scene = mujoco.MjData(m), case.scene
-    o, n, base = scene.layout, scene.tree.n, scene.tree.floating
-    joints = [m.joint(name) for name in scene.model.joint_names]
+    d, base, (q, qd) = mujoco.MjData(m), case.scene.tree.floating, case.coordinates
+    joints = [m.joint(name) for name in case.model.joint_names]
     at_q = [*range(7 * base), *(joint.qposadr[0] for joint in joints)]
-    at_v = [*range(6 * base), *(joint.dofadr[0] for joint in joints)]
-    y = case.state
-    d.qpos[at_q] = np.concatenate([y[o["base_q"] : o["base_q"] + 7 * base], y[o["q"] : o["q"] + n]])
-    d.qvel[at_v] = np.concatenate([y[o["base_qd"] : o["base_qd"] + 6 * base], y[o["qd"] : o["qd"] + n]])
-    every, seconds, q = round(case.every / STEP), 0.0, [d.qpos[at_q].copy()]
-    for _ in range(round(case.duration / case.every)):
-        start = time.thread_time()
-        mujoco.mj_step(m, d, every)
-        seconds += time.thread_time() - start
-        q.append(d.qpos[at_q].copy())
-    return np.array(q), seconds
+    d.qpos[at_q], d.qvel[[*range(6 * base), *(joint.dofadr[0] for joint in joints)]] = q, qd
+    path, seconds = rolled(m, d, round(case.every / STEP), round(case.duration / case.every))
+    return path[:, at_q], seconds

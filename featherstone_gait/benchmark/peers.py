@@ -47,7 +47,7 @@ from ..view.style import look
 from . import speed
 from .case import Case, Run, case_of, deviation, solution
 from .machine import machine
-from .mujoco_models import disable, humanoid_of, quick_mujoco, spec_of, standing_on
+from .mujoco_models import disable, humanoid_of, quick_mujoco, rolled, spec_of, standing_on
 from .precision import COLOURS, ENOUGH, measure
 from .scenes import STIFF_SERVO, chain, free_arm, humanoids, stiff_arm
 from .servo import settles
@@ -513,16 +513,10 @@ def _mujoco_path(m: Any, problem: Case, state: np.ndarray, h: float) -> tuple[np
     ticks, per_tick = round(problem.duration / 0.01), round(0.01 / h)
     times, values = problem.signal.times, problem.signal.values
     control = np.stack([np.interp(0.01 * np.arange(ticks), times, column) for column in values.T], axis=1)
-    path, spent = [d.qpos.copy()], 0.0
-    for row in control:
-        d.ctrl[:] = row
-        start = time.thread_time()
-        mujoco.mj_step(m, d, per_tick)
-        spent += time.thread_time() - start
-        path.append(d.qpos.copy())
+    path, spent = rolled(m, d, per_tick, ticks, control)
     end = np.zeros(len(state))
     mujoco.mj_getState(m, d, end, kind)
-    return np.array(path), spent, end
+    return path, spent, end
 
 
 # ---------------------------------------------------------------------------------------------- lines

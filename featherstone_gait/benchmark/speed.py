@@ -16,9 +16,6 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
@@ -120,9 +117,8 @@ def run(out_dir: FilePath, full: bool = False) -> list[Row]:
     """Time everything, print the tables, write speed.csv, speed_steps.csv and speed.png; `full` repeats more."""
     out_dir = Path(out_dir)
     out_dir.mkdir(parents=True, exist_ok=True)
-    host, compilation = machine(), _compile_times()
+    host = machine()
     print(host)
-    print(compilation)
     rows = []
     print_head(SHOWN)
     for model in (load_robot("humanoid", locked={}), load_robot("arm7_spatial"), *map(chain, LENGTHS)):
@@ -131,7 +127,7 @@ def run(out_dir: FilePath, full: bool = False) -> list[Row]:
             print_row(row, SHOWN)
     steps = _steps(REPEATS_FULL if full else REPEATS)
     write_table(out_dir / "speed_steps.csv", Step._fields, steps, host)
-    write_table(out_dir / "speed.csv", COLUMNS, rows, f"{host}\n{compilation}")
+    write_table(out_dir / "speed.csv", COLUMNS, rows, host)
     _plot(rows, host, out_dir / "speed.png")
     return rows
 
@@ -259,36 +255,6 @@ def _filled(a: np.ndarray, lanes: tuple[int, ...]) -> np.ndarray:
 
 def _error(x: np.ndarray, exact: np.ndarray) -> float:
     return float(np.abs(x - exact).max() / np.abs(exact).max())
-
-
-PROGRAM = """
-import time
-start = time.perf_counter()
-import numpy as np
-from featherstone_gait.dynamics import forward_dynamics
-from featherstone_gait.robot_file import load_robot
-model = load_robot("humanoid")
-q, v = np.zeros(model.nq), np.zeros(model.nv)
-q[3] = 1.0
-loaded = time.perf_counter()
-forward_dynamics(model, q, v, v)
-one = time.perf_counter()
-forward_dynamics(model, np.tile(q, (8, 1)), v, v)
-print(loaded - start, one - loaded, time.perf_counter() - one)
-"""
-
-
-def _compile_times() -> str:
-    """Seconds of a fresh process up to its first results, with an empty cache and with a filled one."""
-    with tempfile.TemporaryDirectory() as cache:
-        environment = os.environ | {"NUMBA_CACHE_DIR": cache, "PYTHONPATH": os.pathsep.join(sys.path)}
-        command = [sys.executable, "-c", PROGRAM]
-        runs = [subprocess.run(command, env=environment, capture_output=True, text=True, check=True) for _ in range(2)]
-    lines = ["seconds of a fresh process:  import and load  first ABA, float64  first ABA, 8 lanes"]
-    for label, run_ in zip(("cache empty", "cache filled"), runs):
-        load, one, eight = map(float, run_.stdout.split())
-        lines.append(f"{label:27}{load:18.2f}{one:20.2f}{eight:20.2f}")
-    return "\n".join(lines)
 
 
 def _steps(repeats: int) -> list[Step]:
