@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from featherstone_gait import load_robot
-from featherstone_gait.benchmark import mujoco_models, scenes, speed
+from featherstone_gait.benchmark import engines, scenes, speed
 
 
 def test_a_batch_of_runs_is_timed_step_by_step():
@@ -18,9 +18,9 @@ def test_a_batch_of_runs_is_timed_step_by_step():
 def test_mujoco_s_humanoid_stands_on_its_soles_and_nothing_else_of_it_touches():
     mujoco = pytest.importorskip("mujoco")
     model = load_robot("humanoid", locked="simplified")
-    m = mujoco_models.humanoid_of(model)
+    m = engines.humanoid_of(model)
     data = mujoco.MjData(m)
-    mujoco.mj_setState(m, data, mujoco_models.standing_on(m, data, np.zeros(m.nu)), mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    mujoco.mj_setState(m, data, engines.standing_on(m, data, np.zeros(m.nu)), mujoco.mjtState.mjSTATE_FULLPHYSICS)
     height = data.qpos[2]
     m.opt.timestep = 1e-3
     for _ in range(1000):

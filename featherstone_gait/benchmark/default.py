@@ -32,9 +32,9 @@ from ..scene.compile import CompiledScene
 from ..view.style import BLUE, COLOURS, ORANGE, look
 from .case import Case, Truth, cache_folder, distances, estimate_of, truth, velocities
 from .default_scenes import cases
+from .engines import peer_run
 from .limited import Worker, at_most
 from .machine import machine
-from .peer_run import peer_run
 from .table import print_head, print_row, save_figure, write_table
 
 if TYPE_CHECKING:

@@ -34,8 +34,8 @@ from ..robot_file import load_robot
 from ..robot_file.mjcf.write import mjcf_text
 from ..run.simulate import initial_state
 from ..scene.compile import compile_scene
+from .engines import check_order, disable, quick_mujoco
 from .machine import machine
-from .mujoco_models import check_order, disable, quick_mujoco
 from .table import in_turn, print_head, print_row, write_table
 
 REPEATS, REPEATS_FULL = 11, 41

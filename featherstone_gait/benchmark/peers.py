@@ -25,7 +25,6 @@ from __future__ import annotations
 import functools
 import importlib.util
 import math
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -39,15 +38,15 @@ from tqdm import tqdm
 from ..core.compile.lanes import WIDTH
 from ..core.integrate.rollout import rollout_lanes
 from ..model import Model
-from ..robot_file import load_robot, save_robot
+from ..robot_file import load_robot
 from ..run.reference import Reference
 from ..run.trajectory import positions
 from ..scene.compile import compile_scene
 from ..view.style import look
 from . import speed
 from .case import Case, Run, case_of, deviation, solution
+from .engines import bounded, disable, humanoid_of, in_pinocchio, quick_mujoco, rolled, spec_of, standing_on
 from .machine import machine
-from .mujoco_models import disable, humanoid_of, quick_mujoco, rolled, spec_of, standing_on
 from .precision import COLOURS, ENOUGH, measure
 from .scenes import STIFF_SERVO, chain, free_arm, humanoids, stiff_arm
 from .servo import settles
@@ -67,7 +66,8 @@ REPEATS, REPEATS_FULL = 9, 31
 STEPS = (0.1, 0.063, 0.05, 0.04, 0.02, *(m * 10.0**e for e in (-2, -3) for m in (1, 0.5, 0.25)), 2e-4, 1e-4, 5e-5, 2e-5,
          1e-5)  # fmt: skip
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
-EMPTY_CALL = "Pinocchio, call alone"
+ENGINES = {(speed.MUJOCO, "float64"): "MuJoCo mj_forward", (speed.PINOCCHIO, "float64"): "Pinocchio aba",
+           ("ABA", "float64"): "float64", ("ABA", speed.LANES): "lanes"}  # fmt: skip
 WHEEL = "of Pinocchio's wheel; its C++ built by clang -O3 -march=x86-64-v3 takes about half of that time"
 FIXED = ("implicit_euler", "midpoint")
 JUMP = 1e3  # of the error, from which on nothing is interpolated
@@ -130,7 +130,11 @@ def run(out_dir: Path, full: bool = False) -> list[Line]:
     out_dir, repeats, where = Path(out_dir), REPEATS_FULL if full else REPEATS, machine()
     print(where)
     with quick_mujoco():
-        bar = tqdm(robots(), "forward dynamics", disable=None)
+        bar = tqdm(
+            [load_robot("arm7_spatial"), load_robot("humanoid", locked={}), *map(chain, LENGTHS)],
+            "forward dynamics",
+            disable=None,
+        )
         speeds = [row for model in bar for row in forward_dynamics(model, repeats)]
         speeds += [chain_step(links, repeats) for links in tqdm(LENGTHS, "chains", disable=None)]
         print_table(speeds, SPEEDS)
@@ -146,82 +150,18 @@ def run(out_dir: Path, full: bool = False) -> list[Line]:
     write_table(out_dir / "peers.csv", Point._fields, points, where)
     write_table(out_dir / "peers_speed.csv", Speed._fields, speeds, where)
     write_table(out_dir / "peers_lines.csv", Line._fields, found, where)
-    _plot(out_dir / "peers.png", speeds, points, where)
+    _plot(out_dir / "peers.png", points, where)
     return found
 
 
 # ---------------------------------------------------------------------------------------------- forward dynamics
 
 
-def robots() -> list[Model]:
-    return [load_robot("arm7_spatial"), load_robot("humanoid", locked={}), *map(chain, LENGTHS)]
-
-
 def forward_dynamics(model: Model, repeats: int) -> list[Speed]:
-    """One state's accelerations by all engines; the error is counted from MuJoCo's."""
-    model = _bounded(model)
-    question = speed._question(model)
-    (mujoco_timer,), answer = speed._mujoco(model, question)
-    pinocchio, call, error = _pinocchio_aba(model, question, answer.qdd)
-    own, count = speed._own_timers(model, question, answer)[:2], mujoco_timer.count
-    timers = {
-        "MuJoCo mj_forward": mujoco_timer,
-        "Pinocchio aba": speed.Timer("", "", _loop(pinocchio, count), count, error),
-        EMPTY_CALL: speed.Timer("", "", _loop(call, count), count, 0.0),
-        "float64": own[0],
-        "lanes": own[1],
-    }
-    times = dict(zip(timers, _least([(timer.call, timer.count) for timer in timers.values()], repeats)))
-    times["Pinocchio aba"] -= times[EMPTY_CALL]
+    """One state's accelerations by all engines."""
     n = len(model.joint_names)
-    return [Speed("forward dynamics", model.name, n, name, t, timers[name].error) for name, t in times.items()]
-
-
-def _bounded(model: Model) -> Model:
-    """Joints without limits get wide ones: Pinocchio would describe each by sine and cosine, and be slower."""
-    wide: dict[str, Any] = {"type": "revolute", "lower": -1e3, "upper": 1e3, "effort": 1e3, "velocity": 1e3}
-    joints = (replace(j, **wide) if j.type == "continuous" else j for j in model.joints)
-    return replace(model, joints=tuple(joints))
-
-
-def _pinocchio(model: Model) -> Any:
-    import pinocchio as pin
-
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "robot.urdf"
-        save_robot(model, path)
-        base = (pin.JointModelFreeFlyer(),) if model.base == "floating" else ()
-        m = pin.buildModelFromUrdf(str(path), *base)
-    if m.nv != model.nv:
-        raise RuntimeError(f"{model.name}: Pinocchio reads another robot from its URDF; the comparison would be void")
-    return m
-
-
-def _pinocchio_aba(model: Model, x: speed.Question, exact: np.ndarray) -> tuple[Callable, Callable, float]:
-    """Its call, the call of a robot without joints, and the error of the joints' accelerations."""
-    import pinocchio as pin
-
-    m, none = _pinocchio(model), pin.Model()
-    d, empty, zero = m.createData(), none.createData(), np.zeros(0)
-    n = len(model.joint_names)
-    ids = [m.joints[m.getJointId(name)] for name in model.joint_names]
-    q, v, tau = np.zeros(m.nq), np.zeros(m.nv), np.zeros(m.nv)
-    if model.base == "floating":  # quaternion x y z w; velocities in the base's own axes
-        turn = pin.Quaternion(*x.q[3:7]).matrix()
-        q[:3], q[3:7] = x.q[:3], x.q[[4, 5, 6, 3]]
-        v[:3], v[3:6], tau[:3], tau[3:6] = turn.T @ x.qd[:3], x.qd[3:6], turn.T @ x.tau[:3], x.tau[3:6]
-    at = [joint.idx_v for joint in ids]
-    q[[joint.idx_q for joint in ids]], v[at], tau[at] = x.q[-n:], x.qd[-n:], x.tau[-n:]
-    error = np.abs(pin.aba(m, d, q, v, tau)[at] - exact[-n:]).max() / np.abs(exact).max()
-    return lambda: pin.aba(m, d, q, v, tau), lambda: pin.aba(none, empty, zero, zero, zero), float(error)
-
-
-def _loop(call: Callable, count: int) -> Callable:
-    def loop() -> None:
-        for _ in range(count):
-            call()
-
-    return loop
+    rows = [(ENGINES.get((row.algorithm, row.width)), row) for row in speed.time_robot(model, repeats)]
+    return [Speed("forward dynamics", model.name, n, engine, row.time, row.error) for engine, row in rows if engine]
 
 
 def _least(calls: Sequence[tuple[Callable[[], object], int]], repeats: int) -> list[float]:
@@ -302,7 +242,7 @@ def _mujoco_arm(problem: Case, servo: Servo | None) -> Any:
     """The arm with a servo at each joint."""
     import mujoco
 
-    model = _bounded(replace(problem.model, servos={}))
+    model = bounded(replace(problem.model, servos={}))
     spec = spec_of(model)
     if servo is not None:
         for name in model.joint_names:
@@ -359,8 +299,8 @@ def _scipy_methods(problem: Case) -> dict[str, Method]:
     import pinocchio as pin
     from scipy.integrate import solve_ivp
 
-    model = _bounded(replace(problem.model, servos={}))
-    m, n = _pinocchio(model), len(model.joint_names)
+    model = bounded(replace(problem.model, servos={}))
+    m, n = in_pinocchio(model), len(model.joint_names)
     driven = problem.reference is not None
     if driven and problem.scene.gearbox == "rotor":
         m.armature[:] = ARMATURE
@@ -605,16 +545,14 @@ def _print_costs(points: list[Point], problem: str) -> None:
 
 
 @look()
-def _plot(path: Path, speeds: list[Speed], points: list[Point], notes: str) -> None:
-    """The three scenes, and forward dynamics of chains."""
+def _plot(path: Path, points: list[Point], notes: str) -> None:
+    """A panel for each of the three scenes."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(13.0, 8.0), layout="constrained")
-    *panels, dynamics = figure.subplots(2, 2).ravel()
-    for panel, problem in zip(panels, dict.fromkeys(p.problem for p in points)):
+    problems = list(dict.fromkeys(p.problem for p in points))
+    figure = Figure(figsize=(18.0, 4.5), layout="constrained")
+    for panel, problem in zip(figure.subplots(1, len(problems), squeeze=False)[0], problems):
         _scene_panel(panel, [p for p in points if p.problem == problem])
-    chains = [r for r in speeds if r.robot.startswith("chain") and r.what == "forward dynamics"]
-    _dynamics_panel(dynamics, [r for r in chains if r.engine != EMPTY_CALL])
     figure.suptitle(notes, fontsize=8)
     save_figure(figure, path)
 
@@ -638,17 +576,3 @@ def _scene_panel(panel: Axes, points: list[Point]) -> None:
         )  # fmt: skip
     panel.set(title=points[0].problem, xlabel="error at the end [rad]", ylabel="CPU time per simulated second [ms]")
     panel.legend(fontsize=6.5, loc="center left", bbox_to_anchor=(1.0, 0.5))
-
-
-LABELS = {"float64": "ours, float64", "lanes": "ours, lanes"}
-
-
-def _dynamics_panel(panel: Axes, rows: list[Speed]) -> None:
-    for engine, color in zip(dict.fromkeys(r.engine for r in rows), ("0.5", "C3", "C0", "C2")):
-        line = [r for r in rows if r.engine == engine]
-        label = LABELS.get(engine, engine)
-        panel.loglog([r.joints for r in line], [r.time for r in line], "o-", color=color, label=label)
-    panel.set(xlabel="links", ylabel="CPU time per robot [us]", title="Forward dynamics of chains")
-    panel.set_xticks(LENGTHS, map(str, LENGTHS))
-    panel.minorticks_off()
-    panel.legend(fontsize=8)

@@ -29,8 +29,8 @@ from ..run.reference import Reference
 from ..run.session import Session
 from ..run.simulate import simulate_batch
 from ..scene.compile import CompiledScene, compile_scene
+from .engines import humanoid_of, quick_mujoco, standing_on
 from .machine import machine
-from .mujoco_models import humanoid_of, quick_mujoco, standing_on
 from .table import in_turn, write_table
 
 ROBOTS, TICKS = 64, 100

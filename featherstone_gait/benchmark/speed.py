@@ -36,8 +36,8 @@ from ..run.trajectory import positions
 from ..scene.tree import GRAVITY, compile_tree
 from ..view.style import look
 from .case import Run, deviation, solution
+from .engines import bounded, check_order, disable, in_pinocchio, quick_mujoco, spec_of
 from .machine import machine
-from .mujoco_models import check_order, disable, quick_mujoco, spec_of
 from .scenes import chain, problems
 from .table import in_turn, print_head, print_row, save_figure, write_table
 
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 LENGTHS = (5, 10, 20, 50, 100, 200)
 REPEATS, REPEATS_FULL = 15, 51
 SCALARS, LANES = "float64", f"{WIDTH} lanes"
-MUJOCO = "mj_forward"
+MUJOCO, PINOCCHIO = "mj_forward", "Pinocchio aba"
 COLUMNS = ("robot", "joints", "algorithm", "width", "time_us", "spread", "error", "ratio_to_mj_forward")
 
 
@@ -122,7 +122,7 @@ def run(out_dir: FilePath, full: bool = False) -> list[Row]:
     rows = []
     print_head(SHOWN)
     for model in (load_robot("humanoid", locked={}), load_robot("arm7_spatial"), *map(chain, LENGTHS)):
-        for row in _time_robot(model, REPEATS_FULL if full else REPEATS):
+        for row in time_robot(model, REPEATS_FULL if full else REPEATS):
             rows.append(row)
             print_row(row, SHOWN)
     steps = _steps(REPEATS_FULL if full else REPEATS)
@@ -132,19 +132,22 @@ def run(out_dir: FilePath, full: bool = False) -> list[Row]:
     return rows
 
 
-def _time_robot(model: Model, repeats: int) -> list[Row]:
+def time_robot(model: Model, repeats: int) -> list[Row]:
+    """All algorithms of all engines, in turn."""
     question = _question(model)
-    if importlib.util.find_spec("mujoco"):
-        timers, answer = _mujoco(model, question)
-    else:
-        timers, answer = [], _own_answer(model, question)
-    timers += _own_timers(model, question, answer)
-    with quick_mujoco() if timers[0].algorithm == MUJOCO else nullcontext():
+    has_mujoco = importlib.util.find_spec("mujoco") is not None
+    timers, answer = _mujoco(model, question) if has_mujoco else ([], _own_answer(model, question))
+    pinocchio = _pinocchio(model, question, answer.qdd) if importlib.util.find_spec("pinocchio") else []
+    timers += [*_own_timers(model, question, answer), *pinocchio]
+    with quick_mujoco() if has_mujoco else nullcontext():
         times = in_turn([timer.call for timer in timers], repeats, time.perf_counter).T
     times *= 1e6 / np.array([[timer.count] for timer in timers])
+    if pinocchio:  # the call from Python is no part of the algorithm
+        times[-2] -= times[-1]
+        timers, times = timers[:-1], times[:-1]
     medians = np.median(times, axis=1)
     low, high = np.percentile(times, [25, 75], axis=1)
-    peer = medians[0] if timers[0].algorithm == MUJOCO else np.nan
+    peer = medians[0] if has_mujoco else np.nan
     return [
         Row(model.name, len(model.joint_names), t.algorithm, t.width, m, (b - a) / m, t.error, m / peer)
         for t, m, a, b in zip(timers, medians, low, high)
@@ -184,13 +187,37 @@ def _mujoco(model: Model, x: Question) -> tuple[list[Timer], Answer]:
     mujoco.mj_forward(m, d)
     H = np.zeros((m.nv, m.nv))
     mujoco.mj_fullM(m, d, H)
-    count = _passes(model)
+    count, call = _passes(model), lambda: mujoco.mj_forward(m, d)
+    return [Timer(MUJOCO, SCALARS, _loop(call, count), count, 0.0)], Answer(d.qacc.copy(), tau, H)
 
+
+def _pinocchio(model: Model, x: Question, exact: np.ndarray) -> list[Timer]:
+    """`aba`, whose error is that of the joints' accelerations, and the call of a robot without joints."""
+    import pinocchio as pin
+
+    m, none = in_pinocchio(bounded(model)), pin.Model()
+    d, empty, zero = m.createData(), none.createData(), np.zeros(0)
+    n = len(model.joint_names)
+    ids = [m.joints[m.getJointId(name)] for name in model.joint_names]
+    q, v, tau = np.zeros(m.nq), np.zeros(m.nv), np.zeros(m.nv)
+    if model.base == "floating":  # quaternion x y z w; velocities in the base's own axes
+        turn = pin.Quaternion(*x.q[3:7]).matrix()
+        q[:3], q[3:7] = x.q[:3], x.q[[4, 5, 6, 3]]
+        v[:3], v[3:6], tau[:3], tau[3:6] = turn.T @ x.qd[:3], x.qd[3:6], turn.T @ x.tau[:3], x.tau[3:6]
+    at = [joint.idx_v for joint in ids]
+    q[[joint.idx_q for joint in ids]], v[at], tau[at] = x.q[-n:], x.qd[-n:], x.tau[-n:]
+    error = np.abs(pin.aba(m, d, q, v, tau)[at] - exact[-n:]).max() / np.abs(exact).max()
+    count = _passes(model)
+    calls = (lambda: pin.aba(m, d, q, v, tau)), (lambda: pin.aba(none, empty, zero, zero, zero))
+    return [Timer(PINOCCHIO, SCALARS, _loop(call, count), count, float(error)) for call in calls]
+
+
+def _loop(call: Callable[[], object], count: int) -> Callable[[], None]:
     def loop() -> None:
         for _ in range(count):
-            mujoco.mj_forward(m, d)
+            call()
 
-    return [Timer(MUJOCO, SCALARS, loop, count, 0.0)], Answer(d.qacc.copy(), tau, H)
+    return loop
 
 
 def _own_timers(model: Model, x: Question, answer: Answer) -> list[Timer]:
@@ -290,6 +317,7 @@ def _batch_time(run: Run, count: int, repeats: int) -> tuple[float, float]:
 
 STYLES = {
     (MUJOCO, SCALARS): ("0.35", "s-", "MuJoCo mj_forward"),
+    (PINOCCHIO, SCALARS): ("0.6", "d-", "Pinocchio aba"),
     ("ABA", SCALARS): ("C0", "o-", "ABA, float64"),
     ("ABA", LANES): ("C0", "o--", "ABA, lanes"),
     ("RNEA", SCALARS): ("C2", "^-", "RNEA, float64"),

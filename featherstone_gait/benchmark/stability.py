@@ -33,7 +33,7 @@ from ..view.style import COLOURS as LOOK_COLOURS
 from ..view.style import look
 from .linear_stability import growth, linearized
 from .machine import machine
-from .table import save_figure, write_table
+from .table import print_table, save_figure, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,36 +58,60 @@ class Point(NamedTuple):
     ratio: float
     rotor_inertia: float  # [kg m^2]
     Kp: float  # [V/rad]
-    servos: str
+    gearbox: str
     integrator: str
     tilt: float  # [rad]
 
 
-class Found(NamedTuple):
-    """Steps [s]: the largest that is stable and the smallest that is not, NaN where there is none; by linear theory."""
+class Row(NamedTuple):
+    """One line of the table; steps are NaN where there is none."""
 
-    stable: float
-    unstable: float
-    linear: float
+    joints: int
+    ratio: float
+    rotor_inertia_kg_m2: float
+    Kp_V_rad: float
+    gearbox: str
+    integrator: str
+    tilt_rad: float
+    stable_step_s: float  # the largest that is stable
+    unstable_step_s: float  # the smallest that is not
+    linear_step_s: float  # the largest that is stable by linear theory
+
+    @property
+    def point(self) -> Point:
+        return Point(*self[:7])
+
+    @property
+    def measured(self) -> float:
+        """The step between the stable and the unstable one."""
+        return math.sqrt(self.stable_step_s * self.unstable_step_s)
 
 
-def run(out_dir: Path, full: bool = False) -> dict[Point, Found]:
+SHOWN = {
+    "joints": ("joints", "6"), "ratio": ("ratio", "6.0f"), "rotor_inertia_kg_m2": ("J kg m^2", "9.0e"),
+    "Kp_V_rad": ("Kp V/rad", "8.0f"), "gearbox": ("gearbox", "<9"), "integrator": ("integrator", "<15"),
+    "tilt_rad": ("tilt rad", "8g"), "stable_step_s": ("stable s", "9.3g"), "unstable_step_s": ("unstable s", "10.3g"),
+    "linear_step_s": ("theory s", "9.3g"),
+}  # fmt: skip
+
+
+def run(out_dir: Path, full: bool = False) -> list[Row]:
     """Run the studies; print the table, write stability.csv and stability.png into `out_dir`."""
-    out_dir = Path(out_dir)
+    out_dir, host = Path(out_dir), machine()
     folder = out_dir / f"stability_{source_hash()[:8]}"
     folder.mkdir(parents=True, exist_ok=True)
-    measured: dict[Point, tuple[float, float]] = {}
+    found: dict[Point, Row] = {}
     studies = slices() + (combinations() if full else [])
     for k, (name, joints, vary) in enumerate(studies, start=1):
         print(f"study {k} of {len(studies)}: {name}")
-        measured |= _study(folder, name, joints, vary)
-    found = {point: Found(*steps, linear_step(point)) for point, steps in measured.items()}
-    host = machine()
-    print(host)
-    _print(found)
-    _write(out_dir / "stability.csv", found, host)
-    _plot(out_dir / "stability.png", found)
-    return found
+        found |= {row.point: row for row in _study(folder, name, joints, vary)}
+    rows = list(found.values())
+    print(f"{host}\nthe largest stable step of those from {SMALLEST:g} to {LARGEST:g} s, +-1.5 %")
+    print_table(rows, SHOWN)
+    _print_ratios(rows)
+    write_table(out_dir / "stability.csv", Row._fields, (["" if x != x else x for x in row] for row in rows), host)
+    _plot(out_dir / "stability.png", rows)
+    return rows
 
 
 def slices() -> list[tuple[str, int, dict]]:
@@ -126,7 +150,7 @@ def arm(links: int) -> Model:
     return Model(f"arm{links}", tuple(bodies), tuple(joints))
 
 
-def _study(folder: Path, name: str, joints: int, vary: dict) -> dict[Point, tuple[float, float]]:
+def _study(folder: Path, name: str, joints: int, vary: dict) -> list[Row]:
     """Write a study, run it and read its table."""
     save_robot(arm(joints), folder / f"arm{joints}.urdf")
     vary = {"scene.gearbox": GEARBOXES, "scene.integrator": INTEGRATORS, "posture.tilt": TILTS} | vary
@@ -138,18 +162,19 @@ def _study(folder: Path, name: str, joints: int, vary: dict) -> dict[Point, tupl
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     outcome = run_study(read_study(path), folder, batch=2, progress=True)
     (_, header), *rows = read_csv(outcome.table, TABLE)
-    return dict(_row(joints, dict(zip(header, row))) for _, row in rows)
+    return [_row(joints, dict(zip(header, row))) for _, row in rows]
 
 
 def _toml(values: Iterable[str | float]) -> str:
     return "[" + ", ".join(f'"{v}"' if isinstance(v, str) else repr(v) for v in values) + "]"
 
 
-def _row(joints: int, row: dict) -> tuple[Point, tuple[float, float]]:
+def _row(joints: int, row: dict) -> Row:
     ratio, inertia, Kp = (float(row.get(f"servo.{key}", value)) for key, value in AX12.items())
-    point = Point(joints, ratio, inertia, Kp, row["scene.gearbox"], row["scene.integrator"], float(row["posture.tilt"]))
+    gearbox, integrator, tilt = row["scene.gearbox"], row["scene.integrator"], float(row["posture.tilt"])
+    point = Point(joints, ratio, inertia, Kp, gearbox, integrator, tilt)
     stable, unstable = (float(row[f"{name}_step_s"] or math.nan) for name in ("stable", "unstable"))
-    return point, (stable, unstable)
+    return Row(*point, stable, unstable, linear_step(point))
 
 
 def linear_step(point: Point) -> float:
@@ -160,7 +185,7 @@ def linear_step(point: Point) -> float:
 @functools.cache
 def _linear_step(point: Point) -> float:
     servo = load_servo("ax12", **IDEAL, ratio=point.ratio, rotor_inertia=point.rotor_inertia)
-    linear = linearized(arm(point.joints), servo, point.servos)
+    linear = linearized(arm(point.joints), servo, point.gearbox)
     return largest(
         lambda h: growth(point.integrator, linear, point.Kp, h, PERIOD) < 1.0, SMALLEST, LARGEST, width=1.001
     )[0]
@@ -169,51 +194,15 @@ def _linear_step(point: Point) -> float:
 # ---------------------------------------------------------------------------------------------- output
 
 
-def _print(found: dict[Point, Found]) -> None:
-    """The points through the AX-12 with seven joints, and how far theory and measurement agree in all."""
-    print(f"largest stable step [ms] +-1.5 %; > stable up to the largest tried, - not stable from {SMALLEST:g} s on")
-    head = " ".join(f"{integrator:>26}" for integrator in INTEGRATORS)
-    print(f"{'':44}{head}")
-    names = f"{'joints':>6} {'ratio':>6} {'J [kg m^2]':>11} {'Kp [V/rad]':>11} {'model':9}"
-    print(names + " " + " ".join(f"{'0.05 rad':>8} {'0.5 rad':>8} {'theory':>8}" for _ in INTEGRATORS))
-    for scene in dict.fromkeys(point[:5] for point in found if _on_slice(point)):
-        cells = []
-        for integrator in INTEGRATORS:
-            small, clipped = (found[Point(*scene, integrator, tilt)] for tilt in TILTS)
-            cells += [_shown(small.stable), _shown(clipped.stable), _shown(small.linear)]
-        n, ratio, inertia, Kp, servos = scene
-        print(f"{n:6} {ratio:6.0f} {inertia:11.0e} {Kp:11.0f} {servos:9} " + " ".join(cells))
+def _print_ratios(rows: list[Row]) -> None:
+    """How far theory and measurement agree."""
     print("measured by theory, smallest and largest of all points with both:")
-    for servos, integrator in product(GEARBOXES, INTEGRATORS):
-        texts = []
-        for tilt in TILTS:
-            ratios = _ratios(found, servos, integrator, tilt)
-            texts.append(f"{tilt:g} rad {min(ratios):.3f} to {max(ratios):.3f} ({len(ratios)})" if ratios else "")
-        print(f"  {servos:9} {integrator:15} " + "   ".join(texts))
-
-
-def _ratios(found: dict[Point, Found], servos: str, integrator: str, tilt: float) -> list[float]:
-    """Measured by linear step, where both lie within the steps tried."""
-    chosen = [f for p, f in found.items() if (p.servos, p.integrator, p.tilt) == (servos, integrator, tilt)]
-    return [math.sqrt(f.stable * f.unstable) / f.linear for f in chosen if f.stable < LARGEST and f.linear < LARGEST]
-
-
-def _shown(step: float) -> str:
-    if math.isnan(step):
-        return f"{'-':>8}"
-    return f"{('>' if step >= LARGEST else '') + format(1e3 * step, '.3g'):>8}"
-
-
-def _on_slice(point: Point) -> bool:
-    """Whether at most one quantity differs from the AX-12 with seven joints."""
-    return sum(a != b for a, b in zip(point[:4], (7, *AX12.values()))) <= 1
-
-
-def _write(path: Path, found: dict[Point, Found], notes: str) -> None:
-    columns = ["joints", "ratio", "rotor_inertia_kg_m2", "Kp_V_rad", "gearbox", "integrator", "tilt_rad"]
-    columns += ["stable_step_s", "unstable_step_s", "linear_step_s"]
-    rows = ([*point, *("" if math.isnan(x) else x for x in steps)] for point, steps in found.items())
-    write_table(path, columns, rows, notes)
+    for gearbox, integrator, tilt in product(GEARBOXES, INTEGRATORS, TILTS):
+        chosen = [row for row in rows if (row.gearbox, row.integrator, row.tilt_rad) == (gearbox, integrator, tilt)]
+        ratios = [row.measured / row.linear_step_s for row in chosen
+                  if row.stable_step_s < LARGEST and row.linear_step_s < LARGEST]  # fmt: skip
+        if ratios:
+            print(f"  {gearbox:9} {integrator:15} {tilt:g} rad {min(ratios):.3f} to {max(ratios):.3f} ({len(ratios)})")
 
 
 COLOURS = dict(zip(("implicit_euler", "rk4", "midpoint", "simtwo"), LOOK_COLOURS))
@@ -222,19 +211,20 @@ TITLES = {"standard": "standard: no rotor", "rotor": "rotor, rigid gearbox", "mi
 
 
 @look()
-def _plot(path: Path, found: dict[Point, Found]) -> None:
+def _plot(path: Path, rows: list[Row]) -> None:
     """A row for each gearbox model, a column for each quantity."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 8.0), layout="constrained")
     panels = figure.subplots(len(GEARBOXES), len(SWEPT), sharey=True, sharex="col")
-    for row, servos in zip(panels, GEARBOXES):
-        for panel, swept in zip(row, SWEPT):
+    for line, servos in zip(panels, GEARBOXES):
+        for panel, swept in zip(line, SWEPT):
             if (servos, swept) == ("standard", "rotor_inertia"):
-                _legend(panel)
+                panel.set_axis_off()
+                panel.legend(*panels[0][0].get_legend_handles_labels(), loc="center", fontsize=8).set_in_layout(False)
             else:
-                _panel(panel, found, servos, swept)
-        row[0].set_ylabel(f"{TITLES[servos]}\nlargest stable step [ms]")
+                _panel(panel, rows, servos, swept)
+        line[0].set_ylabel(f"{TITLES[servos]}\nlargest stable step [ms]")
     for panel, swept in zip(panels[-1], SWEPT):
         panel.set_xlabel(SWEPT[swept])
     figure.suptitle(
@@ -245,49 +235,24 @@ def _plot(path: Path, found: dict[Point, Found]) -> None:
     save_figure(figure, path)
 
 
-def _panel(panel: Axes, found: dict[Point, Found], servos: str, swept: str) -> None:
-    low, high = 1e3 * SMALLEST, 1e3 * LARGEST
+def _panel(panel: Axes, rows: list[Row], servos: str, swept: str) -> None:
+    """One quantity; steps that are stable throughout stand at the upper edge, none that is stable at the lower."""
+    low, high, through = 1e3 * SMALLEST, 1e3 * LARGEST, (7, *AX12.values())
     rest = [k for k, name in enumerate(SWEPT) if name != swept]
-    through = (7, *AX12.values())
     for integrator, tilt in product(INTEGRATORS, TILTS):
-        line = sorted(
-            (getattr(p, swept), f)
-            for p, f in found.items()
-            if (p.servos, p.integrator, p.tilt) == (servos, integrator, tilt) and all(p[k] == through[k] for k in rest)
-        )
-        x, color = [value for value, _ in line], COLOURS[integrator]
+        chosen = [row for row in rows if row[4:7] == (servos, integrator, tilt)]
+        line = sorted(row for row in chosen if all(row[k] == through[k] for k in rest))
+        x, color = [getattr(row.point, swept) for row in line], COLOURS[integrator]
         if tilt == TILTS[0]:
-            panel.plot(x, [1e3 * f.linear for _, f in line], "-", color=color, linewidth=1.2)
-        measured = [1e3 * math.sqrt(f.stable * f.unstable) if f.stable < LARGEST else math.nan for _, f in line]
-        hollow: dict[str, Any] = {"markerfacecolor": "none" if tilt == TILTS[1] else color, "markeredgecolor": color}
-        size = {0.05: 3.0, 0.5: 6.5}[tilt]
-        panel.plot(x, measured, "o", markersize=size, linestyle="", **hollow)
-        beyond = [value for value, f in line if f.stable >= LARGEST]
-        none = [value for value, f in line if math.isnan(f.stable)]
-        if beyond:  # marks that reach over the frame; an empty line of them would upset the layout
-            panel.plot(beyond, [high] * len(beyond), "^", markersize=size, linestyle="", clip_on=False, **hollow)
-        if none:
-            panel.plot(none, [low] * len(none), "x", markersize=size, color="0.2", clip_on=False)
-    panel.axhline(1e3 * PERIOD, color="0.6", linestyle=":", linewidth=1.0)
-    panel.set(xscale="log", yscale="log", ylim=(0.8 * low, 1.25 * high))
+            theory = [1e3 * row.linear_step_s for row in line]
+            panel.plot(x, theory, "-", color=color, linewidth=1.2, label=f"{integrator}, linear theory")
+        y = [high if row.stable_step_s >= LARGEST else low if row.stable_step_s != row.stable_step_s
+             else 1e3 * row.measured for row in line]  # fmt: skip
+        fill, size = (color, 3.0) if tilt == TILTS[0] else ("none", 6.5)
+        panel.plot(x, y, "o", markersize=size, markerfacecolor=fill, color=color, clip_on=False,
+                   label=f"from {tilt:g} rad")  # fmt: skip
+    panel.axhline(1e3 * PERIOD, color="0.6", linestyle=":", linewidth=1.0, label="controllers' period")
+    panel.set(xscale="log", yscale="log", ylim=(low, high))
     values = {"joints": JOINTS, "ratio": RATIOS, "rotor_inertia": INERTIAS, "Kp": GAINS}[swept]
-    exponents = [f"$10^{{{math.log10(v):.0f}}}$" for v in values]
-    panel.set_xticks(values, exponents if swept == "rotor_inertia" else [f"{v:g}" for v in values])
+    panel.set_xticks(values, [f"{value:g}" for value in values])
     panel.xaxis.minorticks_off()
-
-
-def _legend(panel: Axes) -> None:
-    from matplotlib.lines import Line2D
-
-    panel.set_axis_off()
-    gray: dict[str, Any] = {"color": "0.35", "linestyle": ""}
-    handles = [Line2D([], [], color=COLOURS[name], label=name) for name in INTEGRATORS]
-    handles += [
-        Line2D([], [], color="0.35", label="linear theory"),
-        Line2D([], [], marker="o", markersize=3, label="from 0.05 rad", **gray),
-        Line2D([], [], marker="o", markersize=6.5, markerfacecolor="none", label="from 0.5 rad, clipped", **gray),
-        Line2D([], [], marker="^", label="stable up to 100 ms", **gray),
-        Line2D([], [], marker="x", label="no stable step", **gray),
-        Line2D([], [], color="0.6", linestyle=":", label="controllers' period"),
-    ]
-    panel.legend(handles=handles, loc="center", fontsize=8.5).set_in_layout(False)

@@ -32,8 +32,8 @@ from ..run.simulate import simulate_batch, simulate_stream, standing_state
 from ..run.trajectory import Trajectory
 from ..scene.compile import compile_scene
 from ..view.style import look
+from .engines import humanoid_of, quick_mujoco, standing_on
 from .machine import machine
-from .mujoco_models import humanoid_of, quick_mujoco, standing_on
 from .table import in_turn, print_table, save_figure, write_table
 
 Paths = dict[float, list[np.ndarray | None]]  # of the trunk by step [s]; None of those that fell

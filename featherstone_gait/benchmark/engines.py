@@ -1,9 +1,11 @@
-"""Robots in MuJoCo, and MuJoCo at its best: without what its Python package adds to every step."""
+"""Robots in MuJoCo and Pinocchio, and MuJoCo at its best: without what its Python package adds to every step."""
 
 from __future__ import annotations
 
 import ctypes
+import importlib.util
 import math
+import statistics
 import tempfile
 import time
 from collections.abc import Iterator
@@ -16,6 +18,12 @@ import numpy as np
 
 from ..model import Model
 from ..robot_file import save_robot
+from ..scene.compile import CompiledScene
+from .case import Case, Truth, distances
+from .limited import at_most
+
+PEER_STEP = 2e-3  # MuJoCo's default [s]
+LONGEST = 10.0  # of a case that MuJoCo runs [s]
 
 
 @contextmanager
@@ -125,3 +133,80 @@ def standing_on(m: Any, d: Any, angles: np.ndarray) -> np.ndarray:
     state = np.zeros(mujoco.mj_stateSize(m, kind))
     mujoco.mj_getState(m, d, state, kind)
     return state
+
+
+# ---------------------------------------------------------------------------------------------- Pinocchio
+
+
+def bounded(model: Model) -> Model:
+    """Joints without limits get wide ones: Pinocchio would describe each by sine and cosine, and be slower."""
+    wide: dict[str, Any] = {"type": "revolute", "lower": -1e3, "upper": 1e3, "effort": 1e3, "velocity": 1e3}
+    joints = (replace(j, **wide) if j.type == "continuous" else j for j in model.joints)
+    return replace(model, joints=tuple(joints))
+
+
+def in_pinocchio(model: Model) -> Any:
+    import pinocchio as pin
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "robot.urdf"
+        save_robot(model, path)
+        base = (pin.JointModelFreeFlyer(),) if model.base == "floating" else ()
+        m = pin.buildModelFromUrdf(str(path), *base)
+    if m.nv != model.nv:
+        raise RuntimeError(f"{model.name}: Pinocchio reads another robot from its URDF; the comparison would be void")
+    return m
+
+
+# ---------------------------------------------------------------------------------------------- cases of `default`
+
+
+def peer_run(case: Case, exact: Truth) -> tuple[float, float]:
+    """Error of positions [rad or m], NaN where laws differ, and CPU time per simulated second [ms].
+
+    Both are NaN without MuJoCo, and for servos and springs, which it has not.
+    """
+    scene = case.scene
+    if not importlib.util.find_spec("mujoco") or scene.gearbox or scene.springs or case.duration > LONGEST:
+        return math.nan, math.nan
+    try:
+        m = model_of(scene)
+    except ValueError:
+        return math.nan, math.nan
+    with quick_mujoco(), at_most(30.0):
+        runs = [_rolled(m, case) for _ in range(3)]
+    error = float(distances(scene, runs[0][0], exact.q)[: exact.known].max()) if same_laws(scene) else math.nan
+    return error, statistics.median(seconds for _, seconds in runs) * 1e3 / case.duration
+
+
+def same_laws(scene: CompiledScene) -> bool:
+    """Whether nothing acts of which MuJoCo has another law: ground, stops, dry friction, couplings."""
+    parts = scene.constants
+    rubs = any(joint.friction > 0 for joint in scene.model.moving_joints)
+    return parts.contact is None and parts.stops is None and parts.coupling is None and not rubs
+
+
+def model_of(scene: CompiledScene) -> Any:
+    """The scene's model in MuJoCo; ValueError where it cannot be stated."""
+    import mujoco
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "robot.xml"
+        save_robot(scene.model, path, scene.ground)
+        m = mujoco.MjModel.from_xml_path(str(path))
+    m.opt.gravity[:] = scene.gravity
+    if scene.ground is None:
+        disable(m, "CONTACT")
+    return m
+
+
+def _rolled(m: Any, case: Case) -> tuple[np.ndarray, float]:
+    """Positions (samples, nq) in our order of joints, and the CPU time [s]."""
+    import mujoco
+
+    d, base, (q, qd) = mujoco.MjData(m), case.scene.tree.floating, case.coordinates
+    joints = [m.joint(name) for name in case.model.joint_names]
+    at_q = [*range(7 * base), *(joint.qposadr[0] for joint in joints)]
+    d.qpos[at_q], d.qvel[[*range(6 * base), *(joint.dofadr[0] for joint in joints)]] = q, qd
+    path, seconds = rolled(m, d, round(case.every / PEER_STEP), round(case.duration / case.every))
+    return path[:, at_q], seconds
