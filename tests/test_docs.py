@@ -11,17 +11,22 @@ from pathlib import Path
 
 import pytest
 
-import featherstone_gait
 from featherstone_gait import cli
 from featherstone_gait.core.step.state import CHANNELS
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PACKAGE = ROOT / "featherstone_gait"
-PAGES = sorted({*DOCS.rglob("*.md")} - {DOCS / "architecture.md"} - {*(DOCS / "notebooks").rglob("*")})
-ARCHITECTURE = (DOCS / "architecture.md").read_text("utf-8")
-LINKED = [DOCS / "architecture.md", *PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
-REFERENCE = sorted((DOCS / "api").glob("*.md"))
+NOTEBOOKS = DOCS / "notebooks"  # copies, while the site is built
+PAGES = sorted(page for page in DOCS.rglob("*.md") if NOTEBOOKS not in page.parents)
+LINKED = [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+TEXTS = {page: page.read_text("utf-8") for page in LINKED}
+ARCHITECTURE = TEXTS[DOCS / "architecture.md"]
+REFERENCE = {page: text for page, text in TEXTS.items() if page.parent.name == "api"}
+
+
+def name(page):
+    return page.relative_to(ROOT).as_posix().removesuffix(".md")
 
 
 def blocks(text):
@@ -43,30 +48,26 @@ def run(text, folder):
     """Run a page's program in a folder, where it may write."""
     script = folder / "page.py"
     script.write_text(program(text), "utf-8")
-    command = [sys.executable, "-W", "error", script]
-    paths = {"PYTHONPATH": str(ROOT)}
-    return subprocess.run(command, cwd=folder, env=os.environ | paths, capture_output=True, text=True)
+    command, environment = [sys.executable, "-W", "error", script], os.environ | {"PYTHONPATH": str(ROOT)}
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
 
 
-def defines_kernels(text):
-    return "core.compile" in text
-
-
-def marked(page):
-    return [pytest.mark.nojit] if defines_kernels(page.read_text("utf-8")) else []
+def marks(text):
+    """Pages that define kernels are also run without compilation."""
+    return [pytest.mark.nojit] if "core.compile" in text else []
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(page, marks=marked(page), id=page.relative_to(DOCS).as_posix().removesuffix(".md"))
-        for page in PAGES
-        if blocks(page.read_text("utf-8"))
+        pytest.param(page, marks=marks(text), id=name(page))
+        for page, text in TEXTS.items()
+        if blocks(text) and page.name != "architecture.md"
     ],
 )
 def test_what_a_page_says_holds(page, tmp_path):
-    done = run(page.read_text("utf-8"), tmp_path)
+    done = run(TEXTS[page], tmp_path)
     assert done.returncode == 0, done.stderr
 
 
@@ -76,81 +77,48 @@ def test_a_page_that_is_wrong_fails_where_it_is_wrong(tmp_path):
     assert "line 8" in done.stderr
 
 
-def heading_anchors(text):
-    """The anchors that GitHub gives the headings of a page."""
-    titles = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+def anchors(page):
+    """The anchors that code hosts give the headings of a page."""
+    titles = re.findall(r"^#+ (.*)$", page.read_text("utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
-def test_pages_have_links_to_follow():
-    assert sum(len(local_links(page.read_text("utf-8"))) for page in LINKED) > 50
-
-
-def local_links(text):
-    return [link.partition("#") for link in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in link]
-
-
-@pytest.mark.parametrize("page", LINKED, ids=lambda page: page.relative_to(ROOT).as_posix())
+@pytest.mark.parametrize("page", LINKED, ids=name)
 def test_links_lead_somewhere(page):
-    links = local_links(page.read_text("utf-8"))
+    links = [link.partition("#") for link in re.findall(r"\]\(([^)\s]+)\)", TEXTS[page]) if "://" not in link]
     targets = [((page.parent / path).resolve() if path else page, anchor) for path, _, anchor in links]
     assert [path for path, _ in targets if not path.exists()] == []
-    pages = [(path, anchor) for path, anchor in targets if anchor]
-    assert [(path.name, a) for path, a in pages if a not in heading_anchors(path.read_text("utf-8"))] == []
-
-
-def test_the_reference_has_every_public_name_once():
-    text = "\n".join(page.read_text("utf-8") for page in REFERENCE)
-    shown = re.findall(r"^\.\. auto\w+:: featherstone_gait\.(\w+)$", text, re.MULTILINE)
-    assert sorted(shown) == featherstone_gait.__all__
-
-
-def test_the_reference_has_an_example_of_every_public_name():
-    """On the page of the name, where the tests run it: functions are called, and classes made or met."""
-    for page in REFERENCE:
-        text = page.read_text("utf-8")
-        code = "\n".join(block for _, block in blocks(text))
-        used = {node.id for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Name)}
-        called = {call.func.id for call in calls(code)}
-        shown = set(re.findall(r"^\.\. auto\w+:: featherstone_gait\.(\w+)$", text, re.MULTILINE))
-        functions = {name for name in shown if inspect.isfunction(getattr(featherstone_gait, name))}
-        assert functions - called == set()
-        assert shown - used - {"RobotFileWarning"} == set()  # that one is shown where warnings are, in robots.md
+    assert [(path.name, anchor) for path, anchor in targets if anchor and anchor not in anchors(path)] == []
 
 
 @pytest.mark.parametrize(
     "part",
     [
-        "walking", "search", "study", "run.sensors", "identification",
+        "", "walking", "search", "study", "run.sensors", "identification",
         "envs", "reproduction.maximal", "optimize", "crosscheck", "identification.bench",
     ],
 )  # fmt: skip
-def test_the_reference_shows_all_of_a_part_and_calls_its_functions(part):
-    module = importlib.import_module(f"featherstone_gait.{part}")
+def test_the_reference_shows_and_uses_every_public_name(part):
+    """Once, on the page whose program calls it if it is a function, and else names it."""
+    module = importlib.import_module(f"featherstone_gait.{part}".rstrip("."))
     kinds = (inspect.isfunction, inspect.isclass)
     own = [name for name, thing in vars(module).items() if any(is_(thing) for is_ in kinds)
            and thing.__module__ == module.__name__ and name[0] != "_"]  # fmt: skip
     public = sorted(getattr(module, "__all__", own))
-    pages = [page.read_text("utf-8") for page in REFERENCE]
-    entry = re.compile(rf"^\.\. (?:auto\w+|py:data):: featherstone_gait\.{part}\.(\w+)$", re.MULTILINE)
-    shown = [entry.findall(page) for page in pages]
-    assert sorted(name for names in shown for name in names) == public
-    (text,) = (page for page, names in zip(pages, shown) if names)
-    code = "\n".join(block for _, block in blocks(text))
-    called = {call.func.id for call in calls(code)}
-    used = {node.id for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Name)}
-    assert {name for name in public if inspect.isfunction(getattr(module, name))} - called == set()
-    assert {*public} - used == set()
-
-
-def calls(code):
-    return [n for n in ast.walk(ast.parse(code)) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
+    entry = re.compile(rf"^\.\. (?:auto\w+|py:data):: {re.escape(module.__name__)}\.(\w+)$", re.MULTILINE)
+    shown = {page: entry.findall(text) for page, text in REFERENCE.items()}
+    assert sorted(name for names in shown.values() for name in names) == public
+    for page, names in shown.items():
+        nodes = [*ast.walk(ast.parse("\n".join(block for _, block in blocks(TEXTS[page]))))]
+        called = {node.func.id for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
+        used = {node.id for node in nodes if isinstance(node, ast.Name)}
+        assert {name for name in names if inspect.isfunction(getattr(module, name))} - called == set()
+        assert {*names} - used - {"RobotFileWarning"} == set()  # which robots.md shows
 
 
 def test_the_page_on_commands_lists_every_command():
     names = [each.__name__.rpartition(".")[2].replace("_", "-") for each in cli.COMMANDS]
-    listed = re.findall(r"^\| `([a-z-]+)[` ]", (DOCS / "commands.md").read_text("utf-8"), re.MULTILINE)
-    assert listed == names
+    assert re.findall(r"^\| `([a-z-]+)[` ]", TEXTS[DOCS / "commands.md"], re.MULTILINE) == names
 
 
 def test_the_architecture_names_paths_that_exist():
@@ -167,17 +135,14 @@ def test_the_architecture_quotes_the_sources():
 
 
 def test_the_architecture_names_functions_that_exist():
-    """In its table of effects: each function in a file of its row, or in `core/effects/` or `core/step/`."""
-    rows = re.findall(r"^\| .*`core/effects/.*\|$", ARCHITECTURE.partition("## Effects")[2], re.MULTILINE)
-    rows = [row for row in rows if row.count("|") == 5]
+    """In its table of effects: each function in a file of its row, or in `core/effects/`."""
+    rows = re.findall(r"^\| [^|]*\|[^|]*`core/(?:effects|step)/[^|]*\|[^|]*\|[^|]*\|$", ARCHITECTURE, re.MULTILINE)
     assert len(rows) > 5
     for row in rows:
         names = re.findall(r"`([\w./]+)`", row)
-        folders = [PACKAGE / "core" / "effects", *(PACKAGE / name for name in names if name.endswith(".py"))]
-        files = [file for place in folders for file in (place.glob("*.py") if place.is_dir() else [place])]
+        files = [*(PACKAGE / "core" / "effects").glob("*.py"), *(PACKAGE / each for each in names if "/" in each)]
         text = "\n".join(file.read_text("utf-8") for file in files)
-        functions = [name for name in names if not name.endswith((".py", "/"))]
-        assert [name for name in functions if f"def {name}(" not in text] == []
+        assert [each for each in names if "/" not in each and f"def {each}(" not in text] == []
 
 
 def test_the_architecture_lists_every_channel():
