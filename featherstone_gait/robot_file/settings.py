@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +11,7 @@ from ..model import Base, ContactPoint, Joint, Link, Servo, Supply
 from ..model.tree_checks import check_links, check_locked
 from .robot import Posture
 from .servos import read_servos
-from .toml import READ, check_keys, number, read_toml, real, string, table_of
+from .toml import check_keys, number, read_toml, real, record, table_of
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # position [m] and quaternion of a base at the origin
 
@@ -46,16 +45,8 @@ def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]
     contacts = table.get("contacts", [])
     choice = _choice(contacts)
     points = () if choice else _contacts(contacts, links)
-    supply = _supply(table_of(table, "supply", "")) if "supply" in table else None
+    supply = record(Supply, table_of(table, "supply", ""), "supply") if "supply" in table else None
     return Settings(table.get("base"), locked, servos, points, armature, keyframes, postures, supply, choice)
-
-
-def _supply(table: dict[str, Any]) -> Supply:
-    """What [supply] says; its keys are the fields of the class."""
-    known = fields(Supply)
-    check_keys(table, tuple(f.name for f in known), "supply")
-    stated = [f.name for f in known if f.name in table or f.default is MISSING]
-    return Supply(**{name: number(table, name, "supply") for name in stated})
 
 
 def _armature(section: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> float:
@@ -106,13 +97,8 @@ def _contacts(rows: Any, links: tuple[Link, ...]) -> tuple[ContactPoint, ...]:
 
 
 def _contact(row: dict[str, Any], what: str) -> ContactPoint:
-    """A contact point; the keys of its table are the fields of the class."""
-    known = fields(ContactPoint)
-    check_keys(row, tuple(f.name for f in known), what)
-    what = f"{what} on link {string(row, 'link', what)!r}"
-    return ContactPoint(
-        **{f.name: READ[str(f.type)](row, f.name, what) for f in known if f.name in row or f.default is MISSING}
-    )
+    named = f"{what} on link {row['link']!r}" if isinstance(row.get("link"), str) else what
+    return record(ContactPoint, row, what, named)
 
 
 def _locked_set(sets: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> dict[str, float]:

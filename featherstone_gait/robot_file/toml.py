@@ -7,6 +7,7 @@ import math
 import sys
 import tomllib
 from collections.abc import Callable, Mapping
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
@@ -80,8 +81,23 @@ def truth(table: Mapping[str, Any], key: str, what: str) -> bool:
 
 
 # How to read a field of a dataclass, by its type as `fields` gives it.
-Reader = Callable[[Mapping[str, Any], str, str], Any]
-READ: dict[str, Reader] = {"str": string, "bool": truth, "float": number, "Vector": vector}
+READ: dict[str, Callable[[Mapping[str, Any], str, str], Any]] = {
+    "str": string,
+    "bool": truth,
+    "float": number,
+    "Vector": vector,
+}
+
+
+def record(kind: type, table: Mapping[str, Any], what: str, named: str = "") -> Any:
+    """Make a dataclass of a table whose keys are its fields.  Raises ValueError for other keys and wrong values.
+
+    named: what messages on values call the table, if it differs.
+    """
+    known = fields(kind)
+    check_keys(table, tuple(f.name for f in known), what)
+    stated = [f for f in known if f.name in table or f.default is MISSING]
+    return kind(**{f.name: READ[str(f.type)](table, f.name, named or what) for f in stated})
 
 
 def written(value: str | float | tuple[float, ...]) -> str:

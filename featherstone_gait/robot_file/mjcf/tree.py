@@ -52,7 +52,7 @@ def read_tree(m: Any, base: Base | None, mimics: dict[int, Line]) -> Tree:
     for b in range(1, m.nbody):
         if b != root and tree.holds(m, b):
             chain = _chain(m, b, bodies, names, [joint.name for joint in joints])
-            links += [*(_frame(joint.child) for joint in chain[:-1]), _link(m, b, bodies[b])]
+            links += [*(Link(joint.child, **STILL) for joint in chain[:-1]), _link(m, b, bodies[b])]
             joints += chain
     return tree._replace(links=tuple(links), joints=tuple(_coupled(joints, names, mimics)))
 
@@ -117,11 +117,6 @@ def principal(moments: np.ndarray) -> tuple[float, ...]:
     """ixx ixy ixz iyy iyz izz of principal moments."""
     A, B, C = moments.tolist()
     return (A, 0.0, 0.0, B, 0.0, C)
-
-
-def _frame(name: str) -> Link:
-    """A link without mass."""
-    return Link(name, **STILL)
 
 
 def _chain(m: Any, b: int, bodies: list[str], names: list[str], taken: list[str]) -> list[Joint]:

@@ -209,13 +209,9 @@ def _joint_line(model: Model, hinged: Hinged) -> str:
 def _equality_lines(model: Model) -> list[str]:
     followers = [(joint.name, joint.mimic) for joint in model.moving_joints if joint.mimic]
     return [
-        element("joint", {"joint1": name, "joint2": mimic.joint, "polycoef": _line(mimic.offset, mimic.multiplier)})
-        for name, mimic in followers
+        element("joint", {"joint1": name, "joint2": m.joint, "polycoef": numbers((m.offset, m.multiplier, 0, 0, 0))})
+        for name, m in followers
     ]
-
-
-def _line(offset: float, multiplier: float) -> str:
-    return numbers((offset, multiplier, 0.0, 0.0, 0.0))
 
 
 def _key_lines(model: Model) -> list[str]:
