@@ -12,15 +12,14 @@ Coordinates of a state, the same as those of MuJoCo's free joint:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from pkgutil import resolve_name
 from types import MappingProxyType
 from typing import Any, Literal
 
 from ..base.arguments import instance, listed, shown, texts
-from ..base.deprecated import warn
+from ..base.deprecated import method
 from ..base.flaws import FlawError, quoted
 from .checks import check, choice_flaws, name_flaws, vector_flaws
 from .ground import ContactPoint
@@ -362,14 +361,7 @@ class Model:
             raise ValueError(f"model {self.name!r} has no {kind} {shown(name)}; its {kind}s are {quoted(rows)}")
         return rows[name]
 
-    def show_tree(self) -> str:
-        """Return links and joints as text, as `tree_text` does.
-
-        Deprecated: use ``featherstone_gait.tree_text(model)``.
-        """
-        warn("Model.show_tree()", "featherstone_gait.tree_text(model)")
-        tree_text: Callable[[Model], str] = resolve_name("featherstone_gait.view.tree:tree_text")
-        return tree_text(self)
+    show_tree = method("Model.show_tree()", "featherstone_gait.view.tree:tree_text")
 
 
 _PARTS = {"links": Link, "joints": Joint, "contacts": ContactPoint, "shapes": Shape}
