@@ -16,6 +16,7 @@ import pytest
 from fuzzing import check_refusal, profiles, time_limit
 from hypothesis import given
 from hypothesis import strategies as st
+from simtwo_scene import ARM
 
 from featherstone_gait import Trajectory, load_robot, load_servo, save_robot
 from featherstone_gait.benchmark import precision
@@ -301,6 +302,11 @@ def mjcf(folder):
     return Target(folder / "attacked.xml", robot, XML)
 
 
+def simtwo(folder):
+    (folder / "attacked.xml").write_text(ARM % "0", encoding="utf-8")
+    return Target(folder / "attacked.xml", robot, XML)
+
+
 def mjcf_written(folder):
     save_robot(load_robot("humanoid"), folder / "attacked.xml")
     return Target(folder / "attacked.xml", robot, (*XML, *PLAIN))
@@ -310,7 +316,7 @@ STUDY = """robot = "ax12_arm"
 experiment = "hold"
 duration = 0.1  # [s]
 [scene]
-servos = "mipsd"
+gearbox = "mipsd"
 [sampling]
 method = "latin_hypercube"
 count = 3
@@ -388,7 +394,7 @@ def kernel_cache(folder, file):
 
 MUJOCO = pytest.mark.skipif(not find_spec("mujoco"), reason="needs mujoco")
 KINDS = [
-    urdf, urdf_bytes, pytest.param(mjcf, marks=MUJOCO), pytest.param(mjcf_written, marks=MUJOCO),
+    urdf, urdf_bytes, simtwo, pytest.param(mjcf, marks=MUJOCO), pytest.param(mjcf_written, marks=MUJOCO),
     robot_toml, servo_toml, study_toml, study_log, history, angles_csv, recording_csv, benchmark_csv,
     pytest.param(partial(trajectory, ending="npz"), id="trajectory_npz"),
     pytest.param(partial(trajectory, ending="json"), id="trajectory_json"),
@@ -424,7 +430,7 @@ def test_a_damaged_file_is_read_or_refused_by_name(kind, profile, tmp_path):
         refused.append(isinstance(outcome(target, **how), Exception))
 
     check()
-    if kind in (urdf, mjcf):
+    if kind in (urdf, simtwo, mjcf):
         assert 0 < sum(refused) < len(refused)
 
 

@@ -1,14 +1,12 @@
 """Scenes of SimTwo: the humanoid written as one and read back, and what an axis, a solid and a motor mean in it."""
 
 import math
-import random
-import warnings
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import pytest
 from random_tree import random_states
-from test_fuzz_mjcf import COUNT, SEED, mutated, read
+from simtwo_scene import ARM
 
 from featherstone_gait import RobotFileError, RobotFileWarning, forward_dynamics, forward_kinematics, load_robot
 from featherstone_gait.model.shapes import Box, Cylinder, Sphere
@@ -96,28 +94,6 @@ def test_the_place_in_the_scene_is_a_keyframe(humanoid):
 
 def test_a_robots_own_file_loads_without_a_scene(humanoid):
     assert load_robot(humanoid[1].with_name("walker.xml")).name == "walker"
-
-
-ARM = """
-<robot>
-  <defines><const name="L" value="0.4"/><const name="half" value="L/2"/></defines>
-  <solids>
-    <cylinder><ID value="post"/><mass value="2"/><size radius="0.05" z="2*half"/><pos z="half"/></cylinder>
-    <cuboid><ID value="boom"/><size x="L" y="0.1" z="0.02"/><mass value="1"/><pos x="sqrt(L^2)/2" z="L"/>
-      <rot_deg z="90"/></cuboid>
-    <sphere><ID value="ball"/><radius value="0.03"/><mass value="0.5"/><pos x="L" z="L"/></sphere>
-  </solids>
-  <articulations>
-    <default><motor ri="2" ki="0.02" vmax="12" active="1"/><gear ratio="100"/>
-      <controller mode="pidposition" kp="3" ki="0.5" kd="7" active="1" period="20"/></default>
-    <joint><ID value="turn"/><pos z="0"/><axis z="1" x="0"/><connect B1="post" B2="world"/><type value="Hinge"/></joint>
-    <joint><ID value="cardan"/><pos z="L"/><axis x="0" y="1"/><axis2 x="1" y="0" z="0"/><connect B1="post" B2="boom"/>
-      <limits Min="-30" Max="40"/><type value="Universal"/><motor2 active="0"/></joint>
-    <joint><ID value="lift"/><pos x="L" z="L"/><axis x="0" z="1"/><connect B1="boom" B2="ball"/><limits Min="-0.1"
-      Max="0.2"/><type value="Slider"/><spring k="%s"/></joint>
-  </articulations>
-</robot>
-"""
 
 
 @pytest.fixture
@@ -243,16 +219,3 @@ def test_a_scene_without_its_robots_file_says_so(humanoid):
     humanoid[1].with_name("walker.xml").unlink()
     with pytest.raises(RobotFileError, match=r"no file 'walker\.xml'"):
         load_robot(humanoid[1])
-
-
-def test_damaged_scenes_give_a_robot_or_its_error(tmp_path):
-    path, loaded = tmp_path / "robot.xml", 0
-    for k in range(COUNT):
-        path.write_text(mutated(ARM % "0", random.Random(f"{SEED} scene {k}")), encoding="utf-8")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            try:
-                loaded += read(path) is not None
-            except Exception as error:
-                raise AssertionError(f"FUZZ_SEED={SEED}, mutation {k} of the scene: {error!r}") from error
-    assert 0 < loaded < COUNT
