@@ -1,14 +1,14 @@
-"""Equilibria: a robot at rest in a posture, what carries it, and the references or torques that hold it there.
+"""Find equilibria: a robot at rest in a posture, the contact forces, and the references or torques that hold it.
 
-A fixed base hangs in its joints: their torques are those of gravity and springs.  A floating base lies on its contacts:
-with Q(p) the forces that rest takes (RNEA) at a base pose p, J the contacts' Jacobian, N(p) = k depth their normal
-forces and f those along the ground, as long as each point sticks,
+The joints of a robot with a fixed base bear gravity and springs.  A floating base rests on its contacts: with Q(p) the
+forces of rest at a base pose p (RNEA), J the contacts' Jacobian, N(p) = k depth their normal forces and f
+their friction forces, as long as each point sticks,
 
     tau = Q(p) - J' (N(p), f),    minimal |tau|^2 + |r f|^2  with the base's six components of tau zero,
 
-r = 1 cm.  Newton's method on p, height and tilt alone; f and what is left of p by least squares.  Of feet that could
-squeeze the ground between them the one solution is taken that asks least of joints and friction.  Servos are then asked
-backwards: torque, current, voltage, reference.
+r = 1 cm.  Newton's method changes height and tilt alone; f and the rest of p follow by least squares.  Feet can squeeze
+the ground between them: of these solutions the one with the least joint torques and friction is taken.  The servo model
+is then inverted: torque to current to voltage to reference.
 """
 
 from __future__ import annotations
@@ -40,33 +40,58 @@ from .linearization import Chart, chart_of
 TrimStatus = Literal["ok", "tips", "slips", "touches", "too weak", "moves"]
 
 PASSES, LAYING = 100, 5  # of Newton's method; of that by which feet are laid on the ground
-BALANCED = 1e-13  # of the weight: force on the base that is left
-LONGEST, LARGEST = 20.0, 0.05  # step of Newton's method, by the ground's sinking and of the tilt [rad]
-LEVER = 0.1  # by which turns count as ways [m]
-NUDGE = 1e-3  # of the sinking, for derivatives by the pose
-SQUEEZE = 0.01  # r: torque by which friction counts [m]
-RANK = 1e-9  # singular values by the largest, below which they are none
+BALANCED = 1e-13  # remaining force on the base, relative to the weight
+LONGEST, LARGEST = 20.0, 0.05  # step of Newton's method, relative to the ground's penetration, and of the tilt [rad]
+LEVER = 0.1  # length that converts rotations to displacements [m]
+NUDGE = 1e-3  # relative to the penetration, for derivatives by the pose
+SQUEEZE = 0.01  # r: lever that converts friction to torque [m]
+RANK = 1e-9  # of singular values relative to the largest, below which they count as zero
 ROUNDING = 1e-12  # of the weight
 STILL = 1e-8  # motion in a controller period [rad, m, and by the second]
 
 
 @dataclass(frozen=True, eq=False)
 class Trim:
-    """An equilibrium, or the nearest to one that was found."""
+    """An equilibrium, or the closest that was found.
 
-    q: np.ndarray  # (nq,) [m, -, rad]
-    torque: np.ndarray  # (joints,) that holds each joint [N m or N]
-    contact_force: np.ndarray  # (points, 3) normal, along the slope, across [N]; (0, 3) without ground
-    reference: np.ndarray | None  # (joints,) for the servos [rad or m]; None without servos
-    tau: np.ndarray | None  # (joints,) from outside, for `simulate(tau=...)`; None where servos hold
-    state: np.ndarray  # (size,) at rest, to begin with
-    residual: float  # largest acceleration that is left by forward dynamics [rad/s^2 or m/s^2]
-    change: float  # largest motion in a simulated controller period [rad, m, rad/s, m/s]
+    Attributes
+    ----------
+    q : ndarray
+        Posture (nq,) [m, -, rad].
+    torque : ndarray
+        Torques or forces (joints,) that hold the joints [N m or N].
+    contact_force : ndarray
+        Forces (points, 3) of the ground: normal, along the slope, across [N]; (0, 3) without ground.
+    reference : ndarray or None
+        References of the servos (joints,) [rad or m]; None without servos.
+    tau : ndarray or None
+        Torques from outside (joints,), for ``simulate(tau=...)``; None where servos hold the joints.
+    state : ndarray
+        State (size,) at rest, to begin with.
+    residual : float
+        Largest acceleration left by forward dynamics [rad/s^2 or m/s^2].
+    change : float
+        Largest motion in a simulated controller period [rad, m, rad/s, m/s].
+    status : str
+        "ok", or why it is no equilibrium: see `trim`.
+    message : str
+        What is wrong, empty if nothing is.
+    """
+
+    q: np.ndarray
+    torque: np.ndarray
+    contact_force: np.ndarray
+    reference: np.ndarray | None
+    tau: np.ndarray | None
+    state: np.ndarray
+    residual: float
+    change: float
     status: TrimStatus
-    message: str  # what is wrong, empty if nothing is
+    message: str
 
     @property
     def ok(self) -> bool:
+        """Whether the status is "ok"."""
         return self.status == "ok"
 
 
@@ -74,9 +99,9 @@ Fault: TypeAlias = "tuple[TrimStatus, str] | None"
 
 
 class _Loads(NamedTuple):
-    """What acts on a robot at rest in k poses."""
+    """Forces on a robot at rest in k poses."""
 
-    force: np.ndarray  # (k, nv) that rest takes, without contacts
+    force: np.ndarray  # (k, nv) needed at rest, without contacts
     springs: np.ndarray  # (k, nv) that the springs give
     J: np.ndarray  # (k, points, 3, nv) velocities of the contacts in the ground's axes
     depth: np.ndarray  # (k, points) [m]
@@ -84,15 +109,37 @@ class _Loads(NamedTuple):
 
 
 def trim(scene: CompiledScene, q: ArrayLike | None = None, contacts: Iterable[str] | None = None) -> Trim:
-    """Rest in the posture q (nq,), by default `nearest_posture`: what carries it and what holds it.
+    """Find the equilibrium of a robot at rest in a posture.
 
     The joints stay as they are in q, and so do the place and the heading of a floating base; its height and tilt are
-    found.  contacts: names of the links that it stands on, whose points are laid on the ground together; None: those
-    that are lowest in q, and what touches besides.
-    The status is "ok"; "tips", if the contacts cannot carry it there; "slips", if one needs more friction than there
-    is; "touches", if one of another link is in the ground; "too weak", if a servo cannot hold its joint; or "moves",
-    if the simulation does not stay, as where voltages come in counts.
-    Raises ValueError for a floating base without ground, and links without contacts.
+    solved for.
+
+    Parameters
+    ----------
+    scene
+        A compiled scene.
+    q
+        Posture (nq,) [m, -, rad].  None: `nearest_posture`.
+    contacts
+        Names of the links to stand on, whose points are laid on the ground together.  None: the lowest points in q, and
+        whatever else touches.
+
+    Returns
+    -------
+    Trim
+        Its status is "ok"; "tips" if the contacts cannot carry the robot; "slips" if a contact needs more friction than
+        it has; "touches" if a point of another link is in the ground; "too weak" if a servo cannot hold its joint; or
+        "moves" if the simulation does not stay at rest, as with voltages in counts.
+
+    Raises
+    ------
+    ValueError
+        For a floating base without ground, and for links without contacts.
+
+    Examples
+    --------
+    >>> found = trim(scene)
+    >>> run = simulate(scene, 1.0, found.state, Reference([0.0], found.reference[None]))
     """
     check_scene(scene)
     model = scene.model
@@ -108,12 +155,12 @@ def trim(scene: CompiledScene, q: ArrayLike | None = None, contacts: Iterable[st
 
 
 def _places(scene: CompiledScene) -> np.ndarray:
-    """Where q lies in the state."""
+    """Return the indices of q in the state."""
     return np.r_[slice(*scene.part("base_q")), slice(*scene.part("q"))]
 
 
 def _used(scene: CompiledScene, contacts: Iterable[str] | None) -> np.ndarray:
-    """Which points may carry (points,)."""
+    """Return which points may carry load (points,)."""
     links = [point.link for point in scene.model.contacts]
     if contacts is None:
         return np.ones(len(links), dtype=bool)
@@ -131,7 +178,7 @@ def _used(scene: CompiledScene, contacts: Iterable[str] | None) -> np.ndarray:
 
 
 def _loads(scene: CompiledScene, q: np.ndarray) -> _Loads:
-    """At rest in the postures q (k, nq)."""
+    """Compute the forces at rest in the postures q (k, nq)."""
     model, still = scene.model, np.zeros((len(q), scene.model.nv))
     poses = forward_kinematics(model, q)
     springs = sum((_spring_force(scene, poses, spring) for spring in scene.springs), np.zeros_like(still))
@@ -140,7 +187,7 @@ def _loads(scene: CompiledScene, q: np.ndarray) -> _Loads:
         empty = np.zeros((len(q), 0))
         return _Loads(force, springs, empty.reshape(len(q), 0, 3, model.nv), empty, empty.reshape(len(q), 0, 3, 3))
     x = deepest_points(model, poses, (0.0, 0.0, 1.0))
-    for _ in range(2):  # a bulge's deepest point depends on the normal under it
+    for _ in range(2):  # the deepest point of a curved contact depends on the normal under it
         under = ground_under(scene.ground, x.reshape(-1, 3)).reshape(*x.shape[:2], 7)
         x = deepest_points(model, poses, under[..., :3])
     under = ground_under(scene.ground, x.reshape(-1, 3)).reshape(*x.shape[:2], 7)
@@ -151,14 +198,14 @@ def _loads(scene: CompiledScene, q: np.ndarray) -> _Loads:
 
 
 def _velocity(scene: CompiledScene, poses: Poses, link: str, x: np.ndarray) -> np.ndarray:
-    """Velocity (k, 3, nv) of the point of a link that is at x (k, 3) in the world."""
+    """Return the Jacobian (k, 3, nv) of the point of a link that is at x (k, 3) in the world."""
     J = jacobian_at(scene.model, poses, link)
     arm = x - poses.position[:, link_index(scene.model, link)]
     return J[:, 3:] + np.cross(J[:, :3], arm[:, :, None], axis=1)
 
 
 def _spring_force(scene: CompiledScene, poses: Poses, spring: Spring) -> np.ndarray:
-    """Generalized force (k, nv) of a spring."""
+    """Return the generalized force (k, nv) of a spring."""
     model, ends = scene.model, []
     for link, point in ((spring.a, spring.point_a), (spring.b, spring.point_b)):
         row = link_index(model, link)
@@ -171,7 +218,7 @@ def _spring_force(scene: CompiledScene, poses: Poses, spring: Spring) -> np.ndar
 
 
 def _stiffness(scene: CompiledScene, name: str = "stiffness") -> np.ndarray:
-    """Of the contact points, in the order of the model."""
+    """Return a number of the contact points, in the order of the model."""
     assert scene.constants.contact is not None
     found = np.zeros(len(scene.model.contacts))
     found[by_body(scene.model, scene.tree)] = scene.constants.contact.points[name]
@@ -179,7 +226,7 @@ def _stiffness(scene: CompiledScene, name: str = "stiffness") -> np.ndarray:
 
 
 def _balanced(scene: CompiledScene, q: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, Fault]:
-    """Posture (nq,) and contact forces (points, 3) at which the base is in balance; or what is in the way."""
+    """Solve for the posture (nq,) and contact forces (points, 3) that balance the base; also return a fault or None."""
     model, ground = scene.model, scene.ground
     assert ground is not None
     stiffness, chart = _stiffness(scene), chart_of(scene, ("base_q",))
@@ -219,9 +266,9 @@ def _balanced(scene: CompiledScene, q: np.ndarray, used: np.ndarray) -> tuple[np
 
 
 def _laid(scene: CompiledScene, q: np.ndarray, used: np.ndarray, passes: int) -> np.ndarray:
-    """The posture with its lowest point in the ground by the ground's sinking, and its points as level as they can be.
+    """Lay a posture on the ground, its lowest point at the ground's penetration and its points as level as possible.
 
-    passes: of Gauss's and Newton's method by which the depths of all points become alike.
+    passes: iterations of the Gauss-Newton method, by which the depths of all points become equal.
     """
     assert scene.ground is not None
     chart, scale, loads = chart_of(scene, ("base_q",)), _scale(scene), _loads(scene, q[None])
@@ -238,18 +285,18 @@ def _laid(scene: CompiledScene, q: np.ndarray, used: np.ndarray, passes: int) ->
 
 
 def _scale(scene: CompiledScene) -> np.ndarray:
-    """Of the three ways of a base: of the order of the sinking [m, rad, rad]."""
+    """Return scales of height and tilt of a base, of the order of the penetration [m, rad, rad]."""
     assert scene.ground is not None
     return scene.ground.penetration * np.array([1.0, 1.0 / LEVER, 1.0 / LEVER])
 
 
 def _nudged(ways: np.ndarray) -> np.ndarray:
-    """Deviations of the base (6, 7): none, a little along each of the ways (3, 6), and against each."""
+    """Return deviations of the base (6, 7): none, a little along each direction (3, 6), and against each."""
     return np.concatenate([np.zeros((6, 1)), NUDGE * ways.T, -NUDGE * ways.T], axis=1)
 
 
 def _ways(q: np.ndarray, loads: _Loads, used: np.ndarray) -> np.ndarray:
-    """Deviations (3, 6) of the base: up along the normal, and turns about the two tangents through it."""
+    """Return directions (3, 6) of the base: up along the normal, and rotations about the two tangents through it."""
     normal, first, second = loads.axes[0, used].mean(axis=0)
     back = rotation_from_quaternion(q[3:7]).T
     none = np.zeros(3)
@@ -257,7 +304,7 @@ def _ways(q: np.ndarray, loads: _Loads, used: np.ndarray) -> np.ndarray:
 
 
 def _posed(scene: CompiledScene, chart: Chart, q: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Postures (k, nq) with the base moved by x (6, k)."""
+    """Return postures (k, nq) with the base moved by x (6, k)."""
     y = np.zeros(int(scene.layout["length"]))
     places = _places(scene)
     y[places] = q
@@ -265,7 +312,7 @@ def _posed(scene: CompiledScene, chart: Chart, q: np.ndarray, x: np.ndarray) -> 
 
 
 def _least(columns: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """x with `force + columns x` zero in its first six components, as nearly as can be, and least in the others."""
+    """Solve for x that makes the first six components of `force + columns x` zero if possible, and the others least."""
     B, T = columns[:6], columns[6:]
     U, s, V = np.linalg.svd(B)
     rank = int((s > RANK * s.max(initial=0.0)).sum())
@@ -277,7 +324,7 @@ def _least(columns: np.ndarray, force: np.ndarray) -> np.ndarray:
 
 
 def _contact_fault(scene: CompiledScene, q: np.ndarray, used: np.ndarray, force: np.ndarray) -> Fault:
-    """Status and message of contacts that slip, or touch and should not."""
+    """Return status and message of contacts that slip, or touch and should not; None if there are none."""
     depth = _loads(scene, q[None]).depth[0]
     for k, point in enumerate(scene.model.contacts):
         if not used[k] and depth[k] > 0.0:
@@ -293,7 +340,7 @@ def _contact_fault(scene: CompiledScene, q: np.ndarray, used: np.ndarray, force:
 
 
 def _held(scene: CompiledScene, q: np.ndarray, force: np.ndarray, fault: Fault) -> Trim:
-    """The equilibrium with what holds it, tried in a run of one period."""
+    """Return the equilibrium with what holds it, tried in a run of one period."""
     model, n, loads = scene.model, scene.tree.n, _loads(scene, q[None])
     carried = np.einsum("mi,mij->j", force, loads.J[0])
     torque, G = np.zeros(model.nv), coupling_matrix(model).matrix
@@ -316,12 +363,12 @@ def _held(scene: CompiledScene, q: np.ndarray, force: np.ndarray, fault: Fault) 
 
 
 def _leaders(G: np.ndarray) -> list[int]:
-    """The rows of a coupling matrix that are independent coordinates."""
+    """Return the rows of a coupling matrix that are independent coordinates."""
     return [int(np.flatnonzero(column == 1.0)[0]) for column in G.T]
 
 
 def _put_contacts(scene: CompiledScene, state: np.ndarray, force: np.ndarray) -> None:
-    """Bristles that bear the forces (points, 3), as the ground's first step finds them."""
+    """Set the tangential deflections that bear the forces (points, 3), as the first step expects them."""
     contact = scene.constants.contact
     if contact is None:
         return
@@ -337,7 +384,7 @@ class _Driven(NamedTuple):
 
 
 def _put_servos(scene: CompiledScene, state: np.ndarray, angles: np.ndarray, torque: np.ndarray) -> _Driven:
-    """What servos that hold these torques [N m] have in their state, and their references."""
+    """Set the state of servos that hold these torques [N m]; return their references and a fault or None."""
     actuator, names = scene.constants.actuator, scene.model.joint_names
     if actuator is None:
         return _Driven(None, None)
@@ -374,15 +421,15 @@ def _put_servos(scene: CompiledScene, state: np.ndarray, angles: np.ndarray, tor
 
 
 def _weak(names: Iterable[str], weak: np.ndarray, torque: np.ndarray, unit: str) -> Fault:
-    """The fault of servos that cannot hold their joints."""
+    """Return the fault of servos that cannot hold their joints, or None."""
     found = [f"{name} {value:.3g} {unit}" for name, bad, value in zip(names, weak, torque) if bad]
     return ("too weak", f"servos cannot hold {', '.join(found)}: give another posture") if found else None
 
 
 def _asked(scene: CompiledScene, state: np.ndarray, voltage: np.ndarray, current: np.ndarray) -> np.ndarray:
-    """What controllers must ask for (joints,) [V], at the nominal supply, for motors to get these voltages.
+    """Return what controllers must demand (joints,) [V], at the nominal supply, for motors to get these voltages.
 
-    Of a source with a resistance the bus has V = V0 - R P / V, P what the motors draw.
+    Behind a source with a resistance the bus has the voltage V = V0 - R P / V, P the power that the motors draw.
     """
     if scene.constants.supply is None:
         return voltage
@@ -397,7 +444,7 @@ def _asked(scene: CompiledScene, state: np.ndarray, voltage: np.ndarray, current
 def _references(
     scene: CompiledScene, angles: np.ndarray, voltage: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """References, integrals and errors (joints,) at which controllers ask for these voltages; and which never do."""
+    """Return references, integrals and errors (joints,) for which controllers demand these voltages; which cannot."""
     controller, band = controller_of(scene.constants.actuator), scene.constants.firmware.band
     reference, integral, error = angles.copy(), np.zeros_like(angles), np.zeros_like(angles)
     unreachable = np.zeros(len(angles), dtype=bool)
@@ -421,12 +468,12 @@ def _references(
 
 
 def _read(angle: float, resolution: float) -> float:
-    """The angle as an encoder of that resolution reads it [rad]; 0: exact."""
+    """Return the angle as an encoder of that resolution reads it [rad]; 0: exact."""
     return angle if resolution <= 0.0 else float(np.round(angle / resolution) * resolution)
 
 
 def _change(scene: CompiledScene, state: np.ndarray, reference: np.ndarray | None, tau: np.ndarray | None) -> float:
-    """Largest motion of base and joints in a simulated controller period; infinite if it fails."""
+    """Return the largest motion of base and joints in a simulated controller period; infinite if it fails."""
     period = scene.tick_steps * scene.timestep
     follow = None if reference is None else Reference([0.0], reference[None])
     run = simulate(scene, period, state, follow, tau, record=(), estimate_error=False)

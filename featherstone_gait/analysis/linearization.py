@@ -1,20 +1,21 @@
-"""A scene about a state as matrices: what a step or a controller period makes of small deviations.
+"""Linearize a scene about a state: the matrices of a step or of a controller period for small deviations.
 
     x[k+1] = A x[k] + B u[k],    y[k+1] = C x[k] + D u[k]
 
-x are deviations from the state given, u those of references or torques, y those of recorded channels, all at the end of
-the period.  Everything that a step does is in them: servos with their ticks, friction, contact and its bristles.
+x are deviations from the given state, u those of references or torques, y those of recorded channels, all at the end of
+the period.  The matrices contain everything that a step does: servos with their ticks, friction, contact and its
+tangential deflection.
 
 A floating base's quaternion has one number too many: its deviation is a rotation vector r [rad] in body axes, to first
-order; of joints that follow others the leaders alone count.  Deviations are differences of whole runs, eight runs to a
-vector: of each column the central differences D(w) and D(w/2), whose errors are as w^2, give
+order.  Of coupled joints only the leaders count.  Deviations are differences of whole runs, eight runs to a vector.
+Each column has central differences D(w) and D(w/2), whose errors fall with w^2:
 
     D = (4 D(w/2) - D(w)) / 3,    error <= |D(w/2) - D(w)| / 3 + rounding,
 
-the error being that of D(w/2) (L. F. Richardson, Phil. Trans. A 210 (1911)).  Columns in which that does not suffice
-are taken again in smaller widths, and each entry is kept from where its error is least.  At a kink, such as a contact
-that is just made or a voltage at its limit, the differences to the left and to the right disagree however small the
-width: both are kept, as a `Discontinuity`.
+where the error is that of D(w/2) (L. F. Richardson, Phil. Trans. A 210 (1911)).  Columns for which that is not enough
+are computed again with smaller widths, and each entry is kept from the width with the least error.  At a discontinuity,
+such as a contact that just closes or a voltage at its limit, the differences to the left and to the right disagree for
+any width: both are kept, as a `Discontinuity`.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from ..core.integrate.rollout import OK
 from ..core.step.signals import Signals
 from ..core.step.state import BY_NAME, IN_STATE, RECORDABLE
 from ..dynamics import coupling_matrix
+from ..run.channels import current_name
 from ..run.compiled_run import CompiledRun, Vector, in_lanes, knots_in_lanes, lane_zeros
 from ..run.lane_engine import sampled
 from ..run.prepare import prepare, with_steps, with_tolerance
@@ -54,41 +56,68 @@ MEMORY = ("held", "derived")  # of those that count where the next state depends
 BASE = {"base_q": ("x", "y", "z", "rx", "ry", "rz"), "base_qd": ("vx", "vy", "vz", "wx", "wy", "wz")}
 RTOL = 1e-12  # of an integrator with error control, whose errors differ from run to run
 
-# The first width of a column: where nothing sticks, where joints do, and on the ground, by how much it moves a point.
+# First width of a column: where nothing sticks, where joints stick, and on the ground, by how far it moves a point.
 SMOOTH, STICKING = 1e-4, 2e-6  # [rad, m, rad/s, m/s]
 OF_SINKING, LEVER = 0.04, 0.2  # [-], [m]
 OTHER = {"voltage": 100.0, "duty": 10.0, "bus_voltage": 100.0, "delayed": 100.0, "current": 10.0}  # [V, -, V, V, A]
 BRISTLE = 1e-6  # [m]
-FINER, ROUNDS = 8.0, 3  # each round's widths by the next one's
-ENOUGH = 1e-7  # error of an entry, of its value, at which no smaller width is tried ...
+FINER, ROUNDS = 8.0, 3  # ratio of the widths of one round to those of the next
+ENOUGH = 1e-7  # relative error of an entry at which no smaller width is tried ...
 KEPT = 2**17  # numbers of signals (1 MiB) up to which a workspace is left to later calls
-SMALL = 1e-2  # ... or of so much of what is largest in its row, in units of the first widths
+SMALL = 1e-2  # ... relative to at least so much of the largest entry of its row, in units of the first widths
 KINK = 1e-3  # difference of left and right, of the larger of them, that is a kink
 BRIEF = 5e4  # steps of vectors by velocities: some 10 ms, for which no thread is started
 ROUNDING = 4.0 * np.finfo(float).eps  # of the numbers of a run
 
 
 class Discontinuity(NamedTuple):
-    """A column in which the derivatives to the left and to the right differ."""
+    """A column in which the derivatives to the left and to the right differ.
 
-    column: str  # state or input
-    rows: tuple[str, ...]  # states and outputs that have the kink
-    left: np.ndarray  # (rows,) derivatives
-    right: np.ndarray  # (rows,)
+    Attributes
+    ----------
+    column : str
+        Name of the state or input.
+    rows : tuple of str
+        Names of the states and outputs whose derivatives differ.
+    left, right : ndarray
+        Derivatives (rows,) to either side.
+    """
+
+    column: str
+    rows: tuple[str, ...]
+    left: np.ndarray
+    right: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """What `linearize` found; n states, m inputs, p outputs, all named.
+    """A linear model made by `linearize`, of n states, m inputs and p outputs.
 
-    An error is the largest that an entry may have; at a kink it is half of what left and right differ by.
+    Attributes
+    ----------
+    A, B, C, D : ndarray
+        Matrices (n, n), (n, m), (p, n) and (p, m).
+    A_error, B_error, C_error, D_error : ndarray
+        Largest possible error of each entry; at a discontinuity half of the difference between left and right.
+    states, inputs, outputs : tuple of str
+        Names of states, inputs and outputs.
+    kinks : tuple of Discontinuity
+        Columns in which the derivatives to the left and to the right differ.
+    change : ndarray
+        What the period does to the state itself (n,); zero at an equilibrium.
+    period : float
+        Length of the period [s].
+    state : ndarray
+        State (size,) from which deviations are counted.
+    chart : Chart
+        How deviations move a state and are read from it.
     """
 
-    A: np.ndarray  # (n, n)
-    B: np.ndarray  # (n, m)
-    C: np.ndarray  # (p, n)
-    D: np.ndarray  # (p, m)
-    A_error: np.ndarray  # of the entries
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    A_error: np.ndarray
     B_error: np.ndarray
     C_error: np.ndarray
     D_error: np.ndarray
@@ -96,22 +125,22 @@ class Linearization:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     kinks: tuple[Discontinuity, ...]
-    change: np.ndarray  # (n,) what the period does to the state itself; zero at an equilibrium
-    period: float  # [s]
-    state: np.ndarray  # (size,) that deviations are counted from
+    change: np.ndarray
+    period: float
+    state: np.ndarray
     chart: Chart
 
     def deviation(self, state: ArrayLike | Trajectory) -> np.ndarray:
-        """x (n,) of a state (size,), or of the end of a trajectory."""
+        """Return the deviations x (n,) of a state (size,), or of the end of a trajectory."""
         y = state.final if isinstance(state, Trajectory) else vector("state", state, len(self.state))
         return self.chart.difference(y[:, None], self.state)[:, 0]
 
     def moved(self, x: ArrayLike) -> np.ndarray:
-        """The state (size,) at the deviations x (n,)."""
+        """Return the state (size,) at the deviations x (n,)."""
         return self.chart.moved(self.state, vector("x", x, len(self.states))[:, None])[:, 0]
 
     def of(self, *channels: str) -> np.ndarray:
-        """Which states are those of some channels, such as "q": their indices.  ValueError for others."""
+        """Return the indices of the states of some channels, such as "q"; ValueError for unknown channels."""
         for name in channels:
             one_of("channel", name, dict.fromkeys(state.split()[0] for state in self.states))
         return np.array([k for k, state in enumerate(self.states) if state.split()[0] in channels], dtype=int)
@@ -130,31 +159,59 @@ def linearize(
     rtol: float | None = None,
     threads: int | None = None,
 ) -> Linearization:
-    """The matrices of one controller period, or of so many steps, about a state.
+    """Linearize a scene about a state, over one controller period or a number of steps.
 
-    state, reference, tau: as `simulate`, a reference may be (joints,) angles too; the run is taken to go on from there,
-    so that the midpoint rule does not begin with Euler's step;
-    inputs: some of "reference" (what the controllers see at the tick with which the period begins, or a continuous
-    servo throughout), "torque" from outside, and "voltage" (held, and no controller acts); None is the first where
-    there are servos, else the second;
-    outputs: channels of `simulate`, as they are at the end of the period;
-    states: channels of the state; None: coordinates, currents, rotors, filters and bristles, and of what else is
-    remembered (integrals, last errors, the midpoint rule's accelerations) what the next state depends on;
-    steps: None is a whole controller period, of a scene without controllers a single step;
-    rtol: of an integrator that chooses its steps, 1e-12 if None; their choice is an error of some rtol by width;
-    threads: if None as many as the work is worth, at most one a core; any number gives the same bits.
-    Raises ValueError on what does not fit, and where a run falls or diverges within the period.
+    Parameters
+    ----------
+    scene
+        A compiled scene.
+    state, reference, tau
+        As in `simulate`; a reference may also be joint positions (joints,).  The run goes on from the state, so that
+        the midpoint rule does not begin with Euler's step.
+    inputs
+        Some of "reference" (what controllers see at the tick with which the period begins, or continuous servos
+        throughout), "torque" from outside, and "voltage" (held, and no controller acts).  None: "reference" where there
+        are servos, else "torque".
+    outputs
+        Channels of `simulate`, at the end of the period.
+    states
+        Channels of the state.  None: coordinates, currents, rotors, filters and tangential deflections, and what else
+        the next state depends on (integrals, last errors, accelerations of the midpoint rule).
+    steps
+        Number of steps.  None: a controller period, or one step of a scene without controllers.
+    rtol
+        Tolerance of an integrator that chooses its steps, 1e-12 if None; its choice causes errors of some rtol / width.
+    threads
+        Number of threads; results do not depend on it.  None: as many as pay off, at most one for each core.
+
+    Returns
+    -------
+    Linearization
+
+    Raises
+    ------
+    ValueError
+        If arguments do not fit the scene, or a run falls or diverges within the period.
+
+    Examples
+    --------
+    >>> model = linearize(scene, trim(scene).state)
+    >>> model.A[np.ix_(model.of("q"), model.of("qd"))]
     """
     check_scene(scene)
     scene, tolerance, _ = with_tolerance(scene, RTOL if rtol is None and scene.adaptive else rtol, None)
     named = _inputs(scene, inputs)
-    steps = whole("steps", _default_steps(scene) if steps is None else steps, 1, "give a number of steps", 10**6)
-    outputs = tuple(listed("outputs", outputs, "give a list of channels, such as ('torque',)"))
+    period = scene.tick_steps if scene.sampled else 1
+    steps = whole("steps", period if steps is None else steps, 1, "give a number of steps", 10**6)
+    outputs = tuple(map(current_name, listed("outputs", outputs, "give a list of channels, such as ('torque',)")))
+    for name in outputs:
+        one_of("outputs", name, [known for known in RECORDABLE if BY_NAME[known].kind != "computed"])
     threads = None if threads is None else whole("threads", threads, 1, "one a core is usual")
     duration = steps * scene.timestep
     driven = tau is not None or "torque" in named
-    compiled = with_steps(prepare(scene, duration, _recorded(outputs), rtol=tolerance, driven=driven), steps, steps)
-    signals = _signal(scene, "reference", reference), _torques(scene, tau, driven)
+    compiled = with_steps(prepare(scene, duration, outputs, rtol=tolerance, driven=driven), steps, steps)
+    tau = np.zeros(scene.tree.n) if tau is None and driven else tau
+    signals = _signal(scene, "reference", reference), _signal(scene, "tau", tau)
     system = _System(compiled, state, *signals, named, threads)
     channels = _channels(system, states, named)
     held = ("voltage",) if "voltage" in named else ()
@@ -166,7 +223,7 @@ def linearize(
 
 
 def _inputs(scene: CompiledScene, inputs: Sequence[str] | None) -> tuple[str, ...]:
-    """The kinds of inputs, checked against what the scene has."""
+    """Return the kinds of inputs, checked against what the scene has."""
     actuated = scene.constants.actuator is not None
     if inputs is None:
         return ("reference",) if actuated else ("torque",)
@@ -184,34 +241,20 @@ def _inputs(scene: CompiledScene, inputs: Sequence[str] | None) -> tuple[str, ..
     return named
 
 
-def _default_steps(scene: CompiledScene) -> int:
-    return scene.tick_steps if scene.sampled else 1
-
-
-def _recorded(outputs: tuple[str, ...]) -> tuple[str, ...]:
-    for name in outputs:
-        one_of("outputs", name, [known for known in RECORDABLE if BY_NAME[known].kind != "computed"])
-    return outputs
-
-
 def _signal(scene: CompiledScene, name: str, value: ArrayLike | Reference | None) -> Reference | None:
     if value is None or isinstance(value, Reference):
         return value
     return Reference([0.0], vector(name, value, scene.tree.n, "one a joint, or a Reference")[None])
 
 
-def _torques(scene: CompiledScene, tau: ArrayLike | Reference | None, driven: bool) -> Reference | None:
-    return _signal(scene, "tau", np.zeros(scene.tree.n) if tau is None and driven else tau)
-
-
 # ------------------------------------------------------------------------------------------------ states as vectors
 
 
 class Chart:
-    """Deviations of a state: which numbers of it they move, and how they are read off again."""
+    """Map deviations to a state and back: which numbers of it they move, and which of them read a deviation."""
 
     def __init__(self, scene: CompiledScene, channels: Sequence[str], held: Sequence[str] = ()) -> None:
-        """channels: of the states; held: of what follows them, moved but no states."""
+        """Take the channels of the states, and those of what is moved with them but is no state."""
         self.channels = (*channels, *held)
         self.names: list[str] = []
         self.widths: list[float] = []
@@ -236,7 +279,7 @@ class Chart:
         self._moves = [np.array(column) for column in zip(*moves)] if moves else [np.zeros(0, int)] * 3
 
     def moved(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """States (size, k) at the deviations x (states, k) from y (size,)."""
+        """Return states (size, k) at the deviations x (states, k) from y (size,)."""
         Y = np.repeat(y[:, None], x.shape[1], axis=1)
         numbers, columns, factors = self._moves
         kept = columns < len(x)
@@ -259,7 +302,7 @@ class Chart:
             Y[run // lanes, at, run % lanes] = _turned(y[at], x).T
 
     def difference(self, Y: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Deviations (states, ...) of the states Y (size, ...) from y (size,)."""
+        """Return deviations (states, ...) of the states Y (size, ...) from y (size,)."""
         X = Y[self.reads] - _beside(y[self.reads], Y)
         if self.quaternion is not None:
             at = slice(self.quaternion, self.quaternion + 4)
@@ -268,25 +311,25 @@ class Chart:
 
 
 def _pairs(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where numbers of a (k,) and of b (m,) are equal: places in a and in b."""
+    """Find where numbers of a (k,) and of b (m,) are equal; return places in a and in b."""
     return np.divmod(np.flatnonzero(a[:, None] == b), len(b))
 
 
 def _beside(y: np.ndarray, Y: np.ndarray) -> np.ndarray:
-    """Numbers (size,) as they go with arrays (size, ...)."""
+    """Shape numbers (size,) so that they broadcast with arrays (size, ...)."""
     return y.reshape(-1, *[1] * (Y.ndim - 1))
 
 
 @functools.lru_cache(maxsize=128)
 def chart_of(scene: CompiledScene, channels: tuple[str, ...], held: tuple[str, ...] = ()) -> Chart:
-    """The `Chart` of a scene's channels."""
+    """Return the `Chart` of a scene's channels, one object for the same arguments."""
     return Chart(scene, channels, held)
 
 
 def _coordinates(scene: CompiledScene, name: str) -> list[tuple[str, int, list[tuple[int, float]]]]:
-    """Of each deviation of a channel its label, the number that reads it, and those that it moves, with factors.
+    """Return for each deviation of a channel its label, the number that reads it, and those that it moves with factors.
 
-    A turn of the base moves none: see `_turned`.
+    A rotation of the base moves none: see `_turned`.
     """
     first, end = scene.part(name)
     joints = scene.model.joint_names
@@ -316,7 +359,7 @@ def _coordinates(scene: CompiledScene, name: str) -> list[tuple[str, int, list[t
 
 
 def _width(scene: CompiledScene, sticky: bool, name: str, label: str) -> float:
-    """The first width of a deviation: what sticks must go on to do so, and contacts must stay as they are."""
+    """Return the first width of a deviation, so small that joints go on to stick and contacts stay as they are."""
     if name == "tangential_deflection":
         return BRISTLE
     width = STICKING if sticky else SMOOTH
@@ -327,19 +370,19 @@ def _width(scene: CompiledScene, sticky: bool, name: str, label: str) -> float:
 
 
 def _turned(quaternion: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Unit quaternions w x y z (4, k) after turns (3, k) in body axes: r / 2 is the tangent of half the angle."""
+    """Rotate a unit quaternion w x y z by r (3, k) in body axes, r / 2 the tangent of half the angle; return (4, k)."""
     new = quaternion[:, None] + total(_after(quaternion)[:, 1:, None] * (0.5 * turn), axis=1)
     return new / np.sqrt(total(new * new, axis=0))
 
 
 def _turn_between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """The turns (3, ...) in body axes from a quaternion (4,) to others (4, ...); the inverse of `_turned`."""
+    """Return rotations (3, ...) in body axes from a quaternion (4,) to others (4, ...); the inverse of `_turned`."""
     turn = total(_after(start).T.reshape(4, 4, *[1] * (end.ndim - 1)) * end, axis=1)
     return 2.0 * turn[1:] / turn[0]
 
 
 def _after(quaternion: np.ndarray) -> np.ndarray:
-    """The matrix (4, 4) of its product with others, which it comes before; transposed, the inverse of that."""
+    """Return the matrix (4, 4) of a quaternion's product with others from the left; its transpose is the inverse."""
     w, x, y, z = quaternion.tolist()
     return np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
 
@@ -348,7 +391,7 @@ def _after(quaternion: np.ndarray) -> np.ndarray:
 
 
 class _System:
-    """The map from states and inputs to states at the end of the period."""
+    """Map states and inputs to states at the end of the period."""
 
     def __init__(
         self,
@@ -482,13 +525,13 @@ def _ticks(system: _System) -> np.ndarray:
 
 @functools.lru_cache(maxsize=128)
 def _possible(scene: CompiledScene, inputs: tuple[str, ...]) -> tuple[list[str], list[str]]:
-    """Channels that always count, and those that do where the next state depends on them."""
+    """Return channels that always count, and those that count if the next state depends on them."""
     there = [c for c in IN_STATE if c.name not in inputs and scene.part(c.name)[1] > scene.part(c.name)[0]]
     return [c.name for c in there if c.kind in KINDS], [c.name for c in there if c.kind in MEMORY]
 
 
 def _channels(system: _System, states: Iterable[str] | None, inputs: tuple[str, ...]) -> list[str]:
-    """The channels of the states: those given, or those on which the next state depends."""
+    """Return the channels of the states: those given, or those on which the next state depends."""
     always, memory = _possible(system.scene, inputs)
     if states is not None:
         known = [c.name for c in IN_STATE if c.name in (*always, *memory)]
@@ -500,7 +543,7 @@ def _channels(system: _System, states: Iterable[str] | None, inputs: tuple[str, 
 
 
 def _remembered(system: _System, always: tuple[str, ...], memory: tuple[str, ...]) -> list[str]:
-    """Which channels of what is held or derived the next state depends on: a run with all of it moved tells."""
+    """Find the held or derived channels on which the next state depends, by runs in which one of them is moved."""
     if not memory:
         return []
     scene, count = system.scene, len(memory) + 1
@@ -525,7 +568,7 @@ def _remembered(system: _System, always: tuple[str, ...], memory: tuple[str, ...
 
 @functools.lru_cache(maxsize=128)
 def _uneven(scene: CompiledScene, memory: tuple[str, ...]) -> np.ndarray:
-    """What moves the states of runs: nothing in the first, then a channel each, and nothing in the last lanes."""
+    """Return moves of the states of runs: none in the first, then a channel each, and none in the last lanes."""
     size, found = int(scene.layout["length"]), []
     for name in memory:
         chart = chart_of(scene, (name,))
@@ -547,26 +590,26 @@ class _Columns(NamedTuple):
     error: np.ndarray
     left: np.ndarray
     right: np.ndarray
-    jump: np.ndarray  # from left to right, the least of all widths
+    jump: np.ndarray  # from left to right, the smallest of all widths
     noise: np.ndarray  # of left and right, by rounding
 
 
 def _kinked(found: _Columns, least: np.ndarray) -> np.ndarray:
-    """Where left and right differ (rows, columns), in all widths alike; least: what counts."""
+    """Find where left and right differ (rows, columns) for all widths; least: derivatives below it do not count."""
     largest = np.maximum(np.abs(found.left), np.abs(found.right))
     return found.jump > KINK * np.maximum(largest, least) + found.noise
 
 
 @functools.lru_cache(maxsize=128)
 def _named(scene: CompiledScene, chart: Chart, signals: tuple[str, ...]) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names of all columns, and their first widths."""
+    """Return the names of all columns and their first widths."""
     sticky = sticks(scene.constants.friction)
     widths = [*chart.widths, *(_width(scene, sticky, name.split()[0], "") for name in signals)]
     return (*chart.names, *signals), np.array(widths)
 
 
 def _differences(system: _System, chart: Chart, outputs: tuple[str, ...], period: float) -> Linearization:
-    """All columns, each in widths as small as it takes."""
+    """Compute all columns, each with widths as small as it takes."""
     scene = system.scene
     names, first = _named(scene, chart, tuple(system.signals))
     read = system.compiled.channels
@@ -596,7 +639,7 @@ def _differences(system: _System, chart: Chart, outputs: tuple[str, ...], period
 
 
 def _columns(system: _System, chart: Chart, which: np.ndarray, widths: np.ndarray) -> tuple[_Columns, np.ndarray]:
-    """Some columns, in a width each, and the state (size,) at the end of the run that nothing moves."""
+    """Compute columns with a width each; return them and the end state (size,) of the run that nothing moves."""
     k, read = len(which), system.compiled.channels
     steps = np.multiply.outer(MOVES, widths)
     states, signals = system.beginnings(4 * k + 1)  # to the right, to the left, half of it; the last one stays
@@ -635,7 +678,7 @@ def _move(
 
 
 def _better(found: _Columns, again: np.ndarray, new: _Columns) -> _Columns:
-    """The columns, of those taken again each entry from where its error is least, left and right from the last."""
+    """Merge columns computed again: each entry from where its error is least, left and right from the last width."""
     better = new.error < found.error[:, again]
     for old, now in zip(found[:2], new[:2]):
         old[:, again] = np.where(better, now, old[:, again])
@@ -646,7 +689,7 @@ def _better(found: _Columns, again: np.ndarray, new: _Columns) -> _Columns:
 
 
 def _labels(scene: CompiledScene, outputs: tuple[str, ...], read: np.ndarray) -> tuple[str, ...]:
-    """Names of the recorded numbers."""
+    """Return the names of the recorded numbers."""
     by_place = {}
     for name in outputs:
         first, end = scene.part(name)

@@ -1,13 +1,13 @@
-"""Robots as environments of Gymnasium, one or many in lanes; `pip install featherstone-gait[gym]`.
+"""Gymnasium environments of one robot, or of many in lanes; `pip install featherstone-gait[gym]`.
 
     env = Stand("humanoid")                     # gymnasium.Env
     envs = WalkVector("humanoid", num_envs=64)  # gymnasium.vector.VectorEnv
     env = gymnasium.make("featherstone_gait/Push-v0", robot="humanoid")
 
 Any robot with a floating base that stands on its contact points will do.  An action in [-1, 1] for each joint moves the
-reference of its servo about the standing posture.  Worlds are the domain randomization: the vector's robot k lives in
-world k, a single robot draws one for each episode.  An episode depends on its seed alone: robot k of a vector that is
-reset with the seed s has the bits of a single robot reset with s + k.
+reference of its servo about the standing posture.  Worlds are the domain randomization: robot k of a vector stays in
+world k, a single robot draws a world for each episode.  An episode depends on its seed alone: robot k of a vector that
+is reset with the seed s has the same bits as a single robot reset with s + k.
 """
 
 from __future__ import annotations
@@ -48,23 +48,33 @@ except ImportError as error:
     raise ImportError("environments need Gymnasium: pip install featherstone-gait[gym]") from error
 
 OBSERVED = ("q", "qd", "base_q", "base_qd")
-SPREAD = 0.02  # of the joints at the start [rad or m]
-TILTED = 0.5  # at which standing is worth nothing any more [rad]
-EFFORT = 0.01  # what the mean square of an action costs
-KEPT = 64  # sessions of worlds that one environment has been in, of some 70 kB
+SPREAD = 0.02  # range of joint positions at the start [rad or m]
+TILTED = 0.5  # tilt at which standing has no reward [rad]
+EFFORT = 0.01  # cost of the mean square of an action
+KEPT = 64  # sessions of worlds that one environment keeps, of some 70 kB
 Step = tuple[Any, Any, Any, Any, dict[str, Any]]
 
 
 class Task(NamedTuple):
-    """What robots are to do."""
+    """What a robot is to do.
 
-    speed: float = 0.0  # forwards, along the base's first axis at the start [m/s]
-    push: float = 0.0  # impulse by the robot's weight and a second [m/s]: how fast a push makes it, from any side
-    every: float = 2.0  # mean time between pushes [s]
+    Attributes
+    ----------
+    speed : float
+        Forward speed, along the base's first axis at the start [m/s].
+    push : float
+        Change of the robot's velocity by a push from a random side [m/s].
+    every : float
+        Mean time between pushes [s].
+    """
+
+    speed: float = 0.0
+    push: float = 0.0
+    every: float = 2.0
 
 
 class _Robots:
-    """What environments of one and of many robots have in common: rows are robots."""
+    """What environments of one and of many robots share; rows of arrays are robots."""
 
     def __init__(
         self,
@@ -94,12 +104,12 @@ class _Robots:
         self.action_space = spaces.Box(-1.0, 1.0, (n,), np.float64)
 
     def begin(self, draw: np.random.Generator) -> np.ndarray:
-        """The first state of an episode."""
+        """Draw the first state of an episode."""
         angles = self.angles + draw.uniform(-SPREAD, SPREAD, self.angles.shape)
         return standing_state(self.scene, np.clip(angles, self.lower, self.upper))
 
     def reference(self, actions: np.ndarray) -> np.ndarray:
-        """What the servos are given (n, joints)."""
+        """Return the reference of the servos (n, joints) for actions."""
         return np.clip(self.angles + self.scale * np.clip(actions, -1.0, 1.0), self.lower, self.upper)
 
     def push(self, session: Session, draws: Sequence[np.random.Generator | None]) -> None:
@@ -117,13 +127,13 @@ class _Robots:
             session.set_state("base_qd", speeds, who)
 
     def observation(self, seen: dict[str, np.ndarray]) -> np.ndarray:
-        """Joints from standing, their speeds, gravity and turning in the base's axes, its velocity and height."""
+        """Return joints from standing, their speeds, gravity and rotation in base axes, base velocity and height."""
         base_q, base_qd = seen["base_q"], seen["base_qd"]
         height = base_q[:, 2:3] - self.height
         return np.hstack([seen["q"] - self.angles, seen["qd"], -_up(base_q), base_qd[:, 3:], base_qd[:, :3], height])
 
     def reward(self, seen: dict[str, np.ndarray], actions: np.ndarray) -> np.ndarray:
-        """1 for standing upright, and as much for walking at the speed asked for, less the effort."""
+        """Return 1 for standing upright, plus 1 for walking at the desired speed, minus the cost of the action."""
         tilt, taken = _tilt(seen["base_q"]), np.clip(actions, -1.0, 1.0)
         reward = 1.0 - np.minimum(tilt / TILTED, 1.0) ** 2 - EFFORT * (taken**2).mean(axis=1)
         if self.task.speed:
@@ -131,7 +141,7 @@ class _Robots:
         return reward
 
     def info(self, session: Session, seen: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Time [s], place [m] and tilt [rad] of the base."""
+        """Return time [s], place [m] and tilt [rad] of the base."""
         return {"time": session.time, "x": seen["base_q"][:, 0].copy(), "tilt": _tilt(seen["base_q"])}
 
 
@@ -192,7 +202,7 @@ class RobotEnv(gymnasium.Env):
         self._session: Session | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode; return what is observed (2 n + 10,), and info; see Gymnasium."""
+        """Begin an episode; return the observation (2 n + 10,) and info, as Gymnasium defines."""
         super().reset(seed=seed)
         world = 0 if self._worlds is None else int(self.np_random.integers(len(self._worlds)))
         if world not in self._sessions:
@@ -206,7 +216,7 @@ class RobotEnv(gymnasium.Env):
         return self._robots.observation(seen)[0], self._info(seen)
 
     def step(self, action: Any) -> Step:
-        """Go on under an action (n,); return what is observed, reward, terminated, truncated and info; see Gymnasium.
+        """Step under an action (n,); return observation, reward, terminated, truncated and info, as Gymnasium defines.
 
         Raises ValueError before the first `reset`, and for an action of another shape or that is not finite.
         """
@@ -226,7 +236,7 @@ class RobotEnv(gymnasium.Env):
         return {name: float(values[0]) for name, values in found.items()}
 
     def close(self) -> None:
-        """End the sessions."""
+        """Close the sessions."""
         for session in self._sessions.values():
             session.close()
         self._sessions, self._session = {}, None
@@ -284,7 +294,7 @@ class RobotVectorEnv(VectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode of each robot, of robot k with the seed + k, or seed[k]; see Gymnasium.
+        """Begin an episode of each robot, robot k with seed + k or seed[k]; return observations and info.
 
         Raises ValueError for a list of seeds that is not one for each robot.
         """
@@ -306,16 +316,16 @@ class RobotVectorEnv(VectorEnv):
         return self._robots.observation(seen), self._info(seen)
 
     def _begin(self, who: np.ndarray) -> dict[str, np.ndarray]:
-        """New episodes of some robots, whose worlds stay."""
+        """Begin new episodes of some robots, which stay in their worlds."""
         firsts = []
         for robot in np.flatnonzero(who).tolist():
             if self._worlds is not None:
-                self._draws[robot].integers(len(self._worlds))  # what a single robot draws its world by
+                self._draws[robot].integers(len(self._worlds))  # the draw by which a single robot chooses its world
             firsts.append(self._robots.begin(self._draws[robot]))
         return self._session.reset(who, np.array(firsts))
 
     def step(self, actions: Any) -> Step:
-        """Go on under actions (num_envs, n); see Gymnasium.
+        """Step under actions (num_envs, n), as Gymnasium defines.
 
         Raises ValueError before the first `reset`, and for actions of another shape or that are not finite.
         """
@@ -337,50 +347,50 @@ class RobotVectorEnv(VectorEnv):
         return dict(self._robots.info(self._session, seen))
 
     def close_extras(self, **kwargs: Any) -> None:
-        """End the session."""
+        """Close the session."""
         self._session.close()
 
 
 class Stand(RobotEnv):
-    """Stand upright."""
+    """Task: stand upright; see `RobotEnv`."""
 
 
 class Walk(RobotEnv):
-    """Walk forwards, at 0.2 m/s."""
+    """Task: walk forwards at 0.2 m/s; see `RobotEnv`."""
 
     task = Task(speed=0.2)
 
 
 class Push(RobotEnv):
-    """Stand though something pushes, about every two seconds, from any side."""
+    """Task: stand under pushes of 0.15 m/s, about every two seconds, from any side; see `RobotEnv`."""
 
     task = Task(push=0.15)
 
 
 class StandVector(RobotVectorEnv):
-    """Robots that stand."""
+    """Task of many robots: stand upright; see `RobotVectorEnv`."""
 
 
 class WalkVector(RobotVectorEnv):
-    """Robots that walk forwards, at 0.2 m/s."""
+    """Task of many robots: walk forwards at 0.2 m/s; see `RobotVectorEnv`."""
 
     task = Walk.task
 
 
 class PushVector(RobotVectorEnv):
-    """Robots that stand though something pushes them."""
+    """Task of many robots: stand under pushes; see `RobotVectorEnv`."""
 
     task = Push.task
 
 
 def _scene(robot: Any, gearbox: Any) -> CompiledScene:
-    """The scene of a robot that can stand."""
+    """Return the scene of a robot that can stand."""
     scene = robot
     if not isinstance(robot, CompiledScene):
         model = robot if isinstance(robot, Model) else load_robot(robot)
         if not model.servos:
             raise ValueError(
-                f"{model.name}: it has no servos, which actions move; give it some: walking.with_generic_servos("
+                f"{model.name}: it has no servos, which actions move; add some: walking.with_generic_servos("
                 "load_robot(FILE, base='floating', contacts='feet'), leg=LENGTH)"
             )
         scene = compile_scene(model, gearbox, Ground(), "midpoint", 1e-3)
@@ -393,7 +403,7 @@ def _scene(robot: Any, gearbox: Any) -> CompiledScene:
 
 
 def _up(base_q: np.ndarray) -> np.ndarray:
-    """The world's vertical (n, 3) in the axes of bases at base_q (n, 7)."""
+    """Return the world's vertical (n, 3) in the axes of bases at base_q (n, 7)."""
     w, x, y, z = base_q[:, 3:].T
     return np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], axis=1)
 

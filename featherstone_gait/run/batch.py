@@ -16,7 +16,7 @@ from .compiled_run import CompiledRun, RunInput
 from .lane_constants import structure
 from .lane_engine import Queue, Source, run_lanes
 
-BATCH = 32  # runs that an executor is given at a time
+BATCH = 32  # runs given to an executor at a time
 
 Result = tuple[np.ndarray, np.ndarray]  # final state and records
 

@@ -18,8 +18,8 @@ from .status import OF_CODE, Status
 from .trajectory import Trajectory
 
 CHATTER_LIMIT = 0.05  # [rad/s or m/s]; see `worst_chatter` in core/step/state.py
-# A rule that rings about the right mean after an impact: the limit is the angle that this moves a joint to and fro,
-# half of what counts as a wrong result [rad or m].
+# For a rule that rings about the right mean after an impact: the amplitude of the joint's motion, half of what counts
+# as a wrong result [rad or m].
 RINGING_LIMIT = 5e-4
 
 

@@ -1,9 +1,9 @@
-"""Native runs that Ctrl-C ends.
+"""Run kernels so that Ctrl-C ends them.
 
-Python handles a signal in the main thread, between two of its own instructions: not before a kernel returns.  A kernel
-called from there runs in a thread of its own, which looks at `Run.stop`, while the main thread waits for it.  One
-thread serves all calls: to start one takes as long as a short run.  To hand a run over takes as long as a shorter one,
-so that those with error control, whose length nobody knows, begin where they are called.
+Python handles a signal in the main thread, between two of its own instructions, and so not before a kernel returns.
+A long kernel called from the main thread therefore runs in another thread and looks at `Run.stop`, while the main
+thread waits.  One such thread serves all calls, since starting a thread takes as long as a short run.  Handing a run
+over takes time too, so runs with error control, whose length is not known, begin in the thread that calls them.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ _jobs: list[queue.SimpleQueue] = []  # of the thread, if it is there
 
 
 def ensure_compiled(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray) -> None:
-    """Call the kernel for no step at all, which costs less than to ask whether it has been compiled for these types.
+    """Compile the kernel by calling it for no step, which costs less than to ask whether it is compiled.
 
-    In the main thread Ctrl-C ends its compiling too.
+    In the main thread Ctrl-C ends the compilation too.
     """
     kept = y.copy()
     kernel(run._replace(plan=run.plan._replace(steps=0)), y, out[:1])
@@ -36,7 +36,7 @@ def ensure_compiled(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray) ->
 
 
 def call_interruptibly(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray) -> None:
-    """Call a compiled kernel; in the main thread what is raised meanwhile, by Ctrl-C, ends it within a step."""
+    """Call a compiled kernel; in the main thread Ctrl-C, or another exception there, ends it within a step."""
     if threading.current_thread() is not threading.main_thread():
         return kernel(run, y, out)
     failures: list[BaseException] = []
@@ -58,7 +58,7 @@ def call_interruptibly(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray)
             pass
     except BaseException:
         run.stop[0] = 1
-        ended = threading.Event()  # of what the thread has been given, the kernel or not
+        ended = threading.Event()  # after all that the thread has been given
         _jobs[0].put(ended.set)
         ended.wait()
         run.stop[0] = 0
@@ -68,7 +68,7 @@ def call_interruptibly(kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray)
 
 
 def _begin() -> None:
-    """Start the thread; it ends with the program, and has no like in a forked one."""
+    """Start the thread; it ends with the program, and a forked process starts its own."""
     jobs: queue.SimpleQueue = queue.SimpleQueue()
     threading.Thread(target=_work, args=(jobs,), name="featherstone_gait runs", daemon=True).start()
     _jobs.append(jobs)

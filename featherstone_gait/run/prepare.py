@@ -68,23 +68,23 @@ def budget(seconds: float) -> float:
 
 
 def recorded(scene: CompiledScene, record: Iterable[str] | None) -> tuple[str, ...]:
-    """The channels to record, those of the coordinates if None; TypeError for no list."""
+    """Return the channels to record, those of the coordinates if None; ValueError for no list."""
     if record is None:
         return coordinates(scene)
     return tuple(map(current_name, listed("record", record, "give a list of channels, such as ('q', 'qd')")))
 
 
 def coordinates(scene: CompiledScene) -> tuple[str, ...]:
-    """The channels of positions and velocities, by which a run is judged."""
+    """Return the channels of positions and velocities, by whose errors a run is classified."""
     return ("q", "qd", *(("base_q", "base_qd") if scene.tree.floating else ()))
 
 
 def with_tolerance(
     scene: CompiledScene, rtol: float | None, atol: float | None
 ) -> tuple[CompiledScene, float | None, float | None]:
-    """The scene with an integrator that can meet the tolerances, and these; None for fixed steps.
+    """Return the scene with an integrator that can meet the tolerances, and these; None for fixed steps.
 
-    Raises ValueError on tolerances out of range, and where the integrator has no continuous limit.
+    Raises ValueError for tolerances out of range, and where the integrator has no continuous limit.
     """
     check_scene(scene)
     if rtol is None and atol is not None:
@@ -112,7 +112,7 @@ def with_tolerance(
 
 
 def _plan(scene: CompiledScene, duration: float, record_interval: float | None) -> Plan:
-    """The run in whole steps, ticks and samples."""
+    """Return the plan of a run in whole steps, ticks and samples."""
     h, tick = scene.timestep, scene.tick_steps
     if not is_real(duration) or not 0 < duration < math.inf:
         raise ValueError(f"duration is {shown(duration)} s; it must be positive and finite: give seconds")
@@ -128,7 +128,7 @@ def _plan(scene: CompiledScene, duration: float, record_interval: float | None) 
 
 
 def steps_between_records(scene: CompiledScene, record_interval: float | None) -> int:
-    """The time between records [s] in whole steps, those of a tick if None; ValueError if it is none."""
+    """Return the time between records [s] in whole steps, those of a tick if None; ValueError if it is not whole."""
     h = scene.timestep
     if record_interval is None:
         return scene.tick_steps
@@ -139,7 +139,7 @@ def steps_between_records(scene: CompiledScene, record_interval: float | None) -
 
 
 def _stored(scene: CompiledScene, record: tuple[str, ...]) -> tuple[dict[str, slice], np.ndarray]:
-    """Each channel's place among the recorded numbers, and the indices into the state of these."""
+    """Return each channel's place among the recorded numbers, and their indices into the state."""
     indices: list[int] = []
     slices = {}
     for name in record:
@@ -164,7 +164,7 @@ def with_steps(run: CompiledRun, steps: int, per_sample: int) -> CompiledRun:
 
 
 def each_once(function: Callable[[Any], Any], entries: Sequence[Any]) -> list[Any]:
-    """What the function makes of each entry; of the same object it makes the same."""
+    """Return what the function makes of each entry, called once for the same object."""
     found: dict[int, Any] = {}
     for entry in entries:
         if id(entry) not in found:

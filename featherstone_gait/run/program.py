@@ -1,4 +1,4 @@
-"""Controllers of one's own, compiled into the run.
+"""Compile controllers written in Python into the run.
 
     @controller(memory=1, period=0.02)
     def lean(t, state, reference, command, memory):
@@ -38,18 +38,32 @@ LENGTH, JOINTS, MEMORY, STARTS = 0, 1, 2, 3  # in the places
 
 @dataclass(frozen=True, eq=False)
 class CompiledController:
-    """A function that acts at ticks within a run; made by `controller`."""
+    """A function that acts at controller ticks within a run; made by `controller`.
+
+    Attributes
+    ----------
+    function : callable
+        The Python function.
+    memory : int
+        How many numbers it keeps.
+    period : float or None
+        Time between calls [s]; None: a controller tick.
+    writes : {"reference", "voltage"}
+        What its command is.
+    begins : ndarray or None
+        Numbers (memory,) with which its memory begins; None: zeros.
+    """
 
     function: Callable[..., None]
     memory: int
     period: float | None
     writes: Writes
-    begins: np.ndarray | None = None  # (memory,) what its memory begins with; None: zeros
+    begins: np.ndarray | None = None
     _made: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property
     def name(self) -> str:
-        """Of the function."""
+        """The name of the function."""
         return getattr(self.function, "__qualname__", repr(self.function))
 
     def __call__(self, *arguments: Any) -> None:
@@ -57,21 +71,21 @@ class CompiledController:
         self.function(*arguments)
 
     def beginning_with(self, numbers: ArrayLike) -> CompiledController:
-        """The same function with these numbers in its memory where a run begins, as many as they are.
+        """Return the controller with numbers (memory,) with which its memory begins in each run.
 
-        So one compiled function serves whatever parameters: it reads them in its memory.
+        One compiled function so serves any parameters, which it reads from its memory.
         """
         begins = finite("memory", numbers, (None,), "the numbers that it begins with")
         return replace(self, memory=len(begins), begins=begins)
 
     @property
     def first_memory(self) -> np.ndarray | float:
-        """What each run's memory begins with."""
+        """Numbers with which the memory of each run begins."""
         return 0.0 if self.begins is None else self.begins
 
     @property
     def kind(self) -> Hashable:
-        """What runs have in common that one vector takes."""
+        """What runs that share a vector have in common."""
         return self.function, self.memory, self.period, self.writes
 
     def __reduce__(self) -> Any:
@@ -84,7 +98,7 @@ class CompiledController:
         return _found, (module, name, self.begins)
 
     def driving(self, scene: CompiledScene) -> CompiledScene:
-        """The scene that it drives; ValueError where there is nothing that samples what it writes."""
+        """Return the scene that it drives; ValueError where no sampled servo takes what it writes."""
         if not scene.sampled:
             raise ValueError(
                 f"controller {self.name}: {scene.model.name} has no sampled servos that take what it writes: compile "
@@ -94,7 +108,7 @@ class CompiledController:
         return open_loop(scene) if self.writes == "voltage" else scene
 
     def every(self, scene: CompiledScene) -> int:
-        """Ticks from one call to the next."""
+        """Return the number of ticks from one call to the next."""
         tick = scene.tick_steps * scene.timestep
         if self.period is None:
             return 1
@@ -107,7 +121,7 @@ class CompiledController:
         return ticks
 
     def bound(self, scene: CompiledScene, zeros: Callable[..., np.ndarray]) -> core.Program:
-        """What the kernels take of it, with a memory of zeros."""
+        """Return what the kernels read, with its memory as it begins."""
         n, length = scene.tree.n, int(scene.layout["length"])
         starts = [place for name in SEEN for place in scene.part(name)]
         places = np.array([length, n, self.memory, *starts], np.int64)
@@ -129,7 +143,7 @@ class CompiledController:
         )
 
     def _address(self) -> Any:
-        """Of the compiled function."""
+        """Return the address of the compiled function."""
         if "address" not in self._made:
             try:
                 self._made["kept"], self._made["address"] = outside(self.function, _wrapped)
@@ -138,12 +152,12 @@ class CompiledController:
                 raise ValueError(
                     f"controller {self.name} does not compile: {lines[0] if lines else error}; it takes "
                     f"{', '.join(ARGUMENTS)}, writes command (joints, 2) and memory ({self.memory},), and calls what "
-                    "Numba compiles: see below what it stumbles over"
+                    "Numba compiles: Numba's message is below"
                 ) from error
         return self._made["address"]
 
     def check(self, program: core.Program) -> None:
-        """Raise ValueError where it has raised an exception: of the same call in Python, which tells what was wrong."""
+        """Raise ValueError if it has raised an exception, with that of the same call in Python."""
         if program.failure[core.FAILED] == 0.0:
             return
         t, why = float(program.failure[core.WHEN]), "an exception"
@@ -167,18 +181,41 @@ def controller(
     period: float | None = None,
     writes: Writes = "reference",
 ) -> Any:
-    """Make a function a controller that is compiled into runs: `simulate(scene, ..., controller=it)`.
+    """Compile a function into runs as their controller: ``simulate(scene, ..., controller=lean)``.
 
-    It is called as `function(t, state, reference, command, memory)`: the time [s]; the state's channels by name, as
-    `state.q` (joints,) or `state.base_q` (7,), flat, of length 0 where the robot has none, not to be written; what the
-    servos would follow (joints, 2), [rad or m] and its rate; what they are to follow, the same until it is written; and
-    `memory` (memory,), its own numbers, zero at the start.  Numba compiles it, with bounds checked; it runs for one
-    robot at a time, in lanes too.
+    Numba compiles the function, with bounds checked.  It is called for one robot at a time, in lanes too.
 
-    period [s]: between calls, a whole number of controller ticks, each tick if None; what was written stands between.
-    writes: "reference", or "voltage": command[:, 0] is then the voltage of each motor [V], zero until it is written,
-    past the servo's own law but through limits, delay and supply.
-    Raises ValueError for another signature.
+    Parameters
+    ----------
+    function
+        Called at ticks as ``function(t, state, reference, command, memory)``, with the time [s]; the state's channels
+        by name, as `state.q` (joints,) or `state.base_q` (7,), flat, empty where the robot has none, not to be written;
+        what the servos would follow (joints, 2), position [rad or m] and rate; what they are to follow (joints, 2),
+        which equals `reference` until it is written; and its own numbers (memory,), zero at the start of a run.
+    memory
+        How many numbers it keeps.
+    period
+        Time between calls [s], a whole number of controller ticks, between which its command stands.  None: each tick.
+    writes
+        "reference", or "voltage": ``command[:, 0]`` is then the voltage of each motor [V], zero until it is written,
+        past the servo's own law but through limits, delay and supply.
+
+    Returns
+    -------
+    CompiledController
+        Or a decorator that makes one, if `function` is left out.
+
+    Raises
+    ------
+    ValueError
+        For a function with other arguments.
+
+    Examples
+    --------
+    >>> @controller(memory=1, period=0.02)
+    ... def lean(t, state, reference, command, memory):
+    ...     memory[0] += 0.02 * state.base_qd[4]
+    ...     command[2, 0] = reference[2, 0] - 0.1 * memory[0]
     """
     if function is None:
         return functools.partial(controller, memory=memory, period=period, writes=writes)
@@ -196,7 +233,7 @@ def controller(
 
 
 def open_loop(scene: CompiledScene, duty: bool = False) -> CompiledScene:
-    """The scene whose servos take a reference for their voltage [V] or duty cycle: u = Kf times it, and no more."""
+    """Return the scene whose servos take their reference as voltage [V] or duty cycle: u = Kf times it, and no more."""
     servos = {}
     for name, servo in scene.model.servos.items():
         law = servo.controller
@@ -218,14 +255,14 @@ def _found(module: str, name: str, begins: np.ndarray | None) -> Any:
 def _views(
     state: np.ndarray, places: np.ndarray, reference: np.ndarray, command: np.ndarray, memory: np.ndarray
 ) -> tuple[Any, ...]:
-    """What the function takes after the time."""
+    """Return what the function takes after the time."""
     starts = places[STARTS:].tolist()
     channels = [state[first:end] for first, end in zip(starts[::2], starts[1::2])]
     return State(*channels), reference.reshape(-1, 2), command.reshape(-1, 2), memory
 
 
 def _wrapped(function: Callable[..., None]) -> Callable[..., None]:
-    """What the kernels call: with plain pointers compiled, with arrays in Python; an exception is noted."""
+    """Return what the kernels call, with pointers if compiled, else with arrays; it notes an exception."""
     if not JIT:
 
         def call(t: float, *arrays: np.ndarray) -> None:
@@ -239,7 +276,7 @@ def _wrapped(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _compiled_wrapper(function: Callable[..., None]) -> Callable[..., None]:
-    """Numba loops over no fields: the views are written out."""
+    """Write out the views of all channels, since Numba loops over no fields."""
     fields = ", ".join(
         f"y[places[{STARTS + 2 * k}] : places[{STARTS + 2 * k + 1}]]" for k in range(len(SEEN))
     )

@@ -1,4 +1,4 @@
-"""References and torques over time."""
+"""Describe references and torques over time by knots."""
 
 from __future__ import annotations
 
@@ -18,12 +18,30 @@ ReferenceKind = Literal["hold", "linear", "cubic"]
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A signal given at knots.
+    """A signal of n components over time, given at knots.
 
-    times (k,) rising [s]; values (k, n) [rad or m, N m or N]; `hold` keeps each value until the next knot, `linear` and
-    `cubic` (a C2 spline, natural at its ends) interpolate.  A cyclic signal repeats after the last knot, whose value
-    must be that of the first.  Outside its knots any other signal keeps its end values.
-    Raises ValueError on shapes that do not fit, times that do not rise and values that are not finite.
+    Outside its knots a signal keeps its end values, unless it is cyclic.
+
+    Attributes
+    ----------
+    times : ndarray
+        Rising times of the knots (k,) [s].
+    values : ndarray
+        Values at the knots (k, n) [rad or m, N m or N].
+    kind : {"linear", "hold", "cubic"}
+        "hold" keeps each value until the next knot; "linear" and "cubic" (a C2 spline, natural at its ends)
+        interpolate.
+    cyclic : bool
+        Repeat the signal after the last knot, whose value must be that of the first.
+
+    Raises
+    ------
+    ValueError
+        For shapes that do not fit, times that do not rise, and values that are not finite.
+
+    Examples
+    --------
+    >>> Reference([0.0, 1.0], [[0.0, 0.0], [0.5, -0.5]], kind="cubic")
     """
 
     times: np.ndarray
@@ -55,7 +73,7 @@ class Reference:
             object.__setattr__(self, name, array)
 
     def knots(self) -> Knots:
-        """The signal as the kernels read it."""
+        """Return the signal as the kernels read it."""
         times, values = np.array(self.times), np.array(self.values)  # read-only ones are another type to compile for
         if len(times) == 1:
             times, values = np.array([times[0], times[0] + 1.0]), np.repeat(values, 2, axis=0)
@@ -76,7 +94,7 @@ class Reference:
 
 
 def _spline(times: np.ndarray, values: np.ndarray, cyclic: bool) -> np.ndarray:
-    """The coefficients c1, c2, c3 (k, n, 3) of the C2 spline through k + 1 knots.
+    """Compute the coefficients c1, c2, c3 (k, n, 3) of the C2 spline through k + 1 knots.
 
     Its second derivatives M solve h_(i-1) M_(i-1) + 2 (h_(i-1) + h_i) M_i + h_i M_(i+1) = 6 (d_i - d_(i-1)), with the
     gaps h between knots and the slopes d across them (C. de Boor, "A Practical Guide to Splines", chapter IV).

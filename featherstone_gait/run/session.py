@@ -181,7 +181,7 @@ class Session:
         self._one_lag = int(self._lags[0]) if (self._lags == self._lags[0]).all() else None
         self._issued = np.zeros((int(self._lags.max()) + 1, self.n, self.scene.tree.n))  # commands of the last ticks
         self._ticks, self._robots = 0, np.arange(self.n)
-        self._fresh = np.zeros(self.n, bool)  # who has had no command since the start
+        self._fresh = np.zeros(self.n, bool)  # robots without a command since their start
         self._any_fresh, self._inaccurate = False, np.zeros(self.n, bool)
         self.reset()
 
@@ -347,7 +347,7 @@ class Session:
                     group.write(group.noise, noise)
             try:
                 fleet.tick()
-            except KeyboardInterrupt as stop:  # once all are there: records and second runs go with them
+            except KeyboardInterrupt as stop:  # raised once records and second runs are as far
                 stops.append(stop)
         if self._log.record:
             self._log.take(self._fleets[0])
@@ -633,7 +633,7 @@ class Session:
 
 
 class _View:
-    """A channel or sensor of all robots, in an array that is used again."""
+    """Read a channel or sensor of all robots, into an array that is used again."""
 
     def __init__(self, session: Session, name: str) -> None:
         if not isinstance(name, str) or name not in (*RECORDABLE, *SENSORS):
@@ -681,7 +681,7 @@ class _View:
 
 
 class _Log:
-    """What is recorded of all robots, a row for each sample, and where in it each robot has begun."""
+    """Keep what is recorded of all robots, a row for each sample, and where in it each robot has begun."""
 
     def __init__(self, runs: list[CompiledRun], record: tuple[str, ...]) -> None:
         self.runs, self.record = runs, record
@@ -744,7 +744,7 @@ def _names(value: Any, what: str = "observe") -> list[str]:
 
 
 def _action(scene: CompiledScene, action: Any) -> Action:
-    """What the robots are given; ValueError for what the scene has no input for."""
+    """Return what the robots are given; ValueError for what the scene has no input for."""
     name, driven = scene.model.name, scene.constants.actuator is not None
     if action is None:
         return "reference" if driven else "torque"
@@ -767,12 +767,12 @@ def _action(scene: CompiledScene, action: Any) -> Action:
 
 
 def _driven(scene: CompiledScene, action: Action) -> CompiledScene:
-    """The scene whose servos take what they are given."""
+    """Return the scene whose servos take the action."""
     return open_loop(scene, action == "pwm") if action in ("voltage", "pwm") else scene
 
 
 def _scenes(scene: CompiledScene, n: int | None, worlds: Worlds | None) -> tuple[list[CompiledScene], int]:
-    """The scene of each robot."""
+    """Return the scene of each robot, and their number."""
     if worlds is None:
         n = 1 if n is None else whole("n", n, 1, "give the number of robots", 10**6)
         return [scene] * n, n

@@ -47,7 +47,7 @@ __all__ = [
     "PARTS", "Push", "initial_state", "reset_time", "simulate", "simulate_batch", "simulate_stream", "standing_state"
 ]  # fmt: skip
 
-PARTS = RECORDABLE  # what can be recorded
+PARTS = RECORDABLE  # channels that can be recorded
 
 
 @deprecated.keywords(sample="record_interval")
@@ -375,14 +375,36 @@ def simulate_stream(
     record_interval: float | None = None,
     threads: int | None = None,
 ) -> float:
-    """Simulate what `source` hands out, in all lanes of all cores, until there is no more.
+    """Simulate what a source hands out, in all lanes of all cores, until there is no more.
 
-    scene: of all runs, or several that differ in numbers alone, as `Worlds.scenes` makes them.  `begin(key)` returns
-    the state and the reference of a run and, of several scenes, which; `end(trajectory)` the answer that the source is
-    given.  A run that it wants no longer is given up within `lane_engine.SEGMENT` steps.  Each run has the bits that
-    `simulate` gives it.  Duration, record and record_interval are those of `simulate`; threads: one a core if None.
-    Returns the share of the lane-steps that a run was in.  Raises ValueError for scenes without sampled servos, and for
-    those that cannot share lanes.
+    Each run is simulated once and has the bits of `simulate`; no errors are estimated.
+
+    Parameters
+    ----------
+    scene
+        One for all runs, or several that differ in numbers alone, as `Worlds.scenes` returns them.
+    duration, record, record_interval
+        As in `simulate`.
+    source
+        Hands out keys of runs and takes their answers: see `lane_engine.Source`.  A run that it no longer wants is
+        given up within `lane_engine.SEGMENT` steps.
+    begin
+        Called as ``begin(key)``; returns the state and the reference of a run and, of several scenes, the index of its
+        scene.
+    end
+        Called as ``end(trajectory)``; returns the answer that the source is given.
+    threads
+        None: one for each core.
+
+    Returns
+    -------
+    float
+        Share of the lane-steps that were used.
+
+    Raises
+    ------
+    ValueError
+        For scenes without sampled servos, and for those that cannot share lanes.
     """
     scenes = [scene] if isinstance(scene, CompiledScene) else listed("scene", scene, "give what compile_scene returns")
     for one in scenes:

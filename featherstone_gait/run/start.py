@@ -1,4 +1,4 @@
-"""States from which a simulation can begin."""
+"""Make and check the states from which a simulation begins."""
 
 from __future__ import annotations
 
@@ -30,14 +30,31 @@ SHORTEST, LONGEST = 1e-6, 1e6  # quaternion that has a direction
 def initial_state(
     scene: CompiledScene, q: ArrayLike | None = None, qd: ArrayLike | None = None, allow_limit_violation: bool = False
 ) -> np.ndarray:
-    """The whole state (size,) of a robot at positions q and velocities qd; zero where None.
+    """Return the state of a robot at given positions and velocities.
 
-    A floating robot over ground whose q is None stands with its lowest contact point sunk in by the ground's
-    `penetration`.  Rotors and goals are where their joints are, currents, bristles and voltages are zero.  Joints that
-    follow others do so where q or qd is None; where they are given and do not agree with their leaders, ValueError says
-    what they should be.
-    Raises ValueError too for a joint at more than `OVERSHOOT` beyond its limits, whose stop would throw it back at a
-    speed that no motion has, unless `allow_limit_violation` asks for it.
+    Rotors and profiled references are at their joints' positions; currents, contact deflections and voltages are zero.
+
+    Parameters
+    ----------
+    scene
+        A compiled scene.
+    q
+        Positions (nq,) [m, -, rad].  None: zero, with coupled joints where their leaders put them; a floating robot
+        over ground stands with its lowest contact point at the ground's `penetration`.
+    qd
+        Velocities (nv,) [m/s, rad/s].  None: zero.
+    allow_limit_violation
+        Allow a joint more than 0.01 rad or m beyond its limits, whose stop then throws it back.
+
+    Returns
+    -------
+    ndarray
+        State (size,); `CompiledScene.state_view` names its parts.
+
+    Raises
+    ------
+    ValueError
+        For numbers that do not fit, coupled joints that do not agree with their leaders, and a joint beyond its limits.
     """
     check_scene(scene)
     truth("allow_limit_violation", allow_limit_violation)
@@ -72,9 +89,21 @@ def initial_state(
 
 
 def reset_time(scene: CompiledScene, state: ArrayLike) -> np.ndarray:
-    """A state (size,) that a run has come to, with its time at zero.
+    """Return a copy of the final state (size,) of a run with its time at zero.
 
-    References, torques and pushes count from there: a new run, in which controllers forget their last error.
+    A run from it is a new one: references, torques and pushes begin at zero, and controllers forget their last error.
+
+    Parameters
+    ----------
+    scene
+        A compiled scene.
+    state
+        State (size,).
+
+    Returns
+    -------
+    ndarray
+        State (size,).
     """
     check_scene(scene)
     y = vector("state", state, int(scene.layout["length"])).copy()
@@ -84,9 +113,26 @@ def reset_time(scene: CompiledScene, state: ArrayLike) -> np.ndarray:
 
 @deprecated.keywords(beyond_limits="allow_limit_violation")
 def standing_state(scene: CompiledScene, angles: ArrayLike, allow_limit_violation: bool = False) -> np.ndarray:
-    """The whole state of a floating robot at rest over the origin: base upright, joints at `angles`, on the ground.
+    """Return the state of a floating robot at rest on the ground over the origin, with its base upright.
 
-    Raises ValueError for a fixed base, without ground and for angles that do not fit, as `initial_state`.
+    Parameters
+    ----------
+    scene
+        A compiled scene with ground.
+    angles
+        Joint positions (joints,) [rad or m].
+    allow_limit_violation
+        As in `initial_state`.
+
+    Returns
+    -------
+    ndarray
+        State (size,).
+
+    Raises
+    ------
+    ValueError
+        For a fixed base, without ground, and as `initial_state`.
     """
     check_scene(scene)
     model = scene.model
@@ -144,14 +190,14 @@ def checked_state(scene: CompiledScene, state: ArrayLike | Trajectory) -> np.nda
 
 
 def _sound(scene: CompiledScene, values: ArrayLike) -> np.ndarray:
-    """The state as a vector; ValueError where the numbers cannot be what a run has left."""
+    """Return a state as a vector; ValueError for numbers that no run ends with."""
     y = vector("state", values, int(scene.layout["length"]), "what initial_state gave, or the end of a run")
     check_quaternion(scene, y[slice(*scene.part("base_q"))][3:], 0.5, 2.0)
     status, own = y[scene.layout["status"]], y[scene.part("step_control")[0] :]
     if status not in ENDS or not (own >= 0.0).all():
         raise ValueError(
             f"{scene.model.name}: state: its last {len(own)} numbers, pace, status {status:g} and time of a run, are "
-            f"{own}; no run leaves these: make the state with initial_state"
+            f"{own}; `simulate` returns no such state: make it with initial_state"
         )
     return y
 

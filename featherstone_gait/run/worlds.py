@@ -1,4 +1,4 @@
-"""Worlds: the physical numbers in which the runs of a batch differ.
+"""Describe worlds, the physical numbers in which the runs of a batch differ.
 
     worlds = Worlds(
         runs=1000,
@@ -8,7 +8,7 @@
     )
     trajectories = simulate_batch(scene, 4.0, references=[gait] * 1000, worlds=worlds)
 
-Each run has the bits that it has in the scene of its world alone, `worlds.scenes(scene)[k]`.
+Each run has the same bits as alone in the scene of its world, `worlds.scenes(scene)[k]`.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from ..scene.compile import CompiledScene
 
 Kind = Literal["uniform", "normal", "lognormal"]
 MOST_RUNS = 10**7
-WIDEST = 10.0  # relative spread
+WIDEST = 10.0  # relative scale
 LEAST_SHARE = 2.0**-53  # of a normal distribution, beyond which nothing is drawn
-FIELDS = {  # what may differ, by section
+FIELDS = {  # numbers that may differ, by section
     "ground": tuple(f.name for f in dataclasses.fields(Ground) if f.name not in ("steps", "field")),
     "servos": tuple(
         f.name
@@ -46,7 +46,7 @@ FIELDS = {  # what may differ, by section
 }
 WHOLE = ("ground", "supply")  # of which a scene has one
 
-INFINITE = (  # may be
+INFINITE = (  # numbers that may be infinite
     "stiffness", "current_limit", "current_slew", "torque_limit", "profile_speed", "effort", "lower", "upper"
 )  # fmt: skip
 _OWNER = {f.name: part for part in (Controller, Gearbox, Servo) for f in dataclasses.fields(part)}
@@ -55,15 +55,24 @@ _OWNER = {f.name: part for part in (Controller, Gearbox, Servo) for f in datacla
 @deprecated.fields(law="kind", width="scale", added="additive", alike="shared")
 @dataclass(frozen=True)
 class Distribution:
-    """Distribution of a number that is drawn anew for each run, about the scene's own number.
+    """The distribution of a number that is drawn for each run, about the number of the scene.
 
     Attributes
     ----------
-    kind : "uniform", the number times 1 + scale u, u in [-1, 1); "normal", times 1 + scale n, n standard normal;
-        or "lognormal", times exp(scale n)
-    scale : relative width; absolute, in the number's own unit, if `additive`
-    additive : whether scale u or scale n is added to the number instead
-    shared : whether one draw serves all servos, links or joints of a run, not one each
+    kind : {"uniform", "normal", "lognormal"}
+        "uniform": the scene's number times 1 + scale u, with u uniform in [-1, 1); "normal": times 1 + scale n, with n
+        of standard normal distribution; "lognormal": times exp(scale n).
+    scale : float
+        Relative width; absolute, in the number's unit, if `additive`.
+    additive : bool
+        Add scale u or scale n to the scene's number instead.
+    shared : bool
+        Draw once for all servos, links or joints of a run, not for each.
+
+    Raises
+    ------
+    ValueError
+        For unknown kinds, scales out of range, and an additive lognormal distribution.
     """
 
     kind: Kind
@@ -81,17 +90,17 @@ class Distribution:
             raise ValueError("distribution: additive is True, kind 'lognormal' is a factor; use 'normal' or 'uniform'")
 
     def drawn(self, numbers: np.ndarray, runs: int, generator: np.random.Generator) -> np.ndarray:
-        """Draws (runs, ...) about the numbers (parts, ...) of the scene."""
+        """Draw numbers (runs, ...) about those of the scene (parts, ...)."""
         size = (runs, *self.shape(numbers))
         x = generator.uniform(-1.0, 1.0, size) if self.kind == "uniform" else generator.standard_normal(size)
         return self.applied(numbers, x)
 
     def shape(self, numbers: np.ndarray) -> tuple[int, ...]:
-        """Of what is drawn for one run about the numbers (parts, ...) of the scene."""
+        """Return the shape of what is drawn for one run about the numbers (parts, ...) of the scene."""
         return (1 if self.shared else len(numbers), *(numbers.shape[1:] if self.additive else ()))
 
     def at(self, shares: np.ndarray) -> np.ndarray:
-        """The draws, in widths, below which such shares in [0, 1) of all draws lie."""
+        """Return the quantiles, in widths, of shares in [0, 1)."""
         if self.kind == "uniform":
             return 2.0 * shares - 1.0
         from scipy.special import ndtri
@@ -99,7 +108,7 @@ class Distribution:
         return ndtri(np.clip(shares, LEAST_SHARE, 1.0 - LEAST_SHARE))
 
     def applied(self, numbers: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """The numbers (runs, parts, ...) of draws x (runs, *shape), in widths."""
+        """Return the numbers (runs, parts, ...) of draws x (runs, *shape) in widths."""
         if self.additive:
             return numbers + self.scale * x
         factors = exp(self.scale * x) if self.kind == "lognormal" else 1.0 + self.scale * x
@@ -120,18 +129,32 @@ class _Column(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Worlds:
-    """The numbers in which runs differ; what is not named is that of the scene.
+    """The physical numbers in which runs differ; all other numbers are those of the scene.
 
-    ground, servos, links, joints, supply: by the names that `Ground`, `Servo` with its `Gearbox` and `Controller`,
-    `Link`, `Joint` and `Supply` have, in their units.  A name stands for all servos, links or joints of the robot,
-    "PART.name" for that of one joint or link.  A value is a number, an array with one entry a run, one (runs, parts)
-    with an entry for each of them in the order of the model (servos in that of its moving joints; centers of mass and
-    inertias have a last axis of 3 and 6 numbers), or a `Distribution`, which draws.
-    gravity: (3,) or (runs, 3) [m/s^2].
-    runs: how many, where no array says it.  seed: of the draws; those of a field do not depend on the other fields, nor
-    those of a run on how many runs there are.
+    Attributes
+    ----------
+    runs : int
+        Number of runs; may be left out where an array has it.
+    ground, servos, links, joints, supply : dict
+        Values by the names of fields: of `Ground`; `Servo` with its `Gearbox` and `Controller`; `Link`; `Joint`; and
+        `Supply`, in their units.  A name stands for all servos, links or joints of the robot, "PART.name" for that of
+        one joint or link.  A value is a number; an array (runs,); an array (runs, parts) in the order of the model
+        (servos in the order of moving joints), with a last axis of 3 or 6 for centers of mass and inertias; or a
+        `Distribution` from which to draw.
+    gravity : array_like or None
+        Gravity (3,) or (runs, 3) [m/s^2].
+    seed : int
+        Seed of the draws; those of a field do not depend on other fields, nor those of a run on the number of runs.
 
-    Raises ValueError on unknown names and on arrays that do not fit; `scenes` on numbers that make no scene.
+    Raises
+    ------
+    ValueError
+        For unknown names and arrays that do not fit.
+
+    Examples
+    --------
+    >>> worlds = Worlds(runs=100, ground={"friction": Distribution("uniform", 0.2)})
+    >>> trajectories = simulate_batch(scene, 2.0, worlds=worlds)
     """
 
     runs: int | None = None
@@ -171,9 +194,9 @@ class Worlds:
         return self.runs
 
     def scenes(self, scene: CompiledScene, runs: Iterable[int] | None = None) -> list[CompiledScene]:
-        """The scene of each world, with integrator and step of the scene; runs: which, all if None.
+        """Return the scene of each world, with integrator and step of the scene; runs: which, all if None.
 
-        Raises ValueError for numbers of parts that the scene does not have, and for those that make no scene.
+        Raises ValueError for parts that the scene does not have, and for numbers that make no scene.
         """
         columns = [*self._columns(scene)]
         return [self._scene(scene, columns, run) for run in (range(len(self)) if runs is None else runs)]
@@ -202,7 +225,7 @@ class Worlds:
                 yield _Column(section, name, parts, self._values(f"{section}.{key}", value, numbers))
 
     def _values(self, what: str, value: Values, numbers: np.ndarray) -> np.ndarray:
-        """(runs, parts, ...) from what was given; numbers (parts, ...) those of the scene."""
+        """Return values (runs, parts, ...); numbers (parts, ...): those of the scene."""
         if isinstance(value, Distribution):
             return value.drawn(numbers, len(self), np.random.default_rng([self.seed, crc32(what.encode())]))
         array, shape = np.asarray(value), (len(self), *numbers.shape)
@@ -216,7 +239,7 @@ class Worlds:
 
 
 def nominal(scene: CompiledScene, section: str, key: str) -> tuple[list[str], np.ndarray]:
-    """Whose numbers a field stands for, and what they are in the scene, (parts, ...).
+    """Return whose numbers a field stands for, and what they are in the scene (parts, ...).
 
     Raises ValueError for parts that the scene does not have.
     """
@@ -242,7 +265,7 @@ def _checked(section: str, names: Sequence[str], key: str, value: Values) -> Val
 
 
 def _parts(scene: CompiledScene, section: str) -> dict[str, Any]:
-    """What has the numbers of a section, by name."""
+    """Return the parts that have the numbers of a section, by name."""
     model = scene.model
     if section == "ground":
         return {} if scene.ground is None else {"": scene.ground}
@@ -263,7 +286,7 @@ def _number(owner: Any, name: str) -> Any:
 
 
 def _scene_with(scene: CompiledScene, changed: dict[str, Any], gravity: np.ndarray | None) -> CompiledScene:
-    """The scene compiled with other numbers, by section and part."""
+    """Return the scene compiled with other numbers, by section and part."""
     model = scene.model
     given: dict[str, Any] = {} if gravity is None else {"gravity": gravity}
     parts: dict[str, Any] = {}
@@ -290,7 +313,7 @@ def _scene_with(scene: CompiledScene, changed: dict[str, Any], gravity: np.ndarr
 
 
 def servo_with(servo: Servo, given: Mapping[str, Any]) -> Servo:
-    """The servo with other numbers of its own, its gearbox and its controller, by name."""
+    """Return the servo with other numbers of its own, its gearbox and its controller, by name."""
     own = {name: value for name, value in given.items() if _OWNER[name] is Servo}
     for name, kind in (("controller", Controller), ("gearbox", Gearbox)):
         changed = {field: value for field, value in given.items() if _OWNER[field] is kind}
@@ -300,7 +323,7 @@ def servo_with(servo: Servo, given: Mapping[str, Any]) -> Servo:
 
 
 def _with(record: Any, changed: Mapping[str, Any]) -> Any:
-    """`dataclasses.replace` without its pass over all fields: half of its time for a gearbox; checked alike."""
+    """Do as `dataclasses.replace`, without its pass over all fields: half of its time for a gearbox; checked alike."""
     made = object.__new__(type(record))
     made.__dict__.update(record.__dict__, **changed)
     made.__post_init__()
