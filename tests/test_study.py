@@ -177,7 +177,7 @@ def test_what_is_wrong_is_said_with_file_key_value_and_remedy(tmp_path, text, wo
 
 def test_a_row_is_what_the_simulation_gives(tmp_path):
     """Variance, offset and energy of one run of the table, worked out by hand."""
-    text = ARM.replace("ax12_arm", "arm7") + '[scene]\nservos = "rotor"\ntimestep = 0.002\n'
+    text = ARM.replace("ax12_arm", "arm7") + '[scene]\ngearbox = "rotor"\ntimestep = 0.002\n'
     outcome = run_study(read(tmp_path, text + "[vary]\nposture.tilt = [0.01, 0.05]\n"), tmp_path)
     scene = compile_scene(load_robot("arm7"), "rotor", timestep=0.002)
     still = Reference([0.0], np.zeros((1, 7)))
@@ -247,7 +247,7 @@ def test_a_stable_step_comes_to_rest_and_the_next_larger_one_does_not(tmp_path):
     Steps of an interval divide no period, so that each run gets a period of as many of its steps.
     """
     text = ARM.replace("hold", "stable_step").replace("0.5", "2.0")
-    text += "[servo]\ninductance = 0.0\nspeed_filter = 0.0\n[scene]\nservos = 'standard'\nintegrator = 'simtwo'\n"
+    text += "[servo]\ninductance = 0.0\nspeed_filter = 0.0\n[scene]\ngearbox = 'standard'\nintegrator = 'simtwo'\n"
     row = table(run_study(read(tmp_path, text + "[vary]\nposture.tilt = [0.05]\n"), tmp_path).table)[0]
     ends = [float(row["stable_step_s"]), float(row["unstable_step_s"])]
     assert ends[0] < ends[1] < 1.04 * ends[0]

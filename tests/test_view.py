@@ -162,7 +162,7 @@ def test_meshes_of_visuals_are_read_and_missing_ones_told(tmp_path):
     (tmp_path / "ball.stl").write_bytes(b"\0" * 80 + struct.pack("<I", len(rows)) + b"".join(rows))
     (body,), notes = seen_in(tmp_path, '<mesh filename="ball.stl" scale="1 1 2"/>', '<mesh filename="none.stl"/>')
     assert volume(body.points, body.faces) == pytest.approx(8.0 / 3.0 * np.pi, rel=0.05)
-    assert notes == ["mesh 'none.stl' is not there"]
+    assert notes == ["mesh 'none.stl' does not exist"]
 
 
 def test_sides_are_told_by_names():
@@ -194,7 +194,7 @@ def test_positions_that_are_not_finite_are_left_out(model):
     (told,) = page_data({"run": Seen(model, run, Ground())})["runs"]
     assert told["times"][-1] == pytest.approx(1.19)
     run["q"][:] = np.nan
-    with pytest.raises(ValueError, match="no sample that is finite"):
+    with pytest.raises(ValueError, match="no sample of the run is finite"):
         page_data({"run": Seen(model, run, Ground())})
 
 

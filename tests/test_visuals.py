@@ -219,7 +219,7 @@ def test_meshes_of_packages_are_found_where_those_of_the_loading_were(tmp_path):
     model = load_robot(file, package_dirs=tmp_path / "elsewhere" / "deep")
     assert model.package_dirs == (str(tmp_path / "elsewhere" / "deep"),)
     assert pieces(model, 1000, 48)[1] == []
-    assert pieces(replace(model, package_dirs=()), 1000, 48)[1] == ["mesh 'package://pack/mesh.obj' is not there"]
+    assert pieces(replace(model, package_dirs=()), 1000, 48)[1] == ["mesh 'package://pack/mesh.obj' does not exist"]
 
 
 def test_edges_are_seen_and_smooth_surfaces_are_smooth(tmp_path):
@@ -244,7 +244,7 @@ def test_without_viser_the_live_page_says_what_to_install(monkeypatch, capsys):
     with pytest.raises(ImportError, match=r"pip install featherstone-gait\[viser\]"):
         show_live(walking(humanoid()), humanoid())
     assert main(["view", "arm7", "--live"]) == 2
-    assert "error: a live page is served by viser: pip install" in capsys.readouterr().err
+    assert "error: a live page needs viser: pip install" in capsys.readouterr().err
 
 
 def test_looking_needs_no_viser_and_loading_reads_no_visuals():
@@ -301,7 +301,7 @@ def test_the_live_page_tells_which_run_fell_and_when(page):
     model = humanoid()
     live = page(model, walking(model), fallen(model), captions=["walks", "<falls>"], ghosts=True)
     walks, falls = live._actors
-    assert (walks.told().count("ok"), "&lt;falls&gt;: fell at 1 s" in falls.told()) == (1, True)
+    assert (walks.status_html().count("ok"), "&lt;falls&gt;: fell at 1 s" in falls.status_html()) == (1, True)
     live.seek(0.9)
     assert (walks.label.text, falls.label.text) == ("walks", "<falls>")
     assert falls.meshes[0].opacity < 0.5
@@ -357,7 +357,7 @@ def test_what_is_missing_is_told_once_by_name_and_its_collision_shape_is_drawn(p
     assert model.shapes[0].geometry == Sphere(0.5)
     from featherstone_gait.view.shown import in_posture
 
-    with pytest.warns(RobotFileWarning, match=r"robot.urdf: mesh 'none.stl' is not there: collision shapes") as told:
+    with pytest.warns(RobotFileWarning, match=r"robot.urdf: mesh 'none.stl' does not exist: collision shapes") as told:
         live = page(model, in_posture(model))
     assert len(told) == 1
     (piece,) = live._actors[0].found

@@ -1,4 +1,4 @@
-"""Where something stops to hold: bisection on a logarithmic scale."""
+"""Find where a condition stops to hold, by bisection on a logarithmic scale."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from collections.abc import Callable
 def largest(
     holds: Callable[[float], bool], low: float, high: float, factor: float = 4.0, width: float = 1.03
 ) -> tuple[float, float]:
-    """The largest x that holds and the smallest that does not, next to each other: they differ by `width` at most.
+    """Find the largest x that holds and the smallest that does not, whose ratio is at most `width`.
 
-    The search descends from `high` by `factor` until x holds, then halves the logarithm of the interval.  (nan, low)
-    if nothing down to `low` holds, (high, nan) if `high` does.  Where x holds in several intervals one end is found,
-    that of an interval which the descent hits.
+    The search descends from `high` by `factor` until x holds, then halves the logarithm of the interval.  It returns
+    (nan, low) if nothing down to `low` holds, and (high, nan) if `high` holds.  If x holds in several intervals, it
+    finds the end of the one that the descent meets.
     """
     if holds(high):
         return high, math.nan

@@ -1,14 +1,13 @@
-"""Numbers that each run of a study draws for itself: the tables of [worlds].
+"""Draw random numbers for each run of a study, as its tables [worlds] state.
 
     [worlds]
-    links.mass = {kind = "uniform", scale = 0.1}               # each link by itself
+    links.mass = {kind = "uniform", scale = 0.1}               # independent for each link
     servos.voltage_limit = {kind = "normal", scale = 0.05, shared = true}
     reference.offset = {kind = "uniform", scale = 0.03}        # zeros of the joints' encoders [rad]
 
-Names and tables are those of `Worlds` and `Distribution`; `reference.offset`, what each servo is sent beyond its
-reference, is a study's own.  In the sample the draws of one name go together, so that "saltelli" tells what all of them
-make of a measure: Sobol's indices of a group (I. M. Sobol, Mathematics and Computers in Simulation 55 (2001), section
-7).
+Names and tables are those of `Worlds` and `Distribution`; `reference.offset`, which is added to each servo's reference,
+exists only in studies.  All numbers of one table form a group of the sample, so that "saltelli" gives Sobol's indices
+of the group (I. M. Sobol, Mathematics and Computers in Simulation 55 (2001), section 7).
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ OFFSET = "reference.offset"
 
 
 class Draw(NamedTuple):
-    """One table of [worlds]."""
+    """Hold one table of [worlds]."""
 
     section: str
     key: str  # of `Worlds`
@@ -37,17 +36,17 @@ class Draw(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As the table has it."""
+        """The name of the column in the study's table."""
         return f"worlds.{self.section}.{self.key}"
 
     @property
     def numbers(self) -> int:
-        """How many a run draws."""
+        """How many numbers a run draws."""
         return math.prod(self.shape)
 
 
 def read_draws(table: dict[str, Any], scene: CompiledScene) -> tuple[Draw, ...]:
-    """The draws that a table [worlds] asks for in a scene.  Raises ValueError, naming the key."""
+    """Read the tables [worlds] for a scene.  Raises ValueError, naming the key."""
     found: list[Draw] = []
     for section, key, given in _tables(table):
         offset = f"{section}.{key}" == OFFSET
@@ -84,14 +83,14 @@ def _spread(name: str, given: dict[str, Any], offset: bool) -> Distribution:
 
 def _check_spread(name: str, key: str, spread: Distribution, numbers: np.ndarray) -> None:
     if key.rpartition(".")[2] == "period":
-        raise ValueError(f"{name}: the step must divide periods, and what is drawn is no multiple; vary servo.period")
+        raise ValueError(f"{name}: the time step must divide periods; vary servo.period instead")
     if not spread.additive and not (np.isfinite(numbers) & (numbers != 0.0)).any():
         value = float(numbers.ravel()[0])
-        raise ValueError(f"{name} is {value:g} here, of which no share can be drawn; add additive = true or set it")
+        raise ValueError(f"{name} is {value:g} here and has no share to draw; add additive = true or set it")
 
 
 def _check_apart(found: list[Draw]) -> None:
-    """Raise ValueError for numbers that are drawn twice."""
+    """Raise ValueError if a number is drawn by two tables."""
     names = [draw.name for draw in found]
     for draw in found:
         whole = f"worlds.{draw.section}.{draw.key.rpartition('.')[2]}"
@@ -100,19 +99,19 @@ def _check_apart(found: list[Draw]) -> None:
 
 
 def _tables(table: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
-    """Section, key and table of every spread."""
+    """Yield section, key and table of every distribution."""
     sections = (*FIELDS, "reference")
     for section, inner in table.items():
         if section not in sections:
             raise ValueError(f"worlds: there is no section {shown(section)}; use one of {', '.join(sections)}")
         for key, given in _named("", inner, f"worlds.{section}", 2):
             if section == "reference" and key != "offset":
-                raise ValueError(f"worlds.reference.{key} is no number that can be drawn; use {OFFSET}")
+                raise ValueError(f"worlds.reference.{key} cannot be drawn; use {OFFSET}")
             yield section, key, given
 
 
 def _named(prefix: str, table: object, what: str, deeper: int) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Tables by their names, PART.name or name."""
+    """Yield tables by their names, PART.name or name."""
     if not isinstance(table, dict) or not table:
         raise ValueError(f'{what} is {shown(table)}; give a table as {{kind = "uniform", scale = 0.1}}')
     if prefix and (not deeper or not any(isinstance(value, dict) for value in table.values())):
@@ -125,7 +124,7 @@ def _named(prefix: str, table: object, what: str, deeper: int) -> Iterator[tuple
 def drawn_scenes(
     scene: CompiledScene, draws: tuple[Draw, ...], x: list[tuple[np.ndarray, ...]]
 ) -> list[CompiledScene | ValueError]:
-    """The scene of each run, or why there is none; x: what each run has drawn, as `Study.values` has it."""
+    """Make the scene of each run, or the error if there is none; x: the draws of each run, as of `Study.values`."""
     try:
         return _all_scenes(scene, draws, x)
     except ValueError as error:
@@ -152,7 +151,7 @@ def _worlds(runs: int, fields: dict[str, Any]) -> Worlds:
 
 
 def offset_of(draws: tuple[Draw, ...], x: tuple[np.ndarray, ...]) -> np.ndarray | float:
-    """What is added to the references of a run (nj,) [rad]."""
+    """Find the offset (nj,) of the references of a run [rad]."""
     for draw, own in zip(draws, x):
         if f"{draw.section}.{draw.key}" == OFFSET:
             return draw.spread.scale * own

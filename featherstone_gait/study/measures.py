@@ -1,19 +1,19 @@
-"""The experiments of a study, and what they measure; this is what a worker does.
+"""Run the experiments of a study and measure them, in a worker.
 
-- `hold`: servos pull all joints of a resting robot to zero (or the limit nearest to it) from `posture.tilt` [rad]
-  beside it and hold them there.  A servo model or step that is not stable shows in the second half of the run, when
-  everything should rest (Lima et al. 2013, Figs. 7-10).
-- `stable_step`: the largest step with which servos bring a robot to rest from eight postures `posture.tilt` [rad]
-  beside zero, by bisection.  Stable is a step with which all eight come to rest: the root mean square speed of joints
-  and rotors in the last quarter of the run is at most `FADING` of that in the quarter before, or below `STILL`.  A
-  run takes `duration`, but at least `LEAST_STEPS` steps and `LEAST_TICKS` periods of the controllers; the period is
-  the whole number of steps nearest to theirs, at least one.
-- `walk`: a gait of four key poses, fitted to a walk planned by preview control (`gait.*`), on the ground; its cost is
-  that of `walking.cost`.
+- `hold`: servos pull all joints of a resting robot from `posture.tilt` [rad] to zero (or the limit nearest to it) and
+  hold them there.  An unstable servo model or step shows in the second half of the run, when all should rest
+  (Lima et al. 2013, Figs. 7-10).
+- `stable_step`: find by bisection the largest step with which servos bring a robot to rest from eight postures that
+  are `posture.tilt` [rad] away from zero.  A step is stable if all eight come to rest: the root mean square speed of
+  joints and rotors in the last quarter of the run is at most `FADING` of that in the quarter before, or below `STILL`.
+  A run takes `duration`, but at least `LEAST_STEPS` steps and `LEAST_TICKS` periods of the controllers; the period is
+  rounded to a whole number of steps, at least one.
+- `walk`: walk on the ground with a gait of four key poses, fitted to a walk planned by preview control (`gait.*`); its
+  cost is that of `walking.cost`.
 
 Every run gives a row: status ("ok", that of the trajectory, "no cost" for a walk without one, or "refused" for
 parameters that make no scene), the columns of `COLUMNS`, None where there is no value, and a message.  Sums are
-correctly rounded (`math.fsum`), so that a row has the same bits wherever and in whatever company it was computed.
+correctly rounded (`math.fsum`), so that a row has the same bits on every machine and in every batch.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ COLUMNS = {  # name of a column -> what its axis says; the first one is plotted
 
 
 class _Task(NamedTuple):
-    """A run, and what makes its row."""
+    """Hold the inputs of a run, and the function that makes its row."""
 
     scene: CompiledScene
     duration: float  # [s]
@@ -88,7 +88,7 @@ class _Task(NamedTuple):
 
 
 def run_batch(setup: Setup, points: list[tuple]) -> list[dict[str, Any]]:
-    """The rows of runs, each given by what varies; runs whose scenes have one structure share lanes."""
+    """Run points, each given by the varied parameters, and return their rows; runs of one structure share lanes."""
     setup = _known(setup)
     rows: dict[int, dict[str, Any]] = {}
     tasks: dict[float, dict[int, _Task]] = {}  # by their duration
@@ -117,7 +117,7 @@ def run_batch(setup: Setup, points: list[tuple]) -> list[dict[str, Any]]:
 def _scenes(
     setup: Setup, each: list[dict[str, Any]], drawn: list[tuple[np.ndarray, ...]]
 ) -> list[CompiledScene | ValueError]:
-    """The scene of each run, or why there is none."""
+    """Make the scene of each run, or the error if there is none."""
     found: list[CompiledScene | ValueError] = [ValueError()] * len(each)
     alike: dict[tuple, list[int]] = {}  # runs by what their scene is drawn from
     for k, values in enumerate(each):
@@ -135,7 +135,7 @@ def _scenes(
 
 
 def _simulated(setup: Setup, tasks: list[_Task]) -> list[dict[str, Any]]:
-    """Rows of runs of one duration; of those that are refused, each by itself."""
+    """Simulate runs of one duration and return their rows; if one is refused, each run alone."""
     scenes, _, states, references, _, _, _, acts = zip(*tasks)
     _, duration, _, _, record, record_interval, _, _ = tasks[0]
     how: dict[str, Any] = dict(record=record, record_interval=record_interval, executor=INLINE, estimate_error=False)
@@ -150,7 +150,7 @@ def _simulated(setup: Setup, tasks: list[_Task]) -> list[dict[str, Any]]:
 
 @functools.lru_cache(maxsize=4)
 def _known(setup: Setup) -> Setup:
-    """The first equal one that this process met: what was prepared for its model can be used again."""
+    """Return the first equal setup of this process, so that what was compiled for its model is used again."""
     return setup
 
 
@@ -184,7 +184,7 @@ def _hold(setup: Setup, scene: CompiledScene, values: dict, offset: np.ndarray |
 
 
 def _target(scene: CompiledScene) -> np.ndarray:
-    """Zero or the limit nearest to it, of each joint."""
+    """Find zero, or the limit nearest to it, for each joint."""
     if scene.gearbox is None:
         raise ValueError("this experiment needs servos; set scene.gearbox to mipsd, rotor or standard")
     return np.array([min(max(0.0, joint.lower), joint.upper) for joint in scene.model.moving_joints])
@@ -199,7 +199,7 @@ def _resting(scene: CompiledScene, angles: np.ndarray) -> np.ndarray:
 
 
 def _held(run: Trajectory, target: np.ndarray) -> dict[str, float]:
-    """Variance and offset over the second half, if it was reached; the run's chatter and energy."""
+    """Measure variance and offset over the second half, if it was reached, and the run's chatter and energy."""
     numbers = {"chatter_rad_s": run.info["worst_chatter"], "end_s": run.end_time}
     if run.status in ("fell", "diverged"):
         return numbers
@@ -230,7 +230,7 @@ def _stable_step(setup: Setup, values: dict) -> dict:
 
 
 def _period(setup: Setup, values: dict) -> float:
-    """The longest period of the robot's controllers [s]."""
+    """Find the longest period of the robot's controllers [s]."""
     servos = servos_with(setup.model, values).servos.values()
     return max((servo.controller.period for servo in servos), default=1.0)
 
@@ -248,7 +248,7 @@ def _comes_to_rest(setup: Setup, values: dict, tilt: float, h: float) -> bool:
 
 
 def _rests(run: Trajectory) -> bool:
-    """Whether all speeds fade; what chatters or swings on does not.  Rotors may chatter that hardly move a joint."""
+    """Return whether all speeds fade, those of rotors too: they may chatter while joints hardly move."""
     if run.status in ("fell", "diverged"):
         return False
     for speeds in (run["qd"], run["rotor_speed"]):
@@ -302,7 +302,7 @@ def _walked(setup: Setup, found: Measures) -> dict[str, Any]:
 
 
 def _gait(setup: Setup, scene: CompiledScene, values: dict) -> Walk:
-    """The gait that `gait.file` names, or parameters `gait.*` plan under the scene's gravity."""
+    """Return the gait of `gait.file`, or plan one by the parameters `gait.*` under the scene's gravity."""
     from ..walking.plan import downward
 
     if "gait.file" in values:
@@ -313,7 +313,7 @@ def _gait(setup: Setup, scene: CompiledScene, values: dict) -> Walk:
 
 @functools.lru_cache(maxsize=16)
 def _planned(setup: Setup, values: tuple, g: float) -> Motion:
-    """The gait under gravity g [m/s^2], after the start-up that leads to it."""
+    """Plan a gait under gravity g [m/s^2], with its start-up."""
     from ..walking import fit_gait, mirror_of, walking_plan
     from ..walking.motion import motion_of
 

@@ -1,8 +1,8 @@
-"""The picture of a study: its first measure over what was varied.
+"""Plot a study: its first measure over the varied parameters.
 
-One parameter: a line.  Two: a map.  A grid of three: a map for each value of the one with the fewest.  More, and random
-ones: a panel for each, with all runs and the median of those that are "ok".  What takes a single value does not count.
-Runs of another status are crosses, at the edge of the panel where they have no value.
+One parameter gives a line, two a map, a grid of three a map for each value of the one with the fewest values.  More
+parameters, and random ones, give a panel each, with all runs and the median of those that are "ok".  Parameters with a
+single value do not count.  Runs with another status are crosses, at the edge of the panel if they have no value.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ RED = BAD
 
 
 class _Column(NamedTuple):
-    """A varied parameter of all runs, as places on an axis."""
+    """Hold a varied parameter of all runs, as places on an axis."""
 
     label: str
     x: np.ndarray  # (runs,)
@@ -46,7 +46,7 @@ class _Column(NamedTuple):
 
 
 def plot_study(study: Study, table: Path, path: Path) -> None:
-    """Draw a study's table as PNG."""
+    """Plot a study's table to a PNG file."""
     from matplotlib.figure import Figure
 
     with look():
@@ -89,7 +89,7 @@ def _figure(study: Study, table: Path, make: type[Figure]) -> Figure:
 
 
 def _read(table: Path, names: tuple[str, ...]) -> dict[str, list[str]]:
-    """Some columns of a CSV, as text."""
+    """Read some columns of a CSV file as text."""
     lines = read_csv(table, TABLE)
     _, header = next(lines)
     places = [header.index(name) for name in names]
@@ -110,13 +110,13 @@ def _drawn(name: str, texts: list[str]) -> _Column:
 
 
 def _wide(values: np.ndarray) -> bool:
-    """Whether positive values range so far that only a logarithmic axis shows them."""
+    """Return whether positive values range so widely that they need a logarithmic axis."""
     known = values[np.isfinite(values)]
     return len(known) > 1 and known.min() > 0 and known.max() > DECADES * known.min()
 
 
 def _least(values: np.ndarray) -> float:
-    """The smallest value worth showing: nothing can be read off more than so many decades."""
+    """Find the smallest value to show, so that an axis does not have too many decades."""
     known = values[np.isfinite(values)]
     return max(known.min(), SPAN * known.max()) if _wide(values) else known.min()
 
@@ -131,7 +131,7 @@ def _scale_x(panel: Axes, column: _Column) -> None:
 
 
 def _marginal(panel: Axes, column: _Column, y: np.ndarray, ok: np.ndarray, line: bool) -> None:
-    """The measure over one parameter; with `line` its values are joined, else their median is drawn."""
+    """Draw the measure over one parameter; `line` joins its values, else their median is drawn."""
     _scale_x(panel, column)
     if _wide(y):
         panel.set_yscale("log")
@@ -152,7 +152,7 @@ def _marginal(panel: Axes, column: _Column, y: np.ndarray, ok: np.ndarray, line:
 
 
 def _median(column: _Column, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Median of the runs at each value, or in bins along a parameter that takes more than a few."""
+    """Compute the median of the runs at each value, or in bins along a parameter with more than a few values."""
     x, known = column.x, np.isfinite(y)
     if column.axis.values is None or (len(column.axis.values) > FEW and column.names is None):
         spaced = np.geomspace if column.log else np.linspace
@@ -166,7 +166,7 @@ def _median(column: _Column, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _norm(y: np.ndarray) -> Any:
-    """The scale of colors for values."""
+    """Make the color scale for values."""
     from matplotlib.colors import LogNorm, Normalize
 
     known = y[np.isfinite(y)]
@@ -176,7 +176,7 @@ def _norm(y: np.ndarray) -> Any:
 def _maps(
     figure: Figure, panels: np.ndarray, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str
 ) -> None:
-    """A map for each value of the parameter that has the fewest, all to one scale of colors."""
+    """Draw a map for each value of the parameter with the fewest values, all with one color scale."""
     shape = [len(column.axis.listed) for column in columns]
     apart = int(np.argmin(shape))
     values, sound = (np.moveaxis(x.reshape(shape), apart, 0) for x in (y, ok))
@@ -194,7 +194,7 @@ def _maps(
 
 
 def _cells(panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, norm: Any) -> ScalarMappable:
-    """A cell a run (rows, columns); crosses for those that are not ok, gray for those without a value."""
+    """Draw a cell for each run (rows, columns), crosses where it is not ok, gray where it has no value."""
     up, across = columns
     panel.set_facecolor("0.85")
     panel.grid(False)
@@ -213,7 +213,7 @@ def _cells(panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, n
 def _map(
     figure: Figure, panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str, grid: bool
 ) -> None:
-    """The measure as color over two parameters: cells for a grid, points otherwise."""
+    """Draw the measure as color over two parameters: cells for a grid, points otherwise."""
     norm = _norm(y)
     across, up = columns[1], columns[0]
     shape = [0 if column.axis.values is None else len(column.axis.values) for column in columns]

@@ -1,8 +1,8 @@
-"""Running a study: batches through an executor, finished runs into a log that survives, and from it the table.
+"""Run a study: batches through an executor, finished runs into a log on disk, and from it the table.
 
 The log is a file of JSON lines, NAME.jsonl: a header with the settings, then a line for each run in order of
-completion, written and synced batch by batch.  A last line that was cut off is dropped.  One process at a time works
-with a log.
+completion, written and synced batch by batch.  An incomplete last line is dropped.  Only one process at a time uses a
+log.
 """
 
 from __future__ import annotations
@@ -42,13 +42,25 @@ _log = logging.getLogger(__name__)
 
 
 class Outcome(NamedTuple):
-    """What `run_study` wrote."""
+    """The result of `run_study`.
+
+    Attributes
+    ----------
+    table, picture : Path
+        The CSV file with a row for each run, and the PNG file.
+    statuses : dict of int
+        Number of runs by status.
+    computed : int
+        Number of runs that were not in the log before.
+    sensitivity : Path or None
+        Table of Sobol's indices, for the sampling "saltelli".
+    """
 
     table: Path
     picture: Path
-    statuses: dict[str, int]  # how many runs ended how
-    computed: int  # runs that were not in the log before
-    sensitivity: Path | None = None  # table of Sobol's indices, of the sampling "saltelli"
+    statuses: dict[str, int]
+    computed: int
+    sensitivity: Path | None = None
 
 
 def run_study(
@@ -60,13 +72,35 @@ def run_study(
     progress: bool = False,
     parquet: bool = False,
 ) -> Outcome:
-    """Run what the log in the folder `out` does not have yet; write NAME.csv and NAME.png there, and Sobol's indices
-    (`sensitivity`) of the sampling "saltelli".
+    """Run a study, or continue it: run what its log does not have yet, then write its table and plot.
 
-    executor: any `concurrent.futures.Executor`; None is a thread for each core.  batch: runs handed over at a time
-    (None: 8, of 1024 and more runs 64); neither has any influence on the table.  parquet: also write NAME.parquet.
-    Raises ValueError for a log of other settings or a damaged one, OSError if another process is at work with the log,
-    a file cannot be written or the executor loses its workers; finished batches are kept.
+    Parameters
+    ----------
+    study : Study
+        What `read_study` returns.
+    out : path
+        Folder of the log NAME.jsonl, the table NAME.csv, the plot NAME.png and, for the sampling "saltelli", of Sobol's
+        indices (`sensitivity`).
+    executor : concurrent.futures.Executor, optional
+        By default a thread for each core.  It does not change the table.
+    batch : int, optional
+        Runs per task; by default 8, in studies of at least 1024 runs 64.  It does not change the table.
+    progress : bool
+        Show a progress bar.
+    parquet : bool
+        Also write NAME.parquet.
+
+    Returns
+    -------
+    Outcome
+
+    Raises
+    ------
+    ValueError
+        The log is damaged or has other settings.
+    OSError
+        Another process uses the log, a file cannot be written, or the executor lost its workers; finished batches are
+        kept.
     """
     if batch is not None and batch < 1:
         raise ValueError(f"batch is {batch}; give a whole number >= 1")
@@ -93,14 +127,14 @@ def run_study(
 
 
 def cores() -> int:
-    """How many processors this process may use."""
+    """Count the processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _evaluate(study: Study, log: Log, executor: Executor, batch: int | None, bar: tqdm) -> None:
-    """Hand all runs that are missing to the executor, and write down what comes back."""
+    """Submit all missing runs to the executor, and log their results."""
     running: dict[Future, list[int]] = {}
-    again: set[int] = set()  # first runs of batches that were handed over twice
+    again: set[int] = set()  # first runs of batches that were submitted twice
 
     def submit(runs: list[int]) -> None:
         running[executor.submit(run_batch, study.setup, [study.values(run) for run in runs])] = runs
@@ -136,10 +170,9 @@ def _batches(study: Study, log: Log, batch: int | None) -> Iterator[list[int]]:
 
 
 def _collect(running: dict[Future, list[int]], log: Log, bar: tqdm) -> list[tuple[list[int], BaseException]]:
-    """Wait for a batch; write down what has succeeded and return what has not.
+    """Wait for a batch; log those that succeeded and return those that failed, with their errors.
 
-    That is worth another try: Dask's executor ends a batch with an error of its own if the worker is lost while its
-    result is fetched.
+    They are tried again: Dask's executor ends a batch with an error if its worker is lost while the result is fetched.
     """
     done, _ = wait(running, return_when=FIRST_COMPLETED)
     failed = []
@@ -154,7 +187,7 @@ def _collect(running: dict[Future, list[int]], log: Log, bar: tqdm) -> list[tupl
 
 
 class Log:
-    """The finished runs of a study on disk; `places` (runs,) are their lines' offsets in the file, -1 without one."""
+    """Hold the finished runs on disk; `places` (runs,) are the offsets of their lines, -1 for missing runs."""
 
     def __init__(self, path: Path, study: Study) -> None:
         self.path = path
@@ -183,11 +216,11 @@ class Log:
         return int((self.places >= 0).sum())
 
     def saved(self) -> str:
-        """What to do after a failure, in words."""
-        return f"{self.count} of {len(self.places)} runs are kept in {self.path}; start the study again to go on"
+        """Say how to continue after a failure."""
+        return f"{self.count} of {len(self.places)} runs are kept in {self.path}; start the study again to continue"
 
     def append(self, runs: list[int], rows: list[dict]) -> None:
-        """Write runs down, all lines whole, and wait until they are on the disk."""
+        """Append runs, in whole lines, and wait until they are on the disk."""
         lines = [json.dumps({"run": run, **row}) + "\n" for run, row in zip(runs, rows)]
         sizes = [0, *np.cumsum([len(line) for line in lines]).tolist()]  # json.dumps gives ASCII
         start = self.length
@@ -195,7 +228,7 @@ class Log:
         self.places[runs] = [start + size for size in sizes[:-1]]
 
     def rows(self) -> Iterator[dict]:
-        """All rows in the order of the runs.  Raises ValueError if the file has changed since it was read."""
+        """Yield all rows in the order of the runs.  Raises ValueError if the file has changed since it was read."""
         with self.path.open("rb") as file:
             for run, place in enumerate(self.places.tolist()):
                 file.seek(place)
@@ -219,7 +252,7 @@ class Log:
         self.length += size
 
     def _read(self, header: dict) -> int:
-        """Find the lines of an earlier start; return the length of what is sound."""
+        """Read the lines of an earlier start; return the length of the valid part."""
         self.file.seek(0)
         place = 0
         with open(self.file.fileno(), "rb", closefd=False) as file:
@@ -227,7 +260,7 @@ class Log:
                 if not line.endswith(b"\n"):
                     if not line.startswith(b"{"):
                         raise ValueError(f"{self.path}, line {number}: damaged; {REMEDY}")
-                    _log.warning("%s: dropped the last line, which was cut off", self.path)
+                    _log.warning("%s: dropped the last line, which was incomplete", self.path)
                     self.file.truncate(place)
                     break
                 self._take(number, line, place, header)
@@ -241,7 +274,7 @@ class Log:
             self.places[self._row(line, f"{self.path}, line {number}", REMEDY)["run"]] = place
 
     def _row(self, line: bytes, what: str, remedy: str) -> dict[str, Any]:
-        """The row in a line.  Raises ValueError unless it is one of this study."""
+        """Read the row in a line.  Raises ValueError unless it belongs to this study."""
         row = parse_json(line, what, remedy)
         whole = row.keys() == {"run", *self.texts, *self.numbers}
         if whole and type(row["run"]) is int and 0 <= row["run"] < len(self.places):
@@ -253,7 +286,7 @@ class Log:
 
 
 def _check_header(path: Path, found: dict, header: dict) -> None:
-    """Raise ValueError for a log that was begun with other settings."""
+    """Raise ValueError if the log was begun with other settings."""
     LOG.check(path, found.get("format"))
     for key, value in header.items():
         if found.get(key) != value and key != "format":

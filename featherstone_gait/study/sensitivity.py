@@ -1,14 +1,14 @@
-"""How much of the spread of a measure each varied parameter makes: Sobol's indices.
+"""Compute Sobol's indices: the share of each varied parameter in the variance of a measure.
 
-Of N base samples A and B and p parameters a study of the method "saltelli" has N (p + 2) runs: of each base sample A,
-B, and for each parameter A with that one as in B.  Of a measure f of variance V the parameter i makes
+For N base samples A and B and p parameters, a study with the method "saltelli" has N (p + 2) runs: for each base sample
+A, B, and for each parameter A with that parameter from B.  The share of parameter i in the variance V of a measure f is
 
-    alone                        S_i = mean(f_B (f_ABi - f_A)) / V
-    with all that it acts with   T_i = mean((f_A - f_ABi)^2) / 2 V
+    alone (first order)            S_i = mean(f_B (f_ABi - f_A)) / V
+    with interactions (total)      T_i = mean((f_A - f_ABi)^2) / 2 V
 
 (A. Saltelli et al., Computer Physics Communications 181 (2010), 259-270, table 2, b and f).  Base samples with a run
-that has no value are left out.  Errors are standard errors of these means.  Of `RATIOS` f is the logarithm: else a few
-runs that hardly move are all that their variance tells of.
+that has no value are left out.  Errors are standard errors of these means.  For `RATIOS`, f is the logarithm; otherwise
+a few runs that hardly move would dominate the variance.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ PLOTTED = {"walk": ("cost_J_m", "speed_m_s", "walks")}  # of other experiments t
 
 
 class Index(NamedTuple):
-    """What a parameter makes of the variance of a measure [-]."""
+    """Hold the share of a parameter in the variance of a measure [-]."""
 
     first: float  # alone
     first_error: float
@@ -42,9 +42,9 @@ class Index(NamedTuple):
 
 
 def indices(values: np.ndarray) -> list[Index]:
-    """Of values (N, p + 2) of a measure in the order of A, B, AB_1 ... AB_p; NaN where there is none.
+    """Compute the indices of p parameters from values (N, p + 2) of a measure, in the order A, B, AB_1 ... AB_p.
 
-    NaN of fewer than two base samples without a gap, and of a measure that does not vary.
+    Values may be NaN.  The indices are NaN if fewer than two base samples are complete or the measure does not vary.
     """
     found = values[np.isfinite(values).all(axis=1)]
     p, n = values.shape[1] - 2, len(found)
@@ -60,13 +60,13 @@ def indices(values: np.ndarray) -> list[Index]:
 
 
 def _mean(x: np.ndarray) -> tuple[float, float]:
-    """Mean and its standard error, summed without rounding."""
+    """Compute a mean and its standard error by exact sums."""
     mean = math.fsum(x.tolist()) / len(x)
     return mean, math.sqrt(math.fsum(((x - mean) ** 2).tolist()) / (len(x) * (len(x) - 1)))
 
 
 def write_sensitivity(study: Study, table: Path) -> Path:
-    """Write NAME_sensitivity.csv and .png beside the table of a study of the method "saltelli"; return the former."""
+    """Write NAME_sensitivity.csv and .png beside the table of a study with the method "saltelli"; return the former."""
     path = table.with_name(f"{table.stem}_sensitivity.csv")
     measures, names = COLUMNS[study.setup.experiment], study.names
     lines = read_csv(table, TABLE)
@@ -83,7 +83,7 @@ def write_sensitivity(study: Study, table: Path) -> Path:
                           f"median {middle:.6g}, 5 % above {high:.6g}")  # fmt: skip
         values = (np.log(values) if measure in RATIOS else values).reshape(-1, len(names) + 2)
         whole = int(np.isfinite(values).all(axis=1).sum())
-        spread.append(f"{measure}: indices of {whole} base samples of {len(values)}, all of whose runs have it")
+        spread.append(f"{measure}: indices of the {whole} of {len(values)} base samples all of whose runs have a value")
         found[measure] = indices(values)
     cells = ((m, name, *index) for m, each in found.items() for name, index in zip(names, each))
     shown = ([x if isinstance(x, str) or math.isfinite(x) else "" for x in row] for row in cells)
@@ -95,7 +95,7 @@ def write_sensitivity(study: Study, table: Path) -> Path:
 
 @look()
 def _plot(study: Study, found: dict[str, list[Index]], path: Path) -> None:
-    """Bars of some measures, by what they say; the parameter that makes the most of the first one's variance on top."""
+    """Draw bars for some measures by their labels, with the parameter of the largest first total index on top."""
     from matplotlib.figure import Figure
 
     totals = [index.total for index in next(iter(found.values()))]
@@ -104,7 +104,7 @@ def _plot(study: Study, found: dict[str, list[Index]], path: Path) -> None:
     figure = Figure(figsize=(width, 1.6 + 0.4 * len(order)), layout="constrained")
     panels = figure.subplots(1, len(found), sharey=True, squeeze=False).ravel()
     for axes, (says, each) in zip(panels, found.items()):
-        for shift, color, kind, label in ((0.2, BLUE, 0, "alone"), (-0.2, GREY, 2, "with all that it acts with")):
+        for shift, color, kind, label in ((0.2, BLUE, 0, "alone"), (-0.2, GREY, 2, "with interactions")):
             lengths, errors = ([each[k][kind + part] for k in order] for part in (0, 1))
             places = [place + shift for place in range(len(order))]
             axes.barh(places, lengths, 0.36, xerr=errors, color=color, label=label, error_kw={"linewidth": 1})

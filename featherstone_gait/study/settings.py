@@ -1,24 +1,24 @@
-"""What a study is, read strictly from TOML.
+"""Read a study from TOML, strictly.
 
     robot, locked, base     as `load_robot` takes them
     experiment              "hold", "walk" or "stable_step", see `measures`
     duration                of a run of hold or stable_step [s]; default 10
-    strides, warm_up        of a run of walk: measured, and before them; default 8 and 2
+    strides, warm_up        of a run of walk: strides that are measured, and before them; default 8 and 2
     [scene] [servo] [supply] [ground] [posture] [gait]    parameters of all runs
     [vary]                  the parameters that differ, by the same names, with a list of values or, for a number,
                             {from, to, scale = "linear" or "log"}, and for a grid its count
-    [worlds]                numbers that each run draws for itself (`draws`); not for a grid
+    [worlds]                random numbers of each run (`draws`); not for a grid
     [sampling]              method = "grid" (default), "random", "latin_hypercube" or, for Sobol's indices
-                            (`sensitivity`), "saltelli"; count, seed of the last three.  Of "saltelli" the count, a
-                            power of two, is that of base samples: of p parameters, those of [worlds] among them, it
-                            makes count (p + 2) runs
+                            (`sensitivity`), "saltelli"; the last three have count and seed.  For "saltelli" the count,
+                            a power of two, is the number of base samples: with p parameters, including those of
+                            [worlds], it makes count (p + 2) runs
 
-`PARAMETERS` lists all names and units; values are SI.  `servo` changes all servos of the robot, `supply` its source, or
-gives it one.  `gait.file` is a gait as `walking.read_walk` takes it, beside the study or in the robot's folder, in
-place of one that is planned by the other `gait.*`.
+`PARAMETERS` lists all names and units; values are SI.  `servo` changes all servos of the robot; `supply` changes its
+voltage supply or gives it one.  `gait.file` names a gait that `walking.read_walk` reads, beside the study or in the
+robot's folder, instead of one that the other `gait.*` plan.
 
-Runs are numbered with the last parameter changing fastest; `posture` and `gait` come last: they leave the scene as it
-is, so that neighbors share it.
+Runs are numbered with the last parameter changing fastest.  `posture` and `gait` come last: they do not change the
+scene, so that neighbors share it.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ METHODS = ("grid", "random", "latin_hypercube", "saltelli")
 
 @dataclass(frozen=True)
 class Setup:
-    """What a worker has to know; equal if the digests of all that a result depends on are."""
+    """Hold what a worker needs; setups are equal if the digests of all inputs of the results are."""
 
     digest: str
     model: Model = field(compare=False)
@@ -108,7 +108,7 @@ class Setup:
 
 
 class Axis(NamedTuple):
-    """The values that a parameter takes: `values`, or any between `low` and `high`."""
+    """Hold the values of a parameter: `values`, or any between `low` and `high`."""
 
     values: tuple[Any, ...] | None
     low: float = 0.0
@@ -117,12 +117,12 @@ class Axis(NamedTuple):
 
     @property
     def listed(self) -> tuple[Any, ...]:
-        """The values of an axis that lists them, as all of a grid do."""
+        """The values of an axis that lists them, as every axis of a grid does."""
         assert self.values is not None
         return self.values
 
     def at(self, u: float) -> Any:
-        """The value at a share u in [0, 1) of the way."""
+        """Return the value at the fraction u in [0, 1) of the axis."""
         if self.values is not None:
             return self.values[int(u * len(self.values))]
         if self.log:
@@ -132,25 +132,39 @@ class Axis(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A study, ready to run; made by `read_study`."""
+    """A study, ready to run; `read_study` makes it.
+
+    Attributes
+    ----------
+    name : str
+        Name of the study, that of its file.
+    setup : Setup
+        What workers need.
+    axes : tuple of Axis
+        The values of each varied parameter.
+    shares : ndarray, shape (runs, axes and draws), or None
+        Where each run lies along each axis, in [0, 1); None for a grid.
+    settings : dict
+        All inputs of the results, as JSON.
+    """
 
     name: str
     setup: Setup
     axes: tuple[Axis, ...]
-    shares: np.ndarray | None  # (runs, axes and then draws) in [0, 1); None for a grid
-    settings: dict[str, Any]  # all that results depend on, as JSON has it
+    shares: np.ndarray | None
+    settings: dict[str, Any]
 
     def __len__(self) -> int:
-        """Number of runs."""
+        """Count the runs."""
         return math.prod(len(axis.listed) for axis in self.axes) if self.shares is None else len(self.shares)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All that varies."""
+        """Names of all varied parameters and draws."""
         return (*self.setup.names, *(draw.name for draw in self.setup.draws))
 
     def values(self, run: int) -> tuple:
-        """The varied parameters of a run, in the order of `names`; of draws arrays, in widths."""
+        """Find the varied parameters of a run, in the order of `names`; draws are arrays, in units of their scale."""
         if self.shares is not None:
             own = self.shares[run]
             places = np.cumsum([len(self.axes), *(draw.numbers for draw in self.setup.draws)])
@@ -161,12 +175,27 @@ class Study:
         return tuple(values[k] for values, k in zip(listed, chosen))
 
     def cells(self, run: int) -> tuple:
-        """The same as the table has them: of draws their mean, in widths."""
+        """Find the same for the table, where draws are their mean, in units of their scale."""
         return tuple(math.fsum(x.tolist()) / x.size if isinstance(x, np.ndarray) else x for x in self.values(run))
 
 
 def read_study(path: FilePath) -> Study:
-    """Read a study from TOML.  Raises ValueError, naming file, key, value, what is allowed and a remedy."""
+    """Read a study from a TOML file.
+
+    Parameters
+    ----------
+    path : path
+        Of the file.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    ValueError
+        Something is wrong in the file; the message names file, key, value, what is allowed and a remedy.
+    """
     path = Path(path)
     try:
         with path.open("rb") as file:
@@ -185,7 +214,7 @@ def _study(path: Path, table: dict) -> Study:
     experiment = _choice("experiment", table.get("experiment"), FOREIGN)
     for key in FOREIGN[experiment]:
         if key in table:
-            raise ValueError(f"{key} is no setting of experiment {experiment!r}: remove it")
+            raise ValueError(f"{key} is not used by experiment {experiment!r}: remove it")
     sampling = _sampling(_table(table, "sampling"))
     fixed = {name: _value(name, value) for name, value in _parameters(table, experiment)}
     worlds = _table(table, "worlds")
@@ -199,7 +228,7 @@ def _study(path: Path, table: dict) -> Study:
     walks = _walks(path, model, fixed, axes)
     for name, walk in walks.items():
         if hasattr(walk, "feedback") and any(draw.section == "reference" for draw in draws):
-            raise ValueError(f"gait.file {name!r} has feedback, which makes its own references: remove {OFFSET}")
+            raise ValueError(f"gait.file {name!r} has feedback, which computes its own references: remove {OFFSET}")
     shares = _shares(sampling, [1] * len(axes) + [draw.numbers for draw in draws])
     settings = {
         "robot": _digest(repr(replace(model, notes=(), source=""))),
@@ -226,7 +255,7 @@ def _study(path: Path, table: dict) -> Study:
 
 
 def _model(path: Path, table: dict) -> Model:
-    """The robot; a .urdf file is looked for beside the study."""
+    """Load the robot; a .urdf file is beside the study."""
     robot = table.get("robot")
     if not isinstance(robot, str):
         raise ValueError(f"robot is {'missing' if robot is None else repr(robot)}; give a name in quotes")
@@ -244,15 +273,16 @@ def _draws(
     if not worlds:
         return ()
     if sampling["method"] == "grid":
-        raise ValueError('worlds are drawn, and a grid draws nothing; add [sampling] method = "latin_hypercube", count')
+        remedy = 'add [sampling] method = "latin_hypercube", count'
+        raise ValueError(f"worlds need random numbers, which a grid does not have; {remedy}")
     if experiment == "stable_step":
-        raise ValueError(f"worlds play no part in experiment {experiment!r}: remove them")
+        raise ValueError(f"worlds are not used by experiment {experiment!r}: remove them")
     first = {name: axis.at(0.0) for name, axis in axes.items()}
     return read_draws(worlds, scene_of(model, {**fixed, **first}))
 
 
 def _walks(path: Path, model: Model, fixed: dict, axes: dict[str, Axis]) -> dict[str, Walk]:
-    """The gaits that are read from files."""
+    """Read the gaits that are named by files."""
     files = axes["gait.file"].listed if "gait.file" in axes else [fixed[key] for key in ("gait.file",) if key in fixed]
     planned = [name for name in (*fixed, *axes) if name.startswith("gait.") and name != "gait.file"]
     if files and planned:
@@ -274,7 +304,7 @@ def _walks(path: Path, model: Model, fixed: dict, axes: dict[str, Axis]) -> dict
 
 
 def _parameters(table: dict, experiment: str, where: str = "") -> Iterator[tuple[str, Any]]:
-    """Name and value of everything in the sections of a table, in its order."""
+    """Yield name and value of every parameter in the sections of a table, in its order."""
     for section in [key for key in table if key in SECTIONS]:
         for key, value in _table(table, section, where).items():
             name = f"{section}.{key}"
@@ -283,15 +313,15 @@ def _parameters(table: dict, experiment: str, where: str = "") -> Iterator[tuple
                 name = OLD[name]
             if name not in PARAMETERS:
                 known = [other for other in PARAMETERS if other.startswith(section + ".")]
-                raise ValueError(f"{where}{name} is no parameter; use one of {', '.join(known)}")
+                raise ValueError(f"{where}{name} is not a parameter; use one of {', '.join(known)}")
             found = name == "scene.timestep" and experiment == "stable_step"
             if found or experiment not in ONLY.get(section, (experiment,)):
-                raise ValueError(f"{where}{name} plays no part in experiment {experiment!r}: remove it")
+                raise ValueError(f"{where}{name} is not used by experiment {experiment!r}: remove it")
             yield name, value
 
 
 def _value(name: str, value: Any) -> Any:
-    """A single value of a parameter, checked as far as it can be alone."""
+    """Check a single value of a parameter, as far as that is possible without the others."""
     kind = PARAMETERS[name]
     if isinstance(kind, str):
         if not is_number(value) and value not in (math.inf, -math.inf):
@@ -348,7 +378,7 @@ def _sampling(table: dict) -> dict:
         _check_keys(table, ("method",), "sampling of a grid")
         return {"method": method}
     if "count" not in table:
-        raise ValueError(f"sampling.count is missing; say how many runs {method!r} shall make")
+        raise ValueError(f"sampling.count is missing; give the number of runs of {method!r}")
     count = _few("sampling.count", whole("sampling.count", table["count"], 1, "give how many runs"))
     if method == "saltelli" and count & (count - 1):
         raise ValueError(f"sampling.count is {count}; 'saltelli' takes a power of two: {2 ** count.bit_length()}")
@@ -363,7 +393,7 @@ def _few(what: str, count: int) -> int:
 
 
 def _shares(sampling: dict, widths: list[int]) -> np.ndarray | None:
-    """Where each run lies along each axis (runs, axes), in [0, 1), so many to each name; None for a grid."""
+    """Draw where each run lies along each axis (runs, axes), in [0, 1), `widths` numbers per name; None for a grid."""
     if sampling["method"] == "grid":
         return None
     generator, width = np.random.default_rng(sampling["seed"]), sum(widths)
@@ -388,13 +418,13 @@ def _shares(sampling: dict, widths: list[int]) -> np.ndarray | None:
 
 
 def _crossed(a: np.ndarray, b: np.ndarray, widths: list[int]) -> np.ndarray:
-    """Samples (n, names + 2, width): a, b, and a with the columns of each name in turn as in b."""
+    """Cross samples to (n, names + 2, width): a, b, and a with the columns of each name in turn from b."""
     own = np.repeat(np.eye(len(widths), dtype=bool), widths, axis=1)
     return np.concatenate([a[:, None], b[:, None], np.where(own, b[:, None], a[:, None])], axis=1)
 
 
 def servos_with(model: Model, values: dict[str, Any]) -> Model:
-    """The robot with its servos and its source changed by the parameters `servo.*` and `supply.*`."""
+    """Change the robot's servos and supply by the parameters `servo.*` and `supply.*`."""
     model = _fed(model, {name[7:]: value for name, value in values.items() if name.startswith("supply.")})
     given = {name[6:]: value for name, value in values.items() if name.startswith("servo.")}
     if not given:
@@ -419,7 +449,7 @@ def _fed(model: Model, given: dict[str, float]) -> Model:
 
 
 def scene_of(model: Model, values: dict[str, Any]) -> CompiledScene:
-    """The scene that the parameters describe, but for what is drawn."""
+    """Compile the scene that the parameters describe, without the draws."""
     model = servos_with(model, values)
     given = {name[6:]: value for name, value in values.items() if name.startswith("scene.")}
     gearbox, on_ground = given.pop("gearbox", "mipsd"), given.pop("ground", model.base == "floating")
@@ -428,12 +458,12 @@ def scene_of(model: Model, values: dict[str, Any]) -> CompiledScene:
 
 
 def ground_with(values: dict[str, Any]) -> Ground:
-    """The ground that the parameters `ground.*` describe."""
+    """Make the ground that the parameters `ground.*` describe."""
     return Ground(**{name[7:]: value for name, value in values.items() if name.startswith("ground.")})
 
 
 def _check_values(model: Model, fixed: dict, axes: dict[str, Axis]) -> None:
-    """Try every value that `servo` and `ground` can take, one parameter at a time."""
+    """Check every value that `servo` and `ground` can take, one parameter at a time."""
     ends = {name: axis.values or (axis.low, axis.high) for name, axis in axes.items()}
     first = {name: values[0] for name, values in ends.items()}
     for name, values in ends.items():

@@ -1,4 +1,4 @@
-"""The table of a study: one row a run, in the order of the runs, complete or not there at all."""
+"""Write the table of a study atomically: a row for each run, in the order of the runs."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def write_table(path: Path, study: Study, rows: Iterable[Mapping[str, Any]]) -> 
 
     rows: by column, in the order of the runs.
 
-    Of what is drawn a cell has the mean, in widths.  A comment over the header states the format.  Numbers have all
-    their digits; where there is no value the cell is empty.
+    The cell of a draw is its mean, in units of its scale.  A comment above the header states the format.  Numbers have
+    all their digits; cells without a value are empty.
     """
     names = ["status", *COLUMNS[study.setup.experiment], "message"]
     statuses: Counter[str] = Counter()
@@ -40,8 +40,8 @@ def check_parquet() -> None:
     missing = [name for name in ("pandas", "pyarrow") if find_spec(name) is None]
     if missing:
         raise ValueError(
-            f"Parquet needs {' and '.join(missing)}: pip install {' '.join(missing)}, or do without, as the table is "
-            "written as CSV in any case"
+            f"Parquet needs {' and '.join(missing)}: pip install {' '.join(missing)}, or leave it out: the table is "
+            "also written as CSV"
         )
 
 

@@ -1,7 +1,6 @@
-"""Runs in a page that a server on this machine serves through viser, with the full detail of their robots' meshes.
+"""Serve runs as a page on this machine through viser, with the full detail of their robots' meshes.
 
-A run is drawn at its own samples, none between: what is seen has been computed.  All who look share one clock, and
-whoever turns it turns it for all.
+A run is drawn at its own samples, without interpolation.  All browsers that show the page share one clock.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from .visuals import Piece, pieces
 if TYPE_CHECKING:
     from types import TracebackType
 
-INSTALL = "a live page is served by viser: pip install featherstone-gait[viser]"
+INSTALL = "a live page needs viser: pip install featherstone-gait[viser]"
 RATE, PLOT_RATE = 40.0, 10.0  # frames a second at most, of the picture and of the plots
 TRIANGLES = 200_000  # of the meshes of all runs together
 CORNERS = 48  # of a circle
@@ -41,14 +40,14 @@ FIELD_OF_VIEW = 0.7  # upright [rad]
 FORCE, MASS, FAILURE = (213, 94, 0), (204, 121, 167), (150, 150, 150)
 FLOOR, SQUARE, RISE = (238, 236, 229), (214, 211, 200), (186, 178, 160)
 BAD = "#a3160f"
-TOLD = 5  # of what could not be read
+MOST_NOTES = 5  # in a warning about what could not be read
 HEIGHT = 620  # in a notebook [pixel]
 
 
 def serve(
     runs: Mapping[str, Seen], title: str, ghosts: bool = False, port: int = 8080, plots: Sequence[str] = ()
 ) -> Live:
-    """A page of runs by caption, at `port` of this machine or the first free one after it; 0: any that is free.
+    """Serve a page of runs by caption, at `port` of this machine or the first free port after it; 0: any free port.
 
     Raises ImportError without viser, and ValueError as `recorded.page_data`.
     """
@@ -64,8 +63,8 @@ def serve(
             looks[id(seen.model)], said = pieces(seen.model, TRIANGLES // len(runs), CORNERS)
             notes += [f"{seen.model.source}: {note}" for note in said]
     if notes:
-        rest = f"; and {len(notes) - TOLD} more" if len(notes) > TOLD else ""
-        text = f"{'; '.join(notes[:TOLD])}{rest}: collision shapes or boxes of the inertia are drawn instead"
+        rest = f"; and {len(notes) - MOST_NOTES} more" if len(notes) > MOST_NOTES else ""
+        text = f"{'; '.join(notes[:MOST_NOTES])}{rest}: collision shapes or boxes of the inertia are drawn instead"
         warnings.warn(text, RobotFileWarning, stacklevel=3)
     actors = [_Actor(caption, seen, looks[id(seen.model)]) for caption, seen in runs.items()]
     charts = Charts([plotted(a.caption, runs[a.caption], a.last) for a in actors], plots)
@@ -73,16 +72,23 @@ def serve(
 
 
 class Live:
-    """Runs in a page at `url`, until `stop` or the end of the program; a notebook shows it.
+    """A page at `url` that plays runs until `stop` or the end of the program; a notebook shows it.
 
-    The page plays them, and so can the program.  As a context it stops at its end.
+    The program can play the page too.  As a context manager it stops at the end of the block.
+
+    Attributes
+    ----------
+    server : viser.ViserServer
+        The server, to draw more in the scene.
+    start, end : float
+        Times of the first and last sample [s].
     """
 
     def __init__(self, server: Any, actors: Sequence[_Actor], ghosts: bool, charts: Charts) -> None:
-        self.server = server  # viser's, for what else is to be drawn
+        self.server = server
         self._actors, self._lock, self._stopped = actors, threading.RLock(), threading.Event()
-        self.start = min(actor.start for actor in actors)  # [s]
-        self.end = max(actor.end for actor in actors)  # [s]
+        self.start = min(actor.start for actor in actors)
+        self.end = max(actor.end for actor in actors)
         self._time, self._speed, self._playing = self.start, 1.0, self.end > self.start
         self._stage, self._charts, self._plotted = _Stage(server, actors, ghosts), charts, -math.inf
         self._controls: dict[str, Any] = {}
@@ -109,41 +115,52 @@ class Live:
 
     @property
     def url(self) -> str:
-        """Where a browser on this machine finds the page."""
+        """The address of the page for browsers on this machine."""
         return f"http://localhost:{self.server.get_port()}"
 
     @property
     def time(self) -> float:
-        """What the page shows now [s]."""
+        """The time that the page shows [s]."""
         return self._time
 
     def seek(self, time: float) -> None:
-        """Show a time [s] and stay there, of a run that has ended its end.  Raises ValueError for no finite number."""
+        """Show a time and pause; runs that have ended by then stay at their end.
+
+        Parameters
+        ----------
+        time : float
+            Time of the runs [s].
+
+        Raises
+        ------
+        ValueError
+            The time is not a finite number.
+        """
         time = real("time", time, -math.inf, math.inf, "[s]")
         with self._lock:
             self._time, self._playing = min(max(time, self.start), self.end), False
             self._draw()
 
     def play(self) -> None:
-        """Go on, from the start if the end was reached."""
+        """Play, from the start if the end was reached."""
         with self._lock:
             self._time = self.start if self._time >= self.end else self._time
             self._playing = self.end > self.start
             self._draw()
 
     def pause(self) -> None:
-        """Stay at the time that is shown."""
+        """Pause at the time that is shown."""
         self.seek(self._time)
 
     def stop(self) -> None:
-        """End the page and its server."""
+        """Stop the page and its server."""
         if not self._stopped.is_set():
             self._stopped.set()
             self._thread.join()
             self.server.stop()
 
     def wait(self) -> None:
-        """Return when somebody stops the page, or interrupts with Ctrl-C, which stops it."""
+        """Wait until the page is stopped; Ctrl-C stops it."""
         try:
             while not self._stopped.wait(0.5):
                 pass
@@ -151,7 +168,7 @@ class Live:
             self.stop()
 
     def _play(self) -> None:
-        """Let the clock run while somebody looks."""
+        """Advance the clock while a browser shows the page."""
         before = time.perf_counter()
         while not self._stopped.wait(1.0 / RATE):
             now = time.perf_counter()
@@ -176,7 +193,7 @@ class Live:
         gui, stage = self.server.gui, self._stage
         gui.configure_theme(show_logo=False, show_share_button=False)
         for actor in self._actors:
-            gui.add_html(actor.told())
+            gui.add_html(actor.status_html())
         if self.end > self.start:
             self._add_clock()
         view = gui.add_button_group("view", tuple(VIEWS))
@@ -204,7 +221,7 @@ class Live:
 
     def _step(self, how: str) -> None:
         ends = {"start": self.start, "end": self.end}
-        self.seek(ends[how] if how in ends else self._actors[0].beside(self._time, int(how)))
+        self.seek(ends[how] if how in ends else self._actors[0].time_beside(self._time, int(how)))
 
     def _set_speed(self, speed: float) -> None:
         with self._lock:
@@ -218,7 +235,7 @@ class Live:
 
 
 class _Actor:
-    """A run: where its robot is at any time, and the handles of what is drawn of it."""
+    """Draw a run: its robot at any time, contact forces and the center of mass."""
 
     def __init__(self, caption: str, seen: Seen, found: list[Piece]) -> None:
         self.caption, self.model, self.ground, self.found = caption, seen.model, seen.ground, found
@@ -238,8 +255,8 @@ class _Actor:
         self.over = np.array([0.0, 0.0, float(over - root[2]) + 0.08 * self.size])  # of the label
         self.drawn: tuple[int, bool, bool] | None = None
 
-    def told(self) -> str:
-        """How the run ended, as HTML."""
+    def status_html(self) -> str:
+        """Write how the run ended as HTML."""
         run = self.run
         if run.status == "ok":
             text = f"<b>{escape(self.caption)}</b>: ok"
@@ -250,15 +267,15 @@ class _Actor:
         return f'<div style="{color}margin:0.2em 1em">{text}</div>'
 
     def row(self, t: float) -> int:
-        """The last sample up to a time [s] that is to be shown."""
+        """Find the last sample up to a time [s]."""
         return min(max(int(np.searchsorted(self.samples, t + 1e-9, side="right")) - 1, 0), self.last)
 
-    def beside(self, t: float, count: int) -> float:
-        """The time so many samples away [s]."""
+    def time_beside(self, t: float, count: int) -> float:
+        """Find the time that is `count` samples away [s]."""
         return float(self.samples[min(max(self.row(t) + count, 0), len(self.samples) - 1)])
 
-    def over_at(self, t: float) -> bool:
-        """Whether the run has failed by then."""
+    def failed_at(self, t: float) -> bool:
+        """Return whether the run has failed by a time [s]."""
         return self.failed and t >= min(self.run.end_time, self.samples[self.last]) - 1e-9
 
     def enter(self, scene: Any, name: str) -> None:
@@ -284,8 +301,8 @@ class _Actor:
         )
 
     def draw(self, t: float, shown: Mapping[str, bool]) -> None:
-        """Put all where it is at a time [s]."""
-        row, over = self.row(t), self.over_at(t)
+        """Draw the run at a time [s]."""
+        row, over = self.row(t), self.failed_at(t)
         state = (row, over, shown["forces"])
         if state == self.drawn:
             return
@@ -322,7 +339,7 @@ class _Actor:
             self.arrows.points = np.stack([points, ends], axis=1)[felt].astype(np.float32)
 
     def look(self, ghost: bool) -> None:
-        """Let it be seen through, or not."""
+        """Draw the robot transparent, or not."""
         for mesh, piece in zip(self.meshes, self.found):
             mesh.opacity = _opacity(GHOST * piece.opacity if ghost else piece.opacity)
 
@@ -332,7 +349,7 @@ def _opacity(opacity: float) -> float | None:
 
 
 class _Stage:
-    """The ground, and the places of runs on it: side by side along a level line, or all in one."""
+    """Draw the ground and place runs on it: side by side along a level line, or all in one place."""
 
     def __init__(self, server: Any, actors: Sequence[_Actor], ghosts: bool) -> None:
         self.actors = actors
@@ -366,7 +383,7 @@ class _Stage:
         return [self.gap * (0.5 * (n - 1) - k) * self.across for k in range(n)]
 
     def arrange(self) -> None:
-        """Put the runs where they are to be seen."""
+        """Place the runs side by side or as ghosts, and show what is switched on."""
         ghosts = self.shown["ghosts"]
         for k, (actor, offset) in enumerate(zip(self.actors, self._offsets())):
             actor.place.position = np.zeros(3) if ghosts else offset
@@ -377,7 +394,7 @@ class _Stage:
                 mesh.visible = k == 0 or not ghosts
 
     def draw(self, t: float) -> None:
-        """Put all where it is at a time [s]; who follows sees the first robot stay."""
+        """Draw all runs at a time [s]; if the camera follows, the first robot stays in place."""
         for actor in self.actors:
             actor.draw(t, self.shown)
         first = self.actors[0]
@@ -387,7 +404,7 @@ class _Stage:
         self.world.position = -away
 
     def look(self, camera: Any, view: str) -> None:
-        """Let a camera look from one of VIEWS."""
+        """Turn a camera to one of VIEWS."""
         yaw, pitch = VIEWS[view]
         far = self.span / (2.0 * math.tan(0.5 * FIELD_OF_VIEW)) + 0.3 * self.span
         level = far * math.cos(pitch)
@@ -396,15 +413,15 @@ class _Stage:
 
 
 def _margin(box: np.ndarray) -> float:
-    """How far `relief` shows ground beyond the way of a robot [m]."""
+    """Compute how far `relief` extends the ground beyond the way of a robot [m]."""
     return 0.6 * float(max(np.ptp(box[..., :2], axis=(0, 1)).max(), np.ptp(box[..., 2])))
 
 
 def _floor(scene: Any, name: str, ground: Ground | None, box: np.ndarray) -> list[Any]:
-    """The ground under corners (frames, n, 3) [m]; without ground a grid under the lowest."""
-    told = relief(ground, box) if ground is not None and (ground.steps or ground.field is not None) else {}
-    if told:
-        quads, shade = np.array(told["quads"]).reshape(-1, 4, 3), np.array(told["shade"])
+    """Draw the ground under corners (frames, n, 3) [m]; without ground a grid under the lowest one."""
+    uneven = relief(ground, box) if ground is not None and (ground.steps or ground.field is not None) else {}
+    if uneven:
+        quads, shade = np.array(uneven["quads"]).reshape(-1, 4, 3), np.array(uneven["shade"])
         return [
             scene.add_mesh_simple(
                 f"{name}/{k}", quads[shade == k].reshape(-1, 3), _halves(int((shade == k).sum())), color=color,
@@ -434,11 +451,11 @@ def _floor(scene: Any, name: str, ground: Ground | None, box: np.ndarray) -> lis
 
 
 def _round(x: float) -> float:
-    """The next 1, 2 or 5 times a power of ten."""
+    """Round up to 1, 2 or 5 times a power of ten."""
     power = 10.0 ** math.floor(math.log10(max(x, 1e-9)))
     return next(k * power for k in (1.0, 2.0, 5.0, 10.0) if k * power >= x)
 
 
 def _halves(count: int) -> np.ndarray:
-    """Triangles of so many quadrangles."""
+    """Split `count` quadrangles into triangles."""
     return (4 * np.arange(count)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)

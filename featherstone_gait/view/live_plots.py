@@ -1,4 +1,4 @@
-"""Plots beside a live page: a channel of each run, with a line at the time that is shown."""
+"""Plot channels beside a live page, with a line at the time that is shown."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ALL = "all"
 
 
 class Plotted(NamedTuple):
-    """The channels of a run up to its sample `last`, as `recorded.channels_of`."""
+    """Hold the channels of a run, as of `recorded.channels_of`."""
 
     caption: str
     status: str
@@ -26,12 +26,12 @@ class Plotted(NamedTuple):
 
 
 def plotted(caption: str, seen: Seen, last: int) -> Plotted:
-    """The channels of a run."""
+    """Prepare the channels of a run up to its sample `last`."""
     return Plotted(caption, seen.trajectory.status, channels_of(seen.model, seen.trajectory, last))
 
 
 class Charts:
-    """A panel of plots, one for each channel in `wanted`; whoever looks chooses others.
+    """A panel of plots, one for each channel in `wanted`, which can be changed in the page.
 
     Raises ValueError for a channel that no run has.
     """
@@ -42,7 +42,7 @@ class Charts:
         self.charts: list[_Chart] = []
 
     def enter(self, gui: Any, lock: Any) -> None:
-        """Add the panel to the page; who looks chooses while nobody else has the lock."""
+        """Add the panel to the page; choices in it are handled under the lock."""
         if not self.wanted:
             return
         panel = gui.add_panel()
@@ -52,13 +52,13 @@ class Charts:
         panel.set_width(WIDTH)
 
     def draw(self, t: float) -> None:
-        """Put the lines at a time [s]."""
+        """Move the lines to a time [s]."""
         for chart in self.charts:
             chart.draw(t)
 
 
 class _Chart:
-    """A channel of each run, one plot below the other."""
+    """A channel of all runs, one plot below the other."""
 
     def __init__(self, gui: Any, lock: Any, runs: Sequence[Plotted], names: Sequence[str], name: str) -> None:
         self.gui, self.lock, self.runs, self.t = gui, lock, runs, 0.0
@@ -71,7 +71,7 @@ class _Chart:
         self._show()
 
     def draw(self, t: float) -> None:
-        """Put the line at a time [s]."""
+        """Move the line to a time [s]."""
         self.t = t
         for lines in self.lines:
             lines.draw(t)
@@ -86,7 +86,7 @@ class _Chart:
             self._show()
 
     def _show(self) -> None:
-        """Plots of the chosen columns in place of those before."""
+        """Replace the plots by those of the chosen columns."""
         with self.lock, self.place:
             for lines in self.lines:
                 lines.handle.remove()
@@ -103,7 +103,7 @@ class _Chart:
 
 
 class _Lines:
-    """A plot.  The line at the time that is shown is one more series, which comes up from below the axes there only."""
+    """A plot of some columns.  The line at the time is a further series, which rises from below the axes only there."""
 
     def __init__(self, gui: Any, title: str, channel: dict[str, Any], keep: Sequence[int], t: float) -> None:
         self.times = np.array(channel["times"])
@@ -131,11 +131,11 @@ class _Lines:
         )
 
     def draw(self, t: float) -> None:
-        """Put the line at a time [s]."""
+        """Move the line to a time [s]."""
         self.handle.data = self._data(t)
 
     def _data(self, t: float) -> tuple[np.ndarray, ...]:
-        """Times, and columns with their values at `t` put in between, three times; and the line."""
+        """Insert the time `t` three times into times and columns, and add the line there."""
         t = min(max(t, self.times[0]), self.times[-1])
         k = int(np.searchsorted(self.times, t))
         now = [np.interp(t, self.times, column) for column in self.values]

@@ -1,4 +1,4 @@
-"""Motions as GIF and as PNG files, drawn by Matplotlib."""
+"""Write motions as GIF or PNG files, drawn by Matplotlib."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def _write_gif(path: Path, figure: Any, frames: Iterator[None], fps: float) -> N
 
 
 def _times(trajectory: Trajectory, fps: float, speed: float) -> np.ndarray:
-    """Times of the frames [s]; a run that failed ends where it did, and is looked at for another second."""
+    """Choose the times of the frames [s]; the end of a run that failed is shown for another second."""
     time = trajectory["time"]
     end = min(trajectory.end_time, time[-1]) if trajectory.failed else time[-1]
     count = 1 + math.floor((end - time[0]) * fps / speed + 1e-9)
@@ -114,14 +114,14 @@ def _times(trajectory: Trajectory, fps: float, speed: float) -> np.ndarray:
 
 
 def _at(trajectory: Trajectory, q: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Positions at those times, of the samples before: no quaternion is bent."""
+    """Select the positions of the last sample before each time, so that quaternions stay of unit length."""
     return q[np.clip(np.searchsorted(trajectory["time"], times + 1e-9, side="right") - 1, 0, len(q) - 1)]
 
 
 def _drawn(
     figure: Any, trajectory: Trajectory, model: Model, q: np.ndarray, times: np.ndarray, floor: float | None
 ) -> Iterator[None]:
-    """Draw one frame after the other into the figure."""
+    """Draw one frame after another into the figure; yield after each."""
     from matplotlib.collections import PolyCollection
 
     found, _ = bodies(model)
@@ -156,12 +156,12 @@ def _drawn(
 
 
 def _points(found: list[Body], rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """All corners (n, 3) of the bodies in the world [m]."""
+    """Compute all corners (n, 3) of the bodies in world axes [m]."""
     return np.concatenate([body.points @ R.T + p for body, R, p in zip(found, rotation, position)])
 
 
 class _Camera:
-    """The eye of page.js: it looks at `center` from YAW and PITCH, in perspective."""
+    """Project points in perspective, as page.js does: toward `center`, from YAW and PITCH."""
 
     def __init__(self, center: np.ndarray, span: float) -> None:
         c, s, cp, sp = math.cos(YAW), math.sin(YAW), math.cos(PITCH), math.sin(PITCH)
@@ -170,13 +170,13 @@ class _Camera:
         self.eye = center + self.distance * self.axes[2]
 
     def see(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Right and up (..., 2) [m, at the distance of the center], and depth (...) [m]."""
+        """Project points to right and up (..., 2) [m, at the distance of the center], and depth (...) [m]."""
         seen = (points - self.eye) @ self.axes.T
         depth = -seen[..., 2]
         return seen[..., :2] * (self.distance / np.maximum(depth, 0.05 * self.distance))[..., None], depth
 
     def squares(self, height: float) -> np.ndarray:
-        """Every other square of the ground (n, 4, 2)."""
+        """Project every other square of the ground (n, 4, 2)."""
         edge = 10.0 ** math.floor(math.log10(self.span / 14.0))
         edge *= next(k for k in (1, 2, 5, 10) if k * edge >= self.span / 14.0)
         n = math.ceil(2.0 * self.span / edge)
@@ -188,7 +188,7 @@ class _Camera:
         return quads[(depth > 0.1 * self.distance).all(axis=1)]
 
     def faces(self, found: list[Body], rotation: np.ndarray, position: np.ndarray) -> tuple[list, list, list]:
-        """Polygons that look at the eye from far to near, their colors, and whether each is of a mesh."""
+        """Project the faces that look at the eye, from far to near; with colors, and whether they are smooth."""
         drawn = []
         for body, R, p in zip(found, rotation, position):
             world = body.points @ R.T + p

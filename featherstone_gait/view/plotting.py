@@ -1,4 +1,4 @@
-"""Pictures of trajectories: channels against time, and the robot as a stick figure at successive instants."""
+"""Plot trajectories: channels against time, and the robot as a stick figure at successive times."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MANY = 8  # lines in one panel, beyond which joints are drawn side by side, left
 
 
 class _Table(NamedTuple):
-    """A channel as lines."""
+    """Hold a channel as lines."""
 
     axis: str  # name and unit
     labels: list[str]
@@ -87,7 +87,7 @@ def plot_trajectory(trajectory: Trajectory, names: Sequence[str], axes: Any = No
 
 
 def _rows(trajectory: Trajectory, tables: list[_Table]) -> Figure:
-    """A new figure, a row for each table; where one has many lines with sides, a column for each side."""
+    """Make a figure with a row for each table; tables of many joints have a column for each side of the robot."""
     from matplotlib import pyplot
 
     sided = [_sides(table.labels) for table in tables]
@@ -116,7 +116,7 @@ def _rows(trajectory: Trajectory, tables: list[_Table]) -> Figure:
 
 
 def _table(trajectory: Trajectory, name: str) -> _Table:
-    """Forces and energies of several numbers a joint or contact point are summed over these."""
+    """Convert a channel to lines; forces and energies with several numbers are summed over joints or contact points."""
     channel, values, labels = BY_NAME.get(name), trajectory[name], trajectory.info.get("joints")
     if values.ndim == 3 and channel is not None and channel.unit in ("J", "N"):
         values, labels = values.sum(axis=1), channel.labels
@@ -128,7 +128,7 @@ def _table(trajectory: Trajectory, name: str) -> _Table:
 
 
 def _sides(labels: list[str]) -> list[tuple[str, list[int]]]:
-    """Lines of a panel each: all, or where there are many those of the left, of the right, and the others."""
+    """Group lines into panels: one for all, or if there are many one each for left, right and others."""
     of = {side: [k for k, label in enumerate(labels) if side_of(label) == side] for side in ("left", "right", "")}
     if len(labels) <= MANY or not of["left"] or not of["right"]:
         return [("", list(range(len(labels))))]
@@ -136,7 +136,7 @@ def _sides(labels: list[str]) -> list[tuple[str, list[int]]]:
 
 
 def _styles(labels: list[str]) -> list[tuple[str, str]]:
-    """Color and stroke of each line; partners left and right have one color, and the right one is dashed."""
+    """Choose color and stroke of each line; left and right partners share a color, and the right one is dashed."""
     if len(labels) <= MANY and len({_partner(label) for label in labels}) == len(labels):
         return [(COLOURS[k % len(COLOURS)], "-") for k in range(len(labels))]
     kinds = {kind: k for k, kind in enumerate(dict.fromkeys(_partner(label) for label in labels))}
@@ -153,7 +153,7 @@ def _solid(styles: list[tuple[str, str]]) -> list[tuple[str, str]]:
 
 
 def _partner(label: str) -> str:
-    """A name without its side, which left and right have in common."""
+    """Remove the side from a name, so that left and right partners have the same."""
     side = side_of(label)
     words = [word for word in label.lower().replace("-", "_").split("_") if side]
     kept = [word for word in words if word != side and word not in SIDES_OF[side]]
@@ -164,7 +164,7 @@ def _draw(
     axes: Axes, trajectory: Trajectory, table: _Table, styles: list[tuple[str, str]], lines: Iterable[int],
     side: str = "",
 ) -> None:  # fmt: skip
-    """Some lines of a table, up to where the run failed, with labels at their ends."""
+    """Draw some lines of a table, up to where the run failed, with labels at their ends."""
     failed = trajectory.failed
     time = trajectory["time"]
     last = max(1, int(np.searchsorted(time, trajectory.end_time + 1e-9, side="right"))) if failed else len(time)
@@ -181,11 +181,11 @@ def _draw(
     if len(table.labels) > 1:
         label_ends(axes, ends, trajectory.end_time if failed else None)
     if failed or trajectory.status != "ok":
-        _tell(axes, trajectory, failed)
+        _mark_status(axes, trajectory, failed)
 
 
-def _tell(axes: Axes, trajectory: Trajectory, failed: bool) -> None:
-    """How a run ended that is not sound."""
+def _mark_status(axes: Axes, trajectory: Trajectory, failed: bool) -> None:
+    """Mark how a run ended that is not "ok"."""
     text = str(trajectory.status)
     if failed:
         axes.axvline(trajectory.end_time, color=BAD, linestyle=":", linewidth=1.2)
@@ -205,11 +205,32 @@ def _check_axes(panels: Iterable[Any]) -> None:
 def plot_motion(
     model: Model, trajectory: Trajectory, axes: Axes | None = None, count: int = 12, view: str = "xz"
 ) -> Figure:
-    """Draw the robot as a stick figure at `count` instants from the start (dark) to the end (light); return the figure.
+    """Draw the robot as a stick figure at several times, from dark (start) to light (end).
 
     Each link is a line from its joint to those of its children, a last link one to its center of mass, a sole one to
-    each contact point.  view: the world axes to the right and up.  The trajectory needs the channel q, and base_q of a
-    floating base.
+    each contact point.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    trajectory : Trajectory
+        What `simulate` returns, with the channel q, and base_q of a floating base.
+    axes : matplotlib axes, optional
+        Axes to draw in, instead of a new figure.
+    count : int
+        Number of stick figures.
+    view : str
+        The world axes that point right and up, such as "xz".
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        A channel was not recorded, or an argument is out of range.
     """
     from matplotlib import colormaps
     from matplotlib.collections import LineCollection
@@ -240,7 +261,7 @@ def plot_motion(
 
 
 def _sticks(model: Model, q: np.ndarray) -> np.ndarray:
-    """Both ends (n, lines, 2, 3) of every line, in the world [m]."""
+    """Compute both ends (n, lines, 2, 3) of every line in world axes [m]."""
     row = {link.name: k for k, link in enumerate(model.links)}
     ends = [(joint.parent, joint.xyz) for joint in model.joints] + [(p.link, p.position) for p in model.contacts]
     led_on = {name for name, _ in ends}

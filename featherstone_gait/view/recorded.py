@@ -1,4 +1,4 @@
-"""A run as the numbers of a page: poses at frames, forces, footprints, channels for plots, and how it ended."""
+"""Collect the data of a page from runs: poses at frames, forces, footprints, channels for plots, and the status."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ POSES, PLOTTED = 400_000, 120_000  # numbers of all runs together, so that a pag
 SAMPLES = 800  # of a channel in a plot
 TURN = 1e-4  # of the quaternions in the page
 FINE = 5e-5  # of the largest length: unit of lengths in the page
-TOUCH = 0.01  # of the weight: a smaller normal force is no step
+TOUCH = 0.01  # of the weight: smaller normal forces do not count as contact
 STANCE = 0.03  # [s] of the shortest step that leaves a footprint
-NEAR = 1e-3  # [m] over the ground, within which a point counts as touching where forces were not recorded
+NEAR = 1e-3  # [m] above the ground, below which a point counts as touching if forces were not recorded
 FIELD = 40  # cells along a height field
 PRINTS = 400  # footprints of a run
 HIDDEN = ("time", "velocity_change", "newton_iterations", "worst_chatter")  # channels that are not offered for plots
@@ -35,7 +35,17 @@ HIDDEN = ("time", "velocity_change", "newton_iterations", "worst_chatter")  # ch
 
 @dataclass(frozen=True)
 class Seen:
-    """A run, the robot that made it and the ground it was on, None where there was none or it is not known."""
+    """Hold a run, its robot and its ground.
+
+    Attributes
+    ----------
+    model : Model
+        The robot.
+    trajectory : Trajectory
+        The run.
+    ground : Ground or None
+        The ground of the run; None if there was none or it is not known.
+    """
 
     model: Model
     trajectory: Trajectory
@@ -68,7 +78,7 @@ def page_data(runs: Mapping[str, Seen], plots: Sequence[str] = (), ghosts: bool 
 
 
 def known_channels(runs: Sequence[Mapping[str, Any]], plots: Sequence[str]) -> list[str]:
-    """The names of the channels of some runs; raises ValueError for plots of others."""
+    """List the names of the channels of some runs.  Raises ValueError for plots of other channels."""
     known = sorted({name for channels in runs for name in channels})
     for name in plots:
         if name not in known:
@@ -108,7 +118,7 @@ def _robot(model: Model, found: list[Body], unit: float) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class FramePoses:
-    """Poses of all links at every frame up to the end of a run."""
+    """Hold the poses of all links at every frame up to the end of a run."""
 
     rows: np.ndarray  # samples of the run that are frames
     last: int  # the last sample before the run failed
@@ -117,6 +127,7 @@ class FramePoses:
 
 
 def sampled(seen: Seen) -> FramePoses:
+    """Choose the frames of a run and compute the poses of all links there."""
     run = seen.trajectory
     instance("run", run, Mapping, "give what simulate returns")
     q = positions(run, seen.model)
@@ -126,7 +137,7 @@ def sampled(seen: Seen) -> FramePoses:
     last = min(max(last, 0), len(time) - 1)
     last = min(last, int(np.argmin(sound)) - 1) if not sound.all() else last
     if last < 0:
-        raise ValueError(f"{seen.model.name}: the run has no sample that is finite; there is nothing to draw")
+        raise ValueError(f"{seen.model.name}: no sample of the run is finite; there is nothing to draw")
     numbers = 7 * len(seen.model.links) + 6 * len(seen.model.contacts)
     step = float(time[1] - time[0]) if len(time) > 1 else FRAME
     every = max(1, round(FRAME / step), math.ceil((last + 1) * numbers / POSES))
@@ -136,7 +147,7 @@ def sampled(seen: Seen) -> FramePoses:
 
 
 class _Drawn(NamedTuple):
-    """A run with what is drawn of it."""
+    """Hold a run with what is drawn of it."""
 
     caption: str
     seen: Seen
@@ -151,7 +162,7 @@ def _prepare(caption: str, seen: Seen, found: list[Body]) -> _Drawn:
 
 
 def corners_of(model: Model, poses: FramePoses, found: Sequence[Body | Piece]) -> np.ndarray:
-    """Corners (frames, n, 3) of all bodies' boxes along their links' axes [m]."""
+    """Compute corners (frames, n, 3) of the bodies' boxes along their links' axes [m]."""
     rows = _rows(model, found)
     ends = np.array([[body.points.min(axis=0), body.points.max(axis=0)] for body in found])
     pick = np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)])
@@ -195,7 +206,7 @@ def _run(drawn: _Drawn, unit: float, several: int) -> dict[str, Any]:
 
 
 def quaternions(rotation: np.ndarray) -> np.ndarray:
-    """(frames, bodies, 4), x y z w, of rotations (frames, bodies, 3, 3); none jumps to its negative."""
+    """Convert rotations (frames, bodies, 3, 3) to quaternions (frames, bodies, 4), x y z w, continuous in time."""
     from scipy.spatial.transform import Rotation
 
     q = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat().reshape(*rotation.shape[:2], 4)
@@ -204,17 +215,17 @@ def quaternions(rotation: np.ndarray) -> np.ndarray:
 
 
 def _drawn(run: Trajectory, rows: np.ndarray) -> list[float] | None:
-    """What the servos' meters have counted [J]."""
+    """Sum the electrical energy that the servos have drawn at each frame [J]."""
     return np.round(_sound(run["energy"][rows, :, METER].sum(axis=1)), 3).tolist() if "energy" in run else None
 
 
 def _sound(values: np.ndarray) -> np.ndarray:
-    """Values of which those that are not finite, as a run may leave that diverged, are 0."""
+    """Replace values that are not finite, as in a run that diverged, by 0."""
     return np.where(np.isfinite(values), values, 0.0)
 
 
 def _load(model: Model, run: Trajectory, rows: np.ndarray) -> dict[str, Any] | None:
-    """Size of each joint's torque [%] of what its servo stalls at; without servos, of the largest in the run."""
+    """Compute each joint's torque in percent of its servo's stall torque; without servos, of the largest in the run."""
     if "torque" not in run or not model.moving_joints:
         return None
     torque = np.abs(_sound(run["torque"]))
@@ -226,7 +237,7 @@ def _load(model: Model, run: Trajectory, rows: np.ndarray) -> dict[str, Any] | N
 
 
 def _stall_torque(servo: Servo | None) -> float:
-    """Without friction: of a motor at its limits of voltage and current [N m]; NaN where there is none."""
+    """Compute the stall torque at the limits of voltage and current, without friction [N m]; NaN without a motor."""
     if servo is None or servo.controller.law in TORQUE_LAWS or not servo.resistance > 0:
         return math.nan
     return servo.gearbox.ratio * servo.motor_constant * min(servo.voltage_limit / servo.resistance, servo.current_limit)
@@ -236,7 +247,7 @@ def _stall_torque(servo: Servo | None) -> float:
 
 
 def _touching(seen: Seen, poses: FramePoses, unit: float) -> dict[str, Any]:
-    """Contact points, forces on them and footprints; empty without ground or points."""
+    """Collect contact points, forces on them and footprints; empty without ground or points."""
     model, run, ground = seen.model, seen.trajectory, seen.ground
     if ground is None or not model.contacts:
         return {"points": None, "forces": None, "prints": []}
@@ -263,7 +274,7 @@ def _touching(seen: Seen, poses: FramePoses, unit: float) -> dict[str, Any]:
 
 
 def _flat(values: np.ndarray) -> list[list[int]]:
-    """Whole numbers, a list for each frame."""
+    """Round to whole numbers, a list for each frame."""
     return np.round(values).astype(int).reshape(len(values), -1).tolist()
 
 
@@ -272,11 +283,12 @@ def _step(run: Trajectory) -> float:
 
 
 def touching_points(model: Model, q: np.ndarray) -> np.ndarray:
+    """Compute the lowest points (samples, points, 3) of the contacts in world axes [m]."""
     return deepest_points(model, forward_kinematics(model, q), (0.0, 0.0, 1.0))
 
 
 def _prints(model: Model, time: np.ndarray, points: np.ndarray, touch: np.ndarray, unit: float) -> list[dict[str, Any]]:
-    """Where links stood: the time at which each stance began and what touched in its middle."""
+    """Collect footprints: the time at which each stance of a link began, and its contact points in the middle of it."""
     links = [point.link for point in model.contacts]
     prints: list[dict[str, Any]] = []
     for link in dict.fromkeys(links):
@@ -293,9 +305,9 @@ def _prints(model: Model, time: np.ndarray, points: np.ndarray, touch: np.ndarra
 
 
 def relief(ground: Ground | None, corners: np.ndarray) -> dict[str, Any]:
-    """Ground that is not level, as quadrangles [m] over the way of the robot; {} for a level floor.
+    """Cut ground that is not level into quadrangles [m] along the way of the robot; {} for a level floor.
 
-    shade: 0 and 1 in turn, 2 for the face of a step.
+    `shade` alternates between 0 and 1, and is 2 for the riser of a step.
     """
     if ground is None or not (ground.slope or ground.steps or ground.field is not None):
         return {}
@@ -310,7 +322,7 @@ def relief(ground: Ground | None, corners: np.ndarray) -> dict[str, Any]:
 
 
 def _field(ground: Ground, box: np.ndarray) -> np.ndarray:
-    """Nodes (n, n, 3) on a height field over a box (2, 2) in x and y [m]."""
+    """Compute nodes (n, n, 3) on a height field over a box (2, 2) in x and y [m]."""
     x, y = (np.linspace(low, high, FIELD + 1) for low, high in box.T)
     level = np.stack([*np.meshgrid(x, y, indexing="ij"), np.zeros((len(x), len(y)))], axis=-1)
     level[..., 2] = -ground_under(ground, level.reshape(-1, 3))[:, 6].reshape(level.shape[:2])
@@ -318,7 +330,7 @@ def _field(ground: Ground, box: np.ndarray) -> np.ndarray:
 
 
 def _stairs(ground: Ground, box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes (n, m, 3) of a plane with slope and steps, two rows where one rises, and which rows begin such a face."""
+    """Compute nodes (n, m, 3) of a plane with slope and steps, two rows per step, and which rows begin a riser."""
     normal, first, second = plane_axes(ground)
     across = [np.array([x, y, 0.0]) for x in box[:, 0] for y in box[:, 1]]
     along, side = np.array([(c @ first / (1.0 - first[2] ** 2), c @ second) for c in across]).T
@@ -337,7 +349,7 @@ def _stairs(ground: Ground, box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def channels_of(model: Model, run: Trajectory, last: int, most: int = PLOTTED) -> dict[str, Any]:
-    """Channels for plots: unit, names of columns, times and values, thinned so that peaks stay."""
+    """Prepare channels for plots: unit, names of columns, times and values, thinned so that peaks stay."""
     found: dict[str, tuple[str, list[str], np.ndarray]] = {}
     for name, values in run.items():
         if name not in HIDDEN and values.ndim > 1 and values[0].size and np.isfinite(values[: last + 1]).any():
@@ -361,7 +373,7 @@ def channels_of(model: Model, run: Trajectory, last: int, most: int = PLOTTED) -
 
 
 def _column_table(model: Model, run: Trajectory, name: str, values: np.ndarray) -> tuple[str, list[str], np.ndarray]:
-    """Unit, labels and (samples, columns) of a channel; energies are summed over joints, forces over links."""
+    """Find unit, labels and (samples, columns) of a channel; energies are summed over joints, forces over links."""
     channel = BY_NAME.get(name)
     unit = UNITS.get(name, "")
     if name == "contact_force" and values.ndim == 3 and values.shape[1] == len(model.contacts):
@@ -381,7 +393,7 @@ def _column_table(model: Model, run: Trajectory, name: str, values: np.ndarray) 
 
 
 def _power(run: Trajectory, last: int) -> tuple[str, list[str], np.ndarray]:
-    """Where the power goes, all joints together [W]: the mean over each fiftieth of a second."""
+    """Compute the power of all joints together by its kind [W], as the mean over 1/50 s around each sample."""
     energy = run["energy"][: last + 1].sum(axis=1)
     time = run["time"][: last + 1]
     k = max(1, round(0.01 / _step(run)))
@@ -393,7 +405,7 @@ def _power(run: Trajectory, last: int) -> tuple[str, list[str], np.ndarray]:
 
 
 def thinned_samples(time: np.ndarray, values: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """At most about `most` samples of values (n, columns): of each stretch its least and its largest, so peaks stay."""
+    """Thin values (n, columns) to about `most` samples, the least and the largest of each stretch, so peaks stay."""
     n = len(time)
     if n <= most:
         return time, values

@@ -130,20 +130,20 @@ def _seen(runs: Sequence[Trajectory], robot: Robot, captions: Sequence[str], plo
             found[key] = robot_of(run, robot)
         seen[caption] = Seen(found[key][0], run, found[key][1])
     title = runs[0].info.get("start") if len(runs) == 1 else None
-    channels = texts("plots", plots, "give a list of channels") or _telling(runs[0])
+    channels = texts("plots", plots, "give a list of channels") or _default_plots(runs[0])
     return _Seen(seen, title or seen[captions[0]].model.name, channels)
 
 
-def _telling(trajectory: Trajectory) -> list[str]:
-    """Choose the one channel that tells most of those that were recorded, of a run of some length."""
+def _default_plots(trajectory: Trajectory) -> list[str]:
+    """Choose the recorded channel that is plotted by default; none for a run of one sample."""
     if len(trajectory["time"]) < 2:
         return []
-    telling = ("contact_force", "torque", "q")
-    return next(([name] for name in telling if name in trajectory and trajectory[name].size), [])
+    candidates = ("contact_force", "torque", "q")
+    return next(([name] for name in candidates if name in trajectory and trajectory[name].size), [])
 
 
 def in_posture(model: Model, keyframe: str | None = None) -> Trajectory:
-    """A robot at rest, as a run of one sample: a posture of its file, or the one nearest to zero, on level ground."""
+    """Make a run of one sample: a robot at rest, in a posture of its file or the one nearest to zero."""
     if keyframe is None:
         q = nearest_posture(model)
         if model.base == "floating" and model.contacts:
@@ -161,17 +161,17 @@ def in_posture(model: Model, keyframe: str | None = None) -> Trajectory:
 
 
 def in_notebook() -> bool:
-    """Whether what is returned to the user is shown as HTML."""
+    """Return whether the program runs in a notebook, which shows HTML."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython is not None else None
     return shell is not None and "kernel" in type(shell).__module__
 
 
 def robot_of(trajectory: Trajectory, robot: Robot = None) -> tuple[Model, Ground | None]:
-    """Robot and ground of a run: as given, or as the run tells.
+    """Find robot and ground of a run.
 
-    None asks the run, which knows the file that its robot was read from if a command made it, and else its name: that
-    of a robot that comes with the package.  Raises ValueError where that leads nowhere or the joints are others.
+    If no robot is given, it is the one of the file or name that the run's info has; commands store the file, other runs
+    the name, which only leads to robots of the package.  Raises ValueError if no robot is found or its joints differ.
     """
     if isinstance(robot, CompiledScene):
         model, ground = robot.model, robot.ground
@@ -207,11 +207,11 @@ def _loaded(info: Mapping[str, Any], robot: Any, floating: bool) -> Model:
 
 
 def _ground(info: Mapping[str, Any], model: Model) -> Ground | None:
-    """As the run tells; else a level floor under a robot that can stand on it."""
+    """Find the ground in a run's info; else a level floor under a robot that can stand on it."""
     if "ground" not in info:
         return Ground() if model.base == "floating" and model.contacts else None
-    told = info["ground"]
-    if told is None:
+    stored = info["ground"]
+    if stored is None:
         return None
     known = {f.name for f in fields(Ground)} - {"field"}
-    return Ground(**{name: value for name, value in told.items() if name in known})
+    return Ground(**{name: value for name, value in stored.items() if name in known})

@@ -1,6 +1,6 @@
-"""One look for all figures: colors that the color-blind tell apart, quiet axes, labels at the ends of lines.
+"""Give all figures one style: colors that color-blind readers distinguish, quiet axes, labels at the ends of lines.
 
-Colors are those of M. Okabe and K. Ito (2008), of which the yellow is left out: it is too pale for a line.
+Colors are those of M. Okabe and K. Ito (2008) without yellow, which is too pale for a line.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LOOK: dict[str, Any] = {
 
 @contextmanager
 def look(grid: bool = True) -> Iterator[None]:
-    """Figures that are made within have the look; grid: in all axes, those of pictures too."""
+    """Apply the style to figures that are made within; grid: draw one in all axes."""
     import matplotlib
     from cycler import cycler
 
@@ -40,7 +40,7 @@ def look(grid: bool = True) -> Iterator[None]:
 def label_ends(
     axes: Axes, ends: Sequence[tuple[float, str, Any]], x: float | None = None, size: float = 7.5
 ) -> None:
-    """Write a label beside the end of each line, at (y, text, color), moved apart where they would collide.
+    """Write a label (y, text, color) beside the end of each line, moved apart where they would overlap.
 
     x: where the lines end, None for the right edge of the axes.
     """
@@ -63,9 +63,9 @@ def label_ends(
 
 
 def spread(wanted: np.ndarray, gap: float) -> np.ndarray:
-    """Places (n,) from 0 to 1, rising, at least `gap` apart and as near as may be to those wanted (n,), which rise.
+    """Move rising places (n,) in [0, 1] at least `gap` apart, as near as possible to those wanted.
 
-    Where so many do not fit they are closer together.
+    If so many do not fit, they are closer together.
     """
     gap = min(gap, 1.0 / max(1, len(wanted) - 1))
     blocks: list[list[float]] = []  # sum of wanted places less the gaps before, count

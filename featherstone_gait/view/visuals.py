@@ -1,7 +1,7 @@
-"""What of a robot is seen: its <visual> shapes, else its collision shapes, else boxes of the links' inertia.
+"""Convert a robot to faces: its <visual> shapes, else its collision shapes, else boxes of link inertia.
 
-All become convex or flat faces in the axes of their links.  Meshes are thinned: their vertices are merged in the cells
-of a grid (J. Rossignac and P. Borrel, 1993), whose size is chosen so that the faces of a robot stay within a budget.
+All faces are convex or flat, in the axes of their links.  Meshes are simplified: vertices in cells of a grid are merged
+(J. Rossignac and P. Borrel, 1993); the size of the cells keeps the faces of a robot within a budget.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ CREASE = math.cos(math.radians(35.0))  # sharper edges of a mesh are seen as suc
 
 
 class Body(NamedTuple):
-    """A link as faces."""
+    """Hold a link as faces."""
 
     link: str
     points: np.ndarray  # (n, 3) [m], link axes
@@ -43,7 +43,7 @@ class Body(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """Triangles of one color on a link."""
+    """Hold triangles of one color on a link."""
 
     link: str
     points: np.ndarray  # (n, 3) [m], link axes
@@ -53,11 +53,10 @@ class Piece(NamedTuple):
 
 
 def bodies(model: Model, most: int = FACES) -> tuple[list[Body], list[str]]:
-    """What is seen of each link that has anything, and sentences about what could not be read.
+    """Convert each visible link to faces; return them and notes about what could not be read.
 
-    most: triangles that all meshes together become, about.
-
-    Raises ValueError for a robot none of whose links has a shape or an inertia.
+    most: approximate number of triangles of all meshes together.  Raises ValueError for a robot none of whose links has
+    a shape or an inertia.
     """
     faceted, notes = _Facets(most, ROUND), list[str]()
     found = list(_looks(model, faceted, notes))
@@ -65,9 +64,9 @@ def bodies(model: Model, most: int = FACES) -> tuple[list[Body], list[str]]:
 
 
 def pieces(model: Model, most: int, corners: int) -> tuple[list[Piece], list[str]]:
-    """The same as triangles in which corners of smooth surfaces are shared, and those of edges are not.
+    """Convert each visible link to triangles, whose vertices are shared on smooth surfaces and not at sharp edges.
 
-    corners: of a circle.
+    most: as in `bodies`; corners: number of corners of a circle.
     """
     faceted, notes = _Facets(most, corners), list[str]()
     found = list(_looks(model, faceted, notes))
@@ -80,7 +79,7 @@ def pieces(model: Model, most: int, corners: int) -> tuple[list[Piece], list[str
 
 
 def _looks(model: Model, faceted: _Facets, notes: list[str]) -> Iterator[tuple[str, list[_Part]]]:
-    """Each link that is seen with its parts: visuals, else collision shapes, else the box of its inertia."""
+    """Yield each visible link with its parts: visuals, else collision shapes, else the box of its inertia."""
     seen, said = read_visuals(model)
     notes += said
     solid: dict[str, list[Visual]] = {}
@@ -104,19 +103,19 @@ def _looks(model: Model, faceted: _Facets, notes: list[str]) -> Iterator[tuple[s
 
 
 def sided(name: str) -> Color:
-    """The color of a link by the side that its name tells."""
+    """Choose the color of a link by the side that its name states."""
     return {"left": LEFT, "right": RIGHT, "": MIDDLE}[side_of(name)]
 
 
 def side_of(name: str) -> str:
-    """Left or right where a name says so, in full or as a letter between underscores, else ""."""
+    """Find "left" or "right" in a name, in full or as a letter between underscores; "" if there is neither."""
     words = name.lower().replace("-", "_").split("_")
     said = (side for side, letters in SIDES_OF.items() if side in name.lower() or {words[0], words[-1]} & letters)
     return next(said, "")
 
 
 class _Part(NamedTuple):
-    """A shape as faces, or as a mesh that is still to be thinned."""
+    """Hold a shape as faces, or as a mesh that is still to be simplified."""
 
     points: np.ndarray  # (n, 3) [m]
     faces: list[tuple[int, ...]] | np.ndarray  # an array (m, 3) of a mesh
@@ -126,14 +125,14 @@ class _Part(NamedTuple):
 
 
 class _Facets:
-    """Shapes as faces, of which meshes share a budget by their sizes."""
+    """Convert shapes to faces; meshes share a budget by their sizes."""
 
     def __init__(self, most: int, corners: int) -> None:
         self.most, self.corners, self.size = most, corners, 0.0
         self.read: dict[str, list[MeshPart]] = {}  # mesh files, which several links may have
 
     def parts(self, visuals: Iterable[Visual], link: str, notes: list[str]) -> list[_Part]:
-        """Of some visuals; those that cannot be read are told."""
+        """Convert some visuals; add a note for each that cannot be read."""
         found = []
         for visual in visuals:
             try:
@@ -150,7 +149,7 @@ class _Facets:
         return found
 
     def thinned(self, parts: list[_Part]) -> list[_Part]:
-        """The same with all meshes thinned, each to its share."""
+        """Simplify all meshes, each to its share of the budget."""
         done = []
         for part in parts:
             if isinstance(part.faces, np.ndarray):
@@ -162,7 +161,7 @@ class _Facets:
 
 
 def _size(points: np.ndarray) -> float:
-    """Diagonal of the box around points [m]."""
+    """Compute the diagonal of the box around points [m]."""
     return float(np.sqrt((np.ptp(points, axis=0) ** 2).sum()))
 
 
@@ -182,7 +181,7 @@ SIDES = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (
 
 
 def _box(link: Link) -> Faceted:
-    """The box of uniform density that has the link's mass and inertia.
+    """Compute the box of uniform density that has the link's mass and inertia.
 
     With principal moments ``A, B, C`` and mass ``m`` its edges are ``sqrt(6 (B + C - A) / m)`` and so on in turn.
     """
@@ -195,7 +194,7 @@ def _box(link: Link) -> Faceted:
 def _faceted(
     geometry: Geometry | Triangles | Ellipsoid, corners: int, read: dict[str, list[MeshPart]]
 ) -> Iterator[tuple[np.ndarray, list[tuple[int, ...]] | np.ndarray, Color | None]]:
-    """Corners and faces, of a mesh all triangles (n, 3), and the color if it has its own."""
+    """Yield corners and faces of a shape (of a mesh an array of triangles), and its own color if it has one."""
     if isinstance(geometry, Mesh):
         yield from _colored(geometry, read)
     elif isinstance(geometry, Triangles):
@@ -216,10 +215,10 @@ def _faceted(
 
 
 def _colored(mesh: Mesh, read: dict[str, list[MeshPart]]) -> Iterator[tuple[np.ndarray, np.ndarray, Color | None]]:
-    """The parts of a mesh file by their colors."""
+    """Yield the parts of a mesh file, each of one color."""
     path, scale = Path(mesh.file), np.array(mesh.scale)
     if not path.is_file():
-        raise ValueError(f"mesh {mesh.file!r} is not there")
+        raise ValueError(f"mesh {mesh.file!r} does not exist")
     parts = read.get(mesh.file) or read.setdefault(mesh.file, mesh_parts(path))
     points = np.concatenate([part.points for part in parts]) if parts else np.empty((0, 3))
     if not len(points) or not np.isfinite(points).all() or not _size(points * scale) > 0.0:
@@ -241,7 +240,7 @@ def _circle(corners: int) -> np.ndarray:
 
 
 def _turned(radius: float, centers: list[float], corners: int) -> Faceted:
-    """A sphere, or a capsule with the centers of its ends along z."""
+    """Convert a sphere, or a capsule with the centers of its ends along z."""
     up = [90.0 * k / (3 * corners // ROUND) for k in range(3 * corners // ROUND)]
     rings = [(-a, centers[0]) for a in reversed(up)] + [(a, centers[1]) for a in up]
     rings = list(dict.fromkeys((a + 0.0, z) for a, z in rings))
@@ -267,7 +266,7 @@ def _hull(points: np.ndarray) -> Faceted:
     try:
         hull = ConvexHull(points)
     except (QhullError, ValueError) as error:
-        raise ValueError("a hull is flat, and not drawn") from error
+        raise ValueError("a hull is flat and is not drawn") from error
     return points, _outward(points, hull.simplices, hull.equations[:, :3])
 
 
@@ -278,7 +277,7 @@ def _outward(points: np.ndarray, triangles: np.ndarray, normals: np.ndarray) -> 
 
 
 def thinned(points: np.ndarray, triangles: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """A mesh (n, 3), (m, 3) of at most about `most` triangles: vertices in a cell of a grid become their mean."""
+    """Simplify a mesh (n, 3), (m, 3) to about `most` triangles by merging the vertices in each cell of a grid."""
     size, low = float(np.ptp(points, axis=0).max()), points.min(axis=0)
     if not size > 0.0:  # a part of a mesh may be a point
         return points[:0], triangles[:0]
@@ -292,7 +291,7 @@ def thinned(points: np.ndarray, triangles: np.ndarray, most: int) -> tuple[np.nd
 
 
 def fans(faces: list[tuple[int, ...]] | np.ndarray) -> np.ndarray:
-    """Convex faces as triangles (m, 3)."""
+    """Split convex faces into triangles (m, 3)."""
     if isinstance(faces, np.ndarray):
         return faces
     triangles = [(face[0], *pair) for face in faces for pair in pairwise(face[1:])]
@@ -300,7 +299,7 @@ def fans(faces: list[tuple[int, ...]] | np.ndarray) -> np.ndarray:
 
 
 def creased(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same triangles, whose vertices are shared only where their faces are led to each other over no sharp edge."""
+    """Duplicate vertices of a mesh so that triangles share them only where no sharp edge is between."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -323,7 +322,7 @@ def creased(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _merged(points: np.ndarray, triangles: np.ndarray, cell: float, low: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of the vertices in a cell the one nearest to their mean stands for all; triangles that collapse are left out."""
+    """Replace the vertices in a cell by the one nearest to their mean; drop triangles that collapse."""
     cells = np.floor((points - low) / cell).astype(np.int64)
     group = np.unique((cells[:, 0] * (2 * EXACT) + cells[:, 1]) * (2 * EXACT) + cells[:, 2], return_inverse=True)[1]
     count = np.bincount(group).astype(float)
