@@ -1,4 +1,4 @@
-"""`featherstone-gait simulate`: a robot swings, is pulled upright, or stands."""
+"""`featherstone-gait simulate`: let a robot swing, be pulled to zero by its servos, or stand."""
 
 from __future__ import annotations
 
@@ -86,19 +86,19 @@ def run(args: Namespace) -> int:
 
 
 def _filled(line: str) -> str:
-    """Lines of a terminal, in which no unit is parted from its number."""
+    """Wrap a line for a terminal; units stay with their numbers."""
     kept = re.sub(r"(?<=\d) (?=(ms|mm|s|J|rad)\b)", "\N{NO-BREAK SPACE}", line)
     text = textwrap.fill(kept, LINE, subsequent_indent=" " * 12, break_long_words=False)
     return text.replace("\N{NO-BREAK SPACE}", " ")
 
 
 def _is_free(scene: CompiledScene) -> bool:
-    """Whether nothing but gravity, friction and stops acts: then energy tells how exact the run is."""
+    """Return whether only gravity, friction and stops act; then energy shows how exact the run is."""
     return scene.gearbox is None and scene.ground is None
 
 
 def _experiment(scene: CompiledScene) -> tuple[str, Callable[..., Trajectory]]:
-    """What happens, in words, and the function that simulates it: run(scene, duration)."""
+    """Describe the experiment, and make the function run(scene, duration) that simulates it."""
     import numpy as np
 
     from ..run.reference import Reference
@@ -126,7 +126,7 @@ def _experiment(scene: CompiledScene) -> tuple[str, Callable[..., Trajectory]]:
 
 
 def _start(scene: CompiledScene, home: np.ndarray, angle: float) -> tuple[list[float] | np.ndarray, str]:
-    """Positions at the start: the first joint, if it turns, at `angle` or as far as it goes, the others at home."""
+    """Choose the start: the first joint, if it is revolute, at `angle` or its limit, the others at home."""
     from ..scene.coupling import followed
 
     model, q, posture = scene.model, home.copy(), "all joints at zero"
@@ -139,7 +139,7 @@ def _start(scene: CompiledScene, home: np.ndarray, angle: float) -> tuple[list[f
 
 
 def _measures(scene: CompiledScene, trajectory: Trajectory) -> dict[str, Any]:
-    """How exact the run is, and what it shows."""
+    """Measure how exact the run is, and what it shows."""
     import numpy as np
 
     error = trajectory.error or {}
@@ -161,7 +161,7 @@ def _measures(scene: CompiledScene, trajectory: Trajectory) -> dict[str, Any]:
 
 
 def _drift(scene: CompiledScene, trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Change of the energy [J] that friction and stops do not explain, and the kinetic energy [J], at each sample."""
+    """Compute the energy change that friction and stops do not explain, and the kinetic energy, at each sample [J]."""
     import numpy as np
 
     from ..core.effects.energies import FRICTION, STOPS
@@ -206,7 +206,7 @@ def _refinement(scene: CompiledScene) -> str:
 
 
 def _plot_simulation(scene: CompiledScene, trajectory: Trajectory, text: str, path: Path) -> None:
-    """The motion on the left; joints and what tells how good the run is on the right."""
+    """Plot the motion on the left, and joints and energy error or forces on the right."""
     from matplotlib.figure import Figure
 
     from ..view.style import look

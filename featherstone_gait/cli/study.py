@@ -1,4 +1,4 @@
-"""`featherstone-gait study`: one experiment over many parameters."""
+"""`featherstone-gait study`: run one experiment with many parameters."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def add(commands: Commands) -> None:
             "featherstone-gait study notebooks/unit_study.toml --out results",
             "featherstone-gait study FILE.toml --cluster tcp://HOST:8786 --batch 64",
         ),
-        takes="as long as its progress bar says; Ctrl-C keeps finished runs.  Exit code 1 if a run's status is not ok",
+        takes="as long as the progress bar estimates; Ctrl-C keeps finished runs.  Exit code 1 if a run is not ok",
     )
     parser.add_argument(
         "file",
@@ -51,7 +51,7 @@ def run(args: Namespace) -> int:
     if args.cluster is not None:
         with _cluster(args.cluster) as client:
             outcome = run_study(study, args.out, executor=client.get_executor(), **options)
-    elif study.setup.draws:  # a scene a run is made in Python: threads would wait for each other
+    elif study.setup.draws:  # each run's scene is made in Python, where threads would wait for each other
         with process_pool(cores()) as pool:
             outcome = run_study(study, args.out, executor=pool, **options)
     else:
@@ -61,7 +61,7 @@ def run(args: Namespace) -> int:
     print("status: " + ", ".join(f"{status} {count}" for status, count in outcome.statuses.items()))
     wrong = len(study) - outcome.statuses.get("ok", 0)
     if wrong:
-        print(f"{wrong} of {len(study)} rows are not ok: the table is whole, their messages say what to believe")
+        print(f"{wrong} of {len(study)} rows are not ok; the table is complete, and the messages of these rows say why")
     files = [outcome.table, outcome.picture, outcome.table.with_suffix(".jsonl")]
     files += [outcome.sensitivity] if outcome.sensitivity else []
     print("files: " + ", ".join(map(str, files)))

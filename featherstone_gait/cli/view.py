@@ -1,7 +1,8 @@
-"""`featherstone-gait view`: saved runs, or a robot, as a page to play or as pictures."""
+"""`featherstone-gait view`: show saved runs, or a robot, as a page or a movie."""
 
 from __future__ import annotations
 
+import webbrowser
 from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,7 +22,7 @@ def add(commands: Commands) -> None:
         "view",
         run,
         "show saved runs, or a robot, as a page for any browser",
-        "FILE_view.html; with --gif FILE.gif instead, with --png a folder FILE_frames, with --live nothing",
+        "FILE_view.html; with --gif FILE.gif instead, with --png the folder FILE_frames, with --live no file",
         examples=(
             "featherstone-gait view humanoid",
             "featherstone-gait view humanoid_simulation.npz",
@@ -37,13 +38,8 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--caption", action="append", default=[], metavar="TEXT", help="caption of a run; give it once for each run"
     )
-    parser.add_argument(
-        "--plot",
-        action="append",
-        default=[],
-        metavar="CHANNEL",
-        help="plot this channel below the picture; may be repeated",
-    )
+    what = "plot this channel below the picture; may be repeated (default: contact_force, else torque, else q)"
+    parser.add_argument("--plot", action="append", default=[], metavar="CHANNEL", help=what)
     parser.add_argument("--ghosts", action="store_true", help="draw all runs in one picture (default: side by side)")
     parser.add_argument(
         "--keyframe", metavar="NAME", help="show a robot in this posture (default: the one nearest to zero)"
@@ -54,13 +50,8 @@ def add(commands: Commands) -> None:
     parser.add_argument("--port", type=int, default=8080, metavar="N", help="port of --live (default: %(default)s)")
     parser.add_argument("--gif", action="store_true", help="write a GIF of the first run instead of a page")
     parser.add_argument("--png", action="store_true", help="write a folder of PNG files instead of a page")
-    parser.add_argument(
-        "--speed",
-        type=float,
-        default=1.0,
-        metavar="X",
-        help="playing speed of GIF and PNG; 0.1 is slow motion (default: 1)",
-    )
+    what = "playing speed of GIF and PNG; 0.1 is slow motion (default: 1)"
+    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help=what)
     parser.add_argument(
         "--fps", type=float, default=25.0, metavar="N", help="frames per second of GIF and PNG (default: 25)"
     )
@@ -68,85 +59,60 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
+    from ..robot_file import load_robot
     from ..run.trajectory import Trajectory
+    from ..run.trajectory import files as files_of
     from ..view.shown import in_posture, show, show_live
 
-    if len(args.files) == 1 and not _is_run(args.files[0]):
-        model = _robot(args.files[0])
+    saved = [files_of(file)[0].is_file() for file in args.files]
+    if len(saved) == 1 and not saved[0] and Path(args.files[0]).suffix not in (".npz", ".json"):
+        model = load_robot(args.files[0])
         runs, names, robot = [in_posture(model, args.keyframe)], [model.name], model
     else:
-        for file in args.files:
-            if not _saved(file).is_file():
-                what = "is no saved run" if Path(file).exists() else "there is no such file"
+        for file, is_run in zip(args.files, saved):
+            if not is_run:
+                what = "is not a saved run" if Path(file).exists() else "there is no such file"
                 raise ValueError(f"{file}: {what}; give files of trajectories (.npz), or one robot alone")
         runs = [Trajectory.load(file) for file in args.files]
         names, robot = [Path(file).stem for file in args.files], args.robot
         if args.keyframe is not None:
             raise ValueError("--keyframe is for a robot without a run; leave it out, or give the robot's file")
-    stem = args.out / names[0]
     if args.gif or args.png:
-        return _pictures(args, runs[0], robot, stem)
-    captions = args.caption or _different(names)
+        return _movies(args, runs[0], robot, names[0])
+    captions = args.caption or [name if names.count(name) == 1 else f"{name} {k + 1}" for k, name in enumerate(names)]
     how = {"captions": captions, "plots": args.plot, "ghosts": args.ghosts}
     if args.live:
         with telling_extras():
             live = show_live(runs[0], robot, *runs[1:], port=args.port, **how)
-        return _served(live, args.open)
-    path = stem.with_name(stem.name + "_view.html")
+        return _serve(live, args.open)
+    path = args.out / f"{names[0]}_view.html"
     page = show(runs[0], robot, *runs[1:], path=path, **how)
     for run, caption in zip(runs, captions):
         print(f"{caption}: {run.status}{': ' if run.message else ''}{run.message}")
     print(f"file        {path}, {len(page.html) / 1e6:.2g} MB")
     if args.open:
-        import webbrowser
-
         webbrowser.open(path.resolve().as_uri())
     return 0
 
 
-def _served(page: Live, opened: bool) -> int:
-    """Until Ctrl-C."""
+def _serve(page: Live, opened: bool) -> int:
+    """Serve the page until Ctrl-C."""
     import logging
 
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # browsers open connections that they do not use
     print(f"page        {page.url}, until Ctrl-C", flush=True)
     if opened:
-        import webbrowser
-
         webbrowser.open(page.url)
     page.wait()
     return 0
 
 
-def _is_run(file: str) -> bool:
-    """Whether a name is meant to be that of a saved run."""
-    return Path(file).suffix in (".npz", ".json") or _saved(file).is_file()
-
-
-def _saved(file: str) -> Path:
-    """Where the arrays of a saved run are."""
-    path = Path(file)
-    stem = path.with_suffix("") if path.suffix in (".npz", ".json") else path
-    return stem.with_name(stem.name + ".npz")
-
-
-def _robot(name: str) -> Model:
-    from ..robot_file import load_robot
-
-    return load_robot(name)
-
-
-def _different(names: list[str]) -> list[str]:
-    """Names by which runs are told apart."""
-    return [name if names.count(name) == 1 else f"{name} {k + 1}" for k, name in enumerate(names)]
-
-
-def _pictures(args: Namespace, run: Trajectory, robot: Model | str | None, stem: Path) -> int:
+def _movies(args: Namespace, run: Trajectory, robot: Model | str | None, name: str) -> int:
     from ..view.movie import save_movie
 
     for wanted, ending in ((args.gif, ".gif"), (args.png, "_frames")):
         if wanted:
-            path = stem.with_name(stem.name + ending)
+            path = args.out / f"{name}{ending}"
             count = save_movie(run, path, robot, fps=args.fps, speed=args.speed)
             print(f"file        {path}, {count} frames")
     return 0

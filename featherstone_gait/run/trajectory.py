@@ -168,7 +168,7 @@ class Trajectory(Mapping[str, np.ndarray]):
         arrays: dict[str, Any] = {f"channel_{k}": v for k, v in self.channels.items()}
         arrays |= {f"error_{k}": v for k, v in (self.error or {}).items()}
         arrays |= {} if self.second_final is None else {"companion": self.second_final}
-        with complete_together(*_files(path)) as (data, text):
+        with complete_together(*files(path)) as (data, text):
             with data.open("xb") as file:
                 np.savez_compressed(file, format=str(FORMAT), final=self.final, **arrays)
             text.write_text(json.dumps(described, indent=2, default=float), encoding="utf-8")
@@ -193,7 +193,7 @@ class Trajectory(Mapping[str, np.ndarray]):
         OSError
             A file cannot be opened.
         """
-        data, text = _files(path)
+        data, text = files(path)
         described, arrays = read_json(text, FORMAT), read_arrays(data, FORMAT)
         _check_arrays(data, arrays)
         final, second = arrays.pop("final"), arrays.pop("companion", None)
@@ -294,7 +294,7 @@ def with_error(run: Trajectory, finer: Trajectory, factor: float) -> Trajectory:
     return replace(run, error=error)
 
 
-def _files(path: FilePath) -> tuple[Path, Path]:
+def files(path: FilePath) -> tuple[Path, Path]:
     """Find PATH.npz and PATH.json for a path with or without one of these endings; other dots belong to the name."""
     path = Path(path)
     path = path.with_suffix("") if path.suffix in (".npz", ".json") else path
