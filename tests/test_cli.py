@@ -387,7 +387,7 @@ def test_doubts_about_a_file_are_told_without_a_line_of_this_package(tmp_path):
     run = subprocess.run(command, capture_output=True, text=True, check=True)
     told = " ".join(run.stderr.split())
     assert told.startswith(f"warning: {path}: ")
-    assert "unknown attribute 'color' of <joint>: passed over" in told
+    assert "unknown attribute 'color' of <joint>: ignored" in told
     assert "load_robot(args" not in told
 
 

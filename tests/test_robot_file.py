@@ -805,8 +805,8 @@ def test_what_stands_in_many_places_is_one_note(tmp_path):
     with pytest.warns(RobotFileWarning) as warned:
         robot = load_robot(write(tmp_path, text))
     assert robot.notes == (
-        "link 'thigh' <inertial> <mass> and 1 more: unknown attribute 'unit' of <mass>: passed over",
-        "joint 'hip' and 1 more: unknown element <joint_properties>: passed over",
+        "link 'thigh' <inertial> <mass> and 1 more: unknown attribute 'unit' of <mass>: ignored",
+        "joint 'hip' and 1 more: unknown element <joint_properties>: ignored",
     )
     assert all(note in str(warned[0].message) for note in robot.notes)
 

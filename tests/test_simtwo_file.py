@@ -148,7 +148,7 @@ def test_springs_are_warned_of(arm):
         ('B2="boom"', 'B2="bloom"', "no solid 'bloom'"),
         ('value="Universal"', 'value="Ball"', "type 'Ball'"),
         ('mode="pidposition"', 'mode="fuzzy"', "controller mode 'fuzzy'"),
-        ("<sphere>", "<belt/><sphere>", "<belt> has no like"),
+        ("<sphere>", "<belt/><sphere>", "<belt> is not supported"),
         ('period="20"', 'period="0"', "period is 0 ms"),
         ('mass value="1"', 'mass value="-1"', "mass is -1.0"),
         ('B1="boom" B2="ball"', 'B1="post" B2="boom"', "cut the closed loop"),

@@ -78,7 +78,7 @@ def main(argv: list[str] | None = None) -> int:
 
 @contextmanager
 def _plain_warnings() -> Iterator[None]:
-    """Doubts about a user's file are told without the line of this package that read it."""
+    """Print warnings about a user's file without the line of this package that read it."""
     usual = warnings.formatwarning
 
     def plain(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> str:
@@ -96,14 +96,14 @@ def _plain_warnings() -> Iterator[None]:
 
 
 def _said(error: ValueError | OSError) -> str:
-    """What an error says, of one that the system raised with the file first."""
+    """Return the message of an error, with the file first if the system raised it."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f"{os.fspath(error.filename)}: {error.strerror}; check the path and its permissions"
     return str(error)
 
 
 class _Output:
-    """An output whose reader may go away: what is printed then is lost, what is to be written into files is not."""
+    """An output whose reader may go away: further text is lost, but files are still written."""
 
     def __init__(self, name: str, stream: TextIO | None) -> None:
         self.name, self.stream = name, stream or open(os.devnull, "w", encoding="utf-8")
@@ -130,7 +130,7 @@ class _Output:
 
 
 def _make_folder(path: Path | None) -> None:
-    """Raises ValueError where a file or a link to nowhere, at the path or above it, is in the way."""
+    """Make the output folder; raise ValueError if a file or a dangling link is in the way."""
     if path is None:
         return
     try:

@@ -1,4 +1,4 @@
-"""What several commands take, and how they name their files."""
+"""Define the arguments that several commands share, and name their files."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SERVO_HELP = "gearbox model of the servos (default: mipsd if the robot has servo
 
 
 class Help(argparse.HelpFormatter):
-    """Help whose lines of text are filled one by one, so that examples stay as they are."""
+    """Help text whose lines are filled one by one, so that examples stay as they are."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, max_help_position=20)
@@ -35,7 +35,7 @@ class Help(argparse.HelpFormatter):
     def add_usage(
         self, usage: str | None, actions: Iterable[argparse.Action], groups: Iterable[Any], prefix: str | None = None
     ) -> None:
-        """What must be given; the options are listed below."""
+        """Show what must be given; the options are listed below."""
         needed = [action for action in actions if action.required or not action.option_strings]
         super().add_usage(usage, needed, [], prefix)
 
@@ -48,14 +48,14 @@ class Help(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that says in one line what is wrong, what may have been meant, and where to read on."""
+    """A parser whose errors say in one line what is wrong, what may be meant, and where to read on."""
 
     def error(self, message: str) -> NoReturn:
         print(f"error: {message}; `{self.prog} --help` lists what there is", file=sys.stderr)
         raise SystemExit(2)
 
     def unknown(self, arguments: Sequence[str]) -> NoReturn:
-        """Of arguments that the command does not have."""
+        """Report arguments that the command does not have."""
         known = [option for action in self._actions for option in action.option_strings]
         options = [each.partition("=")[0] for each in arguments if each.startswith("-")]
         if options:
@@ -71,7 +71,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def _meant(word: str, known: Sequence[str]) -> str:
-    """A question after a word that is not known."""
+    """Suggest a known word for an unknown one."""
     near = difflib.get_close_matches(word, known, n=1)
     return f" (did you mean {near[0]}?)" if near else ""
 
@@ -122,22 +122,22 @@ class _Renamed(argparse.Action):
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
     ) -> None:
         name = self.now.option_strings[0]
-        print(f"warning: {option} is now {name}; the old name works until version 0.4", file=sys.stderr)
+        print(f"warning: {option} is now {name}; the old name works until version {UNTIL}", file=sys.stderr)
         self.now(parser, namespace, values, name)
 
 
 def announce(takes: str) -> None:
-    """Say how long work takes: before it, and after what may be wrong about the arguments."""
+    """Print how long work takes, once the arguments have been checked."""
     print(textwrap.fill(f"takes {takes}", LINE), flush=True)
 
 
 def brief(does: str) -> str:
-    """What a command does, without what is said further on."""
+    """Return the first part of a command's description."""
     return does.partition(";")[0].partition(":")[0]
 
 
 def add_robot(parser: argparse.ArgumentParser, but: str = "") -> None:
-    """What says which robot, in which form; but: for which robots the servos' default is another."""
+    """Add the arguments that say which robot to load; but: robots for which the default gearbox differs."""
     parser.add_argument("robot", metavar="ROBOT", help="name of a robot of the package, or a .urdf or .xml file")
     parser.add_argument("--locked", metavar="SET", help="set of joints to lock, named in the robot's TOML file")
     add_gearbox(parser, (*GEARBOX_KINDS, "none"), SERVO_HELP.format(but))
@@ -147,27 +147,11 @@ def add_gearbox(
     parser: argparse.ArgumentParser, choices: Sequence[str], help: str, default: GearboxKind | None = None
 ) -> None:
     """Add --gearbox, and its old name --servos, which warns."""
-    parser.add_argument("--gearbox", choices=choices, default=default, help=help)
-    parser.add_argument(
-        "--servos", dest="gearbox", choices=choices, action=Old, new="--gearbox", help=argparse.SUPPRESS
-    )
-
-
-class Old(argparse.Action):
-    """An option's old name: it sets the new one, and says so."""
-
-    def __init__(self, *args: Any, new: str, **kwargs: Any) -> None:
-        super().__init__(*args, **(kwargs | {"default": argparse.SUPPRESS}))
-        self.new = new
-
-    def __call__(self, parser: Any, namespace: Any, values: Any, option: str | None = None) -> None:
-        """Set the value that the new option has."""
-        print(f"{option} is now {self.new}; the old name works until version {UNTIL}", file=sys.stderr)
-        setattr(namespace, self.dest, values)
+    add_option(parser, "--gearbox", old="--servos", choices=choices, default=default, help=help)
 
 
 def gearbox_of(args: argparse.Namespace, model: Model, default: GearboxKind | None) -> GearboxKind | None:
-    """What --gearbox says.  Raises ValueError for a robot that has none."""
+    """Return the value of --gearbox; raise ValueError for a robot without servos."""
     if args.gearbox is None:
         return default
     if args.gearbox == "none":
@@ -179,25 +163,25 @@ def gearbox_of(args: argparse.Namespace, model: Model, default: GearboxKind | No
 
 
 def output(args: argparse.Namespace, ending: str) -> Path:
-    """Path of a file of a command about a robot."""
+    """Return the path of a file of a command about a robot."""
     return args.out / f"{Path(args.robot).stem}_{ending}"
 
 
 def ground(model: Model) -> Ground | None:
-    """Flat ground for a robot that can stand on it."""
+    """Return flat ground for a robot that can stand on it."""
     from ..model import Ground
 
     return Ground() if model.base == "floating" and model.contacts else None
 
 
 def choice(scene: CompiledScene) -> str:
-    """Integrator and step, and why."""
+    """Describe integrator and step, and why they were chosen."""
     steps = "steps by their error" if scene.adaptive else f"step {1e3 * scene.timestep:g} ms"
     return f"{scene.integrator}, {steps} ({scene.preflight.reason})"
 
 
 def add_gait(parser: argparse.ArgumentParser) -> None:
-    """What says which gait, of which robot."""
+    """Add the arguments that say which gait, of which robot."""
     parser.add_argument("gait", type=Path, metavar="GAIT", help="ROBOT_gait.npz, or joint angles as .csv")
     parser.add_argument(
         "--first", action="store_true", help="take the gait that the search started from, instead of the one it found"
@@ -208,7 +192,7 @@ def add_gait(parser: argparse.ArgumentParser) -> None:
 
 
 def robot_of_gait(args: argparse.Namespace) -> Model:
-    """The robot that `add_gait` asks for."""
+    """Load the robot that `add_gait` asks for."""
     from ..robot_file import load_robot, robot_names
     from ..walking.motion import read_motion
     from ..walking.walker import load_walker
@@ -221,7 +205,7 @@ def robot_of_gait(args: argparse.Namespace) -> Model:
 
 
 def servo_of_gait(args: argparse.Namespace) -> str | None:
-    """The servo that `--servo` names, else the one that the gait's file does; None for the robot's own."""
+    """Return the servo of `--servo`, else that of the gait's file; None for the robot's own."""
     from ..robot_file import load_servo
     from ..walking.motion import servo_of
     from ..walking.walker import GENERIC
@@ -239,13 +223,13 @@ def servo_of_gait(args: argparse.Namespace) -> str | None:
 
 
 def gait_stem(args: argparse.Namespace) -> str:
-    """How the files of a command about a gait begin."""
+    """Return the beginning of file names of a command about a gait."""
     return args.gait.stem.removesuffix("_angles") + ("_first" if args.first else "")
 
 
 @contextmanager
 def telling_extras() -> Iterator[None]:
-    """A package that is missing is a mistake of the call, like a wrong argument."""
+    """Turn a missing package into an error of the call, like a wrong argument."""
     try:
         yield
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""`featherstone-gait check-robots`: which robots of a folder load, and what a second of each is like."""
+"""`featherstone-gait check-robots`: load all robots of a folder, and simulate a second of each."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PATH = 30  # characters of a file in the printed table, its last ones
 
 
 class Row(NamedTuple):
-    """What is found of one file."""
+    """The result for one file."""
 
     file: str  # below the folder
     loads: str = "no"
@@ -69,7 +69,7 @@ def run(args: Namespace) -> int:
 
 
 def robot_files(folder: Path) -> list[Path]:
-    """The .urdf and .mjcf files below a folder, and the .xml files whose root is <mujoco>, or <scene> of SimTwo."""
+    """Return the .urdf and .mjcf files below a folder, and the .xml files of MuJoCo or SimTwo."""
     from ..robot_file.source import SUFFIXES
 
     found = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
@@ -77,7 +77,7 @@ def robot_files(folder: Path) -> list[Path]:
 
 
 def _root_tag(path: Path) -> bytes:
-    """Name of the first element in an XML file."""
+    """Return the name of the first element in an XML file."""
     text = re.sub(rb"<!--.*?-->", b"", path.read_bytes(), flags=re.DOTALL)
     tag = re.search(rb"<([A-Za-z][\w.:-]*)", text)
     return tag[1] if tag else b""
@@ -100,7 +100,7 @@ def _row(path: Path, args: Namespace) -> Row:
 
 
 def _simulated(row: Row, model: Model) -> Row:
-    """The robot falls or swings for a second, all joints limp, from rest at the posture nearest to zero."""
+    """Simulate a second without torques, from rest at the posture nearest to zero."""
     from ..model.rest_posture import nearest_posture
     from ..run.simulate import initial_state, simulate
     from ..scene.compile import compile_scene
@@ -116,18 +116,18 @@ def _simulated(row: Row, model: Model) -> Row:
 
 
 def _cause(problem: str) -> str:
-    """What a problem says, without line, element and remedy."""
+    """Return a problem without its line, element and remedy."""
     said = re.sub(r"^(line \d+: )?((link|joint|robot|links) ('[^']*'(, )?)+)?( <\w+>)*:? ?", "", problem)
     return said.split(";")[0].strip()
 
 
 def _kind(cause: str) -> str:
-    """Causes that differ in names and numbers alone are of one kind."""
+    """Replace names and numbers, so that causes of one kind are equal."""
     return re.sub(r"-?\d[\d.e+-]*", "#", re.sub(r"'[^']*'", "'...'", cause))
 
 
 def _table(rows: list[Row]) -> list[str]:
-    """A line a robot, and below it why some do not load or run."""
+    """Format a line for each robot, and below them why some do not load or run."""
     head = ("file", "loads", "notes", "joints", "mass [kg]", "status", "error")
     causes = [_wrapped(f"{row.file}: {row.cause}") for row in rows if row.cause]
     return [*table(head, [_cells(row) for row in rows]), *([""] * bool(causes)), *causes]

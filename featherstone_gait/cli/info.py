@@ -1,4 +1,4 @@
-"""`featherstone-gait info`: what a robot is, in numbers."""
+"""`featherstone-gait info`: print a robot in numbers."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _link_table(model: Model) -> list[str]:
 
 
 def _joint_table(model: Model, check: Preflight) -> list[str]:
-    """The joints, with the largest step that an explicit integrator could take."""
+    """List the joints, with the largest step that an explicit integrator could take."""
     head = ("joint", "type", "parent", "child", "axis", "limits", "effort", "speed", "explicit step [ms]")
     steps = {limit.joint: _limit(limit) for limit in check.limits}
     held = model.held
@@ -103,7 +103,7 @@ def _angle(joint: Joint, value: float) -> str:
 
 
 def _servo_table(model: Model) -> list[str]:
-    """Each kind of servo once, with the joints that have it."""
+    """List each kind of servo once, with its joints."""
     kinds: dict[Servo, list[str]] = {}
     for joint, servo in model.servos.items():
         kinds.setdefault(servo, []).append(joint)
@@ -120,7 +120,7 @@ def _servo_table(model: Model) -> list[str]:
 
 
 def _fields(record: Servo | Controller | Gearbox) -> Iterator[tuple[str, str, str]]:
-    """Name, value and unit of the numbers of a servo, controller or gearbox."""
+    """Yield name, value and unit of the numbers of a servo, controller or gearbox."""
     from ..model import SERVO_UNITS
 
     units = SERVO_UNITS | GAINS.get(getattr(record, "law", ""), {})
@@ -136,7 +136,7 @@ def _contact_table(model: Model) -> list[str]:
 
 
 def _ground_line(model: Model) -> str:
-    """What carries the robot, and how the ground that `simulate` gives it yields."""
+    """Describe what carries the robot, and the default ground of `simulate`."""
     under, links = ground(model), len({point.link for point in model.contacts})
     if under is not None:
         return (
@@ -153,7 +153,7 @@ def _ground_line(model: Model) -> str:
 
 
 def _choice_table(model: Model, scene: CompiledScene) -> list[str]:
-    """What each kind of servo asks of an integrator, and which is taken where none is named."""
+    """List the integrator and the explicit limit for each kind of gearbox."""
     from ..scene.compile import compile_scene
 
     has_any = any(name in model.servos for name in model.joint_names)
@@ -188,9 +188,9 @@ def _numbers(values: Iterable[float]) -> str:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """An empty line, the headings and the rows, in aligned columns.
+    """Format an empty line, the headings and the rows in aligned columns.
 
-    Columns that the terminal has no room for follow in tables of their own, behind the first column again.
+    Columns that do not fit the terminal follow in tables of their own, again behind the first column.
     """
     room = shutil.get_terminal_size().columns - 1
     widths = [max(len(str(row[k])) for row in [head, *rows]) for k in range(len(head))]
@@ -207,7 +207,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _folded(cells: Sequence[str], widths: Sequence[int], room: int) -> list[str]:
-    """A row of a table; its last cell goes on in further lines where it is too long for one."""
+    """Format a row of a table; a last cell that is too long goes on in further lines."""
     *before, last = (f"{cell:{width}}" for cell, width in zip(cells, widths))
     start = "".join(f"{cell}  " for cell in before)
     parts = textwrap.wrap(last.rstrip(), max(room - len(start), 20), break_on_hyphens=False) or [""]

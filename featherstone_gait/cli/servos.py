@@ -1,4 +1,4 @@
-"""`featherstone-gait servos`: the servos that come with the package, and how near they are to their manuals."""
+"""`featherstone-gait servos`: list the servos of the package, and compare them with their manuals."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _curve(name: str, voltage: float | None) -> TorqueSpeed:
 
 
 def _preset(name: str) -> dict[str, str]:
-    """The gearbox "physical", or where a file has none of that name its first: no figure here depends on it."""
+    """Return the gearbox "physical", or the first of a file without it: the figures do not depend on the gearbox."""
     from ..robot_file import gearbox_presets
 
     presets = gearbox_presets(name)
@@ -76,7 +76,7 @@ def _preset(name: str) -> dict[str, str]:
 
 
 def _listed(sheets: dict[str, ServoSheet], voltage: float | None) -> list[str]:
-    """One line a servo."""
+    """Format one line for each servo."""
     head = ("servo", "product", "at [V]", "stall [N m]", "no load [rad/s]", "best [%]", "numbers from", "quality")
     rows = []
     for name, sheet in sheets.items():
@@ -88,7 +88,7 @@ def _listed(sheets: dict[str, ServoSheet], voltage: float | None) -> list[str]:
 
 
 def _shown(name: str, sheet: ServoSheet, voltage: float | None) -> list[str]:
-    """A servo's figures at its voltage and at those of its manual, or at the one that is asked for."""
+    """Format a servo's figures at its voltage and at those of its manual, or at the voltage given."""
     told = {"product": sheet.product, "numbers": sheet.source, "quality": sheet.quality, "manual": sheet.manual_source}
     lines = ["", name]
     for what, text in told.items():
@@ -113,13 +113,13 @@ def _cells(figures: TorqueSpeed | ManualPoint) -> list[str]:
 
 
 def _ratios(curve: TorqueSpeed, point: ManualPoint) -> list[str]:
-    """Simulated over manual."""
+    """Divide simulated figures by those of the manual."""
     ratios = [getattr(curve, name) / getattr(point, name) for name in FIGURES]
     return [f"{ratio:.3f}" if math.isfinite(ratio) else "-" for ratio in ratios]
 
 
 def _plot(sheets: dict[str, ServoSheet], voltage: float | None, path: Path) -> None:
-    """Each servo under the voltage that is asked for, or that one of its manual's which is nearest to its own."""
+    """Plot each servo at the voltage given, or at that of its manual nearest to its own."""
     from ..identification.curve import plot_curves
 
     curves, points = {}, {}

@@ -31,7 +31,7 @@ can touch the ground and named sets of locked joints and postures::
 All numbers are SI; the angles `encoder_resolution`, `backlash`, `compliance_margin` and locked positions may carry
 `_deg`.
 
-A URDF that has one meaning is read: `Model.notes` lists what was passed over or assumed, a RobotFileWarning says so,
+A URDF that has one meaning is read: `Model.notes` lists what was ignored or assumed, a RobotFileWarning says so,
 and ``load_robot(..., strict=True)`` refuses it.  What has no meaning is refused, all of it at once.  The TOML is read
 strictly.  Of other files only meshes are opened, where contact points or clearances of such shapes are asked for.
 """

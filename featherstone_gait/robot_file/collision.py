@@ -1,4 +1,4 @@
-"""Collision shapes of a URDF, and where their meshes are."""
+"""Read the collision shapes of a URDF, and find their meshes."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ NEAR = 4  # folders above a URDF whose folders are searched for packages, too
 
 
 class MeshFinder:
-    """Finds the files that a URDF names: relative to it, by file://, or by package://NAME/.
+    """Find the files that a URDF names: relative to it, by file://, or by package://NAME/.
 
-    Packages are looked for in `package_dirs`, in the folders above the URDF and in the folders of the NEAR ones, and
-    in those of the environment variable ROS_PACKAGE_PATH.  No mesh is opened.
+    Packages are searched in `package_dirs`, in the folders above the URDF, in the subfolders of the NEAR closest of
+    these, and in those of the environment variable ROS_PACKAGE_PATH.  No mesh is opened.
     """
 
     def __init__(self, urdf: Path, package_dirs: str | os.PathLike | Sequence[str | os.PathLike] = ()) -> None:
@@ -31,7 +31,7 @@ class MeshFinder:
         self._found: dict[str, list[Path]] = {}  # package -> folders
 
     def find(self, name: str) -> Path | None:
-        """The file that a URDF calls by this name, or None."""
+        """Return the path of the file that a URDF calls by this name, or None."""
         scheme, separator, rest = name.partition("://")
         if not separator:
             candidates = [self._folder / name]
@@ -51,7 +51,7 @@ class MeshFinder:
         return self._found[name]
 
     def _places(self) -> Iterator[Path]:
-        """Folders that may hold a package, or be one."""
+        """Yield folders that may hold a package, or be one."""
         above = [self._folder, *self._folder.parents]
         yield from (Path(folder) for folder in self.package_dirs)
         yield from above
@@ -62,7 +62,10 @@ class MeshFinder:
 
 
 def read_shapes(link: Element, meshes: MeshFinder, report: Report) -> Iterator[Shape]:
-    """The shapes of a link.  One that is wrong is reported and left out: it plays no part until something touches."""
+    """Read the shapes of a link.
+
+    A wrong one is reported and left out, since it has no effect until something touches.
+    """
     what = label(link)
     for element in link.iterfind("collision"):
         try:
@@ -73,7 +76,7 @@ def read_shapes(link: Element, meshes: MeshFinder, report: Report) -> Iterator[S
 
 
 def shape_of(element: Element, link: str, what: str, meshes: MeshFinder, report: Report) -> Shape:
-    """The shape of a <collision> or <visual>.  Raises ValueError for one that is wrong."""
+    """Read the shape of a <collision> or <visual>; raise ValueError for one that is wrong."""
     zero, origin = (0.0, 0.0, 0.0), element.find("origin")
     xyz, rpy = (zero, zero) if origin is None else (vector(origin, "xyz", what), vector(origin, "rpy", what))
     check_angles(f"{what}: <origin>", "rpy", rpy)

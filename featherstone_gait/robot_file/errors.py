@@ -1,4 +1,4 @@
-"""What is said of a robot file: why it cannot be used, or what was passed over or assumed."""
+"""Errors and warnings about a robot file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ MAX_SHOWN = 50  # problems in a message
 class RobotFileError(ValueError):
     """A robot file that cannot be used; the message names file, line, element, value, what is allowed and a remedy.
 
-    `problems` lists all that is wrong; the message shows the first MAX_SHOWN.
+    Attributes
+    ----------
+    problems : tuple of str
+        All problems; the message shows the first MAX_SHOWN.
     """
 
     problems: tuple[str, ...] = ()
@@ -23,11 +26,11 @@ class RobotFileError(ValueError):
 
 
 class RobotFileNotFoundError(RobotFileError, FileNotFoundError):
-    """A robot file that is not there."""
+    """A robot file that does not exist."""
 
 
 class RobotFileWarning(UserWarning):
-    """A robot file was read, but something in it was passed over or assumed; `Model.notes` lists it all."""
+    """A robot file was read, but something in it was ignored or assumed; `Model.notes` lists it all."""
 
 
 @contextmanager
@@ -42,7 +45,7 @@ def blamed_on(file: str | Path) -> Iterator[None]:
 
 
 def refusal(file: str | Path, problems: list[str]) -> RobotFileError:
-    """The error of a file with one problem or more."""
+    """Make the error of a file with one or more problems."""
     if len(problems) == 1:
         return RobotFileError(f"{file}: {problems[0]}", problems)
     rest = len(problems) - MAX_SHOWN

@@ -1,8 +1,8 @@
-"""What a URDF may hold (https://wiki.ros.org/urdf/XML), and what becomes of the rest.
+"""What a URDF may hold (https://wiki.ros.org/urdf/XML), and what happens to the rest.
 
-An element or attribute that URDF does not know is passed over, as urdfdom, Pinocchio and MuJoCo do, unless it seems to
-mean something: an unexpanded xacro, a rotation by quaternion, a misspelled name, a link or joint in the wrong place.
-Of an element that stands twice the first counts, as with urdfdom.
+An element or attribute that URDF does not know is ignored, as urdfdom, Pinocchio and MuJoCo do, unless it seems to mean
+something: an unexpanded xacro, a rotation by quaternion, a misspelled name, a link or joint in the wrong place. Of a
+repeated element the first counts, as with urdfdom.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ _URDF = {
 }
 _SKIPPED = {
     "robot": {
-        "material": "colors play no part",
+        "material": "colors do not affect the simulation",
         "transmission": "servos and gearboxes come from the TOML file",
         "gazebo": "another simulator's settings",
         "mujoco": "another simulator's settings",
         "ros2_control": "controllers come from the TOML file",
     },
-    "link": {"visual": "shapes that are seen play no part"},
+    "link": {"visual": "visual shapes do not affect the simulation"},
     "joint": {
         "calibration": "encoders start calibrated",
         "safety_controller": "controllers come from the TOML file",
@@ -62,16 +62,16 @@ _MEANINGFUL = {("origin", "quat_xyzw"): "write the rotation as rpy, and remove i
 
 
 def label(element: Element, parent: str = "") -> str:
-    """What messages call an element: link 'shank', or link 'shank' <inertial> <mass>."""
+    """Name an element for messages: link 'shank', or link 'shank' <inertial> <mass>."""
     if element.tag in ("robot", "link", "joint"):
         return f"{element.tag} {element.get('name')!r}"
     return f"{parent} <{element.tag}>".strip()
 
 
 def tidy(element: Element, what: str, report: Report) -> None:
-    """Take out of an element all that is not read, report it, and do the same with what is left in it.
+    """Remove from an element all that is not read, report it, and do the same with its children.
 
-    The children of <robot> are left for calls of their own.
+    The children of <robot> are left for separate calls.
     """
     _tidy_text(element, what, report)
     _tidy_attributes(element, what, report)
@@ -85,7 +85,7 @@ def _tidy_text(element: Element, what: str, report: Report) -> None:
     text = "".join([element.text or "", *(child.tail or "" for child in element)]).strip()
     if text:
         remedy = "values stand in attributes: remove it"
-        report.assume(element, what, f"stray text {text[:40]!r}", "passed over", remedy)
+        report.assume(element, what, f"stray text {text[:40]!r}", "ignored", remedy)
 
 
 def _tidy_attributes(element: Element, what: str, report: Report) -> None:
@@ -105,7 +105,10 @@ def _tidy_attributes(element: Element, what: str, report: Report) -> None:
 
 
 def _tidy_commas(element: Element, name: str, what: str, report: Report) -> None:
-    """`0, 0, 1` can only mean three numbers; `0,5` could be one or two and stays for the reader to refuse."""
+    """Read commas followed by a space as separators.
+
+    `0,5` could be one number or two, and stays for the reader to refuse.
+    """
     text = element.attrib[name]
     if name in ("xyz", "rpy") and re.search(r",\s", text):
         found = f"<{element.tag}> {name}={text[:40]!r} has commas"
@@ -153,15 +156,15 @@ def _note_repetition(element: Element, child: Element, count: int, what: str, re
 
 
 def _pass_over(element: Element, what: str, found: str, expected: str, meaning: str, report: Report) -> None:
-    """Assume that something unknown means nothing, or refuse it if it seems to."""
+    """Ignore something unknown, or refuse it if it seems to mean something."""
     if meaning:
         report.refuse(element, f"{what}: {found}; {expected}: {meaning}")
     else:
-        report.assume(element, what, found, "passed over", f"{expected}: correct the spelling, or remove it")
+        report.assume(element, what, found, "ignored", f"{expected}: correct the spelling, or remove it")
 
 
 def _meaning(parent: str, name: str, missing: list[str]) -> str:
-    """What to do about an unknown name that seems to mean something; empty if it does not."""
+    """Return what to do about an unknown name that seems to mean something; empty if it does not."""
     if "xacro" in name:
         return "expand the file with xacro first"
     if (parent, name) in _MEANINGFUL:

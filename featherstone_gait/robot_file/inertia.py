@@ -1,4 +1,4 @@
-"""Inertias that no body can have: found, and on request made possible."""
+"""Report inertias that no rigid body can have, and repair them on request."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ TRIANGLE_TOLERANCE = 1e-6  # relative; a flat plate meets A + B = C exactly, and
 
 
 def note_inertia(link: Link, element: Element, report: Report) -> None:
-    """Report an inertia that no distribution of the mass has.  Points and rods have one; a repaired link too."""
+    """Report an inertia that no distribution of the mass has; points and rods have a possible one."""
     what, inertia = f"link {link.name!r}", tuple(link.inertia)
     if link.mass == 0:
         if any(inertia):
@@ -37,11 +37,11 @@ def note_inertia(link: Link, element: Element, report: Report) -> None:
 
 
 def repaired(link: Link, report: Report) -> Link:
-    """The link with an inertia that a body can have.
+    """Return the link with an inertia that a rigid body can have.
 
-    As MuJoCo's compiler does with `boundinertia` and `balanceinertia`: principal moments below zero are raised, here
-    to DEFINITE_TOLERANCE of the largest, and if then one is above the sum of the others all three become their mean.
-    A massless link, one without a positive moment, and what a body can have stay as they are.
+    As in MuJoCo's compiler with `boundinertia` and `balanceinertia`: principal moments below zero are raised, here to
+    DEFINITE_TOLERANCE of the largest, and if one is then above the sum of the others all three become their mean.
+    Massless links, links without a positive moment, and possible inertias stay as they are.
     """
     A, B, C = _moments(link)
     possible = A >= -DEFINITE_TOLERANCE * max(C, -A) and A + B >= C * (1.0 - TRIANGLE_TOLERANCE)
@@ -58,5 +58,5 @@ def repaired(link: Link, report: Report) -> Link:
 
 
 def _moments(link: Link) -> list[float]:
-    """Principal moments of inertia, ascending [kg m^2]."""
+    """Compute the principal moments of inertia, ascending [kg m^2]."""
     return np.linalg.eigvalsh(inertia_matrix(link.inertia)).tolist()

@@ -1,4 +1,4 @@
-"""A robot from its files."""
+"""Load a robot from its files."""
 
 from __future__ import annotations
 
@@ -37,33 +37,54 @@ def load_robot(
     repair_inertia: bool = False,
     package_dirs: str | os.PathLike | Sequence[str | os.PathLike] = (),
 ) -> Model:
-    """Read a robot: a name of `robot_names()`, or the path of a URDF, an MJCF file or a scene of SimTwo.
+    """Load a robot by name, or from a URDF, an MJCF file or a scene of SimTwo.
 
-    The .toml of the same stem is read too, if it is there; its servos come before the file's own.  MJCF takes MuJoCo:
-    pip install featherstone-gait[mjcf].
+    The .toml file of the same stem is read too, if it exists; its servos override those of the robot's file.  MJCF
+    needs MuJoCo: ``pip install featherstone-gait[mjcf]``.  Keyframes of MJCF become `Model.keyframes`.
 
-    What a file says in another way than it should, but with one meaning, is read; what changes the motion and has no
-    place in a Model, as the springs of an MJCF file's joints, is passed over.  `Model.notes` says so, and one
-    RobotFileWarning too.  Keyframes of MJCF become `Model.keyframes`.
+    A file that deviates from its format but has one meaning is read.  What changes the motion and cannot be represented
+    in a `Model`, such as the joint springs of MJCF, is ignored.  `Model.notes` lists both, and one RobotFileWarning
+    reports them.
 
     Parameters
     ----------
-    base : None is what the TOML says, else "floating" if the file has a floating joint, else "fixed"
-    locked : joints to hold: the name of a set in the TOML, {joint: position [rad or m]}, or joint names (held at 0);
-        None is the TOML's set "default", if it has one, and "all" holds all joints in the admissible posture nearest
-        to zero, unless the TOML has a set of that name
-    contacts : what touches the ground: None is what the TOML says, if anything; "feet", "all" or names of links take
-        the collision shapes of these (`with_contacts` says how)
-    strict : refuse what would be warned about
-    mimic : joints that follow others: "coupled", "free" (they move by themselves) or "locked" (held where the leader's
-        position nearest to zero puts them)
-    repair_inertia : make inertias possible that no body can have, as MuJoCo's `boundinertia` and `balanceinertia` do:
-        principal moments below zero are raised to 1e-9 of the largest; where then one is above the sum of the other
-        two, all become their mean
-    package_dirs : folders in which, besides those above the URDF and those of ROS_PACKAGE_PATH, the package of a mesh
-        `package://PACKAGE/...` is looked for
+    name_or_path : str or path
+        A name of `robot_names()`, or the path of a .urdf, .mjcf or .xml file.
+    base : {"fixed", "floating"}, optional
+        None: what the TOML file says, else "floating" if the file has a floating joint, else "fixed".
+    locked : str, mapping or sequence of str, optional
+        Joints to lock: the name of a set in the TOML file, {joint: position [rad or m]}, or joint names (locked at 0).
+        "all" locks all joints in the posture nearest to zero, unless the TOML file has a set of that name.  None: the
+        set "default" of the TOML file, if there is one.
+    contacts : str or sequence of str, optional
+        What can touch the ground: the collision shapes of the "feet", of "all" links, or of links by name (see
+        `with_contacts`).  None: what the TOML file says.
+    strict : bool, optional
+        Raise an error in place of the warning.
+    mimic : {"coupled", "free", "locked"}, optional
+        How coupled joints move: with their leader, by themselves, or locked where the leader's position nearest to zero
+        puts them.
+    repair_inertia : bool, optional
+        Repair inertias that no rigid body can have, as MuJoCo's `boundinertia` and `balanceinertia` do: principal
+        moments below zero are raised to 1e-9 of the largest; if one is then above the sum of the other two, all become
+        their mean.
+    package_dirs : path or sequence of paths, optional
+        Folders in which to search the packages of meshes `package://PACKAGE/...`, besides the folders above the URDF
+        and those of ROS_PACKAGE_PATH.
 
-    Raises RobotFileError (a ValueError), which lists all that is wrong with a file, or RobotFileNotFoundError.
+    Returns
+    -------
+    Model
+        The robot.
+
+    Raises
+    ------
+    RobotFileError
+        A ValueError that lists all that is wrong with a file.
+    RobotFileNotFoundError
+        If the file does not exist.
+    ImportError
+        For MJCF without MuJoCo.
     """
     _check_arguments(name_or_path, strict, repair_inertia, package_dirs)
     path = robot_path(name_or_path)
@@ -84,7 +105,7 @@ def load_robot(
 
 
 def _check_arguments(name_or_path: Any, strict: Any, repair_inertia: Any, package_dirs: Any) -> None:
-    """Raise TypeError for arguments of other types; the rest is checked where it is used."""
+    """Raise TypeError for arguments of other types; values are checked where they are used."""
     instance("name_or_path", name_or_path, (str, os.PathLike), "give a robot's name, or the path of its file")
     truth("strict", strict)
     truth("repair_inertia", repair_inertia)
@@ -94,7 +115,7 @@ def _check_arguments(name_or_path: Any, strict: Any, repair_inertia: Any, packag
 
 
 def _foreign(path: Path, markup: Markup, base: Base | None, report: Report) -> Robot | None:
-    """The robot of a file that is no URDF, by its root element."""
+    """Read a file that is no URDF, judging by its root element; None for a URDF."""
     if markup.root.tag == "mujoco":
         return read_mjcf(path, base, report)
     if markup.root.tag == "scene" or markup.root.find("solids") is not None:
@@ -103,7 +124,7 @@ def _foreign(path: Path, markup: Markup, base: Base | None, report: Report) -> R
 
 
 def _settings(path: Path, robot: Robot, report: Report) -> Settings:
-    """What the TOML says.  Raises RobotFileError if it is wrong, unless the URDF is."""
+    """Read the TOML file, if there is one; raise RobotFileError if it is wrong, unless the URDF is."""
     toml = path.with_suffix(".toml")
     if not toml.exists():
         return Settings()
@@ -117,7 +138,7 @@ def _settings(path: Path, robot: Robot, report: Report) -> Settings:
 
 
 def _held(path: Path, robot: Robot, locked: Any, settings: Settings, report: Report) -> dict[str, float]:
-    """The joints to hold.  Raises RobotFileError if they cannot be, unless the URDF is wrong."""
+    """Return the joints to hold; raise RobotFileError if they cannot be held, unless the URDF is wrong."""
     if report.problems:
         return {}
     with blamed_on(f"{path}: load_robot(locked={locked!r})"):
@@ -135,7 +156,7 @@ def _model(
     report: Report,
     package_dirs: tuple[str, ...],
 ) -> Model:
-    """The robot.  What is wrong with it is reported; nobody gets to see what is returned then."""
+    """Make the model; report what is wrong with it."""
     joints, held = moving
     taken: Base = next(b for b in (base, settings.base, robot.base, "fixed") if b is not None)
     model = None
@@ -161,12 +182,12 @@ def _model(
 
 
 def _with_armature(joints: tuple[Joint, ...], armature: Mapping[str, float]) -> tuple[Joint, ...]:
-    """The joints, with the armature that the TOML gives to some."""
+    """Return the joints with the armature that the TOML file gives to some."""
     return tuple(replace(j, armature=armature[j.name]) if j.name in armature else j for j in joints)
 
 
 def _keyframes(robot: Robot, settings: Settings, base: Base, held: Mapping) -> dict[str, tuple[float, ...]]:
-    """The postures of the file and of the TOML as q (nq,)."""
+    """Return the postures of the file and of the TOML file as q (nq,)."""
     moving = [joint.name for joint in robot.joints if joint.type != "fixed" and joint.name not in held]
     return {
         name: (*(posture.base if base == "floating" else ()), *(posture.joints[joint] for joint in moving))
@@ -175,7 +196,7 @@ def _keyframes(robot: Robot, settings: Settings, base: Base, held: Mapping) -> d
 
 
 def _touching(model: Model, choice: Choice | None) -> Model:
-    """The robot with the contact points chosen, if any are."""
+    """Return the robot with the contact points chosen, if any are."""
     if choice is None:
         return model
     with blamed_on(f"{model.source}: contacts={choice!r}"):
@@ -183,7 +204,7 @@ def _touching(model: Model, choice: Choice | None) -> Model:
 
 
 def _chosen(locked: Any, sets: Mapping[str, dict[str, float]], joints: Iterable[Joint]) -> dict[str, float]:
-    """The joints to hold, from the argument of `load_robot`."""
+    """Return the joints to hold, from the argument of `load_robot`."""
     if locked is None:
         return dict(sets.get("default", {}))
     if isinstance(locked, str):

@@ -1,4 +1,4 @@
-"""XML, read safely, with the line of every element."""
+"""Read XML safely, with the line of every element."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Markup(NamedTuple):
 
 
 class _Parser(DefusedXMLParser):
-    """A parser that keeps the lines, and knows neither entities nor document types."""
+    """A parser that keeps the lines, and refuses entities and document types."""
 
     def __init__(self) -> None:
         super().__init__(forbid_dtd=True)
@@ -41,9 +41,9 @@ class _Parser(DefusedXMLParser):
 
 
 def read_markup(path: Path) -> Markup:
-    """Read an XML file.  Raises ValueError if it is none, declares entities or nests more than MAX_DEPTH elements.
+    """Read an XML file; raise ValueError if it is none, declares entities or nests more than MAX_DEPTH elements.
 
-    An XML declaration below the first line, and prefixes that no xmlns declares, are read with a doubt.
+    An XML declaration below the first line, and prefixes that no xmlns declares, are accepted and reported.
     """
     data, doubts = read_bytes(path), dict[str, None]()
     while True:
@@ -68,7 +68,7 @@ def read_markup(path: Path) -> Markup:
 
 
 def _mended(data: bytes, code: int) -> tuple[bytes, str]:
-    """The text without what a parser stumbled over, on the same lines, and what it was; "" where that is not known."""
+    """Remove what the parser stumbled over, keeping the lines, and say what it was; "" if that is not known."""
     if code == errors.codes[errors.XML_ERROR_MISPLACED_XML_PI]:
         return DECLARATION.sub(lambda found: b"\n" * found[0].count(b"\n"), data), "skipped <?xml ...?> below line 1"
     if code == errors.codes[errors.XML_ERROR_UNBOUND_PREFIX]:
@@ -80,7 +80,7 @@ def _mended(data: bytes, code: int) -> tuple[bytes, str]:
 
 
 def _check_depth(root: Element) -> None:
-    """Refuse deep nesting, level by level, so that no recursion ever meets it."""
+    """Refuse deep nesting, level by level, so that no recursion is needed."""
     level = [root]
     for _ in range(MAX_DEPTH):
         level = [child for element in level for child in element]
@@ -90,7 +90,7 @@ def _check_depth(root: Element) -> None:
 
 
 def _drop_default_namespace(root: Element) -> None:
-    """`<robot xmlns="...">` puts every tag into a namespace; strip that one and no other."""
+    """Strip the default namespace of `<robot xmlns="...">` from every tag."""
     namespace = root.tag[: root.tag.find("}") + 1]
     if namespace:
         for element in root.iter():

@@ -1,4 +1,4 @@
-"""Numbers in attributes, as XML Schema and C write them."""
+"""Parse numbers in attributes, as XML Schema and C write them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")  # 
 
 
 def vector(element: Element, attribute: str, what: str, default: str = "0 0 0") -> Vector:
-    """Three numbers; the default where the attribute is left out.  Raises ValueError for anything else."""
+    """Return three numbers, or the default if the attribute is missing; raise ValueError for anything else."""
     text = element.get(attribute, default)
     if "$(" in text or "${" in text:
         raise ValueError(f"{what}: <{element.tag}> {attribute}={text!r} is a macro: expand the file with xacro first")
@@ -29,7 +29,7 @@ def vector(element: Element, attribute: str, what: str, default: str = "0 0 0") 
 
 
 def number(element: Element, attribute: str, what: str, default: float | None = None) -> float:
-    """A finite number.  Raises ValueError for anything else, and where the attribute is left out without a default."""
+    """Return a finite number; raise ValueError for anything else, and if the attribute is missing without a default."""
     if attribute not in element.attrib:
         if default is None:
             raise ValueError(f"{what}: attribute {attribute!r} of <{element.tag}> is missing; it is required: add it")
@@ -38,7 +38,7 @@ def number(element: Element, attribute: str, what: str, default: float | None = 
 
 
 def number_or_inf(element: Element, attribute: str, what: str) -> float:
-    """A number that may be infinite.  Raises ValueError for anything else."""
+    """Return a number that may be infinite; raise ValueError for anything else."""
     word = element.get(attribute, "").strip().lower()
     if word.lstrip("+-") in ("inf", "infinity"):
         return -math.inf if word.startswith("-") else math.inf
@@ -46,7 +46,7 @@ def number_or_inf(element: Element, attribute: str, what: str) -> float:
 
 
 def _parsed(word: str, what: str) -> float:
-    """A finite number; float() alone would take 1_0, nan and Arabic digits too."""
+    """Return a finite number; float() alone would accept 1_0, nan and Arabic digits too."""
     value = float(word) if _NUMBER.fullmatch(word) else math.nan
     if not abs(value) <= MAX_NUMBER:
         raise ValueError(

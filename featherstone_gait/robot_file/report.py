@@ -1,4 +1,4 @@
-"""What a reader finds in a file: problems, assumptions and remarks, each with its place."""
+"""Collect what a reader finds in a file: problems, assumptions and remarks, each with its place."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SHOWN_IN_WARNING = 5
 
 
 class Found(NamedTuple):
-    """Something in a file, and where."""
+    """Something in a file, and its line."""
 
     line: int  # 0: of the file as a whole
     text: str
@@ -26,8 +26,8 @@ class Found(NamedTuple):
 class Report:
     """What is found in one file.
 
-    A problem has no meaning and refuses the file.  An assumption is what has one meaning although the file does not
-    say it as it should: it is warned about, or with `strict` refused.  A remark is neither.
+    A problem makes the file unusable.  An assumption is something with one meaning, although the file does not state it
+    correctly: it is warned about, or with `strict` refused.  A remark is neither.
     """
 
     def __init__(self, lines: Mapping[Element, int], strict: bool = False) -> None:
@@ -40,32 +40,32 @@ class Report:
         self._remarks: Counter[str] = Counter()
 
     def refuse(self, element: Element | None, text: str) -> None:
-        """Note what refuses the file; the text names the element, the value, what is allowed and a remedy."""
+        """Add a problem; the text names the element, the value, what is allowed and a remedy."""
         self.problems.append(Found(self.lines.get(element, 0) if element is not None else 0, text))
 
     def refuse_at(self, label: str, text: str) -> None:
-        """The same of an element that has been read, by its label."""
+        """Add a problem of an element that has been read, by its label."""
         self.problems.append(Found(self.places.get(label, 0), text))
 
     def assume(self, element: Element, what: str, found: str, taken: str, remedy: str) -> None:
-        """Note what is found in an element and what it is taken for; the remedy is for who wants it strict."""
+        """Add an assumption: what is found in an element and how it is read; the remedy is for strict reading."""
         if self.strict:
             self._refused_assumptions.append(Found(self.lines[element], f"{what}: {found}; {remedy}"))
         self._assumed.setdefault(f"{found}: {taken}", []).append(what)
 
     def doubt(self, sentence: str) -> None:
-        """Note what the file as a whole says that is passed over although the motion depends on it."""
+        """Add what the file as a whole says that is ignored although the motion depends on it."""
         if self.strict:
             self.refuse(None, f"{sentence}; remove it, or load with strict=False")
         self._assumed.setdefault(sentence, [])
 
     def remark(self, sentence: str) -> None:
-        """Note what plays no part; the same sentence counts up."""
+        """Add what does not affect the simulation; repeated sentences are counted."""
         self._remarks[sentence] += 1
 
     @contextmanager
     def blaming(self, element: Element | None = None) -> Iterator[None]:
-        """Note what a ValueError says, of the element or of the one that it names, and go on."""
+        """Catch a ValueError and add it as a problem, of the element or of the one that it names."""
         try:
             yield
         except FlawError as error:
@@ -76,12 +76,12 @@ class Report:
             self.refuse(element, str(error))
 
     def notes(self) -> tuple[str, ...]:
-        """A sentence for each kind of thing that was assumed or passed over, assumptions first."""
+        """Return a sentence for each kind of thing that was assumed or ignored, assumptions first."""
         remarks = (sentence + (f" ({n} times)" if n > 1 else "") for sentence, n in self._remarks.items())
         return (*self._assumptions(), *remarks)
 
     def _assumptions(self) -> tuple[str, ...]:
-        """What was assumed or doubted."""
+        """Return what was assumed or doubted."""
         several = {sentence: len(labels) - 1 for sentence, labels in self._assumed.items()}
         return tuple(
             labels[0] + (f" and {several[sentence]} more" if several[sentence] else "") + f": {sentence}"
@@ -98,7 +98,7 @@ class Report:
             raise refusal(file, [f"line {line}: {text}" if line else text for line, text in ordered])
 
     def warn(self, file: Path, stacklevel: int) -> None:
-        """Give one warning of all that was assumed."""
+        """Emit one warning that lists what was assumed."""
         assumed = self._assumptions()
         if assumed:
             rest = len(assumed) - SHOWN_IN_WARNING

@@ -1,4 +1,4 @@
-"""What a robot's file says, in whatever format."""
+"""What a robot's file says, in any format."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from ..model.shapes import Shape
 
 
 class Posture(NamedTuple):
-    """A posture that a file names."""
+    """A named posture of a file."""
 
     base: tuple[float, ...]  # position [m] and quaternion w x y z of the root link in the world
     joints: Mapping[str, float]  # of all joints that move [rad or m]
 
 
 class Robot(NamedTuple):
-    """A robot as its file states it."""
+    """A robot as its file describes it."""
 
     name: str
     links: tuple[Link, ...]

@@ -1,4 +1,4 @@
-"""Writing a robot: as URDF and TOML, or as MJCF."""
+"""Save a robot as URDF and TOML, or as MJCF."""
 
 from __future__ import annotations
 
@@ -22,21 +22,30 @@ MJCF = (".xml", ".mjcf")  # suffixes
 
 
 def save_robot(model: Model, path: str | os.PathLike, ground: Ground | None = None) -> None:
-    """Write a robot as URDF and the TOML beside it, or as MJCF (.xml or .mjcf) for MuJoCo.
+    """Save a robot as URDF with a TOML file beside it, or as MJCF (.xml or .mjcf) for MuJoCo.
 
-    `load_robot` of the URDF gives the same numbers to the last bit; locked joints become the TOML's set "default".
+    Loading the URDF gives the same numbers to the last bit; locked joints become the set "default" of the TOML file.
+
     MJCF keeps the dynamics to rounding, lists joints depth first, and says in comments what it lacks: servos become the
-    actuators nearest to them, contact points small geoms, locked joints welds.  Links that move as one get one inertia
-    together where MuJoCo refuses that of one of them, and what moves as a point gets 1e-15 kg m^2.  Meshes that are not
-    there are left out.
+    closest actuators, contact points small geoms, locked joints welds.  Links that move as one get one inertia together
+    if MuJoCo refuses that of one of them, and moving points get 1e-15 kg m^2.  Missing mesh files are left out.
 
     Parameters
     ----------
-    path : all files are written in full before any takes its place
-    ground : of MJCF alone: a floor with this friction, as soft as the sinking asks
+    model : Model
+        The robot.
+    path : str or path
+        Path that ends in .urdf, .xml or .mjcf.  All files are written in full before any takes its place.
+    ground : Ground, optional
+        For MJCF: a floor of this friction and softness.
 
-    Raises ValueError if the suffix is another, or the format cannot state the robot: MJCF none with an inertia that no
-    body has, which `load_robot(..., repair_inertia=True)` makes possible.
+    Raises
+    ------
+    ValueError
+        For another suffix, and for a robot that the format cannot state: MJCF refuses inertias that no rigid body has,
+        which ``load_robot(..., repair_inertia=True)`` repairs.
+    OSError
+        If the files cannot be written.
     """
     instance("model", model, Model, "give what load_robot returns")
     instance("path", path, (str, os.PathLike), "give the path of a file")
@@ -138,12 +147,12 @@ def _mimic_lines(joint: Joint) -> list[str]:
 
 
 def _stated(joint: Joint, tag: str) -> str:
-    """The joint's numbers that stand as attributes of an element."""
+    """Format the joint's numbers that are attributes of an element."""
     return "".join(f' {name}="{float(getattr(joint, name))!r}"' for name in JOINT_NUMBERS.get(tag, ()))
 
 
 def _stated_limits(joint: Joint) -> dict[str, float]:
-    """The limits that URDF can state: an infinite effort or velocity is left out, an infinite stop is refused."""
+    """Return the limits that URDF can state: no infinite effort or velocity; raise ValueError for infinite stops."""
     limits = {name: float(getattr(joint, name)) for name in ("lower", "upper", "effort", "velocity")}
     if joint.type != "continuous" and not all(math.isfinite(limits[name]) for name in ("lower", "upper")):
         raise ValueError(
@@ -173,14 +182,14 @@ def _toml_text(model: Model) -> str:
 
 
 def _posture_lines(model: Model, q: tuple[float, ...]) -> list[str]:
-    """A posture by joint name, for other files of the robot may list the joints in another order."""
+    """Write a posture by joint name, since other files of the robot may list the joints in another order."""
     first = model.nq - len(model.joint_names)
     base = [f"base = {written(tuple(q[:first]))}"] if first else []
     return [*base, *(f"joints.{written(name)} = {written(x)}" for name, x in zip(model.joint_names, q[first:]))]
 
 
 def _assignments(record: object, of: Sequence[Field]) -> list[str]:
-    """Lines `key = value` of fields of a record."""
+    """Write fields of a record as lines `key = value`."""
     return [f"{f.name} = {written(getattr(record, f.name))}" for f in of]
 
 

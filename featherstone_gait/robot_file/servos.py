@@ -1,4 +1,4 @@
-"""Servos: their files with gearbox presets and what the manual says, and a robot's [servos]."""
+"""Read servos: their files with gearbox presets and manuals, and the table [servos] of a robot."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _TABLES = ("gearboxes", "about", "manual")  # of a servo's file, beside its numb
 
 @dataclass(frozen=True)
 class ManualPoint:
-    """What a manual states of a servo at one voltage; nan where it states nothing."""
+    """What a manual states of a servo at one voltage; NaN where it states nothing."""
 
     voltage: float  # [V]
     stall_torque: float = math.nan  # [N m]
@@ -42,7 +42,7 @@ class ManualPoint:
 
 @dataclass(frozen=True)
 class ServoSheet:
-    """What a servo's file tells beside the servo's numbers: its tables [about] and [manual]."""
+    """What the tables [about] and [manual] of a servo's file say."""
 
     product: str = ""
     source: str = ""  # of the numbers
@@ -56,16 +56,32 @@ _FIGURES = tuple(f.name for f in fields(ManualPoint))
 
 
 def with_servo(model: Model, servo: FilePath, **overrides: Any) -> Model:
-    """The robot with one servo in all joints that turn or have one; servo, overrides: as of `load_servo`."""
+    """Return the robot with one servo in all joints that turn or have one; servo, overrides: as in `load_servo`."""
     turning = [joint.name for joint in model.joints if joint.type in ("revolute", "continuous")]
     return replace(model, servos=dict.fromkeys([*turning, *model.servos], load_servo(servo, **overrides)))
 
 
 def load_servo(name: str | os.PathLike, gearbox: str = "physical", **overrides: Any) -> Servo:
-    """Read a servo of `robots/servos/`, or the path of a .toml file, with one of its gearbox presets.
+    """Load a servo with one of its gearbox presets.
 
-    `overrides` are fields of `Servo`, `Controller` or `Gearbox` (their names do not clash), in SI units.
-    Raises RobotFileError (a ValueError) on an unknown servo, preset or field and on a value out of range.
+    Parameters
+    ----------
+    name : str or path
+        Name of a servo of the package (`robots/servos/`), or the path of a .toml file.
+    gearbox : str, optional
+        Name of a preset of the file.
+    **overrides
+        Fields of `Servo`, `Controller` or `Gearbox` (their names are distinct), in SI units; angles may carry `_deg`.
+
+    Returns
+    -------
+    Servo
+        The servo.
+
+    Raises
+    ------
+    RobotFileError
+        A ValueError, for an unknown servo, preset or field and for a value out of range.
     """
     instance("name", name, (str, os.PathLike), "give the name of a servo, or the path of a .toml file")
     instance("gearbox", gearbox, str, "give the name of a preset")
@@ -75,7 +91,23 @@ def load_servo(name: str | os.PathLike, gearbox: str = "physical", **overrides: 
 
 
 def gearbox_presets(name: str | os.PathLike) -> dict[str, Gearbox]:
-    """Read the gearbox presets of a servo, by name; the servo as in `load_servo`."""
+    """Read the gearbox presets of a servo.
+
+    Parameters
+    ----------
+    name : str or path
+        Name of a servo of the package, or the path of a .toml file.
+
+    Returns
+    -------
+    dict of str to Gearbox
+        Gearboxes by the names of their presets.
+
+    Raises
+    ------
+    RobotFileError
+        A ValueError, for an unknown servo and for values out of range.
+    """
     instance("name", name, (str, os.PathLike), "give the name of a servo, or the path of a .toml file")
     with blamed_on(f"gearbox_presets({os.fspath(name)!r})"):
         presets = table_of(read_toml(_servo_file(name)), "gearboxes", "")
@@ -83,14 +115,14 @@ def gearbox_presets(name: str | os.PathLike) -> dict[str, Gearbox]:
 
 
 def servo_names() -> list[str]:
-    """Names of the servos that come with the package, sorted."""
+    """Return the names of the servos of the package, sorted."""
     return sorted(path.stem for path in (robots_folder() / "servos").glob("*.toml"))
 
 
 def servo_sheet(name: str | os.PathLike) -> ServoSheet:
-    """What the file of a servo, named as in `load_servo`, tells of product, source, quality and manual.
+    """Read what the file of a servo, named as in `load_servo`, says of product, source, quality and manual.
 
-    Raises RobotFileError (a ValueError) on an unknown servo and on tables that are not as they should be.
+    Raises RobotFileError (a ValueError) for an unknown servo and wrong tables.
     """
     instance("name", name, (str, os.PathLike), "give the name of a servo, or the path of a .toml file")
     with blamed_on(f"servo_sheet({os.fspath(name)!r})"):
@@ -100,7 +132,7 @@ def servo_sheet(name: str | os.PathLike) -> ServoSheet:
 
 
 def read_servos(section: dict[str, Any], joints: tuple[Joint, ...], folder: Path) -> dict[str, Servo]:
-    """Servos by joint: [servos] for all that turn, overridden by [servos.joints.NAME]."""
+    """Read the servos by joint: [servos] for all joints that turn, overridden by [servos.joints.NAME]."""
     own = table_of(section, "joints", "servos.")
     check_servos(joints, own)
     _servo_settings(section, "servos", also=("default", "gearbox", "joints"))
@@ -123,7 +155,7 @@ def read_servos(section: dict[str, Any], joints: tuple[Joint, ...], folder: Path
 
 
 def _joint_servo(table: dict[str, Any], read: Callable[[str, str], dict[str, Any]], what: str) -> Servo:
-    """One joint's servo: the fields of its type and preset, and what overrides them."""
+    """Read the servo of a joint: the fields of its type and preset, and their overrides."""
     values = _servo_settings(table, what, also=("type", "gearbox"))
     gearbox = string({"gearbox": "physical", **table}, "gearbox", what)
     if "type" in table:
@@ -137,13 +169,13 @@ def _joint_servo(table: dict[str, Any], read: Callable[[str, str], dict[str, Any
 
 
 def _servo_file(name: str | os.PathLike) -> Path:
-    """The path as given, or the file of a servo that comes with the package."""
+    """Return the path as given, or the file of a servo of the package."""
     text = os.fspath(name)
     return Path(text) if isinstance(name, os.PathLike) or text.endswith(".toml") else _servo_path(text)
 
 
 def _servo_path(name: str, folder: Path | None = None) -> Path:
-    """The servo's file: beside the robot's TOML, else among those that come with the package."""
+    """Find the servo's file beside the robot's TOML file, else in the package."""
     packaged, name = robots_folder() / "servos", name.removesuffix(".toml")
     for path in (folder or packaged, packaged):
         if len(name) <= LONGEST_NAME and Path(name).name == name and (path / f"{name}.toml").is_file():
@@ -153,7 +185,7 @@ def _servo_path(name: str, folder: Path | None = None) -> Path:
 
 
 def _servo_values(path: Path, gearbox: str) -> dict[str, Any]:
-    """Fields of Servo, Controller and Gearbox that a servo's file states, with one of its presets."""
+    """Read the fields of Servo, Controller and Gearbox in a servo's file, with one of its presets."""
     with blamed_on(path):
         table = read_toml(path)
         presets = table_of(table, "gearboxes", "")
@@ -194,7 +226,7 @@ def _numbers(manual: Mapping[str, Any], key: str) -> list[float]:
 
 
 def _check_preset(gearbox: str, presets: Mapping[str, Any]) -> None:
-    """A file without presets states its one gearbox among the servo's numbers; "physical" is the name of that too."""
+    """Raise ValueError for an unknown preset; a file without presets has one gearbox, called "physical"."""
     if gearbox in presets or (not presets and gearbox == "physical"):
         return
     if not presets:
@@ -203,7 +235,7 @@ def _check_preset(gearbox: str, presets: Mapping[str, Any]) -> None:
 
 
 def _servo_settings(table: Mapping[str, Any], what: str, also: tuple[str, ...] = ()) -> dict[str, Any]:
-    """The table's fields as SI numbers, angles in radians; keys in `also` are left out, others refused."""
+    """Read a table's fields as SI numbers, angles in radians; skip keys in `also`, refuse others."""
     check_keys(table, (*also, *_FIELDS, *(f"{name}_deg" for name in _ANGLES)), what)
     values: dict[str, Any] = {}
     for key, value in table.items():

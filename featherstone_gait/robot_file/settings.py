@@ -1,4 +1,4 @@
-"""What URDF cannot say, from the TOML file beside it: base, contact points, servos and sets of locked joints."""
+"""Read what URDF cannot state from the TOML file beside it: base, contact points, servos, locked joints."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ UPRIGHT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # position [m] and quaternion of 
 
 
 class Settings(NamedTuple):
-    """What the TOML says."""
+    """What the TOML file says."""
 
     base: Base | None = None
     locked: Mapping[str, dict[str, float]] = {}  # set name -> joint name -> position
@@ -31,7 +31,7 @@ class Settings(NamedTuple):
 
 
 def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]) -> Settings:
-    """Read the TOML of a robot of these links and joints.  Raises ValueError for what it does not understand."""
+    """Read the TOML file of a robot of these links and joints; raise ValueError for what it does not understand."""
     table = read_toml(path)
     check_keys(table, ("base", "contacts", "servos", "supply", "locked", "joints", "keyframes"), "top level")
     if table.get("base", "fixed") not in ("fixed", "floating"):
@@ -50,7 +50,7 @@ def read_settings(path: Path, links: tuple[Link, ...], joints: tuple[Joint, ...]
 
 
 def _armature(section: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> float:
-    """What [joints.NAME] says of a joint."""
+    """Read [joints.NAME]."""
     if name not in {joint.name for joint in joints}:
         raise ValueError(f"joints: there is no joint {name!r}; expected one of the URDF's: correct the name")
     table = table_of(section, name, "joints.")
@@ -59,7 +59,7 @@ def _armature(section: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> 
 
 
 def _posture(keyframes: dict[str, Any], name: str, joints: tuple[Joint, ...]) -> Posture:
-    """What [keyframes.NAME] says; joints that it does not name are at zero."""
+    """Read [keyframes.NAME]; joints that it does not name are at zero."""
     table, what = keyframes[name], f"keyframes.{name}"
     check_keys(table, ("base", "joints"), what)
     base = _numbers(table.get("base", list(UPRIGHT)), f"{what}.base")
@@ -78,7 +78,7 @@ def _numbers(value: Any, what: str) -> tuple[float, ...]:
 
 
 def _choice(contacts: Any) -> str | tuple[str, ...] | None:
-    """Which shapes touch the ground, if that is what the TOML says: "feet", "all", or names of links."""
+    """Return which shapes touch the ground if the TOML file says so: "feet", "all", or names of links."""
     if isinstance(contacts, str):
         return contacts
     named = isinstance(contacts, list) and contacts and all(isinstance(name, str) for name in contacts)

@@ -1,4 +1,4 @@
-"""Where robot files are, and their bytes."""
+"""Find robot files and read their bytes."""
 
 from __future__ import annotations
 
@@ -12,18 +12,24 @@ SUFFIXES = (".urdf", ".xml", ".mjcf")  # of robots
 
 
 def robot_names() -> tuple[str, ...]:
-    """Names of the robots that come with the package."""
+    """Return the names of the robots that come with the package.
+
+    Returns
+    -------
+    tuple of str
+        Names for `load_robot`, sorted.
+    """
     return tuple(sorted(p.stem for p in robots_folder().glob("*/*.urdf") if p.stem == p.parent.name))
 
 
 def robots_folder() -> Path:
-    """The folder of robots: inside the installed package, or beside it in a source tree."""
+    """Return the folder of robots: inside the installed package, or beside it in a source tree."""
     installed = Path(__file__).parents[1] / "robots"
     return installed if installed.is_dir() else Path(__file__).parents[2] / "robots"
 
 
 def robot_path(name_or_path: str | os.PathLike) -> Path:
-    """The file of a robot that comes with the package, or the path as given.  Raises RobotFileNotFoundError."""
+    """Return the file of a packaged robot, or the path as given; raise RobotFileNotFoundError for other names."""
     text = os.fspath(name_or_path)
     if isinstance(name_or_path, os.PathLike) or text.endswith(SUFFIXES) or Path(text).name != text:
         return Path(text)
@@ -36,7 +42,7 @@ def robot_path(name_or_path: str | os.PathLike) -> Path:
 
 
 def read_bytes(path: Path) -> bytes:
-    """All of a file; ValueError if it is none, is empty or larger than MAX_BYTES."""
+    """Read a file; raise ValueError if it is none, is empty or larger than MAX_BYTES."""
     if path.is_dir():
         raise ValueError(f"is a directory; give the {path.suffix or '.urdf'} file in it")
     if not path.exists():

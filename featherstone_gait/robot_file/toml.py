@@ -1,4 +1,4 @@
-"""TOML files and their values, each refused by name where it is not what is expected."""
+"""Read TOML files and their values; errors name the key."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .source import read_bytes
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The table of a TOML file.  Raises ValueError if it is not one."""
+    """Read the table of a TOML file; raise ValueError if it is none."""
     data = read_bytes(path)
     try:
         return tomllib.loads(data.decode("utf-8"))
@@ -28,14 +28,14 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def check_keys(table: Mapping[str, Any], known: tuple[str, ...], what: str) -> None:
-    """Raise ValueError for a key that is not known."""
+    """Raise ValueError for an unknown key."""
     for key in table:
         if key not in known:
             raise ValueError(f"{what}: unknown key {key!r}; expected {', '.join(known)}: correct it, or remove it")
 
 
 def table_of(table: Mapping[str, Any], key: str, prefix: str) -> dict[str, Any]:
-    """The table under a key, empty if there is none.  Raises ValueError for anything else."""
+    """Return the table under a key, empty if there is none; raise ValueError for anything else."""
     value = table.get(key, {})
     if not isinstance(value, dict):
         raise ValueError(f"{prefix}{key} is {value!r}; expected a table: write [{prefix}{key}] and key = value lines")
@@ -43,7 +43,7 @@ def table_of(table: Mapping[str, Any], key: str, prefix: str) -> dict[str, Any]:
 
 
 def string(table: Mapping[str, Any], key: str, what: str) -> str:
-    """The text under a key.  Raises ValueError for anything else."""
+    """Return the text under a key; raise ValueError for anything else."""
     value = table.get(key)
     if not isinstance(value, str):
         raise ValueError(f"{what}: {key} is {value!r}; expected a name: write it in quotes")
@@ -51,7 +51,7 @@ def string(table: Mapping[str, Any], key: str, what: str) -> str:
 
 
 def real(value: Any, what: str) -> float:
-    """A number as float, infinite ones included.  Raises ValueError for anything else."""
+    """Return a number as float, infinite ones included; raise ValueError for anything else."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ValueError(f"{what} is {value!r}; expected a number: write it like 0.15 or 2e-3, without quotes")
     if abs(value) > sys.float_info.max and value != math.inf:
@@ -60,12 +60,12 @@ def real(value: Any, what: str) -> float:
 
 
 def number(table: Mapping[str, Any], key: str, what: str) -> float:
-    """The number under a key.  Raises ValueError for anything else."""
+    """Return the number under a key; raise ValueError for anything else."""
     return real(table.get(key), f"{what}: {key}")
 
 
 def vector(table: Mapping[str, Any], key: str, what: str) -> tuple[float, ...]:
-    """The three numbers under a key.  Raises ValueError for anything else."""
+    """Return the three numbers under a key; raise ValueError for anything else."""
     value = table.get(key)
     if not isinstance(value, list) or len(value) != 3:
         raise ValueError(f"{what}: {key} is {value!r}; expected three numbers: write [x, y, z]")
@@ -73,7 +73,7 @@ def vector(table: Mapping[str, Any], key: str, what: str) -> tuple[float, ...]:
 
 
 def truth(table: Mapping[str, Any], key: str, what: str) -> bool:
-    """The truth value under a key.  Raises ValueError for anything else."""
+    """Return the truth value under a key; raise ValueError for anything else."""
     value = table.get(key)
     if not isinstance(value, bool):
         raise ValueError(f"{what}: {key} is {value!r}; expected true or false: write it without quotes")
@@ -90,9 +90,9 @@ READ: dict[str, Callable[[Mapping[str, Any], str, str], Any]] = {
 
 
 def record(kind: type, table: Mapping[str, Any], what: str, named: str = "") -> Any:
-    """Make a dataclass of a table whose keys are its fields.  Raises ValueError for other keys and wrong values.
+    """Make a dataclass from a table whose keys are its fields; raise ValueError for other keys and wrong values.
 
-    named: what messages on values call the table, if it differs.
+    named: name of the table in messages on values, if it differs.
     """
     known = fields(kind)
     check_keys(table, tuple(f.name for f in known), what)
@@ -101,7 +101,7 @@ def record(kind: type, table: Mapping[str, Any], what: str, named: str = "") -> 
 
 
 def written(value: str | float | tuple[float, ...]) -> str:
-    """A text, a number or numbers as TOML that reads back the same."""
+    """Write a text, a number or numbers as TOML that reads back the same."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):

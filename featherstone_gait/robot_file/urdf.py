@@ -1,4 +1,4 @@
-"""Reading URDF (https://wiki.ros.org/urdf/XML): links, joints and collision shapes, and what of it is passed over."""
+"""Read URDF (https://wiki.ros.org/urdf/XML): links, joints and collision shapes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def read_urdf(root: Element, path: Path, meshes: MeshFinder, report: Report, repair_inertia: bool = False) -> Robot:
-    """Read a URDF.  What is wrong goes into the report, and something sound takes its place, so that reading goes on.
+    """Read a URDF.  Problems go into the report, and valid parts replace wrong ones, so that reading goes on.
 
     Raises ValueError for what is no URDF at all.
     """
@@ -67,7 +67,7 @@ def _robot_name(root: Element, path: Path, report: Report) -> str:
 
 
 def _link(element: Element, report: Report, repair_inertia: bool) -> Link:
-    """The link, or if anything is wrong with it one of its name that is sound."""
+    """Read a link; if anything is wrong with it, return a valid one of its name."""
     what, before = label(element), len(report.problems)
     report.places.setdefault(what, report.lines[element])
     tidy(element, what, report)
@@ -82,7 +82,7 @@ def _link(element: Element, report: Report, repair_inertia: bool) -> Link:
 
 
 def _sound_name(element: Element, report: Report) -> str:
-    """The element's name, or one for it if that cannot be."""
+    """Return the element's name, or a substitute if that is invalid."""
     name = element.get("name", "")
     return name if name and name.isprintable() else f"of line {report.lines[element]}"
 
@@ -102,7 +102,7 @@ def _body(name: str, inertial: Element | None, what: str, report: Report) -> Lin
 
 
 def _with_products(inertial: Element, what: str, report: Report) -> Element | None:
-    """The element <inertia>, with zeros for products of inertia that it leaves out."""
+    """Return the element <inertia>, with zeros for missing products of inertia."""
     inertia = inertial.find("inertia")
     left_out = [] if inertia is None else [name for name in ("ixy", "ixz", "iyz") if name not in inertia.attrib]
     if inertia is not None and left_out:
@@ -114,7 +114,7 @@ def _with_products(inertial: Element, what: str, report: Report) -> Element | No
 
 
 def _joint(element: Element, held: dict[str, float], report: Report) -> Joint:
-    """The joint, or if anything is wrong with it a fixed one of its name between the same links."""
+    """Read a joint; if anything is wrong with it, return a fixed one of its name between the same links."""
     what, before = label(element), len(report.problems)
     report.places.setdefault(what, report.lines[element])
     tidy(element, what, report)
@@ -128,7 +128,7 @@ def _joint(element: Element, held: dict[str, float], report: Report) -> Joint:
 
 
 def _end(element: Element, tag: str) -> str:
-    """The link at an end of a joint."""
+    """Return the link at an end of a joint."""
     end = element.find(tag)
     return "" if end is None else end.get("link", "")
 
@@ -166,7 +166,7 @@ def _mimic(element: Element, what: str, report: Report) -> Mimic | None:
 
 
 def _axis(element: Element, what: str, report: Report) -> Vector:
-    """The axis at unit length; (1, 0, 0) if the file has none, as URDF says."""
+    """Return the axis at unit length; (1, 0, 0) if the file has none, as URDF says."""
     stated = element.find("axis")
     if stated is None:
         return (1.0, 0.0, 0.0)
@@ -187,9 +187,9 @@ def _axis(element: Element, what: str, report: Report) -> Vector:
 
 
 def _stops(element: Element, kind: str, what: str, report: Report) -> tuple[str, dict[str, float]]:
-    """Type of the joint and its stops.
+    """Return type and stops of a joint.
 
-    URDF asks for <limit>, whose lower and upper are 0 if left out.  As in MuJoCo, both 0 are no stops.
+    URDF requires <limit>, whose lower and upper are 0 by default.  As in MuJoCo, both 0 means no stops.
     """
     limit, stops = element.find("limit"), {"lower": 0.0, "upper": 0.0}
     if kind == "continuous":
@@ -216,7 +216,7 @@ def _stops(element: Element, kind: str, what: str, report: Report) -> tuple[str,
 
 
 def _limits(element: Element, what: str, report: Report) -> dict[str, float]:
-    """Effort and velocity."""
+    """Return effort and velocity."""
     limit = element.find("limit")
     if limit is None:
         return {}
@@ -239,7 +239,7 @@ def _stated_numbers(element: Element, what: str, report: Report) -> dict[str, fl
 def _numbers(
     element: Element | None, names: tuple[str, ...], what: str, report: Report, default: float | None = None
 ) -> dict[str, float]:
-    """Numbers of an element by name; 0 where one is wrong, which is in the report then."""
+    """Return numbers of an element by name; 0 for a wrong one, which is reported."""
     values = dict.fromkeys(names, 0.0)
     if element is None:  # which has been reported, as what is required and missing has
         return values

@@ -1,6 +1,6 @@
-"""What a robot looks like: the <visual> elements of a URDF, the geoms of an MJCF file that MuJoCo's viewer shows.
+"""Read what a robot looks like: the <visual> elements of a URDF, or the geoms that MuJoCo's viewer shows.
 
-They are read from the file that a model came from when somebody looks at it: loading a robot does not.
+They are read from the model's file when it is displayed; loading a robot does not read them.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .report import Report
 
 @dataclass(frozen=True, eq=False)
 class Visual:
-    """Something that is seen of a link."""
+    """A visible shape of a link."""
 
     geometry: Geometry | Triangles | Ellipsoid
     rotation: np.ndarray  # (3, 3) from its axes to the link's
@@ -36,14 +36,14 @@ class Visual:
 
 
 class Visuals(NamedTuple):
-    """What is seen, by link, and sentences about what could not be read."""
+    """Visible shapes by link, and sentences about what could not be read."""
 
     of: dict[str, list[Visual]]
     notes: list[str]
 
 
 def read_visuals(model: Model) -> Visuals:
-    """Of the file that a model was read from; nothing of one without a file, or whose file is gone.
+    """Read the visible shapes from the file of a model; none without a file, or if the file is gone.
 
     Meshes of a URDF are not opened, and may be missing.
     """

@@ -46,7 +46,7 @@ SCALED = "took the joint's angle as the reference of actuators whose control is 
 
 
 class Actuators(NamedTuple):
-    """What the actuators say."""
+    """What the actuators of a file say."""
 
     servos: dict[str, Servo]  # by joint
     joints: tuple[Joint, ...]  # with what actuators add to them
@@ -82,7 +82,7 @@ class _Row(NamedTuple):
 
 
 def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
-    """Servos and limits from the actuators, and what of them is passed over."""
+    """Read servos and limits from the actuators, and what of them is ignored."""
     by_name = {joint.name: joint for joint in joints}
     servos: dict[str, Servo] = {}
     efforts: dict[str, float] = {}
@@ -91,7 +91,7 @@ def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
         joint, gear = _turned(m, k)
         name = tree.joint_names[joint] if gear else ""
         if name not in by_name:
-            left.setdefault("passed over actuators that are not on one joint", []).append(m.actuator(k).name or str(k))
+            left.setdefault("ignored actuators that are not on one joint", []).append(m.actuator(k).name or str(k))
             continue
         row = _row(m, k, gear)
         by_name[name] = _burdened(by_name[name], row)
@@ -99,7 +99,7 @@ def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
         if effort is not None:
             efforts[name] = efforts.get(name, 0.0) + effort
         if servo is not None and servos.setdefault(name, servo) is not servo:
-            reasons = ("passed over actuators on a joint that has a servo already",)
+            reasons = ("ignored actuators on a joint that has a servo already",)
         for reason in reasons:
             left.setdefault(reason, []).append(row.name)
     for name, effort in efforts.items():
@@ -109,7 +109,10 @@ def read_actuators(m: Any, tree: Tree, joints: tuple[Joint, ...]) -> Actuators:
 
 
 def _turned(m: Any, k: int) -> tuple[int, float]:
-    """The joint that an actuator turns, and by how much its length grows with it; 0 where it turns no or several."""
+    """Return the joint that an actuator turns, and the change of its length by the joint's position.
+
+    It is 0 for an actuator of no joint or of several.
+    """
     kind, target, gear = m.actuator_trntype[k], int(m.actuator_trnid[k, 0]), float(m.actuator_gear[k, 0])
     if kind in JOINT_TRANSMISSIONS:
         return target, gear
@@ -126,7 +129,7 @@ def _turned(m: Any, k: int) -> tuple[int, float]:
 
 
 def _mixed(servos: dict[str, Servo]) -> list[str]:
-    """A remark on servos of both kinds, which a scene refuses."""
+    """Remark on servos of both kinds, which a scene refuses."""
     torques = [name for name, servo in servos.items() if servo.controller.law in TORQUE_LAWS]
     if len(torques) in (0, len(servos)):
         return []
@@ -160,21 +163,21 @@ def _row(m: Any, k: int, gear: float) -> _Row:
 
 
 def _is_off(m: Any, k: int) -> bool:
-    """Whether a <flag> switches off all actuators, or actuatorgroupdisable this one's group."""
+    """Return whether a <flag> switches off all actuators, or actuatorgroupdisable this one's group."""
     group = int(m.actuator_group[k])
     return bool(m.opt.disableflags & NO_ACTUATION or (0 <= group < 31 and m.opt.disableactuator >> group & 1))
 
 
 def _more(m: Any, k: int) -> Iterator[str]:
-    """What only newer versions of MuJoCo know."""
+    """Yield what only newer versions of MuJoCo have."""
     if np.any(getattr(m, "actuator_dampingpoly", np.zeros(k + 1))[k]):
-        yield "passed over the nonlinear damping of actuators"
+        yield "ignored the nonlinear damping of actuators"
     if getattr(m, "actuator_delay", np.zeros(k + 1))[k]:
-        yield "passed over the delay of actuators, which are at once here"
+        yield "ignored the delay of actuators, which act without delay"
 
 
 def _burdened(joint: Joint, row: _Row) -> Joint:
-    """The joint with armature and damping of an actuator; those of a dcmotor are its servo's."""
+    """Return the joint with armature and damping of an actuator; those of a dcmotor belong to its servo."""
     if row.kind[0] == DC_DYNAMICS and not row.off:
         return joint
     g2 = row.gear * row.gear
@@ -182,23 +185,23 @@ def _burdened(joint: Joint, row: _Row) -> Joint:
 
 
 def _read(row: _Row, timestep: float) -> _Read:
-    """The servo or effort that an actuator is, and what of it is passed over."""
+    """Read an actuator as servo or effort, and what of it is ignored."""
     if row.off:
-        return _Read(reasons=("passed over actuators that the file switches off", *row.more))
+        return _Read(reasons=("ignored actuators that the file switches off", *row.more))
     if row.kind[0] == DC_DYNAMICS:
         servo, reasons = _dc_motor(row, timestep)
         turned = (OWN_ANGLE,) * (row.gear < 0)
-        return _Read(servo, reasons=(*(f"passed over actuators {reason}" for reason in reasons), *turned, *row.more))
+        return _Read(servo, reasons=(*(f"ignored actuators {reason}" for reason in reasons), *turned, *row.more))
     if row.kind == (NO_DYNAMICS, FIXED_GAIN, NO_BIAS):
         return _motor(row)
     linear = row.kind[1:] == (FIXED_GAIN, AFFINE_BIAS) and row.gain[0] > 0 and row.bias[1] < 0 and not row.bias[0]
     if not linear or not row.gear or row.kind[0] not in (NO_DYNAMICS, *FILTERS):
-        return _Read(reasons=("passed over actuators of a kind that has no like here", *row.more))
+        return _Read(reasons=("ignored actuators of an unsupported kind", *row.more))
     return _position(row)
 
 
 def _motor(row: _Row) -> _Read:
-    """The most that a motor gives its joint."""
+    """Return the largest torque of a motor on its joint."""
     g, gain = abs(row.gear), abs(row.gain[0])
     most = min(gain * row.control if gain else 0.0, row.force)
     uneven = (row.uneven[0] and gain * row.control <= row.force) or (row.uneven[1] and row.force <= gain * row.control)
@@ -213,14 +216,14 @@ def _position(row: _Row) -> _Read:
         "took activations of actuators as being at once, though they are filtered": row.kind[0] != NO_DYNAMICS,
         OWN_ANGLE: row.gear != 1,
         SCALED: row.gain[0] != -row.bias[1],
-        "passed over the ctrlrange of actuators, for references have no limits here": row.control < math.inf,
+        "ignored the ctrlrange of actuators, since references have no limits": row.control < math.inf,
         "took the larger end of forcerange of actuators either way": row.uneven[1],
     }
     return _Read(Servo(law), reasons=(*(reason for reason, holds in found.items() if holds), *row.more))
 
 
 def _dc_motor(row: _Row, timestep: float) -> tuple[Servo | None, list[str]]:
-    """A motor with the voltage law of its controller; without gains where it has none."""
+    """Read a motor with the voltage law of its controller; without gains if it has none."""
     g, (R, K), (kp, ki, kd, most) = abs(row.gear), row.gain[:2], row.gain[4:8]
     if not (g > 0 and R > 0 and K > 0):
         return None, ["without gear, resistance or motor constant"]
@@ -245,5 +248,5 @@ def _dc_motor(row: _Row, timestep: float) -> tuple[Servo | None, list[str]]:
 
 
 def _has_more(row: _Row) -> bool:
-    """Whether a dcmotor has cogging, LuGre friction, a temperature, or limits of its setpoint or integral."""
+    """Return whether a dcmotor has cogging, LuGre friction, a temperature, or limits of its setpoint or integral."""
     return any([*row.dyn[2:9], *row.bias[:6], *row.gain[2:4]])

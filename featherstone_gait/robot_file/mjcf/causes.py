@@ -1,4 +1,4 @@
-"""What of a compiled MJCF file has no place in a Model: what is refused, and what is passed over."""
+"""Find what of a compiled MJCF file a Model cannot represent: what is refused, and what is ignored."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NO_SPRINGS, NO_DAMPERS, NO_GRAVITY = 1 << 5, 1 << 6, 1 << 7
 
 
 def refusals(m: Any, names: Tree) -> list[str]:
-    """Why a compiled file cannot be a Model, all reasons at once."""
+    """Return why a compiled file cannot be a Model, all reasons at once."""
     taken = [names.holds(m, b) for b in range(m.nbody)]
     return [*_joints(m, names), *equalities.refusals(m, names.joint_names, taken), *_others(m)]
 
@@ -27,7 +27,7 @@ def refusals(m: Any, names: Tree) -> list[str]:
 def _joints(m: Any, names: Tree) -> Iterator[str]:
     balls = [names.joint_names[j] for j in range(m.njnt) if m.jnt_type[j] == BALL and names.holds(m, m.jnt_bodyid[j])]
     if balls:
-        yield f"ball joints {quoted(balls)} have no like here; replace each by three hinges"
+        yield f"ball joints {quoted(balls)} are not supported; replace each by three hinges"
 
 
 def _others(m: Any) -> Iterator[str]:
@@ -38,7 +38,7 @@ def _others(m: Any) -> Iterator[str]:
 
 
 def doubts(m: Any, tree: Tree) -> Iterator[str]:
-    """What changes the motion in MuJoCo and is passed over here."""
+    """Yield what changes the motion in MuJoCo and is ignored here."""
     if tree.left:
         yield (
             f"left out bodies {quoted([tree.bodies[b] for b in tree.left])} with all that they carry: a Model has one "
@@ -46,34 +46,34 @@ def doubts(m: Any, tree: Tree) -> Iterator[str]:
         )
     drawn = [equalities.title(m, k) for k in equalities.active(m) if equalities.follows_mocap(m, k)]
     if drawn:
-        yield f"passed over equalities {', '.join(drawn)}, which draw a body after a mocap body: there are none here"
+        yield f"ignored equalities {', '.join(drawn)}, which attach a body to a mocap body: not supported"
     yield from effects(m)
     springs = [tree.joint_names[j] for j in range(m.njnt) if nonzero(m, "jnt", "stiffness", j)]
     if springs and not m.opt.disableflags & NO_SPRINGS:
-        yield f"passed over the springs (stiffness) of joints {quoted(springs)}: joints have none here"
+        yield f"ignored the springs (stiffness) of joints {quoted(springs)}: not supported"
     poly = getattr(m, "dof_dampingpoly", np.zeros(m.nv))  # not of older versions
     bent = [tree.joint_names[m.dof_jntid[k]] for k in range(m.nv) if np.any(poly[k])]
     if bent:
-        yield f"passed over the nonlinear damping of joints {quoted(bent)}: it is linear here"
+        yield f"ignored the nonlinear damping of joints {quoted(bent)}: only linear damping is supported"
     yield from _free_joint(m)
     yield from _switched_off(m)
     uneven = [tree.joint_names[j] for j in range(m.njnt) if m.jnt_actfrclimited[j] and m.jnt_actfrcrange[j].sum()]
     if uneven:
         yield f"took the larger end of actuatorfrcrange of joints {quoted(uneven)} either way: effort has one number"
     if m.opt.density or m.opt.viscosity:
-        yield f"passed over a fluid (density {m.opt.density:g}, viscosity {m.opt.viscosity:g}): there is none here"
+        yield f"ignored a fluid (density {m.opt.density:g}, viscosity {m.opt.viscosity:g}): not supported"
     yield from _gravity(m, tree)
 
 
 def _taken(m: Any, tree: Tree) -> str:
-    """What is not left out, in words."""
+    """Describe what is not left out."""
     if tree.root:
         return repr(tree.bodies[tree.root])
     return quoted([tree.bodies[b] for b in moving_trees(m) if b not in tree.left])
 
 
 def _switched_off(m: Any) -> Iterator[str]:
-    """Parts of the joints that a <flag> switches off."""
+    """Yield parts of the joints that a <flag> switches off."""
     parts = {
         "dampers": (NO_DAMPERS, m.dof_damping),
         "limits of joints": (NO_LIMITS | NO_CONSTRAINTS, m.jnt_limited),
@@ -81,7 +81,7 @@ def _switched_off(m: Any) -> Iterator[str]:
     }
     for what, (bits, values) in parts.items():
         if m.opt.disableflags & bits and np.any(values):
-            yield f"passed over the <flag> that switches off {what}: they act here"
+            yield f"ignored the <flag> that switches off {what}: they stay active"
 
 
 def _gravity(m: Any, tree: Tree) -> Iterator[str]:
@@ -90,7 +90,7 @@ def _gravity(m: Any, tree: Tree) -> Iterator[str]:
         return
     if np.any(m.body_gravcomp):
         held = [tree.bodies[b] for b in np.flatnonzero(m.body_gravcomp)]
-        yield f"passed over gravcomp of bodies {quoted(held)}: gravity acts on all alike"
+        yield f"ignored gravcomp of bodies {quoted(held)}: gravity acts on all bodies"
     if tuple(m.opt.gravity) != GRAVITY:
         yield f"gravity of the file is {tuple(m.opt.gravity.tolist())} m/s^2: give it to compile_scene"
 
@@ -100,16 +100,16 @@ def _free_joint(m: Any) -> Iterator[str]:
         dofs = slice(m.jnt_dofadr[j], m.jnt_dofadr[j] + 6)
         stated = [w for w in ("armature", "damping", "frictionloss") if np.any(getattr(m, f"dof_{w}")[dofs])]
         if stated:
-            yield f"passed over {', '.join(stated)} of the free joint: a base has none here"
+            yield f"ignored {', '.join(stated)} of the free joint: not supported for a floating base"
 
 
 def notes(m: Any, tree: Tree) -> Iterator[str]:
-    """What is there and plays no part."""
+    """Yield what does not affect the simulation."""
     if tree.root and m.body_geomnum[0]:
-        yield f"passed over {m.body_geomnum[0]} geoms of the world: ground is an argument of compile_scene"
+        yield f"ignored {m.body_geomnum[0]} geoms of the world: ground is an argument of compile_scene"
     fixed = [b for b in range(1, m.nbody) if not tree.holds(m, b) and m.body_rootid[b] not in tree.left]
     if fixed:
-        yield f"passed over bodies {quoted([tree.bodies[b] for b in fixed])}, which stand in the world"
+        yield f"ignored bodies {quoted([tree.bodies[b] for b in fixed])}, which are fixed to the world"
     if m.ntendon:
         yield f"skipped {m.ntendon} tendons"
     for count, what in ((m.nsensor, "sensors"), (m.nsite, "sites"), (m.ncam, "cameras"), (m.nlight, "lights")):

@@ -1,4 +1,4 @@
-"""An XML element without children, its numbers, and comments."""
+"""Write XML elements without children, their numbers, and comments."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from xml.sax.saxutils import quoteattr
 
 
 def element(tag: str, attributes: Mapping[str, str | None]) -> str:
-    """<tag .../> with the attributes that are not None."""
+    """Write <tag .../> with the attributes that are not None."""
     stated = "".join(f" {name}={quoteattr(value)}" for name, value in attributes.items() if value is not None)
     return f"<{tag}{stated}/>"
 
 
 def number(value: float) -> str:
-    """A number that reads back the same."""
+    """Write a number that reads back the same."""
     return repr(float(value))
 
 
@@ -23,5 +23,5 @@ def numbers(values: Iterable[float]) -> str:
 
 
 def comment(text: str) -> str:
-    """<!-- text -->, without the two hyphens in a row that XML forbids in it."""
+    """Write <!-- text -->, without the two hyphens in a row that XML forbids in it."""
     return f"<!-- {re.sub('-(?=-)', '- ', text)} -->"

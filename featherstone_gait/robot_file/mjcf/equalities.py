@@ -1,4 +1,4 @@
-"""Equalities of a compiled MJCF file: lines between joints, which become couplings, and what cannot be one.
+"""Read the equalities of a compiled MJCF file: linear ones between joints, which become couplings.
 
 An equality of joints or of fixed tendons, whose lengths are sums c q of joints, says sum c (q - q0) = a, q0 of the
 posture in which the file is compiled.  Over two joints it is a coupling, over one it holds the joint.
@@ -27,16 +27,16 @@ class Line(NamedTuple):
 
 
 def active(m: Any) -> list[int]:
-    """The equalities that act."""
+    """Return the active equalities."""
     if m.opt.disableflags & (NO_CONSTRAINTS | NO_EQUALITIES):
         return []
     return [k for k in range(m.neq) if m.eq_active0[k]]
 
 
 def lines(m: Any) -> dict[int, Line]:
-    """The equalities that are lines, by their number.
+    """Return the linear equalities, by their number.
 
-    Of two joints of tendons the later one in the file follows, or the other where it does so already.
+    Of two joints of tendons the later one in the file follows, or the other if that one follows already.
     """
     found: dict[int, Line] = {}
     for k in sorted(active(m), key=lambda k: m.eq_type[k] != JOINT):
@@ -49,7 +49,7 @@ def lines(m: Any) -> dict[int, Line]:
 
 
 def _terms(m: Any, k: int) -> tuple[dict[int, float], float]:
-    """The c by joint, and a; no joints where the equality is no such sum."""
+    """Return the c by joint, and a; no joints if the equality is no such sum."""
     one, two, data = int(m.eq_obj1id[k]), int(m.eq_obj2id[k]), m.eq_data[k]
     if m.eq_type[k] not in (JOINT, TENDON) or (two >= 0 and data[2:5].any()):
         return {}, 0.0
@@ -80,17 +80,17 @@ def _reference(m: Any, j: int) -> float:
 
 
 def couplings(m: Any) -> dict[int, Line]:
-    """Lines between two joints, by follower."""
+    """Return linear equalities between two joints, by follower."""
     return {line.follower: line for line in lines(m).values() if line.leader >= 0}
 
 
 def held_joints(m: Any) -> dict[int, float]:
-    """Joints that an equality holds by themselves, and where [rad or m]."""
+    """Return joints that an equality holds, and their positions [rad or m]."""
     return {line.follower: line.offset for line in lines(m).values() if line.leader < 0}
 
 
 def refusals(m: Any, names: list[str], taken: list[bool]) -> Iterator[str]:
-    """Why equalities cannot be couplings.
+    """Yield why equalities cannot be couplings.
 
     names: of joints; taken: whether a body belongs to the robot
     """
@@ -119,12 +119,12 @@ def refusals(m: Any, names: list[str], taken: list[bool]) -> Iterator[str]:
 
 
 def title(m: Any, k: int) -> str:
-    """How an equality is named in a message."""
+    """Name an equality for messages."""
     return repr(m.equality(k).name or k)
 
 
 def _bodies(m: Any, k: int) -> list[int]:
-    """The bodies that an equality ties."""
+    """Return the bodies that an equality connects."""
     objects = [int(x) for x in (m.eq_obj1id[k], m.eq_obj2id[k]) if x >= 0]
     if m.eq_type[k] in (CONNECT, WELD):
         return [int(m.site_bodyid[x]) if m.eq_objtype[k] == SITE else x for x in objects]
@@ -134,5 +134,5 @@ def _bodies(m: Any, k: int) -> list[int]:
 
 
 def follows_mocap(m: Any, k: int) -> bool:
-    """Whether an equality draws a body after one that a program moves from outside."""
+    """Return whether an equality attaches a body to a mocap body."""
     return m.eq_type[k] in (CONNECT, WELD) and any(m.body_mocapid[b] >= 0 for b in _bodies(m, k))

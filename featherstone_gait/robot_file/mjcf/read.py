@@ -1,4 +1,4 @@
-"""Reading MJCF."""
+"""Read MJCF through MuJoCo's compiler."""
 
 from __future__ import annotations
 
@@ -27,10 +27,8 @@ INSTALL = "MJCF is read through MuJoCo; install it with pip install featherstone
 def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
     """Read an MJCF file.  base: None is "floating" if the file has a free joint.
 
-    What is passed over goes into the report.
-
-    Raises ImportError without MuJoCo, ValueError for what MuJoCo cannot read, RobotFileError for all that the simulator
-    cannot do.
+    What is ignored goes into the report.  Raises ImportError without MuJoCo, ValueError for what MuJoCo cannot read,
+    RobotFileError for all that the simulator does not support.
     """
     m, remarks = compiled(path)
     tree = read_tree(m, base, couplings(m))
@@ -51,7 +49,7 @@ def read_mjcf(path: Path, base: Base | None, report: Report) -> Robot:
 
 
 def compiled(path: Path) -> tuple[Any, list[str]]:
-    """MuJoCo's model of a file, and what MuJoCo remarks on it."""
+    """Compile a file: return MuJoCo's model, and MuJoCo's remarks."""
     try:
         import mujoco
     except ImportError as error:
@@ -84,13 +82,13 @@ def _line(message: object) -> str:
 
 
 def _name(m: Any, path: Path) -> str:
-    """The file's name for the robot, else the file's own."""
+    """Return the robot's name in the file, else the name of the file."""
     name = bytes(m.names).split(b"\0", 1)[0].decode("utf-8", "replace")
     return path.stem if name in ("", NAMELESS) else name
 
 
 def _postures(m: Any, tree: Tree) -> dict[str, Posture]:
-    """The keyframes, by name."""
+    """Return the keyframes, by name."""
     names = [m.key(k).name or f"key{k}" for k in range(m.nkey)]
     return {name: _posture(m, tree, q) for name, q in zip(names, np.asarray(m.key_qpos))}
 

@@ -1,4 +1,4 @@
-"""Collision shapes of a compiled MJCF file."""
+"""Read the collision shapes of a compiled MJCF file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NAMES = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box",
 
 
 def read_shapes(m: Any, tree: Tree) -> tuple[tuple[Shape, ...], list[str]]:
-    """Shapes of the geoms that would touch a floor, and what is passed over."""
+    """Read shapes of the geoms that would touch a floor, and what is ignored."""
     names, floor = names_of(m, "geom", m.ngeom), _floor(m)
     shapes, left, silent = [], Counter[str](), 0
     for g in range(m.ngeom):
@@ -31,12 +31,12 @@ def read_shapes(m: Any, tree: Tree) -> tuple[tuple[Shape, ...], list[str]]:
         else:
             shapes.append(_shape(m, g, geometry, tree, names[g]))
     notes = [f"skipped {silent} geoms that touch no floor"] if silent else []
-    notes += [f"passed over {count} geoms of type {kind}, which are no shapes here" for kind, count in left.items()]
+    notes += [f"ignored {count} geoms of type {kind}, which is not supported" for kind, count in left.items()]
     return tuple(shapes), notes
 
 
 def _floor(m: Any) -> tuple[int, int]:
-    """contype and conaffinity of the world's first plane or height field, else of a geom as it comes."""
+    """Return contype and conaffinity of the world's first plane or height field, else the defaults of a geom."""
     for g in np.flatnonzero(m.geom_bodyid == 0):
         if m.geom_type[g] in (PLANE, HFIELD):
             return int(m.geom_contype[g]), int(m.geom_conaffinity[g])
@@ -49,7 +49,7 @@ def _touches(m: Any, g: int, floor: tuple[int, int]) -> bool:
 
 
 def geometry_of(m: Any, g: int) -> Geometry | None:
-    """The geometry of a geom; None where there is no like."""
+    """Return the geometry of a geom; None if it is not supported."""
     kind, size = m.geom_type[g], m.geom_size[g].tolist()
     if kind == SPHERE:
         return Sphere(size[0])
@@ -63,7 +63,7 @@ def geometry_of(m: Any, g: int) -> Geometry | None:
 
 
 def _corners(m: Any, mesh: int) -> np.ndarray:
-    """Vertices (n, 3) of a mesh's convex hull, as far as MuJoCo has worked it out, else all vertices."""
+    """Return the vertices (n, 3) of a mesh's convex hull if MuJoCo has computed it, else all vertices."""
     start = m.mesh_vertadr[mesh]
     points = m.mesh_vert[start : start + m.mesh_vertnum[mesh]]
     if m.mesh_graphadr[mesh] < 0:

@@ -1,4 +1,4 @@
-"""Sizes that a file asks of MuJoCo, which takes the memory and the time for them, or ends the process."""
+"""Limit the sizes that a file requests of MuJoCo, which would take the memory and time for them, or end the process."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def _where(file: Path, first: Path) -> str:
 
 
 def _documents(path: Path) -> dict[Path, Element]:
-    """The file, and those that it includes or attaches, with what these do."""
+    """Parse the file, and those that it includes or attaches, recursively."""
     waiting, documents = [path], {}
     while waiting:
         file = waiting.pop()
@@ -50,13 +50,13 @@ def _documents(path: Path) -> dict[Path, Element]:
 
 
 def _files(element: Element, file: Path, first: Path) -> list[Path]:
-    """The file that an element names: MuJoCo looks for it beside the file that names it, or beside the first."""
+    """Return the file that an element names: beside the file that names it, or beside the first one, as in MuJoCo."""
     name = element.get("file", "")
     return list(dict.fromkeys(found for folder in (file, first) if (found := folder.parent / name).is_file()))
 
 
 def _check_copies(path: Path, documents: Mapping[Path, Element]) -> None:
-    """Refuse too many elements, counting those of other files each time that they are put in."""
+    """Refuse too many elements, counting those of other files each time that they are inserted."""
     models, elements = _models(path, documents), 0
     waiting = [(path, documents[path], 1, frozenset([path]))]
     while waiting:
@@ -75,7 +75,7 @@ def _check_copies(path: Path, documents: Mapping[Path, Element]) -> None:
 
 
 def _models(path: Path, documents: Mapping[Path, Element]) -> dict[str, list[Path]]:
-    """Files of the models to attach, by the names of the element and of the model itself."""
+    """Return the files of the models to attach, by the names of the element and of the model itself."""
     models: dict[str, list[Path]] = {}
     for file, root in documents.items():
         for element in root.iter("model"):
@@ -93,7 +93,7 @@ def _check(element: Element, counts: list[int], most: int, where: str) -> None:
 
 
 def _counts(element: Element, name: str) -> list[int]:
-    """The whole numbers above 1 of an attribute."""
+    """Return the whole numbers above 1 of an attribute."""
     words = element.get(name, "").split()
     digits = [int(word[:30]) for word in words if word.isascii() and word.isdigit()]
     return [n for n in digits if n > 1]

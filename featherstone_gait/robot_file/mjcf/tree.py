@@ -1,4 +1,4 @@
-"""Links and joints of a compiled MJCF file."""
+"""Read the links and joints of a compiled MJCF file."""
 
 from __future__ import annotations
 
@@ -33,15 +33,14 @@ class Tree(NamedTuple):
     joint_names: list[str]  # of each MuJoCo joint
 
     def holds(self, m: Any, b: int) -> bool:
-        """Whether a body is one of the links, or the world that carries them."""
+        """Return whether a body is one of the links, or the world that carries them."""
         return m.body_rootid[b] == self.root if self.root else m.body_rootid[b] not in self.left
 
 
 def read_tree(m: Any, base: Base | None, mimics: dict[int, Line]) -> Tree:
-    """Links and joints.
+    """Read links and joints.
 
-    base : None is "floating" if what is taken has a free joint
-    mimics : by follower
+    base: None is "floating" if the tree has a free joint; mimics: by follower.
     """
     bodies, names = names_of(m, "body", m.nbody), names_of(m, "joint", m.njnt)
     base, left = _chosen(m, base)
@@ -58,21 +57,21 @@ def read_tree(m: Any, base: Base | None, mimics: dict[int, Line]) -> Tree:
 
 
 def moving_trees(m: Any) -> list[int]:
-    """The bodies of the world from which trees that move begin."""
+    """Return the bodies of the world at which moving trees begin."""
     return sorted({int(m.body_rootid[b]) for b in range(1, m.nbody) if m.body_dofnum[b]})
 
 
 def _free(m: Any) -> list[int]:
-    """Those with a free joint."""
+    """Return the bodies with a free joint."""
     return [int(m.jnt_bodyid[j]) for j in range(m.njnt) if m.jnt_type[j] == FREE]
 
 
 def _chosen(m: Any, base: Base | None) -> tuple[Base, tuple[int, ...]]:
-    """The base, and the trees that are left out.
+    """Choose the base, and the trees that are left out.
 
     Trees that the world carries are branches of one, and so are free ones that are to be fixed.  Of these together and
-    each one that floats the one with most joints is taken: contacts between links are none here, so that trees that
-    nothing ties do not feel each other.
+    each floating one the tree with most joints is taken: links do not touch each other, so trees that nothing connects
+    do not interact.
     """
     free, moving = _free(m), moving_trees(m)
     if not free or base == "fixed":
@@ -85,7 +84,7 @@ def _chosen(m: Any, base: Base | None) -> tuple[Base, tuple[int, ...]]:
 
 
 def _root(m: Any, base: Base, left: tuple[int, ...]) -> int:
-    """The body that is the root link: that of the free joint, or one that sits in the world as if it were the root.
+    """Return the body that is the root link: that of the free joint, or the only body fixed to the world.
 
     A free body that is to be fixed elsewhere than at the world's frame stays where it is: 0, the world, is its root.
     """
@@ -101,7 +100,7 @@ def _root(m: Any, base: Base, left: tuple[int, ...]) -> int:
 
 
 def _at_origin(m: Any, b: int) -> bool:
-    """Whether a body of the world has the world's frame."""
+    """Return whether a body of the world has the world's frame."""
     return not m.body_pos[b].any() and m.body_quat[b, 0] == 1.0
 
 
@@ -114,17 +113,17 @@ def _link(m: Any, b: int, name: str) -> Link:
 
 
 def principal(moments: np.ndarray) -> tuple[float, ...]:
-    """ixx ixy ixz iyy iyz izz of principal moments."""
+    """Return ixx ixy ixz iyy iyz izz of principal moments."""
     A, B, C = moments.tolist()
     return (A, 0.0, 0.0, B, 0.0, C)
 
 
 def _chain(m: Any, b: int, bodies: list[str], names: list[str], taken: list[str]) -> list[Joint]:
-    """The joints from a body's parent to the body.
+    """Return the joints from a body's parent to the body.
 
-    MuJoCo moves a body by its joints one after the other, each about an anchor in the body: here each has a frame at
-    its anchor, turned back by its reference, so that positions count as in the file.  A last fixed joint leads from
-    the anchor to the body's own origin, if they differ.
+    MuJoCo moves a body by its joints one after the other, each about an anchor in the body.  Here each joint has a
+    frame at its anchor, turned back by its reference, so that positions count as in the file.  A last fixed joint leads
+    from the anchor to the body's own origin, if they differ.
     """
     parent, E, r = bodies[m.body_parentid[b]], rotation_from_quaternion(m.body_quat[b]), m.body_pos[b].copy()
     chain, anchor = [], np.zeros(3)
@@ -144,7 +143,7 @@ def _chain(m: Any, b: int, bodies: list[str], names: list[str], taken: list[str]
 
 
 def _step(m: Any, j: int, anchor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """From the last anchor to a joint's frame at position zero, in body axes: offset (3,) and rotation (3, 3)."""
+    """Return offset (3,) and rotation (3, 3) from the last anchor to a joint's frame at zero, in body axes."""
     reference = float(m.qpos0[m.jnt_qposadr[j]])
     if m.jnt_type[j] == SLIDE:
         return -reference * m.jnt_axis[j], np.eye(3)
@@ -172,7 +171,7 @@ def _joint(m: Any, j: int, name: str, parent: str, child: str, r: np.ndarray, E:
 
 
 def _coupled(joints: list[Joint], names: list[str], mimics: dict[int, Line]) -> list[Joint]:
-    """The joints, with what the followers among them follow."""
+    """Return the joints with their couplings."""
     follow = {names[j]: Mimic(names[line.leader], line.b, line.offset) for j, line in mimics.items()}
     return [replace(joint, mimic=follow[joint.name]) if joint.name in follow else joint for joint in joints]
 

@@ -1,4 +1,4 @@
-"""What MuJoCo's viewer shows of a compiled MJCF file."""
+"""Read what MuJoCo's viewer shows of a compiled MJCF file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GREY = (0.5, 0.5, 0.5, 1.0)  # a geom's rgba where the file says nothing
 
 
 class Triangles(NamedTuple):
-    """A mesh that a file brings along."""
+    """A mesh of the file."""
 
     points: np.ndarray  # (n, 3) [m]
     triangles: np.ndarray  # (m, 3)
@@ -31,7 +31,7 @@ class Ellipsoid(NamedTuple):
 
 
 class Geom(NamedTuple):
-    """A geom that is seen."""
+    """A visible geom."""
 
     link: str
     geometry: Geometry | Triangles | Ellipsoid
@@ -42,7 +42,7 @@ class Geom(NamedTuple):
 
 
 def read_geoms(path: Path) -> list[Geom]:
-    """The geoms of a file in the groups that are shown, but planes and height fields.  Raises as `read_mjcf`."""
+    """Read the geoms in the visible groups, except planes and height fields; raises as `read_mjcf`."""
     m, _ = compiled(path)
     bodies, found = names_of(m, "body", m.nbody), []
     for g in np.flatnonzero(m.geom_group < SHOWN):
@@ -62,7 +62,7 @@ def _geometry(m: Any, g: int) -> Geometry | Triangles | Ellipsoid | None:
 
 
 def _color(m: Any, g: int) -> tuple[Color | None, float]:
-    """Color and opacity: the geom's own where they differ from the default, else those of its material."""
+    """Return color and opacity: the geom's own if they differ from the default, else those of its material."""
     rgba = m.geom_rgba[g].tolist()
     if np.allclose(rgba, GREY):
         if m.geom_matid[g] < 0:

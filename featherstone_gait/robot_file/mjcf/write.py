@@ -1,4 +1,7 @@
-"""Writing MJCF.  Numbers are written to the last bit; MuJoCo turns angles and inertias into its own to rounding."""
+"""Write MJCF.
+
+Numbers are written to the last bit; MuJoCo converts angles and inertias to rounding.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,7 @@ class Hinged(NamedTuple):
 
 
 class Body(NamedTuple):
-    """A link with the joints that lead to it, those of links without mass between two joints included."""
+    """A link with the joints that lead to it, including those of massless links between two joints."""
 
     link: str
     xyz: tuple[float, ...]  # in the parent [m]
@@ -42,9 +45,9 @@ class Body(NamedTuple):
 
 
 def mjcf_text(model: Model, ground: Ground | None = None) -> str:
-    """The robot as MJCF, with a floor if ground is given.
+    """Write the robot as MJCF, with a floor if ground is given.
 
-    Raises ValueError for what MuJoCo has no word for, and for what moves with an inertia that no body has.
+    Raises ValueError for what MJCF cannot state, and for moving bodies with an inertia that no rigid body has.
     """
     _check_bodies(model)
     inertias, changed = inertials(model)
@@ -75,11 +78,11 @@ def _section(tag: str, lines: list[str]) -> list[str]:
 def _remarks(model: Model) -> list[str]:
     remarks = []
     if any(joint.velocity < math.inf for joint in model.joints):
-        remarks.append("MuJoCo has no word for the largest velocity of a joint")
+        remarks.append("MJCF cannot state the largest velocity of a joint")
     if model.held:
         remarks.append("joints that are held are welded: " + ", ".join(model.held))
     if idle := [joint.name for joint in model.moving_joints if joint.effort == 0]:
-        remarks.append("MuJoCo has no word for an effort of 0; given the smallest number: " + ", ".join(idle))
+        remarks.append("MJCF cannot state an effort of 0; replaced by the smallest number: " + ", ".join(idle))
     if any(link.name == WORLD for link in model.links) and not _is_world(model):
         remarks.append(f"link 'world' is called {_body_name(model, WORLD)!r}")
     if unread_meshes(model):
@@ -90,7 +93,7 @@ def _remarks(model: Model) -> list[str]:
 
 
 def _check_bodies(model: Model) -> None:
-    """Refuse bodies without mass that are no plain link between two joints."""
+    """Refuse massless bodies that are no plain link between two joints."""
     folded = {link.name for link in model.links if _is_frame(model, link.name)}
     for body in rigid_bodies(model)[0][1:]:
         if body.mass == 0 and not set(body.links) <= folded:
@@ -112,7 +115,7 @@ def _root_lines(model: Model, inertias: dict[str, str]) -> list[str]:
 
 
 def _inside(model: Model, link: str, inertias: dict[str, str]) -> list[str]:
-    """What a link's body holds besides its joints."""
+    """Write what a link's body holds besides its joints."""
     inertial = [inertias[link]] if link in inertias else []
     children = [line for joint in model.joints if joint.parent == link for line in _child_lines(model, joint, inertias)]
     return [*inertial, *geom_lines(model, link), *children]
@@ -130,18 +133,18 @@ def _element_lines(start: str, inside: list[str]) -> list[str]:
 
 
 def _is_world(model: Model) -> bool:
-    """Whether the root link is MuJoCo's world."""
+    """Return whether the root link is MuJoCo's world."""
     massless = all(link.mass == 0 for link in model.links if link.name == model.root)
     return model.root == WORLD and model.base == "fixed" and massless
 
 
 def _body_name(model: Model, link: str) -> str:
-    """The name of a link's body: its own, but none may be called as MuJoCo's world."""
+    """Return the name of a link's body: its own, unless it is the name of MuJoCo's world."""
     return unused(WORLD, [other.name for other in model.links]) if link == WORLD else link
 
 
 def _body(model: Model, joint: Joint) -> Body:
-    """The body at the end of a joint, or of a chain of joints whose links are frames without mass."""
+    """Return the body at the end of a joint, or of a chain of joints between massless links."""
     chain = [joint]
     while _moves(model, chain[-1]) and _is_frame(model, chain[-1].child):
         chain.append(next(j for j in model.joints if j.parent == chain[-1].child))
@@ -158,7 +161,7 @@ def _moves(model: Model, joint: Joint) -> bool:
 
 
 def _is_frame(model: Model, name: str) -> bool:
-    """Whether a link is no more than a place between two joints that move."""
+    """Return whether a link is only a place between two joints that move."""
     link = next(link for link in model.links if link.name == name)
     ends = [joint for joint in model.joints if name in (joint.parent, joint.child)]
     carries = {shape.link for shape in model.shapes} | {point.link for point in model.contacts}
@@ -167,7 +170,7 @@ def _is_frame(model: Model, name: str) -> bool:
 
 
 def _poses(model: Model, chain: list[Joint]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Rotation and origin of each joint's child frame in the frame that the chain hangs on; held ones as they are."""
+    """Compute rotation and origin of each joint's child frame in the frame of the chain, with held joints in place."""
     E, r, poses = np.eye(3), np.zeros(3), []
     for joint in chain:
         E, r = product(E, rotation_from_rpy(joint.rpy)), r + applied(E, np.array(joint.xyz))
@@ -177,7 +180,7 @@ def _poses(model: Model, chain: list[Joint]) -> list[tuple[np.ndarray, np.ndarra
 
 
 def _hinged(joint: Joint, at: tuple[np.ndarray, np.ndarray], body: tuple[np.ndarray, np.ndarray]) -> Hinged:
-    """A joint in the frame of its body."""
+    """Express a joint in the frame of its body."""
     if at is body or at[0] is body[0]:
         return Hinged(joint, np.zeros(3), np.array(joint.axis))
     back = body[0].T
@@ -215,7 +218,7 @@ def _equality_lines(model: Model) -> list[str]:
 
 
 def _key_lines(model: Model) -> list[str]:
-    """The keyframes; MuJoCo counts joints depth first."""
+    """Write the keyframes; MuJoCo orders joints depth first."""
     first = model.nq - len(model.joint_names)
     order = [*range(first), *(model.q_index(j.name) for j in depth_first(model) if j.name in model.joint_rows)]
     return [

@@ -1,4 +1,4 @@
-"""Servos as MuJoCo's actuators; the laws are those of `actuators.py`, at the output of the gearbox (gear 1)."""
+"""Write servos as MuJoCo's actuators; the laws are those of `actuators.py`, at the output of the gearbox (gear 1)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MOTORS = ("state", "pid_position")  # laws that `dcmotor` has
 
 
 def actuator_lines(model: Model) -> tuple[list[str], list[str]]:
-    """The actuators, and what MuJoCo's lack."""
+    """Write the actuators, and what they lack."""
     servos = {joint.name: model.servos[joint.name] for joint in model.moving_joints if joint.name in model.servos}
     lacking: dict[str, list[str]] = {}
     lines = [line for name, servo in servos.items() for line in _actuator(name, servo)]
@@ -25,7 +25,7 @@ def actuator_lines(model: Model) -> tuple[list[str], list[str]]:
 
 
 def passive(model: Model, joint: Joint) -> tuple[float, float, float]:
-    """Damping, Coulomb friction and armature of a joint, with what of its servo the actuator has no word for."""
+    """Return damping, Coulomb friction and armature of a joint, with what its servo's actuator cannot state."""
     servo = model.servos.get(joint.name)
     if servo is None:
         return joint.damping, joint.friction, joint.armature
@@ -34,20 +34,20 @@ def passive(model: Model, joint: Joint) -> tuple[float, float, float]:
 
 
 def _damping(servo: Servo) -> float:
-    """Of the output, with the rotor's, which no torque law has [N m s/rad]."""
+    """Return the damping at the output; with the rotor's, which torque laws do not have [N m s/rad]."""
     rotor = 0.0 if servo.controller.law in CONTINUOUS else servo.gearbox.ratio**2 * servo.gearbox.rotor_damping
     return servo.viscous_friction + rotor
 
 
 def _actuator(name: str, servo: Servo) -> list[str]:
-    """The actuator of a servo, none where MuJoCo has no such law."""
+    """Write the actuator of a servo; none if MuJoCo has no such law."""
     if servo.controller.law == "pid_speed":
         return []
     return [_position(name, servo) if servo.controller.law in CONTINUOUS else _motor(name, servo)]
 
 
 def rotor_inertia(servo: Servo | None) -> float:
-    """G^2 J that a servo adds to its joint [kg m^2]."""
+    """Return G^2 J, which a servo adds to its joint [kg m^2]."""
     return servo.gearbox.ratio**2 * servo.gearbox.rotor_inertia if servo else 0.0
 
 
@@ -80,7 +80,7 @@ def _motor(name: str, servo: Servo) -> str:
 
 
 def _lacking(servo: Servo) -> list[str]:
-    """What the actuator does not say of a servo."""
+    """Return what the actuator lacks of a servo."""
     law, gear = servo.controller, servo.gearbox
     if law.law in CONTINUOUS:
         limited = law.law == "pd" and law.torque_limit < math.inf
@@ -108,7 +108,7 @@ def _lacking(servo: Servo) -> list[str]:
 
 
 def _beside(servo: Servo) -> list[str]:
-    """What of a servo without a `dcmotor` its joint has."""
+    """Return what of a servo without a `dcmotor` is written at its joint."""
     stated = servo.coulomb_friction or _damping(servo) or rotor_inertia(servo)
     lacking = ["the rotor's inertia and the friction stand with the joint"] if stated else []
     return lacking + [LOADED] * depends_on_load_or_speed(servo.gearbox)

@@ -1,4 +1,4 @@
-"""Collision shapes, contact points and a floor as geoms."""
+"""Write collision shapes and contact points as geoms."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ SILENT = {"contype": "0", "conaffinity": "0"}
 
 
 def geom_lines(model: Model, link: str) -> list[str]:
-    """The shapes and contact points of a link.
+    """Write the shapes and contact points of a link.
 
-    A contact point is a sphere, or a flat cylinder for a circle; where the model has some the shapes touch no floor.
+    A contact point is a sphere, or a flat cylinder for a circle; if the model has contact points, shapes touch no
+    floor.
     """
     names, bits = geom_names(model), SILENT if model.contacts else TOUCHING
     shapes = [(k, shape) for k, shape in enumerate(model.shapes) if shape.link == link]
@@ -33,7 +34,7 @@ def geom_lines(model: Model, link: str) -> list[str]:
 
 
 def geom_names(model: Model) -> list[str]:
-    """Of the shapes, then of the contact points, each another one; empty for a shape without a name."""
+    """Return unique names of the shapes, then of the contact points; empty for a shape without a name."""
     names: list[str] = []
     for name in (*(shape.name for shape in model.shapes), *(f"contact{k}" for k in range(len(model.contacts)))):
         names.append(unused(name, [FLOOR, *names]) if name else "")
@@ -60,7 +61,7 @@ def _described(geometry: Geometry) -> str:
 
 
 def _geometry(geometry: Geometry) -> tuple[str, tuple[float, ...]]:
-    """MuJoCo's type and size of a geometry; no type where it takes none."""
+    """Return MuJoCo's type and size of a geometry; no type if MuJoCo does not accept it."""
     if isinstance(geometry, Hull):
         return "mesh", ()
     if isinstance(geometry, Mesh):
@@ -79,7 +80,7 @@ def _size(geometry: Sphere | Capsule | Cylinder | Box) -> tuple[float, ...]:
 
 
 def _readable(file: str) -> bool:
-    """Whether MuJoCo reads a mesh file: one that is there, of a kind it knows, an STL in binary, an OBJ of numbers."""
+    """Return whether MuJoCo reads a mesh file: it exists, of a known kind, as binary STL or OBJ of finite numbers."""
     kind = os.path.splitext(file)[1].lower()
     if kind not in READ or not os.path.isfile(file):
         return False
@@ -87,7 +88,7 @@ def _readable(file: str) -> bool:
 
 
 def _is_binary_stl(file: str) -> bool:
-    """A header of 80 bytes, the number of triangles, and 50 bytes for each."""
+    """Check for a header of 80 bytes, the number of triangles, and 50 bytes for each."""
     with open(file, "rb") as stream:
         count = int.from_bytes(stream.read(84)[80:], "little")
     return 0 < count <= MOST_TRIANGLES and os.path.getsize(file) == 84 + 50 * count
@@ -99,18 +100,18 @@ def _is_finite_obj(file: str) -> bool:
 
 
 def unread_meshes(model: Model) -> list[str]:
-    """Files of shapes that are not there, or that MuJoCo does not read."""
+    """Return files of shapes that do not exist, or that MuJoCo does not read."""
     meshes = [shape.geometry for shape in model.shapes if isinstance(shape.geometry, Mesh)]
     return list(dict.fromkeys(mesh.file for mesh in meshes if not _geometry(mesh)[0]))
 
 
 def mesh_lines(model: Model) -> list[str]:
-    """The hulls, and the files that shapes name."""
+    """Write the hulls, and the files that shapes name."""
     return [line for k, shape in enumerate(model.shapes) for line in _mesh_lines(k, shape.geometry)]
 
 
 def _mesh_lines(k: int, geometry: Geometry) -> list[str]:
-    """inertia="shell", for MuJoCo asks a volume of meshes that have no mass, too."""
+    """Write a mesh with inertia="shell", since MuJoCo requires a volume even of massless meshes."""
     if isinstance(geometry, Hull):
         stated = {"vertex": numbers(x for point in geometry.points for x in point)}
     elif isinstance(geometry, Mesh) and _readable(geometry.file):

@@ -1,4 +1,4 @@
-"""A floor as soft as the ground's sinking asks.
+"""Write a floor as soft as the ground's static penetration requires.
 
 At rest MuJoCo's contact of the constant impedance d carries the force f at the depth r with k r = (1 - d) / d w f: w is
 the inverse inertia that the body offers to a force, and k = stiffness / d for solref = -stiffness -damping.  Small
@@ -24,7 +24,7 @@ FIELD_BASE = 1.0  # of a height field, thickness below its lowest point [m]
 
 
 def floor_lines(model: Model, ground: Ground | None) -> tuple[list[str], list[str]]:
-    """The ground as a plane or a height field, and what of the ground it leaves out."""
+    """Write the ground as a plane or a height field, and return what of the ground is left out."""
     if ground is None:
         return [], []
     stiffness = GRAVITY * (1.0 - IMPEDANCE) / ground.penetration * _softness(model)
@@ -57,12 +57,12 @@ def _field(field: HeightField, height: float) -> dict[str, str]:
 
 
 def _halves(field: HeightField) -> list[float]:
-    """Half the width of a field along x and y [m]."""
+    """Return half the width of a field along x and y [m]."""
     return [0.5 * step * (count - 1) for step, count in zip(field.spacing, field.heights.shape)]
 
 
 def field_lines(ground: Ground | None) -> list[str]:
-    """The height field.  MuJoCo lists rows of it from the largest y down, and takes heights from 0 to 1 of a size."""
+    """Write the height field; MuJoCo lists its rows from the largest y down, with heights from 0 to 1 of a size."""
     if ground is None or ground.field is None:
         return []
     field, (nx, ny) = ground.field, ground.field.heights.shape
@@ -73,7 +73,10 @@ def field_lines(ground: Ground | None) -> list[str]:
 
 
 def _softness(model: Model) -> float:
-    """Mean over the contacts of w m / n: their share of the weight by what they seem to carry; 1 without contacts."""
+    """Compute the mean over the contacts of w m / n, their share of the weight by the mass they feel.
+
+    It is 1 without contacts.
+    """
     touching = [item.link for item in model.contacts or model.shapes]
     if not touching:
         return 1.0
@@ -83,7 +86,7 @@ def _softness(model: Model) -> float:
 
 
 def _inverse_inertia(model: Model, link: Link) -> float:
-    """Mean over the axes of the inverse inertia [1/kg] that a link's center of mass offers to a force, at zero.
+    """Compute the mean inverse inertia [1/kg] that a link's center of mass offers to a force along an axis, at zero.
 
     A unit impulse e gives the velocities M^-1 J' e, and twice their kinetic energy is e' J M^-1 J' e.
     """

@@ -1,7 +1,7 @@
-"""Inertias that MuJoCo takes: of each link, or together of links that move as one.
+"""Write inertias that MuJoCo accepts: of each link, or together of links that move as one.
 
-MuJoCo refuses an inertia with A + B < C to the last bit, and a body that moves unless it, or one fixed to it, has a
-mass and moments of at least 1e-15.  Principal moments are written, for those of a `fullinertia` depend on rounding.
+MuJoCo refuses an inertia with A + B < C to the last bit, and a moving body unless it, or one fixed to it, has a mass
+and moments of at least 1e-15.  Principal moments are written, since those of a `fullinertia` depend on rounding.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ ROUNDING = 1e-13  # of the largest moment, by which moments may miss what is ask
 
 
 def inertials(model: Model) -> tuple[dict[str, str], list[str]]:
-    """The inertial of each link that has one, and what the file says of links otherwise than the model.
+    """Write the inertial of each link that has one, and return how the file deviates from the model.
 
-    Raises ValueError for what moves with an inertia that no body has.
+    Raises ValueError for moving bodies with an inertia that no rigid body has.
     """
     links = {link.name: link for link in model.links}
     bodies, placements = rigid_bodies(model)
@@ -40,7 +40,7 @@ def inertials(model: Model) -> tuple[dict[str, str], list[str]]:
 
 
 def _remark(body: RigidBody, found: dict[str, str] | None) -> str:
-    """What becomes of a body whose links cannot have an inertial each."""
+    """Describe what happens to a body whose links cannot have an inertial each."""
     if found is None:
         return "left out the inertia of what never moves, for no body has it"
     if np.linalg.eigvalsh(body.inertia)[0] < LEAST:
@@ -49,7 +49,7 @@ def _remark(body: RigidBody, found: dict[str, str] | None) -> str:
 
 
 def _each(links: list[Link]) -> dict[str, str] | None:
-    """An inertial for every link; None if one can have none, or none is large enough to move."""
+    """Write an inertial for every link; None if one is impossible, or none is large enough to move."""
     inertias = [inertia_matrix(link.inertia) for link in links]
     if links and max(np.linalg.eigvalsh(J)[0] for J in inertias) < LEAST:
         return None
@@ -58,7 +58,7 @@ def _each(links: list[Link]) -> dict[str, str] | None:
 
 
 def _together(body: RigidBody, first: Placement) -> dict[str, str] | None:
-    """One inertial for all links of a body, at the first of them."""
+    """Write one inertial for all links of a body, at the first of them."""
     back = first.E.T
     center = applied(back, body.center - first.r)
     J = product(product(back, body.inertia), first.E)
@@ -67,7 +67,7 @@ def _together(body: RigidBody, first: Placement) -> dict[str, str] | None:
 
 
 def _inertial(mass: float, center: tuple[float, ...], J: np.ndarray, least: float = 0.0) -> str | None:
-    """The element, with moments of no less than `least`; None for an inertia that no body has."""
+    """Write the element with moments of at least `least`; None for an inertia that no rigid body has."""
     (A, B, C), axes = np.linalg.eigh(J)
     slack = max(ROUNDING * C, LEAST)
     if mass < LEAST or A < -slack or A + B < C - slack:
@@ -84,7 +84,7 @@ def _inertial(mass: float, center: tuple[float, ...], J: np.ndarray, least: floa
 
 
 def _refusal(body: RigidBody, links: list[Link]) -> str:
-    """Why a body cannot be written, named by the first of its links that could not be by itself."""
+    """Say why a body cannot be written, naming the first link that could not be written by itself."""
     name = next((link.name for link in links if _each([link]) is None), body.links[0])
     A, B, C = np.linalg.eigvalsh(body.inertia).tolist()
     return (

@@ -1,4 +1,4 @@
-"""Numbers of a SimTwo file, each of which may be an expression of named constants."""
+"""Evaluate numbers of a SimTwo file, which may be expressions of named constants."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _OPERATORS: dict[type, Callable[..., float]] = {
 
 
 def value_of(text: str, constants: Mapping[str, float], what: str) -> float:
-    """The value of an expression; ValueError if it has none."""
+    """Evaluate an expression; raise ValueError if it has no value."""
     try:
         if len(text) > MAX_LENGTH:
             raise ValueError(f"longer than {MAX_LENGTH} characters")
@@ -73,7 +73,7 @@ def _constant(name: str, constants: Mapping[str, float]) -> float:
 
 
 def constants_of(root: Element, given: Mapping[str, float]) -> dict[str, float]:
-    """The constants that <defines> states; those given come before its <arg>, which are defaults."""
+    """Return the constants that <defines> states; those given override its <arg>, which are defaults."""
     constants = dict(given)
     for defines in root.iterfind("defines"):
         for element in defines:
@@ -84,16 +84,16 @@ def constants_of(root: Element, given: Mapping[str, float]) -> dict[str, float]:
 
 
 class Numbers:
-    """The numbers of elements, by the constants of a file."""
+    """Read numbers of elements with the constants of a file."""
 
     def __init__(self, constants: Mapping[str, float]) -> None:
         self.constants = constants
 
     def one(self, element: Element | None, name: str, default: float, what: str) -> float:
-        """An attribute of an element; the default where either is not there."""
+        """Return an attribute of an element; the default if either is missing."""
         text = None if element is None else element.get(name)
         return default if text is None else value_of(text, self.constants, f"{what}: {name}")
 
     def xyz(self, element: Element | None, what: str, default: tuple[float, ...] = (0.0, 0.0, 0.0)) -> Any:
-        """The attributes x, y and z."""
+        """Return the attributes x, y and z."""
         return tuple(self.one(element, name, value, what) for name, value in zip("xyz", default))

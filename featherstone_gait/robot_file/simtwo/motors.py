@@ -1,4 +1,4 @@
-"""Motors of SimTwo as servos.
+"""Read motors of SimTwo as servos.
 
 Sums and differences of the controllers are per tick in the program of 2012, and independent of the period here: Ki is
 ki over the period, and Kd of the PID laws kd times the period.  Of a gear, `ke` and `bv` are at the rotor's side, which
@@ -22,7 +22,7 @@ PARTS = ("motor", "rotor", "gear", "friction", "spring", "controller")
 
 
 def parts_of(element: Element, suffix: str, inherited: Mapping[str, dict[str, str]]) -> dict[str, dict[str, str]]:
-    """Attributes of the motor and what belongs to it, over those inherited from <default>."""
+    """Return attributes of a motor and its parts, over those inherited from <default>."""
     parts = {name: dict(inherited.get(name, {})) for name in PARTS}
     for child in element:
         name = child.tag.removesuffix(suffix) if suffix else child.tag
@@ -32,7 +32,7 @@ def parts_of(element: Element, suffix: str, inherited: Mapping[str, dict[str, st
 
 
 def servo_of(parts: Mapping[str, dict[str, str]], numbers: Numbers, what: str) -> Servo | None:
-    """The servo of an axis; None where the motor is switched off."""
+    """Return the servo of an axis; None if the motor is switched off."""
     read = _Reader(parts, numbers, what)
     if not read("motor", "active", 1.0):
         return None
@@ -53,7 +53,7 @@ def servo_of(parts: Mapping[str, dict[str, str]], numbers: Numbers, what: str) -
 
 
 class _Reader:
-    """Attributes of the parts as numbers."""
+    """Read attributes of the parts as numbers."""
 
     def __init__(self, parts: Mapping[str, dict[str, str]], numbers: Numbers, what: str) -> None:
         self.parts, self.numbers, self.what = parts, numbers, what
@@ -66,7 +66,7 @@ class _Reader:
 
 
 def _controller(read: _Reader, what: str) -> Controller:
-    """The law; without gains where the controller is switched off."""
+    """Return the law; without gains if the controller is switched off."""
     mode, period = read.parts["controller"].get("mode", "pidspeed"), 1e-3 * read("controller", "period", 10.0)
     if mode not in LAWS:
         raise ValueError(f"{what}: controller mode {mode!r}; expected {', '.join(LAWS)}: use one of these")

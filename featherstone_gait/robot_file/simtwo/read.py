@@ -1,4 +1,4 @@
-"""Reading a scene of SimTwo, or the file of one of its robots."""
+"""Read a scene of SimTwo, or the file of one of its robots."""
 
 from __future__ import annotations
 
@@ -52,10 +52,9 @@ class Axis(NamedTuple):
 def read_simtwo(path: Path, root: Element, base: Base | None, report: Report) -> Robot:
     """Read the robot of a scene (<scene>), or a robot's file (<robot>).
 
-    base : None is "fixed" if a joint holds the robot to the world, else "floating"
-
-    What is passed over goes into the report.  Raises ValueError for constants or a scene without meaning,
-    RobotFileError for all that is wrong with the robot, with the lines of its file.
+    base: None is "fixed" if a joint holds the robot to the world, else "floating".  What is ignored goes into the
+    report.  Raises ValueError for meaningless constants or scenes, RobotFileError for all that is wrong with the robot,
+    with the lines of its file.
     """
     scene = _Scene(path.stem, (NOTHING, NOTHING), path, Markup(root, dict(report.lines)), constants_of(root, {}))
     if root.tag == "scene":
@@ -85,7 +84,7 @@ class _Scene(NamedTuple):
 
 
 def _of_scene(path: Path, root: Element, constants: dict[str, float]) -> _Scene:
-    """The one robot of a scene."""
+    """Return the one robot of a scene."""
     robots = [element for element in root.iterfind("robot")]
     names = [_attribute(robot, "ID", "name", _attribute(robot, "ID", "value", "robot")) for robot in robots]
     if len(robots) != 1:
@@ -110,7 +109,7 @@ def _all(root: Element, tag: str) -> list[Element]:
 
 
 def _angles(element: Element, numbers: Numbers, what: str) -> tuple[float, ...]:
-    """Angles about x, y and z [rad]: the rotation is Rz Ry Rx."""
+    """Return angles about x, y and z [rad]: the rotation is Rz Ry Rx."""
     return tuple(math.radians(angle) for angle in numbers.xyz(element.find("rot_deg"), f"{what} <rot_deg>"))
 
 
@@ -118,7 +117,7 @@ def _angles(element: Element, numbers: Numbers, what: str) -> tuple[float, ...]:
 
 
 def _solids(body: Element, numbers: Numbers, report: Report) -> list[Solid]:
-    """The solids that can be; what is wrong with others is reported."""
+    """Read the valid solids; report what is wrong with others."""
     _check_solids(body, report)
     solids = []
     for element in _all(body, "solids"):
@@ -146,7 +145,7 @@ def _solid(element: Element, numbers: Numbers) -> Solid:
 
 
 def _cuboid(element: Element, numbers: Numbers, what: str) -> tuple[Geometry, tuple[float, float, float]]:
-    """A box, and its moments of inertia by its mass."""
+    """Return a box, and its moments of inertia divided by its mass."""
     x, y, z = numbers.xyz(element.find("size"), f"{what} <size>", (1.0, 1.0, 1.0))
     return Box((x, y, z)), ((y * y + z * z) / 12, (x * x + z * z) / 12, (x * x + y * y) / 12)
 
@@ -173,21 +172,21 @@ def _check_solids(body: Element, report: Report) -> None:
     elements = _all(body, "solids")
     for element in elements:
         if element.tag in UNSUPPORTED:
-            report.refuse(element, f"<{element.tag}> has no like here; remove it")
+            report.refuse(element, f"<{element.tag}> is not supported; remove it")
         if element.find("solid") is not None:
             name = _attribute(element, "ID", "value", "")
             report.refuse(element, f"solid {name!r} is placed in another's frame; give its place in the robot's")
     if not any(element.tag in SHAPES for element in elements):
         report.refuse(body, "there is no solid; a robot needs one: give the file that has <solids>")
     for wheel in body.findall("wheels/*"):
-        report.refuse(wheel, "<wheels> have no like here; describe them as cylinders with hinges")
+        report.refuse(wheel, "<wheels> are not supported; describe them as cylinders with hinges")
 
 
 # ---------------------------------------------------------------------------------------------- articulations
 
 
 def _axes(body: Element, numbers: Numbers, report: Report) -> list[Axis]:
-    """The axes of all articulations that can be, each from the link nearer to the root; others are reported."""
+    """Read the axes of all valid articulations, each from the link nearer to the root; report others."""
     names = [_attribute(element, "ID", "value", "") for element in _all(body, "solids") if element.tag in SHAPES]
     ends: dict[int, tuple[str, str]] = {}
     found = _articulations(body)
@@ -203,7 +202,7 @@ def _axes(body: Element, numbers: Numbers, report: Report) -> list[Axis]:
 
 
 def _articulations(body: Element) -> list[tuple[Element, list[dict[str, dict[str, str]]]]]:
-    """The joints, each with its motors' parts over those of the last <default>."""
+    """Return the joints, each with its motors' parts over those of the last <default>."""
     inherited: list[dict[str, dict[str, str]]] = [{}, {}]
     found = []
     for element in _all(body, "articulations"):
@@ -216,7 +215,7 @@ def _articulations(body: Element) -> list[tuple[Element, list[dict[str, dict[str
 
 
 def _ends(element: Element, names: list[str]) -> tuple[str, str]:
-    """The two bodies of a joint, the first being the one that its angle belongs to."""
+    """Return the two bodies of a joint, first the one that its angle belongs to."""
     what = f"joint {_attribute(element, 'ID', 'value', '')!r}"
     given = [_attribute(element, "connect", f"B{k}", _attribute(element, "connect", f"S{k}", "")) for k in (1, 2)]
     first, second = (WORLD if name in ("0", WORLD) and name not in names else name for name in given)
@@ -229,7 +228,7 @@ def _ends(element: Element, names: list[str]) -> tuple[str, str]:
 
 
 def _outwards(ends: Mapping[int, tuple[str, str]], root: str) -> Iterator[tuple[int, str]]:
-    """Joints in an order that begins at the root, each with its parent; then those that nothing joins to it."""
+    """Yield joints outward from the root, each with its parent; then those that nothing joins to it."""
     reached, waiting = {root}, dict(ends)
     while waiting:
         near = [k for k, pair in waiting.items() if reached & {*pair}]
@@ -243,16 +242,15 @@ def _outwards(ends: Mapping[int, tuple[str, str]], root: str) -> Iterator[tuple[
 def _axes_of(
     element: Element, parts: list[dict[str, dict[str, str]]], numbers: Numbers, ends: tuple[str, str], parent: str
 ) -> Iterator[Axis]:
-    """One axis, or the two of a universal joint with a frame without mass between them.
+    """Yield one axis, or the two of a universal joint with a massless frame between them.
 
-    An angle is that of the first body against the second, so that it counts the other way round where the first one is
-    the parent.
+    An angle is that of the first body against the second, so its sign changes if the first one is the parent.
     """
     name, kind = _attribute(element, "ID", "value", ""), _attribute(element, "type", "value", "")
     what = f"joint {name!r}"
     if kind not in TYPES:
         raise ValueError(
-            f"{what}: type {kind!r} has no like here; expected one of {', '.join(TYPES)}: use one of these"
+            f"{what}: type {kind!r} is not supported; expected one of {', '.join(TYPES)}: use one of these"
         )
     first, second = ends
     child, sign = (second, -1.0) if parent == first else (first, 1.0)
@@ -271,7 +269,7 @@ def _axes_of(
 def _motion(
     element: Element, parts: Mapping[str, dict[str, str]], numbers: Numbers, suffix: str, what: str
 ) -> tuple[tuple[float, float, float], tuple[float, float], Servo | None]:
-    """Direction, limits and servo of an axis; suffix: "2" for the second one of a universal joint."""
+    """Return direction, limits and servo of an axis; suffix: "2" for the second one of a universal joint."""
     default = (0.0, 0.0, 1.0) if suffix else (1.0, 0.0, 0.0)
     direction = numbers.xyz(element.find(f"axis{suffix}"), f"{what} <axis{suffix}>", default)
     stops = element.find(f"limits{suffix}")
@@ -291,7 +289,7 @@ def _scaled(direction: tuple[float, ...], sign: float, what: str) -> tuple[float
 
 
 def _robot(scene: _Scene, solids: list[Solid], axes: list[Axis], joints: tuple[Joint, ...], base: Base) -> Robot:
-    """Links with their frames at their joints, parallel to the robot's."""
+    """Build links with their frames at their joints, parallel to the robot's."""
     origins = _origins(axes)
     places = [(solid, _minus(solid.position, origins.get(solid.link.name, NOTHING))) for solid in solids]
     links = [replace(solid.link, center_of_mass=place) for solid, place in places]
@@ -312,12 +310,12 @@ def _robot(scene: _Scene, solids: list[Solid], axes: list[Axis], joints: tuple[J
 
 
 def _origins(axes: list[Axis]) -> dict[str, tuple[float, float, float]]:
-    """Where the frames of the links are that have a joint to their parent."""
+    """Return where the frames of links are that have a joint to their parent."""
     return {axis.child: axis.position for axis in axes}
 
 
 def _joints(axes: list[Axis], report: Report) -> tuple[Joint, ...]:
-    """The joints that can be; what is wrong with others is reported."""
+    """Build the valid joints; report what is wrong with others."""
     origins, joints = _origins(axes), []
     for axis in axes:
         with report.blaming(axis.element):
@@ -355,7 +353,7 @@ def _minus(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, float, fl
 
 
 def _quaternion(rpy: tuple[float, ...]) -> tuple[float, float, float, float]:
-    """Quaternion w x y z of roll, pitch and yaw [rad]."""
+    """Compute the quaternion w x y z of roll, pitch and yaw [rad]."""
     (cr, sr), (cp, sp), (cy, sy) = ((math.cos(angle / 2), math.sin(angle / 2)) for angle in rpy)
     return (
         cr * cp * cy + sr * sp * sy,
@@ -366,12 +364,12 @@ def _quaternion(rpy: tuple[float, ...]) -> tuple[float, float, float, float]:
 
 
 def _doubts(body: Element, numbers: Numbers, report: Report) -> list[str]:
-    """What changes the motion and is passed over."""
+    """Return what changes the motion and is ignored."""
     stiffnesses = []
     for element in body.iter():
         if element.tag in ("spring", "spring2"):
             with report.blaming(element):
                 stiffnesses.append(numbers.one(element, "k", 0.0, f"<{element.tag}>"))
     unknown = sorted({e.tag for e in _all(body, "solids") if e.tag not in (*SHAPES, *UNSUPPORTED)})
-    found = ["passed over the springs of axes: joints have none here"] if any(stiffnesses) else []
-    return found + [f"passed over <{tag}> in <solids>, which is no known solid" for tag in unknown]
+    found = ["ignored the springs of axes: not supported"] if any(stiffnesses) else []
+    return found + [f"ignored <{tag}> in <solids>, which is no known solid" for tag in unknown]
