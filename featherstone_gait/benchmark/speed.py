@@ -26,7 +26,6 @@ import numpy as np
 
 from ..base.files import FilePath
 from ..core.compile.lanes import WIDTH, aligned
-from ..core.tree import timing
 from ..core.tree.layout import Motion, Robot
 from ..dynamics import inverse_dynamics, mass_matrix
 from ..model import Model
@@ -35,6 +34,7 @@ from ..run.simulate import simulate_batch
 from ..run.trajectory import positions
 from ..scene.tree import GRAVITY, compile_tree
 from ..view.style import look
+from . import repeated
 from .case import Run, deviation, solution
 from .engines import bounded, check_order, disable, in_pinocchio, quick_mujoco, spec_of
 from .machine import machine
@@ -223,10 +223,10 @@ def _loop(call: Callable[[], object], count: int) -> Callable[[], None]:
 def _own_timers(model: Model, x: Question, answer: Answer) -> list[Timer]:
     forward, inverse = (x.q, x.qd, x.tau), (x.q, x.qd, x.qdd)
     return [
-        _timer("ABA", SCALARS, timing.repeat_aba_rows, model, forward, answer.qdd),
-        _timer("ABA", LANES, timing.repeat_aba_lanes, model, forward, answer.qdd),
-        _timer("RNEA", SCALARS, timing.repeat_rnea_rows, model, inverse, answer.tau),
-        _timer("RNEA", LANES, timing.repeat_rnea_lanes, model, inverse, answer.tau),
+        _timer("ABA", SCALARS, repeated.repeat_aba_rows, model, forward, answer.qdd),
+        _timer("ABA", LANES, repeated.repeat_aba_lanes, model, forward, answer.qdd),
+        _timer("RNEA", SCALARS, repeated.repeat_rnea_rows, model, inverse, answer.tau),
+        _timer("RNEA", LANES, repeated.repeat_rnea_lanes, model, inverse, answer.tau),
         _crba_timer(model, x.q, answer.H),
     ]
 
@@ -263,7 +263,7 @@ def _crba_timer(model: Model, q: np.ndarray, exact: np.ndarray) -> Timer:
     work, H = aligned((1, *tree.workspace_shape())), np.zeros((1, model.nv, model.nv))
     still = Motion(base, zero6, None, _filled(q[-tree.n :], ()), np.zeros((1, tree.n)), None)
     arguments = (Robot(tree.bodies, None, np.zeros(3)), still, work, H)
-    kernel, count = timing.repeat_crba_rows, _passes(model)
+    kernel, count = repeated.repeat_crba_rows, _passes(model)
     kernel(1, *arguments)
     return Timer("CRBA", SCALARS, lambda: kernel(count, *arguments), count, _error(H[0], exact))
 

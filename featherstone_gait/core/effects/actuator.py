@@ -44,17 +44,17 @@ def actuator_branch(actuator, s, i, v, w):
 
 @by_type
 def rotor_of(actuator):
-    """Records of the rotors with a field `inertia` [kg m^2], None where there are none."""
+    """Records of the rotors with a field `inertia` [kg m^2], None where there are none, as of most kinds."""
 
 
 @by_type
 def motor_of(actuator):
-    """MOTOR records, None where there are none."""
+    """MOTOR records: the field `motor`; None where there are none."""
 
 
 @by_type
 def controller_of(actuator):
-    """CONTROLLER records of what is sampled, None where nothing is."""
+    """CONTROLLER records of what is sampled: the field `controller`; None where nothing is."""
 
 
 @inline
@@ -85,8 +85,18 @@ def _no_branch(actuator, s, i, v, w):
     return 0.0 * v
 
 
-@rotor_of.of(NoneType)
+@rotor_of.otherwise
 @motor_of.of(NoneType)
 @controller_of.of(NoneType)
 def _none(actuator):
     return None
+
+
+@motor_of.otherwise
+def _motor(actuator):
+    return actuator.motor
+
+
+@controller_of.otherwise
+def _controller(actuator):
+    return actuator.controller

@@ -188,7 +188,10 @@ def friction_limits(contact, s):
 
 
 @kernel
-def _linearize(contact, s):
+def linearize_contacts(contact, s):
+    """Fill the forces and slopes at the velocities UK."""
+    if contact is None:
+        return
     C = s.C
     for c in range(len(contact.points)):
         p, u = contact.points[c], load3(C, c, UK)
@@ -199,23 +202,12 @@ def _linearize(contact, s):
         store3(C, c, C1, slope)
 
 
-@inline
-def linearize_contacts(contact, s):
-    """Fill the forces and slopes at the velocities UK."""
-    if contact is not None:
-        _linearize(contact, s)
-
-
-@inline
+@kernel
 def fold_contacts(contact, s, h):
     """Sum h J' C J and the force at the predicted velocity into the contact rows of the bodies."""
-    if contact is not None:
-        _fold_all(contact, s.scene.tree, h, s.W, s.C)
-
-
-@kernel
-def _fold_all(contact, tree, h, W, C):
-    plane = fixed_axes(contact.ground)
+    if contact is None:
+        return
+    plane, tree, W, C = fixed_axes(contact.ground), s.scene.tree, s.W, s.C
     for c in range(len(contact.points)):
         i = contact.points[c].body
         k = tree[i].contact
@@ -269,7 +261,10 @@ def _put(W, k, on, column, values):
 
 
 @kernel
-def _solved(contact, s):
+def solved_contacts(contact, s):
+    """Fill the velocities UN that the solution's dA gives the points, and the linear model's forces FL there."""
+    if contact is None:
+        return
     W, C, h = s.W, s.C, s.sub
     plane = fixed_axes(contact.ground)
     for c in range(len(contact.points)):
@@ -283,13 +278,6 @@ def _solved(contact, s):
         C[c, FL] = C[c, FK] - C[c, CN] * e[0]
         C[c, FL + 1] = C[c, FK + 1] - (C[c, C1] * e[1] + C[c, C2] * e[2])
         C[c, FL + 2] = C[c, FK + 2] - (C[c, C2] * e[1] + C[c, C3] * e[2])
-
-
-@inline
-def solved_contacts(contact, s):
-    """Fill the velocities UN that the solution's dA gives the points, and the linear model's forces FL there."""
-    if contact is not None:
-        _solved(contact, s)
 
 
 @inline

@@ -15,7 +15,7 @@ from ..compile.by_type import NoneType, by_type
 from ..compile.jit import entry, inline
 from ..compile.lanes import any_lane, clamp, gather, select, sqrt
 from ..compile.structure import structure
-from ..tree.spatial import add, cross, dot, load3, store3, vector
+from ..tree.spatial import add, choose, cross, dot, load3, store3, vector
 from .touch import deepest_point, reach
 
 PLANE = np.dtype(
@@ -119,17 +119,12 @@ def _deepest_on_field(ground, bulge, fixed, c, i, center, base_q, W, C):
     near = depth > -grid.margin
     if any_lane(near):
         x1, depth1, n1, t1 = _on_facet(bulge, ground, c, i, center, base_q, W)
-        x, n, t = _either(near, x1, x), _either(near, n1, n), _either(near, t1, t)
+        x, n, t = choose(near, x1, x), choose(near, n1, n), choose(near, t1, t)
         depth = select(near, depth1, depth)
     store3(C, c, AXES, n)
     store3(C, c, AXES + 3, t)
     store3(C, c, AXES + 6, cross(n, t))
     return x, depth
-
-
-@inline
-def _either(mask, a, b):
-    return (select(mask, a[0], b[0]), select(mask, a[1], b[1]), select(mask, a[2], b[2]))
 
 
 @inline

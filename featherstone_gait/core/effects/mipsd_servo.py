@@ -6,7 +6,7 @@ import numpy as np
 
 from ..compile.structure import structure
 from . import gearbox
-from .actuator import actuator_branch, actuator_force, actuator_rates, controller_of, motor_of, move_actuator, rotor_of
+from .actuator import actuator_branch, actuator_force, actuator_rates, move_actuator, rotor_of
 from .controller import filter_rate
 from .energies import ENERGIES, FRICTION, GEAR
 from .gearbox import gear_branch, gear_torque
@@ -78,13 +78,3 @@ def _branch(actuator, s, i, v, w):
 @rotor_of.of(MipsdServo)
 def _rotor(actuator):
     return actuator.gear
-
-
-@motor_of.of(MipsdServo)
-def _motor(actuator):
-    return actuator.motor
-
-
-@controller_of.of(MipsdServo)
-def _controller(actuator):
-    return actuator.controller

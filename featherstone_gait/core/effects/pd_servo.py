@@ -7,7 +7,7 @@ import numpy as np
 from ..compile.jit import inline
 from ..compile.lanes import clamp, select, sign_beyond
 from ..compile.structure import structure
-from .actuator import actuator_branch, actuator_force, actuator_rates, controller_of, motor_of, move_actuator, rotor_of
+from .actuator import actuator_branch, actuator_force, actuator_rates, controller_of, motor_of, move_actuator
 
 PD = np.dtype(
     [
@@ -75,7 +75,6 @@ def _branch(actuator, s, i, v, w):
     return sign_beyond(select(p.free_damping > 0.0, spring, spring - p.Kd * v), p.torque_limit)
 
 
-@rotor_of.of(PDServo)
 @motor_of.of(PDServo)
 @controller_of.of(PDServo)
 def _none(actuator):

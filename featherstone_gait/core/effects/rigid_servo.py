@@ -6,7 +6,7 @@ import numpy as np
 
 from ..compile.structure import structure
 from . import motor as dc_motor
-from .actuator import actuator_branch, actuator_force, actuator_rates, controller_of, motor_of, move_actuator, rotor_of
+from .actuator import actuator_branch, actuator_force, actuator_rates, move_actuator
 from .controller import filter_rate
 from .motor import motor_branch, motor_rates, motor_torque, move_motor
 
@@ -45,18 +45,3 @@ def _move(actuator, s, i, v, w):
 @actuator_branch.of(RigidServo)
 def _branch(actuator, s, i, v, w):
     return motor_branch(actuator.motor, s, i, v)
-
-
-@rotor_of.of(RigidServo)
-def _rotor(actuator):
-    return None
-
-
-@motor_of.of(RigidServo)
-def _motor(actuator):
-    return actuator.motor
-
-
-@controller_of.of(RigidServo)
-def _controller(actuator):
-    return actuator.controller

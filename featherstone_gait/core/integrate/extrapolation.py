@@ -233,7 +233,7 @@ def _sweep(implicit, run, t, h, count):
     ladder.kink[BEFORE] = -1.0
     for k in range(total):
         for lane in range(WIDTH):
-            _lane_inputs(run, lane, min(t + _time(ladder, lane), pace[UNTIL]))
+            _lane_inputs(run, lane, min(t + _time(ladder, lane), pace[UNTIL]), False)
         _step(implicit, run, columns)
         _look_for_kink(implicit, ladder, k, total, half)
         if implicit is not None and k == 0:
@@ -441,7 +441,7 @@ def _first_slope(implicit, run, y, t):
         for i in range(o.step_control):
             columns.y[i] = y[i]
         for lane in range(WIDTH):
-            _lane_inputs(run, lane, t)
+            _lane_inputs(run, lane, t, False)
         _slope(run, columns, columns.first)
         run.work.pace[EVALUATIONS] += 1.0
         for i in range(o.before_derived, o.after_derived):
@@ -456,63 +456,37 @@ def _set_decay(decay, actuator, columns):
 
 
 @inline
-def _lane_inputs(run, lane, t):
-    """Bring a lane's torques and references of continuous servos to the time t, if they change at all."""
+def _lane_inputs(run, lane, t, constant):
+    """Bring a lane's torques and references of continuous servos to the time t; `constant`: also those of one knot."""
     u, columns = run.signals, run.work.columns
-    _lane_torques(u.torques, u.torque_values, columns.tau, lane, t)
-    _lane_drive(u.continuous, u.reference, u.drive, columns.drive, lane, t)
+    _lane_torques(u.torques, u.torque_values, columns.tau, lane, t, constant)
+    _lane_drive(u.continuous, u.reference, u.drive, columns.drive, lane, t, constant)
 
 
 @inline
-def _lane_torques(torques, values, tau, lane, t):
+def _lane_torques(torques, values, tau, lane, t, constant):
     if torques is not None:
-        if len(torques.times) > 1:
-            _put_torques(torques, values, tau, lane, t)
+        if constant or len(torques.times) > 1:
+            evaluate(torques, t, values)
+            for i in range(len(tau)):
+                tau[i, lane] = values[i, 0]
 
 
 @inline
-def _put_torques(torques, values, tau, lane, t):
-    evaluate(torques, t, values)
-    for i in range(len(tau)):
-        tau[i, lane] = values[i, 0]
-
-
-@inline
-def _lane_drive(continuous, reference, drive, out, lane, t):
+def _lane_drive(continuous, reference, drive, out, lane, t, constant):
     if continuous is not None:
         if reference is not None:
-            if len(reference.times) > 1:
-                _put_drive(reference, drive, out, lane, t)
-
-
-@inline
-def _put_drive(reference, drive, out, lane, t):
-    evaluate(reference, t, drive)
-    for i in range(len(drive)):
-        out[i, 0, lane] = drive[i, 0]
-        out[i, 1, lane] = drive[i, 1]
+            if constant or len(reference.times) > 1:
+                evaluate(reference, t, drive)
+                for i in range(len(drive)):
+                    out[i, 0, lane] = drive[i, 0]
+                    out[i, 1, lane] = drive[i, 1]
 
 
 @begin_run.of(Ladder)
 def _begin_inputs(work, run):
-    """Torques and references that are constant."""
-    u = run.signals
     for lane in range(WIDTH):
-        _begin_torques(u.torques, u.torque_values, work.columns.tau, lane)
-        _begin_drive(u.continuous, u.reference, u.drive, work.columns.drive, lane)
-
-
-@inline
-def _begin_torques(torques, values, tau, lane):
-    if torques is not None:
-        _put_torques(torques, values, tau, lane, 0.0)
-
-
-@inline
-def _begin_drive(continuous, reference, drive, out, lane):
-    if continuous is not None:
-        if reference is not None:
-            _put_drive(reference, drive, out, lane, 0.0)
+        _lane_inputs(run, lane, 0.0, True)
 
 
 # ---------------------------------------------------------------------------------------------- extrapolation

@@ -13,13 +13,26 @@ frame a child's inertia is *added* to its parent's, with no transform.
 """
 
 from ..compile.jit import inline, kernel
-from ..compile.lanes import select
 from .coupling import couple
 from .joint import accelerate, project
 from .kinematics import base_acceleration, motion_pass
 from .layout import DINV, SF, SH, SJ, SM, TOUCH, UU, R, U
 from .rigid_body import inertial_force, mass_center
-from .spatial import about_origin, add, dot, load3, load6, load9, rotate, scale, solve6, store3, sub
+from .spatial import (
+    about_origin,
+    accumulate3,
+    add,
+    choose,
+    dot,
+    load3,
+    load6,
+    load9,
+    rotate,
+    scale,
+    solve6,
+    store3,
+    sub,
+)  # fmt: skip
 
 
 @kernel
@@ -90,9 +103,8 @@ def _with_children(b, J, h, n, f, W):
         M = (b.m, 0.0, 0.0, b.m, 0.0, b.m)
         return J, H, M, n, f
     k = b.slot
-    cJ, cM = load6(W, k, SJ), load6(W, k, SM)
-    cH = load9(W, k, SH)
-    J = (J[0] + cJ[0], J[1] + cJ[1], J[2] + cJ[2], J[3] + cJ[3], J[4] + cJ[4], J[5] + cJ[5])
+    cH, cM = load9(W, k, SH), load6(W, k, SM)
+    J = add(J[:3], load3(W, k, SJ)) + add(J[3:], load3(W, k, SJ + 3))
     H = (cH[0], cH[1] - h[2], cH[2] + h[1], cH[3] + h[2], cH[4], cH[5] - h[0], cH[6] - h[1], cH[7] + h[0], cH[8])
     M = (b.m + cM[0], cM[1], cM[2], b.m + cM[3], cM[4], b.m + cM[5])
     return J, H, M, add(n, load3(W, k, SF)), add(f, load3(W, k, SF + 3))
@@ -107,42 +119,17 @@ def _with_contacts(b, contact, W, J, H, M, n, f):
     if k == 0:
         return J, H, M, n, f
     on = W[k, TOUCH] > 0.0
-    a, c, d = load6(W, k, SJ), load9(W, k, SH), load6(W, k, SM)
-    J = (
-        select(on, J[0] + a[0], J[0]),
-        select(on, J[1] + a[1], J[1]),
-        select(on, J[2] + a[2], J[2]),
-        select(on, J[3] + a[3], J[3]),
-        select(on, J[4] + a[4], J[4]),
-        select(on, J[5] + a[5], J[5]),
-    )
-    H = (
-        select(on, H[0] + c[0], H[0]),
-        select(on, H[1] + c[1], H[1]),
-        select(on, H[2] + c[2], H[2]),
-        select(on, H[3] + c[3], H[3]),
-        select(on, H[4] + c[4], H[4]),
-        select(on, H[5] + c[5], H[5]),
-        select(on, H[6] + c[6], H[6]),
-        select(on, H[7] + c[7], H[7]),
-        select(on, H[8] + c[8], H[8]),
-    )
-    M = (
-        select(on, M[0] + d[0], M[0]),
-        select(on, M[1] + d[1], M[1]),
-        select(on, M[2] + d[2], M[2]),
-        select(on, M[3] + d[3], M[3]),
-        select(on, M[4] + d[4], M[4]),
-        select(on, M[5] + d[5], M[5]),
-    )
-    n = _choose(on, sub(n, load3(W, k, SF)), n)
-    f = _choose(on, sub(f, load3(W, k, SF + 3)), f)
+    J = _added(on, J[:3], W, k, SJ) + _added(on, J[3:], W, k, SJ + 3)
+    H = _added(on, H[:3], W, k, SH) + _added(on, H[3:6], W, k, SH + 3) + _added(on, H[6:], W, k, SH + 6)
+    M = _added(on, M[:3], W, k, SM) + _added(on, M[3:], W, k, SM + 3)
+    n = choose(on, sub(n, load3(W, k, SF)), n)
+    f = choose(on, sub(f, load3(W, k, SF + 3)), f)
     return J, H, M, n, f
 
 
 @inline
-def _choose(mask, a, b):
-    return (select(mask, a[0], b[0]), select(mask, a[1], b[1]), select(mask, a[2], b[2]))
+def _added(on, a, W, k, column):
+    return choose(on, add(a, load3(W, k, column)), a)
 
 
 @inline
@@ -150,41 +137,19 @@ def _to_parent(slot, first, IA, pA, U, Dinv, u, W):
     """Add IA - U U'/D and pA + U u/D to the parent's slot; the first child to come sets it."""
     (J, H, M), (n, f), (Un, Uf) = IA, pA, U
     Vn, Vf = scale(Un, Dinv), scale(Uf, Dinv)
-    _accumulate(W, slot, SJ + 0, first, J[0] - Vn[0] * Un[0])
-    _accumulate(W, slot, SJ + 1, first, J[1] - Vn[0] * Un[1])
-    _accumulate(W, slot, SJ + 2, first, J[2] - Vn[0] * Un[2])
-    _accumulate(W, slot, SJ + 3, first, J[3] - Vn[1] * Un[1])
-    _accumulate(W, slot, SJ + 4, first, J[4] - Vn[1] * Un[2])
-    _accumulate(W, slot, SJ + 5, first, J[5] - Vn[2] * Un[2])
-    _accumulate(W, slot, SH + 0, first, H[0] - Vn[0] * Uf[0])
-    _accumulate(W, slot, SH + 1, first, H[1] - Vn[0] * Uf[1])
-    _accumulate(W, slot, SH + 2, first, H[2] - Vn[0] * Uf[2])
-    _accumulate(W, slot, SH + 3, first, H[3] - Vn[1] * Uf[0])
-    _accumulate(W, slot, SH + 4, first, H[4] - Vn[1] * Uf[1])
-    _accumulate(W, slot, SH + 5, first, H[5] - Vn[1] * Uf[2])
-    _accumulate(W, slot, SH + 6, first, H[6] - Vn[2] * Uf[0])
-    _accumulate(W, slot, SH + 7, first, H[7] - Vn[2] * Uf[1])
-    _accumulate(W, slot, SH + 8, first, H[8] - Vn[2] * Uf[2])
-    _accumulate(W, slot, SM + 0, first, M[0] - Vf[0] * Uf[0])
-    _accumulate(W, slot, SM + 1, first, M[1] - Vf[0] * Uf[1])
-    _accumulate(W, slot, SM + 2, first, M[2] - Vf[0] * Uf[2])
-    _accumulate(W, slot, SM + 3, first, M[3] - Vf[1] * Uf[1])
-    _accumulate(W, slot, SM + 4, first, M[4] - Vf[1] * Uf[2])
-    _accumulate(W, slot, SM + 5, first, M[5] - Vf[2] * Uf[2])
-    _accumulate(W, slot, SF + 0, first, n[0] + Vn[0] * u)
-    _accumulate(W, slot, SF + 1, first, n[1] + Vn[1] * u)
-    _accumulate(W, slot, SF + 2, first, n[2] + Vn[2] * u)
-    _accumulate(W, slot, SF + 3, first, f[0] + Vf[0] * u)
-    _accumulate(W, slot, SF + 4, first, f[1] + Vf[1] * u)
-    _accumulate(W, slot, SF + 5, first, f[2] + Vf[2] * u)
+    _accumulate_symmetric(W, slot, SJ, first, J, Vn, Un)
+    accumulate3(W, slot, SH, first, sub(H[:3], scale(Uf, Vn[0])))
+    accumulate3(W, slot, SH + 3, first, sub(H[3:6], scale(Uf, Vn[1])))
+    accumulate3(W, slot, SH + 6, first, sub(H[6:], scale(Uf, Vn[2])))
+    _accumulate_symmetric(W, slot, SM, first, M, Vf, Uf)
+    accumulate3(W, slot, SF, first, add(n, scale(Vn, u)))
+    accumulate3(W, slot, SF + 3, first, add(f, scale(Vf, u)))
 
 
 @inline
-def _accumulate(W, slot, k, first, x):
-    if first:
-        W[slot, k] = x
-    else:
-        W[slot, k] += x
+def _accumulate_symmetric(W, slot, k, first, J, V, U):
+    accumulate3(W, slot, k, first, sub(J[:3], scale(U, V[0])))
+    accumulate3(W, slot, k + 3, first, (J[3] - V[1] * U[1], J[4] - V[1] * U[2], J[5] - V[2] * U[2]))
 
 
 @inline

@@ -5,7 +5,7 @@ from .joint import along, unit_momentum
 from .kinematics import motion_pass
 from .layout import SH, SJ, SM, R
 from .rigid_body import mass_center
-from .spatial import about_origin, add, cross, load3, load6, load9, rotate_back, scale, symmetric
+from .spatial import about_origin, accumulate3, add, cross, load3, load9, rotate_back, scale, symmetric
 
 
 @kernel
@@ -45,8 +45,7 @@ def _composite(b, i, W):
     J, h = about_origin(Jc, b.m, c), scale(c, b.m)
     if b.leaf:
         return J, h, b.m
-    c = load6(W, b.slot, SJ)
-    J = (J[0] + c[0], J[1] + c[1], J[2] + c[2], J[3] + c[3], J[4] + c[4], J[5] + c[5])
+    J = add(J[:3], load3(W, b.slot, SJ)) + add(J[3:], load3(W, b.slot, SJ + 3))
     return J, add(h, load3(W, b.slot, SH)), b.m + W[b.slot, SM]
 
 
@@ -65,16 +64,9 @@ def _column(tree, i, n, f, first, H, W):
 
 @inline
 def _to_parent(slot, first, J, h, m, W):
-    for k in range(6):
-        if first:
-            W[slot, SJ + k] = J[k]
-        else:
-            W[slot, SJ + k] += J[k]
-    for k in range(3):
-        if first:
-            W[slot, SH + k] = h[k]
-        else:
-            W[slot, SH + k] += h[k]
+    accumulate3(W, slot, SJ, first, J[:3])
+    accumulate3(W, slot, SJ + 3, first, J[3:])
+    accumulate3(W, slot, SH, first, h)
     if first:
         W[slot, SM] = m
     else:

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..compile.jit import entry, kernel
 from ..compile.structure import structure
-from .spatial import add, cross, dot, rotate, rotate_back, scale, sub, vector
+from .spatial import add, cross, dot, load3, load9, rotate, rotate_back, scale, store3, sub, vector
 
 SHAPE = np.dtype(
     [
@@ -179,8 +179,7 @@ def _kept(S, used):
     count = 0
     for i in range(4):
         if used >> i & 1:
-            for x in range(3):
-                S[count, x] = S[i, x]
+            store3(S, count, 0, load3(S, i, 0))
             count += 1
     return count
 
@@ -193,7 +192,7 @@ def core_distance(a, b, Ea, Eb, c, corners, S):
     """
     size = a.bound + b.bound
     v = _difference(a, b, Ea, Eb, c, corners, c)
-    S[0, 0], S[0, 1], S[0, 2] = v
+    store3(S, 0, 0, v)
     count = 1
     for _ in range(PASSES):
         square = dot(v, v)
@@ -202,7 +201,7 @@ def core_distance(a, b, Ea, Eb, c, corners, S):
         w = _difference(a, b, Ea, Eb, c, corners, scale(v, -1.0))
         if square - dot(v, w) <= GAP * square:
             break
-        S[count, 0], S[count, 1], S[count, 2] = w
+        store3(S, count, 0, w)
         nearer, used = _nearest(S, count + 1)
         if not (dot(nearer, nearer) < square):
             break
@@ -271,17 +270,12 @@ def _place(shapes, room, rotation, position):
 
 
 @kernel
-def _matrix(E):
-    return (E[0], E[1], E[2], E[3], E[4], E[5], E[6], E[7], E[8])
-
-
-@kernel
 def _distance(shapes, room, i, j, most):
     """Signed distance of shapes i and j where they have been placed [m], negative where they overlap.
 
     One that is not below `most` may be any other that is not.
     """
-    a, b, Ea, Eb = shapes.table[i], shapes.table[j], _matrix(room.E[i]), _matrix(room.E[j])
+    a, b, Ea, Eb = shapes.table[i], shapes.table[j], load9(room.E, i, 0), load9(room.E, j, 0)
     c = sub(vector(room.r[j]), vector(room.r[i]))
     distance = core_distance(a, b, Ea, Eb, c, shapes.corners, room.simplex)
     if not distance > 0.0:

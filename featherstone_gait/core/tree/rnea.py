@@ -5,7 +5,7 @@ from .joint import along
 from .kinematics import motion_pass
 from .layout import SF, R
 from .rigid_body import inertial_force, mass_center
-from .spatial import add, load3, load9, rotate_back, sub
+from .spatial import accumulate3, add, load3, load9, rotate_back, sub
 
 
 @kernel
@@ -22,7 +22,8 @@ def rnea(robot, motion, wrench, W, base_tau, tau):
         b = tree[i]
         n, f = _force(b, i, wrench, W)
         tau[b.dof] = _with_rotor(along(b, i, n, f, W), robot.armature, motion.qdd, b.dof)
-        _to_parent(tree[b.parent].slot, b.last, n, f, W)
+        accumulate3(W, tree[b.parent].slot, SF, b.last, n)
+        accumulate3(W, tree[b.parent].slot, SF + 3, b.last, f)
     _base(motion.base_q, tree[0], wrench, W, base_tau)
 
 
@@ -54,14 +55,3 @@ def _force(b, i, wrench, W):
     if b.leaf:
         return n, f
     return add(n, load3(W, b.slot, SF)), add(f, load3(W, b.slot, SF + 3))
-
-
-@inline
-def _to_parent(slot, first, n, f, W):
-    for k in range(3):
-        if first:
-            W[slot, SF + k] = n[k]
-            W[slot, SF + 3 + k] = f[k]
-        else:
-            W[slot, SF + k] += n[k]
-            W[slot, SF + 3 + k] += f[k]

@@ -4,6 +4,7 @@ Tuples live in registers; the compiler removes them.  Symmetric order: xx xy xz 
 """
 
 from ..compile.jit import inline
+from ..compile.lanes import select
 
 
 @inline
@@ -35,25 +36,24 @@ def load6(W, i, k):
 @inline
 def load9(W, i, k):
     """Nine numbers of row i from column k on."""
-    return (
-        W[i, k],
-        W[i, k + 1],
-        W[i, k + 2],
-        W[i, k + 3],
-        W[i, k + 4],
-        W[i, k + 5],
-        W[i, k + 6],
-        W[i, k + 7],
-        W[i, k + 8],
-    )
+    return load6(W, i, k) + load3(W, i, k + 6)
 
 
 @inline
 def store9(W, i, k, a):
     """Write nine numbers into row i from column k on."""
-    store3(W, i, k, (a[0], a[1], a[2]))
-    store3(W, i, k + 3, (a[3], a[4], a[5]))
-    store3(W, i, k + 6, (a[6], a[7], a[8]))
+    store3(W, i, k, a[:3])
+    store3(W, i, k + 3, a[3:6])
+    store3(W, i, k + 6, a[6:])
+
+
+@inline
+def accumulate3(W, i, k, first, a):
+    """Add three numbers to row i from column k on, or write them, if they are the first."""
+    if first:
+        store3(W, i, k, a)
+    else:
+        store3(W, i, k, add(load3(W, i, k), a))
 
 
 @inline
@@ -72,6 +72,12 @@ def sub(a, b):
 def scale(a, k):
     """k a"""
     return (a[0] * k, a[1] * k, a[2] * k)
+
+
+@inline
+def choose(mask, a, b):
+    """`a` where `mask`, else `b`"""
+    return (select(mask, a[0], b[0]), select(mask, a[1], b[1]), select(mask, a[2], b[2]))
 
 
 @inline

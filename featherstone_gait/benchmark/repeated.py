@@ -1,39 +1,43 @@
 """The algorithms again and again on the same states, for benchmarks: no call from Python, no new memory to fetch."""
 
-from ..compile.jit import entry
-from .batch import aba_lanes, aba_rows, crba_rows, rnea_lanes, rnea_rows
+from typing import Any
+
+from ..core.compile.jit import add_sources, entry
+from ..core.tree.batch import aba_lanes, aba_rows, crba_rows, rnea_lanes, rnea_rows
+
+add_sources(__name__, __file__)
 
 
 @entry
-def repeat_aba_rows(count, *arguments):
+def repeat_aba_rows(count: int, *arguments: Any) -> None:
     """`aba_rows` of the arguments, so many times."""
     for _ in range(count):
         aba_rows(*arguments)
 
 
 @entry
-def repeat_aba_lanes(count, *arguments):
+def repeat_aba_lanes(count: int, *arguments: Any) -> None:
     """`aba_lanes` of the arguments, so many times."""
     for _ in range(count):
         aba_lanes(*arguments)
 
 
 @entry
-def repeat_rnea_rows(count, *arguments):
+def repeat_rnea_rows(count: int, *arguments: Any) -> None:
     """`rnea_rows` of the arguments, so many times."""
     for _ in range(count):
         rnea_rows(*arguments)
 
 
 @entry
-def repeat_rnea_lanes(count, *arguments):
+def repeat_rnea_lanes(count: int, *arguments: Any) -> None:
     """`rnea_lanes` of the arguments, so many times."""
     for _ in range(count):
         rnea_lanes(*arguments)
 
 
 @entry
-def repeat_crba_rows(count, *arguments):
+def repeat_crba_rows(count: int, *arguments: Any) -> None:
     """`crba_rows` of the arguments, so many times."""
     for _ in range(count):
         crba_rows(*arguments)
