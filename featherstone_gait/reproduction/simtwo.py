@@ -12,14 +12,14 @@ import numpy as np
 
 from ..core.compile.by_type import by_type
 from ..core.compile.jit import add_sources, inline
-from ..core.compile.lanes import clamp, select
+from ..core.compile.lanes import clamp
 from ..core.compile.structure import structure
 from ..core.effects.actuator import motor_of
 from ..core.effects.decay import FILTER_DECAY
-from ..core.effects.energies import COPPER, DRIVER, ENERGIES, FRICTION, GEAR, METER, SUPPLY, WORK
+from ..core.effects.energies import ENERGIES, FRICTION, GEAR, WORK
 from ..core.effects.gearbox import wind_up
 from ..core.effects.mipsd_servo import MipsdServo
-from ..core.effects.motor import current_step
+from ..core.effects.motor import add_electrical, current_step
 from ..core.effects.rigid_servo import RigidServo
 from ..core.effects.supply import move_source
 from ..core.integrate import INTEGRATORS
@@ -104,11 +104,8 @@ def _current(motor: Any, s: Any, i: int, w: Any) -> Any:
     V = y[o.voltage + i]
     I, _, _ = current_step(m, s.decay, i, y[o.current + i], V, w, h)
     supply, copper = h * (V * I), h * (m.resistance * (I * I))
-    y[E + SUPPLY] += supply
-    y[E + METER] += select(supply > 0.0, supply, 0.0 * supply)
-    y[E + COPPER] += copper
     stored = 0.5 * m.inductance * (I * I - y[o.current + i] * y[o.current + i])
-    y[E + DRIVER] += supply - copper - h * (m.torque_constant * w * I) - stored
+    add_electrical(y, E, supply, copper, supply - copper - h * (m.torque_constant * w * I) - stored)
     move_source(s.scene.supply, s, i, I)
     y[o.current + i] = I
     return I

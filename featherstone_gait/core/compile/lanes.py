@@ -13,6 +13,7 @@ With the JIT off the same source runs on NumPy: a lane value is an array of leng
 
 from __future__ import annotations
 
+import functools
 import operator
 
 import llvmlite.ir as ir
@@ -361,25 +362,24 @@ def as_lanes(array):
     return array.view(LaneArray)
 
 
+def _array(context, builder, kind, source, shape, strides):
+    """A C-contiguous array of a Numba type over the memory of another one, to which it holds no reference."""
+    result, intp = context.make_array(kind)(context, builder), context.get_value_type(types.intp)
+    result.data = builder.bitcast(source.data, result.data.type)
+    result.shape, result.strides = cgutils.pack_array(builder, shape, intp), cgutils.pack_array(builder, strides, intp)
+    result.itemsize = context.get_constant(types.intp, 8 * WIDTH if kind.dtype is Lanes else 8)
+    result.nitems = functools.reduce(builder.mul, shape, context.get_constant(types.intp, 1))
+    return result._getvalue()
+
+
 @intrinsic
 def _as_lanes(typingctx, array):
     view = types.Array(Lanes, array.ndim - 1, "C")
 
     def codegen(context, builder, sig, args):
         source = context.make_array(sig.args[0])(context, builder, args[0])
-        result = context.make_array(view)(context, builder)
-        shape = cgutils.unpack_tuple(builder, source.shape)[:-1]
-        strides = cgutils.unpack_tuple(builder, source.strides)[:-1]
-        nitems = context.get_constant(types.intp, 1)
-        for n in shape:
-            nitems = builder.mul(nitems, n)
-        result.data = builder.bitcast(source.data, result.data.type)
-        intp = context.get_value_type(types.intp)
-        result.shape = cgutils.pack_array(builder, shape, intp)
-        result.strides = cgutils.pack_array(builder, strides, intp)
-        result.itemsize = context.get_constant(types.intp, 8 * WIDTH)
-        result.nitems = nitems
-        return result._getvalue()
+        shape, strides = (cgutils.unpack_tuple(builder, x)[:-1] for x in (source.shape, source.strides))
+        return _array(context, builder, view, source, shape, strides)
 
     return signature(view, array), codegen
 
@@ -410,15 +410,9 @@ def _flat(typingctx, array):
 
     def codegen(context, builder, sig, args):
         source = context.make_array(sig.args[0])(context, builder, args[0])
-        result = context.make_array(view)(context, builder)
-        width = WIDTH if sig.args[0].dtype is Lanes else 1
-        size = builder.mul(source.nitems, context.get_constant(types.intp, width))
-        result.data = builder.bitcast(source.data, result.data.type)
-        intp = context.get_value_type(types.intp)
-        result.shape = cgutils.pack_array(builder, [size], intp)
-        result.strides = cgutils.pack_array(builder, [context.get_constant(types.intp, 8)], intp)
-        result.itemsize, result.nitems = context.get_constant(types.intp, 8), size
-        return result._getvalue()
+        width = context.get_constant(types.intp, WIDTH if sig.args[0].dtype is Lanes else 1)
+        size, stride = builder.mul(source.nitems, width), context.get_constant(types.intp, 8)
+        return _array(context, builder, view, source, [size], [stride])
 
     return signature(view, array), codegen
 

@@ -313,13 +313,14 @@ def shift_contacts(contact, C, fraction, active):
     if contact is not None:
         for c in range(len(contact.points)):
             for k in range(3):
-                _shift(C, c, UK + k, UN + k, fraction, active)
-                _shift(C, c, RHO + k, FL + k, fraction, active)
+                C[c, UK + k] = shifted(C[c, UK + k], C[c, UN + k], fraction, active)
+                C[c, RHO + k] = shifted(C[c, RHO + k], C[c, FL + k], fraction, active)
 
 
 @inline
-def _shift(C, c, at, to, s, active):
-    C[c, at] = select(active, select(s < 1.0, C[c, at] + s * (C[c, to] - C[c, at]), C[c, to]), C[c, at])
+def shifted(x, to, fraction, active):
+    """x moved toward `to` by the fraction of a pass, in the lanes still at work."""
+    return select(active, select(fraction < 1.0, x + fraction * (to - x), to), x)
 
 
 @inline

@@ -121,6 +121,15 @@ def _branch_of_step(decay, m, s, i, w):
 
 
 @inline
+def add_electrical(y, E, supply, copper, driver):
+    """Add electrical energies of a step [J] to those of a joint, which start at y[E]."""
+    y[E + SUPPLY] += supply
+    y[E + METER] += select(supply > 0.0, supply, 0.0 * supply)
+    y[E + COPPER] += copper
+    y[E + DRIVER] += driver
+
+
+@inline
 def move_motor(motor, s, i, w):
     """Move the current to the end of the step, with the electrical energies; w the motor's speed."""
     _move(s.decay, motor[i], s, i, w)
@@ -138,10 +147,7 @@ def _move_stage(decay, m, s, i, w):
     E, V = o.energy + ENERGIES * i, y[o.voltage + i]
     end, used, _ = stage_current(m, decay, i, V, w)
     supply, copper = h * (V * used), h * (m.resistance * (end * end))
-    y[E + SUPPLY] += supply
-    y[E + METER] += select(supply > 0.0, supply, 0.0 * supply)
-    y[E + COPPER] += copper
-    y[E + DRIVER] += supply - copper - h * (m.torque_constant * w * used)
+    add_electrical(y, E, supply, copper, supply - copper - h * (m.torque_constant * w * used))
     move_source(s.scene.supply, s, i, used)
     y[o.current + i] = end
     decay.table[i, USED + int(decay.time[2])] = used
@@ -152,12 +158,9 @@ def _move_step(decay, m, s, i, w):
     y, o, h = s.y, s.o, s.h
     E, I, V = o.energy + ENERGIES * i, y[o.current + i], y[o.voltage + i]
     end, mean, _ = current_step(m, decay, i, I, V, w, h)
-    supply = h * (V * mean)
-    copper = h * (m.resistance * square_mean(decay, i, I, end))
-    y[E + SUPPLY] += supply
-    y[E + METER] += select(supply > 0.0, supply, 0.0 * supply)
-    y[E + COPPER] += copper
-    y[E + DRIVER] += supply - copper - h * (m.torque_constant * w * mean) - 0.5 * m.inductance * (end * end - I * I)
+    supply, copper = h * (V * mean), h * (m.resistance * square_mean(decay, i, I, end))
+    driver = supply - copper - h * (m.torque_constant * w * mean) - 0.5 * m.inductance * (end * end - I * I)
+    add_electrical(y, E, supply, copper, driver)
     move_source(s.scene.supply, s, i, mean)
     y[o.current + i] = end
 

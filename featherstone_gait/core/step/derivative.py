@@ -6,7 +6,7 @@ outputs of each evaluation.
 
 from ..compile.by_type import by_type
 from ..compile.jit import inline
-from ..compile.optional import any_present, item_or_zero, only_if, slice_if
+from ..compile.optional import item_or_zero, slice_if
 from ..effects.actuator import actuator_rates
 from ..effects.contact import contact_rates
 from ..effects.energies import ENERGIES, WORK
@@ -15,27 +15,23 @@ from ..effects.external import external_forces
 from ..effects.friction import direction, friction_rates
 from ..effects.gear_friction import GearFriction, gear_friction, stribeck
 from ..effects.stop import stop_rates
-from ..tree.aba import acceleration_pass, articulated_pass, constrain
 from ..tree.kinematics import base_acceleration, motion_pass, quaternion_rate
 from ..tree.layout import Motion
-from .newton import CJ, DIAGONAL, TAU, with_external
+from .newton import CJ, DIAGONAL, TAU, accelerations, with_external
 
 
 @inline
 def derivative(s, dy):
     """Fill dy, zero to begin with, up to the voltages; also torque, contact force and accelerations in y."""
-    scene, y, o, W, n = s.scene, s.y, s.o, s.W, len(s.scene.tree) - 1
+    scene, y, o, n = s.scene, s.y, s.o, len(s.scene.tree) - 1
     bq, bv = slice_if(scene.floating, y, o.base_q, 7), slice_if(scene.floating, y, o.base_qd, 6)
     q, v, a = y[o.q : o.q + n], y[o.qd : o.qd + n], y[o.qdd : o.qdd + n]
-    motion_pass(scene.tree, scene.gravity, Motion(bq, bv, None, q, v, None), W)
+    motion_pass(scene.tree, scene.gravity, Motion(bq, bv, None, q, v, None), s.W)
     for i in range(n):
         _joint_rates(s, dy, i)
     contact_rates(scene.contact, s, dy)
     external_forces(scene.push, scene.springs, s)
-    wrench = only_if(any_present(scene.push, scene.springs), s.F)
-    articulated_pass(scene.tree, bq, None, s.Z[TAU], _armature(scene.friction, s), wrench, scene.contact, W)
-    constrain(scene.coupling, bq, scene.contact, scene.tree, W)
-    acceleration_pass(scene.tree, W, a)
+    accelerations(_armature(scene.friction, s), scene.contact, s, a)
     _friction_of_acceleration(scene.friction, s, dy)
     for i in range(n):
         dy[o.q + i] = v[i]

@@ -35,6 +35,7 @@ from ..effects.contact import (
     linearize_contacts,
     place_contacts,
     shift_contacts,
+    shifted,
     solved_contacts,
 )
 from ..effects.external import external_forces
@@ -276,20 +277,20 @@ def _solve_free(armature, predicted, s):
         if predicted is not None:
             for i in range(n):
                 Z[TAU, i] = -armature[i] * s.y[s.o.qdd + i]
-    _articulated(armature, None, s)
+    accelerations(armature, None, s, Z[DA])
     for i in range(n):
         Z[VN, i] = Z[VP, i] + s.sub * Z[DA, i]
     s.y[s.o.newton_iterations] = s.y[s.o.newton_iterations] + 1.0
 
 
 @inline
-def _articulated(diagonal, contact, s):
-    """The two passes of the ABA that find accelerations, with what enlarges D."""
+def accelerations(diagonal, contact, s, qdd):
+    """Fill qdd (n,) by the two passes of the ABA that follow `motion_pass`; diagonal (n,) enlarges D."""
     base_q = slice_if(s.scene.floating, s.y, s.o.base_q, 7)
     wrench = only_if(any_present(s.scene.push, s.scene.springs), s.F)
     articulated_pass(s.scene.tree, base_q, None, s.Z[TAU], diagonal, wrench, contact, s.W)
     constrain(s.scene.coupling, base_q, contact, s.scene.tree, s.W)
-    acceleration_pass(s.scene.tree, s.W, s.Z[DA])
+    acceleration_pass(s.scene.tree, s.W, qdd)
 
 
 @kernel
@@ -326,7 +327,7 @@ def _solve_linear(armature, predicted, rotor, s):
             if predicted is not None:
                 Z[TAU, i] = Z[TAU, i] - armature[i] * s.y[s.o.qdd + i]
     fold_contacts(s.scene.contact, s, s.sub)
-    _articulated(Z[DIAGONAL], s.scene.contact, s)
+    accelerations(Z[DIAGONAL], s.scene.contact, s, Z[DA])
     for i in range(n):
         v = Z[VP, i] + s.sub * Z[DA, i]
         Z[VN, i] = v
@@ -403,5 +404,5 @@ def _advance(rotor, contact, s, fraction, active):
 
 
 @inline
-def _shift(Z, at, to, i, s, active):
-    Z[at, i] = select(active, select(s < 1.0, Z[at, i] + s * (Z[to, i] - Z[at, i]), Z[to, i]), Z[at, i])
+def _shift(Z, at, to, i, fraction, active):
+    Z[at, i] = shifted(Z[at, i], Z[to, i], fraction, active)
