@@ -86,21 +86,20 @@ def test_the_next_process_compiles_nothing_and_an_edited_callee_is_compiled_anew
 LAW = """
 from typing import NamedTuple
 import numpy as np
-from featherstone_gait.core.effects.actuator import actuator_force, controller_of, motor_of, move_actuator, rotor_of
+from featherstone_gait.core.effects.actuator import actuator_force, controller_of, motor_of, move_actuator
 
 class Spring(NamedTuple):
     stiffness: np.ndarray
     PARTS = ()
 
 @actuator_force.of(Spring)
-def force(actuator, s, i, v, w, T, c):
-    return T - FACTOR * actuator.stiffness[i] * s.y[s.o.q + i], 0.0, c, 0.0, 0.0
+def force(actuator, step, i, v, w, T, c):
+    return T - FACTOR * actuator.stiffness[i] * step.y[step.offsets.q + i], 0.0, c, 0.0, 0.0
 
 @move_actuator.of(Spring)
-def move(actuator, s, i, v, w):
+def move(actuator, step, i, v, w):
     pass
 
-@rotor_of.of(Spring)
 @motor_of.of(Spring)
 @controller_of.of(Spring)
 def none(actuator):
@@ -118,6 +117,16 @@ model = Model("pendulum", tuple(links), (Joint("j", "continuous", "a", "b"),))
 scene = compile_scene(model, integrator="implicit_euler")
 PLACE
 run = simulate(scene, 0.01, initial_state(scene, [0.3]))
+stats = rollout_one.stats
+print(run["q"][-1, 0].hex(), sum(stats.cache_hits.values()), sum(stats.cache_misses.values()), jit.CACHE_FOLDER)
+"""
+SERVO = """
+import featherstone_gait.reproduction
+from featherstone_gait import compile_scene, load_robot, simulate
+from featherstone_gait.core.compile import jit
+from featherstone_gait.core.integrate.rollout import rollout_one
+
+run = simulate(compile_scene(load_robot("ax12_arm"), "standard", None, INTEGRATOR, 1e-3), 0.01, estimate_error=False)
 stats = rollout_one.stats
 print(run["q"][-1, 0].hex(), sum(stats.cache_hits.values()), sum(stats.cache_misses.values()), jit.CACHE_FOLDER)
 """
@@ -139,8 +148,9 @@ def test_code_for_types_from_outside_is_never_stale_and_harms_nobody(package, tm
 
 @pytest.mark.long
 def test_kernels_of_a_package_that_adds_its_sources_are_kept_and_only_they_grow_stale(package, tmp_path):
-    cache, free = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, OUTSIDE.replace("PLACE", "")
-    paper = "import featherstone_gait.reproduction\n" + free.replace("implicit_euler", "simtwo")
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    shutil.copytree(Path(__file__).parents[1] / "robots", package / "robots")
+    free, paper = (SERVO.replace("INTEGRATOR", repr(name)) for name in ("implicit_euler", "simtwo"))
     assert [run(package, program=free, **cache)[1:3] for _ in range(2)] == [(0, 1), (1, 0)]
     first = run(package, program=paper, **cache)
     assert first[1:3] == (0, 1)

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from featherstone_gait import Reference, compile_scene, initial_state, load_robot, simulate, standing_state
 from featherstone_gait.base.files import read_csv
 from featherstone_gait.core.effects.energies import METER
-from featherstone_gait.core.effects.push import AHEAD
+from featherstone_gait.core.effects.push import EVENT_MARGIN
 from featherstone_gait.crosscheck import read_motion
 from featherstone_gait.crosscheck.in_mujoco import evaluated
 from featherstone_gait.reproduction import in_bullet as study
@@ -66,7 +66,7 @@ def test_in_free_flight_it_moves_as_in_this_package(scene):
     record = ("q", "base_q", "energy")
     exact = simulate(free, 0.3, initial_state(free, q), reference, record=record, rtol=1e-9)
     assert len(exact["q"]) == ticks + 1
-    drive, rate = evaluated(reference, 0.01 * np.arange(ticks) - free.lag + AHEAD)
+    drive, rate = evaluated(reference, 0.01 * np.arange(ticks) - free.lag + EVENT_MARGIN)
     off = []
     for timestep in (5e-4, 2.5e-4):
         machine = Machine(free, None, timestep)

@@ -211,7 +211,7 @@ def rk4_loop(steps: int, robot: Robot, h: float, z: np.ndarray, W: np.ndarray, o
 @entry
 def solve_loop(steps: int, run: Run, advances: bool | None, h: float, y: np.ndarray, out: np.ndarray) -> None:
     """The solution of an implicit step, and unless it is None what moves the state on: a step without ticks."""
-    scene, o, s = run.scene, run.places[0], run.work.scratch
+    scene, o, s = run.scene, run.offsets[0], run.work.scratch
     for k in range(steps + 1):
         out[k] = y[0]
         at = Step(scene, None, None, o, y, None, None, None, 0.0, h, h, h, 1.0, None, 1e-9, s.W, s.Z, s.C, s.F)

@@ -3,12 +3,12 @@
 Kernels state no types: Numba infers them, for plain numbers and for eight lanes from one source.  What they call by one
 name is one thing everywhere, and their docstrings explain other arguments alone:
 
-    run, s          Run, a run and what it overwrites; Step, one step or one evaluation (step/context.py)
+    run, step       Run, a run and what it overwrites; Step, one step or one evaluation (step/context.py)
     scene, plan     Scene, the constants; Plan, the course of a run in steps (both of `run`)
     work            workspace of the integrator, whose type says which it is (integrate/)
-    y, dy, o        state, its rates, and where each part of them starts: a STATE record (step/state.py)
+    y, dy, offsets  state, its rates, and where each part of them starts: a STATE record (step/state.py)
     t, length       time, and the most to go on from there [s]
-    h, sub, theta   step [s]; theta h, at whose end forces are taken [s]; 1: Euler, 1/2: midpoint
+    h, h_implicit   step [s]; theta h, at whose end forces are taken [s], theta 1: Euler, 1/2: midpoint
     i, c            index of a joint, in tree/ the row of a body; index of a contact point
     v, w            speeds of joint i and, over the gear ratio, of its rotor [rad/s or m/s]
     robot, tree     Robot; its (n + 1,) BODY records, one of which is b (tree/layout.py)

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..base.arguments import instance, one_of, real
 from ..core.effects.energies import ENERGIES, METER
-from ..core.effects.push import AHEAD
+from ..core.effects.push import EVENT_MARGIN
 from ..model import TORQUE_LAWS, ContactPoint, Link, Model, Servo, depends_on_load_or_speed
 from ..robot_file.mjcf.element import element, number, numbers
 from ..robot_file.mjcf.read import heard
@@ -97,7 +97,7 @@ def replay(
     machine, chain = _machine(scene, floor, timestep), _chain(scene, timestep)
     _place(machine, chain, q)
     ticks = math.ceil(duration / period - 1e-9)
-    drive, rate = evaluated(reference, period * np.arange(ticks) - scene.lag + AHEAD)
+    drive, rate = evaluated(reference, period * np.arange(ticks) - scene.lag + EVENT_MARGIN)
     acts = None if controller is None else _Acting(controller, scene, machine)
     rows, status = [_row(scene, machine, chain)], "ok"
     for k in range(ticks):

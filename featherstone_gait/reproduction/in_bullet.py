@@ -33,7 +33,7 @@ from scipy.linalg import expm
 from tqdm import tqdm
 
 from ..base.files import Format, read_csv, write_csv
-from ..core.effects.push import AHEAD
+from ..core.effects.push import EVENT_MARGIN
 from ..crosscheck.floors import STRIDES, WARM_UP
 from ..crosscheck.in_mujoco import RADIUS, SETTLING, TIMESTEP, evaluated, standing
 from ..crosscheck.servo_chain import ServoChain, is_gentle
@@ -280,7 +280,7 @@ def walk(scene: CompiledScene, motion: Motion, floor: Floor, strides: int = STRI
     machine = Machine(scene, floor)
     machine.place(standing(scene, angles, sinking))
     first, ticks = (math.ceil(time / machine.period - 1e-6) for time in (began, end))
-    drive, rate = evaluated(reference, machine.period * np.arange(ticks) - scene.lag + AHEAD)
+    drive, rate = evaluated(reference, machine.period * np.arange(ticks) - scene.lag + EVENT_MARGIN)
     for k in range(ticks):
         if k == first:
             place, drawn = machine.base(), machine.chain.meter.sum()

@@ -43,71 +43,73 @@ class SimTwo(NamedTuple):
 def simtwo_step(work: Any, run: Any, y: np.ndarray, t: float, theta: float) -> None:
     """One step; theta plays no part."""
     scene, h, torques = run.scene, run.plan.h, work.torques
-    o, x = run.places[0], work.scratch
+    offsets, scratch = run.offsets[0], work.scratch
     servo = Step(
-        scene=scene, actuator=scene.actuator, decay=scene.decay, o=o, y=y, tau=None, drive=None, predicted=None,
-        t=t, span=h, h=h, sub=h, theta=1.0, ahead=None, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        scene=scene, actuator=scene.actuator, decay=scene.decay, offsets=offsets, y=y, tau=None, drive=None,
+        predicted=None, t=t, span=h, h=h, h_implicit=h, theta=1.0, extrapolation_ratio=None,
+        tolerance=NEWTON_TOLERANCE, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F,
     )  # fmt: skip
     for i in range(len(torques)):
         torques[i] = _servo_torque(scene.actuator, servo, i)
     bare = Step(
-        scene=scene, actuator=None, decay=None, o=o, y=y, tau=torques, drive=None, predicted=None,
-        t=t, span=h, h=h, sub=h, theta=1.0, ahead=None, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        scene=scene, actuator=None, decay=None, offsets=offsets, y=y, tau=torques, drive=None, predicted=None,
+        t=t, span=h, h=h, h_implicit=h, theta=1.0, extrapolation_ratio=None,
+        tolerance=NEWTON_TOLERANCE, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F,
     )  # fmt: skip
     solve_step(bare)
     advance(bare)
 
 
 @inline
-def _servo_torque(actuator: Any, s: Any, i: int) -> Any:
+def _servo_torque(actuator: Any, step: Any, i: int) -> Any:
     """Torque on the joint of the whole step; the motor moves on."""
-    y, o, E = s.y, s.o, s.o.energy + ENERGIES * i
-    v = y[o.qd + i]
-    f = v + s.decay[i, FILTER_DECAY] * (y[o.filtered_speed + i] - v)
-    y[o.filtered_speed + i] = f
+    y, offsets, E = step.y, step.offsets, step.offsets.energy + ENERGIES * i
+    v = y[offsets.qd + i]
+    f = v + step.decay[i, FILTER_DECAY] * (y[offsets.filtered_speed + i] - v)
+    y[offsets.filtered_speed + i] = f
     viscous = motor_of(actuator)[i].viscous_friction * f
-    y[E + FRICTION] += s.h * (viscous * v)
-    y[E + WORK] += s.h * (viscous * v)
-    return _geared(actuator, s, i, v, f, viscous)
+    y[E + FRICTION] += step.h * (viscous * v)
+    y[E + WORK] += step.h * (viscous * v)
+    return _geared(actuator, step, i, v, f, viscous)
 
 
 @by_type
-def _geared(actuator: Any, s: Any, i: int, v: Any, f: Any, viscous: Any) -> Any:
+def _geared(actuator: Any, step: Any, i: int, v: Any, f: Any, viscous: Any) -> Any:
     """What gets through the gearbox, less the viscous friction."""
 
 
 @_geared.of(RigidServo)
-def _rigid(actuator: Any, s: Any, i: int, v: Any, f: Any, viscous: Any) -> Any:
-    return actuator.motor[i].torque_constant * _current(actuator.motor, s, i, v) - viscous
+def _rigid(actuator: Any, step: Any, i: int, v: Any, f: Any, viscous: Any) -> Any:
+    return actuator.motor[i].torque_constant * _current(actuator.motor, step, i, v) - viscous
 
 
 @_geared.of(MipsdServo)
-def _mipsd(actuator: Any, s: Any, i: int, v: Any, f: Any, viscous: Any) -> Any:
-    y, o, h, g, E = s.y, s.o, s.h, actuator.gear[i], s.o.energy + ENERGIES * i
-    w = y[o.rotor_speed + i]
-    I = _current(actuator.motor, s, i, w)
+def _mipsd(actuator: Any, step: Any, i: int, v: Any, f: Any, viscous: Any) -> Any:
+    y, offsets, h, g, E = step.y, step.offsets, step.h, actuator.gear[i], step.offsets.energy + ENERGIES * i
+    w = y[offsets.rotor_speed + i]
+    I = _current(actuator.motor, step, i, w)
     limit = 0.2 * g.inertia / (g.ratio * h)  # of the torque that the damper transmits
-    T = g.stiffness * wind_up(g, y[o.rotor + i] - y[o.q + i])
+    T = g.stiffness * wind_up(g, y[offsets.rotor + i] - y[offsets.q + i])
     B = clamp(g.damping * (w - f), -limit + 0.0 * w, limit + 0.0 * w)
     w = w + h * (actuator.motor[i].torque_constant * I - g.rotor_damping * w - (T + B)) / g.inertia
-    y[o.rotor_speed + i] = w
-    y[o.rotor + i] += h * w
+    y[offsets.rotor_speed + i] = w
+    y[offsets.rotor + i] += h * w
     y[E + GEAR] += h * (B * (w - v))
     y[E + FRICTION] += h * (g.rotor_damping * (w * w))
     return (T + B) - viscous
 
 
 @inline
-def _current(motor: Any, s: Any, i: int, w: Any) -> Any:
+def _current(motor: Any, step: Any, i: int, w: Any) -> Any:
     """Current at the end of the step [A], with the electrical energies as that program counts them."""
-    m, y, o, h, E = motor[i], s.y, s.o, s.h, s.o.energy + ENERGIES * i
-    V = y[o.voltage + i]
-    I, _, _ = current_step(m, s.decay, i, y[o.current + i], V, w, h)
+    m, y, offsets, h, E = motor[i], step.y, step.offsets, step.h, step.offsets.energy + ENERGIES * i
+    V = y[offsets.voltage + i]
+    I, _, _ = current_step(m, step.decay, i, y[offsets.current + i], V, w, h)
     supply, copper = h * (V * I), h * (m.resistance * (I * I))
-    stored = 0.5 * m.inductance * (I * I - y[o.current + i] * y[o.current + i])
+    stored = 0.5 * m.inductance * (I * I - y[offsets.current + i] * y[offsets.current + i])
     add_electrical(y, E, supply, copper, supply - copper - h * (m.torque_constant * w * I) - stored)
-    move_source(s.scene.supply, s, i, I)
-    y[o.current + i] = I
+    move_source(step.scene.supply, step, i, I)
+    y[offsets.current + i] = I
     return I
 
 

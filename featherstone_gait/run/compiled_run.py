@@ -245,7 +245,7 @@ class CompiledRun:
             floating=scene.tree.floating,
             points=0 if constants.contact is None else len(constants.contact.points),
             workspace=scene.tree.workspace_shape(),
-            places=scene.layout,
+            offsets=scene.layout,
             motors=scene.tree.n if scene.sampled else 0,
             driven=signals.tau is not None,
             stiff=scene.stiff,

@@ -135,7 +135,7 @@ class CompiledController:
             memory=memory,
             clock=zeros(3),
             state=np.zeros(length),
-            places=places,
+            offsets=places,
             reference=np.zeros(2 * n),
             own_command=np.zeros(2 * n),
             own_memory=np.zeros(self.memory),
@@ -161,7 +161,7 @@ class CompiledController:
         if program.failure[core.FAILED] == 0.0:
             return
         t, why = float(program.failure[core.WHEN]), "an exception"
-        arrays = (program.state, program.places, program.reference, program.own_command, program.own_memory)
+        arrays = (program.state, program.offsets, program.reference, program.own_command, program.own_memory)
         cause: BaseException | None = None
         try:
             self.function(t, *_views(*arrays))

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 from ..base.arguments import floats, instance, listed, one_of, real, shown, truth, whole
 from ..base.deprecated import keywords, warn
 from ..base.files import FilePath, Format, complete, read_arrays
-from ..core.effects.push import AHEAD
+from ..core.effects.push import EVENT_MARGIN
 from ..core.integrate.rollout import OK
 from ..core.step.state import BY_NAME, RECORDABLE, shaped
 from ..scene.compile import CompiledScene
@@ -177,7 +177,7 @@ class Session:
         self._closed, self._lock = False, threading.Lock()
         self._paced, self._due, self.lag = truth("pace", pace), math.nan, 0.0
         lags = np.array([run.scene.lag for run in self._runs])
-        self._lags = np.maximum(np.ceil((lags - AHEAD) / self.tick), 0).astype(int)  # in ticks
+        self._lags = np.maximum(np.ceil((lags - EVENT_MARGIN) / self.tick), 0).astype(int)  # in ticks
         self._one_lag = int(self._lags[0]) if (self._lags == self._lags[0]).all() else None
         self._issued = np.zeros((int(self._lags.max()) + 1, self.n, self.scene.tree.n))  # commands of the last ticks
         self._ticks, self._robots = 0, np.arange(self.n)

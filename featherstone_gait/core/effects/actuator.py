@@ -14,15 +14,15 @@ from ..compile.jit import inline
 
 
 @by_type
-def actuator_force(actuator, s, i, v, w, T, c):
-    """T and c plus what drives joint i at the speeds v, w of joint and rotor, at the end of the step s.
+def actuator_force(actuator, step, i, v, w, T, c):
+    """T and c plus what drives joint i at the speeds v, w of joint and rotor, at the end of the step.
 
     Returns T [N m], F [N m], c, cg and cr [N m s/rad].
     """
 
 
 @by_type
-def actuator_rates(actuator, s, dy, i, v):
+def actuator_rates(actuator, step, dy, i, v):
     """Fill the rates of the actuator's own state and energies in dy, friction's added to the joint's that stands there.
 
     Returns the torque on the joint [N m].
@@ -30,12 +30,12 @@ def actuator_rates(actuator, s, dy, i, v):
 
 
 @by_type
-def move_actuator(actuator, s, i, v, w):
-    """Move the actuator's own state to the end of the step s, whose speeds were v and w, with its energies."""
+def move_actuator(actuator, step, i, v, w):
+    """Move the actuator's own state to the end of the step, whose speeds were v and w, with its energies."""
 
 
 @by_type
-def actuator_branch(actuator, s, i, v, w):
+def actuator_branch(actuator, step, i, v, w):
     """A number for each way in which limits and teeth act at the speeds v and w, and 0 where none does.
 
     An actuator whose torque has no kinks need not answer.
@@ -58,30 +58,30 @@ def controller_of(actuator):
 
 
 @inline
-def motor_speed(rotor, o, y, i):
+def motor_speed(rotor, offsets, y, i):
     """Of a motor, at the output [rad/s]."""
     if rotor is None:
-        return y[o.qd + i]
-    return y[o.rotor_speed + i]
+        return y[offsets.qd + i]
+    return y[offsets.rotor_speed + i]
 
 
 @actuator_force.of(NoneType)
-def _no_force(actuator, s, i, v, w, T, c):
+def _no_force(actuator, step, i, v, w, T, c):
     return T, 0.0, c, 0.0, 0.0
 
 
 @actuator_rates.of(NoneType)
-def _no_rates(actuator, s, dy, i, v):
+def _no_rates(actuator, step, dy, i, v):
     return 0.0 * v
 
 
 @move_actuator.of(NoneType)
-def _nothing_moves(actuator, s, i, v, w):
+def _nothing_moves(actuator, step, i, v, w):
     pass
 
 
 @actuator_branch.otherwise
-def _no_branch(actuator, s, i, v, w):
+def _no_branch(actuator, step, i, v, w):
     return 0.0 * v
 
 

@@ -46,7 +46,7 @@ class Contact(NamedTuple):
 
     points: np.ndarray  # (points,) POINT
     ground: tuple  # one of the kinds in ground.py
-    bulge: tuple | None  # one of the kinds in touch.py; None where all are points
+    contact_geometry: tuple | None  # one of the kinds in touch.py; None where all are points
 
 
 # Columns of the scratch `C`, one row a point.
@@ -76,26 +76,26 @@ def above_ground(contact, x):
 
 
 @kernel
-def place_points(contact, s, base_q, ahead):
+def place_points(contact, step, base_q, lookahead_time):
     """Fill position, penetration and predicted velocity of every point.
 
     Base and W lie `ahead` of the step's start [s]: what the points have traveled since is taken back from the
     penetration, along the normal where they are now.
     """
-    W, C = s.W, s.C
+    W, C = step.W, step.C
     plane = fixed_axes(contact.ground)
     for c in range(len(contact.points)):
         point = contact.points[c]
         i = point.body
         center = point_position(i, vector(point.position), W)
-        x, depth = deepest(contact.ground, contact.bulge, plane, c, i, center, base_q, W, C)
+        x, depth = deepest(contact.ground, contact.contact_geometry, plane, c, i, center, base_q, W, C)
         n, t, second = axes_at(contact.ground, plane, c, C)
         v = center_velocity(i, x, W)
         store3(C, c, XP, x)
         u = (dot(n, v), dot(t, v), dot(second, v))
         store3(C, c, U0, u)
         store3(C, c, UK, u)
-        C[c, DEPTH] = depth + ahead * u[0]
+        C[c, DEPTH] = depth + lookahead_time * u[0]
 
 
 # ---------------------------------------------------------------------------------------------- law
@@ -135,16 +135,16 @@ def friction_force(p, z, u, limit, h):
 
 
 @inline
-def _bristle(s, c):
-    return s.y[s.o.tangential_deflection + 2 * c], s.y[s.o.tangential_deflection + 2 * c + 1]
+def _bristle(step, c):
+    return step.y[step.offsets.tangential_deflection + 2 * c], step.y[step.offsets.tangential_deflection + 2 * c + 1]
 
 
 @inline
-def point_force(contact, s, c, u):
+def point_force(contact, step, c, u):
     """Force on point c at the velocity u, ground's axes [N]."""
     p = contact.points[c]
-    fn, _ = normal_force(p, s.C[c, DEPTH], u[0], s.sub)
-    f, _, _ = friction_force(p, _bristle(s, c), u, s.C[c, LIMIT], s.sub)
+    fn, _ = normal_force(p, step.C[c, DEPTH], u[0], step.h_implicit)
+    f, _, _ = friction_force(p, _bristle(step, c), u, step.C[c, LIMIT], step.h_implicit)
     return (fn, f[0], f[1])
 
 
@@ -161,53 +161,53 @@ def bristle_rate(p, z, u, f, slips):
 
 
 @inline
-def place_contacts(contact, s, ahead):
+def place_contacts(contact, step, lookahead_time):
     """Fill where the points are, W lying `ahead` of the step's start [s], and how much friction they bear."""
     if contact is not None:
-        place_points(contact, s, _predicted_base(s.predicted, s), ahead)
-        friction_limits(contact, s)
+        place_points(contact, step, _predicted_base(step.predicted, step), lookahead_time)
+        friction_limits(contact, step)
 
 
 @inline
-def _predicted_base(predicted, s):
+def _predicted_base(predicted, step):
     """The base's position where W lies."""
     if predicted is None:
-        return slice_if(s.scene.floating, s.y, s.o.base_q, 7)
-    return slice_if(s.scene.floating, predicted, 2 * (len(s.scene.tree) - 1), 7)
+        return slice_if(step.scene.floating, step.y, step.offsets.base_q, 7)
+    return slice_if(step.scene.floating, predicted, 2 * (len(step.scene.tree) - 1), 7)
 
 
 @kernel
-def friction_limits(contact, s):
+def friction_limits(contact, step):
     """Fill the friction limits [N]: mu times the last normal force, at touch-down that at the predicted velocity."""
-    C = s.C
+    C = step.C
     for c in range(len(contact.points)):
         p = contact.points[c]
-        first, _ = normal_force(p, C[c, DEPTH], C[c, U0], s.sub)
-        last = s.y[s.o.contact_force + 3 * c]
+        first, _ = normal_force(p, C[c, DEPTH], C[c, U0], step.h_implicit)
+        last = step.y[step.offsets.contact_force + 3 * c]
         C[c, LIMIT] = p.friction * select(last > 0.0, last, first)
 
 
 @kernel
-def linearize_contacts(contact, s):
+def linearize_contacts(contact, step):
     """Fill the forces and slopes at the velocities UK."""
     if contact is None:
         return
-    C = s.C
+    C = step.C
     for c in range(len(contact.points)):
         p, u = contact.points[c], load3(C, c, UK)
-        fn, cn = normal_force(p, C[c, DEPTH], u[0], s.sub)
-        f, slope, _ = friction_force(p, _bristle(s, c), u, C[c, LIMIT], s.sub)
+        fn, cn = normal_force(p, C[c, DEPTH], u[0], step.h_implicit)
+        f, slope, _ = friction_force(p, _bristle(step, c), u, C[c, LIMIT], step.h_implicit)
         store3(C, c, FK, (fn, f[0], f[1]))
         C[c, CN] = cn
         store3(C, c, C1, slope)
 
 
 @kernel
-def fold_contacts(contact, s, h):
+def fold_contacts(contact, step, h):
     """Sum h J' C J and the force at the predicted velocity into the contact rows of the bodies."""
     if contact is None:
         return
-    plane, tree, W, C = fixed_axes(contact.ground), s.scene.tree, s.W, s.C
+    plane, tree, W, C = fixed_axes(contact.ground), step.scene.tree, step.W, step.C
     for c in range(len(contact.points)):
         i = contact.points[c].body
         k = tree[i].contact
@@ -261,11 +261,11 @@ def _put(W, k, on, column, values):
 
 
 @kernel
-def solved_contacts(contact, s):
+def solved_contacts(contact, step):
     """Fill the velocities UN that the solution's dA gives the points, and the linear model's forces FL there."""
     if contact is None:
         return
-    W, C, h = s.W, s.C, s.sub
+    W, C, h = step.W, step.C, step.h_implicit
     plane = fixed_axes(contact.ground)
     for c in range(len(contact.points)):
         i = contact.points[c].body
@@ -281,28 +281,28 @@ def solved_contacts(contact, s):
 
 
 @inline
-def compare_contacts(contact, s, wrong, slope, tolerance, floor):
+def compare_contacts(contact, step, wrong, slope, tolerance, floor):
     """`wrong` where the forces at UN differ from the linear model's too; `slope` of the descent with their part [W]."""
     if contact is not None:
         for c in range(len(contact.points)):
-            u = load3(s.C, c, UN)
-            f = point_force(contact, s, c, u)
-            e = sub(load3(s.C, c, FL), f)
+            u = load3(step.C, c, UN)
+            f = point_force(contact, step, c, u)
+            e = sub(load3(step.C, c, FL), f)
             size = abs(f[0]) + abs(f[1]) + abs(f[2])
             wrong = wrong | (abs(e[0]) + abs(e[1]) + abs(e[2]) > tolerance * size + floor)
-            slope = slope + dot(sub(u, load3(s.C, c, UK)), e)
+            slope = slope + dot(sub(u, load3(step.C, c, UK)), e)
     return wrong, slope
 
 
 @inline
-def contact_slope(contact, s, fraction, slope):
+def contact_slope(contact, step, fraction, slope):
     """Slope of the convex function at a fraction of the pass, with what the contacts add [W]."""
     if contact is not None:
         for c in range(len(contact.points)):
-            uk, r = load3(s.C, c, UK), load3(s.C, c, RHO)
-            p = sub(load3(s.C, c, UN), uk)
-            f = point_force(contact, s, c, add(uk, scale(p, fraction)))
-            inertial = add(r, scale(sub(load3(s.C, c, FL), r), fraction))
+            uk, r = load3(step.C, c, UK), load3(step.C, c, RHO)
+            p = sub(load3(step.C, c, UN), uk)
+            f = point_force(contact, step, c, add(uk, scale(p, fraction)))
+            inertial = add(r, scale(sub(load3(step.C, c, FL), r), fraction))
             slope = slope + dot(p, sub(inertial, f))
     return slope
 
@@ -324,72 +324,72 @@ def shifted(x, to, fraction, active):
 
 
 @inline
-def contact_branch(contact, s, c):
+def contact_branch(contact, step, c):
     """Whether the ground pushes point c: 0 no, 1 it sticks, 2 it slips."""
-    p, u = contact.points[c], load3(s.C, c, UN)
-    fn, _ = normal_force(p, s.C[c, DEPTH], u[0], s.sub)
-    _, _, slips = friction_force(p, _bristle(s, c), u, s.C[c, LIMIT], s.sub)
+    p, u = contact.points[c], load3(step.C, c, UN)
+    fn, _ = normal_force(p, step.C[c, DEPTH], u[0], step.h_implicit)
+    _, _, slips = friction_force(p, _bristle(step, c), u, step.C[c, LIMIT], step.h_implicit)
     one = 1.0 + 0.0 * fn
     return select(fn > 0.0, select(slips, 2.0 * one, one), 0.0 * fn)
 
 
 @inline
-def move_contacts(contact, s):
+def move_contacts(contact, step):
     """Move bristles, forces and the work of the ground to the end of the step."""
     if contact is not None:
         for c in range(len(contact.points)):
-            _move(contact, s, c)
+            _move(contact, step, c)
 
 
 @inline
-def _move(contact, s, c):
-    p, y, o, C = contact.points[c], s.y, s.o, s.C
+def _move(contact, step, c):
+    p, y, offsets, C = contact.points[c], step.y, step.offsets, step.C
     u = load3(C, c, UN)
-    f = point_force(contact, s, c, u)
-    y[o.contact_work] += s.h * dot(f, u)
-    z = _bristle(s, c)
-    _, _, slips = friction_force(p, z, u, C[c, LIMIT], s.sub)
-    kappa = 1.0 / (s.sub * p.tangential_stiffness + p.tangential_damping)
-    m1 = select(slips, (p.tangential_damping * z[0] - s.sub * f[1]) * kappa, z[0] + s.sub * u[1])
-    m2 = select(slips, (p.tangential_damping * z[1] - s.sub * f[2]) * kappa, z[1] + s.sub * u[2])
-    y[o.tangential_deflection + 2 * c] = z[0] + (m1 - z[0]) * (1.0 / s.theta)
-    y[o.tangential_deflection + 2 * c + 1] = z[1] + (m2 - z[1]) * (1.0 / s.theta)
+    f = point_force(contact, step, c, u)
+    y[offsets.contact_work] += step.h * dot(f, u)
+    z = _bristle(step, c)
+    _, _, slips = friction_force(p, z, u, C[c, LIMIT], step.h_implicit)
+    kappa = 1.0 / (step.h_implicit * p.tangential_stiffness + p.tangential_damping)
+    m1 = select(slips, (p.tangential_damping * z[0] - step.h_implicit * f[1]) * kappa, z[0] + step.h_implicit * u[1])
+    m2 = select(slips, (p.tangential_damping * z[1] - step.h_implicit * f[2]) * kappa, z[1] + step.h_implicit * u[2])
+    y[offsets.tangential_deflection + 2 * c] = z[0] + (m1 - z[0]) * (1.0 / step.theta)
+    y[offsets.tangential_deflection + 2 * c + 1] = z[1] + (m2 - z[1]) * (1.0 / step.theta)
     for k in range(3):
-        y[o.contact_force + 3 * c + k] = f[k]
+        y[offsets.contact_force + 3 * c + k] = f[k]
 
 
 # ---------------------------------------------------------------------------------------------- as an equation
 
 
 @inline
-def contact_rates(contact, s, dy):
+def contact_rates(contact, step, dy):
     """Fill contact forces [N], rates of the bristles [m/s] and power of the ground [W]; nothing is folded."""
     if contact is not None:
-        place_points(contact, s, slice_if(s.scene.floating, s.y, s.o.base_q, 7), 0.0)
-        dy[s.o.contact_work] = 0.0 * s.y[s.o.contact_work]
+        place_points(contact, step, slice_if(step.scene.floating, step.y, step.offsets.base_q, 7), 0.0)
+        dy[step.offsets.contact_work] = 0.0 * step.y[step.offsets.contact_work]
         for c in range(len(contact.points)):
-            _rates(contact.points[c], s, dy, c)
-        fold_contacts(contact, s, 0.0)
+            _rates(contact.points[c], step, dy, c)
+        fold_contacts(contact, step, 0.0)
 
 
 @inline
-def _rates(p, s, dy, c):
-    y, o, C = s.y, s.o, s.C
+def _rates(p, step, dy, c):
+    y, offsets, C = step.y, step.offsets, step.C
     u = load3(C, c, U0)
     fn, _ = normal_force(p, C[c, DEPTH], u[0], 0.0)
     limit = p.friction * fn
-    z = _bristle(s, c)
+    z = _bristle(step, c)
     f, _, slips = friction_force(p, z, u, limit, 0.0)
     r1, r2 = bristle_rate(p, z, u, f, slips)
-    dy[o.tangential_deflection + 2 * c] = r1
-    dy[o.tangential_deflection + 2 * c + 1] = r2
-    dy[o.contact_work] += fn * u[0] + f[0] * u[1] + f[1] * u[2]
+    dy[offsets.tangential_deflection + 2 * c] = r1
+    dy[offsets.tangential_deflection + 2 * c + 1] = r2
+    dy[offsets.contact_work] += fn * u[0] + f[0] * u[1] + f[1] * u[2]
     store3(C, c, FK, (fn, f[0], f[1]))
     for k in range(4):
         C[c, CN + k] = 0.0
     C[c, LIMIT] = limit
     for k in range(3):
-        y[o.contact_force + 3 * c + k] = C[c, FK + k]
+        y[offsets.contact_force + 3 * c + k] = C[c, FK + k]
 
 
 def explicit_limit(sinking, g):

@@ -48,50 +48,50 @@ def quantized(angle, resolution):
 
 
 @kernel
-def control_tick(controller, scene, o, reference, noise, y, period):
+def control_tick(controller, scene, offsets, reference, noise, y, period):
     """Work out the voltages [V]; reference (n, 2) angle [rad] and rate [rad/s]; period since the last tick [s].
 
     noise (n, 2) is added to the angle that the encoder sees [rad] and to the voltage [V]; None: there is none.
     """
     firmware = scene.firmware
-    apply_delayed(firmware.delay, scene, o, y, 0)
+    apply_delayed(firmware.delay, scene, offsets, y, 0)
     for i in range(len(controller)):
         c = controller[i]
-        angle = quantized(_plus(y[o.q + i], noise, i, 0), c.encoder_resolution)
-        goal, rate = goal_and_rate(firmware.profile, o, reference, y, i, period)
+        angle = quantized(_plus(y[offsets.q + i], noise, i, 0), c.encoder_resolution)
+        goal, rate = goal_and_rate(firmware.profile, offsets, reference, y, i, period)
         e = goal - angle
-        de = rate - select(c.speed_filter > 0.0, y[o.filtered_speed + i], y[o.qd + i])
+        de = rate - select(c.speed_filter > 0.0, y[offsets.filtered_speed + i], y[offsets.qd + i])
         if c.law == PID_SPEED:
             e = de
         e = beyond_margin(firmware.band, e, i)
-        integral = y[o.integral + i] + e * period
+        integral = y[offsets.integral + i] + e * period
         u = c.Kp * e + c.Ki * integral + c.Kf * goal
         limit = largest(firmware.pwm, c, i)
         if c.law == STATE_FEEDBACK:
             u = with_punch(firmware.band, u + c.Kd * de, e, i)
         else:
-            u = with_punch(firmware.band, u + c.Kd * ((e - y[o.last_error + i]) / period), e, i)
-            integral = select(abs(u) >= limit, y[o.integral + i], integral)
-        y[o.integral + i] = integral
-        y[o.last_error + i] = e
+            u = with_punch(firmware.band, u + c.Kd * ((e - y[offsets.last_error + i]) / period), e, i)
+            integral = select(abs(u) >= limit, y[offsets.integral + i], integral)
+        y[offsets.integral + i] = integral
+        y[offsets.last_error + i] = e
         u = in_counts(firmware.pwm, c, clamp(u, -limit, limit), i)
-        issue(firmware.delay, o, y, i, len(controller), _plus(u, noise, i, 1))
-    _feed_at_once(firmware.delay, scene, o, y)
+        issue(firmware.delay, offsets, y, i, len(controller), _plus(u, noise, i, 1))
+    _feed_at_once(firmware.delay, scene, offsets, y)
 
 
 @inline
-def apply_delayed(delay, scene, o, y, since):
+def apply_delayed(delay, scene, offsets, y, since):
     """Apply what was worked out a delay ago, if it is due `since` steps after a tick."""
     if delay is not None:
         if delay.shift == since:
-            apply_oldest(delay, o, y, len(controller_of(scene.actuator)))
-            feed(scene.supply, scene.actuator, o, y)
+            apply_oldest(delay, offsets, y, len(controller_of(scene.actuator)))
+            feed(scene.supply, scene.actuator, offsets, y)
 
 
 @inline
-def _feed_at_once(delay, scene, o, y):
+def _feed_at_once(delay, scene, offsets, y):
     if delay is None:
-        feed(scene.supply, scene.actuator, o, y)
+        feed(scene.supply, scene.actuator, offsets, y)
 
 
 @inline
@@ -102,11 +102,13 @@ def _plus(x, noise, i, k):
 
 
 @inline
-def filter_speed(controller, s, i):
-    """Move the filtered speed to the end of the step s."""
+def filter_speed(controller, step, i):
+    """Move the filtered speed to the end of the step."""
     if controller is not None:
-        y, o = s.y, s.o
-        y[o.filtered_speed + i] = y[o.qd + i] + filter_left(s.decay, i) * (y[o.filtered_speed + i] - y[o.qd + i])
+        y, offsets = step.y, step.offsets
+        y[offsets.filtered_speed + i] = y[offsets.qd + i] + filter_left(step.decay, i) * (
+            y[offsets.filtered_speed + i] - y[offsets.qd + i]
+        )
 
 
 @by_type
@@ -125,8 +127,10 @@ def _left_by_step(decay, i):
 
 
 @inline
-def filter_rate(controller, s, i, v):
+def filter_rate(controller, step, i, v):
     """Rate of the filtered speed [rad/s^2]."""
     time = controller[i].speed_filter
     filtered = time > 0.0
-    return select(filtered, (v - s.y[s.o.filtered_speed + i]) / select(filtered, time, 1.0 + 0.0 * v), 0.0 * v)
+    return select(
+        filtered, (v - step.y[step.offsets.filtered_speed + i]) / select(filtered, time, 1.0 + 0.0 * v), 0.0 * v
+    )

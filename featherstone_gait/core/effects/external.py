@@ -7,13 +7,13 @@ from .spring import add_springs
 
 
 @inline
-def external_forces(push, springs, s):
+def external_forces(push, springs, step):
     """Fill s.F (n + 1, 6) with what acts, as [moment; force] about the common origin; None where nothing does."""
-    _clear(any_present(push, springs), s.F)
+    _clear(any_present(push, springs), step.F)
     if push is not None:
-        add_pushes(push, s.t, s.span, s.W, s.F)
+        add_pushes(push, step.t, step.span, step.W, step.F)
     if springs is not None:
-        add_springs(springs, s.W, s.F)
+        add_springs(springs, step.W, step.F)
 
 
 @inline

@@ -56,14 +56,14 @@ class Firmware(NamedTuple):
 
 
 @inline
-def goal_and_rate(profile, o, reference, y, i, period):
+def goal_and_rate(profile, offsets, reference, y, i, period):
     """What the law follows: the reference and its rate, or the goal on its way there [rad, rad/s]."""
     if profile is None:
         return reference[i, 0], reference[i, 1]
-    speed, gap = profile[i], reference[i, 0] - y[o.profiled_reference + i]
+    speed, gap = profile[i], reference[i, 0] - y[offsets.profiled_reference + i]
     most = speed * period
-    goal = select(abs(gap) <= most, reference[i, 0], y[o.profiled_reference + i] + clamp(gap, -most, most))
-    y[o.profiled_reference + i] = goal
+    goal = select(abs(gap) <= most, reference[i, 0], y[offsets.profiled_reference + i] + clamp(gap, -most, most))
+    y[offsets.profiled_reference + i] = goal
     return goal, select(gap > most, speed, select(gap < -most, -speed, reference[i, 1]))
 
 
@@ -103,18 +103,18 @@ def in_counts(pwm, c, u, i):
 
 
 @inline
-def issue(delay, o, y, i, n, u):
+def issue(delay, offsets, y, i, n, u):
     """Voltage u of servo i, of n: it is applied, or waits as the last."""
     if delay is None:
-        y[o.voltage + i] = u
+        y[offsets.voltage + i] = u
     else:
-        y[o.delayed + (delay.slots - 1) * n + i] = u
+        y[offsets.delayed + (delay.slots - 1) * n + i] = u
 
 
 @inline
-def apply_oldest(delay, o, y, n):
+def apply_oldest(delay, offsets, y, n):
     """The voltages that have waited longest act; the others move up."""
     for i in range(n):
-        y[o.voltage + i] = y[o.delayed + i]
+        y[offsets.voltage + i] = y[offsets.delayed + i]
     for i in range((delay.slots - 1) * n):
-        y[o.delayed + i] = y[o.delayed + n + i]
+        y[offsets.delayed + i] = y[offsets.delayed + n + i]

@@ -36,19 +36,21 @@ DRY = "Coulomb friction"
 
 
 @inline
-def direction(f, s, i, v):
+def direction(f, step, i, v):
     """Which share of the budget opposes the speed v of joint i, from -1 to 1, and its slope [s/rad]; f a record."""
-    return _direction(s.ahead, f, s, i, v)
+    return _direction(step.extrapolation_ratio, f, step, i, v)
 
 
 @inline
-def _direction(ahead, f, s, i, v):
+def _direction(extrapolation_ratio, f, step, i, v):
     x, slope = _side(f, v)
-    if ahead is None:
+    if extrapolation_ratio is None:
         return x, slope
-    end, slope_end = _side(f, v + ahead * (v - s.y[s.o.qd + i]))
+    end, slope_end = _side(f, v + extrapolation_ratio * (v - step.y[step.offsets.qd + i]))
     steep = f.steepness > STEEP
-    return select(steep, 0.5 * (x + end), x), select(steep, 0.5 * (slope + (1.0 + ahead) * slope_end), slope)
+    return select(steep, 0.5 * (x + end), x), select(
+        steep, 0.5 * (slope + (1.0 + extrapolation_ratio) * slope_end), slope
+    )
 
 
 @inline
@@ -59,16 +61,16 @@ def _side(f, v):
 
 
 @by_type
-def friction_torque(friction, s, i, speed):
-    """Torque on the joint at the speed that the step s solves for [N m] and its slope -dT/d speed."""
+def friction_torque(friction, step, i, speed):
+    """Torque on the joint at the speed that the step solves for [N m] and its slope -dT/d speed."""
 
 
 @friction_torque.otherwise
-def _viscous_and_dry(friction, s, i, speed):
+def _viscous_and_dry(friction, step, i, speed):
     if friction is None:
         return 0.0, 0.0
     f = friction[i]
-    x, slope = direction(f, s, i, speed)
+    x, slope = direction(f, step, i, speed)
     return -(f.viscous_friction * speed + f.coulomb_friction * x), f.viscous_friction + f.coulomb_friction * slope
 
 
@@ -101,59 +103,59 @@ def _any_steep(friction):
 
 
 @by_type
-def snap_to_rest(friction, s, i, v, here, there):
+def snap_to_rest(friction, step, i, v, here, there):
     """v between `here` and `there`, where a Newton pass leads; that of rest if they lie beyond it and v is as near."""
 
 
 @snap_to_rest.otherwise
-def _snap(friction, s, i, v, here, there):
+def _snap(friction, step, i, v, here, there):
     if friction is None:
         return v
     f = friction[i]
-    return select((f.coulomb_friction > 0.0) & (f.steepness > STEEP), snapped(s, i, v, here, there), v)
+    return select((f.coulomb_friction > 0.0) & (f.steepness > STEEP), snapped(step, i, v, here, there), v)
 
 
 @inline
-def snapped(s, i, v, here, there):
+def snapped(step, i, v, here, there):
     """What `snap_to_rest` gives: at rest in what the step solves for, or of the midpoint rule at its end."""
     near, zero = SNAP * abs(there - here), 0.0 * v
-    v = _snapped_to_stop(s.ahead, s, i, v, here, there)
+    v = _snapped_to_stop(step.extrapolation_ratio, step, i, v, here, there)
     return select((abs(v) < near) & (here * there < 0.0), zero, v)
 
 
 @inline
-def _snapped_to_stop(ahead, s, i, v, here, there):
-    if ahead is None:
+def _snapped_to_stop(extrapolation_ratio, step, i, v, here, there):
+    if extrapolation_ratio is None:
         return v
-    near, stop = SNAP * abs(there - here), (1.0 - s.theta) * s.y[s.o.qd + i]
+    near, stop = SNAP * abs(there - here), (1.0 - step.theta) * step.y[step.offsets.qd + i]
     return select((abs(v - stop) < near) & ((here - stop) * (there - stop) < 0.0), stop + 0.0 * v, v)
 
 
 @inline
-def move_friction(friction, s, i, v):
-    """Energy that friction takes in the step s at the speed v; its torque [N m]."""
+def move_friction(friction, step, i, v):
+    """Energy that friction takes in the step at the speed v; its torque [N m]."""
     if friction is None:
         return 0.0
-    T, _ = friction_torque(friction, s, i, v)
-    s.y[s.o.energy + ENERGIES * i + LOSS] -= s.h * (T * v)
+    T, _ = friction_torque(friction, step, i, v)
+    step.y[step.offsets.energy + ENERGIES * i + LOSS] -= step.h * (T * v)
     return T
 
 
 @inline
-def friction_rates(friction, actuator, s, dy, i, v):
+def friction_rates(friction, actuator, step, dy, i, v):
     """Set the power that friction takes in dy, to which an actuator, if there is one, may add; the torque [N m]."""
     if friction is None:
-        _no_loss(actuator, s, dy, i, v)
+        _no_loss(actuator, step, dy, i, v)
         return 0.0
-    T, _ = friction_torque(friction, s, i, v)
-    dy[s.o.energy + ENERGIES * i + LOSS] = -T * v
+    T, _ = friction_torque(friction, step, i, v)
+    dy[step.offsets.energy + ENERGIES * i + LOSS] = -T * v
     return T
 
 
 @inline
-def _no_loss(actuator, s, dy, i, v):
+def _no_loss(actuator, step, dy, i, v):
     if actuator is not None:
-        dy[s.o.energy + ENERGIES * i + LOSS] = 0.0 * v
+        dy[step.offsets.energy + ENERGIES * i + LOSS] = 0.0 * v
 
 
 def explicit_limits(viscous, dry):

@@ -185,5 +185,5 @@ def _always(friction):
 
 
 @snap_to_rest.of(GearFriction)
-def _snap(friction, s, i, v, here, there):
-    return snapped(s, i, v, here, there)
+def _snap(friction, step, i, v, here, there):
+    return snapped(step, i, v, here, there)

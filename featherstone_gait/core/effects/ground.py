@@ -97,28 +97,28 @@ def _stored_axes(ground, fixed, c, C):
 
 
 @by_type
-def deepest(ground, bulge, fixed, c, i, center, base_q, W, C):
+def deepest(ground, contact_geometry, fixed, c, i, center, base_q, W, C):
     """The point of the contact c of body i that lies deepest, common frame [m], and how deep [m]."""
 
 
 @deepest.of(Plane)
-def _deepest_on_plane(ground, bulge, fixed, c, i, center, base_q, W, C):
+def _deepest_on_plane(ground, contact_geometry, fixed, c, i, center, base_q, W, C):
     n, t, _ = fixed
-    x = deepest_point(bulge, c, i, center, n, W)
+    x = deepest_point(contact_geometry, c, i, center, n, W)
     at = _in_world(base_q, x)
     return x, ground_height(ground, dot(t, at)) - dot(n, at)
 
 
 @deepest.of(Field)
-def _deepest_on_field(ground, bulge, fixed, c, i, center, base_q, W, C):
+def _deepest_on_field(ground, contact_geometry, fixed, c, i, center, base_q, W, C):
     """Far above the top it is the depth under a level plane there: nothing is looked up where no lane is near."""
     grid, up = ground.grid[0], (0.0 * center[0], 0.0 * center[0], 1.0 + 0.0 * center[0])
     at = _in_world(base_q, center)
-    depth = grid.top - (at[2] - reach(bulge, c))
-    x, n, t = deepest_point(bulge, c, i, center, up, W), up, (up[2], up[0], up[0])
+    depth = grid.top - (at[2] - reach(contact_geometry, c))
+    x, n, t = deepest_point(contact_geometry, c, i, center, up, W), up, (up[2], up[0], up[0])
     near = depth > -grid.margin
     if any_lane(near):
-        x1, depth1, n1, t1 = _on_facet(bulge, ground, c, i, center, base_q, W)
+        x1, depth1, n1, t1 = _on_facet(contact_geometry, ground, c, i, center, base_q, W)
         x, n, t = choose(near, x1, x), choose(near, n1, n), choose(near, t1, t)
         depth = select(near, depth1, depth)
     store3(C, c, AXES, n)
@@ -135,23 +135,23 @@ def _in_world(base_q, x):
 
 
 @by_type
-def _on_facet(bulge, ground, c, i, center, base_q, W):
+def _on_facet(contact_geometry, ground, c, i, center, base_q, W):
     """The deepest point, its depth along the normal under it, that normal and the first tangent."""
 
 
 @_on_facet.of(NoneType)
-def _point_on_facet(bulge, ground, c, i, center, base_q, W):
+def _point_on_facet(contact_geometry, ground, c, i, center, base_q, W):
     n, t, over = _facet(ground, _in_world(base_q, center))
     return center, -over * n[2], n, t
 
 
 @_on_facet.otherwise
-def _bulge_on_facet(bulge, ground, c, i, center, base_q, W):
+def _bulge_on_facet(contact_geometry, ground, c, i, center, base_q, W):
     """The ground under the point that is deepest as seen from the center has the tangent plane that counts."""
     n, _, _ = _facet(ground, _in_world(base_q, center))
-    guess = deepest_point(bulge, c, i, center, n, W)
+    guess = deepest_point(contact_geometry, c, i, center, n, W)
     n, t, over = _facet(ground, _in_world(base_q, guess))
-    x = deepest_point(bulge, c, i, center, n, W)
+    x = deepest_point(contact_geometry, c, i, center, n, W)
     away = (x[0] - guess[0], x[1] - guess[1], x[2] - guess[2])
     return x, -(over * n[2] + dot(n, away)), n, t
 

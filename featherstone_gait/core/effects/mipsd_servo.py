@@ -33,46 +33,46 @@ class MipsdServo(NamedTuple):
 
 
 @actuator_force.of(MipsdServo)
-def _force(actuator, s, i, v, w, T, c):
-    g, y, o = actuator.gear[i], s.y, s.o
-    torque, slope = motor_torque(actuator.motor, s, i, w)
-    e = y[o.rotor + i] - y[o.q + i] + s.sub * (w - v)
-    Tg, cg, _ = gear_torque(g, e, w - v, s.sub)
+def _force(actuator, step, i, v, w, T, c):
+    g, y, offsets = actuator.gear[i], step.y, step.offsets
+    torque, slope = motor_torque(actuator.motor, step, i, w)
+    e = y[offsets.rotor + i] - y[offsets.q + i] + step.h_implicit * (w - v)
+    Tg, cg, _ = gear_torque(g, e, w - v, step.h_implicit)
     F = torque - g.rotor_damping * w - Tg
     return T + Tg, F, c, cg, slope + g.rotor_damping
 
 
 @actuator_rates.of(MipsdServo)
-def _rates(actuator, s, dy, i, v):
-    g, y, o, E = actuator.gear[i], s.y, s.o, s.o.energy + ENERGIES * i
-    dy[o.filtered_speed + i] = filter_rate(actuator.controller, s, i, v)
-    w = y[o.rotor_speed + i]
-    T, _, loss = gear_torque(g, y[o.rotor + i] - y[o.q + i], w - v, 0.0)
-    F = motor_rates(actuator.motor, s, dy, i, w) - g.rotor_damping * w - T
-    dy[o.rotor + i] = w
-    dy[o.rotor_speed + i] = F / g.inertia
+def _rates(actuator, step, dy, i, v):
+    g, y, offsets, E = actuator.gear[i], step.y, step.offsets, step.offsets.energy + ENERGIES * i
+    dy[offsets.filtered_speed + i] = filter_rate(actuator.controller, step, i, v)
+    w = y[offsets.rotor_speed + i]
+    T, _, loss = gear_torque(g, y[offsets.rotor + i] - y[offsets.q + i], w - v, 0.0)
+    F = motor_rates(actuator.motor, step, dy, i, w) - g.rotor_damping * w - T
+    dy[offsets.rotor + i] = w
+    dy[offsets.rotor_speed + i] = F / g.inertia
     dy[E + GEAR] = loss
     dy[E + FRICTION] += g.rotor_damping * (w * w)
     return T
 
 
 @move_actuator.of(MipsdServo)
-def _move(actuator, s, i, v, w):
-    g, y, o, E = actuator.gear[i], s.y, s.o, s.o.energy + ENERGIES * i
-    e = y[o.rotor + i] - y[o.q + i] + s.sub * (w - v)
-    _, _, loss = gear_torque(g, e, w - v, s.sub)
-    y[E + GEAR] += s.h * loss
-    y[E + FRICTION] += s.h * (g.rotor_damping * (w * w))
-    move_motor(actuator.motor, s, i, w)
-    y[o.rotor + i] += s.h * w
-    y[o.rotor_speed + i] += (w - y[o.rotor_speed + i]) * (1.0 / s.theta)
+def _move(actuator, step, i, v, w):
+    g, y, offsets, E = actuator.gear[i], step.y, step.offsets, step.offsets.energy + ENERGIES * i
+    e = y[offsets.rotor + i] - y[offsets.q + i] + step.h_implicit * (w - v)
+    _, _, loss = gear_torque(g, e, w - v, step.h_implicit)
+    y[E + GEAR] += step.h * loss
+    y[E + FRICTION] += step.h * (g.rotor_damping * (w * w))
+    move_motor(actuator.motor, step, i, w)
+    y[offsets.rotor + i] += step.h * w
+    y[offsets.rotor_speed + i] += (w - y[offsets.rotor_speed + i]) * (1.0 / step.theta)
 
 
 @actuator_branch.of(MipsdServo)
-def _branch(actuator, s, i, v, w):
-    g, y, o = actuator.gear[i], s.y, s.o
-    e = y[o.rotor + i] - y[o.q + i] + s.sub * (w - v)
-    return motor_branch(actuator.motor, s, i, w) + 5.0 * gear_branch(g, e, w - v)
+def _branch(actuator, step, i, v, w):
+    g, y, offsets = actuator.gear[i], step.y, step.offsets
+    e = y[offsets.rotor + i] - y[offsets.q + i] + step.h_implicit * (w - v)
+    return motor_branch(actuator.motor, step, i, w) + 5.0 * gear_branch(g, e, w - v)
 
 
 @rotor_of.of(MipsdServo)

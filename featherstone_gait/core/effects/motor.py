@@ -67,54 +67,56 @@ def current_rate(m, current, voltage, speed):
 
 
 @inline
-def motor_torque(motor, s, i, w):
+def motor_torque(motor, step, i, w):
     """Mean torque over the step at the motor's speed w [N m] and its slope [N m s/rad]."""
     m = motor[i]
-    mean, slope = _mean_current(s.decay, m, s, i, w)
+    mean, slope = _mean_current(step.decay, m, step, i, w)
     return m.torque_constant * mean, m.torque_constant * slope
 
 
 @by_type
-def _mean_current(decay, m, s, i, w):
+def _mean_current(decay, m, step, i, w):
     """The current of which the torque is [A], and its slope [A s/rad]."""
 
 
 @_mean_current.of(MotorStage)
-def _stage_mean(decay, m, s, i, w):
-    _, mean, slope = stage_current(m, decay, i, s.y[s.o.voltage + i], w)
+def _stage_mean(decay, m, step, i, w):
+    _, mean, slope = stage_current(m, decay, i, step.y[step.offsets.voltage + i], w)
     return mean, slope
 
 
 @_mean_current.otherwise
-def _step_mean(decay, m, s, i, w):
-    _, mean, slope = current_step(m, decay, i, s.y[s.o.current + i], s.y[s.o.voltage + i], w, s.h)
+def _step_mean(decay, m, step, i, w):
+    _, mean, slope = current_step(
+        m, decay, i, step.y[step.offsets.current + i], step.y[step.offsets.voltage + i], w, step.h
+    )
     return mean, slope
 
 
 @inline
-def motor_branch(motor, s, i, w):
+def motor_branch(motor, step, i, w):
     """What limits the current at the motor's speed w: 1 its rate, 2 the current itself, of either sign, or 0."""
-    return _branch(s.decay, motor[i], s, i, w)
+    return _branch(step.decay, motor[i], step, i, w)
 
 
 @by_type
-def _branch(decay, m, s, i, w):
+def _branch(decay, m, step, i, w):
     pass
 
 
 @_branch.of(MotorStage)
-def _branch_of_stage(decay, m, s, i, w):
+def _branch_of_stage(decay, m, step, i, w):
     """Where the rate limits, its course is exact."""
-    end, _, _ = stage_current(m, decay, i, s.y[s.o.voltage + i], w)
+    end, _, _ = stage_current(m, decay, i, step.y[step.offsets.voltage + i], w)
     if abs(end) < m.current_limit:
         return 0.0
     return 2.0 if end > 0.0 else -2.0
 
 
 @_branch.otherwise
-def _branch_of_step(decay, m, s, i, w):
-    I = s.y[s.o.current + i]
-    end, _, slope = current_step(m, decay, i, I, s.y[s.o.voltage + i], w, s.h)
+def _branch_of_step(decay, m, step, i, w):
+    I = step.y[step.offsets.current + i]
+    end, _, slope = current_step(m, decay, i, I, step.y[step.offsets.voltage + i], w, step.h)
     one = 1.0 + 0.0 * end
     size = select(abs(end) < m.current_limit, one, 2.0 * one)
     return select(slope == 0.0, select(end > I, size, -size), 0.0 * end)
@@ -130,54 +132,54 @@ def add_electrical(y, E, supply, copper, driver):
 
 
 @inline
-def move_motor(motor, s, i, w):
+def move_motor(motor, step, i, w):
     """Move the current to the end of the step, with the electrical energies; w the motor's speed."""
-    _move(s.decay, motor[i], s, i, w)
+    _move(step.decay, motor[i], step, i, w)
 
 
 @by_type
-def _move(decay, m, s, i, w):
+def _move(decay, m, step, i, w):
     pass
 
 
 @_move.of(MotorStage)
-def _move_stage(decay, m, s, i, w):
+def _move_stage(decay, m, step, i, w):
     """Of the magnetic energy the integrator takes account, over the whole step."""
-    y, o, h = s.y, s.o, s.h
-    E, V = o.energy + ENERGIES * i, y[o.voltage + i]
+    y, offsets, h = step.y, step.offsets, step.h
+    E, V = offsets.energy + ENERGIES * i, y[offsets.voltage + i]
     end, used, _ = stage_current(m, decay, i, V, w)
     supply, copper = h * (V * used), h * (m.resistance * (end * end))
     add_electrical(y, E, supply, copper, supply - copper - h * (m.torque_constant * w * used))
-    move_source(s.scene.supply, s, i, used)
-    y[o.current + i] = end
+    move_source(step.scene.supply, step, i, used)
+    y[offsets.current + i] = end
     decay.table[i, USED + int(decay.time[2])] = used
 
 
 @_move.otherwise
-def _move_step(decay, m, s, i, w):
-    y, o, h = s.y, s.o, s.h
-    E, I, V = o.energy + ENERGIES * i, y[o.current + i], y[o.voltage + i]
+def _move_step(decay, m, step, i, w):
+    y, offsets, h = step.y, step.offsets, step.h
+    E, I, V = offsets.energy + ENERGIES * i, y[offsets.current + i], y[offsets.voltage + i]
     end, mean, _ = current_step(m, decay, i, I, V, w, h)
     supply, copper = h * (V * mean), h * (m.resistance * square_mean(decay, i, I, end))
     driver = supply - copper - h * (m.torque_constant * w * mean) - 0.5 * m.inductance * (end * end - I * I)
     add_electrical(y, E, supply, copper, driver)
-    move_source(s.scene.supply, s, i, mean)
-    y[o.current + i] = end
+    move_source(step.scene.supply, step, i, mean)
+    y[offsets.current + i] = end
 
 
 @inline
-def motor_rates(motor, s, dy, i, w):
+def motor_rates(motor, step, dy, i, w):
     """Fill the rates of current and electrical energies; return the torque [N m]."""
-    m, y, o = motor[i], s.y, s.o
-    E, V = o.energy + ENERGIES * i, y[o.voltage + i]
-    I, rate = current_rate(m, y[o.current + i], V, w)
-    dy[o.current + i] = rate
+    m, y, offsets = motor[i], step.y, step.offsets
+    E, V = offsets.energy + ENERGIES * i, y[offsets.voltage + i]
+    I, rate = current_rate(m, y[offsets.current + i], V, w)
+    dy[offsets.current + i] = rate
     supply, copper = V * I, m.resistance * (I * I)
     dy[E + SUPPLY] = supply
     dy[E + METER] = select(supply > 0.0, supply, 0.0 * supply)
     dy[E + COPPER] = copper
     dy[E + DRIVER] = supply - copper - m.torque_constant * w * I - m.inductance * I * rate
-    source_rate(s.scene.supply, s, dy, i, I)
+    source_rate(step.scene.supply, step, dy, i, I)
     return m.torque_constant * I
 
 

@@ -35,43 +35,43 @@ class PDServo(NamedTuple):
 
 
 @inline
-def pd_torque(p, angle, v, reference, sub):
+def pd_torque(p, angle, v, reference, h_implicit):
     """Kp e - Kd v [N m] of the record p, clamped whole or with the damping outside, and its slope [N m s/rad].
 
     The spring acts at the end of the step where it must.
     """
-    e = reference - angle - p.fold * sub * v
+    e = reference - angle - p.fold * h_implicit * v
     outside = p.free_damping > 0.0
     spring = p.Kp * e
     inner = select(outside, spring, spring - p.Kd * v)
     held = clamp(inner, -p.torque_limit, p.torque_limit)
     free = held == inner
-    stiff = select(free, p.Kp * p.fold * sub + 0.0 * v, 0.0 * v)
+    stiff = select(free, p.Kp * p.fold * h_implicit + 0.0 * v, 0.0 * v)
     slope = stiff + select(free | outside, p.Kd + 0.0 * v, 0.0 * v)
     return select(outside, held - p.Kd * v, held), slope
 
 
 @actuator_force.of(PDServo)
-def _force(actuator, s, i, v, w, T, c):
-    torque, slope = pd_torque(actuator.pd[i], s.y[s.o.q + i], v, s.drive[i, 0], s.sub)
+def _force(actuator, step, i, v, w, T, c):
+    torque, slope = pd_torque(actuator.pd[i], step.y[step.offsets.q + i], v, step.drive[i, 0], step.h_implicit)
     return T + torque, 0.0, c + slope, 0.0, 0.0
 
 
 @actuator_rates.of(PDServo)
-def _rates(actuator, s, dy, i, v):
-    torque, _ = pd_torque(actuator.pd[i], s.y[s.o.q + i], v, s.drive[i, 0], 0.0)
+def _rates(actuator, step, dy, i, v):
+    torque, _ = pd_torque(actuator.pd[i], step.y[step.offsets.q + i], v, step.drive[i, 0], 0.0)
     return torque
 
 
 @move_actuator.of(PDServo)
-def _move(actuator, s, i, v, w):
+def _move(actuator, step, i, v, w):
     pass
 
 
 @actuator_branch.of(PDServo)
-def _branch(actuator, s, i, v, w):
+def _branch(actuator, step, i, v, w):
     p = actuator.pd[i]
-    spring = p.Kp * (s.drive[i, 0] - s.y[s.o.q + i] - p.fold * s.sub * v)
+    spring = p.Kp * (step.drive[i, 0] - step.y[step.offsets.q + i] - p.fold * step.h_implicit * v)
     return sign_beyond(select(p.free_damping > 0.0, spring, spring - p.Kd * v), p.torque_limit)
 
 

@@ -6,7 +6,7 @@ from ..compile.jit import inline, kernel
 from ..tree.rigid_body import point_position
 from ..tree.spatial import add, cross, scale, vector
 
-AHEAD = 1e-12  # [s]: an event that falls on a time is over there, whichever of both was rounded down
+EVENT_MARGIN = 1e-12  # [s]: an event that falls on a time is over there, whichever of both was rounded down
 
 PUSH = np.dtype(
     [
@@ -52,6 +52,6 @@ def next_edge(push, t):
     edge = 1e300
     for j in range(len(push)):
         for when in (push[j].start, push[j].end):
-            if when > t + AHEAD:
+            if when > t + EVENT_MARGIN:
                 edge = min(edge, when)
     return edge

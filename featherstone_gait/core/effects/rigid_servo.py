@@ -26,22 +26,22 @@ class RigidServo(NamedTuple):
 
 
 @actuator_force.of(RigidServo)
-def _force(actuator, s, i, v, w, T, c):
-    torque, slope = motor_torque(actuator.motor, s, i, v)
+def _force(actuator, step, i, v, w, T, c):
+    torque, slope = motor_torque(actuator.motor, step, i, v)
     return T + torque, 0.0, c + slope, 0.0, 0.0
 
 
 @actuator_rates.of(RigidServo)
-def _rates(actuator, s, dy, i, v):
-    dy[s.o.filtered_speed + i] = filter_rate(actuator.controller, s, i, v)
-    return motor_rates(actuator.motor, s, dy, i, v)
+def _rates(actuator, step, dy, i, v):
+    dy[step.offsets.filtered_speed + i] = filter_rate(actuator.controller, step, i, v)
+    return motor_rates(actuator.motor, step, dy, i, v)
 
 
 @move_actuator.of(RigidServo)
-def _move(actuator, s, i, v, w):
-    move_motor(actuator.motor, s, i, v)
+def _move(actuator, step, i, v, w):
+    move_motor(actuator.motor, step, i, v)
 
 
 @actuator_branch.of(RigidServo)
-def _branch(actuator, s, i, v, w):
-    return motor_branch(actuator.motor, s, i, v)
+def _branch(actuator, step, i, v, w):
+    return motor_branch(actuator.motor, step, i, v)

@@ -44,22 +44,22 @@ def stop_branch(stops, i, angle, speed, h):
 
 
 @inline
-def move_stop(stops, s, i, v):
-    """Work done on the stops in the step s at the speed v; their torque [N m]."""
+def move_stop(stops, step, i, v):
+    """Work done on the stops in the step at the speed v; their torque [N m]."""
     if stops is None:
         return 0.0
-    T, _ = stop_torque(stops, i, s.y[s.o.q + i], v, s.sub)
-    s.y[s.o.energy + ENERGIES * i + STOPS] -= s.h * (T * v)
+    T, _ = stop_torque(stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
+    step.y[step.offsets.energy + ENERGIES * i + STOPS] -= step.h * (T * v)
     return T
 
 
 @inline
-def stop_rates(stops, s, dy, i, v):
+def stop_rates(stops, step, dy, i, v):
     """Power done on the stops, in dy; their torque [N m]."""
     if stops is None:
         return 0.0
-    T, _ = stop_torque(stops, i, s.y[s.o.q + i], v, 0.0)
-    dy[s.o.energy + ENERGIES * i + STOPS] = -T * v
+    T, _ = stop_torque(stops, i, step.y[step.offsets.q + i], v, 0.0)
+    dy[step.offsets.energy + ENERGIES * i + STOPS] = -T * v
     return T
 
 

@@ -30,31 +30,31 @@ TOLERANCE = 1e-13  # of V0, that the equation may miss
 
 
 @inline
-def feed(supply, actuator, o, y):
+def feed(supply, actuator, offsets, y):
     """Turn the voltages that controllers ask for, at their nominal supply, into those that the source gives."""
     if supply is not None:
-        _feed(supply, actuator, o, y)
+        _feed(supply, actuator, offsets, y)
 
 
 @kernel
-def _feed(supply, actuator, o, y):
+def _feed(supply, actuator, offsets, y):
     controller, motor = controller_of(actuator), motor_of(actuator)
     for i in range(len(motor)):
-        nominal, u = controller[i].voltage_limit, y[o.voltage + i]
+        nominal, u = controller[i].voltage_limit, y[offsets.voltage + i]
         one = 1.0 + 0.0 * u
-        y[o.duty + i] = select(nominal > 0.0, u / select(nominal > 0.0, nominal * one, one), 0.0 * u)
-    V = _bus(supply[0], motor, rotor_of(actuator), o, y)
-    y[o.bus_voltage] = V
+        y[offsets.duty + i] = select(nominal > 0.0, u / select(nominal > 0.0, nominal * one, one), 0.0 * u)
+    V = _bus(supply[0], motor, rotor_of(actuator), offsets, y)
+    y[offsets.bus_voltage] = V
     for i in range(len(motor)):
-        y[o.voltage + i] = y[o.duty + i] * V
+        y[offsets.voltage + i] = y[offsets.duty + i] * V
 
 
 @inline
-def _bus(source, motor, rotor, o, y):
+def _bus(source, motor, rotor, offsets, y):
     """V by Newton's method, within a bracket: the slope of what the equation misses is at least 1."""
-    V0, R = source.voltage + 0.0 * y[o.bus_voltage], source.resistance
+    V0, R = source.voltage + 0.0 * y[offsets.bus_voltage], source.resistance
     V, none = V0, 0.0 * V0
-    drawn, slope = _drawn(motor, rotor, o, y, V)
+    drawn, slope = _drawn(motor, rotor, offsets, y, V)
     miss = R * drawn
     low = V0 - select(miss > 0.0, miss, none)
     high = V0 - select(miss < 0.0, miss, none)
@@ -65,19 +65,19 @@ def _bus(source, motor, rotor, o, y):
         better = V - miss / (1.0 + R * slope)
         better = select((better > low) & (better < high), better, 0.5 * (low + high))
         V = select(found, V, better)
-        drawn, slope = _drawn(motor, rotor, o, y, V)
+        drawn, slope = _drawn(motor, rotor, offsets, y, V)
         miss = (V - V0) + R * drawn
         low, high = select(miss < 0.0, V, low), select(miss > 0.0, V, high)
     return select(V > 0.0, V, none)
 
 
 @inline
-def _drawn(motor, rotor, o, y, V):
+def _drawn(motor, rotor, offsets, y, V):
     """Current that the servos draw from a bus at V [A], and its slope [A/V]."""
     drawn, slope = 0.0 * V, 0.0 * V
     for i in range(len(motor)):
-        m, d = motor[i], y[o.duty + i]
-        free = (d * V - m.torque_constant * motor_speed(rotor, o, y, i)) / m.resistance
+        m, d = motor[i], y[offsets.duty + i]
+        free = (d * V - m.torque_constant * motor_speed(rotor, offsets, y, i)) / m.resistance
         I = clamp(free, -m.current_limit, m.current_limit)
         drawn = drawn + d * I
         slope = slope + select(I == free, d * d / m.resistance, 0.0 * V)
@@ -85,20 +85,20 @@ def _drawn(motor, rotor, o, y, V):
 
 
 @inline
-def move_source(supply, s, i, I):
-    """What the source's resistance takes over the step s of what servo i draws, whose mean current is I [A]."""
+def move_source(supply, step, i, I):
+    """What the source's resistance takes over the step of what servo i draws, whose mean current is I [A]."""
     if supply is not None:
-        s.y[s.o.source_loss] += s.h * _lost(supply, s, i, I)
+        step.y[step.offsets.source_loss] += step.h * _lost(supply, step, i, I)
 
 
 @inline
-def source_rate(supply, s, dy, i, I):
+def source_rate(supply, step, dy, i, I):
     """The same as a rate in dy, of all servos from the first to this one."""
     if supply is not None:
-        power = _lost(supply, s, i, I)
-        dy[s.o.source_loss] = power if i == 0 else dy[s.o.source_loss] + power
+        power = _lost(supply, step, i, I)
+        dy[step.offsets.source_loss] = power if i == 0 else dy[step.offsets.source_loss] + power
 
 
 @inline
-def _lost(supply, s, i, I):
-    return (supply[0].voltage - s.y[s.o.bus_voltage]) * (s.y[s.o.duty + i] * I)
+def _lost(supply, step, i, I):
+    return (supply[0].voltage - step.y[step.offsets.bus_voltage]) * (step.y[step.offsets.duty + i] * I)

@@ -46,23 +46,23 @@ class Discs(NamedTuple):
 
 
 @by_type
-def deepest_point(bulge, c, i, center, n, W):
+def deepest_point(contact_geometry, c, i, center, n, W):
     """Where the body i's contact c about the center [m] reaches deepest against the normal n [m]."""
 
 
 @deepest_point.of(NoneType)
-def _point(bulge, c, i, center, n, W):
+def _point(contact_geometry, c, i, center, n, W):
     return center
 
 
 @deepest_point.of(Spheres)
-def _sphere(bulge, c, i, center, n, W):
-    return sub(center, scale(n, bulge.radius[c]))
+def _sphere(contact_geometry, c, i, center, n, W):
+    return sub(center, scale(n, contact_geometry.radius[c]))
 
 
 @deepest_point.of(Discs)
-def _disc(bulge, c, i, center, n, W):
-    d = bulge.disc[c]
+def _disc(contact_geometry, c, i, center, n, W):
+    d = contact_geometry.disc[c]
     a = rotate(load9(W, i, R), vector(d.axis))
     across = dot(a, n)
     level = sub(n, scale(a, across))
@@ -73,20 +73,20 @@ def _disc(bulge, c, i, center, n, W):
 
 
 @by_type
-def reach(bulge, c):
+def reach(contact_geometry, c):
     """How far from its center the contact c can touch [m]."""
 
 
 @reach.of(NoneType)
-def _reach_of_point(bulge, c):
+def _reach_of_point(contact_geometry, c):
     return 0.0
 
 
 @reach.of(Spheres)
-def _reach_of_sphere(bulge, c):
-    return bulge.radius[c]
+def _reach_of_sphere(contact_geometry, c):
+    return contact_geometry.radius[c]
 
 
 @reach.of(Discs)
-def _reach_of_disc(bulge, c):
-    return bulge.disc[c].radius + bulge.disc[c].rim
+def _reach_of_disc(contact_geometry, c):
+    return contact_geometry.disc[c].radius + contact_geometry.disc[c].rim

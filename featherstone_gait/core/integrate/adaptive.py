@@ -8,7 +8,7 @@ within a step of the explicit pair.
 from ..compile.jit import entry, inline
 from ..compile.shared import read_now
 from ..effects.actuator import controller_of
-from ..effects.push import AHEAD, next_edge
+from ..effects.push import EVENT_MARGIN, next_edge
 from ..step.pace import EVALUATIONS, EVENT, GRID, INSIDE, NEXT, PACE, REJECTED, SINCE, STEPS, UNTIL
 from ..step.signals import next_knot, time_of
 from ..tree.coupling import follow
@@ -22,8 +22,8 @@ def rollout_adaptive(run, y, out):
 
     Returns whether the run has ended; one that has paused goes on, to the same bits, when called with the same again.
     """
-    plan, o, pace = run.plan, run.places[0], run.work.pace
-    most = y[o.step_control + STEPS] + y[o.step_control + REJECTED] + plan.budget
+    plan, offsets, pace = run.plan, run.offsets[0], run.work.pace
+    most = y[offsets.step_control + STEPS] + y[offsets.step_control + REJECTED] + plan.budget
     k, dead, paused = int(pace[GRID]) - 1, False, pace[GRID] > 0.0
     if not paused:
         k, dead = 0, _begin(run, y)
@@ -49,7 +49,7 @@ def rollout_adaptive(run, y, out):
             pace[GRID], pace[INSIDE] = k + 1.0, -1.0
             return False
     for i in range(PACE):
-        y[o.step_control + i] = pace[i]
+        y[offsets.step_control + i] = pace[i]
     for m in range(k // plan.per_sample + 1, len(out)):  # a run that ended early stays at its last state
         record(run, y, m, out)
     return True
@@ -61,7 +61,7 @@ def _begin(run, y):
     for i in range(len(run.good)):
         run.good[i] = y[i]
     for i in range(PACE):
-        run.work.pace[i] = y[run.places[0].step_control + i]
+        run.work.pace[i] = y[run.offsets[0].step_control + i]
     begin_run(run.work, run)
     return inspect(run, time_of(run.plan, 0), y)
 
@@ -100,25 +100,25 @@ def _cross(run, y, k, end, most, out):
     while done < length:
         if done >= until:
             until = _next_event(run, t, done, length)
-            if until - done < 4.0 * AHEAD:  # what rounding leaves between event and tick would end before it begins
+            if until - done < 4.0 * EVENT_MARGIN:  # what rounding leaves here would end before it begins
                 done = until
-                y[run.places[0].end_time] = t + done
+                y[run.offsets[0].end_time] = t + done
                 continue
-            pace[SINCE], pace[UNTIL] = t + done + AHEAD, t + until - 2.0 * AHEAD
+            pace[SINCE], pace[UNTIL] = t + done + EVENT_MARGIN, t + until - 2.0 * EVENT_MARGIN
             begin_interval(run.work, run, y, t + done)
         h = take_adaptive_step(run.work, run, y, t + done, until - done)
-        follow(run.scene.coupling, run.places[0], y)
+        follow(run.scene.coupling, run.offsets[0], y)
         next_record = record_within(run.work, run, y, (t + done, h, end), next_record, out)
         done = until if h >= until - done else done + h
-        y[run.places[0].end_time] = t + done
+        y[run.offsets[0].end_time] = t + done
         if ends_on_records(run.work) is None or done >= length:  # no error is accepted that is not finite
             if inspect(run, t + done, y):
                 return True
         if h == 0.0:
-            y[run.places[0].status] = TOO_SMALL
+            y[run.offsets[0].status] = TOO_SMALL
             return True
         if pace[STEPS] + pace[REJECTED] >= most:
-            y[run.places[0].status] = TOO_COSTLY
+            y[run.offsets[0].status] = TOO_COSTLY
             return True
         if read_now(run.stop) != 0:
             return True

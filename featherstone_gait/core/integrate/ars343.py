@@ -114,8 +114,8 @@ def _pushed(push, torques):
 @take_adaptive_step.of(Ars343)
 def ars343(work, run, y, t, length):
     """Take a step that meets the tolerance."""
-    o, pace, start = run.places[0], work.pace, work.start
-    for i in range(o.step_control):
+    offsets, pace, start = run.offsets[0], work.pace, work.start
+    for i in range(offsets.step_control):
         start[i] = y[i]
     rejected, first = False, work.fresh[0] > 0.0
     while True:
@@ -138,7 +138,7 @@ def ars343(work, run, y, t, length):
         pace[REJECTED] += 1.0
         pace[STEP] = h * max(LEAST, min(0.9, SAFETY / root(error, 3)))
         if not pace[STEP] > run.plan.least_step:
-            for i in range(o.step_control):
+            for i in range(offsets.step_control):
                 y[i] = start[i]
             return 0.0
 
@@ -165,11 +165,11 @@ def _most(companion):
 @kernel
 def _stages(run, y, t, h):
     """All stages of the step h from t: their slopes, and in y the state after the last."""
-    scene, u, work, o = run.scene, run.signals, run.work, run.places[0]
-    x, pace, d = work.scratch, work.pace, G * h
+    scene, u, work, offsets = run.scene, run.signals, run.work, run.offsets[0]
+    scratch, pace, d = work.scratch, work.pace, G * h
     _start_slope(scene.floating, run)
     _start_motors(work.motors, rotor_of(scene.actuator), run)
-    y[o.newton_iterations + 1] = work.start[o.newton_iterations + 1]
+    y[offsets.newton_iterations + 1] = work.start[offsets.newton_iterations + 1]
     first = 1
     if work.stale[0] > 0.0:
         first = 0
@@ -179,9 +179,9 @@ def _stages(run, y, t, h):
         norm = _begin_base(scene.floating, run, y, h, k)
         inputs(u, min(t + max(NODES[k], G) * h, pace[UNTIL]))
         at = Step(
-            scene=scene, actuator=scene.actuator, decay=work.motors, o=o, y=y, tau=u.tau, drive=u.drive,
-            predicted=work.predicted, t=pace[SINCE], span=0.0, h=d, sub=d, theta=1.0, ahead=None,
-            tolerance=NEWTON_SHARE * run.plan.rtol, W=x.W, Z=x.Z, C=x.C, F=x.F,
+            scene=scene, actuator=scene.actuator, decay=work.motors, offsets=offsets, y=y, tau=u.tau, drive=u.drive,
+            predicted=work.predicted, t=pace[SINCE], span=0.0, h=d, h_implicit=d, theta=1.0, extrapolation_ratio=None,
+            tolerance=NEWTON_SHARE * run.plan.rtol, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F,
         )  # fmt: skip
         solve_step(at)
         advance(at)
@@ -195,17 +195,17 @@ def _stages(run, y, t, h):
 @inline
 def _begin_stage(run, y, h, k):
     """The state from which stage k steps, in y and its slopes, and the acceleration that leads to its prediction."""
-    work, o = run.work, run.places[0]
+    work, offsets = run.work, run.offsets[0]
     start, slopes = work.start, work.slopes
-    for i in range(o.after_integrated):
+    for i in range(offsets.after_integrated):
         y[i] = start[i]
         for j in range(1, k):
             y[i] += (h * IMPLICIT[k, j]) * slopes[j, i]
         if k > 0:
             slopes[k, i] = y[i]
     for i in range(len(run.scene.tree) - 1):
-        _expect(run, y, h, k, o.qd + i, o.qdd + i)
-    for i in range(o.contact_force, o.velocity_change):
+        _expect(run, y, h, k, offsets.qd + i, offsets.qdd + i)
+    for i in range(offsets.contact_force, offsets.velocity_change):
         y[i] = 0.0  # friction is limited by the predicted normal force
 
 
@@ -225,11 +225,11 @@ def _begin_base(floating, run, y, h, k):
     """The same of a floating base; returns the length of its quaternion, which the step makes 1."""
     norm = 1.0
     if floating is not None:
-        o = run.places[0]
+        offsets = run.offsets[0]
         for i in range(6):
-            _expect(run, y, h, k, o.base_qd + i, o.base_qdd + i)
+            _expect(run, y, h, k, offsets.base_qd + i, offsets.base_qdd + i)
         norm = 0.0
-        for i in range(o.base_q + 3, o.base_q + 7):
+        for i in range(offsets.base_q + 3, offsets.base_q + 7):
             norm += y[i] * y[i]
         norm = sqrt(norm)
     return norm
@@ -238,57 +238,59 @@ def _begin_base(floating, run, y, h, k):
 @inline
 def _end_stage(run, y, d, k):
     """The slope of stage k from what its step d has changed; of the start the accelerations alone."""
-    o, slopes = run.places[0], run.work.slopes
+    offsets, slopes = run.offsets[0], run.work.slopes
     if k > 0:
-        for i in range(o.after_integrated):
+        for i in range(offsets.after_integrated):
             slopes[k, i] = (y[i] - slopes[k, i]) * (1.0 / d)
     else:
         for i in range(len(run.scene.tree) - 1):
-            slopes[0, o.qd + i] = y[o.qdd + i]
+            slopes[0, offsets.qd + i] = y[offsets.qdd + i]
 
 
 @inline
 def _end_base(floating, run, y, d, k, norm):
     """The same of a floating base; Euler's step of the quaternion shortens it."""
     if floating is not None:
-        o, slopes = run.places[0], run.work.slopes
+        offsets, slopes = run.offsets[0], run.work.slopes
         if k > 0:
-            v = y[o.base_qd : o.base_qd + 6]
+            v = y[offsets.base_qd : offsets.base_qd + 6]
             turn = 0.25 * d * d * (v[3] * v[3] + v[4] * v[4] + v[5] * v[5])
-            quaternion_rate(y[o.base_q : o.base_q + 7], v, slopes[k, o.base_q + 3 : o.base_q + 7])
-            for i in range(o.base_q + 3, o.base_q + 7):
+            quaternion_rate(
+                y[offsets.base_q : offsets.base_q + 7], v, slopes[k, offsets.base_q + 3 : offsets.base_q + 7]
+            )
+            for i in range(offsets.base_q + 3, offsets.base_q + 7):
                 slopes[k, i] *= norm / sqrt(1.0 + turn)
         else:
             for i in range(6):
-                slopes[0, o.base_qd + i] = y[o.base_qdd + i]
+                slopes[0, offsets.base_qd + i] = y[offsets.base_qdd + i]
 
 
 @inline
 def _start_slope(floating, run):
     """The rates of positions and velocities at the start, these as the last stage left them."""
-    o, start, slope = run.places[0], run.work.start, run.work.slopes[0]
+    offsets, start, slope = run.offsets[0], run.work.start, run.work.slopes[0]
     for i in range(len(run.scene.tree) - 1):
-        slope[o.q + i] = start[o.qd + i]
-        slope[o.qd + i] = start[o.qdd + i]
+        slope[offsets.q + i] = start[offsets.qd + i]
+        slope[offsets.qd + i] = start[offsets.qdd + i]
     if floating is not None:
         for i in range(3):
-            slope[o.base_q + i] = start[o.base_qd + i]
-        x, v = start[o.base_q : o.base_q + 7], start[o.base_qd : o.base_qd + 6]
-        quaternion_rate(x, v, slope[o.base_q + 3 : o.base_q + 7])
+            slope[offsets.base_q + i] = start[offsets.base_qd + i]
+        x, v = start[offsets.base_q : offsets.base_q + 7], start[offsets.base_qd : offsets.base_qd + 6]
+        quaternion_rate(x, v, slope[offsets.base_q + 3 : offsets.base_q + 7])
         for i in range(6):
-            slope[o.base_qd + i] = start[o.base_qdd + i]
+            slope[offsets.base_qd + i] = start[offsets.base_qdd + i]
 
 
 @inline
 def _error(run, y, h):
     """Error of the positions and velocities over the tolerance, of the worst; infinite if a stage was not solved."""
-    o, start, slopes, worst = run.places[0], run.work.start, run.work.slopes, 0.0
+    offsets, start, slopes, worst = run.offsets[0], run.work.start, run.work.slopes, 0.0
     n = len(run.scene.tree) - 1
-    if y[o.newton_iterations + 1] > start[o.newton_iterations + 1]:
+    if y[offsets.newton_iterations + 1] > start[offsets.newton_iterations + 1]:
         return 1e60
-    for i in range(o.q + n):
+    for i in range(offsets.q + n):
         worst = _worse(worst, _estimate(slopes, i, h) / (POSITION_SHARE * run.plan.atol))
-    for i in range(o.q + n, o.after_coordinates):
+    for i in range(offsets.q + n, offsets.after_coordinates):
         worst = _worse(worst, scaled(run.plan, _estimate(slopes, i, h), start[i], y[i]))
     return _current_error(run.work.motors, rotor_of(run.scene.actuator), run, y, h, worst)
 
@@ -297,10 +299,18 @@ def _error(run, y, h):
 def _current_error(motors, rotor, run, y, h, worst):
     """The same of currents on which limits act."""
     if motors is not None:
-        o, start, motor = run.places[0], run.work.start, motor_of(run.scene.actuator)
+        offsets, start, motor = run.offsets[0], run.work.start, motor_of(run.scene.actuator)
         for i in range(len(motor)):
-            k = o.current + i
-            e = missed(motor[i], motors, i, y[o.voltage + i], y[k], motor_speed(rotor, o, y, i), (1.0 - NODES[2]) * h)
+            k = offsets.current + i
+            e = missed(
+                motor[i],
+                motors,
+                i,
+                y[offsets.voltage + i],
+                y[k],
+                motor_speed(rotor, offsets, y, i),
+                (1.0 - NODES[2]) * h,
+            )
             worst = _worse(worst, scaled(run.plan, e, start[k], y[k]))
     return worst
 
@@ -308,9 +318,9 @@ def _current_error(motors, rotor, run, y, h, worst):
 @inline
 def _keep_currents(motors, rotor, run, y):
     if motors is not None:
-        o = run.places[0]
+        offsets = run.offsets[0]
         for i in range(len(motors.table)):
-            keep(motors, i, motor_speed(rotor, o, y, i), y[o.current + i])
+            keep(motors, i, motor_speed(rotor, offsets, y, i), y[offsets.current + i])
 
 
 @inline
@@ -331,8 +341,8 @@ def _worse(worst, e):
 @inline
 def _finish(run, y, h):
     """The watch on chatter stays as it was; what the motors' stages leave out."""
-    o, start = run.places[0], run.work.start
-    for i in range(o.velocity_change, o.newton_iterations):
+    offsets, start = run.offsets[0], run.work.start
+    for i in range(offsets.velocity_change, offsets.newton_iterations):
         y[i] = start[i]
     _bend_currents(run.work.motors, rotor_of(run.scene.actuator), run, y, h)
     _electrical_energies(run.work.motors, run, y)
@@ -342,16 +352,16 @@ def _finish(run, y, h):
 def _start_motors(motors, rotor, run):
     """Speeds and currents at the start of the step."""
     if motors is not None:
-        o, start = run.places[0], run.work.start
+        offsets, start = run.offsets[0], run.work.start
         for i in range(len(motors.table)):
-            begin_step(motors, i, motor_speed(rotor, o, start, i), start[o.current + i])
+            begin_step(motors, i, motor_speed(rotor, offsets, start, i), start[offsets.current + i])
 
 
 @inline
 def _begin_motors(motors, run, y, h, k):
     """Time and past of stage k; that of the start is one for itself."""
     if motors is not None:
-        motor, controller, o = motor_of(run.scene.actuator), controller_of(run.scene.actuator), run.places[0]
+        motor, controller, offsets = motor_of(run.scene.actuator), controller_of(run.scene.actuator), run.offsets[0]
         T, d = max(NODES[k], G) * h, G * h
         motors.time[0], motors.time[1], motors.time[2] = T, 0.0, 1.0 * k
         if k == 3:
@@ -360,42 +370,44 @@ def _begin_motors(motors, run, y, h, k):
             past = 0.0
             for j in range(1, k):
                 past += IMPLICIT[k, j] * motors.table[i, USED + j]
-            begin_stage(motor[i], motors, i, y[o.voltage + i], T, past / G, controller[i].speed_filter, d)
-            y[o.current + i] = run.work.start[o.current + i]
+            begin_stage(motor[i], motors, i, y[offsets.voltage + i], T, past / G, controller[i].speed_filter, d)
+            y[offsets.current + i] = run.work.start[offsets.current + i]
 
 
 @inline
 def _bend_currents(motors, rotor, run, y, h):
     """The speeds' curvature, which no stage knows, in the currents at the end."""
     if motors is not None:
-        motor, o, slopes = motor_of(run.scene.actuator), run.places[0], run.work.slopes
+        motor, offsets, slopes = motor_of(run.scene.actuator), run.offsets[0], run.work.slopes
         for i in range(len(motor)):
-            k = o.qd + i
+            k = offsets.qd + i
             if rotor is not None:
-                k = o.rotor_speed + i
+                k = offsets.rotor_speed + i
             rate = (slopes[3, k] - slopes[1, k]) / (h * (1.0 - G))
-            y[o.current + i] += bend(motor[i], motors, i, y[o.voltage + i], y[o.current + i], y[k], rate, h)
+            y[offsets.current + i] += bend(
+                motor[i], motors, i, y[offsets.voltage + i], y[offsets.current + i], y[k], rate, h
+            )
 
 
 @inline
 def _electrical_energies(motors, run, y):
     """What the currents' fields have taken up is not the drivers' [J]; no weight below 0 lets a meter run back."""
     if motors is not None:
-        motor, o, start = motor_of(run.scene.actuator), run.places[0], run.work.start
+        motor, offsets, start = motor_of(run.scene.actuator), run.offsets[0], run.work.start
         for i in range(len(motor)):
-            I0, I1 = start[o.current + i], y[o.current + i]
-            E = o.energy + ENERGIES * i
+            I0, I1 = start[offsets.current + i], y[offsets.current + i]
+            E = offsets.energy + ENERGIES * i
             y[E + DRIVER] -= 0.5 * motor[i].inductance * (I1 * I1 - I0 * I0)
             metered, supplied = y[E + METER] - start[E + METER], y[E + SUPPLY] - start[E + SUPPLY]
             y[E + METER] = start[E + METER] + max(metered, supplied, 0.0)
 
 
 def _workspace(sizes, zeros):
-    o = sizes.places
+    offsets = sizes.offsets
     return Ars343(
         scratch=scratch(sizes, zeros),
-        start=zeros(int(o["length"])),
-        slopes=zeros((4, int(o["after_integrated"]))),
+        start=zeros(int(offsets["length"])),
+        slopes=zeros((4, int(offsets["after_integrated"]))),
         predicted=zeros(2 * sizes.n + 13 * sizes.floating),
         motors=MotorStage(zeros((sizes.motors, MOTOR_COLUMNS)), zeros(3)) if sizes.motors else None,
         stale=np.zeros(1),

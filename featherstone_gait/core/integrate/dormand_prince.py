@@ -75,8 +75,8 @@ def _evaluate(first, last, run, y, t, h):
     A stage's state is the step's start and a weighted sum of the slopes before it, at END the step's end, at SPARE
     y.  One loop for all of them, since the derivative, which is large, is merged into it.
     """
-    scene, u, o, stages, pace = run.scene, run.signals, run.places[0], run.work.stages, run.work.pace
-    n, start, x = run.plan.integrated, stages[START], run.work.scratch
+    scene, u, offsets, stages, pace = run.scene, run.signals, run.offsets[0], run.work.stages, run.work.pace
+    n, start, scratch = run.plan.integrated, stages[START], run.work.scratch
     for k in range(first, last + 1):
         if k != SPARE:
             for i in range(n):
@@ -87,13 +87,13 @@ def _evaluate(first, last, run, y, t, h):
                     for i in range(n):
                         y[i] += c * stages[j, i]
             if k == END:
-                unit_quaternion(scene.floating, o.base_q, y)
+                unit_quaternion(scene.floating, offsets.base_q, y)
         inputs(u, min(t + NODES[k] * h, pace[UNTIL]))
         since, act = pace[SINCE], scene.actuator
         at = Step(
-            scene=scene, actuator=act, decay=None, o=o, y=y, tau=u.tau, drive=u.drive, predicted=None,
-            t=since, span=0.0, h=0.0, sub=0.0, theta=1.0, ahead=None,
-            tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
+            scene=scene, actuator=act, decay=None, offsets=offsets, y=y, tau=u.tau, drive=u.drive, predicted=None,
+            t=since, span=0.0, h=0.0, h_implicit=0.0, theta=1.0, extrapolation_ratio=None,
+            tolerance=NEWTON_TOLERANCE, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F,
         )  # fmt: skip
         derivative(at, stages[k])
         pace[EVALUATIONS] += 1.0
@@ -103,14 +103,14 @@ def _evaluate(first, last, run, y, t, h):
 def _renew_slope(work, run, y, t):
     """The slope at the start of the next step, after an event."""
     _evaluate(SPARE, SPARE, run, y, t, 0.0)
-    for i in range(run.places[0].after_integrated):
+    for i in range(run.offsets[0].after_integrated):
         work.stages[END, i] = work.stages[SPARE, i]
 
 
 @take_adaptive_step.of(DormandPrince)
 def dop853(work, run, y, t, length):
     """Take a step that meets the tolerance; stages[END] holds the slope at y before and after."""
-    stages, pace, n = work.stages, work.pace, run.places[0].after_integrated
+    stages, pace, n = work.stages, work.pace, run.offsets[0].after_integrated
     rejected = False
     start = stages[START]
     for i in range(n):
@@ -145,22 +145,22 @@ def _dense(work):
 @record_within.of(DormandPrince)
 def _record_within(work, run, y, interval, record, out):
     """Records between the ends are interpolated."""
-    (t, h, end), plan, o = interval, run.plan, run.places[0]
+    (t, h, end), plan, offsets = interval, run.plan, run.offsets[0]
     if record * plan.per_sample >= end or time_of(plan, record * plan.per_sample) >= t + h:
         return record
     _prepare_dense(run, y, t, h)
     derived = False
     for j in range(len(run.channels)):
-        derived = derived | (run.channels[j] >= o.after_integrated)
+        derived = derived | (run.channels[j] >= offsets.after_integrated)
     while record * plan.per_sample < end and time_of(plan, record * plan.per_sample) < t + h:
         at = time_of(plan, record * plan.per_sample)
         _interpolate(run, y, h, (at - t) / h)
         if derived:
             _evaluate(SPARE, SPARE, run, y, at, 0.0)
-        follow(run.scene.coupling, o, y)
+        follow(run.scene.coupling, offsets, y)
         write_record(run, y, record, out)
         record += 1
-    for i in range(o.after_derived):
+    for i in range(offsets.after_derived):
         y[i] = work.stages[STOP, i]
     return record
 
@@ -169,7 +169,7 @@ def _record_within(work, run, y, interval, record, out):
 def _prepare_dense(run, y, t, h):
     """Fill what interpolates the last step, from t over h [s], and keep its end."""
     stages = run.work.stages
-    for i in range(run.places[0].after_derived):
+    for i in range(run.offsets[0].after_derived):
         stages[STOP, i] = y[i]
     _evaluate(DENSE, DENSE + 2, run, y, t, h)
     for k in range(4):
@@ -192,18 +192,18 @@ def _interpolate(run, y, h, x):
         e = stages[COEFFICIENTS, i]
         f = stages[COEFFICIENTS + 1, i] + u * (stages[COEFFICIENTS + 2, i] + x * stages[COEFFICIENTS + 3, i])
         y[i] = a + x * (d + u * (b + x * (c + u * (e + x * f))))
-    unit_quaternion(run.scene.floating, run.places[0].base_q, y)
+    unit_quaternion(run.scene.floating, run.offsets[0].base_q, y)
 
 
 @inline
 def _error(run, start, y):
     """The combined estimate of both embedded methods over the tolerance, of the worst component, by the step."""
-    stages, o = run.work.stages, run.places[0]
+    stages, offsets = run.work.stages, run.offsets[0]
     worst5 = worst3 = 0.0
-    for k in range(o.after_controlled + meters(motor_of(run.scene.actuator))):
+    for k in range(offsets.after_controlled + meters(motor_of(run.scene.actuator))):
         i = k
-        if k >= o.after_controlled:
-            i = o.energy + ENERGIES * (k - o.after_controlled) + METER
+        if k >= offsets.after_controlled:
+            i = offsets.energy + ENERGIES * (k - offsets.after_controlled) + METER
         e5 = e3 = 0.0
         for j in range(STAGES):
             e5 += E5[j] * stages[j, i]
@@ -218,7 +218,7 @@ def _error(run, start, y):
 
 
 def _workspace(sizes, zeros):
-    return DormandPrince(scratch(sizes, zeros), zeros((ROWS, int(sizes.places["after_derived"]))), zeros(PACE_SCRATCH))
+    return DormandPrince(scratch(sizes, zeros), zeros((ROWS, int(sizes.offsets["after_derived"]))), zeros(PACE_SCRATCH))
 
 
 DOP853 = Integrator("dop853", 8, _workspace, adaptive=True, rtol=1e-7, soft=True)

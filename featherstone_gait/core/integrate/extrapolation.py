@@ -108,8 +108,8 @@ class Ladder(NamedTuple):
 @take_adaptive_step.of(Ladder)
 def extrapolate(work, run, y, t, length):
     """Take a step that meets the tolerance; columns.first, the slope at y, moves on with it."""
-    o, pace, start, implicit = run.places[0], work.pace, work.start, work.implicit
-    for i in range(o.step_control):
+    offsets, pace, start, implicit = run.offsets[0], work.pace, work.start, work.implicit
+    for i in range(offsets.step_control):
         start[i] = y[i]
     rejected = False
     while True:
@@ -124,7 +124,7 @@ def extrapolate(work, run, y, t, length):
                 error = min(error, 1.0)
         if error <= 1.0:
             _accept(implicit, run, y)
-            unit_quaternion(run.scene.floating, o.base_q, y)
+            unit_quaternion(run.scene.floating, offsets.base_q, y)
             _first_slope(implicit, run, y, t + h)
             pace[STEPS] += 1.0
             _choose(work, count - 1, h, length, rejected)
@@ -287,23 +287,25 @@ def _skipped(run, last, h):
     extrapolated to a step of none, then differ from those of an instant after the start.  Where friction turns round
     with a joint they differ by a jump, which has acted too long, by half of the shortest first step as a mean.
     """
-    o, worst = run.places[0], 0.0
+    offsets, worst = run.offsets[0], 0.0
     turns = _sticks(run) and run.work.kink[BEFORE] == 0.0 and h > LOCATED * run.plan.least_step
     for i in range(len(run.scene.tree) - 1):
-        a = _skipped_by(run, last, o.qdd + i)
-        worst = max(worst, _scaled_at(run, a, o.q + i))
+        a = _skipped_by(run, last, offsets.qdd + i)
+        worst = max(worst, _scaled_at(run, a, offsets.q + i))
         if turns:
             e = 0.5 * a * run.work.columns.h[0, 0]
-            worst = max(worst, scaled(run.plan, e, run.work.start[o.qd + i], run.work.start[o.qd + i]))
+            worst = max(worst, scaled(run.plan, e, run.work.start[offsets.qd + i], run.work.start[offsets.qd + i]))
     return _skipped_by_base(run.scene.floating, run, last, worst)
 
 
 @inline
 def _skipped_by_base(floating, run, last, worst):
     if floating is not None:
-        o = run.places[0]
+        offsets = run.offsets[0]
         for i in range(6):  # the quaternion's vector is half the turn
-            worst = max(worst, _scaled_at(run, _skipped_by(run, last, o.base_qdd + i), o.base_q + i + i // 3))
+            worst = max(
+                worst, _scaled_at(run, _skipped_by(run, last, offsets.base_qdd + i), offsets.base_q + i + i // 3)
+            )
     return worst
 
 
@@ -348,7 +350,7 @@ def _time(ladder, lane):
 def _begin(implicit, run, columns):
     """All lanes to the start."""
     start = run.work.start
-    for i in range(run.places[0].step_control):
+    for i in range(run.offsets[0].step_control):
         columns.y[i] = start[i]
     if implicit is None:
         h = columns.h[0]
@@ -362,7 +364,7 @@ def _begin(implicit, run, columns):
 def _begin_again(implicit, run, lane):
     """One lane to the start."""
     start, columns = run.work.start, run.work.columns
-    for i in range(run.places[0].step_control):
+    for i in range(run.offsets[0].step_control):
         columns.y[i, lane] = start[i]
     if implicit is None:
         h = columns.h[0, lane]
@@ -374,11 +376,11 @@ def _begin_again(implicit, run, lane):
 @inline
 def _harvest(implicit, run, lane):
     """Put a lane's column into the table; return whether Newton's iteration converged in all of its steps."""
-    ladder, o = run.work, run.places[0]
+    ladder, offsets = run.work, run.offsets[0]
     column = ladder.lanes[COLUMN, lane]
     for i in range(_smooth(implicit, run)):
         ladder.table[column, i] = ladder.columns.y[i, lane]
-    return not ladder.columns.y[o.newton_iterations + 1, lane] > ladder.start[o.newton_iterations + 1]
+    return not ladder.columns.y[offsets.newton_iterations + 1, lane] > ladder.start[offsets.newton_iterations + 1]
 
 
 @inline
@@ -404,10 +406,11 @@ def _midpoint(run, columns):
 
 @kernel
 def _slope(run, columns, slope):
-    scene, x, o, t = run.scene, columns, run.places[0], run.work.pace[SINCE]
+    scene, x, offsets, t = run.scene, columns, run.offsets[0], run.work.pace[SINCE]
     at = Step(
-        scene=scene, actuator=scene.actuator, decay=x.decay, o=o, y=x.y, tau=x.tau, drive=x.drive, predicted=None,
-        t=t, span=0.0, h=0.0, sub=0.0, theta=1.0, ahead=None, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        scene=scene, actuator=scene.actuator, decay=x.decay, offsets=offsets, y=x.y, tau=x.tau, drive=x.drive,
+        predicted=None, t=t, span=0.0, h=0.0, h_implicit=0.0, theta=1.0, extrapolation_ratio=None,
+        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
     )  # fmt: skip
     derivative(at, slope)
 
@@ -415,10 +418,11 @@ def _slope(run, columns, slope):
 @kernel
 def _euler(ended, run, columns):
     """A linearly implicit Euler step; once the interval has ended, the branches on which one would start."""
-    scene, x, o, t, h = run.scene, columns, run.places[0], run.work.pace[SINCE], columns.h[0]
+    scene, x, offsets, t, h = run.scene, columns, run.offsets[0], run.work.pace[SINCE], columns.h[0]
     at = Step(
-        scene=scene, actuator=scene.actuator, decay=x.decay, o=o, y=x.y, tau=x.tau, drive=x.drive, predicted=None,
-        t=t, span=0.0, h=h, sub=h, theta=1.0, ahead=None, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        scene=scene, actuator=scene.actuator, decay=x.decay, offsets=offsets, y=x.y, tau=x.tau, drive=x.drive,
+        predicted=None, t=t, span=0.0, h=h, h_implicit=h, theta=1.0, extrapolation_ratio=None,
+        tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
     )  # fmt: skip
     if ended is None:
         solve_step(at)
@@ -437,14 +441,14 @@ def _begin_interval(work, run, y, t):
 def _first_slope(implicit, run, y, t):
     """The explicit rule's slope at the start of the next step, and what is derived there, in y too."""
     if implicit is None:
-        columns, o = in_lanes(run.work.columns), run.places[0]
-        for i in range(o.step_control):
+        columns, offsets = in_lanes(run.work.columns), run.offsets[0]
+        for i in range(offsets.step_control):
             columns.y[i] = y[i]
         for lane in range(WIDTH):
             _lane_inputs(run, lane, t, False)
         _slope(run, columns, columns.first)
         run.work.pace[EVALUATIONS] += 1.0
-        for i in range(o.before_derived, o.after_derived):
+        for i in range(offsets.before_derived, offsets.after_derived):
             y[i] = run.work.columns.y[i, 0]
 
 
@@ -553,11 +557,11 @@ def _error(run):
 
     These are positions, velocities, currents, rotors, filters, bristles and the energies that the meters read.
     """
-    o, worst = run.places[0], 0.0
-    for i in range(o.after_controlled):
+    offsets, worst = run.offsets[0], 0.0
+    for i in range(offsets.after_controlled):
         worst = _worse(worst, run, i)
     for i in range(meters(motor_of(run.scene.actuator))):
-        worst = _worse(worst, run, o.energy + ENERGIES * i + METER)
+        worst = _worse(worst, run, offsets.energy + ENERGIES * i + METER)
     return worst
 
 
@@ -575,16 +579,16 @@ def _smooth(implicit, run):
     """How much of the state is extrapolated: what is integrated and, of the implicit step, what it derives."""
     if implicit is None:
         return run.plan.integrated
-    return run.places[0].after_derived
+    return run.offsets[0].after_derived
 
 
 @inline
 def _accept(implicit, run, y):
     """The best values; the watch on chatter stays as it was, passes are those of the last column."""
-    ladder, o = run.work, run.places[0]
+    ladder, offsets = run.work, run.offsets[0]
     for i in range(_smooth(implicit, run)):
         y[i] = ladder.best[i]
-    y[o.newton_iterations] = ladder.columns.y[o.newton_iterations, 0]
+    y[offsets.newton_iterations] = ladder.columns.y[offsets.newton_iterations, 0]
 
 
 # ---------------------------------------------------------------------------------------------- order and step
@@ -628,8 +632,8 @@ def _workspace(sizes, zeros):
     def in_eight(shape):
         return aligned((*np.atleast_1d(shape), WIDTH))
 
-    o, n = sizes.places, sizes.n
-    size, rates = int(o["length"]), int(o["after_integrated"])
+    offsets, n = sizes.offsets, sizes.n
+    size, rates = int(offsets["length"]), int(offsets["after_integrated"])
     columns = Columns(
         y=in_eight(size),
         h=in_eight(1),

@@ -25,20 +25,21 @@ class Implicit(NamedTuple):
 @take_step.of(Implicit)
 def implicit_step(work, run, y, t, theta):
     """One step, figures 2 to 6 of the paper: the voltages stand; motors, gears, joints and ground are solved as one."""
-    scene, u, x, plan = run.scene, run.signals, work.scratch, run.plan
-    act, decay, o, h = scene.actuator, scene.decay, run.places[0], plan.h
+    scene, u, scratch, plan = run.scene, run.signals, work.scratch, run.plan
+    act, decay, offsets, h = scene.actuator, scene.decay, run.offsets[0], plan.h
     inputs(u, t + plan.theta * h)
     at = Step(
-        scene=scene, actuator=act, decay=decay, o=o, y=y, tau=u.tau, drive=u.drive, predicted=work.predicted,
-        t=t, span=h, h=h, sub=theta * h, theta=theta,
-        ahead=_ahead(work.predicted, theta), tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        scene=scene, actuator=act, decay=decay, offsets=offsets, y=y, tau=u.tau, drive=u.drive,
+        predicted=work.predicted, t=t, span=h, h=h, h_implicit=theta * h, theta=theta,
+        extrapolation_ratio=_extrapolation_ratio(work.predicted, theta), tolerance=NEWTON_TOLERANCE,
+        W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F,
     )  # fmt: skip
     solve_step(at)
     advance(at)
 
 
 @inline
-def _ahead(predicted, theta):
+def _extrapolation_ratio(predicted, theta):
     if predicted is None:
         return None
     return (1.0 - theta) / theta

@@ -26,7 +26,7 @@ class Sizes(NamedTuple):
     floating: bool
     points: int  # contact points
     workspace: tuple[int, int]  # of the tree
-    places: np.void  # STATE
+    offsets: np.void  # STATE
     motors: int  # rows of the table of decays, 0 without
     driven: bool  # by torques from outside
     stiff: bool  # something that an implicit step takes in limits explicit steps

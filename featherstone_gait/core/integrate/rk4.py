@@ -24,10 +24,11 @@ class RungeKutta4(NamedTuple):
 @inline
 def _evaluate(run, y, t, slope):
     scene, u, h = run.scene, run.signals, run.plan.h
-    x, o, act = run.work.scratch, run.places[0], scene.actuator
+    scratch, offsets, act = run.work.scratch, run.offsets[0], scene.actuator
     at = Step(
-        scene=scene, actuator=act, decay=None, o=o, y=y, tau=u.tau, drive=u.drive, predicted=None,
-        t=t, span=h, h=0.0, sub=0.0, theta=1.0, ahead=None, tolerance=NEWTON_TOLERANCE, W=x.W, Z=x.Z, C=x.C, F=x.F,
+        scene=scene, actuator=act, decay=None, offsets=offsets, y=y, tau=u.tau, drive=u.drive, predicted=None,
+        t=t, span=h, h=0.0, h_implicit=0.0, theta=1.0, extrapolation_ratio=None,
+        tolerance=NEWTON_TOLERANCE, W=scratch.W, Z=scratch.Z, C=scratch.C, F=scratch.F,
     )  # fmt: skip
     derivative(at, slope)
 
@@ -36,7 +37,7 @@ def _evaluate(run, y, t, slope):
 def rk4_step(work, run, y, t, theta):
     """One step; theta plays no part."""
     start, slope, total = work.stages[0], work.stages[1], work.stages[2]
-    h, n = run.plan.h, run.places[0].after_integrated
+    h, n = run.plan.h, run.offsets[0].after_integrated
     for i in range(n):
         start[i] = y[i]
     for k in range(4):
@@ -45,22 +46,22 @@ def rk4_step(work, run, y, t, theta):
         weight = 1.0
         if k == 1 or k == 2:
             weight = 2.0
-        ahead = 0.5 * h
+        stage_step = 0.5 * h
         if k == 2:
-            ahead = h
+            stage_step = h
         for i in range(n):
             if k == 0:
                 total[i] = slope[i]
             else:
                 total[i] = total[i] + weight * slope[i]
-            y[i] = start[i] + ahead * slope[i]
+            y[i] = start[i] + stage_step * slope[i]
     for i in range(n):
         y[i] = start[i] + (h / 6.0) * total[i]
-    unit_quaternion(run.scene.floating, run.places[0].base_q, y)
+    unit_quaternion(run.scene.floating, run.offsets[0].base_q, y)
 
 
 def _workspace(sizes, zeros):
-    return RungeKutta4(scratch(sizes, zeros), zeros((3, int(sizes.places["after_integrated"]))))
+    return RungeKutta4(scratch(sizes, zeros), zeros((3, int(sizes.offsets["after_integrated"]))))
 
 
 RK4 = Integrator("rk4", 4, _workspace, stages=4, stability=1.39, soft=True)  # its stability interval is 2.785 / lambda

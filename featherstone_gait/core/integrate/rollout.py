@@ -8,7 +8,7 @@ from ..effects.actuator import controller_of
 from ..effects.contact import above_ground
 from ..effects.controller import apply_delayed, control_tick
 from ..step.program import commanded
-from ..step.signals import AHEAD, evaluate, time_of
+from ..step.signals import EVENT_MARGIN, evaluate, time_of
 from ..tree.coupling import follow
 from ..tree.energy import center_of_floating
 from ..tree.kinematics import quaternion_matrix
@@ -21,9 +21,9 @@ TOO_FAST = 1e8  # sum of the sizes of speeds and of the base's position beyond w
 
 def rollout(run, y, out):
     """Run the scene; out (samples, channels) takes y[run.channels] every plan.per_sample steps."""
-    plan, o = run.plan, run.places[0]
-    theta, steady = thetas(run.work, plan.theta, y[o.end_time])
-    dead = y[o.status] > 0.0
+    plan, offsets = run.plan, run.offsets[0]
+    theta, steady = thetas(run.work, plan.theta, y[offsets.end_time])
+    dead = y[offsets.status] > 0.0
     for i in range(len(run.good)):
         run.good[i] = y[i]
     for k in range(plan.steps + 1):
@@ -40,7 +40,7 @@ def rollout(run, y, out):
         if k == plan.steps or read_now(run.stop) != 0 or not any_lane(invert(dead)):
             break
         take_step(run.work, run, y, t, theta)
-        follow(run.scene.coupling, o, y)
+        follow(run.scene.coupling, offsets, y)
         _freeze_ended(dead, run.good, y)
         theta = steady
     for m in range(k // plan.per_sample + 1, len(out)):  # a run that ended early stays at its last state
@@ -81,7 +81,7 @@ def _between_ticks(delay, dead, run, k, y):
 def between(delay, run, k, y):
     """Apply delayed voltages that are due at step k, which is no tick."""
     if delay is not None:
-        apply_delayed(delay, run.scene, run.places[0], y, k % run.plan.per_tick)
+        apply_delayed(delay, run.scene, run.offsets[0], y, k % run.plan.per_tick)
 
 
 @inline
@@ -90,57 +90,59 @@ def _tick_sampled(samples, controller, run, k, y):
         j = k // run.plan.per_tick
         noise = item(run.signals.noise, j)
         goal = commanded(run.signals.program, run.plan, k, y, samples[j])
-        control_tick(controller, run.scene, run.places[0], goal, noise, y, run.plan.per_tick * run.plan.h)
+        control_tick(controller, run.scene, run.offsets[0], goal, noise, y, run.plan.per_tick * run.plan.h)
 
 
 @inline
 def _tick_knots(reference, controller, run, k, t, y):
     if reference is not None:
         noise = item(run.signals.noise, k // run.plan.per_tick)
-        evaluate(reference, t - run.plan.lag + AHEAD, run.signals.drive)
+        evaluate(reference, t - run.plan.lag + EVENT_MARGIN, run.signals.drive)
         period = run.plan.per_tick * run.plan.h
         goal = commanded(run.signals.program, run.plan, k, y, run.signals.drive)
-        control_tick(controller, run.scene, run.places[0], goal, noise, y, period)
+        control_tick(controller, run.scene, run.offsets[0], goal, noise, y, period)
 
 
 @kernel
 def inspect(run, t, y):
     """Give runs that failed their status and their last sound state; return which have failed."""
-    o, good = run.places[0], run.good
-    size = 0.0 * y[o.status]
-    for i in range(o.q):
+    offsets, good = run.offsets[0], run.good
+    size = 0.0 * y[offsets.status]
+    for i in range(offsets.q):
         size = size + abs(y[i])
-    for i in range(o.q, o.base_qd):  # a wheel may turn for hours: only NaN and infinity count
+    for i in range(offsets.q, offsets.base_qd):  # a wheel may turn for hours: only NaN and infinity count
         size = size + 0.0 * y[i]
-    for i in range(o.base_qd, o.after_coordinates):
+    for i in range(offsets.base_qd, offsets.after_coordinates):
         size = size + abs(y[i])
     failed = select(size < TOO_FAST, OK + 0.0 * size, DIVERGED + 0.0 * size)
-    fell = _fell(run.frames, run, o, y)
+    fell = _fell(run.frames, run, offsets, y)
     failed = select(fell & (size < TOO_FAST), FELL + 0.0 * size, failed)
-    failed = select(size == size, failed, DIVERGED + 0.0 * y[o.status])
-    dead = y[o.status] > 0.0
+    failed = select(size == size, failed, DIVERGED + 0.0 * y[offsets.status])
+    dead = y[offsets.status] > 0.0
     new = invert(dead) & (failed > 0.0)
     if any_lane(new & (failed == DIVERGED)):
         for i in range(len(good)):
             y[i] = select(new & (failed == DIVERGED), good[i], y[i])
-    y[o.status] = select(new, failed, y[o.status])
-    y[o.end_time] = select(dead, y[o.end_time], t + 0.0 * y[o.end_time])
+    y[offsets.status] = select(new, failed, y[offsets.status])
+    y[offsets.end_time] = select(dead, y[offsets.end_time], t + 0.0 * y[offsets.end_time])
     for i in range(len(good)):
         good[i] = y[i]
     return dead | new
 
 
 @inline
-def _fell(frames, run, o, y):
+def _fell(frames, run, offsets, y):
     """Whether the center of mass is too low over the ground or the base tilted too far; False where none falls."""
-    fell = y[o.status] != y[o.status]
+    fell = y[offsets.status] != y[offsets.status]
     if frames is not None:
         plan, scene = run.plan, run.scene
-        base_q = slice_if(True, y, o.base_q, 7)
+        base_q = slice_if(True, y, offsets.base_q, 7)
         E, up = quaternion_matrix(base_q), plan.upright
         fell = E[6] * up[0] + E[7] * up[1] + E[8] * up[2] < plan.min_upright
         if any_lane(plan.min_height > NEVER):
-            center = center_of_floating(scene.tree, base_q, slice_if(True, y, o.q, o.base_qd - o.q), frames)
+            center = center_of_floating(
+                scene.tree, base_q, slice_if(True, y, offsets.q, offsets.base_qd - offsets.q), frames
+            )
             fell = fell | (above_ground(scene.contact, center) < plan.min_height)
     return fell
 

@@ -13,59 +13,63 @@ GOLDEN = 0.6180339887498949  # multiples of it, less whole numbers, have no sum 
 
 
 @kernel
-def branches(s):
-    """A number that tells the branches at the solution of the step s from any others."""
-    key = 0.0 * s.Z[VN, 0]
-    for i in range(len(s.scene.tree) - 1):
-        v = s.Z[VN, i]
-        w = rotor_speed(rotor_of(s.actuator), s.Z, WN, i, v)
-        key = key + _weight(3 * i) * actuator_branch(s.actuator, s, i, v, w)
-        key = key + _weight(3 * i + 1) * stop_branch(s.scene.stops, i, s.y[s.o.q + i], v, s.sub)
-        key = key + _weight(3 * i + 2) * _of_friction(s.scene.friction, s, i, v, w)
-    return _with_contacts(s.scene.contact, s, key)
+def branches(step):
+    """A number that tells the branches at the solution of the step from any others."""
+    key = 0.0 * step.Z[VN, 0]
+    for i in range(len(step.scene.tree) - 1):
+        v = step.Z[VN, i]
+        w = rotor_speed(rotor_of(step.actuator), step.Z, WN, i, v)
+        key = key + _weight(3 * i) * actuator_branch(step.actuator, step, i, v, w)
+        key = key + _weight(3 * i + 1) * stop_branch(
+            step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit
+        )
+        key = key + _weight(3 * i + 2) * _of_friction(step.scene.friction, step, i, v, w)
+    return _with_contacts(step.scene.contact, step, key)
 
 
 @by_type
-def _of_friction(friction, s, i, v, w):
+def _of_friction(friction, step, i, v, w):
     """Which way dry friction acts in full."""
 
 
 @_of_friction.otherwise
-def _its_own(friction, s, i, v, w):
+def _its_own(friction, step, i, v, w):
     return friction_branch(friction, i, v)
 
 
 @_of_friction.of(GearFriction)
-def _and_that_of_loads(friction, s, i, v, w):
-    t_m, t_e = loads(friction, s, i, v, w)
+def _and_that_of_loads(friction, step, i, v, w):
+    t_m, t_e = loads(friction, step, i, v, w)
     return gear_branch(friction.table[i], v, t_m, t_e)
 
 
 @kernel
-def branches_at_start(s):
-    """The same where the step s starts."""
-    predict(s.predicted, rotor_of(s.actuator), s)
-    place_contacts(s.scene.contact, s, 0.0)
-    for i in range(len(s.scene.tree) - 1):
-        s.Z[VN, i], s.Z[WN, i] = s.Z[VP, i], s.Z[WK, i]
-        s.Z[VP, i] = s.Z[VP, i] - s.sub * s.y[s.o.qdd + i]  # what loads depend on: the last acceleration
-    _contacts_at_start(s.scene.contact, s)
-    return branches(s)
+def branches_at_start(step):
+    """The same where the step starts."""
+    predict(step.predicted, rotor_of(step.actuator), step)
+    place_contacts(step.scene.contact, step, 0.0)
+    for i in range(len(step.scene.tree) - 1):
+        step.Z[VN, i], step.Z[WN, i] = step.Z[VP, i], step.Z[WK, i]
+        step.Z[VP, i] = (
+            step.Z[VP, i] - step.h_implicit * step.y[step.offsets.qdd + i]
+        )  # what loads depend on: the last acceleration
+    _contacts_at_start(step.scene.contact, step)
+    return branches(step)
 
 
 @inline
-def _contacts_at_start(contact, s):
+def _contacts_at_start(contact, step):
     if contact is not None:
         for c in range(len(contact.points)):
             for k in range(3):
-                s.C[c, UN + k] = s.C[c, U0 + k]
+                step.C[c, UN + k] = step.C[c, U0 + k]
 
 
 @inline
-def _with_contacts(contact, s, key):
+def _with_contacts(contact, step, key):
     if contact is not None:
         for c in range(len(contact.points)):
-            key = key + _weight(3 * (len(s.scene.tree) - 1) + c) * contact_branch(contact, s, c)
+            key = key + _weight(3 * (len(step.scene.tree) - 1) + c) * contact_branch(contact, step, c)
     return key
 
 

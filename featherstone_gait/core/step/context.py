@@ -75,7 +75,7 @@ class Run(NamedTuple):
     """A run: what it reads, and what it overwrites besides the state."""
 
     scene: Scene
-    places: np.ndarray  # (1,) STATE
+    offsets: np.ndarray  # (1,) STATE
     plan: Plan
     signals: Signals
     work: tuple  # the workspace of the integrator, whose type says which it is
@@ -85,7 +85,7 @@ class Run(NamedTuple):
     stop: np.ndarray  # (1,): not 0 where the run is wanted no longer; another thread sets it
 
     # But for what is `Varying` in them: any number of the scene may be, and of the plan min_height.
-    SHARED = ("scene", "places", "plan", "channels", "stop")
+    SHARED = ("scene", "offsets", "plan", "channels", "stop")
 
 
 @structure
@@ -95,7 +95,7 @@ class Step(NamedTuple):
     scene: Scene
     actuator: tuple | None  # the scene's, None where the integrator applies the drive by itself
     decay: np.ndarray | None  # (n, DECAYS) over this step
-    o: np.record  # STATE: where each part of y starts
+    offsets: np.record  # STATE: where each part of y starts
     y: np.ndarray  # the state
     tau: np.ndarray | None  # (n,) torques from outside [N m]
     drive: np.ndarray | None  # (n, 2) reference of a continuous servo and its rate
@@ -103,9 +103,9 @@ class Step(NamedTuple):
     t: float  # pushes are averaged over the time from t ...
     span: float  # ... over this [s]
     h: float  # step [s]
-    sub: float  # theta h, at whose end forces are taken [s]; 0 of an evaluation
+    h_implicit: float  # theta h, at whose end forces are taken [s]; 0 of an evaluation
     theta: float
-    ahead: float | None  # (1 - theta) / theta of the midpoint rule: the step ends so much beyond where forces are taken
+    extrapolation_ratio: float | None  # (1 - theta) / theta of the midpoint rule: how far the step ends beyond
     tolerance: float  # of Newton's iteration: of the forces, relative
     W: np.ndarray  # the arrays of Scratch
     Z: np.ndarray

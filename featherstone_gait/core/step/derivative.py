@@ -21,66 +21,75 @@ from .newton import CJ, DIAGONAL, TAU, accelerations, with_external
 
 
 @inline
-def derivative(s, dy):
+def derivative(step, dy):
     """Fill dy, zero to begin with, up to the voltages; also torque, contact force and accelerations in y."""
-    scene, y, o, n = s.scene, s.y, s.o, len(s.scene.tree) - 1
-    bq, bv = slice_if(scene.floating, y, o.base_q, 7), slice_if(scene.floating, y, o.base_qd, 6)
-    q, v, a = y[o.q : o.q + n], y[o.qd : o.qd + n], y[o.qdd : o.qdd + n]
-    motion_pass(scene.tree, scene.gravity, Motion(bq, bv, None, q, v, None), s.W)
+    scene, y, offsets, n = step.scene, step.y, step.offsets, len(step.scene.tree) - 1
+    bq, bv = slice_if(scene.floating, y, offsets.base_q, 7), slice_if(scene.floating, y, offsets.base_qd, 6)
+    q, v, a = y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n], y[offsets.qdd : offsets.qdd + n]
+    motion_pass(scene.tree, scene.gravity, Motion(bq, bv, None, q, v, None), step.W)
     for i in range(n):
-        _joint_rates(s, dy, i)
-    contact_rates(scene.contact, s, dy)
-    external_forces(scene.push, scene.springs, s)
-    accelerations(_armature(scene.friction, s), scene.contact, s, a)
-    _friction_of_acceleration(scene.friction, s, dy)
+        _joint_rates(step, dy, i)
+    contact_rates(scene.contact, step, dy)
+    external_forces(scene.push, scene.springs, step)
+    accelerations(_armature(scene.friction, step), scene.contact, step, a)
+    _friction_of_acceleration(scene.friction, step, dy)
     for i in range(n):
-        dy[o.q + i] = v[i]
-        dy[o.qd + i] = a[i]
-    _base_rates(bq, bv, s, dy)
+        dy[offsets.q + i] = v[i]
+        dy[offsets.qd + i] = a[i]
+    _base_rates(bq, bv, step, dy)
 
 
 @inline
-def _base_rates(bq, bv, s, dy):
+def _base_rates(bq, bv, step, dy):
     """dx/dt = v, dquaternion/dt = 1/2 quaternion omega."""
     if bq is not None:
-        o, a = s.o, s.y[s.o.base_qdd : s.o.base_qdd + 6]
-        base_acceleration(a, s.W)
+        offsets, a = step.offsets, step.y[step.offsets.base_qdd : step.offsets.base_qdd + 6]
+        base_acceleration(a, step.W)
         for k in range(3):
-            dy[o.base_q + k] = bv[k]
-        quaternion_rate(bq, bv, dy[o.base_q + 3 : o.base_q + 7])
+            dy[offsets.base_q + k] = bv[k]
+        quaternion_rate(bq, bv, dy[offsets.base_q + 3 : offsets.base_q + 7])
         for k in range(6):
-            dy[o.base_qd + k] = a[k]
+            dy[offsets.base_qd + k] = a[k]
 
 
 @inline
-def _joint_rates(s, dy, i):
+def _joint_rates(step, dy, i):
     """Torque on the joint; rates of the actuator and of those energies that something changes."""
-    v, E = s.y[s.o.qd + i], s.o.energy + ENERGIES * i
-    T, Tf = _drive_and_friction(s.scene.friction, s, dy, i, v)
-    T = with_external(s.tau, i, T)
-    s.y[s.o.torque + i] = T + 0.0 * v
+    v, E = step.y[step.offsets.qd + i], step.offsets.energy + ENERGIES * i
+    T, Tf = _drive_and_friction(step.scene.friction, step, dy, i, v)
+    T = with_external(step.tau, i, T)
+    step.y[step.offsets.torque + i] = T + 0.0 * v
     dy[E + WORK] = T * v
-    s.Z[TAU, i] = T + (Tf + stop_rates(s.scene.stops, s, dy, i, v))
+    step.Z[TAU, i] = T + (Tf + stop_rates(step.scene.stops, step, dy, i, v))
 
 
 @by_type
-def _drive_and_friction(friction, s, dy, i, v):
+def _drive_and_friction(friction, step, dy, i, v):
     """Torques of actuator and friction [N m], their rates in dy."""
 
 
 @_drive_and_friction.otherwise
-def _each(friction, s, dy, i, v):
-    Tf = friction_rates(friction, s.actuator, s, dy, i, v)
-    return actuator_rates(s.actuator, s, dy, i, v), Tf
+def _each(friction, step, dy, i, v):
+    Tf = friction_rates(friction, step.actuator, step, dy, i, v)
+    return actuator_rates(step.actuator, step, dy, i, v), Tf
 
 
 @_drive_and_friction.of(GearFriction)
-def _by_load(friction, s, dy, i, v):
+def _by_load(friction, step, dy, i, v):
     """Of friction all but its share of the acceleration, CJ A dv/dt, which lessens the armature."""
-    f, A, Z, loss = friction.table[i], item_or_zero(s.scene.armature, i), s.Z, s.o.energy + ENERGIES * i + LOSS
+    f, A, Z, loss = (
+        friction.table[i],
+        item_or_zero(step.scene.armature, i),
+        step.Z,
+        step.offsets.energy + ENERGIES * i + LOSS,
+    )
     dy[loss] = 0.0 * v
-    T, b, viscous = actuator_rates(s.actuator, s, dy, i, v), A * s.y[s.o.qdd + i], f.viscous_friction * v
-    x, _ = direction(f, s, i, v)
+    T, b, viscous = (
+        actuator_rates(step.actuator, step, dy, i, v),
+        A * step.y[step.offsets.qdd + i],
+        f.viscous_friction * v,
+    )
+    x, _ = direction(f, step, i, v)
     Tf, _, _, by_b = gear_friction(f, stribeck(f, v), x, T, b + viscous)
     Z[CJ, i], Z[DIAGONAL, i] = by_b, A * (1.0 - by_b)
     Tf = Tf - (viscous + by_b * b)
@@ -89,32 +98,32 @@ def _by_load(friction, s, dy, i, v):
 
 
 @by_type
-def _armature(friction, s):
+def _armature(friction, step):
     """Inertia to be added to the joints' (n,) [kg m^2], None if there is none."""
 
 
 @_armature.otherwise
-def _its_own(friction, s):
-    return s.scene.armature
+def _its_own(friction, step):
+    return step.scene.armature
 
 
 @_armature.of(GearFriction)
-def _lessened(friction, s):
-    return s.Z[DIAGONAL]
+def _lessened(friction, step):
+    return step.Z[DIAGONAL]
 
 
 @by_type
-def _friction_of_acceleration(friction, s, dy):
+def _friction_of_acceleration(friction, step, dy):
     """The power of friction's share of the acceleration, in dy."""
 
 
 @_friction_of_acceleration.otherwise
-def _no_share(friction, s, dy):
+def _no_share(friction, step, dy):
     pass
 
 
 @_friction_of_acceleration.of(GearFriction)
-def _its_power(friction, s, dy):
+def _its_power(friction, step, dy):
     for i in range(len(friction.table)):
-        share = s.Z[CJ, i] * item_or_zero(s.scene.armature, i) * s.y[s.o.qdd + i]
-        dy[s.o.energy + ENERGIES * i + LOSS] -= share * s.y[s.o.qd + i]
+        share = step.Z[CJ, i] * item_or_zero(step.scene.armature, i) * step.y[step.offsets.qdd + i]
+        dy[step.offsets.energy + ENERGIES * i + LOSS] -= share * step.y[step.offsets.qd + i]

@@ -79,167 +79,174 @@ SCRATCH = 22
 
 
 @inline
-def solve_step(s):
-    """Find the solution of the step s: accelerations in its y, velocities VN, WN, UN in its scratch; W is filled.
+def solve_step(step):
+    """Find the solution of the step: accelerations in its y, velocities VN, WN, UN in its scratch; W is filled.
 
     A lane that has converged repeats its last pass to the same bits while its neighbors go on.
     """
-    predict(s.predicted, rotor_of(s.actuator), s)
-    place_contacts(s.scene.contact, s, _ahead(s.predicted, s.sub))
-    external_forces(s.scene.push, s.scene.springs, s)
-    forces = any_present(any_present(acting(s), s.tau), s.scene.contact)
-    _find_velocities(forces, rotor_of(s.actuator), s.scene.contact, s)
+    predict(step.predicted, rotor_of(step.actuator), step)
+    place_contacts(step.scene.contact, step, _lookahead_time(step.predicted, step.h_implicit))
+    external_forces(step.scene.push, step.scene.springs, step)
+    forces = any_present(any_present(acting(step), step.tau), step.scene.contact)
+    _find_velocities(forces, rotor_of(step.actuator), step.scene.contact, step)
 
 
 @inline
-def acting(s):
+def acting(step):
     """True, None where nothing acts on the joints but gravity, bias forces and torques from outside."""
-    return any_present(s.actuator, any_present(s.scene.friction, s.scene.stops))
+    return any_present(step.actuator, any_present(step.scene.friction, step.scene.stops))
 
 
 @inline
-def _find_velocities(forces, rotor, contact, s):
+def _find_velocities(forces, rotor, contact, step):
     """Newton's iteration; where no force depends on the velocity sought, or is there at all, one ABA."""
     if forces is None:
-        _solve_free(s.scene.armature, s.predicted, s)
+        _solve_free(step.scene.armature, step.predicted, step)
         return
-    y, o, Z = s.y, s.o, s.Z
+    y, offsets, Z = step.y, step.offsets, step.Z
     active = Z[VP, 0] == Z[VP, 0]  # false for a lane that is not finite
     for k in range(MAX_PASSES):
-        _linearize(rotor, s)
-        linearize_contacts(contact, s)
-        _solve_linear(s.scene.armature, s.predicted, rotor, s)
-        wrong, rising = _compare(rotor, contact, s)
-        y[o.newton_iterations] = select(active, y[o.newton_iterations] + 1.0, y[o.newton_iterations])
+        _linearize(rotor, step)
+        linearize_contacts(contact, step)
+        _solve_linear(step.scene.armature, step.predicted, rotor, step)
+        wrong, rising = _compare(rotor, contact, step)
+        y[offsets.newton_iterations] = select(active, y[offsets.newton_iterations] + 1.0, y[offsets.newton_iterations])
         active = active & wrong
         if not any_lane(active) or k == MAX_PASSES - 1:  # the forces asked for last are those at the solution
             break
         fraction = 1.0 + 0.0 * Z[VP, 0]
         if k > 0 and any_lane(active & (rising > 0.0)):
-            fraction = _line_search(rotor, contact, s, rising)
-        _advance(rotor, contact, s, fraction, active)
-    y[o.newton_iterations + 1] = select(active, y[o.newton_iterations + 1] + 1.0, y[o.newton_iterations + 1])
+            fraction = _line_search(rotor, contact, step, rising)
+        _advance(rotor, contact, step, fraction, active)
+    y[offsets.newton_iterations + 1] = select(
+        active, y[offsets.newton_iterations + 1] + 1.0, y[offsets.newton_iterations + 1]
+    )
 
 
 # ---------------------------------------------------------------------------------------------- the predicted state
 
 
 @inline
-def _ahead(predicted, sub):
+def _lookahead_time(predicted, h_implicit):
     """How far the predicted state lies ahead of the step's start [s]."""
     if predicted is None:
         return 0.0
-    return sub
+    return h_implicit
 
 
 @kernel
-def predict(predicted, rotor, s):
+def predict(predicted, rotor, step):
     """Fill W and Z with poses, velocities and bias at the predicted state; the iteration starts there."""
-    y, o, Z = s.y, s.o, s.Z
-    n = len(s.scene.tree) - 1
-    bq, bv = slice_if(s.scene.floating, y, o.base_q, 7), slice_if(s.scene.floating, y, o.base_qd, 6)
-    q, v = y[o.q : o.q + n], y[o.qd : o.qd + n]
+    y, offsets, Z = step.y, step.offsets, step.Z
+    n = len(step.scene.tree) - 1
+    bq, bv = slice_if(step.scene.floating, y, offsets.base_q, 7), slice_if(step.scene.floating, y, offsets.base_qd, 6)
+    q, v = y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n]
     if predicted is None:
-        motion_pass(s.scene.tree, s.scene.gravity, Motion(bq, bv, None, q, v, None), s.W)
+        motion_pass(step.scene.tree, step.scene.gravity, Motion(bq, bv, None, q, v, None), step.W)
         for i in range(n):
             Z[VP, i] = v[i]
     else:
-        a = y[o.qdd : o.qdd + n]
+        a = y[offsets.qdd : offsets.qdd + n]
         for i in range(n):
-            predicted[n + i] = v[i] + s.sub * a[i]
-            predicted[i] = q[i] + s.sub * predicted[n + i]
+            predicted[n + i] = v[i] + step.h_implicit * a[i]
+            predicted[i] = q[i] + step.h_implicit * predicted[n + i]
             Z[VP, i] = predicted[n + i]
-        ba = slice_if(s.scene.floating, y, o.base_qdd, 6)
-        _predict_base(bq, bv, ba, predicted, 2 * n, s.sub)
-        bq, bv = slice_if(s.scene.floating, predicted, 2 * n, 7), slice_if(s.scene.floating, predicted, 2 * n + 7, 6)
-        motion_pass(s.scene.tree, s.scene.gravity, Motion(bq, bv, ba, predicted[:n], predicted[n : 2 * n], a), s.W)
+        ba = slice_if(step.scene.floating, y, offsets.base_qdd, 6)
+        _predict_base(bq, bv, ba, predicted, 2 * n, step.h_implicit)
+        bq, bv = (
+            slice_if(step.scene.floating, predicted, 2 * n, 7),
+            slice_if(step.scene.floating, predicted, 2 * n + 7, 6),
+        )
+        motion_pass(
+            step.scene.tree, step.scene.gravity, Motion(bq, bv, ba, predicted[:n], predicted[n : 2 * n], a), step.W
+        )
     for i in range(n):
         Z[VK, i] = Z[VP, i]
         if rotor is not None:
-            Z[WK, i] = y[o.rotor_speed + i]
-    _begin_friction(s.scene.friction, s)
+            Z[WK, i] = y[offsets.rotor_speed + i]
+    _begin_friction(step.scene.friction, step)
 
 
 @by_type
-def _begin_friction(friction, s):
+def _begin_friction(friction, step):
     pass
 
 
 @_begin_friction.otherwise
-def _nothing_falls(friction, s):
+def _nothing_falls(friction, step):
     pass
 
 
 @_begin_friction.of(GearFriction)
-def _fill_stribeck(friction, s):
+def _fill_stribeck(friction, step):
     for i in range(len(friction.table)):
-        s.Z[STRIBECK, i] = stribeck(friction.table[i], s.Z[VP, i])
+        step.Z[STRIBECK, i] = stribeck(friction.table[i], step.Z[VP, i])
 
 
 @inline
-def _predict_base(bq, bv, ba, predicted, start, sub):
+def _predict_base(bq, bv, ba, predicted, start, h_implicit):
     if bq is not None:
         for k in range(6):
-            predicted[start + 7 + k] = bv[k] + sub * ba[k]
-        move_base(bq, predicted[start + 7 : start + 13], sub, predicted[start : start + 7])
+            predicted[start + 7 + k] = bv[k] + h_implicit * ba[k]
+        move_base(bq, predicted[start + 7 : start + 13], h_implicit, predicted[start : start + 7])
 
 
 # ---------------------------------------------------------------------------------------------- forces of a joint
 
 
 @inline
-def joint_force(s, i, v, w):
+def joint_force(step, i, v, w):
     """Torque on joint i at the velocities v, w of joint and rotor, with slopes: see effects/actuator.py.
 
     Returns T, F, c, cg and cr of all that acts, and dT/dw: no other than cg, unless friction knows the load.
     """
-    return _joint_force(s.scene.friction, s, i, v, w)
+    return _joint_force(step.scene.friction, step, i, v, w)
 
 
 @by_type
-def _joint_force(friction, s, i, v, w):
+def _joint_force(friction, step, i, v, w):
     pass
 
 
 @_joint_force.otherwise
-def _with_friction(friction, s, i, v, w):
-    Tf, cf = friction_torque(friction, s, i, v)
-    Ts, cs = stop_torque(s.scene.stops, i, s.y[s.o.q + i], v, s.sub)
-    T, F, c, cg, cr = actuator_force(s.actuator, s, i, v, w, with_external(s.tau, i, Tf + Ts), cf + cs)
+def _with_friction(friction, step, i, v, w):
+    Tf, cf = friction_torque(friction, step, i, v)
+    Ts, cs = stop_torque(step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
+    T, F, c, cg, cr = actuator_force(step.actuator, step, i, v, w, with_external(step.tau, i, Tf + Ts), cf + cs)
     return T, F, c, cg, cr, cg
 
 
 @_joint_force.of(GearFriction)
-def _with_gear_friction(friction, s, i, v, w):
-    Tm, F, c, cg, cr = actuator_force(s.actuator, s, i, v, w, 0.0 * v, 0.0 * v)
-    Ts, cs = stop_torque(s.scene.stops, i, s.y[s.o.q + i], v, s.sub)
-    Tf, cf, by_m = rubbing(friction, s, i, v, Tm)
-    s.Z[DRIVE, i], s.Z[RUB, i] = Tm, Tf
-    return with_external(s.tau, i, (Tm + Tf) + Ts), F, c * (1.0 + by_m) + (cf + cs), cg, cr, cg * (1.0 + by_m)
+def _with_gear_friction(friction, step, i, v, w):
+    Tm, F, c, cg, cr = actuator_force(step.actuator, step, i, v, w, 0.0 * v, 0.0 * v)
+    Ts, cs = stop_torque(step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
+    Tf, cf, by_m = gear_friction_torque(friction, step, i, v, Tm)
+    step.Z[DRIVE, i], step.Z[RUB, i] = Tm, Tf
+    return with_external(step.tau, i, (Tm + Tf) + Ts), F, c * (1.0 + by_m) + (cf + cs), cg, cr, cg * (1.0 + by_m)
 
 
 @inline
-def rubbing(friction, s, i, v, Tm):
+def gear_friction_torque(friction, step, i, v, Tm):
     """Friction of a gear [N m] that Tm drives [N m], its slope -d/dv at a given Tm, and the slope by Tm."""
     f = friction.table[i]
-    A, B = item_or_zero(s.scene.armature, i), f.viscous_friction
-    x, slope = direction(f, s, i, v)
-    T, by_x, by_m, by_b = gear_friction(f, s.Z[STRIBECK, i], x, Tm, A * _acceleration(s, i, v) + B * v)
-    return T - B * v, B - by_x * slope - by_b * (A / s.sub + B), by_m
+    A, B = item_or_zero(step.scene.armature, i), f.viscous_friction
+    x, slope = direction(f, step, i, v)
+    T, by_x, by_m, by_b = gear_friction(f, step.Z[STRIBECK, i], x, Tm, A * _acceleration(step, i, v) + B * v)
+    return T - B * v, B - by_x * slope - by_b * (A / step.h_implicit + B), by_m
 
 
 @inline
-def _acceleration(s, i, v):
-    """That of joint i in the step s, if its forces are taken at the speed v [rad/s^2]."""
-    return with_predicted(s.predicted, (v - s.Z[VP, i]) / s.sub, s.y[s.o.qdd + i])
+def _acceleration(step, i, v):
+    """That of joint i in the step, if its forces are taken at the speed v [rad/s^2]."""
+    return with_predicted(step.predicted, (v - step.Z[VP, i]) / step.h_implicit, step.y[step.offsets.qdd + i])
 
 
 @inline
-def loads(friction, s, i, v, w):
+def loads(friction, step, i, v, w):
     """What drives the gear of joint i and what the mechanism does to it, t_m and t_e [N m]."""
-    Tm, _, _, _, _ = actuator_force(s.actuator, s, i, v, w, 0.0 * v, 0.0 * v)
-    Tf, _, _ = rubbing(friction, s, i, v, Tm)
-    return Tm, item_or_zero(s.scene.armature, i) * _acceleration(s, i, v) - Tm - Tf
+    Tm, _, _, _, _ = actuator_force(step.actuator, step, i, v, w, 0.0 * v, 0.0 * v)
+    Tf, _, _ = gear_friction_torque(friction, step, i, v, Tm)
+    return Tm, item_or_zero(step.scene.armature, i) * _acceleration(step, i, v) - Tm - Tf
 
 
 @inline
@@ -270,41 +277,41 @@ def rotor_speed(rotor, Z, row, i, otherwise):
 
 
 @inline
-def _solve_free(armature, predicted, s):
+def _solve_free(armature, predicted, step):
     """Accelerations and velocities of bodies on which nothing acts; Z[TAU] is zero to begin with."""
-    Z, n = s.Z, len(s.scene.tree) - 1
+    Z, n = step.Z, len(step.scene.tree) - 1
     if armature is not None:
         if predicted is not None:
             for i in range(n):
-                Z[TAU, i] = -armature[i] * s.y[s.o.qdd + i]
-    accelerations(armature, None, s, Z[DA])
+                Z[TAU, i] = -armature[i] * step.y[step.offsets.qdd + i]
+    accelerations(armature, None, step, Z[DA])
     for i in range(n):
-        Z[VN, i] = Z[VP, i] + s.sub * Z[DA, i]
-    s.y[s.o.newton_iterations] = s.y[s.o.newton_iterations] + 1.0
+        Z[VN, i] = Z[VP, i] + step.h_implicit * Z[DA, i]
+    step.y[step.offsets.newton_iterations] = step.y[step.offsets.newton_iterations] + 1.0
 
 
 @inline
-def accelerations(diagonal, contact, s, qdd):
+def accelerations(diagonal, contact, step, qdd):
     """Fill qdd (n,) by the two passes of the ABA that follow `motion_pass`; diagonal (n,) enlarges D."""
-    base_q = slice_if(s.scene.floating, s.y, s.o.base_q, 7)
-    wrench = only_if(any_present(s.scene.push, s.scene.springs), s.F)
-    articulated_pass(s.scene.tree, base_q, None, s.Z[TAU], diagonal, wrench, contact, s.W)
-    constrain(s.scene.coupling, base_q, contact, s.scene.tree, s.W)
-    acceleration_pass(s.scene.tree, s.W, qdd)
+    base_q = slice_if(step.scene.floating, step.y, step.offsets.base_q, 7)
+    wrench = only_if(any_present(step.scene.push, step.scene.springs), step.F)
+    articulated_pass(step.scene.tree, base_q, None, step.Z[TAU], diagonal, wrench, contact, step.W)
+    constrain(step.scene.coupling, base_q, contact, step.scene.tree, step.W)
+    acceleration_pass(step.scene.tree, step.W, qdd)
 
 
 @kernel
-def _linearize(rotor, s):
+def _linearize(rotor, step):
     """Forces and slopes about VK, WK; the rotor eliminated: T = T0 - CJ v."""
-    Z = s.Z
-    for i in range(len(s.scene.tree) - 1):
+    Z = step.Z
+    for i in range(len(step.scene.tree) - 1):
         v, w = Z[VK, i], Z[WK, i]
-        T, F, c, cg, cr, ct = joint_force(s, i, v, w)
+        T, F, c, cg, cr, ct = joint_force(step, i, v, w)
         Z[T0, i] = T + c * v
         Z[CJ, i] = c
         if rotor is not None:
-            d = rotor[i].inertia / s.sub + cr + cg
-            p = rotor[i].inertia / s.sub * s.y[s.o.rotor_speed + i] + F + (cr + cg) * w - cg * v
+            d = rotor[i].inertia / step.h_implicit + cr + cg
+            p = rotor[i].inertia / step.h_implicit * step.y[step.offsets.rotor_speed + i] + F + (cr + cg) * w - cg * v
             k = cg / d
             Z[T0, i] = T + (c + ct) * v - ct * w + (ct / d) * p
             Z[CJ, i] = c + ct * (1.0 - k)
@@ -316,91 +323,91 @@ def _linearize(rotor, s):
 
 
 @kernel
-def _solve_linear(armature, predicted, rotor, s):
+def _solve_linear(armature, predicted, rotor, step):
     """One ABA of the linear model; velocities and the model's forces at its solution."""
-    Z, n = s.Z, len(s.scene.tree) - 1
+    Z, n = step.Z, len(step.scene.tree) - 1
     for i in range(n):
         Z[TAU, i] = Z[T0, i] - Z[CJ, i] * Z[VP, i]
-        Z[DIAGONAL, i] = s.sub * Z[CJ, i]
+        Z[DIAGONAL, i] = step.h_implicit * Z[CJ, i]
         if armature is not None:
             Z[DIAGONAL, i] = Z[DIAGONAL, i] + armature[i]
             if predicted is not None:
-                Z[TAU, i] = Z[TAU, i] - armature[i] * s.y[s.o.qdd + i]
-    fold_contacts(s.scene.contact, s, s.sub)
-    accelerations(Z[DIAGONAL], s.scene.contact, s, Z[DA])
+                Z[TAU, i] = Z[TAU, i] - armature[i] * step.y[step.offsets.qdd + i]
+    fold_contacts(step.scene.contact, step, step.h_implicit)
+    accelerations(Z[DIAGONAL], step.scene.contact, step, Z[DA])
     for i in range(n):
-        v = Z[VP, i] + s.sub * Z[DA, i]
+        v = Z[VP, i] + step.h_implicit * Z[DA, i]
         Z[VN, i] = v
         Z[TL, i] = Z[T0, i] - Z[CJ, i] * v
         if rotor is not None:
             w = Z[WP, i] + Z[WS, i] * v
             Z[WN, i] = w
             Z[FLW, i] = Z[FW0, i] - Z[FWW, i] * w + Z[FWV, i] * v
-    solved_contacts(s.scene.contact, s)
+    solved_contacts(step.scene.contact, step)
 
 
 # ---------------------------------------------------------------------------------------------- convergence
 
 
 @kernel
-def _compare(rotor, contact, s):
+def _compare(rotor, contact, step):
     """Where the forces at the solution differ from the linear model's, and the slope of the descent there."""
-    Z = s.Z
+    Z = step.Z
     slope = 0.0 * Z[VN, 0]
     wrong = slope > 1.0
-    for i in range(len(s.scene.tree) - 1):
+    for i in range(len(step.scene.tree) - 1):
         v, w = Z[VN, i], rotor_speed(rotor, Z, WN, i, 0.0)
-        T, F, _, _, _, _ = joint_force(s, i, v, w)
+        T, F, _, _, _, _ = joint_force(step, i, v, w)
         least = FLOOR + select(Z[CJ, i] > STEEPEST, ROUNDING * (Z[CJ, i] * abs(v)), 0.0 * v)
-        wrong = wrong | (abs(T - Z[TL, i]) > s.tolerance * (abs(T) + abs(Z[TL, i])) + least)
+        wrong = wrong | (abs(T - Z[TL, i]) > step.tolerance * (abs(T) + abs(Z[TL, i])) + least)
         slope = slope + (v - Z[VK, i]) * (Z[TL, i] - T)
         if rotor is not None:
-            wrong = wrong | (abs(F - Z[FLW, i]) > s.tolerance * (abs(T) + abs(Z[TL, i])) + FLOOR)
+            wrong = wrong | (abs(F - Z[FLW, i]) > step.tolerance * (abs(T) + abs(Z[TL, i])) + FLOOR)
             slope = slope + (w - Z[WK, i]) * (Z[FLW, i] - F)
-    return compare_contacts(contact, s, wrong, slope, s.tolerance, FLOOR)
+    return compare_contacts(contact, step, wrong, slope, step.tolerance, FLOOR)
 
 
 @kernel
-def _line_search(rotor, contact, s, rising):
+def _line_search(rotor, contact, step, rising):
     """Where along the pass the descent ends: bisection of the slope, in the lanes in which it rises at the end."""
     low = 0.0 * rising
     high = 1.0 + 0.0 * rising
     for _ in range(BISECTIONS):
         fraction = 0.5 * (low + high)
-        up = _slope(rotor, contact, s, fraction) > 0.0
+        up = _slope(rotor, contact, step, fraction) > 0.0
         low, high = select(up, low, fraction), select(up, fraction, high)
     return select(rising > 0.0, 0.5 * (low + high), 1.0 + 0.0 * rising)
 
 
 @kernel
-def _slope(rotor, contact, s, fraction):
+def _slope(rotor, contact, step, fraction):
     """Slope of the convex function at a fraction of the pass: inertial less applied force, along the pass."""
-    Z, slope = s.Z, 0.0 * fraction
-    for i in range(len(s.scene.tree) - 1):
+    Z, slope = step.Z, 0.0 * fraction
+    for i in range(len(step.scene.tree) - 1):
         p = Z[VN, i] - Z[VK, i]
         pw = rotor_speed(rotor, Z, WN, i, 0.0) - rotor_speed(rotor, Z, WK, i, 0.0)
         w = rotor_speed(rotor, Z, WK, i, 0.0) + fraction * pw
-        T, F, _, _, _, _ = joint_force(s, i, Z[VK, i] + fraction * p, w)
+        T, F, _, _, _, _ = joint_force(step, i, Z[VK, i] + fraction * p, w)
         slope = slope + p * (Z[RT, i] + fraction * (Z[TL, i] - Z[RT, i]) - T)
         if rotor is not None:
             slope = slope + pw * (Z[RW, i] + fraction * (Z[FLW, i] - Z[RW, i]) - F)
-    return contact_slope(contact, s, fraction, slope)
+    return contact_slope(contact, step, fraction, slope)
 
 
 @kernel
-def _advance(rotor, contact, s, fraction, active):
+def _advance(rotor, contact, step, fraction, active):
     """Move the iterate by a fraction of the pass, in the lanes still at work."""
-    Z = s.Z
-    for i in range(len(s.scene.tree) - 1):
+    Z = step.Z
+    for i in range(len(step.scene.tree) - 1):
         here = Z[VK, i]
         _shift(Z, VK, VN, i, fraction, active)
-        v = snap_to_rest(s.scene.friction, s, i, Z[VK, i], here, Z[VN, i])
+        v = snap_to_rest(step.scene.friction, step, i, Z[VK, i], here, Z[VN, i])
         Z[VK, i] = select(active & (fraction < 1.0), v, Z[VK, i])
         _shift(Z, RT, TL, i, fraction, active)
         if rotor is not None:
             _shift(Z, WK, WN, i, fraction, active)
             _shift(Z, RW, FLW, i, fraction, active)
-    shift_contacts(contact, s.C, fraction, active)
+    shift_contacts(contact, step.C, fraction, active)
 
 
 @inline

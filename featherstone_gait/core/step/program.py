@@ -29,14 +29,14 @@ class Program(NamedTuple):
     clock: np.ndarray  # (3,)
     # Of the lane whose turn it is:
     state: np.ndarray  # (length,)
-    places: np.ndarray  # sizes, and where the parts of the state begin
+    offsets: np.ndarray  # sizes, and where the parts of the state begin
     reference: np.ndarray  # (2 n,)
     own_command: np.ndarray  # (2 n,)
     own_memory: np.ndarray  # (K,)
     failure: np.ndarray  # (2,)
 
     SHARED = (
-        "function", "every", "replaces", "state", "places", "reference", "own_command", "own_memory", "failure"
+        "function", "every", "replaces", "state", "offsets", "reference", "own_command", "own_memory", "failure"
     )  # fmt: skip
 
 
@@ -74,7 +74,7 @@ def act(program, plan, k, y, reference):
             for i in range(len(program.own_memory)):
                 program.own_memory[i] = memory[i * width + lane]
             arrays = (
-                program.state, program.places, program.reference, program.own_command, program.own_memory,
+                program.state, program.offsets, program.reference, program.own_command, program.own_memory,
                 program.failure,
             )  # fmt: skip
             call_outside(program.function, t, arrays)

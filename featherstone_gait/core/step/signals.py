@@ -6,7 +6,7 @@ import numpy as np
 
 from ..compile.jit import entry, inline, kernel
 from ..compile.structure import structure
-from ..effects.push import AHEAD  # a tick that falls on a knot sees what begins there
+from ..effects.push import EVENT_MARGIN  # a tick that falls on a knot sees what begins there
 from .program import Program
 
 
@@ -76,9 +76,9 @@ def next_knot(knots, t):
     times = knots.times
     turns = 0.0
     if knots.period > 0.0:
-        turns = np.floor((t + AHEAD - times[0]) / knots.period) * knots.period
+        turns = np.floor((t + EVENT_MARGIN - times[0]) / knots.period) * knots.period
     for k in range(len(times)):
-        if times[k] + turns > t + AHEAD:
+        if times[k] + turns > t + EVENT_MARGIN:
             return times[k] + turns
     if knots.period > 0.0:
         return times[0] + turns + knots.period
@@ -111,4 +111,4 @@ def _evaluate_drive(reference, drive, continuous, t):
 def sample_ticks(knots, plan, done, out):
     """Fill out (ticks, n, 2) with what sampled controllers see from the grid step `done` of a run on."""
     for k in range(len(out)):
-        evaluate(knots, time_of(plan, done + k * plan.per_tick) - plan.lag + AHEAD, out[k])
+        evaluate(knots, time_of(plan, done + k * plan.per_tick) - plan.lag + EVENT_MARGIN, out[k])

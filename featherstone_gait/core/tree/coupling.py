@@ -124,11 +124,11 @@ def _take(n, a, coupling, other, W):
 
 
 @inline
-def follow(coupling, o, y):
+def follow(coupling, offsets, y):
     """Give followers in the state y the coordinates that their leaders' ask for: takes rounding away, no more."""
     if coupling is not None:
         for c in range(len(coupling)):
             k = coupling[c]
-            y[o.q + k.dof] = k.multiplier * y[o.q + k.leader_dof] + k.offset
-            y[o.qd + k.dof] = k.multiplier * y[o.qd + k.leader_dof]
-            y[o.qdd + k.dof] = k.multiplier * y[o.qdd + k.leader_dof]
+            y[offsets.q + k.dof] = k.multiplier * y[offsets.q + k.leader_dof] + k.offset
+            y[offsets.qd + k.dof] = k.multiplier * y[offsets.qd + k.leader_dof]
+            y[offsets.qdd + k.dof] = k.multiplier * y[offsets.qdd + k.leader_dof]

@@ -39,7 +39,7 @@ def rollout_bodies(run: Any, y: np.ndarray, out: np.ndarray, world: Any, work: A
     """Run the scene; as `core.integrate.rollout.rollout`, by bodies and constraints."""
     w = World(world[0], world[1], world[2], world[3], world[4], world[5])
     x = Work(work[0], work[1], work[2], work[3], work[4], work[5], work[6], work[7], work[8], work[9], work[10])
-    plan, o = run.plan, run.places[0]
+    plan, offsets = run.plan, run.offsets[0]
     _place_bodies(run, w, x, y, work[11])
     for i in range(len(run.good)):
         run.good[i] = y[i]
@@ -62,7 +62,9 @@ def rollout_bodies(run: Any, y: np.ndarray, out: np.ndarray, world: Any, work: A
         drive_joints(run.scene.actuator, run, w, x, y)
         contacts = step(w, x, run.scene.gravity, plan.h)
         if len(w.points):
-            contact_forces(w, x, contacts, x.counts[0], y[o.contact_force : o.contact_force + 3 * len(w.points)])
+            contact_forces(
+                w, x, contacts, x.counts[0], y[offsets.contact_force : offsets.contact_force + 3 * len(w.points)]
+            )
     for m in range(k // plan.per_sample + 1, len(out)):
         record(run, y, m, out)
 
@@ -82,10 +84,10 @@ def advance(world: Any, work: Any, gravity: np.ndarray, h: float, steps: int) ->
 @inline
 def _place_bodies(run: Any, w: Any, x: Any, y: Any, W: Any) -> None:
     """Bodies to where the coordinates have them."""
-    o, n = run.places[0], len(w.axes)
-    base = slice_if(run.scene.floating, y, o.base_q, 7)
-    speed = slice_if(run.scene.floating, y, o.base_qd, 6)
-    motion = Motion(base, speed, None, y[o.q : o.q + n], y[o.qd : o.qd + n], None)
+    offsets, n = run.offsets[0], len(w.axes)
+    base = slice_if(run.scene.floating, y, offsets.base_q, 7)
+    speed = slice_if(run.scene.floating, y, offsets.base_qd, 6)
+    motion = Motion(base, speed, None, y[offsets.q : offsets.q + n], y[offsets.qd : offsets.qd + n], None)
     motion_pass(run.scene.tree, run.scene.gravity, motion, W)
     origin = _origin(base)
     X = x.X
@@ -99,7 +101,7 @@ def _place_bodies(run: Any, w: Any, x: Any, y: Any, W: Any) -> None:
             store3(X, i, SPEED, add(load3(W, b.row, V + 3), cross(load3(W, b.row, V), c)))
             _store_turn(X, i, E)
     for k in range(n):
-        x.angles[k, 0] = y[o.q + w.axes[k].dof]
+        x.angles[k, 0] = y[offsets.q + w.axes[k].dof]
     refresh(w, x)
 
 
@@ -134,16 +136,16 @@ def _store_turn(X: Any, i: int, E: Any) -> None:
 @inline
 def _read(run: Any, w: Any, x: Any, y: Any) -> None:
     """Coordinates to where the bodies are."""
-    o = run.places[0]
+    offsets = run.offsets[0]
     measure(w, x)
     for k in range(len(w.axes)):
         i = w.axes[k].dof
-        y[o.q + i], y[o.qd + i] = x.angles[k, 0], x.angles[k, 1]
-    _read_base(run.scene.floating, o, w, x, y)
+        y[offsets.q + i], y[offsets.qd + i] = x.angles[k, 0], x.angles[k, 1]
+    _read_base(run.scene.floating, offsets, w, x, y)
 
 
 @inline
-def _read_base(floating: Any, o: Any, w: Any, x: Any, y: Any) -> None:
+def _read_base(floating: Any, offsets: Any, w: Any, x: Any, y: Any) -> None:
     if floating is not None:
         X = x.X
         E, spin = load9(X, 1, R), load3(X, 1, SPIN)
@@ -151,9 +153,9 @@ def _read_base(floating: Any, o: Any, w: Any, x: Any, y: Any) -> None:
         at, speed = sub(load3(X, 1, PLACE), arm), sub(load3(X, 1, SPEED), cross(spin, arm))
         own = rotate_back(E, spin)
         for k in range(3):
-            y[o.base_q + k], y[o.base_qd + k], y[o.base_qd + 3 + k] = at[k], speed[k], own[k]
+            y[offsets.base_q + k], y[offsets.base_qd + k], y[offsets.base_qd + 3 + k] = at[k], speed[k], own[k]
         for k in range(4):
-            y[o.base_q + 3 + k] = X[1, TURN + k]
+            y[offsets.base_q + 3 + k] = X[1, TURN + k]
 
 
 # ---------------------------------------------------------------------------------------------- from Python

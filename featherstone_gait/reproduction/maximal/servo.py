@@ -31,10 +31,10 @@ def _nothing_filtered(actuator: Any, run: Any, w: Any, y: Any) -> None:
 
 @filter_speeds.otherwise
 def _filter_speeds(actuator: Any, run: Any, w: Any, y: Any) -> None:
-    o = run.places[0]
+    offsets = run.offsets[0]
     for i in range(len(w.drive)):
-        v = y[o.qd + i]
-        y[o.filtered_speed + i] = v + w.drive[i].filter_left * (y[o.filtered_speed + i] - v)
+        v = y[offsets.qd + i]
+        y[offsets.filtered_speed + i] = v + w.drive[i].filter_left * (y[offsets.filtered_speed + i] - v)
 
 
 @by_type
@@ -49,37 +49,42 @@ def _none(actuator: Any, run: Any, w: Any, y: Any, i: int) -> float:
 
 @servo_torque.of(RigidServo)
 def _rigid(actuator: Any, run: Any, w: Any, y: Any, i: int) -> float:
-    m, d, o = actuator.motor[i], w.drive[i], run.places[0]
-    emf = clamp(m.torque_constant * y[o.qd + i], -d.voltage_limit, d.voltage_limit)
+    m, d, offsets = actuator.motor[i], w.drive[i], run.offsets[0]
+    emf = clamp(m.torque_constant * y[offsets.qd + i], -d.voltage_limit, d.voltage_limit)
     I = _current(m, d, run, y, (i, emf))
-    return m.torque_constant * I - d.viscous * y[o.filtered_speed + i]
+    return m.torque_constant * I - d.viscous * y[offsets.filtered_speed + i]
 
 
 @servo_torque.of(MipsdServo)
 def _geared(actuator: Any, run: Any, w: Any, y: Any, i: int) -> float:
-    m, g, d, o, h = actuator.motor[i], actuator.gear[i], w.drive[i], run.places[0], run.plan.h
-    speed = y[o.rotor_speed + i]
+    m, g, d, offsets, h = actuator.motor[i], actuator.gear[i], w.drive[i], run.offsets[0], run.plan.h
+    speed = y[offsets.rotor_speed + i]
     I = _current(m, d, run, y, (i, m.torque_constant * speed))
-    e = wind_up(g, y[o.rotor + i] - y[o.q + i])
-    slip = speed - y[o.filtered_speed + i]
+    e = wind_up(g, y[offsets.rotor + i] - y[offsets.q + i])
+    slip = speed - y[offsets.filtered_speed + i]
     damper = clamp(g.damping * slip, -d.damper_limit, d.damper_limit)
     T = g.stiffness * (1.0 + d.hardening * abs(e)) * e + damper
     speed += h * (m.torque_constant * I - g.rotor_damping * speed - T) / g.inertia
-    y[o.rotor_speed + i] = speed
-    y[o.rotor + i] += h * speed
-    y[o.energy + ENERGIES * i + GEAR] += h * (damper * slip)
-    return T - d.viscous * y[o.filtered_speed + i]
+    y[offsets.rotor_speed + i] = speed
+    y[offsets.rotor + i] += h * speed
+    y[offsets.energy + ENERGIES * i + GEAR] += h * (damper * slip)
+    return T - d.viscous * y[offsets.filtered_speed + i]
 
 
 @inline
 def _current(m: Any, d: Any, run: Any, y: Any, what: Any) -> float:
     """Current at the end of the step [A], with the electrical energies; what: joint and back-EMF [V]."""
     i, emf = what
-    o, h = run.places[0], run.plan.h
-    E, V, last, left = o.energy + ENERGIES * i, y[o.voltage + i], y[o.current + i], run.scene.decay[i, MOTOR_DECAY]
+    offsets, h = run.offsets[0], run.plan.h
+    E, V, last, left = (
+        offsets.energy + ENERGIES * i,
+        y[offsets.voltage + i],
+        y[offsets.current + i],
+        run.scene.decay[i, MOTOR_DECAY],
+    )
     I = left * last + (1.0 - left) * ((V - emf) / m.resistance)
     I = clamp(clamp(I, last - d.slew, last + d.slew), -m.current_limit, m.current_limit)
-    y[o.current + i] = I
+    y[offsets.current + i] = I
     y[E + SUPPLY] += h * (V * I)
     y[E + METER] += h * max(V * I, 0.0)
     y[E + COPPER] += h * (m.resistance * (I * I))
@@ -89,14 +94,14 @@ def _current(m: Any, d: Any, run: Any, y: Any, what: Any) -> float:
 @inline
 def drive_joints(actuator: Any, run: Any, w: Any, x: Any, y: Any) -> None:
     """Torques of all axes: servos and what damps the joints; with their energies."""
-    o, h = run.places[0], run.plan.h
+    offsets, h = run.offsets[0], run.plan.h
     for k in range(len(w.axes)):
         i = w.axes[k].dof
-        v, T = y[o.qd + i], 0.0
+        v, T = y[offsets.qd + i], 0.0
         if w.drive[i].on:
             T = servo_torque(actuator, run, w, y, i)
-            y[o.energy + ENERGIES * i + WORK] += h * (T * v)
+            y[offsets.energy + ENERGIES * i + WORK] += h * (T * v)
         damped = w.axes[k].damping * v
-        y[o.energy + ENERGIES * i + FRICTION] += h * (damped * v)
-        y[o.torque + i] = T
+        y[offsets.energy + ENERGIES * i + FRICTION] += h * (damped * v)
+        y[offsets.torque + i] = T
         x.angles[k, 2] = T - damped

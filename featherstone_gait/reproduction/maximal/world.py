@@ -55,7 +55,7 @@ def _check(scene: CompiledScene, welded: Sequence[str]) -> None:
         "a supply": c.supply is not None,
         "ground that is no plane": contact is not None
         and (not isinstance(contact.ground, Plane) or len(contact.ground.steps) > 0),
-        "contacts with a rim": contact is not None and not isinstance(contact.bulge, Spheres | None),
+        "contacts with a rim": contact is not None and not isinstance(contact.contact_geometry, Spheres | None),
         "an integrator of free steps": scene.adaptive,
     }
     for what, there in lacking.items():
@@ -207,7 +207,7 @@ def _points(scene: CompiledScene, bodies: np.recarray, number: dict[int, int]) -
     for k, (row, point) in enumerate(zip(table, contact.points)):
         row.a, row.b, row.place = number[int(point.body)], 0, k
         row.position = np.array(point.position) - bodies[row.a].center
-        row.radius = 0.0 if contact.bulge is None else contact.bulge.radius[k]
+        row.radius = 0.0 if contact.contact_geometry is None else contact.contact_geometry.radius[k]
         row.normal, row.first, row.second, row.height = plane.normal, plane.first, plane.second, plane.height
         row.friction = point.friction
     return table
