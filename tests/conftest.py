@@ -6,11 +6,18 @@ compiles the others wait for and then read from the cache; one worker more than 
 """
 
 import os
+import sys
 from fnmatch import fnmatchcase
+from pathlib import Path
 
 import pytest
 
 import featherstone_gait.reproduction  # noqa: F401, adds the integrator "simtwo"
+
+TESTS = Path(__file__).parent
+ROOMS = [str(path) for path in sorted(TESTS.iterdir()) if path.is_dir() and path.name[0] not in "._"]
+sys.path.extend(ROOMS)  # what tests share is in support/; processes that they start find it too
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(TESTS.parent), *ROOMS, os.environ.get("PYTHONPATH")]))
 
 APART = ("test_notebooks.py", "test_docs.py", "test_published_robots.py")
 LONGEST = """

@@ -1,0 +1,294 @@
+"""Springs between bodies: closed forms, what they conserve, orders, and the same bits in any width."""
+
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from random_tree import random_states, random_tree
+
+from featherstone_gait.dynamics import energy, momentum, spring_energy, spring_vectors
+from featherstone_gait.model import Joint, Link, Model, Spring
+from featherstone_gait.run.simulate import Push, initial_state, simulate, simulate_batch
+from featherstone_gait.scene.compile import compile_scene
+
+ROOT = Path(__file__).parents[2]
+BALL = (0.01, 0.0, 0.0, 0.01, 0.0, 0.01)  # [kg m^2]
+M1, M2 = 1.0, 3.0  # [kg]
+REDUCED = M1 * M2 / (M1 + M2)
+K, REST = 75.0, 0.4  # [N/m], [m]
+STILL = (0.0, 0.0, 0.0)
+
+
+def pair(zero=0.0):
+    """Two balls, the second slides along the first one's x axis; so far apart where the joint is at zero [m]."""
+    links = (Link("a", M1, STILL, BALL), Link("b", M2, STILL, BALL))
+    joint = Joint("slide", "prismatic", "a", "b", xyz=(zero, 0.0, 0.0), axis=(1.0, 0.0, 0.0))
+    return Model("pair", links, (joint,), "floating")
+
+
+def pair_scene(damping=0.0, integrator=None, timestep=None):
+    spring = Spring("a", "b", (0.0, 0.0, 0.1), (0.0, 0.0, 0.1), K, damping, REST)
+    return compile_scene(pair(), integrator=integrator, timestep=timestep, gravity=STILL, springs=[spring])
+
+
+def flying(scene, distance=0.5, spin=0.0):
+    """The pair drifts and may turn about z."""
+    return initial_state(scene, [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, distance], [0.3, -0.2, 0.1, 0.0, 0.0, spin, 0.0])
+
+
+def swing(t, damping, start=0.1):
+    """Distance of the free pair: r'' = -(K (r - l0) + C r') / m of the reduced mass m, from rest."""
+    w, d = math.sqrt(K / REDUCED), damping / (2.0 * REDUCED)
+    f = math.sqrt(w * w - d * d)
+    return REST + start * np.exp(-d * t) * (np.cos(f * t) + d / f * np.sin(f * t))
+
+
+def tangle(damping, seed=5):
+    """A tree of ten bodies that floats, its tips tied across to other links off their axes."""
+    model = random_tree(10, seed, base="floating")
+    names = [link.name for link in model.links]
+    ties = [(names[-1], names[0]), (names[-2], names[3]), (names[1], names[-4])]
+    rng = np.random.default_rng(seed)
+    springs = [Spring(a, b, *rng.normal(scale=0.1, size=(2, 3)), 20.0, damping, 0.1) for a, b in ties]
+    q, qd, _ = (x[0] for x in random_states(model, 1, seed))
+    return model, springs, q, 0.3 * qd
+
+
+# --- closed forms ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("damping", [0.0, 3.0])
+@pytest.mark.parametrize("integrator", ["dop853", "extrapolation"])
+def test_two_masses_swing_with_their_reduced_mass(integrator, damping):
+    """sqrt(K / m) = 10 rad/s, and damped at C / 2 m; 1e-13 a step over 20 rad."""
+    scene = pair_scene(damping, integrator)
+    run = simulate(scene, 2.0, flying(scene), record=("q",), rtol=1e-13, record_interval=0.1)
+    assert np.abs(run["q"][:, 0] - swing(run["time"], damping)).max() < 1e-11
+
+
+@pytest.mark.long
+def test_a_weight_hangs_where_the_spring_bears_it():
+    """From the root of a fixed base: stretched by m g / K nothing accelerates; the root feels nothing."""
+    links = (Link("ceiling", 0.0, STILL, (0.0,) * 6), Link("weight", M2, STILL, BALL))
+    model = Model("weight", links, (Joint("slide", "prismatic", "ceiling", "weight", axis=(0.0, 0.0, 1.0)),))
+    hung = {"stiffness": K, "damping": 1.0, "length": REST}
+    low = -(REST + M2 * 9.81 / K)
+    for spring in (Spring("ceiling", "weight", **hung), Spring("weight", "ceiling", **hung)):
+        for integrator in ("dop853", "implicit_euler", "midpoint", "rk4", "extrapolation"):
+            scene = compile_scene(model, integrator=integrator, springs=[spring])
+            run = simulate(scene, 1.0, initial_state(scene, [low]))
+            assert np.abs(run["q"] - low).max() < 1e-13
+
+
+@pytest.mark.long
+def test_points_that_coincide_have_no_force():
+    scene = pair_scene()
+    run = simulate(scene, 0.1, flying(scene, distance=0.0))
+    assert run.status == "ok"
+    np.testing.assert_array_equal(run["q"], 0.0)
+
+
+# --- what is conserved -------------------------------------------------------------------------------------------
+
+
+def conserved(run, model):
+    q = np.concatenate([run["base_q"], run["q"]], axis=1)
+    qd = np.concatenate([run["base_qd"], run["qd"]], axis=1)
+    return q, qd, energy(model, q, qd, gravity=STILL).sum(axis=1), momentum(model, q, qd)
+
+
+ALL = ("base_q", "q", "base_qd", "qd")
+
+
+@pytest.mark.long
+def test_energy_and_momentum_of_a_tangle():
+    """What the springs store and what moves add up; action is reaction, so both momenta stay."""
+    model, springs, q, qd = tangle(0.0)
+    scene = compile_scene(model, gravity=STILL, springs=springs)
+    assert scene.integrator == "dop853"
+    run = simulate(scene, 0.5, initial_state(scene, q, qd), record=ALL, rtol=1e-12)
+    q, _, moving, p = conserved(run, model)
+    stored = spring_energy(model, springs, q).sum(axis=1)
+    assert np.ptp(stored) > 0.01 * moving[0]
+    np.testing.assert_allclose(moving + stored, moving[0] + stored[0], rtol=1e-9)
+    np.testing.assert_allclose(p, np.broadcast_to(p[0], p.shape), rtol=0, atol=1e-9 * np.abs(p[0]).max())
+
+
+@pytest.mark.long
+def test_dampers_take_what_their_stretching_loses():
+    """The energy falls by the integral of C (dl/dt)^2 (Simpson's rule over records of 1 ms, whose error is 1e-8)."""
+    model, springs, q, qd = tangle(0.5)
+    scene = compile_scene(model, gravity=STILL, springs=springs, timestep=1e-3)
+    run = simulate(scene, 0.2, initial_state(scene, q, qd), record=ALL, rtol=1e-12, record_interval=1e-3)
+    q, qd, moving, _ = conserved(run, model)
+    total = moving + spring_energy(model, springs, q).sum(axis=1)
+    length = np.linalg.norm(spring_vectors(model, springs, q), axis=-1)
+    rate = (length[:-4] - 8 * length[1:-3] + 8 * length[3:-1] - length[4:]) / 12e-3  # at the records 2 ... -3
+    power = 0.5 * (rate**2).sum(axis=1)
+    lost = (1e-3 / 3.0) * (power[0] + 4.0 * power[1:-1:2].sum() + 2.0 * power[2:-1:2].sum() + power[-1])
+    assert total[2] - total[-3] == pytest.approx(lost, rel=1e-6)
+    assert (np.diff(total) < 0.0).all()
+
+
+# --- orders ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("integrator", "order"), [("implicit_euler", 1), ("midpoint", 2), ("rk4", 4)])
+def test_order_with_a_spring_on_a_turning_pair(integrator, order):
+    """A floating base that drifts, turns and is pulled to and fro: only right positions and rates give the order."""
+    start = {"spin": 2.0}
+    exact_scene = pair_scene(2.0, "dop853")
+    exact = simulate(exact_scene, 0.5, flying(exact_scene, **start), record=ALL, rtol=1e-13)
+    errors = []
+    for h in (2e-3, 1e-3, 5e-4):
+        scene = pair_scene(2.0, integrator, h)
+        run = simulate(scene, 0.5, flying(scene, **start), record=ALL)
+        errors.append(max(np.abs(run[name][-1] - exact[name][-1]).max() for name in ALL))
+    ratios = np.array(errors[:-1]) / errors[1:]
+    np.testing.assert_allclose(ratios, 2.0**order, rtol=0.05)
+
+
+@pytest.mark.long
+def test_a_push_and_a_spring_act_together():
+    """A steady pull apart of F on the two masses stretches the spring to rest at l0 + F / K."""
+    scene, force = pair_scene(2.0 * math.sqrt(K * REDUCED), "dop853"), 6.0
+    pushes = [Push("a", (-force, 0.0, 0.0)), Push("b", (force, 0.0, 0.0))]
+    run = simulate(scene, 5.0, flying(scene), pushes=pushes, rtol=1e-12)
+    assert run["q"][-1, 0] == pytest.approx(REST + force / K, abs=1e-10)
+
+
+# --- steps -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("factor", "sound"), [(0.97, True), (1.03, False)])
+@pytest.mark.parametrize("damping", [0.0, 30.0])
+def test_the_announced_limit_is_where_an_explicit_step_breaks(damping, factor, sound):
+    """Of the semi-implicit Euler step 2 / sqrt(K / m) without damper, of a damper alone 2 m / C."""
+    spring = Spring("a", "b", STILL, STILL, K if damping == 0.0 else 0.0, damping, REST)
+    limit = 2.0 * REDUCED / damping if damping else 2.0 / math.sqrt(K / REDUCED)
+    model = pair(REST)
+    found = compile_scene(model, gravity=STILL, springs=[spring]).preflight
+    assert found.largest_explicit_step == pytest.approx(limit, rel=1e-12)
+    assert found.folded_step == math.inf
+    scene = compile_scene(model, integrator="implicit_euler", timestep=factor * limit, gravity=STILL, springs=[spring])
+    start = initial_state(scene, [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0], [0.0] * 6 + [1e-6])
+    run = simulate(scene, 400 * factor * limit, start)
+    assert (np.abs(run["q"][-1, 0]) < 1e-5) == sound
+
+
+def test_a_stiff_spring_leaves_the_choice_to_error_control():
+    """An implicit step would not fold it."""
+    spring = Spring("a", "b", (0.5, 0.0, 0.0), STILL, 1e8, 1e4, 0.5)
+    scene = compile_scene(pair(), gravity=STILL, springs=[spring])
+    assert (scene.integrator, scene.stiff) == ("dop853", False)
+    assert "springs between bodies" in scene.preflight.reason
+
+
+def test_rk4_beyond_the_limit_says_so():
+    spring = Spring("a", "b", STILL, STILL, 1e6, 0.0, REST)
+    scene = compile_scene(pair(REST), integrator="rk4", timestep=1e-2, gravity=STILL, springs=[spring])
+    assert simulate(scene, 0.02).status == "not converged"
+
+
+@pytest.mark.long
+@pytest.mark.bounds
+@pytest.mark.nojit
+@pytest.mark.parametrize(("stiffness", "damping"), [(K, 0.0), (0.0, 30.0)])
+@pytest.mark.parametrize(("integrator", "factor"), [("implicit_euler", 1.0), ("midpoint", 0.5)])
+def test_an_implicit_step_beyond_the_springs_limit_says_so_and_names_the_spring(integrator, factor, stiffness, damping):
+    spring = Spring("a", "b", STILL, STILL, stiffness, damping, REST)
+    limit = compile_scene(pair(REST), gravity=STILL, springs=[spring]).preflight.spring_step
+    run = [
+        simulate(compile_scene(pair(REST), None, None, integrator, h, STILL, springs=[spring]), 3.0 * h)
+        for h in (0.99 * factor * limit, 1.01 * factor * limit)
+    ]
+    assert [r.status for r in run] == ["ok", "not converged"]
+    assert "by the spring a - b" in run[1].message
+
+
+@pytest.mark.quick("rk4")
+@pytest.mark.nojit
+@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", "rk4"])
+def test_springs_limit_a_fixed_step_that_is_chosen(integrator):
+    """A tie of 1e6 N/m between 1 and 3 kg has a period of 5.4 ms."""
+    spring = Spring("a", "b", STILL, STILL, 1e6, 0.0, REST)
+    scene = compile_scene(pair(REST), integrator=integrator, gravity=STILL, springs=[spring])
+    assert scene.timestep == 2.5e-4
+    assert scene.preflight.reason.endswith("springs between bodies limit any fixed step to 0.0017 s: 0.00025 s chosen")
+    start = initial_state(scene, [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1e-3])
+    run = simulate(scene, 0.05, start, record_interval=scene.timestep, estimate_error=False)
+    assert run.ok
+    assert np.abs(run["q"][:, 0]).max() < 1.1e-3
+
+
+# --- bits --------------------------------------------------------------------------------------------------------
+
+
+def eight_runs(integrator):
+    scene = pair_scene(2.0, integrator, 1e-3)
+    return scene, [flying(scene, 0.3 + 0.05 * k, spin=0.5 * k) for k in range(8)]
+
+
+@pytest.mark.long
+@pytest.mark.nojit
+@pytest.mark.parametrize("integrator", ["implicit_euler", "midpoint", pytest.param("rk4", marks=pytest.mark.bounds)])
+def test_eight_at_once_have_the_bits_of_one(integrator):
+    scene, states = eight_runs(integrator)
+    together = simulate_batch(scene, 0.02, states, record=ALL)
+    for run, state in zip(together, states):
+        alone = simulate(scene, 0.02, state, record=ALL)
+        for name in ALL:
+            np.testing.assert_array_equal(run[name], alone[name])
+
+
+def digest():
+    """The end of short runs by each kind of integrator."""
+    ends = []
+    for integrator in ("implicit_euler", "midpoint", "rk4", "dop853"):
+        scene, states = eight_runs(integrator)
+        ends.append(simulate(scene, 0.01, states[3], rtol=1e-8 if scene.adaptive else None).final.tobytes().hex())
+    return " ".join(ends)
+
+
+@pytest.mark.long
+def test_bits_are_the_same_with_the_jit_off():
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    command = [sys.executable, "-W", "error", "-c", "import test_springs as t; print(t.digest())"]
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == digest()
+
+
+# --- refusals ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"b": "a"}, "both points are on one link"),
+        ({"stiffness": -1.0}, r"spring from link 'a' to 'b': stiffness is -1.0 \[N/m\]; expected >= 0"),
+        ({"damping": -1.0}, r"damping is -1.0 \[N s/m\]; expected >= 0"),
+        ({"length": -0.1}, r"length is -0.1 \[m\]; expected >= 0"),
+        ({"stiffness": math.inf}, "stiffness is inf"),
+        ({"damping": math.nan}, "damping is nan"),
+        ({"length": math.nan}, "length is nan"),
+        ({"point_a": (0.0, math.nan, 0.0)}, "point_a is .*; expected 3 finite numbers"),
+        ({"point_b": (0.0, 1.0)}, "point_b is .*; expected 3 finite numbers"),
+    ],
+)
+def test_a_wrong_spring_is_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        Spring(**({"a": "a", "b": "b"} | changes))
+
+
+def test_an_unknown_link_is_refused():
+    with pytest.raises(ValueError, match=r"springs: there is no link 'c'; use one of 'a', 'b'"):
+        compile_scene(pair(), springs=[Spring("a", "c")])
+    with pytest.raises(ValueError, match="there is no link 'c'"):
+        spring_energy(pair(), [Spring("c", "b")], np.zeros(8))

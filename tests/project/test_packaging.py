@@ -1,0 +1,159 @@
+"""What is built, installed and written in the README is complete and true."""
+
+import ast
+import email
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from pathlib import Path
+
+import matplotlib
+import pytest
+from matplotlib import pyplot
+
+import featherstone_gait
+from featherstone_gait import cli, robot_names
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text("utf-8")
+START = (ROOT / "docs" / "start.md").read_text("utf-8")
+ROBOT_FILES = {str(p.relative_to(ROOT).as_posix()) for p in (ROOT / "robots").rglob("*") if p.is_file()}
+
+PROGRAM = """
+import featherstone_gait
+from featherstone_gait import load_robot, load_servo, robot_names
+assert all(load_robot(name).servos for name in robot_names())
+assert load_servo("ax12").gearbox.ratio == 254
+print(featherstone_gait.__file__, len(load_robot("humanoid").joint_names), *robot_names())
+"""
+
+
+def blocks(language, text=README):
+    """A page's code blocks of a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def distributions(tmp_path_factory):
+    """The folder that holds a wheel and a source distribution, freshly built."""
+    folder = tmp_path_factory.mktemp("dist")
+    subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "-d", folder], cwd=ROOT, check=True, capture_output=True
+    )
+    return folder
+
+
+def test_the_wheel_holds_package_robots_and_license(distributions):
+    (path,) = distributions.glob("*.whl")
+    with zipfile.ZipFile(path) as wheel:
+        names = set(wheel.namelist())
+        (metadata,) = (wheel.read(name).decode() for name in names if name.endswith(".dist-info/METADATA"))
+    kinds = (".py", ".html", ".css", ".js", ".typed")
+    sources = [p for p in (ROOT / "featherstone_gait").rglob("*") if p.suffix in kinds]
+    assert "py.typed" in [p.name for p in sources]
+    modules = {str(p.relative_to(ROOT).as_posix()) for p in sources}
+    rest = names - modules - {f"featherstone_gait/{name}" for name in ROBOT_FILES}
+    assert len(names - rest) == len(modules) + len(ROBOT_FILES)
+    assert {name.partition("/")[0] for name in rest} == {f"featherstone_gait-{featherstone_gait.__version__}.dist-info"}
+    assert any(name.endswith("licenses/LICENSE") for name in rest)
+    message = email.message_from_string(metadata)
+    assert message["License-Expression"] == "MIT"
+    assert message["Version"] == featherstone_gait.__version__
+
+
+def test_the_source_distribution_holds_all_that_the_tests_need(distributions):
+    (path,) = distributions.glob("*.tar.gz")
+    with tarfile.open(path) as source:
+        names = {name.partition("/")[2] for name in source.getnames()}
+    tests = {p.relative_to(ROOT).as_posix() for p in (ROOT / "tests").rglob("*.py")}
+    copied = ROOT / "docs" / "notebooks"  # while the site is built
+    files = [p for p in (ROOT / "docs").rglob("*") if p.is_file() and copied not in p.parents]
+    pages = {str(p.relative_to(ROOT).as_posix()) for p in files if "__pycache__" not in p.parts}
+    notebooks = {str(p.relative_to(ROOT).as_posix()) for p in (ROOT / "notebooks").glob("*.ipynb")}
+    top = {"pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff"}
+    assert top | ROBOT_FILES | pages | notebooks | tests <= names
+    assert {name.partition("/")[0] for name in names} - {"PKG-INFO", ".gitignore"} <= {p.name for p in ROOT.iterdir()}
+
+
+def test_an_installed_wheel_finds_its_robots_anywhere(distributions, tmp_path):
+    (wheel,) = distributions.glob("*.whl")
+    site = tmp_path / "site"
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", "--target", site, wheel]
+    subprocess.run(pip, cwd=tmp_path, check=True)
+    command, environment = [sys.executable, "-c", PROGRAM], os.environ | {"PYTHONPATH": str(site)}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, check=True, capture_output=True, text=True)
+    file, joints, *names = done.stdout.split()
+    assert Path(file).is_relative_to(site)
+    assert (int(joints), tuple(names)) == (19, robot_names())
+    assert (site / "bin" / "featherstone-gait").exists() or (site / "Scripts" / "featherstone-gait.exe").exists()
+
+
+def test_every_public_name_is_there_once():
+    names = featherstone_gait.__all__
+    assert len(names) == len(set(names))
+    assert all(getattr(featherstone_gait, name).__name__ == name for name in names)
+    assert set(names) <= set(dir(featherstone_gait))
+    with pytest.raises(AttributeError, match="no attribute 'simulator'"):
+        featherstone_gait.simulator  # noqa: B018
+
+
+def test_type_checkers_know_every_public_name():
+    tree = ast.parse(Path(featherstone_gait.__file__).read_text("utf-8"))
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    told = {f"{node.module}.{alias.name}" for node in imports for alias in node.names if alias.asname == alias.name}
+    assert told == {f"{module}.{name}" for name, module in featherstone_gait._HOME.items()}
+
+
+def test_readme_has_two_commands_that_exist():
+    install, test = [line for block in blocks("sh") for line in block.splitlines()]
+    assert install.startswith("pip install . && featherstone-gait ")
+    arguments = shlex.split(install.partition("&&")[2])[1:]
+    assert callable(cli._parser().parse_args(arguments).run)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    assert project["scripts"] == {"featherstone-gait": "featherstone_gait.cli:main"}
+    assert test == 'pip install -e ".[test]" && python -m pytest'
+    assert "test" in project["optional-dependencies"]
+
+
+def test_the_readme_has_a_picture_that_moves_and_is_small():
+    (picture,) = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", README)
+    data = (ROOT / picture).read_bytes()
+    assert data[:6] == b"GIF89a"
+    assert data.count(b"\x21\xf9\x04") > 30  # control blocks: one a frame
+    assert len(data) < 1_500_000
+
+
+def test_the_citation_has_version_license_and_paper():
+    text = (ROOT / "CITATION.cff").read_text("utf-8")
+    assert f"\nversion: {featherstone_gait.__version__}\n" in text
+    assert "\nlicense: MIT\n" in text
+    assert "doi: 10.5772/54766" in text
+    (authors,) = re.findall(r"^Copyright \(c\) \d+ (.*)$", (ROOT / "LICENSE").read_text("utf-8"), re.MULTILINE)
+    assert authors in text
+
+
+def test_readme_links_lead_somewhere():
+    links = [link for link in re.findall(r"\]\(([^)]+)\)", README) if not link.startswith("http")]
+    assert links
+    assert [link for link in links if not (ROOT / link).is_file()] == []
+    assert [name for name in robot_names() if f"`{name}`" not in README] == []
+
+
+def test_the_first_example_prints_what_its_page_says(tmp_path, monkeypatch, capsys):
+    (example,), (output,) = blocks("python", START), blocks("text", START)
+    monkeypatch.chdir(tmp_path)
+    matplotlib.use("Agg")
+    exec(compile(example, "start.md", "exec"), {})
+    pyplot.close("all")
+    # An estimate of 1e-5 is made of round-off in part, and so of the processor: its factor of 2 is held, not its digit.
+    estimate = re.compile(r"\d+e-\d+")
+    printed = capsys.readouterr().out
+    assert estimate.sub("", printed) == estimate.sub("", output)
+    (ours,), (told,) = estimate.findall(printed), estimate.findall(output)
+    assert 0.5 < float(ours) / float(told) < 2.0
+    assert (tmp_path / "standing.png").stat().st_size > 10_000
