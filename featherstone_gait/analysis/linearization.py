@@ -30,6 +30,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..base import deprecated
 from ..base.arguments import listed, one_of, vector, whole
 from ..base.fixed_order import total
 from ..core.compile.jit import direct
@@ -60,12 +61,12 @@ RTOL = 1e-12  # of an integrator with error control, whose errors differ from ru
 SMOOTH, STICKING = 1e-4, 2e-6  # [rad, m, rad/s, m/s]
 OF_SINKING, LEVER = 0.04, 0.2  # [-], [m]
 OTHER = {"voltage": 100.0, "duty": 10.0, "bus_voltage": 100.0, "delayed": 100.0, "current": 10.0}  # [V, -, V, V, A]
-BRISTLE = 1e-6  # [m]
+DEFLECTION = 1e-6  # first width of a contact's tangential deflection [m]
 FINER, ROUNDS = 8.0, 3  # ratio of the widths of one round to those of the next
 ENOUGH = 1e-7  # relative error of an entry at which no smaller width is tried ...
 KEPT = 2**17  # numbers of signals (1 MiB) up to which a workspace is left to later calls
 SMALL = 1e-2  # ... relative to at least so much of the largest entry of its row, in units of the first widths
-KINK = 1e-3  # difference of left and right, of the larger of them, that is a kink
+JUMP = 1e-3  # difference of left and right, relative to the larger of them, that is a discontinuity
 BRIEF = 5e4  # steps of vectors by velocities: some 10 ms, for which no thread is started
 ROUNDING = 4.0 * np.finfo(float).eps  # of the numbers of a run
 
@@ -89,6 +90,7 @@ class Discontinuity(NamedTuple):
     right: np.ndarray
 
 
+@deprecated.fields(kinks="discontinuities")
 @dataclass(frozen=True, eq=False)
 class Linearization:
     """A linear model made by `linearize`, of n states, m inputs and p outputs.
@@ -101,7 +103,7 @@ class Linearization:
         Largest possible error of each entry; at a discontinuity half of the difference between left and right.
     states, inputs, outputs : tuple of str
         Names of states, inputs and outputs.
-    kinks : tuple of Discontinuity
+    discontinuities : tuple of Discontinuity
         Columns in which the derivatives to the left and to the right differ.
     change : ndarray
         What the period does to the state itself (n,); zero at an equilibrium.
@@ -124,7 +126,7 @@ class Linearization:
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    kinks: tuple[Discontinuity, ...]
+    discontinuities: tuple[Discontinuity, ...]
     change: np.ndarray
     period: float
     state: np.ndarray
@@ -361,7 +363,7 @@ def _coordinates(scene: CompiledScene, name: str) -> list[tuple[str, int, list[t
 def _width(scene: CompiledScene, sticky: bool, name: str, label: str) -> float:
     """Return the first width of a deviation, so small that joints go on to stick and contacts stay as they are."""
     if name == "tangential_deflection":
-        return BRISTLE
+        return DEFLECTION
     width = STICKING if sticky else SMOOTH
     if scene.ground is not None:
         slip = OF_SINKING * scene.ground.penetration
@@ -594,10 +596,10 @@ class _Columns(NamedTuple):
     noise: np.ndarray  # of left and right, by rounding
 
 
-def _kinked(found: _Columns, least: np.ndarray) -> np.ndarray:
+def _discontinuous(found: _Columns, least: np.ndarray) -> np.ndarray:
     """Find where left and right differ (rows, columns) for all widths; least: derivatives below it do not count."""
     largest = np.maximum(np.abs(found.left), np.abs(found.right))
-    return found.jump > KINK * np.maximum(largest, least) + found.noise
+    return found.jump > JUMP * np.maximum(largest, least) + found.noise
 
 
 @functools.lru_cache(maxsize=128)
@@ -615,26 +617,27 @@ def _differences(system: _System, chart: Chart, outputs: tuple[str, ...], period
     read = system.compiled.channels
     found, end = _columns(system, chart, np.arange(len(names)), first)
     least = SMALL * (np.abs(found.value) * first).max(axis=1, initial=0.0)[:, None] / first
-    kinked = _kinked(found, least)
+    jumps = _discontinuous(found, least)
     for k in range(1, ROUNDS):
         bad = found.error > ENOUGH * np.maximum(np.abs(found.value), least)
-        again = np.flatnonzero((bad | kinked).any(axis=0))
+        again = np.flatnonzero((bad | jumps).any(axis=0))
         if not len(again):
             break
         found = _better(found, again, _columns(system, chart, again, first[again] / FINER**k)[0])
-        kinked = _kinked(found, least)
-    found.error[kinked] = 0.5 * np.abs(found.right - found.left)[kinked]
+        jumps = _discontinuous(found, least)
+    found.error[jumps] = 0.5 * np.abs(found.right - found.left)[jumps]
     n, labels = chart.states, (*chart.names[: chart.states], *_labels(scene, outputs, read))
-    kinks = tuple(
+    discontinuities = tuple(
         Discontinuity(names[j], tuple(labels[i] for i in rows), found.left[rows, j], found.right[rows, j])
-        for j, rows in ((j, np.flatnonzero(kinked[:, j])) for j in np.flatnonzero(kinked.any(axis=0)))
+        for j, rows in ((j, np.flatnonzero(jumps[:, j])) for j in np.flatnonzero(jumps.any(axis=0)))
     )
     value, error = found.value, found.error
     return Linearization(
         A=value[:n, :n], B=value[:n, n:], C=value[n:, :n], D=value[n:, n:],
         A_error=error[:n, :n], B_error=error[:n, n:], C_error=error[n:, :n], D_error=error[n:, n:],
-        states=names[:n], inputs=names[n:], outputs=labels[n:], kinks=kinks,
-        change=chart.difference(end, system.y), period=period, state=system.y, chart=chart,
+        states=names[:n], inputs=names[n:], outputs=labels[n:],
+        discontinuities=discontinuities, change=chart.difference(end, system.y), period=period, state=system.y,
+        chart=chart,
     )  # fmt: skip
 
 

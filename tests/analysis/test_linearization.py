@@ -48,7 +48,7 @@ def test_a_pendulum_on_a_pd_servo_has_the_matrix_exponential_of_its_equation(ang
     np.testing.assert_allclose(found.A, A, rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(found.B, B, rtol=1e-8, atol=1e-10)
     assert (np.abs(found.A - A) <= found.A_error + 1e-11).all()
-    assert found.kinks == ()
+    assert found.discontinuities == ()
     assert np.abs(found.change).max() < 1e-12
 
 
@@ -154,12 +154,12 @@ def test_moved_and_deviation_are_inverse():
 def test_a_resting_box_has_no_kinks_and_one_that_touches_has_one_that_is_named():
     """A point on the surface pushes when it is lower, and not when it is higher: k h / m of its speed in a step."""
     scene = box_on(Ground())
-    assert linearize(scene, resting(scene)).kinks == ()
+    assert linearize(scene, resting(scene)).discontinuities == ()
     ground = scene.ground
     q = np.array([0.0, 0.0, 0.05, 1.0, 0.0, 0.0, 0.0])
     quick = compile_scene(scene.model, ground=ground, integrator="rk4", timestep=1e-5)
     found = linearize(quick, initial_state(quick, q))
-    height = next(kink for kink in found.kinks if kink.column == "base_q z")
+    height = next(kink for kink in found.discontinuities if kink.column == "base_q z")
     row = height.rows.index("base_qd vz")
     k, m = scene.constants.contact.points.stiffness.sum(), scene.model.mass
     assert abs(height.right[row]) < 0.01 * abs(height.left[row])
@@ -178,7 +178,7 @@ def test_a_voltage_at_its_limit_is_a_kink():
     reference = np.zeros(7)
     reference[0] = limit
     found = linearize(arm, initial_state(arm), reference)
-    kink = next(kink for kink in found.kinks if kink.column == "reference joint1")
+    kink = next(kink for kink in found.discontinuities if kink.column == "reference joint1")
     row = kink.rows.index("current joint1")
     assert kink.right[row] == 0.0
     assert kink.left[row] > 1.0
