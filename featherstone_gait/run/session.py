@@ -30,16 +30,15 @@ from ..base.deprecated import keywords, warn
 from ..base.files import FilePath, Format, complete, read_arrays
 from ..core.effects.push import EVENT_MARGIN
 from ..core.integrate.rollout import OK
-from ..core.step.state import BY_NAME, RECORDABLE, shaped
 from ..scene.compile import CompiledScene
 from ..scene.external import Push
 from ..scene.state_view import StateView
-from . import sensors
 from .channels import current_name
-from .classify import Outcome, classify, to_trajectory
+from .classify import Outcome, classify
 from .compiled_run import CompiledRun
 from .error_estimate import FIXED_LIMIT, LIMIT, ROUNDING, SPEED_LIMIT, second_run
 from .fleet import Fleet
+from .observation import Log, View
 from .prepare import coordinates, each_once, prepare, steps_between_records, with_tolerance
 from .program import CompiledController, open_loop
 from .reference import Reference
@@ -51,14 +50,6 @@ from .worlds import Worlds
 Action = Literal["reference", "voltage", "pwm", "torque"]
 ACTIONS = ("reference", "voltage", "pwm", "torque")
 FORMAT = Format("session", 1)
-SENSORS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
-    "encoders": (sensors.encoders, ("q",)),
-    "gyroscope": (sensors.gyroscope, ("base_qd",)),
-    "accelerometer": (sensors.accelerometer, ("base_q", "base_qd", "base_qdd")),
-    "sole_forces": (sensors.sole_forces, ("contact_force", "q", "base_q")),
-    "center_of_pressure": (sensors.center_of_pressure, ("contact_force", "q", "base_q")),
-    "contact_positions": (sensors.contact_positions, ("q", "base_q")),
-}
 Observation = dict[str, Any]  # arrays (n, ...) by name; of sole_forces arrays by link
 
 
@@ -172,8 +163,8 @@ class Session:
         self._fleets, self._share = self._compiled(scenes)
         self._runs = self._fleets[0].runs
         self._initial = [_initial_states(fleet.runs) for fleet in self._fleets]
-        self._views = [_View(self, name) for name in self._given["observe"]]
-        self._log = _Log(self._runs, self._given["record"])
+        self._views = [View(self._fleets[0], self.tick, name) for name in self._given["observe"]]
+        self._log = Log(self._runs, self._given["record"])
         self._closed, self._lock = False, threading.Lock()
         self._paced, self._due, self.lag = truth("pace", pace), math.nan, 0.0
         lags = np.array([run.scene.lag for run in self._runs])
@@ -632,108 +623,6 @@ class Session:
         return firsts
 
 
-class _View:
-    """Read a channel or sensor of all robots, into an array that is used again."""
-
-    def __init__(self, session: Session, name: str) -> None:
-        if not isinstance(name, str) or name not in (*RECORDABLE, *SENSORS):
-            known = ", ".join((*RECORDABLE, *SENSORS))
-            raise ValueError(f"observe: there is no channel or sensor {shown(name)}; there are {known}")
-        self.name, self._session = name, session
-        self._sensor: Any
-        self._sensor, needed = SENSORS.get(name, (None, (name,)))
-        if session.scene.model.base != "floating":
-            needed = tuple(need for need in needed if self._sensor is None or not need.startswith("base"))
-        self._runs = each_once(lambda run: prepare(run.scene, session.tick, needed), session._runs)
-        self._values = np.zeros((session.n, len(self._runs[0].channels)))
-        self._parts = [_slice(self._runs[group.robots[0]].channels) for group in session._fleets[0].groups]
-        plain = self._sensor is None and BY_NAME[name].kind != "computed"
-        self._shaped = shaped(BY_NAME[name], self._values) if plain else None
-        self._result: Any = None
-
-    def __call__(self) -> Any:
-        for group, part in zip(self._session._fleets[0].groups, self._parts):
-            group.read(group.y[:, part], self._values)
-        if self._shaped is not None:
-            return self._shaped
-        found = self._computed()
-        if self._result is None:
-            self._result = copy.deepcopy(found)
-        elif isinstance(found, dict):
-            for link, values in found.items():
-                np.copyto(self._result[link], values)
-        else:
-            np.copyto(self._result, found)
-        return self._result
-
-    def _computed(self) -> Any:
-        """Compute the values of each robot as of a sample of a trajectory; in worlds one after the other."""
-        if all(run is self._runs[0] for run in self._runs):
-            return self._of(self._runs[0], self._values)
-        each = [self._of(run, row[None]) for run, row in zip(self._runs, self._values)]
-        if isinstance(each[0], dict):
-            return {link: np.concatenate([one[link] for one in each]) for link in each[0]}
-        return np.concatenate(each)
-
-    def _of(self, run: CompiledRun, values: np.ndarray) -> Any:
-        named = run.named(values)
-        return named[self.name] if self._sensor is None else self._sensor(run.scene, named)
-
-
-class _Log:
-    """Keep what is recorded of all robots, a row for each sample, and where in it each robot has begun."""
-
-    def __init__(self, runs: list[CompiledRun], record: tuple[str, ...]) -> None:
-        self.runs, self.record = runs, record
-        self._rows = np.zeros((0, len(runs), len(runs[0].channels)))
-        self.count = 0
-        self._begun = np.zeros(len(runs), int)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"runs": None, "_rows": self._rows[: self.count]}
-
-    def copy(self, runs: list[CompiledRun]) -> _Log:
-        """Return an independent log for robots of other runs."""
-        other = copy.copy(self)
-        other.runs, other._rows, other._begun = runs, self._rows[: self.count].copy(), self._begun.copy()
-        return other
-
-    def restart(self, who: np.ndarray) -> None:
-        """Forget what was before of these robots."""
-        self._begun[who] = self.count
-        oldest = int(self._begun.min())
-        if oldest > self.count // 2:
-            self._rows = self._rows[oldest : self.count].copy()
-            self.count -= oldest
-            self._begun -= oldest
-
-    def take(self, fleet: Fleet) -> None:
-        """Take the records of a tick, but for the last, with which the next begins."""
-        more = self.runs[0].samples - 1
-        if self.count + more > len(self._rows):
-            grown = np.zeros((2 * len(self._rows) + 64 * more, *self._rows.shape[1:]))
-            grown[: self.count] = self._rows[: self.count]
-            self._rows = grown
-        part = self._rows[self.count : self.count + more]
-        for group in fleet.groups:
-            for k in range(more):
-                group.read(group.out[:, k, : part.shape[2]], part[k])
-        self.count += more
-
-    def trajectory(self, robot: int, fleet: Fleet) -> Trajectory:
-        """Return the trajectory of one robot."""
-        run = self.runs[robot]
-        group = next(group for group in fleet.groups if robot in group.robots)
-        at = divmod(int(np.flatnonzero(group.robots == robot)[0]), group.lanes)
-        y = group.y[at[0], :, at[1]].copy()
-        out = np.concatenate([self._rows[self._begun[robot] : self.count, robot], y[None, run.channels]])
-        steps = (len(out) - 1) * run.plan.per_sample
-        if int(y[run.scene.layout["status"]]) == OK:
-            steps = int(group.steps[at] - group.begun[at])
-        schedule = run.plan._replace(first=int(group.begun[at]), offset=float(group.offset[at]), steps=steps)
-        return to_trajectory(run, y, out, schedule)
-
-
 # ------------------------------------------------------------------------------------------------ at the start
 
 
@@ -807,13 +696,6 @@ def _initial_states(runs: Sequence[CompiledRun]) -> np.ndarray:
         raise ValueError("worlds: their states have other lengths, since servos wait for other numbers of ticks: "
                          "let delays not differ")  # fmt: skip
     return np.array(found)
-
-
-def _slice(places: np.ndarray) -> Any:
-    """Return a slice where places lie in a row, for a view costs less than a choice."""
-    if len(places) and (np.diff(places) == 1).all():
-        return slice(int(places[0]), int(places[-1]) + 1)
-    return places
 
 
 def _write_first_errors(fleet: Fleet, fresh: np.ndarray, command: np.ndarray) -> None:
