@@ -57,9 +57,6 @@ def setup(app):
     return {"parallel_read_safe": True}
 
 
-# ------------------------------------------------------------------------------------------------------- formulas
-
-
 ACCENT = re.compile(
     r'<munderover>\s*(<mi>[^<]*</mi>)\s*(.*?)\s*(<mo stretchy="false">[˙¨ˆ¯]</mo>)\s*</munderover>',
     re.DOTALL,
@@ -82,9 +79,6 @@ def _display(writer, node):
     raise nodes.SkipNode
 
 
-# ------------------------------------------------------------------------------------------------------- notebooks
-
-
 def _copy_notebooks(app, config):
     shutil.rmtree(NOTEBOOKS, ignore_errors=True)
     ignored = shutil.ignore_patterns(".*", "*_searches", "*.html")
@@ -93,9 +87,6 @@ def _copy_notebooks(app, config):
 
 def _remove_notebooks(app, exception):
     shutil.rmtree(NOTEBOOKS, ignore_errors=True)
-
-
-# ----------------------------------------------------------------------------------------------------------- pages
 
 
 def _resolve(app, page, source):
@@ -131,22 +122,24 @@ def _helps():
     return "\n".join(f"## {name}\n\n```text\n{each.format_help()}```\n" for name, each in commands.items())
 
 
-# ------------------------------------------------------------------------------------------------------- docstrings
-
 FIELD = re.compile(r"^    (\w+): [^#\n]*?(?:#\s*(.*))?$", re.MULTILINE)
 
 
 def _docstring(app, what, name, thing, options, lines):
     """Turn plain text into reStructuredText; a class that lists no attributes gets its fields with their comments."""
-    literal = False
-    for k, (line, following) in enumerate(zip([*lines], [*lines[1:], ""])):
-        literal = literal and (line.startswith("    ") or not line.strip())
-        if not literal:
-            lines[k] = _plain(line)
-            if line.endswith(":") and not following.strip():
-                lines[k], literal = lines[k] + ":", True
+    base = None  # indentation of the line that introduces a literal block
+    for k, line in enumerate(lines):
+        if base is None or (line.strip() and _indent(line) <= base):
+            after = lines[k + 1 :] or [""]
+            block = next(filter(str.strip, after), "")
+            literal = line.endswith(":") and not after[0].strip() and _indent(block) > _indent(line)
+            lines[k], base = _plain(line) + ":" * literal, _indent(line) if literal else None
     if what == "class" and "Attributes" not in lines:
         lines += _fields(thing)
+
+
+def _indent(line):
+    return len(line) - len(line.lstrip())
 
 
 def _plain(line):
