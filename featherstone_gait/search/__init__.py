@@ -1,16 +1,16 @@
-"""Search for the least cost: knows vectors and numbers only.
+"""Minimization of any function of a vector, without knowledge of robots.
 
-All methods are searches by ask and tell, objects with
+All methods are ask-and-tell searches, objects with
 
     best_x, best_f   the best so far
     status           None while there is more to do
     ask_batch(k)     up to k next candidates, a list of (D,)
-    tell_batch(fs)   takes their costs in that order, returns of how many; the others were asked for on the assumption
-                     that the first would be no better, are dropped, and come again if need be
+    tell_batch(fs)   takes their costs in that order and returns how many it took; the others were asked for on the
+                     assumption that the first would not improve, are dropped, and are asked for again if needed
     ask(), tell(x, f)  the same for one
 
-and depend on seed and costs alone, not on the size of the batches.  `run` evaluates one of them, `run_together`
-several, restarts above all.  A cost that is not finite is worse than any other.
+that depend on seed and costs alone, not on the size of the batches.  `run` evaluates one of them, `run_together`
+several, such as restarts.  A cost that is not finite is worse than any other.
 """
 
 from featherstone_gait.base.deprecated import renamed

@@ -6,7 +6,7 @@ A lower cost is accepted and sets ``miss`` to 1; any other adds 1 to it, so that
 temperature, and nothing worse is ever accepted.
 
 Reference: J. Lima et al., "Humanoid gait optimization resorting to an improved simulation model", Int. J. Advanced
-Robotic Systems 10 (2013), figure 14.  What the printed pseudo-code leaves open or has wrong, and how it is mended:
+Robotic Systems 10 (2013), figure 14.  Corrections of the printed pseudo-code:
 
 - ``neighbor(s) / miss`` would shrink the state itself: only the perturbation is divided;
 - ``s`` is never updated: candidates are drawn around the best state;
@@ -45,7 +45,7 @@ MESSAGES = {
 
 
 class Visit(NamedTuple):
-    """A state of the search."""
+    """A visited state of the search."""
 
     iteration: int
     x: np.ndarray  # (D,)
@@ -55,12 +55,38 @@ class Visit(NamedTuple):
 
 
 class AdaptiveSimulatedAnnealing:
-    """The search as ask and tell, one candidate or a speculative batch at a time.
+    """Adaptive simulated annealing as an ask-and-tell search, one candidate or a speculative batch at a time.
 
-    `x0` (D,); `amplitude` of the perturbation, a number or (D,), in x0's units; `bounds` (D, 2) or None; `seed` a
-    whole number from 0 to below 2**128.  Candidates beyond a bound are reflected at it: clipping would pile them up on
-    the bounds, where half of all later perturbations of that component are lost.  Raises ValueError for settings out of
-    range.
+    Candidates beyond a bound are reflected at it: clipping would collect them on the bounds, where half of all later
+    perturbations of that component are lost.
+
+    Parameters
+    ----------
+    x0 : array_like, shape (D,)
+        First vector.
+    amplitude : float or array_like, shape (D,)
+        Amplitude of the perturbation, in the units of x0.
+    max_miss : int
+        Misses in a row after which the search widens.
+    max_iterations : int
+        Number of candidates after x0.
+    no_progress : int
+        Misses in a row after which the search ends.
+    bounds : array_like, shape (D, 2), optional
+        Lower and upper bounds.
+    seed : int
+        Seed, below 2**128.
+
+    Attributes
+    ----------
+    best_x : ndarray, shape (D,)
+        The best vector.
+    best_f : float
+        Its cost.
+    visited : list of Visit
+        All visited states.
+    wasted : int
+        Evaluations of candidates that were not visited.
     """
 
     def __init__(
@@ -92,20 +118,20 @@ class AdaptiveSimulatedAnnealing:
         return self.ends(self.iteration, self.since_progress)
 
     def ends(self, iteration: int, since_progress: int) -> int | None:
-        """The `status` before a candidate of that iteration, that many misses after the last improvement."""
+        """Return the `status` before a candidate of an iteration, so many misses after the last improvement."""
         if iteration > self.max_iterations:
             return 0
         return 1 if since_progress >= self.no_progress else None
 
     def candidate(self, iteration: int, best_x: np.ndarray, miss: float) -> np.ndarray:
-        """The candidate (D,) of an iteration around `best_x`."""
+        """Return the candidate (D,) of an iteration around `best_x`."""
         if iteration == 0:
             return self.x0.copy()
         x = best_x + self.amplitude * _noise(self.seed, iteration, len(self.x0)) / miss
         return x if self.bounds is None else _reflect(x, *self.bounds.T)
 
     def after(self, iteration: int, miss: float, since_progress: int, better: bool) -> tuple[int, float, int]:
-        """Iteration, miss and misses since progress after a candidate that is the new best or not."""
+        """Return iteration, miss and misses since progress after a candidate that is the new best or not."""
         if better or iteration == 0:
             return iteration + 1, 1.0, 0
         return iteration + 1, REHEATED if miss + 1.0 >= self.max_miss else miss + 1.0, since_progress + 1
@@ -115,7 +141,7 @@ class AdaptiveSimulatedAnnealing:
         return self.ask_batch(1)[0]
 
     def ask_batch(self, k: int) -> list[np.ndarray]:
-        """Return up to `k` next candidates, as they will be if all miss; fewer if the search would end before."""
+        """Return up to `k` next candidates as they will be if all miss; fewer if the search would end before."""
         if self.status is not None:
             raise RuntimeError(f"the search is over: {MESSAGES[self.status]}")
         place, self._asked = (self.iteration, self.miss, self.since_progress), []
@@ -187,7 +213,7 @@ class AdaptiveSimulatedAnnealing:
 def _noise(seed: int, iteration: int, n: int) -> np.ndarray:
     """Return n numbers uniform in [-1, 1) that depend on seed and iteration alone.
 
-    They are made from Philox's raw 64 bits, which NumPy promises to keep, unlike what its distributions make of them.
+    They come from Philox's raw 64 bits, which NumPy guarantees to keep, unlike the results of its distributions.
     """
     raw = np.random.Philox(key=seed, counter=[0, iteration, 0, 0]).random_raw(n)
     return (raw >> np.uint64(11)) * 2.0**-52 - 1.0

@@ -1,4 +1,4 @@
-"""What searches and those who run them have in common."""
+"""The interface of ask-and-tell searches, and checks of their arguments."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Map = Callable[..., Iterable[Answer]]  # `map`, or what an executor has
 
 
 class Search(Protocol):
-    """A search by ask and tell: see `featherstone_gait.search`."""
+    """An ask-and-tell search: see `featherstone_gait.search`."""
 
     best_x: np.ndarray
     best_f: float
@@ -26,14 +26,14 @@ class Search(Protocol):
         """None while there is more to do."""
 
     def ask_batch(self, k: int) -> list[np.ndarray]:
-        """Up to `k` next candidates."""
+        """Return up to `k` next candidates."""
 
     def tell_batch(self, fs: Sequence[float]) -> int:
-        """Take their costs; of how many is returned."""
+        """Take their costs; return of how many."""
 
 
 def check_map(fun: object, map: object) -> None:
-    """Raise TypeError for a map that is None, and for no function unless a map of one's own needs none."""
+    """Raise TypeError for a map that is None, and for a missing function unless the map is not the built-in one."""
     if map is None:
         raise TypeError("map is None; leave it out, or give a function like the built-in map")
     if isinstance(map, type) and not hasattr(map, "__iter__"):
@@ -43,6 +43,6 @@ def check_map(fun: object, map: object) -> None:
 
 
 def check_search(name: str, value: object) -> None:
-    """Raise TypeError for what cannot be asked and told."""
+    """Raise TypeError for an object without the methods of a search."""
     if not (callable(getattr(value, "ask_batch", None)) and callable(getattr(value, "tell_batch", None))):
         raise TypeError(f"{name} is {shown(value)}; give a search, such as AdaptiveSimulatedAnnealing(x0, ...)")

@@ -1,4 +1,4 @@
-"""CMA-ES, the evolution strategy that adapts its covariance matrix, by ask and tell; needs the package `cma`.
+"""CMA-ES, the evolution strategy with covariance matrix adaptation, as an ask-and-tell search; needs the package `cma`.
 
 Reference: N. Hansen, A. Ostermeier, "Completely derandomized self-adaptation in evolution strategies", Evolutionary
 Computation 9 (2001), doi:10.1162/106365601750190398.  It uses the order of the costs alone.
@@ -30,12 +30,32 @@ def cma_es(
     seed: int = 0,
     population: int | None = None,
 ) -> Generations:
-    """Return the search; it ends when a generation has shrunk to a point.
+    """Create a CMA-ES search; it ends when a generation has shrunk to a point.
 
-    First `x0` (D,) itself is evaluated, then normal samples about it with the standard deviation of a uniform
-    perturbation of `amplitude`, a number or (D,), in x0's units.  `population` is pycma's 4 + 3 log(D) if None.  Runs
-    are the same to the bit with the same LAPACK, whose eigenvectors they use.  Raises ImportError without `cma` and
-    ValueError for x0 out of `bounds` (D, 2), an amplitude that is not positive and a population below 3.
+    First `x0` is evaluated, then normal samples about it.  Runs have the same bits with the same LAPACK.
+
+    Parameters
+    ----------
+    x0 : array_like, shape (D,)
+        First vector.
+    amplitude : float or array_like, shape (D,)
+        Amplitude of a uniform perturbation with the first standard deviation, in the units of x0.
+    bounds : array_like, shape (D, 2), optional
+        Lower and upper bounds.
+    seed : int
+        Seed.
+    population : int, optional
+        Size of a generation, at least 3; by default pycma's 4 + 3 log(D).
+
+    Returns
+    -------
+    Generations
+        The search.
+
+    Raises
+    ------
+    ImportError
+        Without the package `cma`.
     """
     try:
         import cma

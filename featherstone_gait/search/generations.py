@@ -1,13 +1,13 @@
-"""Ask and tell for a method that evaluates whole generations, written as a Python generator.
+"""Ask-and-tell searches of methods that evaluate whole generations, written as Python generators.
 
     def method():
-        costs = yield candidates      # lists of equal length, as often as it likes
+        costs = yield candidates      # lists of equal length, any number of times
 
-The candidates of a generation may be asked for in pieces of any size; the method goes on when all are told.  Hence the
-states visited do not depend on the size of a batch.
+The candidates of a generation may be asked for in batches of any size; the method continues when it has all costs.
+Hence the visited states do not depend on the size of a batch.
 
-What is not a finite number, a fall above all, is told to the method as `FALLEN`: worse than any cost and like any other
-fall, which keeps the order of all others.  SciPy's methods and CMA-ES need a finite number, and a square that is one.
+A cost that is not finite, such as that of a fall, is passed to the method as `FALLEN`, which is worse than any cost.
+SciPy's methods and CMA-ES need a finite number with a finite square.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ FALLEN = 1e100  # [the cost's unit]
 
 
 class Generations:
-    """A search by ask and tell around `method`, a generator; the best so far begins as `x0` (D,) with infinite cost.
+    """An ask-and-tell search around a generator; the best is first `x0` (D,) with infinite cost.
 
-    When the method returns, the search is over, which status 1 says.
+    When the method returns, the search is over with status 1.
     """
 
     def __init__(self, method: Method, x0: ArrayLike) -> None:
@@ -79,7 +79,7 @@ class Generations:
         return len(fs)
 
     def _advance(self, costs: list[float] | None) -> list[np.ndarray]:
-        """Let the method go on to its next generation."""
+        """Let the method continue to its next generation."""
         try:
             candidates = next(self._method) if costs is None else self._method.send(costs)
             return [np.array(x, dtype=float) for x in candidates]

@@ -1,18 +1,18 @@
-"""Search where the cost is noisy: an improvement is believed only after fresh draws.
+"""Minimization of noisy costs: an improvement is confirmed with fresh random draws.
 
-Of many noisy costs the least is lucky, the more so the more there are: the optimizer's curse (J.E. Smith, R.L. Winkler,
-Management Science 52 (2006), doi:10.1287/mnsc.1050.0451).  A search that keeps the best so far then keeps the luckiest.
-Explicit averaging over repeated evaluations is the plain remedy (Y. Jin, J. Branke, "Evolutionary optimization in
+The least of many noisy costs is partly luck, the more so the more there are: the optimizer's curse (J.E. Smith, R.L.
+Winkler, Management Science 52 (2006), doi:10.1287/mnsc.1050.0451).  A search that keeps the best then keeps the luckiest.
+Explicit averaging over repeated evaluations is the simple remedy (Y. Jin, J. Branke, "Evolutionary optimization in
 uncertain environments - a survey", IEEE Trans. Evolutionary Computation 9 (2005), section II); here:
 
-1. Screening: a candidate is evaluated on one draw.  It goes on if that is less than the mean of all costs that the
-   incumbent, the best so far, has had in duels.
-2. Duel: candidate and incumbent are evaluated on the same `repeats` fresh draws, common random numbers, so that what
-   the noise does to both alike cancels.  The candidate becomes the incumbent if its mean is less.
-3. Belief: the new incumbent is evaluated on `repeats` draws more.  Their mean is the cost that is claimed.
+1. Screening: a candidate is evaluated on one draw.  It passes if its cost is less than the mean of all costs that the
+   incumbent, the best so far, had in duels.
+2. Duel: candidate and incumbent are evaluated on the same `repeats` fresh draws, common random numbers, so that
+   noise that affects both alike cancels.  The candidate becomes the incumbent if its mean is less.
+3. Belief: the new incumbent is evaluated on `repeats` draws more.  Their mean is the reported cost.
 
-Winning a duel takes some luck, so that its mean is biased, too; the draws of the belief decide nothing, hence the
-claimed cost is unbiased, and the standard error of their mean is its own.  A candidate that is worse by d wins a duel
+Winning a duel takes some luck, so that its mean is biased too; the draws of the belief decide nothing, hence the
+reported cost is unbiased, with the standard error of its mean.  A candidate that is worse by d wins a duel
 with probability Phi(-d sqrt(repeats / 2) / s), s being the noise's standard deviation where both are independent.
 """
 
@@ -34,7 +34,7 @@ NoisyCost = Callable[[np.ndarray, tuple[int, int, int]], Answer]  # of a candida
 
 
 class Belief(NamedTuple):
-    """What an incumbent is believed to cost."""
+    """The estimated cost of an incumbent."""
 
     iteration: int  # in which it became the incumbent
     x: np.ndarray  # (D,)
@@ -52,20 +52,35 @@ def minimize_noisy(
     batch: int = 1,
     progress: bool = False,
 ) -> OptimizeResult:
-    """Run an `AdaptiveSimulatedAnnealing` on a noisy cost to its end; return a `scipy.optimize.OptimizeResult`.
+    """Run a search on a noisy cost to its end.
 
-    ``fun(x, draw)`` returns the cost, or (cost, status), with the noise of `draw`, three whole numbers (seed,
-    iteration, repeat): ``numpy.random.default_rng(draw)`` makes the noise from it.  No draw is used twice, but for the
-    two of a duel.  ``map(fun, candidates, draws)`` evaluates many, up to `batch` candidates in screening; what is
-    visited does not depend on it.  A cost that is not finite in one draw loses a duel, and one among the draws of a
-    belief is an infinite claim.
+    The search gets an order, not costs: a duel that is won is -1, -2, ... with x0 at 0, all else an infinite cost,
+    which is a miss.  A cost that is not finite in one draw loses a duel, and makes a belief infinite.
 
-    The search is told an order, not costs: a duel won is -1, -2, ... with x0 at 0, all else an infinite cost, which is
-    a miss; its best_x is the incumbent.  It must be one that only compares with the best so far.
+    Parameters
+    ----------
+    fun : callable
+        ``fun(x, draw)`` returns the cost, or (cost, status), with the noise of a draw, three whole numbers (seed,
+        iteration, repeat), as for ``numpy.random.default_rng(draw)``.  No draw is used twice, except by the two of a
+        duel.
+    search : Search
+        A new `AdaptiveSimulatedAnnealing`, or another search that only compares with the best.
+    repeats : int
+        Draws of a duel and of a belief, at least 2.
+    seed : int
+        Seed of the draws.
+    map : callable
+        ``map(fun, candidates, draws)`` evaluates many.
+    batch : int
+        Number of candidates screened at once; the visited states do not depend on it.
+    progress : bool
+        Whether to show a progress bar.
 
-    The result has x, fun (the believed cost), error (its standard error), nit, nfev, duels, success, status and message
-    (those of `minimize`) and history, a list of `Belief`.  KeyboardInterrupt ends the search with what was
-    found.  Raises ValueError for fewer than 2 repeats, a batch below 1 and a search that has begun.
+    Returns
+    -------
+    scipy.optimize.OptimizeResult
+        x, fun (the estimated cost), error (its standard error), nit, nfev, duels, success, status and message (those of
+        `minimize`) and history, a list of `Belief`.  A KeyboardInterrupt ends the search with what was found.
     """
     repeats = whole("repeats", repeats, 2, "a standard error needs two")
     batch = whole("batch", batch, 1, "it is how many candidates are evaluated at once")
@@ -75,7 +90,7 @@ def minimize_noisy(
     progress = truth("progress", progress)
     check_search("search", search)
     if np.isfinite(search.best_f):
-        raise ValueError("the search has begun: what it was told are other costs; give a new one")
+        raise ValueError("the search has begun with other costs; give a new one")
     noisy = _NoisySearch(fun, search, repeats, seed, map)
     bar = tqdm(disable=not progress, unit="candidate")
     try:
@@ -101,18 +116,18 @@ class _NoisySearch:
         self.sum, self.count = 0.0, 0
 
     def advance(self, batch: int) -> None:
-        """Screen up to `batch` candidates and take them in turn, up to the first that wins its duel."""
+        """Screen up to `batch` candidates and take them in order, up to the first that wins its duel."""
         candidates = self.search.ask_batch(batch if self.iteration else 1)
         screened = self._evaluate(candidates, [(self.iteration + i, 0) for i in range(len(candidates))])
-        told = [np.inf] * len(candidates)
+        costs = [np.inf] * len(candidates)
         for i, x in enumerate(candidates):
             if self._wins(x, screened[i]):
-                told[i] = -float(self.wins)
+                costs[i] = -float(self.wins)
                 self.wins += 1
             self.iteration += 1
-            if np.isfinite(told[i]):
+            if np.isfinite(costs[i]):
                 break
-        self.search.tell_batch(told)
+        self.search.tell_batch(costs)
 
     def result(self, status: int) -> OptimizeResult:
         found = bool(self.beliefs) and bool(np.isfinite(self.beliefs[-1].f))
@@ -124,10 +139,10 @@ class _NoisySearch:
         )  # fmt: skip
 
     def _wins(self, x: np.ndarray, screened: float) -> bool:
-        """Whether `x` takes the incumbent's place; x0 does unless its cost is infinite."""
+        """Return whether `x` becomes the incumbent; x0 does unless its cost is infinite."""
         if not self.beliefs:
             own = self._evaluate([x] * self.repeats, self._fresh(1))
-            return self._enthrone(x, own)
+            return self._promote(x, own)
         if not screened < self.sum / self.count:
             return False
         self.duels += 1
@@ -135,12 +150,12 @@ class _NoisySearch:
         costs = self._evaluate([x] * self.repeats + [self.beliefs[-1].x] * self.repeats, draws + draws)
         own, other = costs[: self.repeats], costs[self.repeats :]
         if sum(own) < sum(other):
-            return self._enthrone(x, own)
+            return self._promote(x, own)
         self.sum, self.count = self.sum + sum(other), self.count + self.repeats
         return False
 
-    def _enthrone(self, x: np.ndarray, costs: Sequence[float]) -> bool:
-        """Make `x`, with these costs in its duel, the incumbent."""
+    def _promote(self, x: np.ndarray, costs: Sequence[float]) -> bool:
+        """Make `x`, with these costs in its duel, the incumbent; return whether they are finite."""
         self.sum, self.count = sum(costs), self.repeats
         fresh = np.array(self._evaluate([x] * self.repeats, self._fresh(1 + self.repeats)))
         error = fresh.std(ddof=1) / np.sqrt(self.repeats) if np.isfinite(fresh).all() else np.nan

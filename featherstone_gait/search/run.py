@@ -1,4 +1,4 @@
-"""Run searches by ask and tell for a given number of evaluations, alone or several together in one batch."""
+"""Run ask-and-tell searches for a given number of evaluations, alone or several in one batch."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from featherstone_gait.search.ask_tell import Answer, Cost, Map, Search, check_m
 
 MESSAGES = {
     0: "all evaluations made",
-    1: "the search came to its end before all evaluations were made",
+    1: "the search ended before all evaluations were made",
     2: "interrupted; the best so far is returned",
 }
 
@@ -21,15 +21,28 @@ MESSAGES = {
 def run(
     search: Search, fun: Cost, *, evaluations: int, map: Map = map, batch: int = 1, progress: bool = False
 ) -> OptimizeResult:
-    """Evaluate exactly `evaluations` candidates of a search and return a `scipy.optimize.OptimizeResult`.
+    """Evaluate a number of candidates of a search.
 
-    `search` is one by ask and tell, see `featherstone_gait.search`; `fun` and `map` are those of `minimize`, of which
-    `batch` candidates at most are evaluated at once.  The candidates visited do not depend on `batch`.  A search with
-    an end of its own, as the paper's has, may come to it before; give it room.
+    Parameters
+    ----------
+    search : Search
+        An ask-and-tell search; see `featherstone_gait.search`.  One with an end of its own, such as the paper's, may
+        end before.
+    fun, map
+        As of `minimize`.
+    evaluations : int
+        Number of candidates that are visited.
+    batch : int
+        Largest number of candidates evaluated at once; the visited candidates do not depend on it.
+    progress : bool
+        Whether to show a progress bar.
 
-    The result has x, fun, nit (candidates after the first), nfev (evaluations, wasted ones included), wasted (of
-    speculative batches, made but not visited), success, status (a key of `MESSAGES`), message, and history: arrays x
-    (nit + 1, D), f and best, the least of f so far.  KeyboardInterrupt ends the search with what was found.
+    Returns
+    -------
+    scipy.optimize.OptimizeResult
+        x, fun, nit (candidates after the first), nfev (evaluations), wasted (those of candidates that were not
+        visited), success, status (a key of `run.MESSAGES`), message, and history: arrays x (nit + 1, D), f and best,
+        the least of f so far.  A KeyboardInterrupt ends the search with what was found.
     """
     return run_together([search], fun, evaluations=evaluations, map=map, batch=batch, progress=progress).results[0]
 
@@ -43,13 +56,26 @@ def run_together(
     batch: int = 1,
     progress: bool = False,
 ) -> OptimizeResult:
-    """Run `searches` side by side, `evaluations` each, and return the best's result.
+    """Run several searches side by side, such as restarts with several seeds; each visits what it visits alone.
 
-    This is how to restart a search: give it with several seeds.  All that they ask for is evaluated at once, `batch`
-    shared out evenly but at least one candidate each.  Each does what it does when run alone.  To the result of `run`
-    are added results, those of all searches in their order, and best, the index of the best one (the first of equals);
-    nfev and wasted are sums, and an interrupt ends them all.  Raises ValueError without searches, and unless
-    `evaluations` and `batch` are positive.
+    Parameters
+    ----------
+    searches : iterable of Search
+        Ask-and-tell searches.
+    fun, map
+        As of `minimize`.
+    evaluations : int
+        Number of candidates of each search.
+    batch : int
+        Number of candidates evaluated at once, shared out evenly, at least one for each search.
+    progress : bool
+        Whether to show a progress bar.
+
+    Returns
+    -------
+    scipy.optimize.OptimizeResult
+        That of the best search, as of `run`.  Added are results, those of all searches in their order, and best, the
+        index of the best one; nfev and wasted are sums.
     """
     searches = listed("searches", searches, "give a list of searches")
     for name, value in (("searches", len(searches)), ("evaluations", evaluations), ("batch", batch)):
@@ -74,7 +100,7 @@ def run_together(
 
 
 class _Run:
-    """A search and what it has visited."""
+    """A search and its visited candidates."""
 
     def __init__(self, search: Search, evaluations: int) -> None:
         self.search, self.evaluations = search, evaluations
@@ -112,7 +138,7 @@ class _Run:
 
 
 def _advance(runs: Sequence[_Run], fun: Cost, map: Map, batch: int) -> None:
-    """Evaluate one batch, shared out among the searches."""
+    """Evaluate a batch, shared out among the searches."""
     share, rest = divmod(batch, len(runs))
     asked = [one.ask(max(1, share + (i < rest))) for i, one in enumerate(runs)]
     costs = costs_of(map(fun, [x for candidates in asked for x in candidates]), sum(len(part) for part in asked))

@@ -1,10 +1,10 @@
-"""Candidates of adaptive simulated annealing, evaluated before it is known whether they come.
+"""Speculative evaluation of the candidates of adaptive simulated annealing.
 
 A candidate either improves on the best or misses, and what comes next in either case is known before its cost is: the
-future is a binary tree whose nodes are candidates.  Whoever is free evaluates the likeliest node not begun yet.  Most
+future is a binary tree whose nodes are candidates.  A free thread evaluates the likeliest node not begun yet.  Most
 of these follow misses alone; when improvements are frequent, the one after an improvement is likelier than the tenth
-miss in a row.  When a cost comes in, the branches that it rules out are no longer wanted, and their evaluations may be
-given up at once, even while earlier candidates are still running.
+miss in a row.  When a cost arrives, the branches that it rules out are no longer wanted, and their evaluations may be
+abandoned at once, even while earlier candidates are still running.
 
 Which nodes are evaluated depends on the timing.  Which are visited does not: they are the path through the tree that
 the costs dictate, the same that one evaluation at a time takes.
@@ -24,11 +24,11 @@ from featherstone_gait.search.ask_tell import Answer
 if TYPE_CHECKING:
     from featherstone_gait.search.annealing import AdaptiveSimulatedAnnealing
 
-RECENT = 100  # visits that tell how likely an improvement is
+RECENT = 100  # visits from which the probability of an improvement is estimated
 
 
 class Candidate:
-    """A node of the tree: a vector `x` (D,) that the search may come to."""
+    """A node of the tree: a vector `x` (D,) that the search may visit."""
 
     __slots__ = ("answer", "begun", "best", "iteration", "miss", "next", "since_progress", "x")
 
@@ -55,8 +55,8 @@ class Speculation:
         while (candidate := candidates.take()) is not None:
             candidates.give(candidate, fun(candidate.x))
 
-    `search`: an `AdaptiveSimulatedAnnealing`, from whose present state it starts and which it leaves alone; what has
-    been visited comes out of `visits`.
+    `search`: an `AdaptiveSimulatedAnnealing`, from whose present state it starts and which it does not change;
+    `visits` returns the visited candidates.
     """
 
     def __init__(self, search: AdaptiveSimulatedAnnealing) -> None:
@@ -74,9 +74,9 @@ class Speculation:
             self._root = self._drawn(search.iteration, search.miss, search.since_progress, best)
 
     def take(self, wait: bool = True) -> Candidate | None:
-        """Return the likeliest candidate that nobody has taken.
+        """Return the likeliest candidate that has not been taken.
 
-        If there is none, because all that may come are being evaluated, wait for one, or return None unless `wait`.
+        If all possible ones are being evaluated, wait for a new one, or return None unless `wait`.
         Returns None when the search is over.
         """
         with self._changed:
@@ -93,7 +93,7 @@ class Speculation:
         return None
 
     def wanted(self, candidate: Candidate) -> bool:
-        """Whether the search may still come to a candidate taken; if not, its evaluation may be given up."""
+        """Return whether the search may still visit a candidate; if not, its evaluation may be abandoned."""
         with self._changed:  # `_alive` is made anew while an answer is taken in
             return candidate in self._alive and not self._closed
 
@@ -117,7 +117,7 @@ class Speculation:
             return visits
 
     def close(self) -> None:
-        """Take no more, want no more."""
+        """Hand out no more candidates and want none."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -127,7 +127,7 @@ class Speculation:
         return Candidate(x, iteration, miss, since_progress, best)
 
     def _after(self, candidate: Candidate, improves: bool) -> Candidate | None:
-        """The candidate that comes next; None where the search ends."""
+        """Return the next candidate; None where the search ends."""
         if improves not in candidate.next:
             place = self._search.after(candidate.iteration, candidate.miss, candidate.since_progress, improves)
             over = self._search.ends(place[0], place[2]) is not None
@@ -136,7 +136,7 @@ class Speculation:
         return candidate.next[improves]
 
     def _likeliest(self) -> Candidate | None:
-        """The likeliest candidate not begun: best first through the tree."""
+        """Return the likeliest candidate that was not begun, by best-first search through the tree."""
         share = (sum(self._recent) + 1) / (RECENT + 2)
         order = itertools.count()  # between equals
         heap = [] if self._root is None else [(-1.0, next(order), self._root)]
@@ -152,7 +152,7 @@ class Speculation:
         return None
 
     def _advance(self) -> None:
-        """Visit what is certain by now, and forget what is ruled out."""
+        """Visit all candidates that are certain by now, and drop those that are ruled out."""
         while self._root is not None and (improves := self._root.improves) is not None:
             visited, self._root = self._root, self._after(self._root, improves)
             assert visited.answer is not None  # or `improves` would not be known

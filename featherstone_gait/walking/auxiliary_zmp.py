@@ -5,19 +5,19 @@ An inverted pendulum of height ``z_c``, ``w^2 = g / z_c``, whose center of mass 
     c'' = w^2 (c - p - p_a),    p' = u,
 
 with the planned ZMP ``p``, its speed ``u``, held over a sample of length ``T``, and an auxiliary ZMP ``p_a`` that is
-asked for on top and not foreseen.  The controller minimizes ``sum Q (p - p_ref)^2 + R u^2`` among the motions in which
+added without being foreseen.  The controller minimizes ``sum Q (p - p_ref)^2 + R u^2`` among the motions in which
 the center of mass stays near the feet, and is
 
     u_k = -K (p, c, c')_k + sum_(j=1..N) f(j) p_ref_(k+j),
     K = s^-1 b' P A,   f(j) = s^-1 b' ((A - b K)')^(j-1) (Q, 0, 0),   s = R + b' P b.
 
 This is the form of S. Kajita et al., "Biped walking pattern generator allowing auxiliary ZMP control", IROS 2006; here
-A and b are exact for a ZMP that moves evenly over a sample, where a forward difference would do for small T.  What the
-preview does not reach is taken to stay where its last sample is: ``f(N)`` has the gains of all later ones.
+A and b are exact for a ZMP that moves evenly over a sample, where a forward difference would do for small T.  Beyond
+the preview the reference is assumed to stay at its last sample: ``f(N)`` holds the gains of all later ones.
 
-Unlike in the form of 2003 (`preview_control`) the cost does not see the center of mass, which the ZMP alone pushes
-about: of the solutions of the Riccati equation the one wanted is that which holds it, the largest.  Going back in time
-from a future in which the center of mass costs something too leads there (D. Bertsekas, "Dynamic Programming and
+Unlike in the form of 2003 (`preview_control`) the cost does not depend on the center of mass: of
+the solutions of the Riccati equation the largest is needed, which stabilizes it.  The recursion back in time from a
+future in which the center of mass costs something too converges to it (D. Bertsekas, "Dynamic Programming and
 Optimal Control", vol. I, 3rd ed., section 4.1).
 """
 
@@ -46,7 +46,7 @@ from featherstone_gait.walking.preview_control import (
 
 @dataclass(frozen=True, eq=False)
 class AuxiliaryZmpController:
-    """The gains of a preview controller with the ZMP's speed as its input."""
+    """Gains of a preview controller with the ZMP's speed as its input."""
 
     T: float  # sample time [s]
     A: np.ndarray  # (3, 3) of the state (ZMP [m], center of mass [m], its velocity [m/s]) over a sample
@@ -104,7 +104,7 @@ def plan_com_auxiliary(
 
 
 def _pendulum(T: float, w: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return A (3, 3) and b (3,) of the state (p, c, c') over a sample in which p moves evenly."""
+    """Return A (3, 3) and b (3,) of the state (p, c, c') over a sample in which p moves at constant speed."""
     grown, shrunk = exp(np.array([w * T, -w * T]))
     cosh, sinh = 0.5 * (grown + shrunk), 0.5 * (grown - shrunk)
     A = np.array([[1.0, 0.0, 0.0], [1.0 - cosh, cosh, sinh / w], [-w * sinh, w * sinh, cosh]])

@@ -1,18 +1,17 @@
-"""The first gait of a search: that of a walk planned once for all, or of the cheapest of many plans.
+"""The first gait of a search: that of the plain plan, or of the cheapest of many plans.
 
     cost = first_gait(compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "midpoint", 1e-3))
     result = optimize_gait(in_worlds(cost, 8))
 
 A plan has six numbers besides its timing (`Box`): step length and time, lift of the sole, height of the center of mass,
 distance of the feet, share of double support.  `cheapest_plan` spreads plans evenly over a box of them, goes on around
-the best in smaller boxes, and measures each by its gait as a search measures its candidates: in several worlds at
-once, the mean and half of what the worst is above it.  A plan that falls in one of them has no cost.  Nor has one that
-the robot cannot follow: the whole stride, not its poses alone, has to keep the joints' limits and the speeds at which
-joints and servos turn without load.
+the best in smaller boxes, and measures the gait of each as a search measures its candidates: in several worlds at
+once.  A plan that falls in one of them has an infinite cost, as has one that the robot cannot follow: the whole stride,
+not only its poses, must meet the joint limits and the no-load speeds of joints and servos.
 
 The points are those of an additive recurrence, x_k = frac(x_0 + k a), a_i = r^-i with r^(d+1) = r + 1, which fills a
 box of d dimensions evenly at any length (M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018)).
-What is found depends on seed and settings alone.
+The result depends on seed and settings alone.
 """
 
 from __future__ import annotations
@@ -49,32 +48,43 @@ Searched: TypeAlias = Callable[[WalkingCost], Any]
 N_POSES = 4  # the paper's four states
 COUNT = (32, 16, 16, 8)  # plans over the whole box, and in each smaller one
 SMALLER = (0.4, 0.2, 0.1)  # these boxes, as shares of the whole one
-DRAWN = 4  # points for each plan that is wanted: most of a box no leg can reach
+DRAWN = 4  # points for each plan: most of a box is out of reach of the legs
 WORLDS = 8
 PLAIN = (0.123, 2.225, 0.123, 0.0865, 1.219, 0.2)  # BIOLOID_WALK in the units of `Box`
-LIKE_BIOLOID = 0.1  # by how much a robot's height may differ, of which it takes the plain plan as it is
-FASTER = 1.0  # than without load no servo turns
+LIKE_BIOLOID = 0.1  # relative difference in height up to which a robot takes the plain plan unscaled
+FASTER = 1.0  # share of the no-load speed that references may reach
 SAMPLE, PREVIEW, JERKS = 0.02, 1.2, 2.5e-8  # of the plans: T [s], preview [s] and R [s^6/m^2] of the Bioloid's
-STEPS, ACCURATE = 15, 1e-5  # how many are planned; by how much the center of mass may miss its path [m]
-ROUNDS, NEAR = 6, 2e-3  # to place the trunk; by how much a sole may miss its place [m and rad]
+STEPS, ACCURATE = 15, 1e-5  # number of steps; tolerance of the center of mass along its path [m]
+ROUNDS, NEAR = 6, 2e-3  # iterations that place the trunk; tolerance of the soles [m and rad]
 MOST_PLANS = 10**5
 
 
 @dataclass(frozen=True)
 class Box:
-    """From where to where plans are looked for, by the robot's size.
+    """Ranges of the plans that are tried, relative to the robot's size.
 
-    Lengths are in leg lengths l, from the first joint of a leg to its sole when straight; times in sqrt(l / g), g the
-    strength of gravity: for robots that are alike but for their size the same numbers are the same walk.  They lie
-    about those of `BIOLOID_WALK`, the first plan that is tried: slower walks mostly fall without feedback.
+    Lengths are in leg lengths l, from the first joint of a straight leg to its sole; times in sqrt(l / g), with g the
+    strength of gravity: for robots that differ in size alone the same numbers are the same walk.  The ranges lie about
+    `BIOLOID_WALK`, the first plan that is tried: slower walks mostly fall without feedback.
+
+    Attributes
+    ----------
+    step_length, step_time, lift : tuple of float
+        As of `Walk`.
+    sinking : tuple of float
+        How much lower the center of mass is than with all joints at zero.
+    half_width : tuple of float
+        As of `Walk`, relative to that of the feet with all joints at zero.
+    double_support : tuple of float
+        Share of a step.
     """
 
     step_length: tuple[float, float] = (0.1, 0.25)
     step_time: tuple[float, float] = (1.5, 2.4)
     lift: tuple[float, float] = (0.05, 0.14)
-    sinking: tuple[float, float] = (0.05, 0.13)  # of the center of mass from where it is with all joints at zero
-    half_width: tuple[float, float] = (1.0, 1.35)  # in those of the feet with all joints at zero
-    double_support: tuple[float, float] = (0.1, 0.4)  # share of a step
+    sinking: tuple[float, float] = (0.05, 0.13)
+    half_width: tuple[float, float] = (1.0, 1.35)
+    double_support: tuple[float, float] = (0.1, 0.4)
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -90,8 +100,8 @@ class Trial(NamedTuple):
     """A plan that was tried."""
 
     walk: Walk
-    cost: float  # as the search counts it [J/m]; infinite where it does not walk
-    status: str  # "ok", or why not
+    cost: float  # that the search minimizes [J/m]; infinite if it does not walk
+    status: str  # "ok", or why it does not walk
 
 
 _Tried: TypeAlias = tuple[np.ndarray, Trial]  # with its point (6,) of the unit box
@@ -99,17 +109,31 @@ _Tried: TypeAlias = tuple[np.ndarray, Trial]  # with its point (6,) of the unit 
 
 @dataclass(frozen=True, eq=False)
 class CheapestPlan:
-    """What was found, and what was tried."""
+    """The cheapest plan, and the plans that were tried.
+
+    Attributes
+    ----------
+    plan : Plan
+        The plan.
+    fit : GaitFit
+        The gait that was fitted to it.
+    cost : WalkingCost
+        The cost of the gait, with its start.
+    value : float
+        The cost that the search minimized [J/m].
+    trials : tuple of Trial
+        All plans that were tried.
+    """
 
     plan: Plan
     fit: GaitFit
-    cost: WalkingCost  # of its gait, from its start
-    value: float  # as the search counts it [J/m]
+    cost: WalkingCost
+    value: float
     trials: tuple[Trial, ...]
 
     @property
     def gait(self) -> Gait:
-        """The plan's gait."""
+        """The gait of the plan."""
         return self.fit.gait
 
 
@@ -122,13 +146,32 @@ def first_gait(
     seed: int = 0,
     **walk: Any,
 ) -> WalkingCost:
-    """The cost of a robot's first gait on `scene`, for `optimize_gait` and `in_worlds`.
+    """Plan the first gait of a biped and return its cost, for `optimize_gait` and `in_worlds`.
 
-    plan: "plain" is ``BIOLOID_WALK | walk``, planned at 10 ms, and for a robot of another size the same walk by dynamic
-    similarity, at 20 ms; "cheapest" what `cheapest_plan` finds, which takes `searched` and `seed`, with the numbers in
-    `walk` held.  states: whether the four poses are those of a stride, or of
-    a step, which the other leg mirrors.  Raises ValueError for a robot that is no biped, one that cannot take these
-    steps, and for states of a step where left and right are no mirror images.
+    Parameters
+    ----------
+    scene : CompiledScene
+        The robot on its ground.
+    plan : {"cheapest", "plain"}
+        "plain" is ``BIOLOID_WALK | walk``, planned at 10 ms, and for a robot of another size the same walk by dynamic
+        similarity, at 20 ms; "cheapest" is the result of `cheapest_plan`.
+    states : {"step", "stride"}
+        Whether the four poses are those of a stride, or of a step that the other leg mirrors.
+    searched, seed
+        As of `cheapest_plan`.
+    **walk
+        Settings of `Walk` that are fixed.
+
+    Returns
+    -------
+    WalkingCost
+        The cost, with the first gait.
+
+    Raises
+    ------
+    ValueError
+        For a robot that is no biped, or cannot take these steps, and for states of a step where left and right are no
+        mirror images.
     """
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
     one_of("plan", plan, get_args(PlanKind))
@@ -140,7 +183,7 @@ def first_gait(
 
 
 def _plain(scene: CompiledScene) -> dict[str, Any]:
-    """The numbers of the plain walk."""
+    """Return the settings of the plain walk."""
     model, g = scene.model, downward(scene.gravity)
     if abs(standing_posture(model)[0] / HEIGHT - 1.0) < LIKE_BIOLOID:
         return BIOLOID_WALK | {"g": g}
@@ -157,13 +200,34 @@ def cheapest_plan(
     seed: int = 0,
     **held: Any,
 ) -> CheapestPlan:
-    """Look for the plan whose gait walks most cheaply on `scene`, within joint and speed limits.
+    """Search for the plan whose gait costs least, within joint and speed limits.
 
-    box: where; None: `Box()` and, if nothing there walks, `SLOW`, of slower steps with less lift; count: how many plans
-    to try in the whole box, besides the plain one, and in each of the smaller ones around the best; searched: makes of
-    a `WalkingCost` the cost that a search sees, by default that in eight worlds of `in_worlds`; held: settings of
-    `Walk` that are not looked for.  The plans have samples of 20 ms.  Raises ValueError
-    if none walks: the most common reason, and what to do.
+    Parameters
+    ----------
+    scene : CompiledScene
+        The robot on its ground.
+    states : {"step", "stride"}
+        As of `first_gait`.
+    box : Box, optional
+        Ranges of the plans; by default `Box()` and, if nothing there walks, slower steps with less lift.
+    count : sequence of int
+        Number of plans in the whole box, besides the plain one, and in each of the smaller boxes around the best.
+    searched : callable, optional
+        Makes the cost that is minimized from a `WalkingCost`; by default that in eight worlds (`in_worlds`).
+    seed : int
+        Seed of the plans.
+    **held
+        Settings of `Walk` that are fixed.
+
+    Returns
+    -------
+    CheapestPlan
+        The plan, its gait and all trials.
+
+    Raises
+    ------
+    ValueError
+        If no plan walks, with the most common reason and what to do.
     """
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
     one_of("states", states, get_args(States))
@@ -191,7 +255,7 @@ def cheapest_plan(
 
 
 def fit_states(model: Model, plan: Plan, states: States) -> GaitFit:
-    """Fit the four poses of a stride, or of a step that the other leg mirrors, to a plan; poses within joint limits."""
+    """Fit four poses of a stride, or of a step that the other leg mirrors, to a plan, clipped to the joint limits."""
     mirrored = states == "step"
     mirror = mirror_of(model) if mirrored else None
     fit = fit_gait(plan.stride(), 2 * N_POSES if mirrored else N_POSES, mirror=mirror)
@@ -200,7 +264,7 @@ def fit_states(model: Model, plan: Plan, states: States) -> GaitFit:
 
 
 def speed_limits(model: Model) -> np.ndarray:
-    """The speeds (nj,) [rad/s] that no joint passes: its own limit, and that of its servo without load."""
+    """Return the largest speeds of the joints (nj,) [rad/s]: their own limits and the no-load speeds of the servos."""
     alone = {servo: _no_load(servo) for servo in dict.fromkeys(model.servos.values())}
     servos = [model.servos.get(name) for name in model.joint_names]
     limits = [joint.velocity for joint in model.moving_joints]
@@ -212,7 +276,7 @@ def _no_load(servo: Any) -> float:
 
 
 class _Search:
-    """Plans by points of the unit box."""
+    """Plans at points of the unit box."""
 
     def __init__(
         self, scene: CompiledScene, states: States, box: Box, searched: Searched, held: dict[str, Any]
@@ -229,16 +293,16 @@ class _Search:
             mirror_of(model)  # raises what no trial is to swallow
 
     def place(self, numbers: Sequence[float]) -> np.ndarray:
-        """The point of the unit box, which it may leave, of numbers in the units of `Box`."""
+        """Return the point of numbers in the units of `Box`; it may lie outside of the unit box."""
         return (np.array(numbers) - self.low) / np.where(self.high > self.low, self.high - self.low, 1.0)
 
     def walk(self, point: np.ndarray) -> Walk:
-        """The walk of a point of the unit box."""
+        """Return the walk at a point of the unit box."""
         numbers = (self.low + point * (self.high - self.low)).tolist()
         return _walk(numbers, (self.length, self.height, self.width), self.g, self.held)
 
     def tried(self, points: np.ndarray, counts: Sequence[int], plain: bool) -> list[_Tried]:
-        """Plans at points (n, 6) of the unit box, so many of it and of smaller ones in it, after the plain one."""
+        """Try plans at points (n, 6) of the unit box and of smaller boxes around the best, after the plain plan."""
         middle, tried = np.full(len(PLAIN), 0.5), [self.attempt(self.place(PLAIN))] if plain else []
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
             for n, share in zip(counts, (1.0, *SMALLER)):
@@ -250,9 +314,9 @@ class _Search:
         return tried
 
     def within_reach(self, points: np.ndarray) -> np.ndarray:
-        """Whether the legs reach (n,) what a plan asks of them at five moments of a step, the sway left out.
+        """Check whether the legs reach the soles (n,) at five moments of a step, without sway.
 
-        A hundred times as fast as to plan, and right about nine plans of ten.
+        This is a hundred times as fast as planning, and right for nine plans of ten.
         """
         n = len(points)
         walks = [self.walk(point) for point in points]
@@ -268,7 +332,7 @@ class _Search:
         return np.asarray(reached.all(axis=1))
 
     def _reached(self, feet: np.ndarray, com: np.ndarray) -> np.ndarray:
-        """Whether the robot can stand (m,) with its soles at `feet` (m, 2, 3), its center of mass at `com` (m, 3)."""
+        """Check whether the robot can stand (m,) with its soles at `feet` (m, 2, 3) and its center of mass at `com`."""
         model = self.scene.model
         angles = np.tile(default_posture(model, self.soles), (len(com), 1))
         base = first_base(model, self.soles, angles[0], com)
@@ -299,14 +363,14 @@ class _Search:
         return point, Trial(walk, *self.searched(cost)(fit.gait.to_vector()))
 
     def _check(self, gait: Gait) -> None:
-        """Raise ValueError if what the servos are sent passes limits of joints or speeds."""
+        """Raise ValueError if the references violate limits of joints or speeds."""
         ticks = round(gait.period / TICK)
         angles = gait.angles(TICK * np.arange(ticks + 1))
         lower, upper = self.limits
         if np.any((angles < lower) | (angles > upper)):
-            raise ValueError("joint limits are passed between the poses")
+            raise ValueError("the joint limits are violated between the poses")
         if np.any(np.abs(np.diff(angles, axis=0)) > FASTER * TICK * self.speeds):
-            raise ValueError("joints would have to turn faster than they can")
+            raise ValueError("joints would have to turn faster than they can without load")
 
 
 def _cost(scene: CompiledScene, plan: Plan, fit: GaitFit) -> WalkingCost:
@@ -314,14 +378,14 @@ def _cost(scene: CompiledScene, plan: Plan, fit: GaitFit) -> WalkingCost:
 
 
 def _in_worlds(scene: CompiledScene, count: int = WORLDS) -> Searched:
-    """`in_worlds` of costs that differ in gait and start alone: the worlds are made once."""
+    """Return `in_worlds` for costs that differ in gait and start alone: the worlds are made once."""
     worlds, offsets = variations(scene, count)
     scenes = worlds.scenes(scene)
     return lambda cost: CostInWorlds(cost, scenes, offsets)
 
 
 def _walk(numbers: Sequence[float], size: tuple[float, float, float], g: float, held: dict[str, Any]) -> Walk:
-    """The walk of numbers in the units of `Box`, but for what is held; strides are a whole number of ticks."""
+    """Return the walk of numbers in the units of `Box` and fixed settings; strides are a whole number of ticks."""
     step, time, lift, sinking, width, double = numbers
     length, height, half_width = size
     half = 0.5 * TICK
@@ -345,7 +409,7 @@ def _walk(numbers: Sequence[float], size: tuple[float, float, float], g: float, 
 
 
 def _size(model: Model, left: Sole) -> tuple[float, float, float]:
-    """Length of a leg, height of the center of mass above the soles, and of the feet from the middle, at zero [m]."""
+    """Return a leg's length, the height of the center of mass and the feet's distance from the middle, at zero [m]."""
     posture = np.zeros(len(model.joint_names))
     poses = link_poses(model, posture)
     by_name = {joint.name: joint for joint in model.joints}
@@ -358,7 +422,7 @@ def _size(model: Model, left: Sole) -> tuple[float, float, float]:
 
 
 def _spread(count: int, dimension: int, seed: int) -> np.ndarray:
-    """Points (count, dimension) that fill the unit box evenly."""
+    """Return points (count, dimension) that fill the unit box evenly."""
     root = 2.0
     for _ in range(100):
         root = (1.0 + root) ** (1.0 / (dimension + 1))

@@ -27,42 +27,84 @@ from featherstone_gait.base.arguments import floats, is_real, shown, whole
 from featherstone_gait.base.fixed_order import applied, product, total
 from featherstone_gait.scene.tree import GRAVITY
 
-# Of the gains.  Against a 50-digit solution of the Riccati equation ours is off by up to 1e-13, SciPy's by 8e-11: with
-# seven digits practically all gains are those that any solver gives.  The ZMP of a 0.3 m step moves by 2e-7 m.
+# Digits of the gains.  Against a 50-digit solution of the Riccati equation our error is up to 1e-13, SciPy's 8e-11: to
+# seven digits practically all gains are those of any solver.  The ZMP of a 0.3 m step moves by 2e-7 m.
 GAIN_DIGITS = 7
-HORIZON = 20.0  # least time to go, in units of sqrt(z_c / g): what is unstable grows by exp(40) in energy
-SETTLED = 1e-8  # relative change of the gains from half of the samples to go to all of them
+HORIZON = 20.0  # least time to go, in units of sqrt(z_c / g): in it the unstable mode's energy grows by exp(40)
+SETTLED = 1e-8  # relative change of the gains when the samples to go are doubled
 MOST_SAMPLES = 2**18
 
 
 @dataclass(frozen=True, eq=False)
 class PreviewController:
-    """The gains of the preview controller of a cart-table."""
+    """Gains of the preview controller of a cart-table.
 
-    T: float  # sample time [s]
-    z_c: float  # height of the center of mass [m]
-    g: float  # [m/s^2]
-    integral_gain: float  # G_i [1/s^3]
-    state_gain: np.ndarray  # G_x (3,) [1/s^3, 1/s^2, 1/s]
-    preview_gain: np.ndarray  # G_d (N,) [1/s^3]; entry j-1 weighs the reference j samples ahead
+    Attributes
+    ----------
+    T : float
+        Sample time [s].
+    z_c : float
+        Height of the center of mass [m].
+    g : float
+        Strength of gravity [m/s^2].
+    integral_gain : float
+        G_i [1/s^3].
+    state_gain : ndarray, shape (3,)
+        G_x [1/s^3, 1/s^2, 1/s].
+    preview_gain : ndarray, shape (N,)
+        G_d [1/s^3]; entry j-1 weighs the reference j samples ahead.
+    """
+
+    T: float
+    z_c: float
+    g: float
+    integral_gain: float
+    state_gain: np.ndarray
+    preview_gain: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class ComPlan:
-    """Motion of the center of mass and its cart-table ZMP, each of the reference's shape."""
+    """Motion of the center of mass and its cart-table ZMP, each of the reference's shape.
 
-    position: np.ndarray  # [m]
-    velocity: np.ndarray  # [m/s]
-    acceleration: np.ndarray  # [m/s^2]
-    zmp: np.ndarray  # [m]
+    Attributes
+    ----------
+    position, velocity, acceleration : ndarray
+        Of the center of mass [m, m/s, m/s^2].
+    zmp : ndarray
+        Zero-moment point [m].
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    zmp: np.ndarray
 
 
 def preview_controller(
     T: float, z_c: float, *, N: int, Q: float = 1.0, R: float = 1e-6, g: float = -GRAVITY[2]
 ) -> PreviewController:
-    """Solve for the gains of a cart-table sampled every `T` [s], `z_c` [m] high, with `N` samples of preview.
+    """Solve for the gains of the preview controller of a cart-table.
 
-    Kajita et al. (2003) use T = 5 ms, z_c = 0.814 m, N = 320, Q = 1, R = 1e-6.  Raises ValueError unless all are > 0.
+    Kajita et al. (2003) use T = 5 ms, z_c = 0.814 m, N = 320, Q = 1, R = 1e-6.
+
+    Parameters
+    ----------
+    T : float
+        Sample time [s].
+    z_c : float
+        Height of the center of mass [m].
+    N : int
+        Samples of preview.
+    Q, R : float
+        Weights of the ZMP error [1/m^2] and of the change of jerk [s^6/m^2].
+    g : float
+        Strength of gravity [m/s^2].
+
+    Returns
+    -------
+    PreviewController
+        The gains.
     """
     N = check_settings(N, T=T, z_c=z_c, Q=Q, R=R, g=g)
     A, b = _augmented_cart_table(T, z_c, g)
@@ -83,10 +125,21 @@ def preview_controller(
 def plan_com(
     zmp_ref: ArrayLike, T: float, z_c: float, *, N: int = 120, Q: float = 1.0, R: float = 1e-7, g: float = -GRAVITY[2]
 ) -> ComPlan:
-    """Plan the motion of the center of mass whose ZMP follows `zmp_ref`.
+    """Plan the motion of the center of mass whose zero-moment point (ZMP) follows a reference.
 
-    `zmp_ref` is (n,) or (n, axes) [m], one row every `T` [s]; the axes are independent.  The motion starts at rest
-    over ``zmp_ref[0]``, and the reference is taken to stay at its last row.  Returns a `ComPlan`.
+    The motion starts at rest over ``zmp_ref[0]``; the reference is assumed to stay at its last row.
+
+    Parameters
+    ----------
+    zmp_ref : array_like, shape (n,) or (n, axes)
+        Reference, a row every `T` [m]; the axes are independent.
+    T, z_c, N, Q, R, g
+        As of `preview_controller`.
+
+    Returns
+    -------
+    ComPlan
+        The motion.
     """
     controller = preview_controller(T, z_c, N=N, Q=Q, R=R, g=g)
     ref = zmp_reference(zmp_ref)
@@ -125,10 +178,10 @@ def _augmented_cart_table(T: float, z_c: float, g: float) -> tuple[np.ndarray, n
 def cost_to_go(
     A: np.ndarray, b: np.ndarray, Q: float, R: float, least: float, end: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return the matrix P (n, n) of the least cost over an endless future, in which the first state is to be small.
+    """Return the matrix P (n, n) of the least cost over an infinite horizon, in which the first state is penalized.
 
-    Backward in time from a cost `end` (n, n), by default that of the first state, over `least` samples or more; after
-    twice as many the error is the square of what it was.
+    The recursion goes back in time from a cost `end` (n, n), by default that of the first state, over `least` samples
+    or more; twice as many samples square the error.
     """
     P = np.zeros(A.shape)
     P[0, 0] = Q
@@ -160,7 +213,7 @@ def round_to(gain: np.ndarray, size: float) -> np.ndarray:
 
 
 def preview_sum(gain: np.ndarray, ref: np.ndarray) -> np.ndarray:
-    """Sum ``gain(j) ref(k + j)`` over j for every k; the order of addition is fixed, unlike that of a BLAS product."""
+    """Sum ``gain(j) ref(k + j)`` over j for every k, in a fixed order, unlike a BLAS product."""
     n = len(ref)
     padded = np.concatenate([ref, np.repeat(ref[-1:], len(gain), axis=0)])
     out = np.zeros_like(ref)

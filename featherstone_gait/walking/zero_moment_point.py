@@ -1,7 +1,7 @@
-"""The zero-moment point of a moving robot, link by link, and how far inside the support polygon it lies.
+"""The zero-moment point (ZMP) of a moving robot, summed over its links, and its support polygon.
 
-The ZMP is the point of the ground plane ``z = 0`` about which gravity and inertia have no horizontal moment.  With
-the links' masses ``m``, centers ``c``, angular momenta ``L`` about them and ``F = m (c'' + g)``:
+The ZMP is the point of the ground plane ``z = 0`` about which gravity and inertia have no horizontal moment.  With the
+links' masses ``m``, centers ``c``, angular momenta ``L`` about them and ``F = m (c'' + g)``:
 
     p_x = sum(c_x F_z - c_z F_x - L'_y) / sum F_z,    p_y = sum(c_y F_z - c_z F_y + L'_x) / sum F_z.
 
@@ -28,10 +28,28 @@ LEAST = 5  # samples of a motion
 def multibody_zmp(
     model: Model, angles: ArrayLike, base_position: ArrayLike, T: float, g: float = -GRAVITY[2]
 ) -> np.ndarray:
-    """Compute the ZMP (n, 2) [m] of a motion sampled every `T` [s], the root link upright.
+    """Compute the zero-moment point (ZMP) of a motion whose root link stays upright.
 
-    `angles` is (n, nj) [rad], `base_position` (n, 3) [m].  Velocities and accelerations are central differences, so
-    that the error is O(T^2); the first and last two samples repeat their neighbor's value.
+    Velocities and accelerations are central differences, so that the error is O(T^2); the first and last two samples
+    repeat their neighbor's value.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    angles : array_like, shape (n, nj)
+        Joint angles [rad].
+    base_position : array_like, shape (n, 3)
+        Position of the root link [m].
+    T : float
+        Time between samples [s].
+    g : float
+        Strength of gravity [m/s^2].
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+        ZMP [m].
     """
     T = real("T", T, 1e-9, 1e9, "give the time between samples [s]")
     g = real("g", g, 1e-9, 1e9, "give the strength of gravity [m/s^2]")
