@@ -1,4 +1,4 @@
-"""CMA-ES, the evolution strategy with covariance matrix adaptation, as an ask-and-tell search; needs the package `cma`.
+"""CMA-ES, the evolution strategy with covariance matrix adaptation; needs the package `cma`.
 
 Reference: N. Hansen, A. Ostermeier, "Completely derandomized self-adaptation in evolution strategies", Evolutionary
 Computation 9 (2001), doi:10.1162/106365601750190398.  It uses the order of the costs alone.

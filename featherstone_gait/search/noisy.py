@@ -1,7 +1,7 @@
 """Minimization of noisy costs: an improvement is confirmed with fresh random draws.
 
 The least of many noisy costs is partly luck, the more so the more there are: the optimizer's curse (J.E. Smith, R.L.
-Winkler, Management Science 52 (2006), doi:10.1287/mnsc.1050.0451).  A search that keeps the best then keeps the luckiest.
+Winkler, Management Science 52 (2006), doi:10.1287/mnsc.1050.0451).  A search that keeps the best keeps the luckiest.
 Explicit averaging over repeated evaluations is the simple remedy (Y. Jin, J. Branke, "Evolutionary optimization in
 uncertain environments - a survey", IEEE Trans. Evolutionary Computation 9 (2005), section II); here:
 
