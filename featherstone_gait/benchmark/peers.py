@@ -1,23 +1,21 @@
-"""The same robots in Pinocchio, MuJoCo and SciPy: forward dynamics, trajectories at equal error, a humanoid's steps.
+"""Compare with Pinocchio, MuJoCo and SciPy: forward dynamics, trajectories at equal error, a humanoid's steps.
 
 All engines read the same URDF, run in turn in one process on one core, and are compared by CPU time as ratios.
 
-Forward dynamics: Pinocchio's `aba` is called from Python; a call with a robot of no joints, which costs nothing but the
-call, is subtracted.  Its published package is compiled for any processor of the kind; compiled for this one it may be
-faster.  A call of MuJoCo's `mj_forward` costs some 0.1 us, which is not subtracted.
+Forward dynamics: the rows of `benchmark speed`.  Pinocchio's package is compiled for any x86-64 processor; compiled for
+this one it may be faster.
 
-MuJoCo's Python package times every step by a clock of its own, which takes up to half the time of a step of the arm; it
-is switched off here.
+Trajectories: the three scenes of the arm in `benchmark precision`, errors at the end of the run, from the same
+reference.  MuJoCo makes all steps in one call of `mj_step`, without contact and limits.  Its servo is a position
+actuator (clamped torque), the same with the damping at the joint (not clamped), or a DC motor.  SciPy's solvers call
+Pinocchio's `aba`.  The cost at an error is interpolated between neighboring settings of one method on logarithmic
+scales, but not across a jump of more than a factor 1000, where a step becomes stable.
 
-Trajectories: the three scenes of the arm in `benchmark.precision`, errors at the end of the run, counted from the same
-reference.  MuJoCo does all its steps in one call of `mj_step`, without contact and limits; its servo is a position
-actuator (clamped torque), the same with the damping at the joint (out of the clamp), or a DC motor.  SciPy's solvers
-call Pinocchio's `aba`.  Cost at an error is interpolated between neighboring settings of one method on logarithmic
-scales, but not across a jump of more than a factor 1000, which is where a step becomes stable.
+Humanoid: it stands, and walks a stride of a planned walk, with ten joints.  MuJoCo has position servos of the same
+stiffness, damping and reflected inertia, but no gearbox spring, current and energy meter.  The robots walk
+differently, so each engine's error is counted from its own run at a sixteenth of the step.
 
-Humanoid: planned walk, a stride, simplified robot on servos; MuJoCo has position servos of the same stiffness, damping
-and reflected inertia, but no gearbox spring, current and energy meter: see `benchmark.walk`.  The robots walk
-differently, and each engine's error is its own, counted from a sixteenth of the step.
+    featherstone-gait benchmark peers        eight minutes
 """
 
 from __future__ import annotations
@@ -56,7 +54,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Solver = Callable[[float, np.ndarray], tuple[np.ndarray, float]]  # from setting and start to the end and CPU time [s]
-Servo = Callable[[Any, Any], None]  # makes one of MuJoCo's joint and actuator
 Method = tuple[Sequence[float], Solver]  # with the settings to try
 
 KP, KD, LIMIT = (STIFF_SERVO[name] for name in ("Kp", "Kd", "torque_limit"))
@@ -127,58 +124,128 @@ def run(out_dir: Path, full: bool = False) -> list[Line]:
                if importlib.util.find_spec(module) is None]  # fmt: skip
     if missing:
         raise ValueError(f'the benchmark peers needs {" and ".join(missing)}: pip install "featherstone-gait[peers]"')
-    out_dir, repeats, where = Path(out_dir), REPEATS_FULL if full else REPEATS, machine()
-    print(where)
+    out_dir, repeats, host = Path(out_dir), REPEATS_FULL if full else REPEATS, machine()
+    print(host)
+    robots = [load_robot("arm7_spatial"), load_robot("humanoid", locked={}), *map(chain, LENGTHS)]
     with quick_mujoco():
-        bar = tqdm(
-            [load_robot("arm7_spatial"), load_robot("humanoid", locked={}), *map(chain, LENGTHS)],
-            "forward dynamics",
-            disable=None,
-        )
+        bar = tqdm(robots, "forward dynamics", disable=None)
         speeds = [row for model in bar for row in forward_dynamics(model, repeats)]
         speeds += [chain_step(links, repeats) for links in tqdm(LENGTHS, "chains", disable=None)]
+        for problem in humanoids():
+            speeds += [row for integrator in FIXED for row in _own_steps(problem, integrator, repeats)]
+            speeds += _mujoco_steps(problem, repeats)
         print_table(speeds, SPEEDS)
         points = []
         for problem in scenes():
             points += trajectories(problem, repeats)
             _print_costs(points, problem.name)
-        steps = humanoid_steps(repeats)
-        print_table(steps, SPEEDS)
-    speeds += steps
     found = lines(speeds, points)
     print_table(found, LINES)
-    write_table(out_dir / "peers.csv", Point._fields, points, where)
-    write_table(out_dir / "peers_speed.csv", Speed._fields, speeds, where)
-    write_table(out_dir / "peers_lines.csv", Line._fields, found, where)
-    _plot(out_dir / "peers.png", points, where)
+    write_table(out_dir / "peers.csv", Point._fields, points, host)
+    write_table(out_dir / "peers_speed.csv", Speed._fields, speeds, host)
+    write_table(out_dir / "peers_lines.csv", Line._fields, found, host)
+    _plot(out_dir / "peers.png", points, host)
     return found
 
 
-# ---------------------------------------------------------------------------------------------- forward dynamics
+# ---------------------------------------------------------------------------------------------- steps
 
 
 def forward_dynamics(model: Model, repeats: int) -> list[Speed]:
-    """One state's accelerations by all engines."""
+    """Compare the accelerations of one state by all engines."""
     n = len(model.joint_names)
     rows = [(ENGINES.get((row.algorithm, row.width)), row) for row in speed.time_robot(model, repeats)]
     return [Speed("forward dynamics", model.name, n, engine, row.time, row.error) for engine, row in rows if engine]
 
 
-def _least(calls: Sequence[tuple[Callable[[], object], int]], repeats: int) -> list[float]:
-    """Least CPU time of one evaluation [us] of calls with so many each, taken in turn."""
-    times = in_turn([call for call, _ in calls], repeats).min(axis=0)
-    return [1e6 * float(time_) / count for time_, (_, count) in zip(times, calls)]
+def _with_reference(case: Case, integrator: str) -> tuple[Run, tuple[float, float]]:
+    """Run steps of 1 ms; return the run and its errors, counted from a sixteenth of the step."""
+    run_, finer = case.ready(integrator, MS), case.ready(integrator, MS / FINER)
+    finer.once()
+    run_.once()
+    return run_, deviation(case.model, positions(run_.trajectory), positions(finer.trajectory))
 
 
 def chain_step(links: int, repeats: int) -> Speed:
-    """A whole step of a hanging chain, by the implicit midpoint rule."""
+    """Time a step of a hanging chain by the implicit midpoint rule."""
     scene = compile_scene(chain(links))
     case = case_of(f"chain{links}", "chains", scene, 0.2, [0.01] * links, None, record_interval=0.2)
-    run, finer = case.ready("midpoint", MS), case.ready("midpoint", MS / FINER)
-    least = min(run.once() for _ in range(repeats + 1))
-    finer.once()
-    error, _ = deviation(case.model, positions(run.trajectory), positions(finer.trajectory))
+    run_, (error, _) = _with_reference(case, "midpoint")
+    least = min(run_.once() for _ in range(repeats))
     return Speed("step, midpoint 1 ms", case.name, links, "float64", least, error)
+
+
+def _own_steps(problem: Case, integrator: str, repeats: int) -> list[Speed]:
+    """Time steps of the humanoid, alone and in eight lanes."""
+    run_, errors = _with_reference(problem, integrator)
+    times = in_turn([run_.once, _lane_run(problem, run_)], repeats).min(axis=0)
+    microseconds = 1e6 * times / (run_.ready.plan.steps * np.array([1, WIDTH]))
+    return [
+        Speed(problem.name, "humanoid", len(problem.model.joint_names), f"{integrator}, {width}", float(time_), *errors)
+        for width, time_ in zip(("float64", "lanes"), microseconds)
+    ]
+
+
+def _lane_run(problem: Case, run_: Run) -> Callable[[], None]:
+    """Prepare the run in eight lanes, whose references differ by a little noise."""
+    rng, signal = np.random.default_rng(0), problem.signal
+    noisy = (signal.values + NOISE * rng.normal(size=signal.values.shape[1]) for _ in range(WIDTH))
+    starts = [run_.start._replace(reference=Reference(signal.times, values).knots()) for values in noisy]
+    in_lanes, y, out = run_.ready.arguments_in_lanes(starts)
+
+    def call() -> None:
+        y[:] = run_.start.y[:, None]
+        rollout_lanes(in_lanes, y, out)
+
+    call()
+    return call
+
+
+def _mujoco_steps(problem: Case, repeats: int) -> list[Speed]:
+    """Time steps of MuJoCo's humanoid, its servos' targets renewed every 10 ms as ours are."""
+    m, steps, rows = humanoid_of(problem.model), round(problem.duration / MS), []
+    for name, integrator in _integrators("Euler", "implicitfast", "discrete"):
+        m.opt.integrator = integrator
+        start = _mujoco_start(m, problem)
+        finer, path = (_mujoco_path(m, problem, start, h)[0] for h in (MS / FINER, MS))
+        errors = deviation(problem.model, path, finer)
+        least = min(_mujoco_path(m, problem, start, MS)[1] for _ in range(repeats))
+        rows.append(Speed(problem.name, "humanoid", m.nu, f"MuJoCo {name}", 1e6 * least / steps, *errors))
+    return rows
+
+
+def _integrators(*names: str) -> list[tuple[str, Any]]:
+    """MuJoCo's integrators of these names, of which older versions lack some."""
+    import mujoco
+
+    kinds = ((name, getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}", None)) for name in names)
+    return [(name, kind) for name, kind in kinds if kind is not None]
+
+
+def _mujoco_start(m: Any, problem: Case) -> np.ndarray:
+    """State where the measured part begins: standing, or walked there."""
+    import mujoco
+
+    signal = problem.signal
+    state = standing_on(m, mujoco.MjData(m), signal.values[0])
+    if signal.times[0] < 0.0:
+        earlier = Reference(signal.times - signal.times[0], signal.values)
+        state = _mujoco_path(m, problem._replace(duration=-signal.times[0], reference=earlier), state, MS)[2]
+    state[0] = 0.0
+    return state
+
+
+def _mujoco_path(m: Any, problem: Case, state: np.ndarray, h: float) -> tuple[np.ndarray, float, np.ndarray]:
+    """Positions every 10 ms, CPU time [s] and the state at the end."""
+    import mujoco
+
+    kind, d, m.opt.timestep = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.MjData(m), h
+    mujoco.mj_setState(m, d, state, kind)
+    ticks, end, signal = round(problem.duration / 0.01), np.zeros(len(state)), problem.signal
+    control = [np.interp(0.01 * np.arange(ticks), signal.times, column) for column in signal.values.T]
+    path, spent = rolled(m, d, round(0.01 / h), ticks, np.stack(control, axis=1))
+    mujoco.mj_getState(m, d, end, kind)
+    return path, spent, end
 
 
 # ---------------------------------------------------------------------------------------------- trajectories
@@ -190,14 +257,14 @@ def scenes() -> list[Case]:
 
 
 def trajectories(problem: Case, repeats: int) -> list[Point]:
-    """Work and precision of all methods."""
+    """Measure error and time of all methods at all their settings."""
     exact = solution(problem)[0][-1]
     points = [
         Point(problem.name, row.integrator, row.step if math.isnan(row.rtol) else row.rtol, row.angle, row.time)
         for row in measure(problem, repeats)
     ]
-    q0 = problem.state[slice(*problem.scene.part("q"))]
-    methods = {**_mujoco_methods(problem), **_scipy_methods(problem)}
+    q0, _ = problem.coordinates
+    methods = {**mujoco_methods(problem), **scipy_methods(problem)}
     for name, (settings, solve) in tqdm(methods.items(), desc=f"peers: {problem.name}", leave=False, disable=None):
         for setting in settings:
             try:
@@ -220,58 +287,38 @@ def _timed(solve: Callable[[], tuple[np.ndarray, float]], repeats: int) -> tuple
     return q, 1e3 * min(times)
 
 
-def _mujoco_methods(problem: Case) -> dict[str, Method]:
-    """Integrators and ways to express the servo: (steps, function from step and start to the end and CPU time)."""
-    import mujoco
-
-    servos: dict[str, Servo | None] = {"free": None}
-    if problem.reference is not None:
-        servos = {"position": _position_servo, "joint damping": _damped_joint, "dcmotor": _dc_motor}
+def mujoco_methods(problem: Case) -> dict[str, Method]:
+    """MuJoCo's integrators, and ways to express the servo."""
     methods: dict[str, Method] = {}
-    for servo, fit in servos.items():
-        m = _mujoco_arm(problem, fit)
-        for name in ("Euler", "implicitfast", "implicit", "RK4", "discrete"):
-            integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}", None)
-            if integrator is not None and (servo != "joint damping" or name == "Euler"):
+    for servo in ("free",) if problem.reference is None else ("position", "joint damping", "dcmotor"):
+        m = _mujoco_arm(problem, servo)
+        for name, integrator in _integrators("Euler", "implicitfast", "implicit", "RK4", "discrete"):
+            if servo != "joint damping" or name == "Euler":
                 label = f"MuJoCo {name}" + ("" if servo == "free" else f", {servo}")
                 methods[label] = (STEPS, _mujoco_solver(m, integrator, problem.duration))
     return methods
 
 
-def _mujoco_arm(problem: Case, servo: Servo | None) -> Any:
-    """The arm with a servo at each joint."""
+def _mujoco_arm(problem: Case, servo: str) -> Any:
+    """The arm in MuJoCo with a servo at each joint; with joint damping the clamp holds the spring alone."""
     import mujoco
 
     model = bounded(replace(problem.model, servos={}))
-    spec = spec_of(model)
-    if servo is not None:
-        for name in model.joint_names:
-            joint = spec.joint(name)
-            joint.armature = ARMATURE if problem.scene.gearbox == "rotor" else 0.0
-            actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-            servo(joint, actuator)
-            actuator.forcelimited, actuator.forcerange = True, [-LIMIT, LIMIT]
+    spec, position = spec_of(model), int(mujoco.mjtCtrlInput.mjINPUT_POS)
+    for name in model.joint_names if servo != "free" else ():
+        joint = spec.joint(name)
+        joint.armature = ARMATURE if problem.scene.gearbox == "rotor" else 0.0
+        actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        if servo == "dcmotor":
+            law = {"motorconst": [math.sqrt(8.0 * KD), 0.0], "controller": [KP, 0.0, KD, 0.0, 0.0, 0.0]}
+            actuator.set_to_dcmotor(resistance=8.0, ctrlspec=position, **law)
+        elif servo == "position":
+            actuator.set_to_position(kp=KP, kv=KD)
+        else:
+            joint.damping[0] = KD
+            actuator.set_to_position(kp=KP)
+        actuator.forcelimited, actuator.forcerange = True, [-LIMIT, LIMIT]
     return disable(spec.compile(), "CONTACT", "CONSTRAINT")
-
-
-def _position_servo(joint: Any, actuator: Any) -> None:
-    actuator.set_to_position(kp=KP, kv=KD)
-
-
-def _damped_joint(joint: Any, actuator: Any) -> None:
-    """The clamp holds the spring alone."""
-    joint.damping[0] = KD
-    actuator.set_to_position(kp=KP)
-
-
-def _dc_motor(joint: Any, actuator: Any) -> None:
-    import mujoco
-
-    position = int(mujoco.mjtCtrlInput.mjINPUT_POS)
-    actuator.set_to_dcmotor(
-        motorconst=[math.sqrt(8.0 * KD), 0.0], resistance=8.0, controller=[KP, 0.0, KD, 0.0, 0.0, 0.0],
-        ctrlspec=position,
-    )  # fmt: skip
 
 
 def _mujoco_solver(m: Any, integrator: Any, duration: float) -> Solver:
@@ -282,27 +329,24 @@ def _mujoco_solver(m: Any, integrator: Any, duration: float) -> Solver:
     def solve(h: float, q0: np.ndarray) -> tuple[np.ndarray, float]:
         mujoco.mj_resetData(m, d)
         steps = max(1, round(duration / h))
-        m.opt.integrator, m.opt.timestep = integrator, duration / steps
-        d.qpos[:] = q0
-        start = time.thread_time()
-        mujoco.mj_step(m, d, steps)
-        spent = time.thread_time() - start
+        m.opt.integrator, m.opt.timestep, d.qpos[:] = integrator, duration / steps, q0
+        path, spent = rolled(m, d, steps, 1)
         if d.warning.number.any():
             raise ArithmeticError
-        return d.qpos.copy(), spent
+        return path[-1], spent
 
     return solve
 
 
-def _scipy_methods(problem: Case) -> dict[str, Method]:
-    """Tolerances, and a function from tolerance and start to the end and CPU time."""
+def scipy_methods(problem: Case) -> dict[str, Method]:
+    """SciPy's solvers, which call Pinocchio."""
     import pinocchio as pin
     from scipy.integrate import solve_ivp
 
     model = bounded(replace(problem.model, servos={}))
     m, n = in_pinocchio(model), len(model.joint_names)
     driven = problem.reference is not None
-    if driven and problem.scene.gearbox == "rotor":
+    if problem.scene.gearbox == "rotor":
         m.armature[:] = ARMATURE
     d, zero = m.createData(), np.zeros(n)
 
@@ -311,24 +355,21 @@ def _scipy_methods(problem: Case) -> dict[str, Method]:
         tau = np.clip(-KP * q - KD * v, -LIMIT, LIMIT) if driven else zero
         return np.concatenate([v, pin.aba(m, d, q, v, tau)])
 
-    def solver(method: str) -> Solver:
-        def solve(rtol: float, q0: np.ndarray) -> tuple[np.ndarray, float]:
-            start = time.thread_time()
-            answer = solve_ivp(rates, (0.0, problem.duration), np.concatenate([q0, zero]), method, rtol=rtol, atol=rtol)
-            spent = time.thread_time() - start
-            if not answer.success:
-                raise ArithmeticError
-            return answer.y[:n, -1], spent
+    def solve(method: str, rtol: float, q0: np.ndarray) -> tuple[np.ndarray, float]:
+        start = time.thread_time()
+        answer = solve_ivp(rates, (0.0, problem.duration), np.concatenate([q0, zero]), method, rtol=rtol, atol=rtol)
+        spent = time.thread_time() - start
+        if not answer.success:
+            raise ArithmeticError
+        return answer.y[:n, -1], spent
 
-        return solve
-
-    stiff = problem.scene.gearbox == "standard"
-    names = ("Radau", "LSODA") if stiff else ("Radau", "DOP853", "LSODA")
-    return {f"SciPy {name}": (TOLERANCES[: 8 if name == "Radau" else None], solver(name)) for name in names}
+    names = ("Radau", "LSODA") if problem.scene.gearbox == "standard" else ("Radau", "DOP853", "LSODA")
+    tolerances = {"Radau": TOLERANCES[:8]}
+    return {f"SciPy {name}": (tolerances.get(name, TOLERANCES), functools.partial(solve, name)) for name in names}
 
 
 def cost_at(error: float, points: list[Point]) -> float:
-    """CPU time per simulated second [ms] at which one method first has this error; infinite if it never has."""
+    """Return the CPU time per simulated second [ms] at which one method first has this error; infinite if never."""
     line = sorted(points, key=lambda p: p.setting, reverse=True)
     costs = [p.time for p in line if p.error <= error]
     for a, b in pairwise(line):
@@ -339,7 +380,7 @@ def cost_at(error: float, points: list[Point]) -> float:
 
 
 def cheapest(error: float, points: list[Point], problem: str, which: Callable[[str], bool]) -> tuple[float, str]:
-    """The least such cost of some methods, and whose."""
+    """Return the least such cost of some methods, and the method."""
     methods = dict.fromkeys(p.method for p in points if p.problem == problem and which(p.method))
     costs = {name: cost_at(error, [p for p in points if (p.problem, p.method) == (problem, name)]) for name in methods}
     name = min(costs, key=costs.__getitem__)
@@ -350,150 +391,49 @@ def is_peer(method: str) -> bool:
     return method.startswith(("MuJoCo", "SciPy"))
 
 
-def clipped_limit() -> tuple[float, str]:
-    """Largest step [s] up to which the stiff arm settles from 0.5 rad, and by which integrator."""
-    best = (0.0, "none")
-    for integrator in FIXED:
-        steps = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1)
-        verdicts = [settles(integrator, h) for h in steps]
-        good = next((k for k, (moves, status) in enumerate(verdicts) if moves or status == "diverged"), len(steps))
-        best = max(best, (steps[good - 1] if good else 0.0, integrator))
-    return best
-
-
-# ---------------------------------------------------------------------------------------------- humanoid
-
-
-def humanoid_steps(repeats: int) -> list[Speed]:
-    """Steps of 1 ms on the ground, standing and walking a stride."""
-    standing, walking = humanoids()
-    rows = []
-    for problem in (standing, walking):
-        for integrator in FIXED:
-            rows += _own_steps(problem, integrator, repeats)
-        rows += _mujoco_steps(problem, repeats)
-    return rows
-
-
-def _own_steps(problem: Case, integrator: str, repeats: int) -> list[Speed]:
-    run, finer = problem.ready(integrator, MS), problem.ready(integrator, MS / FINER)
-    finer.once()
-    run.once()
-    errors = deviation(problem.model, positions(run.trajectory), positions(finer.trajectory))
-    lanes = _lane_run(problem, run)
-    calls = [(run.once, run.ready.plan.steps), (lanes, run.ready.plan.steps * WIDTH)]
-    n = len(problem.model.joint_names)
-    return [
-        Speed(problem.name, "humanoid", n, f"{integrator}, {width}", time_, *errors)
-        for width, time_ in zip(("float64", "lanes"), _least(calls, repeats))
-    ]
-
-
-def _lane_run(problem: Case, run: Run) -> Callable[[], None]:
-    """The run in eight lanes, whose references differ by a little noise."""
-    rng = np.random.default_rng(0)
-    times, values = problem.signal.times, problem.signal.values
-    knots = [Reference(times, values + NOISE * rng.normal(size=values.shape[1])).knots() for _ in range(WIDTH)]
-    start = run.start.y
-    in_lanes, y, out = run.ready.arguments_in_lanes([run.start._replace(reference=k) for k in knots])
-
-    def call() -> None:
-        y[:] = start[:, None]
-        rollout_lanes(in_lanes, y, out)
-
-    call()
-    return call
-
-
-def _mujoco_steps(problem: Case, repeats: int) -> list[Speed]:
-    """MuJoCo's humanoid, its servos' targets renewed every 10 ms as those of ours are."""
-    import mujoco
-
-    model = problem.model
-    m = humanoid_of(model)
-    joints = model.joint_names
-    rows = []
-    for name in ("Euler", "implicitfast", "discrete"):
-        integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}", None)
-        if integrator is None:
-            continue
-        m.opt.integrator = integrator
-        start = _mujoco_start(m, problem)
-        paths = {}
-        for h in (MS, MS / FINER):
-            paths[h] = _mujoco_path(m, problem, start, h)
-        errors = deviation(model, paths[MS][0], paths[MS / FINER][0])
-        least = min(_mujoco_path(m, problem, start, MS)[1] for _ in range(repeats))
-        steps = round(problem.duration / MS)
-        rows.append(Speed(problem.name, "humanoid", len(joints), f"MuJoCo {name}", 1e6 * least / steps, *errors))
-    return rows
-
-
-def _mujoco_start(m: Any, problem: Case) -> np.ndarray:
-    """Its state where the measured part begins: standing, or walked there."""
-    import mujoco
-
-    d = mujoco.MjData(m)
-    signal = problem.signal
-    state = standing_on(m, d, signal.values[0])
-    if signal.times[0] < 0.0:
-        lead = problem._replace(duration=-signal.times[0], reference=Reference(signal.times - signal.times[0],
-                                signal.values))  # fmt: skip
-        state = _mujoco_path(m, lead, state, MS)[2]
-    state[0] = 0.0
-    return state
-
-
-def _mujoco_path(m: Any, problem: Case, state: np.ndarray, h: float) -> tuple[np.ndarray, float, np.ndarray]:
-    """Positions every 10 ms, CPU time [s] and the state at the end."""
-    import mujoco
-
-    kind, d, m.opt.timestep = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.MjData(m), h
-    mujoco.mj_setState(m, d, state, kind)
-    ticks, per_tick = round(problem.duration / 0.01), round(0.01 / h)
-    times, values = problem.signal.times, problem.signal.values
-    control = np.stack([np.interp(0.01 * np.arange(ticks), times, column) for column in values.T], axis=1)
-    path, spent = rolled(m, d, per_tick, ticks, control)
-    end = np.zeros(len(state))
-    mujoco.mj_getState(m, d, end, kind)
-    return path, spent, end
-
-
 # ---------------------------------------------------------------------------------------------- lines
 
 
 def lines(speeds: list[Speed], points: list[Point]) -> list[Line]:
-    """What is asked beside what was measured."""
+    """Compare what is asked with what was measured."""
     free, stiff, rotor = (problem.name for problem in scenes())
     steps = [p for p in points if p.problem == stiff and p.setting == 1e-2 and p.method in FIXED]
     best = min(steps, key=lambda p: p.error)
     both = ", ".join(f"{p.method} {p.error:.1e}" for p in steps)
-    limit, integrator = clipped_limit()
+    limit, integrator = max((_clipped_limit(integrator), integrator) for integrator in FIXED)
+    rk4 = "MuJoCo RK4"
     found = [
-        _times(points, stiff, 1e-6, 20.0, is_peer),
-        _times(points, stiff, 1e-4, 10.0, is_peer),
+        _times(points, stiff, 1e-6, 20.0),
+        _times(points, stiff, 1e-4, 10.0),
         Line("stiff arm: error at 10 ms", "< 1e-3", f"{best.error:.1e}", best.error < 1e-3, both),
         Line("stiff arm from 0.5 rad, clipped: stable up to", ">= 50 ms", f"{1e3 * limit:g} ms", limit >= 0.05,
              integrator),
-        _times(points, free, 1e-6, 16.0, _is_rk4),
-        _times(points, free, 1e-8, 20.0, _is_rk4),
-        _times(points, rotor, 1e-6, 1.5, _is_rk4),
+        _times(points, free, 1e-6, 16.0, rk4),
+        _times(points, free, 1e-8, 20.0, rk4),
+        _times(points, rotor, 1e-6, 1.5, rk4),
     ]  # fmt: skip
     for what in dict.fromkeys(row.what for row in speeds if row.robot == "humanoid" and "humanoid" in row.what):
         found += _humanoid_lines([row for row in speeds if row.what == what])
     return found + _chain_lines(speeds)
 
 
-def _is_rk4(method: str) -> bool:
-    return method.startswith("MuJoCo RK4")
+def _clipped_limit(integrator: str) -> float:
+    """Largest step [s] up to which the stiff arm settles from 0.5 rad."""
+    good = 0.0
+    for h in (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1):
+        moves, status = settles(integrator, h)
+        if moves or status == "diverged":
+            break
+        good = h
+    return good
 
 
-def _times(points: list[Point], problem: str, error: float, asked: float, peers: Callable[[str], bool]) -> Line:
+def _times(points: list[Point], problem: str, error: float, asked: float, peers: str = "") -> Line:
+    """How many times as long peers whose name begins so take at this error."""
     ours, method = cheapest(error, points, problem, lambda m: not is_peer(m))
-    theirs, peer = cheapest(error, points, problem, peers)
-    ratio = theirs / ours
+    theirs, peer = cheapest(error, points, problem, lambda m: is_peer(m) and m.startswith(peers))
     note = f"{method} {ours:.3g} ms/s, {peer} {theirs:.3g} ms/s"
-    line = f"{problem}: less CPU time at error {error:.0e}"
+    line, ratio = f"{problem}: less CPU time at error {error:.0e}", theirs / ours
     return Line(line, f">= {asked:g} x", f"{ratio:.3g} x", ratio >= asked, note)
 
 

@@ -1,15 +1,16 @@
-"""Time of forward and inverse dynamics and of the mass matrix beside their error, next to MuJoCo on the same robots.
+"""Time forward and inverse dynamics and the mass matrix beside their error, next to MuJoCo and Pinocchio.
 
 ABA, RNEA and CRBA run inside compiled loops, on one state in float64 and on eight in lanes (per robot: an eighth of the
-time of a pass).  Where MuJoCo is installed, `mj_forward` is given the same URDF and state, without contact, limits and
-friction, through a Python loop; a call of it from Python costs some 0.1 us, which is not subtracted.  The clock of its
-Python package, which would cost another 0.6 us a call, is switched off.  All are timed in turn in one process, and the
-medians compared: a busy machine then slows all alike.
-
-Chains are those of the arm `arm7_spatial`, prolonged.
+time of a pass).  Where they are installed, MuJoCo's `mj_forward` and Pinocchio's `aba` get the same URDF and state,
+without contact, limits and friction, through a Python loop.  A call of `mj_forward` from Python costs some 0.1 us,
+which is not subtracted; that of `aba` is measured on a robot of no joints and subtracted.  The clock of MuJoCo's Python
+package, which would cost another 0.6 us a call, is switched off.  All are timed in turn in one process, and medians are
+compared.  Chains are those of the arm `arm7_spatial`, prolonged.
 
 A second table holds whole steps: scenes of `precision` by the midpoint rule at 1 ms, one run in float64, eight to a
 vector, and as many vectors as there are cores, each beside the error of that step.
+
+    featherstone-gait benchmark speed        three minutes
 """
 
 from __future__ import annotations
@@ -328,18 +329,17 @@ STYLES = {
 
 @look()
 def _plot(rows: list[Row], machine: str, path: Path) -> None:
-    """Time and error against the length of the chains, and the robots' times side by side."""
+    """Draw time and error against the length of the chains."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(13, 4.8), layout="constrained")
-    times, errors, bars = figure.subplots(1, 3, width_ratios=(4, 3, 3))
+    figure = Figure(figsize=(11, 4.8), layout="constrained")
+    times, errors = figure.subplots(1, 2)
     chains = [row for row in rows if row.robot.startswith("chain")]
     _lines(times, chains, "time")
     times.set(ylabel="time per call and robot [us]", title="Chains: time")
     times.legend(fontsize=8)
     _lines(errors, [row for row in chains if row.algorithm != MUJOCO and row.width == SCALARS], "error")
     errors.set(ylabel="greatest error by greatest value", title="Chains: error")
-    _bars(bars, [row for row in rows if row not in chains])
     figure.suptitle(machine, fontsize=8)
     save_figure(figure, path)
 
@@ -355,20 +355,3 @@ def _lines(axes: Axes, rows: list[Row], value: str) -> None:
     axes.set_xticks(lengths, [str(n) for n in lengths])
     axes.minorticks_off()
     axes.set_xlabel("links")
-
-
-def _bars(axes: Axes, rows: list[Row]) -> None:
-    """Time of each algorithm, robot by robot."""
-    robots = list(dict.fromkeys(row.robot for row in rows))
-    keys = [key for key in STYLES if any((row.algorithm, row.width) == key for row in rows)]
-    labels = [STYLES[key][2] for key in keys]
-    for k, robot in enumerate(robots):
-        times = {(row.algorithm, row.width): row.time for row in rows if row.robot == robot}
-        y = np.arange(len(keys)) + (k - (len(robots) - 1) / 2) * 0.4
-        bars = axes.barh(y, [times[key] for key in keys], 0.38, label=robot)
-        axes.bar_label(bars, fmt="%.2f", fontsize=8, padding=2)
-    axes.set_yticks(np.arange(len(keys)), labels)
-    axes.invert_yaxis()
-    axes.set(xlabel="time per call and robot [us]", title="Robots")
-    axes.margins(x=0.12)
-    axes.legend(loc="lower right")

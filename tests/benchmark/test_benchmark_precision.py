@@ -173,7 +173,7 @@ def test_engines_agree_on_where_the_arm_ends(make):
     exact = case.solution(make)[0][-1]
     q0 = np.full(7, 0.05 if make.reference else 0.5)
     names = ["MuJoCo RK4, position", "MuJoCo RK4, dcmotor"] if make.reference else ["MuJoCo RK4"]
-    methods = {**peers._mujoco_methods(make), **peers._scipy_methods(make)}
+    methods = {**peers.mujoco_methods(make), **peers.scipy_methods(make)}
     for name in names:
         assert np.abs(methods[name][1](1e-4, q0)[0] - exact).max() < 1e-8, name
     assert np.abs(methods["SciPy LSODA"][1](1e-11, q0)[0] - exact).max() < 1e-7
