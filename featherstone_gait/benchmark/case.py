@@ -1,4 +1,4 @@
-"""What benchmarks run: a scene, its start, the settings to try; and the reference that errors are counted from.
+"""Define what benchmarks run: a scene, its start and the settings to try; and compute the reference solution.
 
 References come of error control near rounding, and are believed up to where a second tolerance or method leaves them.
 """
@@ -44,7 +44,7 @@ STARTING = (
 
 
 class Case(NamedTuple):
-    """A scene, what it starts from, for how long it runs, and what is tried on it."""
+    """Describe a run: a scene, its initial state and duration, and the settings to try."""
 
     name: str
     kind: str  # of what summaries count together
@@ -74,7 +74,7 @@ class Case(NamedTuple):
 
     @property
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and velocities at the start."""
+        """Initial positions and velocities."""
         o, n, base, y = self.scene.layout, self.scene.tree.n, self.scene.tree.floating, self.state
         q = np.concatenate([y[o["base_q"] : o["base_q"] + 7 * base], y[o["q"] : o["q"] + n]])
         return q, np.concatenate([y[o["base_qd"] : o["base_qd"] + 6 * base], y[o["qd"] : o["qd"] + n]])
@@ -86,31 +86,31 @@ class Case(NamedTuple):
         return self.reference
 
     def by(self, integrator: str, timestep: float | None = None) -> CompiledScene:
-        """The scene with another integrator and step [s], None for that which goes with it."""
+        """Compile the scene with another integrator and step [s]; None is the integrator's default step."""
         return self.scene.recompiled(integrator=integrator, timestep=timestep)
 
     def run(self, scene: CompiledScene, **how: Any) -> Trajectory:
-        """Positions and velocities in a scene of `by`; how: further arguments of `simulate`."""
+        """Simulate positions and velocities in a scene of `by`; how: further arguments of `simulate`."""
         how |= {"record": self.record, "record_interval": self.every}
         return simulate(scene, self.duration, self.state, self.reference, **how)
 
     def compiled(self, scene: CompiledScene, **how: Any) -> None:
-        """A tick of it compiles all that it needs."""
+        """Run one tick, which compiles all kernels."""
         self._replace(duration=self.scene.tick_steps * self.scene.timestep, record_interval=None).run(scene, **how)
 
     def ready(self, integrator: str, setting: float) -> Run:
-        """The compiled run with a step [s] or a tolerance."""
+        """Prepare the compiled run with a step [s] or a tolerance."""
         adaptive = INTEGRATORS[integrator].adaptive
         return Run(self, self.by(integrator, None if adaptive else setting), setting if adaptive else None)
 
 
 def case_of(name: str, kind: str, scene: CompiledScene, duration: float, q: Any, qd: Any, **more: Any) -> Case:
-    """A case that starts from positions and velocities; None for zero."""
+    """Make a case from initial positions and velocities; None means zero."""
     return Case(name, kind, scene, duration, initial_state(scene, q, qd), **more)
 
 
 def settings(finest: dict[str, float], coarsest: float = 1e-2) -> tuple[Setting, ...]:
-    """Steps from the coarsest [s], and tolerances, down to the finest of each integrator."""
+    """List steps from the coarsest [s], or tolerances, down to the finest of each integrator."""
     return tuple(
         (integrator, value)
         for integrator, least in finest.items()
@@ -120,7 +120,7 @@ def settings(finest: dict[str, float], coarsest: float = 1e-2) -> tuple[Setting,
 
 
 class Run:
-    """A compiled run with its arguments prepared, to be timed without what Python does about it."""
+    """Hold a compiled run with its arguments prepared, to time the kernel without Python's overhead."""
 
     def __init__(self, case: Case, scene: CompiledScene, rtol: float | None) -> None:
         self.case, (self.scene, rtol, atol) = case, with_tolerance(scene, rtol, None)
@@ -146,7 +146,7 @@ class Run:
 
     @property
     def trajectory(self) -> Trajectory:
-        """What `once` gave."""
+        """Result of the last `once`."""
         return to_trajectory(self.ready, *self.arguments[1:])
 
 
@@ -154,7 +154,7 @@ class Run:
 
 
 def separations(model: Model, q: np.ndarray, exact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Differences of positions (samples, nq): of joints and turn of the base [rad], and of its place [m] or NaN."""
+    """Return differences of positions (samples, nq): joints and base rotation [rad], and base position [m] or NaN."""
     base = 7 * (model.base == "floating")
     joints = np.abs(q[:, base:] - exact[:, base:]).max(axis=1, initial=0.0)
     if not base:
@@ -166,24 +166,24 @@ def separations(model: Model, q: np.ndarray, exact: np.ndarray) -> tuple[np.ndar
 
 
 def deviation(model: Model, q: np.ndarray, exact: np.ndarray) -> tuple[float, float]:
-    """The largest of each of `separations`."""
+    """Return the largest of each of `separations`."""
     angle, shift = separations(model, q, exact)
     return float(angle.max()), float(shift.max())
 
 
 def distances(scene: CompiledScene, q: np.ndarray, exact: np.ndarray) -> np.ndarray:
-    """The larger of each pair of `separations` (samples,) [rad or m]."""
+    """Return the larger of each pair of `separations` (samples,) [rad or m]."""
     return np.fmax(*separations(scene.model, q, exact))
 
 
 def estimate_of(run: Trajectory) -> np.ndarray:
-    """The largest error of positions that a run states (samples,), NaN where it states none."""
+    """Return the largest position error that a run estimates (samples,), NaN where it estimates none."""
     stated = [run.error[name] for name in ("base_q", "q") if run.error and name in run.error]
     return np.hstack(stated).max(axis=1, initial=0.0) if stated else np.full(len(run["time"]), math.nan)
 
 
 def velocities(run: Trajectory) -> np.ndarray:
-    """Velocities (samples, nv)."""
+    """Return velocities (samples, nv)."""
     return np.hstack([run["base_qd"], run["qd"]]) if "base_qd" in run else run["qd"]
 
 
@@ -191,7 +191,7 @@ def velocities(run: Trajectory) -> np.ndarray:
 
 
 def solution(case: Case) -> tuple[np.ndarray, float]:
-    """Positions (samples, nq) by the best setting of a case, and what its check makes of them [rad or m]."""
+    """Return positions (samples, nq) by a case's best setting, and how far its check differs [rad or m]."""
     best = case.ready(*case.best)
     if case.exact is not None:
         return case.exact(best.trajectory["time"]), 0.0
@@ -203,7 +203,7 @@ def solution(case: Case) -> tuple[np.ndarray, float]:
 
 
 class Truth(NamedTuple):
-    """Positions and velocities at the records, and up to when they are known."""
+    """Hold reference positions and velocities at the records, and up to when they are known."""
 
     q: np.ndarray  # (samples, nq)
     qd: np.ndarray  # (samples, nv)
@@ -213,7 +213,7 @@ class Truth(NamedTuple):
 
 
 def agreed(case: Case, best: Trajectory, other: Trajectory) -> Truth:
-    """The better run, up to where the other one leaves it."""
+    """Return the more accurate run, known up to where the other one leaves it."""
     apart = distances(case.scene, positions(best), positions(other))
     ended = best["time"] > min(best.end_time, other.end_time) + 1e-9
     lost = (apart > AGREED) | ~np.isfinite(apart) | ended
@@ -222,7 +222,7 @@ def agreed(case: Case, best: Trajectory, other: Trajectory) -> Truth:
 
 
 def truth(case: Case, worker: Worker, folder: Path) -> Truth | None:
-    """From the folder, or worked out anew and kept there; None where that takes too long."""
+    """Read the reference from the folder, or compute and keep it there; None where that takes too long."""
     if case.still:
         return resting(case)
     path = folder / f"{digest(case)}.npz"
@@ -239,7 +239,7 @@ def truth(case: Case, worker: Worker, folder: Path) -> Truth | None:
 
 
 def by_method(case: Case, worker: Worker, method: str) -> Truth | None:
-    """The one of two pairs of tolerances that is known for longer; None if either takes too long."""
+    """Return the reference of the pair of tolerances that agrees for longer; None if either run takes too long."""
     found: Truth | None = None
     for rtol in RTOL[method]:
         best = worker.call(solved, case, method, rtol)
@@ -253,7 +253,7 @@ def by_method(case: Case, worker: Worker, method: str) -> Truth | None:
 
 
 def solved(case: Case, method: str, rtol: float) -> Trajectory:
-    """The run with error control; it ends the process beyond `LIMIT`."""
+    """Run with error control; end the process beyond `LIMIT` CPU seconds."""
     scene = case.by(method)
     case.compiled(scene)
     with at_most(LIMIT):
@@ -261,19 +261,19 @@ def solved(case: Case, method: str, rtol: float) -> Trajectory:
 
 
 def resting(case: Case) -> Truth:
-    """The state in which the case starts, for ever."""
+    """Return the initial state at all records."""
     samples = round(case.duration / case.every) + 1
     return Truth(np.tile(case.coordinates[0], (samples, 1)), np.zeros((samples, case.model.nv)), "ok", samples, 0.0)
 
 
 def cache_folder() -> Path:
-    """Where references are kept if nothing else is said."""
+    """Return the default folder of references."""
     user = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     return Path(user) / "featherstone_gait" / "references"
 
 
 def digest(case: Case) -> str:
-    """Hash of all that a reference depends on: the version, not the integrator that is chosen today."""
+    """Hash all that a reference depends on: the version of this package, not the integrator chosen by default."""
     scene = case.scene
     chosen = {name: getattr(scene.options, name) for name in PHYSICAL}
     parts = [case.state[slice(*place)].tolist() for name, place in sorted(scene.parts.items()) if name in STARTING]
@@ -291,7 +291,7 @@ def write(path: Path, found: Truth) -> None:
 
 
 def read(path: Path) -> Truth | None:
-    """What `write` wrote; None where there is nothing, or it is damaged."""
+    """Read what `write` wrote; None where the file is missing or damaged."""
     try:
         with path.open("rb") as file, np.load(file) as data:  # a damaged one stays open otherwise
             q, qd = data["q"], data["qd"]

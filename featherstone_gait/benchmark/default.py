@@ -1,16 +1,18 @@
-"""What `simulate(scene, duration)` gives where nothing else is named: error, estimate, status and cost, on many scenes.
+"""Judge what `simulate(scene, duration)` gives by default: error, estimate, status and cost, on many scenes.
 
 A run is judged up to where its reference is known (`case.py`).  Its status is right if it is "fell" where the
-reference fell, and otherwise "ok"; of a run that fell and says that its course is uncertain it is neither:
+reference fell, and otherwise "ok".  The status of a run that fell, but says that its course is uncertain, is neither.
 
     held      right (within 1e-3 rad or m, and 1e-2 of the largest speed, at least 1 rad/s or m/s), status right
-    silent    not right, and nothing says so
-    flagged   not right, and the status says so
+    silent    wrong, and nothing says so
+    flagged   wrong, and the status says so
     alarm     right, but the status is not
     slow      no result after `PATIENCE` CPU seconds
 
 Robots are those of installed packages (see `robots.py`).  MuJoCo runs the same model at its own step of 2 ms with its
-own integrator; where stops, ground, dry friction or couplings act its laws are others, and its time alone is given.
+own integrator; where stops, ground, dry friction or couplings act, its laws differ, and only its time is given.
+
+    featherstone-gait benchmark default        twenty minutes, with references kept from an earlier run
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WRONG, SILENT = 1e-3, 1e-2  # error that counts of the default, and of integrators named [rad or m]
-ROUNDING = 1e-12  # an error that is told of a robot that does not move [rad or m]
+ROUNDING = 1e-12  # an error that may be estimated for a robot that does not move [rad or m]
 PATIENCE = 30.0  # CPU seconds of a run
 ENOUGH, REPEATS = 0.5, 9  # CPU seconds and runs after which a time is believed
 NAMED = ("implicit_euler", "midpoint", "rk4", "dop853", "extrapolation", "ars343")
@@ -57,7 +59,7 @@ SHOWN = {
 
 
 class Outcome(NamedTuple):
-    """What a run gives, without what is not compared."""
+    """Hold the part of a run that is compared."""
 
     q: np.ndarray  # (samples, nq)
     qd: np.ndarray  # (samples, nv)
@@ -128,7 +130,7 @@ def run(
 
 
 def judged(case: Case, exact: Truth, worker: Worker) -> tuple[Row, list[Row]]:
-    """The default, and the integrators by name."""
+    """Judge the default, and the integrators by name."""
     row = _row(case, exact, case.scene, worker, WRONG)
     named = [_row(case, exact, case.by(name), worker, SILENT) for name in NAMED]
     plain = worker.call(plain_time, case)
@@ -138,7 +140,7 @@ def judged(case: Case, exact: Truth, worker: Worker) -> tuple[Row, list[Row]]:
 
 
 def _row(case: Case, exact: Truth, scene: CompiledScene, worker: Worker, wrong: float) -> Row:
-    """The row of a run, which is wrong by more than that, without what it is compared with."""
+    """Judge one run, which counts as wrong above that error; costs to compare with are left NaN."""
     until = (exact.known - 1) * case.every
     what = (case.name, case.kind, case.duration, until, scene.integrator, scene.timestep)
     outcome = worker.call(outcome_of, case, scene)
@@ -150,21 +152,21 @@ def _row(case: Case, exact: Truth, scene: CompiledScene, worker: Worker, wrong: 
 
 
 def outcome_of(case: Case, scene: CompiledScene) -> Outcome:
-    """Run and time the scene, with the error that it states."""
+    """Run and time the scene."""
     result, time_ = timed(case, scene)
     status = f"{result.status}{', uncertain' if result.status == 'fell' and 'uncertain' in result.message else ''}"
     return Outcome(positions(result), velocities(result), status, result.end_time, estimate_of(result), time_)
 
 
 def plain_time(case: Case) -> float:
-    """CPU time per simulated second [ms] of the default of version 0.1, which stated no error."""
+    """Return the CPU time per simulated second [ms] of version 0.1's default, which estimated no error."""
     smooth = case.scene.integrator == "dop853"
     how: dict[str, Any] = {"estimate_error": False} | ({"rtol": 1e-8} if smooth else {})
     return timed(case, case.by("dop853" if smooth else "implicit_euler", 1e-3), **how)[1]
 
 
 def timed(case: Case, scene: CompiledScene, **how: Any) -> tuple[Trajectory, float]:
-    """A run and its CPU time per simulated second [ms], the median of some; it ends the process beyond `PATIENCE`."""
+    """Run some times; return the run and its median CPU time per simulated second [ms]."""
     case.compiled(scene, **how)
     times: list[float] = []
     while not times or (len(times) < REPEATS and sum(times) < ENOUGH):
@@ -176,7 +178,7 @@ def timed(case: Case, scene: CompiledScene, **how: Any) -> tuple[Trajectory, flo
 
 
 def errors(case: Case, exact: Truth, outcome: Outcome) -> tuple[float, float, float]:
-    """Of positions [rad or m], of velocities relative to the largest one (at least 1), and the run's own estimate."""
+    """Return errors of positions [rad or m] and velocities (by the largest, at least 1), and the run's own estimate."""
     known = min(exact.known, max(int(outcome.end / case.every + 1e-6) + 1, 1))
     error = distances(case.scene, outcome.q, exact.q)[:known]
     largest = np.abs(exact.qd[:known]).max(initial=1.0)
@@ -185,12 +187,12 @@ def errors(case: Case, exact: Truth, outcome: Outcome) -> tuple[float, float, fl
 
 
 def is_right(status: str, exact: Truth) -> bool:
-    """Whether a status is what it should be: "fell" where the reference fell, otherwise "ok"."""
+    """Return whether a status is right: "fell" where the reference fell, otherwise "ok"."""
     return status == ("fell" if exact.status == "fell" else "ok")
 
 
 def verdict_of(error: float, right: bool, wrong: float) -> str:
-    """See the top; right: whether the status is the reference's."""
+    """Return the verdict, as the head of this file defines it; right: whether the status is right."""
     if error <= wrong:
         return "held" if right else "alarm"
     return "silent" if right else "flagged"
@@ -200,14 +202,14 @@ def verdict_of(error: float, right: bool, wrong: float) -> str:
 
 
 def summary(rows: Sequence[Row]) -> list[str]:
-    """Shares of all scenes and of each kind, and the runs that are silently wrong."""
+    """Summarize all scenes and each kind, and list the runs that are silently wrong."""
     worst = sorted((row for row in rows if row.verdict == "silent"), key=lambda row: -row.error)
     silent = [f"silent: {row.case}: {row.error:.2g} rad or m before {row.until:.3g} s" for row in worst]
     return [*shares(rows, "kind"), _line("all", rows), *silent]
 
 
 def shares(rows: Sequence[Row], by: str) -> list[str]:
-    """A line for each value of a column, under a head."""
+    """Summarize the rows of each value of a column."""
     groups = dict.fromkeys(getattr(row, by) for row in rows)
     return [
         f"{'':24}{'scenes':>7}{'ok':>7}{'held':>7}{'alarm':>7}{'silent':>8}{'flagged':>9}{'slow':>6}"
@@ -238,7 +240,7 @@ def share(count: int, of: int) -> str:
 
 @look()
 def plot(rows: Sequence[Row], notes: str = "") -> Figure:
-    """Error against the run's own estimate, and against what it costs."""
+    """Draw error against the run's own estimate, and against its cost."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 5.0), layout="constrained")

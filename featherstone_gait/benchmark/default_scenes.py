@@ -1,4 +1,4 @@
-"""Scenes on which the default is judged: published robots, servos and stops, bodies that spin, a humanoid."""
+"""Scenes of `benchmark default`: published robots, servos and stops, free bodies, a humanoid."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ AX12_LAW: dict[str, Any] = {
 
 
 def cases(full: bool = False, robots: Sequence[Path] | None = None, skipped: list[str] | None = None) -> Iterator[Case]:
-    """All scenes; full: of all robots, and the long ones; skipped: is told what is left out, and why."""
+    """Yield all scenes; full: those of all robots and the long ones too; skipped: takes what is left out, and why."""
     skipped = [] if skipped is None else skipped
     yield from servo_cases()
     yield from step_cases()
@@ -56,7 +56,7 @@ def cases(full: bool = False, robots: Sequence[Path] | None = None, skipped: lis
 
 
 def robot_cases(full: bool, places: Sequence[Path], skipped: list[str]) -> Iterator[Case]:
-    """A second of each robot, limp, from a random posture: stops in reach or none; some float, some fall."""
+    """Yield a second of each robot without servos, from a random posture, with and without stops; some float or fall."""
     if not places:
         skipped.append("published robots: none of example-robot-data, pybullet_data, mani_skill is installed")
     for k, (name, model) in enumerate(published(places, skipped)):
@@ -78,7 +78,7 @@ def _of_robot(name: str, model: Model, k: int, skipped: list[str]) -> Iterator[C
 
 
 def swinging(name: str, model: Model, stops: str) -> Case:
-    """Let go at rest."""
+    """Release the robot at rest."""
     scene = compile_scene(model)
     q = posture(scene, name)
     base = [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0] if model.base == "floating" else []
@@ -86,7 +86,7 @@ def swinging(name: str, model: Model, stops: str) -> Case:
 
 
 def floating(name: str, model: Model, weightless: bool) -> Case:
-    """Thrown with all joints limp; with gravity it falls freely."""
+    """Throw the robot, weightless or falling freely."""
     model = replace(model, base="floating")
     scene = compile_scene(model, gravity=(0.0, 0.0, 0.0)) if weightless else compile_scene(model)
     v = np.random.default_rng(zlib.crc32(name.encode())).normal(size=model.nv)
@@ -96,14 +96,14 @@ def floating(name: str, model: Model, weightless: bool) -> Case:
 
 
 def dropped(name: str, model: Model) -> Case:
-    """From its lowest posture to the ground, limp."""
+    """Drop the robot to the ground."""
     model = with_contacts(replace(model, base="floating", contacts=()), "all")
     scene = compile_scene(model, ground=Ground(), **NO_FALL)
     return case_of(f"{name}, on the ground", "robots, ground", scene, 1.0, None, None)
 
 
 def posture(scene: CompiledScene, name: str) -> np.ndarray:
-    """Joint positions (n,) within the limits, random but always the same for a name [rad or m]."""
+    """Draw joint positions (n,) within the limits [rad or m], always the same for a name."""
     joints = scene.model.moving_joints
     far = [0.3 if joint.type == "prismatic" else math.pi for joint in joints]
     lower = [max(joint.lower, -reach) for joint, reach in zip(joints, far)]
@@ -116,7 +116,7 @@ def posture(scene: CompiledScene, name: str) -> np.ndarray:
 
 
 def servo_cases() -> Iterator[Case]:
-    """One servo: thrown into its stop, a step of 60 degrees, a reference that it cannot follow."""
+    """Yield one servo: thrown into its stop, a step of 60 degrees, a reference that it cannot follow."""
     arm = load_robot("ax12_arm")
     thrown: Sequence[tuple[float, GearboxKind]] = (
         (6.0, "mipsd"), (10.0, "mipsd"), (30.0, "mipsd"), (60.0, "mipsd"), (60.0, "rotor"),
@@ -133,7 +133,7 @@ def servo_cases() -> Iterator[Case]:
 
 
 def step_cases() -> Iterator[Case]:
-    """Steps to random angles: of seven servos at once, and of servos that read their angles in counts."""
+    """Yield steps to random angles: of seven servos at once, and of servos that read their angles in counts."""
     arm, seven = load_robot("ax12_arm"), load_robot("arm7")
     scenes = {
         "seven servos, mipsd": compile_scene(seven, "mipsd"),
@@ -151,7 +151,7 @@ def step_cases() -> Iterator[Case]:
 
 
 def friction_cases() -> Iterator[Case]:
-    """Servos whose friction has a model of its own: a step, a slow ramp with sticking and slipping, a fall."""
+    """Yield servos with richer friction models: a step, a slow ramp with stick-slip, a fall."""
     arm = load_robot("ax12_arm")
     mx64 = load_servo("mx64")
     richer = {"motor_load_friction": 0.3115, "stribeck_motor_load": 0.1877, "stribeck_external_load": 0.01407}
@@ -172,7 +172,7 @@ def friction_cases() -> Iterator[Case]:
 
 
 def firmware_cases() -> Iterator[Case]:
-    """The AX-12's own law, with profile and delay; seven of them on a weak battery."""
+    """Yield the AX-12's firmware, with profile and delay, and seven of them on a weak battery."""
     arm, step = load_robot("ax12_arm"), Reference([0.0], [[math.pi / 3.0]])
     for name, more in {
         "AX-12's law": {},
@@ -190,7 +190,7 @@ def firmware_cases() -> Iterator[Case]:
 
 
 def free_cases() -> Iterator[Case]:
-    """What spins and falls over a ground far below, and bounces on one that takes nothing."""
+    """Yield bodies that spin and fall far above the ground, and balls that bounce on it."""
     for speed in (5.0, 50.0, 200.0):
         yield spinning(f"box at {speed:g} rad/s", speed, 1.0)
     humanoid = load_robot("humanoid", locked="simplified")
@@ -210,7 +210,7 @@ def free_cases() -> Iterator[Case]:
 
 
 def spinning(name: str, speed: float, duration: float, **more: Any) -> Case:
-    """The box about no principal axis, far above a ground that it never touches."""
+    """Spin the box about no principal axis, far above the ground."""
     scene = compile_scene(box(), None, Ground(), gravity=WEAK, **NO_FALL)
     turning = [0.0, 0.0, 0.0, 0.6 * speed, 0.0, 0.8 * speed]
     return case_of(name, "free bodies", scene, duration, [0.0, 0.0, FAR, 1.0, 0.0, 0.0, 0.0], turning, **more)
@@ -225,7 +225,7 @@ def wheel() -> Model:
 
 
 def humanoid_cases(full: bool) -> Iterator[Case]:
-    """It stands and walks (of `precision`), walks for 4 s, and falls over with fall detection and without."""
+    """Yield the humanoid standing, walking, and falling over with fall detection and without; full: a walk of 4 s."""
     from ..optimize.planning import walking_cost
 
     yield from humanoids()
@@ -243,7 +243,7 @@ def humanoid_cases(full: bool) -> Iterator[Case]:
 
 
 def long_cases() -> Iterator[Case]:
-    """Ten minutes: it stands, and a box spins at 5 rad/s."""
+    """Yield ten minutes of standing, and of a box that spins at 5 rad/s."""
     humanoid = load_robot("humanoid", locked="simplified")
     scene = compile_scene(humanoid, "mipsd", Ground())
     start = standing_state(scene, np.zeros(scene.tree.n))
@@ -258,7 +258,7 @@ def long_cases() -> Iterator[Case]:
 
 
 def known_cases() -> Iterator[Case]:
-    """The problems of `precision` but for the humanoid's, and the cases of `stress`, recorded at each tick."""
+    """Yield the problems of `precision` without the humanoid's, and the cases of `stress`, recorded at each tick."""
     for case in (*problems(), *stressed()):
         ticks = case.kind == "stress" or case.record_interval == case.duration
         if case.kind != "humanoid":

@@ -1,4 +1,4 @@
-"""Robots in MuJoCo and Pinocchio, and MuJoCo at its best: without what its Python package adds to every step."""
+"""Build robots for MuJoCo and Pinocchio, and run MuJoCo without the overhead of its Python package."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LONGEST = 10.0  # of a case that MuJoCo runs [s]
 
 @contextmanager
 def quick_mujoco() -> Iterator[None]:
-    """MuJoCo without the clock by which its Python package times every step, and without warnings on the screen."""
+    """Switch off the clock by which MuJoCo's Python package times every step, and its warnings on the screen."""
     import mujoco
 
     library = next(Path(mujoco.__file__).parent.glob("libmujoco*"), None)
@@ -43,7 +43,7 @@ def quick_mujoco() -> Iterator[None]:
 
 
 def spec_of(model: Model) -> Any:
-    """The robot's URDF as MuJoCo's specification, its root kept a body of its own, free if it floats."""
+    """Read the robot's URDF as a MuJoCo specification, its root kept as a body, free if it floats."""
     import mujoco
 
     with tempfile.TemporaryDirectory() as folder:
@@ -57,7 +57,7 @@ def spec_of(model: Model) -> Any:
 
 
 def check_order(m: Any, model: Model) -> Any:
-    """Return MuJoCo's robot; raise RuntimeError if its mass or its order of joints is another."""
+    """Return MuJoCo's robot; raise RuntimeError if its mass or its order of joints differs."""
     order = tuple(m.joint(k).name for k in range(m.njnt))[-len(model.joint_names) :]
     if not np.isclose(m.body_mass.sum(), model.mass) or order != model.joint_names:
         raise RuntimeError(f"{model.name}: MuJoCo has another mass or order of joints; the comparison would be void")
@@ -65,7 +65,7 @@ def check_order(m: Any, model: Model) -> Any:
 
 
 def disable(m: Any, *flags: str) -> Any:
-    """Leave out parts of MuJoCo's dynamics, as CONTACT or DAMPER; return the robot."""
+    """Disable parts of MuJoCo's dynamics, such as CONTACT or DAMPER; return the robot."""
     import mujoco
 
     for flag in flags:
@@ -74,7 +74,7 @@ def disable(m: Any, *flags: str) -> Any:
 
 
 def rolled(m: Any, d: Any, steps: int, samples: int, control: np.ndarray | None = None) -> tuple[np.ndarray, float]:
-    """Positions (samples + 1, nq) every so many steps, each time under a row of control, and the CPU time [s]."""
+    """Return positions (samples + 1, nq) every so many steps, each sample under a row of control, and CPU time [s]."""
     import mujoco
 
     path, seconds = [d.qpos.copy()], 0.0
@@ -89,7 +89,7 @@ def rolled(m: Any, d: Any, steps: int, samples: int, control: np.ndarray | None 
 
 
 def humanoid_of(model: Model) -> Any:
-    """The model as MuJoCo's, with a floor, spheres at the contact points, which alone collide, and position servos."""
+    """Build the humanoid for MuJoCo, with a floor, position servos, and spheres as contacts, which alone collide."""
     import mujoco
 
     free: dict[str, Any] = {"type": "fixed", "lower": -math.inf, "upper": math.inf}
@@ -119,7 +119,7 @@ def humanoid_of(model: Model) -> Any:
 
 
 def standing_on(m: Any, d: Any, angles: np.ndarray) -> np.ndarray:
-    """Full physics state of the robot standing at the angles, its lowest sphere on the floor."""
+    """Return the full physics state of the robot standing at these angles, its lowest sphere on the floor."""
     import mujoco
 
     mujoco.mj_resetData(m, d)
@@ -139,7 +139,7 @@ def standing_on(m: Any, d: Any, angles: np.ndarray) -> np.ndarray:
 
 
 def bounded(model: Model) -> Model:
-    """Joints without limits get wide ones: Pinocchio would describe each by sine and cosine, and be slower."""
+    """Give joints without limits wide ones: Pinocchio describes unlimited ones by sine and cosine, which is slower."""
     wide: dict[str, Any] = {"type": "revolute", "lower": -1e3, "upper": 1e3, "effort": 1e3, "velocity": 1e3}
     joints = (replace(j, **wide) if j.type == "continuous" else j for j in model.joints)
     return replace(model, joints=tuple(joints))
@@ -162,7 +162,7 @@ def in_pinocchio(model: Model) -> Any:
 
 
 def peer_run(case: Case, exact: Truth) -> tuple[float, float]:
-    """Error of positions [rad or m], NaN where laws differ, and CPU time per simulated second [ms].
+    """Return MuJoCo's position error [rad or m], NaN where laws differ, and CPU time per simulated second [ms].
 
     Both are NaN without MuJoCo, and for servos and springs, which it has not.
     """
@@ -180,14 +180,14 @@ def peer_run(case: Case, exact: Truth) -> tuple[float, float]:
 
 
 def same_laws(scene: CompiledScene) -> bool:
-    """Whether nothing acts of which MuJoCo has another law: ground, stops, dry friction, couplings."""
+    """Return whether the scene has nothing that MuJoCo models differently: ground, stops, dry friction, couplings."""
     parts = scene.constants
     rubs = any(joint.friction > 0 for joint in scene.model.moving_joints)
     return parts.contact is None and parts.stops is None and parts.coupling is None and not rubs
 
 
 def model_of(scene: CompiledScene) -> Any:
-    """The scene's model in MuJoCo; ValueError where it cannot be stated."""
+    """Build the scene's robot for MuJoCo; raise ValueError where MJCF cannot express it."""
     import mujoco
 
     with tempfile.TemporaryDirectory() as folder:
@@ -201,7 +201,7 @@ def model_of(scene: CompiledScene) -> Any:
 
 
 def _rolled(m: Any, case: Case) -> tuple[np.ndarray, float]:
-    """Positions (samples, nq) in our order of joints, and the CPU time [s]."""
+    """Return positions (samples, nq) in this package's order of joints, and the CPU time [s]."""
     import mujoco
 
     d, base, (q, qd) = mujoco.MjData(m), case.scene.tree.floating, case.coordinates

@@ -1,7 +1,10 @@
-"""CPU seconds of a fresh process until its first result, import and compiling included, by kinds of scenes.
+"""Time a fresh process until its first result, import and compiling included, by kinds of scenes [CPU s].
 
-`cold` starts from an empty cache, `further` from one that has the kinds of all lines above (its first line is an empty
-one again), `cached` from one that has this kind.  What a line's `further` is below its `cold` the kinds share.
+`cold` starts from an empty cache.  `further` starts from a cache with the kinds of all lines above (empty for the first
+line).  `cached` starts from a cache with this kind.  The difference of `cold` and `further` is the code that the kinds
+share.
+
+    featherstone-gait benchmark first        five minutes
 """
 
 from __future__ import annotations
@@ -115,7 +118,7 @@ def run(out_dir: FilePath, full: bool = False) -> list[Row]:
 
 
 def _seconds(program: str, cache: str) -> float:
-    """CPU seconds of a process, by its own count, with its cache in that folder."""
+    """Run a process with its cache in that folder; return its CPU time [s]."""
     environment = os.environ | {"NUMBA_CACHE_DIR": cache, "PYTHONPATH": os.pathsep.join(sys.path)}
     command = [sys.executable, "-c", program]
     run = subprocess.run(command, env=environment, capture_output=True, text=True)

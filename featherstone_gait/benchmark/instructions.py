@@ -28,14 +28,14 @@ known = np.zeros(5, np.int64)  # to the handler: count, page, its size, address 
 
 
 def records(*shape: int) -> np.ndarray:
-    """NaN, in pages of their own."""
+    """Return an array of NaN in memory pages of its own."""
     array = np.frombuffer(mmap.mmap(-1, 8 * math.prod(shape))).reshape(shape)
     array[:] = np.nan
     return array
 
 
 def instructions(call: Callable[[], object], out: np.ndarray, last: int) -> float:
-    """Instructions from the first write into `out`, made by `records`, until out[last] is written; or NaN."""
+    """Count instructions from the first write into `out`, made by `records`, until out[last] is written; NaN if none."""
     if not (JIT and sys.platform == "linux" and platform.machine() == "x86_64"):
         return math.nan
     libc, handler, before = ctypes.CDLL(None), _handler(), np.zeros((len(SIGNALS), 19), np.int64)
@@ -56,7 +56,7 @@ def instructions(call: Callable[[], object], out: np.ndarray, last: int) -> floa
 
 @functools.cache
 def _handler() -> np.ndarray:
-    """The signals' handler: machine code, which finds in registers the signal (edi) and its context (rdx)."""
+    """Return the signal handler in machine code, which gets the signal in edi and its context in rdx."""
     code = (
         f"49 b8 {known.ctypes.data.to_bytes(8, 'little').hex()}"  # mov r8, known
         "83 ff 0b  75 20"  #                    cmp edi, SIGSEGV; jne trap
@@ -76,7 +76,7 @@ def _handler() -> np.ndarray:
 
 
 def code_size(kernel: Any, arguments: tuple) -> float:
-    """Bytes of a kernel's compiled code, with all that it calls, as the cache holds it on Linux; otherwise NaN."""
+    """Return the bytes of a kernel's compiled code, with all that it calls, from the cache on Linux; otherwise NaN."""
     cache = getattr(kernel, "_cache", None)
     if cache is None:
         return math.nan

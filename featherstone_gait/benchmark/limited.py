@@ -1,4 +1,4 @@
-"""Calls in a process of their own, which ends when one takes too much CPU time."""
+"""Run calls in a separate process, which ends when one takes too much CPU time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..base.processes import process_pool
 
 
 class Worker:
-    """One process that calls what it is given, and a new one after a call has ended it."""
+    """Call functions in one separate process, and in a new one after a call has ended it."""
 
     def __init__(self) -> None:
         self._pool: ProcessPoolExecutor | None = None
@@ -28,7 +28,7 @@ class Worker:
         self._close()
 
     def call(self, function: Callable[..., Any], *args: Any) -> Any:
-        """What the function returns, or None where it ended its process: see `at_most`."""
+        """Return what the function returns, or None where it ended its process: see `at_most`."""
         if self._pool is None:
             self._pool = process_pool(1)
         try:
@@ -45,7 +45,7 @@ class Worker:
 
 @contextmanager
 def at_most(seconds: float) -> Iterator[None]:
-    """The process ends if what is inside takes more CPU time [s]; compiled code too, which hears no exception.
+    """End the process if the block takes more CPU time [s]; this stops compiled code too.
 
     Windows has no such clock: there is no limit there.
     """

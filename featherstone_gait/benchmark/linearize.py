@@ -1,14 +1,14 @@
-"""Time and error of `linearize` beside MuJoCo's `mjd_transitionFD`, by column and simulated millisecond.
+"""Time `linearize` beside MuJoCo's `mjd_transitionFD`, by column and simulated millisecond, with the errors.
 
 The humanoid goes to MuJoCo as MJCF (`robot_file.mjcf`).  Falling freely under torques, without friction, both make the
-same steps of semi-implicit Euler: the matrices are compared with what MuJoCo's differences in two larger widths
-extrapolate to, which both must meet.  Standing, each stands on its own ground, by its own servos; the error is then
-that to the engine's own extrapolation, and of ours the one that it states.  An error is that of an entry by the largest
-in its row, where columns count by the radian, meter, newton meter, and their rates; of all entries the worst.
+same steps of semi-implicit Euler.  The matrices are compared with the extrapolation of MuJoCo's differences from two
+larger widths, which both must meet.  Standing, each robot stands on its own ground, by its own servos.  There
+MuJoCo's error is counted from its own extrapolation, and ours is its own estimate.  An error is that of an entry by the
+largest in its row, where columns count by the radian, meter, newton meter, and their rates; the table has the worst.
 
 All is timed in turn in one process, on one thread, everything that a call of `linearize` does included: medians of CPU
-time, which a busy machine slows for all alike.  `mjd_transitionFD` is called as it is best, centered (one-sided it
-takes half the time and is wrong by the width) with its usual 1e-6, and without the Python package's clock.
+time.  `mjd_transitionFD` is called centered (one-sided it takes half the time and is wrong by the width) with its usual
+1e-6, and without the Python package's clock.
 
     featherstone-gait benchmark linearize        two minutes
 """
@@ -93,7 +93,7 @@ def run(out_dir: FilePath, full: bool = False) -> list[Row]:
 
 
 def _falling(model: Model) -> list[_Timer]:
-    """In the air, bent and moving, under torques."""
+    """Prepare the humanoid in the air, bent and moving, under torques."""
     free = tuple(replace(joint, damping=0.0, friction=0.0) for joint in model.joints)
     model = replace(model, joints=free, servos={}, contacts=())
     scene = compile_scene(model, integrator="implicit_euler", timestep=STEP)
@@ -127,7 +127,7 @@ def _falling(model: Model) -> list[_Timer]:
 
 
 def _standing(model: Model) -> list[_Timer]:
-    """On both soles, held by servos; ours with spring-damper gearboxes, motors, bristles and ticks."""
+    """Prepare the humanoid on both soles, held by servos; ours with gearboxes, motors, bristles and ticks."""
     timers = []
     if importlib.util.find_spec("mujoco"):
         import mujoco
@@ -161,7 +161,7 @@ def _mujoco(model: Model, ground: Ground | None) -> tuple[Any, Any]:
 
 
 def _mujoco_timer(scene: str, m: Any, d: Any, wide: float) -> tuple[_Timer, np.ndarray]:
-    """`mjd_transitionFD`, and what it extrapolates to from two larger widths."""
+    """Prepare `mjd_transitionFD`; return it with its extrapolation from two larger widths."""
     import mujoco
 
     size = 2 * m.nv + m.na
@@ -178,7 +178,7 @@ def _mujoco_timer(scene: str, m: Any, d: Any, wide: float) -> tuple[_Timer, np.n
 
 
 def _error(A: np.ndarray, exact: np.ndarray) -> float:
-    """The worst entry, by the largest in its row."""
+    """Return the largest error of an entry, by the largest entry in its row."""
     return float((np.abs(A - exact) / np.abs(exact).max(axis=1, keepdims=True)).max())
 
 
@@ -187,7 +187,7 @@ def _stated(found: Linearization) -> float:
 
 
 def _timed(timers: list[_Timer], repeats: int) -> list[Row]:
-    """All in turn."""
+    """Time all in turn."""
     theirs = any("mjd" in timer.method for timer in timers)
     with quick_mujoco() if theirs else nullcontext():
         times = in_turn([timer.call for timer in timers], repeats, time.process_time).T

@@ -1,4 +1,4 @@
-"""What a benchmark ran on."""
+"""Describe the machine that a benchmark runs on."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PACKAGES |= {"mujoco": "mujoco", "pinocchio": "pin"}  # module: name under which
 
 
 def machine() -> str:
-    """Processor and versions, one line each."""
+    """Return processor and versions, one line each."""
     found = [name for module, name in PACKAGES.items() if importlib.util.find_spec(module)]
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in found)
     return (
@@ -25,7 +25,7 @@ def machine() -> str:
 
 
 def _processor() -> str:
-    """Name of the processor; Linux states it in a file only."""
+    """Return the name of the processor, which Linux states in a file only."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]

@@ -215,7 +215,7 @@ def _mujoco_steps(problem: Case, repeats: int) -> list[Speed]:
 
 
 def _integrators(*names: str) -> list[tuple[str, Any]]:
-    """MuJoCo's integrators of these names, of which older versions lack some."""
+    """Return MuJoCo's integrators of these names; older versions lack some."""
     import mujoco
 
     kinds = ((name, getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}", None)) for name in names)
@@ -223,7 +223,7 @@ def _integrators(*names: str) -> list[tuple[str, Any]]:
 
 
 def _mujoco_start(m: Any, problem: Case) -> np.ndarray:
-    """State where the measured part begins: standing, or walked there."""
+    """Return the state where the measured part begins: standing, or after walking there."""
     import mujoco
 
     signal = problem.signal
@@ -236,7 +236,7 @@ def _mujoco_start(m: Any, problem: Case) -> np.ndarray:
 
 
 def _mujoco_path(m: Any, problem: Case, state: np.ndarray, h: float) -> tuple[np.ndarray, float, np.ndarray]:
-    """Positions every 10 ms, CPU time [s] and the state at the end."""
+    """Return positions every 10 ms, CPU time [s] and the state at the end."""
     import mujoco
 
     kind, d, m.opt.timestep = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.MjData(m), h
@@ -252,7 +252,7 @@ def _mujoco_path(m: Any, problem: Case, state: np.ndarray, h: float) -> tuple[np
 
 
 def scenes() -> list[Case]:
-    """The arm alone, and with stiff servos without and with rotors."""
+    """Return the arm alone, and with stiff servos without and with rotors."""
     return [free_arm(), stiff_arm("standard"), stiff_arm("rotor")]
 
 
@@ -277,7 +277,7 @@ def trajectories(problem: Case, repeats: int) -> list[Point]:
 
 
 def _timed(solve: Callable[[], tuple[np.ndarray, float]], repeats: int) -> tuple[np.ndarray, float]:
-    """Positions at the end, and the least CPU time of some runs [ms]."""
+    """Return positions at the end, and the least CPU time of some runs [ms]."""
     q, spent = solve()
     times = [spent]
     while len(times) < repeats and sum(times) < ENOUGH:
@@ -288,7 +288,7 @@ def _timed(solve: Callable[[], tuple[np.ndarray, float]], repeats: int) -> tuple
 
 
 def mujoco_methods(problem: Case) -> dict[str, Method]:
-    """MuJoCo's integrators, and ways to express the servo."""
+    """Return MuJoCo's integrators, with each way to express the servo."""
     methods: dict[str, Method] = {}
     for servo in ("free",) if problem.reference is None else ("position", "joint damping", "dcmotor"):
         m = _mujoco_arm(problem, servo)
@@ -300,7 +300,7 @@ def mujoco_methods(problem: Case) -> dict[str, Method]:
 
 
 def _mujoco_arm(problem: Case, servo: str) -> Any:
-    """The arm in MuJoCo with a servo at each joint; with joint damping the clamp holds the spring alone."""
+    """Build the arm for MuJoCo with a servo at each joint; "joint damping" clamps the spring alone."""
     import mujoco
 
     model = bounded(replace(problem.model, servos={}))
@@ -339,7 +339,7 @@ def _mujoco_solver(m: Any, integrator: Any, duration: float) -> Solver:
 
 
 def scipy_methods(problem: Case) -> dict[str, Method]:
-    """SciPy's solvers, which call Pinocchio."""
+    """Return SciPy's solvers, which call Pinocchio."""
     import pinocchio as pin
     from scipy.integrate import solve_ivp
 
@@ -418,7 +418,7 @@ def lines(speeds: list[Speed], points: list[Point]) -> list[Line]:
 
 
 def _clipped_limit(integrator: str) -> float:
-    """Largest step [s] up to which the stiff arm settles from 0.5 rad."""
+    """Return the largest step [s] up to which the stiff arm settles from 0.5 rad."""
     good = 0.0
     for h in (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1):
         moves, status = settles(integrator, h)
@@ -429,7 +429,7 @@ def _clipped_limit(integrator: str) -> float:
 
 
 def _times(points: list[Point], problem: str, error: float, asked: float, peers: str = "") -> Line:
-    """How many times as long peers whose name begins so take at this error."""
+    """Compare the time at this error with that of the peers whose names begin so."""
     ours, method = cheapest(error, points, problem, lambda m: not is_peer(m))
     theirs, peer = cheapest(error, points, problem, lambda m: is_peer(m) and m.startswith(peers))
     note = f"{method} {ours:.3g} ms/s, {peer} {theirs:.3g} ms/s"
@@ -438,7 +438,7 @@ def _times(points: list[Point], problem: str, error: float, asked: float, peers:
 
 
 def _humanoid_lines(rows: list[Speed]) -> list[Line]:
-    """Against each of MuJoCo's integrators that carries the robot; the fastest is what counts."""
+    """Compare with the fastest of MuJoCo's integrators that keep the robot upright."""
     peers = [row for row in rows if row.engine.startswith("MuJoCo") and row.error < 0.5]
     peer = min(peers, key=lambda row: row.time)
     found = []
@@ -456,7 +456,7 @@ def _humanoid_lines(rows: list[Speed]) -> list[Line]:
 
 
 def _chain_lines(speeds: list[Speed]) -> list[Line]:
-    """Forward dynamics of chains next to Pinocchio's, and how the time of a step grows with the links."""
+    """Compare forward dynamics of chains with Pinocchio's, and fit how the time of a step grows with the links."""
     dynamics = {(r.robot, r.engine): r.time for r in speeds if r.what == "forward dynamics"}
     chains = dict.fromkeys(robot for robot, _ in dynamics if robot.startswith("chain"))
     found = []
@@ -486,7 +486,7 @@ def _print_costs(points: list[Point], problem: str) -> None:
 
 @look()
 def _plot(path: Path, points: list[Point], notes: str) -> None:
-    """A panel for each of the three scenes."""
+    """Draw a panel for each of the three scenes."""
     from matplotlib.figure import Figure
 
     problems = list(dict.fromkeys(p.problem for p in points))
@@ -504,7 +504,7 @@ DASHES = {"": "-", ", position": "-", ", joint damping": "--", ", dcmotor": ":"}
 
 
 def _scene_panel(panel: Axes, points: list[Point]) -> None:
-    """Solid circles are ours."""
+    """Draw time against error; circles are this package's integrators, crosses other engines."""
     for method in dict.fromkeys(p.method for p in points):
         line = [p for p in points if p.method == method and 1e-14 < p.error < 1.0]
         name, comma, servo = method.partition(",")

@@ -1,8 +1,8 @@
-"""Run time against error of every integrator: arms, a humanoid that flies, stands and walks, published problems.
+"""Measure run time against error of every integrator, on arms, a humanoid and published problems.
 
-Each problem is run with fixed steps and with tolerances.  The error is the largest of joint angles and turn of the base
+Each problem runs with fixed steps and with tolerances.  The error is the largest of joint angles and base rotation
 [rad], and of the base's position [m], at the end or over all records, against a closed form or a run of error control
-near rounding, whose own error is what another integrator or a ten times looser tolerance changes.
+near rounding.  The reference's own error is its difference to another integrator or to a ten times looser tolerance.
 
 The time is that of the compiled run, with all its arguments prepared: least CPU time of some runs, single-threaded, by
 simulated time.  A call of `simulate` costs more, which is a column of its own.
@@ -60,7 +60,7 @@ class Row(NamedTuple):
 
     @property
     def error(self) -> float:
-        """The larger one [rad or m]."""
+        """Larger one of the two errors [rad or m]."""
         return self.angle if math.isnan(self.shift) else max(self.angle, self.shift)
 
 
@@ -79,7 +79,7 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
 
 
 def measure(case: Case, repeats: int = REPEATS, settings: Sequence[Setting] = ()) -> list[Row]:
-    """Rows of a case; settings: (integrator, step or tolerance) to try, by default all of its own."""
+    """Measure a case; settings: (integrator, step or tolerance) to try, by default all of the case."""
     exact, own_error = solution(case)
     tried = settings or case.settings
     for integrator in dict.fromkeys(integrator for integrator, _ in tried):
@@ -110,13 +110,13 @@ def _row(case: Case, integrator: str, setting: float, exact: np.ndarray, own_err
 
 
 def write(path: Path, rows: list[Row], notes: str) -> None:
-    """The table as CSV, the notes as comments over it."""
+    """Write the table as CSV, the notes as comments above it."""
     cells = (["" if isinstance(x, float) and math.isnan(x) else x for x in row] for row in rows)
     write_table(path, COLUMNS, cells, notes)
 
 
 def read(path: Path) -> list[Row]:
-    """The rows of a precision.csv.  Raises ValueError, naming file and line, for anything else."""
+    """Read the rows of a precision.csv; raise ValueError, naming file and line, for anything else."""
     return [_read_row(path, line, cells) for line, cells in list(read_csv(path, TABLE))[1:]]
 
 
@@ -149,7 +149,7 @@ COLOURS = {
 
 @look()
 def plot(path: Path, rows: list[Row], notes: str = "") -> None:
-    """A panel for each problem: time against error, of runs that are right to 1 rad or m; right and low is bad."""
+    """Draw a panel for each problem: time against error, of runs with errors below 1 rad or m."""
     from matplotlib.figure import Figure
 
     names = list(dict.fromkeys(row.problem for row in rows))

@@ -1,4 +1,4 @@
-"""Robots that others publish: those of `example-robot-data`, `pybullet_data` and `mani_skill`, as far as installed."""
+"""Find published robots: those of `example-robot-data`, `pybullet_data` and `mani_skill`, as far as installed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OBJECTS = "random_urdfs"  # a thousand single things
 
 
 def folders() -> list[Path]:
-    """Where the installed packages have their robots, and what `FEATHERSTONE_GAIT_ROBOTS` names."""
+    """Return the installed packages' folders of robots, and those that `FEATHERSTONE_GAIT_ROBOTS` names."""
     specs = [spec for spec in map(importlib.util.find_spec, PACKAGES) if spec]
     found = [Path(folder) for spec in specs for folder in spec.submodule_search_locations or ()]
     found += [Path(folder) / PREFIX for folder in sys.path if (Path(folder) / PREFIX).is_dir()]
@@ -27,9 +27,9 @@ def folders() -> list[Path]:
 
 
 def published(places: Sequence[Path], refused: list[str]) -> Iterator[tuple[str, Model]]:
-    """Name and robot of each URDF below the folders of which something moves, one of those that move alike.
+    """Yield name and robot of each URDF below the folders that moves; of robots that move alike, the first.
 
-    refused: is told of the files that do not load.
+    refused: takes the files that do not load, and why.
     """
     known = set()
     for place in places:

@@ -1,4 +1,4 @@
-"""Scenes of benchmarks: arms, a humanoid that flies, stands and walks, published problems, and runs under stress.
+"""Scenes of benchmarks: arms, a humanoid, published problems, and runs under stress.
 
 The published problems: the free box of the Gazebo benchmark (github.com/scpeters/benchmark, 1 x 4 x 9 m, simple: no
 gravity, turning about one axis; complex: thrown, turning about the middle axis, which is unstable) and, of the IFToMM
@@ -35,7 +35,7 @@ SMOOTH: dict[str, Any] = {"best": ("dop853", 1e-13), "check": ("extrapolation", 
 
 
 def problems() -> list[Case]:
-    """The problems of `precision`, in the order of its table."""
+    """Return the problems of `precision`, in the order of its table."""
     return [
         free_arm(), stiff_arm("standard"), stiff_arm("rotor"), geared_arm(), flying(), *humanoids(), rolling_ball(),
         free_box("simple"), free_box("complex"), pendulum(), governor(),
@@ -43,7 +43,7 @@ def problems() -> list[Case]:
 
 
 def unlimited(model: Model) -> Model:
-    """Without stops."""
+    """Return the model without stops."""
     free: dict[str, Any] = {"lower": -math.inf, "upper": math.inf}
     kinds: dict[str, Any] = {"revolute": "continuous"}
     joints = (replace(j, type=kinds.get(j.type, j.type), **(free if j.type != "fixed" else {})) for j in model.joints)
@@ -51,7 +51,7 @@ def unlimited(model: Model) -> Model:
 
 
 def box(inertia: tuple[float, float, float] = (0.0142, 0.0142, 0.0267), corners: bool = True) -> Model:
-    """A box of 1 kg, by default 0.4 x 0.4 x 0.1 m with its lower corners as contact points."""
+    """Make a box of 1 kg, by default 0.4 x 0.4 x 0.1 m with its lower corners as contact points."""
     xx, yy, zz = inertia
     link = Link("box", 1.0, CENTER, (xx, 0.0, 0.0, yy, 0.0, zz))
     points = [ContactPoint("box", (x, y, -0.05)) for x in (-0.2, 0.2) for y in (-0.2, 0.2)] if corners else []
@@ -64,7 +64,7 @@ def ball(radius: float = 0.05, inertia: float = 1e-3) -> Model:
 
 
 def chain(links: int) -> Model:
-    """`arm7_spatial` prolonged to any number of links, hanging: axes y, x, y, x ..."""
+    """Prolong `arm7_spatial` to any number of links, hanging: axes y, x, y, x ..."""
     arm = load_robot("arm7_spatial")
     names = [arm.links[0].name, *(f"link{k}" for k in range(1, links + 1))]
     x, y, z = arm.links[1].center_of_mass
@@ -85,7 +85,7 @@ def chain(links: int) -> Model:
 
 
 def pd_arm(gain: float = 1.0) -> Model:
-    """`arm7_spatial` without stops, with continuous servos of so many times the usual gains and torque."""
+    """Return `arm7_spatial` without stops, with continuous servos; gain multiplies their gains and torque limit."""
     arm, law = unlimited(load_robot("arm7_spatial")), {name: gain * value for name, value in STIFF_SERVO.items()}
     servo = load_servo("ax12", law="pd_clamped", viscous_friction=0.0, coulomb_friction=0.0, **law)
     return replace(arm, servos=dict.fromkeys(arm.joint_names, servo))
@@ -95,14 +95,14 @@ def pd_arm(gain: float = 1.0) -> Model:
 
 
 def free_arm() -> Case:
-    """Seven links let go at 0.5 rad a joint: chaotic, not stiff."""
+    """Release seven links at 0.5 rad a joint: chaotic, not stiff."""
     scene = compile_scene(unlimited(load_robot("arm7_spatial")))
     return case_of("arm, free", "precision", scene, 1.0, [0.5] * 7, None, record_interval=1.0, settings=settings(ALL),
                    **SMOOTH)  # fmt: skip
 
 
 def stiff_arm(servos: GearboxKind, angle: float = 0.05, duration: float = 0.5) -> Case:
-    """The arm let go at 0.05 rad, on stiff continuous servos; those without rotor inertia are the stiff ones."""
+    """Release the arm at 0.05 rad on continuous servos, which are stiff without rotor inertia."""
     name = "arm, stiff servos" if servos == "standard" else "arm, servos with rotors"
     return case_of(name, "precision", compile_scene(pd_arm(), servos), duration, [angle] * 7, None,
                    reference=Reference([0.0], np.zeros((1, 7))), record_interval=duration, settings=settings(ALL, 0.1),
@@ -110,7 +110,7 @@ def stiff_arm(servos: GearboxKind, angle: float = 0.05, duration: float = 0.5) -
 
 
 def geared_arm() -> Case:
-    """The planar arm of Lima et al. 2013 with sampled control, motor and spring-damper gearbox (MIPSD)."""
+    """Release the planar arm of Lima et al. 2013, with sampled motor inertia plus spring-damper (MIPSD) servos."""
     how = {"implicit_euler": 2e-5, "midpoint": 2e-5, "simtwo": 2e-5, "extrapolation": 1e-11, "ars343": 1e-6}
     return case_of("arm, geared servos", "precision", compile_scene(load_robot("arm7"), "mipsd"), 0.5, [0.01] * 7, None,
                    reference=Reference([0.0], np.zeros((1, 7))), record_interval=0.5, settings=settings(how),
@@ -118,7 +118,7 @@ def geared_arm() -> Case:
 
 
 def flying() -> Case:
-    """The humanoid tumbles freely, all joints limp."""
+    """Let the humanoid tumble freely without servos."""
     model = unlimited(replace(load_robot("humanoid", locked="simplified"), servos={}))
     rng = np.random.default_rng(0)
     n = len(model.joint_names)
@@ -129,7 +129,7 @@ def flying() -> Case:
 
 
 def humanoids() -> list[Case]:
-    """The humanoid on its soles, with the whole servo chain: it stands for half a second, and it walks a stride."""
+    """Let the humanoid stand for half a second, and walk a stride, with the whole servo chain."""
     from ..optimize.planning import walking_cost
 
     cost = walking_cost(load_robot("humanoid", locked="simplified"))
@@ -150,7 +150,7 @@ def humanoids() -> list[Case]:
 
 
 def rolling_ball() -> Case:
-    """A ball of 0.1 m rolls over the waves of a height field of 5 cm cells for a second."""
+    """Roll a ball of 0.1 m over the waves of a height field of 5 cm cells for a second."""
     x = np.arange(-1.0, 1.0, 0.05)
     field = HeightField(0.02 * np.sin(4.0 * x[:, None]) * np.cos(3.0 * x[None, :]), (0.05, 0.05), (-1.0, -1.0))
     scene = compile_scene(ball(0.1, 0.4 * 0.1**2), None, Ground(friction=5.0, field=field), **NO_FALL)
@@ -160,12 +160,12 @@ def rolling_ball() -> Case:
 
 
 def free_box(kind: str) -> Case:
-    """A uniform box of 1 x 4 x 9 m in free flight for ten seconds."""
+    """Let a uniform box of 1 x 4 x 9 m fly freely for ten seconds."""
     simple = kind == "simple"
     velocity = [-0.9, 0.4, 0.1, 0.5, 0.0, 0.0] if simple else [-2.0, 2.0, 8.0, 0.1, 5.0, 0.1]
 
     def turning(t: np.ndarray) -> np.ndarray:
-        """The simple box turns about its first axis and drifts."""
+        """Turn about the first axis and drift."""
         zero = 0.0 * t
         return np.stack([-0.9 * t, 0.4 * t, 0.1 * t, np.cos(0.25 * t), np.sin(0.25 * t), zero, zero], axis=1)
 
@@ -177,7 +177,7 @@ def free_box(kind: str) -> Case:
 
 
 def pendulum() -> Case:
-    """IFToMM A01: 1 kg at 1 m, let go horizontally; sin(q / 2) = k sn(K - w t), k = sin(45 deg), of elliptic sn."""
+    """Release IFToMM A01, 1 kg at 1 m, horizontally: sin(q / 2) = k sn(K - w t), k = sin(45 deg), elliptic sn."""
     from scipy.special import ellipj, ellipk
 
     point = (1e-9, 0.0, 0.0, 1e-9, 0.0, 1e-9)  # a point mass, which the model does not know [kg m^2]
@@ -199,7 +199,7 @@ RISE, SPIN = math.radians(30.0), 2.0 * math.pi  # of the rods below the horizont
 
 
 def governor() -> Case:
-    """IFToMM A05: a Watt governor whose lower rods are springs with dampers; the slider's height and all angles count.
+    """Spin IFToMM A05, a Watt governor whose lower rods are springs with dampers; slider height and angles count.
 
     The shaft turns freely about the vertical and carries the slider and two hinges, a rod on each with a ball at its
     end; from each rod's middle a spring-damper leads to the slider.  All turns at 1 Hz to begin with, the slider half
@@ -243,7 +243,7 @@ def governor() -> Case:
 
 
 def stressed(full: bool = False) -> list[Case]:
-    """All cases of `stress`; full: with more steps."""
+    """Return all cases of `stress`; full: with more steps."""
     more = (2e-4, 2e-3, 2e-2) if full else ()
     return [*_chains(more), *_stiff_arms(more), *_servos(), *_boxes(), *_rods(more)]
 
@@ -253,7 +253,7 @@ def _stressed(
     fixed: Sequence[str] = tuple(FIXED), angle: float = 0.0, base: Sequence[float] = (), pushes: Sequence[Push] = (),
     **arguments: Any,
 ) -> Case:  # fmt: skip
-    """A case with all joints at an angle [rad], whose records all steps meet; base: position, quaternion, velocity."""
+    """Make a case with all joints at an angle [rad] and records that all steps meet; base: pose and velocity."""
     scene = compile_scene(model, **arguments).pushed(pushes)
     n = scene.tree.n
     tried = [*((name, step) for name in fixed for step in sorted(steps)), *((name, math.nan) for name in adaptive)]
@@ -263,7 +263,7 @@ def _stressed(
 
 
 def _chains(more: Sequence[float]) -> list[Case]:
-    """Seven links and a hundred, let go: masses, inertias and lengths at their extremes."""
+    """Release seven links and a hundred, with masses, inertias and lengths at their extremes."""
     arm, steps = unlimited(load_robot("arm7_spatial")), (1e-3, 1e-2, *more)
     links = [*arm.links[:-1], replace(arm.links[-1], mass=1e-3, inertia=(1e-8, 0.0, 0.0, 1e-8, 0.0, 1e-8))]
     return [
@@ -275,14 +275,14 @@ def _chains(more: Sequence[float]) -> list[Case]:
 
 
 def _heavier(model: Model, k: int) -> Model:
-    """The k-th link with 10 000 times its mass and inertia."""
+    """Multiply mass and inertia of the k-th link by 10 000."""
     link = model.links[k]
     heavier = replace(link, mass=1e4 * link.mass, inertia=tuple(1e4 * value for value in link.inertia))
     return replace(model, links=(*model.links[:k], heavier, *model.links[k + 1 :]))
 
 
 def _stiff_arms(more: Sequence[float]) -> list[Case]:
-    """Continuous servos without rotor inertia; gains times 1 and 100; clipped or not."""
+    """Use continuous servos without rotor inertia; gains times 1 and 100; clipped or not."""
     return [
         _stressed(f"gains times {gain:g}, from {angle:g} rad", pd_arm(gain), 0.5, (1e-3, 1e-2, 5e-2, *more),
                   angle=angle, gearbox="standard")
@@ -291,7 +291,7 @@ def _stiff_arms(more: Sequence[float]) -> list[Case]:
 
 
 def _servos() -> list[Case]:
-    """The sampled servo chain at the AX-12's gear ratio and at 1000, with and without backlash."""
+    """Use sampled servos at the AX-12's gear ratio and at 1000, with and without backlash."""
     found = []
     for ratio, servos, backlash in ((254, "standard", 0), (1000, "standard", 0), (254, "mipsd", 0), (1000, "mipsd", 0),
                                     (254, "mipsd", 1)):  # fmt: skip
@@ -307,7 +307,7 @@ def _servos() -> list[Case]:
 
 
 def _boxes() -> list[Case]:
-    """A box of 1 kg: sunk in by 2 cm, dropped from 2 m, kicked, on ground that gives way by 1 mm; and in a spin."""
+    """Start a box of 1 kg 2 cm in the ground, drop it from 2 m, kick it, and spin it."""
     how: dict[str, Any] = {"adaptive": STIFF_ADAPTIVE, "fall_height": -1e6}
     ground: dict[str, Any] = how | {"ground": Ground(friction=0.6), "fall_tilt": math.pi}
     turn, later = (1.0, 0.02, 0.01, 0.0, *[0.0] * 6), (Push("box", CENTER, start=9.0),)
@@ -323,7 +323,7 @@ def _boxes() -> list[Case]:
 
 
 def _rods(more: Sequence[float]) -> list[Case]:
-    """A rod that runs into its stop at speed, on friction that holds it, and on a spring of 1e5 N/m to the wall."""
+    """Run a rod into its stop at speed, hold it by friction, and tie it to the wall by a spring of 1e5 N/m."""
     links = (
         Link("base", 0.0, CENTER, (0.0,) * 6),
         Link("rod", 1.0, (0.0, 0.0, -0.25), (0.0208, 0.0, 0.0, 0.0208, 0.0, 0.0002)),

@@ -1,10 +1,10 @@
-"""Stiff servos: what holds still at which step, and what it costs.
+"""Find which step holds stiff servos still, and what it costs.
 
 Table 1 is the experiment of Lima et al. 2013, Figs. 7-10: a seven-joint arm holds the vertical for 20 s; variance of
 the lowest joint over the last 10 s, for each gearbox, integrator and step.  Table 2 is the same arm in space with the
 continuous servo tau = clip(-12.97 q - 0.374 dq/dt, +-1.5 N m), without rotor inertia: error after 0.5 s from 0.05 rad,
-and whether it settles from 0.5 rad, where the torque is clipped at first.  One that settles may have chattered before:
-its status tells of the worst of all steps.
+and whether it settles from 0.5 rad, where the torque is clipped at first.  An arm that settles may have chattered
+before: the status is that of the worst of all steps.
 
     featherstone-gait benchmark servo        one minute
 """
@@ -99,7 +99,7 @@ def arm_row(servos: GearboxKind, integrator: str, h: float, repeats: int) -> Arm
 
 
 def settles(integrator: str, h: float) -> tuple[bool, str]:
-    """Whether the arm with stiff servos still moves after four seconds from 0.5 rad, and the status of the run."""
+    """Return whether the arm with stiff servos still moves four seconds after 0.5 rad, and the run's status."""
     case = stiff_arm("standard", 0.5)
     run_ = simulate(case.by(integrator, h), 4.0, case.state, case.reference, estimate_error=False)
     return bool(np.sqrt((run_["qd"][-len(run_["qd"]) // 4 :] ** 2).mean()) > SETTLED), run_.status

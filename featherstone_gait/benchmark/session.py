@@ -1,14 +1,15 @@
-"""What it costs to step robots from Python, and to have a controller of one's own, by what a run in one call costs.
+"""Compare stepping robots from Python, and running with a custom controller, with a run in one call.
 
-The humanoid of ten joints holds itself on the ground, servos with elastic gearboxes, midpoint steps of 1 ms, ticks of
-10 ms.  All is done by turns in one process: ratios are of the same turn, so that what else the machine does hits both
-alike, and of them the median is told with its quartiles.  `simulate_batch` and sessions record nothing and estimate no
-error; sessions are observed at each tick (positions and velocities).  Overhead is CPU time of a step of one robot less
-that of its kernel.
+The humanoid of ten joints holds itself on the ground, with elastic gearboxes, midpoint steps of 1 ms and ticks of
+10 ms.  All calls are timed in turn in one process.  Ratios are of the same turn, so other load affects both alike; the
+table has their median and quartiles.  `simulate_batch` and sessions record nothing and estimate no error; sessions are
+observed at each tick (positions and velocities).  Overhead is CPU time of a step of one robot less that of its kernel.
 
-Gymnasium's vector of standing robots, with small random actions, stands beside MuJoCo's threaded rollout of the same
-robot, servos of the same stiffness and steps of the same length (`walk.py` says what its model lacks), called once an
-action as a learner would; observations, rewards and new episodes are made on our side alone.
+Gymnasium's vector of standing robots, with small random actions, is compared with MuJoCo's threaded rollout of the same
+robot, with servos of the same stiffness and steps of the same length (`walk.py` says what its model lacks), called once
+an action as a learner would.  Observations, rewards and new episodes are made on our side alone.
+
+    featherstone-gait benchmark session        two minutes
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class Row(NamedTuple):
 
 @controller(memory=3)
 def upright(t: float, state: Any, reference: np.ndarray, command: np.ndarray, memory: np.ndarray) -> None:
-    """Ankles against the trunk's tilt, as compiled controllers go."""
+    """Turn the ankles against the trunk's tilt: an example of a compiled controller."""
     memory[0], memory[1] = state.base_qd[3], state.base_qd[4]
     for i in range(len(state.q)):
         command[i, 0] = reference[i, 0] - 0.001 * memory[1] * (state.q[i] - reference[i, 0])
@@ -71,7 +72,7 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
 
 
 def _rates(scene: CompiledScene, turns: int) -> list[Row]:
-    """Rate of a session by that of one call: by the clock, and by CPU time on one core, which others do not disturb."""
+    """Compare the rate of a session with that of one call, by wall time and by CPU time on one core."""
     action = np.zeros((ROBOTS, scene.tree.n))
     still = [Reference([0.0], row[None]) for row in action]
     found = []
@@ -129,7 +130,7 @@ def _controllers(scene: CompiledScene, turns: int) -> list[Row]:
 
 
 def _environments(scene: CompiledScene, turns: int) -> list[Row]:
-    """Actions a second of Gymnasium's vector, and that by MuJoCo's: by the clock, on all cores."""
+    """Measure actions a second of Gymnasium's vector, and compare with MuJoCo's, by wall time on all cores."""
     if not importlib.util.find_spec("gymnasium"):
         print("no Gymnasium: install it with pip install featherstone-gait[gym]")
         return []
@@ -157,7 +158,7 @@ def _environments(scene: CompiledScene, turns: int) -> list[Row]:
 
 
 def _mujoco_environments(scene: CompiledScene, envs: Any, actions: np.ndarray) -> Callable[[], None]:
-    """The same robots in MuJoCo, of which each rollout holds an action."""
+    """Prepare the same robots in MuJoCo; each rollout holds an action."""
     import mujoco
     import mujoco.rollout
 
@@ -180,7 +181,7 @@ def _mujoco_environments(scene: CompiledScene, envs: Any, actions: np.ndarray) -
 
 
 def _growth(scene: CompiledScene, steps: int) -> Row:
-    """What memory grows by while one robot is stepped."""
+    """Measure how memory grows while one robot is stepped."""
     import resource
 
     with Session(scene, 1) as session:

@@ -1,4 +1,4 @@
-"""What a feature costs that a scene has not: nothing, which each row shows by a scene without it and one with it.
+"""Count what a feature costs a step, by a scene without the feature and one with it: absent features cost nothing.
 
 A step's executed instructions are counted exactly (`instructions.py`), over a step or two after a tenth of a second of
 simulation; n/a where they cannot be counted.  Beside them stand its CPU time, the least of some calls of 1000 steps
@@ -57,7 +57,7 @@ ALLOWED = 0.03  # over a bare ABA loop
 
 
 class Work(NamedTuple):
-    """Compiled code that does some steps; prepare(steps) gives its arguments, the last of which is its records."""
+    """Hold a kernel that makes some steps; prepare(steps) gives its arguments, the last of which takes its records."""
 
     kernel: Any  # of Numba
     prepare: Callable[[int], tuple]
@@ -109,14 +109,14 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
 
 @functools.cache
 def executed(work: Work) -> float:
-    """Instructions that a step executes, the mean of some that neither begin nor end a run; NaN if not counted."""
+    """Count the instructions of a step, the mean of some that neither begin nor end a run; NaN if not counted."""
     work.kernel(*work.prepare(1))
     arguments = work.prepare(2 * COUNTED)
     return instructions(lambda: work.kernel(*arguments), arguments[-1], COUNTED // work.every) / COUNTED
 
 
 def costs(works: list[Work], repeats: int) -> list[tuple[float, float, float]]:
-    """Instructions, CPU time [us] and size of the code [bytes]; all are timed in turn."""
+    """Return instructions, CPU time [us] and code size [bytes] of each; all are timed in turn."""
     counts = [executed(work) for work in works]
     turns = [[partial(work.kernel, *work.prepare(TIMED)) for work in works] for _ in range(repeats)]
     times = np.min([in_turn(turn, 1)[0] for turn in turns], axis=0)
@@ -125,7 +125,7 @@ def costs(works: list[Work], repeats: int) -> list[tuple[float, float, float]]:
 
 
 def bare(kernel: Any, *constants: Any) -> Work:
-    """A bare loop; arrays are copied, as it changes some of them."""
+    """Prepare a bare loop; arrays are copied, as it changes some of them."""
 
     def arguments(steps: int) -> tuple:
         return (steps, *(c.copy() if type(c) is np.ndarray else c for c in constants), records(steps + 1))
@@ -138,7 +138,7 @@ def rollout(
     integrator: str = "implicit_euler", record: tuple[str, ...] = (), every: int = COUNTED,
     controller: Callable[[CompiledScene], Any] | None = None, push: Push | None = None, worlds: Worlds | None = None,
 ) -> Work:  # fmt: skip
-    """A scene that goes on from where it is after a tenth of a second; with worlds eight of it in lanes.
+    """Prepare a scene that goes on from its state after a tenth of a second; with worlds eight of it in lanes.
 
     A robot stands on the ground, or is lifted above it [m].
     """
@@ -176,7 +176,7 @@ def aba_loop(
     steps: int, robot: Robot, h: float, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, qdd: np.ndarray, W: np.ndarray,
     out: np.ndarray,
 ) -> None:  # fmt: skip
-    """Semi-implicit Euler, nothing else."""
+    """Make steps of semi-implicit Euler, nothing else."""
     for k in range(steps + 1):
         out[k] = qd[0]
         aba(robot, Motion(None, None, None, q, qd, None), None, tau, None, W, None, qdd)
@@ -187,7 +187,7 @@ def aba_loop(
 
 @entry
 def rk4_loop(steps: int, robot: Robot, h: float, z: np.ndarray, W: np.ndarray, out: np.ndarray) -> None:
-    """Runge-Kutta, of x = (q, qd); rows of z: x, that at the start of the step, the sum of slopes, the slope, tau."""
+    """Make Runge-Kutta steps of x = (q, qd); rows of z: x, x at the start of the step, sum of slopes, slope, tau."""
     x, start, total, slope, n = z[0], z[1], z[2], z[3], z.shape[1] // 2
     tau = z[4, :n]
     for k in range(steps + 1):
@@ -210,7 +210,7 @@ def rk4_loop(steps: int, robot: Robot, h: float, z: np.ndarray, W: np.ndarray, o
 
 @entry
 def solve_loop(steps: int, run: Run, advances: bool | None, h: float, y: np.ndarray, out: np.ndarray) -> None:
-    """The solution of an implicit step, and unless it is None what moves the state on: a step without ticks."""
+    """Solve an implicit step; unless advances is None, also advance the state: a step without ticks."""
     scene, o, s = run.scene, run.offsets[0], run.work.scratch
     for k in range(steps + 1):
         out[k] = y[0]
@@ -221,7 +221,7 @@ def solve_loop(steps: int, run: Run, advances: bool | None, h: float, y: np.ndar
 
 
 def parts() -> Iterator[tuple[str, Work, Work, str]]:
-    """From a bare loop to the whole step of the free arm, for both integrators of such a scene."""
+    """Yield rows from a bare loop to the whole step of the free arm, for both integrators of such a scene."""
     scene = compile_scene(free_arm(), integrator="implicit_euler", timestep=STEP)
     n, robot, W = scene.tree.n, Robot(scene.tree.bodies, None, scene.gravity), np.zeros(scene.tree.workspace_shape())
     ready = prepare(scene, STEP)
@@ -239,25 +239,25 @@ def parts() -> Iterator[tuple[str, Work, Work, str]]:
 
 @functools.cache
 def free_arm(name: str = "arm7", locked: str | None = None) -> Model:
-    """A robot without friction, stops and servos."""
+    """Return a robot without friction, stops and servos."""
     return changed(load_robot(name, locked=locked), **LIMP)
 
 
 def changed(model: Model, which: slice = slice(None), **changes: Any) -> Model:
-    """Some moving joints changed, servos left out."""
+    """Change some moving joints, and leave out the servos."""
     names = model.joint_names[which]
     joints = tuple(replace(j, **changes) if j.name in names else j for j in model.joints)
     return replace(model, joints=joints, servos={})
 
 
 def driven(**changes: Any) -> Model:
-    """The arm with AX-12 servos without friction."""
+    """Return the arm with AX-12 servos without friction."""
     servo = load_servo("ax12", viscous_friction=0.0, coulomb_friction=0.0, **changes)
     return replace(free_arm(), servos=dict.fromkeys(free_arm().joint_names, servo))
 
 
 def rubbing(model: Model, **losses: float) -> Model:
-    """Dry friction in all servos, which holds, and losses of their gearboxes."""
+    """Give all servos dry friction, which holds, and losses of their gearboxes."""
     servos = {
         name: replace(servo, coulomb_friction=0.01, stick_speed=0.0, gearbox=replace(servo.gearbox, **losses))
         for name, servo in model.servos.items()
@@ -270,19 +270,19 @@ def shaped(model: Model, **shape: Any) -> Model:
 
 
 def balance(scene: CompiledScene) -> Any:
-    """The feedback that comes with the humanoid."""
+    """Return the feedback that comes with the humanoid."""
     walk = read_walk(Path(scene.model.source).parent / "balanced_gait.npz")
     assert isinstance(walk, BalancedWalk)
     return walk.controller(scene)
 
 
 def spread(*names: str) -> dict[str, Distribution]:
-    """Numbers that differ between worlds by less than shows in the motion."""
+    """Return distributions so narrow that they do not show in the motion."""
     return {name: Distribution("uniform", 1e-13) for name in names}
 
 
 def savings() -> Iterator[tuple[str, Work, Work, str]]:
-    """Name, the work without and with it, and a remark."""
+    """Yield rows: name, the work without the feature and with it, and a remark."""
     arm, ground, last = free_arm(), Ground(), slice(-1, None)
     limits: dict[str, Any] = {"type": "revolute", "lower": -3.0, "upper": 3.0}
     held = replace(arm, locked={j.name: 0.0 for j in arm.joints[4:]})

@@ -88,7 +88,7 @@ STEPS_SHOWN = {
 
 
 class Question(NamedTuple):
-    """What is asked of each algorithm: accelerations under tau, forces for qdd, and the mass matrix."""
+    """Hold a state; asked are accelerations under tau, forces for qdd, and the mass matrix."""
 
     q: np.ndarray
     qd: np.ndarray
@@ -97,7 +97,7 @@ class Question(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """The reference that errors are counted from."""
+    """Hold the reference results."""
 
     qdd: np.ndarray
     tau: np.ndarray
@@ -105,7 +105,7 @@ class Answer(NamedTuple):
 
 
 class Timer(NamedTuple):
-    """Something to be timed."""
+    """Hold a call to be timed."""
 
     algorithm: str
     width: str
@@ -134,7 +134,7 @@ def run(out_dir: FilePath, full: bool = False) -> list[Row]:
 
 
 def time_robot(model: Model, repeats: int) -> list[Row]:
-    """All algorithms of all engines, in turn."""
+    """Time all algorithms of all engines in turn."""
     question = _question(model)
     has_mujoco = importlib.util.find_spec("mujoco") is not None
     timers, answer = _mujoco(model, question) if has_mujoco else ([], _own_answer(model, question))
@@ -156,7 +156,7 @@ def time_robot(model: Model, repeats: int) -> list[Row]:
 
 
 def _question(model: Model) -> Question:
-    """A state within half a radian of zero, with speeds of 1 rad/s and forces of 0.1 N m."""
+    """Draw a state within half a radian of zero, with speeds of 1 rad/s and forces of 0.1 N m."""
     rng = np.random.default_rng(0)
     n, nv = len(model.joint_names), model.nv
     q = rng.normal(size=n) * 0.5
@@ -169,14 +169,14 @@ def _question(model: Model) -> Question:
 
 
 def _own_answer(model: Model, x: Question) -> Answer:
-    """Each algorithm by way of the others."""
+    """Compute each result by the other algorithms."""
     H = inverse_dynamics(model, x.q, 0 * x.qd, np.eye(model.nv), gravity=(0.0, 0.0, 0.0)).T
     bias = inverse_dynamics(model, x.q, x.qd, 0 * x.qdd)
     return Answer(np.linalg.solve(mass_matrix(model, x.q), x.tau - bias), mass_matrix(model, x.q) @ x.qdd + bias, H)
 
 
 def _mujoco(model: Model, x: Question) -> tuple[list[Timer], Answer]:
-    """`mj_forward` on the same URDF, and what MuJoCo answers."""
+    """Prepare `mj_forward` on the same URDF; return it with MuJoCo's results."""
     import mujoco
 
     m = disable(check_order(spec_of(model).compile(), model), "CONTACT", "CONSTRAINT", "DAMPER")
@@ -193,7 +193,7 @@ def _mujoco(model: Model, x: Question) -> tuple[list[Timer], Answer]:
 
 
 def _pinocchio(model: Model, x: Question, exact: np.ndarray) -> list[Timer]:
-    """`aba`, whose error is that of the joints' accelerations, and the call of a robot without joints."""
+    """Prepare `aba`, whose error is that of the joints' accelerations, and the call with a robot of no joints."""
     import pinocchio as pin
 
     m, none = in_pinocchio(bounded(model)), pin.Model()
@@ -235,7 +235,7 @@ def _own_timers(model: Model, x: Question, answer: Answer) -> list[Timer]:
 def _timer(
     algorithm: str, width: str, kernel: Callable, model: Model, inputs: Sequence[np.ndarray], exact: np.ndarray
 ) -> Timer:
-    """A kernel on one state, or on the same one in every lane."""
+    """Prepare a kernel on one state, or on the same one in every lane."""
     tree = compile_tree(model)
     lanes = (WIDTH,) if width == LANES else ()
     bases = [_filled(a[: -tree.n], lanes) if tree.floating else None for a in inputs]
@@ -270,12 +270,12 @@ def _crba_timer(model: Model, q: np.ndarray, exact: np.ndarray) -> Timer:
 
 
 def _passes(model: Model) -> int:
-    """So many that the call from Python does not count."""
+    """Return so many passes that the call from Python does not count."""
     return max(1, 10000 // model.nv)
 
 
 def _filled(a: np.ndarray, lanes: tuple[int, ...]) -> np.ndarray:
-    """(1, len(a), *lanes) with a in every lane."""
+    """Return an array (1, len(a), *lanes) with a in every lane."""
     out = aligned((1, len(a), *lanes))
     out[:] = a.reshape(-1, *(1 for _ in lanes))
     return out
@@ -304,7 +304,7 @@ def _steps(repeats: int) -> list[Step]:
 
 
 def _batch_time(run: Run, count: int, repeats: int) -> tuple[float, float]:
-    """Wall and CPU time of a step and run [us], `count` at once, with what `simulate_batch` does to set them up."""
+    """Return wall and CPU time of a step and run [us], `count` at once, including the set-up of `simulate_batch`."""
     case = run.case
     arguments = case.duration, [run.start.y] * count, [case.reference] * count
     times = []
@@ -345,7 +345,7 @@ def _plot(rows: list[Row], machine: str, path: Path) -> None:
 
 
 def _lines(axes: Axes, rows: list[Row], value: str) -> None:
-    """One of the columns against the number of links."""
+    """Draw one of the columns against the number of links."""
     for key, (color, style, label) in STYLES.items():
         line = [row for row in rows if (row.algorithm, row.width) == key]
         if line:

@@ -1,14 +1,16 @@
-"""The largest stable step of stiff servos, measured and by linear theory.
+"""Find the largest stable step of stiff servos, measured and by linear theory.
 
-Arms of 1 to 7 links of the robot `arm7`, hanging, with AX-12 servos in three gearbox models; what varies is the number
-of joints, the gear ratio, the inertia of the rotor and the gain.  For each integrator the study `stable_step` finds by
-bisection the largest step with which the servos bring the arm to rest from 0.05 rad, where nothing clips, and from 0.5
-rad, where voltage and current do at first; eight starts each, in lanes.  Next to it stands the step at which the linear
-theory of `linear_stability` says the same.  Inductance, speed filter, slew limit and Coulomb friction are left
-out, so that the theory is that of the simulated servo; its control is sampled, every 10 ms or every step of more.
+Arms of 1 to 7 links of the robot `arm7`, hanging, have AX-12 servos in three gearbox models; the number of joints, the
+gear ratio, the inertia of the rotor and the gain vary.  For each integrator the study `stable_step` finds by bisection
+the largest step with which the servos bring the arm to rest from 0.05 rad, where nothing clips, and from 0.5 rad, where
+voltage and current do at first; eight starts each, in lanes.  Beside it stands the largest stable step of linear theory
+(`linear_stability.py`).  Inductance, speed filter, slew limit and Coulomb friction are left out, so that the theory is
+that of the simulated servo.  Its control is sampled, every 10 ms or every step of more.
 
-Without `full` one quantity at a time differs from the AX-12 with seven joints; with it there are all combinations too,
-which takes hours.  Finished runs are kept beside the table: started again, it goes on.
+Without `full` one quantity at a time differs from the AX-12 with seven joints; with it all combinations run too, which
+takes hours.  Finished runs are kept beside the table, so a later run continues.
+
+    featherstone-gait benchmark stability        two minutes
 """
 
 from __future__ import annotations
@@ -83,7 +85,7 @@ class Row(NamedTuple):
 
     @property
     def measured(self) -> float:
-        """The step between the stable and the unstable one."""
+        """Geometric mean of the stable and the unstable step [s]."""
         return math.sqrt(self.stable_step_s * self.unstable_step_s)
 
 
@@ -115,7 +117,7 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
 
 
 def slices() -> list[tuple[str, int, dict]]:
-    """Studies (name, joints, what varies) through the AX-12 with seven joints."""
+    """List studies (name, joints, what varies) through the AX-12 with seven joints."""
     rigid = {"scene.gearbox": GEARBOXES[1:]}
     return [
         *((f"joints{n}", n, {}) for n in JOINTS[:-1]),
@@ -126,7 +128,7 @@ def slices() -> list[tuple[str, int, dict]]:
 
 
 def combinations() -> list[tuple[str, int, dict]]:
-    """Studies of all combinations; the standard model has no rotor."""
+    """List studies of all combinations; the standard model has no rotor."""
     both = {"servo.ratio": RATIOS[::2], "servo.Kp": GAINS[1:]}
     geared = both | {"servo.rotor_inertia": INERTIAS[1:], "scene.gearbox": GEARBOXES[1:]}
     return [
@@ -138,7 +140,7 @@ def combinations() -> list[tuple[str, int, dict]]:
 
 @functools.cache
 def arm(links: int) -> Model:
-    """The first links of `arm7`, hanging at zero and without stops."""
+    """Return the first links of `arm7`, hanging at zero and without stops."""
     whole = load_robot("arm7")
 
     def hung(vector: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -178,7 +180,7 @@ def _row(joints: int, row: dict) -> Row:
 
 
 def linear_step(point: Point) -> float:
-    """The largest stable step of the linear theory [s], looked for as the measured one is; NaN if none is."""
+    """Return the largest stable step by linear theory [s], found by the same bisection; NaN if there is none."""
     return _linear_step(point._replace(tilt=0.0))
 
 
@@ -195,7 +197,7 @@ def _linear_step(point: Point) -> float:
 
 
 def _print_ratios(rows: list[Row]) -> None:
-    """How far theory and measurement agree."""
+    """Print how far theory and measurement agree."""
     print("measured by theory, smallest and largest of all points with both:")
     for gearbox, integrator, tilt in product(GEARBOXES, INTEGRATORS, TILTS):
         chosen = [row for row in rows if (row.gearbox, row.integrator, row.tilt_rad) == (gearbox, integrator, tilt)]
@@ -212,7 +214,7 @@ TITLES = {"standard": "standard: no rotor", "rotor": "rotor, rigid gearbox", "mi
 
 @look()
 def _plot(path: Path, rows: list[Row]) -> None:
-    """A row for each gearbox model, a column for each quantity."""
+    """Draw a row for each gearbox model, a column for each quantity."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 8.0), layout="constrained")
@@ -236,7 +238,7 @@ def _plot(path: Path, rows: list[Row]) -> None:
 
 
 def _panel(panel: Axes, rows: list[Row], servos: str, swept: str) -> None:
-    """One quantity; steps that are stable throughout stand at the upper edge, none that is stable at the lower."""
+    """Draw one quantity; the upper edge means stable at all steps tried, the lower edge at none."""
     low, high, through = 1e3 * SMALLEST, 1e3 * LARGEST, (7, *AX12.values())
     rest = [k for k, name in enumerate(SWEPT) if name != swept]
     for integrator, tilt in product(INTEGRATORS, TILTS):

@@ -1,14 +1,14 @@
-"""Numerical stability under stress, and whether a run that is wrong says so.
+"""Test numerical stability under stress, and whether a run that is wrong says so.
 
-Each case runs with each integrator and each step; `extrapolation` at a tolerance of 1e-9 tells the truth, as long as
+Each case runs with each integrator and each step.  The reference is `extrapolation` at a tolerance of 1e-9, as long as
 it agrees with itself at 1e-8 to 1e-5 (rad or m): where motion is chaotic the comparison ends there.  A run is
 
-    held      its positions are within 1e-3 of the truth, or within ten times its own error estimate, status ok
-    flagged   they are not, or the truth is not known to the end, and its status says so
+    held      its positions are within 1e-3 of the reference, or within ten times its own error estimate, status ok
+    flagged   they are not, or the reference is not known to the end, and its status says so
     silent    they are not, and its status is ok
     alarm     its status is not ok although they are within 1e-3 to the end
 
-Silent runs should be none, alarms at most one in twenty.
+No run should be silent, and at most one in twenty an alarm.
 
     featherstone-gait benchmark stress        five minutes
 """
@@ -76,7 +76,7 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
 
 
 def judged(case: Case) -> list[Row]:
-    """Rows of a case."""
+    """Run a case with all its settings."""
     truths = (case.run(case.by("extrapolation", 1e-3), rtol=rtol, estimate_error=False) for rtol in (1e-9, 1e-8))
     exact = agreed(case, *truths)
     known, rows = exact.known, []
@@ -94,7 +94,7 @@ def judged(case: Case) -> list[Row]:
 
 @look()
 def plot(rows: list[Row], notes: str = "") -> Figure:
-    """A cell a run: cases down, integrators and steps across."""
+    """Draw a cell for each run: cases down, integrators and steps across."""
     from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch

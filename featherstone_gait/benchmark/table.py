@@ -1,4 +1,4 @@
-"""What all benchmarks share: calls timed in turn, tables on the screen and as CSV, pictures."""
+"""Time calls in turn, print and write tables, save pictures: what all benchmarks share."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def print_table(rows: Iterable[Any], shown: Shown) -> None:
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Sequence], notes: str = "") -> None:
-    """Write CSV whole or not at all; its format and the notes, such as the machine, are comments over the header."""
+    """Write CSV whole or not at all; its format and the notes, such as the machine, are comments above the header."""
     write_csv(path, TABLE, columns, rows, notes)
 
 

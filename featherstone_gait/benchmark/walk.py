@@ -1,13 +1,17 @@
-"""Rollouts of a walking humanoid: how many a second and core, with their error, next to MuJoCo's threaded rollout.
+"""Measure rollouts of a walking humanoid a second and core, with their error, next to MuJoCo's threaded rollout.
 
-The robot, simplified (10 joints) and complete (19), walks 4 s from standing with a planned gait, each rollout with
-references changed by a seeded noise of 0.06 deg.  Ours: MIPSD servos, bristle friction, the midpoint rule at 1 ms,
-eight rollouts a vector, of whose lane-steps a share is occupied: a lane whose robot has fallen or arrived takes the
-next rollout, until there is none.  A gait search, whose candidates fall or are given up, is measured for itself.
+The robot, simplified (10 joints) and complete (19), walks 4 s from standing with a planned gait.  Each rollout's
+references get a seeded noise of 0.06 deg.  Ours: motor inertia plus spring-damper (MIPSD) servos, bristle friction, the
+midpoint rule at 1 ms, eight rollouts a vector.  A lane whose robot has fallen or arrived takes the next rollout, until
+there is none; the table has the share of lane-steps that are occupied.  A gait search, whose candidates fall or are
+given up, is measured separately, and so is what refilling lanes saves.
+
 MuJoCo's: the same URDF with position servos of the same stiffness, damping and reflected inertia, four spheres a sole,
 elliptic cones, implicitfast at 1 ms.  The clock of its Python package, which would cost these rollouts 5 %, is switched
-off.  It has no gearbox spring, no motor current and no energy meter, so it does less; the walks differ, and each
-engine's error is its own: the trunk's path against the same engine at a quarter of the step.
+off.  It has no gearbox spring, motor current or energy meter, so it does less.  The walks differ, so each engine's error
+is counted from its own run: the trunk's path against the same engine at a quarter of the step.
+
+    featherstone-gait benchmark walk        three minutes
 """
 
 from __future__ import annotations
@@ -84,7 +88,7 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
 
 
 def _search_line(iterations: int) -> str:
-    """What a gait search does with its lanes."""
+    """Describe how a gait search uses its lanes."""
     from ..optimize.planning import walking_cost
     from ..optimize.search import optimize_gait
 
@@ -97,7 +101,7 @@ def _search_line(iterations: int) -> str:
 
 
 def handed_over(repeats: int) -> str:
-    """Candidates of which every second falls soon: all in one queue, and eight at a time that wait for the last."""
+    """Compare refilling lanes with waiting for the last of eight, where every second candidate falls soon."""
     scene = compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "implicit_euler", STEP)
     stands = standing_state(scene, np.zeros(scene.tree.n))
     falls = stands.copy()
@@ -209,7 +213,7 @@ def _plot(path: Path, rows: list[Row]) -> None:
     labels = [f"{r.robot}, {r.engine.split(',')[0]}, {r.threads} thread{'s' * (r.threads > 1)}" for r in rows]
     colors = ["C0" if "feather" in r.engine else "0.6" for r in rows]
     bars = axes.barh(range(len(rows)), [r.rate for r in rows], color=colors)
-    axes.bar_label(bars, [f"{r.rate:.0f}, {_told(r)}" for r in rows], padding=3, fontsize=8)
+    axes.bar_label(bars, [f"{r.rate:.0f}, {_label(r)}" for r in rows], padding=3, fontsize=8)
     axes.set_yticks(range(len(rows)), labels, fontsize=8)
     axes.invert_yaxis()
     axes.margins(x=0.25)
@@ -217,6 +221,6 @@ def _plot(path: Path, rows: list[Row]) -> None:
     save_figure(figure, path)
 
 
-def _told(row: Row) -> str:
-    """Error of the rollouts, or how many of them ended upright."""
+def _label(row: Row) -> str:
+    """Return the error of the rollouts, or how many of them ended upright."""
     return f"±{1e3 * row.error:.2g} mm" if row.upright == 1.0 else f"{row.upright:.0%} upright"
