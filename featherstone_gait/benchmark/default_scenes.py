@@ -56,7 +56,7 @@ def cases(full: bool = False, robots: Sequence[Path] | None = None, skipped: lis
 
 
 def robot_cases(full: bool, places: Sequence[Path], skipped: list[str]) -> Iterator[Case]:
-    """Yield a second of each robot without servos, from a random posture, with and without stops; some float or fall."""
+    """Yield a second of each robot, limp, from a random posture, with and without stops; some float, some fall."""
     if not places:
         skipped.append("published robots: none of example-robot-data, pybullet_data, mani_skill is installed")
     for k, (name, model) in enumerate(published(places, skipped)):

@@ -35,7 +35,7 @@ def records(*shape: int) -> np.ndarray:
 
 
 def instructions(call: Callable[[], object], out: np.ndarray, last: int) -> float:
-    """Count instructions from the first write into `out`, made by `records`, until out[last] is written; NaN if none."""
+    """Count instructions from the first write into `out`, made by `records`, until out[last] is written; or NaN."""
     if not (JIT and sys.platform == "linux" and platform.machine() == "x86_64"):
         return math.nan
     libc, handler, before = ctypes.CDLL(None), _handler(), np.zeros((len(SIGNALS), 19), np.int64)

@@ -8,8 +8,8 @@ given up, is measured separately, and so is what refilling lanes saves.
 
 MuJoCo's: the same URDF with position servos of the same stiffness, damping and reflected inertia, four spheres a sole,
 elliptic cones, implicitfast at 1 ms.  The clock of its Python package, which would cost these rollouts 5 %, is switched
-off.  It has no gearbox spring, motor current or energy meter, so it does less.  The walks differ, so each engine's error
-is counted from its own run: the trunk's path against the same engine at a quarter of the step.
+off.  It has no gearbox spring, motor current or energy meter, so it does less.  The walks differ, so each engine's
+error is counted from its own run: the trunk's path against the same engine at a quarter of the step.
 
     featherstone-gait benchmark walk        three minutes
 """

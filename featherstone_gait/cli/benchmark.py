@@ -1,4 +1,4 @@
-"""`featherstone-gait benchmark`: how fast, and how exact."""
+"""`featherstone-gait benchmark`: measure speed beside accuracy."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ class Benchmark(NamedTuple):
     minutes: float  # on two cores, compiled before
 
 
-TAKES = "the time stated with its name, on two cores; with --full many times that"
-ALONE = "its times count only where nothing else runs"
+TAKES = "the minutes listed with its name, on two cores; with --full many times that"
+ALONE = "times are valid only while nothing else runs"
 BENCHMARKS = {
     "speed": Benchmark("times of algorithms and steps, beside MuJoCo's", "speed.csv, speed_steps.csv, speed.png", 3),
-    "servo": Benchmark("stiff servos: what holds at which step", "servo_arm.csv, servo_pd.csv, servo.png", 1),
+    "servo": Benchmark("which step holds stiff servos still", "servo_arm.csv, servo_pd.csv, servo.png", 1),
     "walk": Benchmark("rollouts of a walk a second, beside MuJoCo's", "walk.csv, walk.png", 3),
     "precision": Benchmark("run time against error of every integrator", "precision.csv, precision.png", 8),
     "peers": Benchmark(
         "the same against Pinocchio, MuJoCo and SciPy", "peers.csv, peers_speed.csv, peers_lines.csv, peers.png", 8
     ),
     "default": Benchmark(
-        "what `simulate` gives where nothing is named", "default.csv, default_integrators.csv, default.png", 20
+        "what `simulate` gives by default", "default.csv, default_integrators.csv, default.png", 20
     ),
     "stability": Benchmark("the largest stable step, against linear theory", "stability.csv, stability.png", 2),
     "stress": Benchmark("whether a run that is wrong says so", "stress.csv, stress.png", 5),
@@ -42,7 +42,7 @@ BENCHMARKS = {
 def add(commands: Commands) -> None:
     """Register the command."""
     examples = ("featherstone-gait benchmark speed", "featherstone-gait benchmark precision --out results")
-    what = "the tables, and for most a picture, that are listed with its name"
+    what = "the tables and pictures listed with its name"
     parser = add_command(commands, "benchmark", run, "run a benchmark", what, examples=examples, takes=TAKES)
     parser.add_argument("name", metavar="NAME", choices=BENCHMARKS, help="one of the benchmarks below")
     parser.add_argument("--full", action="store_true", help="more repetitions")
@@ -53,6 +53,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
+    """Run the benchmark of that name."""
     minutes = f"about {BENCHMARKS[args.name].minutes:g} min on two cores"
     announce(f"{'many times ' * args.full}{minutes}, compiling aside; {ALONE}")
     import_module(f"featherstone_gait.benchmark.{args.name}").run(args.out, full=args.full)
