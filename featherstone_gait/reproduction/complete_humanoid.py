@@ -135,26 +135,26 @@ def _cheaper(result: CompleteHumanoidResult) -> Claim:
         claim="The complete humanoid walks more cheaply than the simplified after equally many iterations",
         ours=f"complete {span(complete.costs, '.1f')} J/m, simplified {span(simple.costs, '.1f')} J/m",
         verdict=classify(apart, lower),
-        why=f"Rule: every search below every one; in direction if the median is lower; {len(simple.costs)} searches "
-        f"each. {joints} servos more that hold arms and neck and {complete.poses[0].size} angles in place of "
-        f"{simple.poses[0].size} stand against what the arms can give; before the search the complete robot costs "
-        f"{complete.best[0, 0]:.1f} J/m, the simplified {simple.best[0, 0]:.1f} J/m. A quarter of the step changes the "
-        f"costs of the gaits found by {span(fine, '+.1%')}",
+        why="Rule: every search ends below every one of the simplified robot; in direction if the median is lower; "
+        f"{len(simple.costs)} searches each. The arms can save energy, but {joints} more servos hold arms and neck, "
+        f"and there are {complete.poses[0].size} angles to search instead of {simple.poses[0].size}. Before the "
+        f"search the complete robot costs {complete.best[0, 0]:.1f} J/m, the simplified {simple.best[0, 0]:.1f} J/m. "
+        f"A quarter of the step changes the costs of the gaits found by {span(fine, '+.1%')}",
     )
 
 
 def _arms(result: CompleteHumanoidResult) -> Claim:
-    """Reproduced if every gait found gets dearer by 1 % without; in direction if dearer in the median."""
+    """Reproduced if every gait found costs 1 % more without; in direction if the median costs more."""
     walk = result.walks["complete"]
     legs = np.isin(walk.joints, result.walks["simplified"].joints)
     change = np.degrees(walk.changes)
-    dearer = walk.without / walk.costs - 1.0
+    more = walk.without / walk.costs - 1.0
     return question(
-        claim="The search makes use of arms, hip yaw and neck",
-        ours=f"with these put back as planned the gaits found cost {span(dearer, '+.1%')}",
-        verdict=classify(dearer.min() > 0.01, np.median(dearer) > 0),
-        why="Rule: every gait gets dearer by more than 1 %; in direction if dearer in the median; a fall is infinite. "
-        f"These joints move from the plan by {np.median(change[~legs]):.1f} deg, the ten of the simplified robot by "
+        claim="The search uses arms, hip yaw and neck",
+        ours=f"with these joints as planned the gaits found cost {span(more, '+.1%')}",
+        verdict=classify(more.min() > 0.01, np.median(more) > 0),
+        why="Rule: every gait costs over 1 % more; in direction if the median costs more; a fall counts as infinite. "
+        f"These joints differ from the plan by {np.median(change[~legs]):.1f} deg, the ten of the simplified robot by "
         f"{np.median(change[legs]):.1f} deg (median of the largest change)",
     )
 
@@ -164,10 +164,10 @@ def _safe(result: CompleteHumanoidResult) -> Claim:
     shares = {name: [q.safe for q in walk.found] for name, walk in result.walks.items()}
     simple, complete = (float(np.median(shares[name])) for name in ROBOTS)
     return question(
-        claim="The complete humanoid's gaits are as safe: they walk with all angles off by up to 1 deg",
+        claim="The complete humanoid's gaits are as safe: they walk with errors of up to 1 deg in all angles",
         ours=f"complete {span(shares['complete'], '.0%')}, simplified {span(shares['simplified'], '.0%')}",
         verdict=classify(abs(simple - complete) < 0.1),
-        why="Rule: medians differ by less than 10 points. Each share is of 63 gaits, good to 6 points; as planned "
+        why="Rule: medians differ by less than 10 points. Each share is of 63 gaits, accurate to 6 points; as planned "
         f"{result.walks['complete'].first.safe:.0%} and {result.walks['simplified'].first.safe:.0%}",
     )
 

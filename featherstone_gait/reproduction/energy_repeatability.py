@@ -218,18 +218,18 @@ def _size(result: EnergyResult, gearbox: GearboxKind) -> Claim:
     side = (ours.value > middle) == (paper > middle)
     names = {ALL: (1.0, "times the sources"), "mass": (1.0, "times the masses"), "step": (1e3, "ms step")}
     unsaid = [(source, *names[source[0]]) for source in result.energies[model] if isinstance(source, tuple)]
-    listed = "; ".join(f"{_spread(result, model, s)} with {scale * s[1]:g} {what}" for s, scale, what in unsaid)
+    unstated = "; ".join(f"{_spread(result, model, s)} with {scale * s[1]:g} {what}" for s, scale, what in unsaid)
     return Claim(
         claim=f"Standard deviation of the energy of the same gait, {gearbox} model",
         item="Fig. 11",
         factor=ours.value / paper,
         paper=f"{paper:.2%} over 200 runs",
-        ours=f"{ours} over {result.settings.runs - fell} runs; {fell} fell and are left out",
+        ours=f"{ours} over {result.settings.runs - fell} runs; {fell} fell and are excluded",
         verdict=classify(near, side),
         why=f"Rule: within a factor {FACTOR:g}; in direction if on the same side of {middle:.1%}, the two figures' "
         "geometric mean. Explicit order, as in the paper's program, with all sources; alone: "
         + ", ".join(f"{source} {result.scatter(model, source)}" for source in SOURCES)
-        + f". The paper does not say what differs between runs, nor masses, nor step: {listed}",
+        + f". The paper states neither what differs between runs, nor masses, nor step: {unstated}",
     )
 
 
@@ -252,7 +252,8 @@ def _lower(result: EnergyResult) -> Claim:
         paper=f"{paper:.2f} times",
         ours=f"{ratio:.2g} times ({standard} against {mipsd})",
         verdict=classify(apart and near, apart),
-        why=f"Rule: 95 % intervals apart, and the ratio within a factor {FACTOR:g}; in direction if apart. By source: "
+        why=f"Rule: 95 % intervals do not overlap, and the ratio is within a factor {FACTOR:g}; in direction if they "
+        "do not overlap. By source: "
         + ", ".join(f"{source} {x:.2g} times" for source, x in ratios.items())
         + f". {result.chatters['standard', EXPLICIT]} of {result.settings.runs} runs of the standard model chatter, "
         f"{result.chatters['mipsd', EXPLICIT]} with MIPSD",
@@ -271,13 +272,14 @@ def _cause(result: EnergyResult) -> Claim:
     explicit = result.scatter(("standard", EXPLICIT))
     gain = _percent(abs(result.off["standard", EXPLICIT]))
     return question(
-        claim="It is the servo model that makes the energy scatter",
+        claim="The servo model causes the scatter of the energy",
         ours=f"integrated implicitly: standard {standard}, MIPSD {mipsd}, {ratio:.2g} times",
         verdict=classify(apart),
-        why="Rule: 95 % intervals of standard and MIPSD apart also where both are integrated implicitly. The same "
-        f"standard model scatters by {explicit} in the explicit order, where its energy is off by {gain} from that of "
-        f"a quarter of the step integrated implicitly (implicit, 1 ms: {result.off['standard', IMPLICIT]:+.1%}; MIPSD: "
-        f"{result.off['mipsd', EXPLICIT]:+.1%} explicit, {result.off['mipsd', IMPLICIT]:+.1%} implicit)",
+        why="Rule: the 95 % intervals of standard and MIPSD do not overlap where both are integrated implicitly "
+        f"either. The same standard model scatters by {explicit} in the explicit order, where its energy differs by "
+        f"{gain} from that at a quarter of the step integrated implicitly (implicit, 1 ms: "
+        f"{result.off['standard', IMPLICIT]:+.1%}; MIPSD: {result.off['mipsd', EXPLICIT]:+.1%} explicit, "
+        f"{result.off['mipsd', IMPLICIT]:+.1%} implicit)",
     )
 
 
@@ -295,7 +297,7 @@ def _source(result: EnergyResult) -> Claim:
         ours=", ".join(f"{_name(model)} {x}" for model, x in ours.items()),
         verdict=classify(chaotic),
         why="Rule: in the explicit order round-off alone gives at least half the scatter of all sources together. "
-        f"Variance of each source alone, of the sum of all four: {shares}",
+        f"Variance of each source alone, as a share of the sum of all four: {shares}",
     )
 
 
@@ -321,8 +323,8 @@ def plot(result: EnergyResult) -> dict[str, Figure]:
         "Energy of the same gait in each run over the mean of its model, all sources together, as in Fig. 11; right: "
         "its distribution.": _runs(result),
         "Standard deviation by source, with 95 % intervals; dotted: the paper's figures.": _sources(result),
-        "Standard deviation against the size of all sources together (1: as in the settings). Proportional, it is "
-        "what is put in; level, it is made by the simulation itself. Dotted: the paper's figures.": _sizes(result),
+        "Standard deviation against the size of all sources together (1: as in the settings). A proportional curve "
+        "reflects the sources, a level one the simulation itself. Dotted: the paper's figures.": _sizes(result),
     }
 
 

@@ -285,9 +285,9 @@ def _converged(result: GaitSearchResult) -> Claim:
         paper=f"{PAPER_CONVERGED} of {PAPER_ITERATIONS}, one search",
         ours=f"{_quartiles(ours)} of {result.settings.iterations}, median and quartiles of {len(ours)} searches",
         verdict=classify(bool(near), enough=enough),
-        why=f"Rule: median within a factor {FACTOR:g}. Converged: the first iteration whose best is within "
-        f"{DEFINITION} of the last. It hangs on that definition: {sensitivity}. By iteration {early} "
-        f"{np.median(share):.0%} of the gain is made{_short(result)}",
+        why=f"Rule: median within a factor {FACTOR:g}. Converged means: the first iteration whose best is within "
+        f"{DEFINITION} of the last. The number depends on this definition: {sensitivity}. At iteration {early} "
+        f"{np.median(share):.0%} of the gain has been reached{_short(result)}",
     )
 
 
@@ -308,8 +308,9 @@ def _faster(result: GaitSearchResult) -> Claim:
         paper=f"more than {PAPER_OLD} against {PAPER_CONVERGED}, {paper:.2f} times",
         ours=f"{_quartiles(old)} against {_quartiles(new)}, {ratio:.2f} times",
         verdict=classify(apart and near, apart, enough),
-        why=f"Rule: quartiles apart and the ratio within a factor {FACTOR:g}; in direction if apart. Both models "
-        f"integrated implicitly, free of noise; median standard against MIPSD by definition: {others}{_short(result)}",
+        why=f"Rule: quartiles do not overlap and the ratio is within a factor {FACTOR:g}; in direction if they do not "
+        "overlap. Both models are integrated implicitly, without noise. Medians of standard against MIPSD by "
+        f"definition: {others}{_short(result)}",
     )
 
 
@@ -330,13 +331,13 @@ def _noise(result: GaitSearchResult) -> Claim:
         if condition != MIPSD_NOISY:
             worse.append(min(result.gains(condition, "standard")) > max(clean))
     return question(
-        claim="A noisy cost is what makes the older model's search slow or poor",
+        claim="A noisy cost makes the older model's search slow or poor",
         ours="; ".join(lines),
         verdict=classify(all(worse), any(worse)),
         why="Rule: every gait found with chatter, and with the noise of the paper's 14.62 %, is worse under the "
         f"noise-free standard model than every one found without noise ({min(clean):+.0%} to {max(clean):+.0%}); in "
-        "direction if one kind is. The search keeps the luckiest cost as its best, against which everything later has "
-        f"to compete{_short(result)}",
+        "direction if one kind is. The search keeps the luckiest cost as its best, and every later candidate is "
+        f"compared with it{_short(result)}",
     )
 
 
@@ -358,9 +359,9 @@ def _cost(result: GaitSearchResult) -> Claim:
         f"{min(costs):.1f} ... {max(costs):.1f} J/m; standard {_percents([s.gain for s in result.of(STANDARD)])}",
         verdict=classify(near, falls),
         why=f"Rule: median within {100 * POINTS:g} points; in direction if every search gains. The paper's 14 % are "
-        f"reached after {_median(reached)} iterations. What is there to gain depends on the first gait, of which the "
-        "paper says no more than that it comes from a pattern generator. Error of the costs: the reference gives "
-        f"{min(off):+.1%} to {max(off):+.1%}",
+        f"reached after {_median(reached)} iterations. The possible gain depends on the first gait; the paper only "
+        f"says that it comes from a pattern generator. Error of the costs: the reference gives {min(off):+.1%} to "
+        f"{max(off):+.1%}",
     )
 
 
@@ -393,7 +394,7 @@ def _survives(result: GaitSearchResult) -> Claim:
             kept += list(gains <= 0.5 * own)
             lines.append(f"found with {condition} ({_percents(own)}), under {evaluation}: {_percents(gains)}")
     return question(
-        claim="What is gained under one model is gained under the other and more accurately",
+        claim="A gain under one model is also a gain under the other, and at higher accuracy",
         ours=f"{sum(kept)} of {len(kept)} evaluations keep half the gain",
         verdict=classify(all(kept), np.mean(kept) > 0.5),
         why="Rule: all keep half; in direction if most do. " + "; ".join(lines) + f". Reference: {accuracy}",
@@ -403,7 +404,7 @@ def _survives(result: GaitSearchResult) -> Claim:
 def _short(result: GaitSearchResult) -> str:
     n = result.settings.iterations
     return (
-        f". Not decided at this size: {n} iterations end before the paper's {PAPER_OLD}; run it with --full"
+        f". Undecided at this size: {n} iterations are fewer than the paper's {PAPER_OLD}; run with --full"
         if n < PAPER_OLD
         else ""
     )
@@ -440,7 +441,7 @@ def plot(result: GaitSearchResult) -> dict[str, Figure]:
         "A stride of the planned gait and of the cheapest found with MIPSD, dark to light, as in Fig. 15.":
             _snapshots(result),
         "Energy per distance of the best gait so far, and its distance per step, as in Fig. 16: median and range of "
-        "the searches (noise put in left out). Dotted: the paper's 14 % and 13 %.": _progress(result),
+        "the searches (without the added noise). Dotted: the paper's 14 % and 13 %.": _progress(result),
         "Iterations until convergence, by definition; each mark is a search. Dotted: the paper's 800 and 2600.":
             _convergence(result),
         "Energy per distance of the gaits found with one model under the others, over that of the planned gait there; "

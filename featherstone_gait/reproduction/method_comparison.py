@@ -125,13 +125,13 @@ def _best(result: MethodResult) -> Claim:
     verdict = classify(least and p < SIGNIFICANT, least)
     start = result.best[PAPERS][0, 0]
     return question(
-        claim="Of these methods the paper's finds the cheapest gait",
+        claim="Among these methods the paper's finds the cheapest gait",
         ours=", ".join(f"{method} {_range(result.costs(method))}" for method in order)
         + f" J/m after {result.settings.evaluations} evaluations, from {start:.1f} J/m",
         verdict=verdict,
         why=f"Rule: least median, and p < {SIGNIFICANT:g} against the next (one-sided rank sum test, p = {p:.2g}); in "
-        f"direction if the median is the least. Median and range of {result.settings.searches} searches each. On "
-        f"the way, medians at {_way(result)}",
+        f"direction if the median is the least. Median and range of {result.settings.searches} searches each. Medians "
+        f"after fewer evaluations: {_way(result)}",
     )
 
 
@@ -171,10 +171,10 @@ def _sound(result: MethodResult) -> Claim:
     """Reproduced if no cost changes by 5 % or more."""
     changes = np.concatenate([result.finer[method] / result.costs(method) - 1.0 for method in result.best])
     return question(
-        claim="What the searches found is no artifact of the step",
+        claim="The gaits found are not artifacts of the time step",
         ours=f"costs change by {_percent(changes.min())} to {_percent(changes.max())} at a quarter of the step",
         verdict=classify(np.abs(changes).max() < 0.05),
-        why="Rule: all by less than 5 %; a fall is an infinite cost",
+        why="Rule: all change by less than 5 %; a fall counts as an infinite cost",
     )
 
 

@@ -239,12 +239,12 @@ def _standard(result: PostureResult) -> Claim:
     masses = "; ".join(f"{_joints(ours)} at {mass:g}" for mass, ours in lighter.items())
     alike = [mass for mass, ours in lighter.items() if _near(paper, ours)]
     why = (
-        f"Rule: each within a factor 3; in direction if every run chatters. Range over disturbances "
+        "Rule: each within a factor 3; in direction if every run chatters. Range over disturbances "
         f"{_joints(found.deviation.min(axis=0))} to {_joints(found.deviation.max(axis=0))}; trunk fixed "
-        f"{_joints(result.of(base='fixed').typical)}. The size hangs on how far the step is beyond what the joints' "
-        f"inertias allow: {_joints(half.typical)} at half the step, {_joints(coarse.typical)} at twice (trunk fixed). "
-        f"The paper gives no masses; with all of them scaled: {masses}"
-        f"{f', within the factor 3 at {alike[0]:g}' if alike else ''}."
+        f"{_joints(result.of(base='fixed').typical)}. The size depends on how far the step exceeds what the inertias "
+        f"of the joints allow: {_joints(half.typical)} at half the step, {_joints(coarse.typical)} at twice the step "
+        "(trunk fixed). The paper gives no masses; with all masses scaled: "
+        f"{masses}{f', within the factor 3 at {alike[0]:g}' if alike else ''}."
     )
     verdict = classify(_near(paper, found.typical), every)
     factor = _factor(paper, found.typical)
@@ -258,10 +258,10 @@ def _mipsd(result: PostureResult) -> Claim:
     paper = _paper("mipsd")[:, 2]
     why = (
         "Rule: no joint more than three times the paper's. Nothing in these equations moves a robot at rest: "
-        f"{_joints(fixed.typical)} are left with the trunk fixed, {_joints(proportional.typical)} standing with the P "
-        f"law; standing with integral action a slow sway dies away (at half the step {_joints(half.typical)}). The "
-        "paper's 0.01 deg may be the noise of its engine, or its last digit; an encoder like the AX-12's alone would "
-        f"give {_joints(encoder.typical)} (trunk fixed)."
+        f"{_joints(fixed.typical)} remain with the trunk fixed, {_joints(proportional.typical)} standing with the P "
+        f"law. Standing with integral action, a slow sway dies away (at half the step {_joints(half.typical)}). The "
+        "paper's 0.01 deg may be the noise of its engine, or its last digit; an encoder like the AX-12's would alone "
+        f"cause {_joints(encoder.typical)} (trunk fixed)."
     )
     verdict = classify(set(found.statuses) == {"ok"} and bool((found.typical < 3 * paper).all()))
     return Claim(f"MIPSD model: {WHAT}", _joints(paper), _joints(found.typical), verdict, why, "Table 3")
@@ -293,11 +293,11 @@ def _centered(result: PostureResult) -> Claim:
     models = [{"servos": s, "integrator": i} for s, i in product(SERVOS, INTEGRATORS)]
     falls = sum(result.of(**model, integral_time=SHORT_INTEGRAL_TIME).fell for model in models)
     why = (
-        f"Rule: mean within 0.05 deg of the reference. With integral action (Ti = {INTEGRAL_TIME:g} s) it is off by "
+        f"Rule: mean within 0.05 deg of the reference. With integral action (Ti = {INTEGRAL_TIME:g} s) it differs by "
         f"{_joints(off['floating', INTEGRAL_TIME])} standing, {_joints(off['fixed', INTEGRAL_TIME])} with the trunk "
-        f"fixed. With the AX-12's own P law it droops by {_joints(off['floating', P])}, which the paper's table rules "
-        f"out. With faster integral action, Ti = {SHORT_INTEGRAL_TIME:g} s, the standing robot sways and falls with "
-        f"{falls} of 4 models."
+        f"fixed. With the AX-12's own P law the joints droop by {_joints(off['floating', P])}, which contradicts the "
+        f"paper's table. With faster integral action, Ti = {SHORT_INTEGRAL_TIME:g} s, the standing robot sways and "
+        f"falls with {falls} of 4 models."
     )
     verdict = classify(off["floating", INTEGRAL_TIME].max() < 0.05)
     ours = _joints(off["floating", INTEGRAL_TIME])
@@ -312,8 +312,8 @@ def _order(result: PostureResult) -> Claim:
     why = (
         "Rule: the same order on both bases; in direction on one. "
         + "; ".join(f"{BASE[base]}: {' > '.join(_title(JOINTS[k]) for k in order)}" for base, order in orders.items())
-        + ". A joint shakes if it feels little inertia; left lateral, right front, right lateral shoulder and elbow "
-        f"feel {', '.join(f'{x:.1e}' for x in result.inertias)} kg m²."
+        + ". A joint with little inertia shakes more; left lateral, right front, right lateral shoulder and elbow have "
+        f"{', '.join(f'{x:.1e}' for x in result.inertias)} kg m²."
     )
     verdict = classify(len(same) == 2, bool(same))
     words = " > ".join(_title(JOINTS[k]) for k in paper)
@@ -326,14 +326,14 @@ def _cause(result: PostureResult) -> Claim:
     rotor = result.of(servos="rotor", base="fixed")
     still = all(set(o.statuses) == {"ok"} and o.typical.max() < 0.01 for o in (standing, fixed))
     why = (
-        "Rule: reproduced if the standard model, integrated implicitly, moves by 0.01 deg or more. It leaves "
-        f"{_joints(standing.typical)} standing, {_joints(fixed.typical)} with the trunk fixed; a rigid gearbox with "
-        f"rotor, in the paper's explicit order, {_joints(rotor.typical)} (trunk fixed). The rotor or the implicit step "
-        "is enough; the spring-damper is not needed."
+        "Rule: yes if the standard model, integrated implicitly, moves by 0.01 deg or more. Its deviations are "
+        f"{_joints(standing.typical)} standing, {_joints(fixed.typical)} with the trunk fixed; with a rigid gearbox "
+        f"and a rotor in the paper's explicit order they are {_joints(rotor.typical)} (trunk fixed). The rotor or the "
+        "implicit step is enough; the spring-damper is not needed."
     )
     verdict: Verdict = "not reproduced" if still else "reproduced"
-    ours = "the standard model does, integrated implicitly" if still else "yes"
-    return question("It takes the MIPSD gearbox to hold still", ours, verdict, why)
+    ours = "the standard model, integrated implicitly, also holds still" if still else "yes"
+    return question("The MIPSD gearbox is needed to hold still", ours, verdict, why)
 
 
 BASE = {"floating": "standing", "fixed": "trunk fixed"}

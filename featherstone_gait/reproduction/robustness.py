@@ -167,7 +167,8 @@ def _walks(result: RobustnessResult) -> Claim:
         claim="An optimized gait walks under as many disturbances as the planned one",
         ours=f"found {span(found, '.0%')}, planned {planned:.0%} of {len(every)} floors, slopes and robots",
         verdict=classify(np.median(found) >= planned),
-        why=f"Rule: the median of {len(found)} gaits walks under at least as many, without falling and faster than "
+        why=f"Rule: the median of {len(found)} gaits walks under at least as many; walking is not falling, and more "
+        "than "
         "5 mm/s. Share of failures by kind: " + ", ".join(f"{kind} {x:.0%}" for kind, x in falls.items()),
     )
 
@@ -215,8 +216,9 @@ def _pushed(result: RobustnessResult) -> Claim:
         claim="An optimized gait withstands as many pushes as the planned one",
         ours=f"found {span(counts[result.found], 'd')}, planned {counts[0]} of {len(stood)}",
         verdict=classify(np.median(counts[result.found]) >= counts[0]),
-        why=f"Rule: median at least as many. Pushes of {result.settings.pushed_for:g} s on the trunk; withstood if it "
-        f"walks to the end of the strides. Largest of all that it withstands, and each weaker one, median: {lines}",
+        why=f"Rule: median at least as many. Pushes of {result.settings.pushed_for:g} s on the trunk; a gait "
+        "withstands one if it walks to the end of the strides. Median of the largest force up to which a gait "
+        f"withstands all pushes: {lines}",
     )
 
 
@@ -234,7 +236,7 @@ def _backlash(result: RobustnessResult) -> Claim:
     sizes = result.settings.backlash
     by_size = ", ".join(f"{size:g} deg {span(each, '+.0%')}" for size, each in zip(sizes, change))
     return question(
-        claim=f"An optimum found without backlash holds up to {max(sizes):g} deg of it",
+        claim=f"An optimum found without backlash tolerates up to {max(sizes):g} deg of backlash",
         ours=f"{np.isfinite(costs).sum()} of {costs.size} walk; change of the cost {by_size}",
         verdict=classify(np.max(change) < 0.1),
         why="Rule: all walk and none costs 10 % more. The planned gait: "
@@ -253,12 +255,12 @@ def _known(result: RobustnessResult) -> Claim:
     clean = {name: result.nominal[rows] for name, rows in both.items()}
     distance = np.degrees(np.abs(result.vectors[result.knowing] - result.vectors[result.found])).mean()
     return question(
-        claim=f"A search that knows of {size:g} deg of backlash finds better gaits for it",
+        claim=f"A search with {size:g} deg of backlash finds better gaits for a robot with this backlash",
         ours=f"with backlash {span(cost['knowing'], '.1f')} J/m against {span(cost['found'], '.1f')} J/m",
         verdict=classify(np.median(cost["knowing"]) < np.median(cost["found"])),
         why=f"Rule: lower median; a fall is infinite. Without backlash they cost {span(clean['knowing'], '.1f')} and "
         f"{span(clean['found'], '.1f')} J/m. With the same seeds the gaits found with and without it are "
-        f"{distance:.1f} deg apart in the mean of their angles",
+        f"{distance:.1f} deg apart on average over their angles",
     )
 
 

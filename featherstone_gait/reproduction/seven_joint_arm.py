@@ -258,10 +258,11 @@ def _standard(result: ArmHoldResult) -> Claim:
     n = len(found.statuses)
     verdict = classify(_near(PAPER_STANDARD, found), found.statuses.count("chatter") == n)
     why = (
-        f"A bounded chatter that never ends, flagged in {found.statuses.count('chatter')} of {n} runs, whatever the "
-        f"disturbance. It is an error of integration: at half the step {_squares(half)}, at a tenth "
-        f"{_squares(fine)}. Its size depends on what the paper does not give: {_squares(*standing)} over the "
-        f"gains at which the arm stands, {_squares(result.of(link=SMALL))} with links of 0.07 kg and 0.067 m."
+        f"Rule: median within a factor 3; in direction if every run chatters. A bounded chatter never ends; "
+        f"{found.statuses.count('chatter')} of {n} runs have it, whatever the disturbance. It is an integration error: "
+        f"{_squares(half)} at half the step, {_squares(fine)} at a tenth. Its size depends on what the paper does not "
+        f"give: {_squares(*standing)} over the gains at which the arm stands, {_squares(result.of(link=SMALL))} with "
+        f"links of 0.07 kg and 0.067 m."
     )
     claim, factor = "The standard model cannot hold the lowest joint at 0", found.typical * DEG2 / PAPER_STANDARD
     return Claim(claim, f"{PAPER_STANDARD} rad²", _both(found), verdict, why, "Fig. 9", factor)
@@ -275,10 +276,10 @@ def _mipsd(result: ArmHoldResult) -> Claim:
     verdict = classify(_near(PAPER_MIPSD, found), found.sound and found.stands)
     left = math.sqrt(np.median(found.history[:, -1]) / np.median(found.history[:, 0]))
     why = (
-        f"The arm holds. The number mostly measures how the initial tilt dies away, to {left:.1g} of it in the last "
-        f"second. Tilts from {min(tilts):g} to {max(tilts):g} rad give {_squares(*tilted)}; gains at which the arm "
-        f"stands give {_squares(*standing)} (the largest is a limit cycle of controllers that act every 10 ms). "
-        f"Discretization error: with a tenth of the step {_squares(fine)}."
+        "Rule: median within a factor 3; in direction if the arm holds. The number mostly measures how the initial "
+        f"tilt dies away, to {left:.1g} of it in the last second. Tilts from {min(tilts):g} to {max(tilts):g} rad "
+        f"give {_squares(*tilted)}; gains at which the arm stands give {_squares(*standing)} (the largest is a limit "
+        f"cycle of controllers that act every 10 ms). Discretization error: with a tenth of the step {_squares(fine)}."
     )
     factor = found.typical * DEG2 / PAPER_MIPSD
     return Claim("The MIPSD model holds it", f"{PAPER_MIPSD} rad²", _both(found), verdict, why, "Fig. 10", factor)
@@ -293,7 +294,7 @@ def _improvement(result: ArmHoldResult) -> Claim:
         "Rule: the median within a factor 3 of the paper's; in direction if over tenfold for every disturbance. Median "
         f"ratio by gain: {', '.join(ratios)} V/rad. Below "
         f"{least_gain(arm(Case())):.3g} V/rad the servos are weaker than gravity and every arm falls; at "
-        "high gains the compliant gearbox swings on its own, where the rigid one is quiet."
+        "high gains the arm with the compliant gearbox oscillates, where the rigid one is still."
     )
     factor = float(np.median(ratio)) * PAPER_MIPSD / PAPER_STANDARD
     verdict = classify(1.0 / 3.0 < factor < 3.0, ratio.min() > 10.0)
@@ -314,11 +315,12 @@ def _unit(result: ArmHoldResult) -> Claim:
     found = ", ".join(f"{c.Kp:g} V/rad with links of {c.link[0]:g} kg, {c.link[1]:g} m" for c in fits["deg²"])
     angles = [math.sqrt(square) for square in (PAPER_STANDARD, PAPER_MIPSD)]
     why = (
-        f"As rad² the rms angles are {math.degrees(angles[0]):.0f} and {math.degrees(angles[1]):.1f} deg: an arm that "
-        "lies or turns over, and a MIPSD fifty times worse than the ±0.05 deg of the paper's Table 3. As deg² they are "
-        f"{angles[0]:.2g} and {angles[1]:.2g} deg. Of {len(still)} pairs of explicit runs (gain, step, links, tilt, "
-        f"encoder) in which MIPSD holds, {len(fits['rad²'])} give both numbers as rad², {len(fits['deg²'])} as deg²"
-        f"{f' ({found})' if found else ''}. Comparisons here are in deg²."
+        "Rule: yes if more pairs of runs give both numbers as rad². As rad² the rms angles are "
+        f"{math.degrees(angles[0]):.0f} and {math.degrees(angles[1]):.1f} deg: an arm that lies down or turns over, "
+        f"and a MIPSD fifty times worse than the ±0.05 deg of the paper's Table 3. As deg² they are {angles[0]:.2g} "
+        f"and {angles[1]:.2g} deg. Of {len(still)} pairs of explicit runs (gain, step, links, tilt, encoder) in which "
+        f"MIPSD holds, {len(fits['rad²'])} give both numbers as rad², {len(fits['deg²'])} as "
+        f"deg²{f' ({found})' if found else ''}. Comparisons here are in deg²."
     )
     more = len(fits["deg²"]) - len(fits["rad²"])  # "reproduced" if more as rad²
     ours = "deg² fits better" if more > 0 else "rad² fits better" if more < 0 else "undecided"
@@ -329,12 +331,12 @@ def _unit(result: ArmHoldResult) -> Claim:
 def _rotor(result: ArmHoldResult) -> Claim:
     standard, rotor, implicit = result.of(), result.of(servos="rotor"), result.of(integrator=IMPLICIT)
     why = (
-        f"Rule: a rigid gearbox with the rotor leaves less than a tenth in the paper's update order. It leaves "
-        f"{_decades(standard, rotor):.1f} decades less, and holds at steps up to {_longest_step(result, 'rotor')}. So "
-        f"does the arm without rotor when the torque is integrated implicitly ({_squares(implicit)}): either is "
-        "enough, and what is unstable is the explicit step, not the standard model. Error of the step: with a tenth of "
-        f"it {_squares(result.of(servos='rotor', step=1e-4))} with the rotor, "
-        f"{_squares(result.of(integrator=IMPLICIT, step=1e-4))} implicitly."
+        "Rule: with the rotor, a rigid gearbox leaves less than a tenth of the error in the paper's update order. It "
+        f"leaves {_decades(standard, rotor):.1f} decades less, and the arm holds at steps up to "
+        f"{_longest_step(result, 'rotor')}. The arm without rotor also holds if the torque is integrated implicitly "
+        f"({_squares(implicit)}). Either is enough: the explicit step is unstable, not the standard model. "
+        f"Discretization error: with a tenth of the step {_squares(result.of(servos='rotor', step=1e-4))} with the "
+        f"rotor, {_squares(result.of(integrator=IMPLICIT, step=1e-4))} implicitly."
     )
     ratio = standard.error / rotor.error
     verdict = classify(ratio.min() > 10.0 and rotor.sound)
@@ -345,13 +347,13 @@ def _rotor(result: ArmHoldResult) -> Claim:
 def _compliance(result: ArmHoldResult) -> Claim:
     rotor, mipsd, alone = result.of(servos="rotor"), result.of(servos="mipsd"), result.of(**ALONE)
     why = (
-        f"Rule: the compliant gearbox leaves less than the rigid one with the same rotor. It leaves "
-        f"{_decades(mipsd, rotor):.1f} decades more, since a spring between the motor and the angle that it controls "
-        f"takes from the controller's margin; and the explicit order holds up to {_longest_step(result, 'mipsd')} "
-        f"instead of {_longest_step(result, 'rotor')}, since a light link swings fast on that spring. Without the "
-        f"rotor's inertia compliance {alone.word}. What helps in MIPSD is the rotor. Error of the step: with a tenth "
-        f"of it rigid {_squares(result.of(servos='rotor', step=1e-4))}, compliant "
-        f"{_squares(result.of(servos='mipsd', step=1e-4))}."
+        "Rule: the compliant gearbox leaves a smaller error than the rigid one with the same rotor. It leaves "
+        f"{_decades(mipsd, rotor):.1f} decades more, because a spring between motor and joint reduces the "
+        f"controller's stability margin. The explicit order holds up to steps of {_longest_step(result, 'mipsd')} "
+        f"instead of {_longest_step(result, 'rotor')}, because a light link on that spring has a high frequency. "
+        f"Without the rotor's inertia a compliant gearbox {alone.word}. The rotor is what helps in MIPSD. "
+        f"Discretization error: with a tenth of the step rigid {_squares(result.of(servos='rotor', step=1e-4))}, "
+        f"compliant {_squares(result.of(servos='mipsd', step=1e-4))}."
     )
     verdict = classify(mipsd.typical < rotor.typical)
     ours = f"rigid {_squares(rotor)}, compliant {_squares(mipsd)}"
@@ -367,12 +369,13 @@ def _printed(result: ArmHoldResult) -> Claim:
     limit = servo.gearbox.ratio * 0.2 * servo.gearbox.rotor_inertia / Case.step
     weight = -inverse_dynamics(model, np.radians(1.0) * np.eye(7)[0], np.zeros(7), np.zeros(7))[0]
     why = (
-        f"As printed, at the output, they pass {1e3 * torque:.1g} mN m at most (half a turn of the spring, damper at "
-        f"no-load speed); at one degree the lowest joint carries {1e3 * weight:.0f} mN m. Scaled to the output as the "
-        "program of 2012 does (G K, G² B), or both by G², it is the damper of 6.45 N m s/rad that holds, as thick oil "
-        f"would; of it that program passes {1e3 * limit:.1g} mN m in steps of 1 ms: "
+        "Rule: yes if the arm holds with the constants as printed. At the output they transmit at most "
+        f"{1e3 * torque:.1g} mN m (half a turn of the spring, damper at no-load speed), but at one degree the lowest "
+        f"joint carries {1e3 * weight:.0f} mN m. Scaled to the output as in the program of 2012 (G K, G² B), or both "
+        "by G², the damper of 6.45 N m s/rad holds the arm like thick oil; that program limits it to "
+        f"{1e3 * limit:.1g} mN m at steps of 1 ms: "
         + ", ".join(f"{g} {i} {word}" for (g, i), word in words.items())
-        + ". None of it is a gearbox, hence our `physical`."
+        + ". None of these is a gearbox, hence our `physical`."
     )
     word = words["paper_literal", EXPLICIT]
     paper = "1e-5 N m/rad, 1e-4 N m s/rad"

@@ -360,7 +360,7 @@ def _size(result: ScatterResult, servos: str) -> Claim:
     alike = [row for row in rows if near(row.cycle, paper)]
     places = "; ".join(f"{row.cycle:.1%} at {_place(row)}" for row in alike[:6])
     return Claim(
-        claim=f"Standard deviation of the energy of the same gait, {servos} model, in its kind of program",
+        claim=f"Standard deviation of the energy of the same gait, {servos} model, in the paper's kind of program",
         item="Fig. 11",
         factor=ours.cycle / paper,
         paper=f"{paper:.2%} over 200 runs",
@@ -419,7 +419,7 @@ def _lower(result: ScatterResult) -> Claim:
     ratio, repeat = standard.cycle / mipsd.cycle, standard.repeat / mipsd.repeat
     paper = PAPER["standard"] / PAPER["mipsd"]
     return Claim(
-        claim="The energy repeats better with MIPSD, in its kind of program",
+        claim="The energy repeats better with MIPSD, in the paper's kind of program",
         item="Fig. 11",
         factor=ratio / paper,
         paper=f"{paper:.2f} times",
@@ -436,23 +436,24 @@ def _cause(result: ScatterResult) -> Claim:
     words = ", ".join(f"{servos} {row.repeat:.2%}" for servos, row in result.solved.items())
     swept = ", ".join(f"{servos} {row.repeat:.2%}" for servos, row in result.swept.items())
     return question(
-        claim="The scatter is the random order of an unfinished iteration",
+        claim="The scatter comes from the random order of an unfinished iteration",
         ours=f"the same problem solved: {words} from run to run",
         verdict=classify(none and less, none),
-        why="Rule: none where each step has its problem solved, of which no order is left; less than half with "
-        f"{MANY} sweeps; in direction if the former. With {MANY} sweeps {swept}: where that is no less, the order only "
-        "begins the scatter and the walk lets it grow",
+        why=f"Rule: no scatter if the problem of each step is solved, and less than half with {MANY} sweeps; in "
+        f"direction if only the first holds. With {MANY} sweeps {swept}: where this is not less, the order only "
+        "starts the scatter and the walk amplifies it",
     )
 
 
 def _sensitive(result: ScatterResult) -> Claim:
     standard, mipsd = (result.nudged[servos] for servos in SERVOS)
     return question(
-        claim="The standard model makes a scatter of whatever differs between runs, MIPSD does not",
+        claim="The standard model amplifies any difference between runs into scatter, MIPSD does not",
         ours=f"standard {standard:.1%}, MIPSD {mipsd:.1e}",
         verdict=classify(standard > 1e-3 and mipsd < 1e-3 * standard, standard > mipsd),
-        why=f"Rule: each step solved, in double precision, starts that are off by {NUDGE:g} rad in one joint give the "
-        "standard model's cycles a deviation of more than 0.1 %, and MIPSD's less than a thousandth of that",
+        why="Rule: with each step solved in double precision, initial angles that differ by "
+        f"{NUDGE:g} rad in one joint give the standard model's cycles a deviation of more than 0.1 %, and MIPSD's less "
+        "than a thousandth of that",
     )
 
 
@@ -466,7 +467,8 @@ def _arm(result: ScatterResult, servos: str, paper: float) -> Claim:
     )
     stiller = servos == "mipsd" and ours < paper
     return Claim(
-        claim=f"Seven joints held upright, {servos} model, in its kind of program: variance of the lowest [deg^2]",
+        claim=f"Seven joints held upright, {servos} model, in the paper's kind of program: variance of the lowest "
+        "[deg^2]",
         item={"standard": "Fig. 9"}.get(servos, "Fig. 10"),
         factor=float(ours) / paper,
         paper=f"{paper:g}, printed as rad^2",
@@ -483,8 +485,8 @@ def _table(result: ScatterResult) -> Claim:
     alike = [key for key, ours in found.items() if _all_near(ours, paper)]
     ours = found[SolverCase.iterations, 1.0]
     return Claim(
-        claim="Standard model in its kind of program: deviations of left lateral, right front, right lateral shoulder, "
-        "left elbow [deg]",
+        claim="Standard model in the paper's kind of program: deviations of left lateral, right front, right lateral "
+        "shoulder, left elbow [deg]",
         item="Table 3",
         paper=_numbers(paper),
         ours=_numbers(ours),
@@ -516,7 +518,7 @@ def _order(result: ScatterResult) -> Claim:
     names = [name.replace("_", " ") for name in posture.JOINTS]
     at = ", ".join(f"{n} sweeps and {mass:g} of the mass" for n, mass in same)
     return Claim(
-        claim="Which joints shake most with the standard model, in its kind of program",
+        claim="Which joints shake most with the standard model, in the paper's kind of program",
         item="Table 3",
         paper=" > ".join(names[k] for k in paper),
         ours=" > ".join(names[k] for k in found[SolverCase.iterations, 1.0]),
@@ -536,13 +538,13 @@ def _rest(result: ScatterResult) -> Claim:
     )
     same = bool((ours < ORDER_FACTOR * PRINTED).all() and (ours > PRINTED / ORDER_FACTOR).all())
     return Claim(
-        claim="MIPSD in its kind of program: 0.01 deg are left in each joint",
+        claim="MIPSD in the paper's kind of program: 0.01 deg remain in each joint",
         item="Table 3",
         paper="0.01 each",
         ours=_numbers(ours),
         verdict=classify(same, falling),
         why=f"Rule: each within a factor {ORDER_FACTOR:g} at 10 sweeps and our masses; in direction if it falls with "
-        f"more sweeps, as what an iteration leaves does. {words}",
+        f"more sweeps, as the residual of an iteration does. {words}",
     )
 
 

@@ -262,7 +262,7 @@ def _stops(result: StopResult) -> Claim:
     way = f"at iteration {at}, where the steps have changed by {then}" if passed else "so far"
     ends = "; ".join(f"{row.condition}: {row.cost:+.0%}, steps {row.longer:+.0%}" for row in rows)
     return question(
-        claim="Something that the paper leaves open stops a search at its 14 % and 13 %",
+        claim="Under a condition that the paper does not state, a search stops at its 14 % and 13 %",
         ours=f"{len(both)} of {len(rows)} searches stop there, {len(cost)} at the energy, {len(step)} at the steps; "
         f"from {span([row.cost for row in rows], '+.0%')}; {len(passed)} pass 14 %, {way}",
         verdict=classify(bool(both), bool(cost or step), result.settings.iterations >= PAPER_CONVERGED),
@@ -287,7 +287,7 @@ def _fair(result: StopResult) -> Claim:
     less = [fair.cost > plain.cost for plain, fair in pairs]
     gains = span([fair.cost for _, fair in pairs], "+.0%") if pairs else "not run at this size"
     return question(
-        claim="From the cheapest of many plans less is gained",
+        claim="A search from the cheapest of many plans gains less",
         ours=f"{gains}, from the plain plan {span([plain.cost for plain, _ in pairs], '+.0%')}" if pairs else gains,
         verdict=classify(all(less), any(less), bool(pairs) and result.settings.iterations >= PAPER_CONVERGED),
         why=f"Rule: in each pair of searches; in part if in some; undecided before {PAPER_CONVERGED}. {words}",
@@ -306,7 +306,7 @@ def _scatter(result: StopResult) -> Claim:
     )
     less = [row.cost > clean for row in swept]
     return Claim(
-        claim="In its kind of program, where each walk scatters, the search cuts the energy per distance",
+        claim="In the paper's kind of program, where each walk scatters, the search cuts the energy per distance",
         item="Section 5",
         paper=f"{PAPER_COST:.0%}, steps {PAPER_STEP:+.0%}",
         ours=f"{span([row.cost for row in swept], '+.0%')}, steps {span([row.longer for row in swept], '+.0%')}; "
@@ -332,7 +332,7 @@ def _faster(result: StopResult) -> Claim:
             for both in found.values()]  # fmt: skip
     words = "; ".join(f"{old:.0f} against {new:.0f} at {1e3 * step:g} ms" for step, (old, new) in found.items())
     return Claim(
-        claim="In its kind of program the older model needs more iterations",
+        claim="In the paper's kind of program the older model needs more iterations",
         item="Fig. 16",
         paper=f"more than {PAPER_OLD} against {PAPER_CONVERGED}",
         ours=f"{words} of {result.settings.iterations}",
