@@ -1,25 +1,25 @@
-"""Servos identified from recordings of a real one that swings a weight: friction models M1 to M6, motor and firmware.
+"""Identify a real servo from recordings of a swinging weight: friction models M1 to M6, motor and firmware.
 
     recordings = [read_bench(path, XL330) for path in paths]
     fit = fit_servo(recordings, XL330, "m4p", progress=True)
     print(fit.summary())
 
 The bench is that of Rhoban's BAM project (https://github.com/Rhoban/bam; arXiv 2410.08650): the servo's axis is
-horizontal and carries a rod with a weight at its end; zero hangs down.  The servo follows its goal by its own firmware,
-duty = gain kp (goal - angle), and may let go.  Simulated is the whole rollout, from the first sample on and with no
-correction on the way: a rod on a `Servo` with rotor and `Gearbox` friction, its controller at 500 Hz.
+horizontal and carries a rod with a weight at its end; at zero it hangs down.  The servo's firmware follows the goal with
+duty = gain kp (goal - angle), and may switch the motor off.  Each recording is simulated as a whole, from its first sample
+and without correction on the way: a rod on a `Servo` with rotor and `Gearbox` friction, its controller at 500 Hz.
 
-The simulated angle is brought to the recorded one in the mean absolute sense (a soft absolute value, `SOFT`), each
-recording counting alike.  Some combinations of parameters hardly show in such recordings; a weak prior keeps them near
-the figures that are published for servos of the kind, as wide as those differ (`Parameter`).  It counts as much as
-1 / `PRIOR`^2 independent samples, however well the model fits.  The supply is what the servo measures at rest: its
-column under load is a beat of its converter with the bridge's switching.
+The fit minimizes the mean absolute error of the angle (a soft absolute value, `SOFT`), with equal weight for each
+recording.  Some combinations of parameters have little effect on such recordings; a weak prior keeps them near published
+values of similar servos, with a width like the differences between those (`Parameter`).  The prior weighs as much as
+1 / `PRIOR`^2 independent samples, however well the model fits.  The supply is the one that the servo measures at rest:
+under load its column aliases the switching of the bridge.
 
-The search goes in rounds, each a new start of the method where the last one came to; a `FitLog` keeps them, and a fit
-that was interrupted goes on with the next round, to the same bits.
+The search runs in rounds, each of which restarts the method at the last result.  A `FitLog` stores them, and an interrupted
+fit resumes with the next round, to the same bits.
 
-Intervals are those of identification.py, with what the prior knows, of a model that has the servo's physics; the error
-on recordings left out (`leave_out`) tells how far it has.
+Intervals are those of `identification.fit`, with the prior, and hold for a model with the servo's physics; the error on
+recordings that were not fitted (`leave_out`) shows how good the model is.
 """
 
 from __future__ import annotations
@@ -81,7 +81,18 @@ RESTING = 30.0  # duty in units of the servo, below which it measures its supply
 
 
 class Parameter(NamedTuple):
-    """What is searched: where from, within which bounds, and how wide the prior is about the start."""
+    """A parameter of the fit.
+
+    Attributes
+    ----------
+    start : float
+        Where the search starts, and the mean of the prior.
+    low, high : float
+        Bounds of the search.
+    width : float
+        Standard deviation of the prior.
+    unit : str
+    """
 
     start: float
     low: float
@@ -92,7 +103,25 @@ class Parameter(NamedTuple):
 
 @dataclass(frozen=True)
 class Bench:
-    """A kind of servo on a bench: its firmware, the weight, and where the search starts."""
+    """A kind of servo on a bench: its firmware, the weight, and where the search starts.
+
+    Attributes
+    ----------
+    name : str
+    mass : float
+        Of the weight at the end of the rod [kg].
+    length : float
+        Of the rod [m].
+    supply : float
+        Nominal supply [V].
+    duty : float
+        Duty cycle per rad and unit of gain.
+    largest_duty : float
+    goal_lead : float
+        Time by which a goal takes effect before its time stamp [s].
+    torque_constant, resistance, armature, coulomb_friction, viscous_friction : float
+        Published values of this servo or a similar one, at its output [N m/A, Ohm, kg m^2, N m, N m s/rad].
+    """
 
     name: str
     mass: float  # at the end of the rod [kg]
@@ -108,7 +137,7 @@ class Bench:
     viscous_friction: float  # [N m s/rad]
 
     def parameters(self) -> dict[str, Parameter]:
-        """All that may be searched, by name."""
+        """Return all parameters that can be fitted, by name."""
         k, g, A = self.torque_constant, self.torque_constant / self.resistance, self.armature
         stall = 7.0 * g  # [N m], to which frictions go
         return {
@@ -165,17 +194,38 @@ SHARED = {  # numbers of M3 and M4 that are two of `Gearbox`
 
 @dataclass(frozen=True, eq=False)
 class BenchRecording:
-    """One trajectory: time (k,) rising [s]; angle (k,) and goal (k,) [rad], each goal held until the next."""
+    """A recording of a servo on the bench.
+
+    Attributes
+    ----------
+    name : str
+    time : (k,) ndarray
+        Rising [s].
+    angle : (k,) ndarray
+        [rad]
+    goal : (k,) ndarray
+        Each value is held until the next [rad].
+    release : float
+        When the servo switches its motor off [s]; infinite if it never does.
+    supply : float
+        At rest [V].
+    gain : float
+        kp, in the firmware's units.
+    mass : float
+        Of the weight [kg].
+    length : float
+        Of the rod [m].
+    """
 
     name: str
     time: np.ndarray
     angle: np.ndarray
     goal: np.ndarray
-    release: float  # when the servo lets go [s]; infinite if it never does
-    supply: float  # [V] at rest
-    gain: float  # kp, in the firmware's units
-    mass: float  # [kg]
-    length: float  # [m]
+    release: float
+    supply: float
+    gain: float
+    mass: float
+    length: float
 
     @property
     def reference(self) -> np.ndarray:
@@ -196,11 +246,28 @@ def read_bench(
     mass: float | None = None,
     length: float | None = None,
 ) -> BenchRecording:
-    """Read a CSV with the columns time_s, angle_rad, goal_rad, supply_v and torque_on; others are passed over.
+    """Read a recording of a servo on the bench from a CSV file.
 
-    gain: kp of the firmware; None takes it from a name like xl330_kp400_lift.csv.  mass [kg], length [m]: those of the
-    bench where not given.  Raises ValueError, naming file, line and column, on anything that is not such a table, and
-    OSError if the file cannot be read.
+    Parameters
+    ----------
+    path : path-like
+        A table with the columns time_s, angle_rad, goal_rad, supply_v and torque_on; other columns are ignored.
+    bench : Bench
+    gain : float, optional
+        kp of the firmware; by default from a file name like xl330_kp400_lift.csv.
+    mass, length : float, optional
+        Of weight [kg] and rod [m]; by default those of the bench.
+
+    Returns
+    -------
+    BenchRecording
+
+    Raises
+    ------
+    ValueError
+        If the file is not such a table; the message names file, line and column.
+    OSError
+        If the file cannot be read.
     """
     path = path_of("path", path)
     instance("bench", bench, Bench, f"give one of {', '.join(BENCHES)} in BENCHES")
@@ -211,7 +278,7 @@ def read_bench(
         raise ValueError(f"{path}, line {lines[wrong[0] + 1]}: the time does not rise; sort the samples")
     off = np.flatnonzero(~on)
     if off.size and on[off[0] :].any():
-        raise ValueError(f"{path}, line {lines[off[0]]}: it lets go and takes hold again; cut the file there")
+        raise ValueError(f"{path}, line {lines[off[0]]}: the motor is switched off and takes hold again; cut the file there")
     if gain is None:
         found = re.search(r"_kp(\d+(?:\.\d+)?)_", path.name)
         if found is None:
@@ -286,10 +353,29 @@ def fit_servo(
 ) -> ServoFit:
     """Fit a servo with a friction model to recordings.
 
-    friction: "m1" to "m6", or "m4p", M4 with losses that grow with the product of the loads.  more: further parameters
-    of `Bench.parameters` to be searched, such as "stiffness", "damping" and "backlash" of the gearbox.  held: numbers
-    that are given, those of `Bench.parameters` or of a servo: {"rod_mass": 0.0}, {"encoder_resolution": 2 * pi / 4096}.
-    log: where rounds are kept, and taken from.  Raises ValueError for other names and for no recordings.
+    Parameters
+    ----------
+    recordings : sequence of BenchRecording
+    bench : Bench
+    friction : str
+        "m1" to "m6", or "m4p", which is M4 with losses that grow with the product of the loads.
+    more : sequence of str
+        Further parameters of `Bench.parameters` to fit, such as "stiffness", "damping" and "backlash" of the gearbox.
+    held : mapping of str to float, optional
+        Known values, of `Bench.parameters` or of a servo: {"rod_mass": 0.0}, {"encoder_resolution": 2 * pi / 4096}.
+    log : FitLog, optional
+        Where finished rounds are stored, and read from.
+    progress : bool
+        Show a progress bar.
+
+    Returns
+    -------
+    ServoFit
+
+    Raises
+    ------
+    ValueError
+        For unknown names and for no recordings.
     """
     recordings = _checked(recordings, bench)
     one_of("friction", friction, MODELS)
@@ -353,10 +439,10 @@ def _searched(work: _Residuals, key: str, log: FitLog | None) -> FitRound:
 
 
 def _key(bench: Bench, recordings: Sequence[BenchRecording], names: Sequence[str], held: Mapping[str, float]) -> str:
-    """What a fit depends on, as a number: bench, recordings, what is searched and what is given."""
-    told = (bench, names, sorted(held.items()), [replace(r, time=0, angle=0, goal=0) for r in recordings])  # type: ignore[arg-type]
+    """Return a hash of all that a fit depends on: bench, recordings, fitted parameters and given values."""
+    content = (bench, names, sorted(held.items()), [replace(r, time=0, angle=0, goal=0) for r in recordings])  # type: ignore[arg-type]
     data = [column.tobytes() for r in recordings for column in (r.time, r.angle, r.goal)]
-    return sha256(b"".join([repr(told).encode(), *data])).hexdigest()[:16]
+    return sha256(b"".join([repr(content).encode(), *data])).hexdigest()[:16]
 
 
 def leave_out(
@@ -366,11 +452,29 @@ def leave_out(
     by: Callable[[BenchRecording], object] = lambda r: r.gain,
     **options: Any,
 ) -> dict[object, tuple[ServoFit, list[np.ndarray], np.ndarray]]:
-    """Of each group of recordings: the fit to all others, the angles it predicts, and their mean absolute errors [rad].
+    """Cross-validate: predict each group of recordings with a fit to all others.
 
-    by: what tells the groups, by default their gain; their motion, for another.  options: those of `fit_servo`.  Of
-    each group, by what `by` gives, come the fit, a list of angles (k,) at the times of its recordings, and errors
-    (recordings,).  Raises ValueError where there are less than two groups, and as `fit_servo`.
+    Parameters
+    ----------
+    recordings : sequence of BenchRecording
+    bench : Bench
+    friction : str
+        As for `fit_servo`.
+    by : callable
+        Returns the group of a recording, by default its gain.
+    **options
+        Options of `fit_servo`.
+
+    Returns
+    -------
+    dict of object to (ServoFit, list of (k,) ndarray, (recordings,) ndarray)
+        For each group the fit to all others, the angles that it predicts at the times of the group's recordings
+        [rad], and their mean absolute errors [rad].
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two groups, and as `fit_servo`.
     """
     recordings = _checked(recordings, bench)
     groups = sorted({by(r) for r in recordings}, key=str)
@@ -430,7 +534,7 @@ _SERVO = Servo(
 
 
 def _scene(bench: Bench, world: _World) -> CompiledScene:
-    """The bench: a rod on the servo, which hangs down at zero."""
+    """Compile the bench: a rod on the servo, which hangs down at zero."""
     servo, J = servo_with(_SERVO, world.servos), world.inertia
     links = (
         Link("stand", 1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),
@@ -443,13 +547,13 @@ def _scene(bench: Bench, world: _World) -> CompiledScene:
 
 
 class _Rollouts:
-    """All recordings with several sets of values at once, eight simulations to a vector."""
+    """Simulations of all recordings with several sets of values at once, eight to a vector."""
 
     def __init__(self, bench: Bench, recordings: Sequence[BenchRecording]) -> None:
         self.bench, self.recordings, self.count = bench, list(recordings), 0
 
     def __call__(self, sets: Sequence[dict[str, float]]) -> list[list[np.ndarray]]:
-        """Angles of each recording at its times [rad], for each set of values."""
+        """Return the angles of each recording at its times [rad], for each set of values."""
         pairs = [(values, r) for values in sets for r in self.recordings]
         self.count += len(pairs)
         worlds = [_numbers_of(self.bench, r, values) for values, r in pairs]
@@ -477,27 +581,27 @@ class _Rollouts:
         return [angles[k * n : (k + 1) * n] for k in range(len(sets))]
 
     def _given(self, scene: CompiledScene, values: dict[str, float], r: BenchRecording) -> tuple[Any, Reference]:
-        """State at the start and goals."""
+        """Return the initial state and the goals of a recording."""
         times = r.time - r.time[0] - self.bench.goal_lead - EARLY
         goals = Reference(times, r.goal[:, None] - values["zero"], "hold")
         return initial_state(scene, [r.angle[0] - values["zero"]]), goals
 
 
 def _steps(r: BenchRecording) -> tuple[int, int]:
-    """Steps of a recording until the servo lets go, and from then on."""
+    """Return the steps of a recording until the servo switches off, and from then on."""
     length = math.ceil((r.time[-1] - r.time[0]) / STEP) + 40  # beyond the end: the angle's age may be negative
     held = length if r.release == math.inf else round((r.release - r.time[0]) / STEP)
     return held, length - held
 
 
 def _another(world: _World) -> _World:
-    """A world all numbers of which are others."""
+    """Return a world in which every number differs."""
     servos = {name: 1.01 * x + 1e-6 for name, x in world.servos.items()}
     return _World(servos, 1.01 * world.mass, 1.01 * world.center, world.inertia + 1e-6)
 
 
 def _scenes(scene: CompiledScene, worlds: list[_World], limit: float) -> list[CompiledScene]:
-    """The scene of each world, one for those that are alike: of one gain, often."""
+    """Return the scene of each world; equal worlds, such as those of one gain, share one."""
     keys = [(*world.servos.values(), *world[1:]) for world in worlds]
     places = {key: k for k, key in enumerate(dict.fromkeys(keys))}
     others = list(dict(zip(keys, worlds)).values())
@@ -517,7 +621,7 @@ def _scenes(scene: CompiledScene, worlds: list[_World], limit: float) -> list[Co
 def _run(
     scenes: list[CompiledScene], members: list[int], steps: int, starts: Sequence, goals: Sequence[Reference]
 ) -> list[Trajectory]:
-    """Some of the scenes; the last one runs besides, and what it gives is dropped."""
+    """Simulate some of the scenes; the last scene runs along, and its result is dropped."""
     chosen = [scenes[k] for k in (*members, -1)]
     states = [getattr(state, "final", state) for state in (*starts, starts[0])]
     return simulate_batch(

@@ -1,4 +1,4 @@
-"""What a servo gives in steady state under full voltage: torque, current and efficiency against speed, with friction.
+"""Torque, current and efficiency of a servo against speed, in steady state under full voltage and with friction.
 
     curve = torque_speed(load_servo("ax12a"), 12.0)
     print(curve.stall_torque, curve.no_load_speed, curve.peak_efficiency)
@@ -8,9 +8,9 @@ t_m = k I - G^2 B v (B: the rotor's damping, which acts where the gear has a spr
 
     T = t_m - K_v v - tau_f(t_m, t_e, v),   t_e = -T,
 
-tau_f the budget of dry friction of core/effects/gear_friction.py.  Where that grows with the load, T is on both sides:
-a scalar equation, each side of which falls or rises.  At rest, T is the load that the servo still lifts; what it holds
-without sinking is more, by twice its friction.
+tau_f the budget of dry friction of core/effects/gear_friction.py.  Where it grows with the load, T is on both sides of
+a scalar equation with monotonic sides.  At rest, T is the load that the servo still lifts; it holds more than that, by
+twice its friction.
 """
 
 from __future__ import annotations
@@ -40,45 +40,76 @@ TIGHT = 1e-14  # relative, of the scalar equations
 
 @dataclass(frozen=True, eq=False)
 class TorqueSpeed:
-    """A servo from rest to the speed without load, under a constant voltage."""
+    """A servo from rest to its no-load speed, under a constant voltage.
 
-    voltage: float  # [V]
-    speed: np.ndarray  # (n,) of the joint, rising from 0 [rad/s]
-    torque: np.ndarray  # (n,) on the load [N m]; 0 at the last speed
-    current: np.ndarray  # (n,) [A]
-    efficiency: np.ndarray  # (n,) torque times speed over voltage times current [-]
-    peak_efficiency: float  # [-], between the points too
+    Attributes
+    ----------
+    voltage : float
+        [V]
+    speed : (n,) ndarray
+        Of the joint, rising from 0 [rad/s].
+    torque : (n,) ndarray
+        On the load [N m]; 0 at the last speed.
+    current : (n,) ndarray
+        [A]
+    efficiency : (n,) ndarray
+        Torque times speed over voltage times current [-].
+    peak_efficiency : float
+        Largest efficiency, also between the points [-].
+    """
+
+    voltage: float
+    speed: np.ndarray
+    torque: np.ndarray
+    current: np.ndarray
+    efficiency: np.ndarray
+    peak_efficiency: float
 
     @property
     def stall_torque(self) -> float:
-        """The largest load that is still lifted [N m]."""
+        """Largest load that the servo still lifts [N m]."""
         return float(self.torque[0])
 
     @property
     def stall_current(self) -> float:
-        """At rest [A]."""
+        """Current at rest [A]."""
         return float(self.current[0])
 
     @property
     def no_load_speed(self) -> float:
-        """[rad/s]; 0 if friction holds the joint."""
+        """Speed without load [rad/s]; 0 if friction holds the joint."""
         return float(self.speed[-1])
 
     @property
     def no_load_current(self) -> float:
-        """[A]"""
+        """Current without load [A]."""
         return float(self.current[-1])
 
 
 def torque_speed(servo: Servo, voltage: float | None = None, points: int = POINTS) -> TorqueSpeed:
-    """The curve of a servo under a voltage [V], by default its `voltage_limit`, at so many speeds from 0 on.
+    """Compute the torque-speed curve of a servo.
 
-    Raises ValueError for a servo of a torque law, which knows no motor, and for a voltage that is not above zero.
+    Parameters
+    ----------
+    servo : Servo
+    voltage : float, optional
+        [V]; by default its `voltage_limit`.
+    points : int
+        Number of speeds.
+
+    Returns
+    -------
+    TorqueSpeed
+
+    Raises
+    ------
+    ValueError
+        For a servo with a torque law, which has no motor, and for a voltage that is not positive.
     """
     instance("servo", servo, Servo, "give a Servo, as load_servo(name)")
     if servo.controller.law in TORQUE_LAWS:
         raise ValueError(
-            f"servo: its law {servo.controller.law!r} knows no motor and has no such curve; give one of a sampled law"
+            f"servo: its law {servo.controller.law!r} has no motor and no such curve; give a servo with a sampled law"
         )
     V = real("voltage", servo.voltage_limit if voltage is None else voltage, 1e-6, 1e6, "give volts")
     points = whole("points", points, 2, "it is a number of speeds", MOST_POINTS)
@@ -102,20 +133,20 @@ def _current(servo: Servo, V: float, v: float) -> float:
 
 
 def _drive(servo: Servo, V: float, v: float) -> float:
-    """t_m [N m]."""
+    """Return t_m [N m]."""
     G = servo.gearbox.ratio
     return G * servo.motor_constant * _current(servo, V, v) - G * G * servo.gearbox.rotor_damping * v
 
 
 def _torque(servo: Servo, V: float, v: float) -> float:
-    """T [N m]; 0 where friction takes all that drives."""
+    """Return T [N m]; 0 where friction takes the whole drive torque."""
     t_m = _drive(servo, V, v)
     left = t_m - servo.viscous_friction * v
     return _root(lambda T: T + _budget(servo, t_m, -T, v) - left, 0.0, left)
 
 
 def _no_load_speed(servo: Servo, V: float) -> float:
-    """The fastest at which what drives is what rubs [rad/s]."""
+    """Return the highest speed at which drive torque and friction balance [rad/s]."""
 
     def excess(v: float) -> float:
         t_m = _drive(servo, V, v)
@@ -131,14 +162,14 @@ def _no_load_speed(servo: Servo, V: float) -> float:
 
 
 def _root(f: Callable[[float], float], low: float, high: float) -> float:
-    """Where a function that rises is zero; `low` if it is not below zero there."""
+    """Return the zero of a rising function; `low` if it is not negative there."""
     if f(low) >= 0.0:
         return low
     return float(brentq(f, low, high, xtol=1e-300, rtol=TIGHT))
 
 
 def _budget(servo: Servo, t_m: float, t_e: float, v: float) -> float:
-    """tau_f [N m] of a joint that turns forwards."""
+    """Return tau_f [N m] of a joint that turns forwards."""
     g = servo.gearbox
     S = math.exp(-((v / g.stribeck_speed) ** g.stribeck_exponent)) if v > 0.0 else 1.0
     grows = g.external_load_friction + S * g.stribeck_external_load
@@ -154,9 +185,18 @@ def _budget(servo: Servo, t_m: float, t_e: float, v: float) -> float:
 
 @look()
 def plot_curves(curves: Mapping[str, TorqueSpeed], manual: Mapping[str, Sequence[ManualPoint]] | None = None) -> Figure:
-    """Draw torque, current and efficiency against speed; what manuals state at stall and without load as dots.
+    """Draw torque, current and efficiency against speed, and the points that manuals state as dots.
 
-    curves: by the names to be shown; manual: points by some of these names, of which those at a curve's voltage count.
+    Parameters
+    ----------
+    curves : mapping of str to TorqueSpeed
+        By the names to show.
+    manual : mapping of str to sequence of ManualPoint, optional
+        Points at stall and without load, by the same names; those at a curve's voltage are drawn.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     from matplotlib.figure import Figure
 

@@ -1,4 +1,4 @@
-"""What each effect of a servo buys: the error on recordings left out of the fit, with and without it.
+"""Measure what each effect of a servo model contributes: the error on recordings that were not fitted.
 
     for row in effects(recordings, XL330, log=log, progress=True):
         print(row.line())
@@ -23,7 +23,7 @@ GEAR = ("stiffness", "damping")
 
 
 class Effect(NamedTuple):
-    """One row: which model is fitted."""
+    """A model to fit."""
 
     name: str
     friction: str = "m4p"
@@ -50,7 +50,7 @@ EFFECTS = (
 
 
 class EffectRow(NamedTuple):
-    """Mean absolute errors [rad], and what the fit took."""
+    """Mean absolute errors of a model [rad], and the time of its fit."""
 
     effect: Effect
     fitted: float  # of all recordings, fitted to all
@@ -59,11 +59,11 @@ class EffectRow(NamedTuple):
 
     @property
     def mean(self) -> float:
-        """Of the groups left out."""
+        """Mean error of the groups that were not fitted."""
         return float(np.mean([*self.left_out.values()]))
 
     def line(self) -> str:
-        """The row as text."""
+        """Return the row as text."""
         groups = ", ".join(f"{group:g}" if isinstance(group, float) else str(group) for group in self.left_out)
         errors = " ".join(f"{1e3 * error:6.1f}" for error in self.left_out.values())
         return (
@@ -81,10 +81,29 @@ def effects(
     log: FitLog | None = None,
     progress: bool = False,
 ) -> Iterator[EffectRow]:
-    """Rows of the table, one after the other.
+    """Yield the rows of the table: each model fitted to all recordings, and to all but each group in turn.
 
-    by: what tells the groups that are left out; log: where rounds are kept, and taken from, so that a table that was
-    interrupted goes on.  Raises ValueError where there are less than two groups.
+    Parameters
+    ----------
+    recordings : sequence of BenchRecording
+    bench : Bench
+    by : callable
+        Returns the group of a recording, by default its gain.
+    chosen : sequence of Effect
+        Models to fit.
+    log : FitLog, optional
+        Where finished rounds are stored, so that an interrupted table resumes.
+    progress : bool
+        Show a progress bar.
+
+    Yields
+    ------
+    EffectRow
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two groups.
     """
     for effect in chosen:
         own = [replace(r, supply=bench.supply) for r in recordings] if effect.nominal else list(recordings)

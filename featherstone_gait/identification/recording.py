@@ -25,11 +25,21 @@ EARLY = 1e-7  # a command that comes with a controller tick counts for it, whate
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A joint that follows a reference, from rest.
+    """A recording of one joint that follows a reference from rest.
 
-    time (k,) rising from 0 [s]; reference (k,), each value held until the next [rad]; angle (k,) as measured [rad];
-    voltage (k,) at the motor [V], None if it was not recorded.  settings: servo parameters that hold here alone, for
-    instance {"Kp": 20.0} or `MOTOR_OFF`.  Raises ValueError on arrays and settings that do not fit.
+    Attributes
+    ----------
+    name : str
+    time : (k,) ndarray
+        Rising from 0 [s].
+    reference : (k,) ndarray
+        Each value is held until the next [rad].
+    angle : (k,) ndarray
+        As measured [rad].
+    voltage : (k,) ndarray or None
+        At the motor [V]; None if it was not recorded.
+    settings : mapping of str to float
+        Servo parameters of this recording alone, such as {"Kp": 20.0} or `MOTOR_OFF`.
     """
 
     name: str
@@ -61,10 +71,24 @@ class Recording:
 
 
 def read_recording(path: FilePath, **settings: float) -> Recording:
-    """Read a CSV with the columns `time [s]`, `reference [rad]`, `angle [rad]` and, if recorded, `voltage [V]`.
+    """Read a recording from a CSV file.
 
-    The first time becomes 0.  settings: servo parameters that hold in this recording alone, such as Kp=20.0.
-    Raises ValueError, naming file, line and column, on anything that is not such a table.
+    Parameters
+    ----------
+    path : path-like
+        A table with the columns `time [s]`, `reference [rad]`, `angle [rad]` and, if recorded, `voltage [V]`.
+    **settings : float
+        Servo parameters of this recording alone, such as Kp=20.0.
+
+    Returns
+    -------
+    Recording
+        Its first time is 0.
+
+    Raises
+    ------
+    ValueError
+        If the file is not such a table; the message names file, line and column.
     """
     path = path_of("path", path)
     table, lines = read_columns(path, FORMAT, COLUMNS[:3], COLUMNS[3:], LEAST_SAMPLES)
@@ -88,7 +112,14 @@ def read_recording(path: FilePath, **settings: float) -> Recording:
 
 
 def write_recording(path: FilePath, recording: Recording) -> None:
-    """Write what `read_recording` reads, whole or not at all; the settings are not part of the file."""
+    """Write a recording to a CSV file, whole or not at all.
+
+    Parameters
+    ----------
+    path : path-like
+    recording : Recording
+        Its settings are not written.
+    """
     instance("recording", recording, Recording, "give a Recording")
     path = path_of("path", path)
     measured = (recording.time, recording.reference, recording.angle, recording.voltage)

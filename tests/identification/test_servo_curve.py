@@ -102,7 +102,7 @@ def test_a_servo_that_cannot_turn_has_neither_speed_nor_torque():
 
 
 def test_what_has_no_curve_is_refused():
-    with pytest.raises(ValueError, match="its law 'pd' knows no motor"):
+    with pytest.raises(ValueError, match="its law 'pd' has no motor"):
         torque_speed(Servo(Controller("pd", 1.0)))
     for voltage in (0.0, -1.0, math.nan, "12"):
         with pytest.raises(ValueError, match="voltage"):
