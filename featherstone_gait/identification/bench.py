@@ -5,18 +5,19 @@
     print(fit.summary())
 
 The bench is that of Rhoban's BAM project (https://github.com/Rhoban/bam; arXiv 2410.08650): the servo's axis is
-horizontal and carries a rod with a weight at its end; at zero it hangs down.  The servo's firmware follows the goal with
-duty = gain kp (goal - angle), and may switch the motor off.  Each recording is simulated as a whole, from its first sample
-and without correction on the way: a rod on a `Servo` with rotor and `Gearbox` friction, its controller at 500 Hz.
+horizontal and carries a rod with a weight at its end; at zero it hangs down.  The servo's firmware follows the goal
+with duty = gain kp (goal - angle), and may switch the motor off.  Each recording is simulated as a whole, from its
+first sample and without correction on the way: a rod on a `Servo` with rotor and `Gearbox` friction, its controller at
+500 Hz.
 
 The fit minimizes the mean absolute error of the angle (a soft absolute value, `SOFT`), with equal weight for each
-recording.  Some combinations of parameters have little effect on such recordings; a weak prior keeps them near published
-values of similar servos, with a width like the differences between those (`Parameter`).  The prior weighs as much as
-1 / `PRIOR`^2 independent samples, however well the model fits.  The supply is the one that the servo measures at rest:
-under load its column aliases the switching of the bridge.
+recording.  Some combinations of parameters have little effect on such recordings; a weak prior keeps them near
+published values of similar servos, with a width like the differences between those (`Parameter`).  The prior weighs as
+much as 1 / `PRIOR`^2 independent samples, however well the model fits.  The supply is the one that the servo measures
+at rest: under load its column aliases the switching of the bridge.
 
-The search runs in rounds, each of which restarts the method at the last result.  A `FitLog` stores them, and an interrupted
-fit resumes with the next round, to the same bits.
+The search runs in rounds, each of which restarts the method at the last result.  A `FitLog` stores them, and an
+interrupted fit resumes with the next round, to the same bits.
 
 Intervals are those of `identification.fit`, with the prior, and hold for a model with the servo's physics; the error on
 recordings that were not fitted (`leave_out`) shows how good the model is.
@@ -278,7 +279,7 @@ def read_bench(
         raise ValueError(f"{path}, line {lines[wrong[0] + 1]}: the time does not rise; sort the samples")
     off = np.flatnonzero(~on)
     if off.size and on[off[0] :].any():
-        raise ValueError(f"{path}, line {lines[off[0]]}: the motor is switched off and takes hold again; cut the file there")
+        raise ValueError(f"{path}, line {lines[off[0]]}: the servo lets go and takes hold again; cut the file there")
     if gain is None:
         found = re.search(r"_kp(\d+(?:\.\d+)?)_", path.name)
         if found is None:

@@ -34,7 +34,7 @@ SAMPLE = 0.01  # [s] between readings: the servo's controller period
 
 @dataclass(frozen=True)
 class ArmFallSettings:
-    """What the paper leaves open."""
+    """Our choices for what the paper does not state."""
 
     starts: tuple[float, ...] = (0.5 * math.pi, math.radians(60), math.radians(30))  # [rad] from horizontal and below
     duration: float = 2.0  # [s] until the slowest hangs
@@ -49,7 +49,7 @@ FULL = ArmFallSettings(timestep=1e-4)
 
 @dataclass(frozen=True, eq=False)
 class Fall:
-    """Falls of one arm from each start; what is read off is of the first."""
+    """Falls of one arm from each start; the properties describe the first."""
 
     label: str
     time: np.ndarray  # (k,) [s]
@@ -64,19 +64,19 @@ class Fall:
 
     @property
     def overshoot(self) -> float:
-        """How far it swings beyond the vertical [rad]."""
+        """Largest angle beyond the vertical [rad]."""
         return max(0.0, -float(self.angles[0].min()))
 
     @property
     def settled(self) -> float:
-        """When it begins to hang [s]; inf if it does not."""
+        """Time from which on the arm hangs [s]; inf if it never does."""
         away = np.flatnonzero(np.abs(self.angles[0]) > HANGING)
         return float(self.time[away[-1] + 1]) if away[-1] + 1 < len(self.time) else math.inf
 
 
 @dataclass(frozen=True, eq=False)
 class ArmFallResult:
-    """Falls by arm and by what was varied, and the friction that the improved model would need."""
+    """Falls by arm and by varied parameter, and the friction that the improved model would need."""
 
     settings: ArmFallSettings
     gearboxes: dict[str, dict[str, Fall]]  # arm -> "standard", "mipsd"
@@ -123,7 +123,7 @@ def run(settings: ArmFallSettings = QUICK, progress: bool = False) -> ArmFallRes
 
 
 def _fall(settings: ArmFallSettings, model: Model, kind: GearboxKind, label: str) -> Fall:
-    """Falls, and the same at half the step."""
+    """Simulate the falls, and the same at half the step."""
     found, finer = (_falls(settings, model, kind, label, h * settings.timestep) for h in (1.0, 0.5))
     return replace(found, finer=finer)
 
@@ -143,7 +143,7 @@ def released(
 
 
 def _recordings(settings: ArmFallSettings, fall: Fall) -> list[Recording]:
-    """The falls as a recorder would write them down, without noise."""
+    """Return the falls as recordings without noise."""
     still = np.zeros_like(fall.time)
     return [
         Recording(f"from {math.degrees(start):.0f} deg", fall.time, still, angle, settings=MOTOR_OFF)
@@ -152,24 +152,24 @@ def _recordings(settings: ArmFallSettings, fall: Fall) -> list[Recording]:
 
 
 def _damping_ratio(model: Model) -> float:
-    """Of small swings about the vertical without rotor: B / (2 sqrt(I m g d))."""
+    """Return the damping ratio of small swings about the vertical without rotor: B / (2 sqrt(I m g d))."""
     inertia = mass_matrix(model, np.zeros(1))[0, 0]
     servo = model.servos[model.joint_names[0]]
     return servo.viscous_friction / (2.0 * math.sqrt(inertia * _weight_moment(model)))
 
 
 def _weight_moment(model: Model) -> float:
-    """Torque of gravity on the horizontal arm [N m]."""
+    """Return torque of gravity on the horizontal arm [N m]."""
     return abs(float(inverse_dynamics(model, [0.5 * math.pi], [0.0], [0.0])[0]))
 
 
 def check(result: ArmFallResult) -> list[Claim]:
-    """The claims of section 2.2 about friction, and of section 3 that the servomotor model stays."""
+    """Return the claims of section 2.2 about friction, and of section 3 about the unchanged servomotor."""
     return [_fall_claim(result), _coulomb_claim(result), _gearbox_claim(result)]
 
 
 def _fall_claim(result: ArmFallResult) -> Claim:
-    """No measured curve is published: at most the direction, that friction lets the arm fall but hardly swing."""
+    """Return the claim; in direction at most, as no measured curve is published."""
     falls = {arm: kinds["standard"] for arm, kinds in result.gearboxes.items()}
     damped = all(fall.overshoot < 0.25 * result.settings.starts[0] and fall.settled < 2.0 for fall in falls.values())
     text = "; ".join(
@@ -191,7 +191,7 @@ def _fall_claim(result: ArmFallResult) -> Claim:
 
 
 def _coulomb_claim(result: ArmFallResult) -> Claim:
-    """Reproduced if the printed F_c changes the fall by more than the servo's encoder can tell."""
+    """Return the claim: reproduced if the printed F_c changes the fall by more than the encoder resolves."""
     none, printed, at_rotor, _ = result.frictions.values()
     seen, seen_at_rotor = (math.degrees(_apart(fall, none)) for fall in (printed, at_rotor))
     finer, finer_at_rotor = (math.degrees(_apart(fall.half, none.half)) for fall in (printed, at_rotor))
@@ -212,7 +212,7 @@ def _coulomb_claim(result: ArmFallResult) -> Claim:
 
 
 def _gearbox_claim(result: ArmFallResult) -> Claim:
-    """Reproduced if the fall stays within a count of the encoder, in direction if a new B_v brings it back there."""
+    """Return the claim: reproduced if the fall stays within an encoder count; in direction if a new B_v restores it."""
     kinds = result.gearboxes["forearm"]
     apart, finer = (_apart(*falls) for falls in (kinds.values(), [fall.half for fall in kinds.values()]))
     changed_by = plus_minus(math.degrees(apart), math.degrees(finer), ".1f")
@@ -238,7 +238,7 @@ def _gearbox_claim(result: ArmFallResult) -> Claim:
 
 
 def _apart(one: Fall, other: Fall) -> float:
-    """Largest difference of an angle [rad]."""
+    """Return the largest difference of an angle [rad]."""
     return float(np.abs(one.angles - other.angles).max())
 
 
@@ -253,7 +253,7 @@ def _interval(fit: Identification) -> str:
 
 @look()
 def plot(result: ArmFallResult) -> dict[str, Figure]:
-    """The fall as in Fig. 5, and what it depends on."""
+    """Draw the fall as in Fig. 5, and its dependence on parameters."""
     return {
         "Free fall from the horizontal, motor off, as in Fig. 5: forearm and whole arm, with and without rotor "
         "inertia (1e-7 kg m²). Zero hangs.": _main(result),

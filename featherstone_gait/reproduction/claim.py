@@ -21,15 +21,33 @@ ANSWERS: dict[Verdict, str] = {  # of a finding of our own, which no one has to 
 
 @dataclass(frozen=True)
 class Claim:
-    """One statement of the paper beside our figure for it, or a question of our own."""
+    """A statement of the paper with its figure and ours, or a question of our own.
 
-    claim: str  # the statement, in words
-    paper: str  # the paper's value with its unit; "" where it gives none
-    ours: str  # our value with its unit and spread
+    Attributes
+    ----------
+    claim : str
+        The statement.
+    paper : str
+        The paper's value with its unit; empty if it gives none.
+    ours : str
+        Our value with its unit and spread.
+    verdict : str
+        "reproduced", "reproduced in direction", "not reproduced" or "undecided".
+    why : str
+        The rule of the verdict, then the most likely reason.
+    item : str
+        The item of the paper that it answers, a key of `items.ITEMS`; empty for a question of our own.
+    factor : float or None
+        Our value over the paper's, if both are one number.
+    """
+
+    claim: str
+    paper: str
+    ours: str
     verdict: Verdict
-    why: str  # what the verdict rests on: the rule, stated before the number; then the most likely reason
-    item: str = ""  # what of the paper it answers, a key of `items.ITEMS`; "": a question of our own
-    factor: float | None = None  # ours over the paper's, where both are one number
+    why: str
+    item: str = ""
+    factor: float | None = None
 
     @property
     def word(self) -> str:
@@ -43,7 +61,16 @@ def question(claim: str, ours: str, verdict: Verdict, why: str) -> Claim:
 
 
 def format_claims(claims: Iterable[Claim]) -> str:
-    """Return claims as text: statement, the paper's figure, ours, the verdict and its reason."""
+    """Return claims as text: statement, the paper's figure, ours, the verdict and its reason.
+
+    Parameters
+    ----------
+    claims : iterable of Claim
+
+    Returns
+    -------
+    str
+    """
     return "\n\n".join(map(_text, claims))
 
 

@@ -1,9 +1,9 @@
-"""The complete humanoid's gait, arms included, against the simplified one's.
+"""The gait of the complete humanoid, arms included, against that of the simplified one.
 
-The paper optimizes a simplified humanoid, ten joints of the legs, and leaves the complete model to future work.  Here
-both are searched in the same way: four poses of all joints that the robot has, by adaptive simulated annealing, the
-same number of iterations.  The robots are of the same links and masses; the simplified one's other nine joints are
-locked, the complete one's are servos that the walk's plan keeps at rest.
+The paper optimizes a simplified humanoid, ten joints of the legs, and names the complete model as future work.  Here
+both are searched in the same way: four poses of all joints of the robot, by adaptive simulated annealing, with the same
+number of iterations.  Both robots have the same links and masses.  The other nine joints are locked in the simplified
+one; in the complete one they are servos that the planned walk keeps at rest.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ ROBOTS = {"simplified": "simplified", "complete": None}  # name -> what is locke
 
 @dataclass(frozen=True)
 class CompleteHumanoidSettings:
-    """How long and how often."""
+    """Numbers of iterations and searches."""
 
     iterations: int  # of each search
     searches: int  # of each robot, by different seeds
@@ -53,7 +53,7 @@ class Walk:
 
     @property
     def costs(self) -> np.ndarray:
-        """Of the gaits found [J/m]."""
+        """Costs of the gaits found [J/m]."""
         return self.best[:, -1]
 
     @property
@@ -62,7 +62,7 @@ class Walk:
 
     @property
     def changes(self) -> np.ndarray:
-        """How far each joint moved from the plan (joints,) [rad]: largest over its poses, median of the searches."""
+        """Largest change of each joint from the plan over the poses (joints,) [rad], median of the searches."""
         return np.median(np.abs(self.poses - self.planned_poses).max(axis=1), axis=0)
 
 
@@ -73,7 +73,7 @@ class CompleteHumanoidResult:
 
 
 def run(settings: CompleteHumanoidSettings = QUICK, seed: int = 0, progress: bool = False) -> CompleteHumanoidResult:
-    """Search with both robots, seeded by `seed` and those that follow."""
+    """Run the searches of both robots, seeded by `seed` and the numbers that follow."""
     with tqdm(disable=not progress, total=len(ROBOTS) * settings.searches, unit="search") as bar:
         walks = {name: _walk(settings, locked, seed, bar) for name, locked in ROBOTS.items()}
     return CompleteHumanoidResult(settings, walks)
@@ -101,12 +101,12 @@ def _walk(settings: CompleteHumanoidSettings, locked: str | None, seed: int, bar
 
 
 def check(result: CompleteHumanoidResult) -> list[Claim]:
-    """What comes of the paper's future work."""
+    """Return the claims about the paper's future work."""
     return [_walks(result), _cheaper(result), _arms(result), _safe(result)]
 
 
 def _walks(result: CompleteHumanoidResult) -> Claim:
-    """Reproduced if planned gait and all gaits found walk, at 1 ms and at a quarter of it, and are cheaper."""
+    """Return the claim: reproduced if all gaits walk, also at a quarter of the step, and those found are cheaper."""
     walk = result.walks["complete"]
     qualities = (walk.first, *walk.found)
     walks = all(m.status == "ok" for q in qualities for m in (q.measures, q.finer))
@@ -125,7 +125,7 @@ def _walks(result: CompleteHumanoidResult) -> Claim:
 
 
 def _cheaper(result: CompleteHumanoidResult) -> Claim:
-    """Reproduced if every search of the complete robot ends below every one of the simplified; direction: medians."""
+    """Return the claim: reproduced if every complete search ends below every simplified one; in direction: medians."""
     simple, complete = (result.walks[name] for name in ROBOTS)
     apart = complete.costs.max() < simple.costs.min()
     lower = np.median(complete.costs) < np.median(simple.costs)
@@ -144,7 +144,7 @@ def _cheaper(result: CompleteHumanoidResult) -> Claim:
 
 
 def _arms(result: CompleteHumanoidResult) -> Claim:
-    """Reproduced if every gait found costs 1 % more without; in direction if the median costs more."""
+    """Return the claim: reproduced if every gait costs 1 % more without; in direction if the median does."""
     walk = result.walks["complete"]
     legs = np.isin(walk.joints, result.walks["simplified"].joints)
     change = np.degrees(walk.changes)
@@ -160,7 +160,7 @@ def _arms(result: CompleteHumanoidResult) -> Claim:
 
 
 def _safe(result: CompleteHumanoidResult) -> Claim:
-    """Reproduced if the median share of safe gaits differs by less than a tenth, in either direction."""
+    """Return the claim: reproduced if the median shares of safe gaits differ by less than a tenth."""
     shares = {name: [q.safe for q in walk.found] for name, walk in result.walks.items()}
     simple, complete = (float(np.median(shares[name])) for name in ROBOTS)
     return question(
@@ -179,7 +179,7 @@ COLOURS = {"simplified": BLUE, "complete": ORANGE}
 
 @look()
 def plot(result: CompleteHumanoidResult) -> dict[str, Figure]:
-    """The searches, and what moved."""
+    """Draw the searches, and how far each joint moved."""
     return {
         "Energy per distance of the best gait so far: each search, and the median of each robot (thick).":
             _progress(result),

@@ -1,15 +1,16 @@
 """Energy of the same gait, run after run (Lima et al. 2013, Fig. 11).
 
 The paper walks the same gait two hundred times with each model and finds that the energy scatters by 14.62 % with the
-standard model, by 3.9 % with MIPSD.  It does not say what differs between the runs.  Here a run is a function of its
-input, and two runs of the same gait have the same bits.  So the scatter is put in, one source at a time:
+standard model and by 3.9 % with motor inertia plus spring-damper (MIPSD).  It does not say what differs between the
+runs. In this package a run is a function of its input, and two runs of the same gait have the same bits.  So the
+experiment adds the scatter, one source at a time:
 
-- initial posture: a robot is not set down twice in the same way;
-- round-off: the paper's program computes in single precision, what is read by the controllers is off by as much;
-- contacts: its solver stops after ten sweeps over the contacts in random order and leaves a rest of the forces.  Ours
-  has no such order; the rest is put in as torques at the joints, of the size that a small share of the robot's weight
-  has at half a foot's length, drawn anew at each controller tick (through the voltage, by R / (G K));
-- encoder and supply: what a real servo has, and the paper's program has not.
+- initial posture: a robot is never set down twice in the same way;
+- round-off: the paper's program computes in single precision; the angles that the controllers read have this error;
+- contacts: its solver stops after ten sweeps over the contacts in random order and leaves a residual of the forces.
+  Ours has no such order.  The residual is added as torques at the joints, drawn anew at each controller tick, of the
+  size that a small share of the robot's weight has at half a foot's length (through the voltage, by R / (G K));
+- encoder and supply: errors of a real servo, which the paper's program does not model.
 
 Model and integration are separated: standard and MIPSD, each in the update order of the paper's program (`simtwo`,
 explicit, in which the standard model chatters) and under `implicit_euler`.
@@ -50,7 +51,7 @@ RESAMPLES = 2000  # of the bootstrap
 
 @dataclass(frozen=True)
 class EnergySettings:
-    """Sizes of the sources, and how many runs."""
+    """Sizes of the sources, and the number of runs."""
 
     runs: int  # of each model with each source
     joint_noise: float = math.radians(0.1)  # [rad] standard deviation of the initial angles; a third of an encoder step
@@ -95,7 +96,7 @@ class EnergyResult:
     off: dict[Servos, float]  # mean energy of `ALL` over that at a quarter of the step, undisturbed, less 1
 
     def energy(self, model: Servos, source: Source = ALL) -> np.ndarray:
-        """Energy of the runs that did not fall (n,) [J]."""
+        """Return energy of the runs that did not fall (n,) [J]."""
         energy = self.energies[model][source].sum(axis=1)
         return energy[np.isfinite(energy)]
 
@@ -103,7 +104,7 @@ class EnergyResult:
         return self.settings.runs - len(self.energy(model, source))
 
     def scatter(self, model: Servos, source: Source = ALL) -> Scatter:
-        """nan if fewer than three runs got through."""
+        """Return the scatter; NaN if fewer than three runs finished."""
         energy = self.energy(model, source)
         if len(energy) < 3:
             return Scatter(math.nan, math.nan, math.nan)
@@ -112,7 +113,7 @@ class EnergyResult:
         return Scatter(float(_relative(energy)), float(low), float(high))
 
     def shares(self, model: Servos) -> np.ndarray:
-        """Variance of each source alone over the sum of them all (sources,)."""
+        """Return variance of each source alone over the sum of them all (sources,)."""
         variances = np.array([self.scatter(model, source).value ** 2 for source in SOURCES])
         return variances / variances.sum()
 
@@ -152,14 +153,14 @@ def gait_cost(
     timestep: float = 1e-3,
     mass: float = 1.0,
 ) -> WalkingCost:
-    """The planned walk with other servos, integrator, step and this many times the masses."""
+    """Return the planned walk with another gearbox, integrator, step and mass."""
     model, how = scale_masses(planned.scene.model, mass), {"integrator": integrator, "timestep": timestep}
     cost = recompiled(planned, model, gearbox=gearbox, **how)
     return replace(cost, warm_up=settings.warm_up, strides=settings.strides)
 
 
 def _undisturbed(settings: EnergySettings, planned: WalkingCost, gearbox: GearboxKind) -> float:
-    """Energy at a quarter of the step, integrated implicitly, with nothing put in [J]."""
+    """Return the energy at a quarter of the step, integrated implicitly and undisturbed [J]."""
     cost = gait_cost(settings, planned, gearbox, IMPLICIT, 2.5e-4)
     states, noises = disturbed(replace(settings, runs=3), cost, ALL, 0, 0.0)
     return float(_energies(cost, states, noises)[0][0].sum())
@@ -168,7 +169,7 @@ def _undisturbed(settings: EnergySettings, planned: WalkingCost, gearbox: Gearbo
 def disturbed(
     settings: EnergySettings, cost: WalkingCost, source: str, seed: int, scale: float = 1.0
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Initial states and noises (runs, ticks, joints, 2) of the runs, `scale` times the sizes of the settings."""
+    """Return initial states and noises (runs, ticks, joints, 2), `scale` times the sizes of the settings."""
     angles = cost.reference(cost.gait.to_vector(), 0).values[0]
     servo = next(iter(cost.scene.model.servos.values()))  # the same in every joint
     ticks = math.ceil(cost.end / servo.controller.period - 1e-9)
@@ -195,7 +196,7 @@ def disturbed(
 
 
 def _energies(cost: WalkingCost, states: list, noises: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Energy of each measured stride (runs, strides) [J], and the runs' statuses; chatter does not make it invalid."""
+    """Return the energy of each measured stride (runs, strides) [J], and the statuses; chatter is accepted."""
     vectors = [cost.gait.to_vector()] * len(states)
     runs = cost.simulate(vectors, record_interval=TICK, record=("energy",), states=states, noises=list(noises))
     return cycle_energies(cost, runs), [run.status for run in runs]
@@ -205,12 +206,12 @@ def _energies(cost: WalkingCost, states: list, noises: np.ndarray) -> tuple[np.n
 
 
 def check(result: EnergyResult) -> list[Claim]:
-    """The paper's two figures and their ratio, and what they come from."""
+    """Return the claims about the paper's two figures, their ratio, and their causes."""
     return [_size(result, "standard"), _size(result, "mipsd"), _lower(result), _cause(result), _source(result)]
 
 
 def _size(result: EnergyResult, gearbox: GearboxKind) -> Claim:
-    """Reproduced if within `FACTOR` of the paper's; in direction if on the paper's side of the two figures' middle."""
+    """Return the claim: reproduced within `FACTOR`; in direction on the paper's side of the geometric mean."""
     model: Servos = (gearbox, EXPLICIT)
     ours, paper, fell = result.scatter(model), PAPER[gearbox], result.fell(model)
     middle = math.sqrt(PAPER["standard"] * PAPER["mipsd"])
@@ -239,7 +240,7 @@ def _spread(result: EnergyResult, model: Servos, source: Source) -> str:
 
 
 def _lower(result: EnergyResult) -> Claim:
-    """Reproduced if the intervals are apart and the ratio is the paper's within `FACTOR`; in direction if apart."""
+    """Return the claim: reproduced if the intervals do not overlap and the ratio is within `FACTOR` of the paper's."""
     ratio, (standard, mipsd) = _ratio(result, EXPLICIT)
     paper = PAPER["standard"] / PAPER["mipsd"]
     apart = standard.low > mipsd.high
@@ -266,7 +267,7 @@ def _ratio(result: EnergyResult, integrator: str, source: Source = ALL) -> tuple
 
 
 def _cause(result: EnergyResult) -> Claim:
-    """Reproduced if the standard model scatters more than MIPSD, intervals apart, when integrated implicitly too."""
+    """Return the claim: reproduced if the intervals do not overlap when integrated implicitly either."""
     ratio, (standard, mipsd) = _ratio(result, IMPLICIT)
     apart = standard.low > mipsd.high
     explicit = result.scatter(("standard", EXPLICIT))
@@ -284,7 +285,7 @@ def _cause(result: EnergyResult) -> Claim:
 
 
 def _source(result: EnergyResult) -> Claim:
-    """Reproduced if round-off alone scatters the explicit standard model at least half as much as all sources do."""
+    """Return the claim: reproduced if round-off alone gives at least half the scatter of all sources."""
     ours = {model: result.scatter(model, "round-off") for model in MODELS}
     model: Servos = ("standard", EXPLICIT)
     chaotic = ours[model].low > 0.5 * result.scatter(model).value
@@ -318,7 +319,7 @@ COLOURS = dict(zip(MODELS, (ORANGE, STYLE[5], BLUE, STYLE[4])))
 
 @look()
 def plot(result: EnergyResult) -> dict[str, Figure]:
-    """Fig. 11, the shares of the sources, and the dependence on their size."""
+    """Draw Fig. 11, the scatter by source, and its dependence on the size of the sources."""
     return {
         "Energy of the same gait in each run over the mean of its model, all sources together, as in Fig. 11; right: "
         "its distribution.": _runs(result),
@@ -381,7 +382,7 @@ def _sizes(result: EnergyResult) -> Figure:
 
 
 def _papers(axes: Axes) -> None:
-    """The paper's scatter of both models, at the left end of its line."""
+    """Draw the paper's scatter of both models."""
     for servos, value in PAPER.items():
         color, text = COLOURS[servos, EXPLICIT], f"paper {100 * value:g} %"
         axes.axhline(100 * value, color=color, linestyle=":", linewidth=1.2)

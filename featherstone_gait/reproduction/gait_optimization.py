@@ -1,23 +1,20 @@
-"""The gait made cheaper by adaptive simulated annealing (Lima et al. 2013, section 5, Figs. 14 to 16).
+"""The gait optimized by adaptive simulated annealing (Lima et al. 2013, section 5, Figs. 14 to 16).
 
-Forty joint angles, four poses of ten joints, start from a walk planned by preview control of the zero moment point and
-are searched for the least energy per distance.  The paper reports one search of 3000 iterations: 14 % less energy per
+Forty joint angles, four poses of ten joints, start from a walk planned by preview control of the zero moment point.
+The search minimizes the energy per distance.  The paper reports one search of 3000 iterations: 14 % less energy per
 distance, steps 13 % longer, converged after 800 iterations, where its older model needed more than 2600.
 
-One search says little about a random method, so that there are several of each kind.  And the two models of the paper
-differ in more than their gearbox: the older one chatters, hence its cost is noisy.  So besides
+One run of a random method proves little, so there are several searches of each kind.  The two models of the paper
+differ in more than their gearbox: the older one chatters, so its cost is noisy.  The kinds of searches are
 
-- `mipsd` and `standard`, both integrated implicitly and without noise,
-
-there are
-
-- `standard, explicit`: in the update order of the paper's program, in which it chatters.  The same gait costs the same
-  each time, but neighboring gaits differ at random, which is all that a search notices that asks for none twice;
+- `mipsd` (motor inertia plus spring-damper) and `standard`, both integrated implicitly and without noise;
+- `standard, explicit`: in the update order of the paper's program, in which it chatters.  The same gait always costs
+  the same, but neighboring gaits differ at random, and a search that evaluates no gait twice sees only this;
 - `mipsd, 3.9 % noise` and `standard, 14.62 % noise`: the implicit costs times 1 + sigma n with n normal, sigma being
   the repeatability that the paper gives for the two models.  n depends on the gait alone.
 
-How wide the perturbations are, how many strides are measured and what is done with falls the paper does not say; these
-are those of `featherstone_gait.optimize`.
+The paper does not state the width of the perturbations, the number of measured strides and the treatment of falls;
+these are those of `featherstone_gait.optimize`.
 """
 
 from __future__ import annotations
@@ -62,7 +59,7 @@ PAPER_ITERATIONS = 3000
 
 @dataclass(frozen=True)
 class Condition:
-    """A cost to be searched."""
+    """A cost to search."""
 
     servos: GearboxKind = "mipsd"
     integrator: str = "midpoint"
@@ -80,7 +77,7 @@ CONDITIONS = (MIPSD, STANDARD, CHATTER, MIPSD_NOISY, STANDARD_NOISY)
 
 @dataclass(frozen=True)
 class GaitSearchSettings:
-    """How long and how often."""
+    """Numbers of iterations and searches."""
 
     iterations: int  # of each search; the paper's 3000 at full size
     searches: int  # with mipsd and with standard; within the range of six lies the median with 97 %
@@ -108,7 +105,7 @@ DEFINITION = "1 % of the final cost"
 
 @dataclass(frozen=True, eq=False)
 class GaitSearch:
-    """A search; its arrays are over iterations, all or those `at`, the first of which is the planned gait."""
+    """A search; its arrays are over iterations, all or those `at`, starting with the planned gait."""
 
     condition: Condition
     seed: int
@@ -119,7 +116,7 @@ class GaitSearch:
     x: np.ndarray  # (40,) the gait found [rad]
 
     def converged(self, definition: str = DEFINITION) -> int:
-        """Iteration after which no more happens, see `DEFINITIONS`."""
+        """Return the iteration of convergence, see `DEFINITIONS`."""
         return int(np.argmax(self.best - self.best[-1] <= DEFINITIONS[definition](self.best)))
 
     @property
@@ -135,7 +132,7 @@ class GaitSearch:
 
 @dataclass(frozen=True, eq=False)
 class GaitSearchResult:
-    """Searches, and the cost [J/m] of the planned gait and of each gait found under each `EVALUATIONS`."""
+    """Searches, and the costs [J/m] of the planned gait and of the gaits found under each of `EVALUATIONS`."""
 
     settings: GaitSearchSettings
     searches: tuple[GaitSearch, ...]
@@ -151,7 +148,7 @@ class GaitSearchResult:
         return np.array([search.converged(definition) for search in self.of(condition)])
 
     def gains(self, condition: Condition, evaluation: str) -> np.ndarray:
-        """Change of the cost of the gaits found with a condition under an evaluation; infinite where they fall."""
+        """Return the change of cost of the gaits found with a condition under an evaluation; infinite if they fall."""
         mine = [search.condition == condition for search in self.searches]
         return self.found[evaluation][mine] / self.first[evaluation] - 1.0
 
@@ -166,7 +163,7 @@ EVALUATIONS = {  # what is simulated, and whether as the reference is
 
 
 def run(settings: GaitSearchSettings = QUICK, seed: int = 0, progress: bool = False) -> GaitSearchResult:
-    """Make all searches, seeded by `seed` and those that follow, and evaluate what they found."""
+    """Make all searches, seeded by `seed` and the numbers that follow, and evaluate the gaits found."""
     counts = [settings.searches if c in (MIPSD, STANDARD) else settings.noisy_searches for c in CONDITIONS]
     todo = [(condition, seed + k) for condition, count in zip(CONDITIONS, counts) for k in range(count)]
     bar = tqdm(todo, "searches", disable=not progress, unit="search")
@@ -186,7 +183,7 @@ def run(settings: GaitSearchSettings = QUICK, seed: int = 0, progress: bool = Fa
 
 
 def _strides(cost: WalkingCost, run: Trajectory) -> Trajectory:
-    """The first measured strides of a run."""
+    """Return the first measured strides of a run."""
     time = run["time"]
     rows = (time > cost.mark - 1e-9) & (time < cost.mark + SHOWN * cost.gait.period + 1e-9)
     return _rows(run, rows)
@@ -197,14 +194,14 @@ def _rows(run: Trajectory, rows: Any) -> Trajectory:
 
 
 def cost_of(planned: WalkingCost, condition: Condition, timestep: float = 1e-3) -> WalkingCost:
-    """The cost of a gait under a condition, without the noise."""
+    """Return the cost of a gait under a condition, without the noise."""
     return recompiled(planned, gearbox=condition.servos, integrator=condition.integrator, timestep=timestep)
 
 
 def measure(
     cost: WalkingCost, vectors: Iterable[np.ndarray], rtol: float | None = None, pushes: Sequence[Push] = ()
 ) -> np.ndarray:
-    """Energy per distance [J/m] and distance per step [m] of gaits (n, 2); infinite and nan where they do not walk.
+    """Return energy per distance [J/m] and distance per step [m] of gaits (n, 2); infinite and NaN if they fall.
 
     Unlike `WalkingCost.measure` it takes a run that chatters as it is.
     """
@@ -213,7 +210,7 @@ def measure(
 
 
 def measured(cost: WalkingCost, run: Trajectory) -> tuple[float, float]:
-    """Energy per distance [J/m] and distance per step [m] of one run; infinite and nan if it does not walk."""
+    """Return energy per distance [J/m] and distance per step [m] of a run; infinite and NaN if it falls."""
     first, last = (round(t / TICK) for t in (cost.mark, cost.end))
     before, after = run["energy"][[first, last], :, METER].sum(axis=1)
     start, end = run["base_q"][[first, last], 0]
@@ -239,7 +236,7 @@ def _search(settings: GaitSearchSettings, planned: WalkingCost, condition: Condi
 
 
 def _evaluate(cost: WalkingCost, noise: float, candidates: Speculation) -> float:
-    """Work off the candidates of a search; the noise is drawn from how a run ended, so that it depends on its gait."""
+    """Evaluate the candidates of a search, with noise that depends on the final state of a run."""
     state = standing_state(cost.scene, cost.start[0])
 
     def begin(candidate: Candidate) -> tuple[np.ndarray, Reference]:
@@ -256,7 +253,7 @@ def _evaluate(cost: WalkingCost, noise: float, candidates: Speculation) -> float
 
 
 def _history(settings: GaitSearchSettings, cost: WalkingCost, condition: Condition, seed: int) -> dict:
-    """Where the search is kept; another program or robot has other files."""
+    """Return where the search is stored; another program or robot has other files."""
     model = replace(cost.scene.model, notes=(), source="")
     what = f"{model!r}\n{condition!r}\n{settings.amplitude}\n{cost.mark} {cost.strides}\n{source_hash()}"
     return search_history(settings.folder, what, seed)
@@ -266,12 +263,12 @@ def _history(settings: GaitSearchSettings, cost: WalkingCost, condition: Conditi
 
 
 def check(result: GaitSearchResult) -> list[Claim]:
-    """Section 5 of the paper, and how far its conclusions carry."""
+    """Return the claims of section 5 of the paper, and how far its conclusions hold."""
     return [_converged(result), _faster(result), _noise(result), _cost(result), _step(result), _survives(result)]
 
 
 def _converged(result: GaitSearchResult) -> Claim:
-    """Reproduced if the median lies within the factor of the paper's."""
+    """Return the claim: reproduced if the median lies within the factor of the paper's."""
     ours = result.converged(MIPSD)
     sensitivity = "; ".join(f"{name}: {_quartiles(result.converged(MIPSD, name))}" for name in DEFINITIONS)
     near = PAPER_CONVERGED / FACTOR < np.median(ours) < PAPER_CONVERGED * FACTOR
@@ -292,7 +289,7 @@ def _converged(result: GaitSearchResult) -> Claim:
 
 
 def _faster(result: GaitSearchResult) -> Claim:
-    """Reproduced if quartiles are apart and the ratio is the paper's within the factor; in direction if apart."""
+    """Return the claim: reproduced if quartiles do not overlap and the ratio is within the factor."""
     new, old = result.converged(MIPSD), result.converged(STANDARD)
     ratio, paper = float(np.median(old) / np.median(new)), PAPER_OLD / PAPER_CONVERGED
     apart = bool(np.quantile(new, 0.75) < np.quantile(old, 0.25))
@@ -315,7 +312,7 @@ def _faster(result: GaitSearchResult) -> Claim:
 
 
 def _noise(result: GaitSearchResult) -> Claim:
-    """Reproduced if both kinds of noise leave the standard model's searches, as they are, worse than without."""
+    """Return the claim: reproduced if both kinds of noise worsen the standard model's searches."""
     clean = [search.gain for search in result.of(STANDARD)]
     lines, worse = [], []
     for condition in (CHATTER, MIPSD_NOISY, STANDARD_NOISY):
@@ -342,7 +339,7 @@ def _noise(result: GaitSearchResult) -> Claim:
 
 
 def _cost(result: GaitSearchResult) -> Claim:
-    """Reproduced if the median lies within the points of the paper's; in direction if every search gains."""
+    """Return the claim: reproduced if the median gain is within the points; in direction if every search gains."""
     gains = np.array([search.gain for search in result.of(MIPSD)])
     near, falls = abs(np.median(gains) - PAPER_COST) < POINTS, bool((gains < 0.0).all())
     reached = [int(np.argmax(s.best <= (1.0 + PAPER_COST) * s.best[0])) for s in result.of(MIPSD)]
@@ -366,7 +363,7 @@ def _cost(result: GaitSearchResult) -> Claim:
 
 
 def _step(result: GaitSearchResult) -> Claim:
-    """Reproduced if the median lies within the points of the paper's; in direction if every search gains."""
+    """Return the claim: reproduced if the median change is within the points; in direction if steps always grow."""
     longer = np.array([search.longer for search in result.of(MIPSD)])
     near, grows = abs(np.median(longer) - PAPER_STEP) < POINTS, bool((longer > 0.0).all())
     steps = 1e3 * np.array([search.step[[0, -1]] for search in result.of(MIPSD)])
@@ -383,7 +380,7 @@ def _step(result: GaitSearchResult) -> Claim:
 
 
 def _survives(result: GaitSearchResult) -> Claim:
-    """Reproduced if every gait found keeps half its gain under the other model and under the reference."""
+    """Return the claim: reproduced if every gait keeps half its gain under the other model and the reference."""
     rtol = result.settings.rtol
     accuracy = f"error control, {rtol:g} a step" if rtol else "a quarter of the step"
     kept, lines = [], []
@@ -420,7 +417,7 @@ def _quartiles(values: Sequence[float] | np.ndarray) -> str:
 
 
 def _percents(values: Collection[float]) -> str:
-    """Median and range; a fall is an infinite cost."""
+    """Return median and range; a fall counts as an infinite cost."""
     finite = [x for x in values if math.isfinite(x)]
     falls = len(values) - len(finite)
     if falls > len(finite):
@@ -436,7 +433,7 @@ COLOURS = dict(zip(CONDITIONS, (BLUE, ORANGE, STYLE[3], STYLE[4], STYLE[5])))
 
 @look()
 def plot(result: GaitSearchResult) -> dict[str, Figure]:
-    """Figs. 15 and 16 with their spread, convergence by definition, and what is left under other models."""
+    """Draw Figs. 15 and 16 with their spread, convergence by definition, and costs under other models."""
     return {
         "A stride of the planned gait and of the cheapest found with MIPSD, dark to light, as in Fig. 15.":
             _snapshots(result),
@@ -450,7 +447,7 @@ def plot(result: GaitSearchResult) -> dict[str, Figure]:
 
 
 def animate(result: GaitSearchResult) -> dict[str, str]:
-    """The same strides as a page that plays them, by caption."""
+    """Return pages that play the same strides, by caption."""
     runs = {}
     for run, name in zip(result.strides, ("planned", "found")):
         way = np.array(run["base_q"])

@@ -63,7 +63,7 @@ FULL = IdentificationSettings(repeats=40)
 
 @dataclass(frozen=True, eq=False)
 class IdentificationResult:
-    """Identifications of the same servo, and how they predict the gain held out."""
+    """Identifications of the same servo, and their predictions at the gain held out."""
 
     settings: IdentificationSettings
     fit: Identification
@@ -77,7 +77,7 @@ class IdentificationResult:
 
 
 def run(settings: IdentificationSettings = QUICK, seed: int = 0, progress: bool = False) -> IdentificationResult:
-    """Record, fit, predict; the seed is that of the noise."""
+    """Record, fit and predict; the seed is that of the noise."""
     arm = load_robot("ax12_whole_arm")
     truth = dict(settings.truth)
     seeds = np.random.SeedSequence(seed).spawn(3 + settings.repeats)
@@ -116,7 +116,7 @@ def _fit(
 def record(
     settings: IdentificationSettings, model: Model, gains: tuple[float, ...], seed: np.random.SeedSequence
 ) -> list[Recording]:
-    """Recordings of every motion at every gain, and of the falls, as the servo's encoder shows them.
+    """Return recordings of every motion at every gain, and of the falls, as seen by the servo's encoder.
 
     The controller acts on the same readings.  Simulated with half the step of the fit, so that the two do not share
     their error of integration.
@@ -166,12 +166,12 @@ def _recorded(
 
 
 def check(result: IdentificationResult) -> list[Claim]:
-    """The claims of section 2.2 about the parameters."""
+    """Return the claims of section 2.2 about the parameters."""
     return [_parameters_claim(result), _validation_claim(result), _coulomb_claim(result)]
 
 
 def _parameters_claim(result: IdentificationResult) -> Claim:
-    """Reproduced if every parameter comes back within `GOOD`."""
+    """Return the claim: reproduced if every parameter is found within `GOOD`."""
     worst = max(result.errors, key=lambda name: abs(result.errors[name]))
     found = abs(result.errors[worst]) < GOOD
     bias = ", ".join(f"{name} {result.without_rotor.values[name] / value - 1.0:+.0%}" for name, value in SERVO)
@@ -189,7 +189,7 @@ def _parameters_claim(result: IdentificationResult) -> Claim:
 
 
 def _validation_claim(result: IdentificationResult) -> Claim:
-    """Reproduced if the gain held out is predicted to 1.5 times what noise and encoder allow."""
+    """Return the claim: reproduced if the prediction error is within 1.5 times that of noise and encoder."""
     errors = {name: math.degrees(error) for name, error in result.held_out.items()}
     good = result.held_out["fitted"] < 1.5 * result.floor
     return question(
@@ -203,7 +203,7 @@ def _validation_claim(result: IdentificationResult) -> Claim:
 
 
 def _coulomb_claim(result: IdentificationResult) -> Claim:
-    """Reproduced if a servo with Table 2's F_c shows it with an uncertainty below its value."""
+    """Return the claim: reproduced if the uncertainty of Table 2's F_c is below its value."""
     k = list(dict(result.settings.truth)).index("coulomb_friction")
     true = 1.71e-5
     width = 2.0 * result.paper.standard_errors[k] * result.paper.values["coulomb_friction"]
@@ -219,7 +219,7 @@ def _coulomb_claim(result: IdentificationResult) -> Claim:
 
 @look()
 def plot(result: IdentificationResult) -> dict[str, Figure]:
-    """Recordings and fit, and the parameters with their intervals."""
+    """Draw recordings and fit, and the parameters with their intervals."""
     return {
         "Recordings, the fitted model and what it leaves: two gains, and three falls with the motor off.": _fit_figure(
             result
@@ -231,7 +231,7 @@ def plot(result: IdentificationResult) -> dict[str, Figure]:
 
 
 def _fit_figure(result: IdentificationResult) -> Figure:
-    """Every motion at the highest gain, and every fall."""
+    """Draw every motion at the highest gain, and every fall."""
     recordings, fit = result.fit.recordings, result.fit
     shown = range(len(recordings) - len(result.settings.falls) - len(MOTIONS), len(recordings))
     figure, panels = subplots(11.0, 4.2, 2, len(shown), sharex="col", sharey="row", height_ratios=(2, 1))

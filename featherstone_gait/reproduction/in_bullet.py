@@ -1,17 +1,18 @@
 """Gaits of the humanoid in Bullet: do they walk in an engine whose contact is neither ours nor MuJoCo's?
 
-Bodies, joints and contact are Bullet's (`pip install pybullet`), the servos those of `crosscheck/servo_chain.py`.
-Bullet takes a torque a joint and holds it over a step.  Rotors are not Bullet's: they are integrated beside it.  Over a
-step with the motor's torque and the joint's speed held, a rotor on the spring of its gearbox is a linear system, which
-a matrix exponential solves exactly; the gear's mean torque over the step is what the joint gets.  Then the gear's twist
-is corrected by what the joint has really turned.  The replay is of first order in the step.
+Bodies, joints and contact are Bullet's (`pip install pybullet`), the servos are those of `crosscheck/servo_chain.py`.
+Bullet applies a constant torque to each joint over a step.  It has no rotors, so they are integrated beside it: with
+the motor's torque and the joint's speed held over a step, a rotor on the spring of its gearbox is a linear system with
+an exact solution by a matrix exponential, and the joint gets the mean torque of the gear over the step.  Then the twist
+of the gear is corrected by the actual motion of the joint.  The replay is of first order in the step.
 
-The hard floor is Bullet's default, the soft one a spring and a damper under each contact point.  Soles are spheres,
-friction is Bullet's pyramid.  Each gait walks 20 strides after two, on both floors with three coefficients of friction.
+The hard floor is Bullet's default; the soft one has a spring and a damper under each contact point.  Soles are spheres,
+and friction is Bullet's pyramid.  Each gait walks 20 strides after two, on both floors with three friction
+coefficients.
 
     python -m featherstone_gait.reproduction.in_bullet TABLE.csv
 
-writes a row a gait and floor, after each; started again it goes on with those that are not in TABLE.csv.
+writes a row for each gait and floor, and resumes with those that are not in TABLE.csv.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ FLOORS = {"hard": Floor(0.9), "soft": Floor(0.9, 9900.0, 76.0)}  # soft: sinks b
 
 
 class Walked(NamedTuple):
-    """How a gait goes on one floor, as a row of the table; cost, speed and sideways are None where it does not walk."""
+    """How a gait walks on one floor; cost, speed and sideways are None if it does not."""
 
     walks: bool  # whether it walked all strides, forward
     end: float  # when it fell, or had walked all strides [s]
@@ -82,7 +83,7 @@ class Walked(NamedTuple):
 
 
 def rotor_step(gearbox: Gearbox, h: float) -> np.ndarray:
-    """A rotor's step of h [s] as a map (2, 2, 4), with the motor's torque and the joint's speed held.
+    """Return a rotor's step of h [s] as a map (2, 2, 4), with the motor's torque and the joint's speed held.
 
     It takes (twist, rotor's speed, motor's torque, joint's speed) to twist and speed, first at the end of the step,
     second in the mean over it.  All at the output side [rad, rad/s, N m]; the twist is rotor less joint.
@@ -97,7 +98,7 @@ def rotor_step(gearbox: Gearbox, h: float) -> np.ndarray:
 
 
 class Machine:
-    """The robot of a scene in Bullet, on a floor or, with None, without; arrays are (n,) in the order of its joints.
+    """The robot of a scene in Bullet, on a floor or without one; arrays are (n,) in the order of its joints.
 
     timestep [s] must divide the tick of the controllers.  Raises ImportError without Bullet, ValueError for what the
     replay lacks.
@@ -134,7 +135,7 @@ class Machine:
             bullet.changeDynamics(self._floor, -1, **soft)
 
     def _load(self, model: Model) -> None:
-        """Load the robot, and take from it what Bullet adds of its own: damping, motors, sleep."""
+        """Load the robot, and switch off Bullet's own damping, motors and sleep."""
         bullet = self._bullet
         with TemporaryDirectory() as folder:
             path = Path(folder) / "robot.urdf"
@@ -165,7 +166,7 @@ class Machine:
         self.chain.goal = self.q.copy()
 
     def tick(self, reference: np.ndarray, rate: np.ndarray) -> None:
-        """One tick of the controllers, with references [rad] and their rates [rad/s], and Bullet's steps in it."""
+        """Make one tick of the controllers, with references [rad] and rates [rad/s], and Bullet's steps in it."""
         self.chain.tick(reference, rate, self.q, self._rotor, self.period)
         for _ in range(round(self.period / self.h)):
             self._step()
@@ -185,7 +186,7 @@ class Machine:
         chain.filter(self._speed)
 
     def base(self) -> np.ndarray:
-        """Position and quaternion of the base (7,) [m, -]; Bullet's position is that of its center of mass."""
+        """Return position and quaternion of the base (7,) [m, -]; Bullet's position is its center of mass."""
         center, turn = self._bullet.getBasePositionAndOrientation(self._robot)
         return np.array([*(np.array(center) - self._rotation(turn) @ self._offset), turn[3], *turn[:3]])
 
@@ -193,7 +194,7 @@ class Machine:
         return np.array(self._bullet.getMatrixFromQuaternion(turn)).reshape(3, 3)
 
     def stands(self) -> bool:
-        """Whether the robot has not fallen, by the scene's own rule; one that is nowhere any more has."""
+        """Return whether the robot has not fallen, by the scene's own rule."""
         center, turn = self._bullet.getBasePositionAndOrientation(self._robot)
         links = self._bullet.getLinkStates(self._robot, [*range(len(self._masses) - 1)], computeForwardKinematics=1)
         height = self._masses @ [center[2], *(link[0][2] for link in links)] / self._masses.sum()
@@ -201,13 +202,13 @@ class Machine:
         return bool(upright >= self.scene.fall_upright and height >= self.scene.fall_height)
 
     def contacts(self) -> np.ndarray:
-        """Depth [m] and normal force [N] of each contact with the floor (k, 2); the robot must be on one."""
+        """Return depth [m] and normal force [N] of each contact with the floor (k, 2)."""
         found = self._bullet.getContactPoints(self._floor, self._robot)
         return np.array([(max(-contact[8], 0.0), contact[9]) for contact in found]).reshape(-1, 2)
 
 
 class _World:
-    """Bullet, with a world of its own that each call is for; it is given back when nothing refers to it any more."""
+    """Bullet with a world of its own, which is released with this object."""
 
     def __init__(self) -> None:
         self._bullet = _pybullet()
@@ -228,7 +229,7 @@ def _pybullet() -> Any:
 
 
 def _check(model: Model, servos: Sequence[Servo], h: float) -> None:
-    """Of what the replay lacks, that which the humanoid could come to have."""
+    """Raise ValueError for features of a robot that the replay lacks."""
     lacking = ["backlash"] * any(servo.gearbox.backlash > 0.0 for servo in servos)
     lacking += ["delays"] * any(servo.controller.delay > 0.0 for servo in servos)
     sticks = any(servo.coulomb_friction > 0.0 and not is_gentle(servo, h) for servo in servos)
@@ -239,7 +240,7 @@ def _check(model: Model, servos: Sequence[Servo], h: float) -> None:
 
 
 def _with_soles(text: str, model: Model) -> str:
-    """A URDF for Bullet: spheres at the contact points are all that touches, held joints are fixed, stops left out."""
+    """Return a URDF for Bullet: collision spheres at the contact points, held joints fixed, no stops."""
     robot = ElementTree.fromstring(text)
     links = {link.get("name"): link for link in robot.iter("link")}
     for point in model.contacts:
@@ -259,12 +260,12 @@ def _with_soles(text: str, model: Model) -> str:
 
 
 def humanoid() -> CompiledScene:
-    """The robot whose gaits these are; its ground says only what counts as a fall."""
+    """Return the robot of these gaits; its ground only defines what counts as a fall."""
     return compile_scene(load_robot("humanoid", locked="simplified"), "mipsd", Ground(), "midpoint", 1e-3)
 
 
 def stand(scene: CompiledScene, angles: np.ndarray, floor: Floor, seconds: float = SETTLING) -> Machine:
-    """The robot after it has stood with its joints sent to `angles` (n,) [rad], its soles first just on the floor."""
+    """Return the robot after it has stood with its joints at `angles` (n,) [rad], starting on the floor."""
     machine = Machine(scene, floor)
     machine.place(standing(scene, angles, 0.0))
     for _ in range(round(seconds / machine.period)):
@@ -298,7 +299,7 @@ def walk(scene: CompiledScene, motion: Motion, floor: Floor, strides: int = STRI
 
 
 def kept(path: Path, notes: str) -> dict[tuple[str, ...], list[str]]:
-    """The rows of a table with these notes, by gait, floor and friction; none of a table with others.
+    """Return the rows of a table with these notes, by gait, floor and friction.
 
     Raises ValueError for a file of another kind.
     """
@@ -328,7 +329,7 @@ def study(path: Path) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Walk what is not in the table yet."""
+    """Walk all gaits that are not in the table yet."""
     study(table_arguments("walk gaits of the humanoid in Bullet", arguments).table)
     return 0
 

@@ -1,12 +1,12 @@
 """The paper's search against others at equal numbers of evaluations.
 
-The paper takes adaptive simulated annealing without comparing it.  Here it searches the same forty angles as SciPy's
-dual annealing and differential evolution and, where the package `cma` is there, CMA-ES, from the same planned gait,
-each several times.  Counted are the candidates that a search visits, the first gait included.
+The paper uses adaptive simulated annealing without comparing it.  Here it searches the same forty angles as SciPy's
+dual annealing and differential evolution and, if the package `cma` is installed, CMA-ES, from the same planned gait,
+each several times.  An evaluation is a candidate that a search visits, including the first gait.
 
-The first two perturb by the same amplitude; CMA-ES has its standard deviation.  Differential evolution starts from a
-population spread by that amplitude.  Dual annealing has none: it draws from a box, here one around the planned gait,
-for of gaits drawn from all that the joints allow hardly one walks.
+The paper's search and CMA-ES have the same amplitude, as perturbation and as standard deviation.  Differential
+evolution starts from a population spread by this amplitude.  Dual annealing draws from a box around the planned gait,
+because hardly any gait drawn from the joints' full range walks.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ SIGNIFICANT = 0.05  # of a one-sided rank sum test
 
 @dataclass(frozen=True)
 class MethodSettings:
-    """How long, how often, how wide."""
+    """Lengths, numbers and widths of the searches."""
 
     evaluations: int  # of each search
     searches: int  # of each method, by different seeds
@@ -58,12 +58,12 @@ class MethodResult:
     missing: tuple[str, ...]  # methods whose package is not installed
 
     def costs(self, method: str) -> np.ndarray:
-        """Of the gaits found (searches,) [J/m]."""
+        """Return the costs of the gaits found (searches,) [J/m]."""
         return self.best[method][:, -1]
 
 
 def run(settings: MethodSettings = QUICK, seed: int = 0, progress: bool = False) -> MethodResult:
-    """Run all searches side by side, seeded by `seed` and those that follow."""
+    """Run all searches together, seeded by `seed` and the numbers that follow."""
     cost = planned_walk()
     searches, missing = {}, []
     for method in METHODS:
@@ -105,7 +105,7 @@ def _search(settings: MethodSettings, cost: WalkingCost, method: str, seed: int)
 
 
 def _padded(best: np.ndarray, n: int) -> np.ndarray:
-    """A search that came to its end before keeps what it has."""
+    """Extend a search that ended early by its best cost."""
     return np.concatenate([best, np.full(n - len(best), best[-1])])
 
 
@@ -113,12 +113,12 @@ def _padded(best: np.ndarray, n: int) -> np.ndarray:
 
 
 def check(result: MethodResult) -> list[Claim]:
-    """How the paper's choice of method fares."""
+    """Return the claims about the paper's choice of method."""
     return [_best(result), *(_against(result, method) for method in METHODS if method != PAPERS), _sound(result)]
 
 
 def _best(result: MethodResult) -> Claim:
-    """Reproduced if its median is the least and significantly below the next; in direction if it is the least."""
+    """Return the claim: reproduced if its median is significantly the least; in direction if the least."""
     order = sorted(result.best, key=lambda method: np.median(result.costs(method)))
     least = order[0] == PAPERS
     p = _p(result, PAPERS, order[1]) if least else 1.0
@@ -136,7 +136,7 @@ def _best(result: MethodResult) -> Claim:
 
 
 def _way(result: MethodResult) -> str:
-    """Medians on the way."""
+    """Return the medians after a quarter, half and all of the evaluations."""
     n = result.settings.evaluations
     return "; ".join(
         f"{k}: " + ", ".join(f"{method} {np.median(best[:, k - 1]):.1f}" for method, best in result.best.items())
@@ -145,7 +145,7 @@ def _way(result: MethodResult) -> str:
 
 
 def _against(result: MethodResult, method: str) -> Claim:
-    """Reproduced if the paper's is significantly better; in direction if better in the median."""
+    """Return the claim: reproduced if the paper's is significantly better; in direction if better in the median."""
     claim = f"The paper's search beats {method} at equal numbers of evaluations"
     if method in result.missing:
         why = "CMA-ES needs the package cma: pip install 'featherstone-gait[search]'"
@@ -168,7 +168,7 @@ def _against(result: MethodResult, method: str) -> Claim:
 
 
 def _sound(result: MethodResult) -> Claim:
-    """Reproduced if no cost changes by 5 % or more."""
+    """Return the claim: reproduced if no cost changes by 5 % or more."""
     changes = np.concatenate([result.finer[method] / result.costs(method) - 1.0 for method in result.best])
     return question(
         claim="The gaits found are not artifacts of the time step",
@@ -197,7 +197,7 @@ COLOURS = dict(zip(METHODS, STYLE))
 
 @look()
 def plot(result: MethodResult) -> dict[str, Figure]:
-    """The searches over evaluations, and what each found."""
+    """Draw the searches over evaluations, and what each found."""
     return {
         "Energy per distance of the best gait so far against the number of evaluations (median and range), and of the "
         "gaits found in the end: each mark is a search, the line their median.": _progress(result)

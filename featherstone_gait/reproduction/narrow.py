@@ -16,7 +16,7 @@ LETTERS = 22  # that a column of a legend holds
 
 
 def stack(figure: Figure) -> bool:
-    """Lay the panels of a figure out in one column, `WIDTH` wide; False, and nothing is done, if there are too many."""
+    """Lay the panels of a figure out in one column, `WIDTH` wide; return False if there are too many."""
     places: Any = {axes: spec for axes in figure.axes if (spec := axes.get_subplotspec()) is not None}
     if not 0 < len(places) <= MOST:
         return False
@@ -42,7 +42,7 @@ def stack(figure: Figure) -> bool:
 
 
 def _again(owner: Any, legend: Legend, place: str) -> int:
-    """The legend of a figure or of axes in one or two columns; return how many lines it has."""
+    """Redraw the legend of a figure or of axes in one or two columns; return its number of lines."""
     names, handles = [text.get_text() for text in legend.get_texts()], legend.legend_handles
     columns = 2 if max(map(len, names)) <= LETTERS else 1
     legend.remove()

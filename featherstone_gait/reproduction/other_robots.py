@@ -1,15 +1,15 @@
 """Gaits of other robots than the paper's ten-joint humanoid: do they walk in other worlds, and in MuJoCo?
 
-The complete humanoid, whose 19 joints all take part; ANYmal B on its four point feet, and the Unitree G1 with the
-twelve joints of its legs, which come with `example-robot-data`, with an AX-12 scaled to each
-(`walking.with_generic_servos`).  Each walks with its first gait, and with one that is searched for energy alone in
-eight worlds, the G1 also with a Bioloid's feedback scaled to it (`walking.generic_feedback`), and with poses and gains
-that are searched together: in 200 worlds that no search has seen, and on the twelve floors of
+The robots are the complete humanoid with all its 19 joints; ANYmal B on its four point feet, and the Unitree G1 with
+the twelve joints of its legs, both from `example-robot-data`.  Their servos are an AX-12 scaled to each robot
+(`walking.with_generic_servos`).  Each robot walks with its first gait and with one that is searched for energy alone in
+eight worlds; the G1 also walks with a Bioloid's feedback scaled to it (`walking.generic_feedback`), and with poses and
+gains that are searched together.  All walk in 200 worlds that no search has seen, and on the twelve floors of
 `featherstone_gait.crosscheck`.
 
     python -m featherstone_gait.reproduction.other_robots TABLE.csv
 
-writes a row a floor, and into `TABLE_worlds.csv` a row a gait; started again it goes on with what is not in
+writes a row for each gait and floor, and a row for each gait into `TABLE_worlds.csv`; it resumes with what is not in
 `TABLE_walks`.
 """
 
@@ -66,7 +66,7 @@ WORLDS_COLUMNS = [
 
 
 class Robot(NamedTuple):
-    """A robot, how it first walks, and how long is searched for more."""
+    """A robot, its first walk, and the lengths of its searches."""
 
     first: Callable[[], WalkingCost]
     candidates: int
@@ -74,12 +74,12 @@ class Robot(NamedTuple):
 
 
 def complete_humanoid() -> WalkingCost:
-    """The walk that `optimize` begins with, of the robot with all its joints."""
+    """Return the walk with which `optimize` starts, of the robot with all its joints."""
     return walking_cost(load_robot("humanoid"), states="step")
 
 
 def anymal() -> WalkingCost:
-    """A trot of 120 mm in 0.48 s."""
+    """Return a trot of 120 mm in 0.48 s."""
     robot = with_generic_servos(_published("anymal_b_simple_description/robots/anymal.urdf"), leg=0.55)
     bend = {"HAA": 0.0, "HFE": 0.4, "KFE": -0.8}  # [rad], of the hind legs the other way
     posture = np.array([bend[name[3:]] * (1.0 if name[1] == "F" else -1.0) for name in robot.joint_names])
@@ -89,7 +89,7 @@ def anymal() -> WalkingCost:
 
 
 def g1() -> WalkingCost:
-    """The cheapest of 73 plans, of a robot that holds all joints but those of its legs.
+    """Return the cheapest of 73 plans, for the robot with all joints but those of its legs held.
 
     Its servos are twice as strong for its weight as a Bioloid's: with such as these none of 35 plans walks in eight
     worlds.
@@ -108,7 +108,7 @@ ROBOTS = {
 
 
 def _published(urdf: str, locked: Sequence[str] = ()) -> Model:
-    """Raises ImportError without the package."""
+    """Load a published robot; raise ImportError without the package."""
     path = next((folder / urdf for folder in folders() if (folder / urdf).is_file()), None)
     if path is None:
         raise ImportError(f"{Path(urdf).name} comes with a package; pip install example-robot-data")
@@ -125,7 +125,7 @@ Gaits = dict[str, np.ndarray | BalancedWalk]  # vectors (D,) [rad], or with feed
 
 
 def gaits(name: str, folder: Path) -> tuple[WalkingCost, Gaits]:
-    """Cost of a robot's first gait, that gait, the one that is searched for, and two with feedback if it has any."""
+    """Return the cost of a robot, its first gait, the gait found, and two with feedback if it has any."""
     robot, cost = ROBOTS[name], ROBOTS[name].first()
     first = cost.gait.to_vector()
 
@@ -150,7 +150,7 @@ def gaits(name: str, folder: Path) -> tuple[WalkingCost, Gaits]:
 
 
 def _kept(path: Path, first: np.ndarray, search: Callable[[], dict[str, list[float]]]) -> dict[str, Any]:
-    """What a search found, from its file if it is there; raises ValueError for that of another first gait."""
+    """Return the result of a search, from its file if it exists; raise ValueError for another first gait."""
     content = kept(path, GAIT, lambda: {"first": first.tolist(), **search()})
     if content["first"] != first.tolist():
         raise ValueError(f"{path}: belongs to another first gait, of other sources or another version; delete it")
@@ -162,7 +162,7 @@ def _motion(cost: WalkingCost, x: np.ndarray) -> Motion:
 
 
 def worth_of(name: str, folder: Path, cost: WalkingCost, found: Gaits) -> list[list]:
-    """A row a gait: what it costs on the own ground and in the worlds of the search, and what it does in others.
+    """Return a row for each gait: its cost on its own ground and in the worlds of the search, and in others.
 
     The last number is the impulse that half of the robots survive, mean of eight directions [N s], where it is asked.
     """
@@ -187,13 +187,13 @@ def _worths(name: str, cost: WalkingCost, found: Gaits) -> list[list]:
 
 
 def on_own_ground(cost: WalkingCost, gait: np.ndarray | BalancedWalk) -> Measures:
-    """What a gait does as it is searched from, in no other world."""
+    """Measure a gait on the ground from which it was searched."""
     alone = CostInWorlds(cost, [cost.scene], np.zeros((1, len(cost.gait.joint_names))))
     return alone.measure([gait])[0][0]
 
 
 def rows_of(name: str, folder: Path, cost: WalkingCost, found: Gaits) -> list[list]:
-    """A row a gait and floor, soles as spheres; what was walked before is not walked again."""
+    """Return a row for each gait and floor, with spheres as soles; finished walks are not repeated."""
     rows = []
     for k, (gait, x) in enumerate(found.items()):
         own, motion = on_own_ground(cost, x), x if isinstance(x, BalancedWalk) else _motion(cost, x)

@@ -1,14 +1,14 @@
-"""The complete humanoid holds still: how still four of its joints are (Lima et al. 2013, Table 3, Figs. 12 and 13).
+"""The complete humanoid holds still: motion of four of its joints (Lima et al. 2013, Table 3, Figs. 12 and 13).
 
-The paper holds a static posture with the standard and with the MIPSD model and gives the largest and smallest angle and
-the standard deviation of four joints.  It does not say how: standing or with the trunk fixed, which controller, which
-gains, for how long.  Two of these show in its numbers.
+The paper holds a static posture with the standard model and with motor inertia plus spring-damper (MIPSD) and gives the
+largest and smallest angle and the standard deviation of four joints.  It does not state whether the robot stands or its
+trunk is fixed, which controller and gains it has, or how long it runs.  Its numbers give hints on two of these.
 
-Controller: the AX-12's law, a voltage proportional to the error, lets the joints droop under their load, here by 0.3 to
-0.5 deg.  The paper's MIPSD values lie within 0.05 deg around the references, so something took the droop away: integral
-action, which the program has and which is used here, or some gravity compensation.  Both laws are run.
+Controller: under the AX-12's law, a voltage proportional to the error, the joints droop under their load, here by 0.3
+to 0.5 deg.  The paper's MIPSD values lie within 0.05 deg around the references, so something removed the droop:
+integral action, which the program has and which is used here, or some gravity compensation.  Both laws are simulated.
 
-Base: the program puts a robot on the ground unless told otherwise; both are run.
+Base: by default the program puts a robot on the ground; both bases are simulated.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ SHORT_INTEGRAL_TIME = 0.3  # [s]
 
 @dataclass(frozen=True)
 class Case:
-    """One robot in its posture; the defaults are the choices for what the paper does not say."""
+    """A robot in its posture; the defaults are our choices for what the paper does not state."""
 
     servos: GearboxKind = "standard"
     integrator: str = EXPLICIT  # the paper's program of 2012
@@ -76,7 +76,7 @@ class Case:
 
 @dataclass(frozen=True)
 class PostureSettings:
-    """What is varied, and how long each case runs."""
+    """Varied parameters, and the duration of each case."""
 
     gains: tuple[float, ...]  # [V/rad] 8: the authors' scene of 2008; 61: AX-12
     steps: tuple[float, ...]  # [s]
@@ -105,7 +105,7 @@ FULL = PostureSettings(
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What the four joints did after `dropped`, for each disturbance; NaN where the robot fell.  Joints as `JOINTS`."""
+    """Angles of the four `JOINTS` after `dropped`, for each disturbance; NaN where the robot fell."""
 
     highest: np.ndarray  # (n, 4) [deg]
     lowest: np.ndarray  # (n, 4) [deg]
@@ -133,12 +133,12 @@ class PostureResult:
     outcomes: dict[Case, Outcome]
 
     def of(self, **changes: Any) -> Outcome:
-        """The outcome of `Case()` with some things changed."""
+        """Return the outcome of `Case()` with some fields changed."""
         return self.outcomes[Case(**changes)]
 
 
 def run(settings: PostureSettings = QUICK, seed: int = 0, progress: bool = False) -> PostureResult:
-    """Hold the posture in every case.  seed: of the initial disturbances, which all cases share."""
+    """Hold the posture in every case; seed: of the initial disturbances, which all cases share."""
     cases = all_cases(settings)
     model = load_robot("humanoid")
     noise = settings.tilt * np.random.default_rng(seed).standard_normal((settings.disturbances, model.nv - 6))
@@ -148,7 +148,7 @@ def run(settings: PostureSettings = QUICK, seed: int = 0, progress: bool = False
 
 
 def all_cases(settings: PostureSettings) -> list[Case]:
-    """The paper's table for both bases and laws, and one thing at a time of the rest."""
+    """Return the cases: the table for both bases and laws, then one varied parameter at a time."""
     models = [Case(servos, integrator) for servos, integrator in product(SERVOS, INTEGRATORS)]
     laws = (P, INTEGRAL_TIME)
     cases = [replace(m, base=base, integral_time=Ti) for m in models for base, Ti in product(BASES, laws)]
@@ -164,7 +164,7 @@ def all_cases(settings: PostureSettings) -> list[Case]:
 
 
 def scene_of(case: Case) -> CompiledScene:
-    """The humanoid with the case's servos and base."""
+    """Compile the humanoid with the case's servos and base."""
     model = load_robot("humanoid", case.base)
     servo = next(iter(model.servos.values()))  # the same in every joint
     controller = replace(servo.controller, Kp=case.Kp, Ki=case.Kp / case.integral_time)
@@ -175,7 +175,7 @@ def scene_of(case: Case) -> CompiledScene:
 
 
 def hold(case: Case, settings: PostureSettings, noise: np.ndarray) -> Outcome:
-    """Hold the posture from `noise` (n, joints) [rad] beside it."""
+    """Hold the posture from deviations `noise` (n, joints) [rad]."""
     scene = scene_of(case)
     places, start = _places(scene.model), standing_state if case.base == "floating" else initial_state
     target = np.zeros(len(scene.model.joint_names))  # all other joints at 0: straight legs, arms down
@@ -200,7 +200,7 @@ def _places(model: Model) -> list[int]:
 
 
 def table(result: PostureResult) -> str:
-    """The paper's Table 3 and ours: extreme angles over all disturbances and median deviation, in degrees.
+    """Return the paper's Table 3 and ours as text: extreme angles and median deviation, in degrees.
 
     Last, the error of the step: how far half of it moves any of these.
     """
@@ -227,7 +227,7 @@ def _row(name: str, *numbers: Iterable[float]) -> str:
 
 
 def check(result: PostureResult) -> list[Claim]:
-    """The paper's statements about this posture beside what comes out here, standing and with integral action."""
+    """Return the paper's claims about this posture, standing and with integral action."""
     return [_standard(result), _mipsd(result), _decrease(result), _centered(result), _order(result), _cause(result)]
 
 
@@ -305,7 +305,7 @@ def _centered(result: PostureResult) -> Claim:
 
 
 def _order(result: PostureResult) -> Claim:
-    """Which joint shakes most and which least."""
+    """Return the claim about the order of the joints."""
     orders = {base: np.argsort(-result.of(base=base).typical) for base in BASES}
     paper = np.argsort(-_paper("standard")[:, 2])
     same = [base for base, order in orders.items() if (order == paper).all()]
@@ -341,7 +341,7 @@ WHAT = "standard deviation of left lateral, right front, right lateral shoulder,
 
 
 def _paper(servos: str) -> np.ndarray:
-    """Largest, smallest angle and deviation of the joints (4, 3) [deg]."""
+    """Return largest, smallest angle and deviation of the joints (4, 3) [deg]."""
     return np.array([values[servos] for _, values in TABLE_3.values()])
 
 
@@ -352,12 +352,12 @@ def _joints(values: Collection[float]) -> str:
 
 
 def _factor(paper: np.ndarray, ours: np.ndarray) -> float:
-    """Geometric mean over the joints of ours over the paper's."""
+    """Return the geometric mean over the joints of ours over the paper's."""
     return math.exp(float(np.mean(np.log(ours / paper))))
 
 
 def _near(paper: np.ndarray, ours: np.ndarray) -> bool:
-    """Whether every joint's deviation is the paper's within a factor 3."""
+    """Return whether every joint's deviation is the paper's within a factor 3."""
     return bool((abs(np.log(ours / paper)) < math.log(3.0)).all())
 
 
@@ -372,7 +372,7 @@ FLOOR = 1e-6  # of what is shown of a deviation [deg]
 
 @look()
 def plot(result: PostureResult) -> dict[str, Figure]:
-    """The figures, by caption."""
+    """Return the figures, by caption."""
     return {
         "The left elbow over time, as in the paper's Fig. 13": _elbow(result),
         "Table 3 as a picture: range and standard deviation about the reference": _ranges(result),
@@ -396,7 +396,7 @@ def _elbow(result: PostureResult) -> Figure:
 
 
 def _ranges(result: PostureResult) -> Figure:
-    """Thin: smallest to largest angle over all disturbances; thick: mean (the paper's: middle) ± deviation."""
+    """Draw ranges over all disturbances (thin), and mean (the paper's: middle) ± deviation (thick)."""
     figure, axes = subplots(13.0, 4.2, 1, 4, sharey=True)
     rows: list[tuple] = []
     for servos in SERVOS:

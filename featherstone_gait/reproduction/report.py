@@ -63,7 +63,7 @@ MINUTES = {  # that an experiment takes on two cores, compiled before: quick, fu
 
 
 class Entry(NamedTuple):
-    """What the report says of one experiment."""
+    """One experiment in the report."""
 
     name: str
     title: str
@@ -79,7 +79,7 @@ class Entry(NamedTuple):
 def reproduce(
     names: Sequence[str] = (), out: FilePath = ".", full: bool = False, seed: int = 0, progress: bool = False
 ) -> list[Entry]:
-    """Run the named experiments, all if none is named, and write the report into the folder `out`.
+    """Run the named experiments, by default all, and write the report into the folder `out`.
 
     An experiment that raises is reported as failed, and the others still run.  The report is written after each of
     them.  Raises ValueError for an unknown name.
@@ -100,7 +100,7 @@ def reproduce(
 
 
 def expected(names: Sequence[str] = (), full: bool = False) -> float:
-    """How long the named experiments take on two cores [min]; all if none is named.  Compiling comes on top.
+    """Return the expected time of the named experiments on two cores [min], without compilation.
 
     Raises ValueError for an unknown name.
     """
@@ -115,7 +115,7 @@ def _known(names: Sequence[str]) -> None:
 
 
 def _key(name: str, full: bool, seed: int) -> tuple[Any, Any, str]:
-    """Module, settings, and what results are filed under."""
+    """Return module, settings, and the key of the stored results."""
     module = import_module(f".{name}", __package__)
     settings = module.FULL if full else module.QUICK
     program = _program(module)
@@ -123,7 +123,7 @@ def _key(name: str, full: bool, seed: int) -> tuple[Any, Any, str]:
 
 
 def _finished(files: Path, name: str, full: bool, seed: int) -> Entry | None:
-    """From the file of its results, if it is of the same settings, seed and program."""
+    """Return stored results, if settings, seed and program are the same."""
     try:
         return _stored(files / f"{name}.json", _key(name, full, seed)[2])
     except Exception:  # what is wrong with it is told when it runs
@@ -131,7 +131,7 @@ def _finished(files: Path, name: str, full: bool, seed: int) -> Entry | None:
 
 
 def _entry(files: Path, name: str, full: bool, seed: int, progress: bool) -> Entry:
-    """Run an experiment and keep its results."""
+    """Run an experiment and store its results."""
     try:
         module, settings, key = _key(name, full, seed)
         entry, made = _run(name, module, settings, seed, progress)
@@ -145,7 +145,7 @@ def _entry(files: Path, name: str, full: bool, seed: int, progress: bool) -> Ent
 
 
 def _run(name: str, module: Any, settings: Any, seed: int, progress: bool) -> tuple[Entry, dict[str, bytes]]:
-    """What an experiment found, and its files by name."""
+    """Run an experiment; return its entry and its files by name."""
     start = time.perf_counter()
     known = inspect.signature(module.run).parameters
     how = {"seed": seed, "progress": progress}
@@ -169,7 +169,7 @@ def _run(name: str, module: Any, settings: Any, seed: int, progress: bool) -> tu
 
 
 def _png(figure: Figure) -> bytes:
-    """The picture; sixteen million colors are reduced to 256, which lines and bars do not need."""
+    """Return a figure as PNG with 256 colors, which are enough for lines and bars."""
     from PIL import Image
 
     buffer, small = io.BytesIO(), io.BytesIO()
@@ -183,7 +183,7 @@ def _plain(entry: Entry) -> dict:
 
 
 def _stored(path: Path, key: str) -> Entry | None:
-    """The results of an earlier run, None unless all of them are there and of this key."""
+    """Return the results of an earlier run, None unless they are complete and have this key."""
     try:
         content = json.loads(path.read_text("utf-8"))
         FORMAT.check(path, content.pop("format", None))
@@ -200,13 +200,13 @@ def _stored(path: Path, key: str) -> Entry | None:
 
 
 def _program(module: Any) -> str:
-    """Version and a digest of all that an experiment's results depend on here, so that a changed program runs again."""
+    """Return the version and a digest of all sources on which an experiment depends."""
     file = getattr(module, "__file__", None)
     return f"{__version__} {digest(Path(file)) if file else ''}"
 
 
 def _failure(error: Exception) -> str:
-    """The error and where it was raised."""
+    """Return the error and where it was raised."""
     frame = extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__}: {error} ({Path(frame.filename).name}, line {frame.lineno})"
 
@@ -216,7 +216,7 @@ def _title(module: Any) -> str:
 
 
 def _settings(settings: Any) -> tuple[tuple[str, str, str], ...]:
-    """Name and value of each setting, with the comment beside it in the source: unit and reason."""
+    """Return name and value of each setting, with the comment beside it in the source."""
     try:
         source = inspect.getsource(type(settings))
     except OSError:
@@ -246,7 +246,7 @@ def write_report(folder: Path, entries: Sequence[Entry], full: bool, seed: int) 
 
 
 def _table(entries: Sequence[Entry]) -> list[tuple[str, ...]]:
-    """Each claim, as plain text."""
+    """Return each claim as plain text."""
     return [
         (entry.name, claim.item, claim.claim, claim.paper, claim.ours, _factor(claim), claim.word)
         for entry in entries
@@ -259,12 +259,12 @@ def _factor(claim: Claim) -> str:
 
 
 def _note(facts: list[tuple[str, str]]) -> str:
-    """What the table is of; nothing that depends on time or machine."""
+    """Return what the table describes, independent of time and machine."""
     return "\n".join(f"{name}: {text}" for name, text in facts if name in ("Size and seed", "Program"))
 
 
 def _facts(entries: Sequence[Entry], full: bool, seed: int) -> list[tuple[str, str]]:
-    """What the report states about itself."""
+    """Return the facts about the report itself."""
     claims = [claim for entry in entries for claim in entry.claims]
     verdicts = Counter(claim.verdict for claim in claims if claim.item)
     counts = [f"{count} {verdict}" for verdict in get_args(Verdict) if (count := verdicts[verdict])]
@@ -287,7 +287,7 @@ def _facts(entries: Sequence[Entry], full: bool, seed: int) -> list[tuple[str, s
 
 
 class ReportRow(NamedTuple):
-    """One line of the table of the paper, or of that of our own questions (`item` and what only the paper has: "")."""
+    """A row of the paper's table, or of that of our own questions, whose `item` and paper's cells are empty."""
 
     item: str
     statement: str
@@ -300,7 +300,7 @@ class ReportRow(NamedTuple):
 
 
 def _paper_rows(entries: Sequence[Entry]) -> list[ReportRow]:
-    """Each item in the paper's order, and after those of an experiment that failed, that it did."""
+    """Return a row for each item in the paper's order, then one for each failed experiment."""
     rows = []
     for key, item in ITEMS.items():
         claims = [(entry.name, claim) for entry in entries for claim in entry.claims if claim.item == key]
@@ -315,7 +315,7 @@ def _paper_rows(entries: Sequence[Entry]) -> list[ReportRow]:
 
 
 def _own_rows(entries: Sequence[Entry]) -> list[ReportRow]:
-    """What was asked besides, and whether it is so."""
+    """Return the rows of our own questions."""
     return [
         ReportRow("", claim.claim, "", claim.ours, "", claim.word, claim.why, entry.name)
         for entry in entries
@@ -371,7 +371,7 @@ def _html_row(row: ReportRow, columns: Sequence[str]) -> str:
 
 
 def _gauge(factor: str) -> str:
-    """The factor, and where it lies on a logarithmic scale from 1/100 to 100; the line is the paper's."""
+    """Return the factor, and its place on a logarithmic scale from 1/100 to 100 with a line at the paper's."""
     if not factor or float(factor) <= 0.0:
         return factor
     place = 50.0 + 25.0 * min(2.0, max(-2.0, math.log10(float(factor))))
@@ -411,7 +411,7 @@ def _html_section(entry: Entry, files: Path) -> str:
 
 
 def _width(file: Path) -> int:
-    """At which a picture is shown, so that all have type of one size."""
+    """Return the width at which a picture is shown, so that all have the same type size."""
     pixels = int.from_bytes(file.read_bytes()[16:20], "big")  # the PNG's header
     return round(pixels * SHOWN_PER_INCH / DOTS_PER_INCH)
 
@@ -458,7 +458,7 @@ def _markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[
 
 
 def _plain_text(text: str) -> str:
-    """The text with nothing in it that Markdown or HTML would take for markup, in one line."""
+    """Escape a text for Markdown and HTML, in one line."""
     return re.sub(r"([\\`*_{}\[\]<>|#~])", r"\\\1", " ".join(text.split()))
 
 

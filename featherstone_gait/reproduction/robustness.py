@@ -1,10 +1,10 @@
-"""How far an optimized gait is to be trusted where robot and ground are not those of its search.
+"""How far an optimized gait also works on robots and ground other than those of its search.
 
-The paper optimizes on one simulated robot and one floor.  Gaits found in this way, and the planned one that they start
-from, walk here on other floors and slopes, with other masses, supplies and backlash, and are pushed.  A gait vector is
-not among the parameters of a `study`, so that this runs batches: all gaits under one disturbance.
+The paper optimizes on one simulated robot and one floor.  Here gaits found in this way, and the planned gait from which
+they start, walk on other floors and slopes, with other masses, supplies and backlash, and are pushed.  A gait vector is
+not a parameter of a `study`, so this module runs batches: all gaits under one disturbance.
 
-For backlash a gait is also searched with it, to tell what a search that knew of it would find.
+A second set of gaits is searched with backlash, to compare gaits found with and without it.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ DIRECTIONS = {"forward": (1.0, 0.0), "backward": (-1.0, 0.0), "left": (0.0, 1.0)
 
 @dataclass(frozen=True)
 class RobustnessSettings:
-    """The search, and what disturbs the gaits."""
+    """The searches, and the disturbances of the gaits."""
 
     iterations: int  # of each search
     searches: int  # by different seeds
@@ -65,7 +65,7 @@ FULL = RobustnessSettings(iterations=800, searches=3, robots=64, push=(0.5, 1.0,
 
 @dataclass(frozen=True, eq=False)
 class RobustnessResult:
-    """Costs [J/m], infinite where a gait does not walk; gaits: the planned one, those found, those that knew backlash.
+    """Costs [J/m], infinite where a gait does not walk, of the planned gait and of those found.
 
     The keys of `costs` are (kind, value): of KINDS, (UNCERTAIN, number) and (PUSHED, (direction, force)).
     """
@@ -78,22 +78,22 @@ class RobustnessResult:
     costs: dict[tuple, np.ndarray]  # (gaits,)
 
     def of(self, kind: str) -> np.ndarray:
-        """Costs under all disturbances of a kind (disturbances, gaits)."""
+        """Return costs under all disturbances of a kind (disturbances, gaits)."""
         return np.array([cost for (name, _), cost in self.costs.items() if name == kind])
 
     @property
     def found(self) -> np.ndarray:
-        """Places of the gaits found without backlash."""
+        """Indices of the gaits found without backlash."""
         return np.flatnonzero([name.startswith("found") for name in self.gaits])
 
     @property
     def knowing(self) -> np.ndarray:
-        """Places of the gaits found with backlash."""
+        """Indices of the gaits found with backlash."""
         return np.flatnonzero([name.startswith("knew") for name in self.gaits])
 
 
 def run(settings: RobustnessSettings = QUICK, seed: int = 0, progress: bool = False) -> RobustnessResult:
-    """Search, seeded by `seed` and those that follow, then disturb; `seed` also draws the uncertain masses."""
+    """Search, seeded by `seed` and the numbers that follow, then disturb; `seed` also draws the uncertain masses."""
     planned = planned_walk()
     loose = _with(planned, "backlash", settings.known_backlash)
     gaits, vectors = [PLANNED], [planned.gait.to_vector()]
@@ -116,7 +116,7 @@ def run(settings: RobustnessSettings = QUICK, seed: int = 0, progress: bool = Fa
 def _costs(
     settings: RobustnessSettings, planned: WalkingCost, vectors: Sequence[np.ndarray], key: tuple, seed: int
 ) -> np.ndarray:
-    """Costs of all gaits under one disturbance (gaits,)."""
+    """Return costs of all gaits under one disturbance (gaits,)."""
     kind, value = key
     if kind == PUSHED:
         direction, force = value
@@ -132,7 +132,7 @@ def _costs(
 
 
 def _with(planned: WalkingCost, kind: str, value: float) -> WalkingCost:
-    """The walk under a disturbance of `KINDS`."""
+    """Return the walk under a disturbance of `KINDS`."""
     model, ground = planned.scene.model, Ground()
     if kind == "friction":
         ground = Ground(friction=value)
@@ -153,12 +153,12 @@ def _with(planned: WalkingCost, kind: str, value: float) -> WalkingCost:
 
 
 def check(result: RobustnessResult) -> list[Claim]:
-    """What of an optimum is left outside its search."""
+    """Return the claims about what remains of an optimum outside its search."""
     return [_walks(result), _cheaper(result), _pushed(result), _backlash(result), _known(result)]
 
 
 def _walks(result: RobustnessResult) -> Claim:
-    """Reproduced if the median of the gaits found walks under at least as many disturbances as the planned one."""
+    """Return the claim: reproduced if the median gait walks under at least as many disturbances as the planned one."""
     every = np.array([cost for (kind, _), cost in result.costs.items() if kind != PUSHED])
     shares = np.isfinite(every).mean(axis=0)
     found, planned = shares[result.found], shares[0]
@@ -174,7 +174,7 @@ def _walks(result: RobustnessResult) -> Claim:
 
 
 def _cheaper(result: RobustnessResult) -> Claim:
-    """Reproduced if all gaits found are cheaper wherever both they and the planned one walk; direction: 90 %."""
+    """Return the claim: reproduced if all gaits are cheaper wherever both walk; in direction at 90 %."""
     every = np.array([cost for (kind, _), cost in result.costs.items() if kind != PUSHED])
     ratios = _ratios(every, result.found)
     share = float((ratios < 1.0).mean())
@@ -197,14 +197,14 @@ def _median_change(result: RobustnessResult, kind: str) -> str:
 
 
 def _ratios(costs: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """Costs of the gaits found over that of the planned one, wherever both walk."""
+    """Return costs of the gaits found over that of the planned one, wherever both walk."""
     every, planned = np.broadcast_arrays(costs[:, found], costs[:, :1])
     both = np.isfinite(every) & np.isfinite(planned)
     return every[both] / planned[both]
 
 
 def _pushed(result: RobustnessResult) -> Claim:
-    """Reproduced if the median gait found withstands at least as many pushes as the planned one."""
+    """Return the claim: reproduced if the median gait withstands at least as many pushes as the planned one."""
     stood = np.isfinite(result.of(PUSHED))
     counts = stood.sum(axis=0)
     largest = {direction: _largest(result, direction) for direction in DIRECTIONS}
@@ -223,14 +223,14 @@ def _pushed(result: RobustnessResult) -> Claim:
 
 
 def _largest(result: RobustnessResult, direction: str) -> np.ndarray:
-    """The largest force up to which each gait withstands all (gaits,) [N], 0 if none."""
+    """Return the largest force up to which each gait withstands all (gaits,) [N], 0 if none."""
     stood = np.array([np.isfinite(result.costs[PUSHED, (direction, force)]) for force in result.settings.push])
     counts = np.logical_and.accumulate(stood, axis=0).sum(axis=0)
     return np.array([0.0, *result.settings.push])[counts]
 
 
 def _backlash(result: RobustnessResult) -> Claim:
-    """Reproduced if gaits found without backlash walk with all of it and cost less than 10 % more than without."""
+    """Return the claim: reproduced if all gaits walk with backlash and cost less than 10 % more."""
     costs = result.of("backlash")[:, result.found]
     change = costs / result.nominal[result.found] - 1.0
     sizes = result.settings.backlash
@@ -248,7 +248,7 @@ def _backlash(result: RobustnessResult) -> Claim:
 
 
 def _known(result: RobustnessResult) -> Claim:
-    """Reproduced if a search with backlash finds gaits of lower median cost for it than one without."""
+    """Return the claim: reproduced if a search with backlash has the lower median cost with it."""
     size = result.settings.known_backlash
     both = {"found": result.found, "knowing": result.knowing}
     cost = {name: result.costs["backlash", size][rows] for name, rows in both.items()}
@@ -271,7 +271,7 @@ COLOURS = {PLANNED: "0.35", "found": BLUE, "knew": ORANGE}
 
 @look()
 def plot(result: RobustnessResult) -> dict[str, Figure]:
-    """Costs by disturbance, and the pushes that were withstood."""
+    """Draw the costs by disturbance, and the pushes that were withstood."""
     return {
         "Energy per distance of the planned gait and of the gaits found under disturbances; crosses at the top: "
         "the gait does not walk. Last panel: robots with each link's mass off by up to 10 %.": _curves(result),

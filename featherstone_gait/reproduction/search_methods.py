@@ -83,7 +83,7 @@ def dual_annealing(
 
 
 def inverted(minimize: Callable[[Evaluate], None]) -> Method:
-    """Yield what ``minimize(evaluate)`` evaluates; send the costs.
+    """Yield the candidates that ``minimize(evaluate)`` evaluates; receive their costs.
 
     `evaluate` takes a list of candidates and returns a list of costs.  What the minimizer raises is raised here.  When
     the generator is closed, or no longer referred to, the minimizer ends at its next evaluation.

@@ -45,7 +45,7 @@ TOLERANCE = 0.1  # within which a figure counts as the same: catalogs give no-lo
 
 @dataclass(frozen=True)
 class ServoStepSettings:
-    """What the paper leaves open."""
+    """Our choices for what the paper does not state."""
 
     step: float = math.radians(60.0)  # [rad] usual in catalogs of servos, and long enough to reach full speed
     duration: float = 1.5  # [s] five times the rise
@@ -61,7 +61,7 @@ FULL = ServoStepSettings(timestep=1e-4)
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One response, and what is read off it."""
+    """One response and its characteristics."""
 
     label: str
     time: np.ndarray  # [s]
@@ -73,13 +73,13 @@ class Step:
     finer: Step | None = None  # at half the step
 
     def stated(self, name: str, scale: float, form: str) -> str:
-        """One of the figures, times `scale`, with how far half the step moves it."""
+        """Return one of the numbers, times `scale`, with its change at half the step."""
         return plus_minus(scale * getattr(self, name), scale * getattr(self.finer, name), form)
 
 
 @dataclass(frozen=True, eq=False)
 class ServoStepResult:
-    """Responses by what was varied, and the servo's limits by supply."""
+    """Responses by varied parameter, and the servo's limits by supply."""
 
     settings: ServoStepSettings
     gearboxes: dict[str, Step]  # "standard", "mipsd"; at 10 V
@@ -114,13 +114,13 @@ def run(settings: ServoStepSettings = QUICK) -> ServoStepResult:
 
 
 def _supplied(model: Model, volts: float) -> Model:
-    """The servo on a supply: full voltage at the end of the compliance slope, and the current limit for it."""
+    """Return the servo on a supply: full voltage at the end of the compliance slope, and its current limit."""
     current = CURRENT[12.0] if volts > 10.0 else CURRENT[10.0]
     return changed(model, voltage_limit=volts, Kp=volts / SLOPE, current_limit=current)
 
 
 def _step(settings: ServoStepSettings, model: Model, label: str, kind: GearboxKind = "mipsd") -> Step:
-    """A response, and the same at half the step."""
+    """Simulate a response, and the same at half the step."""
     found, finer = (_response(settings, model, label, kind, h * settings.timestep) for h in (1.0, 0.5))
     return replace(found, finer=finer)
 
@@ -135,20 +135,20 @@ def _response(settings: ServoStepSettings, model: Model, label: str, kind: Gearb
 
 
 def _reached(time: np.ndarray, angle: np.ndarray, level: float) -> float:
-    """When the angle first is `level` [s]."""
+    """Return the time at which the angle first reaches `level` [s]."""
     k = int(np.argmax(angle >= level))
     return float(np.interp(level, angle[k - 1 : k + 1], time[k - 1 : k + 1]))
 
 
 def _no_load(settings: ServoStepSettings, model: Model) -> float:
-    """Speed that the servo reaches at full voltage without gravity and stops [rad/s]."""
+    """Return the speed at full voltage without gravity and stops [rad/s]."""
     turning = replace(model.joints[-1], lower=-100.0, upper=100.0)
     free = replace(model, joints=(*model.joints[:-1], turning))
     return float(driven(free, "rotor", step_to(99.0), 1.0, settings.timestep, (0, 0, 0), record=("qd",))["qd"][-1, 0])
 
 
 def _stall(settings: ServoStepSettings, model: Model) -> float:
-    """Torque at full voltage against the stop [N m]."""
+    """Return the torque at full voltage against the stop [N m]."""
     run = driven(model, "rotor", step_to(100.0), 2.0, settings.timestep, (0, 0, 0), record=("torque",))
     return float(run["torque"][-1, 0])
 
@@ -162,7 +162,7 @@ def driven(
     gravity: Any = GRAVITY,
     **recording: Any,
 ) -> Trajectory:
-    """Simulate a servo that follows a reference; recording: options record and sample of `simulate`."""
+    """Simulate a servo that follows a reference; recording: options of `simulate`."""
     scene = compile_scene(model, kind, integrator="implicit_euler", timestep=timestep, gravity=gravity)
     return simulate(scene, duration, reference=reference, estimate_error=False, **recording)
 
@@ -173,12 +173,12 @@ def step_to(angle: float) -> Reference:
 
 
 def check(result: ServoStepResult) -> list[Claim]:
-    """The claims of section 2.2 and of section 3 about the step."""
+    """Return the claims of section 2.2 and of section 3 about the step."""
     return [_speed_claim(result), _torque_claim(result), _error_claim(result), _gearbox_claim(result)]
 
 
 def _speed_claim(result: ServoStepResult) -> Claim:
-    """Reproduced if every supply's no-load speed is the manual's within the tolerance, and the step comes near it."""
+    """Return the claim: reproduced if the no-load speed is the manual's within the tolerance at every supply."""
     off = {volts: speed / (NO_LOAD * volts) - 1.0 for volts, speed in result.no_load.items()}
     worst = max(off.values(), key=abs)
     standard, mipsd = (result.gearboxes[kind].stated("speed", 1.0, ".2f") for kind in ("standard", "mipsd"))
@@ -199,7 +199,7 @@ def _speed_claim(result: ServoStepResult) -> Claim:
 
 
 def _torque_claim(result: ServoStepResult) -> Claim:
-    """Reproduced if the stall torque is right at both supplies, in direction if at one."""
+    """Return the claim: reproduced if the stall torque is right at both supplies, in direction if at one."""
     stall = result.stall
     off = {volts: torque / STALL[volts] - 1.0 for volts, torque in stall.items()}
     good = [volts for volts, x in off.items() if abs(x) < TOLERANCE]
@@ -218,7 +218,7 @@ def _torque_claim(result: ServoStepResult) -> Claim:
 
 
 def _error_claim(result: ServoStepResult) -> Claim:
-    """Reproduced if the last error differs from that of the compliance law by less than the encoder can tell."""
+    """Return the claim: reproduced if the final error is that of the compliance law within an encoder count."""
     ours = result.gearboxes["standard"].error
     standard, mipsd = (result.gearboxes[kind].stated("error", DEGREES, ".3f") for kind in ("standard", "mipsd"))
     linear = -result.load / result.stiffness
@@ -240,14 +240,14 @@ def _error_claim(result: ServoStepResult) -> Claim:
 
 
 def _compliance_error(result: ServoStepResult) -> float:
-    """Error at which the manual's law carries the load [rad]: the edge of the margin if the punch is enough there."""
+    """Return the error at which the manual's law carries the load [rad]."""
     full = result.stiffness * SLOPE  # torque at full voltage without current limit [N m]
     share = result.load / full
     return MARGIN if share < PUNCH else MARGIN + (share - PUNCH) / (1.0 - PUNCH) * SLOPE
 
 
 def _gearbox_claim(result: ServoStepResult) -> Claim:
-    """Reproduced if the rise time is the same within the tolerance and the arm does not swing beyond it."""
+    """Return the claim: reproduced if rise time and overshoot are the same within the tolerance."""
     standard, mipsd = result.gearboxes["standard"], result.gearboxes["mipsd"]
     percent = 100.0 / result.settings.step
     longer, over = mipsd.rise / standard.rise - 1.0, mipsd.overshoot / result.settings.step
@@ -271,7 +271,7 @@ def _gearbox_claim(result: ServoStepResult) -> Claim:
 
 @look()
 def plot(result: ServoStepResult) -> dict[str, Figure]:
-    """The step as in Fig. 4, and what it depends on."""
+    """Draw the step as in Fig. 4, and its dependence on parameters."""
     return {
         "Step response of one AX-12 that carries the forearm, as in Fig. 4, with what the servo's manual allows: the "
         "dashed slope is the no-load speed, the gray band the compliance margin. Right: enlarged.": _main(result),

@@ -32,7 +32,7 @@ OUTPUT, ROTOR, PRINTED = "B_v at the output", "B_v / G² at the rotor", "B_vr = 
 
 @dataclass(frozen=True)
 class ServoTermsSettings:
-    """What the paper leaves open."""
+    """Our choices for what the paper does not state."""
 
     start: float = 0.5 * math.pi  # [rad] of the fall, horizontal
     fall: float = 2.0  # [s] until the arm hangs
@@ -60,16 +60,16 @@ class ServoTermsResult:
     rms: dict[float, float]  # of reference less angle over the sine's second period [rad]
 
     def overshoot(self, Kd: float) -> float:
-        """Beyond the step, of its size."""
+        """Return the overshoot over the size of the step."""
         return max(0.0, float(self.steps[Kd].max()) / self.settings.step - 1.0)
 
     def rattle(self, Kd: float) -> float:
-        """Range of the angle over the last fifth of the step [rad]."""
+        """Return the range of the angle over the last fifth of the step [rad]."""
         return float(np.ptp(self.steps[Kd][-len(self.steps[Kd]) // 5 :]))
 
 
 def run(settings: ServoTermsSettings = QUICK) -> ServoTermsResult:
-    """Simulate all of it, with the spring-damper gearbox."""
+    """Simulate falls, steps and sines with the spring-damper gearbox."""
     arm = load_robot("ax12_arm")
     (servo,) = arm.servos.values()
     B, G = servo.viscous_friction, servo.gearbox.ratio
@@ -103,7 +103,7 @@ def _damping(model: Model) -> float:
 
 
 def _lag(settings: ServoTermsSettings, model: Model) -> float:
-    """Of the reference as the controller sees it, one lag late."""
+    """Return the rms error while following a sine, with the reference one lag late."""
     (servo,) = model.servos.values()
     period, w = 1.0 / settings.frequency, 2.0 * math.pi * settings.frequency
     knots = np.arange(0.0, 2.0 * period + 0.02, 0.01)
@@ -119,12 +119,12 @@ def _following(model: Model, reference: Reference, duration: float, h: float) ->
 
 
 def check(result: ServoTermsResult) -> list[Claim]:
-    """What of equation 2 and of figure 3 has not been shown elsewhere."""
+    """Return the claims about equation 2 and figure 3."""
     return [_damping_claim(result), _speed_claim(result)]
 
 
 def _damping_claim(result: ServoTermsResult) -> Claim:
-    """Reproduced if damping moved to the rotor lets the arm fall as that at the output does, within a count."""
+    """Return the claim: reproduced if damping at the rotor gives the same fall within an encoder count."""
     apart = float(np.abs(result.falls[ROTOR] - result.falls[OUTPUT]).max())
     stuck = math.degrees(result.settings.start - float(result.falls[PRINTED].min()))
     speeds = "; ".join(f"{name} {speed:.3g}" for name, speed in result.no_load.items())
@@ -141,7 +141,7 @@ def _damping_claim(result: ServoTermsResult) -> Claim:
 
 
 def _speed_claim(result: ServoTermsResult) -> Claim:
-    """Reproduced if some gain takes half of the overshoot without rattling, and following gets no worse."""
+    """Return the claim: reproduced if a gain halves the overshoot without rattling, and following is no worse."""
     gains = result.settings.gains[1:]
     before = result.overshoot(0.0)
     quiet = [Kd for Kd in gains if result.rattle(Kd) < ENCODER_STEP]
@@ -170,7 +170,7 @@ def _speed_claim(result: ServoTermsResult) -> Claim:
 
 @look()
 def plot(result: ServoTermsResult) -> dict[str, Figure]:
-    """Falls by damping, steps by Kd."""
+    """Draw falls by damping, and steps by Kd."""
     figure, (left, right) = subplots(9.0, 3.4, 1, 2)
     for (name, angle), style, color in zip(result.falls.items(), ("-", "--", "-"), ("C0", "C1", "C3")):
         left.plot(result.fall_time, np.degrees(angle), style, color=color, label=name)

@@ -1,17 +1,17 @@
-"""Seven joints in a row held upright: what keeps them still (Lima et al. 2013, section 3, Figs. 7 to 10).
+"""Seven joints in a row held upright: causes of stability (Lima et al. 2013, section 3, Figs. 7 to 10).
 
-The paper's arm holds 0 with all joints and the error of the lowest one is measured; its "standard error deviation"
-falls from 8.14 to 0.0022 rad^2 when the gearbox becomes a spring-damper with a rotor (MIPSD).  Two things change at
-once there, and a third could have been changed instead.  Here they are separate:
+The paper's arm holds all joints at 0, and the error of the lowest one is measured.  Its "standard error deviation"
+falls from 8.14 to 0.0022 rad^2 with the gearbox model of motor inertia plus spring-damper (MIPSD).  This changes two
+properties at once, and a third could have been changed instead.  Here they are separate:
 
 - rotor inertia: servos "rotor" against "standard", both rigid;
 - compliance: servos "mipsd" against "rotor";
-- how the torque is integrated: "simtwo", the paper's program, computes it at the start of the step and holds it;
+- integration of the torque: "simtwo", the paper's program, computes it at the start of the step and holds it;
   "implicit_euler" solves for the torque at the end of the step.
 
-The paper gives neither masses, lengths, gains, step, duration nor disturbance, so that each of them is varied.  What is
-measured is the mean square of the lowest joint's angle over the second part of the run; the paper's "deviation" has the
-unit of a square.
+The paper gives neither masses, lengths, gains, step, duration nor disturbance, so each of them is varied.  The error is
+the mean square of the lowest joint's angle over the second part of the run; the unit of the paper's "deviation" is that
+of a square.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ DEG2 = math.degrees(1.0) ** 2  # deg^2 in a rad^2
 
 @dataclass(frozen=True)
 class Case:
-    """One arm with one servo model; the defaults are the choices for what the paper does not say."""
+    """An arm with a servo model; the defaults are our choices for what the paper does not state."""
 
     servos: GearboxKind = "standard"
     integrator: str = EXPLICIT  # the paper's program of 2012
@@ -70,7 +70,7 @@ class Case:
 
 @dataclass(frozen=True)
 class ArmHoldSettings:
-    """What is varied, and how long each case runs."""
+    """Varied parameters, and the duration of each case."""
 
     gains: tuple[float, ...]  # [V/rad] 8: the authors' scene of 2008; 61: AX-12; 120: twice that
     steps: tuple[float, ...]  # [s] 1 ms is the program's default; all divide the controllers' 10 ms
@@ -113,7 +113,7 @@ FULL = ArmHoldSettings(
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What the lowest joint did, for each disturbance."""
+    """Errors of the lowest joint, for each disturbance."""
 
     error: np.ndarray  # (n,) mean square angle after `dropped` [rad^2]
     variance: np.ndarray  # (n,) the same about its mean [rad^2]
@@ -128,7 +128,7 @@ class Outcome:
 
     @property
     def sound(self) -> bool:
-        """Whether no run says that its step was too large."""
+        """Whether every run has the status ok."""
         return set(self.statuses) == {"ok"}
 
     @property
@@ -137,7 +137,7 @@ class Outcome:
 
     @property
     def swings(self) -> bool:
-        """Whether the last quarter of the run is about as loud as the third: a limit cycle, not a disturbance dying."""
+        """Whether the error no longer decays in the last quarter of the run: a limit cycle."""
         third, last = np.array_split(np.median(self.history, axis=0), 4)[2:]
         return bool(last.mean() > 0.7 * third.mean() > 1e-10)
 
@@ -154,12 +154,12 @@ class ArmHoldResult:
     outcomes: dict[Case, Outcome]
 
     def of(self, **changes: Any) -> Outcome:
-        """The outcome of `Case()` with some things changed."""
+        """Return the outcome of `Case()` with some fields changed."""
         return self.outcomes[Case(**changes)]
 
 
 def run(settings: ArmHoldSettings = QUICK, seed: int = 0, progress: bool = False) -> ArmHoldResult:
-    """Hold the arm in every case.  seed: of the initial tilts, which all cases share."""
+    """Hold the arm in every case; seed: of the initial tilts, which all cases share."""
     cases = all_cases(settings)
     tilts = np.random.default_rng(seed).standard_normal((settings.disturbances, 7))
     outcomes = in_threads(lambda case: hold(case, settings, tilts), cases, "seven-joint arm", progress)
@@ -167,7 +167,7 @@ def run(settings: ArmHoldSettings = QUICK, seed: int = 0, progress: bool = False
 
 
 def all_cases(settings: ArmHoldSettings) -> list[Case]:
-    """Every combination of gain and step, and one thing at a time of the rest."""
+    """Return the cases: every combination of gain and step, then one varied parameter at a time."""
     models = [Case(servos, integrator) for servos, integrator in product(SERVOS, INTEGRATORS)]
     gains, inertias = (Case.Kp, *settings.gains), (NO_ROTOR, Case.rotor_inertia, *settings.rotor_inertias)
     cases = [replace(m, Kp=Kp, step=h) for m in models for Kp, h in product(gains, (Case.step, *settings.steps))]
@@ -182,7 +182,7 @@ def all_cases(settings: ArmHoldSettings) -> list[Case]:
 
 
 def arm(case: Case) -> Model:
-    """The robot `arm7` with the case's links, scaled with their sections, and servos."""
+    """Return the robot `arm7` with the case's links, scaled in all dimensions, and servos."""
     model = _arm7()
     mass, length = case.link[0] / LARGE[0], case.link[1] / LARGE[1]
     links = tuple(
@@ -231,7 +231,7 @@ def hold(case: Case, settings: ArmHoldSettings, tilts: np.ndarray) -> Outcome:
 
 
 def least_gain(model: Model) -> float:
-    """Kp [V/rad] below which the upright arm buckles: the largest eigenvalue of gravity's stiffness over G K / R."""
+    """Return the gain [V/rad] below which the upright arm buckles: gravity's stiffness over G K / R."""
     n, small = len(model.joint_names), 1e-6
     torques = [inverse_dynamics(model, small * q, np.zeros(n), np.zeros(n)) / small for q in np.eye(n)]
     servo = next(iter(model.servos.values()))
@@ -243,7 +243,7 @@ def least_gain(model: Model) -> float:
 
 
 def check(result: ArmHoldResult) -> list[Claim]:
-    """The paper's statements about this arm beside what comes out here.
+    """Return the paper's claims about this arm.
 
     Squares are compared in deg^2, see the claim about the unit.  A number is "reproduced" if our median over the
     disturbances is within a factor 3 of it: so much our own standard model varies over the gains at which it stands.
@@ -304,7 +304,7 @@ def _improvement(result: ArmHoldResult) -> Claim:
 
 
 def _unit(result: ArmHoldResult) -> Claim:
-    """Look for gains, steps, links and tilts at which both printed values come out and MIPSD holds, as in Fig. 10."""
+    """Return the claim about the unit, from pairs of runs with both printed values in which MIPSD holds."""
     cases = [case for case in result.outcomes if (case.servos, case.integrator) == ("standard", EXPLICIT)]
     pairs = {case: (result.outcomes[case], result.outcomes[replace(case, servos="mipsd")]) for case in cases}
     still = {case: pair for case, pair in pairs.items() if pair[1].word == "holds"}
@@ -389,7 +389,7 @@ def _over_gains(result: ArmHoldResult, **model: Any) -> list[Outcome]:
 
 
 def _longest_step(result: ArmHoldResult, servos: str) -> str:
-    """Last step before the first at which the explicit order does not hold the arm, at the default gain."""
+    """Return the longest step up to which the explicit order holds the arm, at the default gain."""
     held = 0.0
     for step in sorted({*result.settings.steps, *CHECKED_STEPS}):
         outcome = result.of(servos=servos, step=step)
@@ -400,7 +400,7 @@ def _longest_step(result: ArmHoldResult, servos: str) -> str:
 
 
 def _near(paper: float, outcome: Outcome, unit: str = "deg²") -> bool:
-    """Whether the median is the paper's value within a factor 3."""
+    """Return whether the median is the paper's value within a factor 3."""
     return abs(math.log(outcome.typical * (DEG2 if unit == "deg²" else 1.0) / paper)) < math.log(3.0)
 
 
@@ -426,7 +426,7 @@ FLOOR, CEILING = 1e-10, 1e5  # of what is shown [deg^2]
 
 @look()
 def plot(result: ArmHoldResult) -> dict[str, Figure]:
-    """The figures, by caption."""
+    """Return the figures, by caption."""
     return {
         "The lowest joint over time (the paper's Figs. 9 and 10), and its error by the second": _over_time(result),
         "Which of three causes holds the arm: rotor inertia, compliance, integration": _factorial(result),
@@ -463,7 +463,7 @@ def _paper_lines(panel: Axes, labels: bool = True) -> None:
 
 
 def factorial(result: ArmHoldResult) -> dict[tuple[bool, bool, bool], Outcome]:
-    """Outcome by (rotor inertia, compliance, implicit integration)."""
+    """Return the outcomes by (rotor inertia, compliance, implicit integration)."""
     cases: dict[tuple[bool, bool], dict[str, Any]] = {
         (False, False): {"servos": "standard"},
         (True, False): {"servos": "rotor"},
@@ -488,7 +488,7 @@ def _factorial(result: ArmHoldResult) -> Figure:
 
 
 def _heat(panel: Axes, grid: list[list[Outcome]], columns: Sequence[str], rows: Sequence[str], size: int) -> AxesImage:
-    """Median errors as colors and numbers; what is unsound or has fallen says so."""
+    """Draw median errors as colors and numbers, with a word where the arm does not hold."""
     from matplotlib.colors import LogNorm
 
     values = DEG2 * np.array([[outcome.typical for outcome in row] for row in grid])

@@ -41,7 +41,7 @@ class SimTwo(NamedTuple):
 
 @take_step.of(SimTwo)
 def simtwo_step(work: Any, run: Any, y: np.ndarray, t: float, theta: float) -> None:
-    """One step; theta plays no part."""
+    """Make one step; theta is ignored."""
     scene, h, torques = run.scene, run.plan.h, work.torques
     offsets, scratch = run.offsets[0], work.scratch
     servo = Step(
@@ -62,7 +62,7 @@ def simtwo_step(work: Any, run: Any, y: np.ndarray, t: float, theta: float) -> N
 
 @inline
 def _servo_torque(actuator: Any, step: Any, i: int) -> Any:
-    """Torque on the joint of the whole step; the motor moves on."""
+    """Return the torque on the joint over the whole step, and update the motor."""
     y, offsets, E = step.y, step.offsets, step.offsets.energy + ENERGIES * i
     v = y[offsets.qd + i]
     f = v + step.decay[i, FILTER_DECAY] * (y[offsets.filtered_speed + i] - v)
@@ -75,7 +75,7 @@ def _servo_torque(actuator: Any, step: Any, i: int) -> Any:
 
 @by_type
 def _geared(actuator: Any, step: Any, i: int, v: Any, f: Any, viscous: Any) -> Any:
-    """What gets through the gearbox, less the viscous friction."""
+    """Return the torque through the gearbox minus the viscous friction."""
 
 
 @_geared.of(RigidServo)
@@ -101,7 +101,7 @@ def _mipsd(actuator: Any, step: Any, i: int, v: Any, f: Any, viscous: Any) -> An
 
 @inline
 def _current(motor: Any, step: Any, i: int, w: Any) -> Any:
-    """Current at the end of the step [A], with the electrical energies as that program counts them."""
+    """Return the current at the end of the step [A], and add the energies as that program counts them."""
     m, y, offsets, h, E = motor[i], step.y, step.offsets, step.h, step.offsets.energy + ENERGIES * i
     V = y[offsets.voltage + i]
     I, _, _ = current_step(m, step.decay, i, y[offsets.current + i], V, w, h)

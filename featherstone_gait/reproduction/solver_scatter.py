@@ -1,15 +1,15 @@
 """The scatter, the falling arm and the shaking posture with the paper's own kind of solver (Figs. 7 to 11, Table 3).
 
-SimTwo ran ODE's QuickStep: free bodies, constraints, ten sweeps over their rows in an order that a random generator
-shuffles.  `reproduction.maximal` is such a solver.  Runs of the same gait, from the same state, differ here in the
-seed of that generator and in nothing else: no noise is put in, and no number is chosen after its result.
+SimTwo ran ODE's QuickStep: free bodies, constraints, and ten sweeps over their rows in a random order.
+`reproduction.maximal` is such a solver.  Here runs of the same gait, from the same state, differ only in the seed of
+the random order: no noise is added, and no parameter is tuned to the result.
 
 The paper gives neither step nor sweeps nor masses.  Documented for its program are 1 ms and ten sweeps, and the masses
-of `robots/humanoid` are those of its authors' scene; the map goes around these.
+of `robots/humanoid` are those of its authors' scene; the map covers settings around these.
 
     python -m featherstone_gait.reproduction.solver_scatter MAP.csv
 
-works out the map and goes on with one that was begun.
+computes the map, and resumes one that was interrupted.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ NUDGE = 1e-9  # [rad]
 
 @dataclass(frozen=True)
 class SolverCase:
-    """One walk, or one robot that holds still; the defaults are what is documented."""
+    """One walk, or one robot that holds still; the defaults are the documented settings."""
 
     servos: GearboxKind = "standard"
     step: float = 1e-3  # [s] SimTwo's default
@@ -62,7 +62,7 @@ class SolverCase:
 
 @dataclass(frozen=True)
 class ScatterSettings:
-    """What is varied, and how often each is run."""
+    """Varied parameters, and numbers of runs."""
 
     runs: int  # of the documented setting
     map_runs: int  # of each setting of the map; 40 walks of four cycles give a deviation to 6 %, one sigma
@@ -103,7 +103,7 @@ FULL = ScatterSettings(
 
 @dataclass(frozen=True)
 class Scatter:
-    """Standard deviations of the energy over its mean: of one setting, a row of the map."""
+    """Standard deviations of the energy over its mean, a row of the map."""
 
     servos: str
     step: float  # [s]
@@ -156,7 +156,7 @@ class ScatterResult:
 
 
 def run(settings: ScatterSettings = QUICK, seed: int = 0, progress: bool = False) -> ScatterResult:
-    """Walk, hold the arm and the posture.  seed: of the first run, those of the others follow."""
+    """Walk, and hold the arm and the posture; seed: of the first run, from which those of the others count up."""
     planned = planned_walk()
     documented: dict[str, Scatter] = {}
     solved: dict[str, Scatter] = {}
@@ -186,7 +186,7 @@ def run(settings: ScatterSettings = QUICK, seed: int = 0, progress: bool = False
 def walk(
     settings: ScatterSettings, planned: WalkingCost, setting: SolverCase, runs: int, seed: int = 0
 ) -> tuple[np.ndarray, Scatter]:
-    """Energies of the measured gait cycles (runs, strides) [J], NaN of runs that fell, and how they scatter."""
+    """Return the energies of the measured cycles (runs, strides) [J], NaN for runs that fell, and their scatter."""
     cost = _cost(settings, planned, setting)
     state, reference = cost.beginning(cost.gait.to_vector())
     engine, seeds = Engine(iterations=setting.iterations), range(seed, seed + runs)
@@ -199,7 +199,7 @@ def walk(
 
 
 def nudge(settings: ScatterSettings, planned: WalkingCost, servos: GearboxKind) -> float:
-    """Deviation of the same cycle between solved walks, in double precision, of which each starts with one joint off.
+    """Return the deviation of the same cycle between solved walks that start with one joint off.
 
     Nothing random is left in these: what they differ by is what the walk makes of `NUDGE`.
     """
@@ -235,7 +235,7 @@ def _scatter(setting: SolverCase, energies: np.ndarray, sound: np.ndarray, ways:
 
 
 def map_settings(settings: ScatterSettings) -> list[SolverCase]:
-    """Those of the map, the two servos of each side by side."""
+    """Return the cases of the map, both servos of each side by side."""
     around = product(settings.masses, settings.iterations, settings.steps, SERVOS)
     return [SolverCase(servos, step, n, mass) for mass, n, step, servos in around]
 
@@ -248,7 +248,7 @@ def work_out(
     progress: bool = False,
     planned: WalkingCost | None = None,
 ) -> list[Scatter]:
-    """The map; with a path, that CSV has each row when it is done, and rows that stand there are taken."""
+    """Compute the map; with a path, store each finished row in that CSV, and read its rows first."""
     rows = [] if path is None else read_map(path)
     known = {(row.servos, row.step, row.iterations, row.mass, row.runs) for row in rows}
     left = [s for s in map_settings(settings) if (*astuple(s), settings.map_runs) not in known]
@@ -261,7 +261,7 @@ def work_out(
 
 
 def read_map(path: FilePath) -> list[Scatter]:
-    """The rows of a map; none if there is no such file.  Raises ValueError, naming the file, for another table."""
+    """Return the rows of a map, none if there is no file; raise ValueError for another table."""
     if not Path(path).exists():
         return []
     lines = [cells for _, cells in read_csv(path, MAP)]
@@ -286,7 +286,7 @@ def write_map(path: FilePath, rows: Iterable[Scatter]) -> None:
 def hold_arm(
     settings: ScatterSettings, servos: GearboxKind, iterations: int, link: tuple[float, float], seed: int = 0
 ) -> Held:
-    """The seven joints held upright from a small tilt, which all cases share: variance of the lowest one [deg^2]."""
+    """Hold the seven joints upright from a small tilt; return the variance of the lowest joint [deg^2]."""
     case = seven_joint_arm.Case(servos, link=link)
     scene = compile_scene(seven_joint_arm.arm(case), servos, integrator=EXPLICIT, timestep=case.step)
     state = initial_state(scene, case.tilt * np.random.default_rng(seed).standard_normal(7))
@@ -295,7 +295,7 @@ def hold_arm(
 
 
 def hold_posture(settings: ScatterSettings, servos: GearboxKind, iterations: int, mass: float, seed: int = 0) -> Held:
-    """The complete humanoid stands in the posture of Table 3: standard deviations of its four joints [deg]."""
+    """Hold the humanoid in the posture of Table 3; return the standard deviations of its four joints [deg]."""
     scene = posture.scene_of(posture.Case(servos, mass=mass))
     places = [scene.model.joint_names.index(name) for name in posture.JOINTS]
     wanted = np.array([angle for angle, _ in posture.TABLE_3.values()])
@@ -331,7 +331,7 @@ def _held(
 
 
 def check(result: ScatterResult) -> list[Claim]:
-    """The paper's statements that rest on its solver, beside what comes out with one of that kind."""
+    """Return the paper's claims that depend on its solver."""
     arms = {"standard": seven_joint_arm.PAPER_STANDARD, "mipsd": seven_joint_arm.PAPER_MIPSD}
     return [
         *(_size(result, servos) for servos in SERVOS),
@@ -342,12 +342,12 @@ def check(result: ScatterResult) -> list[Claim]:
 
 
 def near(ours: float, paper: float, factor: float = FACTOR) -> bool:
-    """Whether the figure is the paper's within the factor."""
+    """Return whether the figure is the paper's within the factor."""
     return paper / factor < ours < paper * factor
 
 
 def pairs(rows: Iterable[Scatter]) -> list[tuple[Scatter, Scatter]]:
-    """Standard and MIPSD of each setting of a map."""
+    """Return the rows of standard and MIPSD of each setting of a map."""
     found: dict[tuple, dict[str, Scatter]] = {}
     for row in rows:
         found.setdefault((row.step, row.iterations, row.mass), {})[row.servos] = row
@@ -401,12 +401,12 @@ def _both(result: ScatterResult) -> Claim:
 
 
 def like_paper(found: Iterable[tuple[Scatter, Scatter]], what: str = "cycle") -> list[tuple[Scatter, Scatter]]:
-    """Those pairs whose figures, `cycle`, `repeat` or `run`, are both the paper's within `FACTOR`."""
+    """Return the pairs whose figures, `cycle`, `repeat` or `run`, are both the paper's within `FACTOR`."""
     return [both for both in found if distance_to_paper(both, what) < math.log(FACTOR)]
 
 
 def distance_to_paper(both: tuple[Scatter, Scatter], what: str = "cycle") -> float:
-    """Largest factor, as a logarithm, by which the two figures differ from the paper's; infinite where all fell."""
+    """Return the larger log factor between the two figures and the paper's; infinite where all fell."""
     ours = [getattr(row, what) for row in both]
     far = [abs(math.log(value / PAPER[kind])) for value, kind in zip(ours, SERVOS) if value > 0]
     return max(far) if len(far) == 2 else math.inf
@@ -553,7 +553,7 @@ def _rest(result: ScatterResult) -> Claim:
 
 @look()
 def plot(result: ScatterResult) -> dict[str, Figure]:
-    """The runs, and the map."""
+    """Draw the runs, and the map."""
     return {
         "Energy of single gait cycles over their mean at 1 ms and ten sweeps; only the order of the solver's rows "
         "differs between runs.": _runs(result),
@@ -576,7 +576,7 @@ def _runs(result: ScatterResult) -> Figure:
 
 
 def plot_map(rows: Sequence[Scatter]) -> Figure:
-    """The map as curves over the step."""
+    """Draw the map as curves over the step."""
     masses = sorted({row.mass for row in rows})
     sweeps = sorted({row.iterations for row in rows})
     figure, axes = subplots(3.0 * len(masses) + 1.0, 3.8, 1, len(masses), sharey=True, squeeze=False)
@@ -596,7 +596,7 @@ def plot_map(rows: Sequence[Scatter]) -> Figure:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Work out the map of the full settings into a CSV, which is named."""
+    """Compute the map of the full settings into a CSV."""
     if len(arguments) != 1:
         print("usage: python -m featherstone_gait.reproduction.solver_scatter MAP.csv", file=sys.stderr)
         return 2

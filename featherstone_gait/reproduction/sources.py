@@ -19,13 +19,13 @@ DATA = (".toml", ".urdf")  # of robots, what runs read
 
 
 def digest(*files: Path) -> str:
-    """Of modules' files, of all files of the package that they can load, and of the robots."""
+    """Return a digest of all files of the package that modules can load, and of the robots."""
     robots = {path for root in ROBOTS for path in root.rglob("*") if path.suffix in DATA}
     return digest_of([*robots.union(*map(reached, files))])
 
 
 def digest_of(files: list[Path]) -> str:
-    """Of files, in an order of their own; 16 hexadecimal digits."""
+    """Return a digest of files, independent of their order, as 16 hexadecimal digits."""
     found = hashlib.sha256()
     for path in sorted(files):
         found.update(path.read_bytes().replace(b"\r\n", b"\n"))
@@ -33,9 +33,9 @@ def digest_of(files: list[Path]) -> str:
 
 
 def reached(file: Path) -> set[Path]:
-    """The file and all files of the package that come with it, imports within functions too."""
+    """Return a file and all files of the package that it loads, including imports inside functions."""
     found: set[Path] = set()
-    left = [file]
+    left = [file, Path(__file__).with_name("simtwo.py")]  # which the package loads by its name
     while left:
         path = left.pop()
         if path not in found:
@@ -46,7 +46,7 @@ def reached(file: Path) -> set[Path]:
 
 @cache
 def imported(file: Path) -> tuple[Path, ...]:
-    """Files of the package that one file imports, those of the packages around them included."""
+    """Return the files of the package that one file imports, with the packages around them."""
     tree = ast.parse(file.read_text("utf-8"))
     return tuple(path for name in _names(tree, file) for path in _files(name))
 

@@ -24,7 +24,7 @@ def kept(path: Path, form: Format, make: Callable[[], dict[str, Any]]) -> dict[s
 
 
 def search_history(folder: str, what: str, seed: int) -> dict[str, Any]:
-    """Return the options of a search that is kept in a folder; what: all that its candidates' costs depend on."""
+    """Return the options of a search that is stored in a folder; what: all that the costs depend on."""
     if not folder:
         return {}
     Path(folder).mkdir(parents=True, exist_ok=True)

@@ -1,16 +1,16 @@
 """Where a search stops: at the paper's 14 % less energy and 13 % longer steps, or beyond (section 5, Fig. 16).
 
-The paper reports one search from one first gait.  Which gait that was, whether its four states are those of a stride
-or of a step, and how its simulator's scatter entered the cost it does not say.  So each is varied:
+The paper reports one search from one first gait.  It does not state which gait that was, whether its four states are
+those of a stride or of a step, and how its simulator's scatter entered the cost.  So each of these is varied:
 
-- from the plain plan, and from the cheapest of many plans, which leaves least to gain (`walking.cheapest_plan`);
-- four states of a stride, and of a step that the other leg mirrors;
-- one floor, and eight floors and robots at once, in all of which a gait has to walk (`walking.in_worlds`);
-- in the paper's own kind of program (`reproduction.maximal`), whose random order of rows is another one in each
-  walk, so that the same gait never costs the same: both servo models, at 1 ms as documented and at 2 ms, where the
-  scatter is nearest the paper's 14.62 and 3.90 %.
+- the first gait: the plain plan, or the cheapest of many plans, which leaves least to gain (`walking.cheapest_plan`);
+- the states: four of a stride, or of a step that the other leg mirrors;
+- the worlds: one floor, or eight floors and robots at once, in all of which a gait must walk (`walking.in_worlds`);
+- the paper's own kind of program (`reproduction.maximal`), which orders its rows at random, differently in each walk,
+  so that the same gait never costs the same: both servo models, at 1 ms as documented and at 2 ms, where the scatter is
+  nearest the paper's 14.62 and 3.90 %.
 
-A longer study, which goes on where it stopped, writes its table and keeps the searches beside it:
+A longer study writes its table and stores the searches beside it, and resumes where it was interrupted:
 
     python -m featherstone_gait.reproduction.what_stops TABLE.csv --iterations 3000 --searches 3
 """
@@ -62,7 +62,7 @@ TABLE = Format("search table")
 
 @dataclass(frozen=True)
 class Condition:
-    """What is searched, and from where."""
+    """What is searched, and from which start."""
 
     program: str = OURS
     servos: GearboxKind = "mipsd"
@@ -89,7 +89,7 @@ CONDITIONS = (
 
 @dataclass(frozen=True)
 class StopSettings:
-    """How long and how often."""
+    """Numbers of iterations, searches and walks."""
 
     iterations: int  # of each search
     searches: int = 1  # of each condition, by different seeds; the study has more
@@ -104,7 +104,7 @@ FULL = StopSettings(iterations=800, folder="what_stops_searches")
 
 @dataclass(frozen=True)
 class StopRow:
-    """A search; iterations of what was never reached are -1."""
+    """A search; iterations at which something never happened are -1."""
 
     program: str
     servos: str
@@ -148,14 +148,14 @@ class StopResult:
 
 
 def run(settings: StopSettings = QUICK, seed: int = 0, progress: bool = False) -> StopResult:
-    """Make all searches, seeded by `seed` and those that follow."""
+    """Make all searches, seeded by `seed` and the numbers that follow."""
     todo = [*product(range(settings.searches), settings.conditions)]
     bar = tqdm(todo, "searches", disable=not progress, unit="search")
     return StopResult(settings, tuple(search(settings, condition, seed + k) for k, condition in bar))
 
 
 def search(settings: StopSettings, condition: Condition, seed: int) -> Search:
-    """One search, and what its gait is worth."""
+    """Make one search, and measure the gait found."""
     cost = _first(condition)
     done = finished(_searched(settings, cost, condition, seed))
     f, x, accepted = done.history["f"], done.history["x"], np.flatnonzero(done.history["accepted"])
@@ -186,7 +186,7 @@ def _planned(plan: PlanKind, states: States) -> WalkingCost:
 
 
 def _first(condition: Condition) -> WalkingCost:
-    """The first gait of a condition, on its own floor."""
+    """Return the first gait of a condition, on its own floor."""
     planned = _planned(condition.plan, condition.states)
     if condition.program == OURS:
         return planned
@@ -207,7 +207,7 @@ def _searched(settings: StopSettings, cost: WalkingCost, condition: Condition, s
 
 
 def _swept(cost: WalkingCost, x: np.ndarray, again: int = 0) -> tuple[float, float]:
-    """Energy per distance [J/m] and distance per step [m] of a walk in the paper's kind of program.
+    """Return energy per distance [J/m] and distance per step [m] in the paper's kind of program.
 
     The order of its rows begins at a seed that depends on the gait, and on how often that was asked for before.
     """
@@ -219,14 +219,14 @@ def _swept(cost: WalkingCost, x: np.ndarray, again: int = 0) -> tuple[float, flo
 
 
 def _walked(cost: WalkingCost, condition: Condition, vectors: np.ndarray) -> np.ndarray:
-    """Cost and distance per step (n, 2) of gaits on the own floor, as the search saw them."""
+    """Return cost and distance per step (n, 2) of gaits on the floor of the search."""
     if condition.program == OURS:
         return measure_walks(cost, vectors)
     return np.array(in_threads(lambda x: _swept(cost, x), vectors))
 
 
 def _worth(settings: StopSettings, cost: WalkingCost, condition: Condition, x: np.ndarray) -> tuple[float, float, int]:
-    """Cost [J/m] and distance per step [m] of a gait, of those of its walks that do not fall, and how many do."""
+    """Return mean cost [J/m] and distance per step [m] of the walks that do not fall, and how many fall."""
     if condition.program == OURS:
         walks = measure_walks(cost, [x])
     else:  # other seeds than that of the search
@@ -238,7 +238,7 @@ def _worth(settings: StopSettings, cost: WalkingCost, condition: Condition, x: n
 
 
 def _history(settings: StopSettings, condition: Condition, seed: int) -> dict[str, Any]:
-    """Where a search is kept; another program has other files."""
+    """Return where a search is stored; another program has other files."""
     program = [digest(PACKAGE / file) for file in ("optimize/search.py", "reproduction/maximal/__init__.py")]
     return search_history(settings.folder, f"{condition!r}\n{program}", seed)
 
@@ -247,12 +247,12 @@ def _history(settings: StopSettings, condition: Condition, seed: int) -> dict[st
 
 
 def check(result: StopResult) -> list[Claim]:
-    """Whether any of what the paper leaves open stops a search where the paper's stopped."""
+    """Return the claims about what stops a search where the paper's stopped."""
     return [_stops(result), _fair(result), _scatter(result), _faster(result)]
 
 
 def _stops(result: StopResult) -> Claim:
-    """Yes if a condition ends within the points of both figures; in part if one ends within those of one."""
+    """Return the claim: yes if a condition ends within the points of both figures; in part if of one."""
     rows = [search.row for search in result.searches]
     cost = [row for row in rows if abs(row.cost - PAPER_COST) < POINTS]
     both = [row for row in cost if abs(row.longer - PAPER_STEP) < POINTS]
@@ -272,7 +272,7 @@ def _stops(result: StopResult) -> Claim:
 
 
 def _fair(result: StopResult) -> Claim:
-    """Yes if the cheapest plan leaves less to gain in each pair; in part if in the mean."""
+    """Return the claim: yes if the cheapest plan leaves less to gain in each pair; in part if in some."""
     pairs = []
     for search in result.searches:
         row = search.row
@@ -295,7 +295,7 @@ def _fair(result: StopResult) -> Claim:
 
 
 def _scatter(result: StopResult) -> Claim:
-    """Yes if every search in the paper's kind of program gains less than the noise-free one from the same gait."""
+    """Return the claim: yes if every search in the paper's kind of program gains less than the noise-free one."""
     swept = [search.row for search in result.searches if search.row.program == PAPERS]
     seed = result.searches[0].row.seed
     clean = next((one.row.cost for one in result.of(Condition()) if one.row.seed == seed), -math.inf)
@@ -321,7 +321,7 @@ def _scatter(result: StopResult) -> Claim:
 
 
 def _faster(result: StopResult) -> Claim:
-    """Reproduced if at one step both converge within the factor of the paper's; in direction if MIPSD is sooner."""
+    """Return the claim: reproduced if both converge within the factor of the paper's at one step."""
     found = {}
     for step in sorted({s.row.step for s in result.searches if s.row.program == PAPERS}):
         rows = [[s.row for s in result.of(Condition(PAPERS, servos, step))] for servos in SERVOS]
@@ -354,7 +354,7 @@ def _color(row: StopRow) -> str:
 
 @look()
 def plot(result: StopResult) -> dict[str, Figure]:
-    """The courses of the searches, and where each ends."""
+    """Draw the courses of the searches, and where each ends."""
     return {
         "Least cost so far over that of the first gait, as each search saw it. Dotted: the paper's 14 %. Dashed lines: "
         "states of a step; in the last panel 2 ms.": _courses(result),

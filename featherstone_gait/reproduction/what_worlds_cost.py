@@ -1,15 +1,15 @@
-"""What it costs that a gait walks elsewhere: energy per distance against the share of worlds that it gets through.
+"""The cost of walking in other worlds: energy per distance against the share of unseen worlds in which a gait walks.
 
-A gait is searched on the robot's own floor, as the paper's, and in one, two, four and eight worlds at once
-(`walking.in_worlds`), with the paper's search and with CMA-ES; all searches begin with the plain plan, with the poses
-of a step, ask for energy alone, and see as many candidates.  So they have tried as much, not worked as long: a
-candidate in eight worlds is eight walks.  At equal walks a search in one world would have eight times the candidates,
-and be ahead by these too.  What each found then walks in 200 worlds that none of them has seen, over 20 strides at a
-quarter of the step (`optimize.quality`).  The seed of a search also draws its worlds.
+A gait is searched on the robot's own floor, as in the paper, and in one, two, four and eight worlds at once
+(`walking.in_worlds`), with the paper's search and with CMA-ES.  All searches start from the plain plan with the poses
+of a step, minimize energy alone, and evaluate the same number of candidates.  A candidate in eight worlds takes eight
+walks, so at an equal number of walks a search in one world would have eight times the candidates.  Each gait found then
+walks in 200 worlds that no search has seen, over 20 strides at a quarter of the step (`optimize.quality`).  The seed of
+a search also draws its worlds.
 
     python -m featherstone_gait.reproduction.what_worlds_cost TABLE.csv PICTURE.png
 
-writes table and picture after each search; started again it goes on with those that are not in `TABLE_searches`.
+writes table and picture after each search, and resumes with the searches that are not in `TABLE_searches`.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ SEARCHED_WITH = ("optimize/quality.py", "search/annealing.py", "search/cma_es.py
 
 @dataclass(frozen=True)
 class WorldsRow:
-    """A search and what its gait is worth; nan where it falls."""
+    """A search and the measures of its gait; NaN where it falls."""
 
     method: str
     worlds: int  # that it searched in; 0: the robot's own floor
@@ -72,12 +72,12 @@ class WorldsRow:
 
 @cache
 def planned() -> WalkingCost:
-    """The first gait of all searches."""
+    """Return the first gait of all searches."""
     return planned_walk(states="step")
 
 
 def search(method: str, worlds: int, seed: int, candidates: int = CANDIDATES) -> tuple[np.ndarray, float]:
-    """The gait vector (D,) that a search finds [rad], and its cost as the search saw it [J/m]."""
+    """Return the gait vector (D,) that a search finds [rad], and its cost in the search [J/m]."""
     first = planned()
     cost: WalkingCost | CostInWorlds = in_worlds(first, worlds, seed) if worlds else first
     if method == PAPERS:
@@ -92,7 +92,7 @@ def search(method: str, worlds: int, seed: int, candidates: int = CANDIDATES) ->
 def worth(
     method: str, worlds: int, seed: int, candidates: int, found: tuple[np.ndarray, float], unseen: int
 ) -> WorldsRow:
-    """What a gait that was found is worth in as many worlds."""
+    """Measure a gait in a number of unseen worlds."""
     x, searched = found
     own = planned().measure([x])[0]
     (there,) = measure_in_test_worlds(planned(), [x], unseen)
@@ -108,7 +108,7 @@ def worth(
 def study(
     folder: Path, searches: int = SEARCHES, candidates: int = CANDIDATES, unseen: int = TEST_WORLDS
 ) -> Iterable[list[WorldsRow]]:
-    """All rows so far, after each; a row's search and worth are kept in the folder, and not done again."""
+    """Yield all rows so far, after each; finished rows are read from the folder."""
     folder.mkdir(parents=True, exist_ok=True)
     todo = [(FIRST, 0, 0), *((method, worlds, seed) for seed, worlds, method in
                              product(range(searches), WORLDS, METHODS))]  # fmt: skip
@@ -122,7 +122,7 @@ def study(
 
 
 def _searched(what: tuple[str, int, int], candidates: int, unseen: int) -> dict[str, Any]:
-    """The gait that a search finds, and its row, as they are kept."""
+    """Return the gait that a search finds, and its row, as they are stored."""
     n = 1 if what[0] == FIRST else candidates
     found = (planned().gait.to_vector(), math.nan) if what[0] == FIRST else search(*what, n)
     return {"x": found[0].tolist()} | asdict(worth(*what, n, found, unseen))
@@ -133,7 +133,7 @@ def _searched(what: tuple[str, int, int], candidates: int, unseen: int) -> dict[
 
 @look()
 def plot(rows: Sequence[WorldsRow]) -> Figure:
-    """Energy per distance of a gait where it walks, against the share of unseen worlds that it walks in.
+    """Draw the energy per distance of gaits that walk against the share of unseen worlds in which they walk.
 
     A mark a search, with the number of its worlds in it, and the means of each number joined.
     """
@@ -155,7 +155,7 @@ def plot(rows: Sequence[WorldsRow]) -> Figure:
 
 
 def _mark(panel: Axes, row: WorldsRow, color: str) -> None:
-    """The number of worlds in a disc; hollow for the robot's own floor."""
+    """Draw the number of worlds in a disc; hollow for the robot's own floor."""
     face, text = (color, "white") if row.worlds else ("white", color)
     x, y = 100.0 * row.walks, row.cost_50
     panel.plot(x, y, "o", ms=11, color=face, markeredgecolor=color, markeredgewidth=1.2, zorder=3)
@@ -170,7 +170,7 @@ def _join(panel: Axes, each: Sequence[Sequence[WorldsRow]], color: str) -> None:
 
 
 def _legend(panel: Axes, first: WorldsRow) -> None:
-    """What the marks say, where searches leave room: few worlds are cheap, and many survived are dear."""
+    """Explain the marks in the empty corner of the panel."""
     lines = [(f"{method}, in as many worlds", color) for method, color in METHODS.items()]
     lines += [("f: on the robot's own floor", GREY), ("lines: means of each number of worlds", GREY),
               (f"first gait: {first.cost_50:.0f} J/m, {100.0 * first.walks:.1f} %", GREY)]  # fmt: skip

@@ -34,7 +34,7 @@ PI = 3.141592653589793
 
 @inline
 def kept(x: float, single: int) -> float:
-    """The number as it is kept: in single precision, or as it is."""
+    """Round a number to single precision if the engine does."""
     if single:
         return float(np.float32(x))
     return x
@@ -49,7 +49,7 @@ def _keep3(X: np.ndarray, i: int, k: int, a: Any, single: int) -> None:
 
 @kernel
 def refresh(w: Any, x: Any) -> None:
-    """Rotations and inverse inertias of where the bodies are."""
+    """Update the rotations and inverse inertias of the bodies."""
     X = x.X
     for i in range(len(w.bodies)):
         b = w.bodies[i]
@@ -83,7 +83,7 @@ def twist(X: np.ndarray, i: int, moment: Any) -> None:
 
 @kernel
 def move(w: Any, x: Any, h: float) -> None:
-    """Move on with the constraints' accelerations S: velocities first, then places with these."""
+    """Integrate velocities with the constraints' accelerations S, then positions."""
     X, S, e = x.X, x.S, w.engine[0]
     for i in range(len(w.bodies)):
         b = w.bodies[i]
@@ -107,7 +107,7 @@ def _damped(v: Any, share: float, threshold: float) -> Any:
 
 @inline
 def _turn(X: np.ndarray, i: int, spin: Any, h: float, single: int) -> None:
-    """Euler's step of the quaternion, brought back to length 1."""
+    """Integrate the quaternion by Euler's step, and normalize it."""
     a, b, c, d = X[i, TURN], X[i, TURN + 1], X[i, TURN + 2], X[i, TURN + 3]
     p, q, r = 0.5 * h * spin[0], 0.5 * h * spin[1], 0.5 * h * spin[2]
     w = a - (p * b + q * c + r * d)
@@ -126,7 +126,7 @@ def _turn(X: np.ndarray, i: int, spin: Any, h: float, single: int) -> None:
 
 @kernel
 def angle_of(sine: float, cosine: float) -> float:
-    """Angle of a vector of any length but zero, between -pi and pi [rad].
+    """Return the angle of a vector of nonzero length, between -pi and pi [rad].
 
     A polynomial good to 1e-5 (Abramowitz and Stegun 4.4.49), then what the exact sine of the rest adds.
     """
@@ -147,25 +147,25 @@ def angle_of(sine: float, cosine: float) -> float:
 
 @inline
 def _unwound(angle: float, last: float) -> float:
-    """The angle with as many turns as bring it nearest to the last one."""
+    """Return the angle plus the number of turns that brings it nearest to the last one."""
     return angle + 2.0 * PI * np.floor((last - angle) / (2.0 * PI) + 0.5)
 
 
 @inline
 def first_axis(X: np.ndarray, j: Any) -> Any:
-    """(First) axis of a joint, fixed in its body a."""
+    """Return the (first) axis of a joint, fixed in its body a."""
     return rotate(load9(X, j.a, R), (j.first[2], j.first[5], j.first[8]))
 
 
 @inline
 def second_axis(X: np.ndarray, j: Any) -> Any:
-    """z of body b: the axis of a hinge, and the second one of a universal joint."""
+    """Return z of body b: the axis of a hinge, and the second axis of a universal joint."""
     return (X[j.b, R + 2], X[j.b, R + 5], X[j.b, R + 8])
 
 
 @kernel
 def measure(w: Any, x: Any) -> None:
-    """Angles and rates of all axes."""
+    """Measure angles and rates of all axes."""
     X, T = x.X, x.angles
     for k in range(len(w.joints)):
         j = w.joints[k]
@@ -193,7 +193,7 @@ def measure(w: Any, x: Any) -> None:
 
 @inline
 def _measure_about_z(X: np.ndarray, T: np.ndarray, b: int, F: Any, i: int) -> None:
-    """Angle of body b about z from the axes F."""
+    """Measure the angle of body b about z from the axes F."""
     fx, fy = (F[0], F[3], F[6]), (F[1], F[4], F[7])
     bx, by = (X[b, R], X[b, R + 3], X[b, R + 6]), (X[b, R + 1], X[b, R + 4], X[b, R + 7])
     sine, cosine = dot(fy, bx) - dot(fx, by), dot(fx, bx) + dot(fy, by)

@@ -12,7 +12,7 @@ from .rows import along, begin_row
 
 @kernel
 def contact_rows(w: Any, x: Any, h: float, m: int) -> int:
-    """Fill three rows of each point that touches, from row m on; the next row."""
+    """Fill three rows of each touching point, from row m on; return the next row."""
     X = x.X
     for c in range(len(w.points)):
         p = w.points[c]
@@ -28,7 +28,7 @@ def contact_rows(w: Any, x: Any, h: float, m: int) -> int:
 
 @inline
 def _touch(w: Any, x: Any, p: Any, touch: Any) -> int:
-    """touch: which point, its first row, its place [m] and depth [m], and the step [s]."""
+    """Fill the rows of a point; touch: its index, first row, position [m], depth [m], and the step [s]."""
     c, m, at, depth, h = touch
     X, V, e = x.X, x.V, w.engine[0]
     E = load9(X, p.b, R)
@@ -49,7 +49,7 @@ def _touch(w: Any, x: Any, p: Any, touch: Any) -> int:
 
 @inline
 def _linear_row(x: Any, m: int, p: Any, along_what: Any, cfm: float) -> None:
-    """A row on the velocity of the point on a less that of the point on b; along_what: direction, arms [m]."""
+    """Fill a row on the relative velocity of two points; along_what: direction, arms [m]."""
     u, ra, rb = along_what
     store3(x.J, m, 0, u)
     store3(x.J, m, 3, cross(ra, u))
@@ -60,7 +60,7 @@ def _linear_row(x: Any, m: int, p: Any, along_what: Any, cfm: float) -> None:
 
 @kernel
 def contact_forces(w: Any, x: Any, first: int, rows: int, out: Any) -> None:
-    """Forces (points, 3) on the points of the rows from `first` on, flat in out: normal and tangential [N]."""
+    """Write the forces (points, 3) of the rows from `first` on to out: normal and tangential [N]."""
     for k in range(3 * len(w.points)):
         out[k] = 0.0
     for m in range(first, rows, 3):

@@ -49,7 +49,7 @@ def _accelerations(w: Any, x: Any, rows: int) -> None:
 
 @inline
 def _mended(x: Any, rows: int) -> bool:
-    """Put each row where the present solution has it; whether one has changed its place."""
+    """Move each row to the bound or interval of its solution; return whether one has moved."""
     V, I, changed = x.V, x.I, False
     for m in range(rows):
         rest = V[m, RIGHT] - V[m, SOFT] * V[m, LAMBDA]
@@ -96,7 +96,7 @@ def _system(x: Any, rows: int) -> None:
 
 @inline
 def _coupling(x: Any, m: int, k: int) -> float:
-    """J M^-1 J' of two rows."""
+    """Return J M^-1 J' of two rows."""
     total = 0.0
     for s in range(2):
         for t in range(2):
@@ -108,7 +108,7 @@ def _coupling(x: Any, m: int, k: int) -> float:
 
 @inline
 def _eliminate(D: Any, rows: int) -> None:
-    """Gauss's elimination with the largest pivot of a column; the solution stands in the last column."""
+    """Eliminate with partial pivoting; the solution is in the last column."""
     for k in range(rows):
         p = k
         for m in range(k + 1, rows):

@@ -19,31 +19,62 @@ from .rows import finish_rows, joint_rows
 
 @dataclass(frozen=True)
 class Engine:
-    """Settings; the defaults are those of SimTwo in 2012, at which it runs ODE's QuickStep.
+    """Settings of the engine; the defaults are those with which SimTwo ran ODE's QuickStep in 2012.
 
-    iterations: sweeps of the projected successive over-relaxation, 0: the same problem solved directly, as ODE's
-    dWorldStep does; shuffle_every: sweeps between two shufflings of the rows, the first of a step included, 0: never;
-    single: places, velocities and forces of constraints are rounded to single precision.
-    Raises ValueError for a number out of its range.
+    Attributes
+    ----------
+    iterations : int
+        Sweeps of the projected successive over-relaxation; 0 solves the same problem directly, as ODE's dWorldStep.
+    shuffle_every : int
+        Sweeps between two shuffles of the rows, the first one at the start of a step; 0: never.
+    relaxation : float
+        Over-relaxation; 1 is Gauss-Seidel.
+    erp : float
+        Share of a position error that a step corrects.
+    cfm, soft_cfm : float
+        Compliance of constraints, and of contacts along the normal [m/(s N) or rad/(s N m)].
+    bounce : float
+        Coefficient of restitution.
+    bounce_speed : float
+        Speed above which a contact bounces [m/s].
+    linear_damping, angular_damping : float
+        Share of a velocity that a step removes.
+    damping_threshold : float
+        Speed above which damping acts [m/s and rad/s].
+    single : bool
+        Round positions, velocities and constraint forces to single precision.
+    gyroscopic : bool
+        Include gyroscopic moments.
+    per_step : bool
+        Slew and filter of a servo act per step as at 1 ms; False: per second.
+    hardening : float
+        Of a gearbox's spring, K (1 + hardening |e|) e [1/rad].
+    damper_share : float
+        Rotor speed that a gearbox's damper may change in a step [rad/s].
+
+    Raises
+    ------
+    ValueError
+        For a number out of its range.
     """
 
     iterations: int = 10
     shuffle_every: int = 8
-    relaxation: float = 1.3  # 1: Gauss and Seidel's
-    erp: float = 0.4  # share of an error of place that a step mends
-    cfm: float = 1e-5  # speed at which a constraint gives way to a force [m/(s N) or rad/(s N m)]
-    soft_cfm: float = 1e-5  # of contacts, along the normal
-    bounce: float = 0.6  # share of the speed with which a contact comes in
-    bounce_speed: float = 1e-3  # from which on a contact bounces [m/s]
-    linear_damping: float = 1e-5  # share of a velocity that a step takes
+    relaxation: float = 1.3
+    erp: float = 0.4
+    cfm: float = 1e-5
+    soft_cfm: float = 1e-5
+    bounce: float = 0.6
+    bounce_speed: float = 1e-3
+    linear_damping: float = 1e-5
     angular_damping: float = 1e-3
-    damping_threshold: float = 0.01  # speed from which on it does [m/s and rad/s]
+    damping_threshold: float = 0.01
     single: bool = True
     gyroscopic: bool = True
     # Of the servos
-    per_step: bool = True  # slew and filter are of a step as at 1 ms; False: of a second
-    hardening: float = 1.0  # of a gearbox's spring, K (1 + hardening |e|) e [1/rad]
-    damper_share: float = 0.2  # of a gearbox's damper: the rotor's speed that it may change in a step [rad/s]
+    per_step: bool = True
+    hardening: float = 1.0
+    damper_share: float = 0.2
 
     def __post_init__(self) -> None:
         for name in ("iterations", "shuffle_every"):
@@ -75,7 +106,7 @@ EXACT = Engine(
 
 @kernel
 def step(w: Any, x: Any, gravity: np.ndarray, h: float) -> int:
-    """One step of all bodies, with the torques of the axes; where the rows of contacts begin."""
+    """Make one step of all bodies with the torques of the axes; return the first row of the contacts."""
     load(w, x, gravity)
     apply_torques(w, x)
     contacts = joint_rows(w, x, h)

@@ -110,7 +110,7 @@ INTEGERS = 5
 
 @structure
 class World(NamedTuple):
-    """What does not change."""
+    """What does not change during a run."""
 
     bodies: np.ndarray  # (nb,) BODY
     joints: np.ndarray  # (joints,) JOINT

@@ -22,7 +22,7 @@ P1, P2, A1, A2 = 2147483563, 2147483399, 40014, 40692
 
 @inline
 def random_below(random: np.ndarray, n: int) -> int:
-    """A random number from 0 to n - 1; random (2,) moves on."""
+    """Return a random number from 0 to n - 1, and advance random (2,)."""
     random[0] = A1 * random[0] % P1
     random[1] = A2 * random[1] % P2
     z = (random[0] - random[1]) % (P1 - 1)
@@ -39,7 +39,7 @@ def _shuffle(x: Any, rows: int) -> None:
 
 @inline
 def start_order(x: Any, rows: int) -> None:
-    """Friction rows come last: their bounds hang on the others."""
+    """Order the rows, friction rows last, because their bounds depend on the others."""
     k = 0
     for m in range(rows):
         if x.I[m, NORMAL] < 0:
@@ -67,7 +67,7 @@ def relax(w: Any, x: Any, rows: int) -> None:
 
 @inline
 def clear(w: Any, x: Any) -> None:
-    """No accelerations yet."""
+    """Set the accelerations to zero."""
     for i in range(len(w.bodies)):
         for k in range(6):
             x.S[i, k] = 0.0
@@ -75,7 +75,7 @@ def clear(w: Any, x: Any) -> None:
 
 @inline
 def bounds(x: Any, m: int) -> Any:
-    """Of the force of row m."""
+    """Return the bounds of the force of row m."""
     V, n = x.V, x.I[m, NORMAL]
     if n >= 0:
         return V[m, LOW] * V[n, LAMBDA], V[m, HIGH] * V[n, LAMBDA]
@@ -84,7 +84,7 @@ def bounds(x: Any, m: int) -> Any:
 
 @inline
 def _relax_row(x: Any, m: int, relaxation: float, single: int) -> float:
-    """Solve row m for its force; how much that has changed."""
+    """Solve row m for its force; return the change."""
     V, J, M, S = x.V, x.J, x.M, x.S
     a, b, last = x.I[m, A], x.I[m, B], V[m, LAMBDA]
     rest = V[m, RIGHT] - V[m, SOFT] * last
@@ -102,7 +102,7 @@ def _relax_row(x: Any, m: int, relaxation: float, single: int) -> float:
 
 @kernel
 def relax_until(w: Any, x: Any, rows: int, sweeps: int, tolerance: float) -> int:
-    """The same from the forces that stand there, in order and without rounding; sweeps taken, at most so many.
+    """Sweep from the present forces, in order and without rounding; return the number of sweeps.
 
     Ends where no row's force changes by more than the tolerance, of the largest force.
     """

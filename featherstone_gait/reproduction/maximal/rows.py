@@ -39,7 +39,7 @@ FREE = 1e300  # a bound that is none
 
 @kernel
 def joint_rows(w: Any, x: Any, h: float) -> int:
-    """Fill the rows of all joints; how many there are."""
+    """Fill the rows of all joints; return their number."""
     m, erp = 0, w.engine[0].erp / h
     for k in range(len(w.joints)):
         m = _keep_anchor(w, x, w.joints[k], erp, m)
@@ -92,7 +92,7 @@ def _keep_axes(w: Any, x: Any, j: Any, erp: float, m: int) -> int:
 
 @inline
 def _twisted(X: np.ndarray, j: Any) -> Any:
-    """Sine of the angle about its axis that turns b to where a weld has it."""
+    """Return the sine of the angle about its axis that turns b to where a weld holds it."""
     E, off = load9(X, j.a, R), (0.0, 0.0, 0.0)
     for k in range(3):
         target = rotate(E, (j.first[k], j.first[3 + k], j.first[6 + k]))
@@ -102,7 +102,7 @@ def _twisted(X: np.ndarray, j: Any) -> Any:
 
 @inline
 def _bound_axis(w: Any, x: Any, j: Any, u: Any, at: Any) -> int:
-    """A stop that is met, or dry friction; at: row of AXIS, ERP / h, the next row."""
+    """Fill a row for an active stop or dry friction; at: row of AXIS, ERP / h, the next row."""
     i, erp, m = at
     axis, angle, cfm = w.axes[i], x.angles[i, 0], w.engine[0].cfm
     if angle <= axis.lower:
@@ -122,7 +122,7 @@ def _bound_axis(w: Any, x: Any, j: Any, u: Any, at: Any) -> int:
 
 @inline
 def angular_row(x: Any, m: int, j: Any, u: Any, target: float, cfm: float) -> None:
-    """A row on the difference of both bodies' spins along u."""
+    """Fill a row on the difference of both bodies' angular velocities along u."""
     store3(x.J, m, 0, (0.0, 0.0, 0.0))
     store3(x.J, m, 3, scale(u, -1.0))
     store3(x.J, m, 6, (0.0, 0.0, 0.0))
@@ -132,7 +132,7 @@ def angular_row(x: Any, m: int, j: Any, u: Any, target: float, cfm: float) -> No
 
 @inline
 def begin_row(x: Any, m: int, a: int, b: int, target: float, cfm: float) -> None:
-    """A row without bounds between two bodies."""
+    """Start a row without bounds between two bodies."""
     V, I = x.V, x.I
     V[m, TARGET], V[m, SOFT], V[m, LOW], V[m, HIGH], V[m, LAMBDA] = target, cfm, -FREE, FREE, 0.0
     I[m, A], I[m, B], I[m, NORMAL], I[m, STATE] = a, b, -1, 0
@@ -140,7 +140,7 @@ def begin_row(x: Any, m: int, a: int, b: int, target: float, cfm: float) -> None
 
 @inline
 def along(L: np.ndarray, x: Any, m: int, k: int) -> float:
-    """Row m of L (rows, 12) times what stands in the columns k to k + 6 of its bodies' rows in X."""
+    """Return row m of L (rows, 12) times the columns k to k + 6 of its bodies in X."""
     a, b = x.I[m, A], x.I[m, B]
     total = 0.0
     for c in range(6):
@@ -150,7 +150,7 @@ def along(L: np.ndarray, x: Any, m: int, k: int) -> float:
 
 @kernel
 def finish_rows(w: Any, x: Any, rows: int, h: float) -> None:
-    """Fill of all rows what the system (J M^-1 J' + CFM / h) lambda = right side takes."""
+    """Compute the system (J M^-1 J' + CFM / h) lambda = right side for all rows."""
     V = x.V
     for m in range(rows):
         _weigh(w, x, m)
@@ -164,7 +164,7 @@ def finish_rows(w: Any, x: Any, rows: int, h: float) -> None:
 
 @inline
 def _weigh(w: Any, x: Any, m: int) -> None:
-    """Inverse mass times the Jacobian of row m."""
+    """Multiply the Jacobian of row m by the inverse masses."""
     for side in range(2):
         i, k = x.I[m, side], 6 * side
         store3(x.M, m, k, scale(load3(x.J, m, k), w.bodies[i].inverse_mass))

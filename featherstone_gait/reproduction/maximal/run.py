@@ -36,7 +36,7 @@ from .world import assembled, work_of
 
 @entry
 def rollout_bodies(run: Any, y: np.ndarray, out: np.ndarray, world: Any, work: Any) -> None:
-    """Run the scene; as `core.integrate.rollout.rollout`, by bodies and constraints."""
+    """Run the scene with bodies and constraints, as `core.integrate.rollout.rollout` does with joints."""
     w = World(world[0], world[1], world[2], world[3], world[4], world[5])
     x = Work(work[0], work[1], work[2], work[3], work[4], work[5], work[6], work[7], work[8], work[9], work[10])
     plan, offsets = run.plan, run.offsets[0]
@@ -71,7 +71,7 @@ def rollout_bodies(run: Any, y: np.ndarray, out: np.ndarray, world: Any, work: A
 
 @entry
 def advance(world: Any, work: Any, gravity: np.ndarray, h: float, steps: int) -> None:
-    """Move bodies that are no robot on by so many steps; world and work as `assembled` and `work_of` make them."""
+    """Move bodies without a robot by a number of steps; world and work come from `assembled` and `work_of`."""
     w = World(world[0], world[1], world[2], world[3], world[4], world[5])
     x = Work(work[0], work[1], work[2], work[3], work[4], work[5], work[6], work[7], work[8], work[9], work[10])
     refresh(w, x)
@@ -83,7 +83,7 @@ def advance(world: Any, work: Any, gravity: np.ndarray, h: float, steps: int) ->
 
 @inline
 def _place_bodies(run: Any, w: Any, x: Any, y: Any, W: Any) -> None:
-    """Bodies to where the coordinates have them."""
+    """Place the bodies by the joint coordinates."""
     offsets, n = run.offsets[0], len(w.axes)
     base = slice_if(run.scene.floating, y, offsets.base_q, 7)
     speed = slice_if(run.scene.floating, y, offsets.base_qd, 6)
@@ -114,7 +114,7 @@ def _origin(base: Any) -> Any:
 
 @inline
 def _store_turn(X: Any, i: int, E: Any) -> None:
-    """The quaternion of a rotation matrix, from its largest component (S. W. Shepperd 1978)."""
+    """Store the quaternion of a rotation matrix, from its largest component (S. W. Shepperd 1978)."""
     best, most = 0, E[0] + E[4] + E[8]
     for k in range(3):
         if E[4 * k] > most:
@@ -135,7 +135,7 @@ def _store_turn(X: Any, i: int, E: Any) -> None:
 
 @inline
 def _read(run: Any, w: Any, x: Any, y: Any) -> None:
-    """Coordinates to where the bodies are."""
+    """Read the joint coordinates from the bodies."""
     offsets = run.offsets[0]
     measure(w, x)
     for k in range(len(w.axes)):
@@ -173,15 +173,35 @@ def simulate(
     record_interval: float | None = None,
     welded: Sequence[str] = (),
 ) -> Trajectory:
-    """Run a scene for `duration` [s] at its timestep by free bodies and constraints, as ODE under SimTwo did.
+    """Simulate a scene with free bodies and constraints, as ODE did under SimTwo.
 
-    scene: compiled with integrator="simtwo" or another one of fixed steps, whose place the engine takes; state,
-    reference, record and record_interval: as for `featherstone_gait.simulate`; engine: settings, by default SimTwo's;
-    seed: of the shuffling of rows, which alone is random: the same seed gives the same bits; welded: joints that a
-    constraint holds where they are, without servo.  Of the energies supply, meter, copper, friction of the joints, gear
-    and work are told.  A run that falls or diverges says so in its status.  Raises ValueError for what this engine has
-    not: joints that slide or follow others, rotors on rigid gearboxes and armature, friction that depends on load,
-    springs, pushes, a supply, and ground with steps, of a height field or with rims.
+    Parameters
+    ----------
+    scene : CompiledScene
+        Compiled with integrator="simtwo" or another one of fixed steps, which the engine replaces.
+    duration : float
+        [s]
+    state, reference, record, record_interval
+        As for `featherstone_gait.simulate`.
+    engine : Engine, optional
+        Settings, by default SimTwo's.
+    seed : int
+        Of the shuffling of rows, the only random process: the same seed gives the same bits.
+    welded : sequence of str
+        Joints that a constraint holds at their initial angle, without servo.
+
+    Returns
+    -------
+    Trajectory
+        Its status says whether the robot fell or the run diverged.  Its energies are supply, meter, copper, friction
+        of the joints, gear and work.
+
+    Raises
+    ------
+    ValueError
+        For features that this engine lacks: joints that slide or follow others, rotors on rigid gearboxes and
+        armature, friction that depends on load, springs, pushes, a supply, and ground with steps, height fields or
+        contact circles.
     """
     return simulate_seeds(
         scene,
@@ -208,10 +228,24 @@ def simulate_seeds(
     record_interval: float | None = None,
     welded: Sequence[str] = (),
 ) -> list[Trajectory]:
-    """`simulate` once for each of the seeds, over threads; trajectories in the order of the seeds.
+    """Run `simulate` once for each of several seeds, in threads.
 
-    Each has the bits of `simulate` with its seed.  Raises as `simulate`, and ValueError for a seed that is no whole
-    number from 0 on.
+    Parameters
+    ----------
+    scene, duration, state, reference, engine, record, record_interval, welded
+        As for `simulate`.
+    seeds : iterable of int
+        Whole numbers from 0.
+
+    Returns
+    -------
+    list of Trajectory
+        In the order of the seeds; each has the bits of `simulate` with its seed.
+
+    Raises
+    ------
+    ValueError
+        As `simulate`, and for a seed that is not a whole number from 0.
     """
     check_scene(scene)
     engine = Engine() if engine is None else engine
@@ -225,13 +259,13 @@ def simulate_seeds(
         run, y, out = ready.arguments(start)
         work = work_of(world, seed, scene)
         ready.call(lambda *these: rollout_bodies(*these, world, work), run, y, out)
-        return _told(ready, start, (y, out), work, seed)
+        return _trajectory(ready, start, (y, out), work, seed)
 
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         return list(pool.map(one, seeds)) if len(seeds) > 1 else [one(seed) for seed in seeds]
 
 
-def _told(ready: Any, start: Any, results: tuple[np.ndarray, np.ndarray], work: tuple, seed: int) -> Trajectory:
+def _trajectory(ready: Any, start: Any, results: tuple[np.ndarray, np.ndarray], work: tuple, seed: int) -> Trajectory:
     """Name the channels and say how the run ended."""
     (y, out), scene, course = results, ready.scene, ready.schedule(start.y)
     code, end = int(y[scene.layout["status"]]), float(y[scene.layout["end_time"]])

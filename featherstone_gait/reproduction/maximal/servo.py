@@ -21,7 +21,7 @@ from ...core.effects.rigid_servo import RigidServo
 
 @by_type
 def filter_speeds(actuator: Any, run: Any, w: Any, y: Any) -> None:
-    """Move the filtered speeds on."""
+    """Update the filtered speeds."""
 
 
 @filter_speeds.of(NoneType)
@@ -39,7 +39,7 @@ def _filter_speeds(actuator: Any, run: Any, w: Any, y: Any) -> None:
 
 @by_type
 def servo_torque(actuator: Any, run: Any, w: Any, y: Any, i: int) -> Any:
-    """Torque of servo i on its joint over the coming step [N m]; motor and rotor move on."""
+    """Return the torque of servo i on its joint over the coming step [N m]; update motor and rotor."""
 
 
 @servo_torque.of(NoneType)
@@ -73,7 +73,7 @@ def _geared(actuator: Any, run: Any, w: Any, y: Any, i: int) -> float:
 
 @inline
 def _current(m: Any, d: Any, run: Any, y: Any, what: Any) -> float:
-    """Current at the end of the step [A], with the electrical energies; what: joint and back-EMF [V]."""
+    """Return the current at the end of the step [A], and add the energies; what: joint and back-EMF [V]."""
     i, emf = what
     offsets, h = run.offsets[0], run.plan.h
     E, V, last, left = (
@@ -93,7 +93,7 @@ def _current(m: Any, d: Any, run: Any, y: Any, what: Any) -> float:
 
 @inline
 def drive_joints(actuator: Any, run: Any, w: Any, x: Any, y: Any) -> None:
-    """Torques of all axes: servos and what damps the joints; with their energies."""
+    """Compute the torques of all axes from servos and joint damping, and add their energies."""
     offsets, h = run.offsets[0], run.plan.h
     for k in range(len(w.axes)):
         i = w.axes[k].dof

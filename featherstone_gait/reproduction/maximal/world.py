@@ -24,7 +24,7 @@ LIKE = "featherstone_gait.simulate has it"
 
 
 def assembled(scene: CompiledScene, engine: Engine, welded: Sequence[str] = (), y: np.ndarray | None = None) -> tuple:
-    """Arrays of `World` for a scene; y: the state in which `welded` joints are held (zero if None).
+    """Return the arrays of `World` for a scene; y: the state in which `welded` joints are held (zero if None).
 
     A body is read as the cross of a universal joint if it carries one joint, touches nothing, is lighter than a tenth
     of both bodies beside it and the axes meet at right angles in it; its mass goes to the body that it carries.
@@ -68,7 +68,7 @@ def _check(scene: CompiledScene, welded: Sequence[str]) -> None:
 
 
 def _crosses(scene: CompiledScene, welded: Sequence[str]) -> dict[int, int]:
-    """Rows of the tree that are the cross of a universal joint, and the row that each carries."""
+    """Return the rows of the tree that are crosses of universal joints, and the row that each carries."""
     tree, names = scene.constants.tree, scene.model.joint_names
     touching = set() if scene.constants.contact is None else {p.body for p in scene.constants.contact.points}
     found: dict[int, int] = {}
@@ -86,7 +86,7 @@ def _crosses(scene: CompiledScene, welded: Sequence[str]) -> dict[int, int]:
 
 
 def _numbers(scene: CompiledScene, crosses: dict[int, int]) -> dict[int, int]:
-    """Which body each row of the tree is; the world is body 0."""
+    """Return the number of the body of each row of the tree; the world is body 0."""
     rows = [k for k in range(len(scene.constants.tree)) if k not in crosses]
     return {row: k + int(scene.tree.floating) for k, row in enumerate(rows)}
 
@@ -101,7 +101,7 @@ def _six(J: np.ndarray) -> np.ndarray:
 
 
 def _inverse(J: np.ndarray) -> np.ndarray:
-    """Of a symmetric matrix of three rows, by its minors: the same bits everywhere; infinite where there is none."""
+    """Invert a symmetric 3 x 3 matrix by its minors, with the same bits everywhere; infinite if it is singular."""
     (a, b, c), (_, d, e), (_, _, f) = J
     minors = np.array([d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b])
     determinant = a * minors[0] + b * minors[1] + c * minors[2]
@@ -132,7 +132,7 @@ def _bodies(scene: CompiledScene, number: dict[int, int], crosses: dict[int, int
 
 
 def _with_cross(cross: Any, child: Any, own: tuple[float, np.ndarray, np.ndarray]) -> tuple[float, Any, Any]:
-    """Mass, center and inertia of the child with the cross, the joint between them at zero."""
+    """Return mass, center and inertia of the child with the cross, the joint between them at zero."""
     E = np.array(child.E).reshape(3, 3).T  # cross -> child
     parts = [own, (cross.m, applied(E, np.array(cross.c)), product(product(E, _symmetric(cross.J)), E.T))]
     m = parts[0][0] + parts[1][0]
@@ -214,7 +214,7 @@ def _points(scene: CompiledScene, bodies: np.recarray, number: dict[int, int]) -
 
 
 def work_of(world: tuple, seed: int, scene: CompiledScene | None = None) -> tuple:
-    """Arrays of `Work` for a world, and the tree's workspace of the scene; bodies at the origin, at rest."""
+    """Return the arrays of `Work` for a world, and the tree's workspace; bodies at the origin, at rest."""
     bodies, joints, axes, points, engine, _ = world
     rows = 6 * len(joints) + 2 * len(axes) + 3 * len(points)
     direct = rows if engine[0].iterations == 0 else 0
