@@ -1,4 +1,4 @@
-"""Write the report of a gait search as a page: what the report's JSON holds and the costs of the candidates.
+"""Write the report of a gait search as a page, from the report's JSON and the costs of the candidates.
 
 `report_data` arranges these as tiles, tables, texts and charts, which `page.js` draws.  A cell of a table is a text, or
 `_cell`.  In texts **words** are bold and `words` are code.
@@ -50,13 +50,13 @@ def report_data(report: Report, costs: np.ndarray) -> dict[str, Any]:
     settings = report["settings"]
     where = f"{settings['worlds']} worlds at once" if settings["worlds"] else "one floor"
     sections = [
-        ("What was found", _compared(report)),
+        ("The gait found", _compared(report)),
         ("In other worlds", _elsewhere(report)),
-        ("What a real robot asks for", _limits(report)),
+        ("Limits of a real robot", _limits(report)),
         ("Currents of the servos", _currents(report)),
-        ("With what is drawn all the time", _standby(report)),
+        ("With standing power", _standby(report)),
         ("At equal speed", _at_equal_speed(report)),
-        ("Pushes, and the feedback that answers them", _feedback(report)),
+        ("Pushes with and without feedback", _feedback(report)),
         ("In MuJoCo", _in_mujoco(report)),
         ("The search", _search(report, costs)),
     ]
@@ -78,7 +78,7 @@ def _tiles(report: Report) -> Iterable[tuple[str, str, str]]:
     found = report["plausible"]["after"]["limits"] or []
     missed = [one["name"] for one in found if not one["kept"]]
     note = f"not: {', '.join(missed)}" if missed else "on its own floor"
-    yield "limits of a real robot kept", f"{len(found) - len(missed)} of {len(found)}", note
+    yield "limits of a real robot met", f"{len(found) - len(missed)} of {len(found)}", note
 
 
 def _compared(report: Report) -> list[Part]:
@@ -114,7 +114,7 @@ def _elsewhere(report: Report) -> list[Part]:
     rows = [(row["name"], row["elsewhere"]) for row in report["baselines"] if row["elsewhere"]]
     rows += [("found", report["elsewhere"]["after"])] if report["elsewhere"] else []
     if not rows:
-        return [_text("Not tried.")]
+        return [_text("Not tested.")]
     body = [
         [
             _cell(name, f"{there['worlds']} worlds"),
@@ -126,7 +126,7 @@ def _elsewhere(report: Report) -> list[Part]:
     bars = [(name, *there["cost"]) for name, there in rows if there["cost"]]
     what = "Energy per distance in other worlds [J/m]: 5th to 95th percentile, median"
     return [
-        _text("Floors, servos, links and starts that the search has not seen; 20 strides at a quarter of the step."),
+        _text("Floors, servos, links and starts that the search did not use; 20 strides at a quarter of the step."),
         _table(["", "walks", *(_cell(unit, "5 to 95 % of them") for unit in ("J/m", "mm/s"))], body),
         *([{"chart": "intervals", "what": what, "rows": bars}] if bars else []),
         *(
@@ -160,7 +160,7 @@ def _worst(one: Mapping[str, Any] | None) -> Any:
     unit, scale = UNITS[one["unit"]]
     share = "" if one["kept"] or not one["share"] else f", {100.0 * one['share']:.1f} % of the samples"
     where = f"{one['where'].replace('_', ' ')}, {one['time']:.2f} s{share}" if one["time"] is not None else ""
-    mark = ("good", "kept") if one["kept"] else ("bad", "not kept")
+    mark = ("good", "met") if one["kept"] else ("bad", "not met")
     return _cell(f"{scale * one['value']:.1f} {unit} ", where, mark)
 
 
@@ -189,24 +189,24 @@ def _standby(report: Report) -> list[Part]:
         if watts
     ]
     note = "Assumed: 0.05 A per servo at its supply." if standby["assumed"] else "Powers as given."
-    return [_table(["J/m", "first", "found"], rows), _text(f"{note} The search does not count it.", soft=True)]
+    return [_table(["J/m", "first", "found"], rows), _text(f"{note} The search does not include it.", soft=True)]
 
 
 def _at_equal_speed(report: Report) -> list[Part]:
-    """Compare each baseline with the cheapest gait on the search's way that is as fast."""
+    """Compare each baseline with the cheapest gait of the search that is as fast."""
     rows = [
         [
             row["baseline"],
             _at_speed(row),
-            "none on the way" if row["found"] is None else _at_speed(row["found"]),
+            "none in the search" if row["found"] is None else _at_speed(row["found"]),
             NONE if row["found"] is None else f"{-100.0 * row['gain']:+.0f} %",
         ]
         for row in report["at_equal_speed"]
     ]
     text = (
-        "The cheapest gait that the search tried within 5 % of the plan's speed; with equal periods, equal speeds are "
+        "The cheapest gait that the search tried within 5 % of the plan's speed; with equal periods, equal speeds mean "
         "equal steps. The search did not aim at this speed, so the gain is at least this. In the first half of a "
-        "search with limits, gaits need not keep them."
+        "search with limits, gaits need not meet them."
     )
     return [_table(["", "the plan", "found at its speed", ""], rows), _text(text, soft=True)] if rows else []
 
@@ -230,7 +230,7 @@ def _feedback(report: Report) -> list[Part]:
     return [
         _text(
             "The impulse on the trunk, within 0.1 s, at which half of the robots fall, in the worlds of the search, at "
-            "four phases of the stride. The figures for other worlds and for MuJoCo are with feedback."
+            "four phases of the stride. Results in other worlds and in MuJoCo are with feedback."
         ),
         _table(["toward", "without", "with feedback"], pushes),
         _table(["gain", ""], gains),
@@ -241,7 +241,7 @@ def _in_mujoco(report: Report) -> list[Part]:
     result = report.get("crosscheck")
     if not result:
         commands = "`featherstone-gait optimize --crosscheck` or `featherstone-gait crosscheck`"
-        return [_text(f"**Not run**: whether the gait walks on MuJoCo's floors is not known. {commands} tells.")]
+        return [_text(f"**Not run**: it is not known whether the gait walks on MuJoCo's floors. {commands} tests it.")]
     falls = _cell("", mark=("bad", "falls"))
     body = [
         [
@@ -266,13 +266,13 @@ def _search(report: Report, costs: np.ndarray) -> list[Part]:
         for row in report["search"]["chosen_among"]
     ]
     why = (
-        "Gaits of the descent, tested again in other worlds. Of those that walk in all worlds but one at most, the "
-        "gait that keeps most limits is taken; among equals the one that walks in most worlds, then the cheapest."
+        "Gaits of the search, tested again in other worlds. Among those that fail in at most one world, the gait that "
+        "meets the most limits is chosen; among equals the one that walks in most worlds, then the cheapest."
     )
-    head = ["", "searched, J/m", "limits kept", "walks", "there, J/m"]
+    head = ["", "searched, J/m", "limits met", "walks", "in other worlds, J/m"]
     message = (
-        f"{report['search']['message']}. Times and numbers of evaluations, which differ from run to run, are in the "
-        "JSON file."
+        f"{report['search']['message']}. Times and numbers of evaluations, which vary between runs, are in the JSON "
+        "file."
     )
     return [
         *_convergence(costs, report["search"]["with_limits_from"]),
@@ -286,17 +286,17 @@ def _convergence(costs: np.ndarray, since: int | None) -> list[Part]:
     if len(costs) < 2 or not np.isfinite(costs).any():
         return []
     best = np.concatenate([least_so_far(part) for part in parts_of(costs, since)])
-    what = "Cost of each candidate [J/m] as the search sees it, and the least so far"
+    what = "Cost of each candidate in the search [J/m], and the lowest so far"
     return [{"chart": "search", "what": what, "costs": _rounded(costs), "best": _rounded(best), "since": since}]
 
 
 def parts_of(costs: np.ndarray, since: int | None) -> list[np.ndarray]:
-    """Split the costs of a search where it changes what it asks for, at `since`."""
+    """Split the costs of a search where limits are added to its objective, at `since`."""
     return [costs] if since is None else [costs[:since], costs[since:]]
 
 
 def least_so_far(costs: np.ndarray) -> np.ndarray:
-    """Find the least of the costs up to each; infinite before the first that is finite."""
+    """Compute the lowest cost so far; infinite before the first finite one."""
     return np.minimum.accumulate(np.where(np.isfinite(costs), costs, np.inf))
 
 

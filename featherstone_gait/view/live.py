@@ -60,8 +60,8 @@ def serve(
     notes: list[str] = []
     for seen in runs.values():
         if id(seen.model) not in looks:
-            looks[id(seen.model)], said = pieces(seen.model, TRIANGLES // len(runs), CORNERS)
-            notes += [f"{seen.model.source}: {note}" for note in said]
+            looks[id(seen.model)], remarks = pieces(seen.model, TRIANGLES // len(runs), CORNERS)
+            notes += [f"{seen.model.source}: {note}" for note in remarks]
     if notes:
         rest = f"; and {len(notes) - MOST_NOTES} more" if len(notes) > MOST_NOTES else ""
         text = f"{'; '.join(notes[:MOST_NOTES])}{rest}: collision shapes or boxes of the inertia are drawn instead"

@@ -149,8 +149,8 @@ def _drawn(
         edges = [color if soft else (0.0, 0.0, 0.0, 0.4) for color, soft in zip(colors, smooth)]
         axes.add_collection(PolyCollection(polygons, facecolor=colors, edgecolor=edges, linewidth=0.5))
         ended = trajectory.failed and bool(time >= trajectory.end_time - 1e-9)
-        told = ended or not (trajectory.failed or trajectory.ok)
-        label = f"{time:.2f} s" + f": {trajectory.status}" * told
+        marked = ended or not (trajectory.failed or trajectory.ok)
+        label = f"{time:.2f} s" + f": {trajectory.status}" * marked
         axes.text(0.02, 0.95, label, transform=axes.transAxes, color=BAD if ended else "0.15", va="top", fontsize=11)
         yield
 

@@ -354,7 +354,7 @@ function arrows(g, cam, touching, ratio) {
 function text(element, words) { if (element.textContent !== words) element.textContent = words; }
 function short(x) { return Math.abs(x) >= 100 ? x.toFixed(0) : Math.abs(x) >= 1 ? x.toFixed(2) : Math.abs(x) < 1e-12 ? "0" : x.toPrecision(2); }
 const ended = (run, t) => run.failed && t >= run.end - 1e-9;
-const said = run => run.failed ? run.status + " at " + short(run.end) + " s" : run.status;
+const statusText = run => run.failed ? run.status + " at " + short(run.end) + " s" : run.status;
 
 function panel(runs) {
   const figure = document.createElement("figure"), caption = document.createElement("figcaption");
@@ -362,7 +362,7 @@ function panel(runs) {
     const line = document.createElement("div"), status = document.createElement("span");
     line.append(run.caption + " ");
     status.className = "status " + (run.status === "ok" ? "ok" : "bad");
-    status.textContent = said(run);
+    status.textContent = statusText(run);
     if (run.times.length > 1 || run.status !== "ok") line.append(status);
     if (run.message) {
       const message = document.createElement("span");
@@ -375,7 +375,7 @@ function panel(runs) {
   const canvas = document.createElement("canvas"), now = document.createElement("div");
   canvas.tabIndex = 0;
   canvas.setAttribute("role", "img");
-  canvas.setAttribute("aria-label", "moving picture of " + runs.map(run => models[run.model].name + ", " + run.caption + ": " + said(run)).join("; "));
+  canvas.setAttribute("aria-label", "moving picture of " + runs.map(run => models[run.model].name + ", " + run.caption + ": " + statusText(run)).join("; "));
   now.className = "now";
   figure.append(caption, canvas, now);
   steer(canvas);
@@ -434,9 +434,9 @@ function drawPanel({ runs, canvas, now }) {
     if (shown.forces) arrows(g, cam, touching, ratio);
   }
   const failed = runs.filter(run => ended(run, t));
-  if (failed.length) stamp(g, failed.map(run => (runs.length > 1 ? run.caption + ": " : "") + said(run)).join("; "), w, ratio);
+  if (failed.length) stamp(g, failed.map(run => (runs.length > 1 ? run.caption + ": " : "") + statusText(run)).join("; "), w, ratio);
   if (shown.load && main.load) legend(g, w, h, ratio, main.load.of);
-  text(now, told(main, at[0], t));
+  text(now, readout(main, at[0], t));
 }
 
 function loads(run, model, t) {
@@ -467,7 +467,7 @@ function legend(g, w, h, ratio, of) {
   g.fillText("torque, 0 to 100 % of " + of, x, y - 5 * ratio);
 }
 
-function told(run, at, t) {
+function readout(run, at, t) {
   const words = [], [k, m, f] = place(run, Math.min(t, run.end));
   if (models[run.model].moves) {
     const way = at[run.root][0] - data.unit * run.frames[0][7 * run.root];
@@ -584,7 +584,7 @@ function layer(plot) {  // all that does not move
     g.setLineDash([]);
     const late = X(run.end) > box.x + 0.6 * box.w;
     g.textAlign = late ? "right" : "left";
-    g.fillText((alone ? "" : run.caption.split(":")[0] + " ") + said(run), X(run.end) + (late ? -4 : 4), box.y + 10);
+    g.fillText((alone ? "" : run.caption.split(":")[0] + " ") + statusText(run), X(run.end) + (late ? -4 : 4), box.y + 10);
     g.textAlign = "left";
   }
   g.lineWidth = lines.length > 8 ? 1 : 1.5;
@@ -670,7 +670,7 @@ const CHARTS = {
       return label(LEFT, y - 10, name) + line("range" + kind, x(low), y, x(high), y) + `<circle class="mid${kind}" cx="${x(middle)}" cy="${y}" r="6"/>`;
     })];
   },
-  search({ costs, best, since }) {  // each candidate, and the least so far
+  search({ costs, best, since }) {  // each candidate, and the lowest so far
     const height = 220, n = costs.length - 1, most = 1.15 * best.find(f => f !== null), seen = f => f !== null && f <= most;
     const x = k => LEFT + (W - LEFT - RIGHT) * k / n, y = f => 8 + (height - FOOT - 8) * (1 - f / most), parts = [];
     for (const t of round(0, most)) parts.push(label(LEFT - 6, y(t) + 4, t, "end"), line("axis", LEFT, y(t), W - RIGHT, y(t)));
@@ -678,7 +678,7 @@ const CHARTS = {
     costs.forEach((f, k) => { if (seen(f)) parts.push(`<circle class="dot" cx="${x(k).toFixed(1)}" cy="${y(f).toFixed(1)}" r="1.6"/>`); });
     if (since !== null) {
       const early = x(since) < 0.6 * W;
-      parts.push(label(x(since) + (early ? 4 : -4), 20, "keeps to limits", early ? "start" : "end"), line("first", x(since), 8, x(since), height - FOOT));
+      parts.push(label(x(since) + (early ? 4 : -4), 20, "with limits", early ? "start" : "end"), line("first", x(since), 8, x(since), height - FOOT));
     }
     const points = best.map((f, k) => seen(f) ? x(k).toFixed(1) + "," + y(f).toFixed(1) : "").filter(Boolean);
     return [height, ...parts, `<polyline class="best" points="${points.join(" ")}"/>`];

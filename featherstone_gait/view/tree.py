@@ -42,17 +42,17 @@ def _link(name: str, mass: float) -> str:
 
 def _what(model: Model, joint: Joint) -> str:
     """Describe a joint: its type, range, and what holds or drives it."""
-    said: list[str] = [joint.type]
+    parts: list[str] = [joint.type]
     if joint.type not in ("fixed", "continuous"):
-        said.append(f"{_position(joint, joint.lower, unit=False)} to {_position(joint, joint.upper)}")
+        parts.append(f"{_position(joint, joint.lower, unit=False)} to {_position(joint, joint.upper)}")
     if joint.name in model.locked:
-        said.append(f"locked at {_position(joint, model.locked[joint.name])}")
+        parts.append(f"locked at {_position(joint, model.locked[joint.name])}")
     if joint.mimic is not None:
-        said.append(f"follows {joint.mimic.joint}: {joint.mimic.multiplier:g} times, {joint.mimic.offset:+g}")
+        parts.append(f"follows {joint.mimic.joint}: {joint.mimic.multiplier:g} times, {joint.mimic.offset:+g}")
     if joint.name in model.servos:
         servo = model.servos[joint.name]
-        said.append(f"servo {servo.controller.law}, {servo.gearbox.ratio:g} : 1")
-    return ", ".join(said)
+        parts.append(f"servo {servo.controller.law}, {servo.gearbox.ratio:g} : 1")
+    return ", ".join(parts)
 
 
 def _position(joint: Joint, value: float, unit: bool = True) -> str:

@@ -80,8 +80,8 @@ def pieces(model: Model, most: int, corners: int) -> tuple[list[Piece], list[str
 
 def _looks(model: Model, faceted: _Facets, notes: list[str]) -> Iterator[tuple[str, list[_Part]]]:
     """Yield each visible link with its parts: visuals, else collision shapes, else the box of its inertia."""
-    seen, said = read_visuals(model)
-    notes += said
+    seen, remarks = read_visuals(model)
+    notes += remarks
     solid: dict[str, list[Visual]] = {}
     for shape in model.shapes:
         visual = Visual(shape.geometry, rotation_from_rpy(shape.rpy), np.array(shape.xyz))
@@ -110,8 +110,8 @@ def sided(name: str) -> Color:
 def side_of(name: str) -> str:
     """Find "left" or "right" in a name, in full or as a letter between underscores; "" if there is neither."""
     words = name.lower().replace("-", "_").split("_")
-    said = (side for side, letters in SIDES_OF.items() if side in name.lower() or {words[0], words[-1]} & letters)
-    return next(said, "")
+    sides = (side for side, letters in SIDES_OF.items() if side in name.lower() or {words[0], words[-1]} & letters)
+    return next(sides, "")
 
 
 class _Part(NamedTuple):

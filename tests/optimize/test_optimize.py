@@ -139,12 +139,12 @@ def test_the_page_needs_nothing_from_the_network_and_says_what_the_report_says(j
     assert "prefers-color-scheme: dark" in page
     assert "@media print" in page
     tables, texts, charts = parts_of_page(page)
-    costs = tables["What was found"][0]
+    costs = tables["The gait found"][0]
     assert costs[1:] == [f"{report['baselines'][k]['cost']:.1f}" for k in (0, 1)] + [f"{report['after']['cost']:.1f}"]
     limits = report["plausible"]["after"]["limits"]
-    asked = tables["What a real robot asks for"]
+    asked = tables["Limits of a real robot"]
     assert [row[0]["text"] == one["what"] for row, one in zip(asked, limits)] == [True] * 6
-    assert ["not kept" not in row[2]["mark"] for row in asked] == [one["kept"] for one in limits]
+    assert ["not met" not in row[2]["mark"] for row in asked] == [one["kept"] for one in limits]
     assert any("Not run" in text for text in texts)
     assert len(charts["search"]["best"]) == ITERATIONS + 1
 
@@ -165,12 +165,12 @@ def test_the_page_names_floors_falls_and_what_is_not_known(job, tmp_path):
     ((_, falls, walks),) = tables["In MuJoCo"]
     assert (falls["mark"], walks) == (["bad", "falls"], "31.2")
     assert any("0 of 1 floors" in text for text in texts)
-    assert tables["At equal speed"][0][::2] == ["<plan>", "none on the way"]
+    assert tables["At equal speed"][0][::2] == ["<plan>", "none in the search"]
     assert "Currents of the servos" not in tables
     assert (charts["search"]["since"], charts["search"]["costs"]) == (2, [80.0, None, 70.0])
     assert "0.75 N s with feedback, 0.5 without" in summary(changed | {"elsewhere": report["elsewhere"]})
     space = "\N{NO-BREAK SPACE}"
-    pushes = tables["Pushes, and the feedback that answers them"]
+    pushes = tables["Pushes with and without feedback"]
     assert ["mean", f"0.50{space}N{space}s", f"0.75{space}N{space}s"] in pushes
     (ankle,) = (row for row in pushes if row[1] == "4.25")
     assert (ankle[0]["text"], ankle[0]["small"]) == ("ankle of the stance leg, per error ahead", "rad/m")

@@ -248,5 +248,5 @@ def test_a_report_is_drawn_by_the_same_page(tmp_path):
     assert (told["lead"], told["tiles"], told["titles"]) == (["lead"], ["speed2 m/snote"], ["Part"])
     assert (told["rows"], told["cells"], told["bad"]) == (["<name>"], ["3 fallsm"], ["falls"])
     assert ("Not" in told["bold"], told["code"]) == (True, ["featherstone-gait <x>"])
-    assert {"plan", "found", "keeps to limits"} <= set(told["charts"])
+    assert {"plan", "found", "with limits"} <= set(told["charts"])
     assert (told["dots"], told["best"]) == (4, 5)
