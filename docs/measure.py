@@ -35,7 +35,9 @@ from featherstone_gait.walking.disturbed import pushes_survived, rough_field, wa
 ROOT = Path(__file__).resolve().parents[1]
 STORED = ROOT / "docs" / "reproduction"
 FORMAT = Format("measured table")
-KEPT = ("settings", "search", "before", "after", "elsewhere", "crosscheck", "plausible")  # of a gait's report
+KEPT = (
+    "settings", "search", "before", "after", "elsewhere", "crosscheck", "plausible", "at_equal_speed",
+)  # fmt: skip
 FEEDBACK = {False: "without", True: "with"}
 Row = dict[str, Any]
 
@@ -182,7 +184,7 @@ def keep(source: Path, target: Path) -> None:
             np.savez_compressed(file, **{key: found[key] for key in found.files if key not in ("costs", "visited")})
     else:
         report = json.loads(source.read_text("utf-8"))
-        kept = {key: report[key] for key in ("format", "version", *KEPT)}
+        kept = {key: report[key] for key in ("format", "version", *KEPT) if key in report}
         with complete(target) as temporary:
             temporary.write_text(json.dumps(kept) + "\n", "utf-8")
 
