@@ -51,6 +51,7 @@ class Parser(argparse.ArgumentParser):
     """A parser whose errors say in one line what is wrong, what may be meant, and where to read on."""
 
     def error(self, message: str) -> NoReturn:
+        """Print the error and exit with code 2."""
         print(f"error: {message}; `{self.prog} --help` lists what there is", file=sys.stderr)
         raise SystemExit(2)
 

@@ -53,6 +53,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
+    """Run the command; return its exit code."""
     from tqdm import tqdm
 
     from ..base.files import Format, write_csv

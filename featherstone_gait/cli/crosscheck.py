@@ -57,6 +57,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
+    """Run the command; return its exit code."""
     from ..base.arguments import one_of
     from ..crosscheck import FLOORS, crosscheck, summary
     from ..crosscheck.in_mujoco import SOLES, soles_of

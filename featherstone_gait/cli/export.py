@@ -30,6 +30,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
+    """Run the command; return its exit code."""
     from ..model import Ground
     from ..robot_file import save_robot
     from ..walking.gait_file import write_angles, write_goal_positions

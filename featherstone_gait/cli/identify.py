@@ -67,6 +67,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
+    """Run the command; return its exit code."""
     from ..identification.bench import BENCHES, read_bench
     from ..identification.log import FitLog
 
@@ -136,7 +137,7 @@ def _effects(
 
 
 def _write(folder: Path, fit: ServoFit, rows: list[tuple[str, str, float]]) -> None:
-    """The tables, whole or not at all."""
+    """Write the tables, whole or not at all."""
     from ..base.files import Format, write_csv
 
     form = Format("servo identification")

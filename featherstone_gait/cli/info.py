@@ -37,6 +37,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
+    """Run the command; return its exit code."""
     from ..robot_file import load_robot
     from ..scene.compile import compile_scene
 

@@ -45,6 +45,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
+    """Run the command; return its exit code."""
     from ..optimize.job import main_job
 
     given = {option.name: getattr(args, option.name) for option in fields(OptimizeOptions) if option.name in args}

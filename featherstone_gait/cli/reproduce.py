@@ -31,6 +31,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
+    """Run the command; return its exit code."""
     from ..reproduction.report import expected, reproduce
 
     minutes, size = max(expected(args.names, args.full), 1), "full" if args.full else "quick"

@@ -44,6 +44,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
+    """Run the command; return its exit code."""
     from ..robot_file.servos import servo_names, servo_sheet
 
     names, known = args.names or servo_names(), servo_names()

@@ -54,6 +54,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
+    """Run the command; return its exit code."""
     start = time.perf_counter()
     from ..robot_file import load_robot
     from ..scene.compile import compile_scene

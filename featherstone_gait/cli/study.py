@@ -41,6 +41,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
+    """Run the command; return its exit code."""
     from ..base.processes import process_pool
     from ..study import read_study, run_study
     from ..study.run import cores

@@ -59,6 +59,7 @@ def add(commands: Commands) -> None:
 
 
 def run(args: Namespace) -> int:
+    """Run the command; return its exit code."""
     from ..robot_file import load_robot
     from ..run.trajectory import Trajectory
     from ..run.trajectory import files as files_of

@@ -132,7 +132,7 @@ class _Acting:
         self._tick, self._floating = scene.tick_steps * scene.timestep, scene.model.base == "floating"
 
     def __call__(self, k: int, reference: np.ndarray) -> np.ndarray:
-        """What the servos follow at the tick k (n, 2), if they are to follow the reference (n, 2)."""
+        """Return the goals of the servos at tick k (n, 2), given the reference (n, 2)."""
         if k % self._every == 0:
             d, machine = self._machine.d, self._machine
             seen = {"q": d.qpos[machine.q], "qd": d.qvel[machine.v]}
@@ -145,7 +145,7 @@ class _Acting:
 
 
 def standing(scene: CompiledScene, angles: np.ndarray, sinking: float) -> np.ndarray:
-    """The robot (nq,) upright with joints at `angles` (n,) [rad], its lowest contact point so deep in the floor [m].
+    """Place the robot (nq,) upright, joints at `angles` (n,) [rad], its lowest contact at a depth in the floor [m].
 
     First the base's place [m] and quaternion, then the angles [rad].  Raises ValueError for a scene without ground.
     """
@@ -208,7 +208,7 @@ def _tick(
 
 
 def _steps(machine: _Machine, chain: ServoChain, count: int) -> None:
-    """Steps of MuJoCo with the motors' torques; what it warns of, a state that it resets, is seen in `d.warning`."""
+    """Step MuJoCo with the motors' torques; `d.warning` shows whether it has reset a state."""
     mujoco, d, joints, motors = _mujoco(), machine.d, machine.v, machine.motor
     speeds, applied = d.qvel, d.qfrc_applied
     with heard(mujoco, []):
@@ -226,7 +226,7 @@ def _steps(machine: _Machine, chain: ServoChain, count: int) -> None:
 
 
 def _through_gears(machine: _Machine, chain: ServoChain) -> np.ndarray:
-    """What gearboxes put on the joints [N m]; that of teeth across a gap is applied, tendons do the others."""
+    """Compute the gearboxes' torques on the joints [N m]; those across a backlash are applied, tendons exert others."""
     d, joints, rotors = machine.d, machine.v, machine.motor
     assert machine.rotor is not None
     e, de = d.qpos[machine.rotor] - d.qpos[machine.q], d.qvel[rotors] - d.qvel[joints]
@@ -240,7 +240,7 @@ def _through_gears(machine: _Machine, chain: ServoChain) -> np.ndarray:
 
 
 def _budget(machine: _Machine, chain: ServoChain, t_m: np.ndarray) -> np.ndarray:
-    """What dry friction takes at most in the next step [N m], by what the mechanism did to the joints in the last.
+    """Compute the limit of dry friction in the next step [N m] from the torques of the mechanism in the last.
 
     That is t_e of A dv/dt = t_m + t_f + t_e, t_f all friction: the viscous one, and what MuJoCo's constraint gave.
     """
@@ -265,7 +265,7 @@ def _place(machine: _Machine, chain: ServoChain, q: np.ndarray) -> None:
 
 
 def _row(scene: CompiledScene, machine: _Machine, chain: ServoChain) -> dict[str, np.ndarray]:
-    """What is recorded; velocities of a base as ours, which are MuJoCo's too."""
+    """Return what is recorded; velocities of the base have the same convention in both engines."""
     d = machine.d
     q, v = d.qpos[machine.q], d.qvel[machine.v]
     energy = np.full((len(q), ENERGIES), np.nan)
@@ -300,12 +300,12 @@ def _mujoco() -> Any:
 
 
 def mujoco_version() -> str:
-    """Raises ImportError without MuJoCo."""
+    """Import MuJoCo; raise ImportError without it."""
     return str(_mujoco().__version__)
 
 
 def _servos(scene: CompiledScene) -> dict[str, Servo]:
-    """The servos of the joints that move; ValueError for what the replay does not do."""
+    """Return the servos of the moving joints; raise ValueError for what the replay does not support."""
     model = scene.model
     servos = {name: model.servos[name] for name in model.joint_names if scene.gearbox and name in model.servos}
     missing = []
@@ -358,7 +358,7 @@ def _chain(scene: CompiledScene, h: float) -> ServoChain:
 
 
 def _with_rotors(text: str, servos: dict[str, Servo]) -> str:
-    """The robot as MJCF with rotors, and gearboxes between them and the joints."""
+    """Write the robot as MJCF with rotors, and gearboxes between them and the joints."""
     if not servos:
         return text
     bodies = [line for name, servo in servos.items() for line in _rotor(PREFIX + name, servo)]
@@ -413,7 +413,7 @@ def _lay(spec: Any, model: Model, floor: Floor, h: float) -> None:
 
 
 def soles_of(model: Model) -> tuple[Soles, ...]:
-    """The kinds that a robot's feet can have: boxes where the contact points of each link span a plane."""
+    """Return the kinds that a robot's feet can have: boxes if the contact points of each link span a plane."""
     return SOLES if all(_plane(points) is not None for points in _of_links(model).values()) else ("spheres",)
 
 
@@ -439,7 +439,7 @@ def _body(spec: Any, point: ContactPoint) -> Any:
 
 
 def _plane(points: Sequence[ContactPoint]) -> np.ndarray | None:
-    """Normal (3,) of the plane of three contact points or more, alike in radius; None where there is none."""
+    """Return the normal (3,) of the plane of three or more contact points of equal radius; None if there is none."""
     if len(points) < 3 or any(point.circle_radius or point.radius != points[0].radius for point in points):
         return None
     off = np.array([point.position for point in points])

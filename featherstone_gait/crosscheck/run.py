@@ -131,7 +131,7 @@ def _told(model: Model) -> str:
 
 
 def summary(report: dict[str, Any]) -> str:
-    """The rows as a table to read, and on how many floors the gait walks; report: what `crosscheck` returns."""
+    """Format the rows as a table, and on how many floors the gait walks; report: what `crosscheck` returns."""
     rows = report["floors"]
     lines = [
         f"{'':10} {'':8} {'sinks':>7} | {'MuJoCo':>8} {'':>6} {'':>6} | {'here':>8} {'':>6} {'':>6}",
@@ -166,7 +166,7 @@ def verdict(report: dict[str, Any]) -> str:
 
 
 def files(out: FilePath) -> tuple[Path, Path]:
-    """The JSON file and the CSV."""
+    """Write the JSON file and the CSV."""
     path = Path(out)
     return path.with_name(path.name + ".json"), path.with_name(path.name + ".csv")
 

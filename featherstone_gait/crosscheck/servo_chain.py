@@ -104,7 +104,7 @@ class ServoChain:
             self._apply(u, motor_speed)
 
     def arrive(self, motor_speed: np.ndarray) -> None:
-        """The oldest voltages that wait act; motor_speed: at the output [rad/s]."""
+        """Apply the oldest waiting voltages; motor_speed: at the output [rad/s]."""
         self._apply(self.waiting.pop(0), motor_speed)
 
     def _apply(self, u: np.ndarray, motor_speed: np.ndarray) -> None:
@@ -168,7 +168,7 @@ class _Teeth:
         return np.sign(e) * push * np.maximum(1.0 + self.d * de * np.sign(e), 0.0)
 
     def budget(self, speed: np.ndarray, t_m: np.ndarray, t_e: np.ndarray) -> np.ndarray:
-        """What dry friction takes beyond Coulomb's at most [N m], the models M2 to M6 (core/effects/gear_friction.py).
+        """Compute the limit of dry friction beyond Coulomb's [N m], models M2 to M6 (core/effects/gear_friction.py).
 
         t_m drives the joints, t_e is what the mechanism does to them [N m].
         """

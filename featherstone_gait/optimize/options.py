@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def _option(default: Any, help: str, flag: str | None = None, old: str | None = None, **argument: Any) -> Any:
-    """A field of `OptimizeOptions` with its option of the command line; `argument`: of `add_argument`."""
+    """Declare a field of `OptimizeOptions` with its option of the command line; `argument`: of `add_argument`."""
     if isinstance(default, bool):
         argument["action"] = "store_false" if default else "store_true"
     elif isinstance(default, int) and "action" not in argument:

@@ -50,16 +50,20 @@ class Queue:
         self._lock = threading.Lock()
 
     def take(self, wait: bool = True) -> int | None:
+        """Return the next index, None if all have been taken."""
         with self._lock:
             return next(self._indices, None)
 
     def wanted(self, key: int) -> bool:
+        """Return True: no run is given up."""
         return True
 
     def give(self, key: int, answer: Any) -> None:
+        """Keep the answer of a run."""
         self.answers[key] = answer
 
     def close(self) -> None:
+        """Hand out no more runs."""
         with self._lock:
             self._indices = iter(())
 

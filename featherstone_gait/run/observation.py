@@ -48,6 +48,7 @@ class View:
         self._result: Any = None
 
     def __call__(self) -> Any:
+        """Return the present values."""
         for group, part in zip(self._fleet.groups, self._parts):
             group.read(group.y[:, part], self._values)
         if self._shaped is not None:

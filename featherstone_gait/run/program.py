@@ -1,5 +1,7 @@
 """Compile controllers written in Python into the run.
 
+Example::
+
     @controller(memory=1, period=0.02)
     def lean(t, state, reference, command, memory):
         memory[0] += 0.02 * state.base_qd[4]

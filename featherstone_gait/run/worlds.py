@@ -189,7 +189,7 @@ class Worlds:
         object.__setattr__(self, "runs", next(iter(sizes.values())))
 
     def __len__(self) -> int:
-        """Number of runs."""
+        """Return the number of runs."""
         assert self.runs is not None
         return self.runs
 

@@ -74,7 +74,7 @@ def _center(point: ContactPoint) -> np.ndarray:
 
 
 def _bulge(model: Model, tree: Tree) -> Spheres | Discs | None:
-    """What the contacts are besides points, in the order of the table."""
+    """Build the spheres or discs that contacts are, in the order of the table; None for points."""
     contacts = [model.contacts[k] for k in by_body(model, tree)]
     if any(point.circle_radius for point in contacts):
         table = records(len(contacts), DISC)

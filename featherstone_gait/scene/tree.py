@@ -32,6 +32,7 @@ class Tree(NamedTuple):
         return len(self.bodies) - 1
 
     def workspace_shape(self) -> tuple[int, int]:
+        """Return rows and columns of the workspace."""
         return (self.rows, COLUMNS + (0 if self.coupling is None else len(self.coupling)))
 
 

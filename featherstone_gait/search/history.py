@@ -45,7 +45,7 @@ class AnnealingHistory:
 
 
 def _content(visit: Visit, text: str) -> dict[str, Any]:
-    """A visit as JSON will give it back."""
+    """Return a visit as JSON will give it back."""
     finite = bool(np.isfinite(visit.f))
     return {
         "iteration": visit.iteration,

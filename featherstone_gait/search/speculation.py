@@ -50,7 +50,9 @@ class Candidate:
 
 
 class Speculation:
-    """The candidates of a search, for evaluation by any number of threads:
+    """The candidates of a search, for evaluation by any number of threads.
+
+    Each thread runs::
 
         while (candidate := candidates.take()) is not None:
             candidates.give(candidate, fun(candidate.x))

@@ -1,5 +1,7 @@
 """Robots that are to walk, from any file: contact points, locked joints and servos.
 
+Example::
+
     robot = driven(load_walker("g1.urdf", legs_only=True), "generic")
 """
 

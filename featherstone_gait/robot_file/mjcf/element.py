@@ -19,6 +19,7 @@ def number(value: float) -> str:
 
 
 def numbers(values: Iterable[float]) -> str:
+    """Write numbers separated by spaces."""
     return " ".join(number(value) for value in values)
 
 

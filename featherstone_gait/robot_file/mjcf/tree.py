@@ -177,5 +177,6 @@ def _coupled(joints: list[Joint], names: list[str], mimics: dict[int, Line]) -> 
 
 
 def vector(values: np.ndarray) -> tuple[float, float, float]:
+    """Return three numbers as floats."""
     x, y, z = (float(value) for value in values)
     return x, y, z
