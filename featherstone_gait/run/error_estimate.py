@@ -86,7 +86,7 @@ def second_run(
 @functools.lru_cache(maxsize=16)
 def _with_coarser_tolerance(scene: CompiledScene) -> CompiledScene:
     """Return the scene whose integrator takes its steps as a second run; one object, for it remembers its layout."""
-    other = replace(scene, method=scene.method._replace(companion=True))
+    other = replace(scene, method=scene.method._replace(second_run=True))
     wide = None
     if scene.method.soft:
         wide = widened(scene.constants.friction, scene.model, scene.gearbox is not None, 2.0)

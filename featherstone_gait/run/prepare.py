@@ -51,7 +51,7 @@ def prepare(
         rtol = scene.rtol if rtol is None else rtol
         atol = rtol if atol is None else atol
         plan = plan._replace(rtol=rtol, atol=atol, least_step=LEAST_STEP, integrated=integrated)
-        plan = plan._replace(companion=scene.method.companion, budget=budget(plan.steps * plan.h))
+        plan = plan._replace(second_run=scene.method.second_run, budget=budget(plan.steps * plan.h))
     record = recorded(scene, record)
     run = CompiledRun(scene.pushed(pushes), plan, record, *_stored(scene, record), controller=controller)
     if run.samples * max(1, len(run.channels)) > MOST_NUMBERS:  # they would fill the memory

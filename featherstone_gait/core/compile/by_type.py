@@ -2,14 +2,14 @@
 
     @by_type
     def force(actuator, s, i):
-        \"\"\"What each kind of actuator has to tell.\"\"\"
+        \"\"\"Return the force of the actuator.\"\"\"
 
     @force.of(Servo)
     def _servo_force(actuator, s, i):
         ...
 
 `Servo` is a NamedTuple class, or NoneType for an actuator that is absent.  A kind that a kernel is not compiled for
-costs nothing, and a new one is told to no list.  With the JIT off it is a look-up by `type`.
+costs nothing, and new kinds register themselves.  With the JIT off it is a look-up by `type`.
 """
 
 import functools

@@ -60,7 +60,7 @@ class Part(_Library):
         self._finalized = True
 
     def get_pointer_to_function(self, name):
-        """Address of a function: there is none."""
+        """Return no address: a part has no machine code."""
         return 0
 
     def link_into(self, module, linked):
@@ -75,7 +75,7 @@ class Part(_Library):
         return _link(self._linking_libraries, module, linked)
 
     def _get_module_for_linking(self):
-        """With all that it calls, for functions that are not compiled by this compiler."""
+        """Return the module with all that it calls, for functions compiled by Numba's own pipeline."""
         self._ensure_finalized()
         module = self._final_module.clone()
         for library in _link(self._linking_libraries, module, {self}):
@@ -145,7 +145,7 @@ PASSES = (  # those of Numba's DefaultPassBuilder that kernels need
 
 
 def _no_executable(library, fndesc, env):
-    """What Numba keeps of a compiled function, without an address."""
+    """Return what Numba keeps of a compiled function, without an address."""
     name = fndesc.qualname.rpartition(".")[2]
     return _dynfunc.make_function(fndesc.lookup_module(), name, name, 0, env, (library,))
 
@@ -158,7 +158,7 @@ class Compiler(CompilerBase):
         self.state.flags = _Flags(self.state.flags)
 
     def define_pipelines(self):
-        """The passes."""
+        """Return the one pipeline, made of `PASSES`."""
         passes = PassManager("kernels")
         for each in PASSES:
             passes.add_pass(each, each._name)
@@ -167,7 +167,7 @@ class Compiler(CompilerBase):
 
 
 class _Flags(Flags):
-    """Numba's options of a function, which it asks for their hash at each call that is typed."""
+    """Numba's options of a function with a hash that is computed once; Numba needs it at each call that it types."""
 
     __slots__ = ("known",)
 
@@ -215,7 +215,7 @@ _NUMBERS = {"float64", "int64", "bool", "Lanes8"}  # names of the types of kerne
 
 
 def _resolve(resolve, typing, function, arguments, names):
-    """The signature of a call; of an operator on numbers, found once: Numba tries all that arrays could mean by it."""
+    """Return the signature of a call, which for an operator on numbers is worked out once and kept."""
     if names or not isinstance(function, types.Function) or function.typing_key not in _OPERATORS:
         return resolve(typing, function, arguments, names)
     numbers = tuple(map(_plain, arguments))

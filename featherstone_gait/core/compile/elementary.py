@@ -1,6 +1,6 @@
 """Sine, cosine, exponential and logarithm, equal to the bit in any width and with the JIT off.
 
-A platform's libm differs from the next one in the last bit and knows no lanes; these need only + - * /, comparisons,
+The libms of two platforms differ in the last bit and have no lanes.  These functions use only + - * /, comparisons,
 `select` and `power_of_two`, and no fused multiply-add.  Each reduces its argument in extended precision (Cody and
 Waite, Software Manual for the Elementary Functions, 1980) and evaluates a minimax polynomial (Remez exchange on the
 relative error) in Estrin's order, which shortens the chain of dependent operations.
@@ -74,7 +74,7 @@ _E9 = float.fromhex("0x1.ad7f938c2b1b5p-26")
 
 @register_jitable(**INNER)
 def _minus(r, low, part):
-    """r + low - part: the first of both results is rounded, the second takes what that loses (D. Knuth's two-sum)."""
+    """Return r + low - part as a rounded sum and the rest that rounding loses (D. Knuth's two-sum)."""
     s = r - part
     b = s - r
     return s, low + ((r - (s - b)) - (part + b))
@@ -82,7 +82,7 @@ def _minus(r, low, part):
 
 @register_jitable(**INNER)
 def _reduce_far(x):
-    """n, r and c of x = n pi/2 + r - c for NEAR < |x| <= SINCOS_LIMIT; not inlined, since it is rarely needed."""
+    """Return n, r and c of x = n pi/2 + r - c for NEAR < |x| <= SINCOS_LIMIT; not inlined, as it is rarely needed."""
     n = (x * _TWO_OVER_PI + _ROUND) - _ROUND
     t, low = _minus(x, 0.0 * x, n * _FAR_A)
     t, low = _minus(t, low, n * _FAR_B)
@@ -95,7 +95,7 @@ def _reduce_far(x):
 
 @kernel
 def sincos(x):
-    """Sine and cosine of x [rad], |x| <= SINCOS_LIMIT (1.69e9 rad), else NaN; error below 1 ulp."""
+    """Return sine and cosine of x [rad], |x| <= SINCOS_LIMIT (1.69e9 rad), else NaN; error below 1 ulp."""
     x = select(abs(x) <= SINCOS_LIMIT, x, nan)
     n = (x * _TWO_OVER_PI + _ROUND) - _ROUND
     # x = n pi/2 + r - c: the subtraction of the first part is exact, c carries the rounding of the second.
@@ -126,7 +126,7 @@ def sincos(x):
 
 @kernel
 def exp(x):
-    """Exponential of x; inf above 709.78, gradual underflow to 0 below -708.4; error below 1 ulp."""
+    """Return the exponential of x: inf above 709.78, gradual underflow to 0 below -708.4; error below 1 ulp."""
     y = select(x > _EXP_LOW, x, _EXP_LOW)
     y = select(y < _EXP_HIGH, y, _EXP_HIGH)
     n = (y * _LOG2_E + _ROUND) - _ROUND
@@ -148,7 +148,7 @@ def exp(x):
 
 @kernel
 def log(x):
-    """Natural logarithm of a normal number x > 0; error below 1.5 ulp."""
+    """Return the natural logarithm of a normal number x > 0; error below 1.5 ulp."""
     n = exponent(x)
     m = x * power_of_two(-n)
     large = m > _SQRT_2

@@ -53,7 +53,7 @@ _log = logging.getLogger(__name__)
 
 
 def _private_pipeline():
-    """The module compiler.py; None for Numba's own pipeline."""
+    """Return the module compiler.py, None for Numba's own pipeline."""
     choice = os.environ.get("FEATHERSTONE_GAIT_COMPILER", "")
     if choice not in ("", "plain"):
         remedy = "set it to 'plain' for Numba's own pipeline, or not at all"
@@ -97,7 +97,7 @@ def source_hash(module: str = CORE) -> str:
 
 
 def _cache_folder() -> str:
-    """A folder for this version of the kernels in NUMBA_CACHE_DIR or the user's cache, "" if neither can be written."""
+    """Return the cache folder of these kernels, in NUMBA_CACHE_DIR or the user's cache; "" if none can be written."""
     user = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     roots = [root for root in (numba.config.CACHE_DIR, os.path.join(user, "featherstone_gait")) if root]
     key = hashlib.sha256(f"{source_hash()} {numba.__version__}".encode()).hexdigest()[:16]
@@ -153,7 +153,7 @@ def kernel(function):
 
 
 def inline(function):
-    """The same, merged into what calls it.
+    """Compile `function` as `kernel` does, merged into its caller.
 
     What works on tuples must be: passed through memory, 24 links cost 1.7 times as much in lanes.
     """
@@ -184,7 +184,7 @@ def entry(function):
 
 
 def direct(dispatcher, *arguments):
-    """An entry as compiled for arguments of these types, without the look at the types that each call would cost.
+    """Return an entry compiled for arguments of these types, which skips the look at types that each call would cost.
 
     What it is called with must have the same types.
     """
@@ -194,7 +194,7 @@ def direct(dispatcher, *arguments):
 
 
 def outside(function, wrapped):
-    """A function from elsewhere, compiled for itself with checks of bounds, in the wrapper that `call_outside` takes.
+    """Compile a user's function on its own, with checks of bounds, in the wrapper that `call_outside` takes.
 
     `wrapped(function)` makes the wrapper, of a float and pointers to float64, the second to int64.  Returns what must
     live as long as the address is used, and the address; with the JIT off the wrapper twice.  The function is cached
@@ -214,7 +214,7 @@ def outside(function, wrapped):
 
 
 def _with_cache(function):
-    """The function to be compiled, with a cache that stops no run; None if Numba can make no file in the folder."""
+    """Return the dispatcher with a cache that stops no run; None if Numba can make no file in the folder."""
     outside, numba.config.CACHE_DIR = numba.config.CACHE_DIR, CACHE_FOLDER
     try:
         dispatcher = numba.njit(function, cache=True, **ENTRY)
@@ -259,7 +259,7 @@ def _alone(path):
 
 
 def _load(load, arguments, context):
-    """What the cache holds, None if that cannot be used, whatever the reason.
+    """Return what the cache holds, None if that cannot be used for any reason.
 
     Numba's own would first import what it knows of NumPy and SciPy, half a second, which finished code does not need
     unless it counts references.
@@ -288,7 +288,7 @@ class _Files:
         self.cache, self.module = cache, module
 
     def load(self, key):
-        """What is kept under a key of Numba's, the first part of which is the types of the arguments."""
+        """Return what is kept under one of Numba's keys, whose first part is the types of the arguments."""
         return self._of(key[0]).load(key)
 
     def save(self, key, data):
@@ -306,7 +306,7 @@ def _room(module):
 
 
 def _rooms(kinds) -> set:
-    """Which of `_SOURCES` the classes are from that types are made of; None among them for any other module.
+    """Return which of `_SOURCES` the classes in the types come from, with None for any other module.
 
     Code for a class from elsewhere would be found again when its source has changed, and an index that names the class
     cannot be read where its module is missing.
@@ -329,7 +329,7 @@ def one_process_at_a_time(folder):
 
 
 def _quiet(function):
-    """With the JIT off: IEEE infinities and NaN without NumPy's warnings, as compiled code has them."""
+    """Silence NumPy's warnings of infinities and NaN with the JIT off, as compiled code gives none."""
 
     @functools.wraps(function)
     def call(*args):
@@ -340,7 +340,7 @@ def _quiet(function):
 
 
 def instruction_set() -> str:
-    """The widest vector instructions of this processor: AVX-512, AVX2 or neither."""
+    """Return the widest vector instructions of this processor: AVX-512, AVX2 or neither."""
     features = get_host_cpu_features()
     if features.get("avx512f"):
         return "AVX-512"

@@ -82,7 +82,7 @@ class _MaskModel(models.PrimitiveModel):
 
 
 def _splat(builder, scalar, vector=_VECTOR):
-    """The vector with `scalar` in every lane."""
+    """Return the vector with `scalar` in every lane."""
     undefined = ir.Constant(vector, ir.Undefined)
     one = builder.insert_element(undefined, scalar, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(one, undefined, ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH))
@@ -121,7 +121,7 @@ def _unary(op, build, operand=Lanes):
 
 
 def _llvm(name):
-    """Build a call of the LLVM intrinsic `name` on a vector."""
+    """Return a builder of calls of the LLVM intrinsic `name` on a vector."""
 
     def build(builder, value):
         function = cgutils.get_or_insert_function(
@@ -157,7 +157,7 @@ _unary(abs, _llvm("fabs"))
 
 
 def select(mask, a, b):
-    """`a` where `mask`, else `b`."""
+    """Return `a` where `mask` holds, else `b`."""
     if np.ndim(mask) == 0:
         return a if mask else b
     return np.where(mask, a, b).view(LaneValue)
@@ -179,7 +179,7 @@ def _select(mask, a, b):
 
 
 def clamp(x, lower, upper):
-    """x, but no less than `lower` and no more than `upper`; NaN stays."""
+    """Return x limited to `lower` ... `upper`; NaN stays."""
     return select(x < lower, lower, select(x > upper, upper, x))
 
 
@@ -189,7 +189,7 @@ def _clamp(x, lower, upper):
 
 
 def sign_beyond(x, limit):
-    """1 where x > limit, -1 where x < -limit, else 0."""
+    """Return 1 where x > limit, -1 where x < -limit, else 0."""
     return select(x > limit, 1.0 + 0.0 * x, select(x < -limit, -1.0 + 0.0 * x, 0.0 * x))
 
 
@@ -199,7 +199,7 @@ def _sign_beyond(x, limit):
 
 
 def any_lane(mask):
-    """Whether `mask` holds in at least one lane."""
+    """Return whether `mask` holds in at least one lane."""
     return bool(np.any(mask))
 
 
@@ -220,7 +220,7 @@ def _any_lane(mask):
 
 
 def invert(mask):
-    """Where `mask` does not hold."""
+    """Return where `mask` does not hold."""
     return np.logical_not(mask)
 
 
@@ -232,7 +232,7 @@ def _invert(mask):
 
 
 def sqrt(x):
-    """Square root, correctly rounded."""
+    """Return the square root, correctly rounded."""
     return np.sqrt(x)
 
 
@@ -253,7 +253,7 @@ def _overload_sqrt(x):
 
 
 def gather(table, index):
-    """table[index] of a table (n,), shared or by lane, at integer-valued places that differ by lane, all within it."""
+    """Return table[index] of a table (n,), shared or by lane, at whole-number indices that differ by lane."""
     at = np.asanyarray(index).astype(np.int64)
     if table.ndim > 1:
         return np.asarray(table)[at, np.arange(WIDTH)].view(LaneValue)
@@ -286,7 +286,7 @@ def _gather(table, index):
 
 
 def power_of_two(n):
-    """2**n for integer-valued n in -1022 ... 1023, exactly."""
+    """Return 2**n exactly, for whole n in -1022 ... 1023."""
     return np.ldexp(1.0, np.asanyarray(n).astype(np.int64))[()]
 
 
@@ -311,7 +311,7 @@ def _overload_power_of_two(n):
 
 
 def exponent(x):
-    """The n of x = m 2**n, 1 <= m < 2, of a normal x > 0."""
+    """Return the n of x = m 2**n, 1 <= m < 2, of a normal x > 0."""
     return np.frexp(x)[1] - 1.0
 
 
@@ -363,7 +363,7 @@ def as_lanes(array):
 
 
 def _array(context, builder, kind, source, shape, strides):
-    """A C-contiguous array of a Numba type over the memory of another one, to which it holds no reference."""
+    """Return a C-contiguous array of a Numba type over another array's memory, without a reference to it."""
     result, intp = context.make_array(kind)(context, builder), context.get_value_type(types.intp)
     result.data = builder.bitcast(source.data, result.data.type)
     result.shape, result.strides = cgutils.pack_array(builder, shape, intp), cgutils.pack_array(builder, strides, intp)
@@ -392,7 +392,7 @@ def _overload_as_lanes(array):
 
 
 def aligned(shape) -> np.ndarray:
-    """A float64 array of zeros whose data starts at a multiple of 64 bytes."""
+    """Return a float64 array of zeros whose data starts at a multiple of 64 bytes."""
     size = int(np.prod(shape))
     memory = np.zeros(size + 8)
     start = -(memory.ctypes.data // 8) % 8
@@ -425,7 +425,7 @@ def _overload_flat(array):
 
 
 def width_of(array):
-    """How many numbers a value of the array is: 1, or `WIDTH` of lanes."""
+    """Return how many numbers a value of the array is: 1, or `WIDTH` of lanes."""
     return WIDTH if isinstance(array, LaneArray) else 1
 
 

@@ -9,7 +9,7 @@ FAR = 1 << 40  # Windows locks bytes, and others could not read them: one beyond
 def lock(file, wait=False) -> bool:
     """Lock an open file until it is closed; False if another process or thread has it and there is no waiting.
 
-    Where the file system knows no locks, True.
+    Returns True where the file system has no locks.
     """
     _LOCKED.add(file)
     try:

@@ -62,7 +62,7 @@ def only_if(present, array):
 
 
 def any_present(a, b):
-    """True if one of both is present, None if neither is."""
+    """Return True if one of both is present, None if neither is."""
     return None if a is None and b is None else True
 
 
@@ -74,7 +74,7 @@ def _any_present(a, b):
 
 
 def in_lanes(x):
-    """Arrays viewed as lanes: of a tuple each field that its class does not name as `SHARED` by all lanes.
+    """View arrays as lanes; of a structure those fields that its class does not name as `SHARED` by all lanes.
 
     Of what is shared it is what is `Varying` in it.
     """

@@ -25,7 +25,7 @@ class SealedFiles(IndexDataCacheFile):
         super().save(key, (key, data))
 
     def load(self, key):
-        """The version under a key, None if there is no sound one."""
+        """Return the version under a key, None if there is no sound one."""
         found = super().load(key)
         return found[1] if found is not None and found[0] == key else None
 

@@ -7,7 +7,7 @@ from .jit import INNER
 
 
 def read_now(flag):
-    """flag[0], int64, as it is in memory now: an ordinary read may be moved out of a loop that does not write it."""
+    """Read flag[0], int64, from memory now; an ordinary read may be moved out of a loop that does not write it."""
     return flag[0]
 
 

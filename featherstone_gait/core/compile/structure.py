@@ -2,7 +2,7 @@
 
 Numba takes a NamedTuple apart at each call: the context of a step is some six hundred arguments, which must be typed,
 written, parsed and put on the stack, of which a function reads three.  `@structure` makes a class whose values are the
-address of their fields; a field is read where it is used.  A structure never changes, which LLVM is told of arguments.
+address of their fields; a field is read where it is used.  A structure never changes; arguments are marked so for LLVM.
 
 What kernels must not do: keep a structure from one pass of a loop to the next, which makes its successor in the same
 place.  With the JIT off a structure is the NamedTuple that it looks like.
@@ -45,7 +45,7 @@ class StructureType(types.Type):
 
     @property
     def key(self):
-        """What tells two types apart, nearly always."""
+        """Identify the type (nearly always; `__eq__` compares the fields too)."""
         return self.instance_class, self.name
 
     def __hash__(self):
@@ -133,7 +133,7 @@ class _StructureModel(models.DataModel):
         return self.inner
 
     def get(self, builder, value, k):
-        """Field k."""
+        """Load field k."""
         at = cgutils.gep_inbounds(builder, value, 0, k)
         return at if isinstance(self.inner[k], _StructureModel) else builder.load(at)
 
@@ -209,14 +209,14 @@ _sizes: dict = {}  # of types of llvmlite, by their identity: to compare two tak
 
 
 def size_of(layout, kind):
-    """Bytes of a type of llvmlite, which has a module parsed to tell it; layout: llvmlite's TargetData."""
+    """Return the bytes of an llvmlite type, kept because llvmlite parses a module to tell it; layout: TargetData."""
     if id(kind) not in _sizes:
         _sizes[id(kind)] = kind.get_abi_size(layout), kind
     return _sizes[id(kind)][0]
 
 
 def never_written(module, layout):
-    """Tell LLVM that no function of the module (of llvmlite.ir) writes into a structure that it is given.
+    """Mark for LLVM that no function of the module (of llvmlite.ir) writes into a structure that it is given.
 
     layout: llvmlite's TargetData.
     """

@@ -31,7 +31,7 @@ class Varying(NamedTuple):
 
 
 def lane_dtype(dtype: np.dtype, names: Collection[str]) -> np.dtype:
-    """The dtype of records with the same fields, those named with a last axis of lanes, on whole vectors."""
+    """Return the dtype of records of which the named fields have a last axis of lanes, on whole vectors."""
     varying, shared = ([name for name in dtype.names if (name in names) == varies] for varies in (True, False))
     formats, offsets, end = [], [], 0
     for name in (*varying, *shared):
@@ -46,12 +46,12 @@ def lane_dtype(dtype: np.dtype, names: Collection[str]) -> np.dtype:
 
 
 def lane_records(count: int, dtype: np.dtype) -> np.recarray:
-    """That many records of a `lane_dtype`, all zero, in aligned memory."""
+    """Return `count` records of a `lane_dtype`, all zero, in aligned memory."""
     return aligned(count * dtype.itemsize // 8).view(dtype).view(np.recarray)
 
 
 def of_lanes(kind: np.dtype) -> bool:
-    """Whether the type of a field is that of numbers by lane: no other has so long a last axis."""
+    """Return whether a field's type is that of numbers by lane: no other has so long a last axis."""
     return kind.shape[-1:] == (WIDTH,)
 
 
@@ -114,12 +114,12 @@ class _Fields:
 
 
 def _values(array):
-    """An array of lanes, or the value of lanes that it is."""
+    """View an array of lanes, or copy the single value of lanes that it is."""
     return array.copy().view(LaneValue) if array.ndim == 1 else as_lanes(array)
 
 
 def varying_in_lanes(x):
-    """What all lanes share as it is, but in it, at any depth, what is `Varying` in lanes."""
+    """View the `Varying` parts of what lanes share as lanes, at any depth, and leave the rest as it is."""
     if isinstance(x, Varying):
         return LaneRecords(x.values) if x.values.dtype.names else _values(x.values)
     if isinstance(x, tuple) and hasattr(x, "_fields"):
@@ -128,7 +128,7 @@ def varying_in_lanes(x):
 
 
 def varies(kind) -> bool:
-    """Whether something in a Numba type is `Varying`."""
+    """Return whether something in a Numba type is `Varying`."""
     return isinstance(kind, StructureType) and (kind.instance_class is Varying or any(map(varies, kind.types)))
 
 

@@ -1,4 +1,4 @@
-"""What drives the joints: the questions that a step asks of an actuator, answered by each kind in a file of its own.
+"""The actuators of the joints: the functions that a step calls, which each kind implements in a file of its own.
 
 An actuator acts on its joint and may have a rotor, whose speed w (over the gear ratio) is eliminated from each linear
 system.  Of its torque T on the joint and F on the rotor a step needs, besides the values, the slopes
@@ -6,7 +6,7 @@ system.  Of its torque T on the joint and F on the rotor a step needs, besides t
     c = -dT/dv without the coupling,   cg = dT/dw = -dT/dv = coupling of both,   cr = -dF/dw without the coupling.
 
 Each kind is a NamedTuple of arrays of records, one record a joint; its class names in `PARTS` which parts of the state
-it has (see step/state.py).  A scene without actuator has None, which the functions here answer for.
+it has (see step/state.py).  A scene without actuator has None, for which the functions here are implemented below.
 """
 
 from ..compile.by_type import NoneType, by_type
@@ -15,7 +15,7 @@ from ..compile.jit import inline
 
 @by_type
 def actuator_force(actuator, step, i, v, w, T, c):
-    """T and c plus what drives joint i at the speeds v, w of joint and rotor, at the end of the step.
+    """Return T and c plus what drives joint i at the speeds v, w of joint and rotor, at the end of the step.
 
     Returns T [N m], F [N m], c, cg and cr [N m s/rad].
     """
@@ -36,30 +36,30 @@ def move_actuator(actuator, step, i, v, w):
 
 @by_type
 def actuator_branch(actuator, step, i, v, w):
-    """A number for each way in which limits and teeth act at the speeds v and w, and 0 where none does.
+    """Return a number for each way in which limits and teeth act at the speeds v and w, and 0 where none does.
 
-    An actuator whose torque has no kinks need not answer.
+    An actuator whose torque is smooth need not implement it.
     """
 
 
 @by_type
 def rotor_of(actuator):
-    """Records of the rotors with a field `inertia` [kg m^2], None where there are none, as of most kinds."""
+    """Return records of the rotors with a field `inertia` [kg m^2]; None for most kinds, which have none."""
 
 
 @by_type
 def motor_of(actuator):
-    """MOTOR records: the field `motor`; None where there are none."""
+    """Return the MOTOR records (the field `motor`), None where there are none."""
 
 
 @by_type
 def controller_of(actuator):
-    """CONTROLLER records of what is sampled: the field `controller`; None where nothing is."""
+    """Return the CONTROLLER records of what is sampled (the field `controller`), None where nothing is."""
 
 
 @inline
 def motor_speed(rotor, offsets, y, i):
-    """Of a motor, at the output [rad/s]."""
+    """Return a motor's speed at the output [rad/s]."""
     if rotor is None:
         return y[offsets.qd + i]
     return y[offsets.rotor_speed + i]

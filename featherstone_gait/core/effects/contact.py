@@ -71,7 +71,7 @@ SCRATCH = AXES + 9  # AXES, 9: of a height field normal, first and second tangen
 
 @inline
 def above_ground(contact, x):
-    """How far the point x lies over the ground, along its normal [m]."""
+    """Return the height of the point x over the ground, along its normal [m]."""
     return height_over(contact.ground, x)
 
 
@@ -103,7 +103,7 @@ def place_points(contact, step, base_q, lookahead_time):
 
 @inline
 def normal_force(p, depth, un, h):
-    """f_n [N] and its slope -df_n/du_n [N s/m] of the point p for the velocity un along the normal."""
+    """Return f_n [N] and its slope -df_n/du_n [N s/m] of the point p for the velocity un along the normal."""
     x = depth - h * un
     k = p.stiffness
     stiff = 1.0 - p.damping * un
@@ -116,7 +116,7 @@ def normal_force(p, depth, un, h):
 
 @inline
 def friction_force(p, z, u, limit, h):
-    """Tangential force (2), its slope (11, 12, 22) and whether the point slips, for a friction limit mu f_n [N].
+    """Return tangential force (2), slope (11, 12, 22) and whether the point slips, for a friction limit mu f_n [N].
 
     p the point, z (2) its bristle [m], u (3) its velocity [m/s].
     """
@@ -141,7 +141,7 @@ def _bristle(step, c):
 
 @inline
 def point_force(contact, step, c, u):
-    """Force on point c at the velocity u, ground's axes [N]."""
+    """Return the force on point c at the velocity u, ground's axes [N]."""
     p = contact.points[c]
     fn, _ = normal_force(p, step.C[c, DEPTH], u[0], step.h_implicit)
     f, _, _ = friction_force(p, _bristle(step, c), u, step.C[c, LIMIT], step.h_implicit)
@@ -150,7 +150,7 @@ def point_force(contact, step, c, u):
 
 @inline
 def bristle_rate(p, z, u, f, slips):
-    """dz/dt [m/s]: the velocity of a point that sticks, else what keeps -kt z - dt dz/dt at the force."""
+    """Return dz/dt [m/s]: u of a point that sticks, else what keeps -kt z - dt dz/dt at the force."""
     kt, dt = p.tangential_stiffness, p.tangential_damping
     r1 = select(slips, -(f[0] + kt * z[0]) / dt, u[1])
     r2 = select(slips, -(f[1] + kt * z[1]) / dt, u[2])
@@ -170,7 +170,7 @@ def place_contacts(contact, step, lookahead_time):
 
 @inline
 def _predicted_base(predicted, step):
-    """The base's position where W lies."""
+    """Return the base's position to which W belongs."""
     if predicted is None:
         return slice_if(step.scene.floating, step.y, step.offsets.base_q, 7)
     return slice_if(step.scene.floating, predicted, 2 * (len(step.scene.tree) - 1), 7)
@@ -282,7 +282,7 @@ def solved_contacts(contact, step):
 
 @inline
 def compare_contacts(contact, step, wrong, slope, tolerance, floor):
-    """`wrong` where the forces at UN differ from the linear model's too; `slope` of the descent with their part [W]."""
+    """Add to `wrong` where forces at UN differ from the linear model's, and to the slope of the descent [W]."""
     if contact is not None:
         for c in range(len(contact.points)):
             u = load3(step.C, c, UN)
@@ -296,7 +296,7 @@ def compare_contacts(contact, step, wrong, slope, tolerance, floor):
 
 @inline
 def contact_slope(contact, step, fraction, slope):
-    """Slope of the convex function at a fraction of the pass, with what the contacts add [W]."""
+    """Add the contacts' part to the slope of the convex function at a fraction of the pass [W]."""
     if contact is not None:
         for c in range(len(contact.points)):
             uk, r = load3(step.C, c, UK), load3(step.C, c, RHO)
@@ -319,13 +319,13 @@ def shift_contacts(contact, C, fraction, active):
 
 @inline
 def shifted(x, to, fraction, active):
-    """x moved toward `to` by the fraction of a pass, in the lanes still at work."""
+    """Return x moved toward `to` by the fraction of a pass, in the lanes still at work."""
     return select(active, select(fraction < 1.0, x + fraction * (to - x), to), x)
 
 
 @inline
 def contact_branch(contact, step, c):
-    """Whether the ground pushes point c: 0 no, 1 it sticks, 2 it slips."""
+    """Return whether the ground pushes point c: 0 no, 1 it sticks, 2 it slips."""
     p, u = contact.points[c], load3(step.C, c, UN)
     fn, _ = normal_force(p, step.C[c, DEPTH], u[0], step.h_implicit)
     _, _, slips = friction_force(p, _bristle(step, c), u, step.C[c, LIMIT], step.h_implicit)
@@ -393,5 +393,5 @@ def _rates(p, step, dy, c):
 
 
 def explicit_limit(sinking, g):
-    """Largest explicit step [s] of a mass that the ground carries at the depth `sinking` [m] under g [m/s^2]."""
+    """Return the largest explicit step [s] of a mass on the ground at the depth `sinking` [m] under g [m/s^2]."""
     return 2.0 * np.sqrt(sinking / g)

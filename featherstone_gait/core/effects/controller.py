@@ -41,7 +41,7 @@ CONTROLLER = np.dtype(
 
 @inline
 def quantized(angle, resolution):
-    """The angle as an encoder of that resolution reads it: the nearest count [rad]."""
+    """Return the angle as an encoder of that resolution reads it: the nearest count [rad]."""
     if_exact = resolution <= 0.0
     counts = (angle / select(if_exact, 1.0 + 0.0 * resolution, resolution) + ROUND) - ROUND
     return select(if_exact, angle, counts * resolution)
@@ -113,7 +113,7 @@ def filter_speed(controller, step, i):
 
 @by_type
 def filter_left(decay, i):
-    """What the step leaves of a filtered speed's deviation [-]."""
+    """Return the share of a filtered speed's deviation that is left after the step [-]."""
 
 
 @filter_left.of(MotorStage)
@@ -128,7 +128,7 @@ def _left_by_step(decay, i):
 
 @inline
 def filter_rate(controller, step, i, v):
-    """Rate of the filtered speed [rad/s^2]."""
+    """Return the rate of the filtered speed [rad/s^2]."""
     time = controller[i].speed_filter
     filtered = time > 0.0
     return select(

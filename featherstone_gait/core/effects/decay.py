@@ -27,5 +27,5 @@ def set_decay(motor, controller, h, decay):
 
 @entry
 def fill_decay(motor, controller, h, decay):
-    """The same, from Python."""
+    """Fill decay as `set_decay` does, from Python."""
     set_decay(motor, controller, h, decay)

@@ -57,7 +57,7 @@ class Firmware(NamedTuple):
 
 @inline
 def goal_and_rate(profile, offsets, reference, y, i, period):
-    """What the law follows: the reference and its rate, or the goal on its way there [rad, rad/s]."""
+    """Return what the law follows: the reference and its rate, or the profile on its way there [rad, rad/s]."""
     if profile is None:
         return reference[i, 0], reference[i, 1]
     speed, gap = profile[i], reference[i, 0] - y[offsets.profiled_reference + i]
@@ -69,7 +69,7 @@ def goal_and_rate(profile, offsets, reference, y, i, period):
 
 @inline
 def beyond_margin(band, e, i):
-    """The error less the dead band."""
+    """Return the error less the dead band."""
     if band is None:
         return e
     return e - clamp(e, -band[i].compliance_margin, band[i].compliance_margin)
@@ -77,7 +77,7 @@ def beyond_margin(band, e, i):
 
 @inline
 def with_punch(band, u, e, i):
-    """The voltage with the punch in the direction of the error [V]."""
+    """Return the voltage with the punch in the direction of the error [V]."""
     if band is None:
         return u
     return u + band[i].punch * sign_beyond(e, 0.0)
@@ -85,7 +85,7 @@ def with_punch(band, u, e, i):
 
 @inline
 def largest(pwm, c, i):
-    """The largest voltage of the controller c [V]."""
+    """Return the largest voltage of the controller c [V]."""
     if pwm is None:
         return c.voltage_limit
     return c.voltage_limit * pwm[i].duty_limit
@@ -93,7 +93,7 @@ def largest(pwm, c, i):
 
 @inline
 def in_counts(pwm, c, u, i):
-    """The voltage at the nearest count of the duty cycle [V]."""
+    """Return the voltage at the nearest count of the duty cycle [V]."""
     if pwm is None:
         return u
     steps, full, one = pwm[i].pwm_steps, c.voltage_limit, 1.0 + 0.0 * u
@@ -104,7 +104,7 @@ def in_counts(pwm, c, u, i):
 
 @inline
 def issue(delay, offsets, y, i, n, u):
-    """Voltage u of servo i, of n: it is applied, or waits as the last."""
+    """Apply the voltage u of servo i, of n, or put it last among those that wait."""
     if delay is None:
         y[offsets.voltage + i] = u
     else:
@@ -113,7 +113,7 @@ def issue(delay, offsets, y, i, n, u):
 
 @inline
 def apply_oldest(delay, offsets, y, n):
-    """The voltages that have waited longest act; the others move up."""
+    """Apply the voltages that have waited longest, and move the others up."""
     for i in range(n):
         y[offsets.voltage + i] = y[offsets.delayed + i]
     for i in range((delay.slots - 1) * n):

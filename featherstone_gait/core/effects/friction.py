@@ -30,14 +30,14 @@ FRICTION = np.dtype(
 
 STUCK = 1e-12  # [rad/s or m/s]
 SOFT = 1e-3  # [rad/s or m/s] of explicit methods: a loaded joint that should stick creeps at a fraction of it
-SNAP = 2.0**-14  # of a Newton pass that comes by rest: nearer to it than what a line search tells apart
+SNAP = 2.0**-14  # of a Newton pass that comes by rest: nearer to it than a line search resolves
 STEEP = 10.0 / SOFT  # [s/rad]
 DRY = "Coulomb friction"
 
 
 @inline
 def direction(f, step, i, v):
-    """Which share of the budget opposes the speed v of joint i, from -1 to 1, and its slope [s/rad]; f a record."""
+    """Return the share of the budget that opposes the speed v, from -1 to 1, and its slope [s/rad]; f a record."""
     return _direction(step.extrapolation_ratio, f, step, i, v)
 
 
@@ -62,7 +62,7 @@ def _side(f, v):
 
 @by_type
 def friction_torque(friction, step, i, speed):
-    """Torque on the joint at the speed that the step solves for [N m] and its slope -dT/d speed."""
+    """Return the torque at the speed that the step solves for [N m] and its slope -dT/d speed."""
 
 
 @friction_torque.otherwise
@@ -76,7 +76,7 @@ def _viscous_and_dry(friction, step, i, speed):
 
 @by_type
 def friction_branch(friction, i, speed):
-    """Which way dry friction acts in full: 1, -1, or 0 where it sticks."""
+    """Return the way in which dry friction acts in full: 1, -1, or 0 where it sticks."""
 
 
 @friction_branch.otherwise
@@ -89,7 +89,7 @@ def _side_of_rest(friction, i, speed):
 
 @by_type
 def stops_at_once(friction):
-    """Whether the dry friction of a joint is steep."""
+    """Return whether the dry friction of a joint is steep."""
 
 
 @stops_at_once.otherwise
@@ -104,7 +104,7 @@ def _any_steep(friction):
 
 @by_type
 def snap_to_rest(friction, step, i, v, here, there):
-    """v between `here` and `there`, where a Newton pass leads; that of rest if they lie beyond it and v is as near."""
+    """Return v between `here` and `there`, the ends of a Newton pass, or the speed of rest if v is close to it."""
 
 
 @snap_to_rest.otherwise
@@ -117,7 +117,7 @@ def _snap(friction, step, i, v, here, there):
 
 @inline
 def snapped(step, i, v, here, there):
-    """What `snap_to_rest` gives: at rest in what the step solves for, or of the midpoint rule at its end."""
+    """Return v or the speed of rest: zero in what the step solves for, or of the midpoint rule at its end."""
     near, zero = SNAP * abs(there - here), 0.0 * v
     v = _snapped_to_stop(step.extrapolation_ratio, step, i, v, here, there)
     return select((abs(v) < near) & (here * there < 0.0), zero, v)
@@ -133,7 +133,7 @@ def _snapped_to_stop(extrapolation_ratio, step, i, v, here, there):
 
 @inline
 def move_friction(friction, step, i, v):
-    """Energy that friction takes in the step at the speed v; its torque [N m]."""
+    """Add the energy that friction takes in the step at the speed v; return its torque [N m]."""
     if friction is None:
         return 0.0
     T, _ = friction_torque(friction, step, i, v)
@@ -159,7 +159,7 @@ def _no_loss(actuator, step, dy, i, v):
 
 
 def explicit_limits(viscous, dry):
-    """Dampers [N m s/rad] and springs [N m/rad] of each joint that limit an explicit step, by name.
+    """Return dampers [N m s/rad] and springs [N m/rad] of each joint that limit an explicit step, by name.
 
     viscous (n,) [N m s/rad] and dry (n,) [N m] friction, of which the latter limits it while a joint sticks.
     """

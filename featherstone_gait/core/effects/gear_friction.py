@@ -5,7 +5,7 @@ M. Duclusaud, G. Passault, V. Padois, O. Ly, Extended Friction Models for the Ph
 
     K_c + |K_e t_e - K_m t_m| + K_p |t_e t_m| + S (K_cs + |K_es t_e - K_ms t_m| + [K_eq t_e^2 or K_mq t_m^2])
 
-and viscous friction besides; K_p is ours, for recordings ask for losses that grow faster than the load at any speed.
+and viscous friction besides; K_p is an addition: recordings show losses that grow faster than the load at any speed.
 t_m is the torque that drives the joint (the motor's at the output, or the gear spring's) and t_e what the mechanism
 does to the gear in this step: A dv/dt = t_m + t_f + t_e, A the armature and t_f all of the friction.  Quadratic terms
 count where t_e and t_m oppose each other, the first where |t_e| < |t_m|, the second where it is larger; between the two
@@ -62,7 +62,7 @@ class GearFriction(NamedTuple):
 
 @inline
 def stribeck(f, v):
-    """S, the share of what falls with the speed v that is left [-]."""
+    """Return S, the share at the speed v of the friction that falls with speed [-]."""
     x = abs(v) / f.stribeck_speed
     S = 0.0 * x
     falls = f.stribeck_friction + (f.stribeck_external_load + f.stribeck_motor_load)
@@ -73,7 +73,7 @@ def stribeck(f, v):
 
 @inline
 def gear_friction(f, S, x, t_m, b):
-    """Dry friction [N m] where the share x of the budget opposes motion, and its slopes by x, t_m and b.
+    """Return dry friction [N m] where the share x of the budget opposes motion, and its slopes by x, t_m and b.
 
     f GEAR_FRICTION; S of `stribeck`; x of `direction`; t_m [N m]; b = A dv/dt + K_v v [N m], with which dry friction
     t_f leaves t_e = b - t_m - t_f.
@@ -93,11 +93,11 @@ def gear_friction(f, S, x, t_m, b):
 
 @inline
 def _straight(f, S, side, t_m, b):
-    """What `_opposing` finds, where the budget B is made of straight pieces and grows less than the load.
+    """Return what `_opposing` finds where the budget B is piecewise linear and grows less than the load.
 
     With the motion to the right, the load u = t_e meets u - c = B(u), c = b - t_m; to the left it is mirrored.
-    u - c - B(u) rises and bends where a load term changes its sign; on which side of that the solution lies is told by
-    the sign that it has there.
+    u - c - B(u) rises and bends where a load term changes its sign; its sign there shows on which side
+    the solution lies.
     """
     m, c = side * t_m, side * (b - t_m)
     K = f.coulomb_friction + S * f.stribeck_friction
@@ -113,7 +113,7 @@ def _straight(f, S, side, t_m, b):
 
 @inline
 def _opposing(f, S, E, side, t_m, b):
-    """Friction that opposes motion to a side (1 or -1) with the whole budget, and its slopes by t_m and b.
+    """Return the friction that opposes motion to a side (1 or -1) with the whole budget; slopes by t_m and b.
 
     E: of the load from outside, the share that counts.
     """
@@ -133,7 +133,7 @@ def _opposing(f, S, E, side, t_m, b):
 
 @inline
 def _budget(f, S, E, t_m, t_e):
-    """The budget [N m] and its slopes by t_e and t_m at a given other."""
+    """Return the budget [N m] and its partial slopes by t_e and t_m."""
     load = f.external_load_friction * E * t_e - f.motor_load_friction * t_m
     slow = f.stribeck_external_load * E * t_e - f.stribeck_motor_load * t_m
     sign, sign_slow = _sign(load), S * _sign(slow)
@@ -148,7 +148,7 @@ def _budget(f, S, E, t_m, t_e):
 
 @inline
 def _quadratic(f, t_m, t_e):
-    """The quadratic terms of M6 [N m] and their slopes by t_e and t_m."""
+    """Return the quadratic terms of M6 [N m] and their slopes by t_e and t_m."""
     size_e, size_m = abs(t_e), abs(t_m)
     total = size_e + size_m
     per = 1.0 / (BLEND * select(total > 0.0, total, 1.0 + total))
@@ -171,7 +171,7 @@ def _sign(x):
 
 @inline
 def gear_branch(f, speed, t_m, t_e):
-    """Which way friction acts in full, and the load each part of it that grows with it: a number for each of them."""
+    """Return a number for the side on which friction acts in full and the sign of each load that it grows with."""
     load = f.external_load_friction * t_e - f.motor_load_friction * t_m
     slow = f.stribeck_external_load * t_e - f.stribeck_motor_load * t_m
     key = sign_beyond(f.steepness * speed, 1.0) + 3.0 * sign_beyond(load, 0.0) + 9.0 * sign_beyond(slow, 0.0)

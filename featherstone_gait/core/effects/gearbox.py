@@ -26,7 +26,7 @@ GEAR = np.dtype(
 
 @inline
 def gear_torque(g, e, de, h):
-    """Torque on the joint [N m], its slope in de [N m s/rad] and the power it loses [W]; e moves on by h de."""
+    """Return the joint's torque [N m], its slope in de [N m s/rad] and the power lost [W]; e moves on by h de."""
     K, B = g.stiffness, g.damping
     tight = g.gap <= 0.0
     side = select(e >= 0.0, 1.0 + 0.0 * e, -1.0 + 0.0 * e)
@@ -45,17 +45,17 @@ def gear_torque(g, e, de, h):
 
 @inline
 def gear_branch(g, e, de):
-    """Which flanks of teeth push across a gap: 1, -1, or 0 if none; 0 without a gap."""
+    """Return which flanks of teeth push across a gap: 1, -1, or 0 if none; 0 without a gap."""
     T, _, _ = gear_torque(g, e, de, 0.0)
     return select(g.gap <= 0.0, 0.0 * T, sign_beyond(T, 0.0))
 
 
 @inline
 def wind_up(g, e):
-    """Deflection of the spring [rad]."""
+    """Return the deflection of the spring [rad]."""
     return select(e > g.gap, e - g.gap, select(e < -g.gap, e + g.gap, 0.0 * e))
 
 
 def explicit_limits(gear):
-    """Dampers [N m s/rad] and springs [N m/rad] of each joint that limit an explicit step, by name."""
+    """Return dampers [N m s/rad] and springs [N m/rad] of each joint that limit an explicit step, by name."""
     return {"gearbox damping": gear["damping"]}, {"gearbox spring": gear["stiffness"]}

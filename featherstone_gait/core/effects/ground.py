@@ -67,7 +67,7 @@ class Field(NamedTuple):
 
 @by_type
 def fixed_axes(ground):
-    """Normal, first and second tangent where they are the same everywhere, else None."""
+    """Return normal, first and second tangent if they are the same everywhere, else None."""
 
 
 @fixed_axes.of(Plane)
@@ -83,7 +83,7 @@ def _no_axes(ground):
 
 @by_type
 def axes_at(ground, fixed, c, C):
-    """The axes at the contact c, which `deepest` has placed; fixed those of `fixed_axes`."""
+    """Return the axes at the contact c, which `deepest` has placed; fixed: those of `fixed_axes`."""
 
 
 @axes_at.of(Plane)
@@ -98,7 +98,7 @@ def _stored_axes(ground, fixed, c, C):
 
 @by_type
 def deepest(ground, contact_geometry, fixed, c, i, center, base_q, W, C):
-    """The point of the contact c of body i that lies deepest, common frame [m], and how deep [m]."""
+    """Return the deepest point of the contact c of body i, common frame [m], and its depth [m]."""
 
 
 @deepest.of(Plane)
@@ -111,7 +111,7 @@ def _deepest_on_plane(ground, contact_geometry, fixed, c, i, center, base_q, W, 
 
 @deepest.of(Field)
 def _deepest_on_field(ground, contact_geometry, fixed, c, i, center, base_q, W, C):
-    """Far above the top it is the depth under a level plane there: nothing is looked up where no lane is near."""
+    """Return the same on a field; far above its top, where no lane is near, no height is looked up."""
     grid, up = ground.grid[0], (0.0 * center[0], 0.0 * center[0], 1.0 + 0.0 * center[0])
     at = _in_world(base_q, center)
     depth = grid.top - (at[2] - reach(contact_geometry, c))
@@ -136,7 +136,7 @@ def _in_world(base_q, x):
 
 @by_type
 def _on_facet(contact_geometry, ground, c, i, center, base_q, W):
-    """The deepest point, its depth along the normal under it, that normal and the first tangent."""
+    """Return the deepest point, its depth along the normal under it, that normal and the first tangent."""
 
 
 @_on_facet.of(NoneType)
@@ -147,7 +147,7 @@ def _point_on_facet(contact_geometry, ground, c, i, center, base_q, W):
 
 @_on_facet.otherwise
 def _bulge_on_facet(contact_geometry, ground, c, i, center, base_q, W):
-    """The ground under the point that is deepest as seen from the center has the tangent plane that counts."""
+    """Return the same for the tangent plane under the point that is deepest as seen from the center."""
     n, _, _ = _facet(ground, _in_world(base_q, center))
     guess = deepest_point(contact_geometry, c, i, center, n, W)
     n, t, over = _facet(ground, _in_world(base_q, guess))
@@ -158,7 +158,7 @@ def _bulge_on_facet(contact_geometry, ground, c, i, center, base_q, W):
 
 @inline
 def _facet(field, x):
-    """Normal and first tangent of the field under the point x, and how far x is above it, straight up [m]."""
+    """Return normal and first tangent of the field under the point x, and the height of x above it [m]."""
     h, hx, hy = surface(field, x[0], x[1])
     r = 1.0 / sqrt(1.0 + hx * hx + hy * hy)
     k = 1.0 / sqrt(1.0 + hx * hx)
@@ -167,7 +167,7 @@ def _facet(field, x):
 
 @inline
 def surface(field, x, y):
-    """Height [m] of a field at x and y [m], and its slopes along them."""
+    """Return the height [m] of a field at x and y [m], and its slopes along them."""
     grid = field.grid[0]
     i, a, da = _stencil((x - grid.origin[0]) * grid.cells[0], grid.nodes[0])
     j, b, db = _stencil((y - grid.origin[1]) * grid.cells[1], grid.nodes[1])
@@ -184,7 +184,7 @@ def surface(field, x, y):
 
 @inline
 def _stencil(u, nodes):
-    """The nearest node, the weights of it and its neighbors, and their derivatives by u [cells]."""
+    """Return the nearest node, the weights of it and its neighbors, and their derivatives by u [cells]."""
     last = nodes + 0.25
     u = select(u > 0.75, select(u < last, u, last), 0.75)  # NaN is not greater either
     i = (u + _ROUND) - _ROUND
@@ -196,7 +196,7 @@ def _stencil(u, nodes):
 
 @inline
 def _ramp(v):
-    """max(v, 0) smoothed over the width BLEND, and its slope."""
+    """Return max(v, 0) smoothed over the width BLEND, and its slope."""
     inside = clamp(v + 0.5 * BLEND, 0.0, BLEND)
     beyond = clamp(v - 0.5 * BLEND, 0.0, 1.0)
     return inside * inside * (0.5 / BLEND) + beyond, inside * (1.0 / BLEND)
@@ -204,7 +204,7 @@ def _ramp(v):
 
 @inline
 def ground_height(ground, along):
-    """Height of a plane with its steps along its normal [m] at the distance along its first tangent [m]."""
+    """Return the height of a plane with steps [m] at the distance along its first tangent [m]."""
     height = ground.plane[0].height + 0.0 * along
     for k in range(len(ground.steps)):
         height = select(along > ground.steps[k].start, height + ground.steps[k].rise, height)
@@ -213,7 +213,7 @@ def ground_height(ground, along):
 
 @by_type
 def height_over(ground, x):
-    """How far the point x lies over the ground, along its normal [m]."""
+    """Return the height of the point x over the ground, along its normal [m]."""
 
 
 @height_over.of(Plane)

@@ -24,7 +24,7 @@ class MipsdServo(NamedTuple):
     PARTS = ("servo", "rotor")
 
     def explicit_limits(self):
-        """Dampers [N m s/rad] and springs [N m/rad] that limit an explicit step, by name; mobility that rotors add.
+        """Return dampers [N m s/rad], springs [N m/rad] that limit an explicit step, by name, and rotors' mobility.
 
         The gear's spring and damper act between link and rotor: with either of them they can move.
         """

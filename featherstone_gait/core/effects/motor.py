@@ -30,7 +30,7 @@ MOTOR = np.dtype(
 
 @inline
 def current_step(m, decay, i, current, voltage, speed, h):
-    """Current after h [A], its mean over the step [A] and the slope -d mean/d speed [A s/rad] of the motor m.
+    """Return the current after h, its mean over the step [A] and the slope -d mean/d speed [A s/rad] of motor m.
 
     A limit that acts makes the current independent of the speed: the slope is then zero.
     """
@@ -46,7 +46,7 @@ def current_step(m, decay, i, current, voltage, speed, h):
 
 @inline
 def square_mean(decay, i, current, end):
-    """Mean of I^2 over the step whose current went from `current` to `end` [A^2]."""
+    """Return the mean of I^2 over the step in which the current went from `current` to `end` [A^2]."""
     left, mean = decay[i, MOTOR_DECAY], decay[i, MEAN]
     steady = (end - left * current) / (1.0 - left)
     d = current - steady
@@ -55,7 +55,7 @@ def square_mean(decay, i, current, end):
 
 @inline
 def current_rate(m, current, voltage, speed):
-    """Current [A] and its rate [A/s] as a differential equation; without inductance the current is algebraic."""
+    """Return the current [A] and its rate [A/s]; without inductance the current is algebraic."""
     driving = voltage - m.torque_constant * speed
     inductive = m.inductance > 0.0
     steady = clamp(driving / m.resistance, -m.current_limit, m.current_limit)
@@ -68,7 +68,7 @@ def current_rate(m, current, voltage, speed):
 
 @inline
 def motor_torque(motor, step, i, w):
-    """Mean torque over the step at the motor's speed w [N m] and its slope [N m s/rad]."""
+    """Return the mean torque over the step at the motor's speed w [N m] and its slope [N m s/rad]."""
     m = motor[i]
     mean, slope = _mean_current(step.decay, m, step, i, w)
     return m.torque_constant * mean, m.torque_constant * slope
@@ -76,7 +76,7 @@ def motor_torque(motor, step, i, w):
 
 @by_type
 def _mean_current(decay, m, step, i, w):
-    """The current of which the torque is [A], and its slope [A s/rad]."""
+    """Return the current that makes the torque [A], and its slope [A s/rad]."""
 
 
 @_mean_current.of(MotorStage)
@@ -95,7 +95,7 @@ def _step_mean(decay, m, step, i, w):
 
 @inline
 def motor_branch(motor, step, i, w):
-    """What limits the current at the motor's speed w: 1 its rate, 2 the current itself, of either sign, or 0."""
+    """Return what limits the current at the speed w: 1 its rate, 2 the current itself, of either sign, or 0."""
     return _branch(step.decay, motor[i], step, i, w)
 
 
@@ -106,7 +106,7 @@ def _branch(decay, m, step, i, w):
 
 @_branch.of(MotorStage)
 def _branch_of_stage(decay, m, step, i, w):
-    """Where the rate limits, its course is exact."""
+    """Return the same of a stage, in which a limited rate has an exact course."""
     end, _, _ = stage_current(m, decay, i, step.y[step.offsets.voltage + i], w)
     if abs(end) < m.current_limit:
         return 0.0
@@ -144,7 +144,7 @@ def _move(decay, m, step, i, w):
 
 @_move.of(MotorStage)
 def _move_stage(decay, m, step, i, w):
-    """Of the magnetic energy the integrator takes account, over the whole step."""
+    """Do the same for a stage, without the magnetic energy, which the integrator counts over the whole step."""
     y, offsets, h = step.y, step.offsets, step.h
     E, V = offsets.energy + ENERGIES * i, y[offsets.voltage + i]
     end, used, _ = stage_current(m, decay, i, V, w)
@@ -184,5 +184,5 @@ def motor_rates(motor, step, dy, i, w):
 
 
 def explicit_limits(motor):
-    """Dampers [N m s/rad] and springs [N m/rad] of each joint that limit an explicit step, by name."""
+    """Return dampers [N m s/rad] and springs [N m/rad] of each joint that limit an explicit step, by name."""
     return {"back-EMF": motor["torque_constant"] ** 2 / motor["resistance"]}, {}

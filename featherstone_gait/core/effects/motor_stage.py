@@ -50,7 +50,7 @@ class MotorStage(NamedTuple):
 
 @inline
 def left_and_mean(T, tau):
-    """What is left of a deviation after the time T [s], and its mean over it; time constant tau [s]."""
+    """Return what is left of a deviation after the time T [s], and its mean; time constant tau [s]."""
     if not T > 0.0:
         return 1.0, 1.0
     if not tau > 0.0:
@@ -64,7 +64,7 @@ def left_and_mean(T, tau):
 
 @inline
 def course(m, voltage, w0, I0, w, T, left, mean):
-    """Current at the end [A], its mean over T [s] and the slopes -d/dw of both [A s/rad].
+    """Return the current at the end [A], its mean over T [s] and the slopes -d/dw of both [A s/rad].
 
     m MOTOR; w0 and w [rad/s] the speeds at start and end, left and mean: see the columns.
     """
@@ -87,7 +87,7 @@ def course(m, voltage, w0, I0, w, T, left, mean):
 
 @inline
 def _within(limit, end, average, slope_end, slope):
-    """Currents within the limit, beyond which the speed has no effect."""
+    """Limit the currents and zero the slopes where the limit acts."""
     if abs(average) > limit:
         slope = 0.0
     if abs(end) > limit:
@@ -97,7 +97,7 @@ def _within(limit, end, average, slope_end, slope):
 
 @inline
 def _free_course(m, row, voltage, left, mean, z):
-    """What `course` comes to where no limit acts from the start, z the time constant by the stage's time."""
+    """Fill what `course` gives where no limit acts from the start, z the time constant by the stage's time."""
     per_ohm = 1.0 / m.resistance
     K, I0 = m.torque_constant, row[CURRENT]
     row[FREE] = 1.0 if is_free(m, voltage, I0, row[NOW]) else 0.0
@@ -109,7 +109,7 @@ def _free_course(m, row, voltage, left, mean, z):
 
 @inline
 def _limited(m, D0, rate, I0, T):
-    """Until when limits set the current [s], the current then [A], and its integral till then [A s].
+    """Return until when limits set the current [s], the current then [A], and its integral until then [A s].
 
     First its rate is limited, as far as its own limit, at which it stays while the voltage D0 - rate t drives it on.
     """
@@ -132,7 +132,7 @@ def _limited(m, D0, rate, I0, T):
 
 @inline
 def stage_current(m, stage, i, voltage, w):
-    """Current of motor m at the end of the stage, the one its torque is of [A], and the slope of that [A s/rad]."""
+    """Return the current of motor m at the stage's end, that of its torque [A], and the slope of that [A s/rad]."""
     row, T, share = stage.table[i], stage.time[0], stage.time[1]
     if row[FREE] > 0.0:
         more = w - row[NOW]
@@ -147,7 +147,7 @@ def stage_current(m, stage, i, voltage, w):
 
 @inline
 def is_free(m, voltage, current, w):
-    """Whether no limit acts on the current at the speed w."""
+    """Return whether no limit acts on the current at the speed w."""
     driving = voltage - m.torque_constant * w - m.resistance * current
     return (abs(driving) < m.inductance * m.current_slew) & (abs(current) < m.current_limit)
 
@@ -161,8 +161,10 @@ def keep(stage, i, speed, current):
 
 @inline
 def missed(m, stage, i, voltage, current, w, T):
-    """Error of the current at a step's end [A] where a limit has begun or ended to act: it differs from the one that
-    comes of the last part of the step, of length T [s], taken for itself."""
+    """Return the error of the current at a step's end [A] if a limit has begun or ceased to act, else 0.
+
+    It is the difference to the current that follows from the last part of the step, of length T [s], alone.
+    """
     row = stage.table[i]
     if is_free(m, voltage, row[CURRENT], row[NOW]) and is_free(m, voltage, current, w):
         return 0.0
@@ -173,7 +175,7 @@ def missed(m, stage, i, voltage, current, w, T):
 
 @inline
 def bend(m, stage, i, voltage, current, w, rate, h):
-    """What the current of motor m at a step's end lacks for a speed w whose rate changes by `rate` [rad/s^3].
+    """Return what the current of motor m at a step's end lacks where the speed's rate changes by `rate` [rad/s^3].
 
     The speed then sags below its chord by rate t (h - t) / 2.
     """
@@ -193,7 +195,7 @@ def begin_step(stage, i, speed, current):
 
 @inline
 def begin_stage(m, stage, i, voltage, T, past, filter_time, d):
-    """The stage whose end lies T after the start of the step [s], its own step d [s]."""
+    """Begin the stage whose end lies T after the start of the step [s], its own step d [s]."""
     row, tau = stage.table[i], m.inductance / m.resistance
     row[PAST] = past
     left, mean = left_and_mean(T, tau)

@@ -30,13 +30,13 @@ class PDServo(NamedTuple):
     PARTS = ()
 
     def explicit_limits(self):
-        """Dampers [N m s/rad] and springs [N m/rad] that limit an explicit step, by name; mobility that rotors add."""
+        """Return dampers [N m s/rad], springs [N m/rad] that limit an explicit step, by name, and rotors' mobility."""
         return {"pd damping": self.pd["Kd"]}, {"pd spring": self.pd["Kp"]}, 0.0
 
 
 @inline
 def pd_torque(p, angle, v, reference, h_implicit):
-    """Kp e - Kd v [N m] of the record p, clamped whole or with the damping outside, and its slope [N m s/rad].
+    """Return Kp e - Kd v [N m] of the record p, clamped whole or without its damping, and its slope [N m s/rad].
 
     The spring acts at the end of the step where it must.
     """

@@ -38,7 +38,7 @@ def add_pushes(push, t, span, W, F):
 
 @inline
 def _share(start, end, t, span):
-    """Of the time from t over `span`, how much a push acts: so that none is lost or cut short by fixed steps."""
+    """Return the share of the time `span` from t in which a push acts, so that fixed steps lose none of it."""
     if start <= t and t + span < end:
         return 1.0
     if span > 0.0:
@@ -48,7 +48,7 @@ def _share(start, end, t, span):
 
 @kernel
 def next_edge(push, t):
-    """Time at which a push begins or ends next after t [s]."""
+    """Return the time at which a push begins or ends next after t [s]."""
     edge = 1e300
     for j in range(len(push)):
         for when in (push[j].start, push[j].end):

@@ -21,7 +21,7 @@ class RigidServo(NamedTuple):
     PARTS = ("servo",)
 
     def explicit_limits(self):
-        """Dampers [N m s/rad] and springs [N m/rad] that limit an explicit step, by name; mobility that rotors add."""
+        """Return dampers [N m s/rad], springs [N m/rad] that limit an explicit step, by name, and rotors' mobility."""
         return *dc_motor.explicit_limits(self.motor), 0.0
 
 

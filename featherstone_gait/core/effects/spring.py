@@ -3,7 +3,7 @@
 A spring pulls its points together along the line through both with the tension K (l - l0) + C dl/dt; l their distance.
 Every integrator takes that force from the state for which it works out the bias forces: an explicit one that of each
 stage, the linearly implicit step that of its start (Euler) or the predicted one in its middle (midpoint).  Nothing of
-it is folded into the step, whose limit is then that of an explicit method: the preflight tells it.
+it is folded into the step, whose limit is then that of an explicit method; the preflight reports it.
 """
 
 import numpy as np
@@ -56,5 +56,5 @@ CAUSES = ("spring between bodies", "damper between bodies")
 
 
 def explicit_limits(springs):
-    """Damper [N s/m] and spring [N/m] of each that limit a step, by name."""
+    """Return the damper [N s/m] and spring [N/m] of each that limit a step, by name."""
     return {CAUSES[1]: springs["damping"]}, {CAUSES[0]: springs["stiffness"]}

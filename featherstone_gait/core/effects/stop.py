@@ -24,7 +24,7 @@ STOP_DEPTH = 0.01  # [rad or m] that the strongest torque at a joint drives it i
 
 @inline
 def stop_torque(stops, i, angle, speed, h):
-    """Torque on the joint [N m] and its slope -dT/d speed; the angle moves on by h speed."""
+    """Return the joint's torque [N m] and its slope -dT/d speed; the angle moves on by h speed."""
     if stops is None:
         return 0.0, 0.0
     stop = stops[i]
@@ -36,7 +36,7 @@ def stop_torque(stops, i, angle, speed, h):
 
 @inline
 def stop_branch(stops, i, angle, speed, h):
-    """Which stop pushes: 1 the lower one, -1 the upper one, 0 none."""
+    """Return which stop pushes: 1 the lower one, -1 the upper one, 0 none."""
     if stops is None:
         return 0.0
     T, _ = stop_torque(stops, i, angle, speed, h)
@@ -45,7 +45,7 @@ def stop_branch(stops, i, angle, speed, h):
 
 @inline
 def move_stop(stops, step, i, v):
-    """Work done on the stops in the step at the speed v; their torque [N m]."""
+    """Add the work done on the stops in the step at the speed v; return their torque [N m]."""
     if stops is None:
         return 0.0
     T, _ = stop_torque(stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
@@ -55,7 +55,7 @@ def move_stop(stops, step, i, v):
 
 @inline
 def stop_rates(stops, step, dy, i, v):
-    """Power done on the stops, in dy; their torque [N m]."""
+    """Set the power done on the stops in dy; return their torque [N m]."""
     if stops is None:
         return 0.0
     T, _ = stop_torque(stops, i, step.y[step.offsets.q + i], v, 0.0)

@@ -31,7 +31,7 @@ TOLERANCE = 1e-13  # of V0, that the equation may miss
 
 @inline
 def feed(supply, actuator, offsets, y):
-    """Turn the voltages that controllers ask for, at their nominal supply, into those that the source gives."""
+    """Turn the voltages that controllers ask for, at their nominal supply, into those that the source supplies."""
     if supply is not None:
         _feed(supply, actuator, offsets, y)
 
@@ -51,7 +51,7 @@ def _feed(supply, actuator, offsets, y):
 
 @inline
 def _bus(source, motor, rotor, offsets, y):
-    """V by Newton's method, within a bracket: the slope of what the equation misses is at least 1."""
+    """Return V by Newton's method, within a bracket: the slope of the residual is at least 1."""
     V0, R = source.voltage + 0.0 * y[offsets.bus_voltage], source.resistance
     V, none = V0, 0.0 * V0
     drawn, slope = _drawn(motor, rotor, offsets, y, V)
@@ -73,7 +73,7 @@ def _bus(source, motor, rotor, offsets, y):
 
 @inline
 def _drawn(motor, rotor, offsets, y, V):
-    """Current that the servos draw from a bus at V [A], and its slope [A/V]."""
+    """Return the current that the servos draw from a bus at V [A], and its slope [A/V]."""
     drawn, slope = 0.0 * V, 0.0 * V
     for i in range(len(motor)):
         m, d = motor[i], y[offsets.duty + i]
@@ -86,14 +86,14 @@ def _drawn(motor, rotor, offsets, y, V):
 
 @inline
 def move_source(supply, step, i, I):
-    """What the source's resistance takes over the step of what servo i draws, whose mean current is I [A]."""
+    """Add the loss in the source's resistance over the step that the mean current I of servo i causes [A]."""
     if supply is not None:
         step.y[step.offsets.source_loss] += step.h * _lost(supply, step, i, I)
 
 
 @inline
 def source_rate(supply, step, dy, i, I):
-    """The same as a rate in dy, of all servos from the first to this one."""
+    """Add the same as a rate to dy, summed from the first servo to this one."""
     if supply is not None:
         power = _lost(supply, step, i, I)
         dy[step.offsets.source_loss] = power if i == 0 else dy[step.offsets.source_loss] + power

@@ -47,7 +47,7 @@ class Discs(NamedTuple):
 
 @by_type
 def deepest_point(contact_geometry, c, i, center, n, W):
-    """Where the body i's contact c about the center [m] reaches deepest against the normal n [m]."""
+    """Return where the contact c of body i about the center [m] reaches deepest against the normal n [m]."""
 
 
 @deepest_point.of(NoneType)
@@ -74,7 +74,7 @@ def _disc(contact_geometry, c, i, center, n, W):
 
 @by_type
 def reach(contact_geometry, c):
-    """How far from its center the contact c can touch [m]."""
+    """Return how far from its center the contact c can touch [m]."""
 
 
 @reach.of(NoneType)

@@ -68,7 +68,7 @@ def _begin(run, y):
 
 @inline
 def _end(controller, ends, plan, k):
-    """Grid step at which the next interval ends."""
+    """Return the grid step at which the next interval ends."""
     end = plan.steps
     if ends is not None:
         end = min(end, (k // plan.per_sample + 1) * plan.per_sample)
@@ -79,7 +79,7 @@ def _end(controller, ends, plan, k):
 
 @inline
 def _end_of_delay(delay, plan, k, end):
-    """The same, at the next step at which delayed voltages are applied."""
+    """Return the same, but no later than the next step at which delayed voltages are applied."""
     if delay is not None:
         due = k - k % plan.per_tick + delay.shift
         if due > k:
@@ -130,7 +130,7 @@ def _cross(run, y, k, end, most, out):
 
 @inline
 def _next_event(run, t, done, length):
-    """Time since t of the next edge of a push, or knot of what changes continuously, at most `length` [s]."""
+    """Return the time from t to the next edge of a push or knot of a continuous signal, at most `length` [s]."""
     u = run.signals
     return min(length, _event_after(run.scene.push, u.torques, u.continuous, u.reference, t + done) - t)
 

@@ -64,7 +64,7 @@ AFTER_EVENT = COLUMNS  # in the pace: the step to try after an event [s]
 POSITION_SHARE = 1e-3  # [s] of the tolerance of speeds, that positions are held to, whatever their size
 NEWTON_SHARE = 1e-2  # of the tolerance, that Newton's iteration may leave of the forces
 BETA = 0.08  # share of the last error in it
-COARSER = 2.15  # steps of a companion to ten times the tolerance, by those of its run
+COARSER = 2.15  # steps of a second run at ten times the tolerance, by those of the first
 
 
 @structure
@@ -83,7 +83,7 @@ class Ars343(NamedTuple):
 
 @begin_interval.of(Ars343)
 def _something_changed(work, run, y, t):
-    """A step after an event is as long as that after the last one."""
+    """Shorten the next step to the one that followed the last event."""
     work.pace[STEP] = min(work.pace[STEP], work.pace[AFTER_EVENT])
     work.fresh[0] = 1.0
     if t == 0.0 or _jumps(work.motors, run):
@@ -92,7 +92,7 @@ def _something_changed(work, run, y, t):
 
 @inline
 def _jumps(motors, run):
-    """Whether accelerations may jump at events: not at records, nor at ticks if currents are slow."""
+    """Return whether accelerations may jump at events: not at records, nor at ticks if currents are slow."""
     if motors is None:
         return _pushed(run.scene.push, any_present(run.signals.torques, run.signals.continuous))
     motor = motor_of(run.scene.actuator)
@@ -119,13 +119,13 @@ def ars343(work, run, y, t, length):
         start[i] = y[i]
     rejected, first = False, work.fresh[0] > 0.0
     while True:
-        h = in_time(min(pace[STEP], _longest(run.plan.companion, pace)), length)
+        h = in_time(min(pace[STEP], _longest(run.plan.second_run, pace)), length)
         _stages(run, y, t, h)
         error = _error(run, y, h)
         if error <= 1.0:
             _finish(run, y, h)
             factor = SAFETY * root(pace[LAST], 1.0 / BETA) / root(error, 1.0 / (1.0 / 3.0 - 0.2 * BETA))
-            factor = max(LEAST, min(1.0 if rejected else _most(run.plan.companion), factor))
+            factor = max(LEAST, min(1.0 if rejected else _most(run.plan.second_run), factor))
             pace[STEPS] += 1.0
             pace[LAST] = max(error, 1e-4)
             if h < length or factor < 1.0:
@@ -144,27 +144,27 @@ def ars343(work, run, y, t, length):
 
 
 @inline
-def _longest(companion, pace):
-    """The longest step [s]: a companion takes two where events end the run's steps, three where it may take two.
+def _longest(second_run, pace):
+    """Return the longest step [s]: a second run takes two or three steps where events let the first take one or two.
 
-    Both would take the same steps there, and tell no error.
+    Otherwise both would take the same steps there, and differ by no error.
     """
     interval = pace[UNTIL] - pace[SINCE]
     own = pace[STEP] / COARSER
-    if companion and own > 0.4 * interval:
+    if second_run and own > 0.4 * interval:
         return (0.5 if own > 0.999 * interval else 0.34) * interval
     return interval
 
 
 @inline
-def _most(companion):
-    """The largest factor of steps: what holds a companion's short leaves its tolerance far behind."""
-    return 16.0 if companion else MOST
+def _most(second_run):
+    """Return the largest factor of steps; events hold a second run's steps far below its tolerance."""
+    return 16.0 if second_run else MOST
 
 
 @kernel
 def _stages(run, y, t, h):
-    """All stages of the step h from t: their slopes, and in y the state after the last."""
+    """Solve all stages of the step h from t: fill their slopes, and y with the state after the last."""
     scene, u, work, offsets = run.scene, run.signals, run.work, run.offsets[0]
     scratch, pace, d = work.scratch, work.pace, G * h
     _start_slope(scene.floating, run)
@@ -194,7 +194,7 @@ def _stages(run, y, t, h):
 
 @inline
 def _begin_stage(run, y, h, k):
-    """The state from which stage k steps, in y and its slopes, and the acceleration that leads to its prediction."""
+    """Fill y and the slopes with the state from which stage k steps, and accelerations that predict its end."""
     work, offsets = run.work, run.offsets[0]
     start, slopes = work.start, work.slopes
     for i in range(offsets.after_integrated):
@@ -211,7 +211,7 @@ def _begin_stage(run, y, h, k):
 
 @inline
 def _expect(run, y, h, k, speed, acceleration):
-    """The acceleration by which a stage's step comes to the speed of the explicit method."""
+    """Set the acceleration with which a stage's step reaches the speed of the explicit method."""
     expected = 0.0
     for j in range(k):
         expected += EXPLICIT[k, j] * run.work.slopes[j, speed]
@@ -222,7 +222,7 @@ def _expect(run, y, h, k, speed, acceleration):
 
 @inline
 def _begin_base(floating, run, y, h, k):
-    """The same of a floating base; returns the length of its quaternion, which the step makes 1."""
+    """Do the same for a floating base; return the length of its quaternion, which the step makes 1."""
     norm = 1.0
     if floating is not None:
         offsets = run.offsets[0]
@@ -237,7 +237,7 @@ def _begin_base(floating, run, y, h, k):
 
 @inline
 def _end_stage(run, y, d, k):
-    """The slope of stage k from what its step d has changed; of the start the accelerations alone."""
+    """Set the slope of stage k by what its step d has changed; of the start the accelerations alone."""
     offsets, slopes = run.offsets[0], run.work.slopes
     if k > 0:
         for i in range(offsets.after_integrated):
@@ -249,7 +249,7 @@ def _end_stage(run, y, d, k):
 
 @inline
 def _end_base(floating, run, y, d, k, norm):
-    """The same of a floating base; Euler's step of the quaternion shortens it."""
+    """Do the same for a floating base, whose quaternion Euler's step shortens."""
     if floating is not None:
         offsets, slopes = run.offsets[0], run.work.slopes
         if k > 0:
@@ -267,7 +267,7 @@ def _end_base(floating, run, y, d, k, norm):
 
 @inline
 def _start_slope(floating, run):
-    """The rates of positions and velocities at the start, these as the last stage left them."""
+    """Fill the rates of positions and velocities at the start, as the last stage left them."""
     offsets, start, slope = run.offsets[0], run.work.start, run.work.slopes[0]
     for i in range(len(run.scene.tree) - 1):
         slope[offsets.q + i] = start[offsets.qd + i]
@@ -283,7 +283,7 @@ def _start_slope(floating, run):
 
 @inline
 def _error(run, y, h):
-    """Error of the positions and velocities over the tolerance, of the worst; infinite if a stage was not solved."""
+    """Return the largest error of positions and velocities over the tolerance; infinite if a stage was not solved."""
     offsets, start, slopes, worst = run.offsets[0], run.work.start, run.work.slopes, 0.0
     n = len(run.scene.tree) - 1
     if y[offsets.newton_iterations + 1] > start[offsets.newton_iterations + 1]:
@@ -297,7 +297,7 @@ def _error(run, y, h):
 
 @inline
 def _current_error(motors, rotor, run, y, h, worst):
-    """The same of currents on which limits act."""
+    """Include the error of currents on which limits act."""
     if motors is not None:
         offsets, start, motor = run.offsets[0], run.work.start, motor_of(run.scene.actuator)
         for i in range(len(motor)):
@@ -340,7 +340,7 @@ def _worse(worst, e):
 
 @inline
 def _finish(run, y, h):
-    """The watch on chatter stays as it was; what the motors' stages leave out."""
+    """Restore the watch on chatter, and add what the motors' stages leave out."""
     offsets, start = run.offsets[0], run.work.start
     for i in range(offsets.velocity_change, offsets.newton_iterations):
         y[i] = start[i]
@@ -350,7 +350,7 @@ def _finish(run, y, h):
 
 @inline
 def _start_motors(motors, rotor, run):
-    """Speeds and currents at the start of the step."""
+    """Store speeds and currents at the start of the step."""
     if motors is not None:
         offsets, start = run.offsets[0], run.work.start
         for i in range(len(motors.table)):
@@ -359,7 +359,7 @@ def _start_motors(motors, rotor, run):
 
 @inline
 def _begin_motors(motors, run, y, h, k):
-    """Time and past of stage k; that of the start is one for itself."""
+    """Set time and past of stage k; the start's is a stage for itself."""
     if motors is not None:
         motor, controller, offsets = motor_of(run.scene.actuator), controller_of(run.scene.actuator), run.offsets[0]
         T, d = max(NODES[k], G) * h, G * h
@@ -376,7 +376,7 @@ def _begin_motors(motors, run, y, h, k):
 
 @inline
 def _bend_currents(motors, rotor, run, y, h):
-    """The speeds' curvature, which no stage knows, in the currents at the end."""
+    """Add the effect of the speeds' curvature, which no stage knows, to the currents at the end."""
     if motors is not None:
         motor, offsets, slopes = motor_of(run.scene.actuator), run.offsets[0], run.work.slopes
         for i in range(len(motor)):
@@ -391,7 +391,7 @@ def _bend_currents(motors, rotor, run, y, h):
 
 @inline
 def _electrical_energies(motors, run, y):
-    """What the currents' fields have taken up is not the drivers' [J]; no weight below 0 lets a meter run back."""
+    """Take the magnetic energy from the drivers' losses [J], and keep the meter from running backwards."""
     if motors is not None:
         motor, offsets, start = motor_of(run.scene.actuator), run.offsets[0], run.work.start
         for i in range(len(motor)):

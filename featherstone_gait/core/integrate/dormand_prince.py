@@ -70,7 +70,7 @@ class DormandPrince(NamedTuple):
 
 @kernel
 def _evaluate(first, last, run, y, t, h):
-    """Slopes of the stages first ... last of a step h from t, and what is derived at the last, in y.
+    """Evaluate the slopes of stages first ... last of a step h from t, and what is derived at the last, in y.
 
     A stage's state is the step's start and a weighted sum of the slopes before it, at END the step's end, at SPARE
     y.  One loop for all of them, since the derivative, which is large, is merged into it.
@@ -101,7 +101,7 @@ def _evaluate(first, last, run, y, t, h):
 
 @begin_interval.of(DormandPrince)
 def _renew_slope(work, run, y, t):
-    """The slope at the start of the next step, after an event."""
+    """Evaluate the slope at the start of the next step, after an event."""
     _evaluate(SPARE, SPARE, run, y, t, 0.0)
     for i in range(run.offsets[0].after_integrated):
         work.stages[END, i] = work.stages[SPARE, i]
@@ -144,7 +144,7 @@ def _dense(work):
 
 @record_within.of(DormandPrince)
 def _record_within(work, run, y, interval, record, out):
-    """Records between the ends are interpolated."""
+    """Record states between the ends, by interpolation."""
     (t, h, end), plan, offsets = interval, run.plan, run.offsets[0]
     if record * plan.per_sample >= end or time_of(plan, record * plan.per_sample) >= t + h:
         return record
@@ -182,7 +182,7 @@ def _prepare_dense(run, y, t, h):
 
 @inline
 def _interpolate(run, y, h, x):
-    """The state at the fraction x of the last step, of order 7."""
+    """Fill y with the state at the fraction x of the last step, of order 7."""
     stages, u = run.work.stages, 1.0 - x
     for i in range(run.plan.integrated):
         a = stages[START, i]
@@ -197,7 +197,7 @@ def _interpolate(run, y, h, x):
 
 @inline
 def _error(run, start, y):
-    """The combined estimate of both embedded methods over the tolerance, of the worst component, by the step."""
+    """Return the combined estimate of both embedded methods over the tolerance, of the worst component, by the step."""
     stages, offsets = run.work.stages, run.offsets[0]
     worst5 = worst3 = 0.0
     for k in range(offsets.after_controlled + meters(motor_of(run.scene.actuator))):

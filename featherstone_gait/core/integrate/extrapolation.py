@@ -10,11 +10,12 @@ Order and step are chosen for the least work by distance: E. Hairer, S. P. Norse
 Differential Equations I, 2nd edition, section II.9, and E. Hairer, G. Wanner, II, section IV.9 (ODEX and SEULEX).
 What a step derives (torques, forces, accelerations) is a smooth function of h too, and is extrapolated along.
 
-That holds where the forces are smooth.  One that changes to another branch of its law (a stop touched, a limit met,
-teeth apart, a foot that slips) makes a kink, where the errors of all columns are alike and one is small by chance.
-Each step therefore tells its branches (see step/branch.py).  An interval in which they change, or at whose end they are
-others than any column has seen, is cut before the kink, and the next one behind it, until the error of the first two
-columns, which is of one order and never small by chance, meets the tolerance too.
+That holds where the forces are smooth.  A force that changes to another branch of its law (a stop touched, a limit met,
+teeth apart, a foot that slips) makes a discontinuity (`kink` in the code).  The errors of all columns are then alike,
+and one is small by chance.  Each step therefore identifies its branches (step/branch.py).  An interval in which they
+change, or at whose end they are others than any column has seen, is cut before the discontinuity, and the next one
+behind it, until the error of the first two columns, which is of one order and never small by chance, meets the
+tolerance too.
 
 The columns of the scheme do not depend on each other and run side by side in lanes.  Column k and column K - k take
 together as many steps as column K, so that K columns fill K/2 + 1 lanes without a gap, and K columns cost the time of
@@ -60,13 +61,13 @@ LONGEST = 12  # columns: rounding errors grow by 2.7 a column of the linear sequ
 SAFETY, TARGET = 0.94, 0.65  # step = SAFETY h (TARGET / error) ** (1 / order)
 FALL, FALL_SQUARES = 10.0, 1000.0  # of the error, that one more column in powers of h or h^2 is believed to bring
 INSTANT = 1e-3  # of the interval: after its start
-KINKED = 0.3  # of the error of two columns, that an interval with a kink is taken to have
+DISCONTINUOUS = 0.3  # of the error of two columns, assumed for an interval with a discontinuity
 HIDDEN = 1e4  # columns that agree so much better than later ones have all stepped over what these see
-PASSED = 1e3  # error over the tolerance with which a kink is passed where the least step is too long for it
-LOCATED = 4.0  # least steps: within them a kink is looked for no further
+PASSED = 1e3  # error over the tolerance with which a discontinuity is passed at the least step
+LOCATED = 4.0  # least steps: a discontinuity is located no more precisely
 LEFT, DONE, COLUMN = 0, 1, 2  # rows of `lanes`: steps to go, steps done, column
-# What is known of a kink: the share of the interval before it, negative if there is none; the step that would end
-# behind it after one to there [s]; the branches of the forces at the interval's start; the error of two columns.
+# What is known of a discontinuity: the share of the interval before it, negative if there is none; the step that would
+# end behind it after one to there [s]; the branches of the forces at the interval's start; the error of two columns.
 BEFORE, BEHIND, BRANCH, ROUGH = 0, 1, 2, 3
 
 
@@ -99,7 +100,7 @@ class Ladder(NamedTuple):
     table: np.ndarray  # (LONGEST, length of the state): the columns, then the last row of the scheme
     lanes: np.ndarray  # (3, WIDTH): what each lane is at
     wanted: np.ndarray  # (LONGEST,): the step that each column's error asks for [s]
-    kink: np.ndarray  # (4,): what is known of a kink in the interval
+    kink: np.ndarray  # (4,): what is known of a discontinuity in the interval
     columns: Columns
     pace: np.ndarray  # (PACE_SCRATCH,)
     implicit: bool | None  # True: linearly implicit Euler, None: explicit midpoint
@@ -119,7 +120,7 @@ def extrapolate(work, run, y, t, length):
         if skipped <= 1.0:
             error = _combine(implicit, run, h, count)
             if error <= 1.0 and _ends_elsewhere(implicit, run, h):
-                error = max(error, _of_kink(run, h))
+                error = max(error, _error_of_discontinuity(run, h))
             if _sticks(run) and work.kink[BEFORE] >= 0.0 and h < 1.5 * run.plan.least_step and error < PASSED:
                 error = min(error, 1.0)
         if error <= 1.0:
@@ -151,13 +152,13 @@ def extrapolate(work, run, y, t, length):
 
 @inline
 def _sticks(run):
-    """Whether friction may stop a joint at once: the largest change of slope, and one that hides from columns."""
+    """Return whether friction may stop a joint at once: a jump of slope that can hide from all columns."""
     return stops_at_once(run.scene.friction)
 
 
 @inline
 def _ends_elsewhere(implicit, run, h):
-    """Whether there is a kink at the interval's end that no column has noticed."""
+    """Return whether there is a discontinuity at the interval's end that no column has noticed."""
     if implicit is None:
         return False
     ladder = run.work
@@ -182,7 +183,7 @@ def _end_branch(run, columns, h):
 
 @inline
 def _narrow(work, h, count, error):
-    """A step [s] that ends before the kink; if there is no room before it, one in which it weighs less."""
+    """Return a step [s] that ends before the discontinuity, or if there is no room one in which it weighs less."""
     cell, kink = h / count, work.kink
     kink[BEHIND] = 0.0
     if kink[BEFORE] == 0.0:
@@ -193,7 +194,7 @@ def _narrow(work, h, count, error):
 
 @inline
 def _steps(implicit, j):
-    """Steps of column j = 0, 1, ..."""
+    """Return the number of steps of column j = 0, 1, ..."""
     if implicit is None:
         return 2 * (j + 1)
     return j + 1
@@ -201,7 +202,7 @@ def _steps(implicit, j):
 
 @inline
 def _power(implicit, count):
-    """1 / exponent of the step in the local error of `count` columns."""
+    """Return 1 / exponent of the step in the local error of `count` columns."""
     if implicit is None:
         return 2 * count - 1
     return count
@@ -215,7 +216,7 @@ def _sweep(implicit, run, t, h, count):
     """Cross the interval in `count` columns, which fill the rows of the table.
 
     Lane l takes the column l from the last one, then column l - 1, if there is one: together they are as long as the
-    last.  Of the lanes left over the last tells what the interval's start hides from the columns: see `_skipped`.
+    last.  Of the lanes left over the last measures what the interval's start hides from the columns: see `_skipped`.
     Returns that error by the tolerance, and 1e60 if Newton's iteration failed.
     """
     half, sound, ladder, pace = count // 2, True, run.work, run.work.pace
@@ -235,7 +236,7 @@ def _sweep(implicit, run, t, h, count):
         for lane in range(WIDTH):
             _lane_inputs(run, lane, min(t + _time(ladder, lane), pace[UNTIL]), False)
         _step(implicit, run, columns)
-        _look_for_kink(implicit, ladder, k, total, half)
+        _look_for_discontinuity(implicit, ladder, k, total, half)
         if implicit is not None and k == 0:
             skipped = _skipped(run, min(half, 3), h)
             if skipped > 1.0:
@@ -262,10 +263,10 @@ def _sweep(implicit, run, t, h, count):
 
 
 @inline
-def _look_for_kink(implicit, ladder, k, total, half):
+def _look_for_discontinuity(implicit, ladder, k, total, half):
     """Note after the k-th steps whether a lane is on other branches than an instant after the interval's start.
 
-    The longest column, of `total` steps, tells where; of a kink that only others have seen, the end is as good a guess.
+    The longest column, of `total` steps, shows where; if only others have seen it, the end is as good a guess.
     """
     if implicit is not None:
         branch, kink = ladder.columns.branch[0], ladder.kink
@@ -280,12 +281,12 @@ def _look_for_kink(implicit, ladder, k, total, half):
 
 @inline
 def _skipped(run, last, h):
-    """What the linearly implicit step does not see of the interval's start, as an error of the positions or speeds.
+    """Return what the implicit step does not see of the interval's start, as an error of positions or speeds.
 
-    It takes forces at the end of a step only.  A kink within the first step of all columns is the same for all of them,
-    as if it had been at the start, and nothing in the scheme tells.  But the accelerations of the columns' first steps,
-    extrapolated to a step of none, then differ from those of an instant after the start.  Where friction turns round
-    with a joint they differ by a jump, which has acted too long, by half of the shortest first step as a mean.
+    It takes forces at the end of a step only.  A discontinuity within the first step of all columns is the same for all
+    of them, as if it had been at the start, and the scheme does not show it.  But the accelerations of the columns'
+    first steps, extrapolated to a step of length 0, then differ from those an instant after the start.  Where friction
+    reverses with a joint they differ by a jump, which has acted too long by half of the shortest first step on average.
     """
     offsets, worst = run.offsets[0], 0.0
     turns = _sticks(run) and run.work.kink[BEFORE] == 0.0 and h > LOCATED * run.plan.least_step
@@ -311,7 +312,7 @@ def _skipped_by_base(floating, run, last, worst):
 
 @inline
 def _skipped_by(run, last, acceleration):
-    """The difference of the accelerations that have this place in the state."""
+    """Return the difference of the accelerations at this index of the state."""
     ladder, a = run.work, 0.0
     h, y = ladder.columns.h[0], ladder.columns.y
     for j in range(last + 1):
@@ -325,7 +326,7 @@ def _skipped_by(run, last, acceleration):
 
 @inline
 def _scaled_at(run, a, position):
-    """The error of a position by an acceleration that differs by a, over the tolerance."""
+    """Return the error of a position by an acceleration that differs by a, over the tolerance."""
     start, h = run.work.start, run.work.columns.h[0, 0]
     return scaled(run.plan, a * h * h / 6.0, start[position], start[position])
 
@@ -342,13 +343,13 @@ def _assign(implicit, ladder, lane, column, h):
 
 @inline
 def _time(ladder, lane):
-    """Time of a lane's next evaluation since the interval's start [s]; the first of either method lies a step ahead."""
+    """Return the time of a lane's next evaluation since the interval's start [s]; the first lies a step ahead."""
     return (ladder.lanes[DONE, lane] + 1) * ladder.columns.h[0, lane]
 
 
 @inline
 def _begin(implicit, run, columns):
-    """All lanes to the start."""
+    """Move all lanes to the start."""
     start = run.work.start
     for i in range(run.offsets[0].step_control):
         columns.y[i] = start[i]
@@ -362,7 +363,7 @@ def _begin(implicit, run, columns):
 
 @inline
 def _begin_again(implicit, run, lane):
-    """One lane to the start."""
+    """Move one lane to the start."""
     start, columns = run.work.start, run.work.columns
     for i in range(run.offsets[0].step_control):
         columns.y[i, lane] = start[i]
@@ -385,7 +386,7 @@ def _harvest(implicit, run, lane):
 
 @inline
 def _step(implicit, run, columns):
-    """One step of every lane."""
+    """Take one step of every lane."""
     if implicit is None:
         _midpoint(run, columns)
     else:
@@ -394,7 +395,7 @@ def _step(implicit, run, columns):
 
 @kernel
 def _midpoint(run, columns):
-    """y_{k+1} = y_{k-1} + 2 h f(y_k); in the end Gragg's mean (y_{n-1} + 2 y_n + y_{n+1}) / 4, which sees the end."""
+    """Step y_{k+1} = y_{k-1} + 2 h f(y_k); in the end Gragg's mean (y_{n-1} + 2 y_n + y_{n+1}) / 4."""
     y, previous, slope = columns.y, columns.previous, columns.slope
     _slope(run, columns, slope)
     h, last = columns.h[0], columns.last[0] > 0.0
@@ -417,7 +418,7 @@ def _slope(run, columns, slope):
 
 @kernel
 def _euler(ended, run, columns):
-    """A linearly implicit Euler step; once the interval has ended, the branches on which one would start."""
+    """Take a linearly implicit Euler step; once the interval has ended, find the branches on which one would start."""
     scene, x, offsets, t, h = run.scene, columns, run.offsets[0], run.work.pace[SINCE], columns.h[0]
     at = Step(
         scene=scene, actuator=scene.actuator, decay=x.decay, offsets=offsets, y=x.y, tau=x.tau, drive=x.drive,
@@ -439,7 +440,7 @@ def _begin_interval(work, run, y, t):
 
 @inline
 def _first_slope(implicit, run, y, t):
-    """The explicit rule's slope at the start of the next step, and what is derived there, in y too."""
+    """Fill the explicit rule's slope at the start of the next step, and what is derived there, in y too."""
     if implicit is None:
         columns, offsets = in_lanes(run.work.columns), run.offsets[0]
         for i in range(offsets.step_control):
@@ -454,7 +455,7 @@ def _first_slope(implicit, run, y, t):
 
 @inline
 def _set_decay(decay, actuator, columns):
-    """What is left of currents and filtered speeds after each lane's step, and the currents' mean."""
+    """Fill what is left of currents and filtered speeds after each lane's step, and the currents' mean."""
     if decay is not None:
         set_decay(motor_of(actuator), controller_of(actuator), columns.h[0], decay)
 
@@ -498,10 +499,10 @@ def _begin_inputs(work, run):
 
 @inline
 def _combine(implicit, run, h, count):
-    """Extrapolate; `best` takes the value of the smallest error, which is returned; `wanted` is filled.
+    """Extrapolate; return the smallest error, whose value `best` takes, and fill `wanted`.
 
     A column's error is what it changes, but no less than a share of the column's before: where the solution is smooth
-    the errors fall by some such factor from column to column, while a kink in the interval keeps them all alike, and
+    the errors fall by some such factor from column to column, while a discontinuity keeps them all alike, and
     then one of them is small by chance.
     """
     ladder, m, least, error = run.work, _smooth(implicit, run), 1e300, 0.0
@@ -515,25 +516,25 @@ def _combine(implicit, run, h, count):
             least = error
             for i in range(m):
                 ladder.best[i] = ladder.table[0, i]
-    return max(least, _of_kink(run, h))
+    return max(least, _error_of_discontinuity(run, h))
 
 
 @inline
-def _of_kink(run, h):
-    """Least error of an interval with a kink over the tolerance.
+def _error_of_discontinuity(run, h):
+    """Return the least error of an interval with a discontinuity over the tolerance.
 
-    A kink within the first or last step of all columns shows in none of their differences but the largest, that of the
-    first two, in which it goes with the change of slope that it brings; of a joint that friction stops within the first
-    step of some columns these are all alike, and the largest is the first of the others.
+    A discontinuity within the first or last step of all columns shows only in the largest of their differences, that of
+    the first two, in proportion to the change of slope.  If friction stops a joint within the first step of some
+    columns, the differences of these are all alike, and the largest is the first of the others.
     """
     if run.work.kink[BEFORE] < 0.0 or h < LOCATED * run.plan.least_step:
         return 0.0
-    return KINKED * run.work.kink[ROUGH]
+    return DISCONTINUOUS * run.work.kink[ROUGH]
 
 
 @inline
 def _largest_fall(implicit):
-    """Of the error from one column to the next."""
+    """Return the largest believable fall of the error from one column to the next."""
     if implicit is None:
         return FALL_SQUARES
     return FALL
@@ -553,7 +554,7 @@ def _neville(implicit, j, table, m):
 
 @inline
 def _error(run):
-    """Difference of the two best values over the tolerance, of the worst component that has one.
+    """Return the difference of the two best values over the tolerance, of the worst component that has one.
 
     These are positions, velocities, currents, rotors, filters, bristles and the energies that the meters read.
     """
@@ -576,7 +577,7 @@ def _worse(worst, run, i):
 
 @inline
 def _smooth(implicit, run):
-    """How much of the state is extrapolated: what is integrated and, of the implicit step, what it derives."""
+    """Return how much of the state is extrapolated: what is integrated and, of the implicit step, derived."""
     if implicit is None:
         return run.plan.integrated
     return run.offsets[0].after_derived
@@ -584,7 +585,7 @@ def _smooth(implicit, run):
 
 @inline
 def _accept(implicit, run, y):
-    """The best values; the watch on chatter stays as it was, passes are those of the last column."""
+    """Take the best values; the watch on chatter stays, Newton iterations are those of the last column."""
     ladder, offsets = run.work, run.offsets[0]
     for i in range(_smooth(implicit, run)):
         y[i] = ladder.best[i]
@@ -596,13 +597,13 @@ def _accept(implicit, run, y):
 
 @inline
 def _work(count):
-    """Time of a step with so many columns: their steps, and one for what comes with it."""
+    """Return the work of a step with so many columns: their steps, and one for what comes with it."""
     return count + 1.0
 
 
 @inline
 def _cheapest(ladder, last, length):
-    """The column up to which the work by distance is least."""
+    """Return the column up to which the work by distance is least."""
     best = 1
     for j in range(2, last + 1):
         if _work(j + 1) * min(ladder.wanted[best], length) < _work(best + 1) * min(ladder.wanted[j], length):
@@ -612,7 +613,7 @@ def _cheapest(ladder, last, length):
 
 @inline
 def _choose(ladder, last, h, length, rejected):
-    """Order and step of least work by distance, after columns up to `last`.
+    """Choose order and step of least work by distance, after columns up to `last`.
 
     One column more than the step needs is taken in reserve: its error is then met almost always, where without it a
     quarter of a chaotic arm's steps are rejected.
@@ -627,7 +628,7 @@ def _choose(ladder, last, h, length, rejected):
 
 
 def _workspace(sizes, zeros):
-    """Its lanes are its own: `zeros` makes arrays of one run."""
+    """Make the workspace; its lanes are its own, while `zeros` makes arrays of one run."""
 
     def in_eight(shape):
         return aligned((*np.atleast_1d(shape), WIDTH))

@@ -24,7 +24,7 @@ class Implicit(NamedTuple):
 
 @take_step.of(Implicit)
 def implicit_step(work, run, y, t, theta):
-    """One step, figures 2 to 6 of the paper: the voltages stand; motors, gears, joints and ground are solved as one."""
+    """Take one step (figures 2 to 6 of the paper): solve motors, gears, joints and ground together, voltages held."""
     scene, u, scratch, plan = run.scene, run.signals, work.scratch, run.plan
     act, decay, offsets, h = scene.actuator, scene.decay, run.offsets[0], plan.h
     inputs(u, t + plan.theta * h)
@@ -52,7 +52,7 @@ def _implicit_thetas(work, theta, end):
 
 @inline
 def _thetas(predicted, theta, end):
-    """The midpoint rule begins with Euler's.
+    """Begin the midpoint rule with a step of Euler's.
 
     By itself it would leave the stiff modes ringing of a start off their equilibrium; one step of first order damps
     them and costs no order (R. Rannacher, Finite element solution of diffusion problems with irregular data, Numerische

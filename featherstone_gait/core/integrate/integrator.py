@@ -1,7 +1,7 @@
 """What an integrator is: a record of its properties, and kernels chosen by the type of its workspace.
 
 A new integrator is one file with a workspace (a NamedTuple of arrays), a kernel registered for it, and an `Integrator`;
-`__init__.py` lists it.  Nothing else asks for its name.
+`__init__.py` lists it; nothing else depends on its name.
 """
 
 import math
@@ -43,7 +43,7 @@ class Integrator(NamedTuple):
     adaptive: bool = False  # chooses its steps by their error
     rtol: float = RTOL
     strictest: float = 0.0  # tolerance below which another method is taken where none is named
-    companion: bool = False  # it runs to ten times the tolerance of another run, whose error it is to tell
+    second_run: bool = False  # at ten times the tolerance of a first run, whose error it estimates
     stability: float = math.inf  # largest stable step over the limit of semi-implicit Euler, of dampers and of springs
     ties: float = 1.0  # the same of an implicit method for springs between bodies, which it takes explicitly
     folds_spring: bool = False  # takes the spring of a continuous servo at the end of the step always
@@ -53,7 +53,7 @@ class Integrator(NamedTuple):
 
     @property
     def explicit(self) -> bool:
-        """Whether fixed steps are limited by what is stiff."""
+        """Return whether fixed steps are limited by what is stiff."""
         return self.stability < math.inf
 
 
@@ -64,7 +64,7 @@ def take_step(work, run, y, t, theta):
 
 @by_type
 def thetas(work, theta, end):
-    """theta of a run's first step and of the others [-]; end: how long the run has gone on before [s]."""
+    """Return theta of a run's first step and of the others [-]; end: how long the run has gone on before [s]."""
 
 
 @thetas.otherwise
@@ -74,7 +74,7 @@ def _constant(work, theta, end):
 
 @by_type
 def take_adaptive_step(work, run, y, t, length):
-    """Move y over a step of at most `length` [s] from t; return the step, 0 if the tolerance asks for one too small."""
+    """Move y over a step of at most `length` [s] from t; return the step, 0 if the tolerance needs one too small."""
 
 
 @by_type
@@ -102,7 +102,7 @@ def record_within(work, run, y, interval, record, out):
 
 @by_type
 def ends_on_records(work):
-    """True if steps end on records, None if records lie anywhere within."""
+    """Return True if steps end on records, None if records lie anywhere within."""
 
 
 @ends_on_records.otherwise
@@ -116,7 +116,7 @@ def _nothing_within(work, run, y, interval, record, out):
 
 
 def scratch(sizes: Sizes, zeros) -> Scratch:
-    """What every step overwrites; zeros(shape) makes its arrays."""
+    """Make what every step overwrites; zeros(shape) makes its arrays."""
     return Scratch(
         zeros(sizes.workspace),
         zeros((JOINT_SCRATCH, max(sizes.n, 1))),

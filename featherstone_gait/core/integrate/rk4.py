@@ -35,7 +35,7 @@ def _evaluate(run, y, t, slope):
 
 @take_step.of(RungeKutta4)
 def rk4_step(work, run, y, t, theta):
-    """One step; theta plays no part."""
+    """Take one step; theta plays no part."""
     start, slope, total = work.stages[0], work.stages[1], work.stages[2]
     h, n = run.plan.h, run.offsets[0].after_integrated
     for i in range(n):

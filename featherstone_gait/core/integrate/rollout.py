@@ -56,7 +56,7 @@ def record(run, y, m, out):
 
 @inline
 def _freeze_ended(dead, good, y):
-    """A run that has ended stays at its last sound state."""
+    """Keep a run that has ended at its last sound state."""
     if any_lane(dead):
         for i in range(len(good)):
             y[i] = select(dead, good[i], y[i])
@@ -132,7 +132,7 @@ def inspect(run, t, y):
 
 @inline
 def _fell(frames, run, offsets, y):
-    """Whether the center of mass is too low over the ground or the base tilted too far; False where none falls."""
+    """Return whether the center of mass is too low or the base tilted too far; False where no robot can fall."""
     fell = y[offsets.status] != y[offsets.status]
     if frames is not None:
         plan, scene = run.plan, run.scene
@@ -153,5 +153,5 @@ _rollout = kernel(rollout)
 
 @entry
 def rollout_lanes(run, y, out):
-    """Eight runs at once: signals, workspace, y and out have a last axis of lanes."""
+    """Run eight at once: signals, workspace, y and out have a last axis of lanes."""
     _rollout(in_lanes(run), as_lanes(y), as_lanes(out))

@@ -41,7 +41,7 @@ def advance(step):
 
 @inline
 def _advance_base(floating, step):
-    """Position with the velocity v + sub a, then the velocity to its end."""
+    """Move the position with the velocity v + h_implicit a, then the velocity to its end."""
     if floating is not None:
         y, offsets = step.y, step.offsets
         a, v = y[offsets.base_qdd : offsets.base_qdd + 6], y[offsets.base_qd : offsets.base_qd + 6]
@@ -58,7 +58,7 @@ def _advance_base(floating, step):
 
 @inline
 def _joint_energies(forces, step, i, v, w):
-    """Energies of friction and stops and the work on the joint, at the velocities that the step used."""
+    """Add energies of friction and stops and the work on the joint, at the velocities that the step used."""
     if forces is None:
         return
     T = _driving(step.scene.friction, step, i, v, w)
@@ -68,7 +68,7 @@ def _joint_energies(forces, step, i, v, w):
 
 @by_type
 def _driving(friction, step, i, v, w):
-    """What drives the joint [N m]; energies of friction and stops move on."""
+    """Return what drives the joint [N m], and add the energies of friction and stops."""
 
 
 @_driving.otherwise
@@ -89,7 +89,7 @@ def _by_the_gear(friction, step, i, v, w):
 
 @inline
 def _watch(forces, offsets, y, i, dv):
-    """Running mean of how far a change of velocity undoes the one before, less how far it goes on with it.
+    """Average how far a change of velocity undoes the one before, less how far it continues it.
 
     Motion that the step resolves goes on; a step beyond the stability limit of an explicit method alternates, if there
     is a damper or a spring to make it.

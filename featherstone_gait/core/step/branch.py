@@ -1,4 +1,4 @@
-"""On which branches of their laws the forces of a step are: where one changes, motion has a kink."""
+"""The branches of their laws on which the forces of a step are: where one changes, their slope is discontinuous."""
 
 from ..compile.by_type import by_type
 from ..compile.jit import inline, kernel
@@ -14,7 +14,7 @@ GOLDEN = 0.6180339887498949  # multiples of it, less whole numbers, have no sum 
 
 @kernel
 def branches(step):
-    """A number that tells the branches at the solution of the step from any others."""
+    """Return a number that identifies the branches of the laws at the step's solution."""
     key = 0.0 * step.Z[VN, 0]
     for i in range(len(step.scene.tree) - 1):
         v = step.Z[VN, i]
@@ -29,7 +29,7 @@ def branches(step):
 
 @by_type
 def _of_friction(friction, step, i, v, w):
-    """Which way dry friction acts in full."""
+    """Return the way in which dry friction acts in full."""
 
 
 @_of_friction.otherwise
@@ -45,7 +45,7 @@ def _and_that_of_loads(friction, step, i, v, w):
 
 @kernel
 def branches_at_start(step):
-    """The same where the step starts."""
+    """Return the same for the start of the step."""
     predict(step.predicted, rotor_of(step.actuator), step)
     place_contacts(step.scene.contact, step, 0.0)
     for i in range(len(step.scene.tree) - 1):

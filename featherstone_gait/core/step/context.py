@@ -51,7 +51,7 @@ class Plan(NamedTuple):
     rtol: float = 0.0  # error allowed of a step, relative ...
     atol: float = 0.0  # ... and absolute [rad, m, and their rates; A]
     least_step: float = 0.0  # [s]
-    companion: bool = False  # to ten times the tolerance of another run, whose error it is to tell
+    second_run: bool = False  # at ten times the tolerance of a first run, whose error it estimates
     budget: float = math.inf  # steps, with those rejected, after which the run ends as too costly
     pause: float = math.inf  # evaluations after which the kernel returns, to be called again
     integrated: int = 0  # how much of the state changes between ticks

@@ -41,7 +41,7 @@ def derivative(step, dy):
 
 @inline
 def _base_rates(bq, bv, step, dy):
-    """dx/dt = v, dquaternion/dt = 1/2 quaternion omega."""
+    """Set dx/dt = v, dquaternion/dt = 1/2 quaternion omega."""
     if bq is not None:
         offsets, a = step.offsets, step.y[step.offsets.base_qdd : step.offsets.base_qdd + 6]
         base_acceleration(a, step.W)
@@ -54,7 +54,7 @@ def _base_rates(bq, bv, step, dy):
 
 @inline
 def _joint_rates(step, dy, i):
-    """Torque on the joint; rates of the actuator and of those energies that something changes."""
+    """Set the torque on the joint, rates of the actuator and of those energies that something changes."""
     v, E = step.y[step.offsets.qd + i], step.offsets.energy + ENERGIES * i
     T, Tf = _drive_and_friction(step.scene.friction, step, dy, i, v)
     T = with_external(step.tau, i, T)
@@ -65,7 +65,7 @@ def _joint_rates(step, dy, i):
 
 @by_type
 def _drive_and_friction(friction, step, dy, i, v):
-    """Torques of actuator and friction [N m], their rates in dy."""
+    """Return torques of actuator and friction [N m], with their rates in dy."""
 
 
 @_drive_and_friction.otherwise
@@ -76,7 +76,7 @@ def _each(friction, step, dy, i, v):
 
 @_drive_and_friction.of(GearFriction)
 def _by_load(friction, step, dy, i, v):
-    """Of friction all but its share of the acceleration, CJ A dv/dt, which lessens the armature."""
+    """Return both, friction without its share of the acceleration, CJ A dv/dt, which lessens the armature."""
     f, A, Z, loss = (
         friction.table[i],
         item_or_zero(step.scene.armature, i),
@@ -99,7 +99,7 @@ def _by_load(friction, step, dy, i, v):
 
 @by_type
 def _armature(friction, step):
-    """Inertia to be added to the joints' (n,) [kg m^2], None if there is none."""
+    """Return the inertia to be added to the joints' (n,) [kg m^2], None if there is none."""
 
 
 @_armature.otherwise
@@ -114,7 +114,7 @@ def _lessened(friction, step):
 
 @by_type
 def _friction_of_acceleration(friction, step, dy):
-    """The power of friction's share of the acceleration, in dy."""
+    """Add the power of friction's share of the acceleration to dy."""
 
 
 @_friction_of_acceleration.otherwise

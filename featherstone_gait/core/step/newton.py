@@ -93,13 +93,13 @@ def solve_step(step):
 
 @inline
 def acting(step):
-    """True, None where nothing acts on the joints but gravity, bias forces and torques from outside."""
+    """Return True, None where only gravity, bias forces and torques from outside act on the joints."""
     return any_present(step.actuator, any_present(step.scene.friction, step.scene.stops))
 
 
 @inline
 def _find_velocities(forces, rotor, contact, step):
-    """Newton's iteration; where no force depends on the velocity sought, or is there at all, one ABA."""
+    """Iterate by Newton's method, or solve one ABA where no force depends on the velocity sought."""
     if forces is None:
         _solve_free(step.scene.armature, step.predicted, step)
         return
@@ -128,7 +128,7 @@ def _find_velocities(forces, rotor, contact, step):
 
 @inline
 def _lookahead_time(predicted, h_implicit):
-    """How far the predicted state lies ahead of the step's start [s]."""
+    """Return how far the predicted state lies ahead of the step's start [s]."""
     if predicted is None:
         return 0.0
     return h_implicit
@@ -196,7 +196,7 @@ def _predict_base(bq, bv, ba, predicted, start, h_implicit):
 
 @inline
 def joint_force(step, i, v, w):
-    """Torque on joint i at the velocities v, w of joint and rotor, with slopes: see effects/actuator.py.
+    """Return the torque on joint i at the speeds v, w of joint and rotor, with slopes: see effects/actuator.py.
 
     Returns T, F, c, cg and cr of all that acts, and dT/dw: no other than cg, unless friction knows the load.
     """
@@ -227,7 +227,7 @@ def _with_gear_friction(friction, step, i, v, w):
 
 @inline
 def gear_friction_torque(friction, step, i, v, Tm):
-    """Friction of a gear [N m] that Tm drives [N m], its slope -d/dv at a given Tm, and the slope by Tm."""
+    """Return a gear's friction [N m] under the drive Tm [N m], its slope -d/dv at fixed Tm, and the slope by Tm."""
     f = friction.table[i]
     A, B = item_or_zero(step.scene.armature, i), f.viscous_friction
     x, slope = direction(f, step, i, v)
@@ -237,13 +237,13 @@ def gear_friction_torque(friction, step, i, v, Tm):
 
 @inline
 def _acceleration(step, i, v):
-    """That of joint i in the step, if its forces are taken at the speed v [rad/s^2]."""
+    """Return the acceleration of joint i in the step if its forces are taken at the speed v [rad/s^2]."""
     return with_predicted(step.predicted, (v - step.Z[VP, i]) / step.h_implicit, step.y[step.offsets.qdd + i])
 
 
 @inline
 def loads(friction, step, i, v, w):
-    """What drives the gear of joint i and what the mechanism does to it, t_m and t_e [N m]."""
+    """Return what drives the gear of joint i and what the mechanism does to it, t_m and t_e [N m]."""
     Tm, _, _, _, _ = actuator_force(step.actuator, step, i, v, w, 0.0 * v, 0.0 * v)
     Tf, _, _ = gear_friction_torque(friction, step, i, v, Tm)
     return Tm, item_or_zero(step.scene.armature, i) * _acceleration(step, i, v) - Tm - Tf
@@ -251,7 +251,7 @@ def loads(friction, step, i, v, w):
 
 @inline
 def with_external(tau, i, T):
-    """T plus the torque tau[i] from outside [N m]."""
+    """Return T plus the torque tau[i] from outside [N m]."""
     if tau is None:
         return T
     return T + tau[i]
@@ -259,7 +259,7 @@ def with_external(tau, i, T):
 
 @inline
 def with_predicted(predicted, da, last):
-    """The acceleration [rad/s^2]: of the midpoint rule what goes beyond the last step's is known."""
+    """Return the acceleration [rad/s^2]; the midpoint rule solves for what goes beyond the last step's."""
     if predicted is None:
         return da
     return da + last
@@ -267,7 +267,7 @@ def with_predicted(predicted, da, last):
 
 @inline
 def rotor_speed(rotor, Z, row, i, otherwise):
-    """The rotor's speed in a row of the scratch [rad/s]; `otherwise` without rotors."""
+    """Return the rotor's speed in a row of the scratch [rad/s]; `otherwise` without rotors."""
     if rotor is None:
         return otherwise
     return Z[row, i]
@@ -278,7 +278,7 @@ def rotor_speed(rotor, Z, row, i, otherwise):
 
 @inline
 def _solve_free(armature, predicted, step):
-    """Accelerations and velocities of bodies on which nothing acts; Z[TAU] is zero to begin with."""
+    """Solve for bodies on which nothing acts; Z[TAU] is zero to begin with."""
     Z, n = step.Z, len(step.scene.tree) - 1
     if armature is not None:
         if predicted is not None:
@@ -302,7 +302,7 @@ def accelerations(diagonal, contact, step, qdd):
 
 @kernel
 def _linearize(rotor, step):
-    """Forces and slopes about VK, WK; the rotor eliminated: T = T0 - CJ v."""
+    """Linearize the forces about VK, WK and eliminate the rotor: T = T0 - CJ v."""
     Z = step.Z
     for i in range(len(step.scene.tree) - 1):
         v, w = Z[VK, i], Z[WK, i]
@@ -324,7 +324,7 @@ def _linearize(rotor, step):
 
 @kernel
 def _solve_linear(armature, predicted, rotor, step):
-    """One ABA of the linear model; velocities and the model's forces at its solution."""
+    """Solve the linear model by one ABA; fill velocities and the model's forces at its solution."""
     Z, n = step.Z, len(step.scene.tree) - 1
     for i in range(n):
         Z[TAU, i] = Z[T0, i] - Z[CJ, i] * Z[VP, i]
@@ -351,7 +351,7 @@ def _solve_linear(armature, predicted, rotor, step):
 
 @kernel
 def _compare(rotor, contact, step):
-    """Where the forces at the solution differ from the linear model's, and the slope of the descent there."""
+    """Return where the forces at the solution differ from the linear model's, and the slope of the descent there."""
     Z = step.Z
     slope = 0.0 * Z[VN, 0]
     wrong = slope > 1.0
@@ -369,7 +369,7 @@ def _compare(rotor, contact, step):
 
 @kernel
 def _line_search(rotor, contact, step, rising):
-    """Where along the pass the descent ends: bisection of the slope, in the lanes in which it rises at the end."""
+    """Return where the descent along the pass ends, by bisection, in the lanes in which it rises at the end."""
     low = 0.0 * rising
     high = 1.0 + 0.0 * rising
     for _ in range(BISECTIONS):
@@ -381,7 +381,7 @@ def _line_search(rotor, contact, step, rising):
 
 @kernel
 def _slope(rotor, contact, step, fraction):
-    """Slope of the convex function at a fraction of the pass: inertial less applied force, along the pass."""
+    """Return the slope of the convex function at a fraction of the pass: inertial less applied force."""
     Z, slope = step.Z, 0.0 * fraction
     for i in range(len(step.scene.tree) - 1):
         p = Z[VN, i] - Z[VK, i]

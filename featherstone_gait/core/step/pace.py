@@ -24,7 +24,7 @@ PACE_SCRATCH = 12
 
 @inline
 def in_time(step, length):
-    """The step [s], or what leaves no sliver of the remaining `length` [s]."""
+    """Return the step [s], or one that leaves no sliver of the remaining `length` [s]."""
     if step >= 0.999 * length:
         return length
     if step >= 0.5 * length:
@@ -34,13 +34,13 @@ def in_time(step, length):
 
 @inline
 def scaled(plan, error, before, after):
-    """Size of an error by the tolerance [-], of a number that went from `before` to `after`."""
+    """Return the size of an error over the tolerance [-], of a number that went from `before` to `after`."""
     return abs(error) / (plan.atol + plan.rtol * max(abs(before), abs(after)))
 
 
 @inline
 def meters(motor):
-    """How many joints have an electrical energy whose error counts."""
+    """Return how many joints have an electrical energy whose error counts."""
     if motor is None:
         return 0
     return len(motor)
@@ -48,7 +48,7 @@ def meters(motor):
 
 @kernel
 def root(x, n):
-    """x ** (1 / n) to six digits, which is enough for a step; x >= 0, infinite and NaN taken as 1e60."""
+    """Return x ** (1 / n) to six digits, enough for a step; x >= 0, infinite and NaN taken as 1e60."""
     if not x < 1e60:
         x = 1e60
     x = max(x, 1e-60)

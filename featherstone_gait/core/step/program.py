@@ -42,7 +42,7 @@ class Program(NamedTuple):
 
 @by_type
 def commanded(program, plan, k, y, reference):
-    """What controllers follow at the step k (n, 2)."""
+    """Return what controllers follow at the step k (n, 2)."""
 
 
 @commanded.of(NoneType)

@@ -38,7 +38,7 @@ class Signals(NamedTuple):
 
 @inline
 def time_of(plan, k):
-    """Time of the grid step k of a run [s], counted from where the run first began."""
+    """Return the time of the grid step k of a run [s], counted from where the run first began."""
     return plan.offset + (plan.first + k) * plan.h
 
 
@@ -72,7 +72,7 @@ def evaluate(knots, t, out):
 
 @kernel
 def next_knot(knots, t):
-    """Time of the first knot after t [s]."""
+    """Return the time of the first knot after t [s]."""
     times = knots.times
     turns = 0.0
     if knots.period > 0.0:

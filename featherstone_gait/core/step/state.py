@@ -6,8 +6,8 @@ The order of the table is the order in the flat state `y`, sorted by kind:
     controlled    obeys a differential equation, and error control watches it
     integrated    obeys one too: integrals along the way, of which error control watches the meters alone
     held          changes at controller ticks, or a delay after them
-    derived       output of the last step or evaluation; a smooth function of the state between kinks
-    watched       tells how the run goes
+    derived       output of the last step or evaluation; a smooth function of the state between discontinuities
+    watched       diagnostics of the run
     run           what goes on with a run; not to be recorded
     computed      not in `y`: worked out from other channels when a run is recorded
 
@@ -105,7 +105,7 @@ STATE = np.dtype(
 
 
 def lay_out(counts: dict[str, int]) -> np.recarray:
-    """Places (1,) STATE of the channels in the state; counts: how many there are of each `Of`."""
+    """Return the offsets (1,) STATE of the channels in the state; counts: how many there are of each `Of`."""
     offsets, at, first, after = np.zeros(1, STATE), 0, {}, {}
     for channel in IN_STATE:
         offsets[0][channel.name] = at
@@ -119,12 +119,12 @@ def lay_out(counts: dict[str, int]) -> np.recarray:
 
 
 def parts(offsets: np.void) -> dict[str, tuple[int, int]]:
-    """First and past-the-last index of each channel in the state."""
+    """Return the first and past-the-last index of each channel in the state."""
     starts = [int(offsets[channel.name]) for channel in IN_STATE] + [int(offsets["length"])]
     return {channel.name: (starts[k], starts[k + 1]) for k, channel in enumerate(IN_STATE)}
 
 
 def shaped(channel: Channel, values: np.ndarray) -> np.ndarray:
-    """Recorded numbers (samples, all) in their natural shape: several of a joint or point get an axis."""
+    """Return recorded numbers (samples, all) in their natural shape: several of a joint or point get an axis."""
     several = channel.width > 1 and channel.of not in ("base", "run")
     return values.reshape(len(values), -1, channel.width) if several else values

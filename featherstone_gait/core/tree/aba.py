@@ -9,7 +9,8 @@ included), and dA_i what the joint accelerations add to it.  Then
     qdd_i = (u_i - U_i' dA_parent) / D_i,   dA_i = dA_parent + S_i qdd_i
 
 which is Table 7.1 with c_i moved from the articulated to the rigid inertia: 24 multiplications instead of 36.  In one
-frame a child's inertia is *added* to its parent's, with no transform.
+frame a child's inertia is *added* to its parent's, with no transform.  Of the three passes the first, which finds the
+poses, velocities and a_i, is `motion_pass` (kinematics.py).
 """
 
 from ..compile.jit import inline, kernel
@@ -37,12 +38,12 @@ from .spatial import (
 
 @kernel
 def aba(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
-    """Forward dynamics: fill qdd (n,) [rad/s^2 or m/s^2] and, of a floating base, base_qdd (6,).
+    """Compute forward dynamics: fill qdd (n,) [rad/s^2 or m/s^2] and, of a floating base, base_qdd (6,).
 
     robot a `Robot`; motion a `Motion` without accelerations; base_tau (6,) [N; N m] or None; tau (n,) [N m or N];
     wrench (n+1, 6) external [moment; force] about the common origin, world axes [N m; N] or None; W workspace.
     """
-    motion_pass(robot.tree, robot.gravity, motion, W)
+    motion_pass(robot.tree, robot.gravity, motion, W)  # pass 1
     articulated_pass(robot.tree, motion.base_q, base_tau, tau, robot.armature, wrench, None, W)
     constrain(robot.coupling, motion.base_q, None, robot.tree, W)
     acceleration_pass(robot.tree, W, qdd)
@@ -53,6 +54,9 @@ def aba(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
 def _base(base_q, base_qdd, W):
     if base_q is not None:
         base_acceleration(base_qdd, W)
+
+
+# ------------------------------------------------------------------------- pass 2, tips to root: IA, pA, U, D and u
 
 
 @kernel
@@ -86,7 +90,7 @@ def _enlarged(D, armature, i):
 
 @inline
 def _articulated_body(b, i, wrench, contact, W):
-    """IA = [[J, H], [H', M]] and pA = [n; f] of body i: its own, its children's and its contacts'."""
+    """Return IA = [[J, H], [H', M]] and pA = [n; f] of body i: its own, its children's and its contacts'."""
     c, Jc = mass_center(b, i, W)
     n, f = inertial_force(b, i, c, Jc, W)
     J, h = about_origin(Jc, b.m, c), scale(c, b.m)
@@ -154,7 +158,7 @@ def _accumulate_symmetric(W, slot, k, first, J, V, U):
 
 @inline
 def _root(tree, base_q, base_tau, wrench, contact, W):
-    """dA of the root: zero for the world, the solution of IA dA = -pA for a floating base."""
+    """Set dA of the root: zero for the world, the solution of IA dA = -pA for a floating base."""
     if base_q is None:
         store3(W, 0, U, (0.0, 0.0, 0.0))
         store3(W, 0, U + 3, (0.0, 0.0, 0.0))
@@ -170,7 +174,7 @@ def _root(tree, base_q, base_tau, wrench, contact, W):
 
 @inline
 def constrain(coupling, base_q, contact, tree, W):
-    """To be called between the two passes: make followers go with their leaders, as coupling.py does.
+    """Make followers go with their leaders (coupling.py); call it between the two passes.
 
     `coupling` None: there are none; base_q and contact as the first pass had them.
     """
@@ -185,6 +189,9 @@ def _constrain(base_q, coupling, contact, tree, W):
     else:
         J, H, M, _, _ = _articulated_body(tree[0], 0, None, contact, W)
         couple((J, H, M), coupling, tree, W)
+
+
+# ------------------------------------------------------------------------- pass 3, root to tips: qdd and dA
 
 
 @kernel

@@ -13,7 +13,7 @@ from .rnea import rnea
 
 @inline
 def _row(motion, i):
-    """State i of the states `motion`."""
+    """Return state i of the states `motion`."""
     return Motion(
         item(motion.base_q, i),
         item(motion.base_qd, i),
@@ -32,13 +32,13 @@ def _aba_all(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
 
 @entry
 def aba_rows(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
-    """`aba` of each row of the arrays; W (1, rows, columns)."""
+    """Call `aba` for each row of the arrays; W (1, rows, columns)."""
     _aba_all(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd)
 
 
 @entry
 def aba_lanes(robot, motion, base_tau, tau, wrench, W, base_qdd, qdd):
-    """The same, eight states to a row: the arrays have a last axis of lanes."""
+    """Do the same with eight states to a row: the arrays have a last axis of lanes."""
     seen = in_lanes(base_tau), in_lanes(tau), in_lanes(wrench)
     _aba_all(robot, in_lanes(motion), seen[0], seen[1], seen[2], in_lanes(W), in_lanes(base_qdd), in_lanes(qdd))
 
@@ -51,26 +51,26 @@ def _rnea_all(robot, motion, wrench, W, base_tau, tau):
 
 @entry
 def rnea_rows(robot, motion, wrench, W, base_tau, tau):
-    """`rnea` of each row of the arrays; W (1, rows, columns)."""
+    """Call `rnea` for each row of the arrays; W (1, rows, columns)."""
     _rnea_all(robot, motion, wrench, W, base_tau, tau)
 
 
 @entry
 def rnea_lanes(robot, motion, wrench, W, base_tau, tau):
-    """The same, eight states to a row: the arrays have a last axis of lanes."""
+    """Do the same with eight states to a row: the arrays have a last axis of lanes."""
     _rnea_all(robot, in_lanes(motion), in_lanes(wrench), in_lanes(W), in_lanes(base_tau), in_lanes(tau))
 
 
 @entry
 def crba_rows(robot, motion, W, H):
-    """Mass matrices H (n, nv, nv) of each row of the arrays."""
+    """Fill the mass matrices H (n, nv, nv) of each row of the arrays."""
     for i in range(len(H)):
         crba(robot, _row(motion, i), W[0], H[i])
 
 
 @entry
 def measures_rows(robot, motion, W, energies, centers, momenta):
-    """Energy (n, 2), center of mass and its velocity (n, 6) and momentum (n, 6) of each state."""
+    """Fill energy (n, 2), center of mass and its velocity (n, 6) and momentum (n, 6) of each state."""
     for i in range(len(energies)):
         at = _row(motion, i)
         motion_pass(robot.tree, robot.gravity, at, W[0])
@@ -81,7 +81,7 @@ def measures_rows(robot, motion, W, energies, centers, momenta):
 
 @entry
 def poses_rows(robot, motion, W, poses):
-    """Poses (n, bodies, 12) of each state: rotation row by row, then the position from the base [m]."""
+    """Fill the poses (n, bodies, 12) of each state: rotation row by row, then the position from the base [m]."""
     for i in range(len(poses)):
         motion_pass(robot.tree, robot.gravity, _row(motion, i), W[0])
         for k in range(len(robot.tree)):
@@ -91,5 +91,5 @@ def poses_rows(robot, motion, W, poses):
 
 @entry
 def exponential(x):
-    """exp(x), the same on every machine."""
+    """Return exp(x), the same on every machine."""
     return exp(x)

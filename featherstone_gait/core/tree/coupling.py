@@ -103,7 +103,7 @@ def _move_root(root, row, W):
 
 @kernel
 def _product(n, coupling, other, W):
-    """e' A^-1 t of a coupling (row, column) and of what left u in a column and dA of the root in (row, first)."""
+    """Return e' A^-1 t of a coupling (row, column) and of what left u in a column and dA in (row, first)."""
     (row, column), (root, first, u) = coupling, other
     total = 0.0 * W[row, ROOT]
     for i in range(1, n):
@@ -125,7 +125,7 @@ def _take(n, a, coupling, other, W):
 
 @inline
 def follow(coupling, offsets, y):
-    """Give followers in the state y the coordinates that their leaders' ask for: takes rounding away, no more."""
+    """Set the followers' coordinates in the state y from their leaders', which removes rounding errors."""
     if coupling is not None:
         for c in range(len(coupling)):
             k = coupling[c]

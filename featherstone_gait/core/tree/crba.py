@@ -40,7 +40,7 @@ def _columns(tree, base_q, armature, W, H):
 
 @inline
 def _composite(b, i, W):
-    """Inertia (J, h, m) of body i and all that it carries."""
+    """Return the inertia (J, h, m) of body i and all that it carries."""
     c, Jc = mass_center(b, i, W)
     J, h = about_origin(Jc, b.m, c), scale(c, b.m)
     if b.leaf:
@@ -51,7 +51,7 @@ def _composite(b, i, W):
 
 @inline
 def _column(tree, i, n, f, first, H, W):
-    """H[i, j] = S_j' Ic S_i for i and each joint j on its way to the root."""
+    """Fill H[i, j] = S_j' Ic S_i for i and each joint j on its way to the root."""
     column = first + tree[i].dof
     j = i
     while j > 0:
@@ -75,7 +75,7 @@ def _to_parent(slot, first, J, h, m, W):
 
 @inline
 def _base_rows(column, n, f, W, H):
-    """Coupling of a joint with the base: force in world axes, moment in body axes."""
+    """Fill the coupling of a joint with the base: force in world axes, moment in body axes."""
     n = rotate_back(load9(W, 0, R), n)
     for k in range(3):
         H[k, column] = f[k]
@@ -86,7 +86,7 @@ def _base_rows(column, n, f, W, H):
 
 @inline
 def _base_block(inertia, W, H):
-    """The base's own 6 x 6 block."""
+    """Fill the base's own 6 x 6 block."""
     J, h, m = inertia
     E = load9(W, 0, R)
     for k in range(3):

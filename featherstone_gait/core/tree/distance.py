@@ -68,7 +68,7 @@ LEAST_SQUARE = 1e-24  # of a direction's length; shorter ones are none
 
 @kernel
 def support(shape, corners, u):
-    """The core's farthest point (3) in a direction u (3), both in the shape's frame [m]."""
+    """Return the core's farthest point (3) in a direction u (3), both in the shape's frame [m]."""
     if shape.corners > 0:
         return _farthest_corner(shape, corners, u)
     x = shape.half[0] if u[0] >= 0.0 else -shape.half[0]
@@ -94,7 +94,7 @@ def _farthest_corner(shape, corners, u):
 
 @kernel
 def _difference(a, b, Ea, Eb, c, corners, u):
-    """The farthest point of core a less core b in the direction u; c from the center of a to that of b, world axes."""
+    """Return the farthest point of core a less core b in the direction u; c from a's center to b's, world axes."""
     pa = rotate(Ea, support(a, corners, rotate_back(Ea, u)))
     pb = rotate(Eb, support(b, corners, rotate_back(Eb, scale(u, -1.0))))
     return sub(sub(pa, pb), c)
@@ -102,7 +102,7 @@ def _difference(a, b, Ea, Eb, c, corners, u):
 
 @kernel
 def _on_edge(p, q):
-    """Weights of the point of an edge nearest to the origin, and whether it lies between the ends."""
+    """Return the weight of the point of an edge nearest to the origin, and whether it lies between the ends."""
     d = sub(q, p)
     length = dot(d, d)
     if not length > 0.0:
@@ -113,7 +113,7 @@ def _on_edge(p, q):
 
 @kernel
 def _on_face(p, q, r):
-    """The same of a triangle: weights of q and r."""
+    """Return the same of a triangle: weights of q and r."""
     d, e = sub(q, p), sub(r, p)
     n = cross(d, e)
     area = dot(n, n)
@@ -126,7 +126,7 @@ def _on_face(p, q, r):
 
 @kernel
 def _inside(p, q, r, s):
-    """Whether the origin lies in a tetrahedron."""
+    """Return whether the origin lies in a tetrahedron."""
     d, e, f = sub(q, p), sub(r, p), sub(s, p)
     volume = dot(d, cross(e, f))
     if volume == 0.0:
@@ -139,7 +139,7 @@ def _inside(p, q, r, s):
 
 @kernel
 def _nearest(S, count):
-    """The point (3) nearest to the origin of the simplex S (count of 4 rows), and the rows that span it, as bits."""
+    """Return the point (3) of the simplex S (count of 4 rows) nearest to the origin, and its rows, as bits."""
     v, least, used = (0.0, 0.0, 0.0), inf, 0
     for i in range(count):
         p = vector(S[i])
@@ -161,7 +161,7 @@ def _nearest(S, count):
 
 @kernel
 def _nearer_face(S, without, v, least, used):
-    """The better of the point found so far and that of the face of all rows but one."""
+    """Return the better of the point found so far and that of the face of all rows but one."""
     i = 1 if without == 0 else 0
     j = 2 if without <= 1 else 1
     k = 3 if without <= 2 else 2
@@ -186,7 +186,7 @@ def _kept(S, used):
 
 @kernel
 def core_distance(a, b, Ea, Eb, c, corners, S):
-    """Distance of two cores [m], 0 where they overlap; S (4, 3) is overwritten.
+    """Return the distance of two cores [m], 0 where they overlap; S (4, 3) is overwritten.
 
     Ea, Eb: rotations shape -> world; c: from the center of a to that of b, world axes [m].
     """
@@ -211,7 +211,7 @@ def core_distance(a, b, Ea, Eb, c, corners, S):
 
 @kernel
 def _overlap(a, b, Ea, Eb, c, corners, u):
-    """How far core a reaches over the beginning of core b along u or -u, the lesser; inf if u is no direction [m]."""
+    """Return the lesser overlap of cores a and b along u or -u [m]; inf if u is no direction."""
     square = dot(u, u)
     if not square > LEAST_SQUARE:
         return inf
@@ -228,14 +228,16 @@ def _column(E, k):
 
 @kernel
 def _direction(E, directions, first, count, k):
-    """Direction k of a hull's faces or edges, world axes; of a shape that is no hull an axis of its frame."""
+    """Return direction k of a hull's faces or edges, world axes; of other shapes an axis of the frame."""
     return rotate(E, vector(directions[first + k])) if count > 0 else _column(E, k)
 
 
 @kernel
 def core_depth(a, b, Ea, Eb, c, shapes, enough):
-    """How far two overlapping cores must move to part [m]; of discs at least that, and where it is not above `enough`
-    any depth that is not."""
+    """Return the depth by which two cores overlap [m], that is, how far they must move to part.
+
+    Of discs it is at least that.  A result that is not above `enough` may be any other that is not.
+    """
     corners, normals, edges = shapes.corners, shapes.normals, shapes.edges
     p, q = _column(Ea, 2), _column(Eb, 2)
     least = _overlap(a, b, Ea, Eb, c, corners, c)
@@ -271,7 +273,7 @@ def _place(shapes, room, rotation, position):
 
 @kernel
 def _distance(shapes, room, i, j, most):
-    """Signed distance of shapes i and j where they have been placed [m], negative where they overlap.
+    """Return the signed distance of shapes i and j where they have been placed [m], negative where they overlap.
 
     One that is not below `most` may be any other that is not.
     """
@@ -285,14 +287,14 @@ def _distance(shapes, room, i, j, most):
 
 @kernel
 def _least(shapes, room, i, j):
-    """What the distance of shapes i and j cannot be less than, that of spheres around them [m]."""
+    """Return a lower bound of the distance of shapes i and j, that of spheres around them [m]."""
     c = sub(vector(room.r[j]), vector(room.r[i]))
     return sqrt(dot(c, c)) - shapes.table[i].bound - shapes.table[j].bound
 
 
 @entry
 def pair_distances(shapes, room, pairs, rotation, position, out):
-    """Signed distance of every pair (pairs, 2) of shapes in one posture, out (pairs,) [m].
+    """Fill out (pairs,) with the signed distance [m] of every pair (pairs, 2) of shapes in one posture.
 
     rotation (links, 3, 3) and position (links, 3) [m] of the links in the world.
     """
@@ -303,7 +305,7 @@ def pair_distances(shapes, room, pairs, rotation, position, out):
 
 @entry
 def least_distances(shapes, room, pairs, rotation, position, out, closest):
-    """Least signed distance out (n,) [m] of pairs (p, 2) of shapes, and the row of the pair, in each of n postures.
+    """Fill out (n,) with the least signed distance [m] of pairs (p, 2) in each of n postures, `closest` with its row.
 
     rotation (n, links, 3, 3) and position (n, links, 3) [m] of the links in the world.
     """

@@ -58,7 +58,7 @@ def center_of_mass(tree, base_q, W, out):
 
 @kernel
 def center_of_floating(tree, base_q, q, W):
-    """Center of mass [m] of a floating robot by its positions alone; fills R and P of every row."""
+    """Return the center of mass [m] of a floating robot by positions alone; fill R and P of every row."""
     store3(W, 0, P, (0.0, 0.0, 0.0))
     store9(W, 0, R, quaternion_matrix(base_q))
     mass, x = tree[0].m, scale(point_position(0, tree[0].c, W), tree[0].m)

@@ -57,7 +57,7 @@ def joint_motion(b, i, qd, qdd, W):
 
 @inline
 def _plus(a, s, qdd):
-    """a + s qdd, a where there is no qdd."""
+    """Return a + s qdd, a where there is no qdd."""
     if qdd is None:
         return a
     return add(a, scale(s, qdd))
@@ -65,7 +65,7 @@ def _plus(a, s, qdd):
 
 @inline
 def project(b, i, J, H, M, n, f, W):
-    """U = IA S as moment and force, D = S' U and S' pA, of IA = [[J, H], [H', M]] and pA = [n; f]."""
+    """Return U = IA S as moment and force, D = S' U and S' pA, of IA = [[J, H], [H', M]] and pA = [n; f]."""
     s = _axis(i, W)
     if b.prismatic:
         Un, Uf = rotate(H, s), symmetric(M, s)
@@ -79,7 +79,7 @@ def project(b, i, J, H, M, n, f, W):
 
 @inline
 def along(b, i, n, f, W):
-    """S' [n; f]: what a moment and a force do along the joint."""
+    """Return S' [n; f]: what a moment and a force do along the joint."""
     s = _axis(i, W)
     if b.prismatic:
         x = dot(s, f)
@@ -102,7 +102,7 @@ def accelerate(b, i, dn, df, qdd, W):
 
 @inline
 def unit_momentum(b, i, J, h, m, W):
-    """I S of a rigid inertia (J, h, m): its momentum at unit joint rate, as moment and force."""
+    """Return I S of a rigid inertia (J, h, m): its momentum at unit joint rate, as moment and force."""
     s = _axis(i, W)
     if b.prismatic:
         return cross(h, s), scale(s, m)

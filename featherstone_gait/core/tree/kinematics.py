@@ -24,7 +24,7 @@ def motion_pass(tree, gravity, motion, W):
 
 @inline
 def _root(base_q, base_qd, base_qdd, gravity, W):
-    """Row 0: the world, or the floating base."""
+    """Fill row 0: the world, or the floating base."""
     up = (-gravity[0], -gravity[1], -gravity[2])
     store3(W, 0, P, (0.0, 0.0, 0.0))
     if base_q is None:
@@ -45,7 +45,7 @@ def _root(base_q, base_qd, base_qdd, gravity, W):
 
 @inline
 def _root_acceleration(E, w, v, base_qdd, up, W):
-    """Spatial acceleration of the base: the linear part is that of the origin less w x v."""
+    """Fill the spatial acceleration of the base, whose linear part is the origin's less w x v."""
     linear = sub(up, cross(w, v))
     if base_qdd is None:
         store3(W, 0, A, (0.0, 0.0, 0.0))
@@ -57,7 +57,7 @@ def _root_acceleration(E, w, v, base_qdd, up, W):
 
 @inline
 def quaternion_matrix(base_q):
-    """Rotation (9) of the quaternion base_q[3:7] = w x y z of any length but zero, body -> world."""
+    """Return the rotation (9) of the quaternion base_q[3:7] = w x y z of any length but zero, body -> world."""
     w, x, y, z = base_q[3], base_q[4], base_q[5], base_q[6]
     s = 2.0 / (w * w + x * x + y * y + z * z)
     return (

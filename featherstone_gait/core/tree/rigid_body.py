@@ -7,26 +7,26 @@ from .spatial import add, congruence, cross, load3, load9, rotate, scale, symmet
 
 @inline
 def mass_center(b, i, W):
-    """Center of mass [m] and inertia about it [kg m^2], world axes."""
+    """Return the center of mass [m] and the inertia about it [kg m^2], world axes."""
     E = load9(W, i, R)
     return add(rotate(E, b.c), load3(W, i, P)), congruence(E, b.J)
 
 
 @inline
 def point_position(i, r, W):
-    """Where the point r of body i's frame is."""
+    """Return the position of the point r of body i's frame [m]."""
     return add(load3(W, i, P), rotate(load9(W, i, R), r))
 
 
 @inline
 def center_velocity(i, c, W):
-    """Velocity of the point c (3) [m] that moves with body i [m/s]."""
+    """Return the velocity of the point c (3) [m] that moves with body i [m/s]."""
     return add(load3(W, i, V + 3), cross(load3(W, i, V), c))
 
 
 @inline
 def inertial_force(b, i, c, Jc, W):
-    """I a + v x* I v as moment about the origin [N m] and force [N]; c, Jc: of `mass_center`."""
+    """Return I a + v x* I v as moment about the origin [N m] and force [N]; c, Jc: of `mass_center`."""
     w = load3(W, i, V)
     alpha = load3(W, i, A)
     ac = add(load3(W, i, A + 3), add(cross(alpha, c), cross(w, center_velocity(i, c, W))))

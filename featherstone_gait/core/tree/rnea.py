@@ -10,7 +10,7 @@ from .spatial import accumulate3, add, load3, load9, rotate_back, sub
 
 @kernel
 def rnea(robot, motion, wrench, W, base_tau, tau):
-    """Inverse dynamics: fill tau (n,) [N m or N] and, of a floating base, base_tau (6,) [N; N m].
+    """Compute inverse dynamics: fill tau (n,) [N m or N] and, of a floating base, base_tau (6,) [N; N m].
 
     The arguments are those of `aba`, with the accelerations given and the forces asked for.  base_tau is the force on
     the base in world axes and the moment about its origin in body axes, the dual of base_qd.
@@ -46,7 +46,7 @@ def _with_rotor(tau, armature, qdd, i):
 
 @inline
 def _force(b, i, wrench, W):
-    """Force [n; f] across the joint of body i: what moves the body and what its children left in its slot."""
+    """Return the force [n; f] across the joint of body i: its own and what its children left in its slot."""
     c, Jc = mass_center(b, i, W)
     n, f = inertial_force(b, i, c, Jc, W)
     if wrench is not None:

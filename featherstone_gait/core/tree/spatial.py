@@ -9,13 +9,13 @@ from ..compile.lanes import select
 
 @inline
 def vector(a):
-    """The three numbers of an array."""
+    """Return the three numbers of an array."""
     return (a[0], a[1], a[2])
 
 
 @inline
 def load3(W, i, k):
-    """Three numbers of row i from column k on."""
+    """Return three numbers of row i from column k on."""
     return (W[i, k], W[i, k + 1], W[i, k + 2])
 
 
@@ -29,13 +29,13 @@ def store3(W, i, k, a):
 
 @inline
 def load6(W, i, k):
-    """Six numbers of row i from column k on."""
+    """Return six numbers of row i from column k on."""
     return (W[i, k], W[i, k + 1], W[i, k + 2], W[i, k + 3], W[i, k + 4], W[i, k + 5])
 
 
 @inline
 def load9(W, i, k):
-    """Nine numbers of row i from column k on."""
+    """Return nine numbers of row i from column k on."""
     return load6(W, i, k) + load3(W, i, k + 6)
 
 
@@ -58,43 +58,43 @@ def accumulate3(W, i, k, first, a):
 
 @inline
 def add(a, b):
-    """a + b"""
+    """Return a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 @inline
 def sub(a, b):
-    """a - b"""
+    """Return a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @inline
 def scale(a, k):
-    """k a"""
+    """Return k a."""
     return (a[0] * k, a[1] * k, a[2] * k)
 
 
 @inline
 def choose(mask, a, b):
-    """`a` where `mask`, else `b`"""
+    """Return `a` where `mask` holds, else `b`."""
     return (select(mask, a[0], b[0]), select(mask, a[1], b[1]), select(mask, a[2], b[2]))
 
 
 @inline
 def dot(a, b):
-    """a' b"""
+    """Return a' b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inline
 def cross(a, b):
-    """a x b"""
+    """Return a x b."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 @inline
 def rotate(E, a):
-    """E a"""
+    """Return E a."""
     return (
         E[0] * a[0] + E[1] * a[1] + E[2] * a[2],
         E[3] * a[0] + E[4] * a[1] + E[5] * a[2],
@@ -104,7 +104,7 @@ def rotate(E, a):
 
 @inline
 def rotate_back(E, a):
-    """E' a"""
+    """Return E' a."""
     return (
         E[0] * a[0] + E[3] * a[1] + E[6] * a[2],
         E[1] * a[0] + E[4] * a[1] + E[7] * a[2],
@@ -114,7 +114,7 @@ def rotate_back(E, a):
 
 @inline
 def compose(E, B):
-    """E B of two rotations"""
+    """Return E B of two rotations."""
     x = rotate(E, (B[0], B[3], B[6]))
     y = rotate(E, (B[1], B[4], B[7]))
     z = rotate(E, (B[2], B[5], B[8]))
@@ -123,7 +123,7 @@ def compose(E, B):
 
 @inline
 def symmetric(J, a):
-    """J a of a symmetric matrix"""
+    """Return J a of a symmetric matrix."""
     return (
         J[0] * a[0] + J[1] * a[1] + J[2] * a[2],
         J[1] * a[0] + J[3] * a[1] + J[4] * a[2],
@@ -133,7 +133,7 @@ def symmetric(J, a):
 
 @inline
 def congruence(E, J):
-    """E J E' of a symmetric matrix"""
+    """Return E J E' of a symmetric matrix."""
     x = symmetric(J, (E[0], E[1], E[2]))
     y = symmetric(J, (E[3], E[4], E[5]))
     z = symmetric(J, (E[6], E[7], E[8]))
@@ -149,7 +149,7 @@ def congruence(E, J):
 
 @inline
 def about_origin(J, m, c):
-    """Inertia J about the center of mass c, moved to the origin: J + m (c'c 1 - c c')."""
+    """Return the inertia J about the center of mass c moved to the origin: J + m (c'c 1 - c c')."""
     x, y, z = c[0] * m, c[1] * m, c[2] * m
     xx, yy, zz = x * c[0], y * c[1], z * c[2]
     return (
@@ -183,7 +183,7 @@ def solve6(J, H, M, n, f):
 
 @inline
 def _factor3(M):
-    """L D L' of a symmetric positive definite 3 x 3 matrix: (l21, l31, l32, 1/d1, 1/d2, 1/d3)."""
+    """Factor a symmetric positive definite 3 x 3 matrix as L D L': (l21, l31, l32, 1/d1, 1/d2, 1/d3)."""
     e1 = 1.0 / M[0]
     l21, l31 = M[1] * e1, M[2] * e1
     e2 = 1.0 / (M[3] - l21 * M[1])
