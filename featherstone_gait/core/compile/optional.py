@@ -11,7 +11,7 @@ import functools
 from numba import types
 from numba.extending import overload
 
-from .jit import INNER
+from .jit import INNER, inline
 from .lanes import as_lanes
 from .structure import StructureType
 from .varying import varies, varying_in_lanes
@@ -59,6 +59,14 @@ def slice_if(present, array, start, count):
 def only_if(present, array):
     """Return the array, None if `present` is None."""
     return array
+
+
+@inline
+def plus_item(x, array, i):
+    """Return x + array[i], x if there is no array."""
+    if array is None:
+        return x
+    return x + array[i]
 
 
 def any_present(a, b):

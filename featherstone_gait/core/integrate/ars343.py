@@ -94,21 +94,12 @@ def _something_changed(work, run, y, t):
 def _jumps(motors, run):
     """Return whether accelerations may jump at events: not at records, nor at ticks if currents are slow."""
     if motors is None:
-        return _pushed(run.scene.push, any_present(run.signals.torques, run.signals.continuous))
+        return any_present(run.scene.push, any_present(run.signals.torques, run.signals.continuous)) is not None
     motor = motor_of(run.scene.actuator)
     for i in range(len(motor)):
         if motor[i].torque_constant > 0.0 and motor[i].inductance == 0.0:
             return True
-    return _pushed(run.scene.push, run.signals.torques)
-
-
-@inline
-def _pushed(push, torques):
-    if push is not None:
-        return True
-    if torques is not None:
-        return True
-    return False
+    return any_present(run.scene.push, run.signals.torques) is not None
 
 
 @take_adaptive_step.of(Ars343)

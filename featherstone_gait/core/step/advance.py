@@ -3,7 +3,7 @@
 from ..compile.by_type import by_type
 from ..compile.jit import inline
 from ..compile.lanes import select
-from ..compile.optional import any_present
+from ..compile.optional import any_present, plus_item
 from ..effects.actuator import controller_of, move_actuator, rotor_of
 from ..effects.contact import move_contacts
 from ..effects.controller import filter_speed
@@ -13,7 +13,7 @@ from ..effects.friction import move_friction
 from ..effects.gear_friction import GearFriction
 from ..effects.stop import move_stop
 from ..tree.kinematics import base_acceleration, move_base
-from .newton import DA, DRIVE, RUB, VN, WN, acting, joint_force, rotor_speed, with_external, with_predicted
+from .newton import DA, DRIVE, RUB, VN, WN, acting, joint_force, rotor_speed, with_predicted
 
 CHATTER_WINDOW = 64.0  # steps over which changes of velocity are averaged
 
@@ -84,7 +84,7 @@ def _by_the_gear(friction, step, i, v, w):
     T, Tf = step.Z[DRIVE, i], step.Z[RUB, i]
     step.y[step.offsets.energy + ENERGIES * i + LOSS] -= step.h * (Tf * v)
     move_stop(step.scene.stops, step, i, v)
-    return with_external(step.tau, i, T)
+    return plus_item(T, step.tau, i)
 
 
 @inline

@@ -6,7 +6,7 @@ outputs of each evaluation.
 
 from ..compile.by_type import by_type
 from ..compile.jit import inline
-from ..compile.optional import item_or_zero, slice_if
+from ..compile.optional import item_or_zero, plus_item, slice_if
 from ..effects.actuator import actuator_rates
 from ..effects.contact import contact_rates
 from ..effects.energies import ENERGIES, WORK
@@ -17,7 +17,7 @@ from ..effects.gear_friction import GearFriction, gear_friction, stribeck
 from ..effects.stop import stop_rates
 from ..tree.kinematics import base_acceleration, motion_pass, quaternion_rate
 from ..tree.layout import Motion
-from .newton import CJ, DIAGONAL, TAU, accelerations, with_external
+from .newton import CJ, DIAGONAL, TAU, accelerations
 
 
 @inline
@@ -57,7 +57,7 @@ def _joint_rates(step, dy, i):
     """Set the torque on the joint, rates of the actuator and of those energies that something changes."""
     v, E = step.y[step.offsets.qd + i], step.offsets.energy + ENERGIES * i
     T, Tf = _drive_and_friction(step.scene.friction, step, dy, i, v)
-    T = with_external(step.tau, i, T)
+    T = plus_item(T, step.tau, i)
     step.y[step.offsets.torque + i] = T + 0.0 * v
     dy[E + WORK] = T * v
     step.Z[TAU, i] = T + (Tf + stop_rates(step.scene.stops, step, dy, i, v))

@@ -26,7 +26,7 @@ forces of couplings do no work along a pass: neither its slope nor what is compa
 from ..compile.by_type import by_type
 from ..compile.jit import inline, kernel
 from ..compile.lanes import any_lane, select
-from ..compile.optional import any_present, item_or_zero, only_if, slice_if
+from ..compile.optional import any_present, item_or_zero, only_if, plus_item, slice_if
 from ..effects.actuator import actuator_force, rotor_of
 from ..effects.contact import (
     compare_contacts,
@@ -212,7 +212,7 @@ def _joint_force(friction, step, i, v, w):
 def _with_friction(friction, step, i, v, w):
     Tf, cf = friction_torque(friction, step, i, v)
     Ts, cs = stop_torque(step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
-    T, F, c, cg, cr = actuator_force(step.actuator, step, i, v, w, with_external(step.tau, i, Tf + Ts), cf + cs)
+    T, F, c, cg, cr = actuator_force(step.actuator, step, i, v, w, plus_item(Tf + Ts, step.tau, i), cf + cs)
     return T, F, c, cg, cr, cg
 
 
@@ -222,7 +222,7 @@ def _with_gear_friction(friction, step, i, v, w):
     Ts, cs = stop_torque(step.scene.stops, i, step.y[step.offsets.q + i], v, step.h_implicit)
     Tf, cf, by_m = gear_friction_torque(friction, step, i, v, Tm)
     step.Z[DRIVE, i], step.Z[RUB, i] = Tm, Tf
-    return with_external(step.tau, i, (Tm + Tf) + Ts), F, c * (1.0 + by_m) + (cf + cs), cg, cr, cg * (1.0 + by_m)
+    return plus_item((Tm + Tf) + Ts, step.tau, i), F, c * (1.0 + by_m) + (cf + cs), cg, cr, cg * (1.0 + by_m)
 
 
 @inline
@@ -247,14 +247,6 @@ def loads(friction, step, i, v, w):
     Tm, _, _, _, _ = actuator_force(step.actuator, step, i, v, w, 0.0 * v, 0.0 * v)
     Tf, _, _ = gear_friction_torque(friction, step, i, v, Tm)
     return Tm, item_or_zero(step.scene.armature, i) * _acceleration(step, i, v) - Tm - Tf
-
-
-@inline
-def with_external(tau, i, T):
-    """Return T plus the torque tau[i] from outside [N m]."""
-    if tau is None:
-        return T
-    return T + tau[i]
 
 
 @inline

@@ -14,6 +14,7 @@ poses, velocities and a_i, is `motion_pass` (kinematics.py).
 """
 
 from ..compile.jit import inline, kernel
+from ..compile.optional import plus_item
 from .coupling import couple
 from .joint import accelerate, project
 from .kinematics import base_acceleration, motion_pass
@@ -70,8 +71,7 @@ def articulated_pass(tree, base_q, base_tau, tau, armature, wrench, contact, W):
         b = tree[i]
         J, H, M, n, f = _articulated_body(b, i, wrench, contact, W)
         Un, Uf, D, Sp = project(b, i, J, H, M, n, f, W)
-        D = _enlarged(D, armature, b.dof)
-        Dinv = 1.0 / D
+        Dinv = 1.0 / plus_item(D, armature, b.dof)
         u = tau[b.dof] - Sp
         store3(W, i, U, Un)
         store3(W, i, U + 3, Uf)
@@ -79,13 +79,6 @@ def articulated_pass(tree, base_q, base_tau, tau, armature, wrench, contact, W):
         W[i, UU] = u
         _to_parent(tree[b.parent].slot, b.last, (J, H, M), (n, f), (Un, Uf), Dinv, u, W)
     _root(tree, base_q, base_tau, wrench, contact, W)
-
-
-@inline
-def _enlarged(D, armature, i):
-    if armature is None:
-        return D
-    return D + armature[i]
 
 
 @inline
