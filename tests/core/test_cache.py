@@ -149,7 +149,7 @@ def test_code_for_types_from_outside_is_never_stale_and_harms_nobody(package, tm
 @pytest.mark.long
 def test_kernels_of_a_package_that_adds_its_sources_are_kept_and_only_they_grow_stale(package, tmp_path):
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    shutil.copytree(Path(__file__).parents[1] / "robots", package / "robots")
+    shutil.copytree(Path(__file__).parents[2] / "robots", package / "robots")
     free, paper = (SERVO.replace("INTEGRATOR", repr(name)) for name in ("implicit_euler", "simtwo"))
     assert [run(package, program=free, **cache)[1:3] for _ in range(2)] == [(0, 1), (1, 0)]
     first = run(package, program=paper, **cache)
