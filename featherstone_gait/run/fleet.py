@@ -105,12 +105,12 @@ class Group:
 
     def write(self, into: np.ndarray, values: np.ndarray) -> None:
         """Write values (n, ...) of all robots into places (vectors, ..., lanes)."""
-        target = np.moveaxis(into, -1, 1)
+        target = _by_lane(into)
         np.copyto(target, (values[: len(self.of)] if self.in_order else values[self.of]).reshape(target.shape))
 
     def read(self, parts: np.ndarray, into: np.ndarray) -> None:
         """Copy from places (vectors, ..., lanes) into values (n, ...) of all robots."""
-        source = np.moveaxis(parts, -1, 1)
+        source = _by_lane(parts)
         if self.in_order:
             np.copyto(into[: len(self.of)].reshape(source.shape), source)
         else:
@@ -255,6 +255,11 @@ class Fleet:
         if self._pool is not None and self._pid == os.getpid():
             self._pool.shutdown()
         self._pool = None
+
+
+def _by_lane(numbers: np.ndarray) -> np.ndarray:
+    """Return a view (vectors, lanes, ...) of numbers (vectors, ..., lanes), sooner than `numpy.moveaxis` does."""
+    return numbers.transpose(0, numbers.ndim - 1, *range(1, numbers.ndim - 1))
 
 
 _LOCK = threading.Lock()

@@ -143,5 +143,5 @@ def test_a_state_whose_time_is_none_is_refused():
     scene = compile_scene(pendulum())
     state = initial_state(scene)
     state[scene.layout["end_time"]] = -1.0
-    with pytest.raises(ValueError, match=r"time of a run.*no run leaves these"):
+    with pytest.raises(ValueError, match=r"time of a run.*make it with initial_state"):
         simulate(scene, 0.01, state)
