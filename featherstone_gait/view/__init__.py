@@ -1,1 +1,1 @@
-"""Trajectories to look at: plots, stick figures, and pages that play a motion."""
+"""Show robots and trajectories: plots, stick figures, pages that play a motion, movies, and reports."""
