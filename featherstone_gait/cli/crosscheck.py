@@ -29,7 +29,8 @@ def add(commands: Commands) -> None:
         commands,
         "crosscheck",
         run,
-        "walk a gait in MuJoCo, with the same servos and its own contact, on twelve floors; if interrupted, it goes on",
+        "walk a gait in MuJoCo, with the same servos and MuJoCo's contact, on twelve floors; an interrupted run can "
+        "be continued",
         "GAIT_crosscheck.json (one row per floor, in MuJoCo and here) and .csv",
         examples=(
             "featherstone-gait crosscheck humanoid_gait.npz",

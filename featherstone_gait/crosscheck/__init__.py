@@ -1,11 +1,11 @@
-"""A gait in another simulator: MuJoCo's bodies and contact, on twelve floors, with the servos of this package.
+"""Crosscheck of a gait in another simulator: MuJoCo's bodies and contact on twelve floors, with this package's servos.
 
     motion = read_motion("humanoid_gait.npz")
     report = crosscheck(motion, out="humanoid_gait_crosscheck")
     print(summary(report))
 
-What a search finds on one ground may walk there alone.  `docs/crosscheck.md` says how the replay was checked, and what
-today's gaits do.  MuJoCo is an extra: `pip install featherstone-gait[mjcf]`.
+A gait that was optimized on one ground may walk only there.  `docs/crosscheck.md` says how the replay was validated and
+how the stored gaits walk.  MuJoCo is an extra: `pip install featherstone-gait[mjcf]`.
 """
 
 from ..walking.motion import Motion as Motion

@@ -1,4 +1,4 @@
-"""One floor: whether a motion walks on it in MuJoCo, what that costs, and the same here on ground that sinks alike."""
+"""One floor: a motion in MuJoCo, and here on ground with the same penetration and friction."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .in_mujoco import TIMESTEP, Floor, replay, sinking, standing
 
 WARM_UP = 2  # strides before those that are measured
 STRIDES = 20
-FLOORS = {  # by name; time constants [s] from as stiff as steps of 0.5 ms and more see to MuJoCo's default
+FLOORS = {  # by name; time constants [s] from the stiffest that steps of 0.5 ms allow to MuJoCo's default
     f"{1e3 * time_constant:g}ms_{friction:g}": (time_constant, friction)
     for time_constant in (2e-3, 5e-3, 1e-2, 2e-2)
     for friction in (0.6, 0.9, 1.2)
@@ -25,18 +25,26 @@ FLOORS = {  # by name; time constants [s] from as stiff as steps of 0.5 ms and m
 
 @dataclass(frozen=True)
 class Walk:
-    """How a motion goes on one floor."""
+    """A motion's walk on one floor.
 
-    measures: Measures  # over the strides after the first two; without a cost if it fell
-    end: float  # when it fell, or had walked all strides [s]
+    Attributes
+    ----------
+    measures : Measures
+        Measures of the strides after the first two; without a cost if the robot fell.
+    end : float
+        Time at which it fell, or had walked all strides [s].
+    """
+
+    measures: Measures
+    end: float
 
     @property
     def walks(self) -> bool:
-        """Whether it walked all strides, forward."""
+        """Whether it walked all strides forward."""
         return math.isfinite(self.measures.cost)
 
     def as_dict(self) -> dict[str, float | str | bool | None]:
-        """For JSON."""
+        """Return the values for JSON."""
         keys = ("status", "cost", "speed", "stride_length", "sideways", "energy", "distance")
         found = self.measures.as_dict()
         return {"walks": self.walks, "end": round(self.end, 9)} | {key: found[key] for key in keys}
@@ -44,15 +52,25 @@ class Walk:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A motion on one floor, in MuJoCo and here."""
+    """A motion's walks on one floor, in MuJoCo and here.
+
+    Attributes
+    ----------
+    floor : Floor
+        The floor.
+    sinking : float
+        Penetration of the contact points under the robot's weight, in MuJoCo and here [m].
+    mujoco, own : Walk
+        The walks in MuJoCo and here.
+    """
 
     floor: Floor
-    sinking: float  # of the contact points under the robot's weight in MuJoCo [m], and of the ground here
+    sinking: float
     mujoco: Walk
     own: Walk
 
     def as_dict(self) -> dict:
-        """For JSON."""
+        """Return the values for JSON."""
         return asdict(self.floor) | {
             "sinking": self.sinking, "mujoco": self.mujoco.as_dict(), "own": self.own.as_dict(),
         }  # fmt: skip
@@ -65,10 +83,30 @@ def walk_on(
     strides: int = STRIDES,
     timestep: float = TIMESTEP,
 ) -> Outcome:
-    """Walk a motion on a floor of MuJoCo's and on ground of this package with its friction and sinking.
+    """Walk a motion on a floor in MuJoCo, and here on ground with the same friction and penetration.
 
-    Both with steps of `timestep` [s], here those of the midpoint rule, and with two strides before those measured.
-    Raises as `replay`, and ValueError for a robot that does not stand.
+    Parameters
+    ----------
+    scene : CompiledScene
+        The robot with its servos.
+    motion : Motion or BalancedWalk
+        The gait.
+    floor : Floor
+        The floor.
+    strides : int
+        Number of measured strides, after two others.
+    timestep : float
+        Time step of both engines [s]; here that of the midpoint rule.
+
+    Returns
+    -------
+    Outcome
+        The walks.
+
+    Raises
+    ------
+    ImportError, ValueError
+        As `replay`; ValueError for a robot that does not stand.
     """
     reference = motion.reference(WARM_UP + strides)
     angles, end = reference.values[0], motion.begin(WARM_UP + strides)

@@ -1,10 +1,10 @@
-"""A motion in MuJoCo: the robot's bodies, MuJoCo's own contact, and the servos of `servo_chain.py`.
+"""Replay of a motion in MuJoCo: the robot's bodies, MuJoCo's contact, and the servos of `servo_chain.py`.
 
 A rotor is a body of its own, a hinge at the world with the reflected inertia as armature; the gearbox is a fixed tendon
 between rotor and joint with its stiffness and damping.  A rigid gearbox is armature at the joint.  The motor acts on
-the rotor, or on the joint; ticks, lag and speeds of the controllers are those of the scene.  Teeth that meet across a
-gap take the tendon's place, as forces of the chain.  Dry friction is MuJoCo's `frictionloss`, each step as large as the
-servo's budget at the loads of the last one.
+the rotor, or on the joint; ticks, lag and speeds of the controllers are those of the scene.  Gears with
+backlash have no tendon: their tooth forces come from the chain.  Dry friction is MuJoCo's `frictionloss`, in each step
+as large as the servo's budget at the loads of the last one.
 """
 
 from __future__ import annotations
@@ -38,36 +38,48 @@ TIMESTEP = 2.5e-4  # [s]
 RADIUS = 1e-4  # of a contact point as a sphere [m]
 THICKNESS = 0.01  # of a box under a link [m]
 FLAT = 1e-6  # how far contact points may lie off the underside of one box [m]
-SETTLING = 1.0  # that a robot stands before its sinking is read [s]
+SETTLING = 1.0  # time for which a robot stands before its penetration is read [s]
 LIGHT = 1e-9, 1e-12  # mass [kg] and moments of inertia [kg m^2] of a rotor's body, beside its armature
-LEAST = 1e-9  # of a joint's dry friction [N m], with which MuJoCo keeps a constraint for it
+LEAST = 1e-9  # of a joint's dry friction [N m], so that MuJoCo keeps a constraint for it
 PREFIX = "rotor of "
 
 
 @dataclass(frozen=True)
 class Floor:
-    """A level floor in MuJoCo: solref = (time_constant, 1), MuJoCo's default solimp, elliptic cone."""
+    """A level floor in MuJoCo: solref = (time_constant, 1), MuJoCo's default solimp, elliptic cone.
 
-    time_constant: float  # [s]; MuJoCo asks for two steps or more
-    friction: float  # coefficient of sliding
-    soles: Soles = "spheres"  # "spheres": one of 0.1 mm a contact point; "boxes": one box a link, with these corners
-    impratio: float = 1.0  # how much stiffer friction is than the normal; at MuJoCo's default, 1, what sticks creeps
+    Attributes
+    ----------
+    time_constant : float
+        Time constant of the contact [s]; MuJoCo requires two steps or more.
+    friction : float
+        Coefficient of sliding friction.
+    soles : {"spheres", "boxes"}
+        A sphere of 0.1 mm at each contact point, or a box for each link with the contact points as corners.
+    impratio : float
+        Ratio of frictional to normal impedance; at MuJoCo's default of 1 sticking contacts creep.
+    """
+
+    time_constant: float
+    friction: float
+    soles: Soles = "spheres"
+    impratio: float = 1.0
 
 
 class _Machine(NamedTuple):
-    """MuJoCo's model, and where things are in it; all (n,) in the order of the robot's joints."""
+    """MuJoCo's model and the addresses in it; all arrays are (n,) in the order of the robot's joints."""
 
     m: Any
     d: Any
     q: np.ndarray  # addresses in qpos
     v: np.ndarray  # ... and in qvel
-    motor: np.ndarray  # in qvel, of what the motors turn
+    motor: np.ndarray  # in qvel, of the degrees of freedom that the motors drive
     rotor: np.ndarray | None  # in qpos, of the rotors; None where gearboxes are rigid
     gears: np.ndarray  # (n, 2) stiffness [N m/rad] and damping [N m s/rad] of the gearboxes between
-    armature: np.ndarray  # what counts with the joint, not with what turns it [kg m^2]
+    armature: np.ndarray  # that moves with the joint, not with the rotor [kg m^2]
     viscous: np.ndarray  # friction of joint and servo [N m s/rad] ...
     coulomb: np.ndarray  # ... and dry [N m]
-    loaded: bool  # whether a budget of dry friction depends on load or speed
+    loaded: bool  # whether the dry friction depends on load or speed
 
 
 def replay(
@@ -80,14 +92,38 @@ def replay(
     timestep: float = TIMESTEP,
     controller: CompiledController | None = None,
 ) -> Trajectory:
-    """Run the robot of `scene` in MuJoCo from rest at q (nq,) [m, -, rad]; return a trajectory, a sample a tick.
+    """Run a robot in MuJoCo from rest.
 
-    duration [s] in whole ticks of the scene's controllers; floor: None for none; timestep [s] must divide the tick;
-    controller: of `controller`, its function called in Python, with the channels q, qd, base_q, base_qd and base_qdd.
-    Channels: time, q, qd, torque (on the joints), current, energy (nan but for the column
-    "electrical_no_regeneration"), and of a floating base base_q and base_qd.  The status is "ok", "fell" (by the
-    scene's own rule) or "diverged"; `end_time` says when.  Raises ImportError without MuJoCo, ValueError for what the
-    replay lacks: torque laws and springs between bodies.
+    Parameters
+    ----------
+    scene : CompiledScene
+        The robot with its servos.
+    duration : float
+        Duration, rounded up to whole ticks of the controllers [s].
+    q : ndarray, shape (nq,)
+        First positions [m, -, rad].
+    reference : Reference
+        The servos' reference.
+    floor : Floor, optional
+        The floor; by default none.
+    timestep : float
+        MuJoCo's time step, which divides the tick [s].
+    controller : CompiledController, optional
+        Controller, called in Python with the channels q, qd, base_q, base_qd and base_qdd.
+
+    Returns
+    -------
+    Trajectory
+        A sample at each tick, with the channels time, q, qd, torque (on the joints), current, energy (its column
+        "electrical_no_regeneration" alone, others are nan) and, of a floating base, base_q and base_qd.  The status is
+        "ok", "fell" (by the scene's rule) or "diverged", at `end_time`.
+
+    Raises
+    ------
+    ImportError
+        Without MuJoCo.
+    ValueError
+        For torque laws and springs between bodies, which the replay lacks.
     """
     instance("scene", scene, CompiledScene, "give what compile_scene returns")
     period = scene.tick_steps * scene.timestep
@@ -120,7 +156,7 @@ def replay(
 
 
 class _Acting:
-    """A controller of one's own in this engine."""
+    """A user's controller in this engine."""
 
     def __init__(self, controller: CompiledController, scene: CompiledScene, machine: _Machine) -> None:
         if controller.writes != "reference":
@@ -132,7 +168,7 @@ class _Acting:
         self._tick, self._floating = scene.tick_steps * scene.timestep, scene.model.base == "floating"
 
     def __call__(self, k: int, reference: np.ndarray) -> np.ndarray:
-        """Return the goals of the servos at tick k (n, 2), given the reference (n, 2)."""
+        """Return the command (n, 2) at tick k for a reference (n, 2)."""
         if k % self._every == 0:
             d, machine = self._machine.d, self._machine
             seen = {"q": d.qpos[machine.q], "qd": d.qvel[machine.v]}
@@ -145,9 +181,21 @@ class _Acting:
 
 
 def standing(scene: CompiledScene, angles: np.ndarray, sinking: float) -> np.ndarray:
-    """Place the robot (nq,) upright, joints at `angles` (n,) [rad], its lowest contact at a depth in the floor [m].
+    """Return the positions of the robot standing upright with a given penetration of its lowest contact point.
 
-    First the base's place [m] and quaternion, then the angles [rad].  Raises ValueError for a scene without ground.
+    Parameters
+    ----------
+    scene : CompiledScene
+        The robot on ground.
+    angles : ndarray, shape (n,)
+        Joint angles [rad].
+    sinking : float
+        Penetration [m].
+
+    Returns
+    -------
+    ndarray, shape (nq,)
+        Position [m] and quaternion of the base, then the joint angles [rad].
     """
     if scene.ground is None:
         raise ValueError(f"{scene.model.name}: there is no ground to stand on; compile the scene with ground=Ground()")
@@ -157,10 +205,28 @@ def standing(scene: CompiledScene, angles: np.ndarray, sinking: float) -> np.nda
 
 
 def sinking(scene: CompiledScene, angles: np.ndarray, floor: Floor, *, timestep: float = TIMESTEP) -> float:
-    """How deep the robot's contact points are in MuJoCo's floor after a second of standing, in the mean [m].
+    """Measure the mean penetration of the robot's contact points in MuJoCo's floor after a second of standing.
 
-    Its servos hold `angles` (n,) [rad]; timestep: MuJoCo's [s].  Raises as `replay`, and ValueError for a robot that
-    does not stand.
+    Parameters
+    ----------
+    scene : CompiledScene
+        The robot with its servos, on ground.
+    angles : ndarray, shape (n,)
+        Joint angles that the servos hold [rad].
+    floor : Floor
+        The floor.
+    timestep : float
+        MuJoCo's time step [s].
+
+    Returns
+    -------
+    float
+        Penetration [m].
+
+    Raises
+    ------
+    ImportError, ValueError
+        As `replay`; ValueError for a robot that does not stand.
     """
     machine, chain = _machine(scene, floor, timestep), _chain(scene, timestep)
     _place(machine, chain, standing(scene, angles, 0.0))
@@ -174,7 +240,7 @@ def sinking(scene: CompiledScene, angles: np.ndarray, floor: Floor, *, timestep:
 
 
 def evaluated(reference: Reference, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values and rates (k, n) of a reference at `times` (k,) [s]."""
+    """Return values and rates (k, n) of a reference at `times` (k,) [s]."""
     knots = reference.knots()
     if knots.period:
         times = knots.times[0] + np.mod(times - knots.times[0], knots.period)
@@ -191,7 +257,7 @@ def evaluated(reference: Reference, times: np.ndarray) -> tuple[np.ndarray, np.n
 def _tick(
     machine: _Machine, chain: ServoChain, reference: np.ndarray, rate: np.ndarray, period: float, count: int
 ) -> None:
-    """One tick of the controllers and `count` steps of MuJoCo; voltages under way act when their delay is over."""
+    """Make a tick of the controllers and `count` steps of MuJoCo; voltages act when their delay is over."""
     d, h, waits = machine.d, period / count, round(chain.delay * count / period)
     if abs(waits * h - chain.delay) > 1e-9 * chain.delay:
         raise ValueError(f"timestep {h:g} s does not divide the controllers' delay of {chain.delay:g} s")
@@ -208,7 +274,7 @@ def _tick(
 
 
 def _steps(machine: _Machine, chain: ServoChain, count: int) -> None:
-    """Step MuJoCo with the motors' torques; `d.warning` shows whether it has reset a state."""
+    """Make steps of MuJoCo with the motors' torques; its warnings (a state that it resets) are in `d.warning`."""
     mujoco, d, joints, motors = _mujoco(), machine.d, machine.v, machine.motor
     speeds, applied = d.qvel, d.qfrc_applied
     with heard(mujoco, []):
@@ -226,7 +292,7 @@ def _steps(machine: _Machine, chain: ServoChain, count: int) -> None:
 
 
 def _through_gears(machine: _Machine, chain: ServoChain) -> np.ndarray:
-    """Compute the gearboxes' torques on the joints [N m]; those across a backlash are applied, tendons exert others."""
+    """Return the gearboxes' torques on the joints [N m]; apply those of gears with backlash, which have no tendon."""
     d, joints, rotors = machine.d, machine.v, machine.motor
     assert machine.rotor is not None
     e, de = d.qpos[machine.rotor] - d.qpos[machine.q], d.qvel[rotors] - d.qvel[joints]
@@ -240,9 +306,9 @@ def _through_gears(machine: _Machine, chain: ServoChain) -> np.ndarray:
 
 
 def _budget(machine: _Machine, chain: ServoChain, t_m: np.ndarray) -> np.ndarray:
-    """Compute the limit of dry friction in the next step [N m] from the torques of the mechanism in the last.
+    """Return the largest dry friction in the next step [N m], from the mechanism's load on the joints in the last.
 
-    That is t_e of A dv/dt = t_m + t_f + t_e, t_f all friction: the viscous one, and what MuJoCo's constraint gave.
+    The load is t_e of A dv/dt = t_m + t_f + t_e, t_f all friction: the viscous one, and what MuJoCo's constraint gave.
     """
     d, joints, types = machine.d, machine.v, _mujoco().mjtConstraint
     rubs = d.efc_type[: d.nefc] == types.mjCNSTR_FRICTION_DOF
@@ -265,7 +331,7 @@ def _place(machine: _Machine, chain: ServoChain, q: np.ndarray) -> None:
 
 
 def _row(scene: CompiledScene, machine: _Machine, chain: ServoChain) -> dict[str, np.ndarray]:
-    """Return what is recorded; velocities of the base have the same convention in both engines."""
+    """Return the channels of a sample; a base's velocities have the same convention in MuJoCo and here."""
     d = machine.d
     q, v = d.qpos[machine.q], d.qvel[machine.v]
     energy = np.full((len(q), ENERGIES), np.nan)
@@ -280,7 +346,7 @@ def _row(scene: CompiledScene, machine: _Machine, chain: ServoChain) -> dict[str
 
 
 def _fell(scene: CompiledScene, machine: _Machine) -> bool:
-    """Whether the center of mass is too low or the base tilted too far, as in `core/integrate/rollout.py`."""
+    """Check whether the center of mass is too low or the base tilted too far, as `core/integrate/rollout.py` does."""
     d = machine.d
     tilt = np.zeros(9)
     _mujoco().mju_quat2Mat(tilt, d.qpos[3:7])
@@ -300,12 +366,12 @@ def _mujoco() -> Any:
 
 
 def mujoco_version() -> str:
-    """Import MuJoCo; raise ImportError without it."""
+    """Return MuJoCo's version; raise ImportError without MuJoCo."""
     return str(_mujoco().__version__)
 
 
 def _servos(scene: CompiledScene) -> dict[str, Servo]:
-    """Return the servos of the moving joints; raise ValueError for what the replay does not support."""
+    """Return the servos of the moving joints; raise ValueError for what the replay lacks."""
     model = scene.model
     servos = {name: model.servos[name] for name in model.joint_names if scene.gearbox and name in model.servos}
     missing = []
@@ -358,7 +424,7 @@ def _chain(scene: CompiledScene, h: float) -> ServoChain:
 
 
 def _with_rotors(text: str, servos: dict[str, Servo]) -> str:
-    """Write the robot as MJCF with rotors, and gearboxes between them and the joints."""
+    """Add rotors, and gearboxes between them and the joints, to the robot's MJCF."""
     if not servos:
         return text
     bodies = [line for name, servo in servos.items() for line in _rotor(PREFIX + name, servo)]
@@ -380,7 +446,7 @@ def _rotor(name: str, servo: Servo) -> list[str]:
 
 
 def _gearbox(name: str, servo: Servo) -> list[str]:
-    """Between rotor and joint; nothing where teeth meet across a gap."""
+    """Return the tendon between rotor and joint; without stiffness if the gears have backlash."""
     gear, tight = servo.gearbox, servo.gearbox.backlash <= 0.0
     attributes = {"stiffness": number(gear.stiffness), "damping": number(gear.damping)} if tight else {}
     attributes["springlength"] = "0"
@@ -389,7 +455,7 @@ def _gearbox(name: str, servo: Servo) -> list[str]:
 
 
 def _lay(spec: Any, model: Model, floor: Floor, h: float) -> None:
-    """Put the floor into the specification, and under the links what touches it."""
+    """Add the floor to the specification, and the geoms that touch it to the links."""
     one_of("floor: soles", floor.soles, SOLES)
     time_constant = real("floor: time_constant", floor.time_constant, 2.0 * h, 1.0, "MuJoCo asks for two steps or more")
     friction = real("floor: friction", floor.friction, 0.0, 100.0, "1 is rubber")
@@ -413,12 +479,12 @@ def _lay(spec: Any, model: Model, floor: Floor, h: float) -> None:
 
 
 def soles_of(model: Model) -> tuple[Soles, ...]:
-    """Return the kinds that a robot's feet can have: boxes if the contact points of each link span a plane."""
+    """Return the possible kinds of soles: boxes only if the contact points of each link lie in a plane."""
     return SOLES if all(_plane(points) is not None for points in _of_links(model).values()) else ("spheres",)
 
 
 def _of_links(model: Model) -> dict[str, list[ContactPoint]]:
-    """Contact points by link."""
+    """Return the contact points by link."""
     found: dict[str, list[ContactPoint]] = {}
     for point in model.contacts:
         found.setdefault(point.link, []).append(point)
@@ -449,9 +515,9 @@ def _plane(points: Sequence[ContactPoint]) -> np.ndarray | None:
 
 
 def _box(link: Link, contacts: Sequence[ContactPoint]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Half sizes (3,) and center (3,) [m] and orientation (4,) of a box on whose underside contact points touch.
+    """Return half sizes (3,) and center (3,) [m] and orientation (4,) of a box with contact points on its underside.
 
-    Its other sides are along the link's axes, as far as the underside lets them.
+    Its other sides are along the link's axes, as far as the underside allows.
     """
     normal = _plane(contacts)
     if normal is None:

@@ -1,4 +1,4 @@
-"""A motion on many floors, in processes; finished floors are kept in a file, from which a second start goes on."""
+"""A motion on many floors, in several processes; finished floors are kept in a file, so that a run can be continued."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MEASURES = {"walks": "walks", "end": "end_s", "cost": "cost_J_per_m", "speed": "
 
 @dataclass(frozen=True)
 class _Task:
-    """One floor, told so that another process can work on it."""
+    """The work on one floor, for another process."""
 
     floor: str
     soles: str
@@ -59,19 +59,49 @@ def crosscheck(
     processes: int = 1,
     progress: bool = False,
 ) -> dict[str, Any]:
-    """Walk a motion, with feedback or without, in MuJoCo on floors, and here; return settings and a row a floor.
+    """Walk a motion on floors in MuJoCo, and here.
 
-    They are as the JSON file holds them.
+    With several processes a script must be guarded by ``if __name__ == "__main__"``, as `multiprocessing` requires.
 
-    robot: a model, or as of `load_robot`, of "humanoid" the simplified one; servo: as of `load_servo`, in place of its
-    own; floors: names of `FLOORS`, None for all twelve; soles: "spheres", "boxes" or both, None for those that its feet
-    can have, which are spheres alone where a link's contact points span no plane; timestep: of both engines [s]; out:
-    path of the files without an ending, a .json and a .csv, None for none.  Floors that are in the .json with the same
-    settings are not walked again.
+    Parameters
+    ----------
+    motion : Motion or BalancedWalk
+        The gait, with feedback or without.
+    robot : Model, str or path
+        A model, or a robot as in `load_robot`; "humanoid" is the simplified one.
+    gearbox : {"mipsd", "rotor", "standard"}
+        Gearbox model.
+    servo : str, path or None
+        Servo in place of the robot's own, as in `load_servo`.
+    floors : iterable of str, optional
+        Names of `FLOORS`; by default all twelve.
+    soles : iterable of {"spheres", "boxes"}, optional
+        Shapes of the soles; by default all that the feet can have.
+    strides : int
+        Number of measured strides.
+    timestep : float
+        Time step of both engines [s].
+    out : path, optional
+        Path of the files (.json, .csv) without an ending.  Floors that are in the .json with the same settings are not
+        walked again.
+    processes : int
+        Number of processes.
+    progress : bool
+        Whether to show a progress bar.
 
-    With more processes than one a script must be guarded by `if __name__ == "__main__"`, as `multiprocessing` asks.
-    Raises ImportError without MuJoCo; ValueError for unknown names, for what `replay` lacks, for a robot that does not
-    stand and for a damaged file in `out`; OSError if a file cannot be written or a process is lost.
+    Returns
+    -------
+    dict
+        Settings and a row for each floor, as in the JSON file.
+
+    Raises
+    ------
+    ImportError
+        Without MuJoCo.
+    ValueError
+        For unknown names, for what `replay` lacks, for a robot that does not stand and for a damaged file in `out`.
+    OSError
+        If a file cannot be written or a process is lost.
     """
     instance("motion", motion, (Motion, BalancedWalk), "give what read_motion, motion_of or balanced returns")
     model = robot if isinstance(robot, Model) else load_walker(robot)
@@ -84,7 +114,7 @@ def crosscheck(
     strides = whole("strides", strides, 1, "give the strides to measure", 10**6)
     processes = whole("processes", processes, 1, "give the number of processes", 1024)
     settings = {
-        "motion": motion.digest(), "robot": _told(model), "servos": gearbox,
+        "motion": motion.digest(), "robot": _fingerprint(model), "servos": gearbox,
         "servo": None if servo is None else str(servo), "strides": strides, "warm_up": WARM_UP, "timestep": timestep,
         "version": __version__, "mujoco": mujoco_version(),
     }  # fmt: skip
@@ -101,7 +131,7 @@ def crosscheck(
 
 
 def _evaluated(tasks: list[_Task], processes: int) -> Iterator[dict]:
-    """Rows in order of completion.  No task waits in a process, so that an interrupt ends those at work alone."""
+    """Yield rows in order of completion; no task waits in a process, so that an interrupt only ends running ones."""
     if processes == 1 or len(tasks) < 2:
         yield from map(_row, tasks)
         return
@@ -114,7 +144,7 @@ def _evaluated(tasks: list[_Task], processes: int) -> Iterator[dict]:
                 running |= {pool.submit(_row, task) for task in islice(waiting, len(done))}
                 yield from (future.result() for future in done)
         except BrokenExecutor as error:
-            raise OSError("a process of the crosscheck ended unexpectedly; start it again to go on") from error
+            raise OSError("a process of the crosscheck ended unexpectedly; start it again to continue") from error
 
 
 def _row(task: _Task) -> dict:
@@ -124,14 +154,25 @@ def _row(task: _Task) -> dict:
     return {"floor": task.floor} | walk_on(scene, task.motion, floor, task.strides, task.timestep).as_dict()
 
 
-def _told(model: Model) -> str:
-    """Name and digest of what of a robot moves and touches: which one a file of rows is of."""
+def _fingerprint(model: Model) -> str:
+    """Return name and digest of a robot, which identify it in a file."""
     parts = (model.links, model.joints, model.base, dict(model.held), dict(model.servos), model.contacts, model.supply)
     return f"{model.name} {hashlib.sha256(repr(parts).encode()).hexdigest()[:16]}"
 
 
 def summary(report: dict[str, Any]) -> str:
-    """Format the rows as a table, and on how many floors the gait walks; report: what `crosscheck` returns."""
+    """Format a report as a table with a verdict.
+
+    Parameters
+    ----------
+    report : dict
+        What `crosscheck` returns.
+
+    Returns
+    -------
+    str
+        Lines of text.
+    """
     rows = report["floors"]
     lines = [
         f"{'':10} {'':8} {'sinks':>7} | {'MuJoCo':>8} {'':>6} {'':>6} | {'here':>8} {'':>6} {'':>6}",
@@ -152,7 +193,18 @@ def _cells(walk: dict[str, Any]) -> str:
 
 
 def verdict(report: dict[str, Any]) -> str:
-    """One sentence: on how many floors, at which cost, in MuJoCo and here; report: what `crosscheck` returns."""
+    """Say on how many floors a gait walks and at which cost, in MuJoCo and here.
+
+    Parameters
+    ----------
+    report : dict
+        What `crosscheck` returns.
+
+    Returns
+    -------
+    str
+        A sentence.
+    """
     parts = []
     for engine, name in (("mujoco", "in MuJoCo"), ("own", "here, on ground that sinks alike,")):
         costs = [row[engine]["cost"] for row in report["floors"] if row[engine]["walks"]]
@@ -166,13 +218,13 @@ def verdict(report: dict[str, Any]) -> str:
 
 
 def files(out: FilePath) -> tuple[Path, Path]:
-    """Write the JSON file and the CSV."""
+    """Return the paths of the JSON file and the CSV."""
     path = Path(out)
     return path.with_name(path.name + ".json"), path.with_name(path.name + ".csv")
 
 
 def _kept(out: FilePath | None, settings: dict[str, Any]) -> dict[tuple[str, str], dict]:
-    """Rows that an earlier start with these settings has written, by floor and soles."""
+    """Read the rows of an earlier run with these settings, by floor and soles."""
     if out is None or not files(out)[0].exists():
         return {}
     found = read_json(files(out)[0], REPORT)

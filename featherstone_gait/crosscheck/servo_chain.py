@@ -1,9 +1,9 @@
-"""The servos once more, in NumPy and for another engine: controller, firmware, supply, motor, teeth, friction, meter.
+"""The servos in NumPy, for another engine: controller, firmware, supply, motor, backlash, friction, energy meter.
 
-Written from the equations, not from the kernels (`core/effects`), so that one is a check on the other.  The engine has
-the rest: rotor, gearbox spring, viscous friction, and dry friction up to the budget that it is told.  Between two steps
+Written from the equations, not from the kernels (`core/effects`), so that each checks the other.  The engine has the
+rest: rotor, gearbox spring, viscous friction, and dry friction up to a given budget.  Between two steps
 of the engine the motor turns at the speed of the step's start; its current is then exact, L dI/dt = V - K w - R I with
-limits on the current and on its rate.  Teeth across a gap and budgets take the loads at the step's start too.
+limits on the current and on its rate.  Backlash and friction budgets use the loads at the step's start too.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ GENTLE = 1e-5  # what dry friction's slope times the step may be here [kg m^2]: 
 
 
 def is_gentle(servo: Servo, h: float) -> bool:
-    """Whether dry friction grows from rest so slowly that an explicit step h [s] sees it; else it is the engine's."""
+    """Return whether dry friction grows from rest slowly enough for an explicit step h [s]; else the engine has it."""
     gentle = 0.0 < servo.coulomb_friction * h <= GENTLE * servo.stick_speed
     return gentle and not depends_on_load_or_speed(servo.gearbox)
 
@@ -75,9 +75,9 @@ class ServoChain:
     def tick(
         self, reference: np.ndarray, rate: np.ndarray, angle: np.ndarray, motor_speed: np.ndarray, period: float
     ) -> None:
-        """Work out voltages from references [rad], their rates [rad/s] and the joints' angles [rad].
+        """Compute voltages from references [rad], their rates [rad/s] and the joint angles [rad].
 
-        They act at once, or wait for `arrive`.  motor_speed: at the output [rad/s].
+        They act at once, or at `arrive`.  motor_speed: at the output [rad/s].
         """
         counts = np.round(angle / np.where(self.exact, 1.0, self.resolution))
         seen = np.where(self.exact, angle, counts * self.resolution)
@@ -104,11 +104,11 @@ class ServoChain:
             self._apply(u, motor_speed)
 
     def arrive(self, motor_speed: np.ndarray) -> None:
-        """Apply the oldest waiting voltages; motor_speed: at the output [rad/s]."""
+        """Apply the oldest delayed voltages; motor_speed: at the output [rad/s]."""
         self._apply(self.waiting.pop(0), motor_speed)
 
     def _apply(self, u: np.ndarray, motor_speed: np.ndarray) -> None:
-        """Voltages u [V] at the nominal supply, as the source gives them: V0 - R_s sum_j d_j I_j, steady currents."""
+        """Apply voltages u [V] of the nominal supply; the source yields V0 - R_s sum_j d_j I_j, steady currents."""
         self.voltage = u
         if self.supply is None:
             return
@@ -124,7 +124,7 @@ class ServoChain:
         self.voltage = duty * max(V, 0.0)
 
     def step(self, motor_speed: np.ndarray) -> np.ndarray:
-        """Move the currents on by h at the motors' speed, at the output [rad/s]; their mean torque [N m]."""
+        """Advance the currents by h at the motors' speed, at the output [rad/s]; return their mean torque [N m]."""
         before = self.current
         steady = (self.voltage - self.K * motor_speed) / self.R
         free = steady + self.left * (before - steady)
@@ -137,16 +137,16 @@ class ServoChain:
         return self.K * mean
 
     def friction(self, speed: np.ndarray) -> np.ndarray:
-        """Dry friction on the joints at their speed [N m], of those where it is gentle."""
+        """Return the dry friction on the joints [N m] where it is gentle."""
         return -self.dry * _clamped(speed / self.stick_speed, -1.0, 1.0)
 
     def filter(self, speed: np.ndarray) -> None:
-        """Move the filtered speed to the step's end, where the joints have this speed."""
+        """Advance the filtered speed to the step's end, where the joints have this speed."""
         self.filtered = speed + self.filtering * (self.filtered - speed)
 
 
 class _Teeth:
-    """Gear trains: what pushes across a gap, and what rubs the more the more is driven."""
+    """Gear trains: tooth forces across the backlash, and load-dependent friction."""
 
     def __init__(self, column: Callable[..., np.ndarray]) -> None:
         def of(name: str, without: float = 0.0) -> np.ndarray:
@@ -162,15 +162,15 @@ class _Teeth:
         self.v_s, self.alpha = of("stribeck_speed", 1.0), of("stribeck_exponent", 1.0)
 
     def torque(self, e: np.ndarray, de: np.ndarray) -> np.ndarray:
-        """Of teeth that meet across a gap, on the joints [N m]; e: rotor less joint [rad]."""
+        """Return the tooth forces across the backlash as torques on the joints [N m]; e: rotor less joint [rad]."""
         depth = np.maximum(np.abs(e) - self.gap, 0.0)
         push = np.where(depth > 0.0, np.where(self.loose, self.K, 0.0), 0.0) * depth
         return np.sign(e) * push * np.maximum(1.0 + self.d * de * np.sign(e), 0.0)
 
     def budget(self, speed: np.ndarray, t_m: np.ndarray, t_e: np.ndarray) -> np.ndarray:
-        """Compute the limit of dry friction beyond Coulomb's [N m], models M2 to M6 (core/effects/gear_friction.py).
+        """Return the largest dry friction beyond Coulomb's [N m], models M2 to M6 (core/effects/gear_friction.py).
 
-        t_m drives the joints, t_e is what the mechanism does to them [N m].
+        t_m drives the joints, t_e is the mechanism's load on them [N m].
         """
         S = np.exp(-((np.abs(speed) / self.v_s) ** self.alpha))
         share = np.minimum(1.0, SLIDING / np.maximum(self.K_e + S * self.K_es, SLIDING))
@@ -183,5 +183,5 @@ class _Teeth:
 
 
 def _clamped(x: np.ndarray, low: np.ndarray | float, high: np.ndarray | float) -> np.ndarray:
-    """As np.clip, in half its time for few numbers."""
+    """Clip like np.clip, in half its time for few numbers."""
     return np.minimum(np.maximum(x, low), high)

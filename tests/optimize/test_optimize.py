@@ -392,6 +392,14 @@ def test_a_robot_without_two_soles_is_refused(tmp_path):
         main_job("arm7", OptimizeOptions(out=tmp_path, progress=False))
 
 
+def test_keywords_of_the_first_version_work_with_a_warning(tmp_path):
+    with (
+        pytest.warns(DeprecationWarning, match="OptimizeOptions"),
+        pytest.raises(ValueError, match="ground without contact points"),
+    ):
+        main_job("arm7", servos="rotor", unseen=0, fair=False, out=tmp_path, progress=False)
+
+
 @pytest.mark.long
 def test_the_job_walks_its_gait_in_mujoco_if_asked(tmp_path, monkeypatch, capsys):
     """On two floors here: the twelve take minutes."""
