@@ -130,7 +130,8 @@ def solver() -> Iterable[Row]:
     full, planned = solver_scatter.FULL, _plain("stride")
     for servos in solver_scatter.SERVOS:
         for step, sweeps, runs in ((1e-3, 10, full.runs), (2e-3, 10, full.runs), (1e-3, 0, 2)):
-            _, found = solver_scatter.walk(full, planned, solver_scatter.SolverCase(servos, step, iterations=sweeps), runs)
+            case = solver_scatter.SolverCase(servos, step, iterations=sweeps)
+            _, found = solver_scatter.walk(full, planned, case, runs)
             scatter = {"fell": found.fell, "cycle": found.cycle, "repeat": found.repeat, "run": found.run}
             yield {"servos": servos, "step_s": step, "sweeps": sweeps, "precision": "single", "runs": runs, **scatter}
         nudged = {"fell": "", "cycle": "", "repeat": solver_scatter.nudge(full, planned, servos), "run": ""}
