@@ -392,7 +392,22 @@ def spring_energy(model: Model, springs: Sequence[Spring], q: ArrayLike) -> np.n
 
 
 def spring_vectors(model: Model, springs: Sequence[Spring], q: ArrayLike) -> np.ndarray:
-    """Compute the vectors from point a to point b of each spring, (springs, 3) or (n, springs, 3) in world axes [m]."""
+    """Compute the vectors from point a to point b of springs between links.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    springs : sequence of Spring
+        The springs.
+    q : array_like
+        Positions (nq,) or (n, nq) [m, -, rad or m].
+
+    Returns
+    -------
+    numpy.ndarray
+        Vectors (springs, 3) or (n, springs, 3) in world axes [m].
+    """
     check_model(model)
     check_springs(model.links, springs)
     poses = forward_kinematics(model, q)
@@ -427,14 +442,41 @@ def contact_positions(model: Model, q: ArrayLike) -> np.ndarray:
 
 
 def contact_positions_at(model: Model, poses: Poses) -> np.ndarray:
-    """Compute `contact_positions` for poses that are known."""
+    """Compute `contact_positions` for poses that are known.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    poses : Poses
+        Poses of all links.
+
+    Returns
+    -------
+    numpy.ndarray
+        Positions (..., points, 3) [m].
+    """
     return deepest_points(model, poses, (0.0, 0.0, 1.0))
 
 
 def deepest_points(model: Model, poses: Poses, normal: ArrayLike, links: Sequence[str] | None = None) -> np.ndarray:
-    """Compute where each contact reaches deepest against a normal, (3,) or one for each (..., points, 3).
+    """Compute where each contact reaches deepest against a normal (`core/effects/touch.py`).
 
-    links: whose poses these are, in their order; None for all of the model.  See `core/effects/touch.py`.
+    Parameters
+    ----------
+    model : Model
+        The robot.
+    poses : Poses
+        Poses of links.
+    normal : array_like
+        Normal (3,), or one for each point (..., points, 3).
+    links : sequence of str, optional
+        Names of the links of the poses, in their order; None for all of the model.
+
+    Returns
+    -------
+    numpy.ndarray
+        Positions (..., points, 3) in the world [m].
     """
     links = _names(model) if links is None else links
     points = _points(links, poses, [(point.link, point.position) for point in model.contacts])
@@ -487,7 +529,23 @@ def _arguments(model: Model, **arrays: ArrayLike) -> dict[str, np.ndarray]:
 
 
 def check_model(model: Model) -> Model:
-    """Return the model; raise TypeError unless it is one."""
+    """Check that an argument is a model.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+
+    Returns
+    -------
+    Model
+        The same.
+
+    Raises
+    ------
+    TypeError
+        For anything else.
+    """
     instance("model", model, Model, "give what load_robot returns")
     return model
 

@@ -18,11 +18,21 @@ from .links import Joint, Link
 
 
 class Placement(NamedTuple):
-    """Where a link sits: the body that carries it and the link's frame in that body's frame."""
+    """Where a link sits: the body that carries it and the link's frame in that body's frame.
 
-    row: int  # of the body; 0 is the world or the floating base
-    E: np.ndarray  # (3, 3) rotation link -> body frame
-    r: np.ndarray  # (3,) origin of the link frame in the body frame [m]
+    Attributes
+    ----------
+    row : int
+        Row of the body; 0 is the world or the floating base.
+    E : numpy.ndarray
+        Rotation (3, 3) link -> body.
+    r : numpy.ndarray
+        Origin (3,) of the link's frame in the body's frame [m].
+    """
+
+    row: int
+    E: np.ndarray
+    r: np.ndarray
 
 
 class Frame(NamedTuple):
@@ -35,13 +45,27 @@ class Frame(NamedTuple):
 
 
 class RigidBody(NamedTuple):
-    """Links that move as one, and their mass properties together, in the body's frame."""
+    """Links that move as one, and their mass properties together, in the body's frame.
+
+    Attributes
+    ----------
+    frame : Frame
+        Frame of the body in that of its parent.
+    links : tuple of str
+        Names of the links, the joint's child first.
+    mass : float
+        Mass [kg].
+    center : numpy.ndarray
+        Center of mass (3,) [m].
+    inertia : numpy.ndarray
+        Inertia (3, 3) about the center of mass [kg m^2].
+    """
 
     frame: Frame
-    links: tuple[str, ...]  # the joint's child first
-    mass: float  # [kg]
-    center: np.ndarray  # (3,) center of mass [m]
-    inertia: np.ndarray  # (3, 3) about the center of mass [kg m^2]
+    links: tuple[str, ...]
+    mass: float
+    center: np.ndarray
+    inertia: np.ndarray
 
 
 def depth_first_joints(root: str, joints: Sequence[Joint]) -> list[Joint]:
@@ -132,7 +156,18 @@ def turned(E: np.ndarray, inertia: np.ndarray) -> np.ndarray:
 
 
 def inertia_matrix(inertia: tuple[float, ...]) -> np.ndarray:
-    """Return the symmetric matrix (3, 3) of ixx ixy ixz iyy iyz izz [kg m^2]."""
+    """Return the matrix of an inertia.
+
+    Parameters
+    ----------
+    inertia : tuple of float
+        ixx, ixy, ixz, iyy, iyz, izz [kg m^2].
+
+    Returns
+    -------
+    numpy.ndarray
+        Symmetric matrix (3, 3) [kg m^2].
+    """
     xx, xy, xz, yy, yz, zz = inertia
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 

@@ -369,14 +369,35 @@ _TABLES = ("locked", "servos", "keyframes")
 
 
 def rigid_bodies(model: Model) -> tuple[list[RigidBody], dict[str, Placement]]:
-    """Merge links that fixed and held joints connect: return the bodies, and the place of every link.
+    """Merge links that fixed and held joints connect.
 
-    First comes the root's body, then one for each moving joint, depth first: parents before children, chains in one
-    piece.
+    Parameters
+    ----------
+    model : Model
+        The robot.
+
+    Returns
+    -------
+    bodies : list of RigidBody
+        First the root's body, then one for each moving joint, depth first: parents before children, chains in one
+        piece.
+    placements : dict of str to Placement
+        The place of every link, by name.
     """
     return model._merged
 
 
 def depth_first(model: Model) -> list[Joint]:
-    """Return the joints, a parent's before its children's and each chain in one piece; children in file order."""
+    """Order the joints depth first: a parent's before its children's, each chain in one piece.
+
+    Parameters
+    ----------
+    model : Model
+        The robot.
+
+    Returns
+    -------
+    list of Joint
+        The joints; children of a link in file order.
+    """
     return depth_first_joints(model.root, model.joints)

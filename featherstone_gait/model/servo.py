@@ -77,7 +77,18 @@ class Gearbox:
 
 
 def depends_on_load_or_speed(gearbox: Gearbox) -> bool:
-    """Return whether the gearbox has dry friction beyond Coulomb's (models M2 to M6)."""
+    """Return whether a gearbox has dry friction beyond Coulomb's (models M2 to M6).
+
+    Parameters
+    ----------
+    gearbox : Gearbox
+        The gearbox.
+
+    Returns
+    -------
+    bool
+        Whether its friction depends on load or speed.
+    """
     loads = (gearbox.external_load_friction, gearbox.motor_load_friction, gearbox.load_product_friction)
     slow = (gearbox.stribeck_friction, gearbox.stribeck_external_load, gearbox.stribeck_motor_load)
     return any((*loads, *slow, gearbox.quadratic_external_load, gearbox.quadratic_motor_load))
