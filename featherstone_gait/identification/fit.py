@@ -122,7 +122,7 @@ def identify(
     recordings : sequence of Recording
     parameters : sequence of str
         Fields of `Servo`, `Controller` or `Gearbox` to fit, see `SERVO_UNITS`; the others are known.
-    servos : str
+    gearbox : str
         Gearbox model; "mipsd" is the motor inertia plus spring-damper.
     confidence : float
         Probability of the intervals.
@@ -227,7 +227,7 @@ def predict(
     recordings : sequence of Recording
     starts : sequence of float, optional
         First angles [rad]; by default the recorded ones.
-    servos : str
+    gearbox : str
         Gearbox model.
     timestep : float
         Of the midpoint rule [s].
@@ -271,7 +271,7 @@ def prediction_error(model: Model, recordings: Sequence[Recording], gearbox: Gea
     ----------
     model : Model
     recordings : sequence of Recording
-    servos : str
+    gearbox : str
         Gearbox model.
 
     Returns

@@ -25,12 +25,36 @@ ARRAYS = Format("gait arrays")  # written by featherstone-gait optimize
 
 
 def write_angles(path: FilePath, times: np.ndarray, angles: np.ndarray, joint_names: Sequence[str]) -> None:
-    """Write `angles` (n, nj) [rad] at `times` (n,) [s] as CSV in degrees, with all digits."""
+    """Write joint angles as CSV in degrees, with all digits.
+
+    Parameters
+    ----------
+    path : str or path
+        Path of the file.
+    times : numpy.ndarray
+        Times (n,) [s].
+    angles : numpy.ndarray
+        Joint angles (n, nj) [rad].
+    joint_names : sequence of str
+        Names of the joints (nj).
+    """
     _write(path, ANGLES, times, np.degrees(floats("angles", angles)), joint_names)
 
 
 def write_goal_positions(path: FilePath, times: np.ndarray, angles: np.ndarray, joint_names: Sequence[str]) -> None:
-    """Write `angles` (n, nj) [rad] at `times` (n,) [s] as CSV of AX-12 goal positions.  Raises as `goal_positions`."""
+    """Write joint angles as CSV of AX-12 goal positions; raises as `goal_positions`.
+
+    Parameters
+    ----------
+    path : str or path
+        Path of the file.
+    times : numpy.ndarray
+        Times (n,) [s].
+    angles : numpy.ndarray
+        Joint angles (n, nj) [rad].
+    joint_names : sequence of str
+        Names of the joints (nj).
+    """
     _write(path, GOAL_POSITIONS, times, goal_positions(angles, joint_names), joint_names)
 
 
@@ -61,11 +85,29 @@ def angles_of_goal_positions(counts: ArrayLike) -> np.ndarray:
 def read_angles(
     path: FilePath, joint_names: Sequence[str] | None = None
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Read a CSV of `write_angles`; return times (n,) [s], angles (n, nj) [rad] and the joint names.
+    """Read a CSV file of `write_angles`.
 
-    With `joint_names` the columns must be these, and come back in their order.  Raises ValueError, naming file, line
-    and column, for a missing, doubled or unknown column, a row of the wrong length, a value that is not a finite number
-    or is beyond one turn, times that do not increase, or a format that this version does not read.
+    Parameters
+    ----------
+    path : str or path
+        Path of the file.
+    joint_names : sequence of str, optional
+        Names that the columns must have; the columns are returned in this order.
+
+    Returns
+    -------
+    times : numpy.ndarray
+        Times (n,) [s].
+    angles : numpy.ndarray
+        Joint angles (n, nj) [rad].
+    joint_names : tuple of str
+        Names of the joints.
+
+    Raises
+    ------
+    ValueError
+        For a missing, doubled or unknown column, a row of the wrong length, a value that is not a finite number or is
+        beyond one turn, times that do not increase, or an unknown format; the message names file, line and column.
     """
     path = path_of("path", path)
     joint_names = None if joint_names is None else texts("joint_names", joint_names)

@@ -3,10 +3,12 @@
 import ast
 import functools
 import importlib
+import inspect
 import pkgutil
 import re
 import subprocess
 import sys
+from dataclasses import is_dataclass
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -222,3 +224,41 @@ def test_no_file_names_a_place_on_some_machine(folder):
     texts = [path for path in folder.rglob("*") if path.suffix in (".py", ".toml", ".urdf", ".md")]
     assert texts
     assert [path.name for path in texts if place.search(path.read_text("utf-8"))] == []
+
+
+def public_names():
+    """What the package and its rooms hand out (`__all__`), each once."""
+    rooms = [module for module, path in MODULES.items() if path.name == "__init__.py"]
+    outer = [f"featherstone_gait.{room}" for room in ("core", "benchmark", "reproduction", "experiments", "cli")]
+    found = {}
+    for room in (importlib.import_module(name) for name in rooms if not within(name, *outer)):
+        for name in vars(room).get("__all__", ()):
+            found.setdefault(id(getattr(room, name)), getattr(room, name))
+    return [thing for thing in found.values() if inspect.isfunction(thing) or inspect.isclass(thing)]
+
+
+def undocumented(thing):
+    """Sections that a public name's docstring lacks, and arguments that it does not name."""
+    text, lacking = inspect.getdoc(thing) or "", []
+    sections = set(re.findall(r"(?m)^(\w+)\n-{3,}$", text))
+    if inspect.isclass(thing):
+        record = is_dataclass(thing) or hasattr(thing, "_fields")
+        return ["Attributes"] if record and not sections & {"Attributes", "Parameters"} else []
+    signature = inspect.signature(thing)
+    if signature.parameters and "Parameters" not in sections:
+        lacking.append("Parameters")
+    elif signature.parameters:
+        stated = re.findall(r"(?m)^((?:\*{0,2}\w+, )*\*{0,2}\w+)(?= :|$)", text)
+        named = {name.strip("* ") for line in stated for name in line.split(",")}
+        lacking += [name for name in signature.parameters if name not in named]
+    if signature.return_annotation not in (None, "None") and not sections & {"Returns", "Yields"}:
+        lacking.append("Returns")
+    return lacking
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_public_names_state_parameters_results_and_attributes():
+    """In numpydoc sections; ruff's D rules see to the rest."""
+    lacking = {f"{thing.__module__}.{thing.__qualname__}": undocumented(thing) for thing in public_names()}
+    assert len(lacking) > 150
+    assert {name: sections for name, sections in lacking.items() if sections} == {}
