@@ -127,9 +127,9 @@ def run(out_dir: Path, full: bool = False) -> list[Line]:
     out_dir, repeats, host = Path(out_dir), REPEATS_FULL if full else REPEATS, machine()
     print(host)
     robots = [load_robot("arm7_spatial"), load_robot("humanoid", locked={}), *map(chain, LENGTHS)]
+    bar = tqdm(robots, "forward dynamics", disable=None)
+    speeds = [row for model in bar for row in forward_dynamics(model, repeats)]
     with quick_mujoco():
-        bar = tqdm(robots, "forward dynamics", disable=None)
-        speeds = [row for model in bar for row in forward_dynamics(model, repeats)]
         speeds += [chain_step(links, repeats) for links in tqdm(LENGTHS, "chains", disable=None)]
         for problem in humanoids():
             speeds += [row for integrator in FIXED for row in _own_steps(problem, integrator, repeats)]
