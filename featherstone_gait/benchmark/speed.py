@@ -4,8 +4,8 @@ ABA, RNEA and CRBA run inside compiled loops, on one state in float64 and on eig
 time of a pass).  Where they are installed, MuJoCo's `mj_forward` and Pinocchio's `aba` get the same URDF and state,
 without contact, limits and friction, through a Python loop.  A call of `mj_forward` from Python costs some 0.1 us,
 which is not subtracted; that of `aba` is measured on a robot of no joints and subtracted.  The clock of MuJoCo's Python
-package, which would cost another 0.6 us a call, is switched off.  All are timed in turn in one process, by CPU time, and
-medians are compared.  Chains are those of the arm `arm7_spatial`, prolonged.
+package, which would cost another 0.6 us a call, is switched off.  All are timed in turn in one process, and
+medians of CPU time are compared.  Chains are those of the arm `arm7_spatial`, prolonged.
 
 A second table holds whole steps: scenes of `precision` by the midpoint rule at 1 ms, one run in float64, eight to a
 vector, and as many vectors as there are cores, each beside the error of that step.
