@@ -93,9 +93,9 @@ def add_command(
     writes: which files; examples: lines of a shell; takes: how long; unasked: whether files are written without --out.
     """
     lasts = f"\n\nTakes {takes}." if takes else ""
-    told = f"{does[0].upper()}{does[1:]}.\n\nWrites {writes}.{lasts}"
+    description = f"{does[0].upper()}{does[1:]}.\n\nWrites {writes}.{lasts}"
     shown = "\n".join(["examples:", *(f"  {line}" for line in examples)]) if examples else None
-    parser = commands.add_parser(name, help=brief(does), description=told, epilog=shown, formatter_class=Help)
+    parser = commands.add_parser(name, help=brief(does), description=description, epilog=shown, formatter_class=Help)
     where = "output folder (default: the current one)" if unasked else "output folder; without it nothing is written"
     parser.add_argument("--out", type=Path, default=Path() if unasked else None, metavar="DIR", help=where)
     parser.set_defaults(run=run, command=parser)

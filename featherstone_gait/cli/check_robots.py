@@ -36,7 +36,7 @@ class Row(NamedTuple):
 def add(commands: Commands) -> None:
     """Register the command."""
     does = (
-        "load all robots below a folder, and simulate a second of each; their joints are limp, and they start at rest"
+        "load all robots below a folder, and simulate a second of each; from rest, without torques at the joints"
     )
     examples = (
         "featherstone-gait check-robots my_robots",

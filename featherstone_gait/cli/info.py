@@ -167,7 +167,7 @@ def _choice_table(model: Model, scene: CompiledScene) -> list[str]:
         limit = f"{1e3 * largest:.3g} ms, {worst.joint}: {worst.cause}" if worst is not None else "any"
         steps = "" if each.adaptive else f", {1e3 * each.timestep:g} ms"
         rows.append(((kind or "none") + " *" * (kind == usual), limit, each.integrator + steps))
-    return [*table(("servos", "explicit steps up to", "integrator"), rows), "* where `simulate` is told nothing else"]
+    return [*table(("servos", "explicit steps up to", "integrator"), rows), "* default of `simulate`"]
 
 
 def _filled(lines: Iterable[str]) -> list[str]:

@@ -90,9 +90,9 @@ def _listed(sheets: dict[str, ServoSheet], voltage: float | None) -> list[str]:
 
 def _shown(name: str, sheet: ServoSheet, voltage: float | None) -> list[str]:
     """Format a servo's figures at its voltage and at those of its manual, or at the voltage given."""
-    told = {"product": sheet.product, "numbers": sheet.source, "quality": sheet.quality, "manual": sheet.manual_source}
+    texts = {"product": sheet.product, "numbers": sheet.source, "quality": sheet.quality, "manual": sheet.manual_source}
     lines = ["", name]
-    for what, text in told.items():
+    for what, text in texts.items():
         lines += [fill(f"  {what:8} {text}", LINE, subsequent_indent=" " * 11, break_long_words=False)] if text else []
     points = {point.voltage: point for point in sheet.manual}
     voltages = [_curve(name, voltage).voltage, *(() if voltage is not None else points)]

@@ -247,9 +247,9 @@ def _check_gltf(path: Path, data: bytes) -> None:
     binary = data[:4] == b"glTF"  # a header of 12 bytes, then the first chunk: length, "JSON", text
     text = data[20 : 20 + int.from_bytes(data[12:16], "little")] if binary else data
     try:
-        told = json.loads(text)
-        needed = [name for name in told.get("extensionsRequired", ()) if not name.startswith(LOOKS)]
-        without = sum("bufferView" not in accessor for accessor in told.get("accessors", ()))
+        content = json.loads(text)
+        needed = [name for name in content.get("extensionsRequired", ()) if not name.startswith(LOOKS)]
+        without = sum("bufferView" not in accessor for accessor in content.get("accessors", ()))
     except (ValueError, AttributeError, TypeError, RecursionError) as error:
         raise ValueError(f"{path}: cannot be read as glTF: {error}; export the mesh again") from error
     if needed or without:

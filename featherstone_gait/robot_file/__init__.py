@@ -24,7 +24,7 @@ can touch the ground and named sets of locked joints and postures::
     base = [0.0, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0]                           # x y z and quaternion, of a floating base
     joints.left_knee = 0.8
 
-    [locked.default]                     # held unless load_robot is told otherwise
+    [locked.default]                     # locked by default
     [locked.simplified]                  # load_robot(..., locked="simplified")
     left_elbow_deg = 45.0
 
