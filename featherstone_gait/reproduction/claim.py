@@ -6,9 +6,10 @@ import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from textwrap import fill
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np
 
 Verdict = Literal["reproduced", "reproduced in direction", "not reproduced", "undecided"]
 ANSWERS: dict[Verdict, str] = {  # of a finding of our own, which no one has to reproduce
