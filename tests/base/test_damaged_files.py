@@ -312,10 +312,11 @@ def test_workers_that_die_again_and_again_end_in_a_sentence(tmp_path):
 
 
 def test_a_history_reaches_the_disk_from_time_to_time(tmp_path, monkeypatch):
+    from featherstone_gait.base import line_file
     from featherstone_gait.search import history
 
     times, clock = [], iter(np.arange(0.0, 1000.0, 0.3))
     monkeypatch.setattr(history.time, "monotonic", lambda: next(clock))
-    monkeypatch.setattr(history.os, "fsync", lambda _: times.append(0))
+    monkeypatch.setattr(line_file.os, "fsync", lambda _: times.append(0))
     minimize(sphere, np.ones(3), history=tmp_path / "history.jsonl", **SEARCH)
     assert len(times) > 5
