@@ -19,7 +19,7 @@ from ..base.fixed_order import applied, product, total
 from ..base.flaws import quoted
 from ..base.rotation import cross
 from ..model import Model, depth_first
-from .algorithms import Poses, forward_kinematics
+from .algorithms import Poses, check_model, forward_kinematics
 
 link_index = Model.link_index
 
@@ -63,6 +63,7 @@ def jacobian(
     ValueError
         For wrong shapes, and for a link or a frame that does not exist.
     """
+    check_model(model)
     axes = link if frame == "body" else frame
     if not isinstance(axes, str) or (axes != "world" and axes not in model.link_rows):
         known = f"expected 'world', 'body' or one of its links {quoted(model.link_rows)}"

@@ -279,7 +279,7 @@ def _runs(scene: Any, worlds: Worlds | None, each: dict[str, Any]) -> dict[str, 
     lists.setdefault("scenes", [scene] * n)
     runs = {name: [None] * n if x is None else x for name, x in lists.items()}
     if any(len(column) != n for column in runs.values()):
-        names = [name for name in runs if name not in ("scenes", "controller") or lists[name] is not None]
+        names = [name for name, given in lists.items() if given is not None]
         lengths = [len(runs[name]) for name in names]
         raise ValueError(f"{', '.join(names)} have {lengths} entries; give as many of each, one a run")
     return runs

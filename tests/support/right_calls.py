@@ -32,6 +32,10 @@ NO_CALLS = {
         "Trajectory",
         "Trim",
         "show_live",
+        "Energy",
+        "StateView",
+        "Status",
+        "Wrench",
     ),
     "identification": ("Identification",),
     # The last is for robots on four legs, of which none comes along.
@@ -147,6 +151,9 @@ def _dynamics() -> Iterator[Call]:
             yield Call(name, getattr(fg, name), {"model": model, "q": q})
         yield Call("spring_energy", fg.spring_energy, {"model": model, "springs": springs, "q": q})
         yield Call("jacobian", fg.jacobian, {"model": model, "q": q, "link": link, "point": (0, 0, 0), "frame": "body"})
+        state = {"engine": "mujoco", "model": model, "q": q}
+        yield Call("to_engine", fg.to_engine, state | {"qd": np.zeros(model.nv)})
+        yield Call("from_engine", fg.from_engine, state | {"v": np.zeros(model.nv)})
         yield Call("coupling_matrix", fg.coupling_matrix, {"model": model})
     yield Call("clearance", fg.clearance, {"model": arm(), "q": np.zeros(2)})
 
