@@ -35,7 +35,7 @@ with contextlib.redirect_stdout(io.StringIO()):
     main(["simulate", "arm7", "--out", {folder!r}])
 print(time.process_time())
 """
-HUMANOID = 'scene = compile_scene(load_robot("humanoid"), servos="mipsd", ground=Ground(){})\n'
+HUMANOID = 'scene = compile_scene(load_robot("humanoid"), gearbox="mipsd", ground=Ground(){})\n'
 BY_DEFAULT, MIDPOINT = HUMANOID.format(""), HUMANOID.format(', integrator="midpoint"')
 FED = """
 from dataclasses import replace
@@ -53,7 +53,7 @@ FEEDBACK = """
 from pathlib import Path
 from featherstone_gait.walking import read_walk
 robot = load_robot("humanoid", locked="simplified")
-scene = compile_scene(robot, servos="mipsd", ground=Ground(), integrator="midpoint")
+scene = compile_scene(robot, gearbox="mipsd", ground=Ground(), integrator="midpoint")
 walk = read_walk(Path(scene.model.source).parent / "balanced_gait.npz")
 simulate(scene, 0.1, reference=walk.reference(1), controller=walk.controller(scene))
 """
@@ -71,8 +71,8 @@ KINDS = {  # first results
     "forward dynamics": ABA.replace("NUMBER", "1"),
     "forward dynamics of eight at once": ABA.replace("NUMBER", "8"),
     "free arm": 'simulate(compile_scene(load_robot("arm7")), 0.1)',
-    "arm with rotors": 'simulate(compile_scene(load_robot("arm7"), servos="rotor"), 0.1)',
-    "the same with firmware and supply": FED + 'simulate(compile_scene(fed, servos="rotor"), 0.1)',
+    "arm with rotors": 'simulate(compile_scene(load_robot("arm7"), gearbox="rotor"), 0.1)',
+    "the same with firmware and supply": FED + 'simulate(compile_scene(fed, gearbox="rotor"), 0.1)',
     "humanoid on the ground": BY_DEFAULT + "simulate(scene, 0.1)",
     "the same in lanes": MIDPOINT + "simulate_batch(scene, 0.1, states=[None] * 8)",
     "the same, midpoint": MIDPOINT + "simulate(scene, 0.1)",

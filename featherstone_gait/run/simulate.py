@@ -1,6 +1,6 @@
 """Simulate a compiled scene: one run, many runs at once, or a stream of runs.
 
-    scene = compile_scene(model, servos="mipsd", ground=Ground())
+    scene = compile_scene(model, gearbox="mipsd", ground=Ground())
     trajectory = simulate(scene, 2.0, reference=Reference(times, angles))
 
 A scene fixes robot, servos, ground, integrator and step; a simulation is then one call of compiled code.

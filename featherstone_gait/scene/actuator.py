@@ -66,7 +66,7 @@ def build_drive(model: Model, kind: GearboxKind | None) -> Drive:
 
 def _actuator(model: Model, servos: list[Servo | None], kind: GearboxKind, continuous: bool) -> Actuator:
     if continuous and kind == "mipsd":
-        raise ValueError(f"{model.name}: a pd servo has no motor to drive a spring-damper gearbox; use servos='rotor'")
+        raise ValueError(f"{model.name}: a pd servo has no motor to drive a spring-damper gearbox; use gearbox='rotor'")
     if continuous:
         return PDServo(_pds(servos))
     if kind == "mipsd":
@@ -103,7 +103,7 @@ def _gears(model: Model, servos: list[Servo | None]) -> np.recarray:
         if not (g.stiffness < math.inf and g.rotor_inertia > 0):
             raise ValueError(
                 f"{model.name}: joint {name}: mipsd needs a finite stiffness and a rotor inertia > 0; they are "
-                f"{g.stiffness} N m/rad and {g.rotor_inertia} kg m^2: choose another gearbox, or servos='rotor'"
+                f"{g.stiffness} N m/rad and {g.rotor_inertia} kg m^2: choose another gearbox, or gearbox='rotor'"
             )
         fill(row, g)
         row.gap = 0.5 * g.backlash

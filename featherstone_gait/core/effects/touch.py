@@ -23,7 +23,7 @@ from ..tree.spatial import add, dot, load9, rotate, scale, sub, vector
 DISC = np.dtype(
     [
         ("radius", np.float64),  # r of the sphere, or by which the disc is widened [m]
-        ("rim", np.float64),  # R of the disc [m]
+        ("circle_radius", np.float64),  # R of the disc [m]
         ("axis", np.float64, (3,)),  # of the disc, body's frame
     ],
     align=True,
@@ -68,7 +68,7 @@ def _disc(contact_geometry, c, i, center, n, W):
     level = sub(n, scale(a, across))
     thin = FLATNESS * FLATNESS * across
     size = sqrt(dot(level, level) + thin * across)
-    below = add(scale(n, d.radius), scale(add(level, scale(a, thin)), d.rim / size))
+    below = add(scale(n, d.radius), scale(add(level, scale(a, thin)), d.circle_radius / size))
     return sub(center, below)
 
 
@@ -89,4 +89,4 @@ def _reach_of_sphere(contact_geometry, c):
 
 @reach.of(Discs)
 def _reach_of_disc(contact_geometry, c):
-    return contact_geometry.disc[c].radius + contact_geometry.disc[c].rim
+    return contact_geometry.disc[c].radius + contact_geometry.disc[c].circle_radius
