@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
+import sys
 import warnings
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, TypeVar
 
 UNTIL = "0.4"
+PACKAGE = str(Path(__file__).parents[1])
+CONTEXT = str(dataclasses.__file__)  # where `dataclasses.replace` is
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
@@ -52,19 +57,28 @@ def method(name: str, target: str) -> Callable[..., Any]:
     return call
 
 
-def warn(old: str, new: str, level: int = 3) -> None:
-    """Warn that `old` is now called `new`."""
-    warnings.warn(f"{old} is now {new}; the old name works until version {UNTIL}", DeprecationWarning, stacklevel=level)
+def warn(old: str, new: str) -> None:
+    """Warn that `old` is now called `new`, at the line outside of this package that has the old name."""
+    frame = sys._getframe(1)
+    while frame.f_back is not None and frame.f_code.co_filename.startswith((PACKAGE, "<frozen importlib", CONTEXT)):
+        frame = frame.f_back
+    text = f"{old} is now {new}; the old name works until version {UNTIL}"
+    registry = frame.f_globals.setdefault("__warningregistry__", {})
+    where = frame.f_code.co_filename, frame.f_lineno, frame.f_globals.get("__name__")
+    warnings.warn_explicit(text, DeprecationWarning, *where, registry)
 
 
-def keywords(**names: str) -> Callable[[F], F]:
-    """Decorate a function some of whose keyword arguments have changed: old="new"."""
+def keywords(_both: bool = False, /, **names: str) -> Callable[[F], F]:
+    """Decorate a function some of whose keyword arguments have changed: old="new".
+
+    Both names at once are refused, or the old one counts where `_both` is True: `dataclasses.replace` gives both.
+    """
 
     def decorate(function: F) -> F:
         @functools.wraps(function)
         def call(*args: Any, **kwargs: Any) -> Any:
-            for old in names.keys() & kwargs.keys():
-                if names[old] in kwargs:
+            for old in [name for name in names if name in kwargs]:
+                if names[old] in kwargs and not _both:
                     raise TypeError(f"{function.__qualname__}: {old} is {names[old]} now; give one of them")
                 warn(f"{function.__qualname__}: {old}", names[old])
                 kwargs[names[old]] = kwargs.pop(old)
@@ -79,7 +93,7 @@ def fields(**names: str) -> Callable[[type[T]], type[T]]:
     """Decorate a dataclass some of whose fields have changed: old="new", to be given and to be read."""
 
     def decorate(cls: type[T]) -> type[T]:
-        cls.__init__ = keywords(**names)(cls.__init__)  # type: ignore[method-assign]
+        cls.__init__ = keywords(True, **names)(cls.__init__)  # type: ignore[method-assign]
         for old, new in names.items():
             setattr(cls, old, property(functools.partial(_read, old=old, new=new)))
         return cls

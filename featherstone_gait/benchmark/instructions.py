@@ -12,7 +12,6 @@ import functools
 import math
 import mmap
 import platform
-import signal
 import struct
 import sys
 from collections.abc import Callable
@@ -22,7 +21,7 @@ import numpy as np
 
 from ..core.compile.jit import JIT
 
-SIGNALS = {signal.SIGSEGV: 0x80000004, signal.SIGTRAP: 4}  # SA_SIGINFO; the first only once (SA_RESETHAND)
+SIGNALS = {11: 0x80000004, 5: 4}  # of Linux: SIGSEGV, SIGTRAP: SA_SIGINFO; the first only once (SA_RESETHAND)
 COUNT, EMPTY = 0, 4
 known = np.zeros(5, np.int64)  # to the handler: count, page, its size, address of the last record, an empty record
 
@@ -45,13 +44,15 @@ def instructions(call: Callable[[], object], out: np.ndarray, last: int) -> floa
         action[0], action[17] = handler.ctypes.data, flags
         libc.sigaction(int(number), ctypes.c_void_p(action.ctypes.data), ctypes.c_void_p(old.ctypes.data))
     try:
-        libc.mprotect(ctypes.c_void_p(out.ctypes.data), ctypes.c_size_t(out.nbytes), 0)
+        if libc.mprotect(ctypes.c_void_p(out.ctypes.data), ctypes.c_size_t(out.nbytes), 0):
+            return math.nan
         call()
     finally:
         libc.mprotect(ctypes.c_void_p(out.ctypes.data), ctypes.c_size_t(out.nbytes), 3)
         for number, old in zip(SIGNALS, before):
             libc.sigaction(int(number), ctypes.c_void_p(old.ctypes.data), None)
-    return float(known[COUNT]) if out[last:].view(np.int64).flat[0] != known[EMPTY] else math.nan
+    counted = known[COUNT] >= 0 and out[last:].view(np.int64).flat[0] != known[EMPTY]
+    return float(known[COUNT]) if counted else math.nan
 
 
 @functools.cache
@@ -78,10 +79,11 @@ def _handler() -> np.ndarray:
 def code_size(kernel: Any, arguments: tuple) -> float:
     """Return the bytes of a kernel's compiled code, with all that it calls, from the cache on Linux; otherwise NaN."""
     cache = getattr(kernel, "_cache", None)
-    if cache is None:
+    file = getattr(cache, "_cache_file", None)
+    if cache is None or file is None:  # Numba's own class of no cache has no file
         return math.nan
     kinds = tuple(map(kernel.typeof_pyval, arguments))
-    found = cache._cache_file.load(cache._index_key(kinds, kernel.targetctx.codegen()))
+    found = file.load(cache._index_key(kinds, kernel.targetctx.codegen()))
     elf = found[0][2][0] if found else b""
     if elf[:4] != b"\x7fELF":
         return math.nan

@@ -661,7 +661,7 @@ def _force_and_moment(what: str, value: Any, n: int) -> tuple[np.ndarray, np.nda
     if isinstance(value, Wrench):
         parts, width = [floats(f"{what}: {name}", part) for name, part in zip(value._fields, value)], 3
     else:
-        warn("wrench={link: [moment; force]}", "wrench={link: Wrench(force, moment)}", 7)
+        warn("wrench={link: [moment; force]}", "wrench={link: Wrench(force, moment)}")
         parts, width = [floats(what, value)], 6
     for part in parts:
         if part.shape not in ((width,), (n, width)) or not np.isfinite(part).all():

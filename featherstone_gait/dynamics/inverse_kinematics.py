@@ -18,6 +18,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..base import deprecated
 from ..base.arguments import finite, floats, instance, listed, real, shown, texts, vector, whole
 from ..base.fixed_order import applied, product, solve, total
 from ..base.rotation import cross, dot, rotation_from_rpy
@@ -67,6 +68,15 @@ class Target(NamedTuple):
     point: ArrayLike = (0.0, 0.0, 0.0)
     weight: ArrayLike = 1.0
     orientation_weight: ArrayLike = 1.0
+
+    @property
+    def turn_weight(self) -> ArrayLike:
+        """Return `orientation_weight` by its old name."""
+        deprecated.warn("Target.turn_weight", "Target.orientation_weight")
+        return self.orientation_weight
+
+
+Target.__new__ = deprecated.keywords(turn_weight="orientation_weight")(Target.__new__)  # type: ignore[method-assign]
 
 
 class IKResult(NamedTuple):

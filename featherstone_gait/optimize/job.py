@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 from ..base import deprecated
+from ..base.arguments import instance
 from ..base.files import FilePath
 from .measure import measure
 from .options import OptimizeOptions
@@ -61,6 +62,7 @@ def main_job(robot: FilePath = "humanoid", options: OptimizeOptions | None = Non
         If a crosscheck is asked for without MuJoCo.
     """
     began = time.perf_counter()
+    instance("options", options, (OptimizeOptions, type(None)), "give OptimizeOptions(...)")
     options = _with_keywords(options or OptimizeOptions(), old)
     job = prepare(robot, options)
     start = plan_start(job)
@@ -79,5 +81,5 @@ def _with_keywords(options: OptimizeOptions, keywords: dict[str, Any]) -> Optimi
     """Replace options by keywords as of version 0.1, with a warning."""
     if not keywords:
         return options
-    deprecated.warn(f"main_job({', '.join(keywords)}=...)", "main_job(robot, OptimizeOptions(...))", level=4)
+    deprecated.warn(f"main_job({', '.join(keywords)}=...)", "main_job(robot, OptimizeOptions(...))")
     return replace(options, **{RENAMED.get(name, name): value for name, value in keywords.items()})

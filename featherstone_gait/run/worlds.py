@@ -172,6 +172,9 @@ class Worlds:
         for section, names in FIELDS.items():
             given = getattr(self, section)
             instance(f"worlds: {section}", given, Mapping, "give a dictionary, by name")
+            if section == "ground" and "sinking" in given:
+                deprecated.warn("worlds: ground: sinking", "penetration")
+                given = {"penetration" if name == "sinking" else name: value for name, value in given.items()}
             checked = {name: _checked(section, names, name, value) for name, value in given.items()}
             object.__setattr__(self, section, checked)
             for name, value in checked.items():

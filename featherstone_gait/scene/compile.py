@@ -88,6 +88,13 @@ class CompiledScene:
         step = self.integrator if self.adaptive else f"{self.integrator} at {self.timestep:g} s"
         return f"<scene of {self.model.name}: {joints}, {driven}, {under}, {len(self.springs)} springs, {step}>"
 
+    @property
+    def servos(self) -> GearboxKind | None:
+        """Return `gearbox` by its old name."""
+        deprecated.warn("CompiledScene.servos", "CompiledScene.gearbox")
+        return self.gearbox
+
+    @deprecated.keywords(servos="gearbox")
     def recompiled(self, model: Model | None = None, **changes: Any) -> CompiledScene:
         """Compile the scene with another model or other arguments of `compile_scene`, and the same pushes.
 

@@ -203,7 +203,7 @@ def _integrator(clipped: bool, steps: _Steps, limits: Sequence[Limit]) -> tuple[
     least = worst(limits)
     by = f" ({least.joint}: {least.cause})" if least else ""
     if clipped or steps.folded < STIFF:
-        return "ars343", f"an explicit step is limited to {steps.largest:.2g} s{by}, or limits make forces non-smooth: implicit"
+        return "ars343", f"an explicit step is limited to {steps.largest:.2g} s{by}, or forces are not smooth: implicit"
     if steps.largest < STIFF:
         return "dop853", f"springs between bodies limit any step to {steps.springs:.2g} s{by}: order 8 finds its own"
     return "dop853", "nothing is stiff: order 8"

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from featherstone_gait.base import deprecated
 from featherstone_gait.base.arguments import instance, is_real, whole
 from featherstone_gait.base.files import FilePath
 from featherstone_gait.core.effects.energies import METER
@@ -176,6 +177,7 @@ class WalkingCost:
         """Measure a run that starts as `beginning` says, with the channels `RECORD` every `SAMPLE`."""
         return measured(self.scene, run, self.mark, self.end, self.strides, slip)
 
+    @deprecated.keywords(sample="record_interval")
     def simulate(
         self,
         vectors: Iterable[ArrayLike],

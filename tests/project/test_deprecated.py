@@ -1,6 +1,8 @@
 """Old names and paths still work and name the new ones in a DeprecationWarning."""
 
 import importlib
+import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -31,7 +33,9 @@ METHODS = {"plot": "plot", "show": "show", "show_live": "show_live", "save_gif":
 @pytest.mark.parametrize(("old", "name"), PATHS)
 def test_an_old_path_leads_to_the_same_object(old, name):
     new = PATHS[old, name]
-    module = importlib.import_module(f"featherstone_gait.{old}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of the package `experiments` itself
+        module = importlib.import_module(f"featherstone_gait.{old}")
     said = rf"^featherstone_gait\.{old}\.{name} is now featherstone_gait\.{new}\.{name};.* until version 0\.4$"
     with pytest.warns(DeprecationWarning, match=said):
         found = getattr(module, name)
@@ -80,5 +84,26 @@ def test_old_arguments_fields_and_channels_give_what_the_new_ones_give():
     assert ground == featherstone_gait.Ground(penetration=1e-3)
     with pytest.warns(DeprecationWarning, match=r"Ground\.sinking is now Ground\.penetration"):
         assert ground.sinking == 1e-3
+    with pytest.warns(DeprecationWarning, match="sinking is now penetration"):
+        assert replace(featherstone_gait.Ground(), sinking=1e-3) == ground
     with pytest.raises(TypeError, match="give one of them"):
-        featherstone_gait.Ground(sinking=1e-3, penetration=1e-3)
+        featherstone_gait.compile_scene(arm, servos="rotor", gearbox="rotor")
+    with pytest.warns(DeprecationWarning, match=r"CompiledScene\.servos is now CompiledScene\.gearbox"):
+        assert scene.servos == "rotor"
+    with pytest.warns(DeprecationWarning, match="turn_weight is now orientation_weight"):
+        target = featherstone_gait.Target("tip", turn_weight=2.0)
+    assert target.orientation_weight == 2.0
+
+
+def test_the_warning_points_to_the_line_that_has_the_old_name():
+    arm = featherstone_gait.load_robot("arm7")
+    scene = featherstone_gait.compile_scene(arm)
+    for old in (
+        lambda: featherstone_gait.restarted,
+        lambda: featherstone_gait.Ground(sinking=1e-3),
+        lambda: featherstone_gait.simulate(scene, 0.01, record=("passes",)),
+        lambda: featherstone_gait.compile_scene(arm, servos="rotor"),
+    ):
+        with pytest.warns(DeprecationWarning, match="until version") as warned:
+            old()
+        assert {each.filename for each in warned} == {__file__}
