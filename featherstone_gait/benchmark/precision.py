@@ -102,7 +102,7 @@ def _row(case: Case, integrator: str, setting: float, exact: np.ndarray, own_err
     evaluations = result.info.get("evaluations", run.ready.plan.steps * method.stages)
     step, rtol = (math.nan, setting) if method.adaptive else (setting, math.nan)
     return Row(
-        case.name, integrator, step, rtol, *errors, own_error, min(times), min(calls), evaluations, result.status
+        case.name, integrator, step, rtol, *errors, own_error, min(times), min(calls), evaluations, str(result.status)
     )
 
 
