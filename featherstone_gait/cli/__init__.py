@@ -14,30 +14,15 @@ import textwrap
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TextIO
 
 from .. import __version__
-from . import (
-    benchmark,
-    check_robots,
-    crosscheck,
-    export,
-    identify,
-    info,
-    optimize,
-    reproduce,
-    servos,
-    simulate,
-    study,
-    view,
-)
 from .arguments import LINE, Help, Parser
 
-COMMANDS = (
-    info, check_robots, simulate, view, optimize, crosscheck, export, study, servos, identify, benchmark, reproduce,
-)  # fmt: skip
-
+NAMES = "info check_robots simulate view optimize crosscheck export study servos identify benchmark reproduce"
+COMMANDS = tuple(import_module(f".{name}", __name__) for name in NAMES.split())
 
 ABOUT = "Simulate robots driven by hobby servos, and search for gaits that take less energy."
 BEGIN = """where to start:

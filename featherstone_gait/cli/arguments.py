@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import difflib
-import functools
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -20,14 +19,14 @@ if TYPE_CHECKING:
     from ..scene.actuator import GearboxKind
     from ..scene.compile import CompiledScene
 
-Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 
 LINE = 79  # columns of what is printed
 SERVO_HELP = "gearbox model of the servos (default: mipsd if the robot has servos{})"
 
 
 class Help(argparse.HelpFormatter):
-    """Help text whose lines are filled one by one, so that examples stay as they are."""
+    """Help text whose paragraphs are filled, but those with examples, which stay as they are."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, max_help_position=20)
@@ -43,8 +42,11 @@ class Help(argparse.HelpFormatter):
         return textwrap.wrap(" ".join(text.split()), width, break_on_hyphens=False)
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
-        fill = functools.partial(textwrap.fill, width=width, break_on_hyphens=False)
-        return "\n".join(line if line.startswith("  ") else fill(line) for line in text.split("\n"))
+        parts = (
+            part if "\n  " in part else textwrap.fill(part, width, break_on_hyphens=False)
+            for part in text.split("\n\n")
+        )
+        return "\n\n".join(parts)
 
 
 class Parser(argparse.ArgumentParser):
@@ -63,6 +65,19 @@ class Parser(argparse.ArgumentParser):
             self.error(", ".join(f"there is no option {each}{_meant(each, known)}" for each in options))
         self.error(f"{' '.join(arguments)!r} was not expected")
 
+    def option(self, flag: str, help: str, default: Any = None, *, old: str | None = None, **how: Any) -> None:
+        """Add an option, whose default may say more: False makes a switch, a number its type and a note in the help.
+
+        old: a former name, which is hidden and warns until version 0.4; how: as in `add_argument`.
+        """
+        if default is False:
+            how["action"] = "store_true"
+        elif isinstance(default, (int, float)):
+            help, how["type"] = f"{help} (default: {default:g})", type(default)
+        action = self.add_argument(flag, help=help, default=default, **how)
+        if old is not None:
+            self.add_argument(old, action=_Renamed, now=action)
+
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
             names = [str(each) for each in action.choices]
@@ -78,35 +93,23 @@ def _meant(word: str, known: Sequence[str]) -> str:
 
 
 def add_command(
-    commands: Commands,
-    name: str,
-    run: Callable[[argparse.Namespace], int],
-    does: str,
-    writes: str,
-    *,
-    examples: Sequence[str] = (),
-    takes: str = "",
-    unasked: bool = True,
-) -> argparse.ArgumentParser:
-    """Register a command and its option --out.
+    commands: Commands, run: Callable[[argparse.Namespace], int], text: str | None, *, unasked: bool = True
+) -> Parser:
+    """Register a command, named like its module, and its option --out.
 
-    writes: which files; examples: lines of a shell; takes: how long; unasked: whether files are written without --out.
+    text: the docstring of the module, which says what the command does and writes, and how long it takes; indented
+    lines at its end are examples; None as python -OO leaves it.  unasked: whether files are written without --out.
     """
-    lasts = f"\n\nTakes {takes}." if takes else ""
-    description = f"{does[0].upper()}{does[1:]}.\n\nWrites {writes}.{lasts}"
-    shown = "\n".join(["examples:", *(f"  {line}" for line in examples)]) if examples else None
-    parser = commands.add_parser(name, help=brief(does), description=description, epilog=shown, formatter_class=Help)
+    description, _, examples = (text or "").strip().partition("\n\n  ")
+    does = description.partition("\n")[0].partition(";")[0].partition(":")[0].rstrip(".")
+    parser = commands.add_parser(
+        run.__module__.rpartition(".")[2].replace("_", "-"), help=does[:1].lower() + does[1:], description=description,
+        epilog=f"examples:\n  {examples}", formatter_class=Help,
+    )  # fmt: skip
     where = "output folder (default: the current one)" if unasked else "output folder; without it nothing is written"
     parser.add_argument("--out", type=Path, default=Path() if unasked else None, metavar="DIR", help=where)
     parser.set_defaults(run=run, command=parser)
     return parser
-
-
-def add_option(parser: argparse.ArgumentParser, flag: str, *, old: str | None = None, **how: Any) -> None:
-    """Add an option, and its old name, which is hidden and warns until version 0.4; `how`: of `add_argument`."""
-    action = parser.add_argument(flag, **how)
-    if old is not None:
-        parser.add_argument(old, action=_Renamed, now=action)
 
 
 class _Renamed(argparse.Action):
@@ -132,23 +135,16 @@ def announce(takes: str) -> None:
     print(textwrap.fill(f"takes {takes}", LINE), flush=True)
 
 
-def brief(does: str) -> str:
-    """Return the first part of a command's description."""
-    return does.partition(";")[0].partition(":")[0]
-
-
-def add_robot(parser: argparse.ArgumentParser, but: str = "") -> None:
+def add_robot(parser: Parser, but: str = "") -> None:
     """Add the arguments that say which robot to load; but: robots for which the default gearbox differs."""
     parser.add_argument("robot", metavar="ROBOT", help="name of a robot of the package, or a .urdf or .xml file")
-    parser.add_argument("--locked", metavar="SET", help="set of joints to lock, named in the robot's TOML file")
+    parser.option("--locked", "set of joints to lock, named in the robot's TOML file", metavar="SET")
     add_gearbox(parser, (*GEARBOX_KINDS, "none"), SERVO_HELP.format(but))
 
 
-def add_gearbox(
-    parser: argparse.ArgumentParser, choices: Sequence[str], help: str, default: GearboxKind | None = None
-) -> None:
+def add_gearbox(parser: Parser, choices: Sequence[str], help: str, default: GearboxKind | None = None) -> None:
     """Add --gearbox, and its old name --servos, which warns."""
-    add_option(parser, "--gearbox", old="--servos", choices=choices, default=default, help=help)
+    parser.option("--gearbox", help, default, old="--servos", choices=choices)
 
 
 def gearbox_of(args: argparse.Namespace, model: Model, default: GearboxKind | None) -> GearboxKind | None:
@@ -181,15 +177,13 @@ def choice(scene: CompiledScene) -> str:
     return f"{scene.integrator}, {steps} ({scene.preflight.reason})"
 
 
-def add_gait(parser: argparse.ArgumentParser) -> None:
+def add_gait(parser: Parser) -> None:
     """Add the arguments that say which gait, of which robot."""
     parser.add_argument("gait", type=Path, metavar="GAIT", help="ROBOT_gait.npz, or joint angles as .csv")
-    parser.add_argument(
-        "--first", action="store_true", help="take the gait that the search started from, instead of the one it found"
-    )
-    parser.add_argument("--robot", default="humanoid", help="name or robot file (default: humanoid)")
+    parser.option("--first", "take the gait that the search started from, instead of the one it found", False)
+    parser.option("--robot", "name or robot file (default: humanoid)", "humanoid")
     what = "set of joints to lock, named in the robot's TOML file, or none (default of the humanoid: simplified)"
-    parser.add_argument("--locked", metavar="SET", help=what)
+    parser.option("--locked", what, metavar="SET")
 
 
 def robot_of_gait(args: argparse.Namespace) -> Model:

@@ -1,4 +1,12 @@
-"""`featherstone-gait benchmark`: measure speed beside accuracy."""
+"""Run a benchmark.
+
+Writes the tables and pictures listed with its name.
+
+Takes the minutes listed with its name, on two cores; with --full many times that.
+
+  featherstone-gait benchmark speed
+  featherstone-gait benchmark precision --out results
+"""
 
 from __future__ import annotations
 
@@ -17,7 +25,6 @@ class Benchmark(NamedTuple):
     minutes: float  # on two cores, compiled before
 
 
-TAKES = "the minutes listed with its name, on two cores; with --full many times that"
 ALONE = "times are valid only while nothing else runs"
 BENCHMARKS = {
     "speed": Benchmark("times of algorithms and steps, beside MuJoCo's", "speed.csv, speed_steps.csv, speed.png", 3),
@@ -27,9 +34,7 @@ BENCHMARKS = {
     "peers": Benchmark(
         "the same against Pinocchio, MuJoCo and SciPy", "peers.csv, peers_speed.csv, peers_lines.csv, peers.png", 8
     ),
-    "default": Benchmark(
-        "what `simulate` gives by default", "default.csv, default_integrators.csv, default.png", 20
-    ),
+    "default": Benchmark("what `simulate` gives by default", "default.csv, default_integrators.csv, default.png", 20),
     "stability": Benchmark("the largest stable step, against linear theory", "stability.csv, stability.png", 2),
     "stress": Benchmark("whether a run that is wrong says so", "stress.csv, stress.png", 5),
     "skip": Benchmark("instructions that a missing feature saves (Linux)", "skip.csv", 3),
@@ -41,11 +46,9 @@ BENCHMARKS = {
 
 def add(commands: Commands) -> None:
     """Register the command."""
-    examples = ("featherstone-gait benchmark speed", "featherstone-gait benchmark precision --out results")
-    what = "the tables and pictures listed with its name"
-    parser = add_command(commands, "benchmark", run, "run a benchmark", what, examples=examples, takes=TAKES)
+    parser = add_command(commands, run, __doc__)
     parser.add_argument("name", metavar="NAME", choices=BENCHMARKS, help="one of the benchmarks below")
-    parser.add_argument("--full", action="store_true", help="more repetitions")
+    parser.option("--full", "more repetitions", False)
     listed = [
         f"  {name:10} {each.what}, {each.minutes:g} min\n             {each.files}" for name, each in BENCHMARKS.items()
     ]

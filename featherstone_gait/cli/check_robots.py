@@ -1,4 +1,12 @@
-"""`featherstone-gait check-robots`: load all robots of a folder, and simulate a second of each."""
+"""Load all robots below a folder, and simulate a second of each; from rest, without torques at the joints.
+
+Writes a table with one row per robot, if --csv is given.
+
+Takes a second per robot, and 5 to 20 s to compile each new kind of robot.
+
+  featherstone-gait check-robots my_robots
+  featherstone-gait check-robots . --no-simulate --csv all.csv
+"""
 
 from __future__ import annotations
 
@@ -35,21 +43,11 @@ class Row(NamedTuple):
 
 def add(commands: Commands) -> None:
     """Register the command."""
-    does = (
-        "load all robots below a folder, and simulate a second of each; from rest, without torques at the joints"
-    )
-    examples = (
-        "featherstone-gait check-robots my_robots",
-        "featherstone-gait check-robots . --no-simulate --csv all.csv",
-    )
-    what = "a table with one row per robot, if --csv is given"
-    takes = "a second per robot, and 5 to 20 s to compile each new kind of robot"
-    parser = add_command(commands, "check-robots", run, does, what, examples=examples, takes=takes)
-    parser.add_argument(
-        "folder", type=Path, metavar="FOLDER", help="folder with .urdf files, or .xml files of MuJoCo or SimTwo"
-    )
-    parser.add_argument("--csv", metavar="FILE", help="also write the table to this CSV file, in the output folder")
-    parser.add_argument("--no-simulate", action="store_true", help="only load the robots")
+    parser = add_command(commands, run, __doc__)
+    what = "folder with .urdf files, or .xml files of MuJoCo or SimTwo"
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help=what)
+    parser.option("--csv", "also write the table to this CSV file, in the output folder", metavar="FILE")
+    parser.option("--no-simulate", "only load the robots", False)
 
 
 def run(args: Namespace) -> int:
@@ -122,11 +120,6 @@ def _cause(problem: str) -> str:
     return said.split(";")[0].strip()
 
 
-def _kind(cause: str) -> str:
-    """Replace names and numbers, so that causes of one kind are equal."""
-    return re.sub(r"-?\d[\d.e+-]*", "#", re.sub(r"'[^']*'", "'...'", cause))
-
-
 def _table(rows: list[Row]) -> list[str]:
     """Format a line for each robot, and below them why some do not load or run."""
     head = ("file", "loads", "notes", "joints", "mass [kg]", "status", "error")
@@ -149,7 +142,8 @@ def _wrapped(text: str) -> str:
 def _summary(rows: list[Row]) -> list[str]:
     loaded = [row for row in rows if row.loads == "yes"]
     statuses = Counter(row.status for row in loaded if row.status)
-    causes = Counter(_kind(row.cause) for row in rows if row.cause)
+    kinds = (re.sub(r"-?\d[\d.e+-]*", "#", re.sub(r"'[^']*'", "'...'", row.cause)) for row in rows if row.cause)
+    causes = Counter(kinds)
     return [
         f"{len(loaded)} of {len(rows)} robots load, {sum(row.notes > 0 for row in loaded)} of them with notes",
         *(["simulated: " + ", ".join(f"{status} {n}" for status, n in statuses.most_common())] if statuses else []),

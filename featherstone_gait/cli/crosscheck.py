@@ -1,4 +1,13 @@
-"""`featherstone-gait crosscheck`: a gait in MuJoCo."""
+"""Walk a gait in MuJoCo, with the same servos and MuJoCo's contact, on twelve floors; it resumes if interrupted.
+
+Writes GAIT_crosscheck.json (one row per floor, in MuJoCo and here) and .csv.
+
+Takes a minute or two on two cores; Ctrl-C keeps finished floors.
+
+  featherstone-gait crosscheck humanoid_gait.npz
+  featherstone-gait crosscheck humanoid_gait.npz --floors 2ms_0.9 --strides 5
+  featherstone-gait crosscheck trot.csv --robot anymal.urdf
+"""
 
 from __future__ import annotations
 
@@ -19,42 +28,24 @@ from .arguments import (
     telling_extras,
 )
 
-TAKES = "a minute or two on two cores; Ctrl-C keeps finished floors"
 ROW = 4.0  # processor seconds of one core of an AMD EPYC, for 22 strides on a floor (docs/crosscheck.md)
 
 
 def add(commands: Commands) -> None:
     """Register the command."""
-    parser = add_command(
-        commands,
-        "crosscheck",
-        run,
-        "walk a gait in MuJoCo, with the same servos and MuJoCo's contact, on twelve floors; an interrupted run can "
-        "be continued",
-        "GAIT_crosscheck.json (one row per floor, in MuJoCo and here) and .csv",
-        examples=(
-            "featherstone-gait crosscheck humanoid_gait.npz",
-            "featherstone-gait crosscheck humanoid_gait.npz --floors 2ms_0.9 --strides 5",
-            "featherstone-gait crosscheck trot.csv --robot anymal.urdf",
-        ),
-        takes=TAKES,
-    )
+    parser = add_command(commands, run, __doc__)
     add_gait(parser)
-    parser.add_argument("--no-feedback", action="store_true", help="walk without the feedback that the gait's file has")
+    parser.option("--no-feedback", "walk without the feedback that the gait's file has", False)
     add_gearbox(parser, GEARBOX_KINDS, "gearbox model (default: mipsd)", "mipsd")
     what = "servo of all joints, as in optimize (default: the one that the .npz names, else the robot's own)"
-    parser.add_argument("--servo", metavar="NAME", help=what)
+    parser.option("--servo", what, metavar="NAME")
     floors = "names with commas, as in 2ms_0.9,20ms_0.6 (default: all; a wrong name lists them)"
-    parser.add_argument("--floors", metavar="NAMES", help=floors)
+    parser.option("--floors", floors, metavar="NAMES")
     soles = "shapes of the soles, spheres, boxes or both with a comma (default: both; for feet made of points spheres)"
-    parser.add_argument("--soles", metavar="KINDS", help=soles)
-    parser.add_argument(
-        "--strides", type=int, default=20, metavar="N", help="strides to measure, after the first two (default: 20)"
-    )
-    parser.add_argument(
-        "--timestep", type=float, default=2.5e-4, metavar="S", help="MuJoCo's time step [s] (default: 0.00025)"
-    )
-    parser.add_argument("--processes", type=int, default=2, metavar="N", help="number of processes (default: 2)")
+    parser.option("--soles", soles, metavar="KINDS")
+    parser.option("--strides", "strides to measure, after the first two", 20, metavar="N")
+    parser.option("--timestep", "MuJoCo's time step [s]", 2.5e-4, metavar="S")
+    parser.option("--processes", "number of processes", 2, metavar="N")
 
 
 def run(args: Namespace) -> int:
@@ -68,8 +59,10 @@ def run(args: Namespace) -> int:
 
     model, servo = robot_of_gait(args), servo_of_gait(args)
     plain = args.first or args.no_feedback
-    motion = read_motion(args.gait, model.joint_names, first=args.first) if plain else read_walk(
-        args.gait, model.joint_names
+    motion = (
+        read_motion(args.gait, model.joint_names, first=args.first)
+        if plain
+        else read_walk(args.gait, model.joint_names)
     )
     out = args.out / f"{gait_stem(args)}_crosscheck"
     names = [*FLOORS] if args.floors is None else args.floors.split(",")

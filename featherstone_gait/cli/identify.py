@@ -1,4 +1,15 @@
-"""`featherstone-gait identify`: a servo's parameters from recordings of a real one."""
+"""Fit a servo with a friction model to recordings on a pendulum, or continue a fit that was interrupted.
+
+Writes identify.csv (parameters), identify_errors.csv (error of each recording), identify.png (angles and errors),
+identify.jsonl (finished rounds, to continue from); with --effects only identify_effects.csv.
+
+Takes half a minute for twelve recordings of 6 s; with --leave-out that again for each group, with --effects for each of
+13 models; Ctrl-C keeps finished rounds.
+
+  cd robots/servos/recordings
+  featherstone-gait identify xl330_*.csv --servo xl330 --out results
+  featherstone-gait identify xl330_*.csv --servo xl330 --leave-out gain
+"""
 
 from __future__ import annotations
 
@@ -10,60 +21,36 @@ from typing import TYPE_CHECKING
 from .arguments import Commands, add_command, announce
 
 if TYPE_CHECKING:
-    from ..identification.bench import Bench, BenchRecording, ServoFit
+    from ..identification.bench import Bench, BenchRecording
     from ..identification.log import FitLog
 
 FRICTIONS = ("m1", "m2", "m3", "m4", "m4p", "m5", "m6")
 SERVOS = ("xl330", "sts3250")
-GROUPS = ("gain", "motion")
-TAKES = (
-    "half a minute for twelve recordings of 6 s; with --leave-out that again for each group, with --effects for each "
-    "of 13 models; Ctrl-C keeps finished rounds"
-)
+TAKES = "half a minute for twelve recordings of 6 s, and as long for each further fit"
 
 
 def add(commands: Commands) -> None:
     """Register the command."""
-    parser = add_command(
-        commands,
-        "identify",
-        run,
-        "fit a servo with a friction model to recordings on a pendulum, or continue a fit that was interrupted",
-        "identify.csv (parameters), identify_errors.csv (error of each recording), identify.png (angles and errors), "
-        "identify.jsonl (finished rounds, to continue from); with --effects only identify_effects.csv",
-        examples=(
-            "cd robots/servos/recordings",
-            "featherstone-gait identify xl330_*.csv --servo xl330 --out results",
-            "featherstone-gait identify xl330_*.csv --servo xl330 --leave-out gain",
-        ),
-        takes=TAKES,
-    )
+    parser = add_command(commands, run, __doc__)
     columns = "recording with the columns time_s, angle_rad, goal_rad, supply_v and torque_on; see "
     columns += "help(featherstone_gait.identification.bench)"
     parser.add_argument("files", type=Path, nargs="+", metavar="FILE.csv", help=columns)
-    parser.add_argument(
-        "--servo",
-        choices=SERVOS,
-        required=True,
-        help="servo whose firmware and bench are simulated, and whose parameters the fit starts from",
-    )
-    what = "friction model (default: m4p, which is M4 with the product of the loads)"
-    parser.add_argument("--model", choices=FRICTIONS, default="m4p", help=what)
-    parser.add_argument("--mass", type=float, metavar="KG", help="mass of the weight (default: the bench's)")
-    parser.add_argument("--length", type=float, metavar="M", help="length of the rod (default: the bench's)")
-    parser.add_argument(
-        "--gain", type=float, metavar="KP", help="gain of the firmware (default: from file names with _kpNNN_)"
-    )
-    parser.add_argument(
-        "--leave-out", choices=GROUPS, help="cross-validate: fit without each gain or motion in turn, and predict it"
-    )
-    what = "measure what each effect of the model contributes, by the error on each gain (or motion, see --leave-out) "
-    what += "that is left out of the fit"
-    parser.add_argument("--effects", action="store_true", help=what)
-    parser.add_argument(
-        "--predict", type=Path, nargs="+", default=[], metavar="FILE.csv", help="recordings to predict, not to fit"
-    )
-    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="name of the picture (default: identify.png)")
+    servo = "servo whose firmware and bench are simulated, and whose parameters the fit starts from"
+    parser.option("--servo", servo, choices=SERVOS, required=True)
+    friction = "friction model (default: m4p, which is M4 with the product of the loads)"
+    parser.option("--model", friction, "m4p", choices=FRICTIONS)
+    parser.option("--mass", "mass of the weight (default: the bench's)", type=float, metavar="KG")
+    parser.option("--length", "length of the rod (default: the bench's)", type=float, metavar="M")
+    gain = "gain of the firmware (default: from file names with _kpNNN_)"
+    parser.option("--gain", gain, type=float, metavar="KP")
+    left_out = "cross-validate: fit without each gain or motion in turn, and predict it"
+    parser.option("--leave-out", left_out, choices=("gain", "motion"))
+    effects = "measure what each effect of the model contributes, by the error on each gain (or motion, see "
+    effects += "--leave-out) that is left out of the fit"
+    parser.option("--effects", effects, False)
+    others = "recordings to predict, not to fit"
+    parser.option("--predict", others, [], type=Path, nargs="+", metavar="FILE.csv")
+    parser.option("--plot", "name of the picture (default: identify.png)", type=Path, metavar="FILE.png")
 
 
 def run(args: Namespace) -> int:
@@ -84,7 +71,7 @@ def _fit(
 ) -> int:
     import numpy as np
 
-    from ..base.files import complete
+    from ..base.files import Format, complete, write_csv
     from ..identification.bench import fit_servo, leave_out, plot_rollouts
 
     fit = fit_servo(recordings, bench, args.model, log=log, progress=True)
@@ -105,7 +92,11 @@ def _fit(
             names = [r.name for r in recordings if by(r) == group]
             rows += [(name, "left out", 1e3 * e) for name, e in zip(names, errors)]
         print(f"left out, mean: {1e3 * np.mean([errors.mean() for _, _, errors in held.values()]):.1f} mrad")
-    _write(args.out, fit, rows)
+    form, notes, units = Format("servo identification"), f"{bench.name}, friction {fit.friction}", fit.units
+    found = [(name, value, *fit.intervals[name], units[name]) for name, value in fit.values.items()]
+    write_csv(args.out / "identify.csv", form, ("parameter", "value", "low", "high", "unit"), found, notes)
+    columns = ("recording", "how", "mean absolute error [mrad]")
+    write_csv(args.out / "identify_errors.csv", form, columns, rows, notes)
     picture = args.plot or args.out / "identify.png"
     with complete(picture) as path:
         plot_rollouts(*zip(*shown)).savefig(path, format="png", dpi=110)
@@ -134,16 +125,3 @@ def _effects(
     write_csv(path, Format("effects of a servo"), columns, rows, f"{bench.name}, left out by {by}")
     print(f"files: {path}")
     return 0
-
-
-def _write(folder: Path, fit: ServoFit, rows: list[tuple[str, str, float]]) -> None:
-    """Write the tables, whole or not at all."""
-    from ..base.files import Format, write_csv
-
-    form = Format("servo identification")
-    units = fit.bench.parameters()
-    found = [(name, value, *fit.intervals[name], units[name].unit) for name, value in fit.values.items()]
-    notes = f"{fit.bench.name}, friction {fit.friction}"
-    write_csv(folder / "identify.csv", form, ("parameter", "value", "low", "high", "unit"), found, notes)
-    columns = ("recording", "how", "mean absolute error [mrad]")
-    write_csv(folder / "identify_errors.csv", form, columns, rows, notes)

@@ -1,4 +1,10 @@
-"""`featherstone-gait info`: print a robot in numbers."""
+"""Print a robot's masses, joints, servos and contact points, and which integrator simulates it.
+
+Writes ROBOT_info.txt, the same text, if --out is given.
+
+  featherstone-gait info humanoid
+  featherstone-gait info my_robot.urdf --out results
+"""
 
 from __future__ import annotations
 
@@ -18,7 +24,7 @@ if TYPE_CHECKING:
     from ..model import Controller, Gearbox, Joint, Model, Servo
     from ..scene.actuator import GearboxKind
     from ..scene.compile import CompiledScene
-    from ..scene.preflight import Limit, Preflight
+    from ..scene.preflight import Preflight
 
 TORQUE_GAINS = {"Kp": "N m/rad", "Kd": "N m s/rad"}
 GAINS = {  # of the laws that differ
@@ -30,10 +36,7 @@ GAINS = {  # of the laws that differ
 
 def add(commands: Commands) -> None:
     """Register the command."""
-    does = "print a robot's masses, joints, servos and contact points, and which integrator simulates it"
-    what = "ROBOT_info.txt, the same text, if --out is given"
-    examples = ("featherstone-gait info humanoid", "featherstone-gait info my_robot.urdf --out results")
-    add_robot(add_command(commands, "info", run, does, what, examples=examples, unasked=False))
+    add_robot(add_command(commands, run, __doc__, unasked=False))
 
 
 def run(args: Namespace) -> int:
@@ -44,19 +47,20 @@ def run(args: Namespace) -> int:
     model = load_robot(args.robot, locked=args.locked)
     has_any = any(name in model.servos for name in model.joint_names)
     scene = compile_scene(model, gearbox_of(args, model, "mipsd" if has_any else None), ground(model))
+    points = [(point.link, _numbers(point.position)) for point in model.contacts]
     lines = [
         f"{model.name}  {model.source}",
         f"{model.mass:.4g} kg, {model.base} base, {len(model.joint_names)} moving joints, {len(model.held)} locked",
         *_link_table(model),
         *_joint_table(model, scene.preflight),
         *_servo_table(model),
-        *_contact_table(model),
+        *(table(("contact point on", "position [m]"), points) if points else []),
         *_filled(f"note: {note}" for note in model.notes),
         "",
         *_filled([_ground_line(model)]),
         *_choice_table(model, scene),
         "",
-        *_filled(_preflight_lines(scene)),
+        *_filled([_explicit_line(scene), f"chosen: {choice(scene)}"]),
     ]
     text = "\n".join(lines) + "\n"
     print(text, end="")
@@ -79,24 +83,21 @@ def _link_table(model: Model) -> list[str]:
 def _joint_table(model: Model, check: Preflight) -> list[str]:
     """List the joints, with the largest step that an explicit integrator could take."""
     head = ("joint", "type", "parent", "child", "axis", "limits", "effort", "speed", "explicit step [ms]")
-    steps = {limit.joint: _limit(limit) for limit in check.limits}
+    largest = {x.joint: f"{1e3 * x.step:.3g}" if x.step < math.inf else "any" for x in check.limits}
+    steps = {x.joint: f"{largest[x.joint]}, {x.cause}" for x in check.limits}
     held = model.held
     steps |= {j.name: f"locked at {_angle(j, held[j.name])}" for j in model.joints if j.name in held}
     rows = []
     for joint in model.joints:
+        names = joint.name, joint.type, joint.parent, joint.child
         if joint.type == "fixed":
-            rows.append((joint.name, joint.type, joint.parent, joint.child, *"-----"))
+            rows.append((*names, *"-----"))
             continue
         limits = f"{_angle(joint, joint.lower)} to {_angle(joint, joint.upper)}"
         force, rate = ("N", "m/s") if joint.type == "prismatic" else ("N m", "rad/s")
         effort, speed = f"{joint.effort:.4g} {force}", f"{joint.velocity:.4g} {rate}"
-        axis = _numbers(joint.axis)
-        rows.append((joint.name, joint.type, joint.parent, joint.child, axis, limits, effort, speed, steps[joint.name]))
+        rows.append((*names, _numbers(joint.axis), limits, effort, speed, steps[joint.name]))
     return table(head, rows)
-
-
-def _limit(limit: Limit) -> str:
-    return f"{1e3 * limit.step:.3g}, {limit.cause}" if limit.step < math.inf else f"any, {limit.cause}"
 
 
 def _angle(joint: Joint, value: float) -> str:
@@ -131,11 +132,6 @@ def _fields(record: Servo | Controller | Gearbox) -> Iterator[tuple[str, str, st
             yield field.name, value if isinstance(value, str) else f"{value:.6g}", units.get(field.name, "")
 
 
-def _contact_table(model: Model) -> list[str]:
-    rows = [(point.link, _numbers(point.position)) for point in model.contacts]
-    return table(("contact point on", "position [m]"), rows) if rows else []
-
-
 def _ground_line(model: Model) -> str:
     """Describe what carries the robot, and the default ground of `simulate`."""
     under, links = ground(model), len({point.link for point in model.contacts})
@@ -147,8 +143,10 @@ def _ground_line(model: Model) -> str:
     if model.base == "fixed":
         return "its base is fixed; `simulate` puts no ground under it"
     shapes = len(model.shapes)
-    more = f"load_robot(..., contacts=\"feet\") takes them from its {shapes} collision shapes" if shapes else (
-        "it has no collision shapes to take them from; type them into its TOML"
+    more = (
+        f'load_robot(..., contacts="feet") takes them from its {shapes} collision shapes'
+        if shapes
+        else ("it has no collision shapes to take them from; type them into its TOML")
     )
     return f"no contact points, so `simulate` lets it fall without ground: {more}"
 
@@ -174,14 +172,13 @@ def _filled(lines: Iterable[str]) -> list[str]:
     return [textwrap.fill(line, LINE, subsequent_indent="  ", break_on_hyphens=False) for line in lines]
 
 
-def _preflight_lines(scene: CompiledScene) -> list[str]:
-    check, servos = scene.preflight, f"{scene.gearbox} servos" if scene.gearbox else "no servos"
-    worst, limited = check.worst, "nothing limits an explicit step"
-    if worst is not None:
-        alone = f"{worst.joint} alone {1e3 * worst.step:.3g} ms, by its {worst.cause}"
+def _explicit_line(scene: CompiledScene) -> str:
+    """Describe the largest step that an explicit integrator could take."""
+    check, limited = scene.preflight, "nothing limits an explicit step"
+    if check.worst is not None:
+        alone = f"{check.worst.joint} alone {1e3 * check.worst.step:.3g} ms, by its {check.worst.cause}"
         limited = f"explicit steps up to {1e3 * check.largest_explicit_step:.3g} ms, all joints together ({alone})"
-    where = "on the ground" if scene.ground else "without ground"
-    return [f"with {servos}, {where}: {limited}", f"chosen: {choice(scene)}"]
+    return f"with {scene.gearbox or 'no'} servos, {'on the ground' if scene.ground else 'without ground'}: {limited}"
 
 
 def _numbers(values: Iterable[float]) -> str:

@@ -1,4 +1,18 @@
-"""`featherstone-gait optimize`: a cheaper gait."""
+"""Plan a biped's walk, and search for a gait that takes less energy per distance; Ctrl-C keeps the best so far.
+
+Writes ROBOT_gait.json (measures before and after), _report.html (the same as a page), .npz (arrays), _animation.html,
+_convergence.png, _angles.png, _angles.csv [deg], _goal_positions.csv (AX-12, every 40 ms), _history.jsonl and
+_limits_history.jsonl (the search, for --resume), with --feedback _feedback_history.jsonl, and with --crosscheck
+_crosscheck.json and .csv.
+
+Takes two and a half minutes on two cores, compiling included, and with --crosscheck a minute or two more; the time
+grows in proportion to the numbers of candidates and worlds, and is printed before the search.
+
+  featherstone-gait optimize
+  featherstone-gait optimize --seed 3 --out third --crosscheck
+  featherstone-gait optimize --robot my_biped.urdf --servo xl330
+  featherstone-gait optimize --robot g1.urdf --servo generic --legs-only
+"""
 
 from __future__ import annotations
 
@@ -6,42 +20,20 @@ from argparse import SUPPRESS, Namespace
 from dataclasses import fields
 
 from ..optimize.options import OptimizeOptions
-from .arguments import Commands, add_command, add_option, telling_extras
-
-TAKES = (
-    "two and a half minutes on two cores, compiling included, and with --crosscheck a minute or two more; the time "
-    "grows in proportion to the numbers of candidates and worlds, and is printed before the search"
-)
+from .arguments import Commands, add_command, telling_extras
 
 
 def add(commands: Commands) -> None:
     """Register the command."""
-    parser = add_command(
-        commands,
-        "optimize",
-        run,
-        "plan a biped's walk, and search for a gait that takes less energy per distance; Ctrl-C keeps the best so far",
-        "ROBOT_gait.json (measures before and after), _report.html (the same as a page), .npz (arrays), "
-        "_animation.html, _convergence.png, _angles.png, "
-        "_angles.csv [deg], _goal_positions.csv (AX-12, every 40 ms), _history.jsonl and _limits_history.jsonl (the "
-        "search, for --resume), with --feedback _feedback_history.jsonl, and with --crosscheck _crosscheck.json and "
-        ".csv",
-        examples=(
-            "featherstone-gait optimize",
-            "featherstone-gait optimize --seed 3 --out third --crosscheck",
-            "featherstone-gait optimize --robot my_biped.urdf --servo xl330",
-            "featherstone-gait optimize --robot g1.urdf --servo generic --legs-only",
-        ),
-        takes=TAKES,
-    )
+    parser = add_command(commands, run, __doc__)
     parser.add_argument("--robot", default="humanoid", help="name or robot file (default: humanoid, ten leg joints)")
     for option in fields(OptimizeOptions):
         if option.metadata:
             flag = option.metadata["flag"] or f"--{option.name.replace('_', '-')}"
             how = {"dest": option.name, "default": SUPPRESS, **option.metadata["argument"]}
-            add_option(parser, flag, old=option.metadata["old"], **how)
+            parser.option(flag, old=option.metadata["old"], **how)
     what = "search on one floor with the poses of a stride, as in the paper: the same as --worlds 0 --states stride"
-    add_option(parser, "--one-world", old="--nominal", action="store_true", help=what)
+    parser.option("--one-world", what, False, old="--nominal")
 
 
 def run(args: Namespace) -> int:

@@ -1,4 +1,13 @@
-"""`featherstone-gait reproduce`: the paper, rerun."""
+"""Run the paper's experiments, or continue them, and compare each result with the paper.
+
+Writes reproduction.html, .md and .csv, and the folder reproduction_files (pictures, and finished experiments to
+continue from).
+
+Takes some five minutes on two cores; Ctrl-C keeps finished experiments.
+
+  featherstone-gait reproduce servo_step arm_fall
+  featherstone-gait reproduce --full --out paper
+"""
 
 from __future__ import annotations
 
@@ -7,27 +16,13 @@ from argparse import Namespace
 from ..reproduction import EXPERIMENTS
 from .arguments import Commands, add_command, announce
 
-TAKES = "some five minutes on two cores; Ctrl-C keeps finished experiments"
-
 
 def add(commands: Commands) -> None:
     """Register the command."""
-    parser = add_command(
-        commands,
-        "reproduce",
-        run,
-        "run the paper's experiments, or continue them, and compare each result with the paper",
-        "reproduction.html, .md and .csv, and the folder reproduction_files (pictures, and finished experiments to "
-        "continue from)",
-        examples=("featherstone-gait reproduce servo_step arm_fall", "featherstone-gait reproduce --full --out paper"),
-        takes=TAKES,
-    )
-    names = ", ".join(EXPERIMENTS)
-    parser.add_argument("names", metavar="NAME", nargs="*", help=f"{names} (default: all)")
-    parser.add_argument(
-        "--full", action="store_true", help="more runs and finer steps, as for docs/reproduction; takes an hour or more"
-    )
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all random numbers (default: 0)")
+    parser = add_command(commands, run, __doc__)
+    parser.add_argument("names", metavar="NAME", nargs="*", help=f"{', '.join(EXPERIMENTS)} (default: all)")
+    parser.option("--full", "more runs and finer steps, as for docs/reproduction; takes an hour or more", False)
+    parser.option("--seed", "seed of all random numbers", 0, metavar="N")
 
 
 def run(args: Namespace) -> int:

@@ -1,4 +1,11 @@
-"""`featherstone-gait servos`: list the servos of the package, and compare them with their manuals."""
+"""List servos, or compare some with their manuals: stall, no-load speed and efficiency.
+
+Writes nothing but the picture of --plot.
+
+  featherstone-gait servos
+  featherstone-gait servos ax12 ax12a --plot curves.png
+  featherstone-gait servos my_servo.toml --voltage 11.1
+"""
 
 from __future__ import annotations
 
@@ -26,21 +33,12 @@ FIGURES = {  # of a curve and of a manual: digits, and the unit
 
 def add(commands: Commands) -> None:
     """Register the command."""
-    does = "list servos, or compare some with their manuals: stall, no-load speed and efficiency"
-    examples = (
-        "featherstone-gait servos",
-        "featherstone-gait servos ax12 ax12a --plot curves.png",
-        "featherstone-gait servos my_servo.toml --voltage 11.1",
-    )
-    what = "nothing but the picture of --plot"
-    parser = add_command(commands, "servos", run, does, what, examples=examples)
-    what = "name of a servo of the package, or a .toml file (default: list all of the package)"
-    parser.add_argument("names", nargs="*", metavar="NAME", help=what)
+    parser = add_command(commands, run, __doc__)
+    names = "name of a servo of the package, or a .toml file (default: list all of the package)"
+    parser.add_argument("names", nargs="*", metavar="NAME", help=names)
     voltage = "supply voltage [V] (default: each servo's own, and those of its manual)"
-    parser.add_argument("--voltage", type=float, metavar="V", help=voltage)
-    parser.add_argument(
-        "--plot", type=Path, metavar="FILE.png", help="draw torque, current and efficiency against speed"
-    )
+    parser.option("--voltage", voltage, type=float, metavar="V")
+    parser.option("--plot", "draw torque, current and efficiency against speed", type=Path, metavar="FILE.png")
 
 
 def run(args: Namespace) -> int:

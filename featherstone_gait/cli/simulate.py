@@ -1,4 +1,14 @@
-"""`featherstone-gait simulate`: let a robot swing, be pulled to zero by its servos, or stand."""
+"""Simulate a robot, and plot its motion.
+
+One with a fixed base swings freely, or with --gearbox is pulled to zero; one with a floating base stands on the ground.
+
+Writes ROBOT_simulation.npz (recorded channels), .json (status, settings, measures) and .png (motion and plots).
+
+Takes a second or two, and the first time that a kind of robot is simulated up to half a minute to compile.
+
+  featherstone-gait simulate arm7 --gearbox mipsd
+  featherstone-gait simulate humanoid --duration 5 --out standing
+"""
 
 from __future__ import annotations
 
@@ -9,7 +19,6 @@ import time
 from argparse import Namespace
 from collections.abc import Callable
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..base.files import complete
@@ -28,29 +37,13 @@ SAMPLE = 2e-3  # time between records, in whole steps [s]
 
 def add(commands: Commands) -> None:
     """Register the command."""
-    parser = add_command(
-        commands,
-        "simulate",
-        run,
-        "simulate a robot: one with a fixed base swings freely, or with --gearbox is pulled to zero; one with a "
-        "floating base stands on the ground",
-        "ROBOT_simulation.npz (recorded channels), .json (status, settings, measures) and .png (motion and plots)",
-        examples=(
-            "featherstone-gait simulate arm7 --gearbox mipsd",
-            "featherstone-gait simulate humanoid --duration 5 --out standing",
-        ),
-        takes="a second or two, and the first time that a kind of robot is simulated up to half a minute to compile",
-    )
+    parser = add_command(commands, run, __doc__)
     add_robot(parser, " and a floating base, else none")
-    parser.add_argument(
-        "--duration", type=float, metavar="S", help="simulated time [s] (default: 2; without servos and ground 1)"
-    )
-    parser.add_argument(
-        "--integrator",
-        metavar="NAME",
-        help="name of the integrator (default: chosen for the robot; a wrong name lists all)",
-    )
-    parser.add_argument("--timestep", type=float, metavar="S", help="time step [s] (default: chosen, and printed)")
+    duration = "simulated time [s] (default: 2; without servos and ground 1)"
+    parser.option("--duration", duration, type=float, metavar="S")
+    integrator = "name of the integrator (default: chosen for the robot; a wrong name lists all)"
+    parser.option("--integrator", integrator, metavar="NAME")
+    parser.option("--timestep", "time step [s] (default: chosen, and printed)", type=float, metavar="S")
 
 
 def run(args: Namespace) -> int:
@@ -58,6 +51,7 @@ def run(args: Namespace) -> int:
     start = time.perf_counter()
     from ..robot_file import load_robot
     from ..scene.compile import compile_scene
+    from ..view.style import look
 
     model = load_robot(args.robot, locked=args.locked)
     driven = model.base == "floating" and bool(model.servos)
@@ -79,7 +73,8 @@ def run(args: Namespace) -> int:
     path = output(args, "simulation")
     trajectory.save(path)
     plotting = time.perf_counter()
-    _plot_simulation(scene, trajectory, text, output(args, "simulation.png"))
+    with look(), complete(output(args, "simulation.png")) as temporary:
+        _figure(scene, trajectory, text).savefig(temporary, dpi=120)
     measures["seconds_of_plotting"] = time.perf_counter() - plotting
     lines = [*_summary(scene, trajectory, duration), f"files       {path}.npz, .json, .png"]
     print("\n".join(_filled(line) for line in lines))
@@ -196,33 +191,21 @@ def _summary(scene: CompiledScene, trajectory: Trajectory, duration: float) -> l
         lines.append(f"ground      base moves by at most {shift:.3g} mm; ground carries {force:.4f} of the weight")
     return [
         *lines,
-        f"error       of the joints, estimated by {_refinement(scene)}: at most {m['error_estimate']:.1e} rad or m",
+        f"error       of the joints, estimated by {'a tenth of the tolerance' if scene.adaptive else 'half the step'}: "
+        f"at most {m['error_estimate']:.1e} rad or m",
         f"time        {1e3 * m['seconds_per_simulated_second']:.2f} ms per simulated second; ready to run after "
         f"{m['seconds_until_ready']:.2f} s, plot {m['seconds_of_plotting']:.2f} s",
     ]
 
 
-def _refinement(scene: CompiledScene) -> str:
-    return "a tenth of the tolerance" if scene.adaptive else "half the step"
-
-
-def _plot_simulation(scene: CompiledScene, trajectory: Trajectory, text: str, path: Path) -> None:
+def _figure(scene: CompiledScene, trajectory: Trajectory, text: str) -> Figure:
     """Plot the motion on the left, and joints and energy error or forces on the right."""
     from matplotlib.figure import Figure
 
-    from ..view.style import look
-
-    with look():
-        figure = Figure(figsize=(11.0, 5.5), layout="constrained")
-        _draw_simulation(figure, scene, trajectory, text)
-        with complete(path) as temporary:
-            figure.savefig(temporary, dpi=120)
-
-
-def _draw_simulation(figure: Figure, scene: CompiledScene, trajectory: Trajectory, text: str) -> None:
     from ..view.plotting import plot, plot_motion
     from ..view.style import BAD, BLUE
 
+    figure = Figure(figsize=(11.0, 5.5), layout="constrained")
     left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=(1.0, 1.2))[0]
     motion = left.subplots()
     plot_motion(scene.model, trajectory, motion, view="xz")
@@ -241,3 +224,4 @@ def _draw_simulation(figure: Figure, scene: CompiledScene, trajectory: Trajector
     wrong = "" if trajectory.ok else f": {trajectory.status}"
     ended = f" at {trajectory.end_time:.3g} s" if trajectory.failed else ""
     figure.suptitle(f"{text}{wrong}{ended}", color="black" if trajectory.ok else BAD)
+    return figure

@@ -1,4 +1,13 @@
-"""`featherstone-gait study`: run one experiment with many parameters."""
+"""Run a parameter study, or continue one that was interrupted.
+
+Writes FILE.csv (one row per run), .png (summary) and .jsonl (finished runs, to continue from).
+
+Takes as long as the progress bar estimates; Ctrl-C keeps finished runs.  Exit code 1 if a run is not ok.
+
+  featherstone-gait study notebooks/stability_study.toml --out results
+  featherstone-gait study notebooks/unit_study.toml --out results
+  featherstone-gait study FILE.toml --cluster tcp://HOST:8786 --batch 64
+"""
 
 from __future__ import annotations
 
@@ -12,32 +21,13 @@ from .arguments import Commands, add_command
 
 def add(commands: Commands) -> None:
     """Register the command."""
-    parser = add_command(
-        commands,
-        "study",
-        run,
-        "run a parameter study, or continue one that was interrupted",
-        "FILE.csv (one row per run), .png (summary) and .jsonl (finished runs, to continue from)",
-        examples=(
-            "featherstone-gait study notebooks/stability_study.toml --out results",
-            "featherstone-gait study notebooks/unit_study.toml --out results",
-            "featherstone-gait study FILE.toml --cluster tcp://HOST:8786 --batch 64",
-        ),
-        takes="as long as the progress bar estimates; Ctrl-C keeps finished runs.  Exit code 1 if a run is not ok",
-    )
-    parser.add_argument(
-        "file",
-        type=Path,
-        metavar="FILE.toml",
-        help="the study; help(featherstone_gait.study) in Python lists its settings",
-    )
-    parser.add_argument("--batch", type=int, metavar="N", help="runs per batch (default: 8, in large studies 64)")
-    parser.add_argument(
-        "--cluster",
-        metavar="ADDRESS",
-        help="run on the dask scheduler at this address (default: on this machine's cores)",
-    )
-    parser.add_argument("--parquet", action="store_true", help="also write FILE.parquet (needs pandas and pyarrow)")
+    parser = add_command(commands, run, __doc__)
+    file = "the study; help(featherstone_gait.study) in Python lists its settings"
+    parser.add_argument("file", type=Path, metavar="FILE.toml", help=file)
+    parser.option("--batch", "runs per batch (default: 8, in large studies 64)", type=int, metavar="N")
+    cluster = "run on the dask scheduler at this address (default: on this machine's cores)"
+    parser.option("--cluster", cluster, metavar="ADDRESS")
+    parser.option("--parquet", "also write FILE.parquet (needs pandas and pyarrow)", False)
 
 
 def run(args: Namespace) -> int:

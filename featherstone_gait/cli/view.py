@@ -1,7 +1,17 @@
-"""`featherstone-gait view`: show saved runs, or a robot, as a page or a movie."""
+"""Show saved runs, or a robot, as a page for any browser.
+
+Writes FILE_view.html; with --gif FILE.gif instead, with --png the folder FILE_frames, with --live no file.
+
+  featherstone-gait view humanoid
+  featherstone-gait view humanoid_simulation.npz
+  featherstone-gait view before.npz after.npz --ghosts
+  featherstone-gait view run.npz --live
+  featherstone-gait view run.npz --gif --speed 0.1
+"""
 
 from __future__ import annotations
 
+import logging
 import webbrowser
 from argparse import Namespace
 from pathlib import Path
@@ -12,50 +22,27 @@ from .arguments import Commands, add_command, telling_extras
 if TYPE_CHECKING:
     from ..model import Model
     from ..run.trajectory import Trajectory
-    from ..view.live import Live
 
 
 def add(commands: Commands) -> None:
     """Register the command."""
-    parser = add_command(
-        commands,
-        "view",
-        run,
-        "show saved runs, or a robot, as a page for any browser",
-        "FILE_view.html; with --gif FILE.gif instead, with --png the folder FILE_frames, with --live no file",
-        examples=(
-            "featherstone-gait view humanoid",
-            "featherstone-gait view humanoid_simulation.npz",
-            "featherstone-gait view before.npz after.npz --ghosts",
-            "featherstone-gait view run.npz --live",
-            "featherstone-gait view run.npz --gif --speed 0.1",
-        ),
-    )
-    parser.add_argument(
-        "files", nargs="+", metavar="FILE", help="saved trajectories (.npz) of one robot, or a robot's name or file"
-    )
-    parser.add_argument("--robot", metavar="ROBOT", help="robot of the runs (default: the one that their files name)")
-    parser.add_argument(
-        "--caption", action="append", default=[], metavar="TEXT", help="caption of a run; give it once for each run"
-    )
-    what = "plot this channel below the picture; may be repeated (default: contact_force, else torque, else q)"
-    parser.add_argument("--plot", action="append", default=[], metavar="CHANNEL", help=what)
-    parser.add_argument("--ghosts", action="store_true", help="draw all runs in one picture (default: side by side)")
-    parser.add_argument(
-        "--keyframe", metavar="NAME", help="show a robot in this posture (default: the one nearest to zero)"
-    )
-    parser.add_argument(
-        "--live", action="store_true", help="serve a page with the robot's full meshes until Ctrl-C (needs viser)"
-    )
-    parser.add_argument("--port", type=int, default=8080, metavar="N", help="port of --live (default: %(default)s)")
-    parser.add_argument("--gif", action="store_true", help="write a GIF of the first run instead of a page")
-    parser.add_argument("--png", action="store_true", help="write a folder of PNG files instead of a page")
-    what = "playing speed of GIF and PNG; 0.1 is slow motion (default: 1)"
-    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help=what)
-    parser.add_argument(
-        "--fps", type=float, default=25.0, metavar="N", help="frames per second of GIF and PNG (default: 25)"
-    )
-    parser.add_argument("--open", action="store_true", help="open the page in a browser")
+    parser = add_command(commands, run, __doc__)
+    files = "saved trajectories (.npz) of one robot, or a robot's name or file"
+    parser.add_argument("files", nargs="+", metavar="FILE", help=files)
+    parser.option("--robot", "robot of the runs (default: the one that their files name)", metavar="ROBOT")
+    caption = "caption of a run; give it once for each run"
+    parser.option("--caption", caption, [], action="append", metavar="TEXT")
+    plot = "plot this channel below the picture; may be repeated (default: contact_force, else torque, else q)"
+    parser.option("--plot", plot, [], action="append", metavar="CHANNEL")
+    parser.option("--ghosts", "draw all runs in one picture (default: side by side)", False)
+    parser.option("--keyframe", "show a robot in this posture (default: the one nearest to zero)", metavar="NAME")
+    parser.option("--live", "serve a page with the robot's full meshes until Ctrl-C (needs viser)", False)
+    parser.option("--port", "port of --live", 8080, metavar="N")
+    parser.option("--gif", "write a GIF of the first run instead of a page", False)
+    parser.option("--png", "write a folder of PNG files instead of a page", False)
+    parser.option("--speed", "playing speed of GIF and PNG; 0.1 is slow motion", 1.0, metavar="X")
+    parser.option("--fps", "frames per second of GIF and PNG", 25.0, metavar="N")
+    parser.option("--open", "open the page in a browser", False)
 
 
 def run(args: Namespace) -> int:
@@ -85,7 +72,12 @@ def run(args: Namespace) -> int:
     if args.live:
         with telling_extras():
             live = show_live(runs[0], robot, *runs[1:], port=args.port, **how)
-        return _serve(live, args.open)
+        logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # browsers open connections they do not use
+        print(f"page        {live.url}, until Ctrl-C", flush=True)
+        if args.open:
+            webbrowser.open(live.url)
+        live.wait()
+        return 0
     path = args.out / f"{names[0]}_view.html"
     page = show(runs[0], robot, *runs[1:], path=path, **how)
     for run, caption in zip(runs, captions):
@@ -93,18 +85,6 @@ def run(args: Namespace) -> int:
     print(f"file        {path}, {len(page.html) / 1e6:.2g} MB")
     if args.open:
         webbrowser.open(path.resolve().as_uri())
-    return 0
-
-
-def _serve(page: Live, opened: bool) -> int:
-    """Serve the page until Ctrl-C."""
-    import logging
-
-    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # browsers open connections that they do not use
-    print(f"page        {page.url}, until Ctrl-C", flush=True)
-    if opened:
-        webbrowser.open(page.url)
-    page.wait()
     return 0
 
 
