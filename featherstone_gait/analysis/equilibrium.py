@@ -305,7 +305,7 @@ def _ways(q: np.ndarray, loads: _Loads, used: np.ndarray) -> np.ndarray:
 
 def _posed(scene: CompiledScene, chart: Chart, q: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return postures (k, nq) with the base moved by x (6, k)."""
-    y = np.zeros(int(scene.layout["length"]))
+    y = np.zeros(scene.layout["length"])
     places = _places(scene)
     y[places] = q
     return chart.moved(y, x)[places].T.copy()

@@ -39,7 +39,6 @@ from ..core.integrate.rollout import OK
 from ..core.step.signals import Signals
 from ..core.step.state import BY_NAME, IN_STATE, RECORDABLE
 from ..dynamics import coupling_matrix
-from ..run.channels import current_name
 from ..run.compiled_run import CompiledRun, Vector, in_lanes, knots_in_lanes, lane_zeros
 from ..run.lane_engine import sampled
 from ..run.prepare import prepare, with_steps, with_tolerance
@@ -50,6 +49,7 @@ from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
 from ..scene.contact import by_body
 from ..scene.friction import sticks
+from ..scene.state_view import current_name
 
 INPUTS = ("reference", "torque", "voltage")
 KINDS = ("coordinates", "controlled")  # of channels that always count
@@ -143,6 +143,7 @@ class Linearization:
 
     def of(self, *channels: str) -> np.ndarray:
         """Return the indices of the states of some channels, such as "q"; ValueError for unknown channels."""
+        channels = tuple(map(current_name, channels))
         for name in channels:
             one_of("channel", name, dict.fromkeys(state.split()[0] for state in self.states))
         return np.array([k for k, state in enumerate(self.states) if state.split()[0] in channels], dtype=int)
@@ -537,7 +538,7 @@ def _channels(system: _System, states: Iterable[str] | None, inputs: tuple[str, 
     always, memory = _possible(system.scene, inputs)
     if states is not None:
         known = [c.name for c in IN_STATE if c.name in (*always, *memory)]
-        chosen = listed("states", states, "give a list of channels, such as ('q', 'qd')")
+        chosen = list(map(current_name, listed("states", states, "give a list of channels, such as ('q', 'qd')")))
         for name in chosen:
             one_of("states", name, known)
         return [name for name in known if name in chosen]
@@ -571,7 +572,7 @@ def _remembered(system: _System, always: tuple[str, ...], memory: tuple[str, ...
 @functools.lru_cache(maxsize=128)
 def _uneven(scene: CompiledScene, memory: tuple[str, ...]) -> np.ndarray:
     """Return moves of the states of runs: none in the first, then a channel each, and none in the last lanes."""
-    size, found = int(scene.layout["length"]), []
+    size, found = scene.layout["length"], []
     for name in memory:
         chart = chart_of(scene, (name,))
         x = np.array(chart.widths) * (1.0 + 0.3 * np.arange(len(chart.names)) / len(chart.names))

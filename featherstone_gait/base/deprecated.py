@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import inspect
 import sys
 import warnings
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+from importlib import import_module
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, TypeVar
@@ -18,10 +21,16 @@ F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
 
-def moved(module: str, target: str) -> Callable[[str], Any]:
-    """Make the `__getattr__` of a module whose names have moved to `target`."""
+def moved(module: str, target: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """Make the `__getattr__` and the `__dir__` of a module whose names have moved to `target`."""
+
+    def __dir__() -> list[str]:
+        there = import_module(target)
+        return sorted(getattr(there, "__all__", [name for name in vars(there) if not name.startswith("_")]))
 
     def __getattr__(name: str) -> Any:
+        if name == "__all__":
+            return __dir__()
         if name.startswith("__"):
             raise AttributeError(f"module {module!r} has no attribute {name!r}")
         try:
@@ -31,7 +40,7 @@ def moved(module: str, target: str) -> Callable[[str], Any]:
         warn(f"{module}.{name}", f"{target}.{name}")
         return value
 
-    return __getattr__
+    return __getattr__, __dir__
 
 
 def renamed(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:
@@ -72,9 +81,14 @@ def keywords(_both: bool = False, /, **names: str) -> Callable[[F], F]:
     """Decorate a function some of whose keyword arguments have changed: old="new".
 
     Both names at once are refused, or the old one counts where `_both` is True: `dataclasses.replace` gives both.
+    Unknown names are refused with the known ones.
     """
 
     def decorate(function: F) -> F:
+        parameters = inspect.signature(function).parameters
+        known = {name for name, one in parameters.items() if one.kind is not one.POSITIONAL_ONLY} - {"self"}
+        open_ended = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+
         @functools.wraps(function)
         def call(*args: Any, **kwargs: Any) -> Any:
             for old in [name for name in names if name in kwargs]:
@@ -82,6 +96,10 @@ def keywords(_both: bool = False, /, **names: str) -> Callable[[F], F]:
                     raise TypeError(f"{function.__qualname__}: {old} is {names[old]} now; give one of them")
                 warn(f"{function.__qualname__}: {old}", names[old])
                 kwargs[names[old]] = kwargs.pop(old)
+            for name in () if open_ended else kwargs.keys() - known:
+                close = "".join(f"; did you mean {one}?" for one in get_close_matches(name, known, 1))
+                text = f"{function.__qualname__} has no argument {name!r}{close}"
+                raise TypeError(f"{text}; its arguments: {', '.join(one for one in parameters if one in known)}")
             return function(*args, **kwargs)
 
         return call  # type: ignore[return-value]
@@ -95,13 +113,18 @@ def fields(**names: str) -> Callable[[type[T]], type[T]]:
     def decorate(cls: type[T]) -> type[T]:
         cls.__init__ = keywords(True, **names)(cls.__init__)  # type: ignore[method-assign]
         for old, new in names.items():
-            setattr(cls, old, property(functools.partial(_read, old=old, new=new)))
+            setattr(cls, old, attribute(old, new))
         return cls
 
     return decorate
 
 
-def _read(self: object, old: str, new: str) -> Any:
-    name = type(self).__name__
-    warn(f"{name}.{old}", f"{name}.{new}")
-    return getattr(self, new)
+def attribute(old: str, new: str) -> Any:
+    """Make the property `old` of a class whose attribute or method is called `new` now."""
+
+    def read(self: object) -> Any:
+        name = type(self).__name__
+        warn(f"{name}.{old}", f"{name}.{new}")
+        return getattr(self, new)
+
+    return property(read, doc=f"The old name of `{new}`.")

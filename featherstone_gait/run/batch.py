@@ -62,7 +62,7 @@ def family(run: CompiledRun) -> Hashable:
     """Return what runs that share lanes have in common; with error control none do."""
     scene = run.scene
     if scene.adaptive:
-        return scene.layout.tobytes()
+        return scene.places.tobytes()
     plan = run.plan._replace(lag=0.0, min_height=float(run.plan.min_height > NEVER))  # in which lanes may differ
     controller = run.controller and run.controller.kind
     return scene.integrator, plan, structure(scene.constants), run.channels.tobytes(), controller

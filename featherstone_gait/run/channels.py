@@ -2,30 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from ..base import deprecated
 from ..core.step import state
+from ..scene.state_view import current_name
 
-OLD = {  # names until version 0.2
-    "passes": "newton_iterations",
-    "pace": "step_control",
-    "end": "end_time",
-    "increment": "velocity_change",
-    "bristle": "tangential_deflection",
-    "filtered": "filtered_speed",
-    "bus": "bus_voltage",
-    "goal": "profiled_reference",
-}
 OLD_LABELS = {"meter": "electrical_no_regeneration", "driver": "driver_loss"}
-
-
-def current_name(name: Any) -> Any:
-    """Return a channel's name, of an old name today's, with a DeprecationWarning; anything else as it is."""
-    if isinstance(name, str) and name in OLD:
-        deprecated.warn(f"channel {name!r}", repr(OLD[name]))
-        return OLD[name]
-    return name
 
 
 def channel_table() -> str:

@@ -103,7 +103,7 @@ class CompiledRun:
             reference = Reference([0.0], y[None, o["q"] : o["q"] + n])
         if reference is not None and not isinstance(reference, Reference):
             raise ValueError(f"reference is a {type(reference).__name__}; give Reference(times, values)")
-        if tau is not None and scene.adaptive and self.plan.integrated < int(o["after_integrated"]):
+        if tau is not None and scene.adaptive and self.plan.integrated < o["after_integrated"]:
             raise ValueError(f"{scene.model.name}: torques from outside need prepare(..., driven=True)")
         if tau is not None and scene.method.drives:
             raise ValueError(
@@ -250,7 +250,7 @@ class CompiledRun:
             driven=signals.tau is not None,
             stiff=scene.stiff,
         )
-        work, good = scene.method.workspace(sizes, zeros), zeros(int(scene.layout["length"]))
+        work, good = scene.method.workspace(sizes, zeros), zeros(scene.layout["length"])
         frames = zeros(sizes.workspace) if sizes.floating and sizes.points else None
         if self.controller is not None:
             signals = signals._replace(program=self.controller.bound(scene, zeros))

@@ -41,7 +41,7 @@ class Group:
     ) -> None:
         scene, n = compiled.scene, compiled.scene.tree.n
         self.compiled, self.runs, self.robots, self.lanes = compiled, runs, robots, lanes
-        self.length, o = int(scene.layout["length"]), scene.layout
+        self.length, o = scene.layout["length"], scene.layout
         count, zeros = -(-len(robots) // lanes), zeros_for(lanes)
         self.shape = (count, lanes)
         places = np.arange(count * lanes)
@@ -57,7 +57,7 @@ class Group:
         self.command = self._with_lanes(self._input)[:, 0, :, 0]  # a view (vectors, joints, lanes)
         self.timed = scene.adaptive or scene.constants.push is not None
         self.begun, self.steps, self.offset = (np.zeros(self.shape) for _ in range(3))  # see `Plan`, of first and steps
-        self.status, self.end = self.y[:, int(o["status"])], self.y[:, int(o["end_time"])]  # views
+        self.status, self.end = self.y[:, o["status"]], self.y[:, o["end_time"]]  # views
         self._pace = self.y[:, scene.part("step_control")[0] :]
         self.vectors = [self._vector(k) for k in range(count)]
 

@@ -15,7 +15,7 @@ from ..core.step.context import Plan
 from ..scene.compile import CompiledScene
 from ..scene.contact import by_body
 from ..scene.external import Push
-from .channels import current_name
+from ..scene.state_view import current_name
 from .compiled_run import CompiledRun
 from .program import CompiledController
 from .start import check_scene
@@ -47,7 +47,7 @@ def prepare(
     if scene.adaptive:
         o, acts = scene.layout, scene.constants
         works = any(part is not None for part in (acts.actuator, acts.friction, acts.stops, acts.contact)) or driven
-        integrated = int(o["after_integrated" if works else "after_controlled"])
+        integrated = o["after_integrated" if works else "after_controlled"]
         rtol = scene.rtol if rtol is None else rtol
         atol = rtol if atol is None else atol
         plan = plan._replace(rtol=rtol, atol=atol, least_step=LEAST_STEP, integrated=integrated)

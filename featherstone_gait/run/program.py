@@ -124,7 +124,7 @@ class CompiledController:
 
     def bound(self, scene: CompiledScene, zeros: Callable[..., np.ndarray]) -> core.Program:
         """Return what the kernels read, with its memory as it begins."""
-        n, length = scene.tree.n, int(scene.layout["length"])
+        n, length = scene.tree.n, scene.layout["length"]
         starts = [place for name in SEEN for place in scene.part(name)]
         places = np.array([length, n, self.memory, *starts], np.int64)
         memory = zeros(self.memory)

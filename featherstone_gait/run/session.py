@@ -26,14 +26,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import floats, instance, listed, one_of, real, shown, truth, whole
-from ..base.deprecated import keywords, warn
+from ..base.deprecated import attribute, keywords
 from ..base.files import FilePath, Format, complete, read_arrays
 from ..core.effects.push import EVENT_MARGIN
 from ..core.integrate.rollout import OK
 from ..scene.compile import CompiledScene
 from ..scene.external import Push
-from ..scene.state_view import StateView
-from .channels import current_name
+from ..scene.state_view import StateView, current_name
 from .classify import Outcome, classify
 from .compiled_run import CompiledRun
 from .error_estimate import FIXED_LIMIT, LIMIT, ROUNDING, SPEED_LIMIT, second_run
@@ -479,22 +478,9 @@ class Session:
         robot = whole("robot", robot, 0, f"there are {self.n}, 0 the first", self.n - 1)
         return self._log.trajectory(robot, self._fleets[0])
 
-    def change(self, name: str, values: ArrayLike, mask: ArrayLike | None = None) -> Observation:
-        """Call `set_state`; the old name."""
-        warn("Session.change", "Session.set_state")
-        return self.set_state(name, values, mask)
-
-    @property
-    def running(self) -> np.ndarray:
-        """The old name of `active`."""
-        warn("Session.running", "Session.active")
-        return self.active
-
-    @property
-    def behind(self) -> float:
-        """The old name of `lag`."""
-        warn("Session.behind", "Session.lag")
-        return self.lag
+    change = attribute("change", "set_state")
+    running = attribute("running", "active")
+    behind = attribute("behind", "lag")
 
     # ------------------------------------------------------------------------------------------------ keeping
 

@@ -59,7 +59,7 @@ def initial_state(
     check_scene(scene)
     truth("allow_limit_violation", allow_limit_violation)
     model, o, n = scene.model, scene.layout, scene.tree.n
-    y = np.zeros(int(o["length"]))
+    y = np.zeros(o["length"])
     y[o["step_control"] + np.array([pace.STEP, pace.COLUMNS, pace.LAST])] = FIRST_STEP, FIRST_COLUMNS, 1e-4
     default = np.zeros(model.nq)
     default[model.nq - n :] = followed(scene.tree.coupling, np.zeros(n))
@@ -106,7 +106,7 @@ def reset_time(scene: CompiledScene, state: ArrayLike) -> np.ndarray:
         State (size,).
     """
     check_scene(scene)
-    y = vector("state", state, int(scene.layout["length"])).copy()
+    y = vector("state", state, scene.layout["length"]).copy()
     y[scene.layout["end_time"]] = 0.0
     return y
 
@@ -191,7 +191,7 @@ def checked_state(scene: CompiledScene, state: ArrayLike | Trajectory) -> np.nda
 
 def _sound(scene: CompiledScene, values: ArrayLike) -> np.ndarray:
     """Return a state as a vector; ValueError for numbers that no run ends with."""
-    y = vector("state", values, int(scene.layout["length"]), "what initial_state gave, or the end of a run")
+    y = vector("state", values, scene.layout["length"], "what initial_state gave, or the end of a run")
     check_quaternion(scene, y[slice(*scene.part("base_q"))][3:], 0.5, 2.0)
     status, own = y[scene.layout["status"]], y[scene.part("step_control")[0] :]
     if status not in ENDS or not (own >= 0.0).all():

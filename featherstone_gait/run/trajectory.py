@@ -13,14 +13,15 @@ import numpy as np
 from ..base import deprecated
 from ..base.files import FilePath, Format, complete_together, is_number, read_arrays, read_json
 from ..model import Model
-from ..scene.state_view import StateView
+from ..scene.state_view import OLD, ByChannel, StateView
 from . import tables
-from .channels import OLD, column_of, current_name
+from .channels import column_of
 from .status import Status
 
 FORMAT = Format("trajectory")
 
 
+@deprecated.fields(companion="second_final")
 @dataclass(frozen=True, eq=False)
 class Trajectory(Mapping[str, np.ndarray]):
     """Hold the result of a simulation: a mapping from channel names to arrays (samples, ...).
@@ -83,9 +84,12 @@ class Trajectory(Mapping[str, np.ndarray]):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "status", Status(self.status))
+        for name in ("channels", "error", "parts"):
+            values = getattr(self, name)
+            object.__setattr__(self, name, None if values is None else ByChannel(values))
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return self.channels[name if name in self.channels else current_name(name)]
+        return self.channels[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.channels)
@@ -107,12 +111,6 @@ class Trajectory(Mapping[str, np.ndarray]):
     def success(self) -> bool:
         """The same as `ok`, by SciPy's name."""
         return self.ok
-
-    @property
-    def companion(self) -> np.ndarray | None:
-        """The old name of `second_final`."""
-        deprecated.warn("Trajectory.companion", "Trajectory.second_final")
-        return self.second_final
 
     @property
     def failed(self) -> bool:

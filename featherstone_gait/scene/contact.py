@@ -40,7 +40,7 @@ def build_contact(model: Model, tree: Tree, ground: Ground | None, gravity: np.n
             "stiffness follows from the robot's weight; give a gravity that points into the ground, or ground=None"
         )
     under = _plane(ground) if ground.field is None else _field(ground.field, ground.height)
-    return Contact(_points(model, tree, ground, g), under, _bulge(model, tree))
+    return Contact(_points(model, tree, ground, g), under, _curvature(model, tree))
 
 
 def _points(model: Model, tree: Tree, ground: Ground, g: float) -> np.recarray:
@@ -73,8 +73,8 @@ def _center(point: ContactPoint) -> np.ndarray:
     return np.array(point.position) - FLATNESS * point.circle_radius * np.array(point.axis)
 
 
-def _bulge(model: Model, tree: Tree) -> Spheres | Discs | None:
-    """Build the spheres or discs that contacts are, in the order of the table; None for points."""
+def _curvature(model: Model, tree: Tree) -> Spheres | Discs | None:
+    """Build the spheres or discs of the contacts, in the order of the table; None if all are points."""
     contacts = [model.contacts[k] for k in by_body(model, tree)]
     if any(point.circle_radius for point in contacts):
         table = records(len(contacts), DISC)

@@ -3,10 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
+from ..base import deprecated
 from ..core.step.state import BY_NAME
+
+OLD = {  # names until version 0.2
+    "passes": "newton_iterations",
+    "pace": "step_control",
+    "end": "end_time",
+    "increment": "velocity_change",
+    "bristle": "tangential_deflection",
+    "filtered": "filtered_speed",
+    "bus": "bus_voltage",
+    "goal": "profiled_reference",
+}
+
+
+def current_name(name: Any) -> Any:
+    """Return a channel's name, of an old name today's, with a DeprecationWarning; anything else as it is."""
+    if isinstance(name, str) and name in OLD:
+        deprecated.warn(f"channel {name!r}", repr(OLD[name]))
+        return OLD[name]
+    return name
+
+
+class ByChannel(dict[str, Any]):
+    """Values by the names of channels, which an old name finds too, with a DeprecationWarning."""
+
+    def __missing__(self, name: Any) -> Any:
+        if name not in OLD:
+            raise KeyError(name)
+        return self[current_name(name)]
 
 
 class StateView(Mapping[str, np.ndarray]):
@@ -31,6 +61,7 @@ class StateView(Mapping[str, np.ndarray]):
     def __getattr__(self, name: str) -> np.ndarray:
         if name.startswith("_"):
             raise AttributeError(name)
+        name = current_name(name)
         if name not in self._parts:
             raise AttributeError(f"a state has no channel {name!r}; channels: {', '.join(self._parts)}")
         first, end = self._parts[name]
@@ -40,6 +71,7 @@ class StateView(Mapping[str, np.ndarray]):
         return values
 
     def __getitem__(self, name: str) -> np.ndarray:
+        name = current_name(name)
         if name not in self._names:
             raise KeyError(f"this state has no channel {name!r}; channels: {', '.join(self._names)}")
         return getattr(self, name)

@@ -2,4 +2,4 @@
 
 from featherstone_gait.base.deprecated import moved
 
-__getattr__ = moved(__name__, "featherstone_gait.run.sensors")
+__getattr__, __dir__ = moved(__name__, "featherstone_gait.run.sensors")

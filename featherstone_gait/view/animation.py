@@ -2,4 +2,4 @@
 
 from ..base.deprecated import moved
 
-__getattr__ = moved(__name__, "featherstone_gait.view.page")
+__getattr__, __dir__ = moved(__name__, "featherstone_gait.view.page")

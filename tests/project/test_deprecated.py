@@ -42,6 +42,20 @@ def test_an_old_path_leads_to_the_same_object(old, name):
     assert found is getattr(importlib.import_module(f"featherstone_gait.{new}"), name)
 
 
+@pytest.mark.parametrize(("old", "name"), PATHS)
+def test_an_old_path_lists_the_names_of_the_new_one(old, name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        module, found = importlib.import_module(f"featherstone_gait.{old}"), {}
+        exec(f"from featherstone_gait.{old} import *", found)
+    assert name in dir(module)
+    assert {name for name in found if not name.startswith("__")} == set(dir(module))
+
+
+def test_the_package_lists_its_names():
+    assert set(featherstone_gait.__all__) <= set(dir(featherstone_gait))
+
+
 @pytest.mark.parametrize("old", NAMES)
 def test_an_old_name_is_the_new_object(old):
     with pytest.warns(DeprecationWarning, match=rf"^featherstone_gait\.{old} is now .*{NAMES[old]};"):
@@ -93,6 +107,38 @@ def test_old_arguments_fields_and_channels_give_what_the_new_ones_give():
     with pytest.warns(DeprecationWarning, match="turn_weight is now orientation_weight"):
         target = featherstone_gait.Target("tip", turn_weight=2.0)
     assert target.orientation_weight == 2.0
+
+
+def test_old_channels_are_found_wherever_channels_are_named():
+    scene = featherstone_gait.compile_scene(featherstone_gait.load_robot("arm7"), "rotor")
+    state = featherstone_gait.initial_state(scene)
+    run = featherstone_gait.simulate(scene, 0.01, record=("filtered_speed",))
+    linear = featherstone_gait.linearize(scene, states=("q", "qd", "filtered_speed"))
+    for old, new in (
+        (lambda: scene.part("filtered"), scene.part("filtered_speed")),
+        (lambda: scene.layout["filtered"], scene.layout["filtered_speed"]),
+        (lambda: run.error["filtered"], run.error["filtered_speed"]),
+        (lambda: run.channels["filtered"], run["filtered_speed"]),
+        (lambda: scene.state_view(state).filtered, state[slice(*scene.part("filtered_speed"))]),
+        (lambda: scene.state_view(state)["filtered"], state[slice(*scene.part("filtered_speed"))]),
+        (lambda: featherstone_gait.linearize(scene, states=("q", "qd", "filtered")).A, linear.A),
+        (lambda: linear.of("filtered"), linear.of("filtered_speed")),
+    ):
+        with pytest.warns(DeprecationWarning, match="channel 'filtered' is now 'filtered_speed'"):
+            assert np.array_equal(old(), new)
+    with pytest.raises(KeyError, match="nothing"):
+        scene.part("nothing")
+    with pytest.warns(DeprecationWarning, match="companion is now second_final"):
+        again = replace(run, companion=state)
+    assert again.second_final is state
+
+
+@pytest.mark.parametrize(
+    ("function", "wrong", "right"), [("Session", "world", "worlds"), ("Ground", "frict", "friction")]
+)
+def test_an_unknown_argument_is_answered_with_the_known_ones(function, wrong, right):
+    with pytest.raises(TypeError, match=rf"no argument '{wrong}'; did you mean {right}\?; its arguments: .*{right}"):
+        getattr(featherstone_gait, function)(**{wrong: None})
 
 
 def test_the_warning_points_to_the_line_that_has_the_old_name():

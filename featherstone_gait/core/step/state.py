@@ -14,7 +14,7 @@ The order of the table is the order in the flat state `y`, sorted by kind:
 A new channel is a row here; whatever writes it says `y[o.name + i]`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -88,7 +88,8 @@ CHANNELS = (
 BY_NAME = {channel.name: channel for channel in CHANNELS}
 UNITS = {channel.name: channel.unit for channel in CHANNELS}
 IN_STATE = tuple(channel for channel in CHANNELS if channel.kind != "computed")
-RECORDABLE = tuple(c.name for c in CHANNELS if c.kind != "run" and c.name not in ("last_error", "delayed"))
+# A list, so that a channel added to it is seen wherever the name was imported.
+RECORDABLE = [c.name for c in CHANNELS if c.kind != "run" and c.name not in ("last_error", "delayed")]
 
 # Where each channel starts in `y`, and where the kinds end.
 STATE = np.dtype(
@@ -118,9 +119,9 @@ def lay_out(counts: dict[str, int]) -> np.recarray:
     return offsets.view(np.recarray)
 
 
-def parts(offsets: np.void) -> dict[str, tuple[int, int]]:
+def parts(offsets: Mapping[str, int]) -> dict[str, tuple[int, int]]:
     """Return the first and past-the-last index of each channel in the state."""
-    starts = [int(offsets[channel.name]) for channel in IN_STATE] + [int(offsets["length"])]
+    starts = [*(offsets[channel.name] for channel in IN_STATE), offsets["length"]]
     return {channel.name: (starts[k], starts[k + 1]) for k, channel in enumerate(IN_STATE)}
 
 
