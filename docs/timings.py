@@ -25,7 +25,7 @@ from featherstone_gait import (
     simulate_batch,
     standing_state,
 )
-from featherstone_gait.benchmark.machine import machine
+from featherstone_gait.benchmark.table import machine
 from featherstone_gait.optimize import AMPLITUDE, walking_cost
 from featherstone_gait.robot_file.servos import with_servo
 from featherstone_gait.walking import read_walk

@@ -21,9 +21,9 @@ import math
 import statistics
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -36,8 +36,7 @@ from .case import Case, Truth, cache_folder, distances, estimate_of, truth, velo
 from .default_scenes import cases
 from .engines import peer_run
 from .limited import Worker, at_most
-from .machine import machine
-from .table import print_head, print_row, save_figure, write_table
+from .table import machine, print_table, save_figure, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,13 +48,6 @@ PATIENCE = 30.0  # CPU seconds of a run
 ENOUGH, REPEATS = 0.5, 9  # CPU seconds and runs after which a time is believed
 NAMED = ("implicit_euler", "midpoint", "rk4", "dop853", "extrapolation", "ars343")
 VERDICTS = {"held": BLUE, "silent": ORANGE, "flagged": COLOURS[4], "alarm": COLOURS[5]}
-
-
-SHOWN = {
-    "case": ("case", "<50.50"), "integrator": ("integrator", "<14"), "status": ("status", "<14"), "verdict": ("", "<8"),
-    "error": ("error", "8.1e"), "estimate": ("estimate", "9.1e"), "until": ("until s", "8.3g"),
-    "time": ("ms/s", "8.3g"), "ratio": ("ratio", "7.2f"),
-}  # fmt: skip
 
 
 class Outcome(NamedTuple):
@@ -72,19 +64,19 @@ class Outcome(NamedTuple):
 class Row(NamedTuple):
     """One line of the table."""
 
-    case: str
+    case: Annotated[str, "case", "<50.50"]
     kind: str
     duration: float  # [s]
-    until: float  # the reference is known up to here [s]
-    integrator: str
+    until: Annotated[float, "until s", "8.3g"]  # the reference is known up to here [s]
+    integrator: Annotated[str, "integrator", "<14"]
     step: float  # [s]
-    status: str
-    verdict: str
-    error: float  # of positions, up to `until` [rad or m]
+    status: Annotated[str, "status", "<14"]
+    verdict: Annotated[str, "", "<8"]
+    error: Annotated[float, "error", "8.1e"]  # of positions, up to `until` [rad or m]
     speed_error: float  # relative to the largest speed, at least 1 rad/s or m/s
-    estimate: float  # the run's own, NaN without
-    time: float  # CPU per simulated second [ms]
-    ratio: float  # of that to the default's of version 0.1: implicit_euler at 1 ms, or dop853 to 1e-8
+    estimate: Annotated[float, "estimate", "9.1e"]  # the run's own, NaN without
+    time: Annotated[float, "ms/s", "8.3g"]  # CPU per simulated second [ms]
+    ratio: Annotated[float, "ratio", "7.2f"]  # of that to version 0.1's default: implicit_euler at 1 ms, or dop853 1e-8
     mujoco_error: float  # [rad or m], NaN where laws differ
     mujoco_time: float  # [ms]
 
@@ -100,13 +92,10 @@ def run(
     full: all robots and the long runs; robots: folders with robot files in place of the installed packages';
     references: folder in which the references are kept, in the user's cache if None.
     """
-    out_dir, host = Path(out_dir), machine()
+    host, rows, named, skipped = machine(), list[Row](), list[Row](), list[str]()
     print(host)
-    rows: list[Row] = []
-    named: list[Row] = []
-    skipped: list[str] = []
-    print_head(SHOWN)
-    with Worker() as worker:
+
+    def found(worker: Worker) -> Iterator[Row]:
         for case in tqdm(cases(full, robots, skipped), desc="cases", leave=False, disable=None):
             exact = truth(case, worker, references or cache_folder())
             if exact is None or exact.known < 2:
@@ -114,11 +103,14 @@ def run(
                 continue
             row, others = judged(case, exact, worker)
             rows.append(row)
-            named += others
-            print_row(row, SHOWN)
+            named.extend(others)
             write_table(out_dir / "default.csv", Row._fields, rows, host)
             cells = ([getattr(each, name) for name in NAMED_COLUMNS] for each in named)
             write_table(out_dir / "default_integrators.csv", NAMED_COLUMNS, cells, host)
+            yield row
+
+    with Worker() as worker:
+        print_table(Row, found(worker))
     print("\n".join([f"left out: {text}" for text in skipped] + ["", *summary(rows)]))
     print(f"\nby name, wrong from {SILENT:g} on:")
     print("\n".join(shares(named, "integrator")))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import importlib.util
 import math
 import statistics
 import tempfile
@@ -21,6 +20,7 @@ from ..robot_file import save_robot
 from ..scene.compile import CompiledScene
 from .case import Case, Truth, distances
 from .limited import at_most
+from .table import installed
 
 PEER_STEP = 2e-3  # MuJoCo's default [s]
 LONGEST = 10.0  # of a case that MuJoCo runs [s]
@@ -167,7 +167,7 @@ def peer_run(case: Case, exact: Truth) -> tuple[float, float]:
     Both are NaN without MuJoCo, and for servos and springs, which it has not.
     """
     scene = case.scene
-    if not importlib.util.find_spec("mujoco") or scene.gearbox or scene.springs or case.duration > LONGEST:
+    if not installed("mujoco") or scene.gearbox or scene.springs or case.duration > LONGEST:
         return math.nan, math.nan
     try:
         m = model_of(scene)

@@ -14,13 +14,11 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from tqdm import tqdm
 
-from ..base.files import FilePath
-from .machine import machine
-from .table import write_table
+from .table import machine, tabulate
 
 TIMED = """
 import time
@@ -90,31 +88,26 @@ REPEATS, REPEATS_FULL = 3, 9  # of what is cached; the least counts
 class Row(NamedTuple):
     """One line of the table [CPU s]."""
 
-    kind: str
-    cold: float
-    further: float
-    cached: float
+    kind: Annotated[str, "CPU s to the first result", "<34"]
+    cold: Annotated[float, "cold", "8.1f"]
+    further: Annotated[float, "further", "8.1f"]
+    cached: Annotated[float, "cached", "8.2f"]
 
 
-def run(out_dir: FilePath, full: bool = False) -> list[Row]:
+def run(out_dir: Path, full: bool = False) -> list[Row]:
     """Time all kinds in processes of their own, print the table, write first.csv; `full` repeats what is short."""
-    out_dir = Path(out_dir)
-    out_dir.mkdir(parents=True, exist_ok=True)
     host = machine()
     print(host)
-    print(f"{'CPU s to the first result':30}{'cold':>8}{'further':>9}{'cached':>8}")
-    rows = []
     with tempfile.TemporaryDirectory() as folder:
         programs = PROGRAMS | {"featherstone-gait simulate arm7": COMMAND.format(folder=f"{folder}/out")}
         bar = tqdm(programs.items(), desc="first results", unit="kind", disable=None, leave=False)
-        for k, (kind, program) in enumerate(bar):
-            cold = _seconds(program, f"{folder}/{k}")
-            cached = min(_seconds(program, f"{folder}/{k}") for _ in range(REPEATS_FULL if full else REPEATS))
-            row = Row(kind, cold, _seconds(program, f"{folder}/all"), cached)
-            rows.append(row)
-            bar.write(f"{kind:30}{row.cold:8.1f}{row.further:9.1f}{row.cached:8.2f}")
-    write_table(out_dir / "first.csv", Row._fields, rows, host)
-    return rows
+        return tabulate(out_dir / "first.csv", Row, (_row(kind, code, folder, full) for kind, code in bar), host)
+
+
+def _row(kind: str, program: str, folder: str, full: bool) -> Row:
+    cold = _seconds(program, f"{folder}/{kind}")
+    cached = min(_seconds(program, f"{folder}/{kind}") for _ in range(REPEATS_FULL if full else REPEATS))
+    return Row(kind, cold, _seconds(program, f"{folder}/all"), cached)
 
 
 def _seconds(program: str, cache: str) -> float:

@@ -12,17 +12,14 @@ import functools
 import math
 import mmap
 import platform
-import struct
 import sys
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from ..core.compile.jit import JIT
 
 SIGNALS = {11: 0x80000004, 5: 4}  # of Linux: SIGSEGV, SIGTRAP: SA_SIGINFO; the first only once (SA_RESETHAND)
-COUNT, EMPTY = 0, 4
 known = np.zeros(5, np.int64)  # to the handler: count, page, its size, address of the last record, an empty record
 
 
@@ -51,8 +48,8 @@ def instructions(call: Callable[[], object], out: np.ndarray, last: int) -> floa
         libc.mprotect(ctypes.c_void_p(out.ctypes.data), ctypes.c_size_t(out.nbytes), 3)
         for number, old in zip(SIGNALS, before):
             libc.sigaction(int(number), ctypes.c_void_p(old.ctypes.data), None)
-    counted = known[COUNT] >= 0 and out[last:].view(np.int64).flat[0] != known[EMPTY]
-    return float(known[COUNT]) if counted else math.nan
+    counted = known[0] >= 0 and out[last:].view(np.int64).flat[0] != known[4]
+    return float(known[0]) if counted else math.nan
 
 
 @functools.cache
@@ -70,23 +67,6 @@ def _handler() -> np.ndarray:
         "48 81 a2 b0000000 fffeffff"  #         and qword [rdx + 0xb0], ~0x100
         "c3"  #                            end: ret
     )
-    page = np.frombuffer(mmap.mmap(-1, mmap.PAGESIZE, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC), np.uint8)
-    content = np.frombuffer(bytes.fromhex(code), np.uint8)
-    page[: len(content)] = content
-    return page
-
-
-def code_size(kernel: Any, arguments: tuple) -> float:
-    """Return the bytes of a kernel's compiled code, with all that it calls, from the cache on Linux; otherwise NaN."""
-    cache = getattr(kernel, "_cache", None)
-    file = getattr(cache, "_cache_file", None)
-    if cache is None or file is None:  # Numba's own class of no cache has no file
-        return math.nan
-    kinds = tuple(map(kernel.typeof_pyval, arguments))
-    found = file.load(cache._index_key(kinds, kernel.targetctx.codegen()))
-    elf = found[0][2][0] if found else b""
-    if elf[:4] != b"\x7fELF":
-        return math.nan
-    start, (each, count) = struct.unpack_from("<Q", elf, 40)[0], struct.unpack_from("<HH", elf, 58)
-    sections = [struct.unpack_from("<IIQQQQ", elf, start + each * k) for k in range(count)]
-    return float(sum(size for _, _, flags, _, _, size in sections if flags & 4))  # SHF_EXECINSTR
+    page = mmap.mmap(-1, mmap.PAGESIZE, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC)
+    page.write(bytes.fromhex(code))
+    return np.frombuffer(page, np.uint8)

@@ -16,27 +16,24 @@ time.  `mjd_transitionFD` is called centered (one-sided it takes half the time a
 from __future__ import annotations
 
 import functools
-import importlib.util
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from ..analysis.equilibrium import trim
 from ..analysis.linearization import Linearization, linearize
-from ..base.files import FilePath
 from ..model import Ground, Model
 from ..robot_file import load_robot
 from ..robot_file.mjcf.write import mjcf_text
 from ..run.simulate import initial_state
 from ..scene.compile import compile_scene
 from .engines import check_order, disable, quick_mujoco
-from .machine import machine
-from .table import in_turn, print_head, print_row, write_table
+from .table import in_turn, installed, machine, tabulate
 
 REPEATS, REPEATS_FULL = 11, 41
 STEP = 1e-3  # [s]
@@ -49,14 +46,14 @@ WITHOUT = "no MuJoCo: install it with pip install featherstone-gait[mjcf]"
 class Row(NamedTuple):
     """One line of the table."""
 
-    scene: str
-    method: str
-    columns: int  # states and inputs
-    period: float  # [ms]
-    time: float  # of a column and simulated millisecond, median [us]
-    spread: float  # from the first to the third quartile, relative to the median
-    error: float
-    ratio: float  # time by that of MuJoCo, NaN without
+    scene: Annotated[str, "scene", "<11"]
+    method: Annotated[str, "method", "<33"]
+    columns: Annotated[int, "columns", "7"]  # states and inputs
+    period: Annotated[float, "ms", "4.0f"]  # [ms]
+    time: Annotated[float, "us", "8.2f"]  # of a column and simulated millisecond, median [us]
+    spread: Annotated[float, "spread", "7.0%"]  # from the first to the third quartile, relative to the median
+    error: Annotated[float, "error", "9.1e"]
+    ratio: Annotated[float, "ratio", "6.2f"]  # time by that of MuJoCo, NaN without
 
 
 class _Timer(NamedTuple):
@@ -68,28 +65,14 @@ class _Timer(NamedTuple):
     error: float
 
 
-SHOWN = {
-    "scene": ("scene", "<11"), "method": ("method", "<33"), "columns": ("columns", "7"), "period": ("ms", "4.0f"),
-    "time": ("us", "8.2f"), "spread": ("spread", "7.0%"), "error": ("error", "9.1e"), "ratio": ("ratio", "6.2f"),
-}  # fmt: skip
-
-
-def run(out_dir: FilePath, full: bool = False) -> list[Row]:
+def run(out_dir: Path, full: bool = False) -> list[Row]:
     """Time everything, print the table, write linearize.csv; `full` repeats more."""
-    out_dir = Path(out_dir)
-    out_dir.mkdir(parents=True, exist_ok=True)
-    host, rows = machine(), []
+    host, model, repeats = machine(), load_robot("humanoid"), REPEATS_FULL if full else REPEATS
     print(host)
-    if not importlib.util.find_spec("mujoco"):
+    if not installed("mujoco"):
         print(WITHOUT)
-    print_head(SHOWN)
-    model = load_robot("humanoid")
-    for timers in (_falling(model), _standing(model)):
-        for row in _timed(timers, REPEATS_FULL if full else REPEATS):
-            rows.append(row)
-            print_row(row, SHOWN)
-    write_table(out_dir / "linearize.csv", Row._fields, rows, host)
-    return rows
+    rows = (row for prepared in (_falling, _standing) for row in _timed(prepared(model), repeats))
+    return tabulate(out_dir / "linearize.csv", Row, rows, host)
 
 
 def _falling(model: Model) -> list[_Timer]:
@@ -110,7 +93,7 @@ def _falling(model: Model) -> list[_Timer]:
         return linearize(scene, state, tau=tau, steps=steps, threads=1)
 
     timers, exact = [], None
-    if importlib.util.find_spec("mujoco"):
+    if installed("mujoco"):
         m, d = _mujoco(model, None)
         m.opt.integrator = 0  # semi-implicit Euler
         disable(m, "CONTACT", "CONSTRAINT", "DAMPER", "ACTUATION")
@@ -129,7 +112,7 @@ def _falling(model: Model) -> list[_Timer]:
 def _standing(model: Model) -> list[_Timer]:
     """Prepare the humanoid on both soles, held by servos; ours with gearboxes, motors, bristles and ticks."""
     timers = []
-    if importlib.util.find_spec("mujoco"):
+    if installed("mujoco"):
         import mujoco
 
         m, d = _mujoco(model, Ground())

@@ -21,14 +21,13 @@ differently, so each engine's error is counted from its own run at a sixteenth o
 from __future__ import annotations
 
 import functools
-import importlib.util
 import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -44,11 +43,10 @@ from ..view.style import look
 from . import speed
 from .case import Case, Run, case_of, deviation, solution
 from .engines import bounded, disable, humanoid_of, in_pinocchio, quick_mujoco, rolled, spec_of, standing_on
-from .machine import machine
 from .precision import COLOURS, ENOUGH, measure
 from .scenes import STIFF_SERVO, chain, free_arm, humanoids, stiff_arm
 from .servo import settles
-from .table import in_turn, print_table, save_figure, write_table
+from .table import in_turn, installed, machine, save_figure, tabulate, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,13 +74,15 @@ NOISE = 1e-3  # of the references, lane by lane [rad]
 class Speed(NamedTuple):
     """Time of forward dynamics or of a step."""
 
-    what: str
-    robot: str
-    joints: int
-    engine: str
-    time: float  # of the processor [us]
-    error: float  # forward dynamics: by the greatest acceleration; humanoid: of joints and turn of the trunk [rad]
-    shift: float = math.nan  # of the trunk [m]
+    what: Annotated[str, "", "<27"]
+    robot: Annotated[str, "robot", "<13"]
+    joints: Annotated[int, "joints", "6"]
+    engine: Annotated[str, "engine", "<26"]
+    time: Annotated[float, "us", "9.3f"]  # of the processor [us]
+    error: Annotated[
+        float, "[rad]", "9.1e"
+    ]  # forward dynamics: by the greatest acceleration; humanoid: of joints and turn of the trunk [rad]
+    shift: Annotated[float, "[m]", "9.1e"] = math.nan  # of the trunk [m]
 
 
 class Point(NamedTuple):
@@ -98,21 +98,11 @@ class Point(NamedTuple):
 class Line(NamedTuple):
     """What is asked and what was measured."""
 
-    line: str
-    asked: str
-    measured: str
-    met: bool
-    note: str = ""
-
-
-SPEEDS = {
-    "what": ("", "<27"), "robot": ("robot", "<13"), "joints": ("joints", "6"), "engine": ("engine", "<26"),
-    "time": ("us", "9.3f"), "error": ("[rad]", "9.1e"), "shift": ("[m]", "9.1e"),
-}  # fmt: skip
-LINES = {
-    "line": ("", "<65"), "asked": ("asked", "<9"), "measured": ("measured", "<9"), "met": ("met", "3"),
-    "note": ("", "<2"),
-}  # fmt: skip
+    line: Annotated[str, "", "<65"]
+    asked: Annotated[str, "asked", "<9"]
+    measured: Annotated[str, "measured", "<9"]
+    met: Annotated[bool, "met", "3"]
+    note: Annotated[str, "", "<2"] = ""
 
 
 def run(out_dir: Path, full: bool = False) -> list[Line]:
@@ -120,11 +110,10 @@ def run(out_dir: Path, full: bool = False) -> list[Line]:
 
     Raises ValueError without MuJoCo or Pinocchio.
     """
-    missing = [package for module, package in (("mujoco", "mujoco"), ("pinocchio", "pin"))
-               if importlib.util.find_spec(module) is None]  # fmt: skip
+    missing = [name for module, name in (("mujoco", "mujoco"), ("pinocchio", "pin")) if not installed(module)]
     if missing:
         raise ValueError(f'the benchmark peers needs {" and ".join(missing)}: pip install "featherstone-gait[peers]"')
-    out_dir, repeats, host = Path(out_dir), REPEATS_FULL if full else REPEATS, machine()
+    repeats, host = REPEATS_FULL if full else REPEATS, machine()
     print(host)
     robots = [load_robot("arm7_spatial"), load_robot("humanoid", locked={}), *map(chain, LENGTHS)]
     bar = tqdm(robots, "forward dynamics", disable=None)
@@ -134,18 +123,14 @@ def run(out_dir: Path, full: bool = False) -> list[Line]:
         for problem in humanoids():
             speeds += [row for integrator in FIXED for row in _own_steps(problem, integrator, repeats)]
             speeds += _mujoco_steps(problem, repeats)
-        print_table(speeds, SPEEDS)
+        tabulate(out_dir / "peers_speed.csv", Speed, speeds, host)
         points = []
         for problem in scenes():
             points += trajectories(problem, repeats)
             _print_costs(points, problem.name)
-    found = lines(speeds, points)
-    print_table(found, LINES)
     write_table(out_dir / "peers.csv", Point._fields, points, host)
-    write_table(out_dir / "peers_speed.csv", Speed._fields, speeds, host)
-    write_table(out_dir / "peers_lines.csv", Line._fields, found, host)
     _plot(out_dir / "peers.png", points, host)
-    return found
+    return tabulate(out_dir / "peers_lines.csv", Line, lines(speeds, points), host)
 
 
 # ---------------------------------------------------------------------------------------------- steps

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -25,9 +25,8 @@ from ..core.integrate import INTEGRATORS
 from ..run.trajectory import positions
 from ..view.style import look
 from .case import Case, Setting, deviation, solution
-from .machine import machine
 from .scenes import problems
-from .table import TABLE, print_table, save_figure, write_table
+from .table import TABLE, machine, print_table, save_figure, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,27 +35,24 @@ if TYPE_CHECKING:
 ENOUGH, REPEATS, REPEATS_FULL = 0.15, 5, 25  # CPU seconds and runs after which a time is believed
 COLUMNS = ("problem", "integrator", "step_s", "rtol", "error_rad", "error_m", "reference_error", "run_ms_per_s",
            "simulate_ms_per_s", "evaluations", "status")  # fmt: skip
-SHOWN = {
-    "integrator": ("integrator", "<15"), "step": ("step [s]", "8g"), "rtol": ("rtol", "7.0e"),
-    "angle": ("[rad]", "8.1e"), "shift": ("[m]", "8.1e"), "time": ("run [ms/s]", "10.4g"),
-    "call": ("simulate", "10.4g"), "evaluations": ("evaluations", "12"), "status": ("", "<4"),
-}  # fmt: skip
 
 
 class Row(NamedTuple):
     """One line of the table."""
 
     problem: str
-    integrator: str
-    step: float  # [s], NaN with error control
-    rtol: float  # NaN with fixed steps
-    angle: float  # error of joints and of the base's turn [rad, of sliding joints m]
-    shift: float  # error of the base's position [m], NaN where it is fixed
+    integrator: Annotated[str, "integrator", "<15"]
+    step: Annotated[float, "step [s]", "8g"]  # [s], NaN with error control
+    rtol: Annotated[float, "rtol", "7.0e"]  # NaN with fixed steps
+    angle: Annotated[float, "[rad]", "8.1e"]  # error of joints and of the base's turn [rad, of sliding joints m]
+    shift: Annotated[float, "[m]", "8.1e"]  # error of the base's position [m], NaN where it is fixed
     reference_error: float  # of what the errors are counted from [rad or m]
-    time: float  # of the compiled run per simulated second [ms]
-    call: float  # of `simulate` per simulated second [ms]
-    evaluations: int  # of the derivative or implicit solutions; with fixed steps one or, of rk4, four a step
-    status: str
+    time: Annotated[float, "run [ms/s]", "10.4g"]  # of the compiled run per simulated second [ms]
+    call: Annotated[float, "simulate", "10.4g"]  # of `simulate` per simulated second [ms]
+    evaluations: Annotated[
+        int, "evaluations", "12"
+    ]  # of the derivative or implicit solutions; with fixed steps one or, of rk4, four a step
+    status: Annotated[str, "", "<4"]
 
     @property
     def error(self) -> float:
@@ -66,13 +62,12 @@ class Row(NamedTuple):
 
 def run(out_dir: Path, full: bool = False) -> list[Row]:
     """Print the table; write precision.csv and precision.png into `out_dir`; `full` repeats runs more often."""
-    out_dir, host, rows = Path(out_dir), machine(), []
+    host, rows = machine(), []
     print(host)
     for case in problems():
         part = measure(case, REPEATS_FULL if full else REPEATS)
         print(f"\n{case.name}; the reference is exact to {part[0].reference_error:.1e} rad or m")
-        print_table(part, SHOWN)
-        rows += part
+        rows += print_table(Row, part)
     write(out_dir / "precision.csv", rows, host)
     plot(out_dir / "precision.png", rows, host)
     return rows
@@ -111,8 +106,7 @@ def _row(case: Case, integrator: str, setting: float, exact: np.ndarray, own_err
 
 def write(path: Path, rows: list[Row], notes: str) -> None:
     """Write the table as CSV, the notes as comments above it."""
-    cells = (["" if isinstance(x, float) and math.isnan(x) else x for x in row] for row in rows)
-    write_table(path, COLUMNS, cells, notes)
+    write_table(path, COLUMNS, rows, notes)
 
 
 def read(path: Path) -> list[Row]:

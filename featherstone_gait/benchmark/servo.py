@@ -14,8 +14,9 @@ from __future__ import annotations
 import math
 import time
 from functools import partial
+from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -24,10 +25,9 @@ from ..run.reference import Reference
 from ..run.simulate import initial_state, simulate
 from ..scene.compile import GearboxKind, compile_scene
 from ..view.style import look
-from .machine import machine
 from .precision import measure
 from .scenes import stiff_arm
-from .table import in_turn, print_table, save_figure, write_table
+from .table import in_turn, machine, save_figure, tabulate
 
 SERVOS: tuple[GearboxKind, ...] = ("standard", "rotor", "mipsd")
 INTEGRATORS = ("implicit_euler", "midpoint", "simtwo")
@@ -40,49 +40,37 @@ APART = 1.5  # times the error before, of points that are labeled
 class ArmRow(NamedTuple):
     """One line of table 1."""
 
-    servos: str
-    integrator: str
-    step: float  # [s]
-    variance: float  # of the lowest joint [deg^2]
-    status: str
-    cost: float  # CPU time per simulated second [ms]
+    servos: Annotated[str, "gearbox", "<9"]
+    integrator: Annotated[str, "integrator", "<15"]
+    step: Annotated[float, "step [s]", "8g"]  # [s]
+    variance: Annotated[float, "[deg^2]", "9.3g"]  # of the lowest joint [deg^2]
+    status: Annotated[str, "status", "<8"]
+    cost: Annotated[float, "[ms/s]", "7.3g"]  # CPU time per simulated second [ms]
 
 
 class PdRow(NamedTuple):
     """One line of table 2."""
 
-    integrator: str
-    step: float  # [s]
-    error: float  # largest joint error at 0.5 s from 0.05 rad [rad]
-    cost: float  # CPU time per simulated second [ms]
-    settles: str  # from 0.5 rad within 4 s, and the status of the whole run where it is not ok
-
-
-ARM = {
-    "servos": ("gearbox", "<9"), "integrator": ("integrator", "<15"), "step": ("step [s]", "8g"),
-    "variance": ("[deg^2]", "9.3g"), "cost": ("[ms/s]", "7.3g"), "status": ("status", "<8"),
-}  # fmt: skip
-PD = {
-    "integrator": ("integrator", "<15"), "step": ("step [s]", "8g"), "error": ("[rad]", "8.1e"),
-    "cost": ("[ms/s]", "7.3g"), "settles": ("from 0.5 rad", "<12"),
-}  # fmt: skip
+    integrator: Annotated[str, "integrator", "<15"]
+    step: Annotated[float, "step [s]", "8g"]  # [s]
+    error: Annotated[float, "[rad]", "8.1e"]  # largest joint error at 0.5 s from 0.05 rad [rad]
+    cost: Annotated[float, "[ms/s]", "7.3g"]  # CPU time per simulated second [ms]
+    settles: Annotated[
+        str, "from 0.5 rad", "<12"
+    ]  # from 0.5 rad within 4 s, and the status of the whole run where it is not ok
 
 
 def run(out_dir: Path, full: bool = False) -> tuple[list[ArmRow], list[PdRow]]:
     """Print both tables; write servo_arm.csv, servo_pd.csv and servo.png into `out_dir`."""
-    out_dir, repeats = Path(out_dir), 9 if full else 3
-    arm = [
-        arm_row(servos, integrator, h, repeats) for servos in SERVOS for integrator in INTEGRATORS for h in ARM_STEPS
-    ]
-    print_table(arm, ARM)
-    settings = [(integrator, h) for integrator in INTEGRATORS[:2] for h in PD_STEPS]
-    pd = [
-        PdRow(row.integrator, row.step, row.angle, row.call, _settling(row.integrator, row.step))
-        for row in measure(stiff_arm("standard"), repeats, settings)
-    ]
-    print_table(pd, PD)
-    write_table(out_dir / "servo_arm.csv", ArmRow._fields, arm, machine())
-    write_table(out_dir / "servo_pd.csv", PdRow._fields, pd, machine())
+    host, repeats = machine(), 9 if full else 3
+    arms = (arm_row(*each, repeats) for each in product(SERVOS, INTEGRATORS, ARM_STEPS))
+    arm = tabulate(out_dir / "servo_arm.csv", ArmRow, arms, host)
+    settings = [*product(INTEGRATORS[:2], PD_STEPS)]
+    measured = measure(stiff_arm("standard"), repeats, settings)
+    pds = (
+        PdRow(row.integrator, row.step, row.angle, row.call, _settling(row.integrator, row.step)) for row in measured
+    )
+    pd = tabulate(out_dir / "servo_pd.csv", PdRow, pds, host)
     _plot(out_dir / "servo.png", arm, pd)
     return arm, pd
 

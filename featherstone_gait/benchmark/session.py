@@ -14,12 +14,11 @@ an action as a learner would.  Observations, rewards and new episodes are made o
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -31,8 +30,7 @@ from ..run.session import Session
 from ..run.simulate import simulate_batch
 from ..scene.compile import CompiledScene, compile_scene
 from .engines import humanoid_of, quick_mujoco, standing_on
-from .machine import machine
-from .table import in_turn, write_table
+from .table import in_turn, installed, machine, tabulate
 
 ROBOTS, TICKS = 64, 100
 ACTIONS = 50  # of an environment, for each robot
@@ -42,11 +40,11 @@ LONG = 1_000_000  # steps of the long run, in which memory must not grow
 class Row(NamedTuple):
     """One line of the table."""
 
-    what: str
-    value: float  # median
-    low: float  # first quartile
-    high: float  # third
-    unit: str
+    what: Annotated[str, "", "<64"]
+    value: Annotated[float, "median", "10.3g"]
+    low: Annotated[float, "from", "10.3g"]  # first quartile
+    high: Annotated[float, "to", "10.3g"]  # third
+    unit: Annotated[str, "", "<4"]
 
 
 @controller(memory=3)
@@ -63,12 +61,8 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
     scene = compile_scene(model, gearbox="mipsd", ground=Ground(), integrator="midpoint", timestep=1e-3)
     turns = 41 if full else 15
     rows = [*_rates(scene, turns), _overhead(scene, turns), *_controllers(scene, turns)]
-    rows += _environments(scene, turns)
-    rows += [_growth(scene, LONG)] if full else []
-    for row in rows:
-        print(f"{row.what:62} {row.value:9.3g} ({row.low:.3g} to {row.high:.3g}) {row.unit}")
-    write_table(Path(out_dir) / "session.csv", Row._fields, rows, machine())
-    return rows
+    rows += [*_environments(scene, turns), *([_growth(scene, LONG)] if full else [])]
+    return tabulate(out_dir / "session.csv", Row, rows, machine())
 
 
 def _rates(scene: CompiledScene, turns: int) -> list[Row]:
@@ -131,7 +125,7 @@ def _controllers(scene: CompiledScene, turns: int) -> list[Row]:
 
 def _environments(scene: CompiledScene, turns: int) -> list[Row]:
     """Measure actions a second of Gymnasium's vector, and compare with MuJoCo's, by wall time on all cores."""
-    if not importlib.util.find_spec("gymnasium"):
+    if not installed("gymnasium"):
         print("no Gymnasium: install it with pip install featherstone-gait[gym]")
         return []
     from ..envs.environment import StandVector
@@ -146,7 +140,7 @@ def _environments(scene: CompiledScene, turns: int) -> list[Row]:
 
     what, each = f"actions a second of {ROBOTS} standing in Gymnasium", ROBOTS * ACTIONS
     try:
-        if not importlib.util.find_spec("mujoco"):
+        if not installed("mujoco"):
             print("no MuJoCo: install it with pip install featherstone-gait[mjcf]")
             return [_row(what, each / in_turn([ours], turns, time.perf_counter, warm=1).T[0], "1/s")]
         with quick_mujoco():

@@ -15,17 +15,15 @@ vector, and as many vectors as there are cores, each beside the error of that st
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 
-from ..base.files import FilePath
 from ..core.compile.lanes import WIDTH, aligned
 from ..core.tree.layout import Motion, Robot
 from ..dynamics import inverse_dynamics, mass_matrix
@@ -38,9 +36,8 @@ from ..view.style import look
 from . import repeated
 from .case import Run, deviation, solution
 from .engines import bounded, check_order, disable, in_pinocchio, quick_mujoco, spec_of
-from .machine import machine
 from .scenes import chain, problems
-from .table import in_turn, print_head, print_row, save_figure, write_table
+from .table import in_turn, installed, machine, print_table, save_figure, tabulate, write_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,35 +53,27 @@ COLUMNS = ("robot", "joints", "algorithm", "width", "time_us", "spread", "error"
 class Row(NamedTuple):
     """One line of the table."""
 
-    robot: str
-    joints: int
-    algorithm: str
-    width: str
-    time: float  # median of one call for one robot [us]
-    spread: float  # from the first to the third quartile, relative to the median
-    error: float  # greatest difference from the reference by its greatest value
-    ratio: float  # time by that of mj_forward, NaN without MuJoCo
+    robot: Annotated[str, "robot", "<13"]
+    joints: Annotated[int, "joints", "6"]
+    algorithm: Annotated[str, "algorithm", "<10"]
+    width: Annotated[str, "width", "<8"]
+    time: Annotated[float, "us", "9.3f"]  # median of one call for one robot [us]
+    spread: Annotated[float, "spread", "7.0%"]  # from the first to the third quartile, relative to the median
+    error: Annotated[float, "error", "9.1e"]  # greatest difference from the reference by its greatest value
+    ratio: Annotated[float, "ratio", "7.3f"]  # time by that of mj_forward, NaN without MuJoCo
 
 
 class Step(NamedTuple):
     """One line of the table of steps."""
 
-    scene: str
-    scalar: float  # one step in float64 [us]
-    lanes: float  # eight to a vector, one thread, per robot, with the set-up of the batch [us]
-    scaling: float  # steps per second on all cores by those on one
-    error: float  # at the end of the run [rad or m]
-    reference_error: float  # of what the error is counted from
-
-
-SHOWN = {
-    "robot": ("robot", "<13"), "joints": ("joints", "6"), "algorithm": ("algorithm", "<10"), "width": ("width", "<8"),
-    "time": ("us", "9.3f"), "spread": ("spread", "7.0%"), "error": ("error", "9.1e"), "ratio": ("ratio", "7.3f"),
-}  # fmt: skip
-STEPS_SHOWN = {
-    "scene": ("midpoint, 1 ms", "<26"), "scalar": ("float64 us", "10.3f"), "lanes": ("lanes us", "9.3f"),
-    "scaling": ("all cores", "10.2f"), "error": ("error", "9.1e"), "reference_error": ("reference", "9.1e"),
-}  # fmt: skip
+    scene: Annotated[str, "midpoint, 1 ms", "<26"]
+    scalar: Annotated[float, "float64 us", "10.3f"]  # one step in float64 [us]
+    lanes: Annotated[
+        float, "lanes us", "9.3f"
+    ]  # eight to a vector, one thread, per robot, with the set-up of the batch [us]
+    scaling: Annotated[float, "all cores", "10.2f"]  # steps per second on all cores by those on one
+    error: Annotated[float, "error", "9.1e"]  # at the end of the run [rad or m]
+    reference_error: Annotated[float, "reference", "9.1e"]  # of what the error is counted from
 
 
 class Question(NamedTuple):
@@ -114,20 +103,14 @@ class Timer(NamedTuple):
     error: float
 
 
-def run(out_dir: FilePath, full: bool = False) -> list[Row]:
+def run(out_dir: Path, full: bool = False) -> list[Row]:
     """Time everything, print the tables, write speed.csv, speed_steps.csv and speed.png; `full` repeats more."""
-    out_dir = Path(out_dir)
-    out_dir.mkdir(parents=True, exist_ok=True)
-    host = machine()
+    host, repeats = machine(), REPEATS_FULL if full else REPEATS
     print(host)
-    rows = []
-    print_head(SHOWN)
-    for model in (load_robot("humanoid", locked={}), load_robot("arm7_spatial"), *map(chain, LENGTHS)):
-        for row in time_robot(model, REPEATS_FULL if full else REPEATS):
-            rows.append(row)
-            print_row(row, SHOWN)
-    steps = _steps(REPEATS_FULL if full else REPEATS)
-    write_table(out_dir / "speed_steps.csv", Step._fields, steps, host)
+    models = (load_robot("humanoid", locked={}), load_robot("arm7_spatial"), *map(chain, LENGTHS))
+    rows = print_table(Row, (row for model in models for row in time_robot(model, repeats)))
+    print()
+    tabulate(out_dir / "speed_steps.csv", Step, _steps(repeats), host)
     write_table(out_dir / "speed.csv", COLUMNS, rows, host)
     _plot(rows, host, out_dir / "speed.png")
     return rows
@@ -136,9 +119,9 @@ def run(out_dir: FilePath, full: bool = False) -> list[Row]:
 def time_robot(model: Model, repeats: int) -> list[Row]:
     """Time all algorithms of all engines in turn."""
     question = _question(model)
-    has_mujoco = importlib.util.find_spec("mujoco") is not None
+    has_mujoco = installed("mujoco")
     timers, answer = _mujoco(model, question) if has_mujoco else ([], _own_answer(model, question))
-    pinocchio = _pinocchio(model, question, answer.qdd) if importlib.util.find_spec("pinocchio") else []
+    pinocchio = _pinocchio(model, question, answer.qdd) if installed("pinocchio") else []
     timers += [*_own_timers(model, question, answer), *pinocchio]
     with quick_mujoco() if has_mujoco else nullcontext():
         times = in_turn([timer.call for timer in timers], repeats).T
@@ -285,11 +268,8 @@ def _error(x: np.ndarray, exact: np.ndarray) -> float:
     return float(np.abs(x - exact).max() / np.abs(exact).max())
 
 
-def _steps(repeats: int) -> list[Step]:
-    """Time whole steps of 1 ms; print and return their table."""
-    rows, cores = [], os.cpu_count() or 1
-    print()
-    print_head(STEPS_SHOWN)
+def _steps(repeats: int) -> Iterator[Step]:
+    """Time whole steps of 1 ms."""
     for case in problems():
         if case.exact is not None or case.name.startswith("free box") or ("midpoint", 1e-3) not in case.settings:
             continue
@@ -297,10 +277,9 @@ def _steps(repeats: int) -> list[Step]:
         run = case.ready("midpoint", 1e-3)
         scalar = np.median([run.once() for _ in range(repeats)][1:])
         error = np.nanmax(deviation(case.model, positions(run.trajectory), exact))
-        (few, cpu), (many, _) = (_batch_time(run, count, repeats // 3) for count in (WIDTH, WIDTH * cores))
-        rows.append(Step(case.name, float(scalar), cpu, few / many, float(error), own_error))
-        print_row(rows[-1], STEPS_SHOWN)
-    return rows
+        counts = (WIDTH, WIDTH * (os.cpu_count() or 1))
+        (few, cpu), (many, _) = (_batch_time(run, count, repeats // 3) for count in counts)
+        yield Step(case.name, float(scalar), cpu, few / many, float(error), own_error)
 
 
 def _batch_time(run: Run, count: int, repeats: int) -> tuple[float, float]:

@@ -21,7 +21,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from ..base.files import read_csv
 from ..core.compile.jit import source_hash
@@ -34,8 +34,7 @@ from ..study.table import TABLE
 from ..view.style import COLOURS as LOOK_COLOURS
 from ..view.style import look
 from .linear_stability import growth, linearized
-from .machine import machine
-from .table import print_table, save_figure, write_table
+from .table import machine, save_figure, tabulate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,16 +67,16 @@ class Point(NamedTuple):
 class Row(NamedTuple):
     """One line of the table; steps are NaN where there is none."""
 
-    joints: int
-    ratio: float
-    rotor_inertia_kg_m2: float
-    Kp_V_rad: float
-    gearbox: str
-    integrator: str
-    tilt_rad: float
-    stable_step_s: float  # the largest that is stable
-    unstable_step_s: float  # the smallest that is not
-    linear_step_s: float  # the largest that is stable by linear theory
+    joints: Annotated[int, "joints", "6"]
+    ratio: Annotated[float, "ratio", "6.0f"]
+    rotor_inertia_kg_m2: Annotated[float, "J kg m^2", "9.0e"]
+    Kp_V_rad: Annotated[float, "Kp V/rad", "8.0f"]
+    gearbox: Annotated[str, "gearbox", "<9"]
+    integrator: Annotated[str, "integrator", "<15"]
+    tilt_rad: Annotated[float, "tilt rad", "8g"]
+    stable_step_s: Annotated[float, "stable s", "9.3g"]  # the largest that is stable
+    unstable_step_s: Annotated[float, "unstable s", "10.3g"]  # the smallest that is not
+    linear_step_s: Annotated[float, "theory s", "9.3g"]  # the largest that is stable by linear theory
 
     @property
     def point(self) -> Point:
@@ -89,17 +88,8 @@ class Row(NamedTuple):
         return math.sqrt(self.stable_step_s * self.unstable_step_s)
 
 
-SHOWN = {
-    "joints": ("joints", "6"), "ratio": ("ratio", "6.0f"), "rotor_inertia_kg_m2": ("J kg m^2", "9.0e"),
-    "Kp_V_rad": ("Kp V/rad", "8.0f"), "gearbox": ("gearbox", "<9"), "integrator": ("integrator", "<15"),
-    "tilt_rad": ("tilt rad", "8g"), "stable_step_s": ("stable s", "9.3g"), "unstable_step_s": ("unstable s", "10.3g"),
-    "linear_step_s": ("theory s", "9.3g"),
-}  # fmt: skip
-
-
 def run(out_dir: Path, full: bool = False) -> list[Row]:
     """Run the studies; print the table, write stability.csv and stability.png into `out_dir`."""
-    out_dir, host = Path(out_dir), machine()
     folder = out_dir / f"stability_{source_hash()[:8]}"
     folder.mkdir(parents=True, exist_ok=True)
     found: dict[Point, Row] = {}
@@ -107,11 +97,10 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
     for k, (name, joints, vary) in enumerate(studies, start=1):
         print(f"study {k} of {len(studies)}: {name}")
         found |= {row.point: row for row in _study(folder, name, joints, vary)}
-    rows = list(found.values())
+    host = machine()
     print(f"{host}\nthe largest stable step of those from {SMALLEST:g} to {LARGEST:g} s, +-1.5 %")
-    print_table(rows, SHOWN)
+    rows = tabulate(out_dir / "stability.csv", Row, found.values(), host)
     _print_ratios(rows)
-    write_table(out_dir / "stability.csv", Row._fields, (["" if x != x else x for x in row] for row in rows), host)
     _plot(out_dir / "stability.png", rows)
     return rows
 

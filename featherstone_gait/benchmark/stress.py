@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -27,9 +27,8 @@ from ..core.integrate import INTEGRATORS
 from ..run.trajectory import positions
 from ..view.style import look
 from .case import Case, agreed, distances, estimate_of
-from .machine import machine
 from .scenes import stressed
-from .table import print_head, print_row, save_figure, write_table
+from .table import machine, save_figure, tabulate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,41 +36,31 @@ if TYPE_CHECKING:
 WRONG = 1e-3  # error that counts [rad or m]
 COVERED = 10.0  # times the run's own estimate that it may reach
 COLOURS = {"held": "#0072B2", "flagged": "#56B4E9", "silent": "#D55E00", "alarm": "#E69F00", "": "white"}
-SHOWN = {
-    "case": ("case", "<32"), "integrator": ("integrator", "<14"), "step": ("step [s]", "8g"), "verdict": ("", "<8"),
-    "status": ("status", "<14"), "error": ("error", "8.1e"), "estimate": ("estimate", "8.1e"),
-    "until": ("until s", "8.3g"),
-}  # fmt: skip
 
 
 class Row(NamedTuple):
     """One line of the table."""
 
-    case: str
-    integrator: str
-    step: float  # [s], NaN with error control
-    verdict: str
-    status: str
-    error: float  # largest before `until` [rad or m]
-    estimate: float  # the run's own
-    until: float  # time up to which the truth is known [s]
+    case: Annotated[str, "case", "<32"]
+    integrator: Annotated[str, "integrator", "<14"]
+    step: Annotated[float, "step [s]", "8g"]  # [s], NaN with error control
+    verdict: Annotated[str, "", "<8"]
+    status: Annotated[str, "status", "<14"]
+    error: Annotated[float, "error", "8.1e"]  # largest before `until` [rad or m]
+    estimate: Annotated[float, "estimate", "8.1e"]  # the run's own
+    until: Annotated[float, "until s", "8.3g"]  # time up to which the truth is known [s]
 
 
 def run(out_dir: Path, full: bool = False) -> list[Row]:
     """Print the table; write stress.csv and stress.png into `out_dir`; `full` adds steps of 0.2, 2 and 20 ms."""
-    host, rows = machine(), []
+    host, cases = machine(), tqdm(stressed(full), desc="cases", leave=False, disable=None)
     print(host)
-    print_head(SHOWN)
-    for case in tqdm(stressed(full), desc="cases", leave=False, disable=None):
-        for row in judged(case):
-            rows.append(row)
-            print_row(row, SHOWN)
+    rows = tabulate(out_dir / "stress.csv", Row, (row for case in cases for row in judged(case)), host)
     counts = Counter(row.verdict for row in rows)
     right = counts["held"] + counts["alarm"]
     print(f"{len(rows)} runs: {', '.join(f'{counts[v]} {v}' for v in ('held', 'flagged', 'silent', 'alarm'))}; "
           f"false alarms {counts['alarm'] / max(right, 1):.1%} of the {right} runs that are right")  # fmt: skip
-    write_table(Path(out_dir) / "stress.csv", Row._fields, rows, host)
-    save_figure(plot(rows, host), Path(out_dir) / "stress.png")
+    save_figure(plot(rows, host), out_dir / "stress.png")
     return rows
 
 

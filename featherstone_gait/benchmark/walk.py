@@ -16,7 +16,6 @@ error is counted from its own run: the trunk's path against the same engine at a
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import os
 import time
@@ -24,7 +23,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -37,8 +36,7 @@ from ..run.trajectory import Trajectory
 from ..scene.compile import compile_scene
 from ..view.style import look
 from .engines import humanoid_of, quick_mujoco, standing_on
-from .machine import machine
-from .table import in_turn, print_table, save_figure, write_table
+from .table import in_turn, installed, machine, save_figure, tabulate
 
 Paths = dict[float, list[np.ndarray | None]]  # of the trunk by step [s]; None of those that fell
 
@@ -50,31 +48,24 @@ NOISE = 1e-3  # [rad]
 class Row(NamedTuple):
     """One line of the table."""
 
-    robot: str
-    engine: str
-    threads: int
-    rate: float  # rollouts a second
-    per_core: float  # rollouts a second and thread
-    steps: float  # thousand steps a second and thread
-    upright: float  # share of the rollouts that did not fall
-    error: float  # median over the upright of the trunk's largest deviation from a quarter of the step [m]
-    occupancy: float  # share of the lane-steps that a rollout was in; nan without lanes
-
-
-SHOWN = {
-    "robot": ("robot", "<10"), "engine": ("engine", "<28"), "threads": ("threads", "7"), "rate": ("1/s", "8.1f"),
-    "per_core": ("1/s/core", "8.1f"), "steps": ("k steps/s", "9.0f"), "upright": ("upright", "7.0%"),
-    "error": ("error [m]", "9.1e"), "occupancy": ("lanes", "6.1%"),
-}  # fmt: skip
+    robot: Annotated[str, "robot", "<10"]
+    engine: Annotated[str, "engine", "<28"]
+    threads: Annotated[int, "threads", "7"]
+    rate: Annotated[float, "1/s", "8.1f"]  # rollouts a second
+    per_core: Annotated[float, "1/s/core", "8.1f"]  # rollouts a second and thread
+    steps: Annotated[float, "k steps/s", "9.0f"]  # thousand steps a second and thread
+    upright: Annotated[float, "upright", "7.0%"]  # share of the rollouts that did not fall
+    error: Annotated[
+        float, "error [m]", "9.1e"
+    ]  # median over the upright of the trunk's largest deviation from a quarter of the step [m]
+    occupancy: Annotated[float, "lanes", "6.1%"]  # share of the lane-steps that a rollout was in; nan without lanes
 
 
 def run(out_dir: Path, full: bool = False) -> list[Row]:
     """Print the table; write walk.csv and walk.png into `out_dir`."""
-    count = 256 if full else 64
-    rows = []
-    for locked in ("simplified", None):
-        rows += _robot_rows(load_robot("humanoid", locked=locked), count)
-    print_table(rows, SHOWN)
+    robots = (load_robot("humanoid", locked=locked) for locked in ("simplified", None))
+    measured = (row for robot in robots for row in _robot_rows(robot, 256 if full else 64))
+    rows = tabulate(out_dir / "walk.csv", Row, measured, machine())
     for robot in dict.fromkeys(r.robot for r in rows):
         ours, *theirs = (r for r in rows if r.robot == robot and r.threads == 1)
         for other in theirs:
@@ -82,8 +73,7 @@ def run(out_dir: Path, full: bool = False) -> list[Row]:
             print(f"{robot}: {ours.per_core / other.per_core:.1f} times the rate of {other.engine} per core{fell}")
     print(_search_line(800 if full else 100))
     print(handed_over(9 if full else 3))
-    write_table(Path(out_dir) / "walk.csv", Row._fields, rows, machine())
-    _plot(Path(out_dir) / "walk.png", rows)
+    _plot(out_dir / "walk.png", rows)
     return rows
 
 
@@ -135,7 +125,7 @@ def _robot_rows(model: Model, count: int) -> list[Row]:
         references.append(np.where(np.array(columns) >= 0, noisy[:, columns], 0.0))
     name = f"{len(model.joint_names)} joints"
     rows = _our_rows(name, model, times, references)
-    if importlib.util.find_spec("mujoco"):
+    if installed("mujoco"):
         rows += _mujoco_rows(name, model, times, references)
     return rows
 

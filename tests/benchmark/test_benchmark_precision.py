@@ -152,7 +152,7 @@ def test_nothing_is_interpolated_where_a_step_becomes_stable():
 
 
 def test_a_missing_package_is_named_with_its_extra(monkeypatch, tmp_path):
-    monkeypatch.setattr(peers.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(peers, "installed", lambda module: False)
     with pytest.raises(ValueError, match=r"needs mujoco and pin: pip install \"featherstone-gait\[peers\]\""):
         peers.run(tmp_path)
 

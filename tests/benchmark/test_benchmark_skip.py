@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from featherstone_gait.benchmark.instructions import code_size, instructions, records
+from featherstone_gait.benchmark.instructions import instructions, records
 from featherstone_gait.benchmark.skip import Work, executed, free_arm, rollout
 from featherstone_gait.core.compile.jit import JIT, entry
 
@@ -65,7 +65,7 @@ def test_a_fixed_joint_is_lumped_with_nothing_left_of_it():
     assert costs[2] > 1.1 * costs[0]
 
 
-def test_code_is_measured_in_bytes():
-    """A loop of two operations, and what unpacks its arguments."""
-    recurrence(*work(8).prepare(1))
-    assert 200 < code_size(recurrence, work(8).prepare(1)) < 30_000
+def test_a_run_makes_the_steps_that_are_counted_and_no_more():
+    run, _, out = rollout(free_arm()).prepare(4)
+    assert (run.plan.steps, run.plan.per_sample) == (4, 2)
+    assert out.shape == (3, 1)
