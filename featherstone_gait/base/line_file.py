@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import logging
 import os
+from collections.abc import Callable
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -17,34 +19,39 @@ _log = logging.getLogger(__name__)
 class LineFile:
     """A file of JSON lines, which one process at a time writes: a line is written whole or not at all.
 
-    `lines` holds those that were complete when it was opened; a last one that was cut off is dropped.  `remedy` is what
-    to do about a damaged file.
+    `lines` holds those that were complete when it was opened, unless `take` is given, which is called with the number,
+    the place in the file and the text of each; a last line that was cut off is dropped.  `remedy` is what to do about a
+    damaged file.
     """
 
-    def __init__(self, path: Path, resume: bool, remedy: str = REMEDY) -> None:
-        self.path = path
+    def __init__(
+        self, path: Path, resume: bool, remedy: str = REMEDY, take: Callable[[int, int, bytes], None] | None = None
+    ) -> None:
+        self.path, self.lines = path, list[bytes]()
         try:
             self._file = path.open("a+b" if resume else "x+b", buffering=0)
         except FileExistsError as error:
             raise FileExistsError(f"{path} exists; pass resume=True to continue it, or another file name") from error
         try:
             claim(self._file, path)
-            self.lines = self._complete_lines(remedy)
+            self._read(take or (lambda number, place, line: self.lines.append(line)), remedy)
         except BaseException:
             self._file.close()
             raise
 
-    def write(self, content: dict[str, Any]) -> None:
-        """Hand a line to the system, which keeps it whatever becomes of this process."""
-        line, complete = (json.dumps(content) + "\n").encode(), self._file.seek(0, os.SEEK_END)
+    def write(self, *contents: dict[str, Any]) -> list[int]:
+        """Hand lines to the system, which keeps them whatever becomes of this process; return their places."""
+        lines = [(json.dumps(content) + "\n").encode() for content in contents]
+        data, complete = memoryview(b"".join(lines)), self._file.seek(0, os.SEEK_END)
         try:
-            while line:
-                line = line[self._file.write(line) :]
+            while data:
+                data = data[self._file.write(data) :]
         except OSError as error:
             self._file.truncate(complete)
             raise OSError(
                 f"{self.path} cannot be written ({error.strerror}); what it holds is complete: make room, and resume"
             ) from error
+        return [*accumulate(map(len, lines[:-1]), initial=complete)]
 
     def sync(self) -> None:
         """Wait until all lines are on the disk."""
@@ -58,13 +65,16 @@ class LineFile:
         with self._file:
             self.sync()
 
-    def _complete_lines(self, remedy: str) -> list[bytes]:
+    def _read(self, take: Callable[[int, int, bytes], None], remedy: str) -> None:
         self._file.seek(0)
-        data = self._file.read()
-        *lines, rest = data.split(b"\n")
-        if rest and not rest.startswith(b"{"):
-            raise ValueError(f"{self.path}, line {len(lines) + 1}: damaged; {remedy}")
-        if rest:
-            _log.warning("%s: dropped the last line, which was cut off", self.path)
-            self._file.truncate(len(data) - len(rest))
-        return lines
+        place = 0
+        with open(self._file.fileno(), "rb", closefd=False) as file:
+            for number, line in enumerate(file, start=1):
+                if line.endswith(b"\n"):
+                    take(number, place, line[:-1])
+                elif line.startswith(b"{"):
+                    _log.warning("%s: dropped the last line, which was cut off", self.path)
+                    self._file.truncate(place)
+                else:
+                    raise ValueError(f"{self.path}, line {number}: damaged; {remedy}")
+                place += len(line)

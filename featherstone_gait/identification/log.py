@@ -42,22 +42,11 @@ class FitLog:
     """
 
     def __init__(self, path: FilePath) -> None:
-        self.path = path_of("path", path)
+        self.path, self._begun = path_of("path", path), False
         self._rounds: dict[str, FitRound] = {}
-        self._file = LineFile(self.path, resume=True, remedy=REMEDY)
-        try:
-            for number, line in enumerate(self._file.lines, start=1):
-                what = f"{self.path}, line {number}"
-                content = parse_json(line, what, REMEDY)
-                if number == 1:
-                    LOG.check(self.path, content.get("format", ""))
-                else:
-                    self._take(content, what)
-            if not self._file.lines:
-                self._file.write({"format": str(LOG)})
-        except BaseException:
-            self._file.close()
-            raise
+        self._file = LineFile(self.path, resume=True, remedy=REMEDY, take=self._take)
+        if not self._begun:
+            self._file.write({"format": str(LOG)})
 
     def __enter__(self) -> FitLog:
         return self
@@ -75,7 +64,13 @@ class FitLog:
         self._file.sync()
         self._rounds[key] = row
 
-    def _take(self, content: dict, what: str) -> None:
+    def _take(self, number: int, _: int, line: bytes) -> None:
+        what = f"{self.path}, line {number}"
+        content = parse_json(line, what, REMEDY)
+        if number == 1:
+            LOG.check(self.path, content.get("format", ""))
+            self._begun = True
+            return
         key, x = content.pop("fit", None), content.get("x")
         whole = isinstance(key, str) and content.keys() == FitRound.__annotations__.keys()
         if not whole or not isinstance(x, list) or not all(map(is_number, [*x, content["round"], content["seconds"]])):

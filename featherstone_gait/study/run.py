@@ -7,26 +7,19 @@ log.
 
 from __future__ import annotations
 
-import json
-import logging
 import os
 from collections.abc import Iterator
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    Future,
-    ThreadPoolExecutor,
-    wait,
-)
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from concurrent.futures.thread import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
-from ..base.files import FilePath, Format, claim, is_number, parse_json
+from ..base.arguments import shown
+from ..base.files import FilePath, Format, is_number, parse_json
+from ..base.line_file import LineFile
 from .measures import COLUMNS, run_batch
 from .plot import plot_study
 from .sensitivity import write_sensitivity
@@ -38,7 +31,6 @@ SMALL, LARGE, MANY = 8, 64, 1024  # runs of a batch; the larger from this many r
 LOG = Format("study log")
 REMEDY = "delete this line and all below, or the whole file to begin anew"
 LOST = ("KilledWorker", "FutureCancelledError")  # what dask raises when workers die again and again, and a scheduler
-_log = logging.getLogger(__name__)
 
 
 class Outcome(NamedTuple):
@@ -147,8 +139,10 @@ def _evaluate(study: Study, log: Log, executor: Executor, batch: int | None, bar
             submit(runs)
 
     try:
-        for runs in _batches(study, log, batch):
-            submit(runs)
+        missing = np.flatnonzero(log.places < 0)
+        size = batch or (LARGE if len(study) >= MANY else SMALL)
+        for k in range(0, len(missing), size):
+            submit(missing[k : k + size].tolist())
             if len(running) >= QUEUED:
                 collect()
         while running:
@@ -160,13 +154,6 @@ def _evaluate(study: Study, log: Log, executor: Executor, batch: int | None, bar
     finally:
         for future in running:
             future.cancel()
-
-
-def _batches(study: Study, log: Log, batch: int | None) -> Iterator[list[int]]:
-    missing = np.flatnonzero(log.places < 0)
-    size = batch or (LARGE if len(study) >= MANY else SMALL)
-    for k in range(0, len(missing), size):
-        yield missing[k : k + size].tolist()
 
 
 def _collect(running: dict[Future, list[int]], log: Log, bar: tqdm) -> list[tuple[list[int], BaseException]]:
@@ -190,25 +177,19 @@ class Log:
     """Hold the finished runs on disk; `places` (runs,) are the offsets of their lines, -1 for missing runs."""
 
     def __init__(self, path: Path, study: Study) -> None:
-        self.path = path
+        self.path, self._begun = path, False
         self.places = np.full(len(study), -1, np.int64)
         self.texts, self.numbers = ("status", "message"), tuple(COLUMNS[study.setup.experiment])
-        header = {"format": str(LOG), "study": "featherstone_gait", "runs": len(study), **study.settings}
-        self.file = path.open("a+b", buffering=0)
-        try:
-            claim(self.file, path)
-            self.length = self._read(header)
-            if self.length == 0:
-                self._write(json.dumps(header) + "\n")
-        except BaseException:
-            self.file.close()
-            raise
+        self._header = {"format": str(LOG), "study": "featherstone_gait", "runs": len(study), **study.settings}
+        self._file = LineFile(path, resume=True, remedy=REMEDY, take=self._take)
+        if not self._begun:
+            self._file.write(self._header)
 
     def __enter__(self) -> Log:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.file.close()
+        self._file.close()
 
     @property
     def count(self) -> int:
@@ -221,11 +202,11 @@ class Log:
 
     def append(self, runs: list[int], rows: list[dict]) -> None:
         """Append runs, in whole lines, and wait until they are on the disk."""
-        lines = [json.dumps({"run": run, **row}) + "\n" for run, row in zip(runs, rows)]
-        sizes = [0, *np.cumsum([len(line) for line in lines]).tolist()]  # json.dumps gives ASCII
-        start = self.length
-        self._write("".join(lines))
-        self.places[runs] = [start + size for size in sizes[:-1]]
+        try:
+            self.places[runs] = self._file.write(*({"run": run, **row} for run, row in zip(runs, rows)))
+        except OSError as error:
+            raise OSError(f"{error}; {self.saved()}") from error
+        self._file.sync()
 
     def rows(self) -> Iterator[dict]:
         """Yield all rows in the order of the runs.  Raises ValueError if the file has changed since it was read."""
@@ -238,38 +219,16 @@ class Log:
                     raise ValueError(f"{self.path}, run {run}: damaged; {remedy} (found run {row['run']})")
                 yield row
 
-    def _write(self, text: str) -> None:
-        data = memoryview(text.encode("ascii"))
-        size = len(data)
-        try:
-            while data:
-                data = data[self.file.write(data) :]
-            os.fsync(self.file.fileno())
-        except OSError as error:
-            self.file.truncate(self.length)
-            remedy = f"make room and start the study again; {self.count} of {len(self.places)} runs are kept"
-            raise OSError(f"{self.path}: cannot be written ({error.strerror}): {remedy}") from error
-        self.length += size
-
-    def _read(self, header: dict) -> int:
-        """Read the lines of an earlier start; return the length of the valid part."""
-        self.file.seek(0)
-        place = 0
-        with open(self.file.fileno(), "rb", closefd=False) as file:
-            for number, line in enumerate(file, start=1):
-                if not line.endswith(b"\n"):
-                    if not line.startswith(b"{"):
-                        raise ValueError(f"{self.path}, line {number}: damaged; {REMEDY}")
-                    _log.warning("%s: dropped the last line, which was incomplete", self.path)
-                    self.file.truncate(place)
-                    break
-                self._take(number, line, place, header)
-                place += len(line)
-        return place
-
-    def _take(self, number: int, line: bytes, place: int, header: dict) -> None:
+    def _take(self, number: int, place: int, line: bytes) -> None:
         if number == 1:
-            _check_header(self.path, parse_json(line, f"{self.path}, line 1", REMEDY), header)
+            found, self._begun = parse_json(line, f"{self.path}, line 1", REMEDY), True
+            LOG.check(self.path, found.get("format"))
+            for key, value in self._header.items():
+                if found.get(key) != value and key != "format":
+                    raise ValueError(
+                        f"{self.path}: was begun with {key} = {shown(found.get(key))}, but this study has "
+                        f"{shown(value)}; delete the file to begin anew, or choose another folder"
+                    )
         else:
             self.places[self._row(line, f"{self.path}, line {number}", REMEDY)["run"]] = place
 
@@ -283,19 +242,3 @@ class Log:
                 return row
         expected = f"expected run 0 to {len(self.places) - 1}, texts {self.texts}, numbers {self.numbers}"
         raise ValueError(f"{what}: damaged; {remedy} ({expected})")
-
-
-def _check_header(path: Path, found: dict, header: dict) -> None:
-    """Raise ValueError if the log was begun with other settings."""
-    LOG.check(path, found.get("format"))
-    for key, value in header.items():
-        if found.get(key) != value and key != "format":
-            raise ValueError(
-                f"{path}: was begun with {key} = {_short(found.get(key))}, but this study has {_short(value)}; delete "
-                "the file to begin anew, or choose another folder"
-            )
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) < 100 else text[:97] + "..."

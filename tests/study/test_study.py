@@ -6,6 +6,7 @@ import json
 import math
 import os
 import random
+import re
 import resource
 import subprocess
 import sys
@@ -544,7 +545,8 @@ def test_a_full_disk_is_a_clear_error_with_nothing_half_written(tmp_path):
     process = started(path, tmp_path, preexec_fn=limited, stderr=subprocess.PIPE, text=True)
     _, message = process.communicate()
     assert process.returncode == 1
-    assert "study.jsonl: cannot be written (File too large): make room and start the study again" in message
+    assert "study.jsonl cannot be written (File too large); what it holds is complete: make room" in message
+    assert re.search(r"\d+ of 15 runs are kept in .*study\.jsonl; start the study again to continue", message)
     left = (tmp_path / "study.jsonl").read_bytes()
     assert left.endswith(b"\n")
     assert 1 < left.count(b"\n") < 16
