@@ -5,12 +5,6 @@ from .recording import MOTOR_OFF as MOTOR_OFF
 from .recording import Recording, read_recording, write_recording
 
 __all__ = [
-    "Identification",
-    "Recording",
-    "changed",
-    "identify",
-    "predict",
-    "prediction_error",
-    "read_recording",
+    "Identification", "Recording", "changed", "identify", "predict", "prediction_error", "read_recording",
     "write_recording",
-]
+]  # fmt: skip

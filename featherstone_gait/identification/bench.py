@@ -51,19 +51,9 @@ from .log import FitLog, FitRound
 from .recording import EARLY, check_recordings, read_columns
 
 __all__ = [
-    "BENCHES",
-    "MODELS",
-    "STS3250",
-    "XL330",
-    "Bench",
-    "BenchRecording",
-    "Parameter",
-    "ServoFit",
-    "fit_servo",
-    "leave_out",
-    "plot_rollouts",
-    "read_bench",
-]
+    "BENCHES", "MODELS", "STS3250", "XL330", "Bench", "BenchRecording", "Parameter", "ServoFit", "fit_servo",
+    "leave_out", "plot_rollouts", "read_bench",
+]  # fmt: skip
 
 FORMAT = Format("servo recording")
 COLUMNS = ("time_s", "angle_rad", "goal_rad", "supply_v", "torque_on")  # of a recording; others are passed over
@@ -556,9 +546,10 @@ class _Rollouts:
     def __call__(self, sets: Sequence[dict[str, float]]) -> list[list[np.ndarray]]:
         """Return the angles of each recording at its times [rad], for each set of values."""
         pairs = [(values, r) for values in sets for r in self.recordings]
-        self.count += len(pairs)
+        self.count, lead = self.count + len(pairs), self.bench.goal_lead + EARLY
         worlds = [_numbers_of(self.bench, r, values) for values, r in pairs]
-        worlds.append(_another(worlds[0]))  # in every batch the same numbers differ, for which one kernel is compiled
+        servos, *others = worlds[0]  # one more world, so that in every batch the same numbers differ: for one kernel
+        worlds.append(_World({k: 1.01 * x + 1e-6 for k, x in servos.items()}, *(1.01 * x + 1e-6 for x in others)))
         scene = _scene(self.bench, worlds[0])
         scenes, released = _scenes(scene, worlds, math.inf), None
         alike: dict[tuple[int, int], list[int]] = {}
@@ -566,26 +557,21 @@ class _Rollouts:
             alike.setdefault(_steps(r), []).append(k)
         angles: list[np.ndarray] = [np.empty(0)] * len(pairs)
         for (held, free), members in alike.items():
-            starts, goals = zip(*(self._given(scene, *pairs[k]) for k in members))
-            paths = _run(scenes, members, held, starts, goals)
+            chosen = [pairs[k] for k in members]
+            starts = [initial_state(scene, [r.angle[0] - values["zero"]]) for values, r in chosen]
+            goals = [
+                Reference(r.time - r.time[0] - lead, r.goal[:, None] - values["zero"], "hold") for values, r in chosen
+            ]
+            runs = [_run(scenes, members, held, starts, goals)]
             if free:
                 released = released or _scenes(scene, worlds, OPEN)
-                rest = _run(released, members, free, paths, goals)
-            for i, k in enumerate(members):
-                values, r = pairs[k]
-                path = paths[i]["q"][:, 0]
-                if free:
-                    path = np.concatenate([path, rest[i]["q"][1:, 0]])
+                runs.append(_run(released, members, free, runs[0], goals))
+            for k, (values, r), *parts in zip(members, chosen, *runs):
+                path = np.concatenate([parts[0]["q"][:1, 0], *(part["q"][1:, 0] for part in parts)])
                 time = r.time - values["angle_age"] - r.time[0]
                 angles[k] = np.interp(time, STEP * np.arange(len(path)), path) + values["zero"]
         n = len(self.recordings)
         return [angles[k * n : (k + 1) * n] for k in range(len(sets))]
-
-    def _given(self, scene: CompiledScene, values: dict[str, float], r: BenchRecording) -> tuple[Any, Reference]:
-        """Return the initial state and the goals of a recording."""
-        times = r.time - r.time[0] - self.bench.goal_lead - EARLY
-        goals = Reference(times, r.goal[:, None] - values["zero"], "hold")
-        return initial_state(scene, [r.angle[0] - values["zero"]]), goals
 
 
 def _steps(r: BenchRecording) -> tuple[int, int]:
@@ -593,12 +579,6 @@ def _steps(r: BenchRecording) -> tuple[int, int]:
     length = math.ceil((r.time[-1] - r.time[0]) / STEP) + 40  # beyond the end: the angle's age may be negative
     held = length if r.release == math.inf else round((r.release - r.time[0]) / STEP)
     return held, length - held
-
-
-def _another(world: _World) -> _World:
-    """Return a world in which every number differs."""
-    servos = {name: 1.01 * x + 1e-6 for name, x in world.servos.items()}
-    return _World(servos, 1.01 * world.mass, 1.01 * world.center, world.inertia + 1e-6)
 
 
 def _scenes(scene: CompiledScene, worlds: list[_World], limit: float) -> list[CompiledScene]:
@@ -666,12 +646,12 @@ class _Residuals:
 
     def _softened(self, points: Sequence[np.ndarray]) -> list[Blocks]:
         """Return errors whose squares grow like the absolute error beyond `SOFT`."""
-        return [
-            [self._soften(angle - r.angle) for angle, r in zip(angles, self.rollouts.recordings)]
-            for angles in self.rollouts([{**self.values(x), **self.held} for x in points])
-        ]
+        recordings = self.rollouts.recordings
 
-    def _soften(self, error: np.ndarray) -> np.ndarray:
-        e = np.nan_to_num(error / SOFT, nan=1e3, posinf=1e3, neginf=-1e3)
-        rho = np.sqrt(2.0 * (np.sqrt(1.0 + e * e) - 1.0))
-        return np.copysign(rho, e) / math.sqrt(len(e) * len(self.rollouts.recordings))
+        def soft(error: np.ndarray) -> np.ndarray:
+            e = np.nan_to_num(error / SOFT, nan=1e3, posinf=1e3, neginf=-1e3)
+            rho = np.sqrt(2.0 * (np.sqrt(1.0 + e * e) - 1.0))
+            return np.copysign(rho, e) / math.sqrt(len(e) * len(recordings))
+
+        sets = self.rollouts([{**self.values(x), **self.held} for x in points])
+        return [[soft(angle - r.angle) for angle, r in zip(angles, recordings)] for angles in sets]

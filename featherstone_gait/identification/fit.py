@@ -242,12 +242,23 @@ def predict(
     if starts is None:
         starts = [recording.angle[0] for recording in recordings]
     starts = finite("starts", starts, (len(recordings),), "[rad]")
+    return _predicted([model] * len(recordings), recordings, starts, gearbox, timestep)
+
+
+def _predicted(
+    models: Sequence[Model],
+    recordings: Sequence[Recording],
+    starts: Sequence[float] | np.ndarray,
+    gearbox: GearboxKind,
+    timestep: float,
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Simulate each recording's model; those with equal settings share a scene, and lanes."""
     real("timestep", timestep, 1e-9, 10.0, "give seconds, 5e-4 is usual")
-    results: list = [None] * len(recordings)
-    groups: dict[tuple, list[int]] = {}  # of equal settings: they share a scene, and lanes
-    for k, recording in enumerate(recordings):
-        groups.setdefault(tuple(sorted(recording.settings.items())), []).append(k)
-    for settings, members in groups.items():
+    found: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+    groups: dict[tuple[Model, tuple], list[int]] = {}
+    for k, (model, recording) in enumerate(zip(models, recordings)):
+        groups.setdefault((model, tuple(sorted(recording.settings.items()))), []).append(k)
+    for (model, settings), members in groups.items():
         scene = compile_scene(changed(model, **dict(settings)), gearbox, integrator="midpoint", timestep=timestep)
         runs = simulate_batch(
             scene,
@@ -258,9 +269,8 @@ def predict(
             record_interval=max(1, round(RECORD / timestep)) * timestep,
             estimate_error=False,
         )
-        for k, run in zip(members, runs):
-            results[k] = _sampled(run, recordings[k].time)
-    return results
+        found |= {k: _sampled(run, recordings[k].time) for k, run in zip(members, runs)}
+    return [found[k] for k in range(len(recordings))]
 
 
 @deprecated.keywords(servos="gearbox")
@@ -298,7 +308,7 @@ class _Simulations:
     models: Sequence[Model]  # of each recording
     recordings: Sequence[Recording]
     parameters: Sequence[str]
-    servos: GearboxKind
+    gearbox: GearboxKind
     voltage_weight: float
     timestep: float
 
@@ -308,14 +318,9 @@ class _Simulations:
         values, starts = dict(zip(self.parameters, np.exp(x[:count]))), x[count:]
         if not len(starts):
             starts = np.array([recording.angle[0] for recording in self.recordings])
-        results: list = [None] * len(self.recordings)
-        for model in dict.fromkeys(self.models):
-            members = [k for k, other in enumerate(self.models) if other is model]
-            recordings, own = [self.recordings[k] for k in members], [starts[k] for k in members]
-            runs = predict(changed(model, **values), recordings, own, self.servos, self.timestep)
-            for k, run in zip(members, runs):
-                results[k] = run
-        return results
+        fitted = {model: changed(model, **values) for model in dict.fromkeys(self.models)}
+        models = [fitted[model] for model in self.models]
+        return _predicted(models, self.recordings, starts, self.gearbox, self.timestep)
 
     def errors(self, points: Sequence[np.ndarray]) -> list[Blocks]:
         """Return the errors of the angle [rad] of each recording, and of the voltage where it has a weight."""

@@ -54,11 +54,16 @@ def read_draws(table: dict[str, Any], scene: CompiledScene) -> tuple[Draw, ...]:
         if offset:
             numbers = np.zeros(len(scene.model.joint_names))
         else:
-            _worlds(1, {section: {key: spread}})
+            fields: dict[str, Any] = {section: {key: spread}}
+            Worlds(runs=1, **fields)
             numbers = nominal(scene, section, key)[1]
             _check_spread(f"worlds.{section}.{key}", key, spread, numbers)
         found.append(Draw(section, key, spread, spread.shape(numbers)))
-    _check_apart(found)
+    names = [draw.name for draw in found]
+    for draw in found:
+        whole = f"worlds.{draw.section}.{draw.key.rpartition('.')[2]}"
+        if names.count(draw.name) > 1 or (draw.name != whole and whole in names):
+            raise ValueError(f"{draw.name} is drawn twice, by {whole} too; keep one of the two")
     return tuple(found)
 
 
@@ -89,15 +94,6 @@ def _check_spread(name: str, key: str, spread: Distribution, numbers: np.ndarray
         raise ValueError(f"{name} is {value:g} here and has no share to draw; add additive = true or set it")
 
 
-def _check_apart(found: list[Draw]) -> None:
-    """Raise ValueError if a number is drawn by two tables."""
-    names = [draw.name for draw in found]
-    for draw in found:
-        whole = f"worlds.{draw.section}.{draw.key.rpartition('.')[2]}"
-        if names.count(draw.name) > 1 or (draw.name != whole and whole in names):
-            raise ValueError(f"{draw.name} is drawn twice, by {whole} too; keep one of the two")
-
-
 def _tables(table: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
     """Yield section, key and table of every distribution."""
     sections = (*FIELDS, "reference")
@@ -125,29 +121,19 @@ def drawn_scenes(
     scene: CompiledScene, draws: tuple[Draw, ...], x: list[tuple[np.ndarray, ...]]
 ) -> list[CompiledScene | ValueError]:
     """Make the scene of each run, or the error if there is none; x: the draws of each run, as of `Study.values`."""
-    try:
-        return _all_scenes(scene, draws, x)
-    except ValueError as error:
-        if len(x) == 1:
-            return [ValueError(str(error).removeprefix("world 0: "))]
-    return [own for one in x for own in drawn_scenes(scene, draws, [one])]  # which of them fails each says by itself
-
-
-def _all_scenes(
-    scene: CompiledScene, draws: tuple[Draw, ...], x: list[tuple[np.ndarray, ...]]
-) -> list[CompiledScene | ValueError]:
-    fields: dict[str, dict[str, np.ndarray]] = {}
+    fields: dict[str, Any] = {}
     for k, draw in enumerate(draws):
         if draw.section in FIELDS:
             numbers = nominal(scene, draw.section, draw.key)[1]
             with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused as such
                 values = draw.spread.applied(numbers, np.array([one[k].reshape(draw.shape) for one in x]))
             fields.setdefault(draw.section, {})[draw.key] = values
-    return [*_worlds(len(x), fields).scenes(scene)] if fields else [scene] * len(x)
-
-
-def _worlds(runs: int, fields: dict[str, Any]) -> Worlds:
-    return Worlds(runs=runs, **fields)
+    try:
+        return [*Worlds(runs=len(x), **fields).scenes(scene)] if fields else [scene] * len(x)
+    except ValueError as error:
+        if len(x) == 1:
+            return [ValueError(str(error).removeprefix("world 0: "))]
+    return [own for one in x for own in drawn_scenes(scene, draws, [one])]  # which of them fails each says by itself
 
 
 def offset_of(draws: tuple[Draw, ...], x: tuple[np.ndarray, ...]) -> np.ndarray | float:

@@ -35,11 +35,10 @@ from ..scene.compile import CompiledScene
 from ..scene.coupling import followed
 from .bisection import largest
 from .draws import drawn_scenes, offset_of
-from .settings import ONLY, Setup, scene_of, servos_with
+from .settings import ONLY, Setup, scene_of, section_of, servos_with
 
 if TYPE_CHECKING:
     from ..run.program import CompiledController
-    from ..walking.cost import Measures
     from ..walking.motion import Motion
     from .settings import Walk
 
@@ -74,6 +73,10 @@ COLUMNS = {  # name of a column -> what its axis says; the first one is plotted
 }
 
 
+# Of `walking.cost.Measures`, in the order of the columns of a walk.
+MEASURES = ("cost", "cost_of_transport", "speed", "stride_length", "distance", "sideways", "energy", "slip")
+
+
 class _Task(NamedTuple):
     """Hold the inputs of a run, and the function that makes its row."""
 
@@ -94,7 +97,7 @@ def run_batch(setup: Setup, points: list[tuple]) -> list[dict[str, Any]]:
     tasks: dict[float, dict[int, _Task]] = {}  # by their duration
     count = len(setup.names)
     each = [setup.fixed | dict(zip(setup.names, point)) for point in points]
-    scenes: list[CompiledScene | ValueError] = []
+    scenes: dict[int, CompiledScene | ValueError] = {}
     if setup.experiment != "stable_step":
         scenes = _scenes(setup, each, [point[count:] for point in points])
     for k, values in enumerate(each):
@@ -116,21 +119,17 @@ def run_batch(setup: Setup, points: list[tuple]) -> list[dict[str, Any]]:
 
 def _scenes(
     setup: Setup, each: list[dict[str, Any]], drawn: list[tuple[np.ndarray, ...]]
-) -> list[CompiledScene | ValueError]:
+) -> dict[int, CompiledScene | ValueError]:
     """Make the scene of each run, or the error if there is none."""
-    found: list[CompiledScene | ValueError] = [ValueError()] * len(each)
+    found: dict[int, CompiledScene | ValueError] = {}
     alike: dict[tuple, list[int]] = {}  # runs by what their scene is drawn from
     for k, values in enumerate(each):
         alike.setdefault(_scene_values(values), []).append(k)
     for items, runs in alike.items():
         try:
-            scene = _scene(setup, items)
+            found |= zip(runs, drawn_scenes(_scene(setup, items), setup.draws, [drawn[k] for k in runs]))
         except ValueError as error:
-            own: list[CompiledScene | ValueError] = [error] * len(runs)
-        else:
-            own = drawn_scenes(scene, setup.draws, [drawn[k] for k in runs])
-        for k, one in zip(runs, own):
-            found[k] = one
+            found |= dict.fromkeys(runs, error)
     return found
 
 
@@ -253,14 +252,11 @@ def _rests(run: Trajectory) -> bool:
         return False
     for speeds in (run["qd"], run["rotor_speed"]):
         quarter = len(speeds) // 4
-        last, before = (_mean_square(speeds[-k * quarter :][:quarter]) for k in (1, 2))
+        parts = (speeds[-k * quarter :][:quarter] for k in (1, 2))
+        last, before = (math.fsum((part**2).ravel().tolist()) / max(part.size, 1) for part in parts)
         if last > max(FADING**2 * before, STILL**2):
             return False
     return True
-
-
-def _mean_square(values: np.ndarray) -> float:
-    return math.fsum((values**2).ravel().tolist()) / max(values.size, 1)
 
 
 # ---------------------------------------------------------------------------------------------- walk
@@ -279,26 +275,12 @@ def _walk(setup: Setup, scene: CompiledScene, values: dict, offset: np.ndarray |
     act = walk.controller(scene) if isinstance(walk, BalancedWalk) else None
 
     def row(run: Trajectory) -> dict[str, Any]:
-        return _walked(setup, measured(scene, run, mark, end, setup.strides))
+        found = measured(scene, run, mark, end, setup.strides)
+        ok = found.status == "ok"
+        numbers = dict(zip(COLUMNS["walk"], [*(getattr(found, name) for name in MEASURES), float(ok)]))
+        return _row(setup, "ok" if ok else "no cost", "" if ok else found.status, numbers)
 
     return _Task(scene, sent.times[-1], state, sent, RECORD, SAMPLE, row, act)
-
-
-def _walked(setup: Setup, found: Measures) -> dict[str, Any]:
-    numbers = {
-        "cost_J_m": found.cost,
-        "cost_of_transport": found.cost_of_transport,
-        "speed_m_s": found.speed,
-        "stride_length_m": found.stride_length,
-        "distance_m": found.distance,
-        "sideways_m": found.sideways,
-        "energy_J": found.energy,
-        "slip_m": found.slip,
-        "walks": float(found.status == "ok"),
-    }
-    if found.status == "ok":
-        return _row(setup, "ok", "", numbers)
-    return _row(setup, "no cost", found.status, numbers)
 
 
 def _gait(setup: Setup, scene: CompiledScene, values: dict) -> Walk:
@@ -307,7 +289,7 @@ def _gait(setup: Setup, scene: CompiledScene, values: dict) -> Walk:
 
     if "gait.file" in values:
         return setup.walks[values["gait.file"]]
-    wanted = tuple(sorted(item for item in values.items() if item[0].startswith("gait.")))
+    wanted = tuple(sorted(section_of(values, "gait").items()))
     return _planned(setup, wanted, downward(scene.gravity))
 
 
@@ -317,7 +299,7 @@ def _planned(setup: Setup, values: tuple, g: float) -> Motion:
     from ..walking import fit_gait, mirror_of, walking_plan
     from ..walking.motion import motion_of
 
-    walk = {name[5:]: value for name, value in values}
+    walk = dict(values)
     if "period" in walk:
         walk["step_time"] = 0.5 * walk.pop("period")
     plan = walking_plan(setup.model, g=g, **walk)

@@ -7,16 +7,17 @@ single value do not count.  Runs with another status are crosses, at the edge of
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..base.files import complete, read_csv
+from ..base.files import complete
 from ..view.style import BAD, BLUE, look
 from .measures import COLUMNS
 from .settings import PARAMETERS, Axis, Study
-from .table import TABLE
+from .table import read_columns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +30,6 @@ DECADES = 30.0  # largest by smallest value from which an axis is logarithmic
 SPAN = 1e-16  # smallest by largest value of an axis or color
 LABELS = 9  # of an axis of a map
 MAPS = 9  # maps side by side
-RED = BAD
 
 
 class _Column(NamedTuple):
@@ -47,28 +47,28 @@ class _Column(NamedTuple):
 
 def plot_study(study: Study, table: Path, path: Path) -> None:
     """Plot a study's table to a PNG file."""
-    from matplotlib.figure import Figure
-
-    with look():
-        figure = _figure(study, table, Figure)
+    figure = _figure(study, table)
     with complete(path) as temporary:
         figure.savefig(temporary, dpi=130)
 
 
-def _figure(study: Study, table: Path, make: type[Figure]) -> Figure:
+@look()
+def _figure(study: Study, table: Path) -> Figure:
+    from matplotlib.figure import Figure
+
     measure, says = next(iter(COLUMNS[study.setup.experiment].items()))
-    read = _read(table, (*study.names, "status", measure))
+    read = read_columns(table)
     y = np.array([float(text) if text else np.nan for text in read[measure]])
     ok = np.array(read["status"]) == "ok"
     columns = [_column(name, axis, read[name]) for name, axis in zip(study.setup.names, study.axes)]
     columns += [_drawn(draw.name, read[draw.name]) for draw in study.setup.draws]
-    columns = [column for column in columns if column.axis.values is None or len(column.axis.values) > 1] or columns[:1]
-    shape = [0 if column.axis.values is None else len(column.axis.values) for column in columns]
+    columns = [column for column in columns if column.axis.size != 1] or columns[:1]
+    shape = [column.axis.size for column in columns]
     several = len(columns) == 3 and study.shares is None and min(shape) <= MAPS
     count = min(shape) if several else len(columns) if len(columns) > 2 else 1
     width = min(count, 3)
     height = -(-count // width)
-    figure = make(figsize=(7.0, 4.5) if count == 1 else (3.6 * width, 0.5 + 2.9 * height), layout="constrained")
+    figure = Figure(figsize=(7.0, 4.5) if count == 1 else (3.6 * width, 0.5 + 2.9 * height), layout="constrained")
     panels = figure.subplots(height, width, squeeze=False).ravel()
     if several:
         _maps(figure, panels, columns, y, ok, says)
@@ -88,16 +88,7 @@ def _figure(study: Study, table: Path, make: type[Figure]) -> Figure:
     return figure
 
 
-def _read(table: Path, names: tuple[str, ...]) -> dict[str, list[str]]:
-    """Read some columns of a CSV file as text."""
-    lines = read_csv(table, TABLE)
-    _, header = next(lines)
-    places = [header.index(name) for name in names]
-    found = [[row[k] for k in places] for _, row in lines]
-    return dict(zip(names, map(list, zip(*found))))
-
-
-def _column(name: str, axis: Axis, texts: list[str]) -> _Column:
+def _column(name: str, axis: Axis, texts: Sequence[str]) -> _Column:
     unit = PARAMETERS[name]
     if isinstance(unit, str):
         return _Column(name if unit == "-" else f"{name} [{unit}]", np.array(texts, dtype=float), None, axis)
@@ -105,7 +96,7 @@ def _column(name: str, axis: Axis, texts: list[str]) -> _Column:
     return _Column(name, np.array([names.index(text) for text in texts], dtype=float), names, axis)
 
 
-def _drawn(name: str, texts: list[str]) -> _Column:
+def _drawn(name: str, texts: Sequence[str]) -> _Column:
     return _Column(f"{name}\nmean of the draws [widths]", np.array(texts, dtype=float), None, Axis(None, -1.0, 1.0))
 
 
@@ -140,7 +131,7 @@ def _marginal(panel: Axes, column: _Column, y: np.ndarray, ok: np.ndarray, line:
     shown[:: -(-len(y) // SHOWN)] = True
     good, bad, lost = (shown & part for part in (ok & np.isfinite(y), ~ok & np.isfinite(y), ~np.isfinite(y)))
     panel.plot(column.x[good], y[good], "o", color=BLUE, markersize=5 if line else 3, alpha=1 if line else 0.4, mew=0)
-    marks: dict[str, Any] = {"color": RED, "markersize": 6 if line else 4, "linestyle": ""}
+    marks: dict[str, Any] = {"color": BAD, "markersize": 6 if line else 4, "linestyle": ""}
     panel.plot(column.x[bad], y[bad], "x", label="not ok" if bad.any() else None, **marks)
     marks |= {"transform": panel.get_xaxis_transform(), "label": "no value" if lost.any() else None}
     panel.plot(column.x[lost], np.full(lost.sum(), 0.02), "x", **marks)
@@ -177,7 +168,7 @@ def _maps(
     figure: Figure, panels: np.ndarray, columns: list[_Column], y: np.ndarray, ok: np.ndarray, says: str
 ) -> None:
     """Draw a map for each value of the parameter with the fewest values, all with one color scale."""
-    shape = [len(column.axis.listed) for column in columns]
+    shape = [column.axis.size for column in columns]
     apart = int(np.argmin(shape))
     values, sound = (np.moveaxis(x.reshape(shape), apart, 0) for x in (y, ok))
     others, norm = [column for k, column in enumerate(columns) if k != apart], _norm(y)
@@ -205,7 +196,7 @@ def _cells(panel: Axes, columns: list[_Column], y: np.ndarray, ok: np.ndarray, n
         texts = [value if isinstance(value, str) else f"{value:.3g}" for value in values]
         set_ticks(0.5 + step * np.arange(len(values)), texts)
     rows, cells = np.nonzero(~ok)
-    panel.plot(0.5 + cells, 0.5 + rows, "X", color=RED, markersize=8, markeredgecolor="white", label="not ok")
+    panel.plot(0.5 + cells, 0.5 + rows, "X", color=BAD, markersize=8, markeredgecolor="white", label="not ok")
     panel.set(xlabel=across.label, ylabel=up.label)
     return image
 
@@ -216,7 +207,7 @@ def _map(
     """Draw the measure as color over two parameters: cells for a grid, points otherwise."""
     norm = _norm(y)
     across, up = columns[1], columns[0]
-    shape = [0 if column.axis.values is None else len(column.axis.values) for column in columns]
+    shape = [column.axis.size for column in columns]
     if grid:
         image = _cells(panel, columns, y.reshape(shape), ok.reshape(shape), norm)
     else:
@@ -228,7 +219,7 @@ def _map(
         elif up.log:
             panel.set_yscale("log")
         image = panel.scatter(across.x[ok], up.x[ok], c=y[ok], norm=norm, cmap="viridis", s=25)
-        panel.plot(across.x[~ok], up.x[~ok], "x", color=RED, markersize=6, label="not ok")
+        panel.plot(across.x[~ok], up.x[~ok], "x", color=BAD, markersize=6, label="not ok")
     if not ok.all():
         panel.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.0, -0.1), frameon=False)
     figure.colorbar(image, ax=panel, label=says)

@@ -132,11 +132,21 @@ def _evaluate(study: Study, log: Log, executor: Executor, batch: int | None, bar
         running[executor.submit(run_batch, study.setup, [study.values(run) for run in runs])] = runs
 
     def collect() -> None:
-        for runs, error in _collect(running, log, bar):
-            if runs[0] in again:
+        """Wait for a batch and log it; one that failed is tried again.
+
+        Dask's executor ends a batch with an error if its worker is lost while the result is fetched.
+        """
+        errors = {each: _error(each) for each in wait(running, return_when=FIRST_COMPLETED).done}
+        for future, error in sorted(errors.items(), key=lambda item: item[1] is not None):
+            runs = running.pop(future)
+            if error is None:
+                log.append(runs, future.result())
+                bar.update(len(runs))
+            elif runs[0] in again:
                 raise error
-            again.add(runs[0])
-            submit(runs)
+            else:
+                again.add(runs[0])
+                submit(runs)
 
     try:
         missing = np.flatnonzero(log.places < 0)
@@ -156,21 +166,8 @@ def _evaluate(study: Study, log: Log, executor: Executor, batch: int | None, bar
             future.cancel()
 
 
-def _collect(running: dict[Future, list[int]], log: Log, bar: tqdm) -> list[tuple[list[int], BaseException]]:
-    """Wait for a batch; log those that succeeded and return those that failed, with their errors.
-
-    They are tried again: Dask's executor ends a batch with an error if its worker is lost while the result is fetched.
-    """
-    done, _ = wait(running, return_when=FIRST_COMPLETED)
-    failed = []
-    for future in done:
-        runs, error = running.pop(future), CancelledError() if future.cancelled() else future.exception()
-        if error is not None:
-            failed.append((runs, error))
-            continue
-        log.append(runs, future.result())
-        bar.update(len(runs))
-    return failed
+def _error(future: Future) -> BaseException | None:
+    return CancelledError() if future.cancelled() else future.exception()
 
 
 class Log:

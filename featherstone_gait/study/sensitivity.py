@@ -20,11 +20,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.files import Format, complete, read_csv, write_csv
+from ..base.files import Format, complete, write_csv
 from ..view.style import BLUE, look
 from .measures import COLUMNS
 from .settings import Study
-from .table import TABLE
+from .table import read_columns
 
 SENSITIVITY = Format("study sensitivity")
 GREY = "0.7"
@@ -69,13 +69,10 @@ def write_sensitivity(study: Study, table: Path) -> Path:
     """Write NAME_sensitivity.csv and .png beside the table of a study with the method "saltelli"; return the former."""
     path = table.with_name(f"{table.stem}_sensitivity.csv")
     measures, names = COLUMNS[study.setup.experiment], study.names
-    lines = read_csv(table, TABLE)
-    _, header = next(lines)
-    rows = [row for _, row in lines]
+    columns = read_columns(table)
     found, spread = {}, []
     for measure in measures:
-        column = header.index(measure)
-        values = np.array([float(row[column]) if row[column] else math.nan for row in rows])
+        values = np.array([float(text) if text else math.nan for text in columns[measure]])
         known = values[np.isfinite(values)]
         if len(known):
             low, middle, high = np.quantile(known, (0.05, 0.5, 0.95)).tolist()

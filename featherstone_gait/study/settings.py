@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     Walk: TypeAlias = Motion | BalancedWalk
 
 MOST_RUNS, MOST_NUMBERS = 20_000_000, 100_000_000
+FEWER = f"at most {MOST_RUNS} runs are allowed: make several studies of it"
 GROUND_UNITS = {"friction": "-", "penetration": "m", "damping_ratio": "-", "height": "m", "slope": "rad"}
 SUPPLY_UNITS = {f.name: f.metadata["unit"] for f in fields(Supply)}
 GAIT_UNITS = {
@@ -116,6 +117,11 @@ class Axis(NamedTuple):
     log: bool = False
 
     @property
+    def size(self) -> int:
+        """How many values the axis lists; 0 for a range."""
+        return 0 if self.values is None else len(self.values)
+
+    @property
     def listed(self) -> tuple[Any, ...]:
         """The values of an axis that lists them, as every axis of a grid does."""
         assert self.values is not None
@@ -156,7 +162,7 @@ class Study:
 
     def __len__(self) -> int:
         """Count the runs."""
-        return math.prod(len(axis.listed) for axis in self.axes) if self.shares is None else len(self.shares)
+        return math.prod(axis.size for axis in self.axes) if self.shares is None else len(self.shares)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -250,7 +256,7 @@ def _study(path: Path, table: dict) -> Study:
     runs = {key: settings[key] for key in ("experiment", "duration", "strides", "warm_up")}
     setup = Setup(digest, model, fixed=fixed, names=tuple(axes), draws=draws, walks=walks, **runs)
     study = Study(path.stem, setup, tuple(axes.values()), shares, settings)
-    _few("the number of combinations", len(study))
+    whole("the number of combinations", len(study), 0, FEWER, MOST_RUNS)
     return study
 
 
@@ -366,7 +372,7 @@ def _range(name: str, table: dict, sampling: dict) -> Axis:
         raise ValueError(f"{what} goes from {low} to {high}; give two finite numbers that rise{', > 0' * log}")
     if not grid:
         return Axis(None, low, high, log)
-    count = _few(what + ".count", whole(what + ".count", table["count"], 2, "give how many values"))
+    count = whole(what + ".count", table["count"], 2, FEWER, MOST_RUNS)
     spaced = np.geomspace if log else np.linspace
     return Axis(tuple(float(f"{x:.15g}") for x in spaced(low, high, count)))
 
@@ -379,17 +385,11 @@ def _sampling(table: dict) -> dict:
         return {"method": method}
     if "count" not in table:
         raise ValueError(f"sampling.count is missing; give the number of runs of {method!r}")
-    count = _few("sampling.count", whole("sampling.count", table["count"], 1, "give how many runs"))
+    count = whole("sampling.count", table["count"], 1, FEWER, MOST_RUNS)
     if method == "saltelli" and count & (count - 1):
         raise ValueError(f"sampling.count is {count}; 'saltelli' takes a power of two: {2 ** count.bit_length()}")
     seed = whole("sampling.seed", table.get("seed", 0), 0, "any will do")
     return {"method": method, "count": count, "seed": seed}
-
-
-def _few(what: str, count: int) -> int:
-    if count > MOST_RUNS:
-        raise ValueError(f"{what} is {count}; at most {MOST_RUNS} runs are allowed: make several studies of it")
-    return count
 
 
 def _shares(sampling: dict, widths: list[int]) -> np.ndarray | None:
@@ -411,22 +411,27 @@ def _shares(sampling: dict, widths: list[int]) -> np.ndarray | None:
         if 2 * width > qmc.Sobol.MAXDIM:
             raise ValueError(f"{width} numbers are drawn; 'saltelli' takes at most {qmc.Sobol.MAXDIM // 2}: use shared")
         drawn = qmc.Sobol(2 * width, seed=generator).random_base2(sampling["count"].bit_length() - 1)
-        shares = _crossed(drawn[:, :width], drawn[:, width:], widths).reshape(-1, width)
+        a, b = drawn[:, None, :width], drawn[:, None, width:]
+        own = np.repeat(np.eye(len(widths), dtype=bool), widths, axis=1)  # the columns of each name
+        shares = np.concatenate([a, b, np.where(own, b, a)], axis=1).reshape(-1, width)
     else:
         shares = qmc.LatinHypercube(width, seed=generator).random(sampling["count"])
     return np.minimum(shares, np.nextafter(1.0, 0.0))
 
 
-def _crossed(a: np.ndarray, b: np.ndarray, widths: list[int]) -> np.ndarray:
-    """Cross samples to (n, names + 2, width): a, b, and a with the columns of each name in turn from b."""
-    own = np.repeat(np.eye(len(widths), dtype=bool), widths, axis=1)
-    return np.concatenate([a[:, None], b[:, None], np.where(own, b[:, None], a[:, None])], axis=1)
+def section_of(values: dict[str, Any], section: str) -> dict[str, Any]:
+    """Select the parameters of a section, by their names in it."""
+    return {name.partition(".")[2]: value for name, value in values.items() if name.startswith(f"{section}.")}
 
 
 def servos_with(model: Model, values: dict[str, Any]) -> Model:
     """Change the robot's servos and supply by the parameters `servo.*` and `supply.*`."""
-    model = _fed(model, {name[7:]: value for name, value in values.items() if name.startswith("supply.")})
-    given = {name[6:]: value for name, value in values.items() if name.startswith("servo.")}
+    supply, given = section_of(values, "supply"), section_of(values, "servo")
+    if supply:
+        if model.supply is None and "voltage" not in supply:
+            raise ValueError(f"{model.name} has no supply to change; add supply.voltage")
+        own = {} if model.supply is None else asdict(model.supply)
+        model = replace(model, supply=Supply(**{**own, **supply}))
     if not given:
         return model
     kind, gearbox = given.pop("type", None), given.pop("gearbox", None)
@@ -439,47 +444,28 @@ def servos_with(model: Model, values: dict[str, Any]) -> Model:
     return replace(model, servos={joint: servo_with(servo, given) for joint, servo in model.servos.items()})
 
 
-def _fed(model: Model, given: dict[str, float]) -> Model:
-    if not given:
-        return model
-    if model.supply is None and "voltage" not in given:
-        raise ValueError(f"{model.name} has no supply to change; add supply.voltage")
-    own = {} if model.supply is None else asdict(model.supply)
-    return replace(model, supply=Supply(**{**own, **given}))
-
-
 def scene_of(model: Model, values: dict[str, Any]) -> CompiledScene:
     """Compile the scene that the parameters describe, without the draws."""
-    model = servos_with(model, values)
-    given = {name[6:]: value for name, value in values.items() if name.startswith("scene.")}
+    model, given = servos_with(model, values), section_of(values, "scene")
     gearbox, on_ground = given.pop("gearbox", "mipsd"), given.pop("ground", model.base == "floating")
-    ground = ground_with(values) if on_ground else None
+    ground = Ground(**section_of(values, "ground")) if on_ground else None
     return compile_scene(model, None if gearbox == "none" else gearbox, ground, **given)
-
-
-def ground_with(values: dict[str, Any]) -> Ground:
-    """Make the ground that the parameters `ground.*` describe."""
-    return Ground(**{name[7:]: value for name, value in values.items() if name.startswith("ground.")})
 
 
 def _check_values(model: Model, fixed: dict, axes: dict[str, Axis]) -> None:
     """Check every value that `servo` and `ground` can take, one parameter at a time."""
     ends = {name: axis.values or (axis.low, axis.high) for name, axis in axes.items()}
     first = {name: values[0] for name, values in ends.items()}
-    for name, values in ends.items():
-        for value in values:
-            _check_point(model, {**fixed, **first, name: value}, f"vary.{name} = {_shown(value)}: ")
-    _check_point(model, {**fixed, **first}, "")
-
-
-def _check_point(model: Model, values: dict, what: str) -> None:
-    if values.get("scene.timestep", 1.0) <= 0 or not math.isfinite(values.get("scene.timestep", 1.0)):
-        raise ValueError(f"{what}scene.timestep is {values['scene.timestep']} s; it must be positive and finite")
-    try:
-        servos_with(model, values)
-        ground_with(values)
-    except ValueError as error:
-        raise ValueError(f"{what}{error}") from error
+    changes = [(name, value) for name, values in ends.items() for value in values]
+    for change in [*([item] for item in changes), []]:
+        point, what = fixed | first | dict(change), "".join(f"vary.{k} = {_shown(value)}: " for k, value in change)
+        if not 0 < point.get("scene.timestep", 1.0) < math.inf:
+            raise ValueError(f"{what}scene.timestep is {point['scene.timestep']} s; it must be positive and finite")
+        try:
+            servos_with(model, point)
+            Ground(**section_of(point, "ground"))
+        except ValueError as error:
+            raise ValueError(f"{what}{error}") from error
 
 
 def _digest(data: bytes | str) -> str:

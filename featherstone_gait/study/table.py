@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from ..base.files import Format, complete, write_csv
+from ..base.files import Format, complete, read_csv, write_csv
 from .measures import COLUMNS
 from .settings import Study
 
@@ -33,6 +33,12 @@ def write_table(path: Path, study: Study, rows: Iterable[Mapping[str, Any]]) -> 
 
     write_csv(path, TABLE, ["run", *study.names, *names], lines(), end="\n")
     return dict(statuses.most_common())
+
+
+def read_columns(table: Path) -> dict[str, tuple[str, ...]]:
+    """Read a table's columns, as text."""
+    header, *rows = (cells for _, cells in read_csv(table, TABLE))
+    return dict(zip(header, zip(*rows)))
 
 
 def check_parquet() -> None:

@@ -20,7 +20,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib import image
-from matplotlib.figure import Figure
 
 from featherstone_gait import (
     Distribution,
@@ -580,7 +579,7 @@ def without_privileges():
 def test_what_takes_one_value_is_no_axis_of_the_picture(tmp_path):
     """So that a grid of two parameters is a map, whatever else its file states."""
     study = read(tmp_path, GRID + 'scene.gearbox = ["mipsd"]\nservo.Kd = [0.0]\n')
-    figure = _figure(study, run_study(study, tmp_path).table, Figure)
+    figure = _figure(study, run_study(study, tmp_path).table)
     drawn, colors = figure.axes
     assert {drawn.get_xlabel(), drawn.get_ylabel()} == {"posture.tilt [rad]", "servo.Kp [V/rad]"}
     assert colors.get_ylabel().startswith("largest variance")
