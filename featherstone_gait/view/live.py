@@ -11,7 +11,7 @@ import time
 import warnings
 from collections.abc import Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,12 +22,9 @@ from ..robot_file.errors import RobotFileWarning
 from ..run.sensors import in_world
 from ..run.trajectory import positions
 from ..scene.contact import ground_under, plane_axes
-from .live_plots import Charts, plotted
-from .recorded import TOUCH, Seen, corners_of, quaternions, relief, sampled
-from .visuals import Piece, pieces
-
-if TYPE_CHECKING:
-    from types import TracebackType
+from .live_plots import Chart, Plotted
+from .recorded import TOUCH, Seen, channels_of, corners_of, known_channels, margin_of, quaternions, relief, sampled
+from .visuals import Piece, pieces, round_up
 
 INSTALL = "a live page needs viser: pip install featherstone-gait[viser]"
 RATE, PLOT_RATE = 40.0, 10.0  # frames a second at most, of the picture and of the plots
@@ -42,6 +39,7 @@ FLOOR, SQUARE, RISE = (238, 236, 229), (214, 211, 200), (186, 178, 160)
 BAD = "#a3160f"
 MOST_NOTES = 5  # in a warning about what could not be read
 HEIGHT = 620  # in a notebook [pixel]
+PANEL = 360  # width of the plots [pixel]
 
 
 def serve(
@@ -67,8 +65,8 @@ def serve(
         text = f"{'; '.join(notes[:MOST_NOTES])}{rest}: collision shapes or boxes of the inertia are drawn instead"
         warnings.warn(text, RobotFileWarning, stacklevel=3)
     actors = [_Actor(caption, seen, looks[id(seen.model)]) for caption, seen in runs.items()]
-    charts = Charts([plotted(a.caption, runs[a.caption], a.last) for a in actors], plots)
-    return Live(viser.ViserServer("127.0.0.1", port, label=title, verbose=False), actors, ghosts, charts)
+    known_channels([actor.plotted.channels for actor in actors], plots)
+    return Live(viser.ViserServer("127.0.0.1", port, label=title, verbose=False), actors, ghosts, plots)
 
 
 class Live:
@@ -84,17 +82,18 @@ class Live:
         Times of the first and last sample [s].
     """
 
-    def __init__(self, server: Any, actors: Sequence[_Actor], ghosts: bool, charts: Charts) -> None:
+    def __init__(self, server: Any, actors: Sequence[_Actor], ghosts: bool, plots: Sequence[str]) -> None:
         self.server = server
         self._actors, self._lock, self._stopped = actors, threading.RLock(), threading.Event()
         self.start = min(actor.start for actor in actors)
         self.end = max(actor.end for actor in actors)
         self._time, self._speed, self._playing = self.start, 1.0, self.end > self.start
-        self._stage, self._charts, self._plotted = _Stage(server, actors, ghosts), charts, -math.inf
+        self._stage, self._charts, self._plotted = _Stage(server, actors, ghosts), list[Chart](), -math.inf
         self._controls: dict[str, Any] = {}
         with server.atomic():
             self._add_controls()
-            charts.enter(server.gui, self._lock)
+            if plots:
+                self._add_plots(plots)
             self._draw()
         self._thread = threading.Thread(target=self._play, name="live page", daemon=True)
         self._thread.start()
@@ -108,9 +107,7 @@ class Live:
     def __enter__(self) -> Live:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     @property
@@ -183,7 +180,8 @@ class Live:
         with self._lock, self.server.atomic():
             self._stage.draw(self._time)
             if not self._playing or time.perf_counter() - self._plotted > 1.0 / PLOT_RATE:
-                self._charts.draw(self._time)
+                for chart in self._charts:
+                    chart.draw(self._time)
                 self._plotted = time.perf_counter()
             if self._controls:
                 self._controls["time"].value = self._time
@@ -206,6 +204,15 @@ class Live:
                 box = gui.add_checkbox(name, stage.shown[name])
                 box.on_update(lambda event, name=name: self._switch(name, event.target.value))
 
+    def _add_plots(self, plots: Sequence[str]) -> None:
+        gui, runs = self.server.gui, [actor.plotted for actor in self._actors]
+        names = known_channels([run.channels for run in runs], plots)
+        panel = gui.add_panel()
+        with panel.add_tab("Plots"):
+            self._charts = [Chart(gui, self._lock, runs, names, name) for name in plots]
+        panel.dock_left()
+        panel.set_width(PANEL)
+
     def _add_clock(self) -> None:
         gui = self.server.gui
         step = 10.0 ** math.floor(math.log10(min(self.end - self.start, 0.01)))
@@ -216,16 +223,14 @@ class Live:
         steps = gui.add_button_group("step", ("start", "-1", "+1", "end"))
         steps.on_click(lambda event: self._step(event.target.value))
         speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
-        speed.on_update(lambda event: self._set_speed(float(event.target.value)))
+        speed.on_update(lambda event: setattr(self, "_speed", float(event.target.value)))
         self._controls |= {"play": button, "time": slider}
 
     def _step(self, how: str) -> None:
         ends = {"start": self.start, "end": self.end}
-        self.seek(ends[how] if how in ends else self._actors[0].time_beside(self._time, int(how)))
-
-    def _set_speed(self, speed: float) -> None:
-        with self._lock:
-            self._speed = speed
+        first = self._actors[0]
+        row = first.row(self._time) + (0 if how in ends else int(how))
+        self.seek(ends.get(how, float(first.samples[min(max(row, 0), len(first.samples) - 1)])))
 
     def _switch(self, name: str, on: bool) -> None:
         with self._lock:
@@ -243,7 +248,7 @@ class _Actor:
         frames = sampled(seen)
         self.box = corners_of(seen.model, frames, found)  # (frames, n, 3) [m]
         self.q, self.samples, self.last = positions(run, seen.model), run["time"], frames.last
-        self.failed = run.failed
+        self.plotted = Plotted(caption, run.status, channels_of(seen.model, run, frames.last))
         self.start, self.end = float(self.samples[0]), float(self.samples[-1])
         self.moves = seen.model.base == "floating"
         touches = "contact_force" in run and seen.ground is not None and len(seen.model.contacts) > 0
@@ -261,7 +266,7 @@ class _Actor:
         if run.status == "ok":
             text = f"<b>{escape(self.caption)}</b>: ok"
         else:
-            when = f" at {run.end_time:.4g} s" if self.failed else ""
+            when = f" at {run.end_time:.4g} s" if run.failed else ""
             text = f"<b>{escape(self.caption)}: {escape(run.status)}{when}</b><br>{escape(run.message)}"
         color = "" if run.status == "ok" else f"color:{BAD};"
         return f'<div style="{color}margin:0.2em 1em">{text}</div>'
@@ -269,14 +274,6 @@ class _Actor:
     def row(self, t: float) -> int:
         """Find the last sample up to a time [s]."""
         return min(max(int(np.searchsorted(self.samples, t + 1e-9, side="right")) - 1, 0), self.last)
-
-    def time_beside(self, t: float, count: int) -> float:
-        """Find the time that is `count` samples away [s]."""
-        return float(self.samples[min(max(self.row(t) + count, 0), len(self.samples) - 1)])
-
-    def failed_at(self, t: float) -> bool:
-        """Return whether the run has failed by a time [s]."""
-        return self.failed and t >= min(self.run.end_time, self.samples[self.last]) - 1e-9
 
     def enter(self, scene: Any, name: str) -> None:
         """Add the robot to the scene, each link as a frame with its pieces in it."""
@@ -302,7 +299,8 @@ class _Actor:
 
     def draw(self, t: float, shown: Mapping[str, bool]) -> None:
         """Draw the run at a time [s]."""
-        row, over = self.row(t), self.failed_at(t)
+        row, run = self.row(t), self.run
+        over = run.failed and t >= min(run.end_time, self.samples[self.last]) - 1e-9
         state = (row, over, shown["forces"])
         if state == self.drawn:
             return
@@ -319,8 +317,8 @@ class _Actor:
             self.under.position = mass - [0.0, 0.0, float(ground_under(self.ground, mass[None])[0, 6])]
         self._draw_forces(q, row, shown["forces"])
         if before is None or before[1] != over:
-            when = f": {self.run.status} at {self.run.end_time:.4g} s"
-            doubtful = f": {self.run.status}" * (not (self.run.failed or self.run.ok))
+            when = f": {run.status} at {run.end_time:.4g} s"
+            doubtful = f": {run.status}" * (not (run.failed or run.ok))
             self.label.text = self.caption + (when if over else doubtful)
             for mesh, piece in zip(self.meshes, self.found):
                 mesh.color = FAILURE if over else piece.color
@@ -366,7 +364,7 @@ class _Stage:
         fields = any(ground is not None and ground.field is not None for ground in grounds)
         self.floors: list[Any] = []  # of each run, where there is not one for all
         if fields or any(ground != grounds[0] for ground in grounds):
-            self.gap = max(float(np.ptp(x)) for x in wide) + 2.2 * max(_margin(actor.box) for actor in actors)
+            self.gap = max(float(np.ptp(x)) for x in wide) + 2.2 * max(margin_of(actor.box) for actor in actors)
             self.floors = [_floor(scene, f"/world/run{k + 1}/ground", a.ground, a.box) for k, a in enumerate(actors)]
         else:
             boxes = [a.box.reshape(-1, 3) + x for a in actors for x in (np.zeros(3), *self._offsets())]
@@ -412,19 +410,15 @@ class _Stage:
         camera.position, camera.look_at = self.middle + away, self.middle
 
 
-def _margin(box: np.ndarray) -> float:
-    """Compute how far `relief` extends the ground beyond the way of a robot [m]."""
-    return 0.6 * float(max(np.ptp(box[..., :2], axis=(0, 1)).max(), np.ptp(box[..., 2])))
-
-
 def _floor(scene: Any, name: str, ground: Ground | None, box: np.ndarray) -> list[Any]:
     """Draw the ground under corners (frames, n, 3) [m]; without ground a grid under the lowest one."""
-    uneven = relief(ground, box) if ground is not None and (ground.steps or ground.field is not None) else {}
-    if uneven:
+    if ground is not None and (ground.steps or ground.field is not None):
+        uneven = relief(ground, box)
         quads, shade = np.array(uneven["quads"]).reshape(-1, 4, 3), np.array(uneven["shade"])
+        halves = (4 * np.arange(len(quads))[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
         return [
             scene.add_mesh_simple(
-                f"{name}/{k}", quads[shade == k].reshape(-1, 3), _halves(int((shade == k).sum())), color=color,
+                f"{name}/{k}", quads[shade == k].reshape(-1, 3), halves[: 2 * (shade == k).sum()], color=color,
                 flat_shading=True, side="double", cast_shadow=False,
             )
             for k, color in enumerate((FLOOR, SQUARE, RISE)) if (shade == k).any()
@@ -432,7 +426,7 @@ def _floor(scene: Any, name: str, ground: Ground | None, box: np.ndarray) -> lis
     corners = box.reshape(-1, 3)
     low, high = corners.min(axis=0), corners.max(axis=0)
     size = float((high - low).max())
-    cell = _round(np.ptp(box[0], axis=0).max() / 8.0)
+    cell = round_up(float(np.ptp(box[0], axis=0).max()) / 8.0)
     middle = np.array([*(0.5 * (low + high))[:2], low[2]])
     turn, at = (1.0, 0.0, 0.0, 0.0), cell * np.round(middle / cell) * (1, 1, 0) + middle * (0, 0, 1)
     if ground is not None:
@@ -448,14 +442,3 @@ def _floor(scene: Any, name: str, ground: Ground | None, box: np.ndarray) -> lis
             plane_color=FLOOR, plane_opacity=0.0 if ground is None else 1.0, wxyz=turn, position=at,
         )
     ]  # fmt: skip
-
-
-def _round(x: float) -> float:
-    """Round up to 1, 2 or 5 times a power of ten."""
-    power = 10.0 ** math.floor(math.log10(max(x, 1e-9)))
-    return next(k * power for k in (1.0, 2.0, 5.0, 10.0) if k * power >= x)
-
-
-def _halves(count: int) -> np.ndarray:
-    """Split `count` quadrangles into triangles."""
-    return (4 * np.arange(count)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)

@@ -7,10 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .recorded import Seen, channels_of, known_channels
 from .style import BAD, COLOURS
 
-WIDTH, HEIGHT = 360, 200  # of the panel, of a plot in it [pixel]
+HEIGHT = 200  # of a plot [pixel]
 MARGIN = 0.06  # above and below the lines, of their height
 QUIET, LINES = "#8a8f98", "rgba(138, 143, 152, 0.2)"  # axes and grid, on light and dark ground
 SIDES = {"left": COLOURS[0], "right": COLOURS[1]}  # where there are more lines than colors
@@ -25,40 +24,8 @@ class Plotted(NamedTuple):
     channels: dict[str, Any]
 
 
-def plotted(caption: str, seen: Seen, last: int) -> Plotted:
-    """Prepare the channels of a run up to its sample `last`."""
-    return Plotted(caption, seen.trajectory.status, channels_of(seen.model, seen.trajectory, last))
-
-
-class Charts:
-    """A panel of plots, one for each channel in `wanted`, which can be changed in the page.
-
-    Raises ValueError for a channel that no run has.
-    """
-
-    def __init__(self, runs: Sequence[Plotted], wanted: Sequence[str]) -> None:
-        self.runs, self.wanted = runs, wanted
-        self.names = known_channels([run.channels for run in runs], wanted)
-        self.charts: list[_Chart] = []
-
-    def enter(self, gui: Any, lock: Any) -> None:
-        """Add the panel to the page; choices in it are handled under the lock."""
-        if not self.wanted:
-            return
-        panel = gui.add_panel()
-        with panel.add_tab("Plots"):
-            self.charts = [_Chart(gui, lock, self.runs, self.names, name) for name in self.wanted]
-        panel.dock_left()
-        panel.set_width(WIDTH)
-
-    def draw(self, t: float) -> None:
-        """Move the lines to a time [s]."""
-        for chart in self.charts:
-            chart.draw(t)
-
-
-class _Chart:
-    """A channel of all runs, one plot below the other."""
+class Chart:
+    """A channel of all runs, one plot below the other; both choices can be changed in the page, under the lock."""
 
     def __init__(self, gui: Any, lock: Any, runs: Sequence[Plotted], names: Sequence[str], name: str) -> None:
         self.gui, self.lock, self.runs, self.t = gui, lock, runs, 0.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from ..dynamics import forward_kinematics
 from ..model import Model
 from ..run.trajectory import Trajectory, positions
 from .shown import Robot, robot_of
-from .visuals import Body, bodies
+from .visuals import Body, bodies, round_up
 
 MOST_FRAMES = 3000
 DOTS = 100  # per inch
@@ -61,45 +60,35 @@ def save_movie(
     ValueError
         As in `show`, and for more frames or pixels than a file should have.
     """
+    from matplotlib.animation import PillowWriter
     from matplotlib.figure import Figure
 
     instance("trajectory", trajectory, Trajectory, "give what simulate returns")
     fps = real("fps", fps, 0.1, 50.0, "a GIF shows at most 50 frames a second")
     speed = real("speed", speed, 1e-4, 100.0, "1 is real time")
-    target, (width, height) = arguments.path("path", path), _pixels(size)
+    target, remedy = arguments.path("path", path), "give width and height [pixel]"
+    pixels = [whole("size", x, 64, remedy, 4000) / DOTS for x in listed("size", size, remedy)]
+    if len(pixels) != 2:
+        raise ValueError(f"size is {shown(size)}; {remedy}")
     if target.suffix and target.suffix.lower() != ".gif":
         raise ValueError(f"{target}: expected a name that ends in .gif, or a folder for PNG files; give one of these")
     model, ground = robot_of(trajectory, robot)
     times = _times(trajectory, fps, speed)
-    q = _at(trajectory, positions(trajectory, model), times)
-    figure = Figure(figsize=(width / DOTS, height / DOTS), dpi=DOTS)
+    rows = np.searchsorted(trajectory["time"], times + 1e-9, side="right") - 1  # of the last samples before
+    q = positions(trajectory, model)[np.clip(rows, 0, len(trajectory["time"]) - 1)]
+    figure = Figure(figsize=(pixels[0], pixels[1]), dpi=DOTS)
     frames = _drawn(figure, trajectory, model, q, times, None if ground is None else ground.height)
     if target.suffix:
-        _write_gif(target, figure, frames, fps)
+        writer = PillowWriter(fps=fps)  # type: ignore[arg-type]  # it divides by it
+        with complete(target) as temporary, writer.saving(figure, str(temporary), dpi=DOTS):
+            for _ in frames:
+                writer.grab_frame()
     else:
         target.mkdir(parents=True, exist_ok=True)
         for k, _ in enumerate(frames):
             with complete(target / f"frame_{k:04d}.png") as temporary:
                 figure.savefig(temporary, dpi=DOTS)
     return len(times)
-
-
-def _pixels(size: Any) -> list[int]:
-    remedy = "give width and height [pixel]"
-    pixels = [whole("size", x, 64, remedy, 4000) for x in listed("size", size, remedy)]
-    if len(pixels) != 2:
-        raise ValueError(f"size is {shown(size)}; {remedy}")
-    return pixels
-
-
-def _write_gif(path: Path, figure: Any, frames: Iterator[None], fps: float) -> None:
-    from matplotlib.animation import PillowWriter
-
-    with complete(path) as temporary:
-        writer = PillowWriter(fps=fps)  # type: ignore[arg-type]  # it divides by it
-        with writer.saving(figure, str(temporary), dpi=DOTS):
-            for _ in frames:
-                writer.grab_frame()
 
 
 def _times(trajectory: Trajectory, fps: float, speed: float) -> np.ndarray:
@@ -111,11 +100,6 @@ def _times(trajectory: Trajectory, fps: float, speed: float) -> np.ndarray:
         raise ValueError(f"{count} frames; at most {MOST_FRAMES}: lower fps, or raise speed")
     times = time[0] + np.arange(count) * speed / fps
     return np.append(times, np.full(round(fps), end)) if trajectory.failed else times
-
-
-def _at(trajectory: Trajectory, q: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Select the positions of the last sample before each time, so that quaternions stay of unit length."""
-    return q[np.clip(np.searchsorted(trajectory["time"], times + 1e-9, side="right") - 1, 0, len(q) - 1)]
 
 
 def _drawn(
@@ -177,8 +161,7 @@ class _Camera:
 
     def squares(self, height: float) -> np.ndarray:
         """Project every other square of the ground (n, 4, 2)."""
-        edge = 10.0 ** math.floor(math.log10(self.span / 14.0))
-        edge *= next(k for k in (1, 2, 5, 10) if k * edge >= self.span / 14.0)
+        edge = round_up(self.span / 14.0)
         n = math.ceil(2.0 * self.span / edge)
         i, j = np.meshgrid(*(np.arange(-n, n) + round(x / edge) for x in self.center[:2]), indexing="ij")
         pick = (i + j) % 2 == 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -59,15 +59,20 @@ def page_data(runs: Mapping[str, Seen], plots: Sequence[str] = (), ghosts: bool 
     """
     robots = {id(seen.model): seen.model for seen in runs.values()}
     looks = {key: bodies(model, FACES // len(runs)) for key, model in robots.items()}
-    drawn = [_prepare(caption, seen, looks[id(seen.model)][0]) for caption, seen in runs.items()]
-    across = max(1e-3, *(float(np.ptp(one.box[..., :2], axis=1).max()) for one in drawn))
-    height = max(1e-3, *(float(np.ptp(one.box[..., 2], axis=1).max()) for one in drawn))
+    found = [looks[id(seen.model)][0] for seen in runs.values()]
+    poses = [sampled(seen) for seen in runs.values()]
+    boxes = [corners_of(seen.model, p, f) for seen, p, f in zip(runs.values(), poses, found)]
+    across = max(1e-3, *(float(np.ptp(box[..., :2], axis=1).max()) for box in boxes))
+    height = max(1e-3, *(float(np.ptp(box[..., 2], axis=1).max()) for box in boxes))
     unit = 10.0 ** math.floor(math.log10(max(FINE * max(across, height), 1e-9)))
     data: dict[str, Any] = {
         "unit": unit,
         "turn": TURN,
         "models": [_robot(model, looks[key][0], unit) for key, model in robots.items()],
-        "runs": [_run(one, unit, len(runs)) | {"model": [*robots].index(id(one.seen.model))} for one in drawn],
+        "runs": [
+            {"caption": caption, "model": [*robots].index(id(seen.model))} | _run(seen, p, f, box, unit, len(runs))
+            for (caption, seen), p, f, box in zip(runs.items(), poses, found, boxes)
+        ],
         "span": float(f"{max(1.45 * height, 1.3 * across):.3g}"),
         "plots": list(plots),
         "ghosts": ghosts,
@@ -146,21 +151,6 @@ def sampled(seen: Seen) -> FramePoses:
     return FramePoses(rows, last, poses.rotation, poses.position)
 
 
-class _Drawn(NamedTuple):
-    """Hold a run with what is drawn of it."""
-
-    caption: str
-    seen: Seen
-    poses: FramePoses
-    found: list[Body]
-    box: np.ndarray  # (frames, n, 3) corners of the bodies [m]
-
-
-def _prepare(caption: str, seen: Seen, found: list[Body]) -> _Drawn:
-    poses = sampled(seen)
-    return _Drawn(caption, seen, poses, found, corners_of(seen.model, poses, found))
-
-
 def corners_of(model: Model, poses: FramePoses, found: Sequence[Body | Piece]) -> np.ndarray:
     """Compute corners (frames, n, 3) of the bodies' boxes along their links' axes [m]."""
     rows = _rows(model, found)
@@ -176,28 +166,28 @@ def _rows(model: Model, found: Sequence[Body | Piece]) -> list[int]:
     return [rows[body.link] for body in found]
 
 
-def _run(drawn: _Drawn, unit: float, several: int) -> dict[str, Any]:
-    """Collect the data of one of several runs."""
-    caption, seen, poses, found, corners = drawn
+def _run(
+    seen: Seen, poses: FramePoses, found: list[Body], corners: np.ndarray, unit: float, several: int
+) -> dict[str, Any]:
+    """Collect the data of one of several runs; corners (frames, n, 3) of its bodies [m]."""
     run, model = seen.trajectory, seen.model
     time, rows = run["time"], _rows(model, found)
     root = next((k for k, body in enumerate(found) if body.link == model.root), 0)
     frames = np.concatenate(
         [np.round(poses.position[:, rows] / unit), np.round(quaternions(poses.rotation[:, rows]) / TURN)], axis=2
     )
-    stopped = run.failed
+    drawn = np.round(_sound(run["energy"][poses.rows, :, METER].sum(axis=1)), 3).tolist() if "energy" in run else None
     floor = seen.ground.height if seen.ground is not None else float(corners[..., 2].min())
     return {
-        "caption": caption,
         "status": run.status,
         "message": run.message,
-        "failed": stopped,
+        "failed": run.failed,
         "times": [float(f"{t:.6g}") for t in time[poses.rows]],
-        "end": float(run.end_time) if stopped else float(time[-1]),
+        "end": float(run.end_time if run.failed else time[-1]),
         "frames": frames.astype(int).reshape(len(frames), -1).tolist(),
         "root": root,
         "middle": [float(f"{x:.4g}") for x in 0.5 * (corners[0].min(axis=0) + corners[0].max(axis=0))],
-        "energy": _drawn(run, poses.rows),
+        "energy": drawn,  # that the servos have taken by each frame [J]
         "load": _load(model, run, poses.rows),
         "channels": channels_of(model, run, poses.last, PLOTTED // several),
         **_touching(seen, poses, unit),
@@ -212,11 +202,6 @@ def quaternions(rotation: np.ndarray) -> np.ndarray:
     q = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat().reshape(*rotation.shape[:2], 4)
     turns = np.where((q[1:] * q[:-1]).sum(axis=2) < 0.0, -1.0, 1.0)
     return q * np.concatenate([np.ones((1, q.shape[1])), np.cumprod(turns, axis=0)])[..., None]
-
-
-def _drawn(run: Trajectory, rows: np.ndarray) -> list[float] | None:
-    """Sum the electrical energy that the servos have drawn at each frame [J]."""
-    return np.round(_sound(run["energy"][rows, :, METER].sum(axis=1)), 3).tolist() if "energy" in run else None
 
 
 def _sound(values: np.ndarray) -> np.ndarray:
@@ -304,6 +289,11 @@ def _prints(model: Model, time: np.ndarray, points: np.ndarray, touch: np.ndarra
     return sorted(prints, key=lambda one: one["at"])[:PRINTS]
 
 
+def margin_of(corners: np.ndarray) -> float:
+    """Compute how far `relief` extends the ground beyond the way of a robot [m]."""
+    return 0.6 * float(max(np.ptp(corners[..., :2], axis=(0, 1)).max(), np.ptp(corners[..., 2])))
+
+
 def relief(ground: Ground | None, corners: np.ndarray) -> dict[str, Any]:
     """Cut ground that is not level into quadrangles [m] along the way of the robot; {} for a level floor.
 
@@ -311,9 +301,8 @@ def relief(ground: Ground | None, corners: np.ndarray) -> dict[str, Any]:
     """
     if ground is None or not (ground.slope or ground.steps or ground.field is not None):
         return {}
-    low, high = corners[..., :2].min(axis=(0, 1)), corners[..., :2].max(axis=(0, 1))
-    margin = 0.6 * float(max((high - low).max(), np.ptp(corners[..., 2])))
-    box = np.array([low - margin, high + margin])
+    margin = margin_of(corners)
+    box = np.array([corners[..., :2].min(axis=(0, 1)) - margin, corners[..., :2].max(axis=(0, 1)) + margin])
     nodes, faces = _stairs(ground, box) if ground.field is None else (_field(ground, box), np.zeros(FIELD, bool))
     quads = np.stack([nodes[:-1, :-1], nodes[1:, :-1], nodes[1:, 1:], nodes[:-1, 1:]], axis=2)
     shade = np.add.outer(np.arange(quads.shape[0]), np.arange(quads.shape[1])) & 1

@@ -58,9 +58,8 @@ def bodies(model: Model, most: int = FACES) -> tuple[list[Body], list[str]]:
     most: approximate number of triangles of all meshes together.  Raises ValueError for a robot none of whose links has
     a shape or an inertia.
     """
-    faceted, notes = _Facets(most, ROUND), list[str]()
-    found = list(_looks(model, faceted, notes))
-    return [_joined(name, faceted.thinned(parts)) for name, parts in found], list(dict.fromkeys(notes))
+    found, notes = _found(model, most, ROUND)
+    return [_joined(name, parts) for name, parts in found], notes
 
 
 def pieces(model: Model, most: int, corners: int) -> tuple[list[Piece], list[str]]:
@@ -68,14 +67,20 @@ def pieces(model: Model, most: int, corners: int) -> tuple[list[Piece], list[str
 
     most: as in `bodies`; corners: number of corners of a circle.
     """
-    faceted, notes = _Facets(most, corners), list[str]()
-    found = list(_looks(model, faceted, notes))
+    found, notes = _found(model, most, corners)
     made = [
         Piece(name, *creased(part.points, fans(part.faces)), part.color, part.opacity)
         for name, parts in found
-        for part in faceted.thinned(parts)
+        for part in parts
     ]
-    return made, list(dict.fromkeys(notes))
+    return made, notes
+
+
+def _found(model: Model, most: int, corners: int) -> tuple[list[tuple[str, list[_Part]]], list[str]]:
+    """Find the parts of each visible link, with meshes simplified, and the notes."""
+    faceted, notes = _Facets(most, corners), list[str]()
+    found = list(_looks(model, faceted, notes))  # all of them first: meshes share the budget
+    return [(name, faceted.thinned(parts)) for name, parts in found], list(dict.fromkeys(notes))
 
 
 def _looks(model: Model, faceted: _Facets, notes: list[str]) -> Iterator[tuple[str, list[_Part]]]:
@@ -158,6 +163,12 @@ class _Facets:
                 part = part._replace(points=points, faces=faces)
             done.append(part)
         return done
+
+
+def round_up(x: float) -> float:
+    """Round up to 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(max(x, 1e-9)))
+    return next(k * power for k in (1.0, 2.0, 5.0, 10.0) if k * power >= x)
 
 
 def _size(points: np.ndarray) -> float:
@@ -267,13 +278,9 @@ def _hull(points: np.ndarray) -> Faceted:
         hull = ConvexHull(points)
     except (QhullError, ValueError) as error:
         raise ValueError("a hull is flat and is not drawn") from error
-    return points, _outward(points, hull.simplices, hull.equations[:, :3])
-
-
-def _outward(points: np.ndarray, triangles: np.ndarray, normals: np.ndarray) -> list[tuple[int, ...]]:
-    a, b, c = points[triangles].transpose(1, 0, 2)
-    flip = (np.cross(b - a, c - a) * normals).sum(axis=1) < 0
-    return [tuple(map(int, t[::-1] if f else t)) for t, f in zip(triangles, flip)]
+    a, b, c = points[hull.simplices].transpose(1, 0, 2)
+    flip = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(axis=1) < 0
+    return points, [tuple(map(int, t[::-1] if f else t)) for t, f in zip(hull.simplices, flip)]
 
 
 def thinned(points: np.ndarray, triangles: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:

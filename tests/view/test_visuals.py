@@ -322,7 +322,7 @@ def test_plots_of_the_live_page_follow_the_time_and_whoever_looks_chooses_them(p
     model = humanoid()
     run, short = walking(model), fallen(model)
     live = page(model, run, short, captions=["walks", "falls"], plots=["q", "contact_force"])
-    angles, forces = live._charts.charts
+    angles, forces = live._charts
     assert [lines.handle.title for lines in forces.lines] == [
         "walks: contact_force [N, normal]", "falls (fell): contact_force [N, normal]",
     ]  # fmt: skip
