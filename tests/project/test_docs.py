@@ -1,80 +1,45 @@
-"""The pages of `docs/`: their programs run, their links and paths lead somewhere, what they quote and list is so."""
+"""The pages of `docs/`: programs run, links and paths lead somewhere, what is quoted, listed and shown is so."""
 
 import ast
 import importlib
 import inspect
+import json
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from featherstone_gait import cli
+from featherstone_gait import cli, load_robot
 from featherstone_gait.core.step.state import CHANNELS
+from featherstone_gait.optimize import walking_cost
 
 ROOT = Path(__file__).parents[2]
-DOCS = ROOT / "docs"
-PACKAGE = ROOT / "featherstone_gait"
-NOTEBOOKS = DOCS / "notebooks"  # copies, while the site is built
-PAGES = sorted(page for page in DOCS.rglob("*.md") if NOTEBOOKS not in page.parents)
-LINKED = [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
-TEXTS = {page: page.read_text("utf-8") for page in LINKED}
+DOCS, PACKAGE = ROOT / "docs", ROOT / "featherstone_gait"
+STORED = DOCS / "reproduction"
+PAGES = [page for page in sorted(DOCS.rglob("*.md")) if DOCS / "notebooks" not in page.parents]  # copies for the site
+TEXTS = {page: page.read_text("utf-8") for page in [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]}
 ARCHITECTURE = TEXTS[DOCS / "architecture.md"]
-REFERENCE = {page: text for page, text in TEXTS.items() if page.parent.name == "api"}
+CODE = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+sys.path.append(str(DOCS))  # measure, readme, tables, timings
 
 
-def name(page):
-    return page.relative_to(ROOT).as_posix().removesuffix(".md")
-
-
-def blocks(text):
-    """The Python blocks of a page, each with the number of lines before it."""
-    found = re.finditer(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-    return [(text[: match.start(1)].count("\n"), match[1]) for match in found]
-
-
-def program(text):
-    """All blocks of a page as one program, each line where it is in the page."""
-    lines = [""] * text.count("\n")
-    for first, block in blocks(text):
-        code = block.splitlines()
-        lines[first : first + len(code)] = code
-    return "\n".join(lines)
-
-
-def run(text, folder):
-    """Run a page's program in a folder, where it may write."""
-    script = folder / "page.py"
-    script.write_text(program(text), "utf-8")
-    command, environment = [sys.executable, "-W", "error", script], os.environ | {"PYTHONPATH": str(ROOT)}
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
-
-
-def marks(text):
-    """Pages that define kernels are also run without compilation."""
-    return [pytest.mark.nojit] if "core.compile" in text else []
+PROGRAMS = [  # those that define kernels are also run without compilation
+    pytest.param(text, id=str(page.relative_to(ROOT)), marks=[pytest.mark.nojit] if "core.compile" in text else [])
+    for page, text in TEXTS.items() if CODE.search(text) and page.name != "architecture.md"
+]  # fmt: skip
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "page",
-    [
-        pytest.param(page, marks=marks(text), id=name(page))
-        for page, text in TEXTS.items()
-        if blocks(text) and page.name != "architecture.md"
-    ],
-)
-def test_what_a_page_says_holds(page, tmp_path):
-    done = run(TEXTS[page], tmp_path)
+@pytest.mark.parametrize("text", PROGRAMS)
+def test_what_a_page_says_holds(text, tmp_path):
+    (tmp_path / "page.py").write_text("\n".join(CODE.findall(text)), "utf-8")
+    command, environment = [sys.executable, "-W", "error", "page.py"], os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-
-
-def test_a_page_that_is_wrong_fails_where_it_is_wrong(tmp_path):
-    done = run("A page.\n\n```python\nx = 1\n```\n\n```python\nassert x == 2\n```\n", tmp_path)
-    assert done.returncode == 1
-    assert "line 8" in done.stderr
 
 
 def anchors(page):
@@ -83,69 +48,109 @@ def anchors(page):
     return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
-@pytest.mark.parametrize("page", LINKED, ids=name)
-def test_links_lead_somewhere(page):
+@pytest.mark.parametrize("page", TEXTS, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_timings_and_results_are_found(page):
     links = [link.partition("#") for link in re.findall(r"\]\(([^)\s]+)\)", TEXTS[page]) if "://" not in link]
     targets = [((page.parent / path).resolve() if path else page, anchor) for path, _, anchor in links]
     assert [path for path, _ in targets if not path.exists()] == []
     assert [(path.name, anchor) for path, anchor in targets if anchor and anchor not in anchors(path)] == []
+    for timing in re.findall(r"timings\.py (\w+)", TEXTS[page]):
+        assert timing in importlib.import_module("timings").TIMINGS
+    if page in PAGES:
+        text = importlib.import_module("tables").resolved(TEXTS[page])
+        assert "{{" not in text
+        assert "{results-table}" not in text or page.name == "README.md"
 
 
-@pytest.mark.parametrize(
-    "part",
-    [
-        "", "walking", "search", "study", "run.sensors", "identification",
-        "envs", "reproduction.maximal", "optimize", "crosscheck", "identification.bench",
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("part", ["", "walking", "search", "study", "run.sensors", "identification", "envs", "optimize",
+                                  "crosscheck", "reproduction.maximal", "identification.bench"])  # fmt: skip
 def test_the_reference_shows_and_uses_every_public_name(part):
     """Once, on the page whose program calls it if it is a function, and else names it."""
     module = importlib.import_module(f"featherstone_gait.{part}".rstrip("."))
-    kinds = (inspect.isfunction, inspect.isclass)
-    own = [name for name, thing in vars(module).items() if any(is_(thing) for is_ in kinds)
+    own = [name for name, thing in vars(module).items() if (inspect.isfunction(thing) or inspect.isclass(thing))
            and thing.__module__ == module.__name__ and name[0] != "_"]  # fmt: skip
-    public = sorted(getattr(module, "__all__", own))
     entry = re.compile(rf"^\.\. (?:auto\w+|py:data):: {re.escape(module.__name__)}\.(\w+)$", re.MULTILINE)
-    shown = {page: entry.findall(text) for page, text in REFERENCE.items()}
-    assert sorted(name for names in shown.values() for name in names) == public
-    for page, names in shown.items():
-        nodes = [*ast.walk(ast.parse("\n".join(block for _, block in blocks(TEXTS[page]))))]
-        called = {node.func.id for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
-        used = {node.id for node in nodes if isinstance(node, ast.Name)}
-        assert {name for name in names if inspect.isfunction(getattr(module, name))} - called == set()
-        assert {*names} - used - {"RobotFileWarning"} == set()  # which robots.md shows
+    shown = {text: entry.findall(text) for page, text in TEXTS.items() if page.parent.name == "api"}
+    assert sorted(each for names in shown.values() for each in names) == sorted(getattr(module, "__all__", own))
+    for text, names in shown.items():
+        nodes = [*ast.walk(ast.parse("\n".join(CODE.findall(text))))]
+        called = {getattr(node.func, "id", "") for node in nodes if isinstance(node, ast.Call)}
+        used = {node.id for node in nodes if isinstance(node, ast.Name)} | {"RobotFileWarning"}  # robots.md shows it
+        assert {name for name in names if inspect.isfunction(getattr(module, name))} <= called
+        assert {*names} <= used
 
 
-def test_the_page_on_commands_lists_every_command():
-    names = [each.__name__.rpartition(".")[2].replace("_", "-") for each in cli.COMMANDS]
-    assert re.findall(r"^\| `([a-z-]+)[` ]", TEXTS[DOCS / "commands.md"], re.MULTILINE) == names
-
-
-def test_the_architecture_names_paths_that_exist():
-    named = re.findall(r"`([\w./]+(?:\.py|/))`", ARCHITECTURE)
-    assert len(named) > 40
-    assert [path for path in named if not (PACKAGE / path).exists() and not (ROOT / path).exists()] == []
-
-
-def test_the_architecture_quotes_the_sources():
-    sources = "\n".join(path.read_text("utf-8") for path in PACKAGE.rglob("*.py"))
-    quoted = [block for _, block in blocks(ARCHITECTURE)]
-    assert quoted
-    assert [block for block in quoted if block not in sources] == []
-
-
-def test_the_architecture_names_functions_that_exist():
-    """In its table of effects: each function in a file of its row, or in `core/effects/`."""
+def test_the_architecture_names_paths_and_functions_that_exist_and_quotes_the_sources():
+    """In its table of effects each function is in a file of its row, or in `core/effects/`."""
+    sources = {path.relative_to(PACKAGE).as_posix(): path.read_text("utf-8") for path in PACKAGE.rglob("*.py")}
+    named, quoted = re.findall(r"`([\w./]+(?:\.py|/))`", ARCHITECTURE), CODE.findall(ARCHITECTURE)
     rows = re.findall(r"^\| [^|]*\|[^|]*`core/(?:effects|step)/[^|]*\|[^|]*\|[^|]*\|$", ARCHITECTURE, re.MULTILINE)
-    assert len(rows) > 5
-    for row in rows:
-        names = re.findall(r"`([\w./]+)`", row)
-        files = [*(PACKAGE / "core" / "effects").glob("*.py"), *(PACKAGE / each for each in names if "/" in each)]
-        text = "\n".join(file.read_text("utf-8") for file in files)
+    assert (len(named) > 40, len(rows) > 5, len(quoted) > 0) == (True, True, True)
+    assert [path for path in named if not (PACKAGE / path).exists() and not (ROOT / path).exists()] == []
+    assert [block for block in quoted if block not in "\n".join(sources.values())] == []
+    for names in (re.findall(r"`([\w./]+)`", row) for row in rows):
+        text = "\n".join(text for path, text in sources.items() if path in names or path.startswith("core/effects/"))
         assert [each for each in names if "/" not in each and f"def {each}(" not in text] == []
 
 
-def test_the_architecture_lists_every_channel():
+def test_every_command_and_channel_is_listed():
+    names = [each.__name__.rpartition(".")[2].replace("_", "-") for each in cli.COMMANDS]
+    assert re.findall(r"^\| `([a-z-]+)[` ]", TEXTS[DOCS / "commands.md"], re.MULTILINE) == names
     rows = [f"| `{c.name}` | {c.kind} | {c.of} | {c.width} | {c.unit} | {c.what} |" for c in CHANNELS]
-    table = ARCHITECTURE.partition("## Channels")[2].partition("##")[0]
-    assert [line for line in table.splitlines() if line.startswith("| `")] == rows
+    assert re.findall(r"^\| `.*", ARCHITECTURE.partition("## Channels")[2].partition("##")[0], re.MULTILINE) == rows
+
+
+def test_tables_group_label_transpose_and_scale(monkeypatch):
+    first = {"robot": "arm", "gait": "first", "cost": "1.25", "fell": ""}
+    records = [first, first | {"gait": "last", "cost": "", "fell": "3"}, first | {"robot": "leg", "cost": "-0.01"}]
+    tables = importlib.import_module("tables")
+    monkeypatch.setattr(tables, "records", {"a.csv": records, "b.csv": [{"x": "1e-05"}]}.get)
+    block = "```{results-table} a.csv\nrobot | {robot}\ncost | {cost:.1f} J ?? falls, {fell} s\n```\n"
+    assert tables.resolved(block).splitlines()[2:] == ["| arm | 1.2 J |", "| arm | falls, 3 s |", "| leg | 0.0 J |"]
+    wide = ":rows: robot\n:columns: gait\n | {robot}\n{gait} | {cost*10:.1f} ?? -\nwalk | {count cost} of {count gait}"
+    header, _, *rows = tables.table(["a.csv"], wide).splitlines()
+    assert header == "| | walk | first | last |"
+    assert rows == ["| arm | 1 of 2 | 12.5 | - |", "| leg | 1 of 1 | -0.1 | |"]
+    text = ":transpose:\n | {label}\nleast | {min cost:.2f}\nx | {x:.0e} ?? none\n= all | a.csv; robot=arm + b.csv\n"
+    assert tables.table(["a.csv"], text).splitlines()[2:] == ["| least | 1.25 |", "| x | 1e-5 |"]
+    assert tables.resolved("It costs {{ a.csv | robot=arm; gait=first | {cost:.1f} }} J.") == "It costs 1.2 J."
+    for refused, named in ("c | {price}", "price"), ("c | {cost}", "cost"), ("= all | robot=hand", "hand"), ("c", "c"):
+        with pytest.raises(ValueError, match=named):
+            tables.table(["a.csv"], refused)
+
+
+def test_the_readme_shows_the_stored_results(capsys):
+    readme = importlib.import_module("readme")
+    assert readme.main(check=True) == 0, capsys.readouterr().out
+    text = TEXTS[readme.README]
+    assert readme.written(text.replace("87.8 J/m", "78.8 J/m")) == text
+    assert text.count("<!-- results-table") == len(readme.MARKED.findall(text)) > 0
+
+
+def test_every_stored_file_has_its_command():
+    rows = re.findall(r"^\| (`[^|]*) \| (`[^|]*) \| [\d.]+ \|$", TEXTS[STORED / "README.md"], re.MULTILINE)
+    files = {name for names, _ in rows for name in re.findall(r"`(.*?)`", names)}
+    kept = {path.relative_to(STORED).as_posix() for path in STORED.rglob("*") if path.is_file()} - {"README.md"}
+    commands = " ".join(command for _, command in rows)
+    scripts = {ROOT / word for word in re.findall(r"(?:docs|robots|notebooks)/[\w./]+\.\w+", commands)}
+    assert kept - files == set()
+    assert [path for path in {*scripts, *(STORED / name for name in files)} if not path.resolve().exists()] == []
+    assert all(map(importlib.util.find_spec, re.findall(r"-m (featherstone_gait[\w.]*)", commands)))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["plans", "previews", "grounds", "pushes", "solver", "arm", "posture"])
+def test_measured_again_a_table_is_the_stored_one(name):
+    measure = importlib.import_module("measure")
+    assert name in measure.TABLES
+    assert measure.measured(name) == measure.read(name)
+
+
+@pytest.mark.long
+def test_the_stored_gait_walks_as_its_report_says():
+    folder = ROOT / "robots" / "humanoid"
+    report = json.loads((folder / "optimized_gait.json").read_text("utf-8"))
+    cost = walking_cost(load_robot("humanoid", locked="simplified"), states="step")
+    with np.load(folder / "optimized_gait.npz") as data:
+        measures = cost.measure([data["first"], data["x"]])
+    assert [m.cost for m in measures] == [report[key]["cost"] for key in ("before", "after")]
