@@ -128,14 +128,14 @@ def pushes() -> Iterable[Row]:
 def solver() -> Iterable[Row]:
     """Measure the scatter of energy in the paper's kind of simulator."""
     full, planned = solver_scatter.FULL, _plain("stride")
-    for servos in solver_scatter.SERVOS:
+    for gearbox in solver_scatter.GEARBOXES:
         for step, sweeps, runs in ((1e-3, 10, full.runs), (2e-3, 10, full.runs), (1e-3, 0, 2)):
-            case = solver_scatter.SolverCase(servos, step, iterations=sweeps)
+            case = solver_scatter.SolverCase(gearbox, step, iterations=sweeps)
             _, found = solver_scatter.walk(full, planned, case, runs)
             scatter = {"fell": found.fell, "cycle": found.cycle, "repeat": found.repeat, "run": found.run}
-            yield {"servos": servos, "step_s": step, "sweeps": sweeps, "precision": "single", "runs": runs, **scatter}
-        nudged = {"fell": "", "cycle": "", "repeat": solver_scatter.nudge(full, planned, servos), "run": ""}
-        yield {"servos": servos, "step_s": 1e-3, "sweeps": 0, "precision": "double", "runs": full.nudged, **nudged}
+            yield {"gearbox": gearbox, "step_s": step, "sweeps": sweeps, "precision": "single", "runs": runs, **scatter}
+        nudged = {"fell": "", "cycle": "", "repeat": solver_scatter.nudge(full, planned, gearbox), "run": ""}
+        yield {"gearbox": gearbox, "step_s": 1e-3, "sweeps": 0, "precision": "double", "runs": full.nudged, **nudged}
 
 
 def arm() -> Iterable[Row]:
@@ -150,10 +150,10 @@ def arm() -> Iterable[Row]:
 def posture() -> Iterable[Row]:
     """Measure how still the humanoid of Table 3 stands in that simulator."""
     for sweeps, mass in ((10, 1.0), (20, 1.0), (50, 1.0), (10, 0.8)):
-        for servos in ("standard", "mipsd"):
-            found = solver_scatter.hold_posture(solver_scatter.FULL, servos, sweeps, mass, 0).typical
+        for gearbox in ("standard", "mipsd"):
+            found = solver_scatter.hold_posture(solver_scatter.FULL, gearbox, sweeps, mass, 0).typical
             names = ("left_lateral_deg", "right_front_deg", "right_lateral_deg", "elbow_deg")
-            yield {"servos": servos, "sweeps": sweeps, "mass": mass, **dict(zip(names, found))}
+            yield {"gearbox": gearbox, "sweeps": sweeps, "mass": mass, **dict(zip(names, found))}
 
 
 TABLES: dict[str, Callable[[], Iterable[Row]]] = {

@@ -65,7 +65,7 @@ class Case(NamedTuple):
 
     @property
     def every(self) -> float:
-        """Time between records [s]."""
+        """Return the time between records [s]."""
         return self.record_interval or self.scene.tick_steps * self.scene.timestep
 
     @property
@@ -81,7 +81,7 @@ class Case(NamedTuple):
 
     @property
     def signal(self) -> Reference:
-        """The reference of a case that has one."""
+        """Return the reference of a case that has one."""
         assert self.reference is not None
         return self.reference
 

@@ -121,15 +121,15 @@ def servo_cases() -> Iterator[Case]:
     thrown: Sequence[tuple[float, GearboxKind]] = (
         (6.0, "mipsd"), (10.0, "mipsd"), (30.0, "mipsd"), (60.0, "mipsd"), (60.0, "rotor"),
     )  # fmt: skip
-    for speed, servos in thrown:
-        scene = compile_scene(arm, gearbox=servos)
-        yield case_of(f"{servos}, into its stop at {speed:g} rad/s", "servos", scene, 0.5, [3.0], [speed])
+    for speed, gearbox in thrown:
+        scene = compile_scene(arm, gearbox=gearbox)
+        yield case_of(f"{gearbox}, into its stop at {speed:g} rad/s", "servos", scene, 0.5, [3.0], [speed])
     target, t = Reference([0.0], [[math.pi / 3.0]]), np.linspace(0.0, 1.0, 101)
     fast = Reference(t, np.sin(4.0 * math.pi * t)[:, None])
-    for servos in get_args(GearboxKind):
-        scene = compile_scene(arm, gearbox=servos)
-        yield case_of(f"{servos}, step of 60 degrees", "servos", scene, 1.0, [0.0], None, reference=target)
-        yield case_of(f"{servos}, reference too fast", "servos", scene, 1.0, [0.0], None, reference=fast)
+    for gearbox in get_args(GearboxKind):
+        scene = compile_scene(arm, gearbox=gearbox)
+        yield case_of(f"{gearbox}, step of 60 degrees", "servos", scene, 1.0, [0.0], None, reference=target)
+        yield case_of(f"{gearbox}, reference too fast", "servos", scene, 1.0, [0.0], None, reference=fast)
 
 
 def step_cases() -> Iterator[Case]:
@@ -198,9 +198,9 @@ def free_cases() -> Iterator[Case]:
     turning = [0.0, 0.0, 0.0, 6.0, 6.0, 5.3, *[0.0] * n]  # 10 rad/s
     high = [0.0, 0.0, FAR, 1.0, 0.0, 0.0, 0.0, *[0.0] * n]
     ways: Sequence[tuple[GearboxKind | None, tuple]] = (("mipsd", WEAK), (None, WEAK), ("mipsd", GRAVITY))
-    for servos, gravity in ways:
-        scene = compile_scene(humanoid, servos, Ground(), gravity=gravity, **NO_FALL)
-        how = f"{'limp' if servos is None else servos}, {'weightless' if gravity is WEAK else 'falling'}"
+    for gearbox, gravity in ways:
+        scene = compile_scene(humanoid, gearbox, Ground(), gravity=gravity, **NO_FALL)
+        how = f"{'limp' if gearbox is None else gearbox}, {'weightless' if gravity is WEAK else 'falling'}"
         yield case_of(f"humanoid tumbling, {how}", "free bodies", scene, 2.0, high, turning)
     for ratio in (0.0, 0.1, 0.7):
         scene = compile_scene(ball(), None, Ground(damping_ratio=ratio), **NO_FALL)

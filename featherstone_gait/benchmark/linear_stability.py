@@ -1,4 +1,4 @@
-"""Which step is stable by linear theory: servos with sampled proportional control, about rest at zero.
+"""Compute the stable step by linear theory: servos with sampled proportional control, about rest at zero.
 
 Without clipping, friction that sticks, inductance and speed filter the equations of motion are
 
@@ -34,7 +34,7 @@ class Linear(NamedTuple):
 
 
 def linearized(model: Model, servo: Servo, kind: str) -> Linear:
-    """A robot on a fixed base whose joints all have the servo; kind "standard", "rotor" or "mipsd".
+    """Linearize a robot on a fixed base whose joints all have the servo; kind "standard", "rotor" or "mipsd".
 
     Raises ValueError for a robot with joints that follow others: they have no motion of their own.
     """
@@ -71,7 +71,7 @@ def _blocks(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def step_matrix(integrator: str, linear: Linear, h: float) -> np.ndarray:
-    """What a step of h [s] makes of (x, v, a, u), a the last step's acceleration; as the package's integrators do it.
+    """Return the matrix of a step of h [s] on (x, v, a, u), a the last step's acceleration, as the integrators do it.
 
     The midpoint rule takes gravity where v and a lead; the others have no use for a.
     """
@@ -98,7 +98,7 @@ def step_matrix(integrator: str, linear: Linear, h: float) -> np.ndarray:
 
 
 def growth(integrator: str, linear: Linear, Kp: float, h: float, period: float) -> float:
-    """Largest growth of a deviation from rest in a controller period, the whole number of steps nearest to it."""
+    """Return the largest growth of a deviation from rest in a controller period, the whole number of steps nearest to it."""
     N, n = linear.B.shape
     feedback = np.eye(3 * N + n)[:, : 3 * N]
     feedback[3 * N :, :n] = -Kp * np.eye(n)

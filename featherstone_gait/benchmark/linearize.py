@@ -121,16 +121,16 @@ def _standing(model: Model) -> list[_Timer]:
         for _ in range(SETTLING):
             mujoco.mj_step(m, d)
         timers.append(_mujoco_timer("standing", m, d, STIFF_WIDE)[0])
-    for servos in ("rotor", "mipsd"):
+    for gearbox in ("rotor", "mipsd"):
         for integrator in ("implicit_euler", "midpoint"):
-            scene = compile_scene(model, servos, Ground(), integrator, STEP)
+            scene = compile_scene(model, gearbox, Ground(), integrator, STEP)
             rest = trim(scene)
 
             def own(scene: Any = scene, rest: Any = rest) -> Linearization:
                 return linearize(scene, rest.state, rest.reference, threads=1)
 
             found = own()
-            columns, name = len(found.states) + len(found.inputs), f"linearize, {servos}, {integrator}"
+            columns, name = len(found.states) + len(found.inputs), f"linearize, {gearbox}, {integrator}"
             timers.append(_Timer("standing", name, columns, 1e3 * found.period, own, _stated(found)))
     return timers
 

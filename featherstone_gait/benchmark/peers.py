@@ -96,7 +96,7 @@ class Point(NamedTuple):
 
 
 class Line(NamedTuple):
-    """What is asked and what was measured."""
+    """A bound that is asked for, and the measured figure."""
 
     line: Annotated[str, "", "<65"]
     asked: Annotated[str, "asked", "<9"]

@@ -1,4 +1,4 @@
-"""The algorithms again and again on the same states, for benchmarks: no call from Python, no new memory to fetch."""
+"""Repeat algorithms on the same states inside compiled loops, without calls from Python and without new memory."""
 
 from typing import Any
 

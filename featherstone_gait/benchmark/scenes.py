@@ -101,10 +101,10 @@ def free_arm() -> Case:
                    **SMOOTH)  # fmt: skip
 
 
-def stiff_arm(servos: GearboxKind, angle: float = 0.05, duration: float = 0.5) -> Case:
+def stiff_arm(gearbox: GearboxKind, angle: float = 0.05, duration: float = 0.5) -> Case:
     """Release the arm at 0.05 rad on continuous servos, which are stiff without rotor inertia."""
-    name = "arm, stiff servos" if servos == "standard" else "arm, servos with rotors"
-    return case_of(name, "precision", compile_scene(pd_arm(), servos), duration, [angle] * 7, None,
+    name = "arm, stiff servos" if gearbox == "standard" else "arm, servos with rotors"
+    return case_of(name, "precision", compile_scene(pd_arm(), gearbox), duration, [angle] * 7, None,
                    reference=Reference([0.0], np.zeros((1, 7))), record_interval=duration, settings=settings(ALL, 0.1),
                    check=("dop853", 1e-13))  # fmt: skip
 
@@ -293,16 +293,16 @@ def _stiff_arms(more: Sequence[float]) -> list[Case]:
 def _servos() -> list[Case]:
     """Use sampled servos at the AX-12's gear ratio and at 1000, with and without backlash."""
     found = []
-    for ratio, servos, backlash in ((254, "standard", 0), (1000, "standard", 0), (254, "mipsd", 0), (1000, "mipsd", 0),
+    for ratio, kind, backlash in ((254, "standard", 0), (1000, "standard", 0), (254, "mipsd", 0), (1000, "mipsd", 0),
                                     (254, "mipsd", 1)):  # fmt: skip
         arm, servo = unlimited(load_robot("arm7")), load_servo("ax12")
         gearbox = replace(servo.gearbox, ratio=float(ratio), backlash=math.radians(backlash))
         gain = replace(servo.controller, Kp=servo.controller.Kp * 254 / ratio)
         servo = replace(servo, gearbox=gearbox, controller=gain)
         arm = replace(arm, servos=dict.fromkeys(arm.joint_names, servo))
-        name = f"{servos}, gear {ratio}" + (f", backlash {backlash} deg" if backlash else "")
+        name = f"{kind}, gear {ratio}" + (f", backlash {backlash} deg" if backlash else "")
         found.append(_stressed(name, arm, 0.2, (1e-3, 1e-2), fixed=("simtwo", "implicit_euler", "midpoint"),
-                               adaptive=STIFF_ADAPTIVE, angle=0.02, gearbox=servos))  # fmt: skip
+                               adaptive=STIFF_ADAPTIVE, angle=0.02, gearbox=kind))  # fmt: skip
     return found
 
 

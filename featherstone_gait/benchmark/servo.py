@@ -29,7 +29,7 @@ from .precision import measure
 from .scenes import stiff_arm
 from .table import in_turn, machine, save_figure, tabulate
 
-SERVOS: tuple[GearboxKind, ...] = ("standard", "rotor", "mipsd")
+GEARBOXES: tuple[GearboxKind, ...] = ("standard", "rotor", "mipsd")
 INTEGRATORS = ("implicit_euler", "midpoint", "simtwo")
 ARM_STEPS = (1e-3, 5e-3, 1e-2)
 PD_STEPS = (1e-4, 1e-3, 5e-3, 1e-2, 2e-2, 5e-2, 1e-1)
@@ -40,7 +40,7 @@ APART = 1.5  # times the error before, of points that are labeled
 class ArmRow(NamedTuple):
     """One line of table 1."""
 
-    servos: Annotated[str, "gearbox", "<9"]
+    gearbox: Annotated[str, "gearbox", "<9"]
     integrator: Annotated[str, "integrator", "<15"]
     step: Annotated[float, "step [s]", "8g"]  # [s]
     variance: Annotated[float, "[deg^2]", "9.3g"]  # of the lowest joint [deg^2]
@@ -63,7 +63,7 @@ class PdRow(NamedTuple):
 def run(out_dir: Path, full: bool = False) -> tuple[list[ArmRow], list[PdRow]]:
     """Print both tables; write servo_arm.csv, servo_pd.csv and servo.png into `out_dir`."""
     host, repeats = machine(), 9 if full else 3
-    arms = (arm_row(*each, repeats) for each in product(SERVOS, INTEGRATORS, ARM_STEPS))
+    arms = (arm_row(*each, repeats) for each in product(GEARBOXES, INTEGRATORS, ARM_STEPS))
     arm = tabulate(out_dir / "servo_arm.csv", ArmRow, arms, host)
     settings = [*product(INTEGRATORS[:2], PD_STEPS)]
     measured = measure(stiff_arm("standard"), repeats, settings)
@@ -75,15 +75,15 @@ def run(out_dir: Path, full: bool = False) -> tuple[list[ArmRow], list[PdRow]]:
     return arm, pd
 
 
-def arm_row(servos: GearboxKind, integrator: str, h: float, repeats: int) -> ArmRow:
+def arm_row(gearbox: GearboxKind, integrator: str, h: float, repeats: int) -> ArmRow:
     """Hold the planar arm upright from a tilt of 0.01 rad a joint."""
-    scene = compile_scene(load_robot("arm7"), servos, integrator=integrator, timestep=h)
+    scene = compile_scene(load_robot("arm7"), gearbox, integrator=integrator, timestep=h)
     state, still = initial_state(scene, np.full(7, 0.01)), Reference([0.0], np.zeros((1, 7)))
     hold = partial(simulate, scene, 20.0, state, still, estimate_error=False)
     trajectory, seconds = hold(), in_turn([hold], repeats, time.process_time).min()
     angle = np.degrees(trajectory["q"][:, 0])
     variance = math.nan if trajectory.status == "diverged" else float(angle[len(angle) // 2 :].var())
-    return ArmRow(servos, integrator, h, variance, trajectory.status, 1e3 * float(seconds) / 20.0)
+    return ArmRow(gearbox, integrator, h, variance, trajectory.status, 1e3 * float(seconds) / 20.0)
 
 
 def settles(integrator: str, h: float) -> tuple[bool, str]:
@@ -106,9 +106,9 @@ def _plot(path: Path, arm: list[ArmRow], pd: list[PdRow]) -> None:
 
     figure = Figure(figsize=(11, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
-    for servos, marker in (("standard", "o"), ("rotor", "s"), ("mipsd", "^")):
+    for gearbox, marker in (("standard", "o"), ("rotor", "s"), ("mipsd", "^")):
         for integrator, color in zip(INTEGRATORS, ("C0", "C1", "C3")):
-            rows = [r for r in arm if (r.servos, r.integrator) == (servos, integrator) and r.variance > 0]
+            rows = [r for r in arm if (r.gearbox, r.integrator) == (gearbox, integrator) and r.variance > 0]
             steps = [1e3 * r.step for r in rows]
             left.loglog(steps, [r.variance for r in rows], marker=marker, color=color)
     left.legend(

@@ -53,7 +53,7 @@ PERIOD = 0.01  # of the controllers [s]
 
 
 class Point(NamedTuple):
-    """What was run."""
+    """A setting that was run."""
 
     joints: int
     ratio: float
@@ -208,14 +208,14 @@ def _plot(path: Path, rows: list[Row]) -> None:
 
     figure = Figure(figsize=(11.0, 8.0), layout="constrained")
     panels = figure.subplots(len(GEARBOXES), len(SWEPT), sharey=True, sharex="col")
-    for line, servos in zip(panels, GEARBOXES):
+    for line, gearbox in zip(panels, GEARBOXES):
         for panel, swept in zip(line, SWEPT):
-            if (servos, swept) == ("standard", "rotor_inertia"):
+            if (gearbox, swept) == ("standard", "rotor_inertia"):
                 panel.set_axis_off()
                 panel.legend(*panels[0][0].get_legend_handles_labels(), loc="center", fontsize=8).set_in_layout(False)
             else:
-                _panel(panel, rows, servos, swept)
-        line[0].set_ylabel(f"{TITLES[servos]}\nlargest stable step [ms]")
+                _panel(panel, rows, gearbox, swept)
+        line[0].set_ylabel(f"{TITLES[gearbox]}\nlargest stable step [ms]")
     for panel, swept in zip(panels[-1], SWEPT):
         panel.set_xlabel(SWEPT[swept])
     figure.suptitle(
@@ -226,12 +226,12 @@ def _plot(path: Path, rows: list[Row]) -> None:
     save_figure(figure, path)
 
 
-def _panel(panel: Axes, rows: list[Row], servos: str, swept: str) -> None:
+def _panel(panel: Axes, rows: list[Row], gearbox: str, swept: str) -> None:
     """Draw one quantity; the upper edge means stable at all steps tried, the lower edge at none."""
     low, high, through = 1e3 * SMALLEST, 1e3 * LARGEST, (7, *AX12.values())
     rest = [k for k, name in enumerate(SWEPT) if name != swept]
     for integrator, tilt in product(INTEGRATORS, TILTS):
-        chosen = [row for row in rows if row[4:7] == (servos, integrator, tilt)]
+        chosen = [row for row in rows if row[4:7] == (gearbox, integrator, tilt)]
         line = sorted(row for row in chosen if all(row[k] == through[k] for k in rest))
         x, color = [getattr(row.point, swept) for row in line], COLOURS[integrator]
         if tilt == TILTS[0]:

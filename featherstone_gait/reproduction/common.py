@@ -1,4 +1,4 @@
-"""What several experiments share: constants, scale_masses robots, cases in threads, figures."""
+"""Share constants, scaled robots, cases in threads and figures among experiments."""
 
 from __future__ import annotations
 

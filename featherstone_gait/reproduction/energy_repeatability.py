@@ -38,11 +38,11 @@ from .claim import Claim, classify, question
 from .common import ENCODER_STEP, EXPLICIT, IMPLICIT, scale_masses, subplots
 from .walks import cycle_energies, planned_walk, recompiled
 
-Servos = tuple[GearboxKind, str]  # with the integrator
+Kind = tuple[GearboxKind, str]  # with the integrator
 Source = str | tuple[str, float]
 
 PAPER: dict[GearboxKind, float] = {"standard": 0.1462, "mipsd": 0.039}  # standard deviation over mean
-MODELS: tuple[Servos, ...] = tuple(product(("standard", "mipsd"), (EXPLICIT, IMPLICIT)))
+MODELS: tuple[Kind, ...] = tuple(product(("standard", "mipsd"), (EXPLICIT, IMPLICIT)))
 SOURCES = ("initial posture", "round-off", "contacts", "encoder and supply")
 ALL = "all together"
 FACTOR = 1.5  # within which a standard deviation counts as the same: the paper's own, over 200 runs, is good to 10 %
@@ -84,26 +84,26 @@ class Scatter(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class EnergyResult:
-    """Energies of each stride (runs, strides) [J], nan in runs that fell, by (servos, integrator) and source.
+    """Energies of each stride (runs, strides) [J], nan in runs that fell, by (gearbox, integrator) and source.
 
     Besides `SOURCES` and `ALL` the sources are (ALL, scale), ("mass", times) and ("step", seconds), with all sources.
     """
 
     settings: EnergySettings
     seed: int
-    energies: dict[Servos, dict[Source, np.ndarray]]
-    chatters: dict[Servos, int]  # runs of `ALL` that chattered
-    off: dict[Servos, float]  # mean energy of `ALL` over that at a quarter of the step, undisturbed, less 1
+    energies: dict[Kind, dict[Source, np.ndarray]]
+    chatters: dict[Kind, int]  # runs of `ALL` that chattered
+    off: dict[Kind, float]  # mean energy of `ALL` over that at a quarter of the step, undisturbed, less 1
 
-    def energy(self, model: Servos, source: Source = ALL) -> np.ndarray:
+    def energy(self, model: Kind, source: Source = ALL) -> np.ndarray:
         """Return energy of the runs that did not fall (n,) [J]."""
         energy = self.energies[model][source].sum(axis=1)
         return energy[np.isfinite(energy)]
 
-    def fell(self, model: Servos, source: Source = ALL) -> int:
+    def fell(self, model: Kind, source: Source = ALL) -> int:
         return self.settings.runs - len(self.energy(model, source))
 
-    def scatter(self, model: Servos, source: Source = ALL) -> Scatter:
+    def scatter(self, model: Kind, source: Source = ALL) -> Scatter:
         """Return the scatter; NaN if fewer than three runs finished."""
         energy = self.energy(model, source)
         if len(energy) < 3:
@@ -112,7 +112,7 @@ class EnergyResult:
         low, high = np.quantile(_relative(energy[picks]), (0.025, 0.975))
         return Scatter(float(_relative(energy)), float(low), float(high))
 
-    def shares(self, model: Servos) -> np.ndarray:
+    def shares(self, model: Kind) -> np.ndarray:
         """Return variance of each source alone over the sum of them all (sources,)."""
         variances = np.array([self.scatter(model, source).value ** 2 for source in SOURCES])
         return variances / variances.sum()
@@ -124,7 +124,7 @@ def _relative(energy: np.ndarray) -> np.ndarray:
 
 def run(settings: EnergySettings = QUICK, seed: int = 0, progress: bool = False) -> EnergyResult:
     """Walk the planned gait with each model under each source; the models share the noise, seeded by `seed`."""
-    energies: dict[Servos, dict[Source, np.ndarray]] = {model: {} for model in MODELS}
+    energies: dict[Kind, dict[Source, np.ndarray]] = {model: {} for model in MODELS}
     chatters, off = {}, {}
     sources = [*SOURCES, ALL, *((ALL, scale) for scale in settings.scales)]
     unsaid = [*(("mass", x) for x in settings.masses), *(("step", h) for h in settings.steps)]
@@ -138,7 +138,7 @@ def run(settings: EnergySettings = QUICK, seed: int = 0, progress: bool = False)
         energies[model][source], statuses = _energies(cost, states, noises)
         if source == ALL:
             chatters[model] = statuses.count("chatter")
-    true = {servos: _undisturbed(settings, planned, servos) for servos in PAPER}
+    true = {gearbox: _undisturbed(settings, planned, gearbox) for gearbox in PAPER}
     for model in MODELS:
         energy = energies[model][ALL].sum(axis=1)
         off[model] = float(np.nanmean(energy) / true[model[0]] - 1.0) if np.isfinite(energy).any() else math.nan
@@ -212,7 +212,7 @@ def check(result: EnergyResult) -> list[Claim]:
 
 def _size(result: EnergyResult, gearbox: GearboxKind) -> Claim:
     """Return the claim: reproduced within `FACTOR`; in direction on the paper's side of the geometric mean."""
-    model: Servos = (gearbox, EXPLICIT)
+    model: Kind = (gearbox, EXPLICIT)
     ours, paper, fell = result.scatter(model), PAPER[gearbox], result.fell(model)
     middle = math.sqrt(PAPER["standard"] * PAPER["mipsd"])
     near = paper / FACTOR < ours.value < paper * FACTOR
@@ -234,7 +234,7 @@ def _size(result: EnergyResult, gearbox: GearboxKind) -> Claim:
     )
 
 
-def _spread(result: EnergyResult, model: Servos, source: Source) -> str:
+def _spread(result: EnergyResult, model: Kind, source: Source) -> str:
     fell = result.fell(model, source)
     return f"{result.scatter(model, source)}" + (f", {fell} fell," if fell else "")
 
@@ -262,7 +262,7 @@ def _lower(result: EnergyResult) -> Claim:
 
 
 def _ratio(result: EnergyResult, integrator: str, source: Source = ALL) -> tuple[float, tuple[Scatter, Scatter]]:
-    standard, mipsd = (result.scatter((servos, integrator), source) for servos in ("standard", "mipsd"))
+    standard, mipsd = (result.scatter((gearbox, integrator), source) for gearbox in ("standard", "mipsd"))
     return standard.value / mipsd.value, (standard, mipsd)
 
 
@@ -287,7 +287,7 @@ def _cause(result: EnergyResult) -> Claim:
 def _source(result: EnergyResult) -> Claim:
     """Return the claim: reproduced if round-off alone gives at least half the scatter of all sources."""
     ours = {model: result.scatter(model, "round-off") for model in MODELS}
-    model: Servos = ("standard", EXPLICIT)
+    model: Kind = ("standard", EXPLICIT)
     chaotic = ours[model].low > 0.5 * result.scatter(model).value
     shares = "; ".join(
         f"{_name(model)} " + ", ".join(f"{source} {share:.1%}" for source, share in zip(SOURCES, result.shares(model)))
@@ -302,7 +302,7 @@ def _source(result: EnergyResult) -> Claim:
     )
 
 
-def _name(model: Servos) -> str:
+def _name(model: Kind) -> str:
     return f"{model[0]} {'explicit' if model[1] == EXPLICIT else 'implicit'}"
 
 
@@ -332,13 +332,13 @@ def plot(result: EnergyResult) -> dict[str, Figure]:
 def _runs(result: EnergyResult) -> Figure:
     figure, panels = subplots(10.0, 5.0, 2, 2, sharey="row", sharex="col", width_ratios=(3, 1))
     for row, integrator in zip(panels, (EXPLICIT, IMPLICIT)):
-        for servos in PAPER:
-            model = (servos, integrator)
+        for gearbox in PAPER:
+            model = (gearbox, integrator)
             energy = result.energies[model][ALL].sum(axis=1)
             off = 100.0 * (energy / np.nanmean(energy) - 1.0)
-            style = {"color": COLOURS[servos, EXPLICIT]}
+            style = {"color": COLOURS[gearbox, EXPLICIT]}
             label = f"{_name(model)}: {_percent(result.scatter(model).value)}"
-            marker = "o" if servos == "standard" else "s"
+            marker = "o" if gearbox == "standard" else "s"
             row[0].plot(np.arange(1, len(off) + 1), off, marker, ms=3, label=label, **style)
             row[1].hist(off[np.isfinite(off)], bins=15, orientation="horizontal", alpha=0.6, **style)
         row[0].set_ylabel("energy less mean [%]")
@@ -383,8 +383,8 @@ def _sizes(result: EnergyResult) -> Figure:
 
 def _papers(axes: Axes) -> None:
     """Draw the paper's scatter of both models."""
-    for servos, value in PAPER.items():
-        color, text = COLOURS[servos, EXPLICIT], f"paper {100 * value:g} %"
+    for gearbox, value in PAPER.items():
+        color, text = COLOURS[gearbox, EXPLICIT], f"paper {100 * value:g} %"
         axes.axhline(100 * value, color=color, linestyle=":", linewidth=1.2)
         axes.annotate(text, (0.01, 100 * value), xycoords=axes.get_yaxis_transform(), xytext=(0, 2),
                       textcoords="offset points", color=color, fontsize=7.5, va="bottom")  # fmt: skip

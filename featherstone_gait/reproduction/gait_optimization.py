@@ -61,13 +61,13 @@ PAPER_ITERATIONS = 3000
 class Condition:
     """A cost to search."""
 
-    servos: GearboxKind = "mipsd"
+    gearbox: GearboxKind = "mipsd"
     integrator: str = "midpoint"
     noise: float = 0.0  # standard deviation over the cost
 
     def __str__(self) -> str:
         noise = f", {100.0 * self.noise:g} % noise" if self.noise else ""
-        return self.servos + (", explicit" if self.integrator == EXPLICIT else "") + noise
+        return self.gearbox + (", explicit" if self.integrator == EXPLICIT else "") + noise
 
 
 MIPSD, STANDARD, CHATTER = Condition(), Condition("standard"), Condition("standard", EXPLICIT)
@@ -195,7 +195,7 @@ def _rows(run: Trajectory, rows: Any) -> Trajectory:
 
 def cost_of(planned: WalkingCost, condition: Condition, timestep: float = 1e-3) -> WalkingCost:
     """Return the cost of a gait under a condition, without the noise."""
-    return recompiled(planned, gearbox=condition.servos, integrator=condition.integrator, timestep=timestep)
+    return recompiled(planned, gearbox=condition.gearbox, integrator=condition.integrator, timestep=timestep)
 
 
 def measure(
@@ -319,7 +319,7 @@ def _noise(result: GaitSearchResult) -> Claim:
         searches = result.of(condition)
         gains = [search.gain for search in searches]
         seen = np.median([search.best[-1] / search.cost[0] - 1.0 for search in searches])
-        evaluation = "mipsd" if condition.servos == "mipsd" else "standard"
+        evaluation = "mipsd" if condition.gearbox == "mipsd" else "standard"
         true = np.median(result.gains(condition, evaluation))
         lines.append(
             f"{condition}: converged {_median(result.converged(condition))}, gain {np.median(gains):+.0%} (as the "

@@ -72,7 +72,7 @@ FLOORS = {"hard": Floor(0.9), "soft": Floor(0.9, 9900.0, 76.0)}  # soft: sinks b
 
 
 class Walked(NamedTuple):
-    """How a gait walks on one floor; cost, speed and sideways are None if it does not."""
+    """Result of a gait on one floor; cost, speed and sideways are None if it falls."""
 
     walks: bool  # whether it walked all strides, forward
     end: float  # when it fell, or had walked all strides [s]

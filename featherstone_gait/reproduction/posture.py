@@ -52,7 +52,7 @@ TABLE_3 = {
     "left_elbow": (45.0, {"standard": (48.40, 44.19, 0.84), "mipsd": (45.05, 44.95, 0.01)}),
 }
 JOINTS = tuple(TABLE_3)
-SERVOS: tuple[GearboxKind, ...] = ("standard", "mipsd")
+GEARBOXES: tuple[GearboxKind, ...] = ("standard", "mipsd")
 INTEGRATORS = (EXPLICIT, IMPLICIT)
 BASES: tuple[Base, ...] = ("floating", "fixed")
 P = math.inf  # integral time of the proportional law [s]
@@ -64,7 +64,7 @@ SHORT_INTEGRAL_TIME = 0.3  # [s]
 class Case:
     """A robot in its posture; the defaults are our choices for what the paper does not state."""
 
-    servos: GearboxKind = "standard"
+    gearbox: GearboxKind = "standard"
     integrator: str = EXPLICIT  # the paper's program of 2012
     base: Base = "floating"  # standing on the ground, or held at the trunk
     integral_time: float = INTEGRAL_TIME  # Ti = Kp / Ki [s]
@@ -149,7 +149,7 @@ def run(settings: PostureSettings = QUICK, seed: int = 0, progress: bool = False
 
 def all_cases(settings: PostureSettings) -> list[Case]:
     """Return the cases: the table for both bases and laws, then one varied parameter at a time."""
-    models = [Case(servos, integrator) for servos, integrator in product(SERVOS, INTEGRATORS)]
+    models = [Case(gearbox, integrator) for gearbox, integrator in product(GEARBOXES, INTEGRATORS)]
     laws = (P, INTEGRAL_TIME)
     cases = [replace(m, base=base, integral_time=Ti) for m in models for base, Ti in product(BASES, laws)]
     cases += [Case("rotor", integrator, "fixed") for integrator in INTEGRATORS]
@@ -164,14 +164,14 @@ def all_cases(settings: PostureSettings) -> list[Case]:
 
 
 def scene_of(case: Case) -> CompiledScene:
-    """Compile the humanoid with the case's servos and base."""
+    """Compile the humanoid with the case's gearbox and base."""
     model = load_robot("humanoid", case.base)
     servo = next(iter(model.servos.values()))  # the same in every joint
     controller = replace(servo.controller, Kp=case.Kp, Ki=case.Kp / case.integral_time)
     servo = replace(servo, controller=controller, encoder_resolution=case.resolution)
     model = replace(scale_masses(model, case.mass), servos=dict.fromkeys(model.joint_names, servo))
     ground = Ground() if case.base == "floating" else None
-    return compile_scene(model, case.servos, ground, case.integrator, case.step)
+    return compile_scene(model, case.gearbox, ground, case.integrator, case.step)
 
 
 def hold(case: Case, settings: PostureSettings, noise: np.ndarray) -> Outcome:
@@ -206,13 +206,13 @@ def table(result: PostureResult) -> str:
     """
     head = f"{'max, min, deviation [deg]':42}" + "".join(f"{_title(joint):>24}" for joint in JOINTS)
     lines = [f"{head}{'half the step':>16}"]
-    for servos in SERVOS:
-        paper = _row(f"paper, {servos}", *zip(*[values[servos] for _, values in TABLE_3.values()]))
+    for gearbox in GEARBOXES:
+        paper = _row(f"paper, {gearbox}", *zip(*[values[gearbox] for _, values in TABLE_3.values()]))
         lines.append(f"{paper}{'':16}")
         for base, Ti, integrator in product(BASES, (INTEGRAL_TIME, P), INTEGRATORS):
-            o = result.of(servos=servos, base=base, integral_time=Ti, integrator=integrator)
-            half = result.of(servos=servos, base=base, integral_time=Ti, integrator=integrator, step=5e-4)
-            name = f"{servos}, {integrator}, {BASE[base]}, {'P' if Ti == P else 'PI'}"
+            o = result.of(gearbox=gearbox, base=base, integral_time=Ti, integrator=integrator)
+            half = result.of(gearbox=gearbox, base=base, integral_time=Ti, integrator=integrator, step=5e-4)
+            name = f"{gearbox}, {integrator}, {BASE[base]}, {'P' if Ti == P else 'PI'}"
             off = np.abs(np.array(_numbers(o)) - _numbers(half)).max()
             lines.append(f"{_row(name, *_numbers(o))}{off:16.1g}")
     return "\n".join(lines)
@@ -252,9 +252,9 @@ def _standard(result: PostureResult) -> Claim:
 
 
 def _mipsd(result: PostureResult) -> Claim:
-    found, half = result.of(servos="mipsd"), result.of(servos="mipsd", step=5e-4)
-    fixed, proportional = result.of(servos="mipsd", base="fixed"), result.of(servos="mipsd", integral_time=P)
-    encoder = result.of(servos="mipsd", base="fixed", resolution=result.settings.resolution)
+    found, half = result.of(gearbox="mipsd"), result.of(gearbox="mipsd", step=5e-4)
+    fixed, proportional = result.of(gearbox="mipsd", base="fixed"), result.of(gearbox="mipsd", integral_time=P)
+    encoder = result.of(gearbox="mipsd", base="fixed", resolution=result.settings.resolution)
     paper = _paper("mipsd")[:, 2]
     why = (
         "Rule: no joint more than three times the paper's. Nothing in these equations moves a robot at rest: "
@@ -270,7 +270,7 @@ def _mipsd(result: PostureResult) -> Claim:
 def _decrease(result: PostureResult) -> Claim:
     ratios = {}
     for base, Ti in product(BASES, (INTEGRAL_TIME, P)):
-        both = [result.of(servos=servos, base=base, integral_time=Ti).typical for servos in SERVOS]
+        both = [result.of(gearbox=gearbox, base=base, integral_time=Ti).typical for gearbox in GEARBOXES]
         ratios[f"{BASE[base]}, {'P' if Ti == P else 'PI'}"] = float((both[0] / both[1]).min())
     paper = (_paper("standard")[:, 2] / _paper("mipsd")[:, 2]).min()
     least = ", ".join(f"{ratio:.2g} {name}" for name, ratio in ratios.items())
@@ -287,10 +287,10 @@ def _decrease(result: PostureResult) -> Claim:
 def _centered(result: PostureResult) -> Claim:
     reference = np.array([angle for angle, _ in TABLE_3.values()])
     off = {
-        (base, Ti): abs(result.of(servos="mipsd", base=base, integral_time=Ti).mean - reference).max(axis=0)
+        (base, Ti): abs(result.of(gearbox="mipsd", base=base, integral_time=Ti).mean - reference).max(axis=0)
         for base, Ti in product(BASES, (INTEGRAL_TIME, P))
     }
-    models = [{"servos": s, "integrator": i} for s, i in product(SERVOS, INTEGRATORS)]
+    models = [{"gearbox": s, "integrator": i} for s, i in product(GEARBOXES, INTEGRATORS)]
     falls = sum(result.of(**model, integral_time=SHORT_INTEGRAL_TIME).fell for model in models)
     why = (
         f"Rule: mean within 0.05 deg of the reference. With integral action (Ti = {INTEGRAL_TIME:g} s) it differs by "
@@ -323,7 +323,7 @@ def _order(result: PostureResult) -> Claim:
 
 def _cause(result: PostureResult) -> Claim:
     standing, fixed = (result.of(integrator=IMPLICIT, base=base) for base in BASES)
-    rotor = result.of(servos="rotor", base="fixed")
+    rotor = result.of(gearbox="rotor", base="fixed")
     still = all(set(o.statuses) == {"ok"} and o.typical.max() < 0.01 for o in (standing, fixed))
     why = (
         "Rule: yes if the standard model, integrated implicitly, moves by 0.01 deg or more. Its deviations are "
@@ -340,9 +340,9 @@ BASE = {"floating": "standing", "fixed": "trunk fixed"}
 WHAT = "standard deviation of left lateral, right front, right lateral shoulder, left elbow [deg]"
 
 
-def _paper(servos: str) -> np.ndarray:
+def _paper(gearbox: str) -> np.ndarray:
     """Return largest, smallest angle and deviation of the joints (4, 3) [deg]."""
-    return np.array([values[servos] for _, values in TABLE_3.values()])
+    return np.array([values[gearbox] for _, values in TABLE_3.values()])
 
 
 def _joints(values: Collection[float]) -> str:
@@ -383,11 +383,11 @@ def plot(result: PostureResult) -> dict[str, Figure]:
 def _elbow(result: PostureResult) -> Figure:
     figure, axes = subplots(11.0, 3.6, 1, 3, sharey=True)
     models = (("standard", EXPLICIT), ("mipsd", EXPLICIT), ("standard", IMPLICIT))
-    for panel, (servos, integrator) in zip(axes, models):
+    for panel, (gearbox, integrator) in zip(axes, models):
         for base, color in (("floating", ORANGE), ("fixed", BLUE)):
-            o = result.of(servos=servos, integrator=integrator, base=base)
+            o = result.of(gearbox=gearbox, integrator=integrator, base=base)
             panel.plot(o.time, o.angle[:, JOINTS.index("left_elbow")], color=color, linewidth=0.7, label=BASE[base])
-        panel.set(xlabel="time [s]", title=f"{servos}, {INTEGRATOR_NAMES[integrator]}")
+        panel.set(xlabel="time [s]", title=f"{gearbox}, {INTEGRATOR_NAMES[integrator]}")
     axes[0].set_ylabel("left elbow [deg]")
     lines, names = axes[0].get_legend_handles_labels()
     for line in figure.legend(lines, names, loc="outside lower center", ncols=2).get_lines():
@@ -399,17 +399,17 @@ def _ranges(result: PostureResult) -> Figure:
     """Draw ranges over all disturbances (thin), and mean (the paper's: middle) ± deviation (thick)."""
     figure, axes = subplots(13.0, 4.2, 1, 4, sharey=True)
     rows: list[tuple] = []
-    for servos in SERVOS:
-        rows.append((servos, None, "", 0.0))
-        rows += [(servos, i, base, Ti) for i, base, Ti in product(INTEGRATORS, BASES, (INTEGRAL_TIME, P))]
+    for gearbox in GEARBOXES:
+        rows.append((gearbox, None, "", 0.0))
+        rows += [(gearbox, i, base, Ti) for i, base, Ti in product(INTEGRATORS, BASES, (INTEGRAL_TIME, P))]
     for j, (panel, joint) in enumerate(zip(axes, JOINTS)):
-        for k, (servos, integrator, base, Ti) in enumerate(rows):
-            color = SERVO_COLORS[servos]
+        for k, (gearbox, integrator, base, Ti) in enumerate(rows):
+            color = SERVO_COLORS[gearbox]
             if integrator is None:
-                high, low, deviation = TABLE_3[joint][1][servos]
+                high, low, deviation = TABLE_3[joint][1][gearbox]
                 middle, color = 0.5 * (high + low), "0.3"
             else:
-                o = result.of(servos=servos, integrator=integrator, base=base, integral_time=Ti)
+                o = result.of(gearbox=gearbox, integrator=integrator, base=base, integral_time=Ti)
                 high, low, deviation = o.highest[:, j].max(), o.lowest[:, j].min(), o.typical[j]
                 middle = np.median(o.mean[:, j])
             reference = TABLE_3[joint][0]
@@ -421,8 +421,8 @@ def _ranges(result: PostureResult) -> Figure:
         panel.set_xscale("symlog", linthresh=0.1)
         panel.set_xticks([-1.0, -0.1, 0.0, 0.1, 1.0], ["-1", "-0.1", "0", "0.1", "1"])
     names = [
-        f"paper, {servos}" if i is None else f"{servos}, {i}, {BASE[base]}, {'P' if Ti == P else 'PI'}"
-        for servos, i, base, Ti in rows
+        f"paper, {gearbox}" if i is None else f"{gearbox}, {i}, {BASE[base]}, {'P' if Ti == P else 'PI'}"
+        for gearbox, i, base, Ti in rows
     ]
     axes[0].set_yticks(range(len(rows)), names, fontsize=8)
     axes[0].invert_yaxis()
@@ -440,11 +440,11 @@ def _dependence(result: PostureResult) -> Figure:
     )
     for panel, (label, scale, changes) in zip(axes, sweeps):
         places = [scale * list(change.values())[-1] for change in changes]
-        for servos, integrator in product(SERVOS, INTEGRATORS):
-            found = [result.of(servos=servos, integrator=integrator, **change) for change in changes]
+        for gearbox, integrator in product(GEARBOXES, INTEGRATORS):
+            found = [result.of(gearbox=gearbox, integrator=integrator, **change) for change in changes]
             values = [max(o.typical.max(), FLOOR) if not o.fell else math.nan for o in found]
-            style = {"color": SERVO_COLORS[servos], "linestyle": LINE_STYLES[integrator], "marker": "."}
-            panel.plot(places, values, label=f"{servos}, {INTEGRATOR_NAMES[integrator]}", **style)
+            style = {"color": SERVO_COLORS[gearbox], "linestyle": LINE_STYLES[integrator], "marker": "."}
+            panel.plot(places, values, label=f"{gearbox}, {INTEGRATOR_NAMES[integrator]}", **style)
             bad = [k for k, o in enumerate(found) if "chatter" in o.statuses]
             panel.plot([places[k] for k in bad], [values[k] for k in bad], "x", color="black", markersize=7)
         panel.axhline(paper, color="0.4", linestyle=":", linewidth=1.0)

@@ -1,4 +1,4 @@
-"""How far an optimized gait also works on robots and ground other than those of its search.
+"""Measure how far an optimized gait also works on robots and ground other than those of its search.
 
 The paper optimizes on one simulated robot and one floor.  Here gaits found in this way, and the planned gait from which
 they start, walk on other floors and slopes, with other masses, supplies and backlash, and are pushed.  A gait vector is

@@ -4,8 +4,8 @@ The paper's arm holds all joints at 0, and the error of the lowest one is measur
 falls from 8.14 to 0.0022 rad^2 with the gearbox model of motor inertia plus spring-damper (MIPSD).  This changes two
 properties at once, and a third could have been changed instead.  Here they are separate:
 
-- rotor inertia: servos "rotor" against "standard", both rigid;
-- compliance: servos "mipsd" against "rotor";
+- rotor inertia: gearbox "rotor" against "standard", both rigid;
+- compliance: gearbox "mipsd" against "rotor";
 - integration of the torque: "simtwo", the paper's program, computes it at the start of the step and holds it;
   "implicit_euler" solves for the torque at the end of the step.
 
@@ -40,14 +40,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
-SERVOS: tuple[GearboxKind, ...] = ("standard", "rotor", "mipsd")
+GEARBOXES: tuple[GearboxKind, ...] = ("standard", "rotor", "mipsd")
 INTEGRATORS = (EXPLICIT, IMPLICIT)
 READINGS = ("paper_literal", "code_2012", "paper_rotor_side", "physical")
 LARGE = (0.1, 0.1)  # mass [kg] and length [m] of a link: `robots/arm7`, about an AX-12 with its bracket
 SMALL = (0.07, 0.067)  # a bare AX-12 with a light bracket, the smallest that is plausible
 CHECKED_STEPS = (1e-4, 5e-4, 1e-3)  # [s] at the default gain, whatever the settings: a tenth, a half, and the default
 NO_ROTOR = 1e-10  # [kg m^2]; reflected 6e-6, a quarter of the arm's least modal inertia: as good as none
-ALONE: dict[str, Any] = {"servos": "mipsd", "rotor_inertia": NO_ROTOR}  # compliance without the rotor
+ALONE: dict[str, Any] = {"gearbox": "mipsd", "rotor_inertia": NO_ROTOR}  # compliance without the rotor
 FALLEN = math.radians(10.0)  # rms angle beyond which the arm does not stand [rad]: no held arm comes near it
 PAPER_STANDARD, PAPER_MIPSD = 8.14, 0.0022  # printed as rad^2
 DEG2 = math.degrees(1.0) ** 2  # deg^2 in a rad^2
@@ -57,12 +57,12 @@ DEG2 = math.degrees(1.0) ** 2  # deg^2 in a rad^2
 class Case:
     """An arm with a servo model; the defaults are our choices for what the paper does not state."""
 
-    servos: GearboxKind = "standard"
+    gearbox: GearboxKind = "standard"
     integrator: str = EXPLICIT  # the paper's program of 2012
     step: float = 1e-3  # [s] its default
     Kp: float = 61.0  # [V/rad] the AX-12's as delivered, robots/servos/ax12.toml
     link: tuple[float, float] = LARGE
-    gearbox: str = "physical"  # the printed constants hold no arm; see `check`
+    preset: str = "physical"  # the printed constants hold no arm; see `check`
     rotor_inertia: float = 1e-7  # [kg m^2] robots/servos/ax12.toml: plausible are 5e-8 to 3e-7
     tilt: float = 0.01  # [rad] standard deviation of the joints at the start: 0.6 deg, an arm that is put up by hand
     resolution: float = 0.0  # of the encoder [rad]; the paper's program reads the exact angle
@@ -128,7 +128,7 @@ class Outcome:
 
     @property
     def sound(self) -> bool:
-        """Whether every run has the status ok."""
+        """Return whether every run has the status ok."""
         return set(self.statuses) == {"ok"}
 
     @property
@@ -137,7 +137,7 @@ class Outcome:
 
     @property
     def swings(self) -> bool:
-        """Whether the error no longer decays in the last quarter of the run: a limit cycle."""
+        """Return whether the error no longer decays in the last quarter of the run: a limit cycle."""
         third, last = np.array_split(np.median(self.history, axis=0), 4)[2:]
         return bool(last.mean() > 0.7 * third.mean() > 1e-10)
 
@@ -168,7 +168,7 @@ def run(settings: ArmHoldSettings = QUICK, seed: int = 0, progress: bool = False
 
 def all_cases(settings: ArmHoldSettings) -> list[Case]:
     """Return the cases: every combination of gain and step, then one varied parameter at a time."""
-    models = [Case(servos, integrator) for servos, integrator in product(SERVOS, INTEGRATORS)]
+    models = [Case(gearbox, integrator) for gearbox, integrator in product(GEARBOXES, INTEGRATORS)]
     gains, inertias = (Case.Kp, *settings.gains), (NO_ROTOR, Case.rotor_inertia, *settings.rotor_inertias)
     cases = [replace(m, Kp=Kp, step=h) for m in models for Kp, h in product(gains, (Case.step, *settings.steps))]
     cases += [replace(m, step=h) for m in models for h in CHECKED_STEPS]
@@ -177,7 +177,7 @@ def all_cases(settings: ArmHoldSettings) -> list[Case]:
     cases += [replace(m, tilt=tilt) for m in models for tilt in settings.tilts]
     cases += [replace(m, resolution=settings.resolution) for m in models]
     springs = [replace(m, rotor_inertia=J) for m in models[-2:] for J in inertias]
-    cases += springs + [replace(m, gearbox=g) for m in springs for g in READINGS if m.rotor_inertia > NO_ROTOR]
+    cases += springs + [replace(m, preset=g) for m in springs for g in READINGS if m.rotor_inertia > NO_ROTOR]
     return list(dict.fromkeys(cases))
 
 
@@ -195,7 +195,7 @@ def arm(case: Case) -> Model:
         for link in model.links
     )
     joints = tuple(replace(joint, xyz=_scaled(length, joint.xyz)) for joint in model.joints)
-    gearbox = replace(_gearboxes()[case.gearbox], rotor_inertia=case.rotor_inertia)
+    gearbox = replace(_gearboxes()[case.preset], rotor_inertia=case.rotor_inertia)
     servo = next(iter(model.servos.values()))  # the same in every joint
     controller = replace(servo.controller, Kp=case.Kp)
     servo = replace(servo, controller=controller, gearbox=gearbox, encoder_resolution=case.resolution)
@@ -219,7 +219,7 @@ def _gearboxes() -> dict[str, Gearbox]:
 
 def hold(case: Case, settings: ArmHoldSettings, tilts: np.ndarray) -> Outcome:
     """Hold the arm upright from each of `tilts` (n, 7), in units of the case's."""
-    scene = compile_scene(arm(case), gearbox=case.servos, integrator=case.integrator, timestep=case.step)
+    scene = compile_scene(arm(case), gearbox=case.gearbox, integrator=case.integrator, timestep=case.step)
     states = [initial_state(scene, case.tilt * q) for q in tilts]
     upright = [Reference([0.0], np.zeros((1, 7)))] * len(states)
     runs = simulate_batch(scene, settings.duration, states, upright, record=("q",), estimate_error=False)
@@ -254,7 +254,7 @@ def check(result: ArmHoldResult) -> list[Claim]:
 
 def _standard(result: ArmHoldResult) -> Claim:
     found, half, fine = result.of(), result.of(step=5e-4), result.of(step=1e-4)
-    standing = [o for o in _over_gains(result, servos="standard") if o.stands]
+    standing = [o for o in _over_gains(result, gearbox="standard") if o.stands]
     n = len(found.statuses)
     verdict = classify(_near(PAPER_STANDARD, found), found.statuses.count("chatter") == n)
     why = (
@@ -269,10 +269,10 @@ def _standard(result: ArmHoldResult) -> Claim:
 
 
 def _mipsd(result: ArmHoldResult) -> Claim:
-    found, fine = result.of(servos="mipsd"), result.of(servos="mipsd", step=1e-4)
+    found, fine = result.of(gearbox="mipsd"), result.of(gearbox="mipsd", step=1e-4)
     tilts = result.settings.tilts
-    tilted = [result.of(servos="mipsd", tilt=tilt) for tilt in tilts]
-    standing = [o for o in _over_gains(result, servos="mipsd") if o.stands]
+    tilted = [result.of(gearbox="mipsd", tilt=tilt) for tilt in tilts]
+    standing = [o for o in _over_gains(result, gearbox="mipsd") if o.stands]
     verdict = classify(_near(PAPER_MIPSD, found), found.sound and found.stands)
     left = math.sqrt(np.median(found.history[:, -1]) / np.median(found.history[:, 0]))
     why = (
@@ -286,9 +286,9 @@ def _mipsd(result: ArmHoldResult) -> Claim:
 
 
 def _improvement(result: ArmHoldResult) -> Claim:
-    ratio = result.of().error / result.of(servos="mipsd").error
+    ratio = result.of().error / result.of(gearbox="mipsd").error
     gains = result.settings.gains
-    pairs = zip(gains, _over_gains(result, servos="standard"), _over_gains(result, servos="mipsd"))
+    pairs = zip(gains, _over_gains(result, gearbox="standard"), _over_gains(result, gearbox="mipsd"))
     ratios = [f"{a.typical / b.typical:.2g} at {Kp:g}" for Kp, a, b in pairs if a.stands and b.stands]
     why = (
         "Rule: the median within a factor 3 of the paper's; in direction if over tenfold for every disturbance. Median "
@@ -305,8 +305,8 @@ def _improvement(result: ArmHoldResult) -> Claim:
 
 def _unit(result: ArmHoldResult) -> Claim:
     """Return the claim about the unit, from pairs of runs with both printed values in which MIPSD holds."""
-    cases = [case for case in result.outcomes if (case.servos, case.integrator) == ("standard", EXPLICIT)]
-    pairs = {case: (result.outcomes[case], result.outcomes[replace(case, servos="mipsd")]) for case in cases}
+    cases = [case for case in result.outcomes if (case.gearbox, case.integrator) == ("standard", EXPLICIT)]
+    pairs = {case: (result.outcomes[case], result.outcomes[replace(case, gearbox="mipsd")]) for case in cases}
     still = {case: pair for case, pair in pairs.items() if pair[1].word == "holds"}
     fits = {
         unit: [c for c, (a, b) in still.items() if _near(PAPER_STANDARD, a, unit) and _near(PAPER_MIPSD, b, unit)]
@@ -329,13 +329,13 @@ def _unit(result: ArmHoldResult) -> Claim:
 
 
 def _rotor(result: ArmHoldResult) -> Claim:
-    standard, rotor, implicit = result.of(), result.of(servos="rotor"), result.of(integrator=IMPLICIT)
+    standard, rotor, implicit = result.of(), result.of(gearbox="rotor"), result.of(integrator=IMPLICIT)
     why = (
         "Rule: with the rotor, a rigid gearbox leaves less than a tenth of the error in the paper's update order. It "
         f"leaves {_decades(standard, rotor):.1f} decades less, and the arm holds at steps up to "
         f"{_longest_step(result, 'rotor')}. The arm without rotor also holds if the torque is integrated implicitly "
         f"({_squares(implicit)}). Either is enough: the explicit step is unstable, not the standard model. "
-        f"Discretization error: with a tenth of the step {_squares(result.of(servos='rotor', step=1e-4))} with the "
+        f"Discretization error: with a tenth of the step {_squares(result.of(gearbox='rotor', step=1e-4))} with the "
         f"rotor, {_squares(result.of(integrator=IMPLICIT, step=1e-4))} implicitly."
     )
     ratio = standard.error / rotor.error
@@ -345,15 +345,15 @@ def _rotor(result: ArmHoldResult) -> Claim:
 
 
 def _compliance(result: ArmHoldResult) -> Claim:
-    rotor, mipsd, alone = result.of(servos="rotor"), result.of(servos="mipsd"), result.of(**ALONE)
+    rotor, mipsd, alone = result.of(gearbox="rotor"), result.of(gearbox="mipsd"), result.of(**ALONE)
     why = (
         "Rule: the compliant gearbox leaves a smaller error than the rigid one with the same rotor. It leaves "
         f"{_decades(mipsd, rotor):.1f} decades more, because a spring between motor and joint reduces the "
         f"controller's stability margin. The explicit order holds up to steps of {_longest_step(result, 'mipsd')} "
         f"instead of {_longest_step(result, 'rotor')}, because a light link on that spring has a high frequency. "
         f"Without the rotor's inertia a compliant gearbox {alone.word}. The rotor is what helps in MIPSD. "
-        f"Discretization error: with a tenth of the step rigid {_squares(result.of(servos='rotor', step=1e-4))}, "
-        f"compliant {_squares(result.of(servos='mipsd', step=1e-4))}."
+        f"Discretization error: with a tenth of the step rigid {_squares(result.of(gearbox='rotor', step=1e-4))}, "
+        f"compliant {_squares(result.of(gearbox='mipsd', step=1e-4))}."
     )
     verdict = classify(mipsd.typical < rotor.typical)
     ours = f"rigid {_squares(rotor)}, compliant {_squares(mipsd)}"
@@ -361,8 +361,8 @@ def _compliance(result: ArmHoldResult) -> Claim:
 
 
 def _printed(result: ArmHoldResult) -> Claim:
-    words = {(g, i): result.of(servos="mipsd", integrator=i, gearbox=g).word for g in READINGS[:3] for i in INTEGRATORS}
-    model = arm(Case(gearbox="paper_literal"))
+    words = {(g, i): result.of(gearbox="mipsd", integrator=i, preset=g).word for g in READINGS[:3] for i in INTEGRATORS}
+    model = arm(Case(preset="paper_literal"))
     servo = next(iter(model.servos.values()))
     speed = servo.voltage_limit / (servo.gearbox.ratio * servo.motor_constant)  # without load or friction [rad/s]
     torque = math.pi * servo.gearbox.stiffness + servo.gearbox.damping * speed
@@ -388,11 +388,11 @@ def _over_gains(result: ArmHoldResult, **model: Any) -> list[Outcome]:
     return [result.of(**model, Kp=Kp) for Kp in result.settings.gains]
 
 
-def _longest_step(result: ArmHoldResult, servos: str) -> str:
+def _longest_step(result: ArmHoldResult, gearbox: str) -> str:
     """Return the longest step up to which the explicit order holds the arm, at the default gain."""
     held = 0.0
     for step in sorted({*result.settings.steps, *CHECKED_STEPS}):
-        outcome = result.of(servos=servos, step=step)
+        outcome = result.of(gearbox=gearbox, step=step)
         if not (outcome.sound and outcome.stands):
             break
         held = step
@@ -438,16 +438,16 @@ def plot(result: ArmHoldResult) -> dict[str, Figure]:
 
 def _over_time(result: ArmHoldResult) -> Figure:
     figure, axes = subplots(11.0, 3.8, 1, 3)
-    for panel, servos in zip(axes, ("standard", "mipsd")):
-        angle = np.degrees(result.of(servos=servos).angle)
-        panel.plot(np.arange(len(angle)) * 0.01, angle, color=SERVO_COLORS[servos], linewidth=0.8)
-        panel.set(xlabel="time [s]", ylabel="angle of the lowest joint [deg]", title=f"{servos}, explicit, 1 ms")
+    for panel, gearbox in zip(axes, ("standard", "mipsd")):
+        angle = np.degrees(result.of(gearbox=gearbox).angle)
+        panel.plot(np.arange(len(angle)) * 0.01, angle, color=SERVO_COLORS[gearbox], linewidth=0.8)
+        panel.set(xlabel="time [s]", ylabel="angle of the lowest joint [deg]", title=f"{gearbox}, explicit, 1 ms")
     panel = axes[2]
-    for servos, integrator in product(SERVOS, INTEGRATORS):
-        seconds = np.median(result.of(servos=servos, integrator=integrator).history, axis=0) * DEG2
+    for gearbox, integrator in product(GEARBOXES, INTEGRATORS):
+        seconds = np.median(result.of(gearbox=gearbox, integrator=integrator).history, axis=0) * DEG2
         times = np.arange(len(seconds)) + 0.5
-        label = f"{servos}, {INTEGRATOR_NAMES[integrator]}"
-        panel.semilogy(times, seconds, LINE_STYLES[integrator], color=SERVO_COLORS[servos], label=label)
+        label = f"{gearbox}, {INTEGRATOR_NAMES[integrator]}"
+        panel.semilogy(times, seconds, LINE_STYLES[integrator], color=SERVO_COLORS[gearbox], label=label)
     _paper_lines(panel)
     panel.set(xlabel="time [s]", ylabel="mean square in a second [deg²]", title="all models, median")
     figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
@@ -465,10 +465,10 @@ def _paper_lines(panel: Axes, labels: bool = True) -> None:
 def factorial(result: ArmHoldResult) -> dict[tuple[bool, bool, bool], Outcome]:
     """Return the outcomes by (rotor inertia, compliance, implicit integration)."""
     cases: dict[tuple[bool, bool], dict[str, Any]] = {
-        (False, False): {"servos": "standard"},
-        (True, False): {"servos": "rotor"},
+        (False, False): {"gearbox": "standard"},
+        (True, False): {"gearbox": "rotor"},
         (False, True): ALONE,
-        (True, True): {"servos": "mipsd"},
+        (True, True): {"gearbox": "mipsd"},
     }
     return {
         (*cause, integrator == IMPLICIT): result.of(integrator=integrator, **case)
@@ -514,11 +514,11 @@ def _short(value: float) -> str:
 def _maps(result: ArmHoldResult) -> Figure:
     figure, axes = subplots(13.0, 2.2 + 0.72 * len(result.settings.gains), 2, 3, sharex=True, sharey=True)
     steps, gains = result.settings.steps, result.settings.gains
-    for (k, integrator), (j, servos) in product(enumerate(INTEGRATORS), enumerate(SERVOS)):
+    for (k, integrator), (j, gearbox) in product(enumerate(INTEGRATORS), enumerate(GEARBOXES)):
         panel = axes[k, j]
-        grid = [[result.of(servos=servos, integrator=integrator, Kp=Kp, step=h) for h in steps] for Kp in gains]
+        grid = [[result.of(gearbox=gearbox, integrator=integrator, Kp=Kp, step=h) for h in steps] for Kp in gains]
         image = _heat(panel, grid, [f"{1e3 * h:g}" for h in steps], [f"{Kp:g}" for Kp in gains], 7)
-        panel.set_title(f"{servos}, {INTEGRATOR_NAMES[integrator]}", fontsize=10)
+        panel.set_title(f"{gearbox}, {INTEGRATOR_NAMES[integrator]}", fontsize=10)
     for panel in axes[-1]:
         panel.set_xlabel("step [ms]")
     for panel in axes[:, 0]:
@@ -531,19 +531,19 @@ def _dependence(result: ArmHoldResult) -> Figure:
     figure, axes = subplots(12.0, 4.2, 1, 3, sharey=True)
     tilt, gain, encoder = axes
     settings = result.settings
-    for servos, integrator in product(SERVOS, INTEGRATORS):
-        model = {"servos": servos, "integrator": integrator}
-        style = {"color": SERVO_COLORS[servos], "linestyle": LINE_STYLES[integrator], "marker": ".", "linewidth": 1.2}
-        label = f"{servos}, {INTEGRATOR_NAMES[integrator]}"
+    for gearbox, integrator in product(GEARBOXES, INTEGRATORS):
+        model = {"gearbox": gearbox, "integrator": integrator}
+        style = {"color": SERVO_COLORS[gearbox], "linestyle": LINE_STYLES[integrator], "marker": ".", "linewidth": 1.2}
+        label = f"{gearbox}, {INTEGRATOR_NAMES[integrator]}"
         tilted = [result.of(**model, tilt=x) for x in settings.tilts]
         tilt.loglog(settings.tilts, _medians(tilted), label=label, **style)
         gain.semilogy(settings.gains, _medians(_over_gains(result, **model)), **style)
         style |= {"marker": "s", "markersize": 4, "markerfacecolor": "white", "linewidth": 0.8}
         gain.semilogy(settings.gains, _medians(_over_gains(result, **model, link=SMALL)), **style)
-    models = list(product(INTEGRATORS, SERVOS))
+    models = list(product(INTEGRATORS, GEARBOXES))
     for exact in (True, False):
         resolution = 0.0 if exact else settings.resolution
-        found = [result.of(servos=s, integrator=i, resolution=resolution) for i, s in models]
+        found = [result.of(gearbox=s, integrator=i, resolution=resolution) for i, s in models]
         places = np.arange(len(models)) + (-0.2 if exact else 0.2)
         colors = [SERVO_COLORS[s] for _, s in models]
         inside = colors if exact else "white"
@@ -569,8 +569,8 @@ def _readings(result: ArmHoldResult) -> Figure:
     figure, axes = subplots(10.0, 3.6, 1, 2, sharey=True)
     inertias = result.settings.rotor_inertias
     for panel, integrator in zip(axes, INTEGRATORS):
-        model = {"servos": "mipsd", "integrator": integrator}
-        grid = [[result.of(**model, gearbox=g, rotor_inertia=J) for J in inertias] for g in READINGS]
+        model = {"gearbox": "mipsd", "integrator": integrator}
+        grid = [[result.of(**model, preset=g, rotor_inertia=J) for J in inertias] for g in READINGS]
         image = _heat(panel, grid, [f"{J:g}" for J in inertias], READINGS, 8)
         panel.set_title(f"mipsd, {INTEGRATOR_NAMES[integrator]}, 1 ms", fontsize=10)
         panel.set_xlabel("rotor inertia [kg m²]")

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAPER: dict[str, float] = {"standard": 0.1462, "mipsd": 0.039}  # standard deviation over mean
-SERVOS: tuple[GearboxKind, ...] = ("standard", "mipsd")
+GEARBOXES: tuple[GearboxKind, ...] = ("standard", "mipsd")
 FACTOR = 1.3  # within which a standard deviation counts as the same
 ORDER_FACTOR = 3.0  # the same for the arm and the posture, of which masses, gains and disturbance are unknown
 PRINTED = 0.01  # [deg] last digit of the paper's Table 3
@@ -54,7 +54,7 @@ NUDGE = 1e-9  # [rad]
 class SolverCase:
     """One walk, or one robot that holds still; the defaults are the documented settings."""
 
-    servos: GearboxKind = "standard"
+    gearbox: GearboxKind = "standard"
     step: float = 1e-3  # [s] SimTwo's default
     iterations: int = 10  # sweeps, likewise; 0: solved, as ODE's dWorldStep does
     mass: float = 1.0  # times the masses of robots/humanoid
@@ -105,7 +105,7 @@ FULL = ScatterSettings(
 class Scatter:
     """Standard deviations of the energy over its mean, a row of the map."""
 
-    servos: str
+    gearbox: str
     step: float  # [s]
     iterations: int
     mass: float
@@ -145,14 +145,14 @@ class Held:
 @dataclass(frozen=True, eq=False)
 class ScatterResult:
     settings: ScatterSettings
-    documented: dict[str, Scatter]  # by servos
+    documented: dict[str, Scatter]  # by gearbox
     solved: dict[str, Scatter]  # the same, without sweeps
     swept: dict[str, Scatter]  # the same, with many
     nudged: dict[str, float]  # deviation of the same cycle, solved, between starts off by `NUDGE`
     map: tuple[Scatter, ...]
     energies: dict[str, np.ndarray]  # of the documented setting (runs, strides) [J]
-    arms: dict[tuple[str, int, tuple[float, float]], Held]  # by servos, iterations, link
-    postures: dict[tuple[str, int, float], Held]  # by servos, iterations, mass
+    arms: dict[tuple[str, int, tuple[float, float]], Held]  # by gearbox, iterations, link
+    postures: dict[tuple[str, int, float], Held]  # by gearbox, iterations, mass
 
 
 def run(settings: ScatterSettings = QUICK, seed: int = 0, progress: bool = False) -> ScatterResult:
@@ -163,19 +163,19 @@ def run(settings: ScatterSettings = QUICK, seed: int = 0, progress: bool = False
     swept: dict[str, Scatter] = {}
     nudged: dict[str, float] = {}
     energies: dict[str, np.ndarray] = {}
-    for servos in SERVOS:
-        energies[servos], documented[servos] = walk(settings, planned, SolverCase(servos), settings.runs, seed)
-        solved[servos] = walk(settings, planned, SolverCase(servos, iterations=0), 2, seed)[1]
-        swept[servos] = walk(settings, planned, SolverCase(servos, iterations=MANY), settings.swept_runs, seed)[1]
-        nudged[servos] = nudge(settings, planned, servos)
+    for gearbox in GEARBOXES:
+        energies[gearbox], documented[gearbox] = walk(settings, planned, SolverCase(gearbox), settings.runs, seed)
+        solved[gearbox] = walk(settings, planned, SolverCase(gearbox, iterations=0), 2, seed)[1]
+        swept[gearbox] = walk(settings, planned, SolverCase(gearbox, iterations=MANY), settings.swept_runs, seed)[1]
+        nudged[gearbox] = nudge(settings, planned, gearbox)
     around = tuple(work_out(settings, seed=seed, progress=progress, planned=planned))
     arms: dict[tuple[str, int, tuple[float, float]], Held] = {
-        (servos, n, link): hold_arm(settings, servos, n, link, seed)
-        for servos, n, link in product(SERVOS, (SolverCase.iterations, 0), settings.links)
+        (gearbox, n, link): hold_arm(settings, gearbox, n, link, seed)
+        for gearbox, n, link in product(GEARBOXES, (SolverCase.iterations, 0), settings.links)
     }
     postures: dict[tuple[str, int, float], Held] = {
-        (servos, n, mass): hold_posture(settings, servos, n, mass, seed)
-        for servos, n, mass in product(SERVOS, settings.posture_iterations, (0.8, 1.0))
+        (gearbox, n, mass): hold_posture(settings, gearbox, n, mass, seed)
+        for gearbox, n, mass in product(GEARBOXES, settings.posture_iterations, (0.8, 1.0))
     }
     return ScatterResult(settings, documented, solved, swept, nudged, around, energies, arms, postures)
 
@@ -198,12 +198,12 @@ def walk(
     return energies, _scatter(setting, energies, sound, ways)
 
 
-def nudge(settings: ScatterSettings, planned: WalkingCost, servos: GearboxKind) -> float:
+def nudge(settings: ScatterSettings, planned: WalkingCost, gearbox: GearboxKind) -> float:
     """Return the deviation of the same cycle between solved walks that start with one joint off.
 
     Nothing random is left in these: what they differ by is what the walk makes of `NUDGE`.
     """
-    cost = _cost(settings, planned, SolverCase(servos))
+    cost = _cost(settings, planned, SolverCase(gearbox))
     state, reference = cost.beginning(cost.gait.to_vector())
     first = cost.scene.part("q")[0]
     starts = [state.copy() for _ in range(settings.nudged)]
@@ -219,7 +219,7 @@ def nudge(settings: ScatterSettings, planned: WalkingCost, servos: GearboxKind) 
 
 def _cost(settings: ScatterSettings, planned: WalkingCost, setting: SolverCase) -> WalkingCost:
     model = scale_masses(planned.scene.model, setting.mass)
-    cost = recompiled(planned, model, gearbox=setting.servos, integrator=EXPLICIT, timestep=setting.step)
+    cost = recompiled(planned, model, gearbox=setting.gearbox, integrator=EXPLICIT, timestep=setting.step)
     return replace(cost, warm_up=settings.warm_up, strides=settings.strides)
 
 
@@ -231,13 +231,13 @@ def _scatter(setting: SolverCase, energies: np.ndarray, sound: np.ndarray, ways:
         repeat = math.sqrt(E.var(axis=0, ddof=1).mean())
         deviations = E.std(ddof=1) / mean, repeat / mean, totals.std(ddof=1) / totals.mean()
         numbers = [float(x) for x in (mean, np.mean(ways), *deviations)]
-    return Scatter(setting.servos, setting.step, setting.iterations, setting.mass, runs, int((~sound).sum()), *numbers)
+    return Scatter(setting.gearbox, setting.step, setting.iterations, setting.mass, runs, int((~sound).sum()), *numbers)
 
 
 def map_settings(settings: ScatterSettings) -> list[SolverCase]:
-    """Return the cases of the map, both servos of each side by side."""
-    around = product(settings.masses, settings.iterations, settings.steps, SERVOS)
-    return [SolverCase(servos, step, n, mass) for mass, n, step, servos in around]
+    """Return the cases of the map, both gearboxes of each side by side."""
+    around = product(settings.masses, settings.iterations, settings.steps, GEARBOXES)
+    return [SolverCase(gearbox, step, n, mass) for mass, n, step, gearbox in around]
 
 
 def work_out(
@@ -250,7 +250,7 @@ def work_out(
 ) -> list[Scatter]:
     """Compute the map; with a path, store each finished row in that CSV, and read its rows first."""
     rows = [] if path is None else read_map(path)
-    known = {(row.servos, row.step, row.iterations, row.mass, row.runs) for row in rows}
+    known = {(row.gearbox, row.step, row.iterations, row.mass, row.runs) for row in rows}
     left = [s for s in map_settings(settings) if (*astuple(s), settings.map_runs) not in known]
     planned = planned or planned_walk()
     for setting in tqdm(left, "map", disable=not progress):
@@ -284,19 +284,19 @@ def write_map(path: FilePath, rows: Iterable[Scatter]) -> None:
 
 
 def hold_arm(
-    settings: ScatterSettings, servos: GearboxKind, iterations: int, link: tuple[float, float], seed: int = 0
+    settings: ScatterSettings, gearbox: GearboxKind, iterations: int, link: tuple[float, float], seed: int = 0
 ) -> Held:
     """Hold the seven joints upright from a small tilt; return the variance of the lowest joint [deg^2]."""
-    case = seven_joint_arm.Case(servos, link=link)
-    scene = compile_scene(seven_joint_arm.arm(case), servos, integrator=EXPLICIT, timestep=case.step)
+    case = seven_joint_arm.Case(gearbox, link=link)
+    scene = compile_scene(seven_joint_arm.arm(case), gearbox, integrator=EXPLICIT, timestep=case.step)
     state = initial_state(scene, case.tilt * np.random.default_rng(seed).standard_normal(7))
     angles, statuses = _held(settings, scene, state, np.zeros(7), [0], iterations, seed)
     return Held(angles[..., 0].var(axis=1), angles[..., 0].mean(axis=1), statuses)
 
 
-def hold_posture(settings: ScatterSettings, servos: GearboxKind, iterations: int, mass: float, seed: int = 0) -> Held:
+def hold_posture(settings: ScatterSettings, gearbox: GearboxKind, iterations: int, mass: float, seed: int = 0) -> Held:
     """Hold the humanoid in the posture of Table 3; return the standard deviations of its four joints [deg]."""
-    scene = posture.scene_of(posture.Case(servos, mass=mass))
+    scene = posture.scene_of(posture.Case(gearbox, mass=mass))
     places = [scene.model.joint_names.index(name) for name in posture.JOINTS]
     wanted = np.array([angle for angle, _ in posture.TABLE_3.values()])
     target = np.zeros(len(scene.model.joint_names))
@@ -334,9 +334,9 @@ def check(result: ScatterResult) -> list[Claim]:
     """Return the paper's claims that depend on its solver."""
     arms = {"standard": seven_joint_arm.PAPER_STANDARD, "mipsd": seven_joint_arm.PAPER_MIPSD}
     return [
-        *(_size(result, servos) for servos in SERVOS),
+        *(_size(result, gearbox) for gearbox in GEARBOXES),
         *(claim(result) for claim in (_both, _lower, _cause, _sensitive)),
-        *(_arm(result, servos, paper) for servos, paper in arms.items()),
+        *(_arm(result, gearbox, paper) for gearbox, paper in arms.items()),
         *(claim(result) for claim in (_table, _order, _rest)),
     ]
 
@@ -350,17 +350,17 @@ def pairs(rows: Iterable[Scatter]) -> list[tuple[Scatter, Scatter]]:
     """Return the rows of standard and MIPSD of each setting of a map."""
     found: dict[tuple, dict[str, Scatter]] = {}
     for row in rows:
-        found.setdefault((row.step, row.iterations, row.mass), {})[row.servos] = row
+        found.setdefault((row.step, row.iterations, row.mass), {})[row.gearbox] = row
     return [(both["standard"], both["mipsd"]) for both in found.values() if len(both) == 2]
 
 
-def _size(result: ScatterResult, servos: str) -> Claim:
-    ours, paper = result.documented[servos], PAPER[servos]
-    rows = [row for row in result.map if row.servos == servos]
+def _size(result: ScatterResult, gearbox: str) -> Claim:
+    ours, paper = result.documented[gearbox], PAPER[gearbox]
+    rows = [row for row in result.map if row.gearbox == gearbox]
     alike = [row for row in rows if near(row.cycle, paper)]
     places = "; ".join(f"{row.cycle:.1%} at {_place(row)}" for row in alike[:6])
     return Claim(
-        claim=f"Standard deviation of the energy of the same gait, {servos} model, in the paper's kind of program",
+        claim=f"Standard deviation of the energy of the same gait, {gearbox} model, in the paper's kind of program",
         item="Fig. 11",
         factor=ours.cycle / paper,
         paper=f"{paper:.2%} over 200 runs",
@@ -408,12 +408,12 @@ def like_paper(found: Iterable[tuple[Scatter, Scatter]], what: str = "cycle") ->
 def distance_to_paper(both: tuple[Scatter, Scatter], what: str = "cycle") -> float:
     """Return the larger log factor between the two figures and the paper's; infinite where all fell."""
     ours = [getattr(row, what) for row in both]
-    far = [abs(math.log(value / PAPER[kind])) for value, kind in zip(ours, SERVOS) if value > 0]
+    far = [abs(math.log(value / PAPER[kind])) for value, kind in zip(ours, GEARBOXES) if value > 0]
     return max(far) if len(far) == 2 else math.inf
 
 
 def _lower(result: ScatterResult) -> Claim:
-    standard, mipsd = (result.documented[servos] for servos in SERVOS)
+    standard, mipsd = (result.documented[gearbox] for gearbox in GEARBOXES)
     found = pairs(result.map)
     lower = [a for a, b in found if a.cycle > b.cycle]
     ratio, repeat = standard.cycle / mipsd.cycle, standard.repeat / mipsd.repeat
@@ -432,9 +432,9 @@ def _lower(result: ScatterResult) -> Claim:
 
 def _cause(result: ScatterResult) -> Claim:
     none = all(row.repeat == 0.0 for row in result.solved.values())
-    less = all(result.swept[servos].repeat < 0.5 * result.documented[servos].repeat for servos in SERVOS)
-    words = ", ".join(f"{servos} {row.repeat:.2%}" for servos, row in result.solved.items())
-    swept = ", ".join(f"{servos} {row.repeat:.2%}" for servos, row in result.swept.items())
+    less = all(result.swept[gearbox].repeat < 0.5 * result.documented[gearbox].repeat for gearbox in GEARBOXES)
+    words = ", ".join(f"{gearbox} {row.repeat:.2%}" for gearbox, row in result.solved.items())
+    swept = ", ".join(f"{gearbox} {row.repeat:.2%}" for gearbox, row in result.swept.items())
     return question(
         claim="The scatter comes from the random order of an unfinished iteration",
         ours=f"the same problem solved: {words} from run to run",
@@ -446,7 +446,7 @@ def _cause(result: ScatterResult) -> Claim:
 
 
 def _sensitive(result: ScatterResult) -> Claim:
-    standard, mipsd = (result.nudged[servos] for servos in SERVOS)
+    standard, mipsd = (result.nudged[gearbox] for gearbox in GEARBOXES)
     return question(
         claim="The standard model amplifies any difference between runs into scatter, MIPSD does not",
         ours=f"standard {standard:.1%}, MIPSD {mipsd:.1e}",
@@ -457,25 +457,25 @@ def _sensitive(result: ScatterResult) -> Claim:
     )
 
 
-def _arm(result: ScatterResult, servos: str, paper: float) -> Claim:
-    found = {key[1:]: held for key, held in result.arms.items() if key[0] == servos}
+def _arm(result: ScatterResult, gearbox: str, paper: float) -> Claim:
+    found = {key[1:]: held for key, held in result.arms.items() if key[0] == gearbox}
     ours = found[SolverCase.iterations, seven_joint_arm.LARGE].typical
     alike = [key for key, held in found.items() if near(float(held.typical), paper, ORDER_FACTOR)]
     words = "; ".join(
         f"{held.typical:.2g} {'solved' if n == 0 else f'at {n} sweeps'}, links of {link[0]:g} kg and {link[1]:g} m"
         for (n, link), held in found.items()
     )
-    stiller = servos == "mipsd" and ours < paper
+    stiller = gearbox == "mipsd" and ours < paper
     return Claim(
-        claim=f"Seven joints held upright, {servos} model, in the paper's kind of program: variance of the lowest "
+        claim=f"Seven joints held upright, {gearbox} model, in the paper's kind of program: variance of the lowest "
         "[deg^2]",
-        item={"standard": "Fig. 9"}.get(servos, "Fig. 10"),
+        item={"standard": "Fig. 9"}.get(gearbox, "Fig. 10"),
         factor=float(ours) / paper,
         paper=f"{paper:g}, printed as rad^2",
         ours=f"{ours:.2g} (median of {result.settings.seeds} seeds)",
         verdict=classify(near(ours, paper, ORDER_FACTOR), bool(alike) or stiller),
         why=f"Rule: within a factor {ORDER_FACTOR:g} with the arm of 0.1 kg and 0.1 m at 10 sweeps; in direction if "
-        f"elsewhere{', or if stiller' if servos == 'mipsd' else ''}. {words}",
+        f"elsewhere{', or if stiller' if gearbox == 'mipsd' else ''}. {words}",
     )
 
 
@@ -496,9 +496,9 @@ def _table(result: ScatterResult) -> Claim:
     )
 
 
-def _postures(result: ScatterResult, servos: str) -> tuple[dict[tuple[int, float], np.ndarray], str]:
+def _postures(result: ScatterResult, gearbox: str) -> tuple[dict[tuple[int, float], np.ndarray], str]:
     """Return the typical deviations of the joints [deg] by sweeps and masses, and the same as text."""
-    found = {key[1:]: held.typical for key, held in result.postures.items() if key[0] == servos}
+    found = {key[1:]: held.typical for key, held in result.postures.items() if key[0] == gearbox}
     words = (f"{_numbers(typical)} at {n} sweeps and {mass:g} of the mass" for (n, mass), typical in found.items())
     return found, "; ".join(words)
 
@@ -564,13 +564,13 @@ def plot(result: ScatterResult) -> dict[str, Figure]:
 
 def _runs(result: ScatterResult) -> Figure:
     figure, axes = subplots(9.0, 3.6, 1, 2, sharey=True)
-    for panel, servos in zip(axes, SERVOS):
-        E = result.energies[servos]
+    for panel, gearbox in zip(axes, GEARBOXES):
+        E = result.energies[gearbox]
         off = 100.0 * (E / np.nanmean(E) - 1.0)
         places = np.arange(1, len(E) + 1)
         for k in range(E.shape[1]):
-            panel.plot(places, off[:, k], ".", ms=4, color=SERVO_COLORS[servos], alpha=0.3 + 0.7 * k / E.shape[1])
-        panel.set(title=f"{servos}: {_said(result.documented[servos])}", xlabel="run")
+            panel.plot(places, off[:, k], ".", ms=4, color=SERVO_COLORS[gearbox], alpha=0.3 + 0.7 * k / E.shape[1])
+        panel.set(title=f"{gearbox}: {_said(result.documented[gearbox])}", xlabel="run")
     axes[0].set_ylabel("energy less mean [%]")
     return figure
 
@@ -581,11 +581,11 @@ def plot_map(rows: Sequence[Scatter]) -> Figure:
     sweeps = sorted({row.iterations for row in rows})
     figure, axes = subplots(3.0 * len(masses) + 1.0, 3.8, 1, len(masses), sharey=True, squeeze=False)
     for panel, mass in zip(axes[0], masses):
-        for servos, (n, mark) in product(SERVOS, zip(sweeps, ("v", "o", "^", "s", "D"))):
-            line = sorted((r.step, r.cycle) for r in rows if (r.servos, r.iterations, r.mass) == (servos, n, mass))
+        for gearbox, (n, mark) in product(GEARBOXES, zip(sweeps, ("v", "o", "^", "s", "D"))):
+            line = sorted((r.step, r.cycle) for r in rows if (r.gearbox, r.iterations, r.mass) == (gearbox, n, mass))
             steps, values = np.array(line).T
-            label = f"{servos}, {n} sweeps"
-            panel.plot(1e3 * steps, 100.0 * values, marker=mark, ms=4, lw=1.0, color=SERVO_COLORS[servos], label=label)
+            label = f"{gearbox}, {n} sweeps"
+            panel.plot(1e3 * steps, 100.0 * values, marker=mark, ms=4, lw=1.0, color=SERVO_COLORS[gearbox], label=label)
         for kind, paper in PAPER.items():
             panel.axhspan(100 * paper / FACTOR, 100 * paper * FACTOR, color=SERVO_COLORS[kind], alpha=0.12, linewidth=0)
             panel.axhline(100 * paper, color=SERVO_COLORS[kind], linestyle=":", linewidth=1.2)

@@ -1,4 +1,4 @@
-"""Which files of this package a module is made of: itself, and all that it imports, and what they import.
+"""Find the files of this package that a module is made of: itself, all that it imports, and what they import.
 
 Results that were kept belong to the program that made them; a change of a file that it never loads does not make them
 others.

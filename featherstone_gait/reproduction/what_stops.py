@@ -1,4 +1,4 @@
-"""Where a search stops: at the paper's 14 % less energy and 13 % longer steps, or beyond (section 5, Fig. 16).
+"""Find where a search stops: at the paper's 14 % less energy and 13 % longer steps, or beyond (section 5, Fig. 16).
 
 The paper reports one search from one first gait.  It does not state which gait that was, whether its four states are
 those of a stride or of a step, and how its simulator's scatter entered the cost.  So each of these is varied:
@@ -62,10 +62,10 @@ TABLE = Format("search table")
 
 @dataclass(frozen=True)
 class Condition:
-    """What is searched, and from which start."""
+    """A search: program, first gait and floors."""
 
     program: str = OURS
-    servos: GearboxKind = "mipsd"
+    gearbox: GearboxKind = "mipsd"
     step: float = 1e-3  # [s]
     plan: PlanKind = "plain"
     states: States = "stride"
@@ -73,17 +73,17 @@ class Condition:
 
     def __str__(self) -> str:
         if self.program == PAPERS:
-            return f"{self.servos}, {PAPERS}, {1e3 * self.step:g} ms"
+            return f"{self.gearbox}, {PAPERS}, {1e3 * self.step:g} ms"
         floors = "one floor" if self.floors == 1 else f"{self.floors} floors"
         return f"{self.plan} plan, states of a {self.states}, {floors}"
 
 
 FIRST: tuple[PlanKind, ...] = ("plain", "cheapest")
 READINGS: tuple[States, ...] = ("stride", "step")
-SERVOS: tuple[GearboxKind, ...] = ("standard", "mipsd")
+GEARBOXES: tuple[GearboxKind, ...] = ("standard", "mipsd")
 CONDITIONS = (
     *(Condition(plan=p, states=s, floors=n) for n, p, s in product((1, 8), FIRST, READINGS)),
-    *(Condition(PAPERS, servos, step) for step, servos in product((1e-3, 2e-3), SERVOS)),
+    *(Condition(PAPERS, gearbox, step) for step, gearbox in product((1e-3, 2e-3), GEARBOXES)),
 )
 
 
@@ -107,7 +107,7 @@ class StopRow:
     """A search; iterations at which something never happened are -1."""
 
     program: str
-    servos: str
+    gearbox: str
     step: float  # [s]
     plan: str
     states: str
@@ -190,7 +190,7 @@ def _first(condition: Condition) -> WalkingCost:
     planned = _planned(condition.plan, condition.states)
     if condition.program == OURS:
         return planned
-    return recompiled(planned, gearbox=condition.servos, integrator=EXPLICIT, timestep=condition.step)
+    return recompiled(planned, gearbox=condition.gearbox, integrator=EXPLICIT, timestep=condition.step)
 
 
 def _searched(settings: StopSettings, cost: WalkingCost, condition: Condition, seed: int) -> OptimizeResult:
@@ -324,7 +324,7 @@ def _faster(result: StopResult) -> Claim:
     """Return the claim: reproduced if both converge within the factor of the paper's at one step."""
     found = {}
     for step in sorted({s.row.step for s in result.searches if s.row.program == PAPERS}):
-        rows = [[s.row for s in result.of(Condition(PAPERS, servos, step))] for servos in SERVOS]
+        rows = [[s.row for s in result.of(Condition(PAPERS, gearbox, step))] for gearbox in GEARBOXES]
         if all(rows):
             found[step] = [float(np.median([row.converged for row in each])) for each in rows]
     enough = bool(found) and result.settings.iterations >= PAPER_OLD
@@ -349,7 +349,7 @@ COLOURS = SERVO_COLORS | {"plain": STYLE[3], "cheapest": STYLE[2]}
 
 
 def _color(row: StopRow) -> str:
-    return COLOURS[row.plan if row.program == OURS else row.servos]
+    return COLOURS[row.plan if row.program == OURS else row.gearbox]
 
 
 @look()
@@ -375,7 +375,7 @@ def _courses(result: StopResult) -> Figure:
         for one in searches:
             row = one.row
             dashed = row.states == "step" or row.step > 1e-3
-            label = f"{row.plan} plan" if row.program == OURS else row.servos
+            label = f"{row.plan} plan" if row.program == OURS else row.gearbox
             panel.plot(100.0 * (one.best - 1.0), "--" if dashed else "-", color=_color(row), label=label)
         panel.axhline(100.0 * PAPER_COST, color="0.3", linestyle=":")
         panel.set(title=name, xlabel="iteration", xlim=(0, result.settings.iterations))
@@ -390,7 +390,7 @@ def _ends(result: StopResult) -> Figure:
         row = search.row
         hollow = row.states == "step" or row.step > 1e-3
         mark = "^" if row.program == PAPERS else "s" if row.floors > 1 else "o"
-        name = f"{row.servos}, {PAPERS}" if row.program == PAPERS else (
+        name = f"{row.gearbox}, {PAPERS}" if row.program == PAPERS else (
             f"{row.plan} plan, {'one floor' if row.floors == 1 else 'eight floors'}"
         )  # fmt: skip
         panel.plot(

@@ -316,11 +316,11 @@ def test_solved_no_seed_matters():
 @pytest.mark.quick("standard-*")
 @pytest.mark.nojit
 @pytest.mark.parametrize(
-    ("servos", "bits"),
+    ("gearbox", "bits"),
     [pytest.param("standard", "d6c03a837fb8f09b", marks=pytest.mark.bounds), ("mipsd", "3ed23956b3d6aa80")],
 )
-def test_the_bits_are_these_compiled_or_not(servos, bits):
-    scene = compile_scene(load_robot("humanoid", locked="simplified"), servos, Ground(), "simtwo", 1e-3)
+def test_the_bits_are_these_compiled_or_not(gearbox, bits):
+    scene = compile_scene(load_robot("humanoid", locked="simplified"), gearbox, Ground(), "simtwo", 1e-3)
     reference = Reference([0.0], np.full((1, 10), 0.1))
     assert digest(maximal.simulate(scene, 0.02, None, reference, engine=Engine(iterations=2), seed=5)) == bits
 

@@ -48,8 +48,8 @@ def test_a_map_goes_on_where_it_was(planned, tmp_path):
         solver_scatter.read_map(path)
 
 
-def row(servos, cycle, step=1e-3):
-    return Scatter(servos, step, 10, 1.0, 40, 0, 3.0, 0.2, cycle, cycle, cycle / 2)
+def row(gearbox, cycle, step=1e-3):
+    return Scatter(gearbox, step, 10, 1.0, 40, 0, 3.0, 0.2, cycle, cycle, cycle / 2)
 
 
 def test_settings_are_judged_by_both_figures():

@@ -76,7 +76,7 @@ def test_noise_makes_the_search_believe_what_is_not_so(result):
     for condition, least in ((MIPSD_NOISY, 0.03), (STANDARD_NOISY, 0.1)):
         (search,) = result.of(condition)
         assert search.best[-1] < (1.0 - least) * search.cost[-1]
-        clean = result.of(MIPSD if condition.servos == "mipsd" else STANDARD)[0]
+        clean = result.of(MIPSD if condition.gearbox == "mipsd" else STANDARD)[0]
         assert search.cost[-1] > clean.cost[-1]
 
 

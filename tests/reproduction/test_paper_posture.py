@@ -58,7 +58,7 @@ def test_the_proportional_law_droops_by_the_static_torque(result):
 def test_integral_action_centers_the_angles(result):
     """Its rest after 7 of its time constants is e^-7 of 0.5 deg; the standing sway is another 0.001 deg."""
     for base in BASES:
-        assert np.abs(result.of(servos="mipsd", base=base).mean - REFERENCE).max() < 5e-3
+        assert np.abs(result.of(gearbox="mipsd", base=base).mean - REFERENCE).max() < 5e-3
 
 
 def test_the_standard_model_chatters_and_the_others_stand_still(result):
@@ -70,11 +70,11 @@ def test_the_standard_model_chatters_and_the_others_stand_still(result):
         assert 0.03 < found.typical[elbow] < 0.3
         assert 0.03 < found.typical[shoulder] < 0.3
     for base in BASES:
-        assert set(result.of(servos="mipsd", base=base).statuses) == {"ok"}
+        assert set(result.of(gearbox="mipsd", base=base).statuses) == {"ok"}
         # Standing with MIPSD a sway of 0.02 deg dies away slowly, twice that at the earlier window of this test.
-        assert result.of(servos="mipsd", base=base).typical.max() < 0.08
+        assert result.of(gearbox="mipsd", base=base).typical.max() < 0.08
         assert result.of(integrator=IMPLICIT, base=base).typical.max() < 2e-3
-    assert result.of(servos="rotor", base="fixed").typical.max() < 2e-3
+    assert result.of(gearbox="rotor", base="fixed").typical.max() < 2e-3
 
 
 def test_the_chatter_hangs_on_step_and_inertia(result):
@@ -93,9 +93,9 @@ def test_the_least_inertia_shakes_most(result):
 
 
 def test_fast_integral_action_topples_the_standing_robot_with_every_model(result):
-    for servos in ("standard", "mipsd"):
+    for gearbox in ("standard", "mipsd"):
         for integrator in (EXPLICIT, IMPLICIT):
-            assert result.of(servos=servos, integrator=integrator, integral_time=SHORT_INTEGRAL_TIME).fell
+            assert result.of(gearbox=gearbox, integrator=integrator, integral_time=SHORT_INTEGRAL_TIME).fell
 
 
 def test_verdicts(result):

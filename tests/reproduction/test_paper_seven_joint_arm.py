@@ -64,7 +64,7 @@ def test_it_is_an_error_of_integration(result):
 def test_rotor_or_implicit_integration_is_enough(result):
     """Both leave at most 1e-6 deg^2 of at least 0.8: six decades, of which one is to spare."""
     least = result.of().error.min()
-    for change in ({"servos": "rotor"}, {"integrator": IMPLICIT}, {"servos": "rotor", "step": 1e-2}):
+    for change in ({"gearbox": "rotor"}, {"integrator": IMPLICIT}, {"gearbox": "rotor", "step": 1e-2}):
         found = result.of(**change)
         assert found.sound
         assert found.error.max() < 1e-5 * least
@@ -73,26 +73,26 @@ def test_rotor_or_implicit_integration_is_enough(result):
 def test_compliance_makes_it_worse(result):
     """2 to 4 decades more error than rigid with the same rotor, for every disturbance; it chatters from 2 ms on."""
     for integrator in (EXPLICIT, IMPLICIT):
-        rigid, compliant = (result.of(servos=s, integrator=integrator) for s in ("rotor", "mipsd"))
+        rigid, compliant = (result.of(gearbox=s, integrator=integrator) for s in ("rotor", "mipsd"))
         assert (compliant.error > 50.0 * rigid.error).all()
         assert compliant.word == rigid.word == "holds"
-    assert result.of(servos="rotor", step=2e-3).word == "holds"
-    assert result.of(servos="mipsd", step=2e-3).word == "chatters"
-    assert result.of(servos="mipsd", step=1e-2).word == "fails"
+    assert result.of(gearbox="rotor", step=2e-3).word == "holds"
+    assert result.of(gearbox="mipsd", step=2e-3).word == "chatters"
+    assert result.of(gearbox="mipsd", step=1e-2).word == "fails"
     assert result.of(**ALONE).word == "fails"
     assert result.of(**ALONE, integrator=IMPLICIT).word == "holds"
 
 
 def test_what_is_left_with_mipsd_is_the_disturbance_dying_away(result):
     """A linear decay: the square of a ratio of 10, but for the few ticks in which the voltage is clipped."""
-    small, large = (result.of(servos="mipsd", tilt=tilt) for tilt in (1e-4, 1e-3))
+    small, large = (result.of(gearbox="mipsd", tilt=tilt) for tilt in (1e-4, 1e-3))
     np.testing.assert_allclose(large.error / small.error, 100.0, rtol=0.3)
     seconds = np.median(large.history, axis=0)
     assert seconds[-1] < 1e-3 * seconds[1]
 
 
 def test_the_compliant_gearbox_swings_at_high_gain_where_the_rigid_one_holds(result):
-    assert [result.of(servos=s, integrator=IMPLICIT, Kp=120.0).word for s in ("mipsd", "rotor")] == ["swings", "holds"]
+    assert [result.of(gearbox=s, integrator=IMPLICIT, Kp=120.0).word for s in ("mipsd", "rotor")] == ["swings", "holds"]
 
 
 @pytest.mark.parametrize("link", [Case.link, SMALL])
@@ -107,8 +107,8 @@ def test_the_arm_buckles_below_the_least_gain(link):
 def test_the_printed_constants_hold_no_arm_and_their_other_readings_only_without_a_limit_on_the_damper(result):
     """They hold by their damper alone, and the program of 2012 lets it pass G 0.2 J / h, 5 mN m: the arm sinks."""
     words = {
-        (gearbox, integrator): result.of(servos="mipsd", gearbox=gearbox, integrator=integrator).word
-        for gearbox in ("paper_literal", "code_2012", "paper_rotor_side")
+        (preset, integrator): result.of(gearbox="mipsd", preset=preset, integrator=integrator).word
+        for preset in ("paper_literal", "code_2012", "paper_rotor_side")
         for integrator in (EXPLICIT, IMPLICIT)
     }
     assert {words["paper_literal", i] for i in (EXPLICIT, IMPLICIT)} == {"falls"}
@@ -131,7 +131,7 @@ def test_verdicts(result):
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_one_the_same_words(result):
-    settings, case = replace(SHORT, disturbances=3, duration=4.0, dropped=2.0), Case(servos="mipsd")
+    settings, case = replace(SHORT, disturbances=3, duration=4.0, dropped=2.0), Case(gearbox="mipsd")
     tilts = [np.random.default_rng(seed).standard_normal((3, 7)) for seed in (0, 0, 5)]
     first, again, other = (hold(case, settings, tilt) for tilt in tilts)
     np.testing.assert_array_equal(first.error, again.error)

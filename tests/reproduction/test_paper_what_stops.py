@@ -26,7 +26,7 @@ PLAIN, FAIR = Condition(), Condition(plan="cheapest")
 def ended(condition, cost, longer, converged=700, passed=20, **how):
     """A search that ended so."""
     row = StopRow(
-        **{name: getattr(condition, name) for name in ("program", "servos", "step", "plan", "states", "floors")},
+        **{name: getattr(condition, name) for name in ("program", "gearbox", "step", "plan", "states", "floors")},
         seed=0, iterations=FULL.iterations, first=64.0, best=64.0 * (1.0 + cost), cost=cost, longer=longer, fell=0,
         passed=passed, longer_then=0.15, stepped=20, converged=converged, converged_gain=400,
     )  # fmt: skip
@@ -38,7 +38,7 @@ def verdicts(*searches, iterations=FULL.iterations):
     return [claim.verdict for claim in what_stops.check(StopResult(replace(FULL, iterations=iterations), searches))]
 
 
-STANDARD, MIPSD = (Condition(PAPERS, servos, 2e-3) for servos in ("standard", "mipsd"))
+STANDARD, MIPSD = (Condition(PAPERS, gearbox, 2e-3) for gearbox in ("standard", "mipsd"))
 
 
 def test_a_search_stops_there_if_both_figures_are_within_five_points():

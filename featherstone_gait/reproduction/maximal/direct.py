@@ -1,4 +1,4 @@
-"""The same problem solved: which rows are at a bound is guessed, the rest is a linear system, and the guess mended.
+"""Solve the same problem directly: guess the rows at a bound, solve the linear system of the rest, mend the guess.
 
 A semi-smooth Newton iteration on lambda = clamp(lambda - (A lambda - right) / diagonal, low, high), the bounds of
 friction rows among the unknowns.  Where it finds no end the rows are swept until they change no more.

@@ -1,4 +1,4 @@
-"""What a maximal-coordinate engine is set to, and a step of it."""
+"""Settings of the maximal-coordinate engine, and a step of it."""
 
 from __future__ import annotations
 

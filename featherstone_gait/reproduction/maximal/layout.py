@@ -1,4 +1,4 @@
-"""What the kernels read and overwrite: records of bodies, joints and contacts, and the columns of the workspace.
+"""Records that the kernels read and overwrite: those of bodies, joints and contacts, and the columns of the workspace.
 
 Body 0 is the world, which has no inertia to give: its inverse mass is zero.  Vectors are in world axes unless said
 otherwise, linear before angular, as in a body's twist about its center of mass.
@@ -110,7 +110,7 @@ INTEGERS = 5
 
 @structure
 class World(NamedTuple):
-    """What does not change during a run."""
+    """Arrays and numbers that do not change during a run."""
 
     bodies: np.ndarray  # (nb,) BODY
     joints: np.ndarray  # (joints,) JOINT
@@ -122,7 +122,7 @@ class World(NamedTuple):
 
 @structure
 class Work(NamedTuple):
-    """What every step overwrites."""
+    """Arrays that every step overwrites."""
 
     X: np.ndarray  # (nb, COLUMNS)
     J: np.ndarray  # (rows, 12) Jacobian
