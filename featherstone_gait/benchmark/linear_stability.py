@@ -98,7 +98,7 @@ def step_matrix(integrator: str, linear: Linear, h: float) -> np.ndarray:
 
 
 def growth(integrator: str, linear: Linear, Kp: float, h: float, period: float) -> float:
-    """Return the largest growth of a deviation from rest in a controller period, the whole number of steps nearest to it."""
+    """Return the largest growth of a deviation from rest in a controller period, a whole number of steps."""
     N, n = linear.B.shape
     feedback = np.eye(3 * N + n)[:, : 3 * N]
     feedback[3 * N :, :n] = -Kp * np.eye(n)
