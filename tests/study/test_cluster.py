@@ -56,6 +56,15 @@ def test_same_bytes_as_local_streamed_back_though_a_worker_is_killed(cluster, tm
     assert len(again) <= 10
 
 
+def test_workers_have_the_integrators_that_other_packages_add(cluster, tmp_path):
+    path = tmp_path / "study.toml"
+    text = 'robot = "ax12_arm"\nexperiment = "hold"\nduration = 0.5\n[vary]\nservo.Kp = [20.0, 80.0]\n[scene]\n'
+    path.write_text(text + "gearbox = 'standard'\nintegrator = 'simtwo'\n", "utf-8")
+    with Client(cluster) as client:
+        outcome = run_study(read_study(path), tmp_path / "paper", executor=client.get_executor())
+    assert outcome.statuses == {"ok": 2}
+
+
 def kill_one(log, pid, rows):
     """Kill a worker once some batches are back; note how many runs there were."""
     while not log.exists() or log.read_bytes().count(b"\n") <= 2 * BATCH:
