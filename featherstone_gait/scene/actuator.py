@@ -20,7 +20,7 @@ from ..core.effects.rigid_servo import RigidServo
 from ..core.integrate.integrator import Integrator
 from ..model import TORQUE_LAWS, Model, Servo
 from .gearbox_kinds import GEARBOX_KINDS, GearboxKind
-from .records import fill, records
+from .records import fill, filled, records
 from .tree import joint_armature
 
 Actuator: TypeAlias = PDServo | MipsdServo | RigidServo
@@ -75,21 +75,15 @@ def _actuator(model: Model, servos: list[Servo | None], kind: GearboxKind, conti
 
 
 def _motors(servos: list[Servo | None]) -> np.recarray:
-    table = records(len(servos), MOTOR)
-    table.resistance = 1.0  # a joint without a servo: no torque, no current
-    for row, servo in zip(table, servos):
-        if servo is not None:
-            fill(row, servo)
-            row.torque_constant = servo.gearbox.ratio * servo.motor_constant
+    table = filled(MOTOR, [(servo,) if servo else None for servo in servos])
+    table.resistance = [servo.resistance if servo else 1.0 for servo in servos]  # no servo: no torque, no current
+    table.torque_constant = [servo.gearbox.ratio * servo.motor_constant if servo else 0.0 for servo in servos]
     return table
 
 
 def _controllers(servos: list[Servo | None]) -> np.recarray:
-    table = records(len(servos), CONTROLLER)
-    for row, servo in zip(table, servos):
-        if servo is not None:
-            fill(row, servo.controller, servo)
-            row.law = LAWS[servo.controller.law]
+    table = filled(CONTROLLER, [(servo.controller, servo) if servo else None for servo in servos])
+    table.law = [LAWS[servo.controller.law] if servo else 0 for servo in servos]
     return table
 
 

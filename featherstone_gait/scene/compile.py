@@ -6,14 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..base import deprecated
 from ..base.arguments import shown
 from ..base.portable_math import sincos
-from ..core.effects.contact import Contact
 from ..core.effects.gear_friction import GearFriction
 from ..core.integrate import INTEGRATORS
 from ..core.integrate.integrator import Integrator
@@ -287,81 +286,59 @@ def compile_scene(
     """
     given = SceneOptions(gearbox, ground, integrator, timestep, gravity, fall_height, fall_tilt, springs)
     options = check_options(model, given)
-    parts = _build(model, options)
-    check = preflight(model, parts.drive, parts.friction, parts.springs, options)
-    method, h = _method(check.integrator, parts), check.timestep
-    period, lag = controller_period(model, parts.drive, h, NO_SERVO_TICK)
-    fold_springs(parts.drive, method, h, check.inertias)
-    constants = _constants(model, parts, check, method, options, round(period / h))
+    tree, drive, g = compile_tree(model), build_drive(model, options.gearbox), np.asarray(options.gravity)
+    contact, ties = build_contact(model, tree, ground, g), build_springs(tree, options.springs)
+    friction = build_friction(model, drive)
+    check = preflight(model, drive, friction, ties, options)
+    method, h = _method(check.integrator, drive, friction), check.timestep
+    period, lag = controller_period(model, drive, h, NO_SERVO_TICK)
+    ticks = round(period / h)
+    fold_springs(drive, method, h, check.inertias)
+    if method.drives or method.soft:  # takes another friction than the one that limits steps
+        friction = build_friction(model, drive, bool(method.drives), method.soft)
+    constants = Scene(
+        tree=tree.bodies,
+        floating=True if tree.floating else None,
+        gravity=g,
+        actuator=drive.actuator,
+        decay=build_decay(drive, h),
+        armature=drive.armature,
+        friction=friction,
+        stops=build_stops(model, drive, check.inertias, options.g),
+        contact=contact,
+        push=None,
+        springs=ties,
+        coupling=tree.coupling,
+        firmware=build_firmware(model, drive, h, ticks),
+        supply=build_supply(model, drive),
+    )
     lowest, upright_cosine, upright = _fall_limits(model, options)
-    limited = check.folded_step < STIFF or sticks(constants.friction)
     return CompiledScene(
         model=model,
-        tree=parts.tree,
+        tree=tree,
         constants=constants,
-        places=_places(parts.tree, parts.drive, constants),
+        places=_places(tree, drive, constants),
         method=method,
         options=options._replace(integrator=method.name, timestep=h),
-        tick_steps=round(period / h),
+        tick_steps=ticks,
         lag=lag,
         preflight=check,
         fall_height=lowest,
         fall_upright=upright_cosine,
         upright=upright,
-        stiff=parts.drive.sampled or ground is not None or limited,
+        stiff=drive.sampled or ground is not None or check.folded_step < STIFF or sticks(friction),
         compiled=constants,
     )
 
 
-class _Parts(NamedTuple):
-    """What does not depend on the step."""
-
-    tree: Tree
-    drive: Drive
-    contact: Contact | None
-    springs: np.recarray | None
-    friction: Friction | None
-
-
-def _build(model: Model, options: SceneOptions) -> _Parts:
-    tree, drive = compile_tree(model), build_drive(model, options.gearbox)
-    contact = build_contact(model, tree, options.ground, np.asarray(options.gravity))
-    return _Parts(tree, drive, contact, build_springs(tree, options.springs), build_friction(model, drive))
-
-
-def _method(name: str, parts: _Parts) -> Integrator:
+def _method(name: str, drive: Drive, friction: Friction | None) -> Integrator:
     """Look up an integrator; raise ValueError if it does not suit the servos or their friction."""
     method = INTEGRATORS[name]
-    if method.drives and not isinstance(parts.drive.actuator, method.drives):
+    if method.drives and not isinstance(drive.actuator, method.drives):
         raise ValueError(f"{name} is the update order of sampled servos; use implicit_euler for other scenes")
-    if method.drives and isinstance(parts.friction, GearFriction):
+    if method.drives and isinstance(friction, GearFriction):
         raise ValueError(f"{name} knows no friction that depends on load or speed; use another integrator")
     return method
-
-
-def _constants(
-    model: Model, parts: _Parts, check: Preflight, method: Integrator, options: SceneOptions, tick_steps: int
-) -> Scene:
-    """Put together what the kernels read, for a step and an integrator."""
-    tree, drive, friction = parts.tree, parts.drive, parts.friction
-    if method.drives or method.soft:  # takes another friction than the one that limits steps
-        friction = build_friction(model, drive, bool(method.drives), method.soft)
-    return Scene(
-        tree=tree.bodies,
-        floating=True if tree.floating else None,
-        gravity=np.asarray(options.gravity),
-        actuator=drive.actuator,
-        decay=build_decay(drive, check.timestep),
-        armature=drive.armature,
-        friction=friction,
-        stops=build_stops(model, drive, check.inertias, options.g),
-        contact=parts.contact,
-        push=None,
-        springs=parts.springs,
-        coupling=tree.coupling,
-        firmware=build_firmware(model, drive, check.timestep, tick_steps),
-        supply=build_supply(model, drive),
-    )
 
 
 def _fall_limits(model: Model, options: SceneOptions) -> tuple[float, float, tuple[float, float, float]]:

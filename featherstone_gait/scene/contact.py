@@ -34,7 +34,7 @@ def build_contact(model: Model, tree: Tree, ground: Ground | None, gravity: np.n
     if not model.contacts:
         raise ValueError(f"{model.name}: ground without contact points; {CONTACTS}, or ground=None")
     g = math.sqrt(dot(gravity, gravity))
-    if not dot(_normal(ground), gravity) < 0:
+    if not dot(plane_axes(ground)[0], gravity) < 0:
         raise ValueError(
             f"{model.name}: ground under gravity {tuple(gravity.tolist())} m/s^2, which presses nothing on it: its "
             "stiffness follows from the robot's weight; give a gravity that points into the ground, or ground=None"
@@ -87,20 +87,18 @@ def _curvature(model: Model, tree: Tree) -> Spheres | Discs | None:
     return None
 
 
-def _normal(ground: Ground) -> tuple[float, float, float]:
+def plane_axes(ground: Ground) -> np.ndarray:
+    """Return normal, first and second tangent of a plane ground, in rows (3, 3)."""
     s, c = sincos(ground.slope)
     sine, cosine = sincos(ground.heading)
-    return (-s * cosine + 0.0, -s * sine + 0.0, c)  # + 0.0: no negative zeros
+    normal = (-s * cosine + 0.0, -s * sine + 0.0, c)  # + 0.0: no negative zeros
+    return np.array([normal, (c * cosine, c * sine, s), (-sine + 0.0, cosine, 0.0)])
 
 
 def _plane(ground: Ground) -> Plane:
-    s, c = sincos(ground.slope)
-    sine, cosine = sincos(ground.heading)
-    plane = records(1, PLANE)
-    plane[0].normal = _normal(ground)
-    plane[0].first, plane[0].second = (c * cosine, c * sine, s), (-sine + 0.0, cosine, 0.0)
-    plane[0].height = ground.height * c
-    rises = records(len(ground.steps), RISE)
+    plane, rises = records(1, PLANE), records(len(ground.steps), RISE)
+    plane[0].normal, plane[0].first, plane[0].second = axes = plane_axes(ground)
+    plane[0].height = ground.height * axes[0, 2]
     for row, (start, rise) in zip(rises, ground.steps):
         row.start, row.rise = start, rise
     return Plane(plane, rises)
@@ -136,12 +134,6 @@ def ground_under(ground: Ground, points: np.ndarray) -> np.ndarray:
     return out
 
 
-def plane_axes(ground: Ground) -> np.ndarray:
-    """Return normal, first and second tangent of a plane ground, in rows (3, 3)."""
-    plane = _plane(ground).plane[0]
-    return np.stack([plane.normal, plane.first, plane.second])
-
-
 def standing_height(model: Model, ground: Ground, q: np.ndarray) -> float:
     """Compute the height of the base [m] at which the lowest contact in posture q is at its static penetration."""
     if ground.field is not None:
@@ -149,7 +141,7 @@ def standing_height(model: Model, ground: Ground, q: np.ndarray) -> float:
     clearances = []
     s, c = sincos(ground.slope)
     sine, cosine = sincos(ground.heading)
-    for x in deepest_points(model, link_poses(model, q), _normal(ground)):
+    for x in deepest_points(model, link_poses(model, q), plane_axes(ground)[0]):
         ahead = cosine * x[0] + sine * x[1] if ground.heading else x[0]
         surface = ground.height + s / c * ahead
         along = c * ahead + s * surface

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from ..core.effects.firmware import BAND, PWM, Delay, Firmware
 from ..core.effects.supply import SUPPLY
 from ..model import Controller, Model
 from .actuator import Drive
-from .records import fill, records
+from .records import filled
 
 MOST_WAITING = 1000  # voltages of a servo
 COUNT = 1e-9  # of a count or a step, that rounding may leave
@@ -24,28 +25,20 @@ def build_firmware(model: Model, drive: Drive, h: float, tick_steps: int) -> Fir
     """
     if not drive.sampled:
         return Firmware()
-    laws = [servo.controller if servo else None for servo in drive.servos]
-    stated = [law for law in laws if law]
-    profile = np.array([law.profile_speed if law else math.inf for law in laws])
+    laws = [(servo.controller,) if servo else None for servo in drive.servos]
+    stated = [law[0] for law in laws if law]
+    profile = np.array([law[0].profile_speed if law else math.inf for law in laws])
     return Firmware(
-        band=_table(laws, BAND) if any(law.compliance_margin or law.punch for law in stated) else None,
+        band=filled(BAND, laws) if any(law.compliance_margin or law.punch for law in stated) else None,
         pwm=_pwm(laws) if any(law.pwm_steps or law.duty_limit < 1.0 for law in stated) else None,
         profile=profile if np.isfinite(profile).any() else None,
         delay=_delay(model, {law.delay for law in stated}, h, tick_steps),
     )
 
 
-def _table(laws: list[Controller | None], dtype: np.dtype) -> np.recarray:
-    table = records(len(laws), dtype)
-    for row, law in zip(table, laws):
-        if law is not None:
-            fill(row, law)
-    return table
-
-
-def _pwm(laws: list[Controller | None]) -> np.recarray:
+def _pwm(laws: Sequence[tuple[Controller] | None]) -> np.recarray:
     """Round the largest duty cycle down to a whole number of counts, where there are counts."""
-    table = _table(laws, PWM)
+    table = filled(PWM, laws)
     for row in table:
         if row.pwm_steps:
             row.duty_limit = math.floor(row.duty_limit * row.pwm_steps + COUNT) / row.pwm_steps
@@ -78,6 +71,4 @@ def build_supply(model: Model, drive: Drive) -> np.recarray | None:
         raise ValueError(
             f"{model.name}: a supply feeds motors, and pd servos have none: leave it out, or use a sampled law"
         )
-    table = records(1, SUPPLY)
-    fill(table[0], model.supply)
-    return table
+    return filled(SUPPLY, [(model.supply,)])

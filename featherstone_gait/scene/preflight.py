@@ -16,7 +16,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -97,25 +97,8 @@ class Preflight(NamedTuple):
     @property
     def worst(self) -> Limit | None:
         """The smallest limit, None if nothing limits an explicit step."""
-        return worst(self.limits)
-
-
-class _Acting(NamedTuple):
-    """Dampers and springs of joints and springs, by name, each (n,) [N m s/rad, N m/rad or N s/m, N/m]."""
-
-    names: list[str]
-    dampers: dict[str, np.ndarray]
-    springs: dict[str, np.ndarray]
-    mobility: np.ndarray | float  # that rotors add to what acts through a gear [1/(kg m^2)]
-
-
-class _Steps(NamedTuple):
-    """The last four fields of `Preflight`."""
-
-    largest: float
-    folded: float
-    sliding: float
-    springs: float
+        least = min(self.limits, key=lambda limit: limit.step, default=None)
+        return least if least is not None and least.step < math.inf else None
 
 
 def preflight(
@@ -125,43 +108,62 @@ def preflight(
 
     springs: SPRING records of those between bodies.  Raises ValueError on names and steps that do not exist.
     """
-    n = len(model.moving_joints)
-    mobility = joint_mobility(model, drive.armature, options.springs)
+    n, mobility = len(model.moving_joints), joint_mobility(model, drive.armature, options.springs)
+    names = [*model.joint_names, *(f"{one.a} - {one.b}" for one in options.springs)]
     inertias = tuple(float(x) for x in 1.0 / np.diag(mobility)[:n])
-    joints, ends = _on_joints(model, drive, friction), _between_bodies(options.springs, springs)
-    limits = _each(joints, np.diag(mobility)[:n]) + _each(ends, np.diag(mobility)[n:])
-    mobility[:n, :n] += np.diag(np.broadcast_to(joints.mobility, n))
-    dampers = np.array([*_sum(joints.dampers, n), *_sum(ends.dampers, len(ends.names))])
-    stiff = np.array([*_sum(joints.springs, n), *_sum(ends.springs, len(ends.names))])
-    _check_size(model, [*joints.names, *ends.names], mobility, np.maximum(dampers, stiff))
-    dry = np.zeros(len(dampers))  # what of the dampers is dry friction while it sticks
-    dry[:n] = joints.dampers.get(DRY, 0.0)
-    steps = _together(mobility, dampers, stiff, dry, n)
+    dampers, stiff, rotors = _acting(drive, friction, springs, n)
+    limits = []
+    for k, (name, share) in enumerate(zip(names, np.diag(mobility))):
+        each = ({cause: c[k] for cause, c in acting.items()} for acting in (dampers, stiff))
+        limits.append(joint_limit(name, 1.0 / share if share > 0 else math.inf, *each))
+    mobility[:n, :n] += np.diag(np.broadcast_to(rotors, n))
+    damping, stiffness = (sum(acting.values(), np.zeros(len(names))) for acting in (dampers, stiff))
+    _check_size(model, names, mobility, np.maximum(damping, stiffness))
+    steps = _together(mobility, damping, stiffness, dampers.get(DRY), n)
     if options.ground is not None:
         step = float(contact.explicit_limit(options.ground.penetration, options.g))
         limits.append(Limit("contact", step, "contact spring"))
-        largest, folded, sliding = (min(step, limits[-1].step) for step in steps[:3])
-        steps = _Steps(largest, folded, sliding, steps.springs)
+        steps = (*(min(one, step) for one in steps[:3]), steps[3])
+    check = Preflight(tuple(limits), "", 0.0, "", options.integrator is not None, inertias, *steps)
     clipped = drive.actuator is not None or options.ground is not None or sticks(friction)
-    integrator, step, reason = _choice(options, clipped, steps, limits)
-    return Preflight(tuple(limits), integrator, step, reason, options.integrator is not None, inertias, *steps)
+    integrator, step, reason = _choice(options, clipped, check)
+    return check._replace(integrator=integrator, timestep=step, reason=reason)
 
 
-def _together(mobility: np.ndarray, dampers: np.ndarray, stiff: np.ndarray, dry: np.ndarray, n: int) -> _Steps:
-    """Compute the limits of n joints and the springs together; eigenvalues are expensive and computed once."""
+Acting: TypeAlias = dict[str, np.ndarray]  # dampers or springs of each joint and each spring between bodies, by cause
+
+
+def _acting(
+    drive: Drive, friction: Friction | None, springs: np.recarray | None, n: int
+) -> tuple[Acting, Acting, np.ndarray | float]:
+    """Return dampers [N m s/rad or N s/m], springs [N m/rad or N/m], and the mobility of rotors behind gears."""
+    acting, rotors = explicit_limits(friction, drive), 0.0
+    if drive.actuator is not None:
+        *more, rotors = drive.actuator.explicit_limits()
+        acting = acting[0] | more[0], acting[1] | more[1]
+    if springs is None:
+        return *acting, rotors
+    own, ends = np.zeros(n), np.zeros(len(springs))
+    of_joints = ({cause: np.concatenate([c, ends]) for cause, c in one.items()} for one in acting)
+    between = ({cause: np.concatenate([own, c]) for cause, c in one.items()} for one in spring.explicit_limits(springs))
+    dampers, stiff = (a | b for a, b in zip(of_joints, between))
+    return dampers, stiff, rotors
+
+
+def _together(
+    mobility: np.ndarray, dampers: np.ndarray, stiff: np.ndarray, dry: np.ndarray | None, n: int
+) -> tuple[float, ...]:
+    """Compute the last four fields of `Preflight`; eigenvalues are expensive and computed once.
+
+    dry: what of the dampers is dry friction while it sticks.
+    """
     largest = folded = coupled_limit(mobility, dampers, stiff)
     springs = math.inf
     if len(dampers) > n:
         folded = coupled_limit(mobility[:n, :n], dampers[:n], stiff[:n])
         springs = coupled_limit(mobility[n:, n:], dampers[n:], stiff[n:])
-    sliding = coupled_limit(mobility, dampers - dry, stiff) if dry.any() else largest
-    return _Steps(largest, folded, sliding, springs)
-
-
-def worst(limits: Sequence[Limit]) -> Limit | None:
-    """Return the smallest of the limits, None if nothing limits a step."""
-    least = min(limits, key=lambda limit: limit.step, default=None)
-    return least if least is not None and least.step < math.inf else None
+    sliding = largest if dry is None or not dry.any() else coupled_limit(mobility, dampers - dry, stiff)
+    return largest, folded, sliding, springs
 
 
 def _check_size(model: Model, names: list[str], mobility: np.ndarray, acting: np.ndarray) -> None:
@@ -177,69 +179,38 @@ def _check_size(model: Model, names: list[str], mobility: np.ndarray, acting: np
         )
 
 
-def _choice(
-    options: SceneOptions, clipped: bool, steps: _Steps, limits: Sequence[Limit]
-) -> tuple[str, float, str]:
+def _choice(options: SceneOptions, clipped: bool, check: Preflight) -> tuple[str, float, str]:
     """Choose integrator and step [s], and say why; clipped: servos, ground or dry friction cause discontinuities."""
-    name, timestep = options.integrator, options.timestep
+    chosen, timestep, reason = options.integrator, options.timestep, "as asked for"
     if timestep is not None:
         timestep = real("timestep", timestep, SHORTEST, LONGEST, "give seconds, 1e-3 is usual")
-    if name is not None:
-        if name == "simtwo" and name not in INTEGRATORS:
-            raise ValueError("integrator 'simtwo' is the paper's: import featherstone_gait.reproduction first")
-        one_of("integrator", name, INTEGRATORS)
-    chosen, reason = (name, "as asked for") if name is not None else _integrator(clipped, steps, limits)
+    if chosen is None:
+        chosen, reason = _integrator(clipped, check)
+    elif chosen == "simtwo" and chosen not in INTEGRATORS:
+        raise ValueError("integrator 'simtwo' is the paper's: import featherstone_gait.reproduction first")
+    else:
+        one_of("integrator", chosen, INTEGRATORS)
     if timestep is not None:
         return chosen, timestep, reason
-    step = 1e-3 if clipped else 5e-4
-    parts = 1 if INTEGRATORS[chosen].adaptive else math.ceil(step / (RESOLVED * steps.springs))
+    step, limit = 1e-3 if clipped else 5e-4, check.spring_step
+    parts = 1 if INTEGRATORS[chosen].adaptive else max(1, math.ceil(step / (RESOLVED * limit)))
     if parts > 1:
-        reason += f"; springs between bodies limit any fixed step to {steps.springs:.2g} s: {step / parts:.2g} s chosen"
-    return chosen, step / max(1, parts), reason
+        reason += f"; springs between bodies limit any fixed step to {limit:.2g} s: {step / parts:.2g} s chosen"
+    return chosen, step / parts, reason
 
 
-def _integrator(clipped: bool, steps: _Steps, limits: Sequence[Limit]) -> tuple[str, str]:
+def _integrator(clipped: bool, check: Preflight) -> tuple[str, str]:
     """Choose the integrator from the scene alone, whatever step is given, and say why."""
-    least = worst(limits)
+    least, largest = check.worst, check.largest_explicit_step
     by = f" ({least.joint}: {least.cause})" if least else ""
-    if clipped or steps.folded < STIFF:
-        return "ars343", f"an explicit step is limited to {steps.largest:.2g} s{by}, or forces are not smooth: implicit"
-    if steps.largest < STIFF:
-        return "dop853", f"springs between bodies limit any step to {steps.springs:.2g} s{by}: order 8 finds its own"
-    return "dop853", "nothing is stiff: order 8"
-
-
-def _on_joints(model: Model, drive: Drive, friction: Friction | None) -> _Acting:
-    dampers, springs = explicit_limits(friction, drive)
-    mobility: np.ndarray | float = 0.0
-    if drive.actuator is not None:
-        more, stiff, mobility = drive.actuator.explicit_limits()
-        dampers, springs = dampers | more, springs | stiff
-    return _Acting(list(model.joint_names), dampers, springs, mobility)
-
-
-def _between_bodies(springs: Sequence[Spring], table: np.recarray | None) -> _Acting:
-    if table is None:
-        return _Acting([], {}, {}, 0.0)
-    dampers, stiff = spring.explicit_limits(table)
-    return _Acting([f"{s.a} - {s.b}" for s in springs], dampers, stiff, 0.0)
-
-
-def _sum(acting: dict[str, np.ndarray], count: int) -> np.ndarray:
-    return sum(acting.values(), np.zeros(count))
-
-
-def _each(acting: _Acting, mobility: np.ndarray) -> list[Limit]:
-    """Compute the limit of each joint or spring alone."""
-    return [
-        joint_limit(
-            name,
-            1.0 / mobility[k] if mobility[k] > 0 else math.inf,
-            {cause: c[k] for cause, c in acting.dampers.items()},
-            {cause: c[k] for cause, c in acting.springs.items()},
+    if clipped or check.folded_step < STIFF:
+        return "ars343", f"an explicit step is limited to {largest:.2g} s{by}, or forces are not smooth: implicit"
+    if largest < STIFF:
+        return (
+            "dop853",
+            f"springs between bodies limit any step to {check.spring_step:.2g} s{by}: order 8 finds its own",
         )
-        for k, name in enumerate(acting.names)
-    ]
+    return "dop853", "nothing is stiff: order 8"
 
 
 def coupled_limit(mobility: np.ndarray, dampings: np.ndarray, springs: np.ndarray) -> float:
@@ -255,14 +226,10 @@ def coupled_limit(mobility: np.ndarray, dampings: np.ndarray, springs: np.ndarra
 
 def joint_limit(name: str, inertia: float, dampings: dict[str, float], springs: dict[str, float]) -> Limit:
     """Compute the limit of one joint of effective inertia [kg m^2] with dampers [N m s/rad] and springs [N m/rad]."""
-    limit = Limit(name, np.inf, "nothing stiff")
-    for cause, c in dampings.items():
-        if c > 0 and 2.0 * inertia / c < limit.step:
-            limit = Limit(name, float(2.0 * inertia / c), cause)
-    for cause, k in springs.items():
-        if k > 0 and 2.0 * np.sqrt(inertia / k) < limit.step:
-            limit = Limit(name, 2.0 * float(np.sqrt(inertia / k)), cause)
-    return limit
+    limits = [Limit(name, math.inf, "nothing stiff")]
+    limits += [Limit(name, float(2.0 * inertia / c), cause) for cause, c in dampings.items() if c > 0]
+    limits += [Limit(name, 2.0 * float(np.sqrt(inertia / k)), cause) for cause, k in springs.items() if k > 0]
+    return min(limits, key=lambda limit: limit.step)
 
 
 def joint_mobility(model: Model, armature: np.ndarray | None, springs: Sequence[Spring]) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 
@@ -18,3 +20,11 @@ def fill(record: np.void, *sources: object) -> None:
             if not isinstance(value, str):
                 record[name] = value
                 break
+
+
+def filled(dtype: np.dtype, sources: Sequence[tuple | None]) -> np.recarray:
+    """Make a record for each of the tuples of sources, as `fill` does; zeros for None."""
+    table = records(len(sources), dtype)
+    for row, given in zip(table, sources):
+        fill(row, *given or ())
+    return table
