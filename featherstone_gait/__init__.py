@@ -69,7 +69,6 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .robot_file import load_servo as load_servo
     from .robot_file import robot_names as robot_names
     from .robot_file import save_robot as save_robot
-    from .run.channels import channel_table as channel_table
     from .run.program import controller as controller
     from .run.reference import Reference as Reference
     from .run.session import Session as Session
@@ -83,9 +82,10 @@ if TYPE_CHECKING:  # what `__getattr__` finds
     from .run.trajectory import Trajectory as Trajectory
     from .run.worlds import Distribution as Distribution
     from .run.worlds import Worlds as Worlds
+    from .scene.channels import StateView as StateView
+    from .scene.channels import channel_table as channel_table
     from .scene.compile import CompiledScene as CompiledScene
     from .scene.compile import compile_scene as compile_scene
-    from .scene.state_view import StateView as StateView
     from .view.movie import save_movie as save_movie
     from .view.plotting import plot as plot
     from .view.plotting import plot_motion as plot_motion
@@ -96,7 +96,6 @@ if TYPE_CHECKING:  # what `__getattr__` finds
 __version__ = "0.2.0.dev0"
 
 _MODULES = {
-    "run.channels": ("channel_table",),
     "geometry.distance": ("Clearance", "clearance"),
     "geometry.contact_choice": ("contact_points", "with_contacts"),
     "dynamics": (
@@ -152,7 +151,7 @@ _MODULES = {
         "save_robot",
     ),
     "scene.compile": ("CompiledScene", "compile_scene"),
-    "scene.state_view": ("StateView",),
+    "scene.channels": ("StateView", "channel_table"),
     "run.program": ("controller",),
     "run.session": ("Session",),
     "run.simulate": ("Push", "initial_state", "reset_time", "simulate", "simulate_batch", "standing_state"),

@@ -46,10 +46,10 @@ from ..run.reference import Reference
 from ..run.start import check_scene, initial_state
 from ..run.status import OF_CODE
 from ..run.trajectory import Trajectory
+from ..scene.channels import current_name
 from ..scene.compile import CompiledScene
 from ..scene.contact import by_body
 from ..scene.friction import sticks
-from ..scene.state_view import current_name
 
 INPUTS = ("reference", "torque", "voltage")
 KINDS = ("coordinates", "controlled")  # of channels that always count

@@ -15,6 +15,7 @@ from ..scene.compile import CompiledScene
 from .compiled_run import CompiledRun, RunInput
 from .lane_constants import structure
 from .lane_engine import Queue, Source, run_lanes
+from .prepare import each_once
 
 BATCH = 32  # runs given to an executor at a time
 
@@ -37,7 +38,11 @@ def run_all(starts: list[RunInput], executor: Executor | None) -> list[Result]:
         else:
             groups.extend((compiled, [members[k] for k in part]) for part in _groups(compiled.scene, family, refills))
     batches = [(compiled, [starts[i] for i in group]) for compiled, group in groups]
-    for (_, group), done in zip(groups, _run_groups(batches, executor)):
+    if executor is None and len(batches) > 1:
+        answers = _over_threads(batches[0][0], _run_group, batches, os.cpu_count() or 1)
+    else:
+        answers = list((executor.map if executor else map)(_run_group, batches))
+    for (_, group), done in zip(groups, answers):
         for i, result in zip(group, done):
             results[i] = result
     return results
@@ -45,12 +50,9 @@ def run_all(starts: list[RunInput], executor: Executor | None) -> list[Result]:
 
 def families(runs: Sequence[CompiledRun]) -> list[tuple[CompiledRun, list[int]]]:
     """Group runs whose scenes have one structure: what is compiled for the lanes of all of them, and their indices."""
-    keys: dict[int, Hashable] = {}
     members: dict[Hashable, list[int]] = {}
-    for i, run in enumerate(runs):
-        if id(run) not in keys:
-            keys[id(run)] = family(run)
-        members.setdefault(keys[id(run)], []).append(i)
+    for i, key in enumerate(each_once(family, runs)):
+        members.setdefault(key, []).append(i)
     found = []
     for indices in members.values():
         own = list({id(runs[i]): runs[i] for i in indices}.values())
@@ -110,13 +112,6 @@ def _over_threads(compiled: CompiledRun, work: Callable[[Any], Any], items: Iter
             compiled.stop[0] = 1
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-
-
-def _run_groups(batches: list[tuple[CompiledRun, list[RunInput]]], executor: Executor | None) -> list[list[Result]]:
-    """Send groups of runs to the executor, by default to threads."""
-    if executor is None and len(batches) > 1:
-        return _over_threads(batches[0][0], _run_group, batches, os.cpu_count() or 1)
-    return list((executor.map if executor else map)(_run_group, batches))
 
 
 def _groups(scene: CompiledScene, starts: list[RunInput], refills: bool) -> list[list[int]]:

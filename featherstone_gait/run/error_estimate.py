@@ -111,12 +111,14 @@ def with_error_estimate(run: Trajectory, other: Trajectory, share: float, record
     error = _difference(run, other, share)
     error = {name: e + ROUNDING * np.abs(run[name]) for name, e in error.items()}
     run = with_accuracy(replace(run, error=error))
-    return replace(
-        run,
-        channels={name: values for name, values in run.channels.items() if name == "time" or name in record},
-        error={name: values for name, values in error.items() if name in record},
-        second_final=other.final,
-    )
+    return replace(with_channels(run, record), second_final=other.final)
+
+
+def with_channels(run: Trajectory, record: Sequence[str]) -> Trajectory:
+    """Return the run with the channels of `record` alone, and with their errors."""
+    channels = {name: values for name, values in run.channels.items() if name in ("time", *record)}
+    error = run.error and {name: values for name, values in run.error.items() if name in record}
+    return replace(run, channels=channels, error=error)
 
 
 def with_accuracy(run: Trajectory) -> Trajectory:

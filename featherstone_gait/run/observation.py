@@ -11,7 +11,7 @@ import numpy as np
 from ..base.arguments import shown
 from ..core.integrate.rollout import OK
 from ..core.step.state import BY_NAME, RECORDABLE, shaped
-from ..scene.state_view import current_name
+from ..scene.channels import current_name
 from . import sensors
 from .classify import to_trajectory
 from .compiled_run import CompiledRun

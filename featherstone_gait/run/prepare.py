@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,10 +12,10 @@ import numpy as np
 from ..base.arguments import instance, is_real, listed, real, shown
 from ..core.step import state
 from ..core.step.context import Plan
+from ..scene.channels import current_name
 from ..scene.compile import CompiledScene
 from ..scene.contact import by_body
 from ..scene.external import Push
-from ..scene.state_view import current_name
 from .compiled_run import CompiledRun
 from .program import CompiledController
 from .start import check_scene
@@ -163,10 +163,8 @@ def with_steps(run: CompiledRun, steps: int, per_sample: int) -> CompiledRun:
     return replace(run, plan=run.plan._replace(steps=steps, per_sample=per_sample))
 
 
-def each_once(function: Callable[[Any], Any], entries: Sequence[Any]) -> list[Any]:
-    """Return what the function makes of each entry, called once for the same object."""
-    found: dict[int, Any] = {}
-    for entry in entries:
-        if id(entry) not in found:
-            found[id(entry)] = function(entry)
-    return [found[id(entry)] for entry in entries]
+def each_once(function: Callable[[Any], Any], entries: Sequence[Any], key: Callable[[Any], Hashable] = id) -> list[Any]:
+    """Return what the function makes of each entry, called once for those of one key, by default for one object."""
+    keys = [key(entry) for entry in entries]
+    made = {one: function(entry) for one, entry in dict(zip(keys, entries)).items()}
+    return [made[one] for one in keys]

@@ -279,9 +279,7 @@ def _wrapped(function: Callable[..., None]) -> Callable[..., None]:
 
 def _compiled_wrapper(function: Callable[..., None]) -> Callable[..., None]:
     """Write out the views of all channels, since Numba loops over no fields."""
-    fields = ", ".join(
-        f"y[places[{STARTS + 2 * k}] : places[{STARTS + 2 * k + 1}]]" for k in range(len(SEEN))
-    )
+    fields = ", ".join(f"y[places[{STARTS + 2 * k}] : places[{STARTS + 2 * k + 1}]]" for k in range(len(SEEN)))
     lines = (
         "def wrapper(t, state, places, reference, command, memory, failure):",
         f"    places = carray(places, {STARTS + 2 * len(SEEN)})",

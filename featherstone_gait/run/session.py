@@ -12,7 +12,6 @@ A session has the bits of one `simulate` call whose reference holds each action 
 from __future__ import annotations
 
 import copy
-import dataclasses
 import json
 import math
 import threading
@@ -30,9 +29,9 @@ from ..base.deprecated import attribute, keywords
 from ..base.files import FilePath, Format, complete, read_arrays
 from ..core.effects.push import EVENT_MARGIN
 from ..core.integrate.rollout import OK
+from ..scene.channels import StateView, current_name
 from ..scene.compile import CompiledScene
 from ..scene.external import Push
-from ..scene.state_view import StateView, current_name
 from .classify import Outcome, classify
 from .compiled_run import CompiledRun
 from .error_estimate import FIXED_LIMIT, LIMIT, ROUNDING, SPEED_LIMIT, second_run
@@ -43,7 +42,7 @@ from .program import CompiledController, open_loop
 from .reference import Reference
 from .start import check_scene
 from .status import Status
-from .trajectory import Trajectory
+from .trajectory import Trajectory, of_second_run
 from .worlds import Worlds
 
 Action = Literal["reference", "voltage", "pwm", "torque"]
@@ -142,18 +141,18 @@ class Session:
         threads: int | None = None,
         pace: bool = False,
     ) -> None:
+        given = {name: value for name, value in locals().items() if name != "self"}
         check_scene(scene)
-        self._given: dict[str, Any] = {
-            "scene": scene, "n": n, "action": action, "observe": tuple(_names(observe)), "worlds": worlds, "seed": seed,
-            "pushes": pushes, "record": tuple(_names(record, "record")), "record_interval": record_interval,
-            "noise": noise, "rtol": rtol, "atol": atol, "estimate_error": estimate_error, "controller": controller,
-            "threads": threads, "pace": pace,
-        }  # fmt: skip
+        self._given = given
+        given |= {"observe": tuple(_names(observe)), "record": tuple(_names(record, "record"))}
         self.action: Action = _action(scene, action)
         scenes, self.n = _scenes(scene, n, worlds)
         scenes = [_driven(one, self.action) for one in scenes]
         self.scene = with_tolerance(scenes[0] if worlds is None else _driven(scene, self.action), rtol, atol)[0]
-        _check_sample(self.scene, record_interval)
+        if self.scene.tick_steps % steps_between_records(self.scene, record_interval):
+            raise ValueError(
+                f"record_interval is {record_interval!r} s; it must divide a tick of {self.tick:g} s in whole steps"
+            )
         if controller is not None and self.action != "reference":
             raise ValueError(f"action is {action!r}, but a controller reads references: leave it out")
         self._deviations = _deviations(scene, noise)
@@ -600,10 +599,7 @@ class Session:
         firsts = [initial.copy() for initial in self._initial]
         for robot, one in zip(robots.tolist(), each):
             for k, fleet in enumerate(self._fleets):
-                begun = one
-                if k and isinstance(one, Trajectory) and one.second_final is not None:
-                    begun = dataclasses.replace(one, final=one.second_final)
-                y = fleet.runs[robot].start(begun).y
+                y = fleet.runs[robot].start(of_second_run(one) if k else one).y
                 fleet.runs[robot].schedule(y)  # raises ValueError for a time that is none
                 firsts[k][robot] = y
         return firsts
@@ -667,20 +663,13 @@ def _deviations(scene: CompiledScene, noise: Any) -> np.ndarray | None:
     return np.array([real("noise", one, 0.0, 1e6, "it is a standard deviation") for one in both])
 
 
-def _check_sample(scene: CompiledScene, record_interval: float | None) -> None:
-    if scene.tick_steps % steps_between_records(scene, record_interval):
-        tick = scene.tick_steps * scene.timestep
-        raise ValueError(
-            f"record_interval is {record_interval!r} s; it must divide a tick of {tick:g} s in whole steps"
-        )
-
-
 def _initial_states(runs: Sequence[CompiledRun]) -> np.ndarray:
     """Return the states (n, length) at which robots begin."""
     found = each_once(lambda run: run.start().y, runs)
     if len({len(y) for y in found}) > 1:
-        raise ValueError("worlds: their states have other lengths, since servos wait for other numbers of ticks: "
-                         "let delays not differ")  # fmt: skip
+        raise ValueError(
+            "worlds: their states differ in length, since servos wait for other numbers of ticks: let delays not differ"
+        )
     return np.array(found)
 
 

@@ -21,10 +21,10 @@ from numpy.typing import ArrayLike
 from ..base import deprecated
 from ..base.arguments import instance, listed, shown, truth
 from ..core.step.state import RECORDABLE
+from ..scene.channels import channel_table
 from ..scene.compile import CompiledScene
 from ..scene.external import Push
 from .batch import drive_lanes, family, run_all, streams
-from .channels import channel_table
 from .classify import to_trajectory
 from .compiled_run import CompiledRun, RunInput
 from .error_estimate import (
@@ -33,6 +33,7 @@ from .error_estimate import (
     share_of_half,
     share_with_rejections,
     with_accuracy,
+    with_channels,
     with_error_estimate,
 )
 from .lane_engine import Source
@@ -40,7 +41,7 @@ from .prepare import coordinates, each_once, prepare, recorded, with_tolerance
 from .program import CompiledController
 from .reference import Reference
 from .start import check_scene, initial_state, reset_time, standing_state
-from .trajectory import Trajectory, with_error
+from .trajectory import Trajectory, of_second_run, with_error
 from .worlds import Worlds
 
 __all__ = [
@@ -197,7 +198,6 @@ def simulate_batch(
     if executor is not None and not callable(getattr(executor, "map", None)):
         raise TypeError(f"executor is {shown(executor)}; give a concurrent.futures.Executor, or None")
     estimate = None if estimate_error is None else truth("estimate_error", estimate_error)
-    several = controller if isinstance(controller, Iterable) else None
     each = {"states": states, "references": references, "taus": taus, "noises": noises}
     several = controller if isinstance(controller, Iterable) else None
     runs = _runs(scene, worlds, each | {"controller": several})
@@ -256,9 +256,7 @@ def _simulate(jobs: list[Job], record: tuple[str, ...], how: How) -> list[Trajec
 
 def _once(function: Callable[[Job], Any], jobs: list[Job]) -> list[Any]:
     """Return what the function makes of each job, called once for those of the same scene and ways to run it."""
-    keys = [(id(job.scene), id(job.controller), repr(job[1:4])) for job in jobs]
-    made = {key: function(job) for key, job in dict(zip(keys, jobs)).items()}
-    return [made[key] for key in keys]
+    return each_once(function, jobs, lambda job: (id(job.scene), id(job.controller), repr(job[1:4])))
 
 
 def _changed(function: Callable[[Job], dict[str, Any]], jobs: list[Job]) -> list[Job]:
@@ -304,43 +302,30 @@ def _with_second_runs(jobs: list[Job], record: tuple[str, ...], how: How) -> lis
 
     Second runs of runs that go on from others go on from where the others' second runs ended.
     """
-    seconds: list[SecondRun | None] = _once(lambda job: second_run(*job[:4]), jobs)
-    single = [job for job, second in zip(jobs, seconds) if second is None]
-    paired = [(job, second) for job, second in zip(jobs, seconds) if second is not None]
-    alone, others = iter(_simulate(single, record, how)), iter(_with_seconds(paired, record, how))
-    return [next(alone if second is None else others) for second in seconds]
-
-
-def _with_seconds(pairs: list[tuple[Job, SecondRun]], record: tuple[str, ...], how: How) -> list[Trajectory]:
-    jobs = [job for job, _ in pairs]
-    more = tuple(dict.fromkeys((*record, *(name for job in jobs for name in coordinates(job.scene)))))
-    runs = _simulate(jobs, more, how)
-    begun = [_of_second_run(job.state) for job in jobs]
-    coarse = [
-        job._replace(scene=second.scene, rtol=second.rtol, atol=second.atol, state=state)
-        for (job, second), state in zip(pairs, begun)
-    ]
-    others, found = _simulate(coarse, more, how), []
-    for (job, second), run, other in zip(pairs, runs, others):
-        start = job.state.final if isinstance(job.state, Trajectory) else job.state
-        found.append(with_error_estimate(run, other, share_with_rejections(run, start, second.share), record))
+    seconds: dict[int, SecondRun] = {
+        k: second for k, second in enumerate(_once(lambda job: second_run(*job[:4]), jobs)) if second is not None
+    }
+    more = tuple(dict.fromkeys((*record, *(name for k in seconds for name in coordinates(jobs[k].scene)))))
+    runs, coarse = _simulate(jobs, more, how), {}
+    found = [with_channels(run, record) for run in runs]
+    for k, second in seconds.items():
+        state = of_second_run(jobs[k].state)
+        coarse[k] = jobs[k]._replace(scene=second.scene, rtol=second.rtol, atol=second.atol, state=state)
+    others = dict(zip(coarse, _simulate([*coarse.values()], more, how)))
+    for k, other in others.items():
+        start = jobs[k].state.final if isinstance(jobs[k].state, Trajectory) else jobs[k].state
+        share = share_with_rejections(runs[k], start, seconds[k].share)
+        found[k] = with_error_estimate(runs[k], other, share, record)
     doubtful = {
-        k: job._replace(scene=second.finer, rtol=None, atol=None)
-        for k, (job, second) in enumerate(pairs)
-        if second.finer is not None and found[k].message != runs[k].message and begun[k] is job.state
+        k: jobs[k]._replace(scene=second.finer, rtol=None, atol=None)
+        for k, second in seconds.items()
+        if second.finer is not None and found[k].message != runs[k].message and coarse[k].state is jobs[k].state
     }  # of those that go on from no second run, so that a third one may begin where they do
     for k, third in zip(doubtful, _simulate([*doubtful.values()], more, how)):
         share = share_of_half(runs[k], others[k], third, jobs[k].scene.method.order)
         better = with_error_estimate(runs[k], third, share, record)
         found[k] = dataclasses.replace(better, second_final=found[k].second_final)
     return found
-
-
-def _of_second_run(state: ArrayLike | Trajectory | None) -> ArrayLike | Trajectory | None:
-    """Return where the second run of a run that goes on begins."""
-    if isinstance(state, Trajectory) and state.second_final is not None:
-        return dataclasses.replace(state, final=state.second_final)
-    return state
 
 
 def _with_finer_runs(jobs: list[Job], record: tuple[str, ...], how: How) -> list[Trajectory]:
@@ -362,7 +347,7 @@ def _finer(job: Job) -> dict[str, Any]:
     if not scene.adaptive:
         return {"scene": scene}
     finer = {"rtol": 0.1, "atol": 0.1, "record_interval": 0.5}  # steps end on records: twice as many
-    return {"scene": scene, **{name: (old := getattr(job, name)) and by * old for name, by in finer.items()}}
+    return {"scene": scene} | {name: factor * getattr(job, name) for name, factor in finer.items()}
 
 
 def simulate_stream(

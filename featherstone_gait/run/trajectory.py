@@ -13,9 +13,8 @@ import numpy as np
 from ..base import deprecated
 from ..base.files import FilePath, Format, complete_together, is_number, read_arrays, read_json
 from ..model import Model
-from ..scene.state_view import OLD, ByChannel, StateView
+from ..scene.channels import OLD, ByChannel, StateView, column_of
 from . import tables
-from .channels import column_of
 from .status import Status
 
 FORMAT = Format("trajectory")
@@ -269,6 +268,13 @@ def positions(trajectory: Mapping[str, np.ndarray], model: Model | None = None) 
         if name not in trajectory:
             raise ValueError(_not_recorded(trajectory, name))
     return np.hstack([trajectory["base_q"], trajectory["q"]]) if "base_q" in trajectory else trajectory["q"]
+
+
+def of_second_run(state: Any) -> Any:
+    """Return where the second run of a run begins that goes on from a state: where the other's second run ended."""
+    if isinstance(state, Trajectory) and state.second_final is not None:
+        return replace(state, final=state.second_final)
+    return state
 
 
 def _not_recorded(trajectory: Mapping[str, np.ndarray], name: str) -> str:

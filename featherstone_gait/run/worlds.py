@@ -301,8 +301,7 @@ def _scene_with(scene: CompiledScene, changed: dict[str, Any], gravity: np.ndarr
         if changed[section]:
             own = changed[section]
             parts[section] = tuple(
-                _with(part, own[part.name]) if part.name in own else part
-                for part in getattr(model, section)
+                _with(part, own[part.name]) if part.name in own else part for part in getattr(model, section)
             )
     if changed["supply"]:
         assert model.supply is not None

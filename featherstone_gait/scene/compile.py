@@ -20,13 +20,13 @@ from ..core.step import state
 from ..core.step.context import Scene
 from ..model import Controller, Ground, Model, Spring
 from .actuator import Drive, GearboxKind, build_decay, build_drive, controller_period, fold_springs
+from .channels import ByChannel, StateView
 from .contact import build_contact, standing_posture
 from .external import Push, build_pushes, build_springs
 from .firmware import build_firmware, build_supply
 from .friction import Friction, build_friction, sticks
 from .options import SceneOptions, check_options
 from .preflight import STIFF, Preflight, preflight
-from .state_view import ByChannel, StateView
 from .stop import build_stops
 from .tree import GRAVITY, Tree, compile_tree
 

@@ -14,9 +14,9 @@ from ..core.effects.energies import METER, SUPPLY
 from ..core.step.state import BY_NAME, UNITS
 from ..dynamics import deepest_points, forward_kinematics
 from ..model import TORQUE_LAWS, Ground, Model, Servo
-from ..run.channels import column_of
 from ..run.sensors import in_world
 from ..run.trajectory import Trajectory, positions
+from ..scene.channels import column_of
 from ..scene.contact import ground_under, plane_axes
 from .visuals import FACES, Body, Piece, bodies, side_of, sided
 

@@ -11,7 +11,7 @@ from featherstone_gait import Ground, Trajectory, channel_table, compile_scene, 
 from featherstone_gait.core.effects import energies
 from featherstone_gait.core.step.state import CHANNELS, RECORDABLE
 from featherstone_gait.model import Mimic
-from featherstone_gait.run.channels import OLD_LABELS
+from featherstone_gait.scene.channels import OLD_LABELS
 from featherstone_gait.view.page import write_animation
 from featherstone_gait.view.plotting import plot_motion
 

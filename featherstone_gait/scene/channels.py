@@ -1,4 +1,4 @@
-"""Name the parts of a state, which kernels read as one vector of numbers."""
+"""Find channels by name, their labels, and their places in a state, which kernels read as one vector of numbers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..base import deprecated
-from ..core.step.state import BY_NAME
+from ..core.step.state import BY_NAME, RECORDABLE
 
 OLD = {  # names until version 0.2
     "passes": "newton_iterations",
@@ -20,6 +20,7 @@ OLD = {  # names until version 0.2
     "bus": "bus_voltage",
     "goal": "profiled_reference",
 }
+OLD_LABELS = {"meter": "electrical_no_regeneration", "driver": "driver_loss"}
 
 
 def current_name(name: Any) -> Any:
@@ -28,6 +29,34 @@ def current_name(name: Any) -> Any:
         deprecated.warn(f"channel {name!r}", repr(OLD[name]))
         return OLD[name]
     return name
+
+
+def channel_table() -> str:
+    """List the channels that `simulate` can record.
+
+    Returns
+    -------
+    str
+        A line for each channel: its name, what it is, unit, and the labels of its numbers.
+    """
+    width = max(map(len, RECORDABLE))
+    rows = ((name, BY_NAME[name], ", ".join(BY_NAME[name].labels)) for name in RECORDABLE)
+    return "\n".join(f"{name:{width}}  {one.what} [{one.unit}]{labels and f': {labels}'}" for name, one, labels in rows)
+
+
+def column_of(name: str, label: str) -> int:
+    """Find the index of a channel's number by its label.  Raises ValueError for an unknown channel or label."""
+    name = current_name(name)
+    if label in OLD_LABELS:
+        deprecated.warn(f"label {label!r}", repr(OLD_LABELS[label]))
+        label = OLD_LABELS[label]
+    if name not in BY_NAME:
+        raise ValueError(f"there is no channel {name!r}; channels: {', '.join(BY_NAME)}")
+    labels = BY_NAME[name].labels
+    if labels.count(label) != 1:
+        known = ", ".join(labels) or "none, as it is a single number"
+        raise ValueError(f"channel {name!r} has no unique label {label!r}; its labels: {known}")
+    return labels.index(label)
 
 
 class ByChannel(dict[str, Any]):
