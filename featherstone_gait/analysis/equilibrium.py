@@ -236,8 +236,7 @@ def _balanced(scene: CompiledScene, q: np.ndarray, used: np.ndarray) -> tuple[np
     scale, loads = _scale(scene), _loads(scene, q[None])
     reduced = coupling_matrix(model).matrix
     for _ in range(PASSES):
-        ways = _ways(q, loads, used) * scale[:, None]
-        loads = _loads(scene, _posed(scene, chart, q, _nudged(ways)))
+        ways, loads = _nudged(scene, chart, q, loads, used)
         normal = np.where(used, stiffness * np.maximum(loads.depth, 0.0), 0.0)[:, used]
         J, on = loads.J[:, used], normal[0] > 0.0
         f[~on] = 0.0  # what is in the air has no friction
@@ -271,10 +270,9 @@ def _laid(scene: CompiledScene, q: np.ndarray, used: np.ndarray, passes: int) ->
     passes: iterations of the Gauss-Newton method, by which the depths of all points become equal.
     """
     assert scene.ground is not None
-    chart, scale, loads = chart_of(scene, ("base_q",)), _scale(scene), _loads(scene, q[None])
+    chart, loads = chart_of(scene, ("base_q",)), _loads(scene, q[None])
     for _ in range(passes):
-        ways = _ways(q, loads, used) * scale[:, None]
-        loads = _loads(scene, _posed(scene, chart, q, _nudged(ways)))
+        ways, loads = _nudged(scene, chart, q, loads, used)
         depth = loads.depth[:, used]
         slopes = (depth[1:4] - depth[4:]).T / (2.0 * NUDGE)
         way = np.linalg.lstsq(slopes, scene.ground.penetration - depth[0], rcond=RANK)[0]
@@ -290,17 +288,19 @@ def _scale(scene: CompiledScene) -> np.ndarray:
     return scene.ground.penetration * np.array([1.0, 1.0 / LEVER, 1.0 / LEVER])
 
 
-def _nudged(ways: np.ndarray) -> np.ndarray:
-    """Return deviations of the base (6, 7): none, a little along each direction (3, 6), and against each."""
-    return np.concatenate([np.zeros((6, 1)), NUDGE * ways.T, -NUDGE * ways.T], axis=1)
+def _nudged(
+    scene: CompiledScene, chart: Chart, q: np.ndarray, loads: _Loads, used: np.ndarray
+) -> tuple[np.ndarray, _Loads]:
+    """Return directions (3, 6) of the base, and the loads in seven poses: q, a little along each, and against each.
 
-
-def _ways(q: np.ndarray, loads: _Loads, used: np.ndarray) -> np.ndarray:
-    """Return directions (3, 6) of the base: up along the normal, and rotations about the two tangents through it."""
+    The directions are up along the normal, and rotations about the two tangents through the base.
+    """
     normal, first, second = loads.axes[0, used].mean(axis=0)
-    back = rotation_from_quaternion(q[3:7]).T
-    none = np.zeros(3)
-    return np.stack([np.r_[normal, none], np.r_[none, back @ first], np.r_[none, back @ second]])
+    back, ways = rotation_from_quaternion(q[3:7]).T, np.zeros((3, 6))
+    ways[0, :3], ways[1, 3:], ways[2, 3:] = normal, back @ first, back @ second
+    ways *= _scale(scene)[:, None]
+    x = np.concatenate([np.zeros((6, 1)), NUDGE * ways.T, -NUDGE * ways.T], axis=1)
+    return ways, _loads(scene, _posed(scene, chart, q, x))
 
 
 def _posed(scene: CompiledScene, chart: Chart, q: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -344,27 +344,22 @@ def _held(scene: CompiledScene, q: np.ndarray, force: np.ndarray, fault: Fault) 
     model, n, loads = scene.model, scene.tree.n, _loads(scene, q[None])
     carried = np.einsum("mi,mij->j", force, loads.J[0])
     torque, G = np.zeros(model.nv), coupling_matrix(model).matrix
-    torque[_leaders(G)] = G.T @ (loads.force[0] - carried)
+    leaders = [int(np.flatnonzero(column == 1.0)[0]) for column in G.T]  # rows of independent coordinates
+    torque[leaders] = G.T @ (loads.force[0] - carried)
     torque[: model.nv - n] = 0.0
     pulls = torque + carried + loads.springs[0]
     residual = forward_dynamics(model, q, np.zeros(model.nv), pulls, gravity=scene.gravity)
     state, torque = initial_state(scene, q, allow_limit_violation=True), torque[model.nv - n :]
     _put_contacts(scene, state, force)
-    weak = _put_servos(scene, state, q[len(q) - n :], torque)
-    reference = weak.reference
+    reference, weak = _put_servos(scene, state, q[len(q) - n :], torque)
     tau = torque if reference is None else None
     change = _change(scene, state, reference, tau)
-    fault = fault or weak.fault
+    fault = fault or weak
     if fault is None and not change <= STILL:
         fault = "moves", f"in a controller period it moves by {change:.3g} rad or m, or by as much a second"
     status, message = fault or ("ok", "")
     largest = float(np.abs(residual).max())
     return Trim(q, torque, force, reference, tau, state, largest, change, status, message)
-
-
-def _leaders(G: np.ndarray) -> list[int]:
-    """Return the rows of a coupling matrix that are independent coordinates."""
-    return [int(np.flatnonzero(column == 1.0)[0]) for column in G.T]
 
 
 def _put_contacts(scene: CompiledScene, state: np.ndarray, force: np.ndarray) -> None:
@@ -378,23 +373,20 @@ def _put_contacts(scene: CompiledScene, state: np.ndarray, force: np.ndarray) ->
     state[slice(*scene.part("tangential_deflection"))] = deflection.ravel()
 
 
-class _Driven(NamedTuple):
-    reference: np.ndarray | None
-    fault: Fault
-
-
-def _put_servos(scene: CompiledScene, state: np.ndarray, angles: np.ndarray, torque: np.ndarray) -> _Driven:
+def _put_servos(
+    scene: CompiledScene, state: np.ndarray, angles: np.ndarray, torque: np.ndarray
+) -> tuple[np.ndarray | None, Fault]:
     """Set the state of servos that hold these torques [N m]; return their references and a fault or None."""
     actuator, names = scene.constants.actuator, scene.model.joint_names
     if actuator is None:
-        return _Driven(None, None)
+        return None, None
     state[slice(*scene.part("torque"))] = torque
     if isinstance(actuator, PDServo):
         pd = actuator.pd
         free = pd.Kp > 0.0
         reference = angles + np.divide(torque, pd.Kp, out=np.zeros_like(angles), where=free)
         weak = (np.abs(torque) > pd.torque_limit) | (~free & (torque != 0.0))
-        return _Driven(reference, _weak(names, weak, torque, "N m"))
+        return reference, _weak(names, weak, torque)
     motor, controller = motor_of(actuator), controller_of(actuator)
     driven = motor.torque_constant > 0.0
     current = np.divide(torque, motor.torque_constant, out=np.zeros_like(angles), where=driven)
@@ -407,22 +399,21 @@ def _put_servos(scene: CompiledScene, state: np.ndarray, angles: np.ndarray, tor
     reference, integral, error, unreachable = _references(scene, angles, asked)
     goals = {"current": current, "voltage": voltage, "integral": integral, "last_error": error}
     goals["profiled_reference"] = reference
-    for name, values in goals.items():
-        first, end = scene.part(name)
-        if end > first:
-            state[first:end] = values
+    view = scene.state_view(state)
+    for name in view.keys() & goals.keys():
+        view[name][...] = goals[name]
     delay = scene.constants.firmware.delay
     if delay is not None:
         state[slice(*scene.part("delayed"))] = np.tile(asked, delay.slots)
     pwm = scene.constants.firmware.pwm
     most = controller.voltage_limit * (1.0 if pwm is None else pwm.duty_limit)
     weak = (np.abs(asked) > most) | (np.abs(current) > motor.current_limit) | unreachable | (~driven & (torque != 0.0))
-    return _Driven(reference, _weak(names, weak, torque, "N m"))
+    return reference, _weak(names, weak, torque)
 
 
-def _weak(names: Iterable[str], weak: np.ndarray, torque: np.ndarray, unit: str) -> Fault:
+def _weak(names: Iterable[str], weak: np.ndarray, torque: np.ndarray) -> Fault:
     """Return the fault of servos that cannot hold their joints, or None."""
-    found = [f"{name} {value:.3g} {unit}" for name, bad, value in zip(names, weak, torque) if bad]
+    found = [f"{name} {value:.3g} N m" for name, bad, value in zip(names, weak, torque) if bad]
     return ("too weak", f"servos cannot hold {', '.join(found)}: give another posture") if found else None
 
 
@@ -449,7 +440,9 @@ def _references(
     reference, integral, error = angles.copy(), np.zeros_like(angles), np.zeros_like(angles)
     unreachable = np.zeros(len(angles), dtype=bool)
     for i, c in enumerate(controller):
-        angle = float(_read(float(angles[i]), float(c.encoder_resolution)))
+        angle, resolution = float(angles[i]), float(c.encoder_resolution)
+        if resolution > 0.0:  # as the encoder reads it
+            angle = float(np.round(angle / resolution) * resolution)
         margin, punch = (0.0, 0.0) if band is None else (band[i].compliance_margin, band[i].punch)
         speed = c.law == PID_SPEED
         reference[i] = angle
@@ -467,11 +460,6 @@ def _references(
     return reference, integral, error, unreachable
 
 
-def _read(angle: float, resolution: float) -> float:
-    """Return the angle as an encoder of that resolution reads it [rad]; 0: exact."""
-    return angle if resolution <= 0.0 else float(np.round(angle / resolution) * resolution)
-
-
 def _change(scene: CompiledScene, state: np.ndarray, reference: np.ndarray | None, tau: np.ndarray | None) -> float:
     """Return the largest motion of base and joints in a simulated controller period; infinite if it fails."""
     period = scene.tick_steps * scene.timestep
@@ -479,5 +467,5 @@ def _change(scene: CompiledScene, state: np.ndarray, reference: np.ndarray | Non
     run = simulate(scene, period, state, follow, tau, record=(), estimate_error=False)
     if run.status not in ("ok", "chatter"):
         return np.inf
-    moving = tuple(name for name in ("base_q", "q", "base_qd", "qd") if scene.part(name)[1] > scene.part(name)[0])
+    moving = tuple(name for name in scene.state_view(state) if name in ("base_q", "q", "base_qd", "qd"))
     return float(np.abs(chart_of(scene, moving).difference(run.final[:, None], state)).max())

@@ -27,6 +27,7 @@ from ..robot_file.mjcf.write import mjcf_text
 from ..run.program import SEEN, CompiledController, State
 from ..run.reference import Reference
 from ..run.start import standing_state
+from ..run.status import Status
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
 from .servo_chain import ServoChain, is_gentle
@@ -152,7 +153,7 @@ def replay(
     channels["time"] = period * np.arange(len(rows))
     message = "" if status == "ok" else f"{scene.model.name} {status} at {end:.4g} s"
     info = {"robot": scene.model.name, "engine": f"MuJoCo {mujoco_version()}", "timestep": timestep}
-    return Trajectory(channels, status, message, end, np.empty(0), info)
+    return Trajectory(channels, Status(status), message, end, np.empty(0), info)
 
 
 class _Acting:

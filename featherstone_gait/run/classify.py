@@ -59,7 +59,10 @@ def classify(scene: CompiledScene, end: float, y: np.ndarray) -> Outcome:
     status = OF_CODE[int(y[scene.layout["status"]])]
     if status is not Status.OK:
         return _failure(scene, status, y)
-    wrong = beyond_stability(scene) or _unresolved_stop(scene, y) or _chatter(scene, y) or _not_converged(scene, y)
+    wrong = beyond_stability(scene) or _unresolved_stop(scene, y) or _chatter(scene, y)
+    missed = y[scene.part("newton_iterations")[0] + 1]
+    if wrong is None and missed > 0:
+        wrong = Outcome(Status.NOT_CONVERGED, f"{missed:.0f} implicit steps missed their tolerance")
     return Outcome(Status.OK, "", end) if wrong is None else wrong._replace(end_time=end)
 
 
@@ -69,24 +72,19 @@ def _failure(scene: CompiledScene, status: Status, y: np.ndarray) -> Outcome:
     if status is Status.STEP_TOO_SMALL:
         message = f"{name}: the tolerance asks for steps below {LEAST_STEP:g} s at {end:.4g} s"
     if status is Status.TOO_COSTLY:
-        message = _too_costly(scene, y, end)
+        taken, rejected = y[slice(*scene.part("step_control"))][[pace.STEPS, pace.REJECTED]]
+        least, by = scene.preflight.worst, "discontinuities or fast motion limit them"
+        if least is not None:
+            by = f"{least.joint} limits explicit ones to {least.step:.2g} s by its {least.cause}"
+        message = (
+            f"{name}: {scene.integrator} took {taken + rejected:.0f} steps ({rejected:.0f} rejected) up to "
+            f"{end:.4g} s; {by}: raise rtol, or use implicit_euler or midpoint at a fixed step"
+        )
     speeds = np.abs(y[slice(*scene.part("qd"))])
     if status is Status.DIVERGED and len(speeds):
         joint = scene.model.joint_names[int(speeds.argmax())]
         message += f"; in the last sound state the fastest joint was {joint} at {speeds.max():.3g} rad/s or m/s"
     return Outcome(status, message, end)
-
-
-def _too_costly(scene: CompiledScene, y: np.ndarray, end: float) -> str:
-    """Say how many steps the run took, and what is likely to limit their length."""
-    taken, rejected = y[slice(*scene.part("step_control"))][[pace.STEPS, pace.REJECTED]]
-    least, by = scene.preflight.worst, "discontinuities or fast motion limit them"
-    if least is not None:
-        by = f"{least.joint} limits explicit ones to {least.step:.2g} s by its {least.cause}"
-    return (
-        f"{scene.model.name}: {scene.integrator} took {taken + rejected:.0f} steps ({rejected:.0f} rejected) up to "
-        f"{end:.4g} s; {by}: raise rtol, or use implicit_euler or midpoint at a fixed step"
-    )
 
 
 def beyond_stability(scene: CompiledScene) -> Outcome | None:
@@ -130,10 +128,3 @@ def _chatter(scene: CompiledScene, y: np.ndarray) -> Outcome | None:
         f"a step of {scene.timestep:g} s is too large for {scene.integrator} in this scene"
     )
     return Outcome(Status.CHATTER, message)
-
-
-def _not_converged(scene: CompiledScene, y: np.ndarray) -> Outcome | None:
-    missed = y[scene.part("newton_iterations")[0] + 1]
-    if missed <= 0:
-        return None
-    return Outcome(Status.NOT_CONVERGED, f"{missed:.0f} implicit steps missed their tolerance")

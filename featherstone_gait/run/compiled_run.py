@@ -199,7 +199,10 @@ class CompiledRun:
     def call(self, kernel: Kernel, run: Run, y: np.ndarray, out: np.ndarray) -> None:
         """Call the kernel; KeyboardInterrupt where `stop` has ended the run, as Ctrl-C in the main thread does."""
         if self.scene.adaptive:
-            if not kernel(self._pausing(run, y), y, out):
+            # up to where it pays to hand the run to the thread that Ctrl-C ends
+            done = float(y[self.scene.part("step_control")[0] + pace.EVALUATIONS])
+            pausing = run.plan._replace(pause=done + PAUSE / max(self.scene.model.nv, 1))
+            if not kernel(run._replace(plan=pausing), y, out):
                 call_interruptibly(kernel, run, y, out)
         elif run.plan.steps * self.scene.model.nv > INTERRUPTIBLE:
             ensure_compiled(kernel, run, y, out)
@@ -210,11 +213,6 @@ class CompiledRun:
             raise KeyboardInterrupt
         if self.controller is not None:
             self.controller.check(run.signals.program)
-
-    def _pausing(self, run: Run, y: np.ndarray) -> Run:
-        """Return the run up to where it pays to hand it to the thread that Ctrl-C ends."""
-        done = y[self.scene.part("step_control")[0] + pace.EVALUATIONS]
-        return run._replace(plan=run.plan._replace(pause=float(done) + PAUSE / max(self.scene.model.nv, 1)))
 
     def _check_alike(self, starts: Sequence[RunInput]) -> None:
         name = self.scene.model.name

@@ -198,8 +198,10 @@ class Fleet:
                 raise failures[0]
 
     def _tick_all(self, failures: list[BaseException]) -> None:
+        if self._pool is None or self._pid != os.getpid():  # threads do not survive a fork
+            self._pool, self._pid = ThreadPoolExecutor(self._threads - 1), os.getpid()
         todo = iter(self._work)
-        futures = [self._workers().submit(_work_off, todo, failures) for _ in range(self._threads - 1)]
+        futures = [self._pool.submit(_work_off, todo, failures) for _ in range(self._threads - 1)]
         try:
             _work_off(todo, failures)
         finally:
@@ -221,10 +223,7 @@ class Fleet:
 
     def controllers(self) -> np.ndarray:
         """Return what the controller of each robot keeps (n, numbers): what it has written, and its memory."""
-        own = [
-            (robot, np.concatenate([x.ravel() for x in (command, memory)]))
-            for robot, command, memory in self._programs()
-        ]
+        own = [(robot, np.r_[command.ravel(), memory.ravel()]) for robot, command, memory in self._programs()]
         found = np.zeros((len(self.runs), len(own[0][1]) if own else 0))
         for robot, numbers in own:
             found[robot] = numbers
@@ -244,11 +243,6 @@ class Fleet:
                 program: Program | None = vector.run.signals.program
                 if program is not None:
                     yield robot, vector.lane(program.command, lane), vector.lane(program.memory, lane)
-
-    def _workers(self) -> ThreadPoolExecutor:
-        if self._pool is None or self._pid != os.getpid():  # threads do not survive a fork
-            self._pool, self._pid = ThreadPoolExecutor(self._threads - 1), os.getpid()
-        return self._pool
 
     def close(self) -> None:
         """End its threads."""

@@ -42,7 +42,10 @@ class View:
             needed = tuple(need for need in needed if self._sensor is None or not need.startswith("base"))
         self._runs = each_once(lambda run: prepare(run.scene, tick, needed), fleet.runs)
         self._values = np.zeros((len(fleet.runs), len(self._runs[0].channels)))
-        self._parts = [_slice(self._runs[group.robots[0]].channels) for group in fleet.groups]
+        self._parts: list[Any] = [self._runs[group.robots[0]].channels for group in fleet.groups]
+        for k, places in enumerate(self._parts):
+            if len(places) and (np.diff(places) == 1).all():  # a view costs less than a choice
+                self._parts[k] = slice(int(places[0]), int(places[-1]) + 1)
         plain = self._sensor is None and BY_NAME[name].kind != "computed"
         self._shaped = shaped(BY_NAME[name], self._values) if plain else None
         self._result: Any = None
@@ -129,10 +132,3 @@ class Log:
             steps = int(group.steps[at] - group.begun[at])
         schedule = run.plan._replace(first=int(group.begun[at]), offset=float(group.offset[at]), steps=steps)
         return to_trajectory(run, y, out, schedule)
-
-
-def _slice(places: np.ndarray) -> Any:
-    """Return a slice where places lie in a row, for a view costs less than a choice."""
-    if len(places) and (np.diff(places) == 1).all():
-        return slice(int(places[0]), int(places[-1]) + 1)
-    return places

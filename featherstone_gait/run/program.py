@@ -13,12 +13,12 @@ Example::
 from __future__ import annotations
 
 import functools
-import importlib
 import inspect
 import sys
 from collections import namedtuple
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
+from pkgutil import resolve_name
 from typing import Any, Literal
 
 import numpy as np
@@ -248,10 +248,8 @@ def open_loop(scene: CompiledScene, duty: bool = False) -> CompiledScene:
 
 
 def _found(module: str, name: str, begins: np.ndarray | None) -> Any:
-    found: Any = importlib.import_module(module)
-    for part in name.split("."):
-        found = getattr(found, part)
-    return found if begins is None else found.beginning_with(begins)
+    made = resolve_name(f"{module}:{name}")
+    return made if begins is None else made.beginning_with(begins)
 
 
 def _views(
@@ -274,11 +272,7 @@ def _wrapped(function: Callable[..., None]) -> Callable[..., None]:
                 arrays[5][core.FAILED] = 1.0
 
         return call
-    return _compiled_wrapper(function)
-
-
-def _compiled_wrapper(function: Callable[..., None]) -> Callable[..., None]:
-    """Write out the views of all channels, since Numba loops over no fields."""
+    # Write out the views of all channels, since Numba loops over no fields.
     fields = ", ".join(f"y[places[{STARTS + 2 * k}] : places[{STARTS + 2 * k + 1}]]" for k in range(len(SEEN)))
     lines = (
         "def wrapper(t, state, places, reference, command, memory, failure):",

@@ -126,7 +126,8 @@ def sole_forces(scene: CompiledScene, trajectory: Trajectory) -> dict[str, np.nd
         A channel was not recorded, or the scene has no ground.
     """
     check_scene(scene)
-    forces = _point_forces(scene, trajectory)
+    forces, ground = _contact_forces(scene, trajectory), scene.ground or Ground()
+    forces = in_world(ground, forces, contact_positions(scene, trajectory) if ground.field else None)
     links = [point.link for point in scene.model.contacts]
     return {name: forces[:, [link == name for link in links]].sum(axis=1) for name in dict.fromkeys(links)}
 
@@ -189,12 +190,6 @@ def contact_positions(scene: CompiledScene, trajectory: Trajectory) -> np.ndarra
     if scene.tree.floating:
         q = np.hstack([_channels(trajectory, "base_q")[0], q])
     return dynamics.contact_positions(scene.model, q)
-
-
-def _point_forces(scene: CompiledScene, trajectory: Trajectory) -> np.ndarray:
-    """Turn the forces on contact points (samples, points, 3) into world axes [N]."""
-    forces, ground = _contact_forces(scene, trajectory), scene.ground or Ground()
-    return in_world(ground, forces, contact_positions(scene, trajectory) if ground.field else None)
 
 
 def in_world(ground: Ground, forces: np.ndarray, positions: np.ndarray | None) -> np.ndarray:

@@ -411,7 +411,7 @@ def simulate_stream(
             raise ValueError(f"{name}: the runs of a stream begin at time 0: give reset_time(scene, state)")
         return start
 
-    def end_run(start: RunInput, y: np.ndarray, out: np.ndarray) -> Any:
-        return end(to_trajectory(start.compiled, y, out))
-
-    return drive_lanes(runs[0].among(runs), source, begin_run, end_run, threads or os.cpu_count() or 1)
+    return drive_lanes(
+        runs[0].among(runs), source, begin_run, lambda start, y, out: end(to_trajectory(start.compiled, y, out)),
+        threads or os.cpu_count() or 1,
+    )  # fmt: skip

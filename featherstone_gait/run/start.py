@@ -75,16 +75,14 @@ def initial_state(
     joints, rates = (a[len(a) - n :] for a in (q, qd))
     check_followers(model, scene.tree.coupling, joints, rates)
     given = {"q": joints, "qd": rates, "filtered_speed": rates, "rotor": joints, "rotor_speed": rates}
-    given["profiled_reference"] = joints
-    for name, values in given.items():
-        first, end = scene.part(name)
-        if end > first:
-            y[first:end] = values
+    given |= {"profiled_reference": joints, "base_q": q[:7], "base_qd": qd[:6]}
+    view = scene.state_view(y)
+    for name in view.keys() & given.keys():
+        view[name][...] = given[name]
     if scene.constants.supply is not None:
         y[o["bus_voltage"]] = scene.constants.supply[0].voltage
     if model.base == "floating":
-        y[o["base_q"] : o["base_q"] + 7], y[o["base_qd"] : o["base_qd"] + 6] = q[:7], qd[:6]
-        y[o["base_q"] + 3 : o["base_q"] + 7] /= math.sqrt(total(q[3:7] * q[3:7]))
+        view.base_q[3:] /= math.sqrt(total(q[3:7] * q[3:7]))
     return y
 
 

@@ -1,14 +1,12 @@
-"""Convert the channels of a run to tables of pandas, xarray and Parquet; `pip install featherstone-gait[tables]`.
+"""Convert runs to tables of pandas, xarray and Parquet; `pip install featherstone-gait[tables]`.
 
-All functions take `channels` by name, arrays (samples, ...) with `time` (samples,) [s] among them, and what is known of
-the run: its status, message, end_time and info, which holds the joints' names.
+The functions are methods of `Trajectory`.
 """
 
 from __future__ import annotations
 
 import importlib
 import json
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -19,43 +17,68 @@ from ..core.step.state import BY_NAME
 OF_JOINTS = ("joint", "servo", "rotor", "profile", "fed")
 
 
-def to_pandas(channels: Mapping[str, np.ndarray], run: Mapping[str, Any]) -> Any:
-    """Make a pandas.DataFrame over time [s] with a column for each number: `q.left_knee`, `energy.left_knee.copper`.
+def to_pandas(self: Any) -> Any:
+    """Convert to a pandas.DataFrame over time [s] with a column for each number.
 
-    Its `attrs` hold the status, message, end time [s] and info of the run, and the channels' units under "units".
-    Raises ImportError without pandas.
+    Returns
+    -------
+    pandas.DataFrame
+        With columns such as `q.left_knee` and `energy.left_knee.copper`; `attrs` hold the status, message, end time
+        [s] and info of the run, and the channels' units under "units".
+
+    Raises
+    ------
+    ImportError
+        Without pandas (pip install featherstone-gait[tables]).
     """
-    pandas = _imported("pandas")
-    columns = {}
-    for name, axes in _axes(channels, run).items():
+    pandas, channels, columns = _imported("pandas"), self.channels, {}
+    for name, axes in _axes(self).items():
         for at in np.ndindex(channels[name].shape[1:]):
             key = ".".join([name, *(labels[k] for (_, labels), k in zip(axes, at))])
             columns[key] = channels[name][(slice(None), *at)]
     frame = pandas.DataFrame(columns, index=pandas.Index(channels["time"], name="time"))
     units = {name: BY_NAME[name].unit for name in channels if name in BY_NAME}
-    frame.attrs |= {**_attributes(run), "units": json.dumps(units, ensure_ascii=False)}
+    frame.attrs |= {**_attributes(self), "units": json.dumps(units, ensure_ascii=False)}
     return frame
 
 
-def to_xarray(channels: Mapping[str, np.ndarray], run: Mapping[str, Any]) -> Any:
-    """Make an xarray.Dataset with a variable for each channel over time [s], joints or contact points, and labels.
+def to_xarray(self: Any) -> Any:
+    """Convert to an xarray.Dataset with a variable for each channel.
 
-    Each variable has its unit in its attributes.  Raises ImportError without xarray.
+    Returns
+    -------
+    xarray.Dataset
+        Over time [s], joints or contact points, and labels; each variable has its unit in its attributes.
+
+    Raises
+    ------
+    ImportError
+        Without xarray (pip install featherstone-gait[tables]).
     """
-    xarray = _imported("xarray")
-    variables: dict[str, Any] = {}
-    coordinates: dict[str, Any] = {"time": ("time", channels["time"], {"units": "s"})}
-    for name, axes in _axes(channels, run).items():
+    xarray, variables = _imported("xarray"), {}
+    coordinates: dict[str, Any] = {"time": ("time", self.channels["time"], {"units": "s"})}
+    for name, axes in _axes(self).items():
         attributes = {"units": BY_NAME[name].unit, "long_name": BY_NAME[name].what} if name in BY_NAME else {}
-        variables[name] = (("time", *(axis for axis, _ in axes)), channels[name], attributes)
+        variables[name] = (("time", *(axis for axis, _ in axes)), self.channels[name], attributes)
         coordinates |= {axis: (axis, labels, {}) for axis, labels in axes}
-    return xarray.Dataset(variables, coordinates, _attributes(run))
+    return xarray.Dataset(variables, coordinates, _attributes(self))
 
 
-def to_parquet(path: FilePath, channels: Mapping[str, np.ndarray], run: Mapping[str, Any]) -> None:
-    """Write the table of `to_pandas` to a file, whole or not at all.  Raises ImportError without pandas and pyarrow."""
+def to_parquet(self: Any, path: FilePath) -> None:
+    """Write the table of `to_pandas` to a Parquet file, atomically.
+
+    Parameters
+    ----------
+    path : path
+        Of the file.
+
+    Raises
+    ------
+    ImportError
+        Without pandas and pyarrow (pip install featherstone-gait[tables]).
+    """
     _imported("pyarrow")
-    frame = to_pandas(channels, run)
+    frame = to_pandas(self)
     with complete(path) as temporary:
         frame.to_parquet(temporary, engine="pyarrow")
 
@@ -67,15 +90,15 @@ def _imported(library: str) -> Any:
         raise ImportError(f"this needs {library}: pip install featherstone-gait[tables]") from error
 
 
-def _attributes(run: Mapping[str, Any]) -> dict[str, Any]:
+def _attributes(run: Any) -> dict[str, Any]:
     """Describe the run in plain texts and numbers, as these formats store them."""
-    return {**run, "info": json.dumps(run["info"], default=float)}
+    return {**run.described(), "info": json.dumps(run.info, default=float)}
 
 
-def _axes(channels: Mapping[str, np.ndarray], run: Mapping[str, Any]) -> dict[str, list[tuple[str, list[str]]]]:
+def _axes(run: Any) -> dict[str, list[tuple[str, list[str]]]]:
     """Name and label each axis of each channel after the time."""
-    joints = run["info"].get("joints") or []
-    return {name: _axes_of(name, values.shape[1:], joints) for name, values in channels.items() if name != "time"}
+    joints = run.info.get("joints") or []
+    return {name: _axes_of(name, values.shape[1:], joints) for name, values in run.items() if name != "time"}
 
 
 def _axes_of(name: str, shape: tuple[int, ...], joints: list[str]) -> list[tuple[str, list[str]]]:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -66,21 +66,6 @@ class Trajectory(Mapping[str, np.ndarray]):
     parts: dict[str, tuple[int, int]] | None = None
     second_final: np.ndarray | None = None
 
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            channels: dict[str, np.ndarray],
-            status: str,
-            message: str,
-            end_time: float,
-            final: np.ndarray,
-            info: dict[str, Any] = ...,
-            error: dict[str, np.ndarray] | None = None,
-            parts: dict[str, tuple[int, int]] | None = None,
-            second_final: np.ndarray | None = None,
-        ) -> None: ...
-
     def __post_init__(self) -> None:
         object.__setattr__(self, "status", Status(self.status))
         for name in ("channels", "error", "parts"):
@@ -106,10 +91,7 @@ class Trajectory(Mapping[str, np.ndarray]):
         """Whether the status is "ok"."""
         return self.status is Status.OK
 
-    @property
-    def success(self) -> bool:
-        """The same as `ok`, by SciPy's name."""
-        return self.ok
+    success = ok  # SciPy's name
 
     @property
     def failed(self) -> bool:
@@ -161,7 +143,7 @@ class Trajectory(Mapping[str, np.ndarray]):
         path : path
             With or without one of these endings.
         """
-        described = {"format": str(FORMAT), **self._described(), "parts": self.parts}
+        described = {"format": str(FORMAT), **self.described(), "parts": self.parts}
         arrays: dict[str, Any] = {f"channel_{k}": v for k, v in self.channels.items()}
         arrays |= {f"error_{k}": v for k, v in (self.error or {}).items()}
         arrays |= {} if self.second_final is None else {"companion": self.second_final}
@@ -203,53 +185,10 @@ class Trajectory(Mapping[str, np.ndarray]):
         parts = None if parts is None else _parts(text, parts, len(final))
         return cls(channels, final=final, error=error or None, parts=parts, second_final=second, **described)
 
-    def to_pandas(self) -> Any:
-        """Convert to a pandas.DataFrame over time [s] with a column for each number.
+    to_pandas, to_xarray, to_parquet = tables.to_pandas, tables.to_xarray, tables.to_parquet
 
-        Returns
-        -------
-        pandas.DataFrame
-            With columns such as `q.left_knee` and `energy.left_knee.copper`; `attrs` hold the status, message, end time
-            [s] and info of the run, and the channels' units under "units".
-
-        Raises
-        ------
-        ImportError
-            Without pandas (pip install featherstone-gait[tables]).
-        """
-        return tables.to_pandas(self.channels, self._described())
-
-    def to_xarray(self) -> Any:
-        """Convert to an xarray.Dataset with a variable for each channel.
-
-        Returns
-        -------
-        xarray.Dataset
-            Over time [s], joints or contact points, and labels; each variable has its unit in its attributes.
-
-        Raises
-        ------
-        ImportError
-            Without xarray (pip install featherstone-gait[tables]).
-        """
-        return tables.to_xarray(self.channels, self._described())
-
-    def to_parquet(self, path: FilePath) -> None:
-        """Write the table of `to_pandas` to a Parquet file, atomically.
-
-        Parameters
-        ----------
-        path : path
-            Of the file.
-
-        Raises
-        ------
-        ImportError
-            Without pandas and pyarrow (pip install featherstone-gait[tables]).
-        """
-        tables.to_parquet(path, self.channels, self._described())
-
-    def _described(self) -> dict[str, Any]:
+    def described(self) -> dict[str, Any]:
+        """Return the status, the message, the end time and the info."""
         return {"status": self.status, "message": self.message, "end_time": float(self.end_time), "info": self.info}
 
     plot = deprecated.method("Trajectory.plot", "featherstone_gait:plot")
@@ -349,12 +288,9 @@ def _now(name: str) -> str:
 
 def _parts(path: Path, parts: Any, length: int) -> dict[str, tuple[int, int]]:
     """Check where the parts of a final state of that length lie.  Raises ValueError if they cannot lie there."""
-    if isinstance(parts, dict) and all(_is_part(part, length) for part in parts.values()):
-        return {_now(name): (start, stop) for name, (start, stop) in parts.items()}
+    if isinstance(parts, dict):
+        lists = [part for part in parts.values() if isinstance(part, list) and [*map(type, part)] == [int, int]]
+        if len(lists) == len(parts) and all(0 <= start <= stop <= length for start, stop in lists):
+            return {_now(name): (start, stop) for name, (start, stop) in parts.items()}
     expected = f"the first and past-the-last index of each name in the {length} numbers of the final state"
     raise ValueError(f"{path}: parts is {repr(parts)[:100]}; expected {expected}: simulate again")
-
-
-def _is_part(part: Any, length: int) -> bool:
-    whole = isinstance(part, list) and len(part) == 2 and all(type(place) is int for place in part)
-    return whole and 0 <= part[0] <= part[1] <= length

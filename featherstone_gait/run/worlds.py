@@ -209,16 +209,11 @@ class Worlds:
         for column in columns:
             for part, value in zip(column.parts, column.values[run].tolist()):
                 changed[column.section].setdefault(part, {})[column.name] = value
+        gravity = None if self.gravity is None else np.broadcast_to(self.gravity, (len(self), 3))[run]
         try:
-            return _scene_with(scene, changed, self._gravity(run))
+            return _scene_with(scene, changed, gravity)
         except ValueError as error:
             raise ValueError(f"world {run}: {error}") from error
-
-    def _gravity(self, run: int) -> np.ndarray | None:
-        if self.gravity is None:
-            return None
-        gravity = np.asarray(self.gravity)
-        return gravity if gravity.ndim == 1 else gravity[run]
 
     def _columns(self, scene: CompiledScene) -> Iterator[_Column]:
         for section in FIELDS:
@@ -293,16 +288,13 @@ def _scene_with(scene: CompiledScene, changed: dict[str, Any], gravity: np.ndarr
     model = scene.model
     given: dict[str, Any] = {} if gravity is None else {"gravity": gravity}
     parts: dict[str, Any] = {}
-    if changed["servos"]:
-        parts["servos"] = {
-            name: servo_with(servo, changed["servos"].get(name, {})) for name, servo in model.servos.items()
-        }
+    own = changed["servos"]
+    if own:
+        parts["servos"] = {name: servo_with(servo, own.get(name, {})) for name, servo in model.servos.items()}
     for section in ("links", "joints"):
-        if changed[section]:
-            own = changed[section]
-            parts[section] = tuple(
-                _with(part, own[part.name]) if part.name in own else part for part in getattr(model, section)
-            )
+        own = changed[section]
+        if own:
+            parts[section] = tuple(_with(part, own.get(part.name, {})) for part in getattr(model, section))
     if changed["supply"]:
         assert model.supply is not None
         parts["supply"] = dataclasses.replace(model.supply, **changed["supply"][""])
@@ -321,11 +313,13 @@ def servo_with(servo: Servo, given: Mapping[str, Any]) -> Servo:
         changed = {field: value for field, value in given.items() if _OWNER[field] is kind}
         if changed:
             own[name] = _with(getattr(servo, name), changed)
-    return _with(servo, own) if own else servo
+    return _with(servo, own)
 
 
 def _with(record: Any, changed: Mapping[str, Any]) -> Any:
     """Do as `dataclasses.replace`, without its pass over all fields: half of its time for a gearbox; checked alike."""
+    if not changed:
+        return record
     made = object.__new__(type(record))
     made.__dict__.update(record.__dict__, **changed)
     made.__post_init__()

@@ -18,6 +18,7 @@ from ..base.files import FilePath
 from ..model import Ground, Model
 from ..model.rest_posture import nearest_posture
 from ..robot_file import load_robot, robot_names
+from ..run.status import Status
 from ..run.trajectory import Trajectory
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_height
@@ -157,7 +158,7 @@ def in_posture(model: Model, keyframe: str | None = None) -> Trajectory:
     channels |= {"base_q": q[None, :7]} if model.base == "floating" else {}
     text = f"{model.name}, {keyframe or 'the posture nearest to zero'}"
     info = {"robot": model.name, "joints": list(model.joint_names), "start": text}
-    return Trajectory(channels, "ok", "", 0.0, np.zeros(0), info)
+    return Trajectory(channels, Status.OK, "", 0.0, np.zeros(0), info)
 
 
 def in_notebook() -> bool:

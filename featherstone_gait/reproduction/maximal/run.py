@@ -25,6 +25,7 @@ from ...core.tree.spatial import add, cross, load3, load9, rotate, rotate_back, 
 from ...run.prepare import prepare
 from ...run.reference import Reference
 from ...run.start import check_scene
+from ...run.status import Status
 from ...run.trajectory import Trajectory
 from ...scene.compile import CompiledScene
 from .bodies import measure, refresh
@@ -285,4 +286,4 @@ def _trajectory(ready: Any, start: Any, results: tuple[np.ndarray, np.ndarray], 
         "seed": seed,
         "unsolved_steps": int(counts[1]),
     }
-    return Trajectory(ready.named(out, course), status, message, end, y, info, parts=scene.parts)
+    return Trajectory(ready.named(out, course), Status(status), message, end, y, info, parts=scene.parts)
