@@ -309,7 +309,8 @@ class Chart:
         X = Y[self.reads] - _beside(y[self.reads], Y)
         if self.quaternion is not None:
             at = slice(self.quaternion, self.quaternion + 4)
-            X[self.turns] = _turn_between(y[at], Y[at])
+            turn = total(_after(y[at]).T.reshape(4, 4, *[1] * (Y.ndim - 1)) * Y[at], axis=1)  # the inverse of `_turned`
+            X[self.turns] = 2.0 * turn[1:] / turn[0]
         return X
 
 
@@ -378,12 +379,6 @@ def _turned(quaternion: np.ndarray, turn: np.ndarray) -> np.ndarray:
     return new / np.sqrt(total(new * new, axis=0))
 
 
-def _turn_between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return rotations (3, ...) in body axes from a quaternion (4,) to others (4, ...); the inverse of `_turned`."""
-    turn = total(_after(start).T.reshape(4, 4, *[1] * (end.ndim - 1)) * end, axis=1)
-    return 2.0 * turn[1:] / turn[0]
-
-
 def _after(quaternion: np.ndarray) -> np.ndarray:
     """Return the matrix (4, 4) of a quaternion's product with others from the left; its transpose is the inverse."""
     w, x, y, z = quaternion.tolist()
@@ -426,7 +421,10 @@ class _System:
         return states, np.zeros((len(states), len(self.signals), self.lanes))
 
     def run(self, states: np.ndarray, signals: np.ndarray) -> None:
-        """Advance states (blocks, size, lanes) to the end of the period; signals: what moves their own."""
+        """Advance states (blocks, size, lanes) to the end of the period; signals: what moves their own.
+
+        Raises ValueError where a run ends before.
+        """
         blocks = len(states)
         brief = blocks * self.schedule.steps * self.scene.model.nv < BRIEF and not self.scene.adaptive
         threads = min(self.threads or (1 if brief else os.cpu_count() or 1), blocks)
@@ -442,7 +440,12 @@ class _System:
         else:
             with ThreadPoolExecutor(threads) as pool:
                 list(pool.map(work, range(threads)))
-        self._check(states)
+        status = states[:, self.scene.layout["status"]]
+        if (status != OK).any():
+            raise ValueError(
+                f"{self.scene.model.name}: within the period a run ends: {OF_CODE[int(status.max())]}; linearize about "
+                "a state farther from that"
+            )
 
     def close(self) -> None:
         """Leave vectors to other calls, but for those with error control or with the signals of a long period."""
@@ -450,15 +453,6 @@ class _System:
             samples = one.vector.run.signals.samples
             if one.vector.lanes > 1 and (samples is None or samples.size < KEPT):
                 self._spare.append(one.vector)
-
-    def _check(self, states: np.ndarray) -> None:
-        """Raise ValueError where a run has ended."""
-        status = states[:, self.scene.layout["status"]]
-        if (status != OK).any():
-            raise ValueError(
-                f"{self.scene.model.name}: within the period a run ends: {OF_CODE[int(status.max())]}; linearize about "
-                "a state farther from that"
-            )
 
 
 @functools.lru_cache(maxsize=32)
@@ -557,16 +551,11 @@ def _remembered(system: _System, always: tuple[str, ...], memory: tuple[str, ...
     ends = np.concatenate(list(states), axis=1)[:, :count]
     changed = ends[:, 1:] != ends[:, :1]
     touched = {name: changed[slice(*scene.part(name))].any(axis=0) for name in (*always, *memory)}
-    kept = [name for k, name in enumerate(memory) if any(touched[other][k] for other in always)]
-    while True:
-        more = [
-            name
-            for k, name in enumerate(memory)
-            if name not in kept and any(touched[other][k] for other in kept if other != name)
-        ]
-        if not more:
-            return [name for name in memory if name in kept]
-        kept += more
+    kept, more = set[str](), set(always)
+    while more:
+        kept |= more
+        more = {name for k, name in enumerate(memory) if any(touched[one][k] for one in kept - {name})} - kept
+    return [name for name in memory if name in kept]
 
 
 @functools.lru_cache(maxsize=128)

@@ -19,8 +19,7 @@ from ..run.reference import Reference
 from ..run.simulate import simulate, standing_state
 from ..scene.actuator import GearboxKind
 from ..scene.compile import CompiledScene, compile_scene
-from ..scene.coupling import followed
-from ..scene.tree import GRAVITY
+from ..scene.tree import GRAVITY, followed
 from .case import Case, case_of
 from .robots import folders, published
 from .scenes import CENTER, NO_FALL, ball, box, humanoids, problems, stressed, unlimited

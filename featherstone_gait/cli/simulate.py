@@ -123,7 +123,7 @@ def _experiment(scene: CompiledScene) -> tuple[str, Callable[..., Trajectory]]:
 
 def _start(scene: CompiledScene, home: np.ndarray, angle: float) -> tuple[list[float] | np.ndarray, str]:
     """Choose the start: the first joint, if it is revolute, at `angle` or its limit, the others at home."""
-    from ..scene.coupling import followed
+    from ..scene.tree import followed
 
     model, q, posture = scene.model, home.copy(), "all joints at zero"
     if model.moving_joints and model.moving_joints[0].type != "prismatic":

@@ -29,7 +29,7 @@ from ..core.step.program import DONE, FIRST, OFFSET
 from ..core.step.signals import Knots, Signals
 from ..geometry.distance import clearance_channel
 from ..scene.compile import CompiledScene
-from ..scene.coupling import check_followers
+from ..scene.tree import check_followers
 from .interrupt import Kernel, call_interruptibly, ensure_compiled
 from .lane_constants import has_varying, merge, structure, with_own_memory, write_lane
 from .program import CompiledController

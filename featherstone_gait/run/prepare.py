@@ -105,7 +105,9 @@ def with_tolerance(
         why = f"rtol asks for error control, and {so} stiff, sampled or on the ground"
         if rtol is None:
             why = f"controllers jump by what {scene.largest_jump:.2g} rad ask for, which asks for rtol {wanted:g}"
-        scene = scene.in_place(taken, why)
+        why = f"{taken} in place of {scene.integrator} ({scene.preflight.reason}): {why}"
+        scene = scene.recompiled(integrator=taken)
+        scene = replace(scene, preflight=scene.preflight._replace(reason=why))
     if not scene.adaptive:
         return scene, None, None
     return scene, wanted, wanted if atol is None else atol

@@ -17,7 +17,7 @@ from ..core.step import pace
 from ..core.step.signals import Knots
 from ..scene.compile import CompiledScene
 from ..scene.contact import standing_height
-from ..scene.coupling import check_followers, followed
+from ..scene.tree import check_followers, followed
 from .trajectory import Trajectory
 
 FIRST_STEP, FIRST_COLUMNS = 1e-3, 5  # where error control begins [s]

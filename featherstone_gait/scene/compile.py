@@ -108,12 +108,6 @@ class CompiledScene:
             check = check._replace(reason=self.preflight.reason, named=self.preflight.named)
         return replace(scene, preflight=check, constants=scene.constants._replace(push=self.constants.push))
 
-    def in_place(self, integrator: str, why: str) -> CompiledScene:
-        """Compile the scene with another integrator; the reason of its preflight says so."""
-        scene = self.recompiled(integrator=integrator)
-        reason = f"{integrator} in place of {self.integrator} ({self.preflight.reason}): {why}"
-        return replace(scene, preflight=scene.preflight._replace(reason=reason))
-
     @property
     def timestep(self) -> float:
         """Fixed step, or grid of ticks and records of an integrator that chooses its steps [s]."""

@@ -1,4 +1,4 @@
-"""Lay rigid bodies out in the rows that kernels read."""
+"""Lay rigid bodies and couplings out in the rows that kernels read; find positions that agree with the couplings."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.tree.coupling import COUPLING
 from ..core.tree.layout import BODY, COLUMNS
 from ..model import Model, Placement, RigidBody, rigid_bodies
-from .coupling import build_coupling
-from .records import fill
+from .records import fill, records
 
 GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2]
+AGREEMENT = 1e-9  # how far a follower may be from where its leader wants it [rad or m; rad/s or m/s]
 
 
 class Tree(NamedTuple):
@@ -52,7 +53,7 @@ def _compiled(model: Model) -> Tree:
         bodies[row]["contact"] = rows
         rows += 1
     moved = {body.frame.joint.name: k for k, body in enumerate(merged) if body.frame.joint is not None}
-    coupling = build_coupling(model, moved, rows)
+    coupling = _build_coupling(model, moved, rows)
     rows += 0 if coupling is None else len(coupling)
     names = tuple(body.links[0] for body in merged)
     return Tree(bodies.view(np.recarray), model.base == "floating", names, placements, rows, coupling)
@@ -97,3 +98,40 @@ def _assign_slots(bodies: np.ndarray) -> int:
             slot[parent] = free.pop()
     bodies["slot"] = [n + max(s, 0) for s in slot]
     return used
+
+
+def _build_coupling(model: Model, rows: dict[str, int], first: int) -> np.recarray | None:
+    """Build the COUPLING records, None without coupled joints.
+
+    rows: bodies by the joints that move them; first: row of the workspace of the first coupling.
+    """
+    dof, table = model.joint_rows, records(len(model.couplings), COUPLING)
+    for k, (row, (follower, leader, multiplier, offset)) in enumerate(zip(table, model.couplings)):
+        row.body, row.dof = rows[follower], dof[follower]
+        row.leader, row.leader_dof = rows[leader], dof[leader]
+        row.row, row.multiplier, row.offset = first + k, multiplier, offset
+    return table if len(table) else None
+
+
+def followed(coupling: np.recarray | None, joints: np.ndarray) -> np.ndarray:
+    """Return positions of the joints (n,) [rad or m] in which followers are where their leaders put them."""
+    joints = joints.copy()
+    for k in () if coupling is None else coupling:
+        joints[k.dof] = k.multiplier * joints[k.leader_dof] + k.offset
+    return joints
+
+
+def check_followers(model: Model, coupling: np.recarray | None, q: np.ndarray, qd: np.ndarray) -> None:
+    """Raise ValueError unless followers have the positions q (n,) and velocities qd (n,) that their leaders ask for."""
+    if coupling is None:
+        return
+    names = model.joint_names
+    for k in coupling:
+        for what, unit, x, offset in (("q", "", q, k.offset), ("qd", "/s", qd, 0.0)):
+            wanted = k.multiplier * x[k.leader_dof] + offset
+            if not abs(x[k.dof] - wanted) <= AGREEMENT * max(1.0, abs(wanted)):
+                kind = "m" if model.moving_joints[k.dof].type == "prismatic" else "rad"
+                raise ValueError(
+                    f"{model.name}: {what} of joint {names[k.dof]} is {float(x[k.dof])!r} {kind}{unit}, but it follows "
+                    f"{names[k.leader_dof]}: give {float(wanted)!r} {kind}{unit}, or another {what} of the latter"
+                )
